@@ -4,6 +4,7 @@
 //! sightings, and calls the other parts in order: [`choose`] (which camera serves a person), [`crop`] (box to network
 //! input), [`inference`] (what is asked of networks), [`tiles`] (where the detector runs), [`gaussian_maps`] (sources
 //! without pixels), [`peaks`]. Then [`live`]: what an edge decides by its clock and its link, with time as an argument.
+//! [`thumbnail`] makes pictures small for people to look at, where the venue allows it.
 //!
 //! These compute and never wait. [`source`] reads frames, `network` and `detector` run ONNX, [`ring`] is the layout of
 //! the edge's store, and `node` owns Zenoh, clock, files and threads. This crate never sees another viewpoint, and
@@ -27,4 +28,5 @@ pub mod peaks;
 pub mod pipeline;
 pub mod ring;
 pub mod source;
+pub mod thumbnail;
 pub mod tiles;

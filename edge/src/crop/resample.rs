@@ -23,6 +23,14 @@ pub struct PixelFormat {
 }
 
 impl PixelFormat {
+    /// Values as a picture has them, 0 to 255: red, green, blue; unknown pixels are 0.
+    pub const RGB: Self = Self {
+        gain: [1.0; 3],
+        bias: [0.0; 3],
+        source: [0, 1, 2],
+        unknown: [0.0; 3],
+    };
+
     /// The format that a network's card asks for. Unknown pixels get the card's `pad` where it has
     /// one, else its mean, which is 0 in the tensor.
     pub fn new(input: &NetworkInput, normalize: &Normalize) -> Self {

@@ -13,6 +13,7 @@ pub mod own_boxes;
 pub mod rate;
 pub mod refusal;
 pub mod round_robin;
+pub mod thumbnail_share;
 pub mod tick_clock;
 pub mod timecode;
 

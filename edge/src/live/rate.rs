@@ -2,6 +2,7 @@
 //! persons per tick (round robin), then fewer ticks.
 
 use farfield_proto::message::live::HeardPatches;
+use farfield_proto::message::parts::MESSAGE_BYTES;
 use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
@@ -46,6 +47,20 @@ pub enum MessageKind {
     Sightings,
     /// A status, or stored sets that fusion has asked for: not counted in the bytes that fusion reports as arrived.
     Status,
+    /// A thumbnail: not counted in them either.
+    Thumbnail,
+}
+
+impl MessageKind {
+    /// The bytes of a message of `payload` with all that the protocols add.
+    pub fn total_bytes(self, payload: usize) -> usize {
+        let packets = match self {
+            Self::Patches(_) | Self::Sightings | Self::Status => 1,
+            // Many times as long as the others.
+            Self::Thumbnail => payload.div_ceil(MESSAGE_BYTES).max(1),
+        };
+        payload + packets * MESSAGE_OVERHEAD_BYTES
+    }
 }
 
 /// Finds the plan for every tick from what the link carries and what persons cost.
@@ -104,11 +119,13 @@ impl RateController {
 
     /// Notes a message that was sent.
     pub fn sent(&mut self, message: MessageKind, payload: usize, now_us: Micros) {
-        let total = payload + MESSAGE_OVERHEAD_BYTES;
+        let total = message.total_bytes(payload);
         match message {
             MessageKind::Patches(tick) => self.load.sent(Some(tick), payload, total, now_us),
             MessageKind::Sightings => self.load.sent(None, payload, total, now_us),
-            MessageKind::Status => self.load.sent(None, 0, total, now_us),
+            MessageKind::Status | MessageKind::Thumbnail => {
+                self.load.sent(None, 0, total, now_us);
+            }
         }
     }
 
@@ -140,6 +157,11 @@ impl RateController {
     /// What may be sent, bytes per second with overhead; infinite where nothing bounds it.
     pub fn rate(&self) -> f64 {
         self.load.rate().min(self.budget.unwrap_or(f64::INFINITY))
+    }
+
+    /// Whether the link carries all persons at the best level, as far as is known.
+    pub fn has_room(&self, now_us: Micros) -> bool {
+        !self.limited && !self.load.is_silent(now_us)
     }
 
     /// The plan that was made last.

@@ -2,8 +2,6 @@
 
 use std::collections::VecDeque;
 
-use farfield_proto::message::parts::MESSAGE_BYTES;
-
 use super::*;
 use crate::live::SECOND_US;
 

@@ -10,7 +10,7 @@ use farfield_node::clock::ClockFault;
 use farfield_node::clock::VenueClock;
 use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
-use farfield_node::process::{Managed, NodeError};
+use farfield_node::process::{Managed, NodeError, say};
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::transport::EdgeTransport;
@@ -190,6 +190,18 @@ impl EdgeConfig {
             connect: &self.reach.endpoints,
             identity: self.reach.identity.as_ref(),
         }
+    }
+
+    /// Whether small pictures may go to fusion: the venue says so, and nobody else can read them on their way.
+    pub(super) fn sends_pictures(&self) -> bool {
+        let is_wanted = self.venue.security.pictures;
+        if is_wanted && !self.reach.is_private() {
+            say(format_args!(
+                "{}: no pictures are sent, though the venue file says `pictures = true` in [security]: without keys others could see them; `farfield certs` makes some",
+                self.name
+            ));
+        }
+        is_wanted && self.reach.is_private()
     }
 
     /// The clock that the edge goes by when it runs live.

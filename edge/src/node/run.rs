@@ -141,8 +141,8 @@ async fn work_live(
 ) -> Result<Ending, NodeError> {
     let work = worker.recall().await.map_err(NodeError::Failed)?;
     let ring = open_ring(config);
-    let publishers =
-        EdgePublishers::declare(&ends.session(), &config.venue.name, &config.name).await;
+    let names = [config.venue.name.as_str(), &config.name];
+    let publishers = EdgePublishers::declare(&ends.session(), names, config.sends_pictures()).await;
     let publishers = publishers.map(|publishers| (publishers, Arc::clone(&ends.spoken)));
     let live = LiveEdge::spawn(
         work.into_parts(),

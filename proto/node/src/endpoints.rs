@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::anyhow;
 use farfield_proto::transport::endpoint::is_endpoint;
-use farfield_proto::transport::{Exposure, Identity};
+use farfield_proto::transport::{Exposure, Identity, is_loopback};
 use farfield_proto::venue::{Endpoints, Venue};
 
 use crate::certificate::{self, Validity};
@@ -46,6 +46,13 @@ pub struct Reach {
     pub identity: Option<Identity>,
     /// Until when the certificate of [`Self::identity`] holds.
     pub validity: Option<Validity>,
+}
+
+impl Reach {
+    /// Whether nobody else can read what goes over the link: it is encrypted, or stays on this machine.
+    pub fn is_private(&self) -> bool {
+        self.identity.is_some() || self.endpoints.iter().all(|it| is_loopback(it))
+    }
 }
 
 impl LinkEnd {

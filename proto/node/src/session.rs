@@ -28,6 +28,8 @@ pub enum Delivery {
     Reliable,
     /// Dropped where there is no room now, and not sent again: the next is better.
     BestEffort,
+    /// As [`Self::Reliable`], behind everything else that waits: what is large, and no pose is made of.
+    Leisurely,
 }
 
 /// A session with fusion, waited for as long as it takes; who no longer waits leaves nothing behind that holds the runtime.
@@ -81,7 +83,7 @@ pub async fn close(session: &Session) {
     }
 }
 
-/// Declares a publisher of `key`. All have the same priority: what a tick needs is not put in order by it.
+/// Declares a publisher of `key`. All that a tick needs has the same priority, and is not put in order by it.
 ///
 /// # Errors
 /// What Zenoh says.
@@ -92,15 +94,22 @@ pub async fn publisher(
 ) -> anyhow::Result<Publisher<'static>> {
     let (congestion, reliability) = match delivery {
         Delivery::Blocking => (CongestionControl::Block, Reliability::Reliable),
-        Delivery::Reliable => (CongestionControl::Drop, Reliability::Reliable),
+        Delivery::Reliable | Delivery::Leisurely => {
+            (CongestionControl::Drop, Reliability::Reliable)
+        }
         Delivery::BestEffort => (CongestionControl::Drop, Reliability::BestEffort),
     };
+    let is_leisurely = delivery == Delivery::Leisurely;
     let declared = session
         .declare_publisher(key.clone())
         .congestion_control(congestion)
         .reliability(reliability)
-        .priority(Priority::RealTime)
-        .express(true);
+        .priority(if is_leisurely {
+            Priority::Background
+        } else {
+            Priority::RealTime
+        })
+        .express(!is_leisurely);
     declared
         .await
         .map_err(zenoh_error)

@@ -4,13 +4,13 @@ use farfield_proto::message::BoxSet;
 use farfield_proto::message::live::{LiveStatus, PatchTiming};
 use farfield_proto::message::parts::MESSAGE_BYTES;
 use farfield_proto::tick::Tick;
-use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 use farfield_proto::venue::parameters::LinkParameters;
 
 use crate::live::Micros;
 use crate::live::budget::ByteBudget;
 use crate::live::newest_boxes::{BoxSetArrival, NewestBoxes};
 use crate::live::rate::{MessageKind, RateController};
+use crate::live::thumbnail_share::ThumbnailShare;
 use crate::live::tick_clock::TickClock;
 
 /// What a live edge knows and counts.
@@ -20,6 +20,7 @@ pub(super) struct Ledger {
     pub(super) boxes: NewestBoxes,
     pub(super) rate: RateController,
     budget: ByteBudget,
+    thumbnails: ThumbnailShare,
     held_back: u64,
     /// Ticks that nobody worked on.
     pub(super) missed: u64,
@@ -36,6 +37,7 @@ impl Ledger {
             boxes: NewestBoxes::default(),
             rate: RateController::new(rate_hz, best, budget, MESSAGE_BYTES),
             budget: ByteBudget::new(budget),
+            thumbnails: ThumbnailShare::new(budget),
             held_back: 0,
             missed: 0,
             last: None,
@@ -63,13 +65,31 @@ impl Ledger {
 
     /// Whether a message of `payload` bytes may go now; counts it either way.
     pub(super) fn admit(&mut self, message: MessageKind, payload: usize, now_us: Micros) -> bool {
-        if self.budget.take(payload + MESSAGE_OVERHEAD_BYTES, now_us) {
+        if self.budget.take(message.total_bytes(payload), now_us) {
             self.rate.sent(message, payload, now_us);
             true
         } else {
             self.held_back += 1;
             false
         }
+    }
+
+    /// Most bytes that the picture of a thumbnail may have now; 0: none is sent.
+    pub(super) fn thumbnail_room(&mut self, now_us: Micros) -> usize {
+        self.thumbnails.room(&mut self.budget, &self.rate, now_us)
+    }
+
+    /// Whether a thumbnail may go now whose picture has so many bytes, and its message `payload`; counts it if so.
+    pub(super) fn admit_thumbnail(
+        &mut self,
+        picture: usize,
+        payload: usize,
+        now_us: Micros,
+    ) -> bool {
+        let message = MessageKind::Thumbnail;
+        picture <= self.thumbnail_room(now_us)
+            && self.thumbnails.sent(message.total_bytes(payload), now_us)
+            && self.admit(message, payload, now_us)
     }
 
     /// What stands in patches of `tick` that are sent at `now_us`.

@@ -2,14 +2,17 @@
 //!
 //! A thread per camera puts frames into the [`frames`] store as they come (recordings as their ticks come), a thread
 //! runs the pipeline on the frames of a tick and the newest boxes, and the loop here receives what fusion
-//! says and tells once a second how the edge is. What they share is locked for microseconds.
+//! says and tells once a second how the edge is. Where pictures may leave the edge, one more thread makes thumbnails.
+//! What they share is locked for microseconds.
 
 mod camera;
 mod frames;
 mod ledger;
+mod picture_desk;
 mod publishers;
 mod shared;
 mod threads;
+mod thumbnails;
 mod ticker;
 
 use std::sync::Arc;

@@ -1,6 +1,6 @@
 //! What a live edge publishes on. Nothing blocks: what cannot go at once is dropped.
 
-use farfield_node::session::{self, Delivery, put_status};
+use farfield_node::session::{self, Delivery, has_listener, put_status};
 use farfield_proto::key::Keys;
 use tracing::debug;
 use zenoh::pubsub::Publisher;
@@ -9,30 +9,48 @@ use zenoh::{Session, Wait as _};
 use crate::live::rate::MessageKind;
 
 /// The publishers of a live edge: patches best effort, as the next are better; sightings and statuses reliable,
-/// as a lost one would be missed for a second.
+/// as a lost one would be missed for a second; thumbnails behind all of these.
 pub(in crate::node) struct EdgePublishers {
     patches: Publisher<'static>,
     sightings: Publisher<'static>,
     status: Publisher<'static>,
+    /// Where pictures may leave the edge.
+    thumbnails: Option<Publisher<'static>>,
 }
 
 impl EdgePublishers {
-    /// Declares them for `viewpoint` of `venue`.
+    /// Declares them for a venue and viewpoint of these names; `pictures`: whether these may leave the edge.
     ///
     /// # Errors
     /// What Zenoh says.
     pub(in crate::node) async fn declare(
         session: &Session,
-        venue: &str,
-        viewpoint: &str,
+        [venue, viewpoint]: [&str; 2],
+        pictures: bool,
     ) -> anyhow::Result<Self> {
         let keys = Keys::new(venue);
         let publisher = |key, delivery| session::publisher(session, key, delivery);
+        let thumbnails = if pictures {
+            Some(publisher(keys.thumbnail(viewpoint), Delivery::Leisurely).await?)
+        } else {
+            None
+        };
         Ok(Self {
+            thumbnails,
             patches: publisher(keys.patch(viewpoint), Delivery::BestEffort).await?,
             sightings: publisher(keys.sighting(viewpoint), Delivery::Reliable).await?,
             status: publisher(keys.status(viewpoint), Delivery::Reliable).await?,
         })
+    }
+
+    /// Whether pictures may leave the edge.
+    pub(super) fn has_pictures(&self) -> bool {
+        self.thumbnails.is_some()
+    }
+
+    /// Whether somebody looks at them.
+    pub(super) fn somebody_looks(&self) -> bool {
+        self.thumbnails.as_ref().is_some_and(has_listener)
     }
 
     /// Hands a message to the network.
@@ -41,6 +59,10 @@ impl EdgePublishers {
             MessageKind::Patches(_) => (&self.patches, self.patches.put(bytes).wait()),
             MessageKind::Sightings => (&self.sightings, self.sightings.put(bytes).wait()),
             MessageKind::Status => (&self.status, put_status(&self.status, bytes)),
+            MessageKind::Thumbnail => match &self.thumbnails {
+                Some(thumbnails) => (thumbnails, thumbnails.put(bytes).wait()),
+                None => return,
+            },
         };
         // While fusion is away there is nobody to send to.
         if let Err(error) = sent {

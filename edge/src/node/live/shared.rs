@@ -8,6 +8,7 @@ use farfield_node::clock::VenueClock;
 use farfield_node::histogram::Histogram;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::live::LiveStatus;
+use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::message::{BoxSet, StageTime};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::{self, Message, SpokenVersion};
@@ -15,6 +16,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::frames::FrameStore;
 use super::ledger::Ledger;
+use super::picture_desk::PictureDesk;
 use super::publishers::EdgePublishers;
 use crate::live::Micros;
 use crate::live::newest_boxes::BoxSetArrival;
@@ -30,6 +32,8 @@ const NAP: Duration = Duration::from_millis(50);
 pub(super) struct Shared {
     pub(super) clock: VenueClock,
     pub(super) frames: FrameStore,
+    /// Pictures for thumbnails.
+    pub(super) desk: PictureDesk,
     ledger: Mutex<Ledger>,
     stages: Mutex<BTreeMap<&'static str, Histogram>>,
     publishers: EdgePublishers,
@@ -53,6 +57,7 @@ impl Shared {
         Self {
             clock,
             frames: FrameStore::new(&parts.cameras, period_us, most_lag_us),
+            desk: PictureDesk::default(),
             ledger: Mutex::new(Ledger::new(venue.rate_hz, &venue.parameters.link)),
             stages: Mutex::default(),
             publishers,
@@ -92,6 +97,26 @@ impl Shared {
             self.publishers.put(message, bytes);
         }
         admitted
+    }
+
+    /// Whether pictures may leave the edge.
+    pub(super) fn has_pictures(&self) -> bool {
+        self.publishers.has_pictures()
+    }
+
+    /// Whether somebody looks at them.
+    pub(super) fn somebody_looks(&self) -> bool {
+        self.publishers.somebody_looks()
+    }
+
+    /// Sends a thumbnail where there is room for it. It is kept nowhere.
+    pub(super) fn send_thumbnail(&self, thumbnail: &Thumbnail) {
+        let bytes = self.encode(thumbnail);
+        let (picture, payload) = (thumbnail.jpeg.len(), bytes.len());
+        let now_us = self.clock.now_us();
+        if self.ledger().admit_thumbnail(picture, payload, now_us) {
+            self.publishers.put(MessageKind::Thumbnail, bytes);
+        }
     }
 
     /// Keeps a message on disk, whether it is sent or not.

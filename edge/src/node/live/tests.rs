@@ -1,5 +1,7 @@
 //! A live edge from its start to its end, over a real Zenoh router, with a fusion that follows a script.
 
+mod thumbnails;
+
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -26,7 +28,7 @@ use zenoh::sample::Sample;
 
 use crate::node::config::{EdgeArgs, EdgeConfig};
 use crate::node::run::run;
-use crate::source::RecordedSources;
+use crate::source::{RecordedSources, Sources};
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -58,7 +60,7 @@ type Subscribed = Subscriber<FifoChannelHandler<Sample>>;
 
 /// Fusion as far as an edge knows it.
 struct Script {
-    _session: Session,
+    session: Session,
     boxes: Publisher<'static>,
     status: Publisher<'static>,
     patches: Subscribed,
@@ -95,7 +97,7 @@ impl Script {
             sightings: subscribe("live-test/sighting/a").await.unwrap(),
             statuses: subscribe("live-test/status/a").await.unwrap(),
             epoch_us: epoch_us.unwrap_or(clock.now_us() + 500_000),
-            _session: session,
+            session,
             clock,
             endpoint,
             venue: load_venue(venue).unwrap(),
@@ -231,8 +233,8 @@ impl Script {
     }
 }
 
-fn start_edge(venue: &Path, endpoint: &str) -> JoinHandle<Result<Ending, NodeError>> {
-    let args = EdgeArgs {
+fn args(venue: &Path, endpoint: &str) -> EdgeArgs {
+    EdgeArgs {
         venue: venue.to_owned(),
         viewpoint: "a".to_owned(),
         connect: vec![endpoint.to_owned()],
@@ -246,8 +248,19 @@ fn start_edge(venue: &Path, endpoint: &str) -> JoinHandle<Result<Ending, NodeErr
         #[cfg(feature = "study")]
         clock_fault: crate::node::config::ClockFaultArgs::default(),
         ring: Some(venue.with_file_name("ring")),
-    };
-    let config = Arc::new(EdgeConfig::load(args, Arc::new(RecordedSources)).unwrap());
+    }
+}
+
+fn start_edge(venue: &Path, endpoint: &str) -> JoinHandle<Result<Ending, NodeError>> {
+    start_edge_with(venue, endpoint, Arc::new(RecordedSources))
+}
+
+fn start_edge_with(
+    venue: &Path,
+    endpoint: &str,
+    sources: Arc<dyn Sources>,
+) -> JoinHandle<Result<Ending, NodeError>> {
+    let config = Arc::new(EdgeConfig::load(args(venue, endpoint), sources).unwrap());
     #[expect(clippy::disallowed_methods, reason = "the test waits for its end")]
     tokio::spawn(async move { Box::pin(run(&config)).await })
 }

@@ -1,4 +1,4 @@
-//! The threads of a live edge: one per camera, and one for the pipeline.
+//! The threads of a live edge: one per camera, one for the pipeline, and one for thumbnails where these may leave it.
 
 use std::sync::Arc;
 
@@ -6,6 +6,7 @@ use tokio::sync::oneshot;
 
 use super::camera::LiveCamera;
 use super::shared::Shared;
+use super::thumbnails::Thumbnails;
 use super::ticker::Ticker;
 use crate::node::parts::Parts;
 
@@ -27,6 +28,17 @@ pub(super) fn spawn(
         std::thread::Builder::new()
             .name(format!("camera {at}"))
             .spawn(move || camera.run())?;
+    }
+    if shared.has_pictures() {
+        let thumbnails = Thumbnails {
+            shared: Arc::clone(shared),
+            venue: Arc::clone(&parts.venue),
+            viewpoint: parts.viewpoint,
+            cameras: parts.cameras.clone(),
+        };
+        std::thread::Builder::new()
+            .name("thumbnails".to_owned())
+            .spawn(move || thumbnails.run())?;
     }
     let Parts {
         venue,

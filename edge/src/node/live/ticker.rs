@@ -119,6 +119,7 @@ impl Ticker {
                 }
                 Err(error) => return Err(error),
             }
+            self.shared.desk.offer(&mut self.frames);
         }
         Ok(())
     }

@@ -1,0 +1,176 @@
+//! What a link leaves for thumbnails: nothing while it carries less than all that fusion needs, and little otherwise.
+//!
+//! Pictures are for people to look at; poses are not made of them. So they are the first that is left out, and what is
+//! sent of them is small enough that the patches behind it wait for a tick at the most.
+
+use farfield_proto::message::thumbnail::MAX_THUMBNAIL_BYTES;
+
+use super::Micros;
+use super::budget::ByteBudget;
+use super::rate::{MessageKind, RateController};
+
+/// Share of a byte budget that all thumbnails of the edge may take.
+const SHARE: f64 = 0.1;
+/// Share of a byte budget that is left free by them: what other messages may need within the next second.
+const SPARE: f64 = 0.25;
+/// How long one thumbnail may occupy the link, seconds: about a tick at 60 Hz.
+const LONGEST_S: f64 = 0.02;
+/// Bytes of a message beside the picture, at most.
+const HEAD_BYTES: usize = 32;
+
+/// How many bytes of thumbnails were sent, and may be.
+#[derive(Debug, Clone)]
+pub struct ThumbnailShare(ByteBudget);
+
+impl ThumbnailShare {
+    /// Of a link with this budget; 0: none.
+    pub fn new(budget_bytes_per_s: f64) -> Self {
+        Self(ByteBudget::new(SHARE * budget_bytes_per_s))
+    }
+
+    /// Most bytes that the picture of a thumbnail may have that is sent at `now_us`; 0: none is.
+    pub fn room(
+        &mut self,
+        budget: &mut ByteBudget,
+        rate: &RateController,
+        now_us: Micros,
+    ) -> usize {
+        if !rate.has_room(now_us) {
+            return 0;
+        }
+        let spare = (SPARE * budget.most().unwrap_or(0) as f64) as u64;
+        let left = budget.left(now_us).map(|left| left.saturating_sub(spare));
+        let own = self.0.left(now_us);
+        let bounds = [left, own, Some((LONGEST_S * rate.rate()) as u64)];
+        let least = bounds.into_iter().flatten().min();
+        let total = usize::try_from(least.unwrap_or(u64::MAX)).unwrap_or(usize::MAX);
+        let head = MessageKind::Thumbnail.total_bytes(HEAD_BYTES);
+        // Each datagram's worth of it has an overhead.
+        let of_picture = total.saturating_sub(head).min(MAX_THUMBNAIL_BYTES);
+        let overhead = MessageKind::Thumbnail.total_bytes(of_picture) - of_picture;
+        total
+            .saturating_sub(head + overhead)
+            .min(MAX_THUMBNAIL_BYTES)
+    }
+
+    /// Counts a thumbnail that is sent at `now_us`: `total` bytes with all that the protocols add.
+    pub fn sent(&mut self, total: usize, now_us: Micros) -> bool {
+        self.0.take(total, now_us)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::message::live::HeardPatches;
+    use farfield_proto::message::parts::MESSAGE_BYTES;
+    use farfield_proto::patch::CompressionLevel;
+    use farfield_proto::tick::Tick;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::live::SECOND_US;
+
+    /// An edge at 60 Hz whose patches of a tick have so many bytes, with thumbnails wherever there is room.
+    struct Edge {
+        budget: ByteBudget,
+        rate: RateController,
+        share: ThumbnailShare,
+        sent: Vec<(Micros, usize)>,
+    }
+
+    impl Edge {
+        fn new(budget: f64) -> Self {
+            let best = CompressionLevel::DEFAULT;
+            Self {
+                budget: ByteBudget::new(budget),
+                rate: RateController::new(60.0, best, budget, MESSAGE_BYTES),
+                share: ThumbnailShare::new(budget),
+                sent: Vec::new(),
+            }
+        }
+
+        /// Tries a thumbnail that fills the room; its bytes.
+        fn thumbnail(&mut self, now_us: Micros) -> usize {
+            let room = self.share.room(&mut self.budget, &self.rate, now_us);
+            if room == 0 {
+                return 0;
+            }
+            let total = MessageKind::Thumbnail.total_bytes(room + HEAD_BYTES);
+            assert!(self.share.sent(total, now_us) && self.budget.take(total, now_us));
+            self.sent.push((now_us, total));
+            room
+        }
+
+        /// Persons of a tick, as the rate allows, and then a thumbnail.
+        fn tick(&mut self, tick: i64, persons: usize) {
+            let now_us = tick * SECOND_US / 60;
+            let plan = self.rate.plan(persons, now_us);
+            let n = plan.persons.unwrap_or(persons);
+            let payload = 300 * n + 40;
+            let total = MessageKind::Patches(Tick(tick)).total_bytes(payload);
+            if self.budget.take(total, now_us) {
+                self.rate
+                    .sent(MessageKind::Patches(Tick(tick)), payload, now_us);
+            }
+            self.rate.packed(plan.level, n, 1, payload);
+            self.thumbnail(now_us);
+        }
+    }
+
+    #[test]
+    fn without_a_budget_a_thumbnail_has_the_bytes_that_one_may_have() {
+        assert_eq!(Edge::new(0.0).thumbnail(0), MAX_THUMBNAIL_BYTES);
+    }
+
+    #[test]
+    fn under_a_budget_thumbnails_take_a_tenth_of_it_and_each_a_tick_of_the_link() {
+        let mut edge = Edge::new(125_000.0);
+        for tick in 0..600 {
+            edge.tick(tick, 2);
+        }
+        let largest = edge.sent.iter().map(|(_, bytes)| *bytes).max().unwrap();
+        assert!((1_000..=2_500).contains(&largest), "{largest}");
+        let all: usize = edge.sent.iter().map(|(_, bytes)| bytes).sum();
+        let per_s = all as f64 / 10.0;
+        assert!((5_000.0..=12_500.0).contains(&per_s), "{per_s}");
+    }
+
+    #[test]
+    fn while_the_link_carries_fewer_people_than_there_are_nothing_is_sent_of_them() {
+        let mut edge = Edge::new(60_000.0);
+        for tick in 0..600 {
+            edge.tick(tick, 22);
+        }
+        assert!(edge.rate.last_plan().level > CompressionLevel::DEFAULT);
+        assert_eq!(edge.sent, []);
+    }
+
+    #[test]
+    fn while_the_link_is_cut_nothing_is_sent_of_them() {
+        let mut edge = Edge::new(0.0);
+        let heard = HeardPatches {
+            tick: Tick(0),
+            one_way_us: 5_000,
+            bytes: 300,
+        };
+        edge.rate.sent(MessageKind::Patches(Tick(0)), 300, 0);
+        edge.rate.hear(&heard, 0, 10_000);
+        assert!(edge.thumbnail(20_000) > 0);
+        edge.rate.sent(MessageKind::Patches(Tick(3)), 300, 50_000);
+        assert_eq!(edge.thumbnail(2 * SECOND_US), 0);
+    }
+
+    proptest! {
+        #[test]
+        fn a_thumbnail_never_takes_what_other_messages_may_need(
+            budget in 5_000.0f64..1e6, used in 0.0f64..1.0, at in 0i64..10 * SECOND_US,
+        ) {
+            let mut edge = Edge::new(budget);
+            prop_assert!(edge.budget.take((used * budget) as usize, at));
+            edge.thumbnail(at);
+            let left = edge.budget.left(at).unwrap() as f64;
+            let before = (1.0 - used) * budget;
+            prop_assert!(left >= (SPARE * budget - 1.0).min(before - 1.0), "{left} of {before}");
+        }
+    }
+}
