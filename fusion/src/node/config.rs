@@ -166,6 +166,11 @@ impl FusionConfig {
             },
         })
     }
+
+    /// Whether thumbnails may come from edges: live, where the venue says so and nobody else can read them on their way.
+    pub(super) fn takes_pictures(&self) -> bool {
+        self.mode == RunMode::Live && self.venue.security.pictures && self.reach.is_private()
+    }
 }
 
 /// Refuses a viewpoint whose name is taken by fusion itself.

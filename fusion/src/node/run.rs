@@ -89,7 +89,7 @@ async fn run(
     let claim = claim_folder(config)?;
     let mut reporter = Reporter::new(config.managed, config.detail);
     let senders = Senders::new(&config.venue, clock::VenueClock::start());
-    let link = open_link(config, &senders, (&others, place)).await?;
+    let mut link = open_link(config, &senders, (&others, place)).await?;
     hand_out(config, &link, &tasks, &leave);
     reporter.listening(link.locators().await);
     let on_demand = on_demand(config, session, (&pipeline, claim.folder()));
@@ -98,6 +98,7 @@ async fn run(
     let on_demand = on_demand.filter(|_| listeners.is_looked_at);
     let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
     let wiretap = wiretaps(recording.as_ref(), on_demand.as_ref(), listeners.wiretaps);
+    show_thumbnails(config, &wiretap, (&mut link, &senders)).await?;
     let interceptor = Interceptor::new(&config.venue, senders, wiretap);
     let mut summary = SummaryFile::in_folder(claim.folder());
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
@@ -149,6 +150,19 @@ async fn run(
     }
     closed.map_err(NodeError::Failed)?;
     outcome
+}
+
+/// Lets edges send thumbnails where they may, and somebody looks at them.
+async fn show_thumbnails(
+    config: &FusionConfig,
+    wiretap: &WiretapHandle,
+    (link, senders): (&mut FusionSession, &Senders),
+) -> Result<(), NodeError> {
+    if !(wiretap.looks_at_thumbnails() && config.takes_pictures()) {
+        return Ok(());
+    }
+    let shown = link.show_thumbnails(&config.venue, senders).await;
+    shown.map_err(NodeError::Failed)
 }
 
 /// Lets edges fetch what the venue has for them, until they `leave`.

@@ -42,7 +42,7 @@ pub struct Channel {
 }
 
 /// Every channel that a recording of the venue `name` may have: what comes under another key is not
-/// recorded, so that a stranger cannot fill a file with channels.
+/// recorded, so that a stranger cannot fill a file with channels. There is none for thumbnails: recordings have no pictures.
 pub fn channels(name: &str, viewpoints: &[&str]) -> Vec<Channel> {
     let keys = Keys::new(name);
     let channel = |topic: String, content| Channel { topic, content };
@@ -124,5 +124,13 @@ mod tests {
         ] {
             assert!(topics.contains(topic), "{topic}");
         }
+    }
+
+    #[test]
+    fn there_is_no_channel_for_pictures() {
+        let all = channels("hall", &["ne", "sw"]);
+        let (keys, pictures) = (Keys::new("hall"), "thumbnail");
+        assert!(keys.thumbnail("ne").contains(pictures));
+        assert!(all.iter().all(|channel| !channel.topic.contains(pictures)));
     }
 }

@@ -12,4 +12,6 @@ pub(super) use self::file::RecordingFile;
 pub use self::file::check_place;
 pub(super) use self::head::head;
 pub use self::on_demand::{RecordingOnDemand, RecordingsOnDemand};
+#[cfg(test)]
+pub(super) use self::queue::RecordingQueue;
 pub(super) use self::thread::RecordingThread;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use farfield_node::clock::VenueClock;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::Status;
+use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::venue::Venue;
 use farfield_proto::wire::{SpokenVersion, VERSION};
 
@@ -68,6 +69,8 @@ pub(in crate::node) struct Interceptor {
     /// What the edge of each viewpoint is spoken to in.
     spoken: Arc<[SpokenVersion]>,
     venue_hash: Arc<str>,
+    /// Whose each camera is.
+    cameras: Arc<[ViewpointIndex]>,
 }
 
 impl Interceptor {
@@ -83,6 +86,11 @@ impl Interceptor {
                 .map(|_| SpokenVersion::default())
                 .collect(),
             venue_hash: venue.hashes.venue.as_str().into(),
+            cameras: venue
+                .cameras
+                .iter()
+                .map(|camera| camera.viewpoint)
+                .collect(),
         }
     }
 
@@ -103,6 +111,12 @@ impl Interceptor {
         let same_index = status.viewpoint.map(|v| usize::from(v.0)) == index;
         key.rsplit('/').next() == Some(&status.node)
             && (same_index || status.venue_hash != *self.venue_hash)
+    }
+
+    /// Whether who may publish under `key` may show a picture of the camera that `thumbnail` names.
+    pub(super) fn may_show(&self, key: &str, thumbnail: &Thumbnail) -> bool {
+        let of_camera = self.cameras.get(usize::from(thumbnail.camera.0));
+        of_camera == Some(&thumbnail.viewpoint) && self.may_speak(key, thumbnail.viewpoint)
     }
 
     /// Notes what version the node reads whose status has come under `key`.
@@ -142,6 +156,11 @@ impl Interceptor {
     /// Notes a message that has come and can be read.
     pub(super) fn received(&self, key: &str, bytes: &[u8], Arrival { at_us, .. }: Arrival) {
         self.wiretap.received(CopiedMessage { key, bytes, at_us });
+    }
+
+    /// Passes a thumbnail on to who looks at such.
+    pub(super) fn showed(&self, key: &str, bytes: &[u8], Arrival { at_us, .. }: Arrival) {
+        self.wiretap.thumbnail(CopiedMessage { key, bytes, at_us });
     }
 
     /// Notes a message that has come and cannot be read: of each node one a second.

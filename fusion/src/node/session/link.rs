@@ -64,6 +64,18 @@ impl FusionSession {
         })
     }
 
+    /// Lets edges send thumbnails, live, for who looks at such.
+    pub(in crate::node) async fn show_thumbnails(
+        &mut self,
+        venue: &Venue,
+        senders: &Senders,
+    ) -> anyhow::Result<()> {
+        let keys = Keys::new(&venue.name);
+        self.subscribers
+            .add_thumbnails(&self.session, &keys, senders)
+            .await
+    }
+
     /// The session, for others who declare something on it.
     pub(in crate::node) fn session(&self) -> Session {
         self.session.clone()

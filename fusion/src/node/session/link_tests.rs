@@ -7,7 +7,8 @@ use std::time::Duration;
 use farfield_node::clock::VenueClock;
 use farfield_node::endpoints::Reach;
 use farfield_proto::calibration::Calibration;
-use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
+use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::message::{PatchSet, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -17,6 +18,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::{FusionEnds, FusionIncoming, FusionOutgoing, FusionSession, Interceptor, Senders};
+use crate::node::recording::RecordingQueue;
 use crate::node::session::messages::Liveliness;
 use crate::node::session::mode::RunMode;
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap, WiretapHandle};
@@ -27,6 +29,9 @@ use crate::node::status::own_status;
 struct Kept {
     received: Mutex<Vec<String>>,
     published: Mutex<Vec<String>>,
+    /// Whether it wants thumbnails.
+    looks: bool,
+    shown: Mutex<Vec<Vec<u8>>>,
 }
 
 impl Wiretap for Kept {
@@ -39,6 +44,14 @@ impl Wiretap for Kept {
     }
 
     fn decided(&self, _: CopiedStep<'_>) {}
+
+    fn looks_at_thumbnails(&self) -> bool {
+        self.looks
+    }
+
+    fn thumbnail(&self, message: CopiedMessage<'_>) {
+        self.shown.lock().unwrap().push(message.bytes.to_vec());
+    }
 }
 
 /// Far above what a loaded machine takes; a test that waits as long has failed.
@@ -97,15 +110,22 @@ struct OpenLink {
 
 impl OpenLink {
     async fn open(wiretap: WiretapHandle) -> Self {
+        Self::open_in(wiretap, RunMode::LockStep).await
+    }
+
+    async fn open_in(wiretap: WiretapHandle, mode: RunMode) -> Self {
         let reach = Reach {
             endpoints: vec!["tcp/127.0.0.1:0".to_owned()],
             identity: None,
             validity: None,
         };
         let senders = Senders::new(&venue(), VenueClock::start());
-        let link = FusionSession::open(&venue(), &reach, RunMode::LockStep, &senders)
+        let mut link = FusionSession::open(&venue(), &reach, mode, &senders)
             .await
             .unwrap();
+        if mode == RunMode::Live && wiretap.looks_at_thumbnails() {
+            link.show_thumbnails(&venue(), &senders).await.unwrap();
+        }
         let interceptor = Interceptor::new(&venue(), senders, wiretap);
         let endpoint = link.locators().await[0].clone();
         let (tasks, leave) = (TaskTracker::new(), CancellationToken::new());
@@ -197,6 +217,86 @@ async fn an_edge_is_heard_answered_and_missed() {
             break;
         }
     }
+    link.close().await;
+}
+
+/// A thumbnail of a camera, as the edge of a viewpoint would send it; `jpeg` is the head of its file.
+fn thumbnail(viewpoint: u16, camera: u16, jpeg: &[u8]) -> Vec<u8> {
+    wire::encode(&Thumbnail {
+        session: SessionId(3),
+        tick: Tick(4),
+        viewpoint: ViewpointIndex(viewpoint),
+        camera: CameraIndex(camera),
+        jpeg: jpeg.to_vec(),
+    })
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn thumbnails_go_to_who_looks_as_they_came_and_to_no_recorder() {
+    const JPEG: [u8; 15] = [
+        0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0, 180, 1, 64, 1, 1, 0x11, 0,
+    ];
+    let page = Arc::new(Kept {
+        looks: true,
+        ..Kept::default()
+    });
+    let (recorder, notes) = RecordingQueue::open("link-test", SessionId(3));
+    let wiretaps: [Arc<dyn Wiretap>; 2] = [Arc::clone(&page) as _, Arc::new(recorder)];
+    let mut link = OpenLink::open_in(WiretapHandle::new(wiretaps), RunMode::Live).await;
+    let edge = client(&link.endpoint).await;
+    let whole = thumbnail(0, 0, &JPEG);
+    edge.put("link-test/thumbnail/a", whole.clone())
+        .await
+        .unwrap();
+    // Of another viewpoint, of a camera that there is not, under another name, no picture, and a huge one.
+    let huge = [&JPEG[..7], &[0xff, 0xff, 0xff, 0xff, 1, 1, 0x11, 0]].concat();
+    for (key, bytes) in [
+        ("link-test/thumbnail/a", thumbnail(1, 0, &JPEG)),
+        ("link-test/thumbnail/a", thumbnail(0, 1, &JPEG)),
+        ("link-test/thumbnail/b", whole.clone()),
+        ("link-test/thumbnail/a", thumbnail(0, 0, b"<svg/>")),
+        ("link-test/thumbnail/a", thumbnail(0, 0, &huge)),
+        ("link-test/thumbnail/a", vec![0xff; 40]),
+    ] {
+        edge.put(key, bytes).await.unwrap();
+        match next(&mut link.ends).await {
+            FusionIncoming::Unreadable(of, _) => assert_eq!(of, key),
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!(*page.shown.lock().unwrap(), [whole]);
+    assert!(page.received.lock().unwrap().is_empty());
+    assert!(notes.try_iter().next().is_none(), "a picture is recorded");
+    edge.close().await.unwrap();
+    link.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn while_nobody_looks_edges_have_nobody_to_send_pictures_to() {
+    let kept = Arc::new(Kept::default());
+    let wiretaps = [Arc::clone(&kept) as Arc<dyn Wiretap>];
+    let mut link = OpenLink::open_in(WiretapHandle::new(wiretaps), RunMode::Live).await;
+    let edge = client(&link.endpoint).await;
+    let pictures = edge
+        .declare_publisher("link-test/thumbnail/a")
+        .await
+        .unwrap();
+    let patches = edge.declare_publisher("link-test/patch/a").await.unwrap();
+    let is_heard = async {
+        while !farfield_node::session::has_listener(&patches) {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    timeout(PATIENCE, is_heard).await.expect("nobody listens");
+    assert!(!farfield_node::session::has_listener(&pictures));
+    pictures.put(thumbnail(0, 0, b"x")).await.unwrap();
+    patches.put(vec![0xff; 40]).await.unwrap();
+    match next(&mut link.ends).await {
+        FusionIncoming::Unreadable(key, _) => assert_eq!(key, "link-test/patch/a"),
+        other => panic!("{other:?}"),
+    }
+    assert!(kept.shown.lock().unwrap().is_empty());
+    edge.close().await.unwrap();
     link.close().await;
 }
 

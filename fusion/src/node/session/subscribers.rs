@@ -7,6 +7,7 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use farfield_node::session::{self, FifoSubscriber, zenoh_error};
 use farfield_proto::key::Keys;
+use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::message::{PatchSet, SightingSet};
 use farfield_proto::wire::{self, WireError};
 use tokio::sync::mpsc;
@@ -25,6 +26,8 @@ use super::mode::RunMode;
 /// Messages that wait: in lock-step of one subscription, and when it is full Zenoh stops reading, and the edges wait; live
 /// of each node of one subscription, and its oldest are lost, as a thread of Zenoh's that waits would hold up everybody.
 const QUEUE: usize = 256;
+/// Thumbnails of one node that wait: it makes one after the other.
+const THUMBNAILS: usize = 4;
 
 /// Everything that fusion subscribes to.
 pub(super) struct Subscribers(Vec<(FusionTopic, Subscription)>);
@@ -40,7 +43,7 @@ impl Subscribers {
         mode: RunMode,
         senders: &Senders,
     ) -> anyhow::Result<Self> {
-        let subscribe = |key| subscriber(session, key, mode, senders.clone());
+        let subscribe = |key| subscriber(session, key, (mode, QUEUE), senders.clone());
         Ok(Self(vec![
             (FusionTopic::Patches, subscribe(keys.patches()).await?),
             (FusionTopic::Sightings, subscribe(keys.sightings()).await?),
@@ -50,6 +53,22 @@ impl Subscribers {
                 liveliness(session, keys.all_alive()).await?,
             ),
         ]))
+    }
+
+    /// Subscribes to thumbnails, too, live: from now on edges may make some.
+    ///
+    /// # Errors
+    /// What Zenoh says.
+    pub(super) async fn add_thumbnails(
+        &mut self,
+        session: &Session,
+        keys: &Keys,
+        senders: &Senders,
+    ) -> anyhow::Result<()> {
+        let places = (RunMode::Live, THUMBNAILS);
+        let thumbnails = subscriber(session, keys.thumbnails(), places, senders.clone()).await?;
+        self.0.push((FusionTopic::Thumbnails, thumbnails));
+        Ok(())
     }
 
     /// Starts a task for each, which ends with `stop`.
@@ -77,6 +96,7 @@ impl Subscribers {
 enum FusionTopic {
     Patches,
     Sightings,
+    Thumbnails,
     Statuses,
     Alive,
 }
@@ -102,11 +122,11 @@ impl Subscription {
     }
 }
 
-/// Subscribes to `key`.
+/// Subscribes to `key`; live so many messages of each node wait.
 async fn subscriber(
     session: &Session,
     key: String,
-    mode: RunMode,
+    (mode, places): (RunMode, usize),
     senders: Senders,
 ) -> anyhow::Result<Subscription> {
     match mode {
@@ -114,7 +134,7 @@ async fn subscriber(
             .await
             .map(Subscription::All),
         RunMode::Live => {
-            let inbox = Arc::new(Inbox::new(senders.len(), QUEUE));
+            let inbox = Arc::new(Inbox::new(senders.len(), places));
             let into = Arc::clone(&inbox);
             let take = move |sample: Sample| {
                 let sender = senders.index(sample.key_expr().as_str());
@@ -152,12 +172,36 @@ async fn listen(
             () = stop.cancelled() => return,
         };
         let Some(sample) = sample else { return };
-        if incoming
-            .send(read(topic, &sample, &interceptor))
-            .await
-            .is_err()
+        let read = match topic {
+            FusionTopic::Thumbnails => pass_on(&sample, &interceptor),
+            _ => Some(read(topic, &sample, &interceptor)),
+        };
+        if let Some(read) = read
+            && incoming.send(read).await.is_err()
         {
             return;
+        }
+    }
+}
+
+/// Passes a thumbnail on as it came, to who looks at such. The loop hears of it only what cannot be read, and recorders
+/// nothing at all.
+fn pass_on(sample: &Sample, interceptor: &Interceptor) -> Option<FusionIncoming> {
+    let key = sample.key_expr().as_str();
+    let payload = sample.payload().to_bytes();
+    let checked = wire::decode(&payload).and_then(|thumbnail: Thumbnail| {
+        let may = interceptor.may_show(key, &thumbnail);
+        may.then_some(())
+            .ok_or(WireError::Invalid("of a camera of another viewpoint"))
+    });
+    match checked {
+        Ok(()) => {
+            interceptor.showed(key, &payload, interceptor.arrived(&payload));
+            None
+        }
+        Err(error) => {
+            debug!(%key, %error, "thumbnail not passed on");
+            Some(FusionIncoming::Unreadable(key.to_owned(), error))
         }
     }
 }
@@ -189,11 +233,13 @@ fn read(topic: FusionTopic, sample: &Sample, interceptor: &Interceptor) -> Fusio
         FusionTopic::Sightings => wire::decode(&payload).and_then(|set: SightingSet| {
             own(set.viewpoint).map(|()| FusionIncoming::Sightings(set, arrival))
         }),
-        FusionTopic::Statuses | FusionTopic::Alive => wire::decode(&payload).and_then(|status| {
-            let may = interceptor.may_say(key, &status);
-            may.then(|| FusionIncoming::Status(Box::new(status)))
-                .ok_or(WireError::Invalid("under the key of another node"))
-        }),
+        FusionTopic::Statuses | FusionTopic::Alive | FusionTopic::Thumbnails => {
+            wire::decode(&payload).and_then(|status| {
+                let may = interceptor.may_say(key, &status);
+                may.then(|| FusionIncoming::Status(Box::new(status)))
+                    .ok_or(WireError::Invalid("under the key of another node"))
+            })
+        }
     };
     match incoming {
         Ok(incoming) => {

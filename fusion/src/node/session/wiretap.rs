@@ -47,6 +47,16 @@ pub trait Wiretap: Send + Sync {
     /// The core steps a tick.
     fn decided(&self, decided: CopiedStep<'_>);
 
+    /// Whether [`Self::thumbnail`] is wanted: while nobody wants them, edges make none.
+    fn looks_at_thumbnails(&self) -> bool {
+        false
+    }
+
+    /// A thumbnail of a camera has come, for people to look at: checked
+    /// ([`farfield_proto::message::thumbnail::Thumbnail`]), and passed on as it is. It is none of the messages of
+    /// [`Self::received`], so that who records those has no pictures, and must not be recorded.
+    fn thumbnail(&self, _message: CopiedMessage<'_>) {}
+
     /// A recording of the run begins, a file at `path`.
     fn recording_begins(&self, _path: &Path) {}
 
@@ -78,6 +88,16 @@ impl WiretapHandle {
     pub(in crate::node) fn published(&self, message: CopiedMessage<'_>) {
         for wiretap in self.0.iter() {
             wiretap.published(message);
+        }
+    }
+
+    pub(in crate::node) fn looks_at_thumbnails(&self) -> bool {
+        self.0.iter().any(|wiretap| wiretap.looks_at_thumbnails())
+    }
+
+    pub(in crate::node) fn thumbnail(&self, message: CopiedMessage<'_>) {
+        for wiretap in self.0.iter() {
+            wiretap.thumbnail(message);
         }
     }
 
