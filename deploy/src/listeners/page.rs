@@ -169,6 +169,14 @@ impl Wiretap for PageTap {
     }
 
     fn decided(&self, _: CopiedStep<'_>) {}
+
+    fn looks_at_thumbnails(&self) -> bool {
+        true
+    }
+
+    fn thumbnail(&self, message: CopiedMessage<'_>) {
+        self.state.thumbnail(message.bytes);
+    }
 }
 
 /// The bodies of poses, for the page: names of joints, keypoints and angles, what hangs from what.

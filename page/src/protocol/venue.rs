@@ -22,6 +22,8 @@ struct VenueDocument<'a> {
     #[serde(flatten)]
     skeleton: &'a Skeleton,
     actions: &'a [ActionKind],
+    /// Whether cameras may have thumbnails.
+    pictures: bool,
 }
 
 #[derive(Serialize)]
@@ -136,5 +138,6 @@ pub fn document(venue: &Venue, skeleton: &Skeleton, mode: Mode, actions: &[Actio
         cameras: venue.cameras.iter().map(CameraLines::from).collect(),
         skeleton,
         actions,
+        pictures: mode == Mode::Live && venue.security.pictures,
     })
 }

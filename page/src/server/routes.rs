@@ -3,15 +3,18 @@
 use std::sync::Arc;
 
 use axum::extract::ws::{WebSocket, WebSocketUpgrade};
-use axum::extract::{Request, State};
+use axum::extract::{Path, Request, State};
 use axum::http::header::{
-    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, REFERRER_POLICY,
+    X_CONTENT_TYPE_OPTIONS,
 };
-use axum::http::{HeaderName, HeaderValue, StatusCode, Uri};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
 use axum::{Extension, Router};
+use farfield_proto::id::CameraIndex;
+use tokio::time::Instant;
 
 use super::access::{Refusal, Rights, SUBPROTOCOL};
 use super::client::{Client, Form};
@@ -31,6 +34,7 @@ pub(super) fn router(serving: Serving) -> Router {
         .route("/api/venue", get(venue))
         .route("/api/status", get(status))
         .route("/api/series", get(one_series))
+        .route("/api/thumbnail/{camera}", get(thumbnail))
         .route("/ws", get(binary_socket))
         .route("/ws/json", get(json_socket))
         .fallback(get(asset))
@@ -90,7 +94,7 @@ fn may_read(rights: Rights) -> Result<(), Refusal> {
     }
 }
 
-async fn asset(uri: Uri, headers: axum::http::HeaderMap) -> Response {
+async fn asset(uri: Uri, headers: HeaderMap) -> Response {
     let found = assets::answer(uri.path(), &headers);
     found.unwrap_or_else(|| {
         plain(
@@ -136,6 +140,34 @@ async fn one_series(
     match series::parse(uri.query().unwrap_or_default()) {
         Ok(asked) => json(series::answer(serving.state.shared(), &asked)),
         Err(error) => plain(StatusCode::BAD_REQUEST, error.to_string()),
+    }
+}
+
+async fn thumbnail(
+    State(serving): State<Serving>,
+    Extension(rights): Extension<Rights>,
+    Path(camera): Path<u16>,
+    headers: HeaderMap,
+) -> Response {
+    if let Err(refusal) = may_read(rights) {
+        return refused(refusal);
+    }
+    let thumbnails = &serving.state.shared().thumbnails;
+    let Some(newest) = thumbnails.newest(CameraIndex(camera), Instant::now()) else {
+        return plain(
+            StatusCode::NOT_FOUND,
+            "there is no picture of this camera now",
+        );
+    };
+    let is_known = headers
+        .get_all(IF_NONE_MATCH)
+        .iter()
+        .any(|tag| tag.as_bytes() == newest.tag.as_bytes());
+    let about = [(CACHE_CONTROL, "no-store"), (ETAG, newest.tag.as_str())];
+    if is_known {
+        (StatusCode::NOT_MODIFIED, about).into_response()
+    } else {
+        (about, [(CONTENT_TYPE, "image/jpeg")], newest.jpeg).into_response()
     }
 }
 

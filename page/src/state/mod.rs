@@ -9,6 +9,7 @@ mod history;
 pub(crate) mod known;
 pub(crate) mod past;
 mod recording;
+pub(crate) mod thumbnails;
 
 #[cfg(test)]
 pub(crate) mod fixture;
@@ -36,6 +37,8 @@ use known::frame::SharedFrame;
 use past::Past;
 pub use recording::RecordedMessages;
 use recording::Recording;
+use thumbnails::Thumbnails;
+use tokio::time::Instant;
 
 /// What the page can be told beside the venue.
 #[derive(Default)]
@@ -69,6 +72,7 @@ pub(crate) struct Shared {
     pub(crate) names: watch::Sender<Arc<BTreeMap<u32, String>>>,
     pub(crate) events: EventLog,
     pub(crate) past: Past,
+    pub(crate) thumbnails: Thumbnails,
     recording: Mutex<Option<RecordingState>>,
     pub(crate) clients: AtomicUsize,
     pub(crate) dropped: AtomicU64,
@@ -126,6 +130,11 @@ impl PageState {
         }
     }
 
+    /// Takes a thumbnail as it was on the wire, in the place of the one before of its camera. What is none is dropped.
+    pub fn thumbnail(&self, bytes: &[u8]) {
+        self.shared.thumbnails.take(bytes, Instant::now());
+    }
+
     /// Tells pages whether a recording runs; `None`: nobody can say.
     pub fn set_recording(&self, recording: Option<RecordingState>) {
         *lock(&self.shared.recording) = recording;
@@ -160,6 +169,7 @@ impl Shared {
             .unwrap_or_default();
         Arc::new(Self {
             venue_document: venue::document(&venue, &skeleton, mode, &kinds),
+            thumbnails: Thumbnails::new(venue.cameras.len()),
             context: Arc::new(Context::new(venue, skeleton)),
             mode,
             actions,

@@ -137,8 +137,18 @@ export class Connection {
     return readSeries(await response.json());
   }
 
-  private get(path: string): Promise<Response> {
-    const headers: Record<string, string> = this.token === null ? {} : { Authorization: `Bearer ${this.token}` };
+  /** The newest picture of a camera; `null` where there is none, `"same"` where it is that of `tag`. */
+  async thumbnail(camera: number, tag: string): Promise<{ picture: Blob; tag: string } | "same" | null> {
+    const response = await this.get(`/api/thumbnail/${camera}`, tag === "" ? {} : { "If-None-Match": tag });
+    if (response.status === 304) return "same";
+    if (response.status === 404) return null;
+    if (!response.ok) throw new Error(`the server answers ${response.status}`);
+    return { picture: await response.blob(), tag: response.headers.get("ETag") ?? "" };
+  }
+
+  private get(path: string, more: Readonly<Record<string, string>> = {}): Promise<Response> {
+    const headers: Record<string, string> = { ...more };
+    if (this.token !== null) headers["Authorization"] = `Bearer ${this.token}`;
     return fetch(path, { headers, cache: "no-store", signal: AbortSignal.timeout(HTTP_TIMEOUT_MS) });
   }
 

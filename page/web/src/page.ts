@@ -37,6 +37,7 @@ import type { Venue } from "./protocol/venue.ts";
 import { FieldScene } from "./scene/scene.ts";
 import { KEPT_EVENTS, eventsOf, isPast, nameOf, type Actions, type PageState } from "./state.ts";
 import type { Theme } from "./theme.ts";
+import { Thumbnails } from "./thumbnails.ts";
 
 /** Panels are brought up to date so often; the scene at every frame. */
 const PANELS_EVERY_MS = 200;
@@ -101,7 +102,7 @@ export class Page implements Actions {
     this.angles = new AnglePanel(this.state, connection);
     this.people = new PeopleList(this, this.state);
     this.person = new PersonPanel(this.state, this, this.angles.all, this.angles.root);
-    this.cameras = new CamerasPanel(this.state, this);
+    this.cameras = new CamerasPanel(this.state, new Thumbnails(this.state, connection), this);
     this.events = new EventsPanel(this);
     this.side = new Side([
       { name: "People", title: "Who is there (1)", content: element("div", {}, this.person.root, this.people.root) },

@@ -33,6 +33,7 @@ const VENUE = {
   keypoints: [],
   angles: [],
   actions: [],
+  pictures: false,
 };
 
 test("who sleeps and wakes while the venue is asked for gets one socket", async () => {

@@ -106,6 +106,7 @@ test("a venue is read, with the lines of its court", () => {
   const venue = readVenue(JSON.parse(new TextDecoder().decode(bytes)));
   assert.equal(venue.cameras.length, 8);
   assert.equal(venue.court?.name, "volleyball");
+  assert.equal(venue.pictures, false);
   const lines = new Map(venue.court?.lines.map(({ name, points_m }) => [name, points_m]));
   assert.deepEqual(lines.get("side_line_north"), [[-9, 4.5], [9, 4.5]]);
   assert.deepEqual(lines.get("attack_line_west"), [[-3, -4.5], [-3, 4.5]]);

@@ -43,6 +43,7 @@ const VENUE = {
     { name: "elbow_flex_r", unit: "rad", range: [-0.0873, 2.5307] },
   ],
   actions: [],
+  pictures: false,
 };
 
 const STATUS = {

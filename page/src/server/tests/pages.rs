@@ -1,6 +1,7 @@
 //! What pages get, now and of the past, also those that do not read.
 
 use super::*;
+use crate::state::thumbnails::tests::message;
 
 #[tokio::test]
 async fn a_page_that_follows_gets_what_is_new() {
@@ -206,6 +207,42 @@ async fn the_past_of_an_angle_is_told() {
     assert_eq!(series["ticks"], serde_json::json!([10, 11, 12]));
     assert_eq!(series["unobserved"][0], serde_json::json!([25]));
     assert_eq!(code(&running.get("/api/series?person=2", "").await), "400");
+    running.end().await;
+}
+
+#[tokio::test]
+async fn the_newest_thumbnail_of_a_camera_is_given_once_to_who_has_it() {
+    let running = Running::live().await;
+    let path = "/api/thumbnail/1";
+    assert_eq!(code(&running.get(path, "").await), "404");
+    running.state.thumbnail(&message(1, 60));
+    running.state.thumbnail(&message(1, 120));
+    let answer = running.get(path, "").await;
+    let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+    assert_eq!(code(head), "200");
+    for said in [
+        "content-type: image/jpeg",
+        "cache-control: no-store",
+        "etag: \"a-120\"",
+        "x-content-type-options: nosniff",
+    ] {
+        assert!(head.contains(said), "{said}: {head}");
+    }
+    assert!(!body.is_empty());
+    let again = running.get(path, "If-None-Match: \"a-120\"\r\n").await;
+    assert_eq!(code(&again), "304");
+    let newer = running.get(path, "If-None-Match: \"a-60\"\r\n").await;
+    assert_eq!(code(&newer), "200");
+    for (path, expected) in [
+        ("/api/thumbnail/0", "404"),
+        ("/api/thumbnail/65535", "404"),
+        ("/api/thumbnail/x", "400"),
+        ("/api/thumbnail/", "404"),
+    ] {
+        assert_eq!(code(&running.get(path, "").await), expected, "{path}");
+    }
+    let abroad = running.get(path, "Host: evil.example\r\n").await;
+    assert_eq!(code(&abroad), "421");
     running.end().await;
 }
 

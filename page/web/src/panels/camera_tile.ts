@@ -1,5 +1,5 @@
-// What a camera sees, drawn as lines: no picture leaves an edge. People are reprojected; of the open camera also the boxes,
-// keypoints and sightings that fusion and its edge work with.
+// What a camera sees, drawn as lines, over a thumbnail where there is one. People are reprojected; of the open camera also
+// the boxes, keypoints and sightings that fusion and its edge work with.
 
 import { css, personColour } from "../palette.ts";
 import { Chart, type ChartColours } from "../charts/pen.ts";
@@ -8,6 +8,9 @@ import type { Camera, Venue } from "../protocol/venue.ts";
 
 /** Nearer to the plane of the camera than this, metres, nothing is projected. */
 const NEAREST_M = 0.1;
+
+/** How much of a thumbnail is seen: lines must stand out. */
+const PICTURE_ALPHA = 0.6;
 
 /** Projects a point; writes x, y in pixels of the camera, and tells whether it is before the camera. */
 function project(camera: Camera, x: number, y: number, z: number, into: Float64Array): boolean {
@@ -48,11 +51,24 @@ export class CameraDrawing {
     this.outline = [...points, [x1, y1]];
   }
 
-  /** Draws people, those that the camera serves in colour; `view` is of the open camera. */
-  draw(people: People, served: readonly number[], view: CameraView | null, followed: number | null, colours: ChartColours): void {
+  /** Draws people, those that the camera serves in colour, over the `picture` if there is one; `view` is of the open camera. */
+  draw(
+    picture: ImageBitmap | null,
+    people: People,
+    served: readonly number[],
+    view: CameraView | null,
+    followed: number | null,
+    colours: ChartColours,
+  ): void {
     const pen = this.chart.begin();
     if (pen === null) return;
     this.scale = this.chart.width / this.camera.width_px;
+    if (picture !== null) {
+      // It shows the whole undistorted image: what is drawn over it is in the same pixels.
+      pen.globalAlpha = PICTURE_ALPHA;
+      pen.drawImage(picture, 0, 0, this.scale * this.camera.width_px, this.scale * this.camera.height_px);
+      pen.globalAlpha = 1;
+    }
     this.drawOutline(pen, colours);
     pen.lineCap = "round";
     for (let i = 0; i < people.count; i++) {

@@ -7,6 +7,7 @@ import type { Agreement, CameraState, Status } from "../protocol/status.ts";
 import type { CameraView } from "../protocol/ticks.ts";
 import type { Camera } from "../protocol/venue.ts";
 import { nameOf, type Actions, type PageState } from "../state.ts";
+import type { Thumbnails } from "../thumbnails.ts";
 import { count, fixed } from "../units.ts";
 import { CameraDrawing } from "./camera_tile.ts";
 
@@ -52,6 +53,7 @@ class Tile {
     private readonly page: PageState,
     private readonly index: number,
     private readonly camera: Camera,
+    private readonly thumbnails: Thumbnails,
     actions: Actions,
   ) {
     this.drawing = new CameraDrawing(page.venue, camera, "tile-picture");
@@ -82,7 +84,8 @@ class Tile {
   draw(view: CameraView | null, colours: ChartColours): void {
     const served = this.page.status?.cameras.find((camera) => camera.camera === this.index)?.persons ?? [];
     const own = view !== null && view.camera === this.index && this.page.openCamera === this.index ? view : null;
-    this.drawing.draw(this.page.people, served, own, this.page.followed, colours);
+    const picture = this.thumbnails.of(this.index);
+    this.drawing.draw(picture, this.page.people, served, own, this.page.followed, colours);
   }
 
   private personsText(persons: readonly number[], level: Level, reason: string | null): string {
@@ -96,21 +99,26 @@ class Tile {
 export class CamerasPanel {
   readonly root = element("div", { class: "cameras" });
   private readonly tiles: Tile[] = [];
-  private readonly legend = element("p", {
-    class: "hint",
-    text:
-      "Lines, not pictures: pictures never leave an edge. In colour: who is served by the camera. Open a camera (click) for the " +
-      "boxes that fusion predicts (solid: chosen; dashed: another camera was), keypoints (dots) and sightings (squares).",
-  });
+  private readonly legend = element("p", { class: "hint" });
   private next = 0;
 
-  constructor(state: PageState, actions: Actions) {
+  constructor(
+    state: PageState,
+    private readonly thumbnails: Thumbnails,
+    actions: Actions,
+  ) {
+    const pictures = state.venue.pictures
+      ? "Lines are of now, the small picture below them is a second old or more, and is not there where the link is full."
+      : "Lines, not pictures: this venue lets no picture leave an edge.";
+    this.legend.textContent =
+      `${pictures} In colour: who is served by the camera. Open a camera (click) for the ` +
+      "boxes that fusion predicts (solid: chosen; dashed: another camera was), keypoints (dots) and sightings (squares).";
     for (const viewpoint of state.venue.viewpoints) {
       const row = element("div", { class: "tiles" });
       for (const index of viewpoint.cameras) {
         const camera = state.venue.cameras[index];
         if (camera === undefined) continue;
-        const tile = new Tile(state, index, camera, actions);
+        const tile = new Tile(state, index, camera, thumbnails, actions);
         this.tiles.push(tile);
         row.append(tile.root);
       }
@@ -128,6 +136,7 @@ export class CamerasPanel {
   /** Draws the open tile, and one of the others in turn: their cost per frame is the same for 4 and 40 cameras. */
   draw(openIndex: number | null, view: CameraView | null, colours: ChartColours): void {
     if (this.tiles.length === 0) return;
+    this.thumbnails.look(performance.now());
     this.next = (this.next + 1) % this.tiles.length;
     this.tiles[this.next]?.draw(view, colours);
     if (openIndex !== null) this.tiles.find((tile) => tile.root.classList.contains("open"))?.draw(view, colours);

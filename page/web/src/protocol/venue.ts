@@ -79,6 +79,8 @@ export interface Venue {
   readonly angles: readonly Angle[];
   /** What the server can do beside showing, for who has the token. */
   readonly actions: ReadonlySet<string>;
+  /** Whether cameras may have thumbnails. */
+  readonly pictures: boolean;
 }
 
 export function readVenue(json: unknown): Venue {
@@ -108,6 +110,7 @@ export function readVenue(json: unknown): Venue {
     keypoints: fields.list("keypoints", textOf),
     angles: fields.list("angles", (value, path) => readAngle(Fields.of(value, path))),
     actions: new Set(fields.list("actions", textOf)),
+    pictures: fields.flag("pictures"),
   };
 }
 

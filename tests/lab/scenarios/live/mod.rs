@@ -15,3 +15,4 @@ mod links;
 mod page;
 mod recording;
 mod stage;
+mod thumbnails;
