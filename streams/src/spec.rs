@@ -369,7 +369,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_printed_is_read_again(ip in any::<u32>(), port in 1u16..65520, kind in 0usize..7) {
+        fn what_is_printed_is_read_again(ip in any::<u32>(), port in 1u16..65520, kind in 0..StreamKind::ALL.len()) {
             let address = SocketAddr::new(IpAddr::V4(ip.into()), port);
             let spec = StreamSpec { kind: StreamKind::ALL[kind].1, address, interface: None };
             prop_assert_eq!(spec.to_string().parse(), Ok(spec));

@@ -97,7 +97,8 @@ impl Streams {
         for (i, spec) in specs.iter().enumerate() {
             // Port 0 is another one each time.
             let is_same = |other: &StreamSpec| {
-                other.kind == spec.kind && other.address == spec.address && spec.address.port() != 0
+                let is_there = (other.address, other.interface) == (spec.address, spec.interface);
+                other.kind == spec.kind && is_there && spec.address.port() != 0
             };
             if specs.iter().take(i).any(is_same) {
                 return Err(StreamError::Twice(*spec));

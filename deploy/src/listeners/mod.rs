@@ -105,7 +105,9 @@ pub(crate) fn fusion(args: FusionCommandArgs) -> ExitCode {
 impl OpenListeners for ListenerArgs {
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         Box::pin(async move {
-            let specs = wanted::streams(run.venue, &self.stream).map_err(NodeError::refused)?;
+            let asked = wanted::streams(run.venue, &self.stream).map_err(NodeError::refused)?;
+            // Those of the file are for what happens now.
+            let specs = if run.is_live { asked } else { self.stream };
             wanted::check_ros2(&specs, run.listens_at).map_err(NodeError::Refused)?;
             if self.page.is_none() && specs.is_empty() {
                 return Ok(names_alone(&run));

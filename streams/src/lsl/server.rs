@@ -24,6 +24,8 @@ use crate::udp::is_of_this_machine;
 
 /// How long an inlet may take to ask.
 const HANDSHAKE: Duration = Duration::from_secs(5);
+/// Most datagrams that are answered a second: sixteen inlets that ask for the time in bursts of eight.
+const MOST_ANSWERS_PER_S: u32 = 200;
 /// Bytes that are read at once; no datagram of an inlet is longer.
 const READ: usize = 4096;
 /// Groups that inlets ask for streams in, beside that of all machines of a network.
@@ -157,15 +159,32 @@ impl Who {
     }
 }
 
+/// Whether an address is that of one machine, not of a group, all or none.
+fn is_of_one(address: IpAddr) -> bool {
+    let is_all = matches!(address, IpAddr::V4(v4) if v4.is_broadcast());
+    !(address.is_unspecified() || address.is_multicast() || is_all)
+}
+
 /// Task: answers what comes to `asked`, by `service`. What cannot be read or sent is as if it had been lost on the way.
 async fn answer_datagrams(asked: &UdpSocket, service: &UdpSocket, outlet: &Outlet, who: Who) {
     let mut bytes = [0; READ];
+    let (mut since, mut answers) = (Duration::ZERO, 0);
     loop {
         let Ok((n, from)) = asked.recv_from(&mut bytes).await else {
             tokio::time::sleep(BREATH).await;
             continue;
         };
         let came = now();
+        // Answers are longer than questions: nobody's address is good for more than a few, and none for a group's.
+        if !is_of_one(from.ip()) {
+            continue;
+        }
+        if came.saturating_sub(since) >= Duration::from_secs(1) {
+            (since, answers) = (came, 0);
+        }
+        if answers >= MOST_ANSWERS_PER_S {
+            continue;
+        }
         let answered = match Datagram::parse(bytes.get(..n).unwrap_or_default()) {
             Some(Datagram::ShortInfo {
                 query,
@@ -183,6 +202,7 @@ async fn answer_datagrams(asked: &UdpSocket, service: &UdpSocket, outlet: &Outle
             _ => None,
         };
         if let Some((text, to)) = answered {
+            answers += 1;
             drop(service.send_to(text.as_bytes(), to).await);
         }
     }
@@ -268,10 +288,10 @@ async fn send_samples(
         tokio::select! {
             biased;
             () = shell.stop.cancelled() => return Ok(()),
-            // Inlets say nothing more; that they leave is heard so.
+            // Inlets say nothing more: that they leave is heard so, and who talks is none.
             read = reader.read(&mut bytes) => match read {
                 Ok(0) => return Ok(()),
-                Ok(_) => {}
+                Ok(_) => return Err(io::Error::new(io::ErrorKind::InvalidData, "talks while it is sent samples")),
                 Err(error) if error.kind() == io::ErrorKind::ConnectionReset => return Ok(()),
                 Err(error) => return Err(error),
             },
