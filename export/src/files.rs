@@ -43,6 +43,10 @@ pub(crate) fn read_lines_if_there(path: &Path) -> Result<String, ExportError> {
 fn read_lines(file: impl io::Read) -> io::Result<String> {
     let mut bytes = Vec::new();
     file.take(LARGEST_SUMMARY).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 >= LARGEST_SUMMARY {
+        // What is cut off here is no half line, and would be lost without a word.
+        return Err(io::ErrorKind::FileTooLarge.into());
+    }
     String::from_utf8(bytes).or_else(|error| {
         let (end, is_cut_off) = (
             error.utf8_error().valid_up_to(),
@@ -65,9 +69,6 @@ pub(crate) fn append(
     let failed = |source| ExportError::io(path, "writing", source);
     let mut file = open_locked(path).map_err(failed)?;
     let text = read_lines(&mut file).map_err(|source| ExportError::io(path, "reading", source))?;
-    if text.len() as u64 >= LARGEST_SUMMARY {
-        return Err(failed(io::ErrorKind::FileTooLarge.into()));
-    }
     let made = make(&text).and_then(|line| {
         let kept = whole_lines(&text);
         let begin = if kept.is_empty() || kept.ends_with('\n') {
@@ -75,7 +76,8 @@ pub(crate) fn append(
         } else {
             "\n"
         };
-        if kept.len() < text.len() {
+        let on_disk = file.metadata().map_err(failed)?.len();
+        if (kept.len() as u64) < on_disk {
             file.set_len(kept.len() as u64).map_err(failed)?;
         }
         let written = file.write_all(format!("{begin}{line}").as_bytes());

@@ -178,9 +178,11 @@ impl SubjectProfile {
     /// Writes the file `path`, which must not be there, whole or not at all.
     ///
     /// # Errors
-    /// When it is there, or cannot be written.
+    /// When it is there, or cannot be written; when it is no body that could be read again.
     pub fn write(&self, path: &Path) -> Result<(), ExportError> {
-        files::write_new(path, self.to_toml().as_bytes())
+        let text = self.to_toml();
+        Self::parse(&text, path)?;
+        files::write_new(path, text.as_bytes())
     }
 }
 

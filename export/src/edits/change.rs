@@ -108,7 +108,7 @@ impl Edit {
         }
         match &self.change {
             Change::Name { name, .. } => {
-                check_name(name).map_err(|problem| (Some("name"), problem))
+                check_stored_name(name).map_err(|problem| (Some("name"), problem))
             }
             Change::Merge { person, into } if person == into => {
                 let problem = format!("found {into}, expected another than `person`");
@@ -154,19 +154,29 @@ impl Edit {
     }
 }
 
-/// Why nobody can be called `name`, if nobody can.
+/// Why nobody can be called `name` from now on, if nobody can.
 ///
 /// # Errors
 /// What was found and what is expected.
 pub fn check_name(name: &str) -> Result<(), String> {
+    check_stored_name(name)?;
+    if name.chars().any(|c| TURNS_TEXT.contains(&c)) {
+        return Err(format!(
+            "found {name:?}, expected a name without characters that are not seen and turn the text around them"
+        ));
+    }
+    Ok(())
+}
+
+/// The same of a name in a file: older programs of ours wrote more.
+fn check_stored_name(name: &str) -> Result<(), String> {
     let n = name.chars().count();
     if n > MOST_NAME_CHARACTERS {
         return Err(format!(
             "found {n} characters, expected at most {MOST_NAME_CHARACTERS}"
         ));
     }
-    let is_unseen = |c: char| c.is_control() || TURNS_TEXT.contains(&c);
-    if name.chars().any(is_unseen) || name.trim() != name {
+    if name.chars().any(char::is_control) || name.trim() != name {
         return Err(format!(
             "found {name:?}, expected a name without control characters and blanks around it"
         ));

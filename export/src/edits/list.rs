@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use farfield_fusion::export::EDITS;
 use farfield_proto::toml_file::FileError;
 
-use super::change::{Change, Edit, RefusedEdit};
+use super::change::{Change, Edit, RefusedEdit, check_name};
 use super::identities::Identities;
 use super::roll::Roll;
 
@@ -143,6 +143,9 @@ impl EditList {
         let number = self.next_number();
         let refused = |problem| RefusedEdit { number, problem };
         edit.check().map_err(|(_, problem)| refused(problem))?;
+        if let Change::Name { name, .. } = &edit.change {
+            check_name(name).map_err(refused)?;
+        }
         if number > MOST_LINES {
             return Err(refused(format!(
                 "found {MOST_LINES} lines already, expected fewer"

@@ -237,6 +237,14 @@ fn a_line_that_is_none_is_named_with_its_field() {
 }
 
 #[test]
+fn a_name_that_turns_text_is_read_where_it_stands_and_given_to_nobody() {
+    let line = "{\"at\":\"now\",\"edit\":\"name\",\"person\":1,\"name\":\"\u{5d3}\u{5e0}\u{5d4}\u{200f}\"}\n";
+    assert!(EditList::parse(line, Path::new("edits.jsonl")).is_ok());
+    let given = check_name("\u{5d3}\u{5e0}\u{5d4}\u{200f}").unwrap_err();
+    assert!(given.contains("not seen"), "{given}");
+}
+
+#[test]
 fn as_many_undos_as_a_file_holds_are_read() {
     let half = 50_000;
     let named = (0..half).map(|n| Change::Name {
