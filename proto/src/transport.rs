@@ -137,7 +137,7 @@ pub struct FusionTransport<'a> {
 
 impl FusionTransport<'_> {
     /// The settings, in the order to apply them in. With an identity every node can publish only under
-    /// its own name, and read only what it needs.
+    /// its own name, and read only what it needs. Without one everybody can all, but get no pictures.
     pub fn settings(&self) -> Vec<ZenohSetting> {
         let mut settings = common("router", self.listen);
         settings.extend(pairs([
@@ -151,6 +151,8 @@ impl FusionTransport<'_> {
                 self.viewpoints,
                 &identity.generations,
             ));
+        } else {
+            settings.push(access::pictures_end_here(self.venue));
         }
         settings
     }
@@ -307,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn without_an_identity_there_is_neither_tls_nor_access_control() {
+    fn without_an_identity_there_is_no_tls_and_only_pictures_are_kept_from_others() {
         let listen = ["tcp/127.0.0.1:0".to_owned()];
         let mut transport = FusionTransport {
             venue: "hall",
@@ -316,7 +318,9 @@ mod tests {
             identity: None,
         };
         let settings = transport.settings();
-        assert_eq!(value(&settings, "access_control"), None);
+        let access = value(&settings, "access_control").unwrap();
+        assert!(access.contains("default_permission:\"allow\""), "{access}");
+        assert!(access.contains("hall/thumbnail/*"), "{access}");
         assert_eq!(value(&settings, "transport/link/tls"), None);
         let identity = Identity::in_folder(Path::new("certs"), FUSION);
         transport.identity = Some(&identity);

@@ -113,7 +113,10 @@ impl PageOfRun {
             actions: Some(actions),
             ..PageOptions::default()
         };
-        let state = PageState::live(run.venue.clone(), skeleton, options);
+        let mut venue = run.venue.clone();
+        // Edges send pictures in live runs alone.
+        venue.security.pictures &= run.is_live;
+        let state = PageState::live(venue, skeleton, options);
         let state = state
             .context("starting the page's thread")
             .map_err(NodeError::Failed)?;

@@ -123,9 +123,9 @@ impl RateController {
         match message {
             MessageKind::Patches(tick) => self.load.sent(Some(tick), payload, total, now_us),
             MessageKind::Sightings => self.load.sent(None, payload, total, now_us),
-            MessageKind::Status | MessageKind::Thumbnail => {
-                self.load.sent(None, 0, total, now_us);
-            }
+            MessageKind::Status => self.load.sent(None, 0, total, now_us),
+            // A full link drops them first: they tell nothing of what it carries.
+            MessageKind::Thumbnail => {}
         }
     }
 

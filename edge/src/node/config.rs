@@ -201,7 +201,14 @@ impl EdgeConfig {
                 self.name
             ));
         }
-        is_wanted && self.reach.is_private()
+        let is_so = is_wanted && self.reach.is_private();
+        if is_so {
+            say(format_args!(
+                "{}: a small picture of each live camera goes to fusion's page about once a second, while there is one ([security] pictures)",
+                self.name
+            ));
+        }
+        is_so
     }
 
     /// The clock that the edge goes by when it runs live.

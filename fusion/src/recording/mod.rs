@@ -2,7 +2,7 @@
 //!
 //! [`writer`] writes to whatever takes bytes, [`reader`] reads from whatever has them, [`replay`] solves a
 //! recording again, [`messages`] gives what passed, in time, [`published`] the poses. No file is opened here, and no clock read: times come with the messages. A recording
-//! holds no pictures: none ever reach fusion.
+//! holds no pictures.
 //!
 //! Channels are Zenoh keys with the bytes as they travelled (message encoding `farfield-wire`); log time
 //! is arrival, publish time sending. What an edge delivered after an outage stands in channels of its own,

@@ -262,6 +262,18 @@ pub(super) fn at_fusion(
     setting(venue, &subjects, &old)
 }
 
+/// The access control of a fusion without keys: everybody may do all, but pictures of cameras go no farther than fusion
+/// itself, whoever asks for them.
+pub(super) fn pictures_end_here(venue: &str) -> ZenohSetting {
+    let value = format!(
+        "{{enabled:true,default_permission:\"allow\",rules:[{{id:\"pictures\",permission:\"deny\",flows:[\"egress\"],\
+         messages:{},key_exprs:{}}}],subjects:[{{id:\"all\"}}],policies:[{{rules:[\"pictures\"],subjects:[\"all\"]}}]}}",
+        list(&PUBLISH),
+        list(&[Keys::new(venue).thumbnails()]),
+    );
+    ("access_control".to_owned(), value)
+}
+
 /// An edge's access control: everything under the venue's name for fusion, nothing for others.
 pub(super) fn at_edge(venue: &str, generations: &Generations) -> ZenohSetting {
     let all = vec![Keys::new(venue).all()];

@@ -48,7 +48,7 @@ impl EdgePublishers {
         self.thumbnails.is_some()
     }
 
-    /// Whether somebody looks at them.
+    /// Whether somebody subscribes to them.
     pub(super) fn somebody_looks(&self) -> bool {
         self.thumbnails.as_ref().is_some_and(has_listener)
     }

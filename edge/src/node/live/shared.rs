@@ -104,7 +104,7 @@ impl Shared {
         self.publishers.has_pictures()
     }
 
-    /// Whether somebody looks at them.
+    /// Whether somebody subscribes to them.
     pub(super) fn somebody_looks(&self) -> bool {
         self.publishers.somebody_looks()
     }

@@ -1,7 +1,7 @@
 //! The thread that makes thumbnails: of one camera after the other, each once a second at most.
 //!
 //! It asks the pipeline's thread for a picture. That hands over one with which it is done, which takes it no longer than
-//! a lock; making it small is nobody's business but this thread's. While nobody looks, or the link has no room, nothing
+//! a lock; making it small is nobody's business but this thread's. While nobody subscribes to them, or the link has no room, nothing
 //! is made.
 
 use std::sync::Arc;

@@ -109,7 +109,9 @@ export class CamerasPanel {
   ) {
     const pictures = state.venue.pictures
       ? "Lines are of now, the small picture below them is a second old or more, and is not there where the link is full."
-      : "Lines, not pictures: this venue lets no picture leave an edge.";
+      : state.venue.mode === "recording"
+        ? "Lines, not pictures: a recording holds none."
+        : "Lines, not pictures: no picture leaves an edge.";
     this.legend.textContent =
       `${pictures} In colour: who is served by the camera. Open a camera (click) for the ` +
       "boxes that fusion predicts (solid: chosen; dashed: another camera was), keypoints (dots) and sightings (squares).";
