@@ -144,10 +144,7 @@ async fn run(
     if timeout(DRAIN, ends.close(&tasks, &leave)).await.is_err() {
         warn!("tasks still running, leaving anyway");
     }
-    let closed = close(recording, summary).await;
-    if let Some(on_demand) = on_demand {
-        end_on_demand(on_demand).await;
-    }
+    let closed = close(recording, summary, on_demand).await;
     closed.map_err(NodeError::Failed)?;
     outcome
 }
@@ -257,12 +254,20 @@ async fn end_on_demand(on_demand: Arc<RecordingsOnDemand>) {
 }
 
 /// Finishes the recording, and then the summary, which says what it has come to.
-async fn close(recording: Option<RecordingThread>, summary: SummaryFile) -> anyhow::Result<()> {
+async fn close(
+    recording: Option<RecordingThread>,
+    summary: SummaryFile,
+    on_demand: Option<Arc<RecordingsOnDemand>>,
+) -> anyhow::Result<()> {
     let recorded = match recording {
         Some(recording) => Some(recording.finish().await?),
         None => None,
     };
-    summary.finish(recorded.as_ref())
+    let finished = summary.finish(recorded.as_ref());
+    if let Some(on_demand) = on_demand {
+        end_on_demand(on_demand).await;
+    }
+    finished
 }
 
 /// Looks whether the venue has another fusion; not under a parent, which has told its edges where this one is.

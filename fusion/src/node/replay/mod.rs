@@ -116,18 +116,7 @@ fn replay(
     check_names(&venue).map_err(refused)?;
     let as_it_was = changes.none() && !args.late && !part.decisions.is_empty();
     let joined = joined(&mut recording, &part, venue.rate_hz).map_err(refused)?;
-    if let Some(tick) = joined {
-        say(format_args!(
-            "{}: it begins in the middle of a run, at tick {tick}: people are found anew, and keep their ids where they are \
-             recognised",
-            args.file.display()
-        ));
-    }
-    let names = if as_it_was && joined.is_none() {
-        PatchOwners::AsRecorded
-    } else {
-        PatchOwners::ByPlace
-    };
+    let names = owners(&args.file, as_it_was, joined);
     let choice = choice(args, &part);
     let file = FileFacts::of(&recording);
     let recorded = part.ticks;
@@ -225,6 +214,22 @@ fn choice(args: &ReplayArgs, part: &SessionPart) -> Choice {
         ));
     }
     Choice::Decided
+}
+
+/// How a replay tells whose patches are; says so where the recording has `joined` a run at a tick.
+fn owners(file: &Path, as_it_was: bool, joined: Option<Tick>) -> PatchOwners {
+    if let Some(tick) = joined {
+        say(format_args!(
+            "{}: it begins in the middle of a run, at tick {tick}: people are found anew, and keep their ids where they are \
+             recognised",
+            file.display()
+        ));
+    }
+    if as_it_was && joined.is_none() {
+        PatchOwners::AsRecorded
+    } else {
+        PatchOwners::ByPlace
+    }
 }
 
 /// The first tick of `part`, where people may have been known before it, whom nobody can name then.
