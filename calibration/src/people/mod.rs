@@ -23,7 +23,7 @@ pub use error::PeopleError;
 pub use file::{FrameLines, KeypointFileError, parse};
 pub use outcome::{PeopleStage, calibrate};
 pub use request::{DetectedFrame, Detection, Keypoint, PeopleCamera, PeopleRequest};
-pub use thinning::{MOST_BODIES, Thinning};
+pub use thinning::{MOST_KEYPOINTS, Thinning};
 
 #[cfg(test)]
 mod tests;

@@ -39,6 +39,13 @@ impl std::str::FromStr for LensFile {
     }
 }
 
+impl LensFile {
+    /// The camera that it is of, where that is said.
+    pub(super) fn camera(&self) -> Option<&str> {
+        self.camera.as_deref()
+    }
+}
+
 /// A camera's lens.
 #[derive(Debug, Clone)]
 pub(super) struct Lens {

@@ -11,7 +11,7 @@ use farfield_node::process::{NodeError, say};
 use super::Judged;
 use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
-use super::recorded_people::{self, is_recording};
+use super::recorded_people::{Part, PeopleRecording, is_recording};
 use super::seen::SeenArgs;
 use super::thin_files::ThinFiles;
 
@@ -31,6 +31,12 @@ pub(super) struct PeopleArgs {
     stature_m: Option<f64>,
     #[command(flatten)]
     known: KnownArgs,
+    /// Of a recording only what is from here on, seconds from its beginning: after a camera was knocked.
+    #[arg(long, value_name = "S", hide_short_help = true)]
+    from_s: Option<f64>,
+    /// Of a recording only what is before this, seconds from its beginning.
+    #[arg(long, value_name = "S", hide_short_help = true)]
+    until_s: Option<f64>,
     /// Seed of the random samples.
     #[arg(long, value_name = "N", default_value_t = 1, hide_short_help = true)]
     seed: u64,
@@ -89,14 +95,35 @@ fn of_recording(args: &PeopleArgs, path: &Path) -> anyhow::Result<PeopleRequest>
         !args.cameras.has_rates() && !args.cameras.has_offsets(),
         "{shown} is a recording, which knows its rate: leave out --rate-hz and --offset-s"
     );
+    let part = Part {
+        from_s: args.from_s.unwrap_or(0.0),
+        until_s: args.until_s.unwrap_or(f64::INFINITY),
+    };
+    ensure!(
+        part.from_s < part.until_s,
+        "--until-s: found {} s, expected more than {} s, where the part begins",
+        part.until_s,
+        part.from_s
+    );
     let lenses = args.cameras.lenses()?;
-    let request = recorded_people::request(path, &lenses, args.cameras.timing())?;
-    let names = request.cameras.iter().map(|it| it.name.as_str());
-    args.cameras.check_names(&args.known, names)?;
-    Ok(request)
+    let recording = PeopleRecording::open(path)?;
+    let names = recording.names();
+    for name in args.cameras.lens_names() {
+        ensure!(
+            names.contains(&name),
+            "--lens: unknown camera `{name}`, expected one of {}",
+            names.join(", ")
+        );
+    }
+    args.cameras.check_names(&args.known, names.into_iter())?;
+    recording.request(&lenses, args.cameras.timing(), part)
 }
 
 fn of_files(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
+    ensure!(
+        args.from_s.is_none() && args.until_s.is_none(),
+        "--from-s and --until-s are for a recording: of files of keypoints leave out lines"
+    );
     let mut thinned = ThinFiles::new(&args.cameras, args.seen.len());
     let read = |name: &str, path: &Path| thinned.read(name, path);
     let mut seen = args.cameras.cameras(&args.seen, &args.known, read)?;

@@ -119,6 +119,11 @@ impl SeenArgs {
         each.collect()
     }
 
+    /// The names that lenses are given for.
+    pub(super) fn lens_names(&self) -> impl Iterator<Item = &str> {
+        self.lens.iter().filter_map(LensFile::camera)
+    }
+
     /// Refuses what is said of cameras that are not among `has`.
     ///
     /// # Errors
