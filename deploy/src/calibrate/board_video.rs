@@ -15,6 +15,8 @@ const LOOKS_HZ: f64 = 3.0;
 const USUAL_HZ: f64 = 30.0;
 /// Pictures of the board that are used: more cost time and tell nothing new.
 const MOST_USED: usize = 40;
+/// Rates that videos have; what says another says none.
+const RATES_HZ: [f64; 2] = [1.0, 240.0];
 /// Pictures that are looked at together.
 const TOGETHER: usize = 8;
 /// Corners that are nearer to those of another picture, in pixels, are the same view: a board that was held still.
@@ -45,8 +47,7 @@ pub(super) fn look(
     detect: impl Fn(&str, &GrayImage) -> Result<BoardView, DetectError> + Sync,
 ) -> anyhow::Result<Filmed> {
     let (info, mut source) = open_video_alone(path)?;
-    let rate_hz = info.rate_hz.unwrap_or(USUAL_HZ);
-    let window = (rate_hz / LOOKS_HZ).round().max(1.0) as usize;
+    let window = window(info.rate_hz);
     let mut looked = Looked::default();
     let mut sharpest: Option<(f64, usize, GrayImage)> = None;
     let mut waiting: Vec<(String, GrayImage)> = Vec::new();
@@ -82,6 +83,13 @@ pub(super) fn look(
         shown: looked.views.len(),
         views: different(looked.views, MOST_USED),
     })
+}
+
+/// Pictures of a video of `rate_hz` of which one is looked at.
+fn window(rate_hz: Option<f64>) -> usize {
+    let [least, most] = RATES_HZ;
+    let rate_hz = rate_hz.unwrap_or(USUAL_HZ).clamp(least, most);
+    (rate_hz / LOOKS_HZ).round().max(1.0) as usize
 }
 
 /// What was looked at so far.
@@ -205,6 +213,14 @@ mod tests {
         assert!(used.len() == 4 && has(500.0, 100.0) && has(0.0, 400.0) && has(900.0, 200.0));
         assert_eq!(different(views, 60).len(), 4);
         assert!(different(Vec::new(), 60).is_empty());
+    }
+
+    #[test]
+    fn a_third_of_a_second_is_so_many_pictures() {
+        let of = |rate_hz: f64| window(Some(rate_hz));
+        assert_eq!([of(30.0), of(59.94), of(2.0), of(0.0)], [10, 20, 1, 1]);
+        // A rate that is none.
+        assert_eq!((of(90_000.0), window(None)), (80, 10));
     }
 
     #[test]

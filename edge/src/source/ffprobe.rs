@@ -26,8 +26,10 @@ pub(super) struct VideoStream {
     pub(super) packets: u64,
     /// Frames that come out of the decoder: packets that an edit list does not discard.
     pub(super) frames: u64,
-    /// Frames that the container announces, where it does.
+    /// Frames that the container announces, by number or else by its duration, where it does.
     pub(super) announced: Option<u64>,
+    /// Whether it announces them by number: those of a duration are right at a constant rate only.
+    pub(super) is_counted: bool,
     /// Width and height after rotation.
     pub(super) size_px: [u32; 2],
     /// Mean frames per second.
@@ -35,6 +37,8 @@ pub(super) struct VideoStream {
     /// Presentation times of the frames in order, seconds; empty where the container has none or they
     /// are too coarse for the rate.
     pub(super) times_s: Vec<f64>,
+    /// Frames per second from the first presentation time to the last, however coarse these are.
+    pub(super) shown_hz: Option<f64>,
     /// What its container says of its making.
     pub(super) labels: RecordingLabels,
     /// What `ffprobe` had to say, as the end of a sentence.
@@ -185,6 +189,8 @@ impl Listing {
             packets: self.packets.len() as u64,
             frames: frames.clone().count() as u64,
             announced,
+            is_counted: counted.is_some(),
+            shown_hz: shown_hz(frames.clone(), unit_s),
             size_px: if sideways {
                 [size_px[1], size_px[0]]
             } else {
@@ -210,6 +216,15 @@ fn times_s<'a>(
         .collect::<Option<Vec<i64>>>()?;
     pts.sort_unstable();
     Some(pts.iter().map(|&pts| pts as f64 * unit_s).collect())
+}
+
+/// Frames per second from the first of them to the last; `None` where times say nothing.
+fn shown_hz<'a>(frames: impl Iterator<Item = &'a Packet>, unit_s: Option<f64>) -> Option<f64> {
+    let mut pts: Vec<i64> = frames.filter_map(|packet| packet.pts).collect();
+    pts.sort_unstable();
+    let (first, last) = (pts.first()?, pts.last()?);
+    let span_s = (*last as f64 - *first as f64) * unit_s?;
+    (span_s > 0.0).then(|| (pts.len() - 1) as f64 / span_s)
 }
 
 /// Frames that a container which states only its duration must hold at least: one less than the
@@ -294,9 +309,31 @@ mod tests {
     }
 
     #[test]
+    fn a_rate_that_is_none_is_told_from_the_times() {
+        // As Matroska has it of a variable rate: milliseconds, and no mean rate.
+        let got = read(
+            r#"{
+                "packets": [
+                    {"pts": 0, "flags": "K_"}, {"pts": 66, "flags": "__"}, {"pts": 33, "flags": "__"}, {"pts": 100}
+                ],
+                "streams": [{
+                    "width": 96, "height": 64, "time_base": "1/1000", "avg_frame_rate": "0/0", "r_frame_rate": "1000/1"
+                }]
+            }"#,
+        )
+        .unwrap();
+        assert!((got.shown_hz.unwrap() - 30.0).abs() < 1e-9, "{got:?}");
+        assert!(got.times_s.is_empty());
+        assert_eq!(stream("").unwrap().shown_hz, None);
+    }
+
+    #[test]
     fn a_container_without_a_count_announces_its_duration() {
         let matroska = r#", "tags": {"DURATION": "00:01:00.000000000"}"#;
-        assert_eq!(stream(matroska).unwrap().announced, Some(1799));
+        let got = stream(matroska).unwrap();
+        assert_eq!((got.announced, got.is_counted), (Some(1799), false));
+        let counted = stream(r#", "nb_frames": "1750""#).unwrap();
+        assert_eq!((counted.announced, counted.is_counted), (Some(1750), true));
     }
 
     #[test]

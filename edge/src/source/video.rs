@@ -145,7 +145,7 @@ pub(super) fn open(
     open_ticks(path, expected, from, &ticks)
 }
 
-/// A video by itself, of whatever size, rate and timecode: its first frame is tick 0.
+/// A video by itself, of whatever size, rate and timecode: its first frame is tick 0. Its rate is the mean of its frames' times.
 pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), SourceError> {
     let name = path.file_stem().unwrap_or_default();
     let at = SourceOrigin {
@@ -156,7 +156,9 @@ pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), Sourc
         let problem = problem.to_string();
         return Err(SourceError::NotThere { at, problem });
     }
-    let stream = ffprobe::read_stream(path, &at)?;
+    let mut stream = ffprobe::read_stream(path, &at)?;
+    // At a variable rate a duration does not say how many frames there are.
+    stream.announced = stream.announced.filter(|_| stream.is_counted);
     check_whole(&stream, &at)?;
     let expected = ExpectedSource {
         at,
@@ -170,7 +172,7 @@ pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), Sourc
     let info = SourceInfo {
         ticks: Some(ticks.clone()),
         size_px: Some(stream.size_px),
-        rate_hz: stream.rate_hz,
+        rate_hz: stream.shown_hz.or(stream.rate_hz),
         labels: stream.labels,
     };
     Ok((info, open_ticks(path, expected, ticks.start, &ticks)?))

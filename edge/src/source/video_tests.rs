@@ -284,6 +284,21 @@ fn a_variable_rate_is_refused_with_the_frame() {
 }
 
 #[test]
+fn a_rate_that_falls_does_not_make_a_recording_look_cut() {
+    let Some(studio) = studio() else { return };
+    // Twenty frames at 30 Hz and four of half a second each, as of a phone in the dark.
+    let clip = studio.record(
+        "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 24 -vf setpts=(N+14*max(0\\,N-19))/30/TB -fps_mode passthrough",
+        "falling.mkv",
+    );
+    let (info, source) = open_alone(&clip).unwrap();
+    assert_eq!(images(source).len(), 24);
+    // 23 times between frames in 2.63 s.
+    let rate_hz = info.rate_hz.unwrap();
+    assert!((8.0..10.0).contains(&rate_hz), "{rate_hz}");
+}
+
+#[test]
 fn edit_lists_shorten_a_recording_and_are_counted() {
     let Some(studio) = studio() else { return };
     studio.record(
