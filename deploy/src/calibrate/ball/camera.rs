@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, ensure};
+use anyhow::{Context as _, bail, ensure};
 use farfield_calibration::ball::{
     Appearance, BallFinder, BallLens, BallRequest, BallSighting, ColourRange, Picture,
 };
@@ -30,7 +30,7 @@ pub(super) struct LookingCamera {
 /// The recordings of the folder, each with its lens.
 ///
 /// # Errors
-/// What cannot be read, and recordings without a lens.
+/// What cannot be read, two recordings of one camera, and recordings without a lens.
 pub(super) fn all(
     folder: &Path,
     lenses: &BTreeMap<String, Lens>,
@@ -39,7 +39,9 @@ pub(super) fn all(
     let pictures = found
         .into_iter()
         .filter(|it| it.kind != RecordingKind::Keypoints);
-    let each = pictures.map(|recording| {
+    let pictures: Vec<Recording> = pictures.collect();
+    refuse_same_names(&pictures)?;
+    let each = pictures.into_iter().map(|recording| {
         let lens = lens_of(lenses, &recording.name)
             .with_context(|| recording.path.display().to_string())?;
         LookingCamera::new(recording, lens)
@@ -51,6 +53,22 @@ pub(super) fn all(
         folder.display()
     );
     Ok(cameras)
+}
+
+/// Refuses two recordings of one name: each would write the file of the other.
+fn refuse_same_names(recordings: &[Recording]) -> anyhow::Result<()> {
+    let mut named: BTreeMap<&str, &Recording> = BTreeMap::new();
+    for recording in recordings {
+        if let Some(first) = named.insert(&recording.name, recording) {
+            bail!(
+                "{} and {}: both are of camera `{}`: leave one in the folder, or give it another name",
+                first.path.display(),
+                recording.path.display(),
+                recording.name
+            );
+        }
+    }
+    Ok(())
 }
 
 impl LookingCamera {
@@ -171,5 +189,30 @@ impl LookingCamera {
             progress.one();
             looked.with_context(named).map(|_| ())
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_recordings_of_one_camera_are_refused() {
+        let recording = |path: &str, name: &str| Recording {
+            kind: RecordingKind::Video,
+            path: path.into(),
+            name: name.to_owned(),
+        };
+        let [mp4, mov] = [
+            recording("a/north.mp4", "north"),
+            recording("a/north.mov", "north"),
+        ];
+        let south = recording("a/south.mp4", "south");
+        assert!(refuse_same_names(&[mp4.clone(), south]).is_ok());
+        let said = refuse_same_names(&[mp4, mov]).unwrap_err().to_string();
+        assert!(
+            said.contains("north.mp4 and a/north.mov") && said.contains("`north`"),
+            "{said}"
+        );
     }
 }
