@@ -24,9 +24,10 @@ const CLASSES_MM: [f64; 25] = [
 ];
 
 /// What the maps mean, and what to do about them.
-const MEANING: &str = "A joint is off by about as much as the map says where the network is right to a pixel, by three times as much where it \
-    is right to three. Where that is too much, bring a camera nearer or give it a longer lens, or set one up that looks across what the \
-    others look along. In stripes nobody can be measured: turn a camera there, or leave that part out.";
+const MEANING: &str = "A joint is off by about as much as the map says where the network is right to a pixel, by up to three times as much \
+    where it is right to three. Where that is too much, bring a camera nearer or give it a longer lens, or set one up that looks across \
+    what the others look along; or calibrate better, where the cameras' own uncertainty is the larger part. In stripes nobody can be \
+    measured: turn a camera there, or leave that part out.";
 
 /// The classes that a field needs: their upper ends, the last without one.
 struct Classes(Vec<f64>);
