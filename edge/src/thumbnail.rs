@@ -164,17 +164,19 @@ mod tests {
         let size = [1920, 1080];
         let (camera, image) = (pinhole("a", size), picture(size, [900, 500]));
         let mut maker = ThumbnailMaker::default();
-        let mut last = usize::MAX;
+        let mut last = MAX_THUMBNAIL_BYTES;
         for most in [20_000, 5_000, 2_000, 1_300] {
             let file = maker.make(&image, &camera, most).unwrap();
             assert!(
-                file.len() <= most && file.len() < last,
+                file.len() <= most && file.len() <= last,
                 "{most}: {}",
                 file.len()
             );
             last = file.len();
             thumbnail(file).check().unwrap();
         }
+        let whole = maker.make(&image, &camera, MAX_THUMBNAIL_BYTES).unwrap();
+        assert!(last < whole.len(), "{last}");
         assert_eq!(maker.make(&image, &camera, LEAST_THUMBNAIL_BYTES - 1), None);
         assert_eq!(maker.make(&image, &camera, 0), None);
     }

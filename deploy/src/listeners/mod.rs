@@ -46,7 +46,7 @@ pub(crate) struct ListenerArgs {
     /// A name by which browsers call this machine, for the live page.
     #[arg(long, value_name = "NAME", requires = "page", hide_short_help = true)]
     pub(crate) page_name: Vec<String>,
-    /// Stream poses: qtm, vmc, websocket, foxglove, ...
+    /// Stream poses: qtm, vmc, websocket, lsl, ...
     ///
     /// qtm, vmc, websocket, foxglove, zenoh, ros2, psn or lsl: by the protocol of that name, to this machine or to ADDRESS: an IP
     /// address, with or without a port. Beyond this machine everybody who can reach it sees where people are: none of these

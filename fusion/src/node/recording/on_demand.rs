@@ -426,10 +426,12 @@ mod tests {
     fn one_that_cannot_be_begun_leaves_nothing_and_can_be_tried_again() {
         let folder = tempfile::tempdir().unwrap();
         let missing = folder.path().join("gone");
+        std::fs::write(&missing, "no folder").unwrap();
         let recordings = recordings(&missing);
         recordings.tell(&[]);
         assert!(recordings.start().is_err());
         assert!(recordings.now().is_none());
+        std::fs::remove_file(&missing).unwrap();
         std::fs::create_dir(&missing).unwrap();
         let file = recordings.start().unwrap();
         assert!(file.starts_with(&missing), "{}", file.display());

@@ -231,6 +231,17 @@ fn thumbnail(viewpoint: u16, camera: u16, jpeg: &[u8]) -> Vec<u8> {
     })
 }
 
+/// The key of the next message that cannot be read.
+async fn next_unreadable(ends: &mut FusionEnds) -> String {
+    loop {
+        match next(ends).await {
+            FusionIncoming::Unreadable(key, _) => return key,
+            FusionIncoming::Alive(..) => {}
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn thumbnails_go_to_who_looks_as_they_came_and_to_no_recorder() {
     const JPEG: [u8; 15] = [
@@ -259,10 +270,7 @@ async fn thumbnails_go_to_who_looks_as_they_came_and_to_no_recorder() {
         ("link-test/thumbnail/a", vec![0xff; 40]),
     ] {
         edge.put(key, bytes).await.unwrap();
-        match next(&mut link.ends).await {
-            FusionIncoming::Unreadable(of, _) => assert_eq!(of, key),
-            other => panic!("{other:?}"),
-        }
+        assert_eq!(next_unreadable(&mut link.ends).await, key);
     }
     assert_eq!(*page.shown.lock().unwrap(), [whole]);
     assert!(page.received.lock().unwrap().is_empty());
@@ -291,10 +299,7 @@ async fn while_nobody_looks_edges_have_nobody_to_send_pictures_to() {
     assert!(!farfield_node::session::has_listener(&pictures));
     pictures.put(thumbnail(0, 0, b"x")).await.unwrap();
     patches.put(vec![0xff; 40]).await.unwrap();
-    match next(&mut link.ends).await {
-        FusionIncoming::Unreadable(key, _) => assert_eq!(key, "link-test/patch/a"),
-        other => panic!("{other:?}"),
-    }
+    assert_eq!(next_unreadable(&mut link.ends).await, "link-test/patch/a");
     assert!(kept.shown.lock().unwrap().is_empty());
     edge.close().await.unwrap();
     link.close().await;

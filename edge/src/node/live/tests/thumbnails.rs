@@ -113,7 +113,8 @@ async fn where_the_venue_allows_it_thumbnails_come_while_somebody_looks() {
         let apart = thumbnails[1].tick - first.tick;
         assert!(apart >= RATE_HZ / 2, "one a second: {apart} ticks");
         let shown = image::load_from_memory(&first.jpeg).unwrap();
-        assert_eq!((shown.width(), shown.height()), (320, 240));
+        // Noise, and as few bytes as a link may have of which nothing is known.
+        assert_eq!((shown.width(), shown.height()), (160, 120));
     })
     .await;
 }
@@ -126,8 +127,8 @@ async fn where_the_venue_says_nothing_no_picture_leaves_the_edge_whoever_listens
             .declare_subscriber("live-test/thumbnail/**")
             .await
             .unwrap();
-        // Three seconds, in which three would have come.
-        let patches = 3 * usize::try_from(RATE_HZ).unwrap();
+        // One and a half seconds, in which one would have come.
+        let patches = usize::try_from(RATE_HZ * 3 / 2).unwrap();
         let thumbnails = hear(fusion, &heard, 0, patches).await;
         assert!(thumbnails.is_empty());
     })
