@@ -211,10 +211,11 @@ fn wiretaps(
     listeners: Vec<Arc<dyn Wiretap>>,
 ) -> WiretapHandle {
     if let Some(on_demand) = on_demand {
-        on_demand.tell(&listeners);
         if let Some(recording) = recording {
             on_demand.leave_it_to(recording);
         }
+        // From now on somebody may begin one.
+        on_demand.tell(&listeners);
     }
     let recorder = recording.map(RecordingThread::wiretap);
     let asked_for = on_demand.map(|it| Arc::clone(it) as Arc<dyn Wiretap>);

@@ -122,7 +122,7 @@ impl RecordingsOnDemand {
     /// Says that `recording` goes on for as long as the run does.
     pub(in crate::node) fn leave_it_to(&self, recording: &RecordingThread) {
         self.known().of_run = Some(OfRun {
-            file: recording.so_far().file,
+            file: recording.file().to_owned(),
             queue: recording.queue(),
             since_us: now_us(),
         });
@@ -188,7 +188,7 @@ impl RecordingsOnDemand {
         if let Some(people) = people {
             queue.note(&channels::expected(&self.venue), &people, now_us());
         }
-        let file = thread.so_far().file;
+        let file = thread.file().to_owned();
         *whole(self.current.write()) = Some(Current {
             file: file.clone(),
             queue,
@@ -370,8 +370,7 @@ fn now_us() -> Micros {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
+    use super::super::thread::tests as thread_tests;
     use super::*;
 
     fn recordings(folder: &Path) -> Arc<RecordingsOnDemand> {
@@ -380,15 +379,7 @@ mod tests {
             folder: folder.to_owned(),
             session: SessionId(7),
             parameters: RecordingParameters::default(),
-            head: Ok(Head {
-                venue: "hall".to_owned(),
-                viewpoints: vec!["ne".to_owned()],
-                rate_hz: 60.0,
-                started_ns: 1,
-                files: Vec::new(),
-                facts: BTreeMap::new(),
-                json_poses: None,
-            }),
+            head: Ok(thread_tests::head()),
             first: OnceLock::new(),
             people: Mutex::default(),
             listeners: OnceLock::new(),

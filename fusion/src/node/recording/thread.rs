@@ -323,7 +323,7 @@ fn until(then: Instant, now: Instant) -> Duration {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::collections::BTreeMap;
     use std::fs::File;
     use std::os::fd::OwnedFd;
@@ -331,7 +331,7 @@ mod tests {
     use super::*;
 
     /// The head that every recording has.
-    fn head() -> Head {
+    pub(in crate::node::recording) fn head() -> Head {
         Head {
             venue: "hall".to_owned(),
             viewpoints: vec!["ne".to_owned()],
