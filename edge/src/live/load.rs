@@ -3,8 +3,10 @@
 //! Fusion reports the one-way delay of the newest patches that arrived. The least of the last seconds is the base delay;
 //! what exceeds it is a queue that the edge itself has filled (LEDBAT, RFC 6817, section 2.4.2). A standing queue, or a
 //! loss above that of radio links, lowers the rate to a little less than what arrives, so that the queue empties.
-//! Without either, the rate grows: fast up to where the link was full the last time, slowly beyond. Loss that stays
-//! however little is sent is the link's own, and no reason to send still less.
+//! Without either, the rate grows, slowly first, then faster, and for every edge by as much. Less by a share and more by an
+//! amount brings edges that share a bottleneck to the same rate, whoever came first (Chiu 1989); with growth by
+//! a share they keep what they once had. Loss that stays however little is sent is the link's own, and no reason to send
+//! still less.
 
 use farfield_proto::message::live::HeardPatches;
 use farfield_proto::tick::Tick;
@@ -34,10 +36,13 @@ const SILENCE_US: Micros = 700_000;
 const WHOLE_US: Micros = 3 * SECOND_US / 2;
 /// The rate never falls below, bytes per second: one person every few ticks.
 const LEAST_RATE: f64 = 1_000.0;
-/// Growth per second far below where the link was full, at first when near that, and at most.
-const GROWTH_PER_S: [f64; 3] = [2.0, 1.02, 1.5];
-/// Near where the link was full, growth doubles in so long without a queue, microseconds.
-const BOLDER_US: Micros = 2 * SECOND_US;
+/// Growth after a step down, bytes per second in each second: four edges on a link of 1 Mbit/s take two seconds for what
+/// a step leaves free. The same for every edge, whatever its rate is.
+const GROWTH_PER_S: f64 = 1_500.0;
+/// Growth doubles in so long without a queue, microseconds.
+const BOLDER_US: Micros = 6 * SECOND_US;
+/// The rate grows by no larger share of itself in a second.
+const MOST_GROWTH_SHARE_PER_S: f64 = 0.5;
 /// Steps down in a row that do not halve a queue, after which it is taken for other traffic or for a longer base delay.
 const FUTILE_STEPS: u32 = 6;
 /// Ticks of which it is remembered when they were sent.
@@ -51,8 +56,6 @@ const SLOTS: i64 = 250;
 pub struct LinkLoad {
     /// Bytes per second with overhead; infinite until the link was full for the first time.
     rate: f64,
-    /// What arrived when it was full, bytes per second.
-    full_at: Option<f64>,
     base_delay: WindowMin,
     recent: [(Micros, Micros); 16],
     n_recent: usize,
@@ -80,7 +83,6 @@ impl Default for LinkLoad {
     fn default() -> Self {
         Self {
             rate: f64::INFINITY,
-            full_at: None,
             base_delay: WindowMin::default(),
             recent: [(Micros::MIN, 0); 16],
             n_recent: 0,
@@ -219,7 +221,7 @@ impl LinkLoad {
             return false;
         };
         self.own_loss = self.loss.max(self.usual_loss);
-        (self.rate, self.full_at, self.grown_at_us) = (rate, None, now_us);
+        (self.rate, self.grown_at_us) = (rate, now_us);
         true
     }
 
@@ -263,7 +265,6 @@ impl LinkLoad {
         // The longer the queue, the faster it has to go.
         let share = (0.92 - queue_us as f64 / SECOND_US as f64).clamp(0.5, 0.92);
         self.rate = self.rate.min(arrived * share).max(LEAST_RATE);
-        self.full_at = Some(arrived.max(LEAST_RATE));
         self.loss = 0.0;
         self.next_step_at_us = now_us + loop_us.max(0) + STEP_PAUSE_US;
     }
@@ -273,7 +274,6 @@ impl LinkLoad {
         self.base_delay = WindowMin::default();
         self.n_recent = 0;
         self.rate = self.before.1;
-        self.full_at = None;
         self.steps = 0;
     }
 
@@ -283,15 +283,9 @@ impl LinkLoad {
         if now_us < self.next_step_at_us || !self.rate.is_finite() {
             return;
         }
-        let [fast, near, most] = GROWTH_PER_S;
-        let growth = match self.full_at {
-            Some(full) if self.rate < 0.85 * full => fast,
-            _ => {
-                let calm = (now_us - self.next_step_at_us) as f64 / BOLDER_US as f64;
-                (1.0 + (near - 1.0) * calm.exp2()).min(most)
-            }
-        };
-        self.rate *= growth.powf(dt_s);
+        let calm = (now_us - self.next_step_at_us) as f64 / BOLDER_US as f64;
+        let most = self.rate * MOST_GROWTH_SHARE_PER_S;
+        self.rate += (GROWTH_PER_S * calm.exp2()).min(most) * dt_s;
     }
 }
 

@@ -28,12 +28,12 @@ const LEVELS: usize = CompressionLevel::SMALLEST.number() as usize + 1;
 const USUAL_BYTES: [f64; LEVELS] = [450.0, 300.0, 240.0, 190.0, 150.0, 125.0, 100.0];
 
 /// What to send of a tick.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SendPlan {
     /// Compression level of the patches.
     pub level: CompressionLevel,
-    /// Most persons; `None`: all.
-    pub persons: Option<usize>,
+    /// Most persons on average over the ticks that are processed, at least 1; `None`: all.
+    pub persons: Option<f64>,
     /// Only ticks that this divides are processed: 1, 2, 4, 8, ..., so that edges with different links share ticks.
     pub every_nth: u16,
 }
@@ -191,13 +191,12 @@ impl RateController {
             level = finer.unwrap_or(level);
             self.room_since_us = None;
         }
-        let fits = (0..=persons)
-            .rev()
-            .find(|&n| self.cost(level, n) <= per_tick);
-        let (most, every_nth) = match fits {
-            Some(n) if n == persons => (None, 1),
-            Some(n) if n > 0 => (Some(n), 1),
-            _ => (Some(1), self.nth(level, per_tick)),
+        let (most, every_nth) = if self.cost(level, persons) <= per_tick {
+            (None, 1)
+        } else {
+            let nth = self.nth(level, per_tick);
+            let most = self.persons_within(level, per_tick * f64::from(nth), persons);
+            (Some(most), nth)
         };
         self.limited = level > self.best || most.is_some();
         self.plan = SendPlan {
@@ -211,6 +210,15 @@ impl RateController {
     fn nth(&self, level: CompressionLevel, per_tick: f64) -> u16 {
         let nth = (self.cost(level, 1) / per_tick).ceil();
         (nth.clamp(1.0, f64::from(MAX_NTH)) as u16).next_power_of_two()
+    }
+
+    /// How many of `persons` fit into `bytes` on average, at least 1.
+    fn persons_within(&self, level: CompressionLevel, bytes: f64, persons: usize) -> f64 {
+        let whole = (1..persons).rev().find(|&n| self.cost(level, n) <= bytes);
+        whole.map_or(1.0, |n| {
+            let [less, more] = [n, n + 1].map(|n| self.cost(level, n));
+            n as f64 + ((bytes - less) / (more - less)).clamp(0.0, 1.0)
+        })
     }
 
     /// Bytes of a tick with overhead.

@@ -109,7 +109,7 @@ mod tests {
         fn tick(&mut self, tick: i64, persons: usize) {
             let now_us = tick * SECOND_US / 60;
             let plan = self.rate.plan(persons, now_us);
-            let n = plan.persons.unwrap_or(persons);
+            let n = plan.persons.map_or(persons, |most| most as usize);
             let payload = 300 * n + 40;
             let total = MessageKind::Patches(Tick(tick)).total_bytes(payload);
             if self.budget.take(total, now_us) {

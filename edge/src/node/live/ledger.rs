@@ -105,12 +105,12 @@ impl Ledger {
     /// What the status says, without the cameras.
     pub(super) fn describe(&self, now_us: Micros) -> LiveStatus {
         let plan = self.rate.last_plan();
-        let most = u16::MAX.into();
+        let most = f64::from(u16::MAX);
         LiveStatus {
             epoch_us: self.ticks.epoch_us(),
             clock_correction_us: self.ticks.correction_us(),
             quality: plan.level.number(),
-            persons_per_tick: plan.persons.map(|n| n.min(most) as u16),
+            persons_per_tick: plan.persons.map(|n| n.round().min(most) as u16),
             every_nth_tick: plan.every_nth,
             bytes_per_s: u32::try_from(self.rate.payload_per_s(now_us)).unwrap_or(u32::MAX),
             held_back: self.held_back,

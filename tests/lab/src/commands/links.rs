@@ -12,9 +12,9 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
-use crate::live_venue::{LiveVenue, NodeProcess};
+use crate::live_venue::{LiveVenue, NodeProcess, VenueWatch};
 use crate::namespaces::Namespaces;
-use crate::relay::{Direction, Impairment};
+use crate::relay::{Direction, Impairment, UdpRelay};
 use anyhow::{Context as _, bail, ensure};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::order_statistics::percentile;
@@ -64,6 +64,9 @@ pub(crate) struct LinksArgs {
     /// Byte budget in the venue file, bytes per second; 0: none.
     #[arg(long, value_name = "BYTES", default_value_t = 0)]
     budget: u32,
+    /// One link for all edges together, as behind one radio bridge, instead of one each.
+    #[arg(long)]
+    shared: bool,
     /// Leave out the line of the ideal link.
     #[arg(long)]
     no_ideal: bool,
@@ -202,6 +205,9 @@ impl<'a> LinkStudy<'a> {
             ));
         }
         let mut live = LiveVenue::prepare(&self.maps.program, &self.maps.venue, namespaces.ok())?;
+        if self.args.shared {
+            live.share_one_link().context("starting the relay")?;
+        }
         if self.args.good_start == 0 {
             impair(&live, link);
         }
@@ -210,18 +216,12 @@ impl<'a> LinkStudy<'a> {
         live.start_fusion(&out, &["--ticks", &ticks])?;
         let watch = live.watch()?;
         live.start_edges()?;
-        let worse_from = self.tick_after(self.args.good_start);
-        let has_begun = || {
-            let newest = watch.seen().newest.as_ref().map(|set| set.tick);
-            newest.is_some_and(|tick| tick >= worse_from)
-        };
-        for _ in 0..GRACE.as_millis() / LOOK_EVERY.as_millis() {
-            if has_begun() {
-                break;
-            }
-            thread::sleep(LOOK_EVERY);
-        }
+        wait_for_tick(&watch, self.tick_after(self.args.good_start));
         impair(&live, link);
+        if self.args.shared {
+            wait_for_tick(&watch, self.scored.start);
+            live.relays.iter().for_each(UdpRelay::restart_counts);
+        }
         let patience = Duration::from_secs(u64::from(self.args.seconds)) + GRACE;
         let fusion = live.fusion.as_mut().context("fusion was started")?;
         let ended = fusion.wait(patience)?;
@@ -246,6 +246,12 @@ impl<'a> LinkStudy<'a> {
             .iter()
             .map(|relay| relay.counts(Direction::Up))
             .collect();
+        let settle = if self.args.shared {
+            self.args.settle
+        } else {
+            0
+        };
+        let counted_s = self.args.seconds - settle;
         Ok(LinkRow {
             link: link.name.clone(),
             mpjpe_mm: scores.mean.mpjpe_mm,
@@ -257,8 +263,12 @@ impl<'a> LinkStudy<'a> {
             quality: qualities.iter().map(|(quality, _)| *quality).max(),
             every_nth_tick: qualities.iter().map(|(_, nth)| *nth).max(),
             peak_bytes_s: up.iter().map(|c| c.offered.peak_bytes_s).max().unwrap_or(0),
+            rates_apart: match &live.relays[..] {
+                [relay] if self.args.shared => furthest_from_mean(relay),
+                _ => None,
+            },
             mean_bytes_s: up.iter().map(|c| c.offered.bytes).sum::<u64>()
-                / (up.len() as u64 * u64::from(self.args.seconds)).max(1),
+                / (up.len() as u64 * u64::from(counted_s)).max(1),
             dropped: up.iter().map(|c| c.dropped).sum(),
             longest_wait_ms: up.iter().map(|c| c.longest_wait_us).max().unwrap_or(0) as f64 / 1e3,
             mean_wait_ms: up.iter().map(|c| c.waited_us).sum::<u64>() as f64
@@ -266,6 +276,28 @@ impl<'a> LinkStudy<'a> {
                 / 1e3,
         })
     }
+}
+
+/// Waits until poses of `tick` are seen, or for a minute.
+fn wait_for_tick(watch: &VenueWatch, tick: Tick) {
+    let is_there = || {
+        let newest = watch.seen().newest.as_ref().map(|set| set.tick);
+        newest.is_some_and(|newest| newest >= tick)
+    };
+    for _ in 0..GRACE.as_millis() / LOOK_EVERY.as_millis() {
+        if is_there() {
+            break;
+        }
+        thread::sleep(LOOK_EVERY);
+    }
+}
+
+/// How far the rate of any edge behind one link is from the mean of all, as a share of it.
+fn furthest_from_mean(relay: &UdpRelay) -> Option<f64> {
+    let bytes = relay.up_bytes_by_client();
+    let mean = bytes.iter().sum::<u64>() as f64 / bytes.len() as f64;
+    let apart = bytes.iter().map(|bytes| (*bytes as f64 / mean - 1.0).abs());
+    apart.reduce(f64::max)
 }
 
 fn impair(live: &LiveVenue, link: &LinkKind) {

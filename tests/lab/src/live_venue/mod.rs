@@ -33,7 +33,7 @@ pub struct LiveVenue {
     pub fusion: Option<NodeProcess>,
     /// The edges by viewpoint, while they run.
     pub edges: Vec<Option<NodeProcess>>,
-    /// The link of every edge.
+    /// The link of every edge, or the one that they share ([`Self::share_one_link`]).
     pub relays: Vec<UdpRelay>,
     program: PathBuf,
     venue_path: PathBuf,
@@ -80,6 +80,30 @@ impl LiveVenue {
             is_fusion_managed: true,
             fusion_core: None,
         })
+    }
+
+    /// From now on all edges stand behind one relay, as behind one radio bridge. For before they are started.
+    ///
+    /// # Errors
+    /// A port cannot be had.
+    pub fn share_one_link(&mut self) -> io::Result<()> {
+        let server = SocketAddr::from((Ipv4Addr::LOCALHOST, self.ports[0]));
+        // Edges in namespaces reach it at different addresses of this machine.
+        let any = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
+        self.relays = vec![UdpRelay::start(any, server, 0)?];
+        Ok(())
+    }
+
+    /// Where the edge of viewpoint `i` finds its relay.
+    fn relay_address(&self, i: usize) -> SocketAddr {
+        match &self.relays[..] {
+            [shared] if self.edges.len() > 1 => {
+                let here = self.namespaces.as_ref();
+                let ip = here.map_or(Ipv4Addr::LOCALHOST, |n| n.get(i).gateway());
+                SocketAddr::from((ip, shared.address().port()))
+            }
+            relays => relays[i].address(),
+        }
     }
 
     /// The venue.
@@ -158,7 +182,7 @@ impl LiveVenue {
             None => Command::new(&self.program),
         };
         let name = self.venue.viewpoints[i].name.clone();
-        let endpoint = format!("udp/{}", self.relays[i].address());
+        let endpoint = format!("udp/{}", self.relay_address(i));
         command
             .arg("edge")
             .arg(venue_path.unwrap_or(&self.venue_path))

@@ -3,7 +3,7 @@
 //! All clients of one relay share its two links, as all who stand behind one radio bridge do. Each has
 //! a socket of its own towards the server, so that the server tells them apart.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,7 +12,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use super::clock::Clock;
-use super::{Counts, Impairment, RelayLink};
+use super::{Counts, Impairment, RelayLink, on_the_wire};
 
 /// Most clients; those beyond are not heard.
 const MAX_CLIENTS: usize = 256;
@@ -33,6 +33,8 @@ pub enum Direction {
 /// A datagram, and the socket and address by which it leaves.
 #[derive(Debug, Clone)]
 struct OutgoingDatagram {
+    /// Whose it is, from the server or to it.
+    client: SocketAddr,
     socket: Arc<UdpSocket>,
     /// `None`: the socket is connected.
     to: Option<SocketAddr>,
@@ -53,6 +55,8 @@ struct RelayShared {
     server: SocketAddr,
     /// Up, down.
     links: Mutex<[RelayLink<OutgoingDatagram>; 2]>,
+    /// What went up from each client since the start or the last [`UdpRelay::restart_counts`], bytes with headers.
+    up_bytes: Mutex<BTreeMap<SocketAddr, u64>>,
     /// Something was sent off, or the relay ends.
     changed: Condvar,
     ended: AtomicBool,
@@ -74,6 +78,7 @@ impl UdpRelay {
                 RelayLink::new(perfect, seed),
                 RelayLink::new(perfect, !seed),
             ]),
+            up_bytes: Mutex::default(),
             changed: Condvar::new(),
             ended: AtomicBool::new(false),
         });
@@ -126,6 +131,12 @@ impl UdpRelay {
         for link in self.shared.lock().iter_mut() {
             link.restart_counts();
         }
+        self.shared.up_bytes().clear();
+    }
+
+    /// What has arrived at the server of each client, since the start or [`Self::restart_counts`], bytes with headers.
+    pub fn up_bytes_by_client(&self) -> Vec<u64> {
+        self.shared.up_bytes().values().copied().collect()
     }
 
     fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) -> io::Result<()> {
@@ -152,6 +163,11 @@ impl RelayShared {
         self.links.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn up_bytes(&self) -> MutexGuard<'_, BTreeMap<SocketAddr, u64>> {
+        // A panic elsewhere leaves whole counts behind.
+        self.up_bytes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn has_ended(&self) -> bool {
         self.ended.load(Ordering::Relaxed)
     }
@@ -172,7 +188,15 @@ impl RelayShared {
             if let Some(outgoing) = links.iter_mut().find_map(|link| link.take(now_us)) {
                 drop(links);
                 // A client that has gone refuses; that is a loss like any other.
-                let OutgoingDatagram { socket, to, bytes } = outgoing;
+                let OutgoingDatagram {
+                    client,
+                    socket,
+                    to,
+                    bytes,
+                } = outgoing;
+                if to.is_none() {
+                    *self.up_bytes().entry(client).or_default() += on_the_wire(bytes.len()) as u64;
+                }
                 drop(match to {
                     Some(to) => socket.send_to(&bytes, to),
                     None => socket.send(&bytes),
@@ -209,6 +233,7 @@ fn listen_to_clients(shared: &Arc<RelayShared>, socket: &Arc<UdpSocket>) {
         }
         if let Some((up, _)) = clients.get(&client) {
             let outgoing = OutgoingDatagram {
+                client,
                 socket: Arc::clone(up),
                 to: None,
                 bytes: buffer[..n].into(),
@@ -246,6 +271,7 @@ fn open_client(
                     continue;
                 };
                 let outgoing = OutgoingDatagram {
+                    client,
                     socket: Arc::clone(&socket),
                     to: Some(client),
                     bytes: buffer[..n].into(),
@@ -294,6 +320,7 @@ mod tests {
         let (up, down) = (relay.counts(Direction::Up), relay.counts(Direction::Down));
         assert_eq!((up.offered.datagrams, up.offered.bytes), (2, 256));
         assert_eq!((down.delivered.datagrams, down.delivered.bytes), (2, 76));
+        assert_eq!(relay.up_bytes_by_client(), [128, 128]);
     }
 
     #[test]

@@ -31,9 +31,11 @@ pub(super) struct LinkRow {
     pub(super) quality: Option<u8>,
     /// Ticks that the slowest edge works on: every so manieth.
     pub(super) every_nth_tick: Option<u16>,
-    /// Most that any edge sent in any second, and what they sent on average.
+    /// Most that any link was given in any second, and what it was on average.
     pub(super) peak_bytes_s: u64,
     pub(super) mean_bytes_s: u64,
+    /// Where edges share one link: how far the rate of any is from the mean of all, as a share of it.
+    pub(super) rates_apart: Option<f64>,
     /// Datagrams for which an edge's queue had no room.
     pub(super) dropped: u64,
     /// Longest and mean wait in an edge's queue.
@@ -51,9 +53,9 @@ impl LinkReport {
     }
 }
 
-const HEAD: &str = "link           MPJPE    gaps  switches  capture to pose ms  quality  every  kB/s of an edge  \
-                    queue ms           dropped\n                  mm       %            P50      P99         \
-                          nth    mean    peak      mean     max";
+const HEAD: &str = "link           MPJPE    gaps  switches  capture to pose ms  quality  every  kB/s of a link   \
+                    queue ms           dropped  edges apart\n                  mm       %            P50      P99         \
+                          nth    mean    peak      mean     max                    %";
 
 impl fmt::Display for LinkReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -72,7 +74,7 @@ impl fmt::Display for LinkRow {
         let whole = |value: Option<u16>| value.map_or("-".to_owned(), |v| v.to_string());
         write!(
             f,
-            "{:13} {:>6} {:>7.2} {:>9} {:>8} {:>8} {:>8} {:>6} {:>7.1} {:>7.1} {:>9.1} {:>7.1} {:>9}",
+            "{:13} {:>6} {:>7.2} {:>9} {:>8} {:>8} {:>8} {:>6} {:>7.1} {:>7.1} {:>9.1} {:>7.1} {:>9} {:>12}",
             self.link,
             number(self.mpjpe_mm),
             100.0 * self.gaps as f64 / self.frames.max(1) as f64,
@@ -85,7 +87,8 @@ impl fmt::Display for LinkRow {
             self.peak_bytes_s as f64 / 1e3,
             self.mean_wait_ms,
             self.longest_wait_ms,
-            self.dropped
+            self.dropped,
+            number(self.rates_apart.map(|apart| 100.0 * apart))
         )
     }
 }
