@@ -4,12 +4,10 @@ use farfield_proto::message::MAX_CAPTURE_OFFSET_US;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::TickFrom;
 
+use super::Micros;
+use super::delivery::Delivery;
 use super::tick_clock::TickClock;
-use super::{Micros, SECOND_US};
 
-/// For how long the quickest delivery is remembered, microseconds, in two halves: clocks that are 100 ppm apart
-/// drift by 6 ms meanwhile.
-const DELIVERY_US: Micros = 60 * SECOND_US;
 /// Time between two frames, in periods of the count, from which one was lost without being counted.
 const GAP_PERIODS: f64 = 1.5;
 
@@ -18,7 +16,7 @@ const GAP_PERIODS: f64 = 1.5;
 pub struct Arrived {
     /// The source's own count.
     pub number: i64,
-    /// The driver's time stamp, on a clock of its own, microseconds.
+    /// The time stamp of its driver or stream, on a clock of its own, microseconds.
     pub stamp_us: Option<Micros>,
     /// Arrival by the own clock, microseconds.
     pub now_us: Micros,
@@ -57,9 +55,7 @@ pub enum Misplaced {
 pub struct FramePlacer {
     tick_from: TickFrom,
     delay_us: Micros,
-    /// Least arrival less time stamp, of this and the last half of [`DELIVERY_US`].
-    quickest_us: [Option<Micros>; 2],
-    turned_at_us: Option<Micros>,
+    delivery: Delivery,
     /// Number, tick and capture of the last frame.
     last: Option<(i64, Tick, Micros)>,
     /// Of the clock, when it was placed.
@@ -72,8 +68,7 @@ impl FramePlacer {
         Self {
             tick_from,
             delay_us,
-            quickest_us: [None; 2],
-            turned_at_us: None,
+            delivery: Delivery::default(),
             last: None,
             steps: 0,
         }
@@ -120,21 +115,17 @@ impl FramePlacer {
         })
     }
 
+    /// Whether the time stamps are no times, and the arrivals are gone by.
+    pub fn distrusts_stamps(&self) -> bool {
+        self.delivery.is_distrusted()
+    }
+
     /// Capture by the own clock: the time stamp where there is one, carried over by the quickest delivery.
     fn captured_us(&mut self, frame: Arrived) -> Micros {
-        let Some(stamp_us) = frame.stamp_us else {
-            return frame.now_us - self.delay_us;
-        };
-        let took_us = frame.now_us - stamp_us;
-        let turned_at_us = *self.turned_at_us.get_or_insert(frame.now_us);
-        if frame.now_us - turned_at_us > DELIVERY_US / 2 {
-            self.quickest_us = [None, self.quickest_us[0]];
-            self.turned_at_us = Some(frame.now_us);
-        }
-        let quickest_us = self.quickest_us[0].map_or(took_us, |least| least.min(took_us));
-        self.quickest_us[0] = Some(quickest_us);
-        let quickest_us = self.quickest_us[1].map_or(quickest_us, |least| least.min(quickest_us));
-        stamp_us + quickest_us - self.delay_us
+        let quickest_us = frame.stamp_us.map_or(frame.now_us, |stamp_us| {
+            self.delivery.captured_us(stamp_us, frame.now_us)
+        });
+        quickest_us - self.delay_us
     }
 }
 

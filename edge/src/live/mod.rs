@@ -6,6 +6,7 @@
 
 pub mod budget;
 pub mod capture;
+pub mod delivery;
 pub mod health;
 pub mod load;
 pub mod newest_boxes;

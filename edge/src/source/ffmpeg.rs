@@ -16,6 +16,7 @@ use ffmpeg_sidecar::child::FfmpegChild;
 use ffmpeg_sidecar::command::FfmpegCommand;
 use image::RgbImage;
 
+use super::frame_times::{FrameTimeReader, FrameTimes, frame_times};
 use super::{SourceError, SourceOrigin};
 
 /// Input devices of ffmpeg that a URL may begin with, as in `avfoundation:0`.
@@ -60,6 +61,15 @@ pub(super) fn live_input(url: &str) -> Vec<OsString> {
     args
 }
 
+/// What is decoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wanted {
+    /// A recording without its first frames.
+    After(u64),
+    /// A live source, with the times of its frames.
+    Timed,
+}
+
 /// A running ffmpeg. Dropping it ends the process.
 pub(super) struct Ffmpeg {
     child: FfmpegChild,
@@ -67,21 +77,33 @@ pub(super) struct Ffmpeg {
 }
 
 impl Ffmpeg {
-    /// Starts decoding `input`, leaving out the first `skip` frames; pictures come out of the pipe,
-    /// see [`read_picture`].
+    /// Starts decoding `input`; pictures come out of the pipe, see [`read_picture`], and where they are wanted their times.
     pub(super) fn spawn(
         input: Vec<OsString>,
-        skip: u64,
+        wanted: Wanted,
         at: &SourceOrigin,
-    ) -> Result<(Self, ChildStdout), SourceError> {
+    ) -> Result<(Self, ChildStdout, Option<FrameTimes>), SourceError> {
         let mut command = FfmpegCommand::new();
-        command
-            .args(["-nostdin", "-hide_banner", "-loglevel", "error"])
-            .args(input);
+        command.args(["-nostdin", "-hide_banner", "-nostats", "-loglevel"]);
+        // The filter's lines are of the level `info`; which of the others are errors is then said by a word in each.
+        command.arg(match wanted {
+            Wanted::After(_) => "error",
+            Wanted::Timed => "level+info",
+        });
+        command.args(input);
         command.args(["-map", "0:v:0", "-fps_mode", "passthrough"]);
-        if skip > 0 {
-            command.args(["-vf".to_owned(), format!("select=gte(n\\,{skip})")]);
-        }
+        let (reader, times) = match wanted {
+            Wanted::After(0) => (None, None),
+            Wanted::After(skip) => {
+                command.args(["-vf".to_owned(), format!("select=gte(n\\,{skip})")]);
+                (None, None)
+            }
+            Wanted::Timed => {
+                command.args(["-vf", "showinfo=checksum=0"]);
+                let (reader, times) = frame_times();
+                (Some(reader), Some(times))
+            }
+        };
         command.args(["-pix_fmt", "rgb24", "-c:v", "ppm", "-f", "image2pipe", "-"]);
         own_process_group(&mut command);
         let mut child = command
@@ -94,13 +116,15 @@ impl Ffmpeg {
                 problem: "ffmpeg was started without its pipes".to_owned(),
             });
         };
-        Ok((
-            Self {
-                child,
-                messages: Some(collect_messages(stderr)),
-            },
-            stdout,
-        ))
+        let messages = match reader {
+            None => collect_messages(stderr),
+            Some(reader) => collect_timed_messages(stderr, reader),
+        };
+        let ffmpeg = Self {
+            child,
+            messages: Some(messages),
+        };
+        Ok((ffmpeg, stdout, times))
     }
 
     /// Waits for the end; says whether it ended well, and what it had to say.
@@ -171,6 +195,28 @@ pub(super) fn start_problem(
 /// Reads what a program writes to its standard error, on a thread so that the program never waits
 /// for room, and keeps the last lines.
 pub(super) fn collect_messages(stderr: impl Read + Send + 'static) -> JoinHandle<String> {
+    collect(stderr, |line| Some(line.to_owned()))
+}
+
+/// The same of an ffmpeg that says the times of frames too: of all else only what went wrong is kept.
+fn collect_timed_messages(
+    stderr: impl Read + Send + 'static,
+    mut reader: FrameTimeReader,
+) -> JoinHandle<String> {
+    collect(stderr, move |line| {
+        if reader.read(line) {
+            return None;
+        }
+        let mut levels = ["[error] ", "[fatal] ", "[panic] "].into_iter();
+        levels.find_map(|level| line.contains(level).then(|| line.replacen(level, "", 1)))
+    })
+}
+
+/// Keeps the last of the lines that `worth_keeping` makes something of.
+fn collect(
+    stderr: impl Read + Send + 'static,
+    mut worth_keeping: impl FnMut(&str) -> Option<String> + Send + 'static,
+) -> JoinHandle<String> {
     /// The last lines tell why a decoder gave up.
     const KEPT_LINES: usize = 3;
     const LINE_BYTES: u64 = 400;
@@ -184,9 +230,9 @@ pub(super) fn collect_messages(stderr: impl Read + Send + 'static) -> JoinHandle
             .read_until(b'\n', &mut line)
             .is_ok_and(|n| n > 0)
         {
-            let text = String::from_utf8_lossy(&line).trim().to_owned();
+            let text = worth_keeping(String::from_utf8_lossy(&line).trim());
             line.clear();
-            if !text.is_empty() && kept.back() != Some(&text) {
+            if let Some(text) = text.filter(|text| !text.is_empty() && kept.back() != Some(text)) {
                 kept.push_back(text);
             }
             if kept.len() > KEPT_LINES {

@@ -12,6 +12,8 @@ mod error;
 mod ffmpeg;
 #[cfg(feature = "node")]
 mod ffprobe;
+#[cfg(feature = "node")]
+mod frame_times;
 mod images;
 mod keypoints;
 mod painted;

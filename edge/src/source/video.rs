@@ -13,8 +13,9 @@ use std::time::Duration;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::TickFrom;
 
-use super::ffmpeg::{self, Ffmpeg, PictureError, read_picture};
+use super::ffmpeg::{self, Ffmpeg, PictureError, Wanted, read_picture};
 use super::ffprobe::{self, VideoStream};
+use super::frame_times::FrameTimes;
 use super::queue::{Prefetch, Sender, WhenFull};
 use super::{
     ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo, SourceOrigin,
@@ -186,8 +187,8 @@ fn open_ticks(
     ticks: &std::ops::Range<Tick>,
 ) -> Result<VideoSource, SourceError> {
     let skip = expected.skip(ticks, from)?;
-    let (ffmpeg, stdout) = Ffmpeg::spawn(ffmpeg::file_input(path), skip, &expected.at)?;
-    let mut source = VideoSource::new(ffmpeg, stdout, expected, from, WhenFull::Wait)?;
+    let decoded = Ffmpeg::spawn(ffmpeg::file_input(path), Wanted::After(skip), &expected.at)?;
+    let mut source = VideoSource::new(decoded, expected, from, WhenFull::Wait)?;
     source.read = skip;
     source.expected = Some((ticks.end - ticks.start).unsigned_abs());
     Ok(source)
@@ -199,15 +200,19 @@ pub(super) fn open_live(
     from: Tick,
 ) -> Result<VideoSource, SourceError> {
     probe_live(url, &expected)?;
-    let (ffmpeg, stdout) = Ffmpeg::spawn(ffmpeg::live_input(url), 0, &expected.at)?;
-    VideoSource::new(ffmpeg, stdout, expected, from, WhenFull::DropOldest)
+    let decoded = Ffmpeg::spawn(ffmpeg::live_input(url), Wanted::Timed, &expected.at)?;
+    VideoSource::new(decoded, expected, from, WhenFull::DropOldest)
 }
+
+/// A frame with the stream's time of it, microseconds, of a live source that has one.
+type Stamped = (Frame, Option<i64>);
 
 /// Frames that a child process decodes, while those before them are worked on.
 pub(super) struct VideoSource {
-    prefetch: Prefetch,
+    prefetch: Prefetch<Stamped>,
     ffmpeg: Ffmpeg,
     at: SourceOrigin,
+    stamp_us: Option<i64>,
     /// Frames taken, and those skipped before them.
     read: u64,
     /// Frames of a recording; `None` for live sources.
@@ -217,14 +222,14 @@ pub(super) struct VideoSource {
 
 impl VideoSource {
     fn new(
-        ffmpeg: Ffmpeg,
-        stdout: ChildStdout,
+        (ffmpeg, stdout, times): (Ffmpeg, ChildStdout, Option<FrameTimes>),
         expected: ExpectedSource,
         from: Tick,
         when_full: WhenFull,
     ) -> Result<Self, SourceError> {
         let at = expected.at.clone();
-        let decode = move |sender: Sender| read_frames(stdout, &expected, from, &sender);
+        let decode =
+            move |sender: Sender<Stamped>| read_frames(stdout, times, &expected, from, &sender);
         let prefetch =
             Prefetch::spawn(when_full, decode).map_err(|problem| SourceError::Unreadable {
                 at: at.clone(),
@@ -234,6 +239,7 @@ impl VideoSource {
             prefetch,
             ffmpeg,
             at,
+            stamp_us: None,
             read: 0,
             expected: None,
             done: false,
@@ -241,7 +247,7 @@ impl VideoSource {
     }
 
     /// The next frame of a live source, which may hang.
-    fn pop_live(&mut self) -> Result<Option<Result<Frame, SourceError>>, SourceError> {
+    fn pop_live(&mut self) -> Result<Option<Result<Stamped, SourceError>>, SourceError> {
         let patience = if self.read == 0 {
             FIRST_SILENCE
         } else {
@@ -289,7 +295,7 @@ impl FrameSource for VideoSource {
             None => self.pop_live()?,
         };
         match popped {
-            Some(Ok(frame)) => {
+            Some(Ok((frame, stamp_us))) => {
                 if let Some(expected) = self.expected.filter(|&expected| self.read >= expected) {
                     self.done = true;
                     return Err(SourceError::Surplus {
@@ -298,6 +304,7 @@ impl FrameSource for VideoSource {
                     });
                 }
                 self.read += 1;
+                self.stamp_us = stamp_us;
                 Ok(Some(frame))
             }
             Some(Err(problem)) => {
@@ -310,6 +317,10 @@ impl FrameSource for VideoSource {
             }
         }
     }
+
+    fn stamp_us(&self) -> Option<i64> {
+        self.stamp_us
+    }
 }
 
 impl Drop for VideoSource {
@@ -320,9 +331,15 @@ impl Drop for VideoSource {
     }
 }
 
-fn read_frames(stdout: ChildStdout, expected: &ExpectedSource, from: Tick, sender: &Sender) {
+fn read_frames(
+    stdout: ChildStdout,
+    mut times: Option<FrameTimes>,
+    expected: &ExpectedSource,
+    from: Tick,
+    sender: &Sender<Stamped>,
+) {
     let mut reader = BufReader::new(stdout);
-    for tick in from.0.. {
+    for (number, tick) in (0..).zip(from.0..) {
         let frame = match read_picture(&mut reader, expected.size_px) {
             Ok(None) => return,
             Ok(Some(image)) => Ok(Frame {
@@ -341,7 +358,11 @@ fn read_frames(stdout: ChildStdout, expected: &ExpectedSource, from: Tick, sende
             }),
         };
         let failed = frame.is_err();
-        if !sender.push(frame) || failed {
+        let stamped = frame.map(|frame| {
+            let stamp_us = times.as_mut().and_then(|times| times.of(number));
+            (frame, stamp_us)
+        });
+        if !sender.push(stamped) || failed {
             return;
         }
     }

@@ -190,9 +190,9 @@ fn a_video_cut_in_the_middle_is_refused_before_the_first_tick() {
 fn a_recording_that_shrinks_after_the_probe_does_not_end_quietly() {
     let Some(studio) = studio() else { return };
     let cut = studio.cut(&studio.clip(), 0.6);
-    let (ffmpeg, stdout) = Ffmpeg::spawn(ffmpeg::file_input(&cut), 0, &expected().at).unwrap();
+    let decoded = Ffmpeg::spawn(ffmpeg::file_input(&cut), Wanted::After(0), &expected().at);
     let mut source =
-        VideoSource::new(ffmpeg, stdout, expected(), Tick(100), WhenFull::Wait).unwrap();
+        VideoSource::new(decoded.unwrap(), expected(), Tick(100), WhenFull::Wait).unwrap();
     source.expected = Some(FRAMES as u64);
     let problem = loop {
         match source.next_frame() {
@@ -361,6 +361,32 @@ fn a_live_source_counts_arrivals_and_its_end_is_an_error() {
         (Tick(20)..=Tick(21)).contains(&last),
         "the newest frame is never the one that is lost: {last}"
     );
+}
+
+#[test]
+fn the_pictures_of_a_stream_have_the_times_that_it_gives_them() {
+    /// Of 90 kHz clocks, rounded down.
+    const ROUNDING_US: i64 = 12;
+    let Some(_studio) = studio() else { return };
+    let port = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
+    let url = format!("rtp://127.0.0.1:{}", port.unwrap().port());
+    let mut source = open_live(&url, expected(), Tick(0)).unwrap();
+    let words = "-nostdin -loglevel error -re -f lavfi -i testsrc2=size=96x64:rate=25 -c:v mpeg4 -g 5 -f rtp_mpegts";
+    let mut camera = Command::new("ffmpeg");
+    let mut camera = camera.args(words.split(' ')).arg(&url).spawn().unwrap();
+    let mut stamps = Vec::new();
+    for _ in 0..30 {
+        source.next_frame().unwrap().unwrap();
+        stamps.push(source.stamp_us().unwrap());
+    }
+    camera.kill().unwrap();
+    camera.wait().unwrap();
+    for pair in stamps.windows(2) {
+        // A picture that nobody took in time is left out, and its time with it.
+        let periods = (pair[1] - pair[0] + 20_000) / 40_000;
+        let off_us = pair[1] - pair[0] - periods * 40_000;
+        assert!(periods >= 1 && off_us.abs() <= ROUNDING_US, "{stamps:?}");
+    }
 }
 
 #[test]

@@ -163,7 +163,7 @@ impl LiveCamera {
         };
         let delay_us = (camera.capture_delay_s * 1e6).round() as Micros;
         let mut placer = FramePlacer::new(camera.tick_from, delay_us);
-        let (mut was_misplaced, mut was_late) = (false, false);
+        let (mut was_misplaced, mut was_late, mut was_distrusted) = (false, false, false);
         loop {
             let frame = match source.next_frame() {
                 Ok(Some(frame)) => frame,
@@ -184,6 +184,13 @@ impl LiveCamera {
                     camera.model.name(),
                     lag_us / 1000,
                     most_us / 1000
+                ));
+            }
+            if placer.distrusts_stamps() && !was_distrusted {
+                was_distrusted = true;
+                say(format_args!(
+                    "camera `{}`: the times in its stream do not go as time does; its pictures are taken to be of the time at which they come",
+                    camera.model.name()
                 ));
             }
             let misplaced = placed.err();

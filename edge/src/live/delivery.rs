@@ -1,0 +1,208 @@
+//! How long a camera's frames take until they are here: the capture of a frame from the time that its driver or stream
+//! gives it, whose clock is nobody else's.
+//!
+//! ```text
+//!   captured = stamp + min over the last minute of (arrival - stamp)
+//! ```
+//!
+//! What coding, network and decoding take beyond the quickest is jitter, and falls out. The stamps must be those of a clock:
+//! some streams only count frames as if they came at a fixed rate. So stamps count while they go as fast as time does.
+
+use super::{Micros, SECOND_US};
+
+/// For how long the quickest delivery is remembered, microseconds, in two halves: clocks that are 100 ppm apart drift by
+/// 6 ms meanwhile.
+const DELIVERY_US: Micros = 60 * SECOND_US;
+/// Stamps and arrivals are compared over so long, microseconds.
+const COMPARE_US: Micros = 2 * SECOND_US;
+/// Largest difference between the two, as a share of that time and microseconds: a tenth of a second is more than deliveries
+/// of any one network differ by for long.
+const APART_SHARE: f64 = 0.02;
+const APART_US: Micros = 100_000;
+/// When for the whole of such a time everything came later than the quickest by more, microseconds, that was of another clock or path.
+const SHIFT_US: Micros = 10_000;
+
+/// What is known of one camera's deliveries.
+#[derive(Debug, Clone, Default)]
+pub struct Delivery {
+    /// Least arrival less stamp, of this and the last half of [`DELIVERY_US`].
+    quickest_us: [Option<Micros>; 2],
+    turned_at_us: Option<Micros>,
+    /// Where the comparison at hand began: stamp and arrival, and the least difference since.
+    since: Option<Since>,
+    /// Whether at the last comparison the stamps were ahead (1) or behind (-1).
+    apart: i64,
+    is_distrusted: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+#[expect(clippy::struct_field_names, reason = "all are times")]
+struct Since {
+    stamp_us: Micros,
+    now_us: Micros,
+    least_us: Micros,
+}
+
+impl Delivery {
+    /// When a frame was captured by the own clock, or rather when it would be here had it come as quickly as any; that is
+    /// `now_us` where its stamp says nothing.
+    pub fn captured_us(&mut self, stamp_us: Micros, now_us: Micros) -> Micros {
+        let took_us = now_us.saturating_sub(stamp_us);
+        self.compare(stamp_us, now_us, took_us);
+        if self.is_distrusted {
+            return now_us;
+        }
+        let turned_at_us = *self.turned_at_us.get_or_insert(now_us);
+        if now_us - turned_at_us > DELIVERY_US / 2 {
+            self.quickest_us = [None, self.quickest_us[0]];
+            self.turned_at_us = Some(now_us);
+        }
+        let newest_us = self.quickest_us[0].map_or(took_us, |least| least.min(took_us));
+        self.quickest_us[0] = Some(newest_us);
+        let quickest_us = self.quickest_us[1].map_or(newest_us, |least| least.min(newest_us));
+        stamp_us.saturating_add(quickest_us)
+    }
+
+    /// Whether the stamps do not go as time does.
+    pub fn is_distrusted(&self) -> bool {
+        self.is_distrusted
+    }
+
+    fn compare(&mut self, stamp_us: Micros, now_us: Micros, took_us: Micros) {
+        let begins = Since {
+            stamp_us,
+            now_us,
+            least_us: took_us,
+        };
+        let since = self.since.get_or_insert(begins);
+        since.least_us = since.least_us.min(took_us);
+        let span_us = now_us - since.now_us;
+        // Longer than that: the stream was away.
+        if span_us < COMPARE_US {
+            return;
+        }
+        let apart_us = (stamp_us.saturating_sub(since.stamp_us)).saturating_sub(span_us);
+        let most_us = APART_US + (APART_SHARE * span_us as f64) as Micros;
+        let least_us = since.least_us;
+        self.since = Some(begins);
+        let was_distrusted = self.is_distrusted;
+        // Once it is a jump, or a network that held everything up; twice the same way it is the stamps' rate.
+        let apart = if apart_us.saturating_abs() > most_us {
+            apart_us.signum()
+        } else {
+            0
+        };
+        self.is_distrusted = apart != 0 && (apart == self.apart || was_distrusted);
+        self.apart = apart;
+        let kept_us = self.quickest_us.iter().flatten().min();
+        let is_shifted =
+            kept_us.is_some_and(|kept_us| least_us.saturating_sub(*kept_us) > SHIFT_US);
+        if self.is_distrusted || was_distrusted || is_shifted {
+            self.quickest_us = [(!self.is_distrusted).then_some(least_us), None];
+            self.turned_at_us = None;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Captures of a camera of 50 Hz, in microseconds of the own clock.
+    fn captures(seconds: i64) -> impl Iterator<Item = Micros> {
+        (0..seconds * 50).map(|n| 1_000_000 + n * 20_000)
+    }
+
+    /// Deterministic delays of 0 to 40 ms.
+    fn jitter(n: Micros) -> Micros {
+        (n / 20_000 * 7_919) % 40_000
+    }
+
+    #[test]
+    fn jitter_falls_out_of_the_times() {
+        let mut delivery = Delivery::default();
+        let mut errors = Vec::new();
+        for captured_us in captures(20) {
+            // The camera's clock began at another time, and is 100 ppm fast.
+            let stamp_us = (captured_us as f64 * 1.0001) as Micros - 777_777;
+            let now_us = captured_us + 30_000 + jitter(captured_us);
+            errors.push(delivery.captured_us(stamp_us, now_us) - captured_us - 30_000);
+        }
+        let worst = errors[200..].iter().map(|us| us.abs()).max();
+        assert!(worst < Some(5_000), "{worst:?}");
+    }
+
+    #[test]
+    fn a_stream_that_only_counts_frames_is_taken_by_its_arrivals() {
+        // 20 frames a second that say they are 25.
+        let mut delivery = Delivery::default();
+        let mut errors = Vec::new();
+        for n in 0..400 {
+            let now_us = 1_000_000 + n * 50_000;
+            errors.push(delivery.captured_us(n * 40_000, now_us) - now_us);
+        }
+        assert!(delivery.is_distrusted());
+        assert!(errors[100..].iter().all(|&us| us == 0), "{errors:?}");
+    }
+
+    #[test]
+    fn a_rate_that_is_a_thousandth_off_costs_no_more_than_a_few_milliseconds() {
+        let mut delivery = Delivery::default();
+        for captured_us in captures(120) {
+            let stamp_us = (captured_us as f64 * 0.999) as Micros;
+            let error_us = delivery.captured_us(stamp_us, captured_us) - captured_us;
+            assert!(
+                error_us.abs() <= SHIFT_US + 4_000,
+                "{error_us} at {captured_us}"
+            );
+        }
+        assert!(!delivery.is_distrusted());
+    }
+
+    #[test]
+    fn a_network_that_holds_everything_up_for_a_second_moves_no_frame() {
+        let mut delivery = Delivery::default();
+        for captured_us in captures(20) {
+            let held_up = (8_000_000..9_000_000).contains(&captured_us);
+            let now_us = if held_up { 9_000_000 } else { captured_us };
+            assert_eq!(delivery.captured_us(captured_us + 5, now_us), captured_us);
+        }
+    }
+
+    #[test]
+    fn a_clock_that_jumps_is_followed_within_seconds() {
+        for jump_us in [-500_000, 500_000] {
+            let mut delivery = Delivery::default();
+            let mut late = Vec::new();
+            for captured_us in captures(20) {
+                let jumped_us = if captured_us > 8_000_000 { jump_us } else { 0 };
+                let now_us = captured_us + jitter(captured_us);
+                let error_us = delivery.captured_us(captured_us + jumped_us, now_us) - captured_us;
+                if captured_us > 13_000_000 {
+                    late.push(error_us);
+                }
+            }
+            assert!(
+                late.iter().all(|us| us.abs() < 5_000),
+                "{jump_us}: {late:?}"
+            );
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_frame_is_captured_after_it_came(
+            frames in prop::collection::vec((-1_000_000i64..1_000_000, 0i64..100_000), 1..300),
+        ) {
+            let mut delivery = Delivery::default();
+            let (mut stamp_us, mut now_us) = (0i64, 0i64);
+            for (stamped_us, came_us) in frames {
+                stamp_us += stamped_us;
+                now_us += came_us;
+                prop_assert!(delivery.captured_us(stamp_us, now_us) <= now_us);
+            }
+        }
+    }
+}
