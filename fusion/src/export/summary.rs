@@ -161,12 +161,24 @@ pub struct TimingSummary {
     /// Per camera of a live run, as its edge described it last.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub cameras: BTreeMap<String, CameraSummary>,
+    /// How the target latency was kept, where one was set.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_latency: Option<TargetLatencySummary>,
     /// What the files lack, where the disk did not take all poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<PosesSummary>,
     /// The recording, where one was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecordingSummary>,
+}
+
+/// How a target latency was kept.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TargetLatencySummary {
+    /// From the pictures of a tick to its poses, milliseconds.
+    pub target_ms: f64,
+    /// Share of the ticks whose poses were out in time, 0 to 1.
+    pub in_time: f64,
 }
 
 /// How a camera did.

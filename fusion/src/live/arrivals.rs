@@ -59,7 +59,7 @@ impl Arrivals {
 
 /// The newest `N` delays, with the times at which they were noted.
 #[derive(Debug, Clone)]
-struct NewestDelays<const N: usize> {
+pub(super) struct NewestDelays<const N: usize> {
     kept: Vec<(Micros, Micros)>,
     next: usize,
     sorted: Vec<Micros>,
@@ -76,7 +76,7 @@ impl<const N: usize> Default for NewestDelays<N> {
 }
 
 impl<const N: usize> NewestDelays<N> {
-    fn add(&mut self, delay_us: Micros, now_us: Micros) {
+    pub(super) fn add(&mut self, delay_us: Micros, now_us: Micros) {
         if self.kept.len() < N {
             self.kept.push((delay_us, now_us));
         } else {
@@ -87,7 +87,7 @@ impl<const N: usize> NewestDelays<N> {
 
     /// The delay that a `share` of those since `since_us` does not pass, nearest rank; `None` with fewer than
     /// `enough`.
-    fn share(&mut self, share: f64, enough: usize, since_us: Micros) -> Option<Micros> {
+    pub(super) fn share(&mut self, share: f64, enough: usize, since_us: Micros) -> Option<Micros> {
         let fresh = self.kept.iter().filter(|(_, at)| *at >= since_us);
         self.sorted.clear();
         self.sorted.extend(fresh.map(|(delay, _)| *delay));

@@ -17,6 +17,7 @@ pub mod meter;
 pub mod pace;
 pub mod queue;
 pub mod shedding;
+pub mod target_latency;
 pub mod tick_time;
 
 pub use farfield_proto::tick::{Micros, SECOND_US};

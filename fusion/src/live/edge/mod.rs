@@ -17,6 +17,7 @@ use crate::live::arrivals::{Arrivals, Task};
 use crate::live::horizon::Horizon;
 use crate::live::meter::Meter;
 use crate::live::pace::Pace;
+use crate::live::target_latency::LongestWaits;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 
@@ -315,18 +316,18 @@ impl Edge {
             .is_some_and(|(_, one_way_us)| possible.contains(&one_way_us.into()))
     }
 
-    /// Until when what it says of `tick` is worth waiting for, at most `most_us` after the tick.
+    /// Until when what it says of `tick` is worth waiting for, no longer than `waits`.
     pub fn deadline_us(
         &mut self,
         tick: Tick,
         time: &TickTime,
         now_us: Micros,
-        most_us: Micros,
+        waits: LongestWaits,
     ) -> Micros {
         let task = self.task(tick);
-        let slack_us = match task {
-            Task::Follow => OVERTAKEN_US,
-            Task::Look => DETECTION_OVERTAKEN_US,
+        let (slack_us, most_us) = match task {
+            Task::Follow => (OVERTAKEN_US, waits.patches_us),
+            Task::Look => (DETECTION_OVERTAKEN_US, waits.detections_us),
         };
         let deadline_us = time.at(tick) + self.arrivals.wait_us(task, now_us, most_us);
         // Of an edge that works on every other tick only, or whose message was lost, nothing comes.

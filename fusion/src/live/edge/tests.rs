@@ -8,6 +8,10 @@ use super::*;
 use crate::live::fixture;
 
 const BOUND_MS: f64 = 100.0;
+const WAITS: LongestWaits = LongestWaits {
+    patches_us: 400_000,
+    detections_us: 400_000,
+};
 const START_US: Micros = 1_700_000_000 * SECOND_US;
 
 fn time() -> TickTime {
@@ -222,8 +226,7 @@ fn detection_passes_are_waited_for_longer_than_other_ticks() {
     edge.hear(Tick(70), came, &time);
     edge.send(&boxes(80, true), &time, time.at(Tick(71)));
     let now_us = time.at(Tick(71));
-    let mut waits =
-        |tick| edge.deadline_us(Tick(tick), &time, now_us, 400_000) - time.at(Tick(tick));
+    let mut waits = |tick| edge.deadline_us(Tick(tick), &time, now_us, WAITS) - time.at(Tick(tick));
     assert!(waits(80) >= 90_000);
     assert!(waits(79) < 20_000);
 }
@@ -247,7 +250,7 @@ fn a_tick_that_was_left_out_is_not_waited_for_once_a_later_one_has_come() {
     }
     let now_us = time.at(Tick(51));
     let waits = |edge: &mut Edge, tick| {
-        edge.deadline_us(Tick(tick), &time, now_us, 400_000) - time.at(Tick(tick))
+        edge.deadline_us(Tick(tick), &time, now_us, WAITS) - time.at(Tick(tick))
     };
     assert_eq!(waits(&mut edge, 51), 400_000);
     let came = Came {

@@ -119,6 +119,28 @@ impl Delays {
         all.into_iter().flatten().collect()
     }
 
+    /// Of poses that are late, where the time goes, in words: the edge whose patches come last, and the core.
+    pub(super) fn what_takes_longest(&self) -> String {
+        const USUALLY: f64 = 0.98;
+        let ms = |us: u32| f64::from(us) / 1e3;
+        let slowest = self.edges.iter().filter_map(|paths| {
+            let made = paths.patch_sent.quantile(USUALLY)?;
+            let travelled = paths.patch_arrived.quantile(USUALLY).unwrap_or(0);
+            Some((made.saturating_add(travelled), made, travelled, &paths.name))
+        });
+        let core = ms(self.pose_out.quantile(USUALLY).unwrap_or(0));
+        slowest.max().map_or_else(
+            || format!("fusion takes {core:.0} ms from the last patch to the poses"),
+            |(_, made, travelled, name)| {
+                format!(
+                    "of viewpoint {name} patches take {:.0} ms to make and {:.0} ms to travel, fusion takes {core:.0} ms",
+                    ms(made),
+                    ms(travelled)
+                )
+            },
+        )
+    }
+
     /// Those of every edge, by the viewpoint's name.
     pub(super) fn of_edges(&self) -> impl Iterator<Item = (&str, StageTime)> {
         self.edges.iter().flat_map(|paths| {

@@ -9,6 +9,7 @@ use farfield_proto::transport::FUSION;
 use super::run::LiveFusion;
 use crate::live::Micros;
 use crate::live::edge::Edge;
+use crate::live::target_latency::KEPT_SHARE;
 use crate::node::recording::RecordingsOnDemand;
 
 impl LiveFusion<'_> {
@@ -89,6 +90,29 @@ impl LiveFusion<'_> {
         self.is_other_told = other.is_some();
     }
 
+    /// Says that the target latency is not kept, and what takes the time, when that begins and when it is over.
+    pub(super) fn look_at_target(&mut self) {
+        let (Some(target_ms), Some(share)) = (self.target.target_ms(), self.target.take_share())
+        else {
+            return;
+        };
+        let was_missed = self.missed_target.is_some();
+        self.missed_target = (share < KEPT_SHARE).then(|| {
+            format!(
+                "{:.0} % of the poses are out within the {target_ms:.0} ms of `target_latency_ms`; {}",
+                100.0 * share,
+                self.delays.what_takes_longest()
+            )
+        });
+        match &self.missed_target {
+            Some(words) if !was_missed => say(format_args!("{words}")),
+            None if was_missed => say(format_args!(
+                "poses are out within the {target_ms:.0} ms of `target_latency_ms` again"
+            )),
+            _ => {}
+        }
+    }
+
     /// How this node is.
     pub(super) fn health(&self) -> NodeHealth {
         let links = self
@@ -126,6 +150,9 @@ impl LiveFusion<'_> {
         for index in self.flood.flooding() {
             let name = &self.config.venue.viewpoints[index].name;
             health.notice(format!("viewpoint {name} sends more than any edge may"));
+        }
+        if let Some(words) = &self.missed_target {
+            health.notice(words.clone());
         }
         for words in &self.disagreements {
             health.notice(words.clone());

@@ -118,6 +118,7 @@ pub(super) async fn live(
         stages: finished.stages,
         paths: run.paths(),
         cameras: run.camera_summaries(),
+        target_latency: run.target.summary(),
         last_words: &last_words,
         elapsed: clock::now().duration_since(began),
         recording: context.recording.map(RecordingThread::so_far),

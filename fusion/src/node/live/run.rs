@@ -37,6 +37,7 @@ use crate::live::late_detections::LateDetections;
 use crate::live::membership::Membership;
 use crate::live::pace::Pace;
 use crate::live::queue::{Next, TickQueue, Waiting};
+use crate::live::target_latency::TargetLatency;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::output::summary::Lost;
@@ -65,9 +66,12 @@ const AT_ONCE: usize = 64;
 
 /// A tick that the core works on.
 #[derive(Debug, Clone, Copy)]
+#[expect(clippy::struct_field_names, reason = "all are times")]
 pub(super) struct InFlight {
     pub(super) captured_us: Micros,
     pub(super) arrived_us: Option<Micros>,
+    /// When the core got it.
+    pub(super) begun_us: Micros,
 }
 
 /// A live run under way.
@@ -82,6 +86,9 @@ pub(super) struct LiveFusion<'a> {
     pub(super) present: BTreeSet<String>,
     pub(super) gather: LiveGather,
     pub(super) queue: TickQueue,
+    pub(super) target: TargetLatency,
+    /// That the target is not kept, in words.
+    pub(super) missed_target: Option<String>,
     /// Per open tick: when its last message came.
     pub(super) arrived: BTreeMap<Tick, Micros>,
     pub(super) late: Vec<PatchSet>,
@@ -167,6 +174,8 @@ impl<'a> LiveFusion<'a> {
             refusals: vec![None; edges.len()],
             edges,
             queue: TickQueue::default(),
+            target: TargetLatency::new(venue.parameters.link.target_latency_ms),
+            missed_target: None,
             arrived: BTreeMap::new(),
             late: Vec::new(),
             in_flight: None,
@@ -251,6 +260,7 @@ impl<'a> LiveFusion<'a> {
                         self.look_at_certificates();
                         self.look_at_agreement();
                         self.look_for_another();
+                        self.look_at_target();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
                         let links = status.live.as_ref().map(|live| live.edges.clone());
@@ -305,6 +315,7 @@ impl<'a> LiveFusion<'a> {
         self.in_flight = Some(InFlight {
             captured_us: self.time.at(tick) + earliest_capture_us(&group),
             arrived_us,
+            begun_us: now_us,
         });
         let (publish_us, period_us) = (self.publish_us, self.time.period_us());
         let edges = self.edges.iter_mut();
@@ -341,13 +352,14 @@ impl<'a> LiveFusion<'a> {
 
     fn waiting(&mut self, tick: Tick, now_us: Micros) -> Waiting {
         let most_us = (self.config.venue.parameters.link.deadline_ms * 1e3) as Micros;
+        let waits = self.target.longest_waits(most_us, now_us);
         let mut until_us = None;
         for index in 0..self.edges.len() {
             let viewpoint = ViewpointIndex(index as u16);
             let awaited = self.members.is_welcome(index) && self.edges[index].is_awaited(now_us);
             if awaited && !self.gather.has_all(tick, viewpoint) {
                 let edge = &mut self.edges[index];
-                let deadline_us = edge.deadline_us(tick, &self.time, now_us, most_us);
+                let deadline_us = edge.deadline_us(tick, &self.time, now_us, waits);
                 until_us = until_us.max(Some(deadline_us));
             }
         }

@@ -77,6 +77,11 @@ impl LiveFusion<'_> {
         let flight = self.in_flight.take()?;
         self.delays
             .pose(flight.captured_us, flight.arrived_us, now_us);
+        self.target.posed(
+            now_us - flight.captured_us,
+            now_us - flight.begun_us,
+            now_us,
+        );
         Some((poses, self.tally.total_bytes()))
     }
 

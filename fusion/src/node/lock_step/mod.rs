@@ -117,6 +117,7 @@ impl Begin<'_> {
             stages: finished.stages,
             paths: Vec::new(),
             cameras: BTreeMap::new(),
+            target_latency: None,
             last_words: &last_words,
             elapsed: clock::now().duration_since(began),
             recording: self.recording.map(RecordingThread::so_far),

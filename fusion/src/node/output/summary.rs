@@ -14,7 +14,8 @@ use super::exporter::Exported;
 use super::tally::Tally;
 use crate::camera_agreement::AgreementReport;
 use crate::export::summary::{
-    CameraSummary, DropSummary, RecordingSummary, StageTiming, Summary, TickSpan, TimingSummary,
+    CameraSummary, DropSummary, RecordingSummary, StageTiming, Summary, TargetLatencySummary,
+    TickSpan, TimingSummary,
 };
 
 /// What is known when a run is over.
@@ -43,6 +44,8 @@ pub(in crate::node) struct RunFacts<'a> {
     pub(in crate::node) elapsed: Duration,
     /// Per camera, as its edge described it; none in lock-step.
     pub(in crate::node) cameras: BTreeMap<String, CameraSummary>,
+    /// How the target latency was kept, where a live run has one.
+    pub(in crate::node) target_latency: Option<TargetLatencySummary>,
     /// What was recorded, when anything was.
     pub(in crate::node) recording: Option<RecordingSummary>,
 }
@@ -117,6 +120,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
             look_share: look_shares(facts.last_words),
             link_bytes_on_wire: BTreeMap::new(),
             cameras: facts.cameras.clone(),
+            target_latency: facts.target_latency,
             poses: facts.exported.missing.clone(),
             recording: facts.recording.clone(),
         },

@@ -7,11 +7,12 @@ use std::path::Path;
 use std::time::Duration;
 
 use farfield_fusion::recording::reader::{AnySet, Recording};
-use farfield_lab::relay::Impairment;
+use farfield_lab::relay::{Direction, Impairment};
+use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
 
-use super::stage::LiveStage;
-use crate::farfield::poses;
+use super::stage::{LiveStage, RATE_HZ};
+use crate::farfield::{poses, summary};
 
 #[test]
 fn doubled_and_reordered_messages_change_nobody() {
@@ -78,4 +79,39 @@ fn an_edge_goes_on_following_people_while_its_link_is_cut_and_the_recording_gets
         "{per_tick:.2} patches a tick while the link was cut for 3 s, {usual_per_tick:.2} before"
     );
     assert!(per_tick > 0.8 * usual_per_tick);
+}
+
+/// The median delay of the poses from `from` on, microseconds.
+fn usual_delay_us(stage: &LiveStage, from: Tick) -> u64 {
+    let delays_us = stage.seen().delays_us(RATE_HZ, from);
+    percentile(&delays_us, 0.5).unwrap()
+}
+
+#[test]
+fn with_a_target_latency_an_edge_that_is_far_away_holds_nobody_up_and_is_named() {
+    const ONE_WAY_US: u32 = 180_000;
+    let far = Impairment {
+        delay_us: ONE_WAY_US,
+        ..Impairment::default()
+    };
+    let mut waited = Vec::new();
+    for parameters in ["", "[link]\ntarget_latency_ms = 60\n"] {
+        let mut stage = LiveStage::prepare(&[], parameters);
+        stage.start();
+        stage.live.relays[0].set(Direction::Up, far);
+        stage.go_on(2.0);
+        let from = stage.seen().newest.as_ref().unwrap().tick;
+        stage.go_on(4.0);
+        waited.push(usual_delay_us(&stage, from));
+        let out = stage.finish("first");
+        let kept = summary(&out)["timing"]["target_latency"].clone();
+        println!(
+            "{parameters:?}: {} us at the median; {kept}",
+            waited[waited.len() - 1]
+        );
+        assert_eq!(kept.is_null(), parameters.is_empty());
+    }
+    // Without a target the far edge is waited for, which takes its way at least; with one it is not.
+    assert!(waited[0] >= u64::from(ONE_WAY_US), "{waited:?}");
+    assert!(waited[1] < u64::from(ONE_WAY_US), "{waited:?}");
 }
