@@ -72,6 +72,17 @@ pub struct Alignment {
 }
 
 impl Anchors {
+    /// The cameras that it speaks of; some more than once.
+    pub fn cameras(&self) -> impl Iterator<Item = &str> {
+        let centers = self.centers_m.iter().map(|(name, _)| name);
+        let distances = self.distances.iter().flat_map(|it| [&it.first, &it.second]);
+        let clicks = self.points.iter().map(|it| &it.clicks).chain(&self.floor);
+        let clicks = clicks.flatten().map(|(name, _)| name);
+        let marks = self.marks.iter().flat_map(Marks::cameras);
+        let named = centers.chain(distances).chain(clicks);
+        named.map(String::as_str).chain(marks)
+    }
+
     /// What remains of it without the cameras `names`: for those that have no pose.
     #[must_use]
     pub fn without(&self, names: &[&str]) -> Self {

@@ -61,6 +61,15 @@ pub struct Marks {
 }
 
 impl Marks {
+    /// The cameras in which something was clicked; some more than once.
+    pub fn cameras(&self) -> impl Iterator<Item = &str> {
+        let known = self.known.iter().map(|it| &it.clicks);
+        let ends = self.lengths.iter().flat_map(|it| &it.ends);
+        let points = self.floor.iter().chain(ends).map(|it| &it.clicks);
+        let clicks = known.chain(points).flatten();
+        clicks.map(|(camera, _)| camera.as_str())
+    }
+
     /// What remains of it without the cameras `names`.
     #[must_use]
     pub fn without(&self, names: &[&str]) -> Self {

@@ -27,7 +27,7 @@ pub(crate) use venue::{Laid, of_anchors};
 
 pub use error::CalibrationError;
 pub use file::{Sighting, parse, parse_multicamselfcal};
-pub use outcome::{FoundCamera, PathPoint, PointCalibration, Stage, calibrate};
+pub use outcome::{FoundCamera, PathPoint, PointCalibration, Stage, calibrate, check_request};
 pub use request::{Lenses, PointCamera, PointRequest, Timing};
 
 #[cfg(test)]

@@ -157,7 +157,7 @@ pub fn calibrate(
     request: &PointRequest,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<PointCalibration, CalibrationError> {
-    check(request)?;
+    check_request(request)?;
     let tracks = request.cameras.iter().map(|camera| {
         let track = Track::of(camera)?;
         if track.seen.len() < LEAST_SIGHTINGS {
@@ -179,7 +179,12 @@ pub fn calibrate(
     finish(request, &chain, refined)
 }
 
-fn check(request: &PointRequest) -> Result<(), CalibrationError> {
+/// Refuses a request that no sightings would make usable: whoever has to look for them first asks beforehand.
+///
+/// # Errors
+/// [`CalibrationError`] where there are too few cameras or two of one name, and for numbers that are none: rates, offsets, the
+/// gate, what is known of the venue.
+pub fn check_request(request: &PointRequest) -> Result<(), CalibrationError> {
     if request.cameras.len() < 2 {
         return Err(CalibrationError::TooFewCameras {
             found: request.cameras.len(),

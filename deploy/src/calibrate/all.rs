@@ -7,7 +7,7 @@ use clap::Args;
 use farfield_node::process::{NodeError, say};
 
 use super::Judged;
-use super::ball::{BallLook, lines, look_at_all};
+use super::ball::{BallLook, LookingCamera, cameras, lines, look_at_all};
 use super::handed_over::FoundArgs;
 use super::points::{AskedArgs, solve};
 
@@ -40,10 +40,15 @@ pub(super) struct AllArgs {
 pub(super) fn from_recordings(args: &AllArgs) -> Result<Judged, NodeError> {
     // Before a look of minutes.
     args.found.refuse_existing()?;
-    let lenses = args.asked.cameras.lenses().map_err(NodeError::Refused)?;
-    let seen = look_at_all(&args.look, &lenses, &args.seen, args.found.replace)?;
+    let lenses = args.asked.cameras.needed_lenses();
+    let lenses = lenses.map_err(NodeError::Refused)?;
+    let cameras = cameras(&args.look, &lenses).map_err(NodeError::Refused)?;
+    let names: Vec<&str> = cameras.iter().map(LookingCamera::name).collect();
+    let request = args.asked.request(&names, &lenses);
+    let request = request.map_err(NodeError::Refused)?;
+    let seen = look_at_all(&args.look, &cameras, &args.seen, args.found.replace)?;
     say(format_args!("{}", lines(&seen).trim_end()));
     let seen = seen.into_iter().filter(|it| it.sightings > 0);
-    let files: Vec<PathBuf> = seen.map(|it| it.file).collect();
-    solve(&files, &args.asked, &args.found)
+    let files = seen.map(|it| (it.camera, it.file)).collect();
+    solve(request, &files, &args.found)
 }

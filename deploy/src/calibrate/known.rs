@@ -24,12 +24,6 @@ pub(super) struct KnownArgs {
 }
 
 impl KnownArgs {
-    /// The cameras that are named.
-    pub(super) fn cameras(&self) -> impl Iterator<Item = &String> {
-        let distances = self.distance.iter().flat_map(|it| [&it.first, &it.second]);
-        distances.chain(self.at.iter().map(|(name, _)| name))
-    }
-
     /// The same as calibrations take it.
     ///
     /// # Errors

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use clap::Args;
+use farfield_calibration::alignment::Anchors;
 use farfield_calibration::people::{PeopleCamera, PeopleRequest, PeopleStage, calibrate};
 use farfield_calibration::points::Timing;
 use farfield_node::process::{NodeError, say};
@@ -12,7 +13,7 @@ use super::Judged;
 use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
 use super::recorded_people::{Part, PeopleRecording, is_recording};
-use super::seen::SeenArgs;
+use super::seen::{SeenArgs, by_camera};
 use super::thin_files::ThinFiles;
 
 /// What `farfield calibrate people` is told.
@@ -72,20 +73,25 @@ pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
 }
 
 fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
+    let anchors = args.known.anchors()?;
     let request = match args.seen.iter().find(|path| is_recording(path)) {
-        Some(recording) => of_recording(args, recording)?,
-        None => of_files(args)?,
+        Some(recording) => of_recording(args, recording, &anchors)?,
+        None => of_files(args, &anchors)?,
     };
     Ok(PeopleRequest {
         stature_m: args.stature_m,
         seed: args.seed,
-        anchors: args.known.anchors()?,
+        anchors,
         ..request
     })
 }
 
 /// What a recording of fusion's own messages has of them.
-fn of_recording(args: &PeopleArgs, path: &Path) -> anyhow::Result<PeopleRequest> {
+fn of_recording(
+    args: &PeopleArgs,
+    path: &Path,
+    anchors: &Anchors,
+) -> anyhow::Result<PeopleRequest> {
     let shown = path.display();
     ensure!(
         args.seen.len() == 1,
@@ -108,25 +114,19 @@ fn of_recording(args: &PeopleArgs, path: &Path) -> anyhow::Result<PeopleRequest>
     let lenses = args.cameras.lenses()?;
     let recording = PeopleRecording::open(path)?;
     let names = recording.names();
-    for name in args.cameras.lens_names() {
-        ensure!(
-            names.contains(&name),
-            "--lens: unknown camera `{name}`, expected one of {}",
-            names.join(", ")
-        );
-    }
-    args.cameras.check_names(&args.known, names.into_iter())?;
+    args.cameras.check_names(anchors, &names)?;
     recording.request(&lenses, args.cameras.timing(), part)
 }
 
-fn of_files(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
+fn of_files(args: &PeopleArgs, anchors: &Anchors) -> anyhow::Result<PeopleRequest> {
     ensure!(
         args.from_s.is_none() && args.until_s.is_none(),
         "--from-s and --until-s are for a recording: of files of keypoints leave out lines"
     );
-    let mut thinned = ThinFiles::new(&args.cameras, args.seen.len());
+    let files = by_camera(&args.seen)?;
+    let mut thinned = ThinFiles::new(&args.cameras, files.len());
     let read = |name: &str, path: &Path| thinned.read(name, path);
-    let mut seen = args.cameras.cameras(&args.seen, &args.known, read)?;
+    let mut seen = args.cameras.cameras(&files, anchors, read)?;
     thinned.level(&mut seen);
     let mut cameras = Vec::new();
     for it in seen {

@@ -1,17 +1,19 @@
 //! `farfield calibrate points`: where cameras stand, from a single moving point that they saw.
 
-use std::path::{Path, PathBuf};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use anyhow::ensure;
 use clap::{Args, ValueEnum};
 use farfield_calibration::points::{
-    Lenses, PointCamera, PointRequest, Stage, Timing, calibrate, parse,
+    Lenses, PointCamera, PointRequest, Stage, Timing, calibrate, check_request, parse,
 };
 use farfield_node::process::{NodeError, say};
 
 use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
-use super::seen::SeenArgs;
+use super::lenses::{Lens, lens_of};
+use super::seen::{SeenArgs, by_camera};
 use super::{Judged, read};
 
 /// What `farfield calibrate points` is told.
@@ -65,21 +67,29 @@ enum FreeLens {
 /// # Errors
 /// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the disk is in the way.
 pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
-    solve(&args.seen, &args.asked, &args.found)
+    let prepared = || {
+        let files = by_camera(&args.seen)?;
+        let lenses = args.asked.cameras.needed_lenses()?;
+        let names: Vec<&str> = files.keys().map(String::as_str).collect();
+        let request = args.asked.request(&names, &lenses)?;
+        Ok((request, files))
+    };
+    let (request, files) = prepared().map_err(NodeError::Refused)?;
+    args.found.refuse_existing()?;
+    solve(request, &files, &args.found)
 }
 
-/// The same from the files `seen`.
+/// The same for `request`, with what each of its cameras saw in `files`; one without a file saw nothing.
 ///
 /// # Errors
 /// As [`from_points`].
 pub(super) fn solve(
-    seen: &[PathBuf],
-    asked: &AskedArgs,
+    request: PointRequest,
+    files: &BTreeMap<String, PathBuf>,
     told: &FoundArgs,
 ) -> Result<Judged, NodeError> {
-    let request = request(seen, asked).map_err(NodeError::Refused)?;
-    told.refuse_existing()?;
-    let has_clocks = request.timing != Timing::Synchronised;
+    let names: Vec<String> = request.cameras.iter().map(|it| it.name.clone()).collect();
+    let request = with_sightings(request, files).map_err(NodeError::Refused)?;
     let progress = &mut |stage: Stage| {
         say(format_args!(
             "{}",
@@ -93,38 +103,86 @@ pub(super) fn solve(
     };
     let found = calibrate(&request, progress).map_err(NodeError::refused)?;
     let asked = Asked {
-        names: request.cameras.iter().map(|it| it.name.as_str()).collect(),
-        has_clocks,
+        names: names.iter().map(String::as_str).collect(),
+        has_clocks: request.timing != Timing::Synchronised,
     };
     hand_over(&found, &asked, told)
 }
 
-fn request(seen: &[PathBuf], args: &AskedArgs) -> anyhow::Result<PointRequest> {
-    let timing = args.cameras.timing();
-    ensure!(
-        timing != Timing::Synchronised || !args.cameras.has_rates(),
-        "--rate-hz says nothing of cameras that are synchronised: give --clocks given, or unknown"
-    );
-    let read = |_: &str, path: &Path| Ok(parse(&read(path)?.text, path)?);
-    let seen = args.cameras.cameras(seen, &args.known, read)?;
-    let cameras = seen.into_iter().map(|it| PointCamera {
-        name: it.name,
-        size_px: it.lens.size_px,
-        intrinsics: it.lens.intrinsics,
-        distortion: it.lens.distortion,
-        rate_hz: it.rate_hz,
-        offset_s: it.offset_s,
-        sightings: it.seen,
-    });
+/// `request` with what its cameras saw, without those that saw nothing, and without what is known of these.
+fn with_sightings(
+    request: PointRequest,
+    files: &BTreeMap<String, PathBuf>,
+) -> anyhow::Result<PointRequest> {
+    let (mut cameras, mut blind) = (Vec::new(), Vec::new());
+    for camera in request.cameras {
+        match files.get(&camera.name) {
+            Some(path) => cameras.push(PointCamera {
+                sightings: parse(&read(path)?.text, path)?,
+                ..camera
+            }),
+            None => blind.push(camera.name),
+        }
+    }
+    for name in &blind {
+        if request.anchors.cameras().any(|of| of == name) {
+            say(format_args!(
+                "camera {name} saw nothing: what is known of it is left out"
+            ));
+        }
+    }
+    let blind: Vec<&str> = blind.iter().map(String::as_str).collect();
     Ok(PointRequest {
-        lenses: match args.free {
-            FreeLens::None => Lenses::Given,
-            FreeLens::Focal => Lenses::Focal,
-            FreeLens::All => Lenses::All,
-        },
-        gate_px: args.gate_px,
-        seed: args.seed,
-        anchors: args.known.anchors()?,
-        ..PointRequest::new(cameras.collect(), timing)
+        cameras,
+        anchors: request.anchors.without(&blind),
+        ..request
     })
+}
+
+impl AskedArgs {
+    /// What is asked for of the cameras `names`, before anybody knows what they saw: all that can be wrong with it is told now,
+    /// and not after minutes of looking.
+    ///
+    /// # Errors
+    /// Names of cameras that are not among these, cameras without a lens, files that cannot be read, numbers that are none.
+    pub(super) fn request(
+        &self,
+        names: &[&str],
+        lenses: &BTreeMap<String, Lens>,
+    ) -> anyhow::Result<PointRequest> {
+        let seen = &self.cameras;
+        let timing = seen.timing();
+        ensure!(
+            timing != Timing::Synchronised || !seen.has_rates(),
+            "--rate-hz says nothing of cameras that are synchronised: give --clocks given, or unknown"
+        );
+        seen.check_clocks()?;
+        let anchors = self.known.anchors()?;
+        seen.check_names(&anchors, names)?;
+        let cameras = names.iter().map(|name| {
+            let lens = lens_of(lenses, name)?;
+            Ok(PointCamera {
+                name: (*name).to_owned(),
+                size_px: lens.size_px,
+                intrinsics: lens.intrinsics,
+                distortion: lens.distortion,
+                rate_hz: seen.rate_of(name),
+                offset_s: seen.offset_of(name),
+                sightings: Vec::new(),
+            })
+        });
+        let request = PointRequest {
+            lenses: match self.free {
+                FreeLens::None => Lenses::Given,
+                FreeLens::Focal => Lenses::Focal,
+                FreeLens::All => Lenses::All,
+            },
+            gate_px: self.gate_px,
+            seed: self.seed,
+            anchors,
+            ..PointRequest::new(cameras.collect::<anyhow::Result<_>>()?, timing)
+        };
+        check_request(&request)?;
+        Ok(request)
+    }
 }

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use clap::{Args, ValueEnum};
+use farfield_calibration::alignment::{Anchors, Marks};
 use farfield_calibration::points::Timing;
 
-use super::known::KnownArgs;
 use super::lenses::{Lens, LensFile, lens_of, lenses};
 use super::named;
 
@@ -47,6 +47,26 @@ pub(super) struct SeenCamera<T> {
     pub(super) seen: T,
 }
 
+/// Files of what cameras saw, by the camera that each is called after.
+///
+/// # Errors
+/// Where two are of one camera.
+pub(super) fn by_camera(files: &[PathBuf]) -> anyhow::Result<BTreeMap<String, PathBuf>> {
+    let mut named = BTreeMap::new();
+    for path in files {
+        let name = path.file_stem().and_then(|it| it.to_str());
+        let name = name.unwrap_or_default().to_owned();
+        if let Some(first) = named.insert(name.clone(), path.clone()) {
+            bail!(
+                "{} and {}: two files are of camera `{name}`",
+                first.display(),
+                path.display()
+            );
+        }
+    }
+    Ok(named)
+}
+
 impl SeenArgs {
     /// What is known of time.
     pub(super) fn timing(&self) -> Timing {
@@ -65,6 +85,18 @@ impl SeenArgs {
         lenses(&self.lens)
     }
 
+    /// The lenses, of which there must be some.
+    ///
+    /// # Errors
+    /// As [`lenses`], and where none is given.
+    pub(super) fn needed_lenses(&self) -> anyhow::Result<BTreeMap<String, Lens>> {
+        ensure!(
+            !self.lens.is_empty(),
+            "no lens: give those of all cameras by --lens FILE, or of each by --lens NAME=FILE"
+        );
+        self.lenses()
+    }
+
     /// Time of its frame 0, seconds, where that is said.
     pub(super) fn offset_of(&self, name: &str) -> Option<f64> {
         let found = self.offset_s.iter().find(|(of, _)| of == name);
@@ -76,70 +108,69 @@ impl SeenArgs {
         !self.rate_hz.is_empty()
     }
 
-    /// The cameras of these files, by name, each as `read` reads it; what `known` and the clocks say must be of these.
+    /// The cameras of these files, by name, each as `read` reads it; what `anchors` and the clocks say must be of these, and that
+    /// is asked before anything is read.
     ///
     /// # Errors
-    /// What cannot be read, two files of one camera, a camera without a lens or that nobody knows, offsets of clocks that are
-    /// not given.
+    /// What cannot be read, a camera without a lens or that nobody knows, offsets of clocks that are not given.
     pub(super) fn cameras<T>(
         &self,
-        files: &[PathBuf],
-        known: &KnownArgs,
+        files: &BTreeMap<String, PathBuf>,
+        anchors: &Anchors,
         mut read: impl FnMut(&str, &Path) -> anyhow::Result<T>,
     ) -> anyhow::Result<Vec<SeenCamera<T>>> {
-        ensure!(
-            self.timing() == Timing::Clocks || self.offset_s.is_empty(),
-            "--offset-s: offsets are for --clocks given"
-        );
-        ensure!(
-            !self.lens.is_empty(),
-            "no lens: give those of all cameras by --lens FILE, or of each by --lens NAME=FILE"
-        );
-        let lenses = self.lenses()?;
-        let mut seen = BTreeMap::new();
-        for path in files {
-            let name = path
-                .file_stem()
-                .and_then(|it| it.to_str())
-                .unwrap_or_default();
-            if seen.insert(name.to_owned(), read(name, path)?).is_some() {
-                bail!("{}: two files are of camera `{name}`", path.display());
-            }
+        let names: Vec<&str> = files.keys().map(String::as_str).collect();
+        self.check_clocks()?;
+        self.check_names(anchors, &names)?;
+        let lenses = self.needed_lenses()?;
+        for name in &names {
+            lens_of(&lenses, name)?;
         }
-        self.check_names(known, seen.keys().map(String::as_str))?;
-        let each = seen.into_iter().map(|(name, seen)| {
+        let each = files.iter().map(|(name, path)| {
             Ok(SeenCamera {
-                lens: lens_of(&lenses, &name)?.clone(),
-                rate_hz: self.rate_of(&name),
-                offset_s: self.offset_of(&name),
-                seen,
-                name,
+                lens: lens_of(&lenses, name)?.clone(),
+                rate_hz: self.rate_of(name),
+                offset_s: self.offset_of(name),
+                seen: read(name, path)?,
+                name: name.clone(),
             })
         });
         each.collect()
     }
 
-    /// The names that lenses are given for.
-    pub(super) fn lens_names(&self) -> impl Iterator<Item = &str> {
-        self.lens.iter().filter_map(LensFile::camera)
+    /// Refuses offsets of clocks that are not given.
+    ///
+    /// # Errors
+    /// When there are any.
+    pub(super) fn check_clocks(&self) -> anyhow::Result<()> {
+        ensure!(
+            self.timing() == Timing::Clocks || self.offset_s.is_empty(),
+            "--offset-s: offsets are for --clocks given"
+        );
+        Ok(())
     }
 
     /// Refuses what is said of cameras that are not among `has`.
     ///
     /// # Errors
-    /// The name that nobody knows.
-    pub(super) fn check_names<'a>(
-        &self,
-        known: &KnownArgs,
-        has: impl Iterator<Item = &'a str>,
-    ) -> anyhow::Result<()> {
-        let has: Vec<&str> = has.collect();
-        let rates = self.rate_hz.iter().filter_map(|(name, _)| name.as_ref());
-        let offsets = self.offset_s.iter().map(|(name, _)| name);
-        for name in rates.chain(offsets).chain(known.cameras()) {
-            ensure!(
-                has.contains(&name.as_str()),
-                "unknown camera `{name}`, expected one of {}",
+    /// The name that nobody knows, and the option that has it.
+    pub(super) fn check_names(&self, anchors: &Anchors, has: &[&str]) -> anyhow::Result<()> {
+        let lenses = self.lens.iter().filter_map(LensFile::camera);
+        let rates = self.rate_hz.iter().filter_map(|(name, _)| name.as_deref());
+        let offsets = self.offset_s.iter().map(|(name, _)| name.as_str());
+        let marks = anchors.marks.iter().flat_map(Marks::cameras);
+        let places = Anchors {
+            marks: None,
+            ..anchors.clone()
+        };
+        let named = lenses.map(|name| ("--lens", name));
+        let named = named.chain(rates.map(|name| ("--rate-hz", name)));
+        let named = named.chain(offsets.map(|name| ("--offset-s", name)));
+        let named = named.chain(places.cameras().map(|name| ("--at, --distance", name)));
+        let mut named = named.chain(marks.map(|name| ("--marks", name)));
+        if let Some((option, name)) = named.find(|(_, name)| !has.contains(name)) {
+            bail!(
+                "{option}: unknown camera `{name}`, expected one of {}",
                 has.join(", ")
             );
         }

@@ -19,7 +19,7 @@ use crate::init::recordings::{self, Recording, RecordingKind};
 const LEARNING_FRAMES: usize = 300;
 
 /// A recording and the lens that it was made through.
-pub(super) struct LookingCamera {
+pub(in crate::calibrate) struct LookingCamera {
     recording: Recording,
     lens: BallLens,
     /// The lens, in words that tell it from every other.
@@ -83,8 +83,19 @@ impl LookingCamera {
         })
     }
 
-    pub(super) fn name(&self) -> &str {
+    /// Its name.
+    pub(in crate::calibrate) fn name(&self) -> &str {
         &self.recording.name
+    }
+
+    /// Refuses what cannot be looked for.
+    ///
+    /// # Errors
+    /// Diameters and colours that are none.
+    pub(super) fn check(&self, look: &BallLook) -> anyhow::Result<()> {
+        let any = Appearance::MovingColour(ColourRange::saturated());
+        let finder = self.finder(look.appearance().unwrap_or(any), look);
+        finder.map(drop)
     }
 
     /// Its file in `folder`.

@@ -20,7 +20,7 @@ use farfield_node::process::NodeError;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 
-use self::camera::LookingCamera;
+pub(super) use self::camera::LookingCamera;
 use self::kept::Kept;
 use self::progress::LookProgress;
 use super::lenses::{Lens, LensFile, lenses};
@@ -127,7 +127,7 @@ fn coloured(by: ToldBy, colour: ColourRange) -> Appearance {
 /// What a camera saw.
 #[derive(Debug, Serialize)]
 pub(super) struct Seen {
-    camera: String,
+    pub(super) camera: String,
     frames: u64,
     pub(super) sightings: usize,
     /// At the median, pixels.
@@ -156,7 +156,8 @@ impl Seen {
 /// [`NodeError::Refused`] where recordings or lenses cannot be read, or a ball is nowhere.
 pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
     let lenses = lenses(&args.lens).map_err(NodeError::Refused)?;
-    let seen = look_at_all(&args.look, &lenses, &args.out, args.replace)?;
+    let cameras = cameras(&args.look, &lenses).map_err(NodeError::Refused)?;
+    let seen = look_at_all(&args.look, &cameras, &args.out, args.replace)?;
     let text = if args.json {
         serde_json::to_string_pretty(&seen).map_err(NodeError::failed)? + "\n"
     } else {
@@ -165,17 +166,31 @@ pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
     output::print(&text).map_err(NodeError::Failed)
 }
 
+/// The recordings, each with its lens, of which all is known to be usable before anybody looks into them.
+///
+/// # Errors
+/// As [`from_ball`].
+pub(super) fn cameras(
+    look: &BallLook,
+    lenses: &BTreeMap<String, Lens>,
+) -> anyhow::Result<Vec<LookingCamera>> {
+    let cameras = camera::all(&look.folder, lenses)?;
+    for camera in &cameras {
+        camera.check(look)?;
+    }
+    Ok(cameras)
+}
+
 /// Looks through every recording of which `out` has no finished file yet, and writes what was seen.
 ///
 /// # Errors
 /// As [`from_ball`]; [`NodeError::Failed`] where the disk is in the way.
 pub(super) fn look_at_all(
     look: &BallLook,
-    lenses: &BTreeMap<String, Lens>,
+    cameras: &[LookingCamera],
     out: &Path,
     replace: bool,
 ) -> Result<Vec<Seen>, NodeError> {
-    let cameras = camera::all(&look.folder, lenses).map_err(NodeError::Refused)?;
     let asked = cameras.par_iter().map(|camera| {
         let made_of = camera.made_of(look)?;
         let file = camera.file(out);

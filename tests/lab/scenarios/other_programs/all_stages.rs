@@ -2,11 +2,8 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Stdio};
-use std::thread::sleep;
-use std::time::Duration;
+use std::process::Command;
 
-use farfield_node::clock;
 use image::{Rgb, RgbImage};
 use nalgebra::Vector3;
 
@@ -14,8 +11,11 @@ use crate::farfield::{FinishedCommand, command, finish};
 
 /// Frames in which the ball is carried.
 const FRAMES: u32 = 150;
-/// Frames of the camera that was stopped last: looking through them takes much longer.
+/// Frames of the camera that was stopped last: what it saw does not fit into [`LARGEST_FILE`].
 const LATE_FRAMES: u32 = 900;
+/// Blocks of 512 or 1024 bytes, as the shell has them, beyond which a file kills who writes it: more than what the other cameras
+/// saw, and less than what the last did.
+const LARGEST_FILE: &str = "12";
 /// Size of a picture and focal length, pixels; radius of the ball, metres.
 const SIZE_PX: [u32; 2] = [320, 240];
 const FOCAL_PX: f64 = 300.0;
@@ -27,9 +27,9 @@ const CAMERAS_M: [(&str, [f64; 3]); 3] = [
     ("west", [-3.0, -2.8, 1.8]),
 ];
 
-/// Where the ball is, metres; after the last frame it lies still.
+/// Where the ball is, metres.
 fn ball_m(frame: u32) -> Vector3<f64> {
-    let t = 0.07 * f64::from(frame.min(FRAMES));
+    let t = 0.07 * f64::from(frame);
     Vector3::new(
         0.9 * (1.1 * t).sin(),
         0.8 * (0.83 * t + 1.0).sin(),
@@ -71,9 +71,20 @@ fn record(recordings: &Path) {
     }
 }
 
+/// Pictures of a camera that the ball never came before.
+fn record_nothing(recordings: &Path, name: &str) {
+    let folder = recordings.join(name);
+    fs::create_dir_all(&folder).unwrap();
+    let picture = RgbImage::from_pixel(SIZE_PX[0], SIZE_PX[1], Rgb([100, 100, 100]));
+    for frame in 0..10 {
+        let path = folder.join(format!("{frame:06}.png"));
+        picture.save(path).unwrap();
+    }
+}
+
 /// The lenses of all cameras.
 fn write_lenses(path: &Path) {
-    let each = CAMERAS_M.map(|(name, _)| {
+    let each = ["east", "north", "south", "west"].map(|name| {
         format!(
             "[{name}]\nname = \"{name}\"\nsize = [320, 240]\n\
              matrix = [[300.0, 0.0, 159.5], [0.0, 300.0, 119.5], [0.0, 0.0, 1.0]]\n\
@@ -84,23 +95,40 @@ fn write_lenses(path: &Path) {
     fs::write(path, each.concat()).unwrap();
 }
 
-/// `farfield calibrate all` on the recordings, in `folder`.
-fn calibrate_all(folder: &Path, recordings: &Path, more: &[&str]) -> Command {
-    let mut command = command();
-    command.args(["calibrate", "all"]).arg(recordings);
-    command.args([
-        "--lens",
-        "lenses.toml",
-        "--colour",
-        "#f07814",
-        "--out",
-        "found.toml",
-    ]);
+/// What `farfield calibrate all` is told of the recordings.
+fn words(recordings: &Path, more: &[&str]) -> Vec<String> {
+    let options = "--lens lenses.toml --colour #f07814 --out found.toml";
+    let mut words = vec!["calibrate".to_owned(), "all".to_owned()];
+    words.push(recordings.display().to_string());
+    words.extend(options.split(' ').map(str::to_owned));
     for (name, [x, y, z]) in CAMERAS_M {
-        command.arg(format!("--at={name}={x},{y},{z}"));
+        words.push(format!("--at={name}={x},{y},{z}"));
     }
-    command.args(more).current_dir(folder);
+    words.extend(more.iter().map(|word| (*word).to_owned()));
+    words
+}
+
+/// `farfield calibrate all` on the recordings, in `folder`.
+fn calibrate_all(folder: &Path, recordings: &Path, more: &[&str]) -> FinishedCommand {
+    let mut command = command();
     command
+        .args(words(recordings, more))
+        .env("RAYON_NUM_THREADS", "1")
+        .current_dir(folder);
+    finish(&command.output().unwrap())
+}
+
+/// The same, killed while it writes what the last camera saw.
+fn killed_at_the_last(folder: &Path, recordings: &Path) -> FinishedCommand {
+    let limited = format!("ulimit -c 0; ulimit -f {LARGEST_FILE}; exec \"$@\"");
+    let mut shell = Command::new("sh");
+    shell
+        .args(["-c", &limited, "sh"])
+        .arg(command().get_program())
+        .args(words(recordings, &[]))
+        .env("RAYON_NUM_THREADS", "1")
+        .current_dir(folder);
+    finish(&shell.output().unwrap())
 }
 
 /// A folder to work in.
@@ -121,61 +149,131 @@ fn results(folder: &Path, done: &FinishedCommand) -> Vec<Vec<u8>> {
         .collect()
 }
 
+/// The names in a folder, sorted.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap();
+    let entries = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = entries.collect();
+    names.sort();
+    names
+}
+
 #[test]
 fn who_is_stopped_after_a_look_goes_on_from_there_and_ends_with_the_same_bytes() {
     let recorded = tempfile::tempdir().unwrap();
     let recordings = recorded.path().join("recordings");
     record(&recordings);
     let at_once = workplace();
-    let whole = calibrate_all(at_once.path(), &recordings, &[]).output();
-    let whole = finish(&whole.unwrap());
+    let whole = calibrate_all(at_once.path(), &recordings, &[]);
     println!("{}\n{}", whole.stdout, whole.stderr);
     let expected = results(at_once.path(), &whole);
 
     let stopped = workplace();
-    let mut running = calibrate_all(stopped.path(), &recordings, &[]);
-    let running = running.stdout(Stdio::null()).stderr(Stdio::null());
-    let mut running = running.spawn().unwrap();
-    let (east, west) = (
-        stopped.path().join("seen/east.txt"),
-        stopped.path().join("seen/west.txt"),
-    );
-    let until = clock::now() + Duration::from_mins(5);
-    while !east.exists() && clock::now() < until {
-        sleep(Duration::from_millis(5));
-    }
-    let interrupt = Command::new("kill")
-        .args(["-INT", &running.id().to_string()])
-        .status();
-    assert!(interrupt.unwrap().success());
-    running.wait().unwrap();
-    assert!(east.exists() && !west.exists(), "stopped too late");
-    assert!(!stopped.path().join("found.toml").exists());
-    let left: Vec<_> = CAMERAS_M
-        .iter()
-        .filter(|(name, _)| stopped.path().join(format!("seen/{name}.txt")).exists())
-        .collect();
+    let killed = killed_at_the_last(stopped.path(), &recordings);
+    assert_ne!(killed.code, 0, "{}\n{}", killed.stdout, killed.stderr);
+    let left = names(&stopped.path().join("seen"));
+    let whole: Vec<&String> = left.iter().filter(|it| !it.ends_with(".tmp")).collect();
+    assert_eq!(whole, ["east.txt", "north.txt"], "{}", killed.stderr);
+    assert_eq!(names(stopped.path()), ["lenses.toml", "seen"]);
 
-    let again = finish(
-        &calibrate_all(stopped.path(), &recordings, &[])
-            .output()
-            .unwrap(),
-    );
+    let again = calibrate_all(stopped.path(), &recordings, &[]);
     assert_eq!(results(stopped.path(), &again), expected);
     // What was found is not looked for again, and all else is.
     let taken_up = again.stderr.matches("where it was found earlier").count();
-    assert_eq!(taken_up, left.len(), "{}", again.stderr);
-    assert!(
-        again.stderr.contains("camera east: taken from"),
-        "{}",
-        again.stderr
-    );
+    assert_eq!(taken_up, 2, "{}", again.stderr);
+    for name in ["east", "north"] {
+        let said = format!("camera {name}: taken from");
+        assert!(again.stderr.contains(&said), "{}", again.stderr);
+    }
+    let seen = names(&stopped.path().join("seen"));
+    assert_eq!(seen, ["east.txt", "north.txt", "west.txt"]);
 
     // With another option what is there is of no use, and stands in the way until somebody says so.
-    fs::remove_file(stopped.path().join("found.toml")).ok();
+    for name in names(stopped.path()) {
+        if name.starts_with("found") {
+            fs::remove_file(stopped.path().join(name)).unwrap();
+        }
+    }
     let other = ["--diameter-px", "6,300"];
-    let refused = calibrate_all(stopped.path(), &recordings, &other).output();
-    let refused = finish(&refused.unwrap());
+    let refused = calibrate_all(stopped.path(), &recordings, &other);
     assert_eq!(refused.code, 2, "{}", refused.stderr);
-    assert!(refused.stderr.contains("--replace"), "{}", refused.stderr);
+    let why = "seen/east.txt is there already: --replace replaces it";
+    assert!(refused.stderr.contains(why), "{}", refused.stderr);
+    assert_eq!(names(stopped.path()), ["lenses.toml", "seen"]);
+}
+
+#[test]
+fn what_is_wrong_with_the_command_is_told_before_any_picture_is_looked_at() {
+    let recorded = tempfile::tempdir().unwrap();
+    let recordings = recorded.path().join("recordings");
+    for (name, _) in CAMERAS_M {
+        record_nothing(&recordings, name);
+    }
+    let place = workplace();
+    let marks = "[camera.nrth]\npost = [3.0, 4.0]\n[places]\npost = [1.0, 2.0, 0.0]\n";
+    fs::write(place.path().join("marks.toml"), marks).unwrap();
+    let lenses = fs::read_to_string(place.path().join("lenses.toml")).unwrap();
+    let one = lenses.split("[north]").next().unwrap();
+    fs::write(place.path().join("one.toml"), one).unwrap();
+    fs::write(place.path().join("broken.toml"), "court = 3\n").unwrap();
+    let told: [(&[&str], &str); 13] = [
+        (
+            &["--at", "norht=0,0,3"],
+            "--distance: unknown camera `norht`, expected one of east, north, west",
+        ),
+        (&["--at", "north=0,0,nan"], "known place of `north`: found"),
+        (&["--distance", "north,suoth=3"], "unknown camera `suoth`"),
+        (
+            &["--distance", "north,north=3"],
+            "distance of `north` to itself",
+        ),
+        (
+            &["--lens", "norht=one.toml"],
+            "--lens: unknown camera `norht`",
+        ),
+        (
+            &["--lens", "south=lenses.toml"],
+            "two files are of camera `south`",
+        ),
+        (&["--lens", "nowhere.toml"], "nowhere.toml"),
+        (&["--marks", "marks.toml"], "--marks: unknown camera `nrth`"),
+        (&["--marks", "broken.toml"], "broken.toml:1: `court`"),
+        (&["--marks", "nowhere.toml"], "nowhere.toml"),
+        (
+            &["--clocks", "given", "--rate-hz", "50"],
+            "camera `east`: `offset_s` is missing",
+        ),
+        (&["--gate-px", "0"], "`gate_px`: found 0"),
+        (&["--diameter-px", "9,3"], "found 9 to 3"),
+    ];
+    for (more, words) in told {
+        let refused = calibrate_all(place.path(), &recordings, more);
+        assert_eq!(refused.code, 2, "{more:?}: {}", refused.stderr);
+        assert!(
+            refused.stderr.contains(words),
+            "{more:?}: {}",
+            refused.stderr
+        );
+        // These recordings have no ball in them, which a look would have told.
+        assert!(!refused.stderr.contains("nothing that moves"), "{more:?}");
+        assert!(!place.path().join("seen").exists(), "{more:?}");
+    }
+}
+
+#[test]
+fn a_camera_that_saw_nothing_is_known_and_has_no_pose() {
+    let recorded = tempfile::tempdir().unwrap();
+    let recordings = recorded.path().join("recordings");
+    record(&recordings);
+    record_nothing(&recordings, "south");
+    let place = workplace();
+    let known = ["--at", "south=0,-4,2", "--distance", "south,north=8.3"];
+    let done = calibrate_all(place.path(), &recordings, &known);
+    assert!(done.code <= 1, "{}\n{}", done.stdout, done.stderr);
+    let said = "camera south: not seen in 10 frames";
+    assert!(done.stderr.contains(said), "{}", done.stderr);
+    let left_out = "camera south saw nothing: what is known of it is left out";
+    assert!(done.stderr.contains(left_out), "{}", done.stderr);
+    let no_pose = "camera south: no pose";
+    assert!(done.stdout.contains(no_pose), "{}", done.stdout);
 }
