@@ -130,7 +130,7 @@ pub fn detect_chessboard(
     let view = view(picture)?;
     let full = (board.corners[0] * board.corners[1]) as usize;
     let mut best: Option<ChessboardDetection> = None;
-    let mut other = None;
+    let mut other: Option<([u32; 2], usize)> = None;
     for look in looks() {
         let corners = detect_corners(&view, &look);
         for params in ChessboardParams::sweep_default() {
@@ -142,7 +142,10 @@ pub fn detect_chessboard(
             };
             let extent = extent(&found);
             if !fits(extent, board.corners) {
-                other = Some(extent);
+                let count = found.corners.len();
+                if other.is_none_or(|(_, most)| count > most) {
+                    other = Some((extent, count));
+                }
             } else if best
                 .as_ref()
                 .is_none_or(|best| found.corners.len() > best.corners.len())
@@ -154,7 +157,10 @@ pub fn detect_chessboard(
             break;
         }
     }
-    match (best, other) {
+    // A part of a larger board is none of this size; a pattern beside a whole one is no larger board.
+    let seen = best.as_ref().map_or(0, |best| best.corners.len());
+    let other = other.filter(|(_, count)| seen < full && *count > seen);
+    match (best.filter(|_| other.is_none()), other) {
         (Some(found), _) => {
             let reach_px = REACH * f64::from(found.cell_size.unwrap_or(0.0));
             let corners = found.corners.iter();
@@ -170,7 +176,7 @@ pub fn detect_chessboard(
                     .collect(),
             })
         }
-        (None, Some(found)) => Err(DetectError::OtherBoard {
+        (None, Some((found, _))) => Err(DetectError::OtherBoard {
             found,
             expected: board.corners,
         }),

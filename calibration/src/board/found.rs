@@ -82,6 +82,32 @@ pub enum BoardError {
         /// The others, and why not.
         left_out: Vec<(String, String)>,
     },
+    /// The board has another size than was said.
+    #[error(
+        "at most {} x {} inner corners were found, in {pictures} pictures, expected {} x {}: count the corners between four \
+         squares again, or take a picture with the whole board in it",
+        found[0], found[1], expected[0], expected[1]
+    )]
+    OtherSize {
+        /// The most along both sides, the shorter first.
+        found: [u32; 2],
+        /// Pictures that show so many.
+        pictures: usize,
+        /// What was said, the shorter first.
+        expected: [u32; 2],
+    },
+    /// Too many pictures are turned by half a turn to say which way is right.
+    #[error(
+        "{} of {of} pictures were taken with the camera turned by half a turn against the others (`{}`): take all as the camera \
+         will stand",
+        turned.len(), turned.join("`, `")
+    )]
+    Turned {
+        /// The lesser part.
+        turned: Vec<String>,
+        /// All pictures.
+        of: usize,
+    },
     /// The boards stand parallel, or the fit has no minimum.
     #[error(
         "the pictures do not carry a focal length: the boards stand parallel to each other, expected some tilted by 30 degrees each way"

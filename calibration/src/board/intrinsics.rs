@@ -12,6 +12,7 @@ use super::found::{BoardCalibration, BoardError, FEWEST_PICTURES, LeftOut, Pictu
 use super::homography::homography;
 use super::projection::Coefficients;
 use super::start::{start_fisheye, start_pinhole};
+use super::turned::turned;
 
 /// Fewest corners of a picture that is used.
 const FEWEST_CORNERS: usize = 8;
@@ -35,7 +36,7 @@ pub fn calibrate(
             "pictures of {size_px:?} pixels: expected both above 0"
         )));
     }
-    let (used, left_out) = sort_out(views)?;
+    let (used, mut left_out) = sort_out(views)?;
     if used.len() < FEWEST_PICTURES {
         return Err(BoardError::TooFewPictures {
             found: used.len(),
@@ -43,13 +44,16 @@ pub fn calibrate(
         });
     }
     let sightings: Vec<Sighting> = used.iter().map(|view| view.sighting()).collect();
-    let start = match coefficients {
-        Coefficients::Fisheye => start_fisheye(size_px, &sightings),
-        _ => start_pinhole(size_px, &sightings, coefficients),
+    let state = fit(size_px, &sightings, coefficients)?;
+    let (used, sightings, state) = match turned(size_px, &state, &sightings) {
+        None => (used, sightings, state),
+        Some(turned) => {
+            let used = without_turned(used, &turned, &mut left_out)?;
+            let sightings: Vec<Sighting> = used.iter().map(|view| view.sighting()).collect();
+            let state = fit(size_px, &sightings, coefficients)?;
+            (used, sightings, state)
+        }
     };
-    let state = start
-        .and_then(|start| adjust(start, &sightings))
-        .ok_or(BoardError::Parallel)?;
     let corners: usize = sightings.iter().map(|s| s.pixels.len()).sum();
     let (pictures, sum) = judge_pictures(&state, &used, &sightings)?;
     let unknowns = coefficients.count() + 6 * used.len();
@@ -75,6 +79,38 @@ pub fn calibrate(
         covariance,
         coverage,
     })
+}
+
+/// The camera and the boards that fit, from nothing.
+fn fit(
+    size_px: [u32; 2],
+    sightings: &[Sighting],
+    coefficients: Coefficients,
+) -> Result<State, BoardError> {
+    let start = match coefficients {
+        Coefficients::Fisheye => start_fisheye(size_px, sightings),
+        _ => start_pinhole(size_px, sightings, coefficients),
+    };
+    let state = start.and_then(|start| adjust(start, sightings));
+    state.ok_or(BoardError::Parallel)
+}
+
+/// The views that are not `turned`; the others are named in `left_out`, and too many of them are refused.
+fn without_turned<'a>(
+    used: Vec<&'a BoardView>,
+    turned: &[bool],
+    left_out: &mut Vec<LeftOut>,
+) -> Result<Vec<&'a BoardView>, BoardError> {
+    let of = used.len();
+    let (away, left): (Vec<_>, Vec<_>) = used.into_iter().zip(turned).partition(|(_, is)| **is);
+    let names: Vec<String> = away.iter().map(|(view, _)| view.name.clone()).collect();
+    let left: Vec<&BoardView> = left.into_iter().map(|(view, _)| view).collect();
+    if 3 * names.len() > of || left.len() < FEWEST_PICTURES {
+        return Err(BoardError::Turned { turned: names, of });
+    }
+    let reason = "taken with the camera turned by half a turn against the others";
+    left_out.extend(names.into_iter().map(|name| (name, reason.to_owned())));
+    Ok(left)
 }
 
 /// Views with enough finite points, and the others with the reason.

@@ -14,7 +14,9 @@ mod picture;
 mod pose;
 mod projection;
 mod refine;
+mod size;
 mod start;
+mod turned;
 
 use nalgebra::{Vector2, Vector3};
 
@@ -26,6 +28,10 @@ pub use self::intrinsics::calibrate;
 pub use self::picture::GrayPicture;
 pub use self::pose::{OtherPose, PointPose, PoseError, pose_from_points};
 pub use self::projection::Coefficients;
+pub use self::size::check_size;
+
+/// Raise it whenever another lens comes of the same pictures: what was found with another one is looked for again.
+pub const BOARD_REVISION: u32 = 1;
 
 /// The corners of a board in one picture.
 #[derive(Debug, Clone, PartialEq)]

@@ -7,9 +7,9 @@ use super::projection::Optics;
 use super::*;
 use crate::formats::LensModel;
 
-const SIZE: [u32; 2] = [1920, 1200];
+pub(super) const SIZE: [u32; 2] = [1920, 1200];
 
-fn intrinsics(focal: f64) -> Intrinsics {
+pub(super) fn intrinsics(focal: f64) -> Intrinsics {
     Intrinsics {
         fx_px: focal,
         fy_px: focal * 1.002,
@@ -18,7 +18,7 @@ fn intrinsics(focal: f64) -> Intrinsics {
     }
 }
 
-fn pinhole() -> LensModel {
+pub(super) fn pinhole() -> LensModel {
     LensModel::Rational(Distortion {
         k1: -0.12,
         k2: 0.06,
@@ -47,7 +47,7 @@ impl Noise {
 }
 
 /// `count` pictures of a board of 9 x 6 corners, tilted by `tilt_rad`, all over the picture.
-fn views(optics: &Optics, count: usize, tilt_rad: f64, sigma_px: f64) -> Vec<BoardView> {
+pub(super) fn views(optics: &Optics, count: usize, tilt_rad: f64, sigma_px: f64) -> Vec<BoardView> {
     let mut noise = Noise(7);
     (0..count)
         .map(|i| {
