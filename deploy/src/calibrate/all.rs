@@ -1,4 +1,4 @@
-//! `farfield calibrate all`: from recordings of a ball to a calibration in one go. Each stage leaves its files; whoever is
+//! `farfield calibrate all`: from recordings of boards and of a ball to a calibration in one go. Each stage leaves its files; whoever is
 //! interrupted goes on where they end.
 
 use std::path::PathBuf;
@@ -7,8 +7,10 @@ use clap::Args;
 use farfield_node::process::{NodeError, say};
 
 use super::Judged;
-use super::ball::{BallLook, LookingCamera, cameras, lines, look_at_all};
+use super::ball::{BallLook, lines, look_at_all, with_lenses};
+use super::board::BoardsArgs;
 use super::handed_over::FoundArgs;
+use super::lenses::{Lens, lens_of};
 use super::points::{AskedArgs, solve};
 
 /// What `farfield calibrate all` is told.
@@ -16,6 +18,8 @@ use super::points::{AskedArgs, solve};
 pub(super) struct AllArgs {
     #[command(flatten)]
     look: BallLook,
+    #[command(flatten)]
+    boards: BoardsArgs,
     #[command(flatten)]
     asked: AskedArgs,
     /// Folder for NAME.txt: where each camera saw it.
@@ -33,19 +37,33 @@ pub(super) struct AllArgs {
     pub(super) found: FoundArgs,
 }
 
-/// Looks through the recordings, finds the cameras, writes calibration and sheet.
+/// Finds the lenses on boards, looks through the recordings, finds the cameras, writes calibration and sheet.
 ///
 /// # Errors
 /// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the disk is in the way.
 pub(super) fn from_recordings(args: &AllArgs) -> Result<Judged, NodeError> {
-    // Before a look of minutes.
     args.found.refuse_existing()?;
-    let lenses = args.asked.cameras.needed_lenses();
-    let lenses = lenses.map_err(NodeError::Refused)?;
-    let cameras = cameras(&args.look, &lenses).map_err(NodeError::Refused)?;
-    let names: Vec<&str> = cameras.iter().map(LookingCamera::name).collect();
-    let request = args.asked.request(&names, &lenses);
+    let recordings = args.look.recordings().map_err(NodeError::Refused)?;
+    let names: Vec<String> = recordings.iter().map(|it| it.name.clone()).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let mut lenses = args.asked.cameras.lenses().map_err(NodeError::Refused)?;
+    // All that is known to be wrong is told before looks of minutes, whatever lens a board will tell.
+    let any = |name: &str| Ok(lenses.get(name).cloned().unwrap_or_else(Lens::of_nobody));
+    let asked = args.asked.request(&names, any);
+    asked.map_err(NodeError::Refused)?;
+    let without: Vec<&str> = names
+        .iter()
+        .copied()
+        .filter(|name| !lenses.contains_key(*name))
+        .collect();
+    let boards = args.boards.stage(&without, args.found.replace)?;
+    lenses.extend(boards.lenses()?);
+
+    let request = args
+        .asked
+        .request(&names, |name| lens_of(&lenses, name).cloned());
     let request = request.map_err(NodeError::Refused)?;
+    let cameras = with_lenses(recordings, &lenses).map_err(NodeError::Refused)?;
     let seen = look_at_all(&args.look, &cameras, &args.seen, args.found.replace)?;
     say(format_args!("{}", lines(&seen).trim_end()));
     let seen = seen.into_iter().filter(|it| it.sightings > 0);

@@ -40,6 +40,14 @@ impl std::str::FromStr for LensFile {
 }
 
 impl LensFile {
+    /// The file at `path`, of the lens of `camera`.
+    pub(super) fn of_camera(camera: &str, path: &Path) -> Self {
+        Self {
+            camera: Some(camera.to_owned()),
+            path: path.to_owned(),
+        }
+    }
+
     /// The camera that it is of, where that is said.
     pub(super) fn camera(&self) -> Option<&str> {
         self.camera.as_deref()
@@ -55,6 +63,20 @@ pub(super) struct Lens {
 }
 
 impl Lens {
+    /// Stands in for a lens that is not known yet, where none is asked of anything.
+    pub(super) fn of_nobody() -> Self {
+        Self {
+            size_px: [1, 1],
+            intrinsics: Intrinsics {
+                fx_px: 1.0,
+                fy_px: 1.0,
+                cx_px: 0.0,
+                cy_px: 0.0,
+            },
+            distortion: Distortion::default(),
+        }
+    }
+
     /// The lens as the calibration of a camera that stands nowhere in particular.
     ///
     /// # Errors

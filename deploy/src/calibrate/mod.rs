@@ -4,10 +4,10 @@
 mod all;
 mod ball;
 mod board;
-mod board_video;
 mod convert;
 mod handed_over;
 mod judged;
+mod kept;
 mod known;
 mod lenses;
 mod people;
@@ -41,7 +41,7 @@ pub(crate) struct CalibrateArgs {
 /// One way to a calibration.
 #[derive(Debug, Subcommand)]
 enum CalibrateCommand {
-    /// Where cameras stand, from recordings of a ball: `ball` and `points` in one go.
+    /// Where cameras stand, from recordings of a ball, and of boards: all in one go.
     #[command(
         after_help = "Example: farfield calibrate all recordings/ --lens lenses.toml --distance north,south=24.1"
     )]

@@ -71,7 +71,9 @@ pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
         let files = by_camera(&args.seen)?;
         let lenses = args.asked.cameras.needed_lenses()?;
         let names: Vec<&str> = files.keys().map(String::as_str).collect();
-        let request = args.asked.request(&names, &lenses)?;
+        let request = args
+            .asked
+            .request(&names, |name| lens_of(&lenses, name).cloned())?;
         Ok((request, files))
     };
     let (request, files) = prepared().map_err(NodeError::Refused)?;
@@ -140,7 +142,7 @@ fn with_sightings(
 }
 
 impl AskedArgs {
-    /// What is asked for of the cameras `names`, before anybody knows what they saw: all that can be wrong with it is told now,
+    /// What is asked for of the cameras `names`, each through the lens that `lens_of` says, before anybody knows what they saw: all that can be wrong with it is told now,
     /// and not after minutes of looking.
     ///
     /// # Errors
@@ -148,7 +150,7 @@ impl AskedArgs {
     pub(super) fn request(
         &self,
         names: &[&str],
-        lenses: &BTreeMap<String, Lens>,
+        lens_of: impl Fn(&str) -> anyhow::Result<Lens>,
     ) -> anyhow::Result<PointRequest> {
         let seen = &self.cameras;
         let timing = seen.timing();
@@ -160,7 +162,7 @@ impl AskedArgs {
         let anchors = self.known.anchors()?;
         seen.check_names(&anchors, names)?;
         let cameras = names.iter().map(|name| {
-            let lens = lens_of(lenses, name)?;
+            let lens = lens_of(name)?;
             Ok(PointCamera {
                 name: (*name).to_owned(),
                 size_px: lens.size_px,

@@ -8,7 +8,7 @@ use farfield_calibration::ball::{
     Appearance, BallFinder, BallLens, BallRequest, BallSighting, ColourRange, Picture,
 };
 
-use super::kept::fingerprint;
+use super::looked::made_of;
 use super::progress::LookProgress;
 use super::{BallLook, coloured};
 use crate::calibrate::lenses::{Lens, lens_of};
@@ -27,32 +27,39 @@ pub(in crate::calibrate) struct LookingCamera {
     venue: OwnVenue,
 }
 
-/// The recordings of the folder, each with its lens.
+/// The recordings of the folder, each of another camera.
 ///
 /// # Errors
-/// What cannot be read, two recordings of one camera, and recordings without a lens.
-pub(super) fn all(
-    folder: &Path,
-    lenses: &BTreeMap<String, Lens>,
-) -> anyhow::Result<Vec<LookingCamera>> {
+/// What cannot be read, two recordings of one camera, and keypoint files alone.
+pub(super) fn recordings_in(folder: &Path) -> anyhow::Result<Vec<Recording>> {
     let found = recordings::find(folder, None)?;
     let pictures = found
         .into_iter()
         .filter(|it| it.kind != RecordingKind::Keypoints);
     let pictures: Vec<Recording> = pictures.collect();
     refuse_same_names(&pictures)?;
-    let each = pictures.into_iter().map(|recording| {
+    ensure!(
+        !pictures.is_empty(),
+        "{}: found keypoint files, expected videos or folders of pictures",
+        folder.display()
+    );
+    Ok(pictures)
+}
+
+/// The recordings, each with its lens.
+///
+/// # Errors
+/// Recordings without a lens, and lenses that nothing can be looked at through.
+pub(super) fn with_lenses(
+    recordings: Vec<Recording>,
+    lenses: &BTreeMap<String, Lens>,
+) -> anyhow::Result<Vec<LookingCamera>> {
+    let each = recordings.into_iter().map(|recording| {
         let lens = lens_of(lenses, &recording.name)
             .with_context(|| recording.path.display().to_string())?;
         LookingCamera::new(recording, lens)
     });
-    let cameras: Vec<LookingCamera> = each.collect::<anyhow::Result<_>>()?;
-    ensure!(
-        !cameras.is_empty(),
-        "{}: found keypoint files, expected videos or folders of pictures",
-        folder.display()
-    );
-    Ok(cameras)
+    each.collect()
 }
 
 /// Refuses two recordings of one name: each would write the file of the other.
@@ -83,19 +90,8 @@ impl LookingCamera {
         })
     }
 
-    /// Its name.
-    pub(in crate::calibrate) fn name(&self) -> &str {
+    pub(super) fn name(&self) -> &str {
         &self.recording.name
-    }
-
-    /// Refuses what cannot be looked for.
-    ///
-    /// # Errors
-    /// Diameters and colours that are none.
-    pub(super) fn check(&self, look: &BallLook) -> anyhow::Result<()> {
-        let any = Appearance::MovingColour(ColourRange::saturated());
-        let finder = self.finder(look.appearance().unwrap_or(any), look);
-        finder.map(drop)
     }
 
     /// Its file in `folder`.
@@ -115,7 +111,7 @@ impl LookingCamera {
             look.diameter_px,
             self.lens_text
         );
-        fingerprint(&self.recording, &options)
+        made_of(&self.recording, &options)
     }
 
     /// How many pictures will be looked at.

@@ -4,7 +4,7 @@
 //! finds them again.
 
 mod camera;
-mod kept;
+mod looked;
 mod progress;
 
 use std::collections::BTreeMap;
@@ -15,16 +15,18 @@ use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
-use farfield_calibration::ball::{Appearance, ColourRange};
+use farfield_calibration::ball::{Appearance, BallFinder, BallRequest, ColourRange};
 use farfield_node::process::NodeError;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 
-pub(super) use self::camera::LookingCamera;
-use self::kept::Kept;
+use self::camera::LookingCamera;
+pub(super) use self::camera::with_lenses;
+use self::looked::Looked;
 use self::progress::LookProgress;
 use super::lenses::{Lens, LensFile, lenses};
 use super::{refuse_existing, write};
+use crate::init::recordings::Recording;
 use crate::output;
 
 /// Sightings below which nothing can be made of a camera.
@@ -101,6 +103,20 @@ fn diameters(word: &str) -> Result<[f64; 2], String> {
 }
 
 impl BallLook {
+    /// The recordings, where what is looked for can be looked for.
+    ///
+    /// # Errors
+    /// Diameters and colours that are none, a folder without recordings, two of one camera.
+    pub(super) fn recordings(&self) -> anyhow::Result<Vec<Recording>> {
+        let any = Appearance::MovingColour(ColourRange::saturated());
+        BallFinder::new(BallRequest {
+            appearance: self.appearance().unwrap_or(any),
+            diameter_px: self.diameter_px,
+            lens: None,
+        })?;
+        camera::recordings_in(&self.folder)
+    }
+
     /// How it is told; `None` where its colour must be learnt first.
     fn appearance(&self) -> Option<Appearance> {
         match (self.by, self.colour) {
@@ -138,7 +154,7 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    fn of(camera: &LookingCamera, file: PathBuf, kept: &Kept, taken_up: bool) -> Self {
+    fn of(camera: &LookingCamera, file: PathBuf, kept: &Looked, taken_up: bool) -> Self {
         Self {
             camera: camera.name().to_owned(),
             frames: kept.frames,
@@ -156,7 +172,8 @@ impl Seen {
 /// [`NodeError::Refused`] where recordings or lenses cannot be read, or a ball is nowhere.
 pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
     let lenses = lenses(&args.lens).map_err(NodeError::Refused)?;
-    let cameras = cameras(&args.look, &lenses).map_err(NodeError::Refused)?;
+    let cameras = || camera::with_lenses(args.look.recordings()?, &lenses);
+    let cameras = cameras().map_err(NodeError::Refused)?;
     let seen = look_at_all(&args.look, &cameras, &args.out, args.replace)?;
     let text = if args.json {
         serde_json::to_string_pretty(&seen).map_err(NodeError::failed)? + "\n"
@@ -164,21 +181,6 @@ pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
         lines(&seen)
     };
     output::print(&text).map_err(NodeError::Failed)
-}
-
-/// The recordings, each with its lens, of which all is known to be usable before anybody looks into them.
-///
-/// # Errors
-/// As [`from_ball`].
-pub(super) fn cameras(
-    look: &BallLook,
-    lenses: &BTreeMap<String, Lens>,
-) -> anyhow::Result<Vec<LookingCamera>> {
-    let cameras = camera::all(&look.folder, lenses)?;
-    for camera in &cameras {
-        camera.check(look)?;
-    }
-    Ok(cameras)
 }
 
 /// Looks through every recording of which `out` has no finished file yet, and writes what was seen.
@@ -194,7 +196,7 @@ pub(super) fn look_at_all(
     let asked = cameras.par_iter().map(|camera| {
         let made_of = camera.made_of(look)?;
         let file = camera.file(out);
-        let kept = Kept::find(&file, &made_of);
+        let kept = Looked::find(&file, &made_of);
         anyhow::Ok(Asked {
             camera,
             made_of,
@@ -233,7 +235,7 @@ struct Asked<'a> {
     /// Fingerprint of all that its file comes of.
     made_of: String,
     file: PathBuf,
-    kept: Option<Kept>,
+    kept: Option<Looked>,
 }
 
 impl Asked<'_> {
@@ -250,12 +252,12 @@ impl Asked<'_> {
         }
         let looked = self.camera.look(look, progress);
         let (frames, found) = looked.map_err(NodeError::Refused)?;
-        let (kept, text) = Kept::of(frames, &found, &self.made_of);
+        let kept = Looked::of(frames, &found);
         if found.is_empty() {
             // `points` takes none that is empty, and what an earlier look left is not of this one.
             remove(&file)?;
         } else {
-            write(&file, &text)?;
+            write(&file, &kept.text(&found, &self.made_of))?;
         }
         Ok(Seen::of(self.camera, file, &kept, false))
     }

@@ -17,11 +17,11 @@ const LATE_FRAMES: u32 = 900;
 /// saw, and less than what the last did.
 const LARGEST_FILE: &str = "12";
 /// Size of a picture and focal length, pixels; radius of the ball, metres.
-const SIZE_PX: [u32; 2] = [320, 240];
+pub(super) const SIZE_PX: [u32; 2] = [320, 240];
 const FOCAL_PX: f64 = 300.0;
 const RADIUS_M: f64 = 0.12;
 /// Where the cameras stand, metres; they look at the same place.
-const CAMERAS_M: [(&str, [f64; 3]); 3] = [
+pub(super) const CAMERAS_M: [(&str, [f64; 3]); 3] = [
     ("east", [4.0, 0.5, 2.0]),
     ("north", [-1.5, 4.2, 2.4]),
     ("west", [-3.0, -2.8, 1.8]),
@@ -51,7 +51,7 @@ fn drawn_px(camera_m: [f64; 3], frame: u32) -> ([f64; 2], f64) {
 }
 
 /// Numbered pictures of each camera.
-fn record(recordings: &Path) {
+pub(super) fn record(recordings: &Path) {
     for (name, camera_m) in CAMERAS_M {
         let folder = recordings.join(name);
         fs::create_dir_all(&folder).unwrap();
@@ -150,7 +150,7 @@ fn results(folder: &Path, done: &FinishedCommand) -> Vec<Vec<u8>> {
 }
 
 /// The names in a folder, sorted.
-fn names(folder: &Path) -> Vec<String> {
+pub(super) fn names(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).unwrap();
     let entries = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let mut names: Vec<String> = entries.collect();

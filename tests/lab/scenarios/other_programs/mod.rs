@@ -2,6 +2,7 @@
 
 mod all_stages;
 mod ball;
+mod boards_stage;
 mod calibration;
 mod exports;
 mod import;

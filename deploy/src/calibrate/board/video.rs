@@ -29,6 +29,8 @@ pub(super) struct Filmed {
     pub(super) size_px: [u32; 2],
     /// The views that are used.
     pub(super) views: Vec<BoardView>,
+    /// Corners along the sides of boards in it that are larger than the one that is looked for.
+    pub(super) larger: Vec<[u32; 2]>,
     /// Pictures that there were.
     pub(super) pictures: usize,
     /// Pictures that were looked at.
@@ -81,6 +83,7 @@ pub(super) fn look(
         pictures,
         looked: looked.pictures,
         shown: looked.views.len(),
+        larger: looked.larger,
         views: different(looked.views, MOST_USED),
     })
 }
@@ -97,6 +100,7 @@ fn window(rate_hz: Option<f64>) -> usize {
 struct Looked {
     pictures: usize,
     views: Vec<BoardView>,
+    larger: Vec<[u32; 2]>,
 }
 
 impl Looked {
@@ -118,7 +122,8 @@ impl Looked {
                 Err(error @ (DetectError::Board(_) | DetectError::Bytes { .. })) => {
                     return Err(error.into());
                 }
-                Err(_) => (),
+                Err(DetectError::OtherBoard { found, .. }) => self.larger.push(found),
+                Err(DetectError::NotFound) => (),
             }
         }
         Ok(())
