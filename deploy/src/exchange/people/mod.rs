@@ -38,6 +38,7 @@ pub(crate) struct PeopleArgs {
 #[derive(Debug, Clone, Subcommand)]
 enum PeopleAction {
     /// Call a person by a name; "" takes it away.
+    #[command(after_help = "Example: farfield people out name 3 Anna")]
     Name {
         /// Who.
         person: u32,
@@ -46,6 +47,7 @@ enum PeopleAction {
         name: String,
     },
     /// Make two ids one person.
+    #[command(after_help = "Example: farfield people out merge 7 --into 3")]
     Merge {
         /// The id that goes.
         person: u32,
@@ -54,6 +56,7 @@ enum PeopleAction {
         into: u32,
     },
     /// Make an id two people.
+    #[command(after_help = "Example: farfield people out split 3 --at 1200")]
     Split {
         /// Who keeps the id before the tick.
         person: u32,
@@ -62,16 +65,19 @@ enum PeopleAction {
         at: i64,
     },
     /// Leave a person out.
+    #[command(after_help = "Example: farfield people out drop 9")]
     Drop {
         /// Who.
         person: u32,
     },
     /// Take an edit back: the last, or the one of that number.
+    #[command(after_help = "Example: farfield people out undo")]
     Undo {
         /// Its number, as listed.
         number: Option<usize>,
     },
     /// Keep a person's name and lengths in a file, for exports of other runs.
+    #[command(after_help = "Example: farfield people out save 3 --to anna.toml")]
     Save {
         /// Who.
         person: u32,
