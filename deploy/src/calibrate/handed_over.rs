@@ -58,6 +58,8 @@ struct Found<'a> {
     refused: &'a [String],
     /// What a run would say of it.
     doubtful: &'a [String],
+    /// Where metres come from, and what checks them.
+    metres: &'a str,
     files: [&'a Path; 2],
 }
 
@@ -144,6 +146,8 @@ pub(super) struct Asked<'a> {
     pub(super) names: Vec<&'a str>,
     /// Whether cameras have clocks of their own.
     pub(super) has_clocks: bool,
+    /// Where metres come from, in sentences.
+    pub(super) metres: String,
 }
 
 /// Writes what was found and its sheet to `told.out`, or beside it where it does not pass, and says how good it is.
@@ -162,7 +166,7 @@ pub(super) fn hand_over(
         told.out.with_extension("failed.toml")
     };
     let sheet = out.with_extension("html");
-    write(&sheet, &sheet::html(&out, &judged))?;
+    write(&sheet, &sheet::html(&out, &judged, &asked.metres))?;
     write(&out, &judged.text)?;
     let files = [out.as_path(), sheet.as_path()];
     let text = if told.json {
@@ -233,6 +237,7 @@ fn json(
         findings: findings.collect(),
         refused: &judged.refusals,
         doubtful: &judged.doubts,
+        metres: &asked.metres,
         files,
     };
     let text = serde_json::to_string_pretty(&document).map_err(NodeError::failed)?;
@@ -260,6 +265,7 @@ fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -
     if let Some(field) = &report.field {
         writeln!(text, "{}", sheet::in_words(field)).ok();
     }
+    writeln!(text, "{}", asked.metres).ok();
     for finding in &report.findings {
         let word = if finding.is_wrong { "WRONG" } else { "warning" };
         writeln!(text, "{word}: {finding}").ok();

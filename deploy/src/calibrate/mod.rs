@@ -10,6 +10,7 @@ mod judged;
 mod kept;
 mod known;
 mod lenses;
+mod metres;
 mod people;
 mod points;
 mod recorded;

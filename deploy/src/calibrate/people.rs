@@ -12,6 +12,7 @@ use farfield_node::process::{NodeError, say};
 use super::Judged;
 use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
+use super::metres::{Otherwise, metres};
 use super::recorded_people::{Part, PeopleRecording, is_recording};
 use super::seen::{SeenArgs, by_camera};
 use super::thin_files::ThinFiles;
@@ -68,6 +69,7 @@ pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
     let asked = Asked {
         names: request.cameras.iter().map(|it| it.name.as_str()).collect(),
         has_clocks: request.timing != Timing::Synchronised,
+        metres: metres(&request.anchors, Otherwise::Stature),
     };
     hand_over(&found, &asked, &args.found)
 }

@@ -13,6 +13,7 @@ use farfield_node::process::{NodeError, say};
 use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
 use super::lenses::{Lens, lens_of};
+use super::metres::{Otherwise, metres};
 use super::seen::{SeenArgs, by_camera};
 use super::{Judged, read};
 
@@ -107,6 +108,7 @@ pub(super) fn solve(
     let asked = Asked {
         names: names.iter().map(String::as_str).collect(),
         has_clocks: request.timing != Timing::Synchronised,
+        metres: metres(&request.anchors, Otherwise::Nothing),
     };
     hand_over(&found, &asked, told)
 }

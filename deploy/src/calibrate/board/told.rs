@@ -121,6 +121,11 @@ pub(super) fn lines(camera: &str, found: &BoardCalibration, files: &[PathBuf]) -
     for remark in &found.remarks {
         writeln!(text, "{remark}").ok();
     }
+    writeln!(
+        text,
+        "the side of a square changes nothing of a lens: metres come from places, distances or marks, when cameras are placed"
+    )
+    .ok();
     for path in files {
         writeln!(text, "{}", path.display()).ok();
     }

@@ -24,8 +24,8 @@ const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;margin:2rem auto;ma
     grid-template-columns:repeat(auto-fill,minmax(11rem,1fr));gap:1rem}figcaption{font-size:.9rem}\
     @media(prefers-color-scheme:dark){body{background:#14171a;color:#dde}.pass{color:#4cc38a}.warn{color:#e5b567}.fail{color:#ff7a6b}}";
 
-/// The sheet of the calibration that is written to `path`.
-pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>) -> String {
+/// The sheet of the calibration that is written to `path`; `metres` says where these come from.
+pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>, metres: &str) -> String {
     let found = judged.found;
     let name = escaped(&path.display().to_string());
     let (class, verdict) = if judged.passes() {
@@ -38,6 +38,7 @@ pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>) -> String {
          <h1>Calibration {name}</h1>\n<p class=\"{class}\"><strong>{verdict}</strong></p>\n"
     );
     findings(&mut page, judged);
+    writeln!(page, "<p>{}</p>", escaped(metres)).ok();
     table(&mut page, found);
     field::field(&mut page, found);
     coverage::coverage(&mut page, found);

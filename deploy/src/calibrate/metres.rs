@@ -1,0 +1,91 @@
+//! How long a metre is in a calibration: who said so, and what checks it.
+
+use farfield_calibration::alignment::Anchors;
+
+/// What else says how long a metre is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Otherwise {
+    /// Nothing.
+    Nothing,
+    /// The people's mean stature.
+    Stature,
+}
+
+/// Where metres come from and what checks them, in sentences.
+pub(super) fn metres(anchors: &Anchors, otherwise: Otherwise) -> String {
+    let counted = |count: usize, one: &str, more: &str| match count {
+        0 => None,
+        1 => Some(format!("one {one}")),
+        count => Some(format!("{count} {more}")),
+    };
+    let marks = anchors.marks.as_ref();
+    let clicked = marks.map_or(0, |it| it.known.len());
+    let places = Some(anchors.centers_m.len()).filter(|count| *count >= 3);
+    let lengths = marks.map_or(0, |it| it.lengths.len());
+    let sources = [
+        counted(clicked, "clicked mark or line", "clicked marks and lines"),
+        counted(places.unwrap_or(0), "", "places of cameras"),
+        counted(
+            anchors.distances.len(),
+            "distance between cameras",
+            "distances between cameras",
+        ),
+        counted(lengths, "clicked length", "clicked lengths"),
+    ];
+    let sources: Vec<String> = sources.into_iter().flatten().collect();
+    let said = match (sources.as_slice(), otherwise) {
+        ([], Otherwise::Nothing) => {
+            "Nothing says how long a metre is: give a distance, places of cameras, or marks.".to_owned()
+        }
+        ([], Otherwise::Stature) => {
+            "Metres come from the mean stature of the people, which is good to 1 to 2 %, and nothing checks them: measure a distance \
+             of 5 m or more."
+                .to_owned()
+        }
+        ([only], _) if only.starts_with("one ") => {
+            format!("Metres come from {only}, and nothing checks it: measure another one.")
+        }
+        (all, _) => format!(
+            "Metres come from {}, which are held against each other.",
+            all.join(" and ")
+        ),
+    };
+    format!(
+        "{said} Boards tell lenses and no metres: a wrong size of their squares changes nothing here."
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_calibration::alignment::KnownDistance;
+
+    use super::*;
+
+    #[test]
+    fn what_says_metres_and_what_checks_them_is_told() {
+        let mut anchors = Anchors::default();
+        assert!(metres(&anchors, Otherwise::Nothing).starts_with("Nothing says"));
+        assert!(metres(&anchors, Otherwise::Stature).contains("stature"));
+        anchors.distances.push(KnownDistance {
+            first: "a".to_owned(),
+            second: "b".to_owned(),
+            distance_m: 3.0,
+        });
+        let said = metres(&anchors, Otherwise::Stature);
+        assert!(
+            said.contains("from one distance between cameras, and nothing checks it"),
+            "{said}"
+        );
+        let place = |name: &str| (name.to_owned(), [0.0; 3]);
+        anchors.centers_m = vec![place("a"), place("b")];
+        assert_eq!(
+            metres(&anchors, Otherwise::Nothing),
+            said,
+            "two places tell no length"
+        );
+        anchors.centers_m.push(place("c"));
+        let said = metres(&anchors, Otherwise::Nothing);
+        let both = "from 3 places of cameras and one distance between cameras, which are held";
+        assert!(said.contains(both), "{said}");
+    }
+}
