@@ -25,22 +25,26 @@ pub(super) struct ConvertArgs {
     /// Folder for the files that are written.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// What to write: farfield, freemocap, caliscope, qualisys, opencv-yaml, ...
+    /// What to write: farfield, qualisys, colmap, ...
     ///
     /// farfield (aniposelib's and Pose2Sim's too), freemocap, caliscope, opencv-yaml, opencv-json, qualisys, theia,
     /// easymocap, vicon, colmap, kalibr.
     #[arg(long, value_name = "FORMAT", default_value = "farfield", value_parser = format)]
     to: Format,
-    /// Whose the files are. Default: told by their content.
+    /// Whose they are. Default: told by content.
     #[arg(long, value_name = "FORMAT", value_parser = format)]
     from: Option<Format>,
-    /// How many metres a unit of length is. Default: by format and numbers.
+    /// Metres in a unit. Default: by the numbers.
+    ///
+    /// How many metres a unit of length is; told by format and numbers where that is not said.
     #[arg(long, value_name = "METRES")]
     metres_per_unit: Option<f64>,
-    /// Which axis points up: x, -x, y, -y, z, -z; it becomes z.
+    /// Axis that points up: x, -x, y, -y, z, -z.
+    ///
+    /// It becomes z.
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
     up: Option<WorldAxis>,
-    /// Which axis of a left-handed world is turned round.
+    /// Axis of a left-handed world to turn round.
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
     mirrored: Option<WorldAxis>,
     /// Which way poses go: as-format, or inverse, camera to world where the format says world to camera.
@@ -58,7 +62,7 @@ pub(super) struct ConvertArgs {
     /// Replace files that are there already.
     #[arg(long)]
     replace: bool,
-    /// Print what was read and written, or what went wrong, as JSON.
+    /// Print what was done or went wrong as JSON.
     #[arg(long)]
     pub(super) json: bool,
 }

@@ -16,15 +16,21 @@ use crate::output;
 /// Where a calibration goes, and how it is told.
 #[derive(Debug, Args)]
 pub(super) struct FoundArgs {
-    /// The calibration to write; its sheet goes beside it, as HTML.
+    /// What to write. Default: calibration.toml.
     ///
+    /// Its sheet goes beside it, as HTML.
     /// One that does not pass is called NAME.failed.toml instead, and takes the place of none.
-    #[arg(long, value_name = "FILE", default_value = "calibration.toml")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        default_value = "calibration.toml",
+        hide_default_value = true
+    )]
     pub(super) out: PathBuf,
     /// Replace files that are there already.
     #[arg(long)]
     pub(super) replace: bool,
-    /// Print what was found, or what went wrong, as JSON.
+    /// Print what was found or went wrong as JSON.
     #[arg(long)]
     pub(super) json: bool,
 }

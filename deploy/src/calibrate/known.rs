@@ -10,15 +10,17 @@ use super::{named, read};
 /// What tells scale, place and up.
 #[derive(Debug, Args)]
 pub(super) struct KnownArgs {
-    /// Distance between two cameras: what tells the scale.
+    /// Distance of two cameras, which tells the scale.
     #[arg(long, value_name = "A,B=METRES", value_parser = distance)]
     distance: Vec<KnownDistance>,
-    /// Where a camera is known to stand; three say scale, place and up.
+    /// Where a camera stands; three say place and up.
+    ///
+    /// Metres, z up; three cameras or more, on no line, say the scale too.
     #[arg(long, value_name = "NAME=X,Y,Z", value_parser = place, allow_hyphen_values = true)]
     at: Vec<(String, [f64; 3])>,
-    /// Marks clicked in pictures, and what they are: lines and corners of a court, places, lengths, the floor.
+    /// Clicked marks: court, places, lengths, floor.
     ///
-    /// A TOML file; `docs/calibration.md` says what it may hold.
+    /// Marks clicked in pictures, and what they are: lines and corners of a court, places, lengths, the floor. A TOML file; `docs/calibration.md` says what it may hold.
     #[arg(long, value_name = "FILE")]
     marks: Option<PathBuf>,
 }

@@ -39,11 +39,14 @@ pub(super) struct AskedArgs {
     pub(super) cameras: SeenArgs,
     #[command(flatten)]
     known: KnownArgs,
-    /// What of the lenses may move: none, focal, all.
+    /// What of lenses may move: none, focal, all.
+    ///
+    /// none, the default: as given; focal: focal lengths, about the given ones; all: the whole lens.
     #[arg(
         long,
         value_name = "WHAT",
         default_value = "none",
+        hide_default_value = true,
         hide_possible_values = true
     )]
     free: FreeLens,

@@ -16,23 +16,25 @@ const BLANK_PX: u32 = 16;
 /// Which board it is, and what of the lens it tells.
 #[derive(Debug, Args)]
 pub(in crate::calibrate) struct BoardKindArgs {
-    /// A chessboard, by inner corners: 4x7 has 5 x 8 squares.
+    /// Inner corners of a chessboard: 4x7 of 5 x 8.
+    ///
+    /// Those between four squares: a board of 5 x 8 squares has 4x7.
     #[arg(long, value_name = "AxB", value_parser = size, conflicts_with = "charuco")]
     chessboard: Option<[u32; 2]>,
-    /// A Charuco board, by its squares along a row and a column.
+    /// A Charuco board: squares across and down.
     #[arg(long, value_name = "AxB", value_parser = size, requires_all = ["marker_mm", "dictionary"])]
     charuco: Option<[u32; 2]>,
     /// Side of a square, millimetres.
     #[arg(long, value_name = "MM")]
     square_mm: Option<f64>,
-    /// Side of a marker of the Charuco board, millimetres.
+    /// Side of a Charuco marker, millimetres.
     #[arg(long, value_name = "MM")]
     marker_mm: Option<f64>,
-    /// Dictionary of its markers, for example `DICT_4X4_50`.
+    /// Its dictionary, for example `DICT_4X4_50`.
     #[arg(long, value_name = "NAME")]
     dictionary: Option<String>,
-    /// Numbers of the lens: 5, 8, or fisheye.
-    #[arg(long, value_name = "5|8|fisheye", default_value = "5", value_parser = coefficients)]
+    /// Numbers of the lens: 5, 8, fisheye.
+    #[arg(long, value_name = "N", default_value = "5", value_parser = coefficients)]
     pub(super) coefficients: Coefficients,
 }
 

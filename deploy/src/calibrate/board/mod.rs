@@ -50,7 +50,7 @@ pub(super) struct BoardArgs {
     /// Replace a file that is there already.
     #[arg(long)]
     replace: bool,
-    /// Print what was found, or what went wrong, as JSON.
+    /// Print what was found or went wrong as JSON.
     #[arg(long)]
     pub(super) json: bool,
 }

@@ -25,9 +25,9 @@ const MARK: &str = "# farfield calibrate board: ";
 /// Boards that each camera filmed.
 #[derive(Debug, Args)]
 pub(in crate::calibrate) struct BoardsArgs {
-    /// Folder of boards, which tell the lenses that --lens does not give.
+    /// Boards that each camera filmed, for its lens.
     ///
-    /// For each camera a video NAME.mp4, or a folder NAME of pictures or videos, as `farfield calibrate board` takes them.
+    /// Where --lens gives none. The folder has for each camera a video NAME.mp4, or a folder NAME of pictures or videos, as `farfield calibrate board` takes them.
     #[arg(long, value_name = "DIR")]
     boards: Option<PathBuf>,
     #[command(flatten)]
@@ -104,7 +104,8 @@ impl BoardsArgs {
             };
             let board = self.kind.board()?;
             let each = names.iter().map(|name| self.camera(folder, name, &board));
-            Ok((Some(board), each.collect::<anyhow::Result<Vec<_>>>()?))
+            let cameras = each.collect::<anyhow::Result<Vec<_>>>()?;
+            Ok((Some(board), cameras))
         };
         let (board, cameras) = prepared().map_err(NodeError::Refused)?;
         for camera in cameras.iter().filter(|it| it.kept.is_none()) {
