@@ -31,15 +31,32 @@ pub(super) struct Kept<T> {
 }
 
 impl<T: Serialize + DeserializeOwned> Kept<T> {
-    /// The text of a file with `lines`, and under them what is said of them. The line begins with `mark`.
-    pub(super) fn text(mark: &str, lines: &str, said: T, made_of: &str) -> String {
-        let kept = Self {
+    fn of(lines: &str, said: T, made_of: &str) -> Self {
+        Self {
             said,
             made_of: made_of.to_owned(),
             lines: digits(&blake3::hash(lines.as_bytes())),
-        };
+        }
+    }
+
+    /// The text of a file with `lines`, and under them what is said of them. The line begins with `mark`.
+    pub(super) fn text(mark: &str, lines: &str, said: T, made_of: &str) -> String {
+        let kept = Self::of(lines, said, made_of);
         let kept = serde_json::to_string(&kept).unwrap_or_default();
         format!("{lines}{mark}{kept}\n")
+    }
+
+    /// What is said of a file with `text`, beside it: of one whose format has no comments.
+    pub(super) fn beside(text: &str, said: T, made_of: &str) -> String {
+        let kept = Self::of(text, said, made_of);
+        serde_json::to_string(&kept).unwrap_or_default() + "\n"
+    }
+
+    /// What the file `beside` says of the one at `path`, where that is whole, untouched, and made of the same.
+    pub(super) fn find_beside(beside: &Path, path: &Path, made_of: &str) -> Option<T> {
+        let kept: Self = serde_json::from_str(&read(beside).ok()?.text).ok()?;
+        let is_same = kept.made_of == made_of && kept.lines == digits(&hash_of(path).ok()?);
+        is_same.then_some(kept.said)
     }
 
     /// What the file at `path` says of itself, where it is whole, untouched, and made of the same.
@@ -117,6 +134,20 @@ mod tests {
         // Whoever reads sightings passes over what the file says of itself.
         let read = farfield_calibration::points::parse(&text, Path::new("a.txt"));
         assert_eq!(read.map(|it| it.len()), Ok(1));
+    }
+
+    #[test]
+    fn what_is_said_beside_a_file_is_of_that_file_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let [path, beside] = ["a.jsonl", "a.kept.json"].map(|it| folder.path().join(it));
+        let find = || Kept::<Said>::find_beside(&beside, &path, "abc");
+        std::fs::write(&beside, Kept::beside("{}\n", Said { frames: 1 }, "abc")).unwrap();
+        assert_eq!(find(), None, "the file is not there yet");
+        std::fs::write(&path, "{}\n").unwrap();
+        assert_eq!(find(), Some(Said { frames: 1 }));
+        assert_eq!(Kept::<Said>::find_beside(&beside, &path, "abd"), None);
+        std::fs::write(&path, "{ }\n").unwrap();
+        assert_eq!(find(), None);
     }
 
     #[test]

@@ -82,12 +82,24 @@ impl Lens {
     /// # Errors
     /// What no calibration can say.
     pub(super) fn calibration(&self, name: &str) -> anyhow::Result<String> {
+        self.calibration_at(name, Isometry3::identity())
+    }
+
+    /// The same of a camera that stands there.
+    ///
+    /// # Errors
+    /// What no calibration can say.
+    pub(super) fn calibration_at(
+        &self,
+        name: &str,
+        camera_from_world: Isometry3<f64>,
+    ) -> anyhow::Result<String> {
         let record = CameraRecord {
             name: name.to_owned(),
             size_px: self.size_px,
             intrinsics: self.intrinsics,
             lens: LensModel::Rational(self.distortion),
-            camera_from_world: Some(Isometry3::identity()),
+            camera_from_world: Some(camera_from_world),
         };
         let files = export(&[record], Format::Farfield)?;
         let file = files.into_iter().next();

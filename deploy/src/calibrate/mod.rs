@@ -5,6 +5,7 @@ mod all;
 mod ball;
 mod board;
 mod convert;
+mod filmed_people;
 mod handed_over;
 mod judged;
 mod kept;
@@ -13,6 +14,7 @@ mod lenses;
 mod metres;
 mod people;
 mod points;
+mod progress;
 mod recorded;
 mod recorded_people;
 mod seen;
@@ -24,7 +26,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow};
-use clap::{Args, Subcommand};
+use clap::{Arg, Args, Subcommand};
 use farfield_calibration::formats::TextFile;
 use farfield_fusion::export::unfinished::write_whole_again;
 use farfield_node::process::{EXIT_FAILED, NodeError, Told, exit_code_told};
@@ -44,7 +46,8 @@ pub(crate) struct CalibrateArgs {
 enum CalibrateCommand {
     /// Where cameras stand, from recordings of a ball, and of boards: all in one go.
     #[command(
-        after_help = "Example: farfield calibrate all recordings/ --lens lenses.toml --distance north,south=24.1"
+        after_help = "Example: farfield calibrate all recordings/ --lens lenses.toml --distance north,south=24.1",
+        mut_args(|it| only_long(it, &["by", "colour", "clocks", "rate_hz", "free", "charuco", "marker_mm", "dictionary", "coefficients"]))
     )]
     All(all::AllArgs),
     /// How a camera sees, from pictures of a chessboard or a Charuco board.
@@ -64,12 +67,23 @@ enum CalibrateCommand {
     Points(points::PointsArgs),
     /// Where cameras stand, from people who walk in the field.
     #[command(
-        after_help = "Example: farfield calibrate people keypoints/*.jsonl --rate-hz 50 --lens lenses.toml --distance north,south=24.1"
+        after_help = "Example: farfield calibrate people keypoints/*.jsonl --rate-hz 50 --lens lenses.toml --distance north,south=24.1",
+        mut_args(|it| only_long(it, &["clocks"]))
     )]
     People(people::PeopleArgs),
     /// Turn another program's calibration into ours, or ours into another's.
     #[command(after_help = "Example: farfield calibrate convert hall.qca.txt --out calibration")]
     Convert(convert::ConvertArgs),
+}
+
+/// Leaves `names` to the long help: a short one fits a terminal.
+fn only_long(arg: Arg, names: &[&str]) -> Arg {
+    let is_hidden = names.contains(&arg.get_id().as_str());
+    if is_hidden {
+        arg.hide_short_help(true)
+    } else {
+        arg
+    }
 }
 
 /// How a calibration that was made is.

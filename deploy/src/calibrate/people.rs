@@ -1,5 +1,6 @@
 //! `farfield calibrate people`: where cameras stand, from people who walk in the field.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
@@ -10,25 +11,33 @@ use farfield_calibration::points::Timing;
 use farfield_node::process::{NodeError, say};
 
 use super::Judged;
+use super::filmed_people::{FilmedArgs, filmed, rates_hz};
 use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
 use super::metres::{Otherwise, metres};
 use super::recorded_people::{Part, PeopleRecording, is_recording};
 use super::seen::{SeenArgs, by_camera};
 use super::thin_files::ThinFiles;
+use crate::init::recordings::Recording;
 
 /// What `farfield calibrate people` is told.
 #[derive(Debug, Args)]
 pub(super) struct PeopleArgs {
-    /// Whom each camera saw: NAME.jsonl, as keypoint venues have them; or one recording (.mcap).
+    /// Videos or their folder; NAME.jsonl of keypoints; or one recording (.mcap).
     ///
-    /// A frame on each line, COCO's 17 keypoints, distorted pixels; the file's name is the camera's. Nobody says who is whom.
-    /// A recording of fusion's has cameras, lenses and rate in it; a lens that is given counts before its own.
+    /// Videos or folders of numbered pictures, called as the cameras, are looked through by networks (--network, --detector). Files
+    /// of keypoints are as keypoint venues have them: a frame on each line, COCO's 17 keypoints, distorted pixels; the file's name is
+    /// the camera's. Nobody says who is whom. A recording of fusion's has cameras, lenses and rate in it; a lens that is given counts
+    /// before its own.
     #[arg(required = true)]
     seen: Vec<PathBuf>,
     #[command(flatten)]
+    filmed: FilmedArgs,
+    #[command(flatten)]
     cameras: SeenArgs,
-    /// Mean stature of the people, metres, in shoes: the scale, to 1 to 2 %, where nothing else tells it.
+    /// Mean stature of the people, in shoes.
+    ///
+    /// The scale, to 1 to 2 %, where nothing else tells it.
     #[arg(long, value_name = "METRES")]
     stature_m: Option<f64>,
     #[command(flatten)]
@@ -51,8 +60,8 @@ pub(super) struct PeopleArgs {
 /// # Errors
 /// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the disk is in the way.
 pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
-    let request = request(args).map_err(NodeError::Refused)?;
     args.found.refuse_existing()?;
+    let request = request(args)?;
     let told = &mut |stage: PeopleStage| {
         say(format_args!(
             "{}",
@@ -74,11 +83,11 @@ pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
     hand_over(&found, &asked, &args.found)
 }
 
-fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
-    let anchors = args.known.anchors()?;
-    let request = match args.seen.iter().find(|path| is_recording(path)) {
-        Some(recording) => of_recording(args, recording, &anchors)?,
-        None => of_files(args, &anchors)?,
+fn request(args: &PeopleArgs) -> Result<PeopleRequest, NodeError> {
+    let anchors = args.known.anchors().map_err(NodeError::Refused)?;
+    let request = match filmed(&args.seen).map_err(NodeError::Refused)? {
+        Some(recordings) => of_videos(args, &recordings, &anchors)?,
+        None => of_what_was_seen(args, &anchors).map_err(NodeError::Refused)?,
     };
     Ok(PeopleRequest {
         stature_m: args.stature_m,
@@ -86,6 +95,43 @@ fn request(args: &PeopleArgs) -> anyhow::Result<PeopleRequest> {
         anchors,
         ..request
     })
+}
+
+fn of_what_was_seen(args: &PeopleArgs, anchors: &Anchors) -> anyhow::Result<PeopleRequest> {
+    args.filmed.refuse_without_videos()?;
+    match args.seen.iter().find(|path| is_recording(path)) {
+        Some(recording) => of_recording(args, recording, anchors),
+        None => of_files(args, &args.cameras, &by_camera(&args.seen)?, anchors),
+    }
+}
+
+/// What networks see in videos.
+fn of_videos(
+    args: &PeopleArgs,
+    recordings: &[Recording],
+    anchors: &Anchors,
+) -> Result<PeopleRequest, NodeError> {
+    let prepared = || {
+        refuse_part(args)?;
+        let names: Vec<&str> = recordings.iter().map(|it| it.name.as_str()).collect();
+        args.cameras.check_clocks()?;
+        args.cameras.check_names(anchors, &names)?;
+        ensure!(
+            names.len() >= 2,
+            "found {} videos, expected one of each of two cameras or more",
+            names.len()
+        );
+        let lenses = args.cameras.needed_lenses()?;
+        let cameras = args.cameras.with_rates(&rates_hz(recordings)?);
+        refuse_rates_that_differ(&cameras, &names)?;
+        Ok((lenses, cameras))
+    };
+    let (lenses, cameras) = prepared().map_err(NodeError::Refused)?;
+    let rate_of = |name: &str| cameras.rate_of(name);
+    let files = args
+        .filmed
+        .look(recordings, &lenses, rate_of, args.found.replace)?;
+    of_files(args, &cameras, &files, anchors).map_err(NodeError::Refused)
 }
 
 /// What a recording of fusion's own messages has of them.
@@ -120,16 +166,41 @@ fn of_recording(
     recording.request(&lenses, args.cameras.timing(), part)
 }
 
-fn of_files(args: &PeopleArgs, anchors: &Anchors) -> anyhow::Result<PeopleRequest> {
+/// `--from-s` and `--until-s` are for recordings of fusion's.
+fn refuse_part(args: &PeopleArgs) -> anyhow::Result<()> {
     ensure!(
         args.from_s.is_none() && args.until_s.is_none(),
         "--from-s and --until-s are for a recording: of files of keypoints leave out lines"
     );
-    let files = by_camera(&args.seen)?;
-    let mut thinned = ThinFiles::new(&args.cameras, files.len());
+    Ok(())
+}
+
+/// Cameras that are synchronised have one rate.
+fn refuse_rates_that_differ(cameras: &SeenArgs, names: &[&str]) -> anyhow::Result<()> {
+    let rates_hz: Vec<Option<f64>> = names.iter().map(|name| cameras.rate_of(name)).collect();
+    let mut others = names.iter().zip(&rates_hz);
+    let other = others.find(|(_, rate_hz)| Some(*rate_hz) != rates_hz.first());
+    if let Some((name, _)) = other.filter(|_| cameras.timing() == Timing::Synchronised) {
+        bail!(
+            "camera `{name}` has another rate than the others, which cannot be synchronised: give --clocks given, or unknown"
+        );
+    }
+    Ok(())
+}
+
+fn of_files(
+    args: &PeopleArgs,
+    given: &SeenArgs,
+    files: &BTreeMap<String, PathBuf>,
+    anchors: &Anchors,
+) -> anyhow::Result<PeopleRequest> {
+    refuse_part(args)?;
+    let mut thinned = ThinFiles::new(given, files.len());
     let read = |name: &str, path: &Path| thinned.read(name, path);
-    let mut seen = args.cameras.cameras(&files, anchors, read)?;
+    let mut seen = given.cameras(files, anchors, read)?;
     thinned.level(&mut seen);
+    let names: Vec<&str> = seen.iter().map(|it| it.name.as_str()).collect();
+    refuse_rates_that_differ(given, &names)?;
     let mut cameras = Vec::new();
     for it in seen {
         let name = it.name;
@@ -146,19 +217,9 @@ fn of_files(args: &PeopleArgs, anchors: &Anchors) -> anyhow::Result<PeopleReques
             name,
         });
     }
-    let timing = args.cameras.timing();
     let rate_hz = cameras.first().and_then(|it| it.rate_hz).unwrap_or(1.0);
-    let is_other = |it: &&PeopleCamera| it.rate_hz != Some(rate_hz);
-    if timing == Timing::Synchronised
-        && let Some(other) = cameras.iter().find(is_other)
-    {
-        bail!(
-            "camera `{}` has another rate than the others, which cannot be synchronised: give --clocks given, or unknown",
-            other.name
-        );
-    }
     Ok(PeopleRequest {
-        timing,
+        timing: given.timing(),
         ..PeopleRequest::new(cameras, rate_hz)
     })
 }

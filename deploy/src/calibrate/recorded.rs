@@ -6,10 +6,20 @@ use farfield_proto::calibration::Calibration;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 use image::RgbImage;
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::lenses::Lens;
 use crate::init::rate;
 use crate::init::recordings::Recording;
+
+/// How high a camera is thought to hang, metres, and how far below the horizon it looks: neither matters much.
+const HEIGHT_M: f64 = 3.0;
+const DOWN_RAD: f64 = 0.17;
+/// Between these distances people are thought to walk, metres.
+const NEAR_M: f64 = 1.0;
+const FAR_M: f64 = 25.0;
+/// Parts of a picture that a detector looks at, at most.
+const MOST_TILES: usize = 64;
 
 /// A recording in a venue of its own, whose networks are never opened.
 pub(super) struct OwnVenue {
@@ -22,15 +32,40 @@ impl OwnVenue {
     /// # Errors
     /// What no calibration can say, and what cannot be read.
     pub(super) fn new(recording: &Recording, lens: &Lens) -> anyhow::Result<Self> {
+        let calibration = lens.calibration(&recording.name)?;
+        Self::of(recording, &calibration, "")
+    }
+
+    /// Of a camera before which people walk, and of which nobody knows where it stands: as if it looked over a floor from
+    /// [`HEIGHT_M`], so that detectors look closer at what is far away.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(super) fn over_a_floor(recording: &Recording, lens: &Lens) -> anyhow::Result<Self> {
+        let (down, ahead) = (DOWN_RAD.sin(), DOWN_RAD.cos());
+        let rows = Matrix3::new(1.0, 0.0, 0.0, 0.0, -down, -ahead, 0.0, ahead, -down);
+        let rotation =
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rows));
+        let shift = Translation3::from(-(rotation * Vector3::new(0.0, 0.0, HEIGHT_M)));
+        let pose = Isometry3::from_parts(shift, rotation);
+        let calibration = lens.calibration_at(&recording.name, pose)?;
+        let aside_m = 0.6 * FAR_M;
+        let floor = format!(
+            "[field]\nmin_m = [-{aside_m:?}, {NEAR_M:?}, 0.0]\nmax_m = [{aside_m:?}, {FAR_M:?}, 2.5]\n\
+             [births]\ntiles_per_look = {MOST_TILES}\n"
+        );
+        Self::of(recording, &calibration, &floor)
+    }
+
+    fn of(recording: &Recording, calibration: &str, more: &str) -> anyhow::Result<Self> {
         let path = &recording.path;
         let full = std::path::absolute(path).with_context(|| path.display().to_string())?;
-        let calibration = lens.calibration(&recording.name)?;
-        let calibration = Calibration::parse(&calibration, path)?;
+        let calibration = Calibration::parse(calibration, path)?;
         let quoted = |text: &str| toml::Value::from(text).to_string();
         // Of numbered pictures nobody knows, and nothing depends on it.
         let rate_hz = rate::of_videos(std::slice::from_ref(recording))?.unwrap_or(30.0);
         let text = format!(
-            "name = \"own\"\nrate_hz = {rate_hz:?}\ncalibration = \"lens.toml\"\nnetwork = \"none.toml\"\ndetector = \"none.toml\"\n\
+            "name = \"own\"\nrate_hz = {rate_hz:?}\ncalibration = \"lens.toml\"\nnetwork = \"none.toml\"\ndetector = \"none.toml\"\n{more}\
              [[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\nname = {}\nsource = {{ kind = \"{}\", path = {} }}\n",
             quoted(&recording.name),
             recording.kind_name(),
@@ -49,7 +84,16 @@ impl OwnVenue {
         Ok(ticks.map_or(0, |ticks| (ticks.end - ticks.start).unsigned_abs()))
     }
 
-    fn camera(&self) -> anyhow::Result<&VenueCamera> {
+    /// The venue, of this camera alone.
+    pub(super) fn venue(&self) -> &Venue {
+        &self.venue
+    }
+
+    /// The camera.
+    ///
+    /// # Errors
+    /// Never: there is one.
+    pub(super) fn camera(&self) -> anyhow::Result<&VenueCamera> {
         let first = self.venue.cameras.first();
         first.context("a venue without cameras")
     }

@@ -12,19 +12,22 @@ use super::lenses::{Lens, LensFile, lens_of, lenses};
 use super::named;
 
 /// Lenses and clocks.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(super) struct SeenArgs {
-    /// Lenses: a calibration of any format, or NAME=FILE for one camera.
+    /// Lenses: any calibration, or one camera's.
+    ///
+    /// A calibration of any format that `farfield calibrate convert` reads, or NAME=FILE for one camera.
     #[arg(long, value_name = "[NAME=]FILE")]
     lens: Vec<LensFile>,
-    /// Whether frames are of one moment: synchronised, given, unknown.
+    /// Clocks: synchronised, given or unknown.
     ///
-    /// synchronised: frames of one number; given: by --rate-hz and --offset-s; unknown: rates are about right, offsets are
+    /// synchronised, the default: frames of one number are of one moment; given: by --rate-hz and --offset-s; unknown: rates are about right, offsets are
     /// looked for.
     #[arg(
         long,
         value_name = "HOW",
         default_value = "synchronised",
+        hide_default_value = true,
         hide_possible_values = true
     )]
     clocks: Clocks,
@@ -95,6 +98,17 @@ impl SeenArgs {
             "no lens: give those of all cameras by --lens FILE, or of each by --lens NAME=FILE"
         );
         self.lenses()
+    }
+
+    /// The same, with rates for those cameras of which none is said.
+    pub(super) fn with_rates(&self, rates_hz: &BTreeMap<String, f64>) -> Self {
+        let mut with = self.clone();
+        for (name, rate_hz) in rates_hz {
+            if self.rate_of(name).is_none() {
+                with.rate_hz.push((Some(name.clone()), *rate_hz));
+            }
+        }
+        with
     }
 
     /// Time of its frame 0, seconds, where that is said.

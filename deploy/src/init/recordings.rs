@@ -1,9 +1,10 @@
 //! What of a folder is a recording: videos, keypoint files, folders of numbered pictures.
 
+use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, ensure};
+use anyhow::{Context as _, bail, ensure};
 use farfield_node::process::say;
 
 /// What videos' names end in.
@@ -76,6 +77,38 @@ pub(crate) fn find(folder: &Path, videos: Option<&Path>) -> anyhow::Result<Vec<R
     )
 }
 
+/// Every byte of a recording is in these files.
+///
+/// # Errors
+/// When its folder cannot be read.
+pub(crate) fn files_of(recording: &Recording) -> anyhow::Result<Vec<PathBuf>> {
+    if recording.kind != RecordingKind::Images {
+        return Ok(vec![recording.path.clone()]);
+    }
+    let folder = recording.path.parent().unwrap_or(Path::new("."));
+    let files = entries(folder)?.into_iter();
+    Ok(files.filter(|path| path.is_file()).collect())
+}
+
+/// Refuses two recordings of one name: each would write the file of the other.
+///
+/// # Errors
+/// The two.
+pub(crate) fn refuse_same_names(recordings: &[Recording]) -> anyhow::Result<()> {
+    let mut named: BTreeMap<&str, &Recording> = BTreeMap::new();
+    for recording in recordings {
+        if let Some(first) = named.insert(&recording.name, recording) {
+            bail!(
+                "{} and {}: both are of camera `{}`: leave one in the folder, or give it another name",
+                first.path.display(),
+                recording.path.display(),
+                recording.name
+            );
+        }
+    }
+    Ok(())
+}
+
 /// What is in a folder, by name.
 pub(crate) fn entries(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let read = std::fs::read_dir(folder)
@@ -100,7 +133,10 @@ fn ending(path: &Path) -> String {
 }
 
 /// What is at `path`, if it is a recording.
-fn recording(path: &Path) -> anyhow::Result<Option<Recording>> {
+///
+/// # Errors
+/// When a folder cannot be read.
+pub(crate) fn recording(path: &Path) -> anyhow::Result<Option<Recording>> {
     let name = path.file_name().and_then(|name| name.to_str());
     match name.filter(|name| !name.starts_with('.')) {
         Some(name) if path.is_dir() => pictures(path, name),
@@ -175,6 +211,26 @@ fn pattern(files: &[PathBuf]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn two_recordings_of_one_camera_are_refused() {
+        let recording = |path: &str, name: &str| Recording {
+            kind: RecordingKind::Video,
+            path: path.into(),
+            name: name.to_owned(),
+        };
+        let [mp4, mov] = [
+            recording("a/north.mp4", "north"),
+            recording("a/north.mov", "north"),
+        ];
+        let south = recording("a/south.mp4", "south");
+        assert!(refuse_same_names(&[mp4.clone(), south]).is_ok());
+        let said = refuse_same_names(&[mp4, mov]).unwrap_err().to_string();
+        assert!(
+            said.contains("north.mp4 and a/north.mov") && said.contains("`north`"),
+            "{said}"
+        );
+    }
 
     #[test]
     fn videos_keypoints_and_folders_of_pictures_are_recordings_and_others_are_not() {

@@ -3,15 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, ensure};
 use farfield_calibration::ball::{
     Appearance, BallFinder, BallLens, BallRequest, BallSighting, ColourRange, Picture,
 };
 
 use super::looked::made_of;
-use super::progress::LookProgress;
 use super::{BallLook, coloured};
 use crate::calibrate::lenses::{Lens, lens_of};
+use crate::calibrate::progress::LookProgress;
 use crate::calibrate::recorded::OwnVenue;
 use crate::init::recordings::{self, Recording, RecordingKind};
 
@@ -37,7 +37,7 @@ pub(super) fn recordings_in(folder: &Path) -> anyhow::Result<Vec<Recording>> {
         .into_iter()
         .filter(|it| it.kind != RecordingKind::Keypoints);
     let pictures: Vec<Recording> = pictures.collect();
-    refuse_same_names(&pictures)?;
+    recordings::refuse_same_names(&pictures)?;
     ensure!(
         !pictures.is_empty(),
         "{}: found keypoint files, expected videos or folders of pictures",
@@ -50,7 +50,7 @@ pub(super) fn recordings_in(folder: &Path) -> anyhow::Result<Vec<Recording>> {
 ///
 /// # Errors
 /// Recordings without a lens, and lenses that nothing can be looked at through.
-pub(super) fn with_lenses(
+pub(in crate::calibrate) fn with_lenses(
     recordings: Vec<Recording>,
     lenses: &BTreeMap<String, Lens>,
 ) -> anyhow::Result<Vec<LookingCamera>> {
@@ -60,22 +60,6 @@ pub(super) fn with_lenses(
         LookingCamera::new(recording, lens)
     });
     each.collect()
-}
-
-/// Refuses two recordings of one name: each would write the file of the other.
-fn refuse_same_names(recordings: &[Recording]) -> anyhow::Result<()> {
-    let mut named: BTreeMap<&str, &Recording> = BTreeMap::new();
-    for recording in recordings {
-        if let Some(first) = named.insert(&recording.name, recording) {
-            bail!(
-                "{} and {}: both are of camera `{}`: leave one in the folder, or give it another name",
-                first.path.display(),
-                recording.path.display(),
-                recording.name
-            );
-        }
-    }
-    Ok(())
 }
 
 impl LookingCamera {
@@ -196,30 +180,5 @@ impl LookingCamera {
             progress.one();
             looked.with_context(named).map(|_| ())
         })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn two_recordings_of_one_camera_are_refused() {
-        let recording = |path: &str, name: &str| Recording {
-            kind: RecordingKind::Video,
-            path: path.into(),
-            name: name.to_owned(),
-        };
-        let [mp4, mov] = [
-            recording("a/north.mp4", "north"),
-            recording("a/north.mov", "north"),
-        ];
-        let south = recording("a/south.mp4", "south");
-        assert!(refuse_same_names(&[mp4.clone(), south]).is_ok());
-        let said = refuse_same_names(&[mp4, mov]).unwrap_err().to_string();
-        assert!(
-            said.contains("north.mp4 and a/north.mov") && said.contains("`north`"),
-            "{said}"
-        );
     }
 }

@@ -1,12 +1,12 @@
 //! What a finished look at a recording found, as its file of sightings says it.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use farfield_calibration::ball::{BallSighting, FINDER_REVISION, sightings_text};
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::kept::{Kept, fingerprint};
-use crate::init::recordings::{Recording, RecordingKind, entries};
+use crate::init::recordings::{Recording, files_of};
 
 /// How the line begins that says of what a file was made.
 const MARK: &str = "# farfield calibrate ball: ";
@@ -51,15 +51,11 @@ impl Looked {
 /// # Errors
 /// When the recording cannot be read.
 pub(super) fn made_of(recording: &Recording, options: &str) -> anyhow::Result<String> {
-    let files: Vec<PathBuf> = if recording.kind == RecordingKind::Images {
-        let folder = recording.path.parent().unwrap_or(Path::new("."));
-        let files = entries(folder)?.into_iter();
-        files.filter(|path| path.is_file()).collect()
-    } else {
-        vec![recording.path.clone()]
-    };
     let revision = FINDER_REVISION.to_string();
-    fingerprint(&[&revision, options, recording.kind_name()], &files)
+    fingerprint(
+        &[&revision, options, recording.kind_name()],
+        &files_of(recording)?,
+    )
 }
 
 #[cfg(test)]

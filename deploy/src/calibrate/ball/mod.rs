@@ -5,9 +5,7 @@
 
 mod camera;
 mod looked;
-mod progress;
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
 use std::io::ErrorKind;
@@ -23,8 +21,8 @@ use serde::Serialize;
 use self::camera::LookingCamera;
 pub(super) use self::camera::with_lenses;
 use self::looked::Looked;
-use self::progress::LookProgress;
-use super::lenses::{Lens, LensFile, lenses};
+use super::lenses::{LensFile, lenses};
+use super::progress::LookProgress;
 use super::{refuse_existing, write};
 use crate::init::recordings::Recording;
 use crate::output;

@@ -5,6 +5,7 @@ mod ball;
 mod boards_stage;
 mod calibration;
 mod exports;
+mod filmed_people;
 mod import;
 mod people;
 mod seen_hall;
