@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use farfield_proto::calibration::Calibration;
-use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
+use farfield_proto::camera::{CameraModel, Distortion, Intrinsics, LensModel};
 use farfield_proto::frames::Transform;
 use farfield_proto::venue::Venue;
 use nalgebra::Isometry3;
@@ -37,6 +37,21 @@ pub(crate) fn bent(name: &str, size_px: [u32; 2]) -> CameraModel {
             ..Distortion::default()
         },
     )
+}
+
+/// A fisheye that sees 180 degrees across its picture, of which 120 are used.
+pub(crate) fn fisheye(name: &str, size_px: [u32; 2]) -> CameraModel {
+    let [width, height] = size_px.map(f64::from);
+    let focal_px = width / std::f64::consts::PI;
+    let intrinsics = Intrinsics {
+        fx_px: focal_px,
+        fy_px: focal_px,
+        cx_px: (width - 1.0) / 2.0,
+        cy_px: (height - 1.0) / 2.0,
+    };
+    let at_origin = Transform::new(Isometry3::identity());
+    let lens = LensModel::KannalaBrandt([0.0; 4]);
+    CameraModel::new(name, size_px, intrinsics, lens, at_origin).unwrap()
 }
 
 /// A venue of one viewpoint with pinhole cameras of 640 x 480 pixels; one source per camera, as it

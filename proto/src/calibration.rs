@@ -3,7 +3,8 @@
 //! Two flavours are read, as other tools write them. One table per camera (aniposelib, Pose2Sim,
 //! FreeMoCap), with a `name` and a Rodrigues `rotation`; and Caliscope's, `[cameras.0]` or
 //! `[cam_0]`, with a `cam_id` and a 3 x 3 `rotation`, whose cameras are called `cam_<id>` after
-//! its video files. Fields and tables that are not a camera's are ignored.
+//! its video files. Fields and tables that are not a camera's are ignored. Where a camera of either says
+//! `fisheye = true`, its four distortions are k1 to k4 of OpenCV's fisheye model.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,7 +12,7 @@ use std::path::Path;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use toml::{Table, Value};
 
-use crate::camera::{CameraError, CameraModel, Distortion, Intrinsics};
+use crate::camera::{CameraError, CameraModel, Distortion, Intrinsics, LensModel};
 use crate::frames::Transform;
 use crate::toml_file::{FileError, Place, TomlFile};
 
@@ -43,7 +44,7 @@ impl Calibration {
     ///
     /// # Errors
     /// [`FileError`] naming file, line, table and field: broken syntax, missing or impossible
-    /// numbers, a fisheye model, a lens model that folds, cameras too far apart for metres.
+    /// numbers, a lens model that folds, cameras too far apart for metres.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
         let file = TomlFile::parse(text, path)?;
         let root: Table = file.read()?;
@@ -124,31 +125,23 @@ impl Entry<'_> {
     }
 
     fn camera(&self, name: &str) -> Result<CameraModel, FileError> {
-        if self.flag("fisheye")? {
-            return Err(self.error(
-                "fisheye",
-                format!("camera `{name}` has a fisheye model, which is not supported yet"),
-            ));
-        }
         let size_px = self.size()?;
         let intrinsics = self.intrinsics()?;
-        let distortion = self.distortion()?;
+        let lens = self.lens()?;
         let rotation = self.rotation()?;
         let translation = Translation3::from(Vector3::from(self.numbers::<3>("translation")?));
         // The file's extrinsics take world coordinates to the camera's.
         let camera_from_world = Transform::new(Isometry3::from_parts(translation, rotation));
-        CameraModel::new(name, size_px, intrinsics, distortion, camera_from_world).map_err(
-            |error| {
-                let field = match error {
-                    CameraError::EmptyImage { .. } => "size",
-                    CameraError::Intrinsics { .. } => "matrix",
-                    CameraError::Distortion { .. } | CameraError::Folds { .. } => "distortions",
-                    CameraError::Extrinsics { .. } => "rotation",
-                    CameraError::Translation { .. } => "translation",
-                };
-                self.error(field, error.to_string())
-            },
-        )
+        CameraModel::new(name, size_px, intrinsics, lens, camera_from_world).map_err(|error| {
+            let field = match error {
+                CameraError::EmptyImage { .. } => "size",
+                CameraError::Intrinsics { .. } => "matrix",
+                CameraError::Distortion { .. } | CameraError::Folds { .. } => "distortions",
+                CameraError::Extrinsics { .. } => "rotation",
+                CameraError::Translation { .. } => "translation",
+            };
+            self.error(field, error.to_string())
+        })
     }
 
     fn get(&self, field: &str) -> Result<&Value, FileError> {
@@ -209,8 +202,18 @@ impl Entry<'_> {
         })
     }
 
-    fn distortion(&self) -> Result<Distortion, FileError> {
+    fn lens(&self) -> Result<LensModel, FileError> {
         let list = self.list(self.get("distortions")?, "distortions")?;
+        if self.flag("fisheye")? {
+            let four = <[f64; 4]>::try_from(list).map_err(|list| {
+                let problem = format!(
+                    "found {} values, expected 4 of a fisheye lens: k1, k2, k3, k4 of OpenCV's fisheye model",
+                    list.len()
+                );
+                self.error("distortions", problem)
+            })?;
+            return Ok(LensModel::KannalaBrandt(four));
+        }
         let mut c = [0.0; 8];
         if !matches!(list.len(), 4 | 5 | 8) {
             return Err(self.error(
@@ -222,7 +225,7 @@ impl Entry<'_> {
             ));
         }
         c[..list.len()].copy_from_slice(&list);
-        Ok(Distortion {
+        Ok(LensModel::Rational(Distortion {
             k1: c[0],
             k2: c[1],
             p1: c[2],
@@ -231,7 +234,7 @@ impl Entry<'_> {
             k4: c[5],
             k5: c[6],
             k6: c[7],
-        })
+        }))
     }
 
     /// Rodrigues vector or 3 x 3 matrix.

@@ -1,15 +1,23 @@
-//! The camera model: a pinhole with OpenCV's lens distortion (Ohashi 2020, eq. (A.1) and (A.2)).
+//! The camera model: a pinhole with OpenCV's lens distortion (Ohashi 2020, eq. (A.1) and (A.2)), or OpenCV's fisheye.
 //!
 //! Fusion works with ideal pinholes only ([`Undistorted`] pixels); the edge applies the lens ([`Distorted`] pixels). A
 //! lens model is used only as far as it is monotonic: past that radius a polynomial folds back, and a point far outside
-//! the view would land inside the image.
+//! the view would land inside the image. A fisheye is used up to [`FISHEYE_HALF_VIEW_RAD`] off its axis: what its picture
+//! shows beyond is as unknown as what lies outside a picture, so that the lens draws no pixel of the pinhole there
+//! ([`CameraModel::distort`], [`CameraModel::sees`]) and undoes none ([`CameraModel::undistort`]). The pinhole itself
+//! ([`CameraModel::project`], [`CameraModel::projection_matrix`]) goes on, as it does outside any picture.
 
+mod fisheye;
 mod lens;
+mod lens_model;
+mod rational;
 
 use nalgebra::{Matrix3x4, Point3, Unit, Vector2, Vector3};
 
-pub use lens::Distortion;
-use lens::Lens;
+pub use fisheye::FISHEYE_HALF_VIEW_RAD;
+use lens::{Lens, ViewPart};
+pub use lens_model::LensModel;
+pub use rational::Distortion;
 
 use crate::frames::{Camera, Distorted, Pixel, Point, Transform, Undistorted, World};
 
@@ -144,32 +152,24 @@ impl CameraModel {
     ///
     /// # Errors
     /// [`CameraError`] when a number is not finite or out of range, the size is zero, or the lens model folds inside the
-    /// image.
+    /// image; of a fisheye, inside the part of the image that is used.
     pub fn new(
         name: impl Into<String>,
         size_px: [u32; 2],
         intrinsics: Intrinsics,
-        distortion: Distortion,
+        lens: impl Into<LensModel>,
         camera_from_world: Transform<Camera, World>,
     ) -> Result<Self, CameraError> {
-        let camera = name.into();
-        check_numbers(
-            &camera,
-            size_px,
-            &intrinsics,
-            &distortion,
-            &camera_from_world,
-        )?;
+        let (camera, lens) = (name.into(), lens.into());
+        check_numbers(&camera, size_px, &intrinsics, &lens, &camera_from_world)?;
         let model = Self {
             name: camera,
             size_px,
             intrinsics,
-            lens: Lens::new(distortion),
+            lens: Lens::new(lens),
             camera_from_world,
         };
-        let unreached = model
-            .edge_pixels()
-            .find(|&px| model.undistort(px).is_none());
+        let unreached = model.edge_pixels().find(|px| !model.accounts_for(*px));
         match unreached {
             Some(px) => Err(model.folds_at(px)),
             None => Ok(model),
@@ -192,8 +192,8 @@ impl CameraModel {
     }
 
     /// The lens.
-    pub fn distortion(&self) -> &Distortion {
-        self.lens.distortion()
+    pub fn lens(&self) -> &LensModel {
+        self.lens.model()
     }
 
     /// Where the camera stands.
@@ -230,28 +230,67 @@ impl CameraModel {
     }
 
     /// Where the lens draws what an ideal pinhole would draw at `pixel`; `None` beyond the radius
-    /// up to which the lens model is monotonic. Paper (A.2), with OpenCV's higher orders.
+    /// up to which the lens model is monotonic, or a fisheye is used. Paper (A.2), with OpenCV's higher orders.
     pub fn distort(&self, pixel: Pixel<Undistorted>) -> Option<Pixel<Distorted>> {
-        if self.distortion().is_none() {
+        self.distort_in(pixel, ViewPart::Used)
+    }
+
+    /// The inverse of [`Self::distort`], to 1e-9 px; `None` where no undistorted pixel is drawn, or none that is used.
+    pub fn undistort(&self, pixel: Pixel<Distorted>) -> Option<Pixel<Undistorted>> {
+        self.undistort_in(pixel, ViewPart::Used)
+    }
+
+    /// As [`Self::distort`], and of a fisheye also what is not used, up to 80 degrees off its axis: for whoever draws
+    /// pictures.
+    pub fn distort_wide(&self, pixel: Pixel<Undistorted>) -> Option<Pixel<Distorted>> {
+        self.distort_in(pixel, ViewPart::Drawn)
+    }
+
+    /// The inverse of [`Self::distort_wide`].
+    pub fn undistort_wide(&self, pixel: Pixel<Distorted>) -> Option<Pixel<Undistorted>> {
+        self.undistort_in(pixel, ViewPart::Drawn)
+    }
+
+    fn distort_in(&self, pixel: Pixel<Undistorted>, part: ViewPart) -> Option<Pixel<Distorted>> {
+        if self.lens().is_none() {
             // Exactly: normalising and back would round.
             return Some(Pixel::new(pixel.x(), pixel.y()));
         }
-        let drawn = self.lens.draw(self.normalised(pixel.vector_px()))?;
+        let drawn = self.lens.draw(self.normalised(pixel.vector_px()), part)?;
         let px = self.pixel_of(drawn);
         Some(Pixel::new(px.x, px.y))
     }
 
-    /// The inverse of [`Self::distort`], to 1e-9 px; `None` where no undistorted pixel is drawn.
-    pub fn undistort(&self, pixel: Pixel<Distorted>) -> Option<Pixel<Undistorted>> {
-        if self.distortion().is_none() {
+    fn undistort_in(&self, pixel: Pixel<Distorted>, part: ViewPart) -> Option<Pixel<Undistorted>> {
+        if self.lens().is_none() {
             return Some(Pixel::new(pixel.x(), pixel.y()));
         }
-        let tolerance = RESIDUAL_PX / self.intrinsics.fx_px.max(self.intrinsics.fy_px);
-        let found = self
-            .lens
-            .undo(self.normalised(pixel.vector_px()), tolerance)?;
+        let target = self.normalised(pixel.vector_px());
+        let found = self.lens.undo(target, part, self.tolerance())?;
         let px = self.pixel_of(found);
         Some(Pixel::new(px.x, px.y))
+    }
+
+    /// What a drawn point may be off, in focal lengths.
+    fn tolerance(&self) -> f64 {
+        RESIDUAL_PX / self.intrinsics.fx_px.max(self.intrinsics.fy_px)
+    }
+
+    /// Whether the lens model says what is at `pixel`, as far as that is used.
+    fn accounts_for(&self, pixel: Pixel<Distorted>) -> bool {
+        let target = self.normalised(pixel.vector_px());
+        self.lens().is_none() || self.lens.accounts_for(target, self.tolerance())
+    }
+
+    /// `pixel`, moved towards the principal point to the rim of what is used of a fisheye where it lies beyond it. Other
+    /// lenses end with their pictures: theirs stays as it is.
+    pub fn within_view(&self, pixel: Pixel<Undistorted>) -> Pixel<Undistorted> {
+        if !self.lens().is_fisheye() {
+            return pixel;
+        }
+        let p = self.lens.within_view(self.normalised(pixel.vector_px()));
+        let px = self.pixel_of(p);
+        Pixel::new(px.x, px.y)
     }
 
     /// The half-line that an ideal pinhole sees at `pixel`.
@@ -265,7 +304,7 @@ impl CameraModel {
         }
     }
 
-    /// Whether the lens draws `pixel` inside the image.
+    /// Whether the lens draws `pixel` inside the image, and it is used there.
     pub fn sees(&self, pixel: Pixel<Undistorted>) -> bool {
         let [width, height] = self.size_px.map(f64::from);
         self.distort(pixel).is_some_and(|px| {
@@ -327,10 +366,9 @@ fn check_numbers(
     camera: &str,
     size_px: [u32; 2],
     intrinsics: &Intrinsics,
-    distortion: &Distortion,
+    lens: &LensModel,
     camera_from_world: &Transform<Camera, World>,
 ) -> Result<(), CameraError> {
-    const NAMES: [&str; 8] = ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
     let camera = camera.to_owned();
     if size_px.contains(&0) {
         return Err(CameraError::EmptyImage { camera, size_px });
@@ -359,9 +397,10 @@ fn check_numbers(
             });
         }
     }
-    if let Some((coefficient, value)) = NAMES
-        .into_iter()
-        .zip(distortion.coefficients())
+    if let Some((&coefficient, value)) = lens
+        .coefficient_names()
+        .iter()
+        .zip(lens.coefficients())
         .find(|(_, c)| !c.is_finite())
     {
         return Err(CameraError::Distortion {
@@ -390,5 +429,7 @@ fn check_numbers(
     Ok(())
 }
 
+#[cfg(test)]
+mod fisheye_tests;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,6 @@
 //! What an adjustment holds of a camera, and what a camera saw.
 
-use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
+use farfield_proto::camera::{CameraModel, Distortion, Intrinsics, LensModel};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// One camera as the adjustment holds it.
@@ -14,8 +14,10 @@ pub struct CameraState {
     pub center_w: Vector3<f64>,
     /// Pinhole, pixels.
     pub intrinsics: Intrinsics,
-    /// Lens, as k1, k2, p1, p2, k3, k4, k5, k6 of OpenCV.
+    /// Lens, as k1, k2, p1, p2, k3, k4, k5, k6 of OpenCV; of a fisheye k1, k2, k3, k4 of its model, then zeros.
     pub distortion: [f64; 8],
+    /// Whether the lens is OpenCV's fisheye.
+    pub is_fisheye: bool,
     /// Time of frame `pivot_frame`, seconds.
     pub pivot_s: f64,
     /// The frame at which time and rate do not mix: about the middle of what the camera saw.
@@ -26,13 +28,18 @@ pub struct CameraState {
 
 impl CameraState {
     /// A camera at the origin that looks along z, at one frame per second.
-    pub fn at_origin(intrinsics: Intrinsics, distortion: &Distortion) -> Self {
-        let d = distortion;
+    pub fn at_origin(intrinsics: Intrinsics, lens: impl Into<LensModel>) -> Self {
+        let lens = lens.into();
+        let distortion = match &lens {
+            LensModel::Rational(d) => [d.k1, d.k2, d.p1, d.p2, d.k3, d.k4, d.k5, d.k6],
+            LensModel::KannalaBrandt([k1, k2, k3, k4]) => [*k1, *k2, *k3, *k4, 0.0, 0.0, 0.0, 0.0],
+        };
         Self {
             camera_from_world: UnitQuaternion::identity(),
             center_w: Vector3::zeros(),
             intrinsics,
-            distortion: [d.k1, d.k2, d.p1, d.p2, d.k3, d.k4, d.k5, d.k6],
+            distortion,
+            is_fisheye: lens.is_fisheye(),
             pivot_s: 0.0,
             pivot_frame: 0.0,
             period_s: 1.0,
@@ -45,14 +52,17 @@ impl CameraState {
         Self {
             camera_from_world: pose.rotation,
             center_w: model.center().coordinates_m().coords,
-            ..Self::at_origin(*model.intrinsics(), model.distortion())
+            ..Self::at_origin(*model.intrinsics(), *model.lens())
         }
     }
 
     /// The lens as proto has it.
-    pub fn lens(&self) -> Distortion {
+    pub fn lens(&self) -> LensModel {
         let [k1, k2, p1, p2, k3, k4, k5, k6] = self.distortion;
-        Distortion {
+        if self.is_fisheye {
+            return LensModel::KannalaBrandt([k1, k2, p1, p2]);
+        }
+        LensModel::Rational(Distortion {
             k1,
             k2,
             p1,
@@ -61,7 +71,7 @@ impl CameraState {
             k4,
             k5,
             k6,
-        }
+        })
     }
 
     /// Time of a frame, seconds.

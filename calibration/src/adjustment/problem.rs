@@ -20,6 +20,8 @@ pub enum Block {
     FiveCoefficients,
     /// All eight coefficients.
     EightCoefficients,
+    /// The four of a fisheye.
+    FisheyeCoefficients,
     /// The time of the pivot frame.
     TimeOffset,
     /// The frame rate.
@@ -35,6 +37,7 @@ impl Block {
             Self::FirstRadial => 9..10,
             Self::FiveCoefficients => 9..14,
             Self::EightCoefficients => 9..17,
+            Self::FisheyeCoefficients => 9..13,
             Self::TimeOffset => 17..18,
             Self::Rate => 18..19,
         }

@@ -20,6 +20,10 @@ const LEAST_SLOPE: f64 = 0.02;
 /// Step in which the fold is looked for, at the axis.
 const FOLD_STEP: f64 = 0.005;
 
+/// How far off its axis a fisheye is asked what it draws, radians (80 degrees): a point further out has hardly a place
+/// among the ideal pinhole's.
+const FISHEYE_HALF_VIEW_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
+
 /// Steps of the inverse of the lens, and how near it has to come, in focal lengths.
 const MOST_NEWTON_STEPS: usize = 40;
 const UNDISTORTED: f64 = 1e-12;
@@ -110,8 +114,12 @@ impl CameraState {
         d
     }
 
-    /// The radius (tangent of the angle to the axis) at which the lens model folds back, or 50 where it does not before.
+    /// The radius (tangent of the angle to the axis) at which the lens model folds back, or 50 where it does not before; of a
+    /// fisheye at most that of 80 degrees.
     pub fn fold_radius(&self) -> f64 {
+        if self.is_fisheye {
+            return self.fisheye_fold_radius();
+        }
         if self.distortion.iter().all(|c| *c == 0.0) {
             return 1e6;
         }
@@ -129,11 +137,30 @@ impl CameraState {
         r
     }
 
+    fn fisheye_fold_radius(&self) -> f64 {
+        let mut theta = 0.0;
+        let mut last = 0.0;
+        while theta < FISHEYE_HALF_VIEW_RAD {
+            let next = f64::min(theta + FOLD_STEP, FISHEYE_HALF_VIEW_RAD);
+            let drawn = self.draw(&Vector2::new(libm::tan(next), 0.0)).0.x;
+            if drawn - last < LEAST_SLOPE * (next - theta) {
+                break;
+            }
+            (theta, last) = (next, drawn);
+        }
+        libm::tan(theta)
+    }
+
     /// The unit vector, camera axes, of what is drawn at `px`; `None` where nothing is drawn before the lens model folds.
     pub fn bearing(&self, px: [f64; 2], fold_radius: f64) -> Option<Vector3<f64>> {
         let i = &self.intrinsics;
         let target = Vector2::new((px[0] - i.cx_px) / i.fx_px, (px[1] - i.cy_px) / i.fy_px);
         let mut n = target;
+        if self.is_fisheye {
+            // Straight from the angle: as radii of a pinhole the steps towards the rim would be long.
+            let theta = f64::min(target.norm(), libm::atan(0.9 * fold_radius));
+            n *= libm::tan(theta) / target.norm().max(f64::MIN_POSITIVE);
+        }
         if n.norm() > 0.9 * fold_radius {
             n *= 0.9 * fold_radius / n.norm();
         }
@@ -186,6 +213,9 @@ impl CameraState {
 
     /// OpenCV's lens (documentation of `calib3d`) on normalised coordinates, and its Jacobian.
     fn draw(&self, n: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        if self.is_fisheye {
+            return self.lens().draw_with_jacobian(*n);
+        }
         let [_, _, p1, p2, ..] = self.distortion;
         let (x, y, r2) = (n.x, n.y, n.norm_squared());
         let (g, slope, _) = self.radial(r2);
@@ -206,6 +236,9 @@ impl CameraState {
     /// Derivatives of [`Self::draw`] by the eight coefficients.
     fn by_coefficients(&self, n: &Vector2<f64>) -> SMatrix<f64, 2, 8> {
         let (x, y, r2) = (n.x, n.y, n.norm_squared());
+        if self.is_fisheye {
+            return by_fisheye_coefficients(n);
+        }
         let (g, _, denominator) = self.radial(r2);
         let powers = [r2, r2 * r2, r2 * r2 * r2];
         let mut by = SMatrix::<f64, 2, 8>::zeros();
@@ -217,6 +250,21 @@ impl CameraState {
         by.set_column(3, &Vector2::new(r2 + 2.0 * x * x, 2.0 * x * y));
         by
     }
+}
+
+/// The angle's powers 3, 5, 7, 9 in the direction of `n`; nothing by the last four.
+fn by_fisheye_coefficients(n: &Vector2<f64>) -> SMatrix<f64, 2, 8> {
+    let mut by = SMatrix::<f64, 2, 8>::zeros();
+    let Some(direction) = n.try_normalize(1e-12) else {
+        return by;
+    };
+    let theta = libm::atan(n.norm());
+    let mut power = theta;
+    for coefficient in 0..4 {
+        power *= theta * theta;
+        by.set_column(coefficient, &(direction * power));
+    }
+    by
 }
 
 fn cross_matrix(v: &Vector3<f64>) -> Matrix3<f64> {

@@ -218,13 +218,26 @@ fn cameras_that_share_nothing_are_degenerate() {
 }
 
 fn any_state() -> impl Strategy<Value = CameraState> {
-    (0.0f64..6.0, prop::array::uniform8(-0.05f64..0.05)).prop_map(|(angle, c)| {
-        let mut state = looking_at_middle(angle);
-        state.distortion = c;
-        state.distortion[2] *= 0.1;
-        state.distortion[3] *= 0.1;
-        state
-    })
+    (
+        0.0f64..6.0,
+        prop::array::uniform8(-0.05f64..0.05),
+        prop::bool::ANY,
+    )
+        .prop_map(|(angle, c, is_fisheye)| {
+            let mut state = looking_at_middle(angle);
+            if is_fisheye {
+                // Wide: 60 degrees off the axis lie in the picture.
+                (state.intrinsics.fx_px, state.intrinsics.fy_px) = (800.0, 790.0);
+                let [k1, k2, k3, k4, ..] = c.map(|c| 0.3 * c);
+                state.distortion = [k1, k2, k3, k4, 0.0, 0.0, 0.0, 0.0];
+                state.is_fisheye = true;
+                return state;
+            }
+            state.distortion = c;
+            state.distortion[2] *= 0.1;
+            state.distortion[3] *= 0.1;
+            state
+        })
 }
 
 proptest! {

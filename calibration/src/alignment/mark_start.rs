@@ -9,7 +9,6 @@ use super::sight::{Sights, What};
 use super::similarity::Similarity;
 use crate::adjustment::CameraState;
 use crate::board::pose_from_points;
-use crate::formats::LensModel;
 use crate::geometry::{Sight, triangulate};
 
 /// Largest angle between the clicks of a point, radians.
@@ -161,8 +160,7 @@ fn of_cameras(sights: &Sights<'_>, freedom: MarkFreedom) -> Vec<Similarity> {
         if points.len() < LEAST_CLICKS {
             continue;
         }
-        let lens = LensModel::Rational(state.lens());
-        let Ok(pose) = pose_from_points(&state.intrinsics, &lens, &points, &pixels) else {
+        let Ok(pose) = pose_from_points(&state.intrinsics, &state.lens(), &points, &pixels) else {
             continue;
         };
         let camera_from_venue = pose.camera_from_world;

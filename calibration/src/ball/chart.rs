@@ -1,6 +1,6 @@
 //! From pixels to a plane in which the outline of a sphere is a circle, and back.
 
-use farfield_proto::camera::{CameraError, CameraModel, Distortion, Intrinsics};
+use farfield_proto::camera::{CameraError, CameraModel, Intrinsics, LensModel};
 use farfield_proto::frames::Transform;
 use nalgebra::{Isometry3, Vector2, Vector3};
 
@@ -23,14 +23,14 @@ impl BallLens {
     pub fn new(
         size_px: [u32; 2],
         intrinsics: Intrinsics,
-        distortion: Distortion,
+        lens: impl Into<LensModel>,
     ) -> Result<Self, CameraError> {
-        let pose = Transform::new(Isometry3::identity());
-        match CameraModel::new("ball", size_px, intrinsics, distortion, pose) {
+        let (pose, lens) = (Transform::new(Isometry3::identity()), lens.into());
+        match CameraModel::new("ball", size_px, intrinsics, lens, pose) {
             Ok(_) | Err(CameraError::Folds { .. }) => {}
             Err(error) => return Err(error),
         }
-        let state = CameraState::at_origin(intrinsics, &distortion);
+        let state = CameraState::at_origin(intrinsics, lens);
         Ok(Self {
             fold_radius: state.fold_radius(),
             focal_px: (intrinsics.fx_px * intrinsics.fy_px).sqrt(),

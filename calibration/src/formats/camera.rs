@@ -2,63 +2,9 @@
 
 use std::fmt;
 
-use farfield_proto::camera::{Distortion, Intrinsics};
+use farfield_proto::camera::Intrinsics;
+pub use farfield_proto::camera::LensModel;
 use nalgebra::{Isometry3, Matrix3, Vector3};
-
-/// How a lens draws.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum LensModel {
-    /// OpenCV's rational model with tangential terms.
-    Rational(Distortion),
-    /// Kannala and Brandt 2006 as OpenCV's `fisheye` has it: with the angle theta to the axis the point is drawn at the
-    /// radius theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), in focal lengths.
-    KannalaBrandt([f64; 4]),
-}
-
-impl LensModel {
-    /// A lens without distortion.
-    pub fn ideal() -> Self {
-        Self::Rational(Distortion::default())
-    }
-
-    /// Whether it is the fisheye model.
-    pub fn is_fisheye(&self) -> bool {
-        matches!(self, Self::KannalaBrandt(_))
-    }
-
-    /// OpenCV's order: 4 coefficients of the fisheye model, else 5, or 8 where the denominator is used.
-    pub fn coefficients(&self) -> Vec<f64> {
-        match self {
-            Self::KannalaBrandt(k) => k.to_vec(),
-            Self::Rational(d) => {
-                let mut all = vec![d.k1, d.k2, d.p1, d.p2, d.k3];
-                if !all_zero(&[d.k4, d.k5, d.k6]) {
-                    all.extend([d.k4, d.k5, d.k6]);
-                }
-                all
-            }
-        }
-    }
-
-    /// The rational model from OpenCV's order (k1, k2, p1, p2, k3, k4, k5, k6); what is not given is 0. `None` for more
-    /// than 8 coefficients, unless all further ones (thin prism, tilt) are 0.
-    pub fn rational(coefficients: &[f64]) -> Option<Self> {
-        let at = |i: usize| coefficients.get(i).copied().unwrap_or(0.0);
-        if coefficients.len() > 14 || coefficients.iter().skip(8).any(|&c| c != 0.0) {
-            return None;
-        }
-        Some(Self::Rational(Distortion {
-            k1: at(0),
-            k2: at(1),
-            p1: at(2),
-            p2: at(3),
-            k3: at(4),
-            k4: at(5),
-            k5: at(6),
-            k6: at(7),
-        }))
-    }
-}
 
 /// Whether no coefficient does anything.
 pub(super) fn all_zero(coefficients: &[f64]) -> bool {

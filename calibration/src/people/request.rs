@@ -1,6 +1,6 @@
 //! What a calibration from people is asked for.
 
-use farfield_proto::camera::{Distortion, Intrinsics};
+use farfield_proto::camera::{Intrinsics, LensModel};
 use farfield_proto::keypoints::KeypointSet;
 
 use crate::alignment::Anchors;
@@ -41,7 +41,7 @@ pub struct PeopleCamera {
     /// Pinhole, as its own calibration found it.
     pub intrinsics: Intrinsics,
     /// Lens.
-    pub distortion: Distortion,
+    pub lens: LensModel,
     /// Frames per second, where not [`Timing::Synchronised`].
     pub rate_hz: Option<f64>,
     /// Time of its frame 0, seconds, on any clock that all cameras share. Needed for [`Timing::Clocks`].

@@ -87,7 +87,7 @@ impl Tracks {
         rate_hz: f64,
     ) -> Result<Self, PeopleError> {
         check_lens(camera)?;
-        let state = CameraState::at_origin(camera.intrinsics, &camera.distortion);
+        let state = CameraState::at_origin(camera.intrinsics, camera.lens);
         let fold_radius = state.fold_radius();
         let mut outside = 0;
         let mut all = 0;
@@ -197,7 +197,7 @@ fn check_lens(camera: &PeopleCamera) -> Result<(), PeopleError> {
         &camera.name,
         camera.size_px,
         camera.intrinsics,
-        camera.distortion,
+        camera.lens,
         Transform::new(Isometry3::identity()),
     );
     match model {

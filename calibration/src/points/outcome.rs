@@ -17,7 +17,7 @@ use super::venue::of_alignment;
 use super::view::{Track, View};
 use crate::adjustment::{CameraState, Path, Problem, covariance};
 use crate::alignment::{Alignment, Anchors, Known, Similarity};
-use crate::formats::{CameraRecord, ExportError, Format, LensModel, export};
+use crate::formats::{CameraRecord, ExportError, Format, export};
 use crate::report::{FieldReport, Report, field_camera};
 
 /// Sightings that a camera needs.
@@ -77,7 +77,7 @@ impl FoundCamera {
             name: self.name.clone(),
             size_px: self.size_px,
             intrinsics: self.state.intrinsics,
-            lens: LensModel::Rational(self.state.lens()),
+            lens: self.state.lens(),
             camera_from_world: Some(self.camera_from_world()),
         }
     }
@@ -482,7 +482,7 @@ mod tests {
             let read = Calibration::parse(&text, Path::new("calibration.toml")).unwrap();
             let camera = &read.cameras["north \"east\""];
             prop_assert_eq!(camera.intrinsics(), &intrinsics);
-            prop_assert_eq!(camera.distortion(), &lens);
+            prop_assert_eq!(*camera.lens(), lens.into());
             prop_assert_eq!(camera.size_px(), [1920, 1200]);
             prop_assert!((camera.center().coordinates_m().coords - state.center_w).norm() < 1e-9);
             let rotation = camera.camera_from_world().isometry().rotation;

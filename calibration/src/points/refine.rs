@@ -41,7 +41,9 @@ pub(crate) fn freedom(lenses: Lenses, state: &CameraState) -> Free {
         Lenses::Given => pose,
         Lenses::Focal => pose.with_prior(Block::Focal, FOCAL_PRIOR),
         Lenses::All => {
-            let coefficients = if state.distortion[5..].iter().any(|c| *c != 0.0) {
+            let coefficients = if state.is_fisheye {
+                Block::FisheyeCoefficients
+            } else if state.distortion[5..].iter().any(|c| *c != 0.0) {
                 Block::EightCoefficients
             } else {
                 Block::FiveCoefficients

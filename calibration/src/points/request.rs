@@ -1,6 +1,6 @@
 //! What a calibration from a single moving point is asked for.
 
-use farfield_proto::camera::{Distortion, Intrinsics};
+use farfield_proto::camera::{Intrinsics, LensModel};
 
 use super::file::Sighting;
 use crate::alignment::Anchors;
@@ -15,7 +15,7 @@ pub struct PointCamera {
     /// Pinhole, as its own calibration found it; see [`Lenses`].
     pub intrinsics: Intrinsics,
     /// Lens.
-    pub distortion: Distortion,
+    pub lens: LensModel,
     /// Frames per second of its video. Needed unless [`Timing::Synchronised`]; a nominal one is enough for
     /// [`Timing::Unknown`].
     pub rate_hz: Option<f64>,

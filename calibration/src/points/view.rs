@@ -45,7 +45,7 @@ impl Track {
     /// Sights that the lens model does not reach, or that are far outside the picture, are left out.
     pub(super) fn of(camera: &PointCamera) -> Result<Self, CalibrationError> {
         check_lens(camera)?;
-        let mut state = CameraState::at_origin(camera.intrinsics, &camera.distortion);
+        let mut state = CameraState::at_origin(camera.intrinsics, camera.lens);
         let fold_radius = state.fold_radius();
         let is_outside = |px: [f64; 2]| {
             (0..2).any(|axis| {
@@ -161,7 +161,7 @@ fn check_lens(camera: &PointCamera) -> Result<(), CalibrationError> {
         &camera.name,
         camera.size_px,
         camera.intrinsics,
-        camera.distortion,
+        camera.lens,
         Transform::new(Isometry3::identity()),
     );
     match model {

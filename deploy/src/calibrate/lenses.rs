@@ -1,14 +1,12 @@
 //! What is known of the cameras' lenses: calibrations in any format that is read, of one camera or of all.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, anyhow, bail, ensure};
-use farfield_calibration::formats::{
-    CameraRecord, Format, ImportOptions, LensModel, export, import,
-};
+use farfield_calibration::formats::{CameraRecord, Format, ImportOptions, export, import};
 use farfield_node::process::say;
-use farfield_proto::camera::{Distortion, Intrinsics};
+use farfield_proto::camera::{Intrinsics, LensModel};
 use nalgebra::Isometry3;
 
 use super::read;
@@ -59,7 +57,7 @@ impl LensFile {
 pub(super) struct Lens {
     pub(super) size_px: [u32; 2],
     pub(super) intrinsics: Intrinsics,
-    pub(super) distortion: Distortion,
+    pub(super) model: LensModel,
 }
 
 impl Lens {
@@ -73,7 +71,7 @@ impl Lens {
                 cx_px: 0.0,
                 cy_px: 0.0,
             },
-            distortion: Distortion::default(),
+            model: LensModel::ideal(),
         }
     }
 
@@ -98,7 +96,7 @@ impl Lens {
             name: name.to_owned(),
             size_px: self.size_px,
             intrinsics: self.intrinsics,
-            lens: LensModel::Rational(self.distortion),
+            lens: self.model,
             camera_from_world: Some(camera_from_world),
         };
         let files = export(&[record], Format::Farfield)?;
@@ -127,7 +125,7 @@ pub(super) fn lens_of<'a>(
 /// The lenses of all files by camera. The file of one camera may be given for one of another name.
 ///
 /// # Errors
-/// What cannot be read, or is of a lens that is not supported.
+/// What cannot be read.
 pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens>> {
     let options = ImportOptions {
         only_lenses: true,
@@ -144,7 +142,7 @@ pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens
             ));
         }
         for record in imported.cameras.iter().filter(|_| file.camera.is_none()) {
-            insert(&mut all, &record.name, lens(record, &file.path)?)?;
+            insert(&mut all, &record.name, lens(record))?;
         }
         if let Some(camera) = &file.camera {
             let same = imported.cameras.iter().find(|it| it.name == *camera);
@@ -156,7 +154,7 @@ pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens
                     several.len()
                 ),
             };
-            insert(&mut all, camera, lens(record, &file.path)?)?;
+            insert(&mut all, camera, lens(record))?;
         }
     }
     Ok(all)
@@ -170,17 +168,10 @@ fn insert(all: &mut BTreeMap<String, Lens>, camera: &str, lens: Lens) -> anyhow:
     Ok(())
 }
 
-fn lens(record: &CameraRecord, path: &Path) -> anyhow::Result<Lens> {
-    let LensModel::Rational(distortion) = &record.lens else {
-        return Err(anyhow!(
-            "{}: camera `{}` has a fisheye lens, which is not supported here yet: expected a pinhole with five or eight coefficients",
-            path.display(),
-            record.name
-        ));
-    };
-    Ok(Lens {
+fn lens(record: &CameraRecord) -> Lens {
+    Lens {
         size_px: record.size_px,
         intrinsics: record.intrinsics,
-        distortion: *distortion,
-    })
+        model: record.lens,
+    }
 }

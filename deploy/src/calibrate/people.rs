@@ -210,7 +210,7 @@ fn of_files(
         cameras.push(PeopleCamera {
             size_px: it.lens.size_px,
             intrinsics: it.lens.intrinsics,
-            distortion: it.lens.distortion,
+            lens: it.lens.model,
             rate_hz: Some(rate_hz),
             offset_s: it.offset_s,
             frames: it.seen,

@@ -172,7 +172,7 @@ impl AskedArgs {
                 name: (*name).to_owned(),
                 size_px: lens.size_px,
                 intrinsics: lens.intrinsics,
-                distortion: lens.distortion,
+                lens: lens.model,
                 rate_hz: seen.rate_of(name),
                 offset_s: seen.offset_of(name),
                 sightings: Vec::new(),

@@ -31,7 +31,10 @@ fn one_table_per_camera_is_read() {
     let camera = &calibration.cameras["a"];
     assert_eq!(camera.size_px(), [1280, 720]);
     assert!((camera.intrinsics().fy_px - 910.0).abs() < 1e-12);
-    assert!((camera.distortion().p2 - -0.001).abs() < 1e-12);
+    let LensModel::Rational(lens) = camera.lens() else {
+        panic!("{:?}", camera.lens())
+    };
+    assert!((lens.p2 - -0.001).abs() < 1e-12);
     let moved = camera.camera_from_world().isometry();
     assert!((moved.rotation.scaled_axis() - Vector3::new(1.2, -0.3, 0.4)).norm() < 1e-12);
     assert_eq!(calibration.hash.len(), 16);
@@ -57,7 +60,12 @@ fn both_tables_of_caliscope_are_read() {
 fn what_is_wrong_is_named_with_table_field_and_line() {
     assert_eq!(
         refusal("fisheye = false", "fisheye = true"),
-        "cal.toml:8: `one.fisheye`: camera `a` has a fisheye model, which is not supported yet"
+        "cal.toml:5: `one.distortions`: found 5 values, expected 4 of a fisheye lens: k1, k2, k3, k4 of OpenCV's \
+         fisheye model"
+    );
+    assert_eq!(
+        refusal("fisheye = false", "fisheye = 1"),
+        "cal.toml:8: `one.fisheye`: found integer, expected true or false"
     );
     assert_eq!(
         refusal(
@@ -185,4 +193,46 @@ fn the_same_name_twice_and_no_camera_at_all_are_refused() {
             .problem
             .contains("no camera")
     );
+}
+
+/// [`CAMERA`] with another lens.
+fn with_lens(distortions: &str) -> Result<Calibration, FileError> {
+    let text = CAMERA
+        .replace("[-0.1, 0.02, 0.001, -0.001, 0.0]", distortions)
+        .replace("fisheye = false", "fisheye = true")
+        .replace("900.0", "400.0")
+        .replace("910.0", "400.0");
+    parse(&format!("[one]{text}"))
+}
+
+#[test]
+fn a_fisheye_of_aniposelib_and_freemocap_is_read() {
+    let calibration = with_lens("[-0.02, 0.005, -0.002, 0.0003]").unwrap();
+    assert_eq!(
+        *calibration.cameras["a"].lens(),
+        LensModel::KannalaBrandt([-0.02, 0.005, -0.002, 0.0003])
+    );
+}
+
+#[test]
+fn a_fisheye_of_caliscope_is_read() {
+    let text = "[cameras.3]\ncam_id = 3\nsize = [1280, 720]\nrotation = [0.1, 0.2, 0.3]\ntranslation = [0.1, 0.2, 0.3]\n\
+        matrix = [[400.0, 0.0, 640.0], [0.0, 400.0, 360.0], [0.0, 0.0, 1.0]]\n\
+        distortions = [0.01, 0.0, 0.0, 0.0]\nfisheye = true\n";
+    let calibration = parse(text).unwrap();
+    assert!(calibration.cameras["cam_3"].lens().is_fisheye());
+}
+
+#[test]
+fn a_fisheye_that_folds_within_the_part_that_is_used_is_refused() {
+    // Its radius is largest at 33 degrees; the corners of the picture are further out.
+    let refused = with_lens("[-1.0, 0.0, 0.0, 0.0]").unwrap_err().to_string();
+    assert!(
+        refused.starts_with(
+            "cal.toml:5: `one.distortions`: camera `a`: its lens distortion folds inside its image"
+        ),
+        "{refused}"
+    );
+    // Largest at 66 degrees: beyond what is used.
+    with_lens("[-0.25, 0.0, 0.0, 0.0]").unwrap();
 }

@@ -78,7 +78,12 @@ pub(super) fn findings(venue: &Venue, seen: &Coverage) -> Vec<Finding> {
                 camera: Some(camera.model.name().to_owned()),
                 cause: Cause::LooksAway,
                 severity: Severity::Doubtful,
-                found: "it sees no point of the field".to_owned(),
+                found: if camera.model.lens().is_fisheye() {
+                    "it sees no point of the field within the 120 degrees of view of a fisheye that are used"
+                } else {
+                    "it sees no point of the field"
+                }
+                .to_owned(),
                 expected: format!("a part of {}", words(&venue.field)),
                 remedy: "look at its `rotation` and `translation` (world to camera, radians, metres), or at `[field]`"
                     .to_owned(),

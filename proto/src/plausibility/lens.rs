@@ -1,6 +1,8 @@
 //! Whether pinhole and lens can be those of a camera with pictures of that size.
 
-use crate::camera::{CameraModel, Intrinsics};
+use nalgebra::Vector2;
+
+use crate::camera::{CameraModel, Distortion, FISHEYE_HALF_VIEW_RAD, Intrinsics, LensModel};
 use crate::frames::Pixel;
 
 use super::{Cause, Finding, Severity};
@@ -9,6 +11,12 @@ use super::{Cause, Finding, Severity};
 /// telescope.
 const USUAL_VIEW_DEG: [f64; 2] = [5.0, 150.0];
 const POSSIBLE_VIEW_DEG: [f64; 2] = [0.5, 165.0];
+/// The same of fisheyes; there are some that see behind themselves.
+const USUAL_FISHEYE_DEG: [f64; 2] = [40.0, 235.0];
+const POSSIBLE_FISHEYE_DEG: [f64; 2] = [10.0, 280.0];
+/// What a fisheye draws over what an equidistant one does (radius = angle), at the edge of what is used.
+const USUAL_FISHEYE: [f64; 2] = [0.8, 1.25];
+const POSSIBLE_FISHEYE: [f64; 2] = [0.5, 2.0];
 /// fx over fy of square pixels, as far as calibrations are off.
 const SQUARE: [f64; 2] = [0.9, 1.1];
 /// fx over fy beyond which no sensor or video format is.
@@ -41,7 +49,10 @@ pub(super) fn findings(camera: &CameraModel) -> Vec<Finding> {
         field_of_view(camera),
         pixel_shape(camera),
         principal_point(camera),
-        distortion(camera),
+        match camera.lens() {
+            LensModel::Rational(lens) => distortion(camera, lens),
+            LensModel::KannalaBrandt(_) => fisheye(camera),
+        },
     ];
     found.into_iter().flatten().collect()
 }
@@ -80,8 +91,18 @@ fn severity(value: f64, usual: [f64; 2], possible: [f64; 2]) -> Option<Severity>
 fn field_of_view(camera: &CameraModel) -> Option<Finding> {
     let width_px = f64::from(camera.size_px()[0]);
     let fx_px = camera.intrinsics().fx_px;
-    let view_deg = (2.0 * libm::atan(0.5 * width_px / fx_px)).to_degrees();
-    let severity = severity(view_deg, USUAL_VIEW_DEG, POSSIBLE_VIEW_DEG)?;
+    // A fisheye's coefficients change little of what its focal length says.
+    let (view_rad, usual, possible) = if camera.lens().is_fisheye() {
+        (width_px / fx_px, USUAL_FISHEYE_DEG, POSSIBLE_FISHEYE_DEG)
+    } else {
+        (
+            2.0 * libm::atan(0.5 * width_px / fx_px),
+            USUAL_VIEW_DEG,
+            POSSIBLE_VIEW_DEG,
+        )
+    };
+    let view_deg = view_rad.to_degrees();
+    let severity = severity(view_deg, usual, possible)?;
     Some(finding(
         camera,
         Cause::FieldOfView,
@@ -89,7 +110,7 @@ fn field_of_view(camera: &CameraModel) -> Option<Finding> {
         format!(
             "a focal length of {fx_px:.0} px with pictures {width_px:.0} px wide sees {view_deg:.1} degrees"
         ),
-        format!("{} to {} degrees", USUAL_VIEW_DEG[0], USUAL_VIEW_DEG[1]),
+        format!("{} to {} degrees", usual[0], usual[1]),
         "`matrix` is in pixels, not millimetres, and of pictures of this `size`",
     ))
 }
@@ -148,8 +169,25 @@ fn principal_point(camera: &CameraModel) -> Option<Finding> {
     ))
 }
 
-fn distortion(camera: &CameraModel) -> Option<Finding> {
-    let lens = camera.distortion();
+/// A fisheye whose coefficients bend the part that is used far from what any fisheye draws.
+fn fisheye(camera: &CameraModel) -> Option<Finding> {
+    let r = libm::tan(FISHEYE_HALF_VIEW_RAD);
+    let drawn = camera.lens().draw_with_jacobian(Vector2::new(r, 0.0)).0.x;
+    let ratio = drawn / FISHEYE_HALF_VIEW_RAD;
+    let severity = severity(ratio, USUAL_FISHEYE, POSSIBLE_FISHEYE)?;
+    Some(finding(
+        camera,
+        Cause::Distortion,
+        severity,
+        format!(
+            "60 degrees off its axis its distortion draws {ratio:.2} times as far out as an equidistant fisheye does"
+        ),
+        format!("{} to {} times", USUAL_FISHEYE[0], USUAL_FISHEYE[1]),
+        "look at `distortions`: k1 k2 k3 k4 of OpenCV's fisheye model; those of a lens that is none go with `fisheye = false`",
+    ))
+}
+
+fn distortion(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
     if lens.is_none() {
         return None;
     }

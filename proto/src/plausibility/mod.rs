@@ -13,7 +13,7 @@ mod upright;
 
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
-use crate::frames::Transform;
+use crate::frames::{Pixel, Transform};
 use crate::venue::{Field, Venue, VenueCamera};
 
 pub use self::coverage::{Coverage, coverage};
@@ -91,6 +91,18 @@ pub fn of_picture_size(camera: &CameraModel, found_px: [u32; 2]) -> Option<Findi
     })
 }
 
+/// The share of a camera's picture that is used, 0 to 1: less than all of a fisheye's that sees more than 120 degrees.
+pub fn used_share(camera: &CameraModel) -> f64 {
+    const SIDE: u32 = 64;
+    let [width, height] = camera.size_px().map(f64::from);
+    let at = |i: u32, size: f64| (f64::from(i) + 0.5) / f64::from(SIDE) * size - 0.5;
+    let used = (0..SIDE * SIDE).filter(|i| {
+        let pixel = Pixel::new(at(i % SIDE, width), at(i / SIDE, height));
+        camera.undistort(pixel).is_some()
+    });
+    used.count() as f64 / f64::from(SIDE * SIDE)
+}
+
 /// Where a camera stands and how it is turned, in the axes of the world.
 #[derive(Debug, Clone)]
 struct Sight {
@@ -157,7 +169,7 @@ fn backwards(venue: &Venue, findings: &[Finding]) -> Option<Finding> {
             model.name(),
             model.size_px(),
             *model.intrinsics(),
-            *model.distortion(),
+            *model.lens(),
             Transform::new(inverse),
         )
         .ok()?;

@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::camera::{Distortion, Intrinsics};
+use crate::camera::{Distortion, Intrinsics, LensModel};
 
 /// A camera as a calibration describes it.
 #[derive(Clone)]
@@ -17,6 +17,8 @@ struct Given {
     rotation: Matrix3<f64>,
     intrinsics: Intrinsics,
     distortion: Distortion,
+    /// Instead of `distortion`: k1 to k4.
+    fisheye: Option<[f64; 4]>,
     size_px: [u32; 2],
 }
 
@@ -47,6 +49,7 @@ fn hall() -> Vec<Given> {
                 k2: 0.02,
                 ..Distortion::default()
             },
+            fisheye: None,
             size_px: [1280, 720],
         }
     };
@@ -74,7 +77,9 @@ fn venue(cameras: &[Given], viewpoints: usize) -> Venue {
             format!("c{i}"),
             given.size_px,
             given.intrinsics,
-            given.distortion,
+            given
+                .fisheye
+                .map_or(given.distortion.into(), LensModel::KannalaBrandt),
             Transform::new(Isometry3::from_parts(translation, rotation)),
         );
         models.insert(format!("c{i}"), model.unwrap());
@@ -439,4 +444,40 @@ fn pictures_of_another_size_are_told_how_they_differ() {
     );
     assert!(remedy([1920, 1080]).unwrap().contains("by 1.500000"));
     assert!(remedy([1280, 960]).unwrap().contains("cropped"));
+}
+
+/// The hall with a fisheye of `focal_px` in one corner.
+fn with_fisheye(focal_px: f64, k: [f64; 4]) -> Vec<Given> {
+    let mut cameras = hall();
+    cameras[1].fisheye = Some(k);
+    (cameras[1].intrinsics.fx_px, cameras[1].intrinsics.fy_px) = (focal_px, focal_px);
+    cameras
+}
+
+#[test]
+fn a_fisheye_in_a_corner_is_nothing_to_speak_of() {
+    // 183 degrees across, of which the middle is used.
+    let cameras = with_fisheye(400.0, [-0.02, 0.005, -0.002, 0.0003]);
+    assert_eq!(said(&cameras), []);
+    let venue = venue(&cameras, 4);
+    let shares: Vec<f64> = venue
+        .cameras
+        .iter()
+        .map(|camera| used_share(&camera.model))
+        .collect();
+    assert!(shares[0] > 0.999 && shares[2] > 0.999 && shares[3] > 0.999);
+    // A disc of radius f theta_d, cut by the picture's upper and lower edge.
+    assert!((0.5..0.6).contains(&shares[1]), "{}", shares[1]);
+}
+
+#[test]
+fn fisheyes_that_draw_as_none_does_are_told_of() {
+    let plain = with_fisheye(2000.0, [0.0; 4]);
+    let causes = |cameras: &[Given]| -> Vec<_> {
+        let findings = said(cameras);
+        findings.iter().map(|it| (it.cause, it.severity)).collect()
+    };
+    assert!(causes(&plain).contains(&(Cause::FieldOfView, Severity::Doubtful)));
+    let stretched = with_fisheye(400.0, [0.6, 0.2, 0.0, 0.0]);
+    assert!(causes(&stretched).contains(&(Cause::Distortion, Severity::Doubtful)));
 }

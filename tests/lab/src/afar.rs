@@ -48,7 +48,7 @@ impl Afar {
             camera.name(),
             self.size_px,
             intrinsics,
-            *camera.distortion(),
+            *camera.lens(),
             *camera.camera_from_world(),
         )
     }

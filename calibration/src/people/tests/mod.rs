@@ -65,6 +65,20 @@ fn a_small_field_is_found_from_people_alone() {
     assert!(off_m < 0.016 && off_deg < 0.08);
 }
 
+#[test]
+fn a_small_field_is_found_from_people_alone_by_fisheyes_among_others() {
+    let walk = Walk {
+        seconds: 20.0,
+        ..USUAL
+    };
+    let mut truth = cameras(&SMALL);
+    crate::points::tests::with_fisheyes(&mut truth);
+    let found = quiet(&request(&SMALL, &truth, &walk)).unwrap();
+    let (off_m, off_deg) = worst(&found_states(&found), &truth);
+    println!("fisheyes: {off_m:.4} m {off_deg:.4} deg");
+    assert!(off_m < 0.02 && off_deg < 0.1);
+}
+
 /// What the issue of this module asks for, metres and degrees; of the last field it is only stated.
 const BARS: [(Field, f64, f64); 3] = [
     (SMALL, 0.008, 0.04),

@@ -52,7 +52,7 @@ fn request(folder: &Path, ticks: &std::ops::Range<i64>) -> PeopleRequest {
             frames: frames(&folder.join(format!("{name}.jsonl")), ticks),
             size_px: model.size_px(),
             intrinsics: *model.intrinsics(),
-            distortion: *model.distortion(),
+            lens: *model.lens(),
             rate_hz: None,
             offset_s: None,
             name,

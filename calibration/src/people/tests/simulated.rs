@@ -213,7 +213,7 @@ pub(super) fn request(field: &Field, states: &[CameraState], walk: &Walk) -> Peo
             name: format!("c{index}"),
             size_px: SIZE_PX,
             intrinsics: state.intrinsics,
-            distortion: state.lens(),
+            lens: state.lens(),
             rate_hz: None,
             offset_s: None,
             frames: frames.collect(),

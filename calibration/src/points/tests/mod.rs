@@ -6,6 +6,7 @@ mod real;
 mod recorded;
 pub(crate) mod simulated;
 
+use farfield_proto::camera::{Intrinsics, LensModel};
 use farfield_proto::court::Court;
 
 use self::simulated::{Errors, Field, HALL, PITCH, SMALL, USUAL, cameras, request, worst};
@@ -216,5 +217,53 @@ fn distance(first: &str, second: &str, distance_m: f64) -> KnownDistance {
         first: first.to_owned(),
         second: second.to_owned(),
         distance_m,
+    }
+}
+
+/// Every second of `states` with a fisheye that sees 150 degrees across its picture.
+pub(crate) fn with_fisheyes(states: &mut [CameraState]) {
+    for state in states.iter_mut().step_by(2) {
+        let wide = CameraState::at_origin(
+            Intrinsics {
+                fx_px: 730.0,
+                fy_px: 730.0,
+                ..state.intrinsics
+            },
+            LensModel::KannalaBrandt([-0.02, 0.005, -0.002, 0.0003]),
+        );
+        state.intrinsics = wide.intrinsics;
+        (state.distortion, state.is_fisheye) = (wide.distortion, wide.is_fisheye);
+    }
+}
+
+#[test]
+fn fisheyes_among_others_are_found_from_nothing() {
+    let mut truth = at_rate(&SMALL, 10.0);
+    with_fisheyes(&mut truth);
+    let seen = request(&SMALL, &truth, &USUAL, Timing::Synchronised);
+    for lenses in [Lenses::Given, Lenses::Focal, Lenses::All] {
+        let mut request = with_scale(seen.clone(), &truth);
+        request.lenses = lenses;
+        if lenses == Lenses::All {
+            // Known to a hundredth.
+            for camera in &mut request.cameras {
+                camera.intrinsics.fx_px *= 1.01;
+                camera.intrinsics.fy_px *= 1.01;
+                if let LensModel::KannalaBrandt(k) = &mut camera.lens {
+                    k[0] += 0.01;
+                }
+            }
+        }
+        let found = quiet(&request).unwrap();
+        let (off_m, off_deg) = worst(&found_states(&found), &truth);
+        println!("fisheyes, {lenses:?}: {off_m:.5} m {off_deg:.5} deg");
+        // The bars of ordinary lenses; a pixel of these is half as wide again.
+        assert!(
+            off_m < 2.0 * BARS[0].1 && off_deg < 2.0 * BARS[0].2,
+            "{lenses:?}"
+        );
+        assert!(found.report.passes(), "{:?}", found.report.findings);
+        let written = found.toml().unwrap();
+        assert_eq!(written.matches("fisheye = true").count(), 4, "{written}");
     }
 }

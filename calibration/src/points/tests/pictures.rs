@@ -69,7 +69,7 @@ fn from_pictures(field: &Field, ticks: u64) -> (f64, f64) {
         name: format!("c{index}"),
         size_px: SIZE_PX,
         intrinsics: state.intrinsics,
-        distortion: state.lens(),
+        lens: state.lens(),
         rate_hz: None,
         offset_s: None,
         sightings: found(field, state, ticks, &background),

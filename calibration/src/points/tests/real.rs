@@ -176,13 +176,14 @@ fn a_carried_light_gives_the_centres_of_multicamselfcal() {
                 cx_px: number("K13"),
                 cy_px: number("K23"),
             },
-            distortion: Distortion {
+            lens: Distortion {
                 k1: number("kc1"),
                 k2: number("kc2"),
                 p1: number("kc3"),
                 p2: number("kc4"),
                 ..Distortion::default()
-            },
+            }
+            .into(),
             rate_hz: None,
             offset_s: None,
             sightings,

@@ -54,14 +54,15 @@ pub(super) fn drone(folder: &Path) -> Vec<PointCamera> {
                 cx_px: number(&k[0][2]),
                 cy_px: number(&k[1][2]),
             },
-            distortion: Distortion {
+            lens: Distortion {
                 k1: c[0],
                 k2: c[1],
                 p1: c[2],
                 p2: c[3],
                 k3: c.get(4).copied().unwrap_or(0.0),
                 ..Distortion::default()
-            },
+            }
+            .into(),
             rate_hz: Some(number(&json["fps"])),
             offset_s: None,
             sightings,

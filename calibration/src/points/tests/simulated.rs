@@ -137,7 +137,7 @@ pub(crate) fn request(
             name: format!("c{index}"),
             size_px: SIZE_PX,
             intrinsics: state.intrinsics,
-            distortion: state.lens(),
+            lens: state.lens(),
             rate_hz: Some(1.0 / state.period_s),
             offset_s: Some(state.time_s(0.0)),
             sightings: sightings(field, state, errors, share, &mut rng),

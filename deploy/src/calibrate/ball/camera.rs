@@ -64,7 +64,7 @@ pub(in crate::calibrate) fn with_lenses(
 
 impl LookingCamera {
     fn new(recording: Recording, lens: &Lens) -> anyhow::Result<Self> {
-        let looks = BallLens::new(lens.size_px, lens.intrinsics, lens.distortion);
+        let looks = BallLens::new(lens.size_px, lens.intrinsics, lens.model);
         let looks = looks.with_context(|| format!("the lens of camera {}", recording.name))?;
         Ok(Self {
             venue: OwnVenue::new(&recording, lens)?,

@@ -304,7 +304,7 @@ impl Bodies {
                 name: name.to_owned(),
                 size_px,
                 intrinsics: lens.map_or(*model.intrinsics(), |lens| lens.intrinsics),
-                distortion: lens.map_or(*model.distortion(), |lens| lens.distortion),
+                lens: lens.map_or(*model.lens(), |lens| lens.model),
                 rate_hz: Some(rate_hz),
                 offset_s: (timing == Timing::Clocks).then_some(0.0),
                 frames: if timing == Timing::Synchronised {

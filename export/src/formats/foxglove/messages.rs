@@ -84,25 +84,20 @@ pub fn camera_frames<'a>(
 /// `foxglove.CameraCalibration`.
 pub fn camera_calibration(stamp: Stamp, camera: &CameraModel) -> Vec<u8> {
     let i = camera.intrinsics();
-    let d = camera.distortion();
-    // ROS calls p1 and p2 what OpenCV does; the order of both models is OpenCV's, too.
-    let mut coefficients = vec![d.k1, d.k2, d.p1, d.p2, d.k3];
-    let is_rational = [d.k4, d.k5, d.k6].iter().any(|k| *k != 0.0);
-    if is_rational {
-        coefficients.extend([d.k4, d.k5, d.k6]);
-    }
+    // ROS calls p1 and p2 what OpenCV does; the order of all three models is OpenCV's, too.
+    let coefficients = camera.lens().coefficients();
+    let distortion_model = match coefficients.len() {
+        _ if camera.lens().is_fisheye() => "kannala_brandt",
+        5 => "plumb_bob",
+        _ => "rational_polynomial",
+    };
     let [width, height] = camera.size_px();
     bytes_of(&CameraCalibration {
         timestamp: Some(timestamp(stamp)),
         frame_id: camera_frame(camera.name()),
         width,
         height,
-        distortion_model: if is_rational {
-            "rational_polynomial"
-        } else {
-            "plumb_bob"
-        }
-        .to_owned(),
+        distortion_model: distortion_model.to_owned(),
         d: coefficients,
         k: [
             [i.fx_px, 0.0, i.cx_px],
@@ -250,4 +245,30 @@ fn bytes_of<M: Encode>(message: &M) -> Vec<u8> {
         bytes.clear();
     }
     bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::camera::LensModel;
+
+    use super::*;
+    use crate::fixture::camera;
+
+    #[test]
+    fn every_lens_has_the_name_that_foxglove_has_for_its_model() {
+        let plain = camera();
+        let fisheye = CameraModel::new(
+            "corner",
+            [960, 600],
+            *plain.intrinsics(),
+            LensModel::KannalaBrandt([0.01, 0.0, 0.0, 0.0]),
+            *plain.camera_from_world(),
+        )
+        .unwrap();
+        for (camera, name) in [(plain, "plumb_bob"), (fisheye, "kannala_brandt")] {
+            let bytes = camera_calibration(Stamp { nanos: 0 }, &camera);
+            let has = |text: &str| bytes.windows(text.len()).any(|it| it == text.as_bytes());
+            assert!(has(name), "{name}");
+        }
+    }
 }

@@ -2,11 +2,15 @@
 //!
 //! Seen from a viewpoint, the directions in which the field lies are divided evenly among its
 //! cameras, each slice a little wider than its share. A camera looks so that its slice of the
-//! field, from the floor to above a jumping head, fits into its image with the longest lens.
+//! field, from the floor to above a jumping head, fits into its image with the longest lens. With fisheyes it fits into the
+//! part of the image that is used.
 
 use std::f64::consts::{PI, TAU};
 
-use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
+use farfield_proto::camera::{
+    CameraModel, Distortion, FISHEYE_HALF_VIEW_RAD, Intrinsics, LensModel,
+};
+use farfield_proto::toml_file::unknown_name;
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt as _;
 
@@ -25,6 +29,8 @@ const OVERLAP: f64 = 0.08;
 const FILL: f64 = 0.985;
 /// Widest half angle of an image, as a tangent: beyond it a lens of this model would be a fisheye.
 const WIDEST: f64 = 2.5;
+/// Part of the used view of a fisheye that a slice may fill.
+const USED: f64 = 0.98;
 /// Steps of a camera's direction in which the best is looked for, radians.
 const STEP_RAD: f64 = PI / 720.0;
 
@@ -47,7 +53,10 @@ pub(super) fn generate(
     let half_m = Vector2::new(size_m[0] / 2.0, size_m[1] / 2.0);
     let mut rng = draws(seed, Purpose::Cameras, 0);
     let mut rig = CameraRig::default();
-    for (name, at_m) in places(wanted.viewpoints, half_m, wanted.setback_m) {
+    let places = places(wanted.viewpoints, half_m, wanted.setback_m);
+    check_names(wanted, &places)?;
+    for (name, at_m) in places {
+        let fisheye = wanted.fisheye_of(&name).map(LensModel::KannalaBrandt);
         let eye = Vector3::new(at_m.x, at_m.y, wanted.height_m);
         let seen_m = half_m.add_scalar(MARGIN_M.min(wanted.setback_m / 2.0));
         let first = rig.cameras.len();
@@ -56,7 +65,7 @@ pub(super) fn generate(
             .enumerate()
         {
             let name = format!("{name}-{}", index + 1);
-            let look = aim(eye, (&slice, floor_m), wanted.size_px).ok_or_else(|| {
+            let look = aim(eye, (&slice, floor_m), wanted.size_px, fisheye.as_ref()).ok_or_else(|| {
                 format!("camera `{name}` cannot have its part of the field in view: stand further back, or use more cameras")
             })?;
             let [w, h] = wanted.size_px.map(f64::from);
@@ -73,7 +82,8 @@ pub(super) fn generate(
                 ..Distortion::default()
             };
             let pose = look_at(eye, eye + look.direction);
-            let camera = CameraModel::new(name, wanted.size_px, intrinsics, distortion, pose);
+            let lens = fisheye.unwrap_or(distortion.into());
+            let camera = CameraModel::new(name, wanted.size_px, intrinsics, lens, pose);
             rig.cameras.push(camera.map_err(|error| error.to_string())?);
         }
         rig.viewpoints.push(super::SceneViewpoint {
@@ -82,6 +92,26 @@ pub(super) fn generate(
         });
     }
     Ok(rig)
+}
+
+/// Refuses lenses for viewpoints that there are not.
+fn check_names(wanted: &GeneratedCameras, places: &[(String, Vector2<f64>)]) -> Result<(), String> {
+    let named = wanted.fisheye_viewpoints.iter().flatten();
+    if wanted.fisheye.is_none() && wanted.fisheye_viewpoints.is_some() {
+        return Err(
+            "`fisheye_viewpoints` without `fisheye`: expected the coefficients of their lenses, [k1, k2, k3, k4]".to_owned(),
+        );
+    }
+    for name in named {
+        if !places.iter().any(|(known, _)| known == name) {
+            let known: Vec<&str> = places.iter().map(|(name, _)| name.as_str()).collect();
+            return Err(format!(
+                "`fisheye_viewpoints`: {}",
+                unknown_name("viewpoint", name, &known)
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Names and places of `n` viewpoints around a field that reaches to `half_m`.
@@ -191,6 +221,7 @@ fn aim(
     eye: Vector3<f64>,
     (slice, floor_m): (&[Vector2<f64>], f64),
     size_px: [u32; 2],
+    fisheye: Option<&LensModel>,
 ) -> Option<CameraLook> {
     let corners: Vec<Vector3<f64>> = slice
         .iter()
@@ -210,7 +241,7 @@ fn aim(
         for i in -reach..=reach {
             for j in -reach..=reach {
                 let (pan, tilt) = (pan_0 + f64::from(i) * step, tilt_0 + f64::from(j) * step);
-                let focal_px = longest_lens(&corners, pan, tilt, size_px);
+                let focal_px = longest_lens(&corners, (pan, tilt), size_px, fisheye);
                 if focal_px > best.0 {
                     best = (focal_px, pan, tilt);
                 }
@@ -218,7 +249,12 @@ fn aim(
         }
     }
     let (focal_px, pan, tilt) = best;
-    let widest_px = f64::from(size_px[0].max(size_px[1])) / 2.0 / WIDEST;
+    // A fisheye may be as wide as it is used.
+    let widest_px = if fisheye.is_some() {
+        0.0
+    } else {
+        f64::from(size_px[0].max(size_px[1])) / 2.0 / WIDEST
+    };
     (focal_px > widest_px).then(|| CameraLook {
         direction: direction(pan, tilt),
         focal_px,
@@ -231,7 +267,12 @@ fn direction(pan: f64, tilt: f64) -> Vector3<f64> {
 
 /// The longest focal length at which all `corners` (from the eye) are in the image, pixels; 0 for
 /// none.
-fn longest_lens(corners: &[Vector3<f64>], pan: f64, tilt: f64, size_px: [u32; 2]) -> f64 {
+fn longest_lens(
+    corners: &[Vector3<f64>],
+    (pan, tilt): (f64, f64),
+    size_px: [u32; 2],
+    fisheye: Option<&LensModel>,
+) -> f64 {
     if tilt.abs() > 0.49 * PI {
         return 0.0;
     }
@@ -243,6 +284,15 @@ fn longest_lens(corners: &[Vector3<f64>], pan: f64, tilt: f64, size_px: [u32; 2]
         let depth = corner.dot(&forward);
         if depth <= 0.05 {
             return 0.0;
+        }
+        if let Some(lens) = fisheye {
+            let p = Vector2::new(corner.dot(&right), corner.dot(&down)) / depth;
+            if p.norm() > USED * FISHEYE_HALF_VIEW_RAD.tan() {
+                return 0.0;
+            }
+            let drawn = lens.draw_with_jacobian(p).0;
+            (x, y) = (x.max(drawn.x.abs()), y.max(drawn.y.abs()));
+            continue;
         }
         x = x.max(corner.dot(&right).abs() / depth);
         y = y.max(corner.dot(&down).abs() / depth);
@@ -269,6 +319,8 @@ mod tests {
             height_m,
             setback_m,
             size_px: [1920, 1200],
+            fisheye: None,
+            fisheye_viewpoints: None,
         }
     }
 
@@ -331,5 +383,51 @@ mod tests {
         let refused = generate(&narrow, ([7.0, 5.0], 0.0), 7).err().unwrap();
         assert!(refused.contains("`north-east-1`"), "{refused}");
         assert!(refused.contains("stand further back"), "{refused}");
+    }
+
+    /// Coefficients as a fit gives them.
+    const FISHEYE: [f64; 4] = [-0.02, 0.005, -0.002, 0.0003];
+
+    #[test]
+    fn fisheyes_see_all_of_the_field_in_the_part_of_their_view_that_is_used() {
+        for (field, wanted) in [
+            ([7.0, 5.0], wanted(4, 1, 2.5, 1.5)),
+            ([24.0, 16.0], wanted(4, 2, 4.0, 2.0)),
+        ] {
+            let wide = GeneratedCameras {
+                fisheye: Some(FISHEYE),
+                ..wanted
+            };
+            check(&wide, field);
+            let rig = generate(&wide, (field, 0.0), 7).unwrap();
+            assert!(rig.cameras.iter().all(|it| it.lens().is_fisheye()));
+        }
+    }
+
+    #[test]
+    fn the_other_cameras_stay_when_some_get_fisheyes() {
+        let plain = wanted(4, 1, 2.5, 1.5);
+        let mixed = GeneratedCameras {
+            fisheye: Some(FISHEYE),
+            fisheye_viewpoints: Some(vec!["north-east".to_owned(), "south-west".to_owned()]),
+            ..plain.clone()
+        };
+        let [plain, mixed] =
+            [&plain, &mixed].map(|wanted| generate(wanted, ([7.0, 5.0], 0.0), 7).unwrap());
+        let is_fisheye: Vec<bool> = mixed
+            .cameras
+            .iter()
+            .map(|it| it.lens().is_fisheye())
+            .collect();
+        assert_eq!(is_fisheye, [true, false, true, false]);
+        assert_eq!(plain.cameras[1], mixed.cameras[1]);
+        assert_eq!(plain.cameras[3], mixed.cameras[3]);
+        let unknown = GeneratedCameras {
+            fisheye: Some(FISHEYE),
+            fisheye_viewpoints: Some(vec!["north".to_owned()]),
+            ..wanted(4, 1, 2.5, 1.5)
+        };
+        let refused = generate(&unknown, ([7.0, 5.0], 0.0), 7).err().unwrap();
+        assert!(refused.contains("unknown viewpoint `north`"), "{refused}");
     }
 }

@@ -18,22 +18,13 @@ pub fn calibration_text<'a>(cameras: impl IntoIterator<Item = &'a CameraModel>) 
     let mut text = String::new();
     for camera in cameras {
         let (i, [w, h]) = (camera.intrinsics(), camera.size_px());
-        let farfield_proto::camera::Distortion {
-            k1,
-            k2,
-            p1,
-            p2,
-            k3,
-            k4,
-            k5,
-            k6,
-        } = *camera.distortion();
-        let rational = [k4, k5, k6].iter().any(|k| *k != 0.0);
-        let further = if rational {
-            format!(", {k4:?}, {k5:?}, {k6:?}")
-        } else {
-            String::new()
-        };
+        let distortions: Vec<String> = camera
+            .lens()
+            .coefficients()
+            .iter()
+            .map(|k| format!("{k:?}"))
+            .collect();
+        let (distortions, is_fisheye) = (distortions.join(", "), camera.lens().is_fisheye());
         let isometry = camera.camera_from_world().isometry();
         let (r, t) = (isometry.rotation.scaled_axis(), isometry.translation.vector);
         // Writing to a String cannot fail.
@@ -41,8 +32,8 @@ pub fn calibration_text<'a>(cameras: impl IntoIterator<Item = &'a CameraModel>) 
             text,
             "[{name}]\nname = \"{name}\"\nsize = [{w}, {h}]\n\
              matrix = [[{:?}, 0.0, {:?}], [0.0, {:?}, {:?}], [0.0, 0.0, 1.0]]\n\
-             distortions = [{k1:?}, {k2:?}, {p1:?}, {p2:?}, {k3:?}{further}]\n\
-             rotation = [{:?}, {:?}, {:?}]\ntranslation = [{:?}, {:?}, {:?}]\nfisheye = false\n\n",
+             distortions = [{distortions}]\n\
+             rotation = [{:?}, {:?}, {:?}]\ntranslation = [{:?}, {:?}, {:?}]\nfisheye = {is_fisheye}\n\n",
             i.fx_px,
             i.cx_px,
             i.fy_px,
@@ -195,9 +186,16 @@ mod tests {
 
     /// A scene of nobody.
     fn empty() -> Scene {
-        let text = "rate_hz = 60\nseconds = 2\nsize_m = [7, 5]\n\
-                    [cameras]\nviewpoints = 4\nper_viewpoint = 2\n";
-        Scene::parse(text, Path::new("empty.toml"), &mut |clip| {
+        empty_with("")
+    }
+
+    /// The same, with more said of its cameras.
+    fn empty_with(more: &str) -> Scene {
+        let text = format!(
+            "rate_hz = 60\nseconds = 2\nsize_m = [7, 5]\n\
+             [cameras]\nviewpoints = 4\nper_viewpoint = 2\n{more}"
+        );
+        Scene::parse(&text, Path::new("empty.toml"), &mut |clip| {
             panic!("{} is asked for", clip.display())
         })
         .unwrap()
@@ -205,13 +203,20 @@ mod tests {
 
     #[test]
     fn cameras_that_are_written_are_read_back() {
-        let scene = empty();
+        let mixed =
+            "fisheye = [-0.02, 0.005, -0.002, 0.0003]\nfisheye_viewpoints = [\"north-west\"]\n";
+        for scene in [empty(), empty_with(mixed)] {
+            are_read_back(&scene);
+        }
+    }
+
+    fn are_read_back(scene: &Scene) {
         let text = calibration_text(scene.cameras());
         let read = Calibration::parse(&text, Path::new("calibration.toml")).unwrap();
         for camera in scene.cameras() {
             let again = &read.cameras[camera.name()];
             assert_eq!(again.intrinsics(), camera.intrinsics());
-            assert_eq!(again.distortion(), camera.distortion());
+            assert_eq!(again.lens(), camera.lens());
             let off = again.camera_from_world().isometry().inverse()
                 * camera.camera_from_world().isometry();
             assert!(off.translation.vector.norm() < 1e-9 && off.rotation.angle() < 1e-9);

@@ -35,6 +35,21 @@ pub struct GeneratedCameras {
     /// Width and height of their images, pixels.
     #[serde(default = "default_size_px")]
     pub size_px: [u32; 2],
+    /// k1 to k4 of OpenCV's fisheye model, where they have such lenses.
+    #[serde(default)]
+    pub fisheye: Option<[f64; 4]>,
+    /// Names of the viewpoints whose cameras have `fisheye` lenses; all of them where it is left out.
+    #[serde(default)]
+    pub fisheye_viewpoints: Option<Vec<String>>,
+}
+
+impl GeneratedCameras {
+    /// The coefficients of the fisheyes of the viewpoint `name`; `None` where its cameras have ordinary lenses.
+    pub fn fisheye_of(&self, name: &str) -> Option<[f64; 4]> {
+        let named = |names: &Vec<String>| names.iter().any(|it| it == name);
+        self.fisheye
+            .filter(|_| self.fisheye_viewpoints.as_ref().is_none_or(named))
+    }
 }
 
 /// One person.
