@@ -4,6 +4,7 @@
 //! Load (nothing opened) -> build (everything that can fail is opened) -> run -> drain.
 
 mod attempts;
+mod beyond_view;
 mod build;
 mod compare;
 mod config;

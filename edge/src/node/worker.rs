@@ -13,6 +13,7 @@ use farfield_proto::venue::VenueCamera;
 use farfield_proto::wire::{self, SpokenVersion};
 use tokio::sync::mpsc;
 
+use super::beyond_view::say_beyond_view;
 use super::frames_at::FramesAt;
 use super::link::EdgeOutgoing;
 use super::parts::Parts;
@@ -202,5 +203,6 @@ fn run(
             break;
         }
     }
+    say_beyond_view(&work.parts.pipeline);
     work
 }

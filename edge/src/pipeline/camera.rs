@@ -7,6 +7,7 @@ use farfield_proto::patch::{MAX_KEYPOINTS, MAX_SIDE};
 use farfield_proto::venue::Venue;
 
 use super::batch::Batch;
+use super::beyond_view::BeyondView;
 use super::error::PipelineError;
 use crate::crop::CropShape;
 use crate::source::FrameContent;
@@ -23,6 +24,8 @@ pub(super) struct EdgeCamera {
     pub(super) index: CameraIndex,
     pub(super) model: CameraModel,
     pub(super) drawing: Option<Drawing>,
+    /// What it showed of people and was not used.
+    pub(super) beyond_view: BeyondView,
 }
 
 impl EdgeCamera {
@@ -77,6 +80,7 @@ pub(super) fn cameras_of(
             index,
             model: camera.model.clone(),
             drawing,
+            beyond_view: BeyondView::default(),
         })
     };
     viewpoint.cameras.iter().map(camera).collect()

@@ -38,7 +38,7 @@ impl EdgePipeline {
         let (Some(detector), Some(batch)) = (&mut self.detector, &mut self.batch) else {
             return Ok(pending);
         };
-        let with_frames = self.cameras.iter().zip(frames);
+        let with_frames = self.cameras.iter_mut().zip(frames);
         for (camera, frame) in with_frames.filter(|(camera, _)| cameras.contains(&camera.index)) {
             if let Some(Frame {
                 content: FrameContent::Image(image),
@@ -54,6 +54,7 @@ impl EdgePipeline {
                     image,
                     (camera.index, &camera.model),
                     batch,
+                    &mut camera.beyond_view,
                 ));
             }
         }
@@ -62,19 +63,20 @@ impl EdgePipeline {
 
     /// The sightings of `cameras`, after inference.
     pub(super) fn sightings(
-        &self,
+        &mut self,
         pending: &[Pending],
         frames: &[Option<Frame>],
         cameras: &[CameraIndex],
     ) -> Vec<Sighting> {
         let mut sightings = Vec::new();
-        let with_frames = self.cameras.iter().zip(frames);
+        let n_keypoints = self.keypoints.len();
+        let with_frames = self.cameras.iter_mut().zip(frames);
         for (camera, frame) in with_frames.filter(|(camera, _)| cameras.contains(&camera.index)) {
             if let Some(batch) = &self.batch {
+                let (model, beyond) = (&camera.model, &mut camera.beyond_view);
                 let of_camera = pending.iter().filter(|p| p.camera() == camera.index);
                 sightings.extend(
-                    of_camera
-                        .map(|p| sighting::read(p, &camera.model, batch, self.keypoints.len())),
+                    of_camera.map(|p| sighting::read(p, model, batch, n_keypoints, beyond)),
                 );
             }
             let given = match frame.as_ref().map(|f| &f.content) {
@@ -82,7 +84,8 @@ impl EdgePipeline {
                 Some(FrameContent::Painted(painter)) => Cow::Owned(painter.persons()),
                 Some(FrameContent::Image(_)) | None => continue,
             };
-            sightings.extend(sighting::from_persons(&given, camera.index, &camera.model));
+            let of = (camera.index, &camera.model);
+            sightings.extend(sighting::from_persons(&given, of, &mut camera.beyond_view));
         }
         sighting::bounded(sightings)
     }

@@ -7,6 +7,7 @@
 //! clock, no file, no socket.
 
 mod batch;
+mod beyond_view;
 mod camera;
 mod detection_pass;
 mod error;
@@ -39,6 +40,7 @@ use crate::gaussian_maps::draw_maps;
 use crate::inference::{KeypointNetwork, PersonDetector};
 use crate::source::{Frame, FrameContent, MapCrop};
 
+pub use beyond_view::BeyondView;
 pub use error::PipelineError;
 #[cfg(feature = "study")]
 pub use map_encoder::StandIn;
@@ -220,6 +222,14 @@ impl EdgePipeline {
         self.detection_share
     }
 
+    /// What was left out so far of each camera that showed people beyond the part of its view that is used.
+    pub fn beyond_view(&self) -> impl Iterator<Item = (&str, BeyondView)> {
+        self.cameras
+            .iter()
+            .filter(|camera| !camera.beyond_view.is_none())
+            .map(|camera| (camera.model.name(), camera.beyond_view))
+    }
+
     /// Refuses what does not belong together.
     fn check(
         &self,
@@ -277,6 +287,7 @@ impl EdgePipeline {
             index,
             model,
             drawing,
+            ..
         } = &self.cameras[tracked.camera];
         let frame = frames[tracked.camera].as_ref()?;
         let first = tracked.crops.first()?.grid();

@@ -8,6 +8,7 @@ use farfield_proto::message::{KeypointPeak, MAX_SIGHTINGS, Sighting};
 use image::RgbImage;
 
 use super::batch::Batch;
+use super::beyond_view::BeyondView;
 use crate::crop::CropGeometry;
 use crate::inference::Detection;
 use crate::peaks::best_peak;
@@ -31,17 +32,20 @@ impl Pending {
     }
 }
 
-/// Puts the crops of detections into the batch; detections beyond the lens model are left out.
+/// Puts the crops of detections into the batch; detections beyond the lens model, or what is used of it, are left out
+/// and counted.
 pub(super) fn enqueue(
     detections: &[Detection],
     image: &RgbImage,
     (camera, model): (CameraIndex, &CameraModel),
     batch: &mut Batch,
+    beyond: &mut BeyondView,
 ) -> Vec<Pending> {
     let mut pending = Vec::new();
     for detection in detections.iter().take(MAX_SIGHTINGS) {
-        let crop = undistorted_box(detection, model, batch.box_margin())
-            .and_then(|b| CropGeometry::new(&b, batch.shape()));
+        let around = undistorted_box(detection, model, batch.box_margin());
+        beyond.detections += u64::from(around.is_none());
+        let crop = around.and_then(|b| CropGeometry::new(&b, batch.shape()));
         let Some(crop) = crop else { continue };
         let input = batch.push(image, model, &crop);
         pending.push(Pending {
@@ -55,18 +59,20 @@ pub(super) fn enqueue(
 }
 
 /// Reads the peaks of a detection's maps, after inference. Peaks outside the image are left out: the network
-/// guessed them from nothing.
+/// guessed them from nothing; so are those beyond what is used of a fisheye, which are counted.
 pub(super) fn read(
     pending: &Pending,
     model: &CameraModel,
     batch: &Batch,
     n_keypoints: usize,
+    beyond: &mut BeyondView,
 ) -> Sighting {
     let grid = pending.crop.grid();
     let peak = |keypoint| {
         let map = batch.map(pending.input, keypoint);
         let peak = best_peak(map, grid.width.into(), LEAST_PEAK)?;
         let pixel = grid.pixel(peak.cell[0], peak.cell[1]);
+        beyond.keypoints += u64::from(model.distort(pixel).is_none());
         model.sees(pixel).then(|| KeypointPeak {
             position_px: [pixel.x() as f32, pixel.y() as f32],
             score: peak.value.min(1.0),
@@ -79,11 +85,12 @@ pub(super) fn read(
     }
 }
 
-/// Persons whose keypoints are grouped already; their score is the mean of their keypoints' scores.
+/// Persons whose keypoints are grouped already; their score is the mean of their keypoints' scores. Keypoints that the
+/// lens model does not draw, or beyond what is used of it, are left out and counted.
 pub(super) fn from_persons(
     persons: &[Vec<Option<KeypointCandidate>>],
-    camera: CameraIndex,
-    model: &CameraModel,
+    (camera, model): (CameraIndex, &CameraModel),
+    beyond: &mut BeyondView,
 ) -> Vec<Sighting> {
     let mut sightings = Vec::new();
     for person in persons {
@@ -91,7 +98,9 @@ pub(super) fn from_persons(
             .iter()
             .map(|candidate| {
                 let candidate = candidate.as_ref()?;
-                let pixel = model.undistort(candidate.position)?;
+                let pixel = model.undistort(candidate.position);
+                beyond.keypoints += u64::from(pixel.is_none());
+                let pixel = pixel?;
                 let position_px = [pixel.x() as f32, pixel.y() as f32];
                 Some(KeypointPeak {
                     position_px,
@@ -153,7 +162,7 @@ fn undistorted_box(detection: &Detection, model: &CameraModel, margin: f64) -> O
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::{bent, pinhole};
+    use crate::fixtures::{bent, fisheye, pinhole};
 
     fn assert_near(got: [f32; 2], expected: [f32; 2]) {
         let distance = (got[0] - expected[0]).hypot(got[1] - expected[1]);
@@ -200,10 +209,47 @@ mod tests {
             vec![None, None, None],
             vec![seen(5.0, 0.4), None, seen(7.0, 0.8)],
         ];
-        let sightings = from_persons(&persons, CameraIndex(2), &pinhole("a", [640, 480]));
+        let mut beyond = BeyondView::default();
+        let camera = pinhole("a", [640, 480]);
+        let sightings = from_persons(&persons, (CameraIndex(2), &camera), &mut beyond);
+        assert!(beyond.is_none());
         assert_eq!(sightings.len(), 1);
         assert!((sightings[0].score - 0.6).abs() < 1e-6);
         assert_eq!(sightings[0].keypoints[1], None);
         assert_near(sightings[0].keypoints[2].unwrap().position_px, [7.0, 10.0]);
+    }
+
+    #[test]
+    fn what_a_fisheye_shows_beyond_sixty_degrees_is_left_out_and_counted() {
+        // 180 degrees across: 60 off the axis are 213 pixels from the middle.
+        let camera = fisheye("a", [640, 480]);
+        let at = |x: f32| Detection {
+            min_px: [x - 20.0, 200.0],
+            max_px: [x + 20.0, 280.0],
+            score: 0.9,
+        };
+        assert_eq!(undistorted_box(&at(600.0), &camera, 1.25), None);
+        // The part of a person within is looked at.
+        let cut = undistorted_box(&at(530.0), &camera, 1.0).unwrap();
+        let right_px = cut.center_px[0] + 0.5 * cut.size_px[0];
+        let rim_px = 319.5 + camera.intrinsics().fx_px * 60.0_f64.to_radians().tan();
+        assert!(f64::from(right_px) <= rim_px, "{right_px} of {rim_px}");
+        let seen = |x| {
+            Some(KeypointCandidate {
+                position: Pixel::new(x, 240.0),
+                score: 0.8,
+            })
+        };
+        let mut beyond = BeyondView::default();
+        let persons = [vec![seen(500.0), seen(560.0), seen(620.0), None]];
+        let sightings = from_persons(&persons, (CameraIndex(0), &camera), &mut beyond);
+        assert_eq!((beyond.detections, beyond.keypoints), (0, 2));
+        let kept: Vec<bool> = sightings[0].keypoints.iter().map(Option::is_some).collect();
+        assert_eq!(kept, [true, false, false, false]);
+        assert!(
+            beyond
+                .to_string()
+                .starts_with("0 detections and 2 keypoints beyond 120 degrees of view")
+        );
     }
 }

@@ -57,11 +57,13 @@ pub(super) fn standing(camera: &CameraModel, feet_m: [f64; 3]) -> Option<Standin
 }
 
 /// Pixels of `camera` per metre across its line of sight, at the nearer of feet and crown; `None` behind
-/// the camera.
+/// the camera. A fisheye draws by angles, so that distance counts there, not depth.
 fn pixels_per_metre(camera: &CameraModel, [x, y, z]: [f64; 3]) -> Option<f64> {
+    let is_fisheye = camera.lens().is_fisheye();
     let depth_m = |z: f64| {
         let p_w = Point::<World>::new([x, y, z].into());
-        (*camera.camera_from_world() * p_w).coordinates_m().z
+        let p_c = (*camera.camera_from_world() * p_w).coordinates_m();
+        if is_fisheye { p_c.coords.norm() } else { p_c.z }
     };
     let nearest_m = depth_m(z).min(depth_m(z + STATURE_M));
     let k = camera.intrinsics();

@@ -8,6 +8,7 @@ use super::camera::LiveCamera;
 use super::shared::Shared;
 use super::thumbnails::Thumbnails;
 use super::ticker::Ticker;
+use crate::node::beyond_view::say_beyond_view;
 use crate::node::parts::Parts;
 
 /// Starts the threads, which end when `shared` is stopped. Those of cameras may still wait for a frame then, so
@@ -48,7 +49,9 @@ pub(super) fn spawn(
     } = parts;
     let mut ticker = Ticker::new(Arc::clone(shared), pipeline, viewpoint, &venue);
     let work = move || {
-        if let Err(error) = ticker.run() {
+        let outcome = ticker.run();
+        say_beyond_view(ticker.pipeline());
+        if let Err(error) = outcome {
             drop(failed.send(error));
         }
     };

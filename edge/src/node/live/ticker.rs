@@ -92,6 +92,11 @@ impl Ticker {
         }
     }
 
+    /// What it works with.
+    pub(super) fn pipeline(&self) -> &EdgePipeline {
+        &self.pipeline
+    }
+
     /// Works until the edge ends.
     ///
     /// # Errors
