@@ -2,7 +2,8 @@
 //!
 //! A box holds every joint with the margin m, and the projected lattice around every joint, because
 //! outside a crop there is no information. Joints behind a camera have no projection: they are left
-//! out, and links that cross the near plane are cut there. Nothing here assumes an upright person.
+//! out, and links that cross the near plane are cut there. What lies beyond the used part of a fisheye's view counts at
+//! that part's rim: there is nothing to crop behind it. Nothing here assumes an upright person.
 
 mod projection;
 
@@ -190,6 +191,7 @@ impl Region {
             let kept = |v: f64, size: f64| {
                 v.clamp(-FARTHEST_IMAGES * size, (1.0 + FARTHEST_IMAGES) * size)
             };
+            let px = model.within_view(Pixel::new(px.x, px.y)).vector_px();
             to_box * Vector2::new(kept(px.x, far_px[0]), kept(px.y, far_px[1]))
         };
         let mut body = Extent::EMPTY;

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use farfield_proto::camera::{Distortion, Intrinsics};
+use farfield_proto::camera::{Distortion, FISHEYE_HALF_VIEW_RAD, Intrinsics, LensModel};
 use farfield_proto::frames::{Point, Transform};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -302,4 +302,37 @@ proptest! {
             prop_assert_eq!(region.center_px, Rotation2::new(-turn).inverse() * ((most + least) * 0.5));
         }
     }
+}
+
+/// The same camera with a fisheye that sees 180 degrees across its picture.
+fn fisheye() -> CameraModel {
+    let focal_px = 1920.0 / PI;
+    let intrinsics = Intrinsics {
+        fx_px: focal_px,
+        fy_px: focal_px,
+        ..*model().intrinsics()
+    };
+    let lens = LensModel::KannalaBrandt([0.0; 4]);
+    let place = *model().camera_from_world();
+    CameraModel::new("fisheye", [1920, 1200], intrinsics, lens, place).unwrap()
+}
+
+#[test]
+fn a_box_ends_where_a_fisheye_is_used_no_further() {
+    let camera = fisheye();
+    let rim_px = camera.intrinsics().fx_px * libm::tan(FISHEYE_HALF_VIEW_RAD);
+    // Two metres ahead, and from 55 to 63 degrees to the right.
+    let boxed = |y_m: f64| {
+        let joints = posed(Rotation3::identity(), [-6.0, y_m, 1.0]);
+        Boxes::default().camera_box(CameraIndex(1), &camera, (&joints, &joints), &shape())
+    };
+    let cut = boxed(-3.3).unwrap().bounding_box;
+    let [center, size] = [cut.center_px[0], cut.size_px[0]].map(f64::from);
+    let right_px = center + 0.5 * size - camera.intrinsics().cx_px;
+    assert!(right_px < rim_px + 0.2 * size, "{right_px} of {rim_px}");
+    assert!(right_px > 0.9 * rim_px, "{right_px} of {rim_px}");
+    // Straight ahead nothing is cut.
+    assert!(boxed(0.0).is_some());
+    // 68 degrees to the right, in the picture: there is nothing to crop.
+    assert_eq!(boxed(-5.0), None);
 }

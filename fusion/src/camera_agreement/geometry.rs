@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::Pixel;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Sine of the angle between two lines of sight below which their distance tells nothing (6 degrees).
@@ -20,6 +21,8 @@ pub(super) struct SightLines {
     world_from_camera: Matrix3<f64>,
     focal_px: Vector2<f64>,
     principal_px: Vector2<f64>,
+    /// The camera, where it is a fisheye: what it shows is not what a pinhole of its size does.
+    fisheye: Option<CameraModel>,
 }
 
 impl SightLines {
@@ -32,6 +35,7 @@ impl SightLines {
             world_from_camera: rotation.inverse().to_rotation_matrix().into_inner(),
             focal_px: Vector2::new(intrinsics.fx_px, intrinsics.fy_px),
             principal_px: Vector2::new(intrinsics.cx_px, intrinsics.cy_px),
+            fisheye: model.lens().is_fisheye().then(|| model.clone()),
         }
     }
 
@@ -60,6 +64,9 @@ impl SightLines {
             let depth_m = depths_m.start + (depths_m.end - depths_m.start) * share;
             let seen = self.project(&(from_m + direction * depth_m));
             seen.is_some_and(|(px, _)| {
+                if let Some(fisheye) = &self.fisheye {
+                    return fisheye.sees(Pixel::new(px.x, px.y));
+                }
                 (0.0..self.size_px.x).contains(&px.x) && (0.0..self.size_px.y).contains(&px.y)
             })
         };

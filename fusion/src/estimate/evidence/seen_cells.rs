@@ -2,7 +2,8 @@
 //!
 //! A cell beyond the image takes the value of its nearest seen cell, so that the search may clamp
 //! its samples instead of asking for every one of them. Without lens distortion an upright crop ends
-//! in straight lines, and clamping columns and rows finds that cell; every other outline is swept.
+//! in straight lines, and clamping columns and rows finds that cell; every other outline is swept. Cells beyond the part
+//! of a fisheye's view that is used are unseen like those beyond the image.
 
 use std::ops::Range;
 
@@ -52,7 +53,9 @@ impl SeenCells {
         let rim = [0, w / 2, w - 1]
             .into_iter()
             .flat_map(|x| [0, h / 2, h - 1].map(|y| (x, y)));
-        if rim.into_iter().all(|(x, y)| sees(x, y)) {
+        // A fisheye's image has corners that reach far out between sides that bend in: every part is asked about.
+        let is_fisheye = model.lens().is_fisheye();
+        if !is_fisheye && rim.into_iter().all(|(x, y)| sees(x, y)) {
             return;
         }
         self.known.resize(w * h, true);
@@ -62,6 +65,10 @@ impl SeenCells {
                     self.forget_around(x, y);
                 }
             }
+        }
+        if is_fisheye && self.known.iter().all(|&known| known) {
+            self.known.clear();
+            return;
         }
         self.outline = self.find_outline();
         if self.outline == CropOutline::Ragged {
