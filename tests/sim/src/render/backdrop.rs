@@ -27,6 +27,7 @@ impl Backdrop {
         let place = surroundings.seen_from(&eye);
         let back = view.rotation.transpose().cast::<f32>();
         let shifts = shifts_px(samples);
+        let has_blind = view.has_blind();
         let mut pixels = vec![[0; 3]; width * height];
         pixels
             .par_chunks_mut(width)
@@ -46,6 +47,13 @@ impl Backdrop {
                     }
                     for (pixel, sum) in row[x..].iter_mut().zip(sums) {
                         *pixel = sum.map(|v| (v / shifts.len() as f32 * UNIT).min(65535.0) as u16);
+                    }
+                    if has_blind {
+                        for (i, pixel) in row[x..].iter_mut().take(TILE).enumerate() {
+                            if view.is_blind(x + i, y) {
+                                *pixel = [0; 3];
+                            }
+                        }
                     }
                 }
             });

@@ -64,6 +64,8 @@ struct SharedParts<'a> {
     moments: Vec<TileMoment>,
     /// The shadow of each figure, and the pixels where it may fall on the floor.
     shades: Vec<(Shade, PixelBox)>,
+    /// Whether the lens leaves parts of the picture black.
+    has_blind: bool,
 }
 
 impl<'a> SharedParts<'a> {
@@ -87,6 +89,7 @@ impl<'a> SharedParts<'a> {
             shifts_px: shifts_px(shot.samples),
             moments,
             shades,
+            has_blind: shot.view.has_blind(),
         }
     }
 
@@ -148,7 +151,22 @@ impl<'a> SharedParts<'a> {
         if !is_empty {
             self.add_figures(left, top, &near, &mut light);
         }
+        if self.has_blind {
+            self.blacken(left, top, &mut light);
+        }
         Some(light)
+    }
+
+    /// Takes the light away where the lens draws nothing.
+    fn blacken(&self, left: usize, top: usize, light: &mut TileLight) {
+        let [width, height] = self.shot.view.size_px();
+        for (y, row) in light.iter_mut().enumerate().take(height - top) {
+            for (x, pixel) in row.iter_mut().enumerate().take(width - left) {
+                if self.shot.view.is_blind(left + x, top + y) {
+                    *pixel = [0.0; 3];
+                }
+            }
+        }
     }
 
     /// Lays shadows on the floor of a tile.

@@ -8,7 +8,8 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 /// Side of the tiles that pictures are painted in, pixels.
 pub(super) const TILE: usize = 16;
 /// Distance of the pixels whose rays are computed exactly; between them rays are interpolated, to
-/// a fiftieth of a pixel with lenses that bend by a third of the radius.
+/// a fiftieth of a pixel with lenses that bend by a third of the radius; of a fisheye to a tenth of a pixel where it is
+/// used.
 const STEP: usize = 8;
 /// Balls nearer to the camera than this are not drawn, metres.
 const NEAR_M: f64 = 0.1;
@@ -24,6 +25,8 @@ pub struct CameraView {
     pub(super) size_px: [usize; 2],
     nodes: [usize; 2],
     uv: Vec<[f32; 2]>,
+    /// Of a fisheye, per node, whether the lens model draws nothing there; empty of other lenses.
+    blind: Vec<bool>,
     optics: Optics,
 }
 
@@ -57,11 +60,12 @@ impl PixelBox {
 }
 
 impl CameraView {
-    /// The whole picture of a camera, as its lens draws it.
+    /// The whole picture of a camera, as its lens draws it: of a fisheye also what is not used, and black where it lies
+    /// more than 80 degrees off the axis.
     pub fn of_camera(camera: &CameraModel) -> Self {
         let size = camera.size_px().map(|v| v as usize);
         Self::new(camera, size, Optics::Lens(camera.clone()), |x, y| {
-            camera.undistort(Pixel::new(x, y))
+            camera.undistort_wide(Pixel::new(x, y))
         })
     }
 
@@ -85,11 +89,13 @@ impl CameraView {
         let at = |x: usize, y: usize| {
             pixel((x * STEP) as f64, (y * STEP) as f64).map(|p| normalised(&k, p))
         };
+        let is_fisheye = matches!(&optics, Optics::Lens(camera) if camera.lens().is_fisheye());
+        let mut blind = Vec::new();
         let mut uv = Vec::with_capacity(nodes[0] * nodes[1]);
         for y in 0..nodes[1] {
             for x in 0..nodes[0] {
-                // Only nodes beyond the picture's edge may have no ray: they continue the row or
-                // the column.
+                // Only nodes beyond the picture's edge, or where a fisheye is black, may have no ray: they
+                // continue the row or the column.
                 let before = |step: usize, room: usize| {
                     (room >= 2).then(|| {
                         let n: usize = uv.len();
@@ -97,7 +103,11 @@ impl CameraView {
                         [2.0 * a[0] - b[0], 2.0 * a[1] - b[1]]
                     })
                 };
-                let node = at(x, y)
+                let found = at(x, y);
+                if is_fisheye {
+                    blind.push(found.is_none());
+                }
+                let node = found
                     .map(|p| [p.x as f32, p.y as f32])
                     .or_else(|| before(1, x))
                     .or_else(|| before(nodes[0], y))
@@ -112,6 +122,7 @@ impl CameraView {
             size_px,
             nodes,
             uv,
+            blind,
             optics,
         }
     }
@@ -119,6 +130,20 @@ impl CameraView {
     /// Width and height, pixels.
     pub fn size_px(&self) -> [usize; 2] {
         self.size_px
+    }
+
+    /// Whether some pixels see nothing.
+    pub(super) fn has_blind(&self) -> bool {
+        self.blind.contains(&true)
+    }
+
+    /// Whether a pixel sees nothing: one of the nodes around it has no ray.
+    pub(super) fn is_blind(&self, x: usize, y: usize) -> bool {
+        let first = y / STEP * self.nodes[0] + x / STEP;
+        let below = first + self.nodes[0];
+        [first, first + 1, below, below + 1]
+            .into_iter()
+            .any(|node| self.blind.get(node).copied().unwrap_or(false))
     }
 
     /// The ray (u, v, 1) of a pixel, moved by `shift_px`.
@@ -186,7 +211,12 @@ impl CameraView {
                 ]
             };
             let (u, v) = (range(c.x), range(c.y));
-            for (u, v) in [(u[0], v[0]), (u[1], v[0]), (u[0], v[1]), (u[1], v[1])] {
+            let corners = [(u[0], v[0]), (u[1], v[0]), (u[0], v[1]), (u[1], v[1])];
+            // A fisheye bends edges far out, farthest where they pass the axis.
+            let (u_0, v_0) = (0.0f64.clamp(u[0], u[1]), 0.0f64.clamp(v[0], v[1]));
+            let bent = [(u[0], v_0), (u[1], v_0), (u_0, v[0]), (u_0, v[1])];
+            let bent = bent.into_iter().filter(|_| !self.blind.is_empty());
+            for (u, v) in corners.into_iter().chain(bent) {
                 let Some(px) = self.pixel_of(u, v) else {
                     return Some(whole);
                 };
@@ -226,7 +256,7 @@ impl CameraView {
         let k = camera.intrinsics();
         let px = Pixel::new(u * k.fx_px + k.cx_px, v * k.fy_px + k.cy_px);
         match &self.optics {
-            Optics::Lens(camera) => camera.distort(px).map(|p| p.vector_px()),
+            Optics::Lens(camera) => camera.distort_wide(px).map(|p| p.vector_px()),
             Optics::Crop(_, geometry) => Some(geometry.input(px)),
         }
     }
