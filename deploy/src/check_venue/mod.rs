@@ -27,6 +27,9 @@ use crate::report_lines::{ReportForm, ReportLines, Verdict};
 
 use self::opened::open_all;
 
+/// Share of a picture from which on it counts as used all over.
+const WHOLE_PICTURE: f64 = 0.999;
+
 /// Arguments of `farfield check`.
 #[derive(Debug, Args)]
 pub(crate) struct CheckArgs {
@@ -127,6 +130,7 @@ fn look_at_calibration(venue: &Venue, report: &mut ReportLines) {
             format!("{}: nothing speaks against it", path.display()),
         );
     }
+    say_used_shares(venue, report);
     let is_of_coverage =
         |it: &Finding| matches!(it.cause, Cause::FieldUnseen | Cause::OneViewpoint);
     if findings.iter().any(is_of_coverage) {
@@ -142,6 +146,25 @@ fn look_at_calibration(venue: &Venue, report: &mut ReportLines) {
             100.0 * seen.by_two
         ),
     );
+}
+
+/// Says of which pictures only a part is used.
+fn say_used_shares(venue: &Venue, report: &mut ReportLines) {
+    let fisheyes = venue.cameras.iter();
+    for camera in fisheyes.filter(|camera| camera.model.lens().is_fisheye()) {
+        let share = plausibility::used_share(&camera.model);
+        if share < WHOLE_PICTURE {
+            report.ok(
+                "calibration",
+                format!(
+                    "camera `{}`: of its fisheye picture {:.0} % are used, up to 60 degrees off its axis (120 degrees of \
+                     view): people beyond are left out",
+                    camera.model.name(),
+                    100.0 * share
+                ),
+            );
+        }
+    }
 }
 
 /// Adds what was found in the calibration.

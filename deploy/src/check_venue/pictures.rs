@@ -26,7 +26,7 @@ pub(super) fn draw(venue: &Venue, opened: &[OpenedSource], out: &Path, report: &
                 PICTURES,
                 format!(
                     "{}: check_CAMERA.png of every camera, with the field (yellow), the floor (grey), the axes at the origin \
-                     (x red, y green, z blue), and the other cameras by number: {}",
+                     (x red, y green, z blue), how far a fisheye is used (white), and the other cameras by number: {}",
                     out.display(),
                     names.join(", ")
                 ),

@@ -1,8 +1,8 @@
 //! What the calibration says of the place, drawn on a camera's picture: the field, its floor, the world's axes, the other
-//! cameras.
+//! cameras, and how far a fisheye is used.
 
 use farfield_proto::camera::CameraModel;
-use farfield_proto::frames::{Point, World};
+use farfield_proto::frames::{Pixel, Point, World};
 use farfield_proto::venue::Venue;
 use image::RgbImage;
 use nalgebra::{Point3, Vector2, Vector3};
@@ -14,6 +14,9 @@ const FLOOR: [u8; 3] = [150, 150, 150];
 const FIELD: [u8; 3] = [255, 210, 0];
 const CAMERA: [u8; 3] = [255, 60, 220];
 const AXES: [[u8; 3]; 3] = [[255, 40, 40], [40, 220, 40], [70, 110, 255]];
+const RIM: [u8; 3] = [255, 255, 255];
+/// Pieces of the rim of what is used of a fisheye.
+const RIM_PIECES: u32 = 180;
 /// The field is drawn up to this height above its floor, metres: people.
 const TOP_M: f64 = 2.0;
 /// Lines of the floor are so far apart, metres; in wide fields the second.
@@ -34,6 +37,9 @@ pub(crate) fn draw_place(image: &mut RgbImage, venue: &Venue, index: usize) {
     let mut lines = Drawn { image, camera };
     draw_floor(&mut lines, venue, 0.4 * radius_px);
     draw_field(&mut lines, venue, 0.8 * radius_px);
+    if camera.lens().is_fisheye() {
+        draw_rim(&mut lines, 0.6 * radius_px);
+    }
     for (axis, colour) in AXES.into_iter().enumerate() {
         let mut tip = Vector3::zeros();
         tip[axis] = AXIS_M;
@@ -78,6 +84,27 @@ impl Drawn<'_> {
                 }
             }
             i += 1.0;
+        }
+    }
+}
+
+/// How far off its axis a fisheye is used: beyond the line nothing counts.
+fn draw_rim(lines: &mut Drawn<'_>, radius_px: f64) {
+    let camera = lines.camera;
+    let k = camera.intrinsics();
+    let at = |piece: u32| {
+        let (sin, cos) =
+            (std::f64::consts::TAU * f64::from(piece) / f64::from(RIM_PIECES)).sin_cos();
+        // Far beyond the rim in this direction.
+        let far = Pixel::new(
+            k.cx_px + 100.0 * k.fx_px * cos,
+            k.cy_px + 100.0 * k.fy_px * sin,
+        );
+        camera.distort_wide(camera.within_view(far))
+    };
+    for piece in 0..RIM_PIECES {
+        if let (Some(a), Some(b)) = (at(piece), at(piece + 1)) {
+            draw_line(lines.image, a.vector_px(), b.vector_px(), radius_px, RIM);
         }
     }
 }

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::{ExitStatus, Stdio};
 
 use anyhow::Context as _;
+use farfield_edge::pipeline::BeyondView;
 use farfield_fusion::node::Report;
 use farfield_node::process::say;
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, BufReader};
@@ -216,13 +217,14 @@ async fn forward_reports(stdout: impl AsyncRead + Unpin, events: &mpsc::Sender<N
     }
 }
 
-/// Keeps the last lines for the case of failure; passes all on at once when a log was asked for.
+/// Keeps the last lines for the case of failure; passes all on at once when a log was asked for, else what is not used of
+/// a camera.
 async fn keep_last(node: &str, stderr: impl AsyncRead + Unpin) -> Vec<String> {
     let log = std::env::var_os("RUST_LOG").is_some();
     let mut kept = VecDeque::with_capacity(KEPT_LINES);
     let mut lines = BufReader::new(stderr).lines();
     while let Ok(Some(line)) = lines.next_line().await {
-        if log {
+        if log || line.contains(BeyondView::WORDS) {
             say(format_args!("{node}: {line}"));
         }
         if kept.len() == KEPT_LINES {

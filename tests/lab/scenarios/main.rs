@@ -11,6 +11,7 @@ mod data;
 mod demo;
 mod far_people;
 mod farfield;
+mod fisheye;
 mod live;
 mod lockstep;
 mod mistakes;
