@@ -1,26 +1,18 @@
 //! A person's body as a run came to know it, in a file of its own: for the next session.
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::ops::RangeInclusive;
 use std::path::Path;
 
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
-use farfield_proto::toml_file::{FileError, Place, TomlFile};
+use farfield_proto::subject;
+use farfield_proto::toml_file::FileError;
 use nalgebra::Vector3;
-use serde::Deserialize;
 
-use crate::edits::change::check_name;
 use crate::error::ExportError;
 use crate::files;
 use crate::formats::osim::stature_m;
 use crate::run::PersonSurvey;
 use crate::skeleton::Offsets;
-
-/// Links longer than this are none of a person, metres; nor do lengths of one link differ by more.
-const LONGEST_M: f64 = 2.0;
-/// Statures that people have, metres.
-const STATURES_M: RangeInclusive<f64> = 0.4..=2.8;
 
 /// What is kept of a person.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,46 +25,6 @@ pub struct SubjectProfile {
     pub offsets: Offsets,
     /// One standard deviation of each over the ticks of the run, per axis, metres: while a run learns a body lengths change.
     pub sigma_m: [f64; N_JOINTS],
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Fields {
-    name: String,
-    stature_m: f64,
-    link: BTreeMap<String, LinkFields>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-#[expect(clippy::struct_field_names, reason = "the names are those of the file")]
-struct LinkFields {
-    offset_m: [f64; 3],
-    /// For people: it follows from the offset.
-    length_m: f64,
-    sigma_m: f64,
-}
-
-impl LinkFields {
-    /// The field that no link of a person has, and what was found and expected.
-    fn check(&self) -> Result<(), (&'static str, String)> {
-        let is_length = |length_m: f64| length_m > 0.0 && length_m <= LONGEST_M;
-        let expected = format!("expected a length above 0 and up to {LONGEST_M} m");
-        if !is_length(Vector3::from(self.offset_m).norm()) {
-            return Err(("offset_m", format!("found {:?}, {expected}", self.offset_m)));
-        }
-        if !is_length(self.length_m) {
-            return Err(("length_m", format!("found {:?}, {expected}", self.length_m)));
-        }
-        if !(0.0..=LONGEST_M).contains(&self.sigma_m) {
-            let problem = format!(
-                "found {:?}, expected metres from 0 to {LONGEST_M}",
-                self.sigma_m
-            );
-            return Err(("sigma_m", problem));
-        }
-        Ok(())
-    }
 }
 
 impl SubjectProfile {
@@ -91,51 +43,14 @@ impl SubjectProfile {
     /// # Errors
     /// The line and the field, what was found and expected.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
-        let file = TomlFile::parse(text, path)?;
-        let fields: Fields = file.read()?;
-        if fields.name.is_empty() {
-            let problem = "found none, expected what the person is called";
-            return Err(file.error(&Place::field("name"), problem));
-        }
-        check_name(&fields.name).map_err(|problem| file.error(&Place::field("name"), problem))?;
-        if !STATURES_M.contains(&fields.stature_m) {
-            let problem = format!(
-                "found {:?}, expected metres from {} to {}",
-                fields.stature_m,
-                STATURES_M.start(),
-                STATURES_M.end()
-            );
-            return Err(file.error(&Place::field("stature_m"), problem));
-        }
-        let links = Place::field("link");
-        let unknown = fields.link.keys().find(|name| {
-            let joint = Joint::from_name(name);
-            joint.is_none_or(|joint| joint.parent().is_none())
-        });
-        if let Some(name) = unknown {
-            let problem = "found no joint of this name that ends a link, expected those of poses.jsonl but the pelvis";
-            return Err(file.error(&links.key(name), problem));
-        }
-        let mut offsets = Offsets([Vector3::zeros(); N_JOINTS]);
-        let mut sigma_m = [0.0; N_JOINTS];
-        for joint in Joint::ALL {
-            if joint.parent().is_none() {
-                continue;
-            }
-            let place = links.key(joint.name());
-            let link = fields.link.get(joint.name());
-            let link = link.ok_or_else(|| file.error(&place, "missing, expected every link"))?;
-            let offset_m = Vector3::from(link.offset_m);
-            link.check()
-                .map_err(|(field, problem)| file.error(&place.key(field), problem))?;
-            offsets.0[joint.index()] = offset_m;
-            sigma_m[joint.index()] = link.sigma_m;
-        }
+        let read = subject::SubjectProfile::parse(text, path, &Joint::ends_of_links())?;
+        let of_joint = |joint: Joint| read.links.get(joint.name());
+        let offset_m = |joint| of_joint(joint).map_or_else(Vector3::zeros, |link| link.offset_m);
         Ok(Self {
-            name: fields.name,
-            stature_m: fields.stature_m,
-            offsets,
-            sigma_m,
+            offsets: Offsets(Joint::ALL.map(offset_m)),
+            sigma_m: Joint::ALL.map(|joint| of_joint(joint).map_or(0.0, |link| link.sigma_m)),
+            name: read.name,
+            stature_m: read.stature_m,
         })
     }
 

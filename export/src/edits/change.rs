@@ -3,16 +3,11 @@
 use std::fmt;
 use std::path::Path;
 
+use farfield_proto::person_name::check_stored_name;
+pub use farfield_proto::person_name::{MOST_NAME_CHARACTERS, check_name};
 use farfield_proto::toml_file::FileError;
 use serde::{Deserialize, Serialize};
 
-/// Most characters of a name.
-pub const MOST_NAME_CHARACTERS: usize = 64;
-/// Characters that are not seen and turn the text around them, or end its line: a name with them shows as another.
-const TURNS_TEXT: [char; 14] = [
-    '\u{61c}', '\u{200e}', '\u{200f}', '\u{2028}', '\u{2029}', '\u{202a}', '\u{202b}', '\u{202c}',
-    '\u{202d}', '\u{202e}', '\u{2066}', '\u{2067}', '\u{2068}', '\u{2069}',
-];
 /// Most characters of the time of an edit.
 const MOST_TIME_CHARACTERS: usize = 40;
 
@@ -152,36 +147,6 @@ impl Edit {
         line.push('\n');
         line
     }
-}
-
-/// Why nobody can be called `name` from now on, if nobody can.
-///
-/// # Errors
-/// What was found and what is expected.
-pub fn check_name(name: &str) -> Result<(), String> {
-    check_stored_name(name)?;
-    if name.chars().any(|c| TURNS_TEXT.contains(&c)) {
-        return Err(format!(
-            "found {name:?}, expected a name without characters that are not seen and turn the text around them"
-        ));
-    }
-    Ok(())
-}
-
-/// The same of a name in a file: older programs of ours wrote more.
-fn check_stored_name(name: &str) -> Result<(), String> {
-    let n = name.chars().count();
-    if n > MOST_NAME_CHARACTERS {
-        return Err(format!(
-            "found {n} characters, expected at most {MOST_NAME_CHARACTERS}"
-        ));
-    }
-    if name.chars().any(char::is_control) || name.trim() != name {
-        return Err(format!(
-            "found {name:?}, expected a name without control characters and blanks around it"
-        ));
-    }
-    Ok(())
 }
 
 impl Fields {

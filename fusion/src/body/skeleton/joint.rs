@@ -281,6 +281,16 @@ impl Joint {
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|joint| joint.name() == name)
     }
+
+    /// The names of all joints that end a link of the skeleton: all that have a parent.
+    pub fn ends_of_links() -> [&'static str; N_JOINTS - 1] {
+        let mut names = [""; N_JOINTS - 1];
+        let ends = Self::ALL.iter().filter(|joint| joint.parent().is_some());
+        for (name, joint) in names.iter_mut().zip(ends) {
+            *name = joint.name();
+        }
+        names
+    }
 }
 
 #[cfg(test)]
