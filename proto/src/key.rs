@@ -74,6 +74,11 @@ impl Keys {
         format!("{}/event", self.venue)
     }
 
+    /// Who was taken for a subject of the venue at a tick.
+    pub fn naming(&self) -> String {
+        format!("{}/naming", self.venue)
+    }
+
     /// All keys of the venue.
     pub fn all(&self) -> String {
         format!("{}/**", self.venue)
@@ -134,5 +139,6 @@ mod tests {
         assert_eq!(keys.smooth(), "hall-3/smooth");
         assert_eq!(keys.config(), "hall-3/config");
         assert_eq!(keys.event(), "hall-3/event");
+        assert_eq!(keys.naming(), "hall-3/naming");
     }
 }

@@ -86,6 +86,16 @@ CHANGE = Enum(
 )
 EVENT = Struct("IdentityEvent", person=U32, wire_id=U32, change=CHANGE)
 EVENT_SET = Struct("IdentityEventSet", session=U64, tick=I64, events=List(EVENT, 4096))
+# Whom fusion takes for a subject of the venue, by the body.
+BODY_LIKENESS = Struct("BodyLikeness", lengths_sigma=F32, log_ratio=F32, margin=Option(F32))
+FINDING = Enum(
+    "finding",
+    named=Struct("", subject=SHORT, why=BODY_LIKENESS),
+    nobody_alike=Struct("", nearest=SHORT, why=BODY_LIKENESS),
+    ambiguous=Struct("", nearest=SHORT, why=BODY_LIKENESS),
+)
+NAMING_SET = Struct("NamingSet", session=U64, tick=I64, namings=List(Struct("Naming", person=U32, finding=FINDING), 512))
+
 USED = Struct("UsedSet", viewpoint=U16, part=U16)
 DECISION = Struct("Decision", session=U64, first=I64, tick=I64, horizons_ticks=List(F64, VIEWPOINTS), patches=List(USED), sightings=List(USED))
 
@@ -150,14 +160,15 @@ MESSAGES = {
     "patch_set": PATCH_SET, "box_set": BOX_SET, "sighting_set": SIGHTING_SET, "pose_set": POSE_SET, "identity_events": EVENT_SET,
     "decision": DECISION, "status": STATUS_6, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,
     "handout_request_list": REQUEST, "file_list": FILE_LIST, "signed_list": SIGNED_LIST, "chunk": CHUNK, "thumbnail": THUMBNAIL,
+    "namings": NAMING_SET,
 }
 # Messages that older versions had not.
-SINCE = {"thumbnail": 6}
+SINCE = {"thumbnail": 6, "namings": 6}
 OLDER = {("box_set", 3): BOX_SET_3, ("status", 3): STATUS_3, ("status", 4): STATUS_4, ("status", 5): STATUS_5}
 # By the second part of a key, under the venue's name.
 BY_KEY = {
     "patch": "patch_set", "sighting": "sighting_set", "box": "box_set", "pose": "pose_set", "smooth": "pose_set", "decision": "decision",
-    "event": "identity_events", "status": "status", "thumbnail": "thumbnail",
+    "event": "identity_events", "status": "status", "thumbnail": "thumbnail", "naming": "namings",
 }
 
 

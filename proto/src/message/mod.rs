@@ -13,6 +13,7 @@ pub mod handout;
 pub mod health;
 pub mod identity_event;
 pub mod live;
+pub mod naming;
 mod older;
 pub mod parts;
 mod patch_form;

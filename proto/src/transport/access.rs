@@ -142,7 +142,13 @@ fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
 
 /// What a reader may do at fusion.
 fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
-    let received = vec![keys.pose(), keys.smooth(), keys.event(), keys.statuses()];
+    let received = vec![
+        keys.pose(),
+        keys.smooth(),
+        keys.event(),
+        keys.naming(),
+        keys.statuses(),
+    ];
     rules(
         [
             (&SUBSCRIBE, received.clone()),

@@ -9,6 +9,7 @@ use super::parameters::ParameterTables;
 use super::raw::{RawFusion, RawSecurity, RawVenue, RawViewpoint};
 use super::source::{source, timing};
 use super::stream::streams;
+use super::subject::subjects;
 use super::{Endpoints, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint};
 use crate::calibration::Calibration;
 use crate::id::{CameraIndex, ViewpointIndex};
@@ -63,6 +64,7 @@ pub(super) fn venue(
         court: court(file, raw.field.as_ref())?,
         given_persons: given_persons(file, raw.person, raw.network.is_some())?,
         streams: streams(file, raw.stream)?,
+        subjects: subjects(file, raw.subject)?,
         endpoints: endpoints(file, raw.fusion)?,
         security: security(file, raw.security)?,
         calibration_path: path(file, "calibration", &raw.calibration)?,

@@ -14,6 +14,7 @@ mod raw;
 pub mod same_files;
 mod source;
 mod stream;
+mod subject;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,6 +23,7 @@ pub use file::VenueFile;
 pub use parameters::Parameters;
 pub use source::{SimulatedContent, Source};
 pub use stream::{StreamField, VenueStream};
+pub use subject::{KnownBy, VenueSubject};
 
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
@@ -61,6 +63,8 @@ pub struct Venue {
     pub given_persons: Vec<GivenPerson>,
     /// Where live poses shall go for other programs: opened by the command that runs fusion, by nobody else.
     pub streams: Vec<VenueStream>,
+    /// Who may come, in file order: fusion knows them by their bodies.
+    pub subjects: Vec<VenueSubject>,
     /// The tunable parts of the method.
     pub parameters: Parameters,
     /// What tells this venue from any other.

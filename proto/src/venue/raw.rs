@@ -31,6 +31,8 @@ pub(super) struct RawVenue {
     #[serde(default)]
     pub(super) stream: Vec<RawStream>,
     #[serde(default)]
+    pub(super) subject: Vec<RawSubject>,
+    #[serde(default)]
     pub(super) smoothing: SmoothingUser,
     #[serde(default)]
     pub(super) range_of_motion: RangeOfMotionUser,
@@ -102,4 +104,12 @@ pub(super) struct RawPerson {
 pub(super) struct RawStream {
     pub(super) to: String,
     pub(super) address: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawSubject {
+    pub(super) profile: Option<String>,
+    pub(super) name: Option<String>,
+    pub(super) stature_m: Option<f64>,
 }

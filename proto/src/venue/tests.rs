@@ -4,6 +4,7 @@ mod layout;
 mod people;
 mod sources;
 mod streams;
+mod subjects;
 
 use std::path::Path;
 

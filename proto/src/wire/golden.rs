@@ -19,6 +19,7 @@ use crate::message::handout::{
 };
 use crate::message::health::NodeHealth;
 use crate::message::identity_event::tests::every_event;
+use crate::message::naming::tests::every_naming;
 use crate::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, Maps, quantize};
 use crate::tick::Tick;
 
@@ -121,6 +122,8 @@ fn the_bytes_of_every_message_stay_as_they_are_in_every_version() {
     // Came within version 6, under a key that no older node knows.
     let thumbnail = thumbnail();
     check_by_version("thumbnail", 6, &thumbnail, |_| &thumbnail);
+    let namings = every_naming();
+    check_by_version("namings", 6, &namings, |_| &namings);
     let used = |viewpoint, part| UsedSet {
         viewpoint: ViewpointIndex(viewpoint),
         part,

@@ -14,6 +14,7 @@ use crate::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use crate::message::health::NodeHealth;
 use crate::message::identity_event::IdentityEventSet;
 use crate::message::live::{BoxEcho, HeardPatches, LiveBoxes, LiveStatus, PatchTiming};
+use crate::message::naming::NamingSet;
 use crate::message::thumbnail::{MAX_THUMBNAIL_BYTES, Thumbnail};
 use crate::message::{
     BoxSet, CameraBox, KeypointPeak, MAX_CAPTURE_OFFSET_US, MAX_CROPS, Order, PatchSet,
@@ -38,7 +39,7 @@ fn decode_all(bytes: &[u8]) {
     drop((decode::<SignedList>(bytes), decode::<Chunk>(bytes)));
     drop((decode::<FillRequest>(bytes), decode::<Filled>(bytes)));
     drop((decode::<Decision>(bytes), decode::<IdentityEventSet>(bytes)));
-    drop(decode::<Thumbnail>(bytes));
+    drop((decode::<Thumbnail>(bytes), decode::<NamingSet>(bytes)));
 }
 
 fn px() -> impl Strategy<Value = [f32; 2]> {

@@ -4,6 +4,7 @@ use farfield_proto::message::decision::Decision;
 use farfield_proto::message::fill::{FillRequest, Filled};
 use farfield_proto::message::handout::{Chunk, FileList, HandoutRequest, SignedList};
 use farfield_proto::message::identity_event::IdentityEventSet;
+use farfield_proto::message::naming::NamingSet;
 use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
 use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, Maps};
@@ -51,7 +52,7 @@ pub(super) fn wire_decode(bytes: &[u8]) -> String {
     let Some((kind, bytes)) = bytes.split_first() else {
         return "nothing".to_owned();
     };
-    let kind = kind % 14;
+    let kind = kind % 15;
     let became = match kind {
         0 => decoded::<PatchSet>(bytes),
         1 => decoded::<BoxSet>(bytes),
@@ -66,7 +67,8 @@ pub(super) fn wire_decode(bytes: &[u8]) -> String {
         10 => decoded::<SignedList>(bytes),
         11 => decoded::<Chunk>(bytes),
         12 => decoded::<IdentityEventSet>(bytes),
-        _ => decoded::<Thumbnail>(bytes),
+        13 => decoded::<Thumbnail>(bytes),
+        _ => decoded::<NamingSet>(bytes),
     };
     format!("{kind}: {became}")
 }

@@ -98,6 +98,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
         cameras,
         given_persons,
         streams: Vec::new(),
+        subjects: Vec::new(),
         parameters,
         hashes: VenueHash {
             venue: String::new(),

@@ -25,6 +25,7 @@ use farfield_proto::message::identity_event::{
     Change, DropReason, IdentityEvent, IdentityEventSet, Likeness,
 };
 use farfield_proto::message::live::{BoxEcho, LiveBoxes, LiveStatus, PatchTiming};
+use farfield_proto::message::naming::{BodyLikeness, Finding, Naming, NamingSet};
 use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::message::{
     BoxSet, CameraBox, KeypointPeak, Order, PatchSet, PersonBoxes, PersonPatch, PersonPose,
@@ -195,6 +196,7 @@ fn messages() -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
         whole("chunk", &chunk)?,
         whole("identity_events", &identity_events())?,
         whole("thumbnail", &thumbnail())?,
+        whole("namings", &namings())?,
     ])
 }
 
@@ -209,6 +211,24 @@ fn thumbnail() -> Thumbnail {
         viewpoint: VIEWPOINT,
         camera: CameraIndex(3),
         jpeg: [&head[..], &[0xff, 0xd9]].concat(),
+    }
+}
+
+fn namings() -> NamingSet {
+    let why = BodyLikeness {
+        lengths_sigma: 0.75,
+        log_ratio: 6.5,
+        margin: Some(4.0),
+    };
+    let finding = Finding::Named {
+        subject: "Žofia".to_owned(),
+        why,
+    };
+    let person = PersonId(7);
+    NamingSet {
+        session: SESSION,
+        tick: TICK,
+        namings: vec![Naming { person, finding }],
     }
 }
 

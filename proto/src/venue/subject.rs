@@ -1,0 +1,104 @@
+//! `[[subject]]`: who may come, by a profile that was kept or by name and stature, so that fusion knows them by their bodies.
+//!
+//! A profile is a file of its own ([`crate::subject`]); fusion opens it. An edge that is handed the venue file reads past it.
+
+use std::path::PathBuf;
+
+use super::raw::RawSubject;
+use crate::subject::{check_called, check_stature};
+use crate::toml_file::{FileError, Place, TomlFile};
+
+/// Most subjects of a venue.
+const MAX_SUBJECTS: usize = 256;
+
+/// Somebody who may come.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VenueSubject {
+    /// What is known.
+    pub known_by: KnownBy,
+    /// The file, and the line of the field by which the body is known.
+    stands: FileError,
+}
+
+/// What is known of a subject.
+#[derive(Debug, Clone, PartialEq)]
+pub enum KnownBy {
+    /// A profile, as `farfield people ... save` writes it.
+    Profile(PathBuf),
+    /// A name and a stature, metres: all else of the body is that of the average.
+    Stature {
+        /// What the person is called.
+        name: String,
+        /// From the soles to the top of the head, metres.
+        stature_m: f64,
+    },
+}
+
+impl VenueSubject {
+    /// A problem with it, as who reads profiles finds it.
+    pub fn error(&self, problem: impl Into<String>) -> FileError {
+        FileError {
+            problem: problem.into(),
+            ..self.stands.clone()
+        }
+    }
+}
+
+pub(super) fn subjects(
+    file: &TomlFile<'_>,
+    raw: Vec<RawSubject>,
+) -> Result<Vec<VenueSubject>, FileError> {
+    let all = Place::field("subject");
+    if raw.len() > MAX_SUBJECTS {
+        let problem = format!("found {}, expected at most {MAX_SUBJECTS}", raw.len());
+        return Err(file.error(&all, problem));
+    }
+    let subjects = raw.into_iter().enumerate();
+    let mut subjects = subjects
+        .map(|(i, raw)| subject(file, &all.index(i), raw))
+        .collect::<Result<Vec<_>, _>>()?;
+    for i in 1..subjects.len() {
+        let (before, from_here) = subjects.split_at_mut(i);
+        let is_same = |other: &VenueSubject| match (&other.known_by, &from_here[0].known_by) {
+            (KnownBy::Stature { name, .. }, KnownBy::Stature { name: other, .. }) => name == other,
+            (known, other) => known == other,
+        };
+        if before.iter().any(is_same) {
+            return Err(from_here[0].error("found a second time, expected each subject once"));
+        }
+    }
+    Ok(subjects)
+}
+
+fn subject(file: &TomlFile<'_>, place: &Place, raw: RawSubject) -> Result<VenueSubject, FileError> {
+    let (known_by, field) = match raw {
+        RawSubject {
+            profile: Some(profile),
+            name: None,
+            stature_m: None,
+        } => {
+            if profile.is_empty() {
+                let problem = "found \"\", expected the name of a file";
+                return Err(file.error(&place.key("profile"), problem));
+            }
+            (KnownBy::Profile(file.resolve(&profile)), "profile")
+        }
+        RawSubject {
+            profile: None,
+            name: Some(name),
+            stature_m: Some(stature_m),
+        } => {
+            check_called(file, &place.key("name"), &name)?;
+            check_stature(file, &place.key("stature_m"), stature_m)?;
+            (KnownBy::Stature { name, stature_m }, "name")
+        }
+        _ => {
+            let problem = "expected `profile` alone, or `name` and `stature_m`";
+            return Err(file.error(place, problem));
+        }
+    };
+    Ok(VenueSubject {
+        known_by,
+        stands: file.error(&place.key(field), String::new()),
+    })
+}
