@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::identity_event::IdentityEvent;
+use farfield_proto::message::naming::Naming;
 use farfield_proto::message::{BoxSet, Order, PatchSet, PersonBoxes, PoseSet};
 use farfield_proto::model_card::{HeatmapCard, PEAK_SIGMA_OF_WIDTH};
 use farfield_proto::tick::Tick;
@@ -30,6 +31,7 @@ use crate::estimate::peak_assignment::PeakAssignment;
 use crate::estimate::separation::Separation;
 use crate::identity::known::KnownPeople;
 use crate::identity::registry::Registry;
+use crate::identity::subjects::Subject;
 use crate::identity::track::Track;
 use crate::journal::Journal;
 use crate::method::{Method, VenueView};
@@ -109,6 +111,8 @@ pub struct StepOutput {
     pub unusable_sightings: u32,
     /// What changed who is who at this tick, in order.
     pub events: Vec<IdentityEvent>,
+    /// Who was compared with the venue's subjects at this tick, by id.
+    pub namings: Vec<Naming>,
 }
 
 /// The fusion node's core.
@@ -239,6 +243,11 @@ impl Pipeline {
         self.registry.expect(known, tick, &self.method);
     }
 
+    /// Takes over who may come and how their bodies are; to be called before [`Self::first_boxes`].
+    pub fn know(&mut self, subjects: Vec<Subject>) {
+        self.registry.know(subjects);
+    }
+
     /// Who would be expected in a run that began after `tick`, the last.
     pub fn known_people(&self, tick: Tick) -> KnownPeople {
         self.registry.known_people(tick)
@@ -285,6 +294,7 @@ impl Pipeline {
             unusable_patches,
             unusable_sightings: outcome.unusable_sightings,
             events: outcome.events,
+            namings: outcome.namings,
         }
     }
 

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
-use farfield_fusion::node::check_names;
+use farfield_fusion::node::{check_names, load_subjects};
 use farfield_node::log::start_log;
 use farfield_node::process::{NodeError, Told, exit_code_told};
 use farfield_proto::calibration::Calibration;
@@ -86,6 +86,7 @@ pub(crate) fn check(
     networks::look_at_networks(&venue, path, report);
     look_at_keys(&venue, path, farfield_node::clock::unix_s(), report);
     look_at_streams(&venue, report);
+    look_at_subjects(&venue, report);
     let out = out.map_or_else(
         || Path::new("farfield-out").join(format!("check-{}", venue.name)),
         Path::to_path_buf,
@@ -109,6 +110,23 @@ fn look_at_venue(venue: &Venue, path: &Path, report: &mut ReportLines) {
             "venue",
             error.to_string(),
             "give the viewpoint another `name`",
+        ),
+    }
+}
+
+fn look_at_subjects(venue: &Venue, report: &mut ReportLines) {
+    if venue.subjects.is_empty() {
+        return;
+    }
+    match load_subjects(venue) {
+        Ok(subjects) => {
+            let names: Vec<&str> = subjects.iter().map(|it| it.name.as_str()).collect();
+            report.ok("subjects", names.join(", "));
+        }
+        Err(error) => report.fail(
+            "subjects",
+            error.to_string(),
+            "`farfield people RUN save` writes a profile",
         ),
     }
 }

@@ -154,6 +154,7 @@ impl OpenListeners for ListenerArgs {
                 wiretaps,
                 said,
                 is_looked_at,
+                is_in_time: true,
             })
         })
     }

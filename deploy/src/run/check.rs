@@ -10,7 +10,7 @@ use farfield_edge::source::{SourceError, SourceInfo, common_ticks};
 use farfield_fusion::export::unfinished::write_whole;
 use farfield_fusion::node::{
     check_folder, check_given_keypoints, check_given_ticks, check_live_or_recorded, check_names,
-    check_place, load_card,
+    check_place, load_card, load_subjects,
 };
 use farfield_node::files::{load_venue, parse_venue};
 use farfield_node::process::{NodeError, say};
@@ -101,6 +101,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     check_names(&venue).map_err(NodeError::Refused)?;
     check_own_recordings(&venue, &args.venue).map_err(NodeError::Refused)?;
     wanted::streams(&venue, &args.listeners.stream).map_err(NodeError::refused)?;
+    load_subjects(&venue).map_err(NodeError::refused)?;
     if let Some(out) = &args.out {
         check_folder(out).map_err(NodeError::Refused)?;
     }

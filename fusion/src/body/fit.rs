@@ -4,7 +4,7 @@ use farfield_proto::venue::parameters::IkParameters;
 
 use super::initial_pose::PoseFinder;
 use super::observed::ObservedJoints;
-use super::proportions::proportions;
+use super::proportions::{KnownBody, proportions};
 use crate::body::skeleton::{Pose, RangeOfMotion, Skeleton};
 
 /// Least points of a body that a skeleton is fitted to: a trunk's two and a limb's.
@@ -51,12 +51,25 @@ pub fn fit(
     parameters: &IkParameters,
     bounds: Option<&RangeOfMotion>,
 ) -> Result<Fitted, FitError> {
+    fit_known(ticks, None, parameters, bounds)
+}
+
+/// As [`fit`], where the body is `known` beside what the ticks show of it.
+///
+/// # Errors
+/// As [`fit`].
+pub(crate) fn fit_known(
+    ticks: &[ObservedJoints],
+    known: Option<KnownBody<'_>>,
+    parameters: &IkParameters,
+    bounds: Option<&RangeOfMotion>,
+) -> Result<Fitted, FitError> {
     let last = ticks.last().ok_or(FitError::TooFewPoints { got: 0 })?;
     if last.count() < MIN_POINTS {
         return Err(FitError::TooFewPoints { got: last.count() });
     }
     let mut finder = PoseFinder::new(parameters, bounds);
-    let mut lengths = proportions(ticks).ok_or(FitError::NoSegment)?;
+    let mut lengths = proportions(ticks, known).ok_or(FitError::NoSegment)?;
     if ticks.iter().any(ObservedJoints::has_offsets) {
         for _ in 0..OFFSET_ROUNDS {
             let skeleton = Skeleton::new(&lengths);
@@ -67,7 +80,7 @@ pub fn fit(
                     Some(finder.without_offsets(&skeleton, &pose, body))
                 })
                 .collect();
-            lengths = proportions(&joints).ok_or(FitError::NoTrunk)?;
+            lengths = proportions(&joints, known).ok_or(FitError::NoTrunk)?;
         }
     }
     let skeleton = Skeleton::new(&lengths);

@@ -1,6 +1,9 @@
 //! A person's body as far as it is measured: its links, and where the network's keypoints sit on it.
 
+use std::sync::Arc;
+
 use super::keypoint_estimate::KeypointEstimate;
+use super::prior::BodyPrior;
 use super::remeasure::{Remeasure, RemeasureSchedule};
 use super::sites::{SiteEvidence, SiteFit, without_offsets};
 use super::skeleton::{Kinematics, Site, Skeleton};
@@ -12,6 +15,8 @@ pub struct MeasuredBody {
     pub skeleton: Skeleton,
     /// Per keypoint of the network: where it sits on this person, if anywhere.
     pub sites: Vec<Option<Site>>,
+    /// What is known of it beside, where it is a subject's.
+    pub(crate) known: Option<Arc<BodyPrior>>,
     /// What its lengths are still measured from.
     pub(crate) remeasure: Remeasure,
     /// What `sites` are learned from.
@@ -24,6 +29,7 @@ impl MeasuredBody {
         Self {
             skeleton,
             sites,
+            known: None,
             remeasure: Remeasure::new(),
             site_fit: SiteFit::new(),
         }
@@ -48,15 +54,30 @@ impl MeasuredBody {
         self.site_fit.learn(&mut self.sites, &tick);
     }
 
-    /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it.
+    /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it. Whether it was time.
     pub(crate) fn remeasure(
         &mut self,
         estimates: &[KeypointEstimate],
         kinematics: &Kinematics,
         schedule: &RemeasureSchedule<'_>,
-    ) {
+    ) -> bool {
         let joints = || without_offsets(estimates, &self.sites, kinematics);
-        if let Some(skeleton) = self.remeasure.tick(joints, schedule) {
+        let is_time = self.remeasure.tick(joints, schedule);
+        if is_time {
+            self.measure(schedule);
+        }
+        is_time
+    }
+
+    /// It is the body `known`: what was seen of it so far is measured with that.
+    pub(crate) fn is_known(&mut self, known: Arc<BodyPrior>, schedule: &RemeasureSchedule<'_>) {
+        self.known = Some(known);
+        self.measure(schedule);
+    }
+
+    fn measure(&mut self, schedule: &RemeasureSchedule<'_>) {
+        let measured = self.remeasure.measure(self.known.as_deref(), schedule);
+        if let Some(skeleton) = measured {
             self.skeleton = skeleton;
         }
     }

@@ -19,6 +19,7 @@ pub mod keypoint_estimate;
 mod limbs;
 pub mod measured;
 pub mod observed;
+pub mod prior;
 pub(crate) mod proportions;
 pub(crate) mod remeasure;
 pub(crate) mod segment;

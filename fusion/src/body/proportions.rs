@@ -3,6 +3,7 @@
 use super::observed::ObservedJoints;
 use farfield_proto::order_statistics::weighted_median;
 
+use super::prior::{BodyPrior, measured_sigma_m};
 use super::segment::{Segment, stature_m};
 use crate::body::skeleton::Proportions;
 
@@ -32,6 +33,15 @@ const MIN_SPREAD_SAMPLES: usize = 5;
 /// The statures that a skeleton is made for, metres.
 const STATURES_M: [f64; 2] = [0.9, 2.4];
 
+/// A body that is known beside what its keypoints show.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct KnownBody<'a> {
+    /// What is known of it.
+    pub(crate) prior: &'a BodyPrior,
+    /// For how long keypoints have shown it, seconds.
+    pub(crate) seen_s: f64,
+}
+
 /// A length and how sure it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct MeasuredLengths {
@@ -46,12 +56,29 @@ struct MeasuredLengths {
 /// The chain pelvis - spine - scapula - shoulder is as long and as wide as the trunk was measured,
 /// with the spine unbent and the scapulas level (paper, appendix B).
 ///
+/// Of a body that is `known` its lengths stand for those that the stature asks for, and no number of ticks makes a measured
+/// one surer than the time for which it was seen.
+///
 /// `None` when no segment of the body is known.
-pub(crate) fn proportions(ticks: &[ObservedJoints]) -> Option<Proportions> {
+pub(crate) fn proportions(
+    ticks: &[ObservedJoints],
+    known: Option<KnownBody<'_>>,
+) -> Option<Proportions> {
     let stature = stature_m(ticks)?.clamp(STATURES_M[0], STATURES_M[1]);
-    let length = |segment| blended_m(segment, ticks, stature);
-    let factor = |segment: Segment| length(segment) / (segment.ratio() * stature);
-    let average = Proportions::from_stature(stature);
+    let expected = |segment: Segment| match known {
+        Some(known) => known.prior.segment_m(segment),
+        None => {
+            let length_m = segment.ratio() * stature;
+            (length_m, segment.spread() * length_m)
+        }
+    };
+    let lasting_m = known.map_or(0.0, |known| measured_sigma_m(known.seen_s));
+    let length = |segment| blended_m(segment, ticks, expected(segment), lasting_m);
+    let factor = |segment: Segment| length(segment) / expected(segment).0;
+    let average = match known {
+        Some(known) => *known.prior.body(),
+        None => Proportions::from_stature(stature),
+    };
     let (tall, wide, eyes) = (
         factor(Segment::Trunk),
         factor(Segment::ShoulderWidth),
@@ -84,14 +111,19 @@ pub(crate) fn proportions(ticks: &[ObservedJoints]) -> Option<Proportions> {
     })
 }
 
-/// The length of `segment`, metres.
+/// The length of `segment`, metres; `prior` and its sigma stand against what `ticks` show, which is off by `lasting_m` however
+/// many they are.
 ///
 /// ```text
 ///   l = (m / v + p / u) / (1 / v + 1 / u),   m, v: measured and its variance,   p, u: prior and its variance
 /// ```
-fn blended_m(segment: Segment, ticks: &[ObservedJoints], stature_m: f64) -> f64 {
-    let prior = segment.ratio() * stature_m;
-    let prior_variance = (segment.spread() * prior).powi(2);
+fn blended_m(
+    segment: Segment,
+    ticks: &[ObservedJoints],
+    (prior, prior_sigma): (f64, f64),
+    lasting_m: f64,
+) -> f64 {
+    let prior_variance = prior_sigma.powi(2);
     let samples: Vec<(f64, f64)> = ticks
         .iter()
         .flat_map(|body| segment.lengths_m(body))
@@ -102,12 +134,13 @@ fn blended_m(segment: Segment, ticks: &[ObservedJoints], stature_m: f64) -> f64 
     let m = measured
         .length_m
         .clamp(FACTORS[0] * prior, FACTORS[1] * prior);
-    let lasting_m: f64 = match segment {
+    let beside_m: f64 = match segment {
         Segment::HipWidth => HIPS_APART_SIGMA_M,
         Segment::Thigh | Segment::Shank => LEG_SIGMA_M,
         _ => 0.0,
     };
-    let variance_m2 = measured.variance_m2 + lasting_m * lasting_m;
+    let lasting_m2 = lasting_m.max(beside_m).powi(2);
+    let variance_m2 = measured.variance_m2 + lasting_m2;
     let (w_measured, w_prior) = (variance_m2.recip(), prior_variance.recip());
     (m * w_measured + prior * w_prior) / (w_measured + w_prior)
 }
@@ -193,7 +226,7 @@ mod tests {
     }
 
     fn check(truth: &Proportions, seen: &[ObservedJoints]) -> Result<(), TestCaseError> {
-        let found = proportions(seen).expect("whole bodies have segments");
+        let found = proportions(seen, None).expect("whole bodies have segments");
         for ((name, was), (_, is)) in measured_links(truth)
             .into_iter()
             .zip(measured_links(&found))
@@ -236,7 +269,7 @@ mod tests {
         let sigma_m = NOISE_M / f64::sqrt(3.0);
         let body = Proportions::from_stature(1.78);
         let runs: Vec<Proportions> = (0..40)
-            .map(|seed| proportions(&ticks(&body, seed, sigma_m)).unwrap())
+            .map(|seed| proportions(&ticks(&body, seed, sigma_m), None).unwrap())
             .collect();
         for (i, (name, was)) in measured_links(&body).into_iter().enumerate() {
             let squares = runs
@@ -254,7 +287,7 @@ mod tests {
             hip_side_m: 1.2 * average.hip_side_m,
             ..average
         };
-        let found = proportions(&ticks(&body, 3, 0.0)).unwrap();
+        let found = proportions(&ticks(&body, 3, 0.0), None).unwrap();
         let share = (found.hip_side_m / average.hip_side_m - 1.0) / 0.2;
         assert!((0.1..0.6).contains(&share), "{share}");
     }
@@ -274,6 +307,21 @@ mod tests {
     }
 
     #[test]
+    fn a_known_body_is_believed_the_less_the_longer_it_is_seen() {
+        let (truth, prior) = (Proportions::from_stature(1.8), BodyPrior::of_stature(1.7));
+        let seen = ticks(&truth, 3, 0.0);
+        let upper_arm_m = |seen_s| {
+            let prior = &prior;
+            let found = proportions(&seen, Some(KnownBody { prior, seen_s }));
+            found.unwrap().upper_arm_m
+        };
+        let [at_once, later] = [0.2, 16.0].map(upper_arm_m);
+        let [known, is] = [prior.body().upper_arm_m, truth.upper_arm_m];
+        assert!(known < at_once && at_once < later && later < is);
+        assert!(later > 0.5 * (known + is), "16 s tell more than a stature");
+    }
+
+    #[test]
     fn a_face_alone_tells_no_proportions() {
         let mut face = ObservedJoints::default();
         face.set(
@@ -281,7 +329,7 @@ mod tests {
             nalgebra::Vector3::new(0.0, 0.0, 1.7),
             1.0,
         );
-        assert!(proportions(&[face]).is_none());
-        assert!(proportions(&[]).is_none());
+        assert!(proportions(&[face], None).is_none());
+        assert!(proportions(&[], None).is_none());
     }
 }

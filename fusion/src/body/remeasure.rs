@@ -7,8 +7,10 @@
 
 use farfield_proto::venue::parameters::IkParameters;
 
-use super::fit::fit;
+use super::fit::fit_known;
 use super::observed::ObservedJoints;
+use super::prior::BodyPrior;
+use super::proportions::KnownBody;
 use crate::body::skeleton::Skeleton;
 
 /// Most samples that are kept; when they are that many, every second goes and the step doubles.
@@ -48,14 +50,14 @@ impl Remeasure {
         }
     }
 
-    /// Notes a tick; the new body, when it is time for one and the samples show it.
+    /// Notes a tick; whether it is time to measure the body anew.
     pub(crate) fn tick(
         &mut self,
         observe: impl FnOnce() -> ObservedJoints,
         schedule: &RemeasureSchedule<'_>,
-    ) -> Option<Skeleton> {
-        if self.next_s > schedule.measure_s {
-            return None;
+    ) -> bool {
+        if self.is_over(schedule) {
+            return false;
         }
         self.lived_ticks += 1;
         if self.lived_ticks.is_multiple_of(self.stride) {
@@ -65,11 +67,27 @@ impl Remeasure {
             }
         }
         if f64::from(self.lived_ticks) * schedule.dt_s < self.next_s {
-            return None;
+            return false;
         }
         self.next_s *= 2.0;
+        true
+    }
+
+    /// Whether the body is measured no more.
+    pub(crate) fn is_over(&self, schedule: &RemeasureSchedule<'_>) -> bool {
+        self.next_s > schedule.measure_s
+    }
+
+    /// The body as the samples show it, with what is `known` of it; `None` where they do not.
+    pub(crate) fn measure(
+        &self,
+        known: Option<&BodyPrior>,
+        schedule: &RemeasureSchedule<'_>,
+    ) -> Option<Skeleton> {
+        let seen_s = f64::from(self.lived_ticks) * schedule.dt_s;
+        let known = known.map(|prior| KnownBody { prior, seen_s });
         // The pose that comes with the fit is not used: the track has a better one.
-        fit(&self.samples, schedule.ik, None)
+        fit_known(&self.samples, known, schedule.ik, None)
             .ok()
             .map(|body| body.skeleton)
     }

@@ -23,6 +23,7 @@ impl Track {
         let body = &mut self.estimator.body;
         body.sites = known.body.sites;
         body.remeasure = known.body.remeasure;
+        body.known = known.body.known;
         self.identity.tentative.known = Some(known.body.skeleton);
     }
 

@@ -24,16 +24,11 @@ use farfield_proto::venue::parameters::BirthParameters;
 
 use super::whereabouts::Whereabouts;
 use crate::assign::assign;
-use crate::body::skeleton::Skeleton;
+use crate::body::prior::{BodyPrior, measured_sigma_m};
+use crate::body::skeleton::{Proportions, Skeleton};
 
 /// Lengths that are compared.
 const N_LENGTHS: usize = 7;
-/// Error of a length that was measured in a fifth of a second, metres: a network's errors last for
-/// seconds, so single ticks do not average out.
-const LENGTH_SIGMA_M: f64 = 0.02;
-/// How long a network's errors last, seconds: a body that was seen n times as long is known as if it
-/// had been measured n times.
-const ERROR_LASTS_S: f64 = 2.0;
 /// How much people of one stature differ in single lengths, `p`: two people, each with 4 %.
 const SINGLE_SPREAD: f64 = 0.057;
 /// How much people differ in stature, `c`: two people, each with 5.5 %.
@@ -52,43 +47,46 @@ const IMPOSSIBLE: f64 = -1e6;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Lengths {
     lengths_m: [f64; N_LENGTHS],
-    sigma_m: f64,
+    sigma_m: [f64; N_LENGTHS],
 }
 
 impl Lengths {
     /// Those of `skeleton`, which was measured for `seconds`.
     pub(crate) fn of(skeleton: &Skeleton, seconds: f64) -> Self {
-        let p = skeleton.proportions();
         Self {
-            lengths_m: [
-                p.upper_arm_m,
-                p.forearm_m,
-                p.thigh_m,
-                p.shank_m,
-                p.scapula_side_m + p.clavicle_m,
-                p.lumbar_m + p.trunk_m,
-                p.trunk_m + p.head_m,
-            ],
-            sigma_m: LENGTH_SIGMA_M / (1.0 + seconds.max(0.0) / ERROR_LASTS_S).sqrt(),
+            lengths_m: compared(skeleton.proportions(), |a, b| a + b),
+            sigma_m: [measured_sigma_m(seconds); N_LENGTHS],
         }
     }
 
+    /// Those of a body that is known before it is seen.
+    pub(crate) fn of_known(body: &BodyPrior) -> Self {
+        Self {
+            lengths_m: compared(body.body(), |a, b| a + b),
+            sigma_m: compared(body.sigma(), libm::hypot),
+        }
+    }
+
+    /// The logarithm of the ratio of each length, and the variance that it would have if the two bodies were one.
+    fn differences(&self, other: &Self) -> impl Iterator<Item = (f64, f64)> {
+        let own = self.lengths_m.iter().zip(&self.sigma_m);
+        let others = other.lengths_m.iter().zip(&other.sigma_m);
+        own.zip(others).map(|((a, own_m), (b, others_m))| {
+            let s2 = (own_m / a).powi(2) + (others_m / b).powi(2);
+            (libm::log(a / b), s2)
+        })
+    }
+
     /// How far the lengths of two bodies are apart, over how well they are measured: the root mean square.
-    fn sigmas(&self, other: &Self) -> f64 {
-        let pairs = self.lengths_m.iter().zip(&other.lengths_m);
-        let off = pairs.map(|(a, b)| {
-            let s2 = (self.sigma_m / a).powi(2) + (other.sigma_m / b).powi(2);
-            libm::log(a / b).powi(2) / s2
-        });
+    pub(crate) fn sigmas(&self, other: &Self) -> f64 {
+        let off = self.differences(other).map(|(d, s2)| d.powi(2) / s2);
         (off.sum::<f64>() / N_LENGTHS as f64).sqrt()
     }
 
     /// ln p(d | same) - ln p(d | other).
-    fn likeness(&self, other: &Self) -> f64 {
+    pub(crate) fn likeness(&self, other: &Self) -> f64 {
         let (mut same, mut apart, mut sum_d, mut sum_w) = (0.0, 0.0, 0.0, 0.0);
-        for (a, b) in self.lengths_m.iter().zip(&other.lengths_m) {
-            let d = libm::log(a / b);
-            let s2 = (self.sigma_m / a).powi(2) + (other.sigma_m / b).powi(2);
+        for (d, s2) in self.differences(other) {
             let v = s2 + SINGLE_SPREAD * SINGLE_SPREAD;
             same += d * d / s2 + libm::log(s2);
             apart += d * d / v + libm::log(v);
@@ -101,6 +99,19 @@ impl Lengths {
         apart += libm::log(shared) - c2 * sum_d * sum_d / shared;
         0.5 * (apart - same)
     }
+}
+
+/// Of each length of `p` that is compared, made of its parts by `sum`.
+fn compared(p: &Proportions, sum: impl Fn(f64, f64) -> f64) -> [f64; N_LENGTHS] {
+    [
+        p.upper_arm_m,
+        p.forearm_m,
+        p.thigh_m,
+        p.shank_m,
+        sum(p.scapula_side_m, p.clavicle_m),
+        sum(p.lumbar_m, p.trunk_m),
+        sum(p.trunk_m, p.head_m),
+    ]
 }
 
 /// One of a pair: a body, and where it was when.
@@ -152,9 +163,9 @@ pub(crate) struct Recognised {
     /// Which of the known.
     pub(crate) column: usize,
     /// L of the pair.
-    log_ratio: f64,
+    pub(crate) log_ratio: f64,
     /// By how much the sum of L is less without the pair; `None` when nothing else was possible.
-    margin: Option<f64>,
+    pub(crate) margin: Option<f64>,
 }
 
 impl Recognised {
@@ -180,6 +191,23 @@ impl Recognised {
 /// Decides which row (newcomer) is which column (known person), from L of every possible pair. A pair
 /// counts when its L is at least `least`, and it is clear.
 pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<Recognised>> {
+    let best = assign_best(likeness, least);
+    let clear = best
+        .into_iter()
+        .map(|best| best.filter(|best| best.is_clear()));
+    clear.collect()
+}
+
+impl Recognised {
+    /// Whether another pairing is clearly worse.
+    pub(crate) fn is_clear(&self) -> bool {
+        // Against somebody new there is the least L; here another pairing must be clearly worse.
+        self.margin.is_none_or(|margin| margin >= MARGIN)
+    }
+}
+
+/// As [`assign_known`], with those pairs that are not clear.
+pub(crate) fn assign_best(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<Recognised>> {
     let n_known = likeness.first().map_or(0, Vec::len);
     let gain = |row: usize, column: usize| match likeness[row].get(column) {
         Some(Some(l)) if *l >= least => *l - least + f64::EPSILON,
@@ -208,12 +236,10 @@ pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Opt
     pairs
         .map(|(row, column)| {
             let column = column.filter(|&column| column < n_known)?;
-            // Against somebody new there is `least`; here another pairing must be clearly worse.
             let rivals = (0..n).any(|r| r != row && gain(r, column) > 0.0)
                 || (0..n_known).any(|c| c != column && gain(row, c) > 0.0);
             let margin = rivals.then(|| sum - best(Some((row, column))).0);
-            let is_clear = margin.is_none_or(|margin| margin >= MARGIN);
-            is_clear.then(|| Recognised {
+            Some(Recognised {
                 column,
                 log_ratio: likeness[row][column].unwrap_or(least),
                 margin,
@@ -225,7 +251,6 @@ pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Opt
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::skeleton::Proportions;
     use nalgebra::Vector3;
 
     fn model() -> LikenessModel {

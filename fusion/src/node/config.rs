@@ -19,6 +19,8 @@ use super::live_or_recorded::check_live_or_recorded;
 use super::output::progress::Detail;
 use super::recording::check_place;
 use super::session::mode::RunMode;
+use super::subjects::load_subjects;
+use crate::identity::subjects::Subject;
 
 /// Arguments of the fusion node.
 #[derive(Debug, Clone, clap::Args)]
@@ -77,6 +79,8 @@ pub(super) struct FusionConfig {
     pub(super) venue_path: PathBuf,
     /// The network's card, when the venue has one.
     pub(super) card: Option<HeatmapCard>,
+    /// Who may come.
+    pub(super) subjects: Vec<Subject>,
     /// Where to listen, and by what fusion proves who it is.
     pub(super) reach: Reach,
     pub(super) mode: RunMode,
@@ -99,6 +103,7 @@ impl FusionConfig {
             venue,
             venue_path: PathBuf::from("venue.toml"),
             card: None,
+            subjects: Vec::new(),
             reach: Reach {
                 endpoints: Vec::new(),
                 identity: None,
@@ -119,6 +124,7 @@ impl FusionConfig {
         let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
         check_names(&venue).map_err(NodeError::refused)?;
         let card = load_card(&venue).map_err(NodeError::refused)?;
+        let subjects = load_subjects(&venue).map_err(NodeError::refused)?;
         check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
         if let Some(ticks) = &args.ticks {
             check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
@@ -148,6 +154,7 @@ impl FusionConfig {
             venue,
             venue_path: args.venue,
             card,
+            subjects,
             reach,
             mode: if args.live {
                 RunMode::Live

@@ -8,6 +8,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 
 use farfield_node::process::NodeError;
+use farfield_proto::id::SessionId;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::transport::Identity;
 use farfield_proto::venue::Venue;
@@ -35,6 +36,19 @@ pub struct RunAtItsStart<'a> {
     pub recordings: Option<&'a Arc<RecordingsOnDemand>>,
     /// Where fusion listens, as Zenoh's endpoints.
     pub listens_at: &'a [String],
+    /// The recording that is solved again; `None` of a run of its own.
+    pub replays: Option<ReplayedRecording<'a>>,
+}
+
+/// A recording that is solved again.
+#[derive(Debug, Clone, Copy)]
+pub struct ReplayedRecording<'a> {
+    /// The file.
+    pub file: &'a Path,
+    /// Which life of fusion.
+    pub session: SessionId,
+    /// Whether ids mean the same people as in its poses.
+    pub keeps_ids: bool,
 }
 
 /// Whoever listens, opened.
@@ -47,6 +61,9 @@ pub struct Listeners {
     /// Whether somebody can look, and ask for something: recordings can be begun then, and a replay stays when all is over
     /// until it is told to end.
     pub is_looked_at: bool,
+    /// Whether what they get goes on to somebody who wants it as it happened: a replay tells ticks at the venue's rate then, and
+    /// else as fast as they are solved.
+    pub is_in_time: bool,
 }
 
 /// The listeners of a run, or what cannot be opened: the run does not begin then.

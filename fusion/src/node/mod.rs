@@ -17,11 +17,14 @@ mod replay;
 mod run;
 mod session;
 mod status;
+mod subjects;
 mod worker;
 
 pub use self::config::{FusionArgs, check_names, load_card};
 pub use self::given::{check_given_keypoints, check_given_ticks};
-pub use self::listeners::{Listeners, NoListeners, OpenListeners, Opening, RunAtItsStart};
+pub use self::listeners::{
+    Listeners, NoListeners, OpenListeners, Opening, ReplayedRecording, RunAtItsStart,
+};
 pub use self::live_or_recorded::check_live_or_recorded;
 pub use self::output::claim::{FolderClaim, check_folder};
 pub use self::output::exporter::layout as pose_layout;
@@ -31,3 +34,4 @@ pub use self::recording::{RecordingOnDemand, RecordingsOnDemand, check_place};
 pub use self::replay::{ReplayArgs, main as replay, recorded_venue, with_values};
 pub use self::run::{main, main_with};
 pub use self::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
+pub use self::subjects::load_subjects;

@@ -58,7 +58,8 @@ fn load_and_run(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> Result<E
         authentication_log::know_generations(&identity.generations);
     }
     let session = new_session();
-    let pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
+    let mut pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
+    pipeline.know(config.subjects.clone());
     let ending = runtime::block_on(2, run(&config, session, pipeline, listeners));
     authentication_log::sum_up();
     ending
@@ -198,6 +199,7 @@ async fn open_listeners(
         restarts,
         recordings,
         listens_at: &config.reach.endpoints,
+        replays: None,
     };
     let opened = listeners.open(run).await?;
     reporter.said(&opened.said);

@@ -9,6 +9,7 @@ use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
 use farfield_node::histogram::Histogram;
 use farfield_proto::message::identity_event::IdentityEvent;
+use farfield_proto::message::naming::Naming;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio::sync::mpsc;
@@ -53,6 +54,7 @@ pub(super) struct Stepped {
     pub(super) smoothed: Vec<PoseSet>,
     /// What changed who is who.
     pub(super) events: Vec<IdentityEvent>,
+    pub(super) namings: Vec<Naming>,
     /// The boxes of the next tick, one set per viewpoint.
     pub(super) boxes: Vec<BoxSet>,
     /// Patches that were readable, but made no sense.
@@ -221,6 +223,7 @@ impl FusionWork {
             smoothed: output.smoothed.clone(),
             poses: output.poses,
             events: output.events,
+            namings: output.namings,
             boxes: output.boxes,
             cost,
         };

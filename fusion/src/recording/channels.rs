@@ -22,6 +22,8 @@ pub enum Content {
     Decisions,
     /// What changed who is who at a tick.
     Events,
+    /// Who was compared with the venue's subjects.
+    Namings,
     /// The persons of a tick as JSON.
     JsonPoses,
     /// Nodes that came and went, as JSON.
@@ -51,6 +53,7 @@ pub fn channels(name: &str, viewpoints: &[&str]) -> Vec<Channel> {
         channel(keys.smooth(), Content::Smoothed),
         channel(keys.decision(), Content::Decisions),
         channel(keys.event(), Content::Events),
+        channel(keys.naming(), Content::Namings),
         channel(json_poses(&keys), Content::JsonPoses),
         channel(format!("{name}/recorder"), Content::Recorder),
         channel(expected(name), Content::Expected),
@@ -121,6 +124,7 @@ mod tests {
             "hall/pose/json",
             "hall/status/fusion",
             "hall/event",
+            "hall/naming",
         ] {
             assert!(topics.contains(topic), "{topic}");
         }

@@ -39,6 +39,22 @@ pub const CALIBRATION_FILE: &str = "calibration.toml";
 /// Name of the attached card of the keypoint network.
 pub const CARD_FILE: &str = "network.toml";
 
+/// Most profiles of subjects that a recording carries.
+const MAX_SUBJECT_FILES: usize = 256;
+
+/// Name of the attached profile of the venue's subject of that number, from 1, in the order of the venue file.
+pub fn subject_file(number: usize) -> String {
+    format!("subject-{number}.toml")
+}
+
+/// Whether an attached file of that name is the profile of a subject.
+fn is_subject_file(name: &str) -> bool {
+    let number = name.strip_prefix("subject-");
+    let number = number.and_then(|rest| rest.strip_suffix(".toml"));
+    let number = number.and_then(|digits| digits.parse().ok());
+    number.is_some_and(|n| (1..=MAX_SUBJECT_FILES).contains(&n) && subject_file(n) == name)
+}
+
 /// Most bytes of an attached file: a replay takes no longer ones.
 pub const MAX_ATTACHED_BYTES: u64 = framing::MAX_RECORD_BYTES - 4096;
 

@@ -1,5 +1,7 @@
 //! The stages of a tick, in the order in which they are called.
 
+use std::sync::Arc;
+
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::PersonPatch;
@@ -7,6 +9,7 @@ use nalgebra::Vector3;
 
 use super::{Estimator, Evidence, joints_of};
 use crate::body::ik::{Priors, Target};
+use crate::body::prior::BodyPrior;
 use crate::body::remeasure::RemeasureSchedule;
 use crate::body::skeleton::{Joint, Joints, Kinematics, Pose, Site};
 use crate::estimate::evidence::View;
@@ -223,18 +226,32 @@ impl Estimator {
         (estimate.targets.iter().map(apart).sum::<f64>() / estimate.targets.len() as f64).sqrt()
     }
 
-    /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it.
-    pub fn remeasure(&mut self, method: &Method) {
-        let schedule = RemeasureSchedule {
-            dt_s: method.dt_s,
-            measure_s: method.parameters.births.measure_s,
-            ik: &method.parameters.ik,
-        };
+    /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it. Whether it was time.
+    pub fn remeasure(&mut self, method: &Method) -> bool {
         self.body.remeasure(
             &self.evidence.estimates,
             &self.estimate.kinematics,
-            &schedule,
-        );
+            &schedule(method),
+        )
+    }
+
+    /// The body is one that is known beside what was seen of it: it is measured with that, now and from now on.
+    pub(crate) fn is_known(&mut self, known: Arc<BodyPrior>, method: &Method) {
+        self.body.is_known(known, &schedule(method));
+    }
+
+    /// Whether the body is measured no more.
+    pub(crate) fn is_measured(&self, method: &Method) -> bool {
+        self.body.remeasure.is_over(&schedule(method))
+    }
+}
+
+/// When bodies of a venue are measured anew, and how.
+fn schedule(method: &Method) -> RemeasureSchedule<'_> {
+    RemeasureSchedule {
+        dt_s: method.dt_s,
+        measure_s: method.parameters.births.measure_s,
+        ik: &method.parameters.ik,
     }
 }
 

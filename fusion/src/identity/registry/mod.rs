@@ -1,6 +1,7 @@
 //! Everybody in the venue: applies what is decided, and publishes it.
 
 mod apply;
+mod naming;
 mod sighted;
 #[cfg(test)]
 mod tests;
@@ -9,6 +10,7 @@ use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PersonPose;
 use farfield_proto::message::identity_event::IdentityEvent;
+use farfield_proto::message::naming::Naming;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{GivenPerson, Venue};
 use rayon::prelude::*;
@@ -23,6 +25,7 @@ use super::known::{KnownPeople, KnownPerson};
 use super::memory::{Candidate, Memory};
 use super::poster::Posters;
 use super::recognise::{Appearance, Lengths};
+use super::subjects::Subjects;
 use super::track::Track;
 use super::whereabouts::Whereabouts;
 use crate::align::TickGroup;
@@ -37,6 +40,8 @@ pub struct Outcome {
     pub confirmed: Vec<(Tick, PersonPose)>,
     /// What changed who is who, in order.
     pub events: Vec<IdentityEvent>,
+    /// Who was compared with the venue's subjects, by id.
+    pub namings: Vec<Naming>,
     /// Sightings that were not used: of another viewpoint's camera, or of other keypoints.
     pub unusable_sightings: u32,
 }
@@ -52,12 +57,15 @@ pub struct Registry {
     shared_places: SharedPlaces,
     posters: Posters,
     memory: Memory,
+    subjects: Subjects,
     /// Per camera, whose it is.
     viewpoint_of_camera: Vec<ViewpointIndex>,
     /// Whether any detection pass has shown anybody yet.
     finds_people: bool,
     /// What happened since the last tick was handed out.
     events: Vec<IdentityEvent>,
+    /// What was said of people's names since.
+    namings: Vec<Naming>,
     /// Buffer: everybody's facts.
     facts: Vec<TrackFacts>,
 }
@@ -91,8 +99,10 @@ impl Registry {
             shared_places: SharedPlaces::default(),
             posters: Posters::default(),
             memory: Memory::default(),
+            subjects: Subjects::default(),
             finds_people: false,
             events: Vec::new(),
+            namings: Vec::new(),
             facts: Vec::new(),
         }
     }
@@ -216,6 +226,7 @@ impl Registry {
         Outcome {
             confirmed,
             events: std::mem::take(&mut self.events),
+            namings: std::mem::take(&mut self.namings),
             unusable_sightings,
         }
     }
@@ -238,8 +249,7 @@ impl Registry {
             .into_iter()
             .partition(|event| matches!(event.kind, EventKind::Confirm { .. }));
         self.apply(&others, tick, method);
-        let known = self.tracks.iter_mut().filter(|track| !track.is_tentative());
-        known.for_each(|track| track.estimator.remeasure(method));
+        self.remeasure(method);
         if confirmations.is_empty() {
             return Vec::new();
         }

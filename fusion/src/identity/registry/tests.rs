@@ -21,6 +21,8 @@ use crate::sightings::fixture::{TestHall, hall};
 
 #[path = "tests/found_again.rs"]
 mod found_again;
+#[path = "tests/named.rs"]
+mod named;
 
 type TruePoints = Vec<Vector3<f64>>;
 

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use farfield_proto::id::ViewpointIndex;
+use farfield_proto::message::naming::NamingSet;
 use farfield_proto::message::parts::box_messages;
 use farfield_proto::message::{BoxSet, Order, PoseSet, Status};
 use farfield_proto::wire;
@@ -33,6 +34,7 @@ impl LiveFusion<'_> {
             poses,
             smoothed,
             events,
+            namings,
             boxes,
             unusable,
             stages,
@@ -69,6 +71,9 @@ impl LiveFusion<'_> {
         }
         if let Some(events) = self.tally.events(self.session, tick, events) {
             self.send(ends, FusionOutgoing::Events(wire::encode(&events)));
+        }
+        if let Some(namings) = NamingSet::of(self.session, tick, namings) {
+            self.send(ends, FusionOutgoing::Namings(wire::encode(&namings)));
         }
         let now_us = self.interceptor.clock.now_us();
         let after_us = (now_us - self.time.at(tick)) as f64;

@@ -10,6 +10,7 @@ use std::time::Duration;
 use anyhow::{Context as _, anyhow};
 use farfield_node::process::Ending;
 use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::message::naming::NamingSet;
 use farfield_proto::message::parts::box_messages;
 use farfield_proto::message::{BoxSet, Order, Status};
 use farfield_proto::tick::Tick;
@@ -225,6 +226,10 @@ impl<'a> LockStepFusion<'a> {
         let events = std::mem::take(&mut stepped.events);
         if let Some(events) = self.tally.events(self.session, tick, events) {
             send(ends, FusionOutgoing::Events(wire::encode(&events)))?;
+        }
+        let namings = std::mem::take(&mut stepped.namings);
+        if let Some(namings) = NamingSet::of(self.session, tick, namings) {
+            send(ends, FusionOutgoing::Namings(wire::encode(&namings)))?;
         }
         let over = tick + 1 >= self.ticks.end;
         if !over {

@@ -8,13 +8,15 @@ use anyhow::{Context as _, ensure};
 use farfield_node::clock;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::venue::Venue;
 use farfield_proto::venue::layout::LAYOUT;
+use farfield_proto::venue::{KnownBy, Venue};
 use farfield_proto::wire;
 
 use crate::node::output::exporter::layout;
 use crate::recording::writer::Head;
-use crate::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE, VENUE_LAYOUT};
+use crate::recording::{
+    CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE, VENUE_LAYOUT, subject_file,
+};
 
 /// The head of a recording of `venue`, whose file is `path`; `recorder` says who records.
 ///
@@ -33,6 +35,11 @@ pub(in crate::node) fn head(
     check_unchanged(venue, path, &files)?;
     if let Some(card) = &venue.network {
         files.push((CARD_FILE.to_owned(), read(card)?));
+    }
+    for (number, subject) in (1..).zip(&venue.subjects) {
+        if let KnownBy::Profile(profile) = &subject.known_by {
+            files.push((subject_file(number), read(profile)?));
+        }
     }
     let viewpoints: Vec<String> = venue.viewpoints.iter().map(|v| v.name.clone()).collect();
     let facts = [

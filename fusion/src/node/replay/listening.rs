@@ -9,11 +9,12 @@ use farfield_proto::id::SessionId;
 use farfield_proto::key::Keys;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::identity_event::IdentityEventSet;
+use farfield_proto::message::naming::NamingSet;
 use farfield_proto::venue::Venue;
 use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
 
-use crate::node::listeners::{Listeners, OpenListeners, RunAtItsStart};
+use crate::node::listeners::{Listeners, OpenListeners, ReplayedRecording, RunAtItsStart};
 use crate::node::session::wiretap::CopiedMessage;
 use crate::pipeline::StepOutput;
 
@@ -41,7 +42,7 @@ impl Listening {
     pub(super) fn open(
         runtime: &tokio::runtime::Runtime,
         listeners: Box<dyn OpenListeners>,
-        (venue, keypoints, session): (&Venue, &KeypointSet, SessionId),
+        (venue, keypoints, replays): (&Venue, &KeypointSet, ReplayedRecording<'_>),
         out: &Path,
     ) -> Result<Self, NodeError> {
         // Streams of the venue file are for what happens now; a replay has those that it was told.
@@ -58,6 +59,7 @@ impl Listening {
             restarts: None,
             listens_at: &[],
             recordings: None,
+            replays: Some(replays),
         };
         let listeners = runtime.block_on(listeners.open(run))?;
         for line in &listeners.said {
@@ -66,7 +68,7 @@ impl Listening {
         Ok(Self {
             listeners,
             keys: Keys::new(&venue.name),
-            session,
+            session: replays.session,
             tick_lasts: Duration::try_from_secs_f64(1.0 / venue.rate_hz)
                 .map_or(LONGEST_TICK, |lasts| lasts.min(LONGEST_TICK)),
             due: clock::now(),
@@ -84,11 +86,32 @@ impl Listening {
         self.waited
     }
 
-    /// Tells what a tick came to, once it is time for it, or at once when `stop` says so.
+    /// Tells what a tick came to, once it is time for it where somebody looks or is streamed to, or at once when `stop` says so.
     pub(super) fn tell(&mut self, output: &StepOutput, stop: &CancellationToken) {
         if !self.is_anybody() {
             return;
         }
+        if self.listeners.is_in_time {
+            self.wait(stop);
+        }
+        let (session, tick) = (self.session, output.poses.tick);
+        if !output.events.is_empty() {
+            let events = output.events.clone();
+            let set = IdentityEventSet {
+                session,
+                tick,
+                events,
+            };
+            self.publish(&self.keys.event(), &wire::encode(&set));
+        }
+        if let Some(set) = NamingSet::of(session, tick, output.namings.clone()) {
+            self.publish(&self.keys.naming(), &wire::encode(&set));
+        }
+        self.publish(&self.keys.pose(), &wire::encode(&output.poses));
+    }
+
+    /// Until it is time for the next tick, or `stop` says so.
+    fn wait(&mut self, stop: &CancellationToken) {
         let began = clock::now();
         let mut now = began;
         while let Some(early) = self.due.checked_duration_since(now)
@@ -101,17 +124,6 @@ impl Listening {
         self.waited += now - began;
         // Who is slower than the venue does not hurry afterwards.
         self.due = self.due.max(now) + self.tick_lasts;
-        let (session, tick) = (self.session, output.poses.tick);
-        if !output.events.is_empty() {
-            let events = output.events.clone();
-            let set = IdentityEventSet {
-                session,
-                tick,
-                events,
-            };
-            self.publish(&self.keys.event(), &wire::encode(&set));
-        }
-        self.publish(&self.keys.pose(), &wire::encode(&output.poses));
     }
 
     /// Waits until somebody ends the process, where listeners can still look at what was told.

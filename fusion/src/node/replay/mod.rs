@@ -24,11 +24,12 @@ use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
 pub use self::venue::{recorded_venue, with_values};
 use super::config::check_names;
-use super::listeners::OpenListeners;
+use super::listeners::{OpenListeners, ReplayedRecording};
 use super::output::claim::{FolderClaim, check_folder};
 use super::output::export_thread::{ExportThread, missing};
 use super::output::summary_file::SummaryFile;
 use super::session::mode::RunMode;
+use super::subjects::{load_subjects, recorded_subjects};
 use crate::export::summary::EventCounts;
 use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
@@ -114,6 +115,11 @@ fn replay(
     let (venue, card) =
         replay_venue(&args.file, recording.attached(), &changes).map_err(refused)?;
     check_names(&venue).map_err(refused)?;
+    let subjects = match changes.venue {
+        Some(_) => load_subjects(&venue),
+        None => recorded_subjects(&args.file, recording.attached(), &venue),
+    };
+    let subjects = subjects.map_err(NodeError::refused)?;
     let as_it_was = changes.none() && !args.late && !part.decisions.is_empty();
     let joined = joined(&mut recording, &part, venue.rate_hz).map_err(refused)?;
     let names = owners(&args.file, as_it_was, joined);
@@ -121,6 +127,7 @@ fn replay(
     let file = FileFacts::of(&recording);
     let recorded = part.ticks;
     let mut pipeline = Pipeline::new(&venue, card.as_ref(), part.session);
+    pipeline.know(subjects);
     if args.smooth {
         pipeline.smooth_in_two_passes();
     }
@@ -131,7 +138,12 @@ fn replay(
     let span = replay.span().unwrap_or(recorded);
     let claim = FolderClaim::take(args.out.as_deref(), &venue.name).map_err(refused)?;
     let (stop, runtime) = watch_signals().map_err(NodeError::Failed)?;
-    let of = (&venue, &keypoints, session);
+    let replays = ReplayedRecording {
+        file: &args.file,
+        session,
+        keeps_ids: names == PatchOwners::AsRecorded,
+    };
+    let of = (&venue, &keypoints, replays);
     let mut listening = Listening::open(&runtime, listeners, of, claim.folder())?;
     let exporter = ExportThread::start(claim.folder(), &venue, &keypoints, RunMode::LockStep)
         .map_err(NodeError::Failed)?;

@@ -49,6 +49,8 @@ pub(in crate::node) enum FusionOutgoing {
     Decision(Vec<u8>),
     /// What changed who is who at a tick.
     Events(Vec<u8>),
+    /// Who was compared with the venue's subjects at a tick.
+    Namings(Vec<u8>),
     /// How fusion is.
     Status(Box<Status>),
 }

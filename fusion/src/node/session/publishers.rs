@@ -22,6 +22,7 @@ pub(super) struct FusionPublishers {
     smooth: Publisher<'static>,
     decisions: Publisher<'static>,
     events: Publisher<'static>,
+    namings: Publisher<'static>,
     status: Publisher<'static>,
 }
 
@@ -52,6 +53,7 @@ impl FusionPublishers {
             smooth: publisher(keys.smooth(), delivery).await?,
             decisions: publisher(keys.decision(), delivery).await?,
             events: publisher(keys.event(), sent_once).await?,
+            namings: publisher(keys.naming(), sent_once).await?,
             status: publisher(keys.status(FUSION), sent_once).await?,
         })
     }
@@ -77,6 +79,7 @@ impl FusionPublishers {
                 FusionOutgoing::Smooth(bytes) => (Some(&self.smooth), bytes),
                 FusionOutgoing::Decision(bytes) => (Some(&self.decisions), bytes),
                 FusionOutgoing::Events(bytes) => (Some(&self.events), bytes),
+                FusionOutgoing::Namings(bytes) => (Some(&self.namings), bytes),
                 FusionOutgoing::Status(status) => {
                     // Statuses go out several times a second until the start: the moment to look.
                     matched.send_replace(self.boxes.iter().all(has_listener));

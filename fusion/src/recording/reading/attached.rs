@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use mcap::records::{AttachmentHeader, Metadata};
 
 use super::error::RecordingError;
-use crate::recording::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE};
+use crate::recording::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE, is_subject_file};
 
 /// What a recording says of itself.
 #[derive(Debug, Clone, Default)]
@@ -40,7 +40,7 @@ impl Attached {
 
     pub(super) fn attachment(&mut self, header: AttachmentHeader, data: Vec<u8>) {
         let ours = [VENUE_FILE, CALIBRATION_FILE, CARD_FILE];
-        if ours.contains(&header.name.as_str()) {
+        if ours.contains(&header.name.as_str()) || is_subject_file(&header.name) {
             self.files.entry(header.name).or_insert(data);
         }
     }

@@ -11,6 +11,7 @@ use farfield_proto::message::decision::Decision;
 use farfield_proto::message::fill::SetKind;
 use farfield_proto::message::identity_event::IdentityEventSet;
 use farfield_proto::message::live::MAX_EDGES;
+use farfield_proto::message::naming::NamingSet;
 use farfield_proto::message::{PatchSet, PoseSet, SightingSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
@@ -250,6 +251,7 @@ impl Index {
             }),
             // A replay decides anew who is who.
             Content::Events => wire::decode::<IdentityEventSet>(data).map(drop),
+            Content::Namings => wire::decode::<NamingSet>(data).map(drop),
             Content::Recorder => {
                 let says = serde_json::from_slice::<RecorderSays>(data);
                 self.lost = says.map_or(self.lost, |says| says.lost);

@@ -18,6 +18,8 @@ pub(crate) enum Topic {
     Poses,
     /// What changed who is who.
     Events,
+    /// Who was taken for a subject of the venue.
+    Namings,
     /// Maps of a viewpoint.
     Patches(ViewpointIndex),
     /// Sightings of a viewpoint.
@@ -43,6 +45,7 @@ impl Context {
         let mut topics = BTreeMap::from([
             (keys.pose(), Topic::Poses),
             (keys.event(), Topic::Events),
+            (keys.naming(), Topic::Namings),
             (keys.status(FUSION), Topic::Status(None)),
         ]);
         for (index, viewpoint) in venue.viewpoints.iter().enumerate() {

@@ -16,6 +16,7 @@ use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::identity_event::{
     Change, DropReason, IdentityEvent, IdentityEventSet,
 };
+use farfield_proto::message::naming::NamingSet;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
 use farfield_proto::tick::{Micros, SECOND_US, Tick};
 use farfield_proto::wire::{self, WireError};
@@ -133,6 +134,7 @@ impl Known {
         Ok(match topic {
             Topic::Poses => self.poses(wire::decode(bytes)?, at_us),
             Topic::Events => self.events(&wire::decode(bytes)?, at_us),
+            Topic::Namings => self.namings(&wire::decode(bytes)?, at_us),
             Topic::Patches(viewpoint) => {
                 let set: PatchSet = wire::decode(bytes)?;
                 self.patches(viewpoint, &set, at_us);
@@ -250,6 +252,20 @@ impl Known {
                 change: event.change.name(),
                 text: event.to_string(),
             }
+        });
+        News::Events(lines.collect())
+    }
+
+    fn namings(&mut self, set: &NamingSet, at_us: Micros) -> News {
+        self.enter(set.session);
+        let lines = set.namings.iter().map(|naming| EventLine {
+            session: set.session.0 as u32,
+            tick: set.tick,
+            at_us,
+            person: naming.person.0,
+            other: None,
+            change: naming.finding.name(),
+            text: naming.to_string(),
         });
         News::Events(lines.collect())
     }

@@ -1,0 +1,64 @@
+//! Bodies are measured anew, and held against the venue's subjects then: at no other tick do lengths, or names, change.
+
+use farfield_proto::id::PersonId;
+
+use super::Registry;
+use crate::identity::recognise::Lengths;
+use crate::identity::subjects::{Nameless, Subject, Subjects};
+use crate::method::Method;
+
+impl Registry {
+    /// Takes over who may come; to be called before the first tick.
+    pub fn know(&mut self, subjects: Vec<Subject>) {
+        self.subjects = Subjects::new(subjects);
+    }
+
+    /// Measures the bodies of those anew who are confirmed, when it is time to; who of them is a subject has the name, and the
+    /// body is measured with what is known of it.
+    pub(super) fn remeasure(&mut self, method: &Method) {
+        let mut measured = Vec::new();
+        for track in self.tracks.iter_mut().filter(|track| !track.is_tentative()) {
+            if track.estimator.remeasure(method) && !self.subjects.is_empty() {
+                measured.push(track.id());
+            }
+        }
+        if measured.is_empty() {
+            return;
+        }
+        self.forget_names();
+        let nameless = self.nameless(&measured, method);
+        let namings = self.subjects.decide(&nameless);
+        for person in namings.iter().filter(|it| it.name().is_some()) {
+            let mut tracks = self.tracks.iter_mut();
+            let track = tracks.find(|track| track.id() == person.person);
+            if let Some((track, body)) = track.zip(self.subjects.body_of(person.person)) {
+                track.estimator.is_known(body.clone(), method);
+            }
+        }
+        self.namings.extend(namings);
+    }
+
+    /// A name is free again when who has it is not here and not remembered either.
+    fn forget_names(&mut self) {
+        let (tracks, gone) = (&self.tracks, self.memory.everybody());
+        let is_here = |id| tracks.iter().any(|track| track.id() == id);
+        let is_remembered = |id: PersonId| gone.iter().any(|departed| departed.id == id);
+        self.subjects.forget(|id| is_here(id) || is_remembered(id));
+    }
+
+    /// Everybody who is confirmed and has no name; the bodies of those who are `measured` have just been.
+    fn nameless(&self, measured: &[PersonId], method: &Method) -> Vec<Nameless> {
+        let here = self.tracks.iter().filter(|track| !track.is_tentative());
+        let nameless = here.filter(|track| !self.subjects.has(track.id()));
+        let of = |track: &super::Track| {
+            let lived_s = f64::from(track.identity.lived_ticks) * method.dt_s;
+            Nameless {
+                id: track.id(),
+                lengths: Lengths::of(&track.estimator.body.skeleton, lived_s),
+                is_due: measured.contains(&track.id()),
+                is_last: track.estimator.is_measured(method),
+            }
+        };
+        nameless.map(of).collect()
+    }
+}

@@ -1,0 +1,100 @@
+//! Whose body is a subject's has the name, once the body is measured well enough.
+
+use std::sync::Arc;
+
+use farfield_proto::message::naming::{Finding, Naming};
+
+use super::*;
+use crate::body::prior::BodyPrior;
+use crate::body::skeleton::Proportions;
+use crate::identity::subjects::Subject;
+
+/// When bodies have been measured for the last time, seconds.
+const MEASURED_S: f64 = 18.0;
+
+impl HallFixture {
+    fn knowing(statures_m: &[f64]) -> Self {
+        let mut stage = Self::new();
+        let subject = |stature_m: &f64| Subject {
+            name: format!("{stature_m:.2}"),
+            body: Arc::new(BodyPrior::of_stature(*stature_m)),
+        };
+        stage
+            .registry
+            .know(statures_m.iter().map(subject).collect());
+        stage
+    }
+
+    /// What is said of names while the same people stay.
+    fn namings(&mut self, bodies: &[TruePoints], seconds: f64) -> Vec<Naming> {
+        (0..(seconds * RATE_HZ) as usize)
+            .flat_map(|_| self.step(bodies).namings)
+            .collect()
+    }
+}
+
+fn named(namings: &[Naming]) -> Vec<(u32, &str)> {
+    let named = namings.iter();
+    named
+        .filter_map(|it| Some((it.person.0, it.name()?)))
+        .collect()
+}
+
+#[test]
+fn two_subjects_of_different_size_have_their_names_and_keep_them() {
+    let mut stage = HallFixture::knowing(&[1.55, 1.95]);
+    let bodies = [person(-2.0, 0.0, 1.95), person(2.0, 1.0, 1.55)];
+    let said = stage.namings(&bodies, MEASURED_S);
+    let (tall, short) = (stage.who_at(-2.0, 0.0), stage.who_at(2.0, 1.0));
+    let mut expected = [(tall.unwrap(), "1.95"), (short.unwrap(), "1.55")];
+    let mut found = named(&said);
+    expected.sort_unstable();
+    found.sort_unstable();
+    assert_eq!(found, expected);
+    // Who comes back is who it was: nothing is said a second time.
+    stage.go_on(&bodies[1..], 6.0);
+    assert!(named(&stage.namings(&bodies, MEASURED_S)).is_empty());
+    assert_eq!(stage.who_at(-2.0, 0.0), tall);
+}
+
+#[test]
+fn a_stranger_has_no_name_and_that_is_said_once() {
+    let mut stage = HallFixture::knowing(&[1.55]);
+    let said = stage.namings(&[person(0.0, 0.0, 1.9)], 2.0 * MEASURED_S);
+    let [naming] = said.as_slice() else {
+        panic!("{said:?}")
+    };
+    assert!(
+        matches!(naming.finding, Finding::NobodyAlike { .. }),
+        "{naming}"
+    );
+}
+
+#[test]
+fn lengths_are_drawn_to_those_of_the_subject_when_it_is_found_and_at_no_other_tick() {
+    // Truly 1.80 m: as near to the subject's 1.82 m as people of one name may be.
+    let lengths = |subjects: &[f64]| {
+        let mut stage = HallFixture::knowing(subjects);
+        let body = [person(0.0, 0.0, 1.8)];
+        let mut seen = Vec::new();
+        for _ in 0..(MEASURED_S * RATE_HZ) as usize {
+            let said = stage.step(&body).namings;
+            let track = stage.registry.tracks().first();
+            let arm_m = track.map(|it| it.estimator.body.skeleton.proportions().upper_arm_m);
+            seen.push((arm_m, !named(&said).is_empty()));
+        }
+        seen
+    };
+    let (without, with) = (lengths(&[]), lengths(&[1.82]));
+    let at = with.iter().position(|(_, is_named)| *is_named).unwrap();
+    assert_eq!(without[..at], with[..at]);
+    let known_m = Proportions::from_stature(1.82).upper_arm_m;
+    let [free_m, drawn_m] = [&without, &with].map(|all| all.last().unwrap().0.unwrap());
+    assert!(
+        (drawn_m - known_m).abs() < (free_m - known_m).abs(),
+        "{drawn_m} {free_m}"
+    );
+    let changes = with.windows(2).filter(|two| two[0].0 != two[1].0);
+    let without = without.windows(2).filter(|two| two[0].0 != two[1].0);
+    assert!(changes.count() <= without.count() + 1);
+}

@@ -1,0 +1,243 @@
+//! Whom of the venue's subjects a person is: by the link lengths, and by nothing else.
+//!
+//! As of who was here before ([`super::recognise`]) every pair of a person and a subject has the logarithm of a likelihood ratio,
+//! and all pairs are decided together. What speaks for a place is missing, so that more is asked of the lengths. Who is ambiguous
+//! has no name: a stranger's name is worse than none.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use farfield_proto::id::PersonId;
+use farfield_proto::message::naming::{BodyLikeness, Finding, Naming};
+
+use super::recognise::{Lengths, Recognised, assign_best};
+use crate::body::prior::BodyPrior;
+
+/// Least ln of the likelihood ratio at which a person is a subject: a factor of 20 against anybody.
+const LEAST_NAMED: f64 = 3.0;
+/// Bodies that are farther apart than this are not one, whoever else there is: root mean square of the lengths' sigmas.
+const FARTHEST_SIGMAS: f64 = 2.0;
+
+/// Somebody who may come.
+#[derive(Debug, Clone)]
+pub struct Subject {
+    /// What the person is called.
+    pub name: String,
+    /// What is known of the body.
+    pub body: Arc<BodyPrior>,
+}
+
+/// Somebody confirmed whose name is not known.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Nameless {
+    pub(crate) id: PersonId,
+    pub(crate) lengths: Lengths,
+    /// Whether the body was measured at this tick: who was not competes for the subjects, and gets nobody.
+    pub(crate) is_due: bool,
+    /// Whether it will not be measured again.
+    pub(crate) is_last: bool,
+}
+
+/// The subjects, and who has which of their names.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Subjects {
+    all: Vec<Subject>,
+    /// By index of the subject: who it is.
+    taken: BTreeMap<usize, PersonId>,
+    /// Of whom it has been said that nobody is like them.
+    told: Vec<PersonId>,
+}
+
+impl Subjects {
+    pub(crate) fn new(all: Vec<Subject>) -> Self {
+        Self {
+            all,
+            ..Self::default()
+        }
+    }
+
+    /// Whether there is nobody whom a person could be.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.all.is_empty()
+    }
+
+    /// Whether that person has a name.
+    pub(crate) fn has(&self, id: PersonId) -> bool {
+        self.taken.values().any(|taken| *taken == id)
+    }
+
+    /// The body that belongs to a person with a name.
+    pub(crate) fn body_of(&self, id: PersonId) -> Option<&Arc<BodyPrior>> {
+        let (index, _) = self.taken.iter().find(|(_, taken)| **taken == id)?;
+        self.all.get(*index).map(|subject| &subject.body)
+    }
+
+    /// Lets those names go whose bearers `may_be_back` in no case.
+    pub(crate) fn forget(&mut self, may_be_back: impl Fn(PersonId) -> bool) {
+        self.taken.retain(|_, id| may_be_back(*id));
+        self.told.retain(|id| may_be_back(*id));
+    }
+
+    /// Decides who of the `nameless` is who; what is said of them, by id.
+    pub(crate) fn decide(&mut self, nameless: &[Nameless]) -> Vec<Naming> {
+        let free: Vec<usize> = (0..self.all.len())
+            .filter(|index| !self.taken.contains_key(index))
+            .collect();
+        if free.is_empty() {
+            return Vec::new();
+        }
+        let known: Vec<Lengths> = free
+            .iter()
+            .map(|index| Lengths::of_known(&self.all[*index].body))
+            .collect();
+        let pair = |own: &Lengths, known: &Lengths| {
+            let is_near = own.sigmas(known) <= FARTHEST_SIGMAS;
+            is_near.then(|| own.likeness(known))
+        };
+        let likeness: Vec<Vec<Option<f64>>> = nameless
+            .iter()
+            .map(|person| known.iter().map(|it| pair(&person.lengths, it)).collect())
+            .collect();
+        let chosen = assign_best(&likeness, LEAST_NAMED);
+        let mut namings = Vec::new();
+        for (person, chosen) in nameless.iter().zip(chosen).filter(|(it, _)| it.is_due) {
+            let subject = |column: usize| (free[column], &known[column]);
+            let finding = match chosen {
+                Some(best) if best.is_clear() => {
+                    let (index, lengths) = subject(best.column);
+                    self.taken.insert(index, person.id);
+                    Finding::Named {
+                        subject: self.all[index].name.clone(),
+                        why: why(&person.lengths, lengths, best.log_ratio, best.margin),
+                    }
+                }
+                _ if !person.is_last || self.told.contains(&person.id) => continue,
+                Some(Recognised {
+                    column,
+                    log_ratio,
+                    margin,
+                }) => {
+                    let (index, lengths) = subject(column);
+                    Finding::Ambiguous {
+                        nearest: self.all[index].name.clone(),
+                        why: why(&person.lengths, lengths, log_ratio, margin),
+                    }
+                }
+                None => match self.unlike(person, (&free, &known)) {
+                    Some(finding) => finding,
+                    None => continue,
+                },
+            };
+            if !matches!(finding, Finding::Named { .. }) {
+                self.told.push(person.id);
+            }
+            namings.push(Naming {
+                person: person.id,
+                finding,
+            });
+        }
+        namings.sort_by_key(|naming| naming.person);
+        namings
+    }
+
+    /// What is said of a person whom no pair was left for: nobody is like it, or others are liker to whom it is like.
+    fn unlike(&self, person: &Nameless, (free, known): (&[usize], &[Lengths])) -> Option<Finding> {
+        let own = &person.lengths;
+        let pairs = free.iter().zip(known);
+        let ratios = pairs.map(|(index, it)| (*index, it, own.likeness(it)));
+        let (index, it, log_ratio) = ratios.max_by(|a, b| a.2.total_cmp(&b.2))?;
+        let (nearest, why) = (self.all[index].name.clone(), why(own, it, log_ratio, None));
+        let is_like = log_ratio >= LEAST_NAMED && own.sigmas(it) <= FARTHEST_SIGMAS;
+        Some(if is_like {
+            Finding::Ambiguous { nearest, why }
+        } else {
+            Finding::NobodyAlike { nearest, why }
+        })
+    }
+}
+
+fn why(own: &Lengths, known: &Lengths, log_ratio: f64, margin: Option<f64>) -> BodyLikeness {
+    BodyLikeness {
+        lengths_sigma: own.sigmas(known) as f32,
+        log_ratio: log_ratio as f32,
+        margin: margin.map(|margin| margin as f32),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::skeleton::{Proportions, Skeleton};
+
+    fn subjects(statures_m: &[f64]) -> Subjects {
+        let subject = |stature_m: &f64| Subject {
+            name: format!("{:.0} cm", 100.0 * stature_m),
+            body: Arc::new(BodyPrior::of_stature(*stature_m)),
+        };
+        Subjects::new(statures_m.iter().map(subject).collect())
+    }
+
+    fn nameless(id: u32, body: &Proportions, is_last: bool) -> Nameless {
+        Nameless {
+            id: PersonId(id),
+            lengths: Lengths::of(&Skeleton::new(body), 16.0),
+            is_due: true,
+            is_last,
+        }
+    }
+
+    fn names(namings: &[Naming]) -> Vec<(u32, Option<&str>)> {
+        namings.iter().map(|it| (it.person.0, it.name())).collect()
+    }
+
+    #[test]
+    fn whose_body_is_a_subjects_has_the_name_and_the_other_has_the_other() {
+        let mut subjects = subjects(&[1.55, 1.95]);
+        let [tall, short] = [1.95, 1.55].map(Proportions::from_stature);
+        let found = subjects.decide(&[nameless(3, &tall, false), nameless(4, &short, false)]);
+        assert_eq!(names(&found), [(3, Some("195 cm")), (4, Some("155 cm"))]);
+        assert!(subjects.has(PersonId(3)) && subjects.body_of(PersonId(4)).is_some());
+        // A name that somebody has is nobody else's, until that one cannot come back.
+        let again = [nameless(5, &tall, true)];
+        assert!(subjects.decide(&again).is_empty());
+        subjects.forget(|id| id == PersonId(4));
+        assert_eq!(names(&subjects.decide(&again)), [(5, Some("195 cm"))]);
+    }
+
+    #[test]
+    fn who_is_nobody_and_who_is_like_two_has_no_name_and_that_is_said_once() {
+        let mut alike = subjects(&[1.80, 1.80]);
+        let body = Proportions::from_stature(1.8);
+        assert!(alike.decide(&[nameless(3, &body, false)]).is_empty());
+        let said = alike.decide(&[nameless(3, &body, true)]);
+        assert!(
+            matches!(said[0].finding, Finding::Ambiguous { .. }),
+            "{said:?}"
+        );
+        assert!(alike.decide(&[nameless(3, &body, true)]).is_empty());
+        let mut other = subjects(&[1.50]);
+        let said = other.decide(&[nameless(3, &body, true)]);
+        assert!(
+            matches!(said[0].finding, Finding::NobodyAlike { .. }),
+            "{said:?}"
+        );
+        // Two people who are like one subject.
+        let mut one = subjects(&[1.80]);
+        let said = one.decide(&[nameless(3, &body, true), nameless(4, &body, true)]);
+        assert_eq!(names(&said), [(3, None), (4, None)]);
+        let is_ambiguous = |it: &Naming| matches!(it.finding, Finding::Ambiguous { .. });
+        assert!(said.iter().all(is_ambiguous), "{said:?}");
+    }
+
+    #[test]
+    fn who_was_not_measured_at_the_tick_competes_and_gets_nobody() {
+        let mut one = subjects(&[1.80]);
+        let body = Proportions::from_stature(1.8);
+        let waits = Nameless {
+            is_due: false,
+            ..nameless(4, &body, false)
+        };
+        assert!(one.decide(&[nameless(3, &body, false), waits]).is_empty());
+        assert!(!one.has(PersonId(3)) && !one.has(PersonId(4)));
+    }
+}

@@ -1,0 +1,136 @@
+//! Who may come, as the venue file says: profiles are read here, or taken from the recording that carries them.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use farfield_proto::toml_file::FileError;
+use farfield_proto::venue::{KnownBy, Venue, VenueSubject};
+
+use crate::body::prior::BodyPrior;
+use crate::identity::subjects::Subject;
+use crate::recording::attached::Attached;
+use crate::recording::subject_file;
+
+/// Most bytes of a profile: ours have three thousand.
+const MAX_PROFILE_BYTES: u64 = 1 << 18;
+
+/// Reads who may come to `venue`.
+///
+/// # Errors
+/// A profile that cannot be read, or is none; two subjects of one name.
+pub fn load_subjects(venue: &Venue) -> Result<Vec<Subject>, FileError> {
+    subjects(venue, |_, subject, path| {
+        let reading = |error: std::io::Error| {
+            subject.error(format!("cannot read {}: {error}", path.display()))
+        };
+        let bytes = std::fs::metadata(path).map_err(reading)?.len();
+        if bytes > MAX_PROFILE_BYTES {
+            let problem = format!(
+                "{} has {bytes} bytes, expected at most {MAX_PROFILE_BYTES}",
+                path.display()
+            );
+            return Err(subject.error(problem));
+        }
+        let text = std::fs::read_to_string(path).map_err(reading)?;
+        Ok((text, path.to_owned()))
+    })
+}
+
+/// Who might have come to the `venue` of the recording `file`, as is attached.
+///
+/// # Errors
+/// A profile that is missing or none.
+pub(super) fn recorded_subjects(
+    file: &Path,
+    recording: &Attached,
+    venue: &Venue,
+) -> Result<Vec<Subject>, FileError> {
+    subjects(venue, |number, _, _| {
+        let name = subject_file(number);
+        let text = recording
+            .file(&name)
+            .ok_or_else(|| FileError::new(file, format!("there is no {name} in the recording")))?;
+        Ok((text.to_owned(), file.join(name)))
+    })
+}
+
+/// The subjects, from 1; `profile` has the text of one and the file that it stands in.
+fn subjects(
+    venue: &Venue,
+    profile: impl Fn(usize, &VenueSubject, &Path) -> Result<(String, PathBuf), FileError>,
+) -> Result<Vec<Subject>, FileError> {
+    let mut subjects: Vec<Subject> = Vec::new();
+    for (number, known) in (1..).zip(&venue.subjects) {
+        let (name, body) = match &known.known_by {
+            KnownBy::Profile(path) => {
+                let (text, path) = profile(number, known, path)?;
+                BodyPrior::parse(&text, &path)?
+            }
+            KnownBy::Stature { name, stature_m } => {
+                (name.clone(), BodyPrior::of_stature(*stature_m))
+            }
+        };
+        if subjects.iter().any(|other| other.name == name) {
+            let problem = format!("found {name:?} a second time, expected names that differ");
+            return Err(known.error(problem));
+        }
+        let body = Arc::new(body);
+        subjects.push(Subject { name, body });
+    }
+    Ok(subjects)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use farfield_proto::calibration::Calibration;
+
+    use super::*;
+
+    const CALIBRATION: &str = "[a]\nname = \"a\"\nsize = [64, 48]\nmatrix = [[50.0, 0.0, 32.0], \
+        [0.0, 50.0, 24.0], [0.0, 0.0, 1.0]]\ndistortions = [0.0, 0.0, 0.0, 0.0]\n\
+        rotation = [0.0, 0.0, 0.0]\ntranslation = [0.0, 0.0, 0.0]\n";
+
+    fn venue(folder: &Path, subjects: &str) -> Venue {
+        let text = format!(
+            "name = \"hall\"\nrate_hz = 50.0\ncalibration = \"calibration.toml\"\n{subjects}\n\
+             [[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\nname = \"a\"\n\
+             source = {{ kind = \"keypoints\", path = \"a.jsonl\" }}\n"
+        );
+        let calibration = Calibration::parse(CALIBRATION, Path::new("calibration.toml")).unwrap();
+        Venue::parse(&text, &folder.join("hall.toml"), calibration).unwrap()
+    }
+
+    #[test]
+    fn a_profile_that_is_none_is_told_by_the_file_and_one_that_is_missing_by_the_venues_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let asks = venue(folder.path(), "[[subject]]\nprofile = \"anna.toml\"");
+        let told = load_subjects(&asks).unwrap_err().to_string();
+        assert!(
+            told.contains("hall.toml:5: `subject[0].profile`: cannot read"),
+            "{told}"
+        );
+        fs::write(folder.path().join("anna.toml"), "name = \"Anna\"\n").unwrap();
+        let told = load_subjects(&asks).unwrap_err().to_string();
+        assert!(
+            told.contains("anna.toml") && told.contains("stature_m"),
+            "{told}"
+        );
+        let recording = Attached::default();
+        let told = recorded_subjects(Path::new("hall.mcap"), &recording, &asks);
+        let told = told.unwrap_err().to_string();
+        assert_eq!(
+            told,
+            "hall.mcap: there is no subject-1.toml in the recording"
+        );
+    }
+
+    #[test]
+    fn a_name_and_a_stature_are_a_subject() {
+        let text = "[[subject]]\nname = \"Anna\"\nstature_m = 1.7";
+        let subjects = load_subjects(&venue(Path::new(""), text)).unwrap();
+        assert_eq!(subjects.len(), 1);
+        assert_eq!(subjects[0].name, "Anna");
+    }
+}
