@@ -6,6 +6,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use farfield_export::edits::Identities;
 use farfield_export::skeleton::{Angles, Motion, Offsets, RestPose, Rig, links_of};
 use farfield_fusion::body::skeleton::{Joint, N_ANGLES, N_JOINTS};
 use farfield_proto::camera::CameraModel;
@@ -133,6 +134,7 @@ impl Frame {
 #[derive(Debug)]
 pub struct FrameMaker {
     facts: VenueFacts,
+    people: Identities,
     venue: Arc<str>,
     start: Option<(SessionId, Tick)>,
     last: Option<Tick>,
@@ -149,6 +151,7 @@ impl FrameMaker {
         Self {
             venue: facts.venue.as_str().into(),
             facts,
+            people: Identities::default(),
             start: None,
             last: None,
             tracks: BTreeMap::new(),
@@ -161,11 +164,19 @@ impl FrameMaker {
         }
     }
 
-    /// People are called so from now on, with the id besides where that would be another's name too; who is not in `names`
-    /// is `person_<id>`.
-    pub fn rename(&mut self, mut names: BTreeMap<PersonId, String>) {
+    /// From now on the ids of poses are whom the edits (`people`) say: merged, split or left out; and people are called so, with
+    /// the id besides where that would be another's name too; who has no name is `person_<id>`. Who is nobody any more leaves the
+    /// roster at once.
+    pub fn edit(&mut self, people: Identities) {
+        let names = people.names().iter();
+        let mut names: BTreeMap<PersonId, String> = names
+            .map(|(id, name)| (PersonId(*id), name.clone()))
+            .collect();
         tell_apart(&mut names);
         self.facts.names = names;
+        self.seen.retain(|id, _| people.is_there(id.0));
+        self.tracks.retain(|id, _| people.is_there(id.0));
+        self.people = people;
     }
 
     /// How many poses had not the numbers of the model, or some that are none, and were left out.
@@ -177,13 +188,12 @@ impl FrameMaker {
     pub fn frame(&mut self, poses: &PoseSet) -> Frame {
         let first = self.first_tick(poses);
         let mut persons = Vec::with_capacity(poses.persons.len());
-        for pose in &poses.persons {
-            match self.person(poses.tick, pose) {
+        for (id, pose) in self.whole_people(poses) {
+            match self.person(poses.tick, id, pose) {
                 Some(person) => persons.push(person),
                 None => self.unreadable += 1,
             }
         }
-        persons.sort_by_key(|person| person.id);
         self.forget(poses.tick);
         self.call_the_roll(poses.tick, &persons);
         Frame {
@@ -195,6 +205,30 @@ impl FrameMaker {
             persons,
             roster: Arc::clone(&self.roster),
         }
+    }
+
+    /// The poses by whom they are of, by id. Of two that are one person's at a tick the one counts that is better seen.
+    fn whole_people<'a>(&self, poses: &'a PoseSet) -> BTreeMap<PersonId, &'a PersonPose> {
+        let better = |pose: &PersonPose| {
+            let state = match pose.state {
+                PersonState::Tracked => 2,
+                PersonState::Coasting => 1,
+                PersonState::Tentative => 0,
+            };
+            (state, pose.views)
+        };
+        let mut people = BTreeMap::<PersonId, &PersonPose>::new();
+        for pose in &poses.persons {
+            let person = self.people.person_at(poses.tick.0, pose.person.0);
+            let Some(person) = person.map(PersonId) else {
+                continue;
+            };
+            let known = people.entry(person).or_insert(pose);
+            if better(pose) > better(known) {
+                *known = pose;
+            }
+        }
+        people
     }
 
     /// The tick of time 0. Another session, or a tick before the last, begins anew.
@@ -223,7 +257,7 @@ impl FrameMaker {
         }
     }
 
-    fn person(&mut self, tick: Tick, pose: &PersonPose) -> Option<PersonFrame> {
+    fn person(&mut self, tick: Tick, id: PersonId, pose: &PersonPose) -> Option<PersonFrame> {
         let joints_m = joints_of(&pose.joints_m)?;
         let angles = angles_of(&pose.angles)?;
         let mut links = links_of(&angles);
@@ -231,11 +265,11 @@ impl FrameMaker {
         // The joint and the angles' translations are rounded separately: one of them is the root.
         links.joints_m[Joint::Pelvis.index()] = joints_m[Joint::Pelvis.index()];
         Some(PersonFrame {
-            id: pose.person,
-            name: self.name(pose.person),
+            id,
+            name: self.name(id),
             state: pose.state,
             views: pose.views,
-            velocity_m_s: self.velocity(tick, pose.person, joints_m[Joint::Pelvis.index()]),
+            velocity_m_s: self.velocity(tick, id, joints_m[Joint::Pelvis.index()]),
             joints_m,
             sigma_m: sigma_of(&pose.sigma_m),
             angles,
@@ -339,101 +373,5 @@ fn sigma_of(sigma_m: &[f32]) -> Option<[f64; N_JOINTS]> {
 }
 
 #[cfg(test)]
-mod tests {
-    use farfield_export::skeleton::Bone;
-
-    use super::*;
-    use crate::synthetic;
-
-    fn ids(roster: &Roster) -> Vec<u32> {
-        roster.ids().map(|PersonId(id)| id).collect()
-    }
-
-    #[test]
-    fn joints_come_out_of_the_export_skeleton_again() {
-        let frame = synthetic::frame(33);
-        for person in &frame.persons {
-            let heads_m = person.motion.heads_m(&person.rig);
-            for bone in Bone::ALL {
-                if !matches!(bone, Bone::LeftToes | Bone::RightToes) {
-                    let apart_m = heads_m[bone.index()] - person.joints_m[bone.joint().index()];
-                    assert!(apart_m.norm() < 1e-9, "{bone:?}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn who_has_gone_stays_in_the_roster_for_ten_seconds() {
-        let mut maker = FrameMaker::new(synthetic::facts());
-        let both = maker.frame(&synthetic::poses_at(2, 0)).roster;
-        assert_eq!((ids(&both), both.version), (vec![1, 2], 1));
-        let kept = maker.frame(&synthetic::poses_at(1, 600)).roster;
-        assert_eq!((ids(&kept), kept.version), (vec![1, 2], 1));
-        let gone = maker.frame(&synthetic::poses_at(1, 601)).roster;
-        assert_eq!((ids(&gone), gone.version), (vec![1], 2));
-        // Who comes back is the last of the list.
-        let mut poses = synthetic::poses_at(2, 602);
-        poses.persons.swap(0, 1);
-        let back = maker.frame(&poses).roster;
-        assert_eq!((ids(&back), back.version), (vec![1, 2], 3));
-    }
-
-    #[test]
-    fn who_is_named_is_called_so_from_the_next_tick_on() {
-        let mut maker = FrameMaker::new(synthetic::facts());
-        let before = maker.frame(&synthetic::poses_at(2, 0));
-        maker.rename([(PersonId(2), "Anna".to_owned())].into());
-        let after = maker.frame(&synthetic::poses_at(2, 1));
-        let names = |frame: &Frame| -> Vec<String> {
-            let listed = frame.roster.people.iter().map(|it| it.name.to_string());
-            let there = frame.persons.iter().map(|it| it.name.to_string());
-            listed.chain(there).collect()
-        };
-        assert_eq!(names(&after), ["person_1", "Anna", "person_1", "Anna"]);
-        assert_ne!(before.roster.version, after.roster.version);
-        maker.rename([1, 2].map(|id| (PersonId(id), "Anna".to_owned())).into());
-        let alike = maker.frame(&synthetic::poses_at(2, 2));
-        assert_eq!(names(&alike), ["Anna 1", "Anna 2", "Anna 1", "Anna 2"]);
-    }
-
-    #[test]
-    fn tentative_people_are_in_frames_but_not_in_the_roster() {
-        let mut maker = FrameMaker::new(synthetic::facts());
-        let mut poses = synthetic::poses_at(2, 0);
-        poses.persons[1].state = PersonState::Tentative;
-        let frame = maker.frame(&poses);
-        assert_eq!(frame.persons.len(), 2);
-        assert_eq!(ids(&frame.roster), [1]);
-        assert!(frame.find(PersonId(2)).is_none());
-    }
-
-    #[test]
-    fn poses_with_other_numbers_than_the_models_are_left_out_and_counted() {
-        let mut maker = FrameMaker::new(synthetic::facts());
-        let mut poses = synthetic::poses_at(4, 0);
-        poses.persons[0].joints_m[3][1] = f32::NAN;
-        poses.persons[1].joints_m.pop();
-        poses.persons[2].angles.clear();
-        let frame = maker.frame(&poses);
-        assert_eq!(frame.persons.len(), 1);
-        assert_eq!(frame.persons[0].id, PersonId(4));
-        assert_eq!(maker.unreadable(), 3);
-    }
-
-    #[test]
-    fn another_session_begins_at_time_0_with_nobody_from_before() {
-        let mut maker = FrameMaker::new(synthetic::facts());
-        maker.frame(&synthetic::poses_at(2, 1000));
-        let before = maker.frame(&synthetic::poses_at(2, 1030));
-        assert_eq!(before.elapsed_us(), 500_000);
-        let mut poses = synthetic::poses_at(1, 1031);
-        poses.session = SessionId(8);
-        let frame = maker.frame(&poses);
-        assert_eq!((frame.elapsed_us(), ids(&frame.roster)), (0, vec![1]));
-        assert_ne!(frame.roster.version, before.roster.version);
-        // So does a tick that lies before the last one.
-        let again = maker.frame(&synthetic::poses_at(1, 5));
-        assert_eq!(again.elapsed_us(), 0);
-    }
-}
+#[path = "frame_tests.rs"]
+mod tests;

@@ -1,13 +1,12 @@
 //! All streams of a run: started together, given a tick at a time, stopped together.
 
-use std::collections::BTreeMap;
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use farfield_proto::id::PersonId;
+use farfield_export::edits::Identities;
 use farfield_proto::message::PoseSet;
 use thiserror::Error;
 use tokio::sync::watch;
@@ -81,7 +80,7 @@ struct Newest {
 pub struct Streams {
     running: Vec<Running>,
     poses: watch::Sender<Newest>,
-    names: watch::Sender<BTreeMap<PersonId, String>>,
+    people: watch::Sender<Identities>,
     slot: Arc<Slot>,
     unreadable: Arc<AtomicU64>,
     tasks: TaskTracker,
@@ -107,7 +106,7 @@ impl Streams {
         let mut streams = Self {
             running: Vec::new(),
             poses: watch::Sender::new(Newest::default()),
-            names: watch::Sender::new(facts.names.clone()),
+            people: watch::Sender::new(Identities::default()),
             slot: Arc::new(Slot::new()),
             unreadable: Arc::default(),
             tasks: TaskTracker::new(),
@@ -171,7 +170,7 @@ impl Streams {
     /// Makes frames of the newest poses, away from who publishes them.
     fn make_frames(&self, mut maker: FrameMaker) {
         let (mut poses, slot) = (self.poses.subscribe(), Arc::clone(&self.slot));
-        let mut names = self.names.subscribe();
+        let mut people = self.people.subscribe();
         let (stop, unreadable) = (self.stop.clone(), Arc::clone(&self.unreadable));
         self.tasks.spawn(async move {
             let mut last = 0;
@@ -181,8 +180,8 @@ impl Streams {
                     () = stop.cancelled() => break,
                     changed = poses.changed() => if changed.is_err() { break },
                 }
-                if names.has_changed().unwrap_or(false) {
-                    maker.rename(names.borrow_and_update().clone());
+                if people.has_changed().unwrap_or(false) {
+                    maker.edit(people.borrow_and_update().clone());
                 }
                 let newest = poses.borrow_and_update().clone();
                 if let Some(poses) = newest.poses {
@@ -203,9 +202,9 @@ impl Streams {
         });
     }
 
-    /// Calls people so from the next poses on; who is not in `names` is `person_<id>`. Never waits.
-    pub fn set_names(&self, names: BTreeMap<PersonId, String>) {
-        self.names.send_replace(names);
+    /// From the next poses on people are whom `people` says, and called so; who has no name is `person_<id>`. Never waits.
+    pub fn set_people(&self, people: Identities) {
+        self.people.send_replace(people);
     }
 
     /// Streams a frame that was made elsewhere. Never waits.

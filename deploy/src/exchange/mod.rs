@@ -4,5 +4,5 @@ mod cameras;
 pub(crate) mod export;
 pub(crate) mod import;
 pub(crate) mod people;
-mod place;
-mod recorded;
+pub(crate) mod place;
+pub(crate) mod recorded;

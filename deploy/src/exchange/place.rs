@@ -9,7 +9,7 @@ use farfield_fusion::export::salvage::SMOOTH;
 use farfield_node::process::say;
 
 /// What a run calls its poses, and what it says of itself.
-pub(super) const POSES: &str = "poses.jsonl";
+pub(crate) const POSES: &str = "poses.jsonl";
 pub(super) const SUMMARY: &str = "summary.json";
 /// Where exports go, in the folder of a run; of a recording `hall.mcap` beside it, `hall-export`.
 const FOLDER: &str = "export";

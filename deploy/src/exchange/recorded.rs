@@ -21,7 +21,7 @@ use tempfile::TempDir;
 use super::place::{POSES, SUMMARY};
 
 /// A recording, read through once.
-pub(super) struct RecordedRun {
+pub(crate) struct RecordedRun {
     path: PathBuf,
     venue: Venue,
     layout: Layout,
@@ -33,7 +33,7 @@ impl RecordedRun {
     ///
     /// # Errors
     /// When it is no recording of ours, or holds no poses.
-    pub(super) fn open(path: &Path) -> anyhow::Result<Self> {
+    pub(crate) fn open(path: &Path) -> anyhow::Result<Self> {
         let shown = path.display();
         let Published {
             attached,
@@ -66,6 +66,11 @@ impl RecordedRun {
         })
     }
 
+    /// The life of fusion whose poses are taken.
+    pub(crate) fn session(&self) -> SessionId {
+        self.ticks.session
+    }
+
     /// Ticks per second.
     pub(super) fn rate_hz(&self) -> f64 {
         self.venue.rate_hz
@@ -81,7 +86,7 @@ impl RecordedRun {
     ///
     /// # Errors
     /// When the file cannot be read any more.
-    pub(super) fn poses(&self, visit: &mut dyn FnMut(&PoseSet)) -> anyhow::Result<()> {
+    pub(crate) fn poses(&self, visit: &mut dyn FnMut(&PoseSet)) -> anyhow::Result<()> {
         let session = self.ticks.session;
         read(&self.path, &mut |poses| {
             if poses.session == session {

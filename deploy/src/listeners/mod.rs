@@ -4,8 +4,10 @@
 //! the fusion that they start.
 
 mod names;
+mod names_tap;
 mod page;
 mod record_button;
+mod replayed;
 mod streams;
 mod thread;
 pub(crate) mod view;
@@ -14,19 +16,20 @@ pub(crate) mod wanted;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use clap::Args;
 use farfield_fusion::node::{
-    CopiedMessage, CopiedStep, FusionArgs, Listeners, OpenListeners, Opening, ReplayArgs,
-    RunAtItsStart, Wiretap,
+    FusionArgs, Listeners, OpenListeners, Opening, ReplayArgs, RunAtItsStart, Wiretap,
 };
-use farfield_node::process::NodeError;
+use farfield_node::process::{NodeError, say};
 use farfield_page::PageState;
 use farfield_streams::StreamSpec;
 
 use self::names::GivenNames;
+use self::names_tap::NamesTap;
 use self::page::PageServer;
+use self::replayed::ReplayListeners;
 use self::streams::RunningStreams;
 use self::thread::ServingThread;
 
@@ -93,8 +96,21 @@ pub(crate) struct ReplayCommandArgs {
 
 /// Solves a recording again, heard by its listeners.
 pub(crate) fn replay(args: ReplayCommandArgs) -> ExitCode {
-    let listeners = Box::new(args.listeners);
-    farfield_fusion::node::replay(&args.replay, listeners, crate::output::print)
+    let later = Arc::new(OnceLock::new());
+    let listeners = Box::new(ReplayListeners {
+        listeners: args.listeners,
+        later: Arc::clone(&later),
+    });
+    let code = farfield_fusion::node::replay(&args.replay, listeners, crate::output::print);
+    if let Some(out) = later.get()
+        && code == ExitCode::SUCCESS
+        && let Err(error) = replayed::carry(&args.replay.file, out)
+    {
+        say(format_args!(
+            "names and edits of the recording are not carried: {error:#}"
+        ));
+    }
+    code
 }
 
 /// Runs a fusion node with its listeners.
@@ -110,7 +126,7 @@ impl OpenListeners for ListenerArgs {
             let specs = if run.is_live { asked } else { self.stream };
             wanted::check_ros2(&specs, run.listens_at).map_err(NodeError::Refused)?;
             if self.page.is_none() && specs.is_empty() {
-                return Ok(names_alone(&run));
+                return names_alone(&run);
             }
             let is_looked_at = self.page.is_some();
             let given = GivenNames::of_run(run.out, run.restarts.map(Path::to_owned));
@@ -140,7 +156,8 @@ impl OpenListeners for ListenerArgs {
             if let Some(streams) = &streams {
                 given.tell_streams(streams);
             }
-            let mut wiretaps: Vec<Arc<dyn Wiretap>> = vec![Arc::new(NamesTap(given))];
+            let mut wiretaps: Vec<Arc<dyn Wiretap>> =
+                vec![Arc::new(NamesTap::start(run.venue, given)?)];
             if let Some(page) = page {
                 let thread = Arc::clone(&thread);
                 wiretaps.push(Arc::new(page::PageTap::new(page, thread)));
@@ -160,34 +177,21 @@ impl OpenListeners for ListenerArgs {
     }
 }
 
-/// Nobody listens, but names that an earlier fusion has left still go on, or are forgotten, with the ids.
-fn names_alone(run: &RunAtItsStart<'_>) -> Listeners {
-    let kept = run.restarts.filter(|kept| kept.exists());
-    let given = kept.map(|kept| GivenNames::of_run(run.out, Some(kept.to_owned())));
-    let taps = given.map(|given| Arc::new(NamesTap(given)) as Arc<dyn Wiretap>);
-    Listeners {
-        wiretaps: taps.into_iter().collect(),
+/// Nobody listens, but names that an earlier fusion has left still go on, or are forgotten, with the ids; and people are called
+/// as the venue's subjects.
+fn names_alone(run: &RunAtItsStart<'_>) -> Result<Listeners, NodeError> {
+    let has_subjects = !run.venue.subjects.is_empty();
+    let kept = run.restarts.filter(|kept| has_subjects || kept.exists());
+    let given = (has_subjects || kept.is_some())
+        .then(|| GivenNames::of_run(run.out, kept.map(Path::to_owned)));
+    let tap = given.map(|given| NamesTap::start(run.venue, given));
+    let tap = tap
+        .transpose()?
+        .map(|tap| Arc::new(tap) as Arc<dyn Wiretap>);
+    Ok(Listeners {
+        wiretaps: tap.into_iter().collect(),
         ..Listeners::default()
-    }
-}
-
-/// Tells names what becomes of the run: messages are nothing to them.
-struct NamesTap(Arc<GivenNames>);
-
-impl Wiretap for NamesTap {
-    fn received(&self, _: CopiedMessage<'_>) {}
-
-    fn published(&self, _: CopiedMessage<'_>) {}
-
-    fn decided(&self, _: CopiedStep<'_>) {}
-
-    fn recording_begins(&self, path: &Path) {
-        self.0.recording_begins(path);
-    }
-
-    fn expected(&self, ids: &[u32]) {
-        self.0.expected(ids);
-    }
+    })
 }
 
 /// What the serving thread keeps until the run is over.

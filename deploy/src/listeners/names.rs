@@ -6,6 +6,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
+use std::time::SystemTime;
 
 use anyhow::Context as _;
 use farfield_export::EditsFile;
@@ -14,7 +15,7 @@ use farfield_export::edits::{Change, EditList, Identities};
 use farfield_fusion::export::unfinished::write_whole_again;
 use farfield_node::process::say;
 use farfield_page::{Action, ActionKind, PageActions, PageState};
-use farfield_proto::id::PersonId;
+use farfield_proto::message::naming::Naming;
 use farfield_streams::Streams;
 
 use crate::exchange::people::time_of_day::now;
@@ -23,6 +24,9 @@ use crate::exchange::people::time_of_day::now;
 const MAX_NAMES: usize = 1024;
 /// Most bytes that are read of the names that an earlier fusion has left.
 const MOST_KEPT_BYTES: u64 = 1 << 20;
+
+/// By which it is seen that somebody else has edited: the length of the file, and when it was written.
+type Stamp = (u64, SystemTime);
 
 /// What people of a run or recording are called.
 pub(super) struct GivenNames {
@@ -35,6 +39,10 @@ pub(super) struct GivenNames {
 
 struct Known {
     by_person: BTreeMap<u32, String>,
+    /// Who is whom, and what they are called: for streams, which show people as edits make them.
+    people: Identities,
+    /// How the first file was when it was read.
+    read: Option<Stamp>,
     /// Beside the run, and beside its recording: the same names go to all.
     files: Vec<EditsFile>,
 }
@@ -42,7 +50,10 @@ struct Known {
 impl GivenNames {
     /// Those of a run in the folder `out` that begins; a fusion that is started again finds them in `kept`.
     pub(super) fn of_run(out: &Path, kept: Option<PathBuf>) -> Arc<Self> {
-        Self::new(vec![EditsFile::of_run(out)], BTreeMap::new(), kept)
+        let given = Self::new(vec![EditsFile::of_run(out)], kept);
+        // A run that solves a recording again begins with its edits.
+        given.look_again();
+        given
     }
 
     /// Those of a recording, with what stands beside it.
@@ -51,17 +62,23 @@ impl GivenNames {
     /// What of the edits beside it is wrong.
     pub(super) fn of_recording(path: &Path) -> anyhow::Result<Arc<Self>> {
         let file = EditsFile::of_recording(path);
-        let names = names_of_poses(&file)?;
-        Ok(Self::new(vec![file], names, None))
+        let (by_person, people) = named(&file)?;
+        let given = Self::new(vec![file], None);
+        let mut known = given.known();
+        (known.by_person, known.people) = (by_person, people);
+        drop(known);
+        Ok(given)
     }
 
-    fn new(
-        files: Vec<EditsFile>,
-        by_person: BTreeMap<u32, String>,
-        kept: Option<PathBuf>,
-    ) -> Arc<Self> {
+    fn new(files: Vec<EditsFile>, kept: Option<PathBuf>) -> Arc<Self> {
+        let known = Known {
+            by_person: BTreeMap::new(),
+            people: Identities::default(),
+            read: None,
+            files,
+        };
         Arc::new(Self {
-            known: Mutex::new(Known { by_person, files }),
+            known: Mutex::new(known),
             kept,
             page: OnceLock::new(),
             streams: OnceLock::new(),
@@ -122,6 +139,43 @@ impl GivenNames {
         }
     }
 
+    /// Reads edits that another program has made meanwhile, `farfield people` say, and tells what they come to.
+    pub(super) fn look_again(&self) {
+        let mut known = self.known();
+        let Some(path) = known.files.first().map(|file| file.path().to_owned()) else {
+            return;
+        };
+        if stamp(&path) != known.read
+            && let Err(error) = self.take_names(&mut known)
+        {
+            // Until it is written again.
+            known.read = stamp(&path);
+            say(format_args!("edits are left as they were: {error}"));
+        }
+    }
+
+    /// Fusion takes a person for a subject of the venue; whom somebody has named, or whose name was taken back, stays as it is.
+    pub(super) fn guess(&self, naming: &Naming) {
+        say(format_args!("{naming}"));
+        let Some(name) = naming.name() else { return };
+        let person = naming.person.0;
+        let mut known = self.known();
+        if known.by_person.len() >= MAX_NAMES {
+            return;
+        }
+        for file in &known.files {
+            if let Err(error) = add_guess(file, person, name) {
+                let path = file.path().display();
+                say(format_args!(
+                    "{path} lacks the name of person {person}: {error}"
+                ));
+            }
+        }
+        self.take_names(&mut known).unwrap_or_else(|error| {
+            say(format_args!("the name of person {person} is lost: {error}"));
+        });
+    }
+
     fn known(&self) -> MutexGuard<'_, Known> {
         // What a thread that died left is whole: a map and a list.
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
@@ -147,11 +201,19 @@ impl GivenNames {
                 }
             }
         }
-        // Several ids may be one person by the edits.
-        let names = known.files.first().map(names_of_poses);
-        let names = names.transpose().map_err(|error| format!("{error:#}"))?;
-        known.by_person = names.unwrap_or_default();
-        self.tell(&known);
+        self.take_names(&mut known)
+    }
+
+    /// Reads the names from the edits of the run, tells them and keeps them.
+    fn take_names(&self, known: &mut Known) -> Result<(), String> {
+        if let Some(file) = known.files.first() {
+            // Before: what is written meanwhile is seen the next time.
+            let read = stamp(file.path());
+            // Several ids may be one person by the edits.
+            let (by_person, people) = named(file).map_err(|error| format!("{error:#}"))?;
+            (known.by_person, known.people, known.read) = (by_person, people, read);
+        }
+        self.tell(known);
         if let Some(kept) = &self.kept
             && let Err(error) = keep(kept, &known.by_person)
         {
@@ -167,9 +229,7 @@ impl GivenNames {
             page.set_names(known.by_person.clone());
         }
         if let Some(streams) = self.streams.get().and_then(Weak::upgrade) {
-            let names = known.by_person.iter();
-            let names = names.map(|(person, name)| (PersonId(*person), name.clone()));
-            streams.set_names(names.collect());
+            streams.set_people(known.people.clone());
         }
     }
 }
@@ -187,15 +247,17 @@ impl PageActions for GivenNames {
     }
 }
 
-/// What people are called in a recording with edits beside it, by the ids that are in it.
-fn names_of_poses(file: &EditsFile) -> anyhow::Result<BTreeMap<u32, String>> {
-    let identities = identities(file)?;
-    Ok(identities.names_of_poses(identities.edited_ids()))
+/// What people are called in a run or recording with edits beside it, by the ids that are in it, and who they are.
+fn named(file: &EditsFile) -> anyhow::Result<(BTreeMap<u32, String>, Identities)> {
+    let identities = file.read()?.identities(None);
+    let identities = identities.map_err(|fault| fault.in_file(file.path()))?;
+    let names = identities.names_of_poses(identities.edited_ids());
+    Ok((names, identities))
 }
 
-fn identities(file: &EditsFile) -> anyhow::Result<Identities> {
-    let identities = file.read()?.identities(None);
-    Ok(identities.map_err(|fault| fault.in_file(file.path()))?)
+fn stamp(path: &Path) -> Option<Stamp> {
+    let facts = fs::metadata(path).ok()?;
+    Some((facts.len(), facts.modified().ok()?))
 }
 
 /// Adds a name to the edits; whom they call by another id by that.
@@ -215,6 +277,32 @@ fn add(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
         let error = anyhow::Error::from(error);
         format!("the name is not kept: {error:#}")
     })
+}
+
+/// Adds what the body tells of a name, where nobody has said anything of that person's name, and no such edit was undone.
+fn add_guess(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
+    let list = file.read().map_err(|error| error.to_string())?;
+    let identities = list.identities(None).map_err(|fault| fault.to_string())?;
+    let Some(whole) = identities.whole(person) else {
+        return Ok(());
+    };
+    let is_settled = list.all().any(|(_, edit)| match &edit.change {
+        Change::Name { person, .. } => *person == whole,
+        Change::Guess { person, name: told } => *person == whole && told == name,
+        _ => false,
+    });
+    if is_settled {
+        return Ok(());
+    }
+    let name = name.to_owned();
+    let guess = |_: &EditList| {
+        Ok(Change::Guess {
+            person: whole,
+            name,
+        })
+    };
+    let added = file.add(&now(), None, guess);
+    added.map(drop).map_err(|error| error.to_string())
 }
 
 fn keep(path: &Path, names: &BTreeMap<u32, String>) -> Result<(), String> {
@@ -239,6 +327,9 @@ fn read_kept(path: &Path) -> anyhow::Result<BTreeMap<u32, String>> {
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::id::PersonId;
+    use farfield_proto::message::naming::{BodyLikeness, Finding};
+
     use super::*;
 
     fn named(person: u32, name: &str) -> Action {
@@ -249,7 +340,7 @@ mod tests {
     }
 
     fn names(file: &EditsFile) -> BTreeMap<u32, String> {
-        names_of_poses(file).unwrap()
+        super::named(file).unwrap().0
     }
 
     #[test]
@@ -269,6 +360,68 @@ mod tests {
         let seen = GivenNames::of_recording(&recording).unwrap();
         seen.act(&named(5, "Cy")).unwrap();
         assert_eq!(names(&EditsFile::of_recording(&recording)).len(), 2);
+    }
+
+    fn naming(person: u32, name: &str) -> Naming {
+        let why = BodyLikeness {
+            lengths_sigma: 0.5,
+            log_ratio: 5.0,
+            margin: None,
+        };
+        Naming {
+            person: PersonId(person),
+            finding: Finding::Named {
+                subject: name.to_owned(),
+                why,
+            },
+        }
+    }
+
+    #[test]
+    fn a_name_given_by_hand_wins_over_one_that_the_body_tells_whichever_comes_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = EditsFile::of_run(folder.path());
+        let given = GivenNames::of_run(folder.path(), None);
+        given.guess(&naming(3, "Anna"));
+        given.guess(&naming(4, "Bo"));
+        assert_eq!(names(&file)[&3], "Anna");
+        given.act(&named(3, "Cy")).unwrap();
+        given.guess(&naming(3, "Anna"));
+        assert_eq!(names(&file)[&3], "Cy");
+        // Who is called nothing by hand has no name, and a guess that was undone does not come back.
+        given.act(&named(5, "Di")).unwrap();
+        given.act(&named(5, "")).unwrap();
+        given.guess(&naming(5, "Anna"));
+        file.add("now", None, |_| Ok(Change::Undo { number: 2 }))
+            .unwrap();
+        given.guess(&naming(4, "Bo"));
+        assert_eq!(names(&file), BTreeMap::from([(3, "Cy".to_owned())]));
+        // Of two who are one by hand the name counts that somebody gave.
+        given.guess(&naming(7, "Eve"));
+        file.add("now", None, |_| Ok(Change::Merge { person: 3, into: 7 }))
+            .unwrap();
+        assert_eq!(names(&file)[&7], "Cy");
+    }
+
+    #[test]
+    fn what_another_program_edits_is_seen_when_it_is_looked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = EditsFile::of_run(folder.path());
+        let add = |change: Change| drop(file.add("now", None, |_| Ok(change)).unwrap());
+        add(Change::Name {
+            person: 3,
+            name: "Anna".to_owned(),
+        });
+        let given = GivenNames::of_run(folder.path(), None);
+        assert_eq!(given.known().by_person[&3], "Anna");
+        add(Change::Merge { person: 4, into: 3 });
+        given.look_again();
+        assert_eq!(given.known().by_person[&4], "Anna");
+        assert_eq!(given.known().people.person_at(0, 4), Some(3));
+        // What cannot be read leaves all as it was.
+        fs::write(file.path(), "{\n").unwrap();
+        given.look_again();
+        assert_eq!(given.known().by_person.len(), 2);
     }
 
     #[test]
@@ -328,7 +481,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let kept = folder.path().join("hall.names.json");
         // Of a fusion that was killed while it wrote.
-        fs::write(folder.path().join("hall.names.json.tmp"), "{").unwrap();
+        fs::write(
+            folder
+                .path()
+                .join(format!("hall.names.json.{}-0.tmp", u32::MAX)),
+            "{",
+        )
+        .unwrap();
         let given = GivenNames::of_run(folder.path(), Some(kept.clone()));
         given.recording_begins(&folder.path().join("nowhere/a.mcap"));
         given.act(&named(3, "Anna")).unwrap();

@@ -1,11 +1,13 @@
 //! What a run came to, for people or as the JSON of `summary.json`.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use farfield_export::EditsFile;
 use farfield_fusion::export::summary::Summary;
 use farfield_proto::tick::Tick;
 
@@ -22,7 +24,8 @@ pub(super) fn print(out: &Path, json: bool) -> anyhow::Result<()> {
     if json {
         return output::print(&text);
     }
-    output::print(&for_people(&summary, &out.display().to_string()))
+    let names = names(out);
+    output::print(&for_people(&summary, &names, &out.display().to_string()))
 }
 
 /// The ticks that the run in `out` has finished; `None` when it left no summary. An interrupted
@@ -86,7 +89,14 @@ fn unfinished(out: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-fn for_people(summary: &Summary, out: &str) -> String {
+/// What people of the run are called; nobody where the list cannot be read: who exports it is told why.
+fn names(out: &Path) -> BTreeMap<u32, String> {
+    let list = EditsFile::of_run(out).read().unwrap_or_default();
+    let identities = list.identities(None).unwrap_or_default();
+    identities.names_of_poses(identities.edited_ids())
+}
+
+fn for_people(summary: &Summary, names: &BTreeMap<u32, String>, out: &str) -> String {
     let ticks = &summary.ticks;
     let mut text = String::new();
     let mut line = |shown: std::fmt::Arguments<'_>| {
@@ -104,8 +114,14 @@ fn for_people(summary: &Summary, out: &str) -> String {
     ));
     for person in &summary.people {
         line(format_args!(
-            "person {}: ticks {} to {}, {} poses",
-            person.person, person.first_tick, person.last_tick, person.ticks
+            "person {}{}: ticks {} to {}, {} poses",
+            person.person,
+            names
+                .get(&person.person)
+                .map_or_else(String::new, |name| format!(" ({name})")),
+            person.first_tick,
+            person.last_tick,
+            person.ticks
         ));
     }
     if summary.people.is_empty() {
@@ -217,7 +233,7 @@ mod tests {
             },
             ..Summary::default()
         };
-        let text = for_people(&summary, "out");
+        let text = for_people(&summary, &BTreeMap::new(), "out");
         assert!(text.contains("10 of 20 ticks from 0, cut short"), "{text}");
         assert!(text.contains("person 1: ticks 3 to 9, 7 poses"), "{text}");
         assert!(

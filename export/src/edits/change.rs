@@ -30,6 +30,13 @@ pub enum Change {
         /// At most [`MOST_NAME_CHARACTERS`], no control characters.
         name: String,
     },
+    /// Fusion takes a person for a subject of the venue, by the body. A name that was given by hand wins.
+    Guess {
+        /// Who.
+        person: u32,
+        /// As [`Self::Name`], and not empty.
+        name: String,
+    },
     /// Two ids are one person.
     Merge {
         /// The id that goes.
@@ -102,7 +109,10 @@ impl Edit {
             return Err((Some("at"), problem));
         }
         match &self.change {
-            Change::Name { name, .. } => {
+            Change::Guess { name, .. } if name.is_empty() => {
+                Err((Some("name"), "found none, expected a name".to_owned()))
+            }
+            Change::Name { name, .. } | Change::Guess { name, .. } => {
                 check_stored_name(name).map_err(|problem| (Some("name"), problem))
             }
             Change::Merge { person, into } if person == into => {
@@ -130,7 +140,7 @@ impl Edit {
             number: None,
         };
         match &self.change {
-            Change::Name { person, name } => {
+            Change::Name { person, name } | Change::Guess { person, name } => {
                 (fields.person, fields.name) = (Some(*person), Some(name.clone()));
             }
             Change::Merge { person, into } => {
@@ -157,6 +167,10 @@ impl Fields {
                 person: person()?,
                 name: self.need("name", self.name.clone())?,
             },
+            "guess" => Change::Guess {
+                person: person()?,
+                name: self.need("name", self.name.clone())?,
+            },
             "merge" => Change::Merge {
                 person: person()?,
                 into: self.need("into", self.into)?,
@@ -171,8 +185,9 @@ impl Fields {
                 number: self.need("number", self.number)?,
             },
             other => {
-                let problem =
-                    format!("found {other:?}, expected one of name, merge, split, drop, undo");
+                let problem = format!(
+                    "found {other:?}, expected one of name, guess, merge, split, drop, undo"
+                );
                 return Err((Some("edit"), problem));
             }
         };
@@ -190,7 +205,7 @@ impl Fields {
     /// Refuses fields of another kind of edit: whoever wrote them meant something by them.
     fn check_no_more(&self, change: &Change) -> Result<(), Fault> {
         let wanted: &[&str] = match change {
-            Change::Name { .. } => &["person", "name"],
+            Change::Name { .. } | Change::Guess { .. } => &["person", "name"],
             Change::Merge { .. } => &["person", "into"],
             Change::Split { .. } => &["person", "tick", "new"],
             Change::Drop { .. } => &["person"],
@@ -219,6 +234,7 @@ impl Change {
     fn word(&self) -> &'static str {
         match self {
             Self::Name { .. } => "name",
+            Self::Guess { .. } => "guess",
             Self::Merge { .. } => "merge",
             Self::Split { .. } => "split",
             Self::Drop { .. } => "drop",
@@ -232,6 +248,7 @@ impl fmt::Display for Change {
         match self {
             Self::Name { person, name } if name.is_empty() => write!(f, "{person} has no name"),
             Self::Name { person, name } => write!(f, "{person} is called {name}"),
+            Self::Guess { person, name } => write!(f, "{person} is {name}, by the body"),
             Self::Merge { person, into } => write!(f, "{person} is {into}"),
             Self::Split { person, tick, new } => {
                 write!(f, "{person} is {new} from tick {tick} on")

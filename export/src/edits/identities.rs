@@ -15,6 +15,8 @@ pub struct Identities {
     /// Ids that splits have made.
     made: BTreeSet<u32>,
     names: BTreeMap<u32, String>,
+    /// Whose name nobody has given: the body told it.
+    guessed: BTreeSet<u32>,
 }
 
 /// The tick before all others.
@@ -52,6 +54,12 @@ impl Identities {
     /// The names, by person.
     pub fn names(&self) -> &BTreeMap<u32, String> {
         &self.names
+    }
+
+    /// The name that somebody has given to a person: none that the body told.
+    pub fn given_name(&self, person: u32) -> Option<&str> {
+        let name = self.names.get(&person).map(String::as_str);
+        name.filter(|_| !self.guessed.contains(&person))
     }
 
     /// Whether a split has made this id: the poses must not have it then.
@@ -136,8 +144,8 @@ impl Identities {
         rows.collect()
     }
 
-    /// Whether an edit can name `person`: an id that nothing is known of may be there.
-    fn is_there(&self, person: u32) -> bool {
+    /// Whether poses can be of `person`, and an edit can name it: an id that nothing is known of may be there.
+    pub fn is_there(&self, person: u32) -> bool {
         let is_somebody = |pieces: &Vec<(i64, Option<u32>)>| {
             pieces.iter().any(|(_, somebody)| *somebody == Some(person))
         };
@@ -157,19 +165,25 @@ impl Identities {
         match *change {
             Change::Name { person, ref name } => {
                 need(person)?;
+                self.guessed.remove(&person);
                 if name.is_empty() {
                     self.names.remove(&person);
                 } else {
                     self.names.insert(person, name.clone());
                 }
             }
+            Change::Guess { person, ref name } => {
+                need(person)?;
+                if !self.names.contains_key(&person) || self.guessed.contains(&person) {
+                    self.names.insert(person, name.clone());
+                    self.guessed.insert(person);
+                }
+            }
             Change::Merge { person, into } => {
                 need(person)?;
                 need(into)?;
                 self.replace(person, |_| Some(into));
-                if let Some(name) = self.names.remove(&person) {
-                    self.names.entry(into).or_insert(name);
-                }
+                self.join_names(person, into);
             }
             Change::Split { person, tick, new } => {
                 need(person)?;
@@ -184,10 +198,28 @@ impl Identities {
                 need(person)?;
                 self.replace(person, |_| None);
                 self.names.remove(&person);
+                self.guessed.remove(&person);
             }
             Change::Undo { .. } => {}
         }
         Ok(())
+    }
+
+    /// Who was two is called as `into`, where that has a name of the better kind, or of the same: given by hand, then guessed.
+    fn join_names(&mut self, person: u32, into: u32) {
+        let is_guess = self.guessed.remove(&person);
+        let Some(name) = self.names.remove(&person) else {
+            return;
+        };
+        let has_better =
+            self.names.contains_key(&into) && (is_guess || !self.guessed.contains(&into));
+        if !has_better {
+            self.names.insert(into, name);
+            self.guessed.remove(&into);
+            if is_guess {
+                self.guessed.insert(into);
+            }
+        }
     }
 
     /// Gives every piece that is `person` to whom `by` says, by its first tick.
@@ -237,7 +269,9 @@ impl Identities {
             })
         };
         match *change {
-            Change::Name { person, .. } | Change::Drop { person } => {
+            Change::Name { person, .. }
+            | Change::Guess { person, .. }
+            | Change::Drop { person } => {
                 // The page names whom it shows; these poses may lack somebody of them, and lose nothing by that.
                 let is_elsewhere =
                     !roll.has(person) && !ever_made.contains(&person) && self.is_there(person);

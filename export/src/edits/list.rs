@@ -127,7 +127,9 @@ impl EditList {
     /// The largest id that any edit names.
     pub fn largest_id(&self) -> Option<u32> {
         let of = |(_, edit): (usize, &Edit)| match edit.change {
-            Change::Name { person, .. } | Change::Drop { person } => Some(person),
+            Change::Name { person, .. }
+            | Change::Guess { person, .. }
+            | Change::Drop { person } => Some(person),
             Change::Merge { person, into } => Some(person.max(into)),
             Change::Split { person, new, .. } => Some(person.max(new)),
             Change::Undo { .. } => None,
@@ -143,7 +145,7 @@ impl EditList {
         let number = self.next_number();
         let refused = |problem| RefusedEdit { number, problem };
         edit.check().map_err(|(_, problem)| refused(problem))?;
-        if let Change::Name { name, .. } = &edit.change {
+        if let Change::Name { name, .. } | Change::Guess { name, .. } = &edit.change {
             check_name(name).map_err(refused)?;
         }
         if number > MOST_LINES {

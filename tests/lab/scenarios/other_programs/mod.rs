@@ -9,4 +9,5 @@ mod filmed_people;
 mod import;
 mod people;
 mod seen_hall;
+mod subjects;
 mod walked_calibration;

@@ -1,0 +1,147 @@
+//! Frames of made-up people: who is in them, and what they are called.
+
+use std::path::Path;
+
+use farfield_export::edits::EditList;
+use farfield_export::skeleton::Bone;
+
+use super::*;
+use crate::synthetic;
+
+fn ids(roster: &Roster) -> Vec<u32> {
+    roster.ids().map(|PersonId(id)| id).collect()
+}
+
+#[test]
+fn joints_come_out_of_the_export_skeleton_again() {
+    let frame = synthetic::frame(33);
+    for person in &frame.persons {
+        let heads_m = person.motion.heads_m(&person.rig);
+        for bone in Bone::ALL {
+            if !matches!(bone, Bone::LeftToes | Bone::RightToes) {
+                let apart_m = heads_m[bone.index()] - person.joints_m[bone.joint().index()];
+                assert!(apart_m.norm() < 1e-9, "{bone:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn who_has_gone_stays_in_the_roster_for_ten_seconds() {
+    let mut maker = FrameMaker::new(synthetic::facts());
+    let both = maker.frame(&synthetic::poses_at(2, 0)).roster;
+    assert_eq!((ids(&both), both.version), (vec![1, 2], 1));
+    let kept = maker.frame(&synthetic::poses_at(1, 600)).roster;
+    assert_eq!((ids(&kept), kept.version), (vec![1, 2], 1));
+    let gone = maker.frame(&synthetic::poses_at(1, 601)).roster;
+    assert_eq!((ids(&gone), gone.version), (vec![1], 2));
+    // Who comes back is the last of the list.
+    let mut poses = synthetic::poses_at(2, 602);
+    poses.persons.swap(0, 1);
+    let back = maker.frame(&poses).roster;
+    assert_eq!((ids(&back), back.version), (vec![1, 2], 3));
+}
+
+#[test]
+fn who_is_named_is_called_so_from_the_next_tick_on() {
+    let mut maker = FrameMaker::new(synthetic::facts());
+    let before = maker.frame(&synthetic::poses_at(2, 0));
+    maker.edit(edited(
+        "{\"at\":\"\",\"edit\":\"name\",\"person\":2,\"name\":\"Anna\"}\n",
+    ));
+    let after = maker.frame(&synthetic::poses_at(2, 1));
+    let names = |frame: &Frame| -> Vec<String> {
+        let listed = frame.roster.people.iter().map(|it| it.name.to_string());
+        let there = frame.persons.iter().map(|it| it.name.to_string());
+        listed.chain(there).collect()
+    };
+    assert_eq!(names(&after), ["person_1", "Anna", "person_1", "Anna"]);
+    assert_ne!(before.roster.version, after.roster.version);
+    let named =
+        |id| format!("{{\"at\":\"\",\"edit\":\"name\",\"person\":{id},\"name\":\"Anna\"}}\n");
+    maker.edit(edited(&(named(1) + &named(2))));
+    let alike = maker.frame(&synthetic::poses_at(2, 2));
+    assert_eq!(names(&alike), ["Anna 1", "Anna 2", "Anna 1", "Anna 2"]);
+}
+
+fn edited(lines: &str) -> Identities {
+    let list = EditList::parse(lines, Path::new("edits.jsonl")).unwrap();
+    list.identities(None).unwrap()
+}
+
+#[test]
+fn who_is_merged_is_one_from_the_next_tick_on_and_the_other_id_is_gone_at_once() {
+    let mut maker = FrameMaker::new(synthetic::facts());
+    let before = maker.frame(&synthetic::poses_at(2, 0));
+    assert_eq!(ids(&before.roster), [1, 2]);
+    let merge = r#"{"at":"","edit":"merge","person":2,"into":1}"#;
+    maker.edit(edited(&format!("{merge}\n")));
+    // Of two poses at one tick that which is better seen counts.
+    let mut poses = synthetic::poses_at(2, 1);
+    poses.persons[0].state = PersonState::Coasting;
+    let second = poses.persons[1].joints_m[0];
+    let after = maker.frame(&poses);
+    assert_eq!((after.persons.len(), ids(&after.roster)), (1, vec![1]));
+    assert_eq!(after.persons[0].id, PersonId(1));
+    assert_eq!(
+        after.persons[0].joints_m[0].map(|v| v as f32),
+        Vector3::from(second)
+    );
+    // Who is alone there has the id of both.
+    poses.tick = Tick(2);
+    poses.persons.remove(0);
+    let alone = maker.frame(&poses);
+    assert_eq!(alone.persons[0].id, PersonId(1));
+    assert_eq!(alone.roster.version, after.roster.version);
+}
+
+#[test]
+fn who_is_split_is_another_from_that_tick_on_and_who_is_left_out_is_not_streamed() {
+    let mut maker = FrameMaker::new(synthetic::facts());
+    let split = r#"{"at":"","edit":"split","person":1,"tick":5,"new":9}"#;
+    let drop = r#"{"at":"","edit":"drop","person":2}"#;
+    maker.edit(edited(&format!("{split}\n{drop}\n")));
+    let who = |frame: &Frame| frame.persons.iter().map(|it| it.id.0).collect::<Vec<_>>();
+    assert_eq!(who(&maker.frame(&synthetic::poses_at(2, 4))), [1]);
+    assert_eq!(who(&maker.frame(&synthetic::poses_at(2, 5))), [9]);
+}
+
+#[test]
+fn tentative_people_are_in_frames_but_not_in_the_roster() {
+    let mut maker = FrameMaker::new(synthetic::facts());
+    let mut poses = synthetic::poses_at(2, 0);
+    poses.persons[1].state = PersonState::Tentative;
+    let frame = maker.frame(&poses);
+    assert_eq!(frame.persons.len(), 2);
+    assert_eq!(ids(&frame.roster), [1]);
+    assert!(frame.find(PersonId(2)).is_none());
+}
+
+#[test]
+fn poses_with_other_numbers_than_the_models_are_left_out_and_counted() {
+    let mut maker = FrameMaker::new(synthetic::facts());
+    let mut poses = synthetic::poses_at(4, 0);
+    poses.persons[0].joints_m[3][1] = f32::NAN;
+    poses.persons[1].joints_m.pop();
+    poses.persons[2].angles.clear();
+    let frame = maker.frame(&poses);
+    assert_eq!(frame.persons.len(), 1);
+    assert_eq!(frame.persons[0].id, PersonId(4));
+    assert_eq!(maker.unreadable(), 3);
+}
+
+#[test]
+fn another_session_begins_at_time_0_with_nobody_from_before() {
+    let mut maker = FrameMaker::new(synthetic::facts());
+    maker.frame(&synthetic::poses_at(2, 1000));
+    let before = maker.frame(&synthetic::poses_at(2, 1030));
+    assert_eq!(before.elapsed_us(), 500_000);
+    let mut poses = synthetic::poses_at(1, 1031);
+    poses.session = SessionId(8);
+    let frame = maker.frame(&poses);
+    assert_eq!((frame.elapsed_us(), ids(&frame.roster)), (0, vec![1]));
+    assert_ne!(frame.roster.version, before.roster.version);
+    // So does a tick that lies before the last one.
+    let again = maker.frame(&synthetic::poses_at(1, 5));
+    assert_eq!(again.elapsed_us(), 0);
+}
