@@ -45,6 +45,44 @@ pub fn message(frame: &Frame) -> String {
     serde_json::to_string(&Message::of(frame)).unwrap_or_default()
 }
 
+/// The message of one person of a frame: the fields of [`message`] with `person` in the place of `persons`.
+#[cfg(feature = "zenoh")]
+pub(crate) fn message_of_person(frame: &Frame, person: &PersonFrame) -> String {
+    let Message {
+        version,
+        venue,
+        session,
+        tick,
+        rate_hz,
+        time_s,
+        ..
+    } = Message::head(frame);
+    let message = PersonMessage {
+        format: "farfield-pose",
+        version,
+        venue,
+        session,
+        tick,
+        rate_hz,
+        time_s,
+        person: Person::of(person),
+    };
+    serde_json::to_string(&message).unwrap_or_default()
+}
+
+#[cfg(feature = "zenoh")]
+#[derive(Serialize)]
+struct PersonMessage<'a> {
+    format: &'static str,
+    version: u32,
+    venue: &'a str,
+    session: String,
+    tick: i64,
+    rate_hz: f64,
+    time_s: Rounded,
+    person: Person<'a>,
+}
+
 #[derive(Serialize)]
 struct Message<'a> {
     format: &'static str,
@@ -70,9 +108,9 @@ struct Person<'a> {
     unobserved: Unobserved,
 }
 
-impl<'a> Message<'a> {
-    fn of(frame: &'a Frame) -> Self {
-        let person = |person: &'a PersonFrame| Person {
+impl<'a> Person<'a> {
+    fn of(person: &'a PersonFrame) -> Self {
+        Self {
             id: person.id.0,
             name: &person.name,
             state: person.state,
@@ -81,7 +119,20 @@ impl<'a> Message<'a> {
             sigma_m: person.sigma_m.as_ref().map(Sigmas),
             angles: Angles(&person.angles),
             unobserved: Unobserved(person.unobserved),
-        };
+        }
+    }
+}
+
+impl<'a> Message<'a> {
+    fn of(frame: &'a Frame) -> Self {
+        Self {
+            persons: frame.persons.iter().map(Person::of).collect(),
+            ..Self::head(frame)
+        }
+    }
+
+    /// Without anybody.
+    fn head(frame: &'a Frame) -> Self {
         Self {
             format: "farfield-poses",
             version: 1,
@@ -90,7 +141,7 @@ impl<'a> Message<'a> {
             tick: frame.tick.0,
             rate_hz: frame.rate_hz,
             time_s: Rounded(frame.elapsed_s),
-            persons: frame.persons.iter().map(person).collect(),
+            persons: Vec::new(),
         }
     }
 }

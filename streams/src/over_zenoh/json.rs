@@ -1,37 +1,141 @@
-//! Poses as JSON: the messages of the stream `websocket`, on one key.
+//! Poses as JSON: the messages of the stream `websocket` on one key, and each person on keys of its own.
 
+use std::collections::BTreeSet;
+
+use farfield_proto::id::PersonId;
 use farfield_proto::key::is_key_chunk;
 use zenoh::bytes::Encoding;
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait as _};
 
 use super::Publish;
-use crate::frame::Frame;
-use crate::websocket::message;
+use crate::frame::{Frame, PersonFrame};
+use crate::websocket::{message, message_of_person};
 
-/// The key of a venue's poses. Nodes' own keys begin with the venue's name: `farfield/` stands before these.
-pub(super) fn key(venue: &str) -> String {
+/// What all keys of a venue begin with. Nodes' own keys begin with the venue's name: `farfield/` stands before these.
+fn root(venue: &str) -> String {
     // Names of venues are checked; who streams otherwise may have others.
     let venue = if is_key_chunk(venue) { venue } else { "venue" };
-    format!("farfield/{venue}/poses")
+    format!("farfield/{venue}")
 }
 
-pub(super) struct Publisher<'a>(zenoh::pubsub::Publisher<'a>);
+/// The key of the poses of all.
+fn key(venue: &str) -> String {
+    format!("{}/poses", root(venue))
+}
+
+/// The keys of one person: by the id, and by the name where there is one.
+fn keys_of(root: &str, person: &PersonFrame) -> Vec<String> {
+    let id = person.id;
+    let mut keys = vec![format!("{root}/person/{id}")];
+    if *person.name != *format!("person_{id}") {
+        keys.push(format!("{root}/name/{}", chunk_of(&person.name, id)));
+    }
+    keys
+}
+
+/// A name as a part of a key: what cannot stand there becomes `_`, and the id follows then: names of people differ, and two could
+/// be written alike by that.
+fn chunk_of(name: &str, id: PersonId) -> String {
+    let is_refused = |c: char| "/*$?#@".contains(c) || c.is_whitespace() || c.is_control();
+    let chunk: String = name
+        .chars()
+        .map(|c| if is_refused(c) { '_' } else { c })
+        .collect();
+    if chunk == name {
+        chunk
+    } else {
+        format!("{chunk}_{id}")
+    }
+}
+
+pub(super) struct Publisher<'a> {
+    session: &'a Session,
+    all: zenoh::pubsub::Publisher<'a>,
+    root: String,
+    /// The keys of those who were there at the last tick.
+    there: BTreeSet<String>,
+}
 
 impl<'a> Publisher<'a> {
     pub(super) fn new(session: &'a Session, venue: &str) -> zenoh::Result<Self> {
-        let publisher = session
+        let all = session
             .declare_publisher(key(venue))
             .encoding(Encoding::APPLICATION_JSON)
             .congestion_control(CongestionControl::Drop)
             .express(true)
-            .wait();
-        publisher.map(Self)
+            .wait()?;
+        Ok(Self {
+            session,
+            all,
+            root: root(venue),
+            there: BTreeSet::new(),
+        })
+    }
+
+    fn publish_each(&mut self, frame: &Frame) -> zenoh::Result<()> {
+        let mut there = BTreeSet::new();
+        for person in frame.confirmed() {
+            let text = message_of_person(frame, person);
+            for key in keys_of(&self.root, person) {
+                if there.contains(&key) {
+                    continue;
+                }
+                let put = self.session.put(&key, text.as_str());
+                let put = put.encoding(Encoding::APPLICATION_JSON);
+                put.congestion_control(CongestionControl::Drop)
+                    .express(true)
+                    .wait()?;
+                there.insert(key);
+            }
+        }
+        // Who has gone, or is called otherwise, is deleted: an engine takes the figure away.
+        for key in self.there.difference(&there) {
+            self.session.delete(key).wait()?;
+        }
+        self.there = there;
+        Ok(())
     }
 }
 
 impl Publish for Publisher<'_> {
     fn publish(&mut self, frame: &Frame) -> zenoh::Result<()> {
-        self.0.put(message(frame)).wait()
+        self.all.put(message(frame)).wait()?;
+        self.publish_each(frame)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic;
+
+    #[test]
+    fn a_person_has_a_key_by_id_and_one_by_name() {
+        let frame = synthetic::frame(120);
+        let keys: Vec<String> = frame
+            .persons
+            .iter()
+            .flat_map(|person| keys_of(&root("hall"), person))
+            .collect();
+        assert!(
+            keys.contains(&"farfield/hall/person/1".to_owned()),
+            "{keys:?}"
+        );
+        let named = keys.iter().filter(|key| key.contains("/name/"));
+        assert_eq!(named.count(), 1, "{keys:?}");
+    }
+
+    #[test]
+    fn a_name_is_one_part_of_a_key_and_nobody_elses() {
+        let of = |name| chunk_of(name, PersonId(3));
+        assert_eq!(of("Žofia"), "Žofia");
+        assert_eq!(of("Anna B"), "Anna_B_3");
+        assert_eq!(of("a/**"), "a____3");
+        assert_eq!(of("Anna_B"), "Anna_B");
+        for name in ["$*", "?", "a#b", "@x", "\u{2028}"] {
+            let key = format!("farfield/hall/name/{}", of(name));
+            assert!(zenoh::key_expr::KeyExpr::new(key).is_ok(), "{name}");
+        }
     }
 }

@@ -149,7 +149,7 @@ const ONLY_LISTENERS: &str = r#"{
     default_permission: "deny",
     rules: [
         { id: "in", permission: "allow", flows: ["ingress"], messages: ["declare_subscriber"], key_exprs: ["**"] },
-        { id: "out", permission: "allow", flows: ["egress"], messages: ["put"], key_exprs: ["farfield/**"] },
+        { id: "out", permission: "allow", flows: ["egress"], messages: ["put", "delete"], key_exprs: ["farfield/**"] },
     ],
     subjects: [{ id: "all" }],
     policies: [{ rules: ["in", "out"], subjects: ["all"] }],
