@@ -3,14 +3,18 @@
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
+use farfield_proto::tick::Tick;
 use rustix_clock::time::{ClockId, clock_gettime};
 
 use super::info::Info;
-use super::sample::{channels, opening, write};
+use super::sample::{channels, opening, unknown_channels, write};
 use super::{OLD_VERSION, PLACES, VERSION};
 use crate::frame::Frame;
 use crate::people::places::Places;
 use crate::wall_clock::WallClock;
+
+/// Where more is missing readers of files begin anew, seconds.
+const BREAK_S: f64 = 1.0;
 
 /// What an inlet's clock on this machine says too: the time since the machine was started.
 pub(super) fn now() -> Duration {
@@ -81,6 +85,23 @@ impl Outlet {
             made.into()
         });
         Arc::clone(made)
+    }
+
+    /// Samples of the ticks between `last` and `frame`, which an inlet was too slow for, in a version; none where another session
+    /// begins, time goes back, or so much is missing that readers see a break.
+    pub(super) fn missed(&self, last: &Frame, frame: &Arc<Frame>, version: u32) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let apart_s = frame.elapsed_s - last.elapsed_s;
+        if last.session != frame.session || !(0.0..BREAK_S).contains(&apart_s) {
+            return bytes;
+        }
+        let stamp_s = self.newest(frame).stamp_s;
+        for tick in last.tick.0.saturating_add(1)..frame.tick.0 {
+            let before_s = (frame.tick.0 - tick) as f64 / frame.rate_hz;
+            let unknown = unknown_channels(Tick(tick));
+            write(version, stamp_s - before_s, &unknown, &mut bytes);
+        }
+        bytes
     }
 
     fn newest(&self, frame: &Arc<Frame>) -> Arc<Sample> {

@@ -1,10 +1,12 @@
 //! The numbers of a frame, one per channel, and their bytes in both versions of the protocol.
 //!
 //! Channels: the tick (modulo 2^24, which `f32` has exactly), then per place the person's id (modulo 2^24; 0: nobody), 1 while it is seen
-//! or 0 while it is predicted, and the joints' x, y and z, metres, z up; not a number where nobody is.
+//! or 0 while it is predicted, and the joints' x, y and z, metres, z up; not a number where nobody is. Of a tick that an inlet was too slow
+//! for every id is -1.
 
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::message::PersonState;
+use farfield_proto::tick::Tick;
 
 use super::{OLD_VERSION, PLACES};
 use crate::frame::Frame;
@@ -14,6 +16,8 @@ use crate::people::places::Places;
 const PER_PLACE: usize = 2 + 3 * Joint::ALL.len();
 /// Channels of the stream.
 pub const N_CHANNELS: usize = 1 + PLACES as usize * PER_PLACE;
+/// The id of a place of which it is not known who has it.
+const UNKNOWN: f32 = -1.0;
 /// Whole numbers below this are exact.
 const EXACT: i64 = 1 << 24;
 /// What a sample begins with whose time is sent.
@@ -43,6 +47,21 @@ pub fn channels(frame: &Frame, places: &Places) -> Vec<f32> {
         let joints = person.joints_m.iter().flat_map(|at_m| at_m.iter());
         let numbers = head.into_iter().chain(joints.map(|v| *v as f32));
         for (value, number) in block.iter_mut().zip(numbers) {
+            *value = number;
+        }
+    }
+    values
+}
+
+/// The channels of a tick that an inlet did not get: who is where is not known.
+pub fn unknown_channels(tick: Tick) -> Vec<f32> {
+    let mut values = vec![f32::NAN; N_CHANNELS];
+    let Some((first, blocks)) = values.split_first_mut() else {
+        return values;
+    };
+    *first = tick.0.rem_euclid(EXACT) as f32;
+    for block in blocks.chunks_exact_mut(PER_PLACE) {
+        for (value, number) in block.iter_mut().zip([UNKNOWN, 0.0]) {
             *value = number;
         }
     }
@@ -116,6 +135,17 @@ mod tests {
         let mut places = Places::new(PLACES);
         places.assign(frame.roster.ids());
         places
+    }
+
+    #[test]
+    fn of_a_tick_that_was_not_sent_nobody_is_known() {
+        let values = unknown_channels(Tick(70));
+        assert_eq!(values.len(), N_CHANNELS);
+        let heads = values[1..].chunks_exact(PER_PLACE).map(|it| &it[..2]);
+        let mut heads = heads.map(|head| [head[0].to_bits(), head[1].to_bits()]);
+        assert!(heads.all(|head| head == [UNKNOWN.to_bits(), 0]));
+        let numbers = values.iter().filter(|value| !value.is_nan());
+        assert_eq!(numbers.count(), 1 + 2 * usize::from(PLACES));
     }
 
     #[test]

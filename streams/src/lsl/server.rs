@@ -16,7 +16,7 @@ use super::outlet::{Outlet, now};
 use super::query::is_met;
 use super::request::{Datagram, FeedRequest, Incoming, Request, time_answer};
 use super::{DISCOVERY_PORT, PORTS};
-use crate::frame::VenueFacts;
+use crate::frame::{Frame, VenueFacts};
 use crate::server::{BREATH, listen, take_clients, write};
 use crate::shell::Shell;
 use crate::slot::Feed;
@@ -284,6 +284,7 @@ async fn send_samples(
     write(&mut socket, &outlet.opening(version), &shell.stop).await?;
     let (mut reader, mut writer) = socket.split();
     let mut bytes = [0; READ];
+    let mut last: Option<Arc<Frame>> = None;
     loop {
         tokio::select! {
             biased;
@@ -297,8 +298,14 @@ async fn send_samples(
             },
             frame = feed.next() => {
                 let Some(frame) = frame else { return Ok(()) };
+                // Its rate is said to be the venue's: so it has a sample of every tick.
+                if let Some(last) = last.take() {
+                    let missed = outlet.missed(&last, &frame, version);
+                    write(&mut writer, &missed, &shell.stop).await?;
+                }
                 write(&mut writer, &outlet.sample(&frame, version), &shell.stop).await?;
                 shell.counters.sent();
+                last = Some(frame);
             }
         }
     }
