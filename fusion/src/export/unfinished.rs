@@ -9,6 +9,8 @@ use super::full_disk::{FullDisk, GiveUp, patiently};
 
 /// What a file is called until it is whole: its own name with this behind it.
 pub(super) const SUFFIX: &str = ".tmp";
+/// Most files that one process writes at once under one name.
+const MOST_OWN: u32 = 64;
 
 /// A file being written. Dropped before [`Unfinished::finish`], it is taken away again.
 #[derive(Debug)]
@@ -265,15 +267,58 @@ pub fn write_whole(path: impl Into<PathBuf>, content: &[u8]) -> io::Result<()> {
     file.finish()
 }
 
-/// The same for a file that nobody else writes: what one who was killed has left under its temporary name is taken away.
+/// The same for a small file that is written again and again, by several processes even: each has a temporary name of its own, and
+/// the last to finish counts. What processes that are gone have left under theirs is taken away.
 ///
 /// # Errors
-/// As [`write_whole`].
+/// When the file cannot be made, written or renamed.
 pub fn write_whole_again(path: &Path, content: &[u8]) -> io::Result<()> {
-    write_whole(path, content).or_else(|_| {
-        drop(fs::remove_file(temporary(path)));
-        write_whole(path, content)
-    })
+    remove_of_the_dead(path);
+    let (mut file, own) = create_own(path)?;
+    let written = file
+        .write_all(content)
+        .and_then(|()| sync(&file))
+        .and_then(|()| fs::rename(&own, path));
+    if written.is_err() {
+        drop(fs::remove_file(&own));
+    }
+    written?;
+    sync_folder_of(path)
+}
+
+/// A temporary file that nobody else has, beside `path`: its name, the number of this process and one of the file.
+fn create_own(path: &Path) -> io::Result<(File, PathBuf)> {
+    let mut last = None;
+    for number in 0..MOST_OWN {
+        let mut name = path.as_os_str().to_owned();
+        name.push(format!(".{}-{number}{SUFFIX}", std::process::id()));
+        let own = PathBuf::from(name);
+        match File::create_new(&own) {
+            Ok(file) => return Ok((file, own)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => last = Some(error),
+            Err(error) => return Err(error),
+        }
+    }
+    Err(last.unwrap_or_else(|| ErrorKind::AlreadyExists.into()))
+}
+
+/// Takes away what [`create_own`] has made in processes that are gone; what cannot be is left.
+fn remove_of_the_dead(path: &Path) {
+    let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
+    let entries = fs::read_dir(folder.unwrap_or(Path::new(".")));
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    for entry in entries.into_iter().flatten().flatten() {
+        let found = entry.file_name();
+        let process = found.to_str().and_then(|found| {
+            let rest = found.strip_prefix(&*name)?.strip_prefix('.')?;
+            let (process, number) = rest.strip_suffix(SUFFIX)?.split_once('-')?;
+            number.parse::<u32>().ok()?;
+            process.parse::<u32>().ok()
+        });
+        if process.is_some_and(|it| !Path::new("/proc").join(it.to_string()).exists()) {
+            drop(fs::remove_file(entry.path()));
+        }
+    }
 }
 
 #[cfg(test)]
@@ -347,13 +392,36 @@ mod tests {
     }
 
     #[test]
-    fn what_one_who_was_killed_has_left_is_written_over() {
+    fn what_one_who_was_killed_has_left_is_taken_away_and_what_others_write_is_not() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
-        fs::write(temporary(&path), "half").unwrap();
+        let of = |process: u32| folder.path().join(format!("a.txt.{process}-0.tmp"));
+        // Processes have smaller numbers; this one is alive.
+        fs::write(of(u32::MAX), "half").unwrap();
+        fs::write(of(std::process::id()), "of another thread").unwrap();
         write_whole_again(&path, b"whole").unwrap();
-        assert_eq!(names(folder.path()), ["a.txt"]);
+        let others = format!("a.txt.{}-0.tmp", std::process::id());
+        assert_eq!(names(folder.path()), ["a.txt".to_owned(), others]);
         assert_eq!(fs::read_to_string(&path).unwrap(), "whole");
+    }
+
+    #[test]
+    fn of_several_who_write_one_file_at_once_one_counts_and_nothing_is_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        std::thread::scope(|scope| {
+            for writer in 0..8u8 {
+                let path = &path;
+                scope.spawn(move || {
+                    for _ in 0..20 {
+                        write_whole_again(path, &[b'a' + writer; 4096]).unwrap();
+                    }
+                });
+            }
+        });
+        let whole = fs::read(&path).unwrap();
+        assert_eq!(whole, vec![whole[0]; 4096]);
+        assert_eq!(names(folder.path()), ["a.txt"]);
     }
 
     #[test]
