@@ -15,6 +15,9 @@ use crate::body::prior::BodyPrior;
 
 /// Least ln of the likelihood ratio at which a person is a subject: a factor of 20 against anybody.
 const LEAST_NAMED: f64 = 3.0;
+/// Least ln of the likelihood ratio at which a pair stands against another: who is only rather like a subject is not named, but may
+/// be it.
+const LEAST_RIVAL: f64 = 0.0;
 /// Bodies that are farther apart than this are not one, whoever else there is: root mean square of the lengths' sigmas.
 const FARTHEST_SIGMAS: f64 = 2.0;
 
@@ -98,12 +101,12 @@ impl Subjects {
             .iter()
             .map(|person| known.iter().map(|it| pair(&person.lengths, it)).collect())
             .collect();
-        let chosen = assign_best(&likeness, LEAST_NAMED);
+        let chosen = assign_best(&likeness, LEAST_RIVAL);
         let mut namings = Vec::new();
         for (person, chosen) in nameless.iter().zip(chosen).filter(|(it, _)| it.is_due) {
             let subject = |column: usize| (free[column], &known[column]);
             let finding = match chosen {
-                Some(best) if best.is_clear() => {
+                Some(best) if best.log_ratio >= LEAST_NAMED && best.is_clear() => {
                     let (index, lengths) = subject(best.column);
                     self.taken.insert(index, person.id);
                     Finding::Named {
@@ -116,14 +119,14 @@ impl Subjects {
                     column,
                     log_ratio,
                     margin,
-                }) => {
+                }) if log_ratio >= LEAST_NAMED => {
                     let (index, lengths) = subject(column);
                     Finding::Ambiguous {
                         nearest: self.all[index].name.clone(),
                         why: why(&person.lengths, lengths, log_ratio, margin),
                     }
                 }
-                None => match self.unlike(person, (&free, &known)) {
+                _ => match self.unlike(person, (&free, &known)) {
                     Some(finding) => finding,
                     None => continue,
                 },
