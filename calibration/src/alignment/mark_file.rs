@@ -25,7 +25,7 @@ use std::path::Path;
 
 use farfield_proto::court::Court;
 use farfield_proto::toml_file::{FileError, Place, TomlFile, unknown_name};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::click::Click;
 use super::marks::{ClickedLength, ClickedPoint, Known, KnownMark, Marks};
@@ -44,27 +44,33 @@ const PLACE_SIGMAS_M: [f64; 2] = [1e-5, 1.0];
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Raw {
-    court: Option<String>,
-    size_m: Option<[f64; 2]>,
-    click_sigma_px: Option<f64>,
-    place_sigma_m: Option<f64>,
+pub(super) struct Raw {
+    pub(super) court: Option<String>,
+    pub(super) size_m: Option<[f64; 2]>,
+    pub(super) click_sigma_px: Option<f64>,
+    pub(super) place_sigma_m: Option<f64>,
     #[serde(default)]
-    floor: Vec<String>,
+    pub(super) floor: Vec<String>,
     #[serde(default)]
-    places: BTreeMap<String, [f64; 3]>,
+    pub(super) places: BTreeMap<String, [f64; 3]>,
     #[serde(default)]
-    lengths: Vec<RawLength>,
+    pub(super) lengths: Vec<LengthBetween>,
     #[serde(default)]
     camera: BTreeMap<String, BTreeMap<String, toml::Value>>,
 }
 
-#[derive(Deserialize)]
+/// A length between two points that are clicked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct RawLength {
-    between: [String; 2],
-    length_m: f64,
+pub struct LengthBetween {
+    /// Their names.
+    pub between: [String; 2],
+    /// Metres.
+    pub length_m: f64,
 }
+
+/// What was clicked in one camera: pixels by the name of the mark, one of a point, several of a line.
+pub(super) type Clicked = BTreeMap<String, Vec<[f64; 2]>>;
 
 impl Marks {
     /// Reads the text of a file of marks; `path` is only named in errors.
@@ -74,15 +80,7 @@ impl Marks {
     /// file, a name that is two things, pixels or metres that are none, a point of floor or length that fewer than two
     /// cameras saw, nothing at all.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
-        let file = TomlFile::parse(text, path)?;
-        let raw: Raw = file.read()?;
-        let reader = Reader {
-            court: court(&file, &raw)?,
-            raw,
-            file,
-        };
-        reader.check_names()?;
-        reader.marks()
+        Reader::of(text, path)?.marks()
     }
 }
 
@@ -105,10 +103,33 @@ fn court(file: &TomlFile<'_>, raw: &Raw) -> Result<Option<Court>, FileError> {
 }
 
 /// A file while it is read.
-struct Reader<'a> {
+pub(super) struct Reader<'a> {
     file: TomlFile<'a>,
-    raw: Raw,
-    court: Option<Court>,
+    pub(super) raw: Raw,
+    pub(super) court: Option<Court>,
+    /// By camera.
+    pub(super) clicked: BTreeMap<String, Clicked>,
+}
+
+impl<'a> Reader<'a> {
+    /// Reads all but what has to be clicked in several cameras.
+    ///
+    /// # Errors
+    /// As [`Marks::parse`], but for points that too few cameras saw.
+    pub(super) fn of(text: &'a str, path: &'a Path) -> Result<Self, FileError> {
+        let file = TomlFile::parse(text, path)?;
+        let raw: Raw = file.read()?;
+        let mut reader = Self {
+            court: court(&file, &raw)?,
+            raw,
+            file,
+            clicked: BTreeMap::new(),
+        };
+        reader.check_names()?;
+        reader.check_lengths()?;
+        reader.clicked = reader.all_clicked()?;
+        Ok(reader)
+    }
 }
 
 impl Reader<'_> {
@@ -119,7 +140,7 @@ impl Reader<'_> {
         mark.or_else(|| court.line(name).map(|line| Known::OnLine(line.shape)))
     }
 
-    fn known(&self, name: &str) -> Option<Known> {
+    pub(super) fn known(&self, name: &str) -> Option<Known> {
         let place = self.raw.places.get(name).map(|at_m| Known::Place(*at_m));
         place.or_else(|| self.of_court(name))
     }
@@ -178,10 +199,12 @@ impl Reader<'_> {
             .collect()
     }
 
-    fn marks(&self) -> Result<Marks, FileError> {
-        let mut clicks: BTreeMap<&str, Vec<Click>> = BTreeMap::new();
+    /// All pixels, by camera and mark.
+    fn all_clicked(&self) -> Result<BTreeMap<String, Clicked>, FileError> {
+        let mut all: BTreeMap<String, Clicked> = BTreeMap::new();
         let mut count = 0;
         for (camera, clicked) in &self.raw.camera {
+            let of_camera = all.entry(camera.clone()).or_default();
             for (name, value) in clicked {
                 let place = Place::field("camera").key(camera).key(name);
                 let is_line = matches!(self.known(name), Some(Known::OnLine(_)));
@@ -191,8 +214,18 @@ impl Reader<'_> {
                     let problem = format!("found more than {MOST_CLICKS} clicks");
                     return Err(self.file.error(&place, problem));
                 }
+                of_camera.insert(name.clone(), pixels);
+            }
+        }
+        Ok(all)
+    }
+
+    fn marks(&self) -> Result<Marks, FileError> {
+        let mut clicks: BTreeMap<&str, Vec<Click>> = BTreeMap::new();
+        for (camera, clicked) in &self.clicked {
+            for (name, pixels) in clicked {
                 let own = clicks.entry(name).or_default();
-                own.extend(pixels.into_iter().map(|px| (camera.clone(), px)));
+                own.extend(pixels.iter().map(|px| (camera.clone(), *px)));
             }
         }
         let known = clicks.iter().filter_map(|(name, clicks)| {
@@ -210,18 +243,8 @@ impl Reader<'_> {
             known,
             floor: self.floor(&clicks)?,
             lengths: self.lengths(&clicks)?,
-            click_sigma_px: self.sigma(
-                "click_sigma_px",
-                self.raw.click_sigma_px,
-                CLICK_SIGMA_PX,
-                CLICK_SIGMAS_PX,
-            )?,
-            place_sigma_m: self.sigma(
-                "place_sigma_m",
-                self.raw.place_sigma_m,
-                PLACE_SIGMA_M,
-                PLACE_SIGMAS_M,
-            )?,
+            click_sigma_px: self.click_sigma_px()?,
+            place_sigma_m: self.place_sigma_m()?,
         };
         if marks.known.is_empty() && marks.floor.is_empty() && marks.lengths.is_empty() {
             let problem = "nothing is clicked in this file; expected tables `[camera.NAME]` with marks in pixels";
@@ -237,20 +260,28 @@ impl Reader<'_> {
             .collect()
     }
 
-    fn lengths(
-        &self,
-        clicks: &BTreeMap<&str, Vec<Click>>,
-    ) -> Result<Vec<ClickedLength>, FileError> {
-        let lengths = self.raw.lengths.iter().enumerate().map(|(index, it)| {
-            let place = Place::field("lengths").index(index);
+    fn check_lengths(&self) -> Result<(), FileError> {
+        for (index, it) in self.raw.lengths.iter().enumerate() {
             let is_length = it.length_m > 0.0 && it.length_m <= FARTHEST_M;
             if !is_length || it.between[0] == it.between[1] {
                 let problem = format!(
                     "found {} m between `{}` and `{}`, expected more than 0 between two points",
                     it.length_m, it.between[0], it.between[1]
                 );
-                return Err(self.file.error(&place, problem));
+                return Err(self
+                    .file
+                    .error(&Place::field("lengths").index(index), problem));
             }
+        }
+        Ok(())
+    }
+
+    fn lengths(
+        &self,
+        clicks: &BTreeMap<&str, Vec<Click>>,
+    ) -> Result<Vec<ClickedLength>, FileError> {
+        let lengths = self.raw.lengths.iter().enumerate().map(|(index, it)| {
+            let place = Place::field("lengths").index(index);
             let place = place.key("between");
             let [first, second] = [0, 1].map(|end| self.point(clicks, &it.between[end], &place));
             Ok(ClickedLength {
@@ -312,6 +343,18 @@ impl Reader<'_> {
             self.file
                 .error(place, format!("found {value}, expected {expected}"))
         })
+    }
+
+    /// How well is clicked, pixels.
+    pub(super) fn click_sigma_px(&self) -> Result<f64, FileError> {
+        let given = self.raw.click_sigma_px;
+        self.sigma("click_sigma_px", given, CLICK_SIGMA_PX, CLICK_SIGMAS_PX)
+    }
+
+    /// How well places are known, metres.
+    pub(super) fn place_sigma_m(&self) -> Result<f64, FileError> {
+        let given = self.raw.place_sigma_m;
+        self.sigma("place_sigma_m", given, PLACE_SIGMA_M, PLACE_SIGMAS_M)
     }
 
     fn sigma(

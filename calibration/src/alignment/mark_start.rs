@@ -9,12 +9,14 @@ use super::sight::{Sights, What};
 use super::similarity::Similarity;
 use crate::adjustment::CameraState;
 use crate::board::pose_from_points;
-use crate::geometry::{Sight, triangulate};
+use crate::geometry::{Sight, three_point, triangulate};
 
 /// Largest angle between the clicks of a point, radians.
 const CLICK_RAD: f64 = 0.02;
 /// Most triples of places that are tried.
 const MOST_TRIPLES: usize = 3000;
+/// Most triples of the marks of one camera: each costs a quartic, and up to four poses to weigh.
+const MOST_TRIPLES_OF_CAMERA: usize = 400;
 /// Residual beyond which something counts as wrong, standard deviations.
 const MOST_SIGMAS: f64 = 30.0;
 /// Least size of a triple of places across its longest side, as a share of it.
@@ -27,6 +29,9 @@ pub(super) fn start(sights: &Sights<'_>, freedom: MarkFreedom) -> Result<Similar
     let places = places(sights);
     let mut proposed = of_triples(&places, freedom);
     proposed.extend(of_cameras(sights, freedom));
+    if freedom == MarkFreedom::Rigid {
+        proposed.extend(of_three_marks(sights));
+    }
     let cost = |it: &Similarity| {
         let each = sights.seen.iter().map(|seen| {
             let residual = sights.residual(seen, it);
@@ -78,28 +83,15 @@ fn places(sights: &Sights<'_>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
 }
 
 fn of_triples(places: &[(Vector3<f64>, Vector3<f64>)], freedom: MarkFreedom) -> Vec<Similarity> {
-    let n = places.len();
-    let triples = n * n.saturating_sub(1) * n.saturating_sub(2) / 6;
-    let every = triples.div_ceil(MOST_TRIPLES).max(1);
-    let mut proposed = Vec::new();
-    let mut count = 0;
-    for i in 0..n {
-        for j in i + 1..n {
-            for k in j + 1..n {
-                count += 1;
-                if count % every != 0 {
-                    continue;
-                }
-                let chosen = [places[i], places[j], places[k]];
-                let (found, known) = (chosen.map(|it| it.0), chosen.map(|it| it.1));
-                if !is_spread(&known) || !is_spread(&found) {
-                    continue;
-                }
-                proposed.extend(fitted(&found, &known, freedom));
-            }
-        }
-    }
-    proposed
+    let each = triples(places, MOST_TRIPLES).into_iter();
+    let proposed = each.filter_map(|chosen| {
+        let (found, known) = (chosen.map(|it| it.0), chosen.map(|it| it.1));
+        let are_spread = is_spread(&known) && is_spread(&found);
+        are_spread
+            .then(|| fitted(&found, &known, freedom))
+            .flatten()
+    });
+    proposed.collect()
 }
 
 fn fitted(
@@ -137,6 +129,62 @@ fn is_spread(points: &[Vector3<f64>; 3]) -> bool {
         .max(q.norm_squared())
         .max((p - q).norm_squared());
     p.cross(&q).norm() > LEAST_SPREAD * longest
+}
+
+/// Where single cameras stand by three of their clicks each: so that a wrong one does not spoil all.
+fn of_three_marks(sights: &Sights<'_>) -> Vec<Similarity> {
+    let mut proposed = Vec::new();
+    for (index, (_, state)) in sights.cameras.iter().enumerate() {
+        let clicked = sights.seen.iter().filter_map(|seen| match &seen.what {
+            What::Click {
+                camera,
+                direction,
+                known: Known::Place(at),
+                ..
+            } if *camera == index => {
+                let bearing = state.camera_from_world * direction;
+                Some((bearing, Vector3::from(*at)))
+            }
+            _ => None,
+        });
+        let clicked: Vec<(Vector3<f64>, Vector3<f64>)> = clicked.collect();
+        if clicked.len() <= LEAST_CLICKS {
+            continue;
+        }
+        for chosen in triples(&clicked, MOST_TRIPLES_OF_CAMERA) {
+            let poses = three_point(&chosen.map(|it| it.0), &chosen.map(|it| it.1));
+            proposed.extend(poses.into_iter().map(|(camera_from_venue, center)| {
+                let rotation = camera_from_venue.inverse() * state.camera_from_world;
+                let it = Similarity {
+                    rotation,
+                    ..Similarity::identity()
+                };
+                with_freedom(it, &state.center_w, &center, MarkFreedom::Rigid)
+            }));
+        }
+    }
+    proposed
+}
+
+/// Triples of `all`; of more than `most` every n-th.
+fn triples<T: Copy>(all: &[T], most: usize) -> Vec<[T; 3]> {
+    let n = all.len();
+    let every = (n * n.saturating_sub(1) * n.saturating_sub(2) / 6)
+        .div_ceil(most)
+        .max(1);
+    let mut chosen = Vec::new();
+    let mut count = 0;
+    for (i, a) in all.iter().enumerate() {
+        for (j, b) in all.iter().enumerate().skip(i + 1) {
+            for c in all.iter().skip(j + 1) {
+                count += 1;
+                if count % every == 0 {
+                    chosen.push([*a, *b, *c]);
+                }
+            }
+        }
+    }
+    chosen
 }
 
 /// Where single cameras stand by their own clicks; two of them tell the scale.

@@ -9,10 +9,10 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::adjustment::CameraState;
 
-type Cameras = Vec<(String, CameraState)>;
+pub(super) type Cameras = Vec<(String, CameraState)>;
 
 /// Six cameras around a futsal court.
-fn venue() -> Cameras {
+pub(super) fn venue() -> Cameras {
     let intrinsics = Intrinsics {
         fx_px: 1100.0,
         fy_px: 1100.0,
@@ -99,7 +99,7 @@ fn no_marks() -> Marks {
 }
 
 /// Marks of a futsal court as all cameras see them.
-fn court_marks(cameras: &Cameras, names: &[&str], sigma_px: f64, seed: u64) -> Marks {
+pub(super) fn court_marks(cameras: &Cameras, names: &[&str], sigma_px: f64, seed: u64) -> Marks {
     let court = Court::of("futsal", None).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let known = names.iter().map(|name| {
@@ -117,7 +117,7 @@ fn court_marks(cameras: &Cameras, names: &[&str], sigma_px: f64, seed: u64) -> M
 }
 
 /// Points of a line that one camera sees.
-fn on_line(cameras: &Cameras, camera: usize, name: &str) -> KnownMark {
+pub(super) fn on_line(cameras: &Cameras, camera: usize, name: &str) -> KnownMark {
     let court = Court::of("futsal", None).unwrap();
     let shape = court.line(name).unwrap().shape;
     let at = |share: f64| match shape {

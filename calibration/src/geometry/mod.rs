@@ -10,6 +10,7 @@ mod resection;
 mod triangulation;
 mod two_view;
 
+pub(crate) use resection::three_point;
 pub use resection::{Resection, resect};
 pub use triangulation::{Sight, triangulate};
 pub use two_view::{RelativePose, TwoViews, least_loss, refined_pose, relative_pose, sampson_rad};

@@ -63,7 +63,7 @@ pub fn resect(
     })
 }
 
-type Pose = (UnitQuaternion<f64>, Vector3<f64>);
+pub(crate) type Pose = (UnitQuaternion<f64>, Vector3<f64>);
 
 fn angle_rad((rotation, center): &Pose, (sight, point): &(Vector3<f64>, Vector3<f64>)) -> f64 {
     let seen = (rotation * (point - center)).normalize();
@@ -72,7 +72,7 @@ fn angle_rad((rotation, center): &Pose, (sight, point): &(Vector3<f64>, Vector3<
 }
 
 /// The poses from which three points are seen along three sights (Grunert 1841, as in Haralick et al. 1994).
-fn three_point(sights: &[Vector3<f64>; 3], points: &[Vector3<f64>; 3]) -> Vec<Pose> {
+pub(crate) fn three_point(sights: &[Vector3<f64>; 3], points: &[Vector3<f64>; 3]) -> Vec<Pose> {
     let square = |i: usize, j: usize| (points[i] - points[j]).norm_squared();
     let (a2, b2, c2) = (square(1, 2), square(0, 2), square(0, 1));
     let alpha = sights[1].dot(&sights[2]);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use farfield_calibration::alignment::Marks;
+use farfield_calibration::alignment::{ClickedChange, ClickedFile, Marks};
 use farfield_export::SubjectProfile;
 use farfield_export::edits::{EditList, Roll};
 use farfield_import::formats::{ParseOptions, parse};
@@ -31,7 +31,24 @@ pub(super) fn imported_keypoints(bytes: &[u8]) -> String {
 /// What was clicked in pictures, of any content: read or refused.
 pub(super) fn clicked_marks_text(bytes: &[u8]) -> String {
     let text = text(bytes);
-    read_or_refused(&Marks::parse(text, Path::new("marks.toml")))
+    let marks = read_or_refused(&Marks::parse(text, Path::new("marks.toml")));
+    let begun = ClickedFile::parse(text, Path::new("marks.toml"));
+    if let Ok(begun) = &begun {
+        // What was read is written, and read the same.
+        let again = begun.checked().expect("what is written can be read");
+        assert_eq!(
+            again.checked().as_ref(),
+            Ok(&again),
+            "it is the same from then on"
+        );
+    }
+    // The same from a page, as JSON.
+    let said = ClickedChange::parse(text.as_bytes()).and_then(|said| said.clicked.checked());
+    format!(
+        "{marks}; {}; {}",
+        read_or_refused(&begun),
+        read_or_refused(&said)
+    )
 }
 
 /// Names and edits of people, or a profile, of any content: read and applied, or refused.
