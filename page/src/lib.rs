@@ -9,13 +9,14 @@
 //! | [`protocol`] | messages as bytes and as JSON, pure |
 //! | [`state`] | what is known now, alarms in words, latencies; the ticks that can be gone to, of the last minutes or of a recording |
 //! | [`playback`] | where a client is in time, pure |
-//! | [`server`] | HTTP, WebSockets, TLS, who may ask what |
+//! | [`server`] | HTTP, WebSockets, TLS, who may ask what; the page on which marks are clicked |
 //! | [`qr`] | an address as a picture in a terminal |
 
 #[cfg(test)]
 extern crate self as farfield_page;
 
 pub mod actions;
+mod calibration;
 pub mod playback;
 pub mod protocol;
 pub mod qr;
@@ -24,6 +25,7 @@ pub mod skeleton;
 pub mod state;
 
 pub use actions::{Action, ActionKind, PageActions};
-pub use server::{Server, ServerOptions};
+pub use calibration::{CalibrationSheet, ShownCalibration};
+pub use server::{Clicking, ClickingServer, Server, ServerOptions, Taken};
 pub use skeleton::{Angle, AngleUnit, Skeleton};
 pub use state::{HistoryBounds, PageOptions, PageState, RecordedMessages};

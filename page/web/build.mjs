@@ -12,9 +12,9 @@ const MOST_GZIP_BYTES = 250_000;
 const here = dirname(fileURLToPath(import.meta.url));
 const bundleFolder = join(here, "..", "bundle");
 
-async function script() {
+async function script(name) {
   const result = await build({
-    entryPoints: [join(here, "src", "main.ts")],
+    entryPoints: [join(here, "src", name)],
     absWorkingDir: here,
     bundle: true,
     minify: true,
@@ -28,9 +28,9 @@ async function script() {
   return Buffer.from(result.outputFiles[0].contents);
 }
 
-async function style() {
+async function style(name) {
   const result = await build({
-    entryPoints: [join(here, "src", "page.css")],
+    entryPoints: [join(here, "src", name)],
     absWorkingDir: here,
     bundle: true,
     minify: true,
@@ -49,8 +49,11 @@ function compressed(bytes) {
 
 const plain = new Map([
   ["index.html", await readFile(join(here, "src", "index.html"))],
-  ["page.css", await style()],
-  ["page.js", await script()],
+  ["page.css", await style("page.css")],
+  ["page.js", await script("main.ts")],
+  ["marks.html", await readFile(join(here, "src", "marks.html"))],
+  ["marks.css", await style("marks.css")],
+  ["marks.js", await script("marks.ts")],
 ]);
 
 let gzipBytes = 0;

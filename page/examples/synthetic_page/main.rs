@@ -14,7 +14,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use farfield_page::protocol::status::RecordingState;
 use farfield_page::{
-    Action, ActionKind, PageActions, PageOptions, PageState, Server, ServerOptions, qr,
+    Action, ActionKind, CalibrationSheet, PageActions, PageOptions, PageState, Server,
+    ServerOptions, ShownCalibration, qr,
 };
 use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
@@ -92,6 +93,22 @@ impl PageActions for Pretended {
     }
 }
 
+/// The sheet of a calibration that nobody made.
+fn calibration() -> ShownCalibration {
+    let html: &[u8] = include_bytes!("sheet.html");
+    ShownCalibration {
+        file: "calibration.toml".to_owned(),
+        fingerprint: "0123456789abcdef".to_owned(),
+        text: "The sheet is of the calibration that is used.".to_owned(),
+        sheet: Some(CalibrationSheet {
+            file: "calibration.html".to_owned(),
+            fingerprint: Some("0123456789abcdef".to_owned()),
+            is_of_this: Some(true),
+            html: html.into(),
+        }),
+    }
+}
+
 /// Feeds tick after tick, each when it is; notes how long the page keeps whoever feeds it.
 async fn feed(state: Arc<PageState>, synthetic: Synthetic, held_ns: &Mutex<Vec<u64>>) {
     let began = Instant::now();
@@ -137,6 +154,7 @@ async fn main() -> Result<(), Failure> {
     let actions = Arc::new(Pretended::default());
     let options = PageOptions {
         actions: Some(Arc::clone(&actions) as Arc<dyn PageActions>),
+        calibration: calibration(),
         ..PageOptions::default()
     };
     let held_ns = Mutex::new(Vec::new());

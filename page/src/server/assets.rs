@@ -44,8 +44,12 @@ fn gzip(bytes: &[u8]) -> std::io::Result<Vec<u8>> {
     encoder.finish()
 }
 
-static ASSETS: LazyLock<[Asset; 3]> = LazyLock::new(|| {
-    [
+/// The files of one page.
+pub(super) struct Bundle([Asset; 3]);
+
+/// The live page.
+pub(super) static LIVE: LazyLock<Bundle> = LazyLock::new(|| {
+    Bundle([
         Asset::new(
             "/",
             "text/html; charset=utf-8",
@@ -61,17 +65,38 @@ static ASSETS: LazyLock<[Asset; 3]> = LazyLock::new(|| {
             "text/css; charset=utf-8",
             include_bytes!("../../bundle/page.css"),
         ),
-    ]
+    ])
 });
 
-/// Compresses everything, for who does not want the first request to.
-pub(super) fn prepare() {
-    LazyLock::force(&ASSETS);
+/// The page on which marks are clicked.
+pub(super) static MARKS: LazyLock<Bundle> = LazyLock::new(|| {
+    Bundle([
+        Asset::new(
+            "/",
+            "text/html; charset=utf-8",
+            include_bytes!("../../bundle/marks.html"),
+        ),
+        Asset::new(
+            "/marks.js",
+            "text/javascript; charset=utf-8",
+            include_bytes!("../../bundle/marks.js"),
+        ),
+        Asset::new(
+            "/marks.css",
+            "text/css; charset=utf-8",
+            include_bytes!("../../bundle/marks.css"),
+        ),
+    ])
+});
+
+/// Compresses everything of a page, for who does not want the first request to.
+pub(super) fn prepare(bundle: &LazyLock<Bundle>) {
+    LazyLock::force(bundle);
 }
 
 /// The answer to a request for a file of the bundle; `None`: there is no such file.
-pub(super) fn answer(path: &str, headers: &HeaderMap) -> Option<Response> {
-    let asset = ASSETS.iter().find(|asset| asset.path == path)?;
+pub(super) fn answer(bundle: &'static Bundle, path: &str, headers: &HeaderMap) -> Option<Response> {
+    let asset = bundle.0.iter().find(|asset| asset.path == path)?;
     let says = |name, what: &str| {
         let mut values = headers.get_all(name).iter();
         values.any(|value: &HeaderValue| value.to_str().is_ok_and(|text| text.contains(what)))

@@ -4,9 +4,12 @@
 //! keys, and nothing is told without the token.
 
 mod access;
+mod answers;
 mod assets;
+mod clicking;
 mod client;
 mod flow;
+mod listening;
 mod outgoing;
 mod routes;
 mod series;
@@ -17,44 +20,24 @@ mod token;
 
 use std::io;
 use std::net::SocketAddr;
-use std::pin::pin;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use hyper::server::conn::http1;
-use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::service::TowerToHyperService;
-use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
-use tokio::time::{Instant, sleep, timeout};
-use tokio_rustls::TlsAcceptor;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tracing::{debug, warn};
 
 use crate::state::{PageState, lock};
 use access::Access;
+pub use clicking::{Clicking, ClickingServer, Taken};
 use flow::Allowance;
+use listening::Listening;
 pub use tls::{Keys, KeysError};
 pub use token::Token;
 
-/// Most connections at once: a browser opens six for one page.
-const MAX_CONNECTIONS: usize = 128;
 /// Most web sockets at once.
 pub(crate) const MAX_CLIENTS: usize = 32;
-/// How long a request's head, or a TLS handshake, may take.
-const HEAD_TIME: Duration = Duration::from_secs(10);
-/// How long a connection is asked for more; a web socket is no request, and goes on.
-const CONNECTION_TIME: Duration = Duration::from_mins(1);
-/// How long an answer may take that is under way then: its client may read slowly, or not at all.
-const ANSWER_TIME: Duration = Duration::from_secs(30);
-/// Longest head of a request, bytes.
-const MAX_HEAD_BYTES: usize = 16 << 10;
-/// After the system had no connection to give (too many files are open), it is asked again so much later.
-const ACCEPT_REST: Duration = Duration::from_millis(100);
-/// How long clients may take to leave when the server stops.
-const LEAVE_TIME: Duration = Duration::from_secs(2);
 
 /// Where and for whom pages are served.
 #[derive(Debug)]
@@ -118,10 +101,8 @@ pub enum ServerError {
 /// A server that listens, and serves when it is asked to.
 pub struct Server {
     state: Arc<PageState>,
-    listener: TcpListener,
-    address: SocketAddr,
-    access: Arc<Access>,
-    tls: Option<TlsAcceptor>,
+    listening: Listening,
+    sheet_key: Arc<Token>,
 }
 
 impl Server {
@@ -130,42 +111,28 @@ impl Server {
     /// # Errors
     /// [`ServerError`]: keys that are missing or wrong, an address that cannot be had.
     pub async fn bind(state: Arc<PageState>, options: ServerOptions) -> Result<Self, ServerError> {
-        let address = options.address;
-        let is_local = address.ip().is_loopback();
-        if !is_local && options.keys.is_none() {
-            return Err(ServerError::NoKeys { address });
-        }
-        if address.ip().is_unspecified() && options.names.is_empty() {
-            return Err(ServerError::NoName { address });
-        }
-        let tls = options.keys.as_ref().map(Keys::acceptor).transpose()?;
-        let failed = |source| ServerError::Listen { address, source };
-        let listener = TcpListener::bind(address).await.map_err(failed)?;
-        let bound = listener.local_addr().map_err(failed)?;
-        let token = Token::random().ok_or(ServerError::NoRandomNumbers)?;
-        let access = Access::new(token, bound, options.names, tls.is_some());
+        let listening = Listening::bind(options).await?;
+        let sheet_key = Token::random().ok_or(ServerError::NoRandomNumbers)?;
         Ok(Self {
             state,
-            listener,
-            address: bound,
-            access: Arc::new(access),
-            tls,
+            listening,
+            sheet_key: Arc::new(sheet_key),
         })
     }
 
     /// Where it listens.
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.listening.address()
     }
 
     /// The address of the page, with the token: for the operator alone.
     pub fn url(&self) -> String {
-        self.access.url()
+        self.listening.access().url()
     }
 
     /// The token.
     pub fn token(&self) -> &Token {
-        self.access.token()
+        self.listening.access().token()
     }
 
     /// Serves until `stop`; then clients are told, and have a moment to leave.
@@ -173,37 +140,16 @@ impl Server {
         let tasks = TaskTracker::new();
         let serving = Serving {
             state: Arc::clone(&self.state),
-            access: Arc::clone(&self.access),
+            access: Arc::clone(self.listening.access()),
             sockets: Arc::new(Semaphore::new(MAX_CLIENTS)),
             series: SeriesAllowance::new(),
+            sheet_key: Arc::clone(&self.sheet_key),
             tasks: tasks.clone(),
             stop: stop.clone(),
         };
-        let router = routes::router(serving);
-        let connections = Arc::new(Semaphore::new(MAX_CONNECTIONS));
-        while let Some(accepted) = stop.run_until_cancelled(self.listener.accept()).await {
-            let stream = match accepted {
-                Ok((stream, _)) => stream,
-                Err(error) => {
-                    debug!(%error, "a connection was lost before it began");
-                    sleep(ACCEPT_REST).await;
-                    continue;
-                }
-            };
-            let Ok(permit) = Arc::clone(&connections).try_acquire_owned() else {
-                continue;
-            };
-            let (router, tls, stop) = (router.clone(), self.tls.clone(), stop.clone());
-            tasks.spawn(async move {
-                stop.run_until_cancelled(connection(stream, tls, router))
-                    .await;
-                drop(permit);
-            });
-        }
-        tasks.close();
-        if timeout(LEAVE_TIME, tasks.wait()).await.is_err() {
-            warn!("some pages did not leave");
-        }
+        self.listening
+            .serve(routes::router(serving), tasks, stop)
+            .await;
     }
 }
 
@@ -214,6 +160,8 @@ pub(crate) struct Serving {
     pub(crate) access: Arc<Access>,
     pub(crate) sockets: Arc<Semaphore>,
     pub(crate) series: SeriesAllowance,
+    /// Under which key the sheet of the calibration is: told to who may read, because a browser says no token where it opens a page.
+    pub(crate) sheet_key: Arc<Token>,
     pub(crate) tasks: TaskTracker,
     pub(crate) stop: CancellationToken,
 }
@@ -236,48 +184,5 @@ impl SeriesAllowance {
     /// Takes one; `false`: there was none left.
     pub(crate) fn take(&self) -> bool {
         lock(&self.left).take(self.began.elapsed())
-    }
-}
-
-/// One connection, from its handshake to its end.
-async fn connection(stream: TcpStream, tls: Option<TlsAcceptor>, router: axum::Router) {
-    // Ticks are small and late ones are worth nothing.
-    if let Err(error) = stream.set_nodelay(true) {
-        debug!(%error, "a connection keeps small messages back");
-    }
-    let Some(tls) = tls else {
-        return requests(stream, router, [CONNECTION_TIME, ANSWER_TIME]).await;
-    };
-    match timeout(HEAD_TIME, tls.accept(stream)).await {
-        Ok(Ok(stream)) => requests(stream, router, [CONNECTION_TIME, ANSWER_TIME]).await,
-        Ok(Err(error)) => debug!(%error, "a TLS handshake failed"),
-        Err(_) => debug!("a TLS handshake took too long"),
-    }
-}
-
-/// Answers requests for so long; then the last answer has so long to be read.
-async fn requests<S>(stream: S, router: axum::Router, [ask_time, answer_time]: [Duration; 2])
-where
-    S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
-{
-    let connection = http1::Builder::new()
-        .timer(TokioTimer::new())
-        .header_read_timeout(HEAD_TIME)
-        .max_buf_size(MAX_HEAD_BYTES)
-        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
-        .with_upgrades();
-    let mut connection = pin!(connection);
-    let served = if let Ok(served) = timeout(ask_time, connection.as_mut()).await {
-        served
-    } else {
-        connection.as_mut().graceful_shutdown();
-        let Ok(served) = timeout(answer_time, connection).await else {
-            debug!("an answer was not read");
-            return;
-        };
-        served
-    };
-    if let Err(error) = served {
-        debug!(%error, "a connection ended");
     }
 }

@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
+use axum::body::Bytes;
 use axum::extract::ws::{WebSocket, WebSocketUpgrade};
-use axum::extract::{Path, Request, State};
+use axum::extract::{Path, State};
 use axum::http::header::{
-    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, REFERRER_POLICY,
-    X_CONTENT_TYPE_OPTIONS,
+    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH,
 };
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri};
-use axum::middleware::{self, Next};
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::middleware;
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
 use axum::{Extension, Router};
@@ -17,72 +17,38 @@ use farfield_proto::id::CameraIndex;
 use tokio::time::Instant;
 
 use super::access::{Refusal, Rights, SUBPROTOCOL};
+use super::answers::{check, json, plain, refused};
 use super::client::{Client, Form};
 use super::{Serving, assets, series};
+use crate::calibration;
 use crate::protocol::request::MAX_REQUEST_BYTES;
 
-/// No scripts, styles or connections but our own.
-const POLICY: &str = "default-src 'self'; img-src 'self' data: blob:; style-src 'self'; connect-src 'self'; \
-    object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+/// A sheet is a file that somebody wrote: it may look as it likes, and do nothing.
+const SHEET_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; \
+    frame-ancestors 'none'; sandbox";
 /// What a slow client may leave unsent before sending to it waits, bytes: a tick of a crowd.
 const MAX_UNSENT_BYTES: usize = 1 << 20;
 
 pub(super) fn router(serving: Serving) -> Router {
     // Not while the first page waits for it.
-    serving.tasks.spawn_blocking(assets::prepare);
+    serving
+        .tasks
+        .spawn_blocking(|| assets::prepare(&assets::LIVE));
     Router::new()
         .route("/api/venue", get(venue))
         .route("/api/status", get(status))
         .route("/api/series", get(one_series))
         .route("/api/thumbnail/{camera}", get(thumbnail))
+        .route("/api/calibration", get(shown_calibration))
+        .route("/calibration/{key}", get(calibration_sheet))
         .route("/ws", get(binary_socket))
         .route("/ws/json", get(json_socket))
         .fallback(get(asset))
-        .layer(middleware::from_fn_with_state(serving.clone(), check))
+        .layer(middleware::from_fn_with_state(
+            Arc::clone(&serving.access),
+            check,
+        ))
         .with_state(serving)
-}
-
-/// Refuses who may not ask, before anything else is looked at; adds the headers that keep a browser from harm.
-async fn check(State(serving): State<Serving>, mut request: Request, next: Next) -> Response {
-    let mut response = match serving.access.rights(request.headers()) {
-        Ok(rights) => {
-            request.extensions_mut().insert(rights);
-            next.run(request).await
-        }
-        Err(refusal) => refused(refusal),
-    };
-    let headers = response.headers_mut();
-    for (name, value) in [
-        (CONTENT_SECURITY_POLICY, POLICY),
-        (X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (REFERRER_POLICY, "no-referrer"),
-        (
-            HeaderName::from_static("cross-origin-resource-policy"),
-            "same-origin",
-        ),
-    ] {
-        headers.insert(name, HeaderValue::from_static(value));
-    }
-    response
-}
-
-fn refused(refusal: Refusal) -> Response {
-    plain(refusal.status(), refusal.to_string())
-}
-
-/// A line for people.
-fn plain(status: StatusCode, text: impl Into<String>) -> Response {
-    let mut text = text.into();
-    text.push('\n');
-    (status, text).into_response()
-}
-
-fn json(text: String) -> Response {
-    let headers = [
-        (CONTENT_TYPE, "application/json"),
-        (CACHE_CONTROL, "no-store"),
-    ];
-    (headers, text).into_response()
 }
 
 /// Whether somebody may read.
@@ -95,7 +61,7 @@ fn may_read(rights: Rights) -> Result<(), Refusal> {
 }
 
 async fn asset(uri: Uri, headers: HeaderMap) -> Response {
-    let found = assets::answer(uri.path(), &headers);
+    let found = assets::answer(&assets::LIVE, uri.path(), &headers);
     found.unwrap_or_else(|| {
         plain(
             StatusCode::NOT_FOUND,
@@ -169,6 +135,34 @@ async fn thumbnail(
     } else {
         (about, [(CONTENT_TYPE, "image/jpeg")], newest.jpeg).into_response()
     }
+}
+
+async fn shown_calibration(
+    State(serving): State<Serving>,
+    Extension(rights): Extension<Rights>,
+) -> Response {
+    if let Err(refusal) = may_read(rights) {
+        return refused(refusal);
+    }
+    let shown = &serving.state.shared().calibration;
+    json(calibration::document(shown, serving.sheet_key.text()))
+}
+
+/// The sheet, for who was told its key.
+async fn calibration_sheet(State(serving): State<Serving>, Path(key): Path<String>) -> Response {
+    let sheet = serving.state.shared().calibration.sheet.as_ref();
+    let Some(sheet) = sheet.filter(|_| serving.sheet_key.is(&key)) else {
+        return plain(
+            StatusCode::NOT_FOUND,
+            "there is no sheet here: open it from the page, which is at /",
+        );
+    };
+    let about = [
+        (CONTENT_TYPE, "text/html; charset=utf-8"),
+        (CACHE_CONTROL, "no-store"),
+        (CONTENT_SECURITY_POLICY, SHEET_POLICY),
+    ];
+    (about, Bytes::from_owner(Arc::clone(&sheet.html))).into_response()
 }
 
 async fn binary_socket(

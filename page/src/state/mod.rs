@@ -24,6 +24,7 @@ use farfield_proto::venue::Venue;
 use tokio::sync::watch;
 
 use crate::actions::{Action, PageActions};
+use crate::calibration::ShownCalibration;
 use crate::protocol::status::{PageCounts, RecordingState};
 use crate::protocol::text::{ActionKind, Mode};
 use crate::protocol::venue;
@@ -47,6 +48,8 @@ pub struct PageOptions {
     pub history: HistoryBounds,
     /// Who does what pages ask for; `None`: nothing can be done.
     pub actions: Option<Arc<dyn PageActions>>,
+    /// What is known of the calibration beside what is in the venue.
+    pub calibration: ShownCalibration,
 }
 
 /// What pages show. Give it to [`crate::server::Server`], and messages to [`Self::message`].
@@ -61,6 +64,7 @@ pub(crate) struct Shared {
     pub(crate) mode: Mode,
     pub(crate) actions: Option<Arc<dyn PageActions>>,
     pub(crate) kinds: Vec<ActionKind>,
+    pub(crate) calibration: ShownCalibration,
     /// One action at a time.
     acting: Mutex<()>,
     pub(crate) venue_document: String,
@@ -94,7 +98,7 @@ impl PageState {
         options: PageOptions,
     ) -> std::io::Result<Arc<Self>> {
         let past = Past::live(options.history, venue.rate_hz);
-        let shared = Shared::new(venue, skeleton, options.actions, Mode::Live, past);
+        let shared = Shared::new(venue, skeleton, options, Mode::Live, past);
         let feed = Feed::start(Arc::clone(&shared))?;
         Ok(Arc::new(Self {
             shared,
@@ -114,7 +118,7 @@ impl PageState {
     ) -> std::io::Result<Arc<Self>> {
         let recording = Arc::new(Recording::new(options.history.bytes));
         let past = Past::Recording(Arc::clone(&recording));
-        let shared = Shared::new(venue, skeleton, options.actions, Mode::Recording, past);
+        let shared = Shared::new(venue, skeleton, options, Mode::Recording, past);
         recording.start(messages, &shared)?;
         Ok(Arc::new(Self { shared, feed: None }))
     }
@@ -159,10 +163,15 @@ impl Shared {
     fn new(
         venue: Venue,
         skeleton: Skeleton,
-        actions: Option<Arc<dyn PageActions>>,
+        options: PageOptions,
         mode: Mode,
         past: Past,
     ) -> Arc<Self> {
+        let PageOptions {
+            actions,
+            calibration,
+            ..
+        } = options;
         let kinds = actions
             .as_ref()
             .map(|actions| actions.kinds())
@@ -174,6 +183,7 @@ impl Shared {
             mode,
             actions,
             kinds,
+            calibration,
             acting: Mutex::default(),
             newest: watch::Sender::new(None),
             newest_json: Mutex::default(),

@@ -1,13 +1,13 @@
 // The connection to the server: the token, the WebSocket, and coming back by itself when it is lost.
 
+import { readCalibration, type Calibration } from "./protocol/calibration.ts";
 import { ProtocolError } from "./protocol/checked.ts";
 import { readSeries, readText, type Request, type Series, type TextMessage } from "./protocol/text.ts";
 import { readVenue, type Venue } from "./protocol/venue.ts";
 import { RequestPacer } from "./request_pacer.ts";
-import { remember, remembered } from "./storage.ts";
+import { forgetToken, takeToken } from "./token.ts";
 
 const SUBPROTOCOL = "farfield.page.v1";
-const TOKEN_KEY = "farfield.token";
 const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 5000;
 /** The server says every second where it is in time: one that is silent for longer than this is away, whatever the socket says. */
@@ -31,15 +31,6 @@ export interface Receiver {
   notice(text: string): void;
   /** A message that could not be read, with why. */
   unreadable(error: string): void;
-}
-
-/** The token of the page's address, which is taken out of it so that nobody copies it with a link. */
-function takeToken(): string | null {
-  const found = /^#token=([0-9a-fA-F]{1,128})$/.exec(location.hash);
-  if (found?.[1] === undefined) return remembered("sessionStorage", TOKEN_KEY) || null;
-  remember("sessionStorage", TOKEN_KEY, found[1]);
-  history.replaceState(null, "", location.pathname + location.search);
-  return found[1];
 }
 
 export class Connection {
@@ -74,7 +65,7 @@ export class Connection {
       if (response.status === 401 && this.token !== null) {
         // Fusion makes another token at every start; on its own machine reading needs none.
         this.token = null;
-        remember("sessionStorage", TOKEN_KEY, "");
+        forgetToken();
         this.receiver.notice("Fusion has started anew. To do more than look, open the address that it printed.");
         return this.open();
       }
@@ -144,6 +135,12 @@ export class Connection {
     if (response.status === 404) return null;
     if (!response.ok) throw new Error(`the server answers ${response.status}`);
     return { picture: await response.blob(), tag: response.headers.get("ETag") ?? "" };
+  }
+
+  /** What is said of the calibration; a server of before does not know. */
+  async calibration(): Promise<Calibration | null> {
+    const response = await this.get("/api/calibration");
+    return response.ok ? readCalibration(await response.json()) : null;
   }
 
   private get(path: string, more: Readonly<Record<string, string>> = {}): Promise<Response> {

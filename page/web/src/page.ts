@@ -147,6 +147,11 @@ export class Page implements Actions {
       this.send({ do: "seek", tick: Math.round(this.state.tick) });
     }
     this.angles.restart();
+    // The sheet is somewhere else after each start of the server; without an answer the page is as it was.
+    this.connection.calibration().then(
+      (calibration) => calibration !== null && this.cameras.calibration.take(calibration),
+      () => undefined,
+    );
   }
 
   takeText(message: TextMessage): void {

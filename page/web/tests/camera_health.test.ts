@@ -2,7 +2,8 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { agreementInWords, healthOfCamera } from "../src/panels/cameras.ts";
+import { agreementInWords } from "../src/panels/agreement.ts";
+import { healthOfCamera } from "../src/panels/cameras.ts";
 import { readText } from "../src/protocol/text.ts";
 import type { Status } from "../src/protocol/status.ts";
 

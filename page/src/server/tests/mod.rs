@@ -1,5 +1,7 @@
 //! What a stranger, a page and the operator's own browser get.
 
+mod calibration;
+mod clicking;
 mod pages;
 mod strangers;
 
@@ -24,7 +26,8 @@ use tokio_tungstenite::{WebSocketStream, client_async};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::{Keys, MAX_CLIENTS, Server, ServerError, ServerOptions, requests};
+use super::listening::requests;
+use super::{Keys, MAX_CLIENTS, Server, ServerError, ServerOptions};
 use crate::actions::{Action, ActionKind, PageActions};
 use crate::protocol::camera_view::CameraView;
 use crate::protocol::chosen_angles::ChosenAngles;

@@ -23,7 +23,7 @@ fn recording(messages: impl RecordedMessages + 'static, bytes: usize) -> Arc<Pag
             bytes,
             seconds: 0.0,
         },
-        actions: None,
+        ..PageOptions::default()
     };
     PageState::recording(
         venue::venue(),

@@ -3,12 +3,14 @@
 import type { ChartColours } from "../charts/pen.ts";
 import { button, element, setClass, setHidden, setText } from "../dom.ts";
 import { LEVEL_SIGNS, type Level } from "../palette.ts";
-import type { Agreement, CameraState, Status } from "../protocol/status.ts";
+import type { CameraState, Status } from "../protocol/status.ts";
 import type { CameraView } from "../protocol/ticks.ts";
 import type { Camera } from "../protocol/venue.ts";
 import { nameOf, type Actions, type PageState } from "../state.ts";
 import type { Thumbnails } from "../thumbnails.ts";
 import { count, fixed } from "../units.ts";
+import { agreementInWords } from "./agreement.ts";
+import { CalibrationPanel } from "./calibration.ts";
 import { CameraDrawing } from "./camera_tile.ts";
 
 const WORDS: Readonly<Record<CameraState, readonly [Level, string]>> = {
@@ -31,14 +33,6 @@ export function healthOfCamera(status: Status | null, camera: number, viewpoint:
   }
   if (said?.agreement?.verdict === "disagrees") return ["warning", "does not show what the others show"];
   return [level, words];
-}
-
-/** How far a camera is from the others, in words; empty where nothing could be compared. */
-export function agreementInWords(agreement: Agreement | null): string {
-  if (agreement === null || agreement.distance_mm === null) return "";
-  const late = agreement.late_ticks ?? 0;
-  const clock = Math.abs(late) < 0.05 ? "" : `, ${fixed(Math.abs(late), 1)} ticks ${late > 0 ? "late" : "early"}`;
-  return `${fixed(agreement.distance_mm, 0)} mm from the others${clock}`;
 }
 
 class Tile {
@@ -98,6 +92,7 @@ class Tile {
 
 export class CamerasPanel {
   readonly root = element("div", { class: "cameras" });
+  readonly calibration: CalibrationPanel;
   private readonly tiles: Tile[] = [];
   private readonly legend = element("p", { class: "hint" });
   private next = 0;
@@ -107,6 +102,7 @@ export class CamerasPanel {
     private readonly thumbnails: Thumbnails,
     actions: Actions,
   ) {
+    this.calibration = new CalibrationPanel(state);
     const pictures = state.venue.pictures
       ? "Lines are of now, the small picture below them is a second old or more, and is not there where the link is full."
       : state.venue.mode === "recording"
@@ -128,11 +124,13 @@ export class CamerasPanel {
     }
     if (this.tiles.length === 0) this.root.append(element("p", { class: "hint", text: "The venue has no cameras." }));
     this.root.append(this.legend);
+    this.root.prepend(this.calibration.root);
     setHidden(this.legend, this.tiles.length === 0);
   }
 
   update(): void {
     for (const tile of this.tiles) tile.update();
+    this.calibration.update();
   }
 
   /** Draws the open tile, and one of the others in turn: their cost per frame is the same for 4 and 40 cameras. */

@@ -89,8 +89,17 @@ export class Fields {
     return this.isAbsent(name) ? null : this.object(name);
   }
 
+  /** All of it, for who reads it otherwise. */
+  get raw(): unknown {
+    return this.values;
+  }
+
   names(): string[] {
     return Object.keys(this.values);
+  }
+
+  isNull(name: string): boolean {
+    return this.isAbsent(name);
   }
 
   private isAbsent(name: string): boolean {
