@@ -1,5 +1,5 @@
 //! `farfield calibrate`: how cameras see and where they stand, found from pictures of a board, from a point that was carried
-//! through the field, and from people who walk in it, or taken over from another program's files.
+//! through the field, and from people who walk in it, or taken over from another program's files; and marks, clicked in pictures.
 
 mod all;
 mod ball;
@@ -11,6 +11,7 @@ mod judged;
 mod kept;
 mod known;
 mod lenses;
+mod marks;
 mod metres;
 mod people;
 mod points;
@@ -18,7 +19,7 @@ mod progress;
 mod recorded;
 mod recorded_people;
 mod seen;
-mod sheet;
+pub(crate) mod sheet;
 mod thin_files;
 
 use std::fs;
@@ -71,6 +72,11 @@ enum CalibrateCommand {
         mut_args(|it| only_long(it, &["clocks"]))
     )]
     People(people::PeopleArgs),
+    /// Click corners, posts and lines in a picture of each camera, in a browser: what `--marks` takes.
+    #[command(
+        after_help = "Example: farfield calibrate marks pictures/*.png --court futsal --lens lenses.toml --out clicked.toml"
+    )]
+    Marks(marks::MarksArgs),
     /// Turn another program's calibration into ours, or ours into another's.
     #[command(after_help = "Example: farfield calibrate convert hall.qca.txt --out calibration")]
     Convert(convert::ConvertArgs),
@@ -104,6 +110,7 @@ impl CalibrateArgs {
             CalibrateCommand::Points(args) => args.found.json,
             CalibrateCommand::People(args) => args.found.json,
             CalibrateCommand::Convert(args) => args.json,
+            CalibrateCommand::Marks(_) => false,
         }
     }
 }
@@ -116,6 +123,7 @@ pub(crate) fn main(args: &CalibrateArgs) -> ExitCode {
         CalibrateCommand::Board(args) => board::from_board(args).map(|()| Judged::Passes),
         CalibrateCommand::Points(args) => points::from_points(args),
         CalibrateCommand::People(args) => people::from_people(args),
+        CalibrateCommand::Marks(args) => marks::click_marks(args).map(|()| Judged::Passes),
         CalibrateCommand::Convert(args) => convert::convert(args).map(|()| Judged::Passes),
     };
     match made {

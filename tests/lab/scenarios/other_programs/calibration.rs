@@ -52,7 +52,7 @@ fn seen_by(camera: &CameraModel, number: usize) -> String {
     text
 }
 
-fn carried_light() -> SeenHall {
+pub(super) fn carried_light() -> SeenHall {
     SeenHall::new("txt", seen_by)
 }
 

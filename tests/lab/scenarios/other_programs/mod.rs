@@ -4,6 +4,7 @@ mod all_stages;
 mod ball;
 mod boards_stage;
 mod calibration;
+mod clicked_marks;
 mod exports;
 mod filmed_people;
 mod import;

@@ -1,0 +1,225 @@
+//! What the clicks of one camera come to, as the page is told.
+
+use farfield_calibration::alignment::{
+    HalfTurn, LEAST_MARKS, MarkResidual, Marks, OneCameraError, OneCameraFit, drawn_lines,
+    drawn_marks, fit_one_camera,
+};
+use farfield_proto::court::Court;
+use serde::Serialize;
+
+use super::pictures::MarkedPicture;
+
+/// Largest residual that is told, pixels and metres: what is drawn nowhere is as far off.
+const FARTHEST: f64 = 1e5;
+
+/// One camera's fit.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct FitDocument {
+    camera: String,
+    state: FitState,
+    text: String,
+    warnings: Vec<String>,
+    center_m: Option<[f64; 3]>,
+    residuals: Vec<ResidualDocument>,
+    lines: Vec<LineDocument>,
+    marks: Vec<MarkDocument>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum FitState {
+    Fits,
+    Contradicts,
+    TooFew,
+    NoLens,
+    Fails,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct ResidualDocument {
+    name: String,
+    /// Which click of its name.
+    index: usize,
+    px: f64,
+    m: f64,
+    is_outlier: bool,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct LineDocument {
+    name: String,
+    pieces: Vec<Vec<[f64; 2]>>,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct MarkDocument {
+    name: String,
+    px: [f64; 2],
+}
+
+/// What `marks` say of where the camera of `picture` stands.
+pub(super) fn fit(picture: &MarkedPicture, marks: &Marks, court: Option<&Court>) -> FitDocument {
+    let Some(lens) = &picture.lens else {
+        let text = format!(
+            "The lens of {} is not known, so nothing is drawn over its picture: start with --lens FILE.",
+            picture.name
+        );
+        return without(picture, FitState::NoLens, text);
+    };
+    let fitted = match fit_one_camera(marks, &picture.name, lens) {
+        Ok(fitted) => fitted,
+        Err(OneCameraError::TooFew { found }) => {
+            let more = LEAST_MARKS - found;
+            let word = if more == 1 { "mark" } else { "marks" };
+            let text = format!("{more} more {word} until the court is drawn over the picture.");
+            return without(picture, FitState::TooFew, text);
+        }
+        Err(OneCameraError::OnALine) => {
+            let text = "All marks are on one line: click one beside it.".to_owned();
+            return without(picture, FitState::TooFew, text);
+        }
+        Err(error @ OneCameraError::None(_)) => {
+            let text = format!("These marks fit nowhere: {error}. Look for exchanged names.");
+            return without(picture, FitState::Fails, text);
+        }
+    };
+    let round = |px: [f64; 2]| px.map(|v| (100.0 * v).round() / 100.0);
+    let lines = court.map(|court| drawn_lines(court, &fitted.state, picture.size_px));
+    let drawn = court.map(|court| drawn_marks(court, &fitted.state, picture.size_px));
+    FitDocument {
+        camera: picture.name.clone(),
+        state: if fitted.contradiction.is_some() {
+            FitState::Contradicts
+        } else {
+            FitState::Fits
+        },
+        text: in_words(&fitted),
+        warnings: warnings(&fitted),
+        center_m: Some(fitted.state.center_w.into()),
+        residuals: residuals(&fitted.residuals),
+        lines: lines
+            .unwrap_or_default()
+            .into_iter()
+            .map(|(name, pieces)| LineDocument {
+                name,
+                pieces: pieces
+                    .into_iter()
+                    .map(|piece| piece.into_iter().map(round).collect())
+                    .collect(),
+            })
+            .collect(),
+        marks: drawn
+            .unwrap_or_default()
+            .into_iter()
+            .map(|(name, px)| MarkDocument {
+                name,
+                px: round(px),
+            })
+            .collect(),
+    }
+}
+
+fn without(picture: &MarkedPicture, state: FitState, text: String) -> FitDocument {
+    FitDocument {
+        camera: picture.name.clone(),
+        state,
+        text,
+        warnings: Vec::new(),
+        center_m: None,
+        residuals: Vec::new(),
+        lines: Vec::new(),
+        marks: Vec::new(),
+    }
+}
+
+fn residuals(all: &[MarkResidual]) -> Vec<ResidualDocument> {
+    let bounded = |v: f64| {
+        if v.is_finite() {
+            v.min(FARTHEST)
+        } else {
+            FARTHEST
+        }
+    };
+    let each = all.iter().enumerate().map(|(at, it)| {
+        let before = all.iter().take(at);
+        ResidualDocument {
+            name: it.name.clone(),
+            index: before.filter(|other| other.name == it.name).count(),
+            px: bounded(it.px.unwrap_or_default()),
+            m: bounded(it.m),
+            is_outlier: it.is_outlier,
+        }
+    });
+    each.collect()
+}
+
+/// A name as people say it.
+fn said(name: &str) -> String {
+    name.replace('_', " ")
+}
+
+fn in_words(fitted: &OneCameraFit) -> String {
+    if fitted.contradiction.is_some() {
+        let worst = fitted.residuals.iter().max_by(|a, b| {
+            let px = |it: &MarkResidual| it.px.unwrap_or_default();
+            px(a).total_cmp(&px(b))
+        });
+        let worst = worst.map_or_else(String::new, |it| said(&it.name));
+        return format!(
+            "The marks contradict each other, the farthest off is {worst}: look where the drawn lines leave the painted ones, and for \
+             exchanged names."
+        );
+    }
+    let off: Vec<String> = fitted
+        .residuals
+        .iter()
+        .filter(|it| it.is_outlier)
+        .map(|it| {
+            format!(
+                "{} ({:.1} px)",
+                said(&it.name),
+                it.px.unwrap_or_default().min(FARTHEST)
+            )
+        })
+        .collect();
+    let [x, y, z]: [f64; 3] = fitted.state.center_w.into();
+    let fits = fitted.residuals.len() - off.len();
+    let place = format!(
+        "{fits} clicks fit to {:.1} px; the camera stands at ({x:.1}, {y:.1}, {z:.1}) m",
+        fitted.rms_px
+    );
+    match off.as_slice() {
+        [] => place,
+        [one] => format!("{one} does not fit the others: correct it, or its name. {place}"),
+        several => format!(
+            "{} do not fit the others: correct them, or their names. {place}",
+            several.join(", ")
+        ),
+    }
+}
+
+fn warnings(fitted: &OneCameraFit) -> Vec<String> {
+    let mut all = Vec::new();
+    if fitted.is_under_floor {
+        all.push(
+            "This puts the camera below the floor: the court is clicked mirrored (north and south, or west and east, exchanged), or the \
+             picture is a mirror image."
+                .to_owned(),
+        );
+    }
+    if fitted.is_ambiguous {
+        all.push(
+            "A second place of the camera fits nearly as well: click marks farther apart, or one above the floor, as a corner of the \
+             crossbar."
+                .to_owned(),
+        );
+    }
+    if fitted.half_turn == HalfTurn::FitsAsWell {
+        all.push(
+            "Turned by half the court would fit as well: it looks the same from both ends. Which end is west is up to you; keep to it in \
+             all pictures."
+                .to_owned(),
+        );
+    }
+    all
+}

@@ -1,0 +1,227 @@
+//! `farfield calibrate marks`: an operator clicks corners, posts and lines in one picture of each camera, in a browser, and gets
+//! the file that `--marks` takes. Every click is in the file at once.
+
+mod desk;
+mod fits;
+mod pictures;
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context as _, anyhow, bail};
+use clap::Args;
+use farfield_calibration::alignment::ClickedFile;
+use farfield_node::log::start_log;
+use farfield_node::process::{NodeError, say};
+use farfield_page::server::ServerError;
+use farfield_page::{Clicking, ClickingServer, ServerOptions};
+use farfield_proto::court::Court;
+use farfield_proto::toml_file::unknown_name;
+use tokio_util::sync::CancellationToken;
+
+use self::desk::{Desk, Found};
+use self::pictures::MarkedPicture;
+use super::lenses::{LensFile, lenses};
+use super::read;
+use crate::signals::Signals;
+
+/// Where the page is served where nothing else is said: beside the live page.
+const USUAL_PORT: u16 = 7462;
+
+/// What `farfield calibrate marks` is told.
+#[derive(Debug, Args)]
+pub(super) struct MarksArgs {
+    /// A picture of each camera (JPEG, PNG) or a video, called as the camera: north.png; or folders of them.
+    ///
+    /// As the lens drew them: of the size that the camera has, not cut and not undistorted. Of a video the sharpest picture of a second is
+    /// taken.
+    #[arg(required = true)]
+    pictures: Vec<PathBuf>,
+    /// The court whose marks and lines are in the pictures: futsal, handball, ...
+    #[arg(long, value_name = "NAME")]
+    court: Option<String>,
+    /// Length and width of the court, metres, where they are not the usual ones.
+    #[arg(long, value_name = "LENGTHxWIDTH", value_parser = size_m, requires = "court")]
+    size_m: Option<[f64; 2]>,
+    /// Where what is clicked is written; a file that is there is taken up again.
+    #[arg(long, value_name = "FILE", default_value = "clicked.toml")]
+    out: PathBuf,
+    /// Lenses, by a calibration of any format: the court is drawn over the picture then, while it is clicked.
+    ///
+    /// FILE for the cameras that it names, NAME=FILE for one of another name; as often as needed.
+    #[arg(long, value_name = "[NAME=]FILE", visible_alias = "calibration")]
+    lens: Vec<LensFile>,
+    /// From which second of a video the picture is taken.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    from_s: f64,
+    /// Where the page is served, on this machine alone.
+    ///
+    /// An address of the loopback and a port; default: 127.0.0.1:7462.
+    #[arg(long, value_name = "ADDRESS")]
+    at: Option<SocketAddr>,
+}
+
+fn size_m(word: &str) -> Result<[f64; 2], String> {
+    let found = word.split_once('x').and_then(|(length, width)| {
+        let size = [length.trim().parse().ok()?, width.trim().parse().ok()?];
+        size.iter().all(|m: &f64| m.is_finite()).then_some(size)
+    });
+    found.ok_or_else(|| {
+        format!("found `{word}`, expected length and width in metres, for example 38x20")
+    })
+}
+
+/// Serves the page until Ctrl-C.
+///
+/// # Errors
+/// [`NodeError::Refused`] for what cannot be clicked on, [`NodeError::Failed`] where port or disk are in the way.
+pub(super) fn click_marks(args: &MarksArgs) -> Result<(), NodeError> {
+    start_log();
+    let usual = SocketAddr::from(([127, 0, 0, 1], USUAL_PORT));
+    let address = args.at.unwrap_or(usual);
+    if !address.ip().is_loopback() {
+        let problem = anyhow!(
+            "--at: found {address}, expected an address of this machine alone: pictures of the venue are served without keys; from elsewhere \
+             `ssh -L {USUAL_PORT}:127.0.0.1:{USUAL_PORT} HOST`"
+        );
+        return Err(NodeError::Refused(problem));
+    }
+    let desk = Arc::new(desk(args).map_err(NodeError::Refused)?);
+    farfield_node::runtime::block_on(2, async {
+        let mut signals = Signals::listen()
+            .context("listening for signals")
+            .map_err(NodeError::Failed)?;
+        let options = ServerOptions {
+            address,
+            ..ServerOptions::default()
+        };
+        let clicking = Arc::clone(&desk) as Arc<dyn Clicking>;
+        let server = ClickingServer::bind(clicking, options).await;
+        let server = server.map_err(|error| match error {
+            ServerError::Listen { address, .. } => NodeError::Failed(anyhow!(
+                "{error}: end what listens there, or serve it elsewhere (--at 127.0.0.1:{})",
+                address.port().wrapping_add(1)
+            )),
+            error => NodeError::refused(error),
+        })?;
+        say(format_args!("click the marks at: {}", server.url()));
+        say(format_args!(
+            "until Ctrl-C; every click is in {} at once",
+            args.out.display()
+        ));
+        let stop = CancellationToken::new();
+        let until = stop.clone();
+        tokio::join!(server.serve(stop), async move {
+            signals.next().await;
+            until.cancel();
+        });
+        Ok(())
+    })?;
+    for line in desk.summary() {
+        say(format_args!("{line}"));
+    }
+    Ok(())
+}
+
+fn desk(args: &MarksArgs) -> anyhow::Result<Desk> {
+    let found = found(args)?;
+    let pictures = pictures::of(&args.pictures, args.from_s)?;
+    let lenses = lenses(&args.lens)?;
+    let mut cameras = Vec::new();
+    for picture in pictures {
+        let lens = lenses.get(&picture.name);
+        if lens.is_none() && !lenses.is_empty() {
+            let has: Vec<&str> = lenses.keys().map(String::as_str).collect();
+            say(format_args!(
+                "camera {}: no lens (found those of {}), so nothing is drawn over its picture; --lens {}=FILE gives it",
+                picture.name,
+                has.join(", "),
+                picture.name
+            ));
+        }
+        cameras.push(MarkedPicture::new(picture, lens)?);
+    }
+    if args.lens.is_empty() {
+        say(format_args!(
+            "without --lens nothing is drawn over the pictures, and no wrong click shows"
+        ));
+    }
+    Desk::new(args.out.clone(), found, cameras)
+}
+
+/// What was clicked before, and the court that is meant.
+fn found(args: &MarksArgs) -> anyhow::Result<Found> {
+    if let Some(name) = &args.court
+        && !Court::names().contains(&name.as_str())
+    {
+        bail!("--court: {}", unknown_name("court", name, &Court::names()));
+    }
+    let mut found = existing(&args.out)?;
+    let clicked = &mut found.clicked;
+    match (&args.court, &clicked.court) {
+        (Some(asked), Some(has)) if asked != has => bail!(
+            "{}: found the court `{has}`, --court says `{asked}`: give another --out, or leave --court away",
+            args.out.display()
+        ),
+        (Some(_), Some(_)) if args.size_m.is_some() && args.size_m != clicked.size_m => bail!(
+            "{}: found {}, expected the size that --size-m says: give another --out, or leave --size-m away",
+            args.out.display(),
+            clicked
+                .size_m
+                .map_or("a court of the usual size".to_owned(), |[l, w]| format!(
+                    "a court of {l} x {w} m"
+                ))
+        ),
+        (Some(asked), None) => {
+            clicked.court = Some(asked.clone());
+            clicked.size_m = args.size_m;
+        }
+        _ => {}
+    }
+    let problem = |problem: String| anyhow!("--size-m: {problem}");
+    found.court = found.clicked.court().map_err(problem)?;
+    if found.court.is_none() {
+        say(format_args!(
+            "without a court there are no marks and lines by name: --court is one of {}",
+            Court::names().join(", ")
+        ));
+    }
+    Ok(found)
+}
+
+fn existing(path: &Path) -> anyhow::Result<Found> {
+    if !path.exists() {
+        return Ok(Found::default());
+    }
+    let text = read(path)?.text;
+    let clicked = ClickedFile::parse(&text, path)?;
+    let clicks: usize = clicked
+        .camera
+        .values()
+        .flat_map(|own| own.values().map(Vec::len))
+        .sum();
+    say(format_args!(
+        "{}: {clicks} clicks are there already",
+        path.display()
+    ));
+    Ok(Found {
+        clicked,
+        text: Some(text),
+        court: None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_understood_or_said() {
+        assert_eq!(size_m("38x20.5"), Ok([38.0, 20.5]));
+        for wrong in ["38", "38x", "axb", "infx20"] {
+            let told = size_m(wrong).unwrap_err();
+            assert!(told.contains("for example 38x20"), "{told}");
+        }
+    }
+}
