@@ -134,11 +134,31 @@ def names(visit):
     page.keyboard.press("Escape")
 
 
+def opens_the_sheet(visit, folder):
+    """The sheet of the calibration, where there is one, in a tab of its own that can do nothing."""
+    link = visit.page.locator(".sheet-link")
+    told = visit.page.locator(".calibration .hint")
+    check("what is known of the calibration is told", visit.until(lambda: told.inner_text() != ""), told.inner_text())
+    if not link.is_visible():
+        print("left out: the sheet, of which there is none beside the calibration")
+        return
+    visit.shot(folder, "calibration")
+    with visit.context.expect_page() as opened:
+        link.click()
+    sheet = opened.value
+    sheet.wait_for_load_state()
+    check("the sheet is opened", "Calibration" in sheet.title(), sheet.title())
+    check("in its own looks", sheet.evaluate("getComputedStyle(document.body).maxWidth") != "none")
+    sheet.screenshot(path=str(folder / "sheet.png"))
+    sheet.close()
+
+
 def looks_at_cameras(visit, folder):
     page = visit.page
     page.keyboard.press("2")
     tiles = page.locator(".tile")
     check("every camera has a tile", tiles.count() > 0, tiles.count())
+    opens_the_sheet(visit, folder)
     page.locator(".tile-open").first.click()
     page.wait_for_timeout(2000)
     visit.shot(folder, "cameras")

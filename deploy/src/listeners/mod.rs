@@ -8,6 +8,7 @@ mod names_tap;
 mod page;
 mod record_button;
 mod replayed;
+mod sheet;
 mod streams;
 mod thread;
 pub(crate) mod view;

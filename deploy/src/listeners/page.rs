@@ -24,6 +24,7 @@ use tokio_util::task::TaskTracker;
 
 use super::names::GivenNames;
 use super::record_button::{self, Operator};
+use super::sheet;
 use super::thread::ServingThread;
 
 /// From which width on a range of motion is none, radians.
@@ -111,6 +112,7 @@ impl PageOfRun {
         }
         let options = PageOptions {
             actions: Some(actions),
+            calibration: sheet::of_venue(run.venue),
             ..PageOptions::default()
         };
         let mut venue = run.venue.clone();

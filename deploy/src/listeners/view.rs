@@ -20,6 +20,7 @@ use farfield_proto::tick::Micros;
 
 use super::names::GivenNames;
 use super::page::{PageServer, page_skeleton};
+use super::sheet;
 use crate::signals::Signals;
 
 /// Arguments of `farfield view`.
@@ -32,6 +33,11 @@ pub(crate) struct ViewArgs {
     /// An address of the loopback and a port; default: 127.0.0.1:7460.
     #[arg(long, value_name = "ADDRESS")]
     at: Option<SocketAddr>,
+    /// The sheet of the recording's calibration, as `farfield calibrate` wrote it.
+    ///
+    /// Default: calibration.html beside the recording, or in the folder venue beside it, where it is of that calibration.
+    #[arg(long, value_name = "FILE")]
+    sheet: Option<PathBuf>,
 }
 
 /// Serves the page of a recording until Ctrl-C.
@@ -49,7 +55,7 @@ fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
         return Err(NodeError::Refused(problem));
     }
     let path = &args.recording;
-    let state = state(path).map_err(NodeError::Refused)?;
+    let state = state(path, args.sheet.as_deref()).map_err(NodeError::Refused)?;
     farfield_node::runtime::block_on(2, async {
         let mut signals = Signals::listen()
             .context("listening for signals")
@@ -66,7 +72,7 @@ fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
 }
 
 /// What the page shows of the recording at `path`.
-fn state(path: &Path) -> anyhow::Result<Arc<PageState>> {
+fn state(path: &Path, given_sheet: Option<&Path>) -> anyhow::Result<Arc<PageState>> {
     let shown = path.display();
     let file = File::open(path).with_context(|| format!("opening {shown}"))?;
     let messages = MessagesInTime::open(BufReader::new(file));
@@ -83,7 +89,12 @@ fn state(path: &Path) -> anyhow::Result<Arc<PageState>> {
         path: path.to_owned(),
     };
     let names = GivenNames::of_recording(path)?;
+    let calibration = match given_sheet {
+        Some(given) => sheet::given(given, &venue)?,
+        None => sheet::of_venue(&venue),
+    };
     let options = PageOptions {
+        calibration,
         actions: Some(Arc::clone(&names) as Arc<dyn PageActions>),
         ..PageOptions::default()
     };

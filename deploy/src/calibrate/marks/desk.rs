@@ -172,7 +172,7 @@ impl Desk {
     }
 
     /// What a page may change: clicks in its pictures, and names. Not the court, nor what is of cameras that it does not show.
-    fn check(&self, held: &Held, clicked: ClickedFile) -> Result<ClickedFile, String> {
+    fn check(&self, held: &Held, clicked: &ClickedFile) -> Result<ClickedFile, String> {
         let clicked = clicked.checked()?;
         let before = &held.clicked;
         if (&clicked.court, clicked.size_m) != (&before.court, before.size_m) {
@@ -291,7 +291,7 @@ impl Clicking for Desk {
         if change.revision != held.revision {
             return Taken::Behind(json(&self.state(&held)));
         }
-        let clicked = match self.check(&held, change.clicked) {
+        let clicked = match self.check(&held, &change.clicked) {
             Ok(clicked) => clicked,
             Err(problem) => return Taken::Refused(problem),
         };

@@ -32,9 +32,9 @@ const USUAL_PORT: u16 = 7462;
 /// What `farfield calibrate marks` is told.
 #[derive(Debug, Args)]
 pub(super) struct MarksArgs {
-    /// A picture of each camera (JPEG, PNG) or a video, called as the camera: north.png; or folders of them.
+    /// A picture of each camera, called as it is: north.png; or a video; or folders.
     ///
-    /// As the lens drew them: of the size that the camera has, not cut and not undistorted. Of a video the sharpest picture of a second is
+    /// JPEG or PNG, as the lens drew them: of the size that the camera has, not cut and not undistorted. Of a video the sharpest picture of a second is
     /// taken.
     #[arg(required = true)]
     pictures: Vec<PathBuf>,
@@ -42,18 +42,23 @@ pub(super) struct MarksArgs {
     #[arg(long, value_name = "NAME")]
     court: Option<String>,
     /// Length and width of the court, metres, where they are not the usual ones.
-    #[arg(long, value_name = "LENGTHxWIDTH", value_parser = size_m, requires = "court")]
+    #[arg(long, value_name = "LENGTHxWIDTH", value_parser = size_m, requires = "court", hide_short_help = true)]
     size_m: Option<[f64; 2]>,
     /// Where what is clicked is written; a file that is there is taken up again.
     #[arg(long, value_name = "FILE", default_value = "clicked.toml")]
     out: PathBuf,
-    /// Lenses, by a calibration of any format: the court is drawn over the picture then, while it is clicked.
+    /// Lenses, by a calibration of any format: the court is drawn over the pictures.
     ///
     /// FILE for the cameras that it names, NAME=FILE for one of another name; as often as needed.
     #[arg(long, value_name = "[NAME=]FILE", visible_alias = "calibration")]
     lens: Vec<LensFile>,
     /// From which second of a video the picture is taken.
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 0.0,
+        hide_short_help = true
+    )]
     from_s: f64,
     /// Where the page is served, on this machine alone.
     ///

@@ -274,7 +274,7 @@ mod tests {
             model: farfield_proto::camera::LensModel::ideal(),
         };
         for (size_px, expected) in [([60, 80], "made smaller"), ([40, 30], "on its side")] {
-            let picture = of(&[path.clone()], 0.0).unwrap().remove(0);
+            let picture = of(std::slice::from_ref(&path), 0.0).unwrap().remove(0);
             let told = MarkedPicture::new(picture, Some(&lens(size_px)))
                 .err()
                 .unwrap();

@@ -3,6 +3,7 @@
 
 mod coverage;
 mod field;
+pub(crate) mod fingerprint;
 mod plan;
 
 use std::fmt::Write as _;
@@ -34,8 +35,10 @@ pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>, metres: &str) ->
         ("fail", "It does not pass.")
     };
     let mut page = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Calibration {name}</title><style>{STYLE}</style>\n{STRIPES}\
-         <h1>Calibration {name}</h1>\n<p class=\"{class}\"><strong>{verdict}</strong></p>\n"
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" \
+         content=\"width=device-width,initial-scale=1\">{}<title>Calibration {name}</title><style>{STYLE}</style>\n{STRIPES}\
+         <h1>Calibration {name}</h1>\n<p class=\"{class}\"><strong>{verdict}</strong></p>\n",
+        fingerprint::line(&judged.text)
     );
     findings(&mut page, judged);
     writeln!(page, "<p>{}</p>", escaped(metres)).ok();
