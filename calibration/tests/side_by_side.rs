@@ -43,7 +43,7 @@ fn camera(number: u32) -> CameraState {
     CameraState {
         camera_from_world: UnitQuaternion::from_rotation_matrix(&rotation),
         center_w: center,
-        ..CameraState::at_origin(intrinsics, &lens)
+        ..CameraState::at_origin(intrinsics, lens)
     }
 }
 

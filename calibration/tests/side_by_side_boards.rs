@@ -9,7 +9,6 @@ use std::time::Instant;
 use farfield_calibration::board::{
     BoardView, Charuco, Coefficients, GrayPicture, calibrate, detect_charuco,
 };
-use farfield_calibration::formats::LensModel;
 use farfield_calibration::points::{self, PointCamera, PointRequest, Sighting, Timing};
 use serde_json::json;
 
@@ -94,16 +93,13 @@ fn rendered_boards_give_lenses_and_poses() {
         let (size_px, views) = views(&folder.join(name));
         let all: Vec<BoardView> = views.values().cloned().collect();
         let lens = calibrate(size_px, &all, Coefficients::Five).expect("forty tilted boards");
-        let LensModel::Rational(distortion) = lens.lens else {
-            panic!("asked for five coefficients: {:?}", lens.lens);
-        };
         rms_px.push(lens.rms_px);
         focal_px.push(lens.intrinsics.fx_px);
         cameras.push(PointCamera {
             name: name.to_owned(),
             size_px,
             intrinsics: lens.intrinsics,
-            distortion,
+            lens: lens.lens,
             rate_hz: None,
             offset_s: None,
             sightings: sightings(&views),

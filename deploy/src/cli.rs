@@ -76,7 +76,7 @@ pub(crate) enum FarfieldCommand {
     ///
     /// From pictures of a board, from a point that was carried through the field, from another program's files.
     #[command(after_help = "Example: farfield calibrate points seen/*.txt --lens lenses.toml")]
-    Calibrate(CalibrateArgs),
+    Calibrate(Box<CalibrateArgs>),
     /// Start the edge node of one viewpoint.
     #[command(after_help = "Example: farfield edge hall.toml --viewpoint north-east --from-fusion")]
     Edge(EdgeArgs),

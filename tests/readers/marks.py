@@ -228,7 +228,7 @@ def clicks_four_corners(visit, folder, out, camera):
     found = clicked(out)["north"]
     for name, at in MARKS.items():
         off = math.dist(found[name], camera.seen(at))
-        check(f"{name} is in the file where it was clicked", off < 1.5, f"{off:.2f} px off")
+        check(f"{name} is in the file where it was clicked", off < 0.5, f"{off:.2f} px off")
     said = page.locator(".verdict-text").inner_text()
     check("where the camera stands is said", "clicks fit to" in said, said)
     place = [float(v) for v in re.search(r"\(([-\d.]+), ([-\d.]+), ([-\d.]+)\)", said).groups()]

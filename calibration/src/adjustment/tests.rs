@@ -31,7 +31,7 @@ fn looking_at_middle(angle: f64) -> CameraState {
         period_s: 0.02,
         ..CameraState::at_origin(
             INTRINSICS,
-            &Distortion {
+            Distortion {
                 k1: -0.1,
                 k2: 0.02,
                 p1: 0.001,
@@ -226,8 +226,8 @@ fn any_state() -> impl Strategy<Value = CameraState> {
         .prop_map(|(angle, c, is_fisheye)| {
             let mut state = looking_at_middle(angle);
             if is_fisheye {
-                // Wide: 60 degrees off the axis lie in the picture.
-                (state.intrinsics.fx_px, state.intrinsics.fy_px) = (800.0, 790.0);
+                // Wide: 65 degrees off the axis in the corners.
+                (state.intrinsics.fx_px, state.intrinsics.fy_px) = (1000.0, 990.0);
                 let [k1, k2, k3, k4, ..] = c.map(|c| 0.3 * c);
                 state.distortion = [k1, k2, k3, k4, 0.0, 0.0, 0.0, 0.0];
                 state.is_fisheye = true;

@@ -124,7 +124,7 @@ pub fn fit_one_camera(
 }
 
 fn at_origin(lens: &CameraState) -> CameraState {
-    CameraState::at_origin(lens.intrinsics, &lens.lens())
+    CameraState::at_origin(lens.intrinsics, lens.lens())
 }
 
 /// Marks at known places, and where the camera saw them.

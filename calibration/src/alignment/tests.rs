@@ -45,7 +45,7 @@ pub(super) fn venue() -> Cameras {
         let state = CameraState {
             center_w: center,
             camera_from_world: UnitQuaternion::from_rotation_matrix(&rotation),
-            ..CameraState::at_origin(intrinsics, &lens)
+            ..CameraState::at_origin(intrinsics, lens)
         };
         (format!("c{i}"), state)
     });

@@ -127,6 +127,7 @@ pub fn outline_offset_px(focal_px: f64, theta_rad: f64, alpha_rad: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::camera::Distortion;
     use proptest::prelude::*;
 
     use super::*;

@@ -83,7 +83,10 @@ mod tests {
     #[test]
     fn one_picture_from_end_to_end_is_enough_whichever_way_it_is_turned() {
         assert_eq!(check([4, 7], &[[7, 4]], &[]), Ok(()));
-        assert_eq!(check([7, 4], &[[3, 3], [4, 2], [3, 7], [7, 4]], &[]), Ok(()));
+        assert_eq!(
+            check([7, 4], &[[3, 3], [4, 2], [3, 7], [7, 4]], &[]),
+            Ok(())
+        );
         // A pattern of something else in one picture.
         assert_eq!(check([4, 7], &[[4, 7], [4, 6]], &[[9, 12]]), Ok(()));
         assert_eq!(check([4, 7], &[], &[]), Ok(()));

@@ -164,7 +164,7 @@ mod tests {
             cx_px: 960.0,
             cy_px: 600.0,
         };
-        let first = CameraState::at_origin(intrinsics, &Distortion::default());
+        let first = CameraState::at_origin(intrinsics, Distortion::default());
         let rolled = CameraState {
             camera_from_world: UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.01),
             ..first

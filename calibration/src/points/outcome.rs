@@ -471,7 +471,7 @@ mod tests {
             let state = CameraState {
                 camera_from_world: UnitQuaternion::from_scaled_axis(Vector3::from(turn)),
                 center_w: Vector3::from(center),
-                ..CameraState::at_origin(intrinsics, &lens)
+                ..CameraState::at_origin(intrinsics, lens)
             };
             let found = FoundCamera {
                 name: "north \"east\"".to_owned(),

@@ -215,7 +215,7 @@ mod tests {
             state: CameraState {
                 camera_from_world: down,
                 center_w: Vector3::new(x, 0.0, 10.0),
-                ..CameraState::at_origin(intrinsics, &Distortion::default())
+                ..CameraState::at_origin(intrinsics, Distortion::default())
             },
             size_px: [1920, 1200],
             position_sigma_m: 0.001,

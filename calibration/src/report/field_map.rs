@@ -160,7 +160,7 @@ mod tests {
                 state: CameraState {
                     center_w: center,
                     camera_from_world: UnitQuaternion::from_rotation_matrix(&rotation),
-                    ..CameraState::at_origin(intrinsics, &Distortion::default())
+                    ..CameraState::at_origin(intrinsics, Distortion::default())
                 },
                 size_px: [1920, 1200],
                 position_sigma_m: 0.0,

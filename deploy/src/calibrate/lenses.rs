@@ -1,7 +1,7 @@
 //! What is known of the cameras' lenses: calibrations in any format that is read, of one camera or of all.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_calibration::formats::{CameraRecord, Format, ImportOptions, export, import};

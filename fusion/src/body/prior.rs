@@ -230,7 +230,6 @@ fn segment_of(
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
 
     use farfield_proto::subject::SubjectLink;
     use nalgebra::UnitQuaternion;
@@ -253,7 +252,7 @@ mod tests {
         SubjectProfile {
             name: "Anna".to_owned(),
             stature_m: 1.7,
-            links: BTreeMap::from_iter(Joint::ALL.into_iter().filter_map(link)),
+            links: Joint::ALL.into_iter().filter_map(link).collect(),
         }
     }
 

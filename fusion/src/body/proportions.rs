@@ -65,9 +65,10 @@ pub(crate) fn proportions(
     known: Option<KnownBody<'_>>,
 ) -> Option<Proportions> {
     let stature = stature_m(ticks)?.clamp(STATURES_M[0], STATURES_M[1]);
-    let expected = |segment: Segment| match known {
-        Some(known) => known.prior.segment_m(segment),
-        None => {
+    let expected = |segment: Segment| {
+        if let Some(known) = known {
+            known.prior.segment_m(segment)
+        } else {
             let length_m = segment.ratio() * stature;
             (length_m, segment.spread() * length_m)
         }

@@ -93,7 +93,7 @@ fn who_cannot_see_an_unexplained_sighting_is_not_asked() {
         "sky",
         model.size_px(),
         *model.intrinsics(),
-        *model.distortion(),
+        *model.lens(),
         Transform::new(Isometry3::translation(0.0, 0.0, -1000.0)),
     )
     .unwrap();

@@ -194,7 +194,7 @@ pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Opt
     let best = assign_best(likeness, least);
     let clear = best
         .into_iter()
-        .map(|best| best.filter(|best| best.is_clear()));
+        .map(|best| best.filter(Recognised::is_clear));
     clear.collect()
 }
 

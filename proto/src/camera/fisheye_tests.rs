@@ -183,13 +183,12 @@ proptest! {
     fn every_pixel_of_the_picture_is_used_or_beyond_sixty_degrees(x in -0.5f64..1279.5, y in -0.5f64..719.5) {
         let camera = camera();
         let drawn = Pixel::new(x, y);
-        match camera.undistort(drawn) {
-            Some(ideal) => prop_assert!(camera.sees(ideal)),
-            None => {
-                // Where the lens is not drawn at all it is further out still.
-                let ideal = camera.undistort_wide(drawn);
-                prop_assert!(ideal.is_none_or(|ideal| !camera.sees(ideal)));
-            }
+        if let Some(ideal) = camera.undistort(drawn) {
+            prop_assert!(camera.sees(ideal));
+        } else {
+            // Where the lens is not drawn at all it is further out still.
+            let ideal = camera.undistort_wide(drawn);
+            prop_assert!(ideal.is_none_or(|ideal| !camera.sees(ideal)));
         }
     }
 }

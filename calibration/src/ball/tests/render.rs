@@ -73,7 +73,7 @@ pub(crate) fn camera(focal_px: f64) -> CameraState {
         p1: 0.0004,
         ..Distortion::default()
     };
-    CameraState::at_origin(intrinsics, &lens)
+    CameraState::at_origin(intrinsics, lens)
 }
 
 pub(crate) fn lens_of(camera: &CameraState) -> BallLens {
@@ -118,7 +118,7 @@ impl Scene {
         };
         Self {
             // Balls are placed in camera axes.
-            camera: CameraState::at_origin(camera.intrinsics, &camera.lens()),
+            camera: CameraState::at_origin(camera.intrinsics, camera.lens()),
             origin_px: [origin(0), origin(1)],
             size_px,
             background: [120.0, 125.0, 115.0],

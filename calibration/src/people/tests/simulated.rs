@@ -101,7 +101,7 @@ pub(super) fn cameras(field: &Field) -> Vec<CameraState> {
                         cx_px: 960.0,
                         cy_px: 600.0,
                     },
-                    &Distortion {
+                    Distortion {
                         k1: -0.08,
                         k2: 0.02,
                         ..Distortion::default()

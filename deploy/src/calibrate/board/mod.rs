@@ -21,6 +21,7 @@ use super::{refuse_existing, write};
 use crate::output;
 
 pub(super) use self::stage::BoardsArgs;
+pub(super) use self::video::sharpness;
 
 /// What `farfield calibrate board` is told.
 #[derive(Debug, Args)]

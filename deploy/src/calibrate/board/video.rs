@@ -131,7 +131,7 @@ impl Looked {
 }
 
 /// Mean squared Laplacian of a part of the pixels: motion and lack of focus lower it.
-pub(super) fn sharpness(picture: &GrayImage) -> f64 {
+pub(in crate::calibrate) fn sharpness(picture: &GrayImage) -> f64 {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let pixels = picture.as_raw();
     let at = |x: usize, y: usize| {

@@ -9,7 +9,7 @@ use farfield_edge::source::{FrameContent, open_video_alone};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageEncoder as _, ImageReader, Limits, RgbImage};
 
-use crate::calibrate::board_video::sharpness;
+use crate::calibrate::board::sharpness;
 use crate::calibrate::lenses::Lens;
 use crate::init::recordings::{VIDEOS, entries};
 

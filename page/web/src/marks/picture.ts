@@ -128,8 +128,11 @@ export class PictureView {
   // What is done with it.
 
   private at(event: PointerEvent | WheelEvent): [number, number] {
-    const bounds = this.canvas.getBoundingClientRect();
-    return [event.clientX - bounds.left, event.clientY - bounds.top];
+    const { canvas } = this;
+    const bounds = canvas.getBoundingClientRect();
+    // A canvas whose height is no whole number is stretched by a part of a pixel.
+    const x = ((event.clientX - bounds.left) * canvas.clientWidth) / bounds.width;
+    return [x, ((event.clientY - bounds.top) * canvas.clientHeight) / bounds.height];
   }
 
   private down(event: PointerEvent): void {

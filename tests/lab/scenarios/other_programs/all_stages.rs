@@ -172,7 +172,8 @@ fn who_is_stopped_after_a_look_goes_on_from_there_and_ends_with_the_same_bytes()
     let killed = killed_at_the_last(stopped.path(), &recordings);
     assert_ne!(killed.code, 0, "{}\n{}", killed.stdout, killed.stderr);
     let left = names(&stopped.path().join("seen"));
-    let whole: Vec<&String> = left.iter().filter(|it| !it.ends_with(".tmp")).collect();
+    let is_whole = |it: &&String| Path::new(it).extension() != Some("tmp".as_ref());
+    let whole: Vec<&String> = left.iter().filter(is_whole).collect();
     assert_eq!(whole, ["east.txt", "north.txt"], "{}", killed.stderr);
     assert_eq!(names(stopped.path()), ["lenses.toml", "seen"]);
 

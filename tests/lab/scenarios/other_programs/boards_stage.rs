@@ -117,7 +117,7 @@ fn boards_and_a_ball_become_a_calibration_that_passes_in_one_command() {
     let found = calibration(&folder.join("calibration.toml"));
     for (name, at_m) in CAMERAS_M {
         let camera = &found.cameras[name];
-        let apart_m = (camera.center().coordinates_m() - Vector3::from(at_m)).norm();
+        let apart_m = (camera.center().coordinates_m().coords - Vector3::from(at_m)).norm();
         let focal_px = camera.intrinsics().fx_px;
         println!("{name}: {:.1} mm, {focal_px:.2} px", 1000.0 * apart_m);
         assert!(apart_m < 0.03, "{name}: {apart_m} m");

@@ -87,6 +87,10 @@ fn a_light_that_was_carried_through_the_hall_calibrates_its_cameras() {
         sheet.contains("It passes.") && sheet.contains("<svg"),
         "{sheet}"
     );
+    assert!(
+        sheet.contains(&found.hash),
+        "the sheet says which calibration it is of"
+    );
 
     let again = light.calibrate("points", &places);
     assert_eq!(again.code, 2, "{}", again.stdout);

@@ -244,12 +244,10 @@ fn people_whom_a_fisheye_shows_beyond_sixty_degrees_are_left_out_and_said() {
     let text = fs::read_to_string(&made).unwrap();
     let (head, rest) = text.split_once("[cameras]").unwrap();
     let (_, people) = rest.split_once("[[person]]").unwrap();
-    let viewpoints: String = ["north-east", "north-west", "south-west", "south-east"]
-        .iter()
-        .map(|name| {
-            format!("[[viewpoint]]\nname = \"{name}\"\n[[viewpoint.camera]]\nname = \"{name}-1\"\n")
-        })
-        .collect();
+    let viewpoints = ["north-east", "north-west", "south-west", "south-east"].map(|name| {
+        format!("[[viewpoint]]\nname = \"{name}\"\n[[viewpoint.camera]]\nname = \"{name}-1\"\n")
+    });
+    let viewpoints = viewpoints.concat();
     fs::write(
         &made,
         format!("{head}calibration = \"turned.toml\"\n{viewpoints}[[person]]{people}"),
