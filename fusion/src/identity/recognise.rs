@@ -200,7 +200,7 @@ pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Opt
 
 impl Recognised {
     /// Whether another pairing is clearly worse.
-    pub(crate) fn is_clear(&self) -> bool {
+    fn is_clear(&self) -> bool {
         // Against somebody new there is the least L; here another pairing must be clearly worse.
         self.margin.is_none_or(|margin| margin >= MARGIN)
     }

@@ -19,7 +19,10 @@ const LEAST_NAMED: f64 = 3.0;
 /// be it.
 const LEAST_RIVAL: f64 = 0.0;
 /// Bodies that are farther apart than this are not one, whoever else there is: root mean square of the lengths' sigmas.
-const FARTHEST_SIGMAS: f64 = 2.0;
+const FARTHEST_SIGMAS: f64 = 1.2;
+/// Least gain of the whole assignment by a pair for a name: errors of measurement make all lengths of a person longer or shorter
+/// together, so that people a few centimetres apart are not told apart by less.
+const MARGIN_NAMED: f64 = 4.0;
 
 /// Somebody who may come.
 #[derive(Debug, Clone)]
@@ -106,7 +109,10 @@ impl Subjects {
         for (person, chosen) in nameless.iter().zip(chosen).filter(|(it, _)| it.is_due) {
             let subject = |column: usize| (free[column], &known[column]);
             let finding = match chosen {
-                Some(best) if best.log_ratio >= LEAST_NAMED && best.is_clear() => {
+                Some(best)
+                    if best.log_ratio >= LEAST_NAMED
+                        && best.margin.is_none_or(|margin| margin >= MARGIN_NAMED) =>
+                {
                     let (index, lengths) = subject(best.column);
                     self.taken.insert(index, person.id);
                     Finding::Named {
