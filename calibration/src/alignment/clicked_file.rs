@@ -86,6 +86,21 @@ impl ClickedFile {
         Ok(read)
     }
 
+    /// Whether a file can hold this name of a place, point or camera.
+    ///
+    /// # Errors
+    /// In words, where it is empty, too long or cannot be read.
+    pub fn check_name(name: &str) -> Result<(), String> {
+        let is_name = !name.trim().is_empty() && !name.chars().any(char::is_control);
+        if is_name && name.len() <= LONGEST_NAME {
+            return Ok(());
+        }
+        let shown: String = name.chars().take(LONGEST_NAME).collect();
+        Err(format!(
+            "found the name {shown:?}, expected 1 to {LONGEST_NAME} characters that can be read"
+        ))
+    }
+
     /// Names that were given and not taken from a court: what stands in a file and on a page, cameras' too.
     fn check_given_names(&self) -> Result<(), String> {
         let ends = self.lengths.iter().flat_map(|it| &it.between);
@@ -94,13 +109,7 @@ impl ClickedFile {
         let mut count = 0;
         for name in given {
             count += 1;
-            let is_name = !name.trim().is_empty() && !name.chars().any(char::is_control);
-            if !is_name || name.len() > LONGEST_NAME {
-                let shown: String = name.chars().take(LONGEST_NAME).collect();
-                return Err(format!(
-                    "found the name {shown:?}, expected 1 to {LONGEST_NAME} characters that can be read"
-                ));
-            }
+            Self::check_name(name)?;
         }
         if count > MOST_NAMES {
             return Err(format!(

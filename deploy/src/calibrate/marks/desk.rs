@@ -1,6 +1,6 @@
 //! What is clicked, held while the page is open: each change is checked, written whole and answered with what it comes to.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::bail;
@@ -12,12 +12,12 @@ use serde::Serialize;
 
 use super::fits::{FitDocument, fit};
 use super::pictures::MarkedPicture;
-use crate::calibrate::write;
+use crate::calibrate::{read, write};
 
 /// How far outside its picture a click may be: at the very edge of its pixels.
 const EDGE_PX: f64 = 0.5;
-/// What every file of ours begins with.
-const HEADING: &str = "# Clicked with `farfield calibrate marks`";
+/// Most files of which each is kept as it was: nobody edits one more often.
+const MOST_KEPT: usize = 1000;
 
 /// What there was at the start.
 #[derive(Default)]
@@ -42,8 +42,10 @@ pub(super) struct Desk {
 struct Held {
     revision: u64,
     clicked: ClickedFile,
-    /// A file that somebody else wrote, until it is kept under another name.
-    foreign: Option<String>,
+    /// The text of the file when it was last read or written.
+    on_disk: Option<String>,
+    /// The file holds what is lost when it is written, comments above all: it has to be kept under another name before.
+    is_foreign: bool,
     /// Of each camera what was fitted, and what came of it.
     fits: Vec<(Marks, FitDocument)>,
 }
@@ -105,7 +107,8 @@ impl Desk {
     ) -> anyhow::Result<Self> {
         let pngs = cameras.iter_mut().map(|it| std::mem::take(&mut it.png));
         let pngs = pngs.map(Arc::from).collect();
-        let foreign = found.text.filter(|text| !text.starts_with(HEADING));
+        let text = found.text.as_deref();
+        let is_foreign = text.is_some_and(|text| is_foreign(text, &out));
         let mut desk = Self {
             court: found.court,
             pngs,
@@ -113,20 +116,24 @@ impl Desk {
             held: Mutex::new(Held {
                 revision: 0,
                 clicked: ClickedFile::default(),
-                foreign,
+                on_disk: found.text,
+                is_foreign,
                 fits: Vec::new(),
             }),
             out,
         };
         let shown = desk.out.display().to_string();
-        if let Err(problem) = desk.check_pixels(&found.clicked) {
+        // As it will be written: a page may not change what it does not show, not even the last decimals.
+        let clicked = found.clicked.checked();
+        let clicked = clicked.map_err(|problem| anyhow::anyhow!("{shown}: {problem}"))?;
+        if let Err(problem) = desk.check_pixels(&clicked) {
             bail!("{shown}: {problem}");
         }
-        let fits = desk.fits(&found.clicked, &[]);
+        let fits = desk.fits(&clicked, &[]);
         let fits = fits.map_err(|problem| anyhow::anyhow!("{shown}: {problem}"))?;
         let held = desk.held.get_mut().unwrap_or_else(PoisonError::into_inner);
         held.fits = fits;
-        held.clicked = found.clicked;
+        held.clicked = clicked;
         Ok(desk)
     }
 
@@ -215,17 +222,73 @@ impl Desk {
         }
     }
 
+    /// Takes up the file where somebody else has changed it since it was read or written; whether so.
+    ///
+    /// # Errors
+    /// In words, where it cannot be read: it is not written over.
+    fn take_up(&self, held: &mut Held) -> Result<bool, String> {
+        if !self.out.exists() {
+            return Ok(false);
+        }
+        let text = read(&self.out).map_err(|error| format!("{error:#}"))?.text;
+        if held.on_disk.as_ref() == Some(&text) {
+            return Ok(false);
+        }
+        let shown = self.out.display();
+        let problem = |problem: String| {
+            format!(
+                "{shown} was changed elsewhere, and is left as it is until it is put right or away: {problem}"
+            )
+        };
+        let found = ClickedFile::parse(&text, &self.out);
+        let clicked = found.map_err(|error| problem(error.to_string()))?;
+        let clicked = clicked.checked().map_err(problem)?;
+        if (&clicked.court, clicked.size_m) != (&held.clicked.court, held.clicked.size_m) {
+            return Err(problem("found another court than at the start".to_owned()));
+        }
+        self.check_pixels(&clicked).map_err(problem)?;
+        held.fits = self.fits(&clicked, &held.fits).map_err(problem)?;
+        held.clicked = clicked;
+        held.revision += 1;
+        held.is_foreign = is_foreign(&text, &self.out);
+        held.on_disk = Some(text);
+        Ok(true)
+    }
+
     /// Writes what is clicked; a file that somebody else wrote is kept beside it, since its comments are lost.
     fn write(&self, held: &mut Held, clicked: &ClickedFile) -> Result<(), String> {
         let failed = |error| match error {
             NodeError::Refused(error) | NodeError::Failed(error) => format!("{error:#}"),
         };
-        if let Some(text) = &held.foreign {
-            write(&self.out.with_extension("before.toml"), text).map_err(failed)?;
-            held.foreign = None;
+        if let Some(before) = held.on_disk.as_ref().filter(|_| held.is_foreign) {
+            write(&free_name(&self.out)?, before).map_err(failed)?;
+            held.is_foreign = false;
         }
-        write(&self.out, &clicked.text()).map_err(failed)
+        let text = clicked.text();
+        write(&self.out, &text).map_err(failed)?;
+        held.on_disk = Some(text);
+        Ok(())
     }
+}
+
+/// Whether a file says more than is written again.
+fn is_foreign(text: &str, path: &Path) -> bool {
+    !ClickedFile::parse(text, path).is_ok_and(|clicked| clicked.text() == text)
+}
+
+/// Where a file is kept as it was: `clicked.before.toml`, `clicked.before.2.toml` and so on.
+fn free_name(out: &Path) -> Result<PathBuf, String> {
+    let names = (1..=MOST_KEPT).map(|number| match number {
+        1 => out.with_extension("before.toml"),
+        _ => out.with_extension(format!("before.{number}.toml")),
+    });
+    let free = names.into_iter().find(|path| !path.exists());
+    free.ok_or_else(|| {
+        format!(
+            "found {MOST_KEPT} files that are kept as {} was: take some away",
+            out.display()
+        )
+    })
 }
 
 fn json(document: &impl Serialize) -> String {
@@ -288,6 +351,11 @@ impl Clicking for Desk {
             Err(problem) => return Taken::Refused(problem),
         };
         let mut held = self.held();
+        match self.take_up(&mut held) {
+            Ok(true) => return Taken::Behind(json(&self.state(&held))),
+            Ok(false) => {}
+            Err(problem) => return Taken::Failed(problem),
+        }
         if change.revision != held.revision {
             return Taken::Behind(json(&self.state(&held)));
         }
@@ -306,5 +374,108 @@ impl Clicking for Desk {
         held.clicked = clicked;
         held.fits = fits;
         Taken::Written(json(&self.state(&held)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const COMMENTED: &str =
+        "# by hand\n[places]\ndoor = [1.0, 2.0, 0.0]\n[camera.south]\ndoor = [3.1255, 4.0]\n";
+
+    fn desk(out: &Path) -> Desk {
+        let text = std::fs::read_to_string(out).ok();
+        let found = Found {
+            clicked: ClickedFile::parse(text.as_deref().unwrap_or_default(), out).unwrap(),
+            text,
+            court: None,
+        };
+        let north = MarkedPicture {
+            name: "north".to_owned(),
+            file: "north.png".to_owned(),
+            size_px: [40, 30],
+            png: Vec::new(),
+            lens: None,
+        };
+        Desk::new(out.to_owned(), found, vec![north]).unwrap()
+    }
+
+    /// Puts one more place into what the desk holds, as a page that knows `revision` would.
+    fn adds(desk: &Desk, revision: u64, name: &str) -> Taken {
+        let mut clicked = desk.held().clicked.clone();
+        clicked.places.insert(name.to_owned(), [0.0; 3]);
+        let clicked = serde_json::to_value(clicked).unwrap();
+        let change = serde_json::json!({"revision": revision, "clicked": clicked});
+        desk.take(change.to_string().as_bytes())
+    }
+
+    fn text(path: &Path) -> String {
+        std::fs::read_to_string(path).unwrap()
+    }
+
+    #[test]
+    fn more_decimals_in_a_camera_that_is_not_shown_do_not_lock_the_page() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("clicked.toml");
+        std::fs::write(&out, COMMENTED).unwrap();
+        let desk = desk(&out);
+        assert!(matches!(adds(&desk, 0, "post"), Taken::Written(_)));
+        assert!(text(&out).contains("post"));
+    }
+
+    #[test]
+    fn every_file_with_comments_is_kept_as_it_was_and_none_of_ours() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let out = at("clicked.toml");
+        std::fs::write(&out, COMMENTED).unwrap();
+        let first = desk(&out);
+        for (revision, name) in [(0, "a"), (1, "b")] {
+            assert!(matches!(adds(&first, revision, name), Taken::Written(_)));
+        }
+        assert_eq!(text(&at("clicked.before.toml")), COMMENTED);
+        assert!(!at("clicked.before.2.toml").exists());
+        // Ours, and a comment in it.
+        let edited = text(&out) + "# the left door\n";
+        std::fs::write(&out, &edited).unwrap();
+        assert!(matches!(adds(&desk(&out), 0, "c"), Taken::Written(_)));
+        assert_eq!(text(&at("clicked.before.toml")), COMMENTED);
+        assert_eq!(text(&at("clicked.before.2.toml")), edited);
+        assert!(matches!(adds(&desk(&out), 0, "d"), Taken::Written(_)));
+        assert!(!at("clicked.before.3.toml").exists());
+    }
+
+    #[test]
+    fn a_file_that_is_edited_while_the_page_is_open_is_taken_up_and_not_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("clicked.toml");
+        let desk = desk(&out);
+        assert!(matches!(adds(&desk, 0, "a"), Taken::Written(_)));
+        std::fs::write(&out, COMMENTED).unwrap();
+        let Taken::Behind(state) = adds(&desk, 1, "b") else {
+            panic!("expected what is in the file now");
+        };
+        assert!(
+            state.contains("\"revision\":2") && state.contains("door"),
+            "{state}"
+        );
+        assert_eq!(text(&out), COMMENTED);
+        assert!(matches!(adds(&desk, 2, "b"), Taken::Written(_)));
+        assert_eq!(text(&folder.path().join("clicked.before.toml")), COMMENTED);
+        for broken in [
+            "places = 3",
+            "court = \"futsal\"",
+            "[camera.north]\nnobody = [1, 2]",
+        ] {
+            std::fs::write(&out, broken).unwrap();
+            let Taken::Failed(told) = adds(&desk, 3, "c") else {
+                panic!("{broken}: expected to be told");
+            };
+            assert!(told.contains("was changed elsewhere"), "{told}");
+            assert_eq!(text(&out), broken);
+        }
+        std::fs::remove_file(&out).unwrap();
+        assert!(matches!(adds(&desk, 3, "c"), Taken::Written(_)));
     }
 }

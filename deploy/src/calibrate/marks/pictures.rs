@@ -1,13 +1,16 @@
-//! One still picture per camera, as the lens drew it: decoded here, because a browser would turn what a phone has tagged as
-//! turned, and no other part of Farfield does.
+//! One still picture per camera, as the lens drew it: decoded here, because each browser does with tags and colours what it
+//! likes. Videos are turned as their container says, in all of Farfield; of a picture that is tagged as turned nobody knows
+//! which way up the camera's others are, and it is refused.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_calibration::adjustment::CameraState;
+use farfield_calibration::alignment::ClickedFile;
 use farfield_edge::source::{FrameContent, open_video_alone};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ImageEncoder as _, ImageReader, Limits, RgbImage};
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder as _, ImageEncoder as _, ImageReader, Limits, RgbImage};
 
 use crate::calibrate::board::sharpness;
 use crate::calibrate::lenses::Lens;
@@ -142,12 +145,21 @@ fn still(path: &Path, from_s: f64) -> anyhow::Result<StillPicture> {
     let shown = || path.display().to_string();
     let name = path.file_stem().and_then(|it| it.to_str());
     let name = name.ok_or_else(|| anyhow!("{}: expected a file called as its camera", shown()))?;
+    ClickedFile::check_name(name)
+        .map_err(|problem| anyhow!("{}: {problem}: call the file as its camera", shown()))?;
     let is_video = VIDEOS.contains(&&*ending(path));
     let picture = if is_video {
         of_video(path, from_s)?
     } else {
-        of_file(path)
-            .with_context(|| format!("{}: expected a JPEG or PNG picture, or a video", shown()))?
+        let (picture, orientation) = of_file(path)
+            .with_context(|| format!("{}: expected a JPEG or PNG picture, or a video", shown()))?;
+        ensure!(
+            orientation == Orientation::NoTransforms,
+            "{0}: found a picture that is tagged as turned ({orientation:?}), expected pixels that lie as those of the camera's videos: \
+             give a video, or turn the pixels (magick mogrify -auto-orient {0})",
+            shown()
+        );
+        picture
     };
     Ok(StillPicture {
         name: name.to_owned(),
@@ -157,14 +169,25 @@ fn still(path: &Path, from_s: f64) -> anyhow::Result<StillPicture> {
     })
 }
 
-fn of_file(path: &Path) -> anyhow::Result<RgbImage> {
+/// A picture as it is stored, and how it says that it is turned.
+fn of_file(path: &Path) -> anyhow::Result<(RgbImage, Orientation)> {
     let mut reader = ImageReader::open(path)?.with_guessed_format()?;
     let mut limits = Limits::default();
     limits.max_image_width = Some(LONGEST_SIDE_PX);
     limits.max_image_height = Some(LONGEST_SIDE_PX);
     limits.max_alloc = Some(MOST_BYTES);
     reader.limits(limits);
-    Ok(reader.decode()?.into_rgb8())
+    let mut decoder = reader.into_decoder()?;
+    let bytes = decoder.total_bytes();
+    ensure!(
+        bytes <= MOST_BYTES,
+        "found {bytes} bytes of pixels, expected at most {MOST_BYTES}"
+    );
+    let orientation = decoder.orientation()?;
+    Ok((
+        DynamicImage::from_decoder(decoder)?.into_rgb8(),
+        orientation,
+    ))
 }
 
 /// The sharpest picture of the second from `from_s` on; of a video that ends before, of its last ones.
@@ -256,6 +279,44 @@ mod tests {
         RgbImage::new(4, 4).save(at("a.jpeg")).unwrap();
         let told = refused(&[at("a.png"), at("a.jpeg")]);
         assert!(told.contains("both are of camera `a`"), "{told}");
+    }
+
+    /// A JPEG with an EXIF segment that holds nothing but the orientation.
+    fn tagged(orientation: u8) -> Vec<u8> {
+        let mut jpeg = std::io::Cursor::new(Vec::new());
+        RgbImage::new(8, 6)
+            .write_to(&mut jpeg, image::ImageFormat::Jpeg)
+            .unwrap();
+        let jpeg = jpeg.into_inner();
+        let mut exif = b"\xff\xe1\x00\x22Exif\0\0MM\x00\x2a\x00\x00\x00\x08\x00\x01".to_vec();
+        exif.extend_from_slice(b"\x01\x12\x00\x03\x00\x00\x00\x01\x00");
+        exif.extend_from_slice(&[orientation, 0, 0, 0, 0, 0, 0]);
+        [&jpeg[..2], &exif, &jpeg[2..]].concat()
+    }
+
+    #[test]
+    fn a_picture_that_is_tagged_as_turned_is_refused_with_what_to_do() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("north.jpg");
+        for orientation in [3, 6] {
+            std::fs::write(&path, tagged(orientation)).unwrap();
+            let told = refused(std::slice::from_ref(&path));
+            assert!(
+                told.contains("north.jpg: found a picture that is tagged as turned"),
+                "{told}"
+            );
+            assert!(told.contains("-auto-orient"), "{told}");
+        }
+        std::fs::write(&path, tagged(1)).unwrap();
+        assert_eq!(refused(std::slice::from_ref(&path)), "");
+    }
+
+    #[test]
+    fn a_file_whose_name_no_camera_can_have_is_refused_before_it_is_decoded() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(format!("{}.png", "x".repeat(65)));
+        let told = refused(&[path]);
+        assert!(told.contains("call the file as its camera"), "{told}");
     }
 
     #[test]
