@@ -259,9 +259,53 @@ def corrects(visit, folder, out, camera):
     check("arrow keys move by tenths of a pixel, with Shift by one", visit.until(lambda: moved() == [0.2, 1.0]), moved())
     page.keyboard.press("Delete")
     check("Delete takes it away", visit.until(lambda: "centre" not in clicked(out)["north"]))
-    for _ in range(4):
+    # A run of arrow keys is undone as one.
+    for _ in range(2):
         page.keyboard.press("Control+z")
     check("and undo brings all back", visit.until(lambda: clicked(out)["north"].get("centre") == before))
+
+
+def cannot_go_wrong(visit, out):
+    """What no file could hold is not in the page, and what somebody else has written is not written over."""
+    page = visit.page
+    before = clicked(out)["north"]["centre"]
+    canvas = page.locator("canvas.picture").bounding_box()
+    page.keyboard.press("0")
+    page.mouse.move(*visit.on_screen(before))
+    page.mouse.down()
+    page.mouse.move(canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] + 30, steps=6)
+    page.mouse.up()
+    at_edge = lambda: visit.number("isSaved") and clicked(out)["north"]["centre"][1] == SIZE[1] - 0.5
+    check("a mark that is dragged out of the picture stays at its edge", visit.until(at_edge), clicked(out)["north"]["centre"])
+    page.keyboard.press("Control+z")
+    check("and comes back", visit.until(lambda: clicked(out)["north"]["centre"] == before))
+    touch = page.context.new_cdp_session(page)
+    x, y = visit.on_screen(before)
+    for kind, points in (
+        ("touchStart", [(x, y)]),
+        ("touchMove", [(x + 40, y)]),
+        ("touchStart", [(x + 40, y), (x + 120, y)]),
+        ("touchMove", [(x + 20, y), (x + 160, y)]),
+        ("touchEnd", []),
+    ):
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": a, "y": b, "id": i} for i, (a, b) in enumerate(points)]})
+        page.wait_for_timeout(100)
+    page.wait_for_timeout(500)
+    check("two fingers on a mark move the picture and not the mark", clicked(out)["north"]["centre"] == before, clicked(out)["north"]["centre"])
+    page.keyboard.press("0")
+    text = out.read_text()
+    by_hand = text + "# looked at by hand\n"
+    out.write_text(by_hand)
+    page.locator(".mark-row", has=page.locator(".mark-name", has_text=re.compile("^centre$"))).locator(".mark-chip button").first.click()
+    page.keyboard.press("ArrowRight")
+    told = lambda: page.locator(".task").inner_text()
+    check("a file that was edited by hand is taken up", visit.until(lambda: "changed elsewhere" in told()), told())
+    check("and not written over", out.read_text() == by_hand)
+    page.keyboard.press("Control+z")
+    check("undo brings the own clicks back", visit.until(lambda: clicked(out)["north"]["centre"] != before and visit.number("isSaved")))
+    page.keyboard.press("Control+z")
+    check("and takes them back", visit.until(lambda: clicked(out)["north"]["centre"] == before))
+    check("the file with the comment is kept", out.with_suffix(".before.toml").read_text() == by_hand)
 
 
 def clicks_lines_and_names(visit, out, camera):
@@ -334,7 +378,8 @@ def main():
     lens = folder / "lenses.toml"
     lens.write_text("".join(camera.toml(name) for name, camera in cameras.items()))
     out = folder / "clicked.toml"
-    out.unlink(missing_ok=True)
+    for path in (out, *folder.glob("clicked.before*.toml")):
+        path.unlink(missing_ok=True)
     words = [options.farfield, "calibrate", "marks", str(pictures), "--court", "futsal", "--lens", str(lens)]
     command = Command([*words, "--out", str(out), "--at", "127.0.0.1:0"])
     try:
@@ -345,6 +390,7 @@ def main():
             camera = cameras["north"]
             clicks_four_corners(visit, folder, out, camera)
             corrects(visit, folder, out, camera)
+            cannot_go_wrong(visit, out)
             clicks_lines_and_names(visit, out, camera)
             zooms(visit, folder, camera)
             check("the token is not in the address bar", "token" not in visit.page.url, visit.page.url)

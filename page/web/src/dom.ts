@@ -27,9 +27,11 @@ export function element<K extends keyof HTMLElementTagNameMap>(
   return made;
 }
 
-/** A button that does one thing. */
+/** A button that does one thing. What words it shows are its name, what it shows without words is named by its title. */
 export function button(text: string, title: string, act: () => void, className = ""): HTMLButtonElement {
-  const made = element("button", { class: className, text, title, label: title, attributes: { type: "button" } });
+  // Without a text it is given one later.
+  const hasWords = text === "" || /[\p{L}\p{N}]/u.test(text);
+  const made = element("button", { class: className, text, title, ...(hasWords ? {} : { label: title }), attributes: { type: "button" } });
   made.addEventListener("click", act);
   return made;
 }

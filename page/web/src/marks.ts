@@ -3,6 +3,7 @@
 import { element, setText } from "./dom.ts";
 import { readDocument } from "./marks/document.ts";
 import { MarksPage } from "./marks/marks_page.ts";
+import { LastPictures } from "./marks/pictures.ts";
 import { Theme } from "./theme.ts";
 import { takeToken } from "./token.ts";
 
@@ -13,9 +14,9 @@ const token = takeToken();
 const waiting = element("p", { class: "waiting", text: "Looking for the command…", attributes: { role: "status" } });
 document.body.append(waiting);
 
-function ask(path: string, body?: string): Promise<Response> {
+function ask(path: string, body?: string, signal: AbortSignal | null = AbortSignal.timeout(TIMEOUT_MS)): Promise<Response> {
   const headers: Record<string, string> = token === null ? {} : { Authorization: `Bearer ${token}` };
-  const options: RequestInit = { headers, cache: "no-store", signal: AbortSignal.timeout(TIMEOUT_MS) };
+  const options: RequestInit = { headers, cache: "no-store", signal };
   if (body !== undefined) Object.assign(options, { method: "PUT", body });
   return fetch(path, options);
 }
@@ -26,7 +27,8 @@ async function send(body: string): Promise<{ status: number; text: string }> {
 }
 
 async function picture(number: number): Promise<ImageBitmap> {
-  const response = await ask(`/api/picture/${number}`);
+  // Through a tunnel a large one takes as long as it takes.
+  const response = await ask(`/api/picture/${number}`, undefined, null);
   if (!response.ok) throw new Error((await response.text()).trim());
   return createImageBitmap(await response.blob(), { colorSpaceConversion: "none" });
 }
@@ -40,7 +42,8 @@ async function begin(): Promise<void> {
   if (!response.ok) throw new Error(`the command answers ${response.status}`);
   const read = readDocument(await response.json());
   document.title = `${read.file} · Farfield`;
-  const page = new MarksPage(read, send, picture, theme);
+  const pictures = new LastPictures(picture);
+  const page = new MarksPage(read, send, (number) => pictures.get(number), theme);
   const numbers = {
     get camera(): string {
       return page.camera;

@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { readDocument, type Clicked, type State } from "../src/marks/document.ts";
+import { LastPictures } from "../src/marks/pictures.ts";
 import { Saver, type Saved } from "../src/marks/saver.ts";
 import { Zoom } from "../src/marks/zoom.ts";
 
@@ -49,24 +50,36 @@ test("a document is read, and what is wrong in it is named", () => {
   assert.throws(() => readDocument({ ...document, cameras: [{ name: 3 }] }), /marks\.cameras\[0\]\.name is 3, expected a text/);
 });
 
+interface Tried {
+  saver: Saver;
+  sent: string[];
+  said: Saved[];
+  states: [State, boolean][];
+  refused: [Clicked, string][];
+  retries: (() => void)[];
+  answer: (status: number, text: string) => Promise<void>;
+}
+
 /** A saver whose server answers what the test says. */
-function saver(): { saver: Saver; sent: string[]; said: Saved[]; states: [State, boolean][]; retries: (() => void)[]; answer: (status: number, text: string) => Promise<void> } {
+function saver(): Tried {
   const waiting: ((answer: { status: number; text: string }) => void)[] = [];
   const [sent, said, states, retries]: [string[], Saved[], [State, boolean][], (() => void)[]] = [[], [], [], []];
+  const refused: [Clicked, string][] = [];
   const made = new Saver(
     0,
+    clicked("first"),
     (body) => {
       sent.push(body);
       return new Promise((resolve, reject) => waiting.push((it) => (it.status === 0 ? reject(new Error("away")) : resolve(it))));
     },
-    { saved: (saved) => said.push(saved), state: (one, isForeign) => states.push([one, isForeign]) },
+    { saved: (saved) => said.push(saved), state: (one, isForeign) => states.push([one, isForeign]), refused: (...it) => refused.push(it) },
     (act) => retries.push(act),
   );
   const answer = async (status: number, text: string): Promise<void> => {
     waiting.shift()?.({ status, text });
     for (let i = 0; i < 10; i++) await Promise.resolve();
   };
-  return { saver: made, sent, said, states, retries, answer };
+  return { saver: made, sent, said, states, refused, retries, answer };
 }
 
 const clicked = (name: string): Clicked => ({ ...CLICKED, floor: [name] }) as unknown as Clicked;
@@ -92,16 +105,94 @@ test("what somebody else has changed is taken, and ours is not forced on it", as
   assert.deepEqual([it.states[0]?.[0].revision, it.states[0]?.[1]], [9, true]);
 });
 
-test("a server that is away is asked again with the newest, one that refuses is not", async () => {
+/** As the server says what is in the file: in its own order, without what has no click. */
+const stateOf = (revision: number, name: string): string => {
+  const { camera, ...others } = clicked(name);
+  return JSON.stringify({ ...state(revision), clicked: { camera, ...others } });
+};
+
+test("a server that is away or cannot write is asked again with the newest, and until then nothing is saved", async () => {
   const it = saver();
   it.saver.save(clicked("a"));
   await it.answer(0, "");
   assert.equal(it.said.at(-1)?.kind, "failed");
   assert.equal(it.saver.isDone, false);
+  it.saver.save(clicked("b"));
+  await it.answer(500, "the disk is full");
+  assert.deepEqual(it.said.at(-1), { kind: "failed", reason: "the disk is full" });
+  assert.equal(it.saver.isDone, false);
+  assert.equal(it.retries.length, 1, "one is enough");
   it.retries[0]?.();
+  assert.match(it.sent.at(-1) ?? "", /"floor":\["b"\]/);
+  await it.answer(200, stateOf(1, "b"));
+  assert.equal(it.saver.isDone, true);
+  assert.deepEqual(it.said.at(-1), { kind: "saved" });
+});
+
+test("who is not let in has not saved, and is not asked for ever", async () => {
+  const it = saver();
+  it.saver.save(clicked("a"));
+  await it.answer(401, "");
+  assert.deepEqual(it.said.at(-1), { kind: "failed", reason: "the server answers 401" });
+  assert.deepEqual([it.saver.isDone, it.retries.length], [false, 0]);
+});
+
+test("a change that is refused is taken back to what is in the file, and what is clicked next is written", async () => {
+  const it = saver();
+  const good = clicked("good");
+  it.saver.save(good);
+  await it.answer(200, stateOf(1, "good"));
+  it.saver.save(clicked("bad"));
   await it.answer(400, "found (1, 2), expected a place in the picture\n");
-  assert.deepEqual(it.said.at(-1), { kind: "failed", reason: "found (1, 2), expected a place in the picture" });
-  assert.equal(it.retries.length, 1);
+  assert.equal(it.refused.length, 1);
+  assert.equal(it.refused[0]?.[0], good);
+  assert.equal(it.refused[0]?.[1], "found (1, 2), expected a place in the picture");
+  assert.deepEqual([it.saver.isDone, it.retries.length], [true, 0]);
+  it.saver.save(clicked("better"));
+  await it.answer(200, stateOf(2, "better"));
+  assert.equal(it.saver.isDone, true);
+});
+
+test("a change that puts right what is being refused is sent", async () => {
+  const it = saver();
+  it.saver.save(clicked("bad"));
+  it.saver.save(clicked("right"));
+  await it.answer(400, "no");
+  assert.match(it.sent.at(-1) ?? "", /"floor":\["right"\]/);
+  await it.answer(200, stateOf(1, "right"));
+  assert.deepEqual([it.refused.length, it.saver.isDone], [0, true]);
+});
+
+test("own clicks whose answer was lost are not taken for somebody else's", async () => {
+  const it = saver();
+  it.saver.save({ ...clicked("a"), camera: { ...CLICKED.camera, south: {} } } as unknown as Clicked);
+  await it.answer(0, "");
+  it.saver.save(clicked("b"));
+  await it.answer(409, stateOf(1, "a"));
+  assert.equal(it.states.at(-1)?.[1], false);
+  assert.match(it.sent.at(-1) ?? "", /"revision":1.*"floor":\["b"\]/);
+  await it.answer(0, "");
+  it.retries[0]?.();
+  await it.answer(409, stateOf(2, "b"));
+  assert.equal(it.states.at(-1)?.[1], false);
+  assert.equal(it.saver.isDone, true, "it is in the file already");
+  assert.equal(it.sent.length, 4);
+});
+
+test("the last pictures are kept, others are given back, and one that did not come is asked for again", async () => {
+  const [asked, closed]: [number[], number[]] = [[], []];
+  let isAway = true;
+  const pictures = new LastPictures(async (number) => {
+    asked.push(number);
+    if (number === 9 && isAway) throw new Error("away");
+    return { close: () => void closed.push(number) };
+  }, 2);
+  for (const number of [0, 1, 0, 2, 0]) await pictures.get(number);
+  assert.deepEqual([asked, closed], [[0, 1, 2], [1]]);
+  await assert.rejects(pictures.get(9));
+  isAway = false;
+  await pictures.get(9);
+  assert.deepEqual(asked, [0, 1, 2, 9, 9]);
 });
 
 test("a pixel comes back from the screen, and stays under the pointer while one comes nearer", () => {

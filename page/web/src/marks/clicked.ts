@@ -1,11 +1,22 @@
 // Changes of what was clicked, each giving a new one: so that undoing is taking the one before.
 
-import type { Clicked, Court, Pixel } from "./document.ts";
+import type { Clicked, Court, Pixel, PictureOfCamera } from "./document.ts";
 
 /** Hundredths of a pixel are what the file holds. */
 export function rounded([x, y]: Pixel): Pixel {
   const hundredths = (value: number): number => Math.round(value * 100) / 100;
   return [hundredths(x), hundredths(y)];
+}
+
+/** Lengths and places that a file may hold: metres, and bytes of a name. */
+export const FARTHEST_M = 1e4;
+const LONGEST_NAME = 64;
+
+/** Why a name cannot be in the file; `null` where it can. */
+export function problemOfName(name: string): string | null {
+  if (name.trim() === "") return "It needs a name.";
+  if (/\p{Cc}/u.test(name)) return "A name is of characters that can be read.";
+  return new TextEncoder().encode(name).length > LONGEST_NAME ? `A name has at most ${LONGEST_NAME} letters.` : null;
 }
 
 export type Kind = "mark" | "line" | "place" | "floor" | "length";
@@ -36,10 +47,20 @@ export function placed(clicked: Clicked, camera: string, name: string, at: Pixel
   return withPixels(clicked, camera, name, [...before, rounded(at)]);
 }
 
-export function moved(clicked: Clicked, camera: string, name: string, index: number, to: Pixel): Clicked {
-  const pixels = pixelsOf(clicked, camera, name);
+/** A click elsewhere in its picture: at the edge, where `to` is beyond. */
+export function moved(
+  clicked: Clicked,
+  camera: PictureOfCamera,
+  name: string,
+  index: number,
+  to: Pixel,
+): Clicked {
+  const pixels = pixelsOf(clicked, camera.name, name);
   if (pixels[index] === undefined) return clicked;
-  return withPixels(clicked, camera, name, pixels.map((px, i) => (i === index ? rounded(to) : px)));
+  const [w = 0, h = 0] = camera.size_px;
+  const inside = (value: number, size: number): number => Math.min(size - 0.5, Math.max(-0.5, value));
+  const at = rounded([inside(to[0], w), inside(to[1], h)]);
+  return withPixels(clicked, camera.name, name, pixels.map((px, i) => (i === index ? at : px)));
 }
 
 export function removed(clicked: Clicked, camera: string, name: string, index: number): Clicked {
@@ -59,8 +80,8 @@ export function withLength(clicked: Clicked, between: readonly [string, string],
   return { ...clicked, lengths: [...clicked.lengths, { between, length_m }] };
 }
 
-/** Without a given name, its clicks in all cameras, and the lengths that end there. */
-export function forgotten(clicked: Clicked, name: string): Clicked {
+/** Without a given name, its clicks in all cameras, and the lengths that end there. What the court has keeps its clicks. */
+export function forgotten(clicked: Clicked, court: Court | null, name: string): Clicked {
   const { [name]: _, ...places } = clicked.places;
   let left: Clicked = {
     ...clicked,
@@ -71,7 +92,7 @@ export function forgotten(clicked: Clicked, name: string): Clicked {
   // The other end of a length that has gone means nothing any more.
   const ends = clicked.lengths.filter((length) => length.between.includes(name)).flatMap((length) => length.between);
   for (const end of [name, ...ends]) {
-    if (kindOf(left, null, end) !== null) continue;
+    if (kindOf(left, court, end) !== null) continue;
     for (const camera of Object.keys(left.camera)) left = withPixels(left, camera, end, []);
   }
   return left;
@@ -104,6 +125,21 @@ export function nextName(
   const isOpen = (one: string): boolean => pixelsOf(clicked, camera, one).length === 0;
   const isSeen = (one: string): boolean => seen === null || seen.has(one);
   return order.find((one) => isOpen(one) && isSeen(one)) ?? null;
+}
+
+/** Whether a file would say the same: whatever the order, and without cameras and names that have no click. */
+export function isSame(one: Clicked, other: Clicked): boolean {
+  return inOrder(one) === inOrder(other);
+}
+
+function inOrder({ camera, ...others }: Clicked): string {
+  const sorted = (_: string, value: unknown): unknown =>
+    value !== null && typeof value === "object" && !Array.isArray(value)
+      ? Object.entries(value).sort(([a], [b]) => (a < b ? -1 : 1))
+      : value;
+  const clicks = Object.entries(camera).map(([name, own]) => [name, Object.entries(own).filter(([, pixels]) => pixels.length > 0)] as const);
+  const some = clicks.filter(([, own]) => own.length > 0).map(([name, own]) => [name, Object.fromEntries(own)] as const);
+  return JSON.stringify({ ...others, camera: Object.fromEntries(some) }, sorted);
 }
 
 /** As people say it. */
@@ -139,8 +175,10 @@ export class Past {
     return after;
   }
 
-  clear(): void {
-    this.before.length = 0;
+  /** Forgets what came after a state that there was. */
+  backTo(clicked: Clicked): void {
+    const at = this.before.lastIndexOf(clicked);
+    if (at >= 0) this.before.length = at;
     this.after.length = 0;
   }
 

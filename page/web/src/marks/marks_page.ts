@@ -61,13 +61,19 @@ export class MarksPage implements PictureActs, ListActs {
   private problem: string | null;
   private at = 0;
   private next: string | null = null;
+  /** The operator has chosen it: no fit takes it away. */
+  private isChosen = false;
   private selected: Selected | null = null;
   /** What there was before a drag. */
   private beforeDrag: Clicked | null = null;
+  /** The last change was a step of an arrow key, and so is the next: they are undone as one. */
+  private isNudging = false;
+  private asked: Promise<ImageBitmap> | null = null;
+  private verdictShown = "";
   private readonly saved = element("span", { class: "pill good", text: "✓ saved", attributes: { role: "status" } });
   private readonly tabs: HTMLButtonElement[] = [];
   private readonly task = element("p", { class: "task", attributes: { role: "status" } });
-  private readonly verdict = element("div", { class: "verdict" });
+  private readonly verdict = element("div", { class: "verdict", attributes: { role: "status" } });
   private readonly file = element("p", { class: "file" });
   private readonly undo = button("↶", "Undo (Ctrl Z)", () => this.goBack(), "icon");
   private readonly redo = button("↷", "Redo (Ctrl Y)", () => this.goForth(), "icon");
@@ -81,9 +87,10 @@ export class MarksPage implements PictureActs, ListActs {
   ) {
     const { state, court } = this.given;
     [this.clicked, this.fits, this.problem] = [state.clicked, state.fits, state.problem];
-    this.saver = new Saver(state.revision, send, {
+    this.saver = new Saver(state.revision, state.clicked, send, {
       saved: (saved) => this.tellSaved(saved),
       state: (next, isForeign) => this.take(next, isForeign),
+      refused: (accepted, reason) => this.takeBack(accepted, reason),
     });
     this.list = new NamesList(court, this);
     this.map = court === null ? null : new CourtMap(court, (name) => this.choose(name));
@@ -205,6 +212,9 @@ export class MarksPage implements PictureActs, ListActs {
   }
 
   private updateVerdict(fit: Fit | null): void {
+    const shown = JSON.stringify([fit?.state, fit?.text, fit?.warnings, fit?.residuals.map((one) => one.isOutlier)]);
+    if (shown === this.verdictShown) return;
+    this.verdictShown = shown;
     const level = fit === null ? "" : fit.state === "fits" && fit.residuals.every((one) => !one.isOutlier) ? "good" : fit.state === "too_few" || fit.state === "no_lens" ? "" : "failed";
     const sign = level === "good" ? "✓ " : level === "failed" ? "✕ " : "";
     const said = element("p", { class: `verdict-text ${level}`, text: sign + (fit?.text ?? "") });
@@ -222,16 +232,35 @@ export class MarksPage implements PictureActs, ListActs {
   }
 
   private take(state: State, isForeign: boolean): void {
+    // What was clicked here is not lost: undoing brings it back.
     if (isForeign) {
-      this.past.clear();
-      this.selected = null;
-      this.clicked = state.clicked;
+      this.past.note(this.beforeDrag ?? this.clicked);
+      this.replace(state.clicked);
     }
     [this.fits, this.problem] = [state.fits, state.problem];
     // The fit says which marks this picture shows: what was lit before may not be one of them.
-    if (!isForeign && this.next !== null && this.fit?.state === "fits" && !this.isShown(this.next)) this.advance(this.next);
+    if (!isForeign && !this.isChosen && this.next !== null && this.fit?.state === "fits" && !this.isShown(this.next)) this.advance(this.next);
     this.update();
-    if (isForeign) setText(this.task, "Another window has changed the file: this is what is in it now.");
+    if (isForeign) setText(this.task, "The file was changed elsewhere, in another window or by hand: this is what is in it now. Ctrl Z brings yours back.");
+  }
+
+  /** A change that cannot be in the file: with it none after it could be. */
+  private takeBack(accepted: Clicked, reason: string): void {
+    this.past.backTo(accepted);
+    this.replace(accepted);
+    this.update();
+    setText(this.task, `Taken back: ${reason}`);
+  }
+
+  /** All that is clicked, in the place of what was. */
+  private replace(clicked: Clicked): void {
+    this.clicked = clicked;
+    this.selected = null;
+    this.beforeDrag = null;
+    this.isNudging = false;
+    // A name that is none any more cannot be clicked.
+    if (this.next !== null && kindOf(clicked, this.given.court, this.next) === null) this.next = null;
+    if (this.next === null) this.advance(null);
   }
 
   /** Whether the picture shows a mark, as far as is known. */
@@ -243,6 +272,7 @@ export class MarksPage implements PictureActs, ListActs {
   // What is done.
 
   private change(to: Clicked, before: Clicked = this.clicked): void {
+    this.isNudging = false;
     if (to === before) return;
     this.past.note(before);
     this.clicked = to;
@@ -254,19 +284,23 @@ export class MarksPage implements PictureActs, ListActs {
     const names = this.list.names(this.clicked);
     const shown = new Set(names.filter((name) => this.isShown(name)));
     this.next = nextName(this.clicked, this.camera, names, from, shown);
+    this.isChosen = false;
     if (this.next !== null) this.list.reveal(this.next);
   }
 
   private openCamera(at: number): void {
     const camera = this.given.cameras[at];
     if (camera === undefined) return;
+    this.undrag();
     this.at = at;
     this.selected = null;
     this.advance(null);
     this.picture.setPicture(null);
-    this.load(at).then(
-      (bitmap) => this.at === at && this.picture.setPicture(bitmap),
-      (error: unknown) => this.at === at && this.picture.setPicture(`The picture did not come: ${String(error)}`),
+    const asked = this.load(at);
+    this.asked = asked;
+    asked.then(
+      (bitmap) => this.asked === asked && this.picture.setPicture(bitmap),
+      (error: unknown) => this.asked === asked && this.picture.setPicture(`The picture did not come: ${String(error)}`),
     );
     this.update();
   }
@@ -285,28 +319,39 @@ export class MarksPage implements PictureActs, ListActs {
 
   select(selected: Selected): void {
     this.selected = selected;
+    this.isNudging = false;
     const px = pixelsOf(this.clicked, this.camera, selected.name)[selected.index];
     if (px !== undefined) this.picture.lookAt(px);
     this.update();
   }
 
   drag(selected: Selected, to: Pixel, isOver: boolean): void {
+    const camera = this.given.cameras[this.at];
+    if (camera === undefined) return;
     this.beforeDrag ??= this.clicked;
-    this.clicked = moved(this.clicked, this.camera, selected.name, selected.index, to);
+    this.clicked = moved(this.clicked, camera, selected.name, selected.index, to);
     if (!isOver) return this.update();
     const before = this.beforeDrag;
     this.beforeDrag = null;
     this.change(this.clicked, before);
   }
 
+  undrag(): void {
+    if (this.beforeDrag === null) return;
+    this.clicked = this.beforeDrag;
+    this.beforeDrag = null;
+    this.update();
+  }
+
   remove(selected: Selected): void {
+    this.undrag();
     this.selected = null;
-    this.next = selected.name;
+    [this.next, this.isChosen] = [selected.name, true];
     this.change(removed(this.clicked, this.camera, selected.name, selected.index));
   }
 
   choose(name: string): void {
-    this.next = name;
+    [this.next, this.isChosen] = [name, true];
     this.selected = null;
     this.list.reveal(name);
     const about = this.fit?.marks.get(name);
@@ -316,7 +361,7 @@ export class MarksPage implements PictureActs, ListActs {
 
   forget(name: string): void {
     this.selected = null;
-    this.change(forgotten(this.clicked, name));
+    this.change(forgotten(this.clicked, this.given.court, name));
     this.advance(null);
     this.update();
   }
@@ -343,25 +388,25 @@ export class MarksPage implements PictureActs, ListActs {
 
   private added(to: Clicked, name: string): null {
     this.change(to);
-    this.next = name;
+    [this.next, this.isChosen] = [name, true];
     this.update();
     return null;
   }
 
   private goBack(): void {
+    this.undrag();
     this.goTo(this.past.undo(this.clicked));
   }
 
   private goForth(): void {
+    this.undrag();
     this.goTo(this.past.redo(this.clicked));
   }
 
   private goTo(clicked: Clicked | null): void {
     if (clicked === null) return;
-    this.clicked = clicked;
-    this.selected = null;
+    this.replace(clicked);
     this.saver.save(clicked);
-    if (this.next === null) this.advance(null);
     this.update();
   }
 
@@ -369,7 +414,8 @@ export class MarksPage implements PictureActs, ListActs {
     const names = this.list.names(this.clicked);
     if (names.length === 0) return;
     const at = this.next === null ? -1 : names.indexOf(this.next);
-    const name = names[(at + by + names.length) % names.length];
+    // Back from none of them is the last.
+    const name = names[(Math.max(at, by < 0 ? 0 : -1) + by + names.length) % names.length];
     if (by > 0) this.advance(this.next);
     else if (name !== undefined) this.choose(name);
     this.update();
@@ -378,11 +424,17 @@ export class MarksPage implements PictureActs, ListActs {
   private nudge(dx: number, dy: number): void {
     if (this.selected === null) return;
     const { name, index } = this.selected;
+    const camera = this.given.cameras[this.at];
     const px = pixelsOf(this.clicked, this.camera, name)[index];
-    if (px === undefined) return;
-    const to: Pixel = [px[0] + dx, px[1] + dy];
-    this.change(moved(this.clicked, this.camera, name, index, to));
-    this.picture.lookAt(to);
+    if (camera === undefined || px === undefined) return;
+    const to = moved(this.clicked, camera, name, index, [px[0] + dx, px[1] + dy]);
+    if (this.isNudging) {
+      this.clicked = to;
+      this.saver.save(to);
+      this.update();
+    } else this.change(to);
+    this.isNudging = true;
+    this.picture.lookAt(pixelsOf(to, this.camera, name)[index] ?? px);
   }
 
   private key(event: KeyboardEvent): void {
@@ -424,6 +476,8 @@ export class MarksPage implements PictureActs, ListActs {
       d: () => this.theme.toggle(),
       "?": () => this.help.showModal(),
     };
+    // Without a chosen mark they scroll the page.
+    if (selected === null && key.startsWith("Arrow")) return null;
     return Object.hasOwn(acts, key) ? (acts[key] ?? null) : null;
   }
 }

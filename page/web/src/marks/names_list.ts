@@ -1,7 +1,7 @@
 // All that can be clicked, by name: what is clicked in this picture, how far it is off, and names of one's own.
 
 import { button, element, setClass, setText } from "../dom.ts";
-import { givenNames, inWords, kindOf, pixelsOf } from "./clicked.ts";
+import { FARTHEST_M, givenNames, inWords, kindOf, pixelsOf, problemOfName } from "./clicked.ts";
 import type { Clicked, Court, Fit } from "./document.ts";
 import type { Selected } from "./picture.ts";
 
@@ -35,12 +35,13 @@ class Row {
     private readonly name: string,
     about: string,
     private readonly acts: ListActs,
-    isOwn: boolean,
+    /** What forgetting it does, where it can be forgotten. */
+    forget: string | null,
   ) {
     this.choose = button(inWords(name), "Click this one next", () => acts.choose(name), "mark-name");
     this.root.append(this.choose, this.said, this.chips);
     if (about !== "") this.root.append(element("span", { class: "mark-about", text: about }));
-    if (isOwn) this.root.append(button("Forget", `Take the name ${name} away, with its clicks in all cameras`, () => acts.forget(name), "mark-forget"));
+    if (forget !== null) this.root.append(button("Forget", forget, () => acts.forget(name), "mark-forget"));
   }
 
   update(shown: ListShown): void {
@@ -74,6 +75,8 @@ class Row {
 export class NamesList {
   readonly root = element("div", { class: "names" });
   private readonly rows = new Map<string, Row>();
+  /** Also marks of the court, where a length ends at one: they have a row in either list. */
+  private readonly ownRows = new Map<string, Row>();
   private readonly own = element("ul", {});
   private readonly ownHint = element("p", {
     class: "hint",
@@ -96,42 +99,41 @@ export class NamesList {
 
   /** All names in the order in which they are shown. */
   names(clicked: Clicked): string[] {
-    return [...(this.court?.marks.map((mark) => mark.name) ?? []), ...givenNames(clicked)];
+    return [...new Set([...(this.court?.marks.map((mark) => mark.name) ?? []), ...givenNames(clicked)])];
   }
 
   update(shown: ListShown): void {
     this.updateOwn(shown.clicked);
-    for (const row of this.rows.values()) row.update(shown);
+    for (const row of [...this.rows.values(), ...this.ownRows.values()]) row.update(shown);
   }
 
   /** Brings a name to where it can be seen. */
   reveal(name: string): void {
-    const row = this.rows.get(name)?.root;
+    const row = (this.rows.get(name) ?? this.ownRows.get(name))?.root;
     // On a phone the list is below the picture: nobody wants to be taken there.
     if (row !== undefined && matchMedia("(min-width: 761px)").matches) row.scrollIntoView({ block: "nearest" });
   }
 
   private group(title: string, names: readonly string[]): HTMLElement {
     const list = element("ul", {});
-    for (const name of names) list.append(this.row(name, "", false).root);
+    for (const name of names) {
+      const row = new Row(name, "", this.acts, null);
+      this.rows.set(name, row);
+      list.append(row.root);
+    }
     return element("div", {}, element("h3", { text: title }), list);
-  }
-
-  private row(name: string, about: string, isOwn: boolean): Row {
-    const row = new Row(name, about, this.acts, isOwn);
-    this.rows.set(name, row);
-    return row;
   }
 
   private updateOwn(clicked: Clicked): void {
     const shown = JSON.stringify([clicked.places, clicked.floor, clicked.lengths]);
     if (shown === this.ownShown) return;
     this.ownShown = shown;
-    const names = givenNames(clicked);
-    for (const name of [...this.rows.keys()]) {
-      if (kindOf(clicked, this.court, name) === null || names.includes(name)) this.rows.delete(name);
+    this.ownRows.clear();
+    for (const name of givenNames(clicked)) {
+      const what = this.rows.has(name) ? "the lengths that end there; it keeps its clicks" : "the name, with its clicks in all cameras";
+      this.ownRows.set(name, new Row(name, aboutOf(clicked, name), this.acts, `Forget ${inWords(name)}: ${what}`));
     }
-    this.own.replaceChildren(...names.map((name) => this.row(name, aboutOf(clicked, name), true).root));
+    this.own.replaceChildren(...[...this.ownRows.values()].map((row) => row.root));
   }
 
   private adding(): HTMLElement {
@@ -164,9 +166,11 @@ export class NamesList {
   }
 
   private add(kind: string, name: string, other: string, values: readonly number[]): string | null {
-    if (name === "" || (kind === "length" && other === "")) return "It needs a name.";
+    const problem = problemOfName(name) ?? (kind === "length" ? problemOfName(other) : null);
+    if (problem !== null) return problem;
     if (kind === "floor") return this.acts.addFloor(name);
     if (values.some((value) => !Number.isFinite(value))) return "Metres are numbers: 3.1, -10.2, 0";
+    if (values.some((value) => Math.abs(value) > FARTHEST_M)) return `Metres go up to ${FARTHEST_M}.`;
     if (kind === "length") {
       const [length_m] = values;
       if (values.length !== 1 || length_m === undefined || length_m <= 0) return "A length is one number of metres: 1.0";

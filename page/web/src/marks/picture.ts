@@ -32,6 +32,8 @@ export interface PictureActs {
   select(selected: Selected): void;
   /** A mark is dragged; `isOver`: and let go. */
   drag(selected: Selected, to: Pixel, isOver: boolean): void;
+  /** What was dragged goes back to where it was. */
+  undrag(): void;
 }
 
 /** What is drawn over the picture. */
@@ -49,7 +51,7 @@ interface Press {
   readonly from: readonly [number, number];
   at: readonly [number, number];
   /** The mark that is held; else the picture is. */
-  readonly held: Selected | null;
+  held: Selected | null;
   hasMoved: boolean;
 }
 
@@ -87,6 +89,8 @@ export class PictureView {
   /** `null`: it is on its way; a text: why there is none. */
   setPicture(picture: ImageBitmap | string | null): void {
     this.bitmap = picture instanceof ImageBitmap ? picture : null;
+    // What is held is of the picture before.
+    this.presses.clear();
     this.waiting.textContent = typeof picture === "string" ? picture : "The picture is coming…";
     setHidden(this.waiting, this.bitmap !== null);
     if (this.bitmap !== null) this.zoom = new Zoom(this.bitmap.width, this.bitmap.height);
@@ -144,7 +148,13 @@ export class PictureView {
     if (held !== null) this.acts.select(held);
     // Another button than the first moves the picture and clicks nothing.
     this.presses.set(event.pointerId, { id: event.pointerId, from: at, at, held, hasMoved: event.button !== 0 });
-    for (const press of this.presses.values()) if (this.presses.size > 1) press.hasMoved = true;
+    if (this.presses.size > 1) this.beginPinch();
+  }
+
+  /** Two fingers move the picture: neither clicks, and the mark that the first one held stays where it was. */
+  private beginPinch(): void {
+    for (const press of this.presses.values()) [press.held, press.hasMoved] = [null, true];
+    this.acts.undrag();
   }
 
   private move(event: PointerEvent): void {
@@ -167,8 +177,9 @@ export class PictureView {
     if (press === undefined) return;
     if (event.pointerType === "touch" && press.held === null) this.point(null);
     const px = this.zoom.toPixel(...this.at(event));
-    if (press.held !== null && press.hasMoved) this.acts.drag(press.held, px, true);
-    else if (isMeant && !press.hasMoved && press.held === null && this.zoom.contains(px)) this.acts.click(px);
+    if (!isMeant) this.acts.undrag();
+    else if (press.held !== null && press.hasMoved) this.acts.drag(press.held, px, true);
+    else if (!press.hasMoved && press.held === null && this.zoom.contains(px)) this.acts.click(px);
   }
 
   private pinch(press: Press, at: readonly [number, number]): void {
@@ -238,8 +249,9 @@ export class PictureView {
     const [w, h, ratio] = [canvas.clientWidth, canvas.clientHeight, Math.min(3, devicePixelRatio)];
     sizeTo(canvas, w * ratio, h * ratio);
     const pen = canvas.getContext("2d");
-    if (pen === null) return;
-    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    if (pen === null || w === 0 || h === 0) return;
+    // What is drawn fills the canvas, of which whole pixels are taken, as pointers do.
+    pen.setTransform(canvas.width / w, 0, 0, canvas.height / h, 0, 0);
     pen.clearRect(0, 0, w, h);
     setHidden(this.magnifier, bitmap === null || this.pointer === null || !zoom.contains(this.pointer));
     if (bitmap === null || shown === null) return;

@@ -1,5 +1,6 @@
 // Every change goes to the file at once: one request at a time, and of what waits the newest alone.
 
+import { isSame } from "./clicked.ts";
 import { readState, type Clicked, type State } from "./document.ts";
 
 export type Saved = { kind: "saved" } | { kind: "saving" } | { kind: "failed"; reason: string };
@@ -8,61 +9,99 @@ export interface SaverAnswers {
   saved(saved: Saved): void;
   /** What the change comes to; `isForeign`: somebody else's change, in the place of ours. */
   state(state: State, isForeign: boolean): void;
+  /** The change cannot be in the file: what was clicked before it, and is in the file, and why. */
+  refused(accepted: Clicked, reason: string): void;
 }
 
 /** Says a change, and what the server answers: the status, and the body. */
 export type Send = (body: string) => Promise<{ status: number; text: string }>;
 
+/** What came of a request: it is dealt with; it would be the same again; it may be another time. */
+type Outcome = { kind: "done" } | { kind: "stuck" | "later"; reason: string };
+
 const RETRY_MS = 2000;
+const AWAY = "the command does not answer: is it still running?";
 
 export class Saver {
-  private waiting: Clicked | null = null;
+  /** The newest that is not known to be in the file. */
+  private unsaved: Clicked | null = null;
+  /** What was sent and may be in the file, although no answer said so. */
+  private unanswered: Clicked[] = [];
   private isBusy = false;
+  private hasFailed = false;
+  private isRetryDue = false;
 
   constructor(
     private revision: number,
+    /** What is in the file. */
+    private accepted: Clicked,
     private readonly send: Send,
     private readonly answers: SaverAnswers,
     private readonly later: (act: () => void, ms: number) => void = (act, ms) => void setTimeout(act, ms),
   ) {}
 
+  /** All is in the file. */
   get isDone(): boolean {
-    return this.waiting === null && !this.isBusy;
+    return this.unsaved === null;
   }
 
   save(clicked: Clicked): void {
-    this.waiting = clicked;
+    this.unsaved = clicked;
     if (!this.isBusy) void this.go();
   }
 
   private async go(): Promise<void> {
-    const clicked = this.waiting;
-    if (clicked === null) return;
-    this.waiting = null;
+    const clicked = this.unsaved;
+    if (clicked === null || this.isBusy) return;
     this.isBusy = true;
-    this.answers.saved({ kind: "saving" });
-    const reason = await this.once(clicked).catch(() => {
-      // Nobody is there; the same again in a moment, unless there is something newer.
-      this.waiting ??= clicked;
-      return "the command does not answer: is it still running?";
-    });
+    // What is tried again every two seconds is not announced each time.
+    if (!this.hasFailed) this.answers.saved({ kind: "saving" });
+    const outcome = await this.once(clicked).catch((): Outcome => ({ kind: "later", reason: AWAY }));
     this.isBusy = false;
-    if (reason === null && this.waiting === null) this.answers.saved({ kind: "saved" });
-    else if (reason === null) void this.go();
-    else {
-      this.answers.saved({ kind: "failed", reason });
-      if (this.waiting !== null) this.later(() => !this.isBusy && void this.go(), RETRY_MS);
-    }
+    this.hasFailed = outcome.kind !== "done";
+    if (outcome.kind !== "done") {
+      this.answers.saved({ kind: "failed", reason: outcome.reason });
+      if (outcome.kind === "later") this.retry();
+      else if (this.unsaved !== clicked) void this.go();
+    } else if (this.unsaved === null) this.answers.saved({ kind: "saved" });
+    else void this.go();
   }
 
-  /** `null`: it is in the file. */
-  private async once(clicked: Clicked): Promise<string | null> {
+  private retry(): void {
+    if (this.isRetryDue) return;
+    this.isRetryDue = true;
+    this.later(() => {
+      this.isRetryDue = false;
+      void this.go();
+    }, RETRY_MS);
+  }
+
+  private async once(clicked: Clicked): Promise<Outcome> {
+    // Before it is sent: the answer may be lost, and the change in the file.
+    if (this.unanswered.at(-1) !== clicked) this.unanswered.push(clicked);
     const { status, text } = await this.send(JSON.stringify({ revision: this.revision, clicked }));
-    if (status !== 200 && status !== 409) return text.trim() || `the server answers ${status}`;
-    const state = readState(JSON.parse(text));
+    const reason = text.trim() || `the server answers ${status}`;
+    if (status === 400 || status === 413) return this.refused(clicked, reason);
+    if (status !== 200 && status !== 409) return { kind: status >= 500 ? "later" : "stuck", reason };
+    this.answered(readState(JSON.parse(text)), status === 409, clicked);
+    return { kind: "done" };
+  }
+
+  private answered(state: State, isBehind: boolean, clicked: Clicked): void {
+    const ours = isBehind ? [...this.unanswered].reverse().find((one) => isSame(one, state.clicked)) : clicked;
     this.revision = state.revision;
-    if (status === 409) this.waiting = null;
-    this.answers.state(state, status === 409);
-    return null;
+    this.accepted = ours ?? state.clicked;
+    this.unanswered = [];
+    if (ours === undefined || ours === this.unsaved) this.unsaved = null;
+    this.answers.state(state, ours === undefined);
+  }
+
+  private refused(clicked: Clicked, reason: string): Outcome {
+    this.unanswered = this.unanswered.filter((one) => one !== clicked);
+    // What came since may have put it right.
+    if (this.unsaved !== clicked) return { kind: "done" };
+    this.unsaved = null;
+    this.answers.refused(this.accepted, reason);
+    return { kind: "done" };
   }
 }
