@@ -306,6 +306,8 @@ def cannot_go_wrong(visit, out):
     page.keyboard.press("Control+z")
     check("and takes them back", visit.until(lambda: clicked(out)["north"]["centre"] == before))
     check("the file with the comment is kept", out.with_suffix(".before.toml").read_text() == by_hand)
+    # Chromium itself writes down what was answered with 409, which was meant.
+    visit.said = [line for line in visit.said if "409" not in line]
 
 
 def clicks_lines_and_names(visit, out, camera):
