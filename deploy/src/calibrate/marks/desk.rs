@@ -278,11 +278,11 @@ fn is_foreign(text: &str, path: &Path) -> bool {
 
 /// Where a file is kept as it was: `clicked.before.toml`, `clicked.before.2.toml` and so on.
 fn free_name(out: &Path) -> Result<PathBuf, String> {
-    let names = (1..=MOST_KEPT).map(|number| match number {
+    let mut names = (1..=MOST_KEPT).map(|number| match number {
         1 => out.with_extension("before.toml"),
         _ => out.with_extension(format!("before.{number}.toml")),
     });
-    let free = names.into_iter().find(|path| !path.exists());
+    let free = names.find(|path| !path.exists());
     free.ok_or_else(|| {
         format!(
             "found {MOST_KEPT} files that are kept as {} was: take some away",
