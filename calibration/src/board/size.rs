@@ -4,11 +4,15 @@ use super::BoardView;
 use super::detect::Chessboard;
 use super::found::BoardError;
 
-/// Pictures with a larger board that are too many to be a pattern of something else.
-const FEW: usize = 2;
+/// Pictures with a larger board that are too few to say anything: a pattern of something else.
+const FEW: usize = 1;
 
-/// Refuses a chessboard of another size than `board`: one that is nowhere seen from end to end, and one that is larger in two
-/// pictures or more. `larger` is what [`super::DetectError::OtherBoard`] said of pictures that show more corners.
+/// Refuses a chessboard of another size than `board`. `views` are all pictures that show it, `larger` is what
+/// [`super::DetectError::OtherBoard`] said of pictures that show more corners.
+///
+/// It is larger than was said where more pictures show a larger one than show it from end to end, and more than a third of all.
+/// It is smaller where no picture shows it whole and half of them end at the same corners: those of a board that is only ever
+/// seen in part end anywhere.
 ///
 /// # Errors
 /// [`BoardError::OtherSize`] with the most that was found.
@@ -18,27 +22,34 @@ pub fn check_size(
     larger: &[[u32; 2]],
 ) -> Result<(), BoardError> {
     let expected = sorted(board.corners);
-    if larger.len() >= FEW {
-        let most = |side: usize| larger.iter().map(|it| sorted(*it)[side]).max();
-        return Err(BoardError::OtherSize {
-            found: [0, 1].map(|side| most(side).unwrap_or(0)),
-            pictures: larger.len(),
-            expected,
-        });
-    }
     let extents: Vec<[u32; 2]> = views
         .iter()
         .map(|view| sorted(extent(view, board.square_m)))
         .collect();
-    let most = [0, 1].map(|side| extents.iter().map(|it| it[side]).max().unwrap_or(0));
-    if views.is_empty() || most == expected {
+    let showing = |size: [u32; 2]| extents.iter().filter(|it| **it == size).count();
+    let most_larger = larger.len() > showing(expected) && 2 * larger.len() > views.len();
+    if larger.len() > FEW && most_larger {
+        return Err(BoardError::OtherSize {
+            found: most(larger.iter().map(|it| sorted(*it))),
+            pictures: larger.len(),
+            expected,
+        });
+    }
+    let found = most(extents.iter().copied());
+    let pictures = showing(found);
+    if views.is_empty() || found == expected || 2 * pictures < views.len() {
         return Ok(());
     }
     Err(BoardError::OtherSize {
-        found: most,
-        pictures: extents.iter().filter(|it| **it == most).count(),
+        found,
+        pictures,
         expected,
     })
+}
+
+/// The most along the shorter and along the longer side.
+fn most(sizes: impl Iterator<Item = [u32; 2]>) -> [u32; 2] {
+    sizes.fold([0, 0], |[a, b], [c, d]| [a.max(c), b.max(d)])
 }
 
 /// The shorter side first.
@@ -87,9 +98,23 @@ mod tests {
             check([7, 4], &[[3, 3], [4, 2], [3, 7], [7, 4]], &[]),
             Ok(())
         );
-        // A pattern of something else in one picture.
-        assert_eq!(check([4, 7], &[[4, 7], [4, 6]], &[[9, 12]]), Ok(()));
         assert_eq!(check([4, 7], &[], &[]), Ok(()));
+    }
+
+    #[test]
+    fn patterns_of_something_else_in_a_few_pictures_are_no_other_board() {
+        assert_eq!(check([4, 7], &[[4, 7], [4, 6]], &[[9, 12]]), Ok(()));
+        // A tiled floor, in two pictures of a video that shows the whole board in a hundred.
+        let many = [[4, 7]; 100];
+        assert_eq!(check([4, 7], &many, &[[9, 12], [5, 7]]), Ok(()));
+        let parts = [[4, 5], [3, 7], [4, 6], [2, 7], [4, 4], [3, 3]];
+        assert_eq!(check([5, 9], &parts, &[[9, 12], [6, 9]]), Ok(()));
+    }
+
+    #[test]
+    fn a_board_that_is_only_ever_seen_in_part_is_taken() {
+        let parts = [[7, 6], [5, 9], [8, 6], [4, 7], [6, 6], [7, 9]];
+        assert_eq!(check([8, 11], &parts, &[]), Ok(()));
     }
 
     #[test]

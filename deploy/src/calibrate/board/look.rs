@@ -49,13 +49,13 @@ pub(super) fn found(
             path.display(),
             filmed.pictures,
             filmed.looked,
-            filmed.shown,
-            filmed.views.len()
+            filmed.shown.len(),
+            filmed.used.len()
         ));
         gathered.is_as_large(&path.display().to_string(), filmed.size_px)?;
         gathered.looked += filmed.looked;
-        gathered.shown += filmed.shown;
-        gathered.views.extend(filmed.views);
+        gathered.shown.extend(filmed.shown);
+        gathered.used.extend(filmed.used);
         gathered.larger.extend(filmed.larger);
     }
     for it in looked {
@@ -63,8 +63,8 @@ pub(super) fn found(
         gathered.looked += 1;
         match it.view {
             Ok(view) => {
-                gathered.shown += 1;
-                gathered.views.push(view);
+                gathered.shown.push(view.clone());
+                gathered.used.push(view);
             }
             Err(error @ (DetectError::Board(_) | DetectError::Bytes { .. })) => {
                 return Err(anyhow!(error));
@@ -78,9 +78,9 @@ pub(super) fn found(
         }
     }
     let size_px = gathered.first.map_or([0, 0], |(_, size_px)| size_px);
-    board.check_size(&gathered.views, &gathered.larger)?;
-    let calibrated = calibrate(size_px, &gathered.views, coefficients);
-    let (shown, looked) = (gathered.shown, gathered.looked);
+    board.check_size(&gathered.shown, &gathered.larger)?;
+    let calibrated = calibrate(size_px, &gathered.used, coefficients);
+    let (shown, looked) = (gathered.shown.len(), gathered.looked);
     let mut found = calibrated.map_err(|error| {
         anyhow!(
             "{error} (the board was found in {shown} of the {looked} pictures that were looked at)"
@@ -95,13 +95,14 @@ pub(super) fn found(
 struct Gathered {
     /// The first of them, and how large its pictures are.
     first: Option<(String, [u32; 2])>,
-    views: Vec<BoardView>,
+    /// All pictures that show the board, and those of them that are used.
+    shown: Vec<BoardView>,
+    used: Vec<BoardView>,
     /// Pictures without a board, and why.
     unseen: Vec<(String, String)>,
     /// Corners along the sides of boards that are larger than the one that is looked for.
     larger: Vec<[u32; 2]>,
     looked: usize,
-    shown: usize,
 }
 
 impl Gathered {

@@ -27,16 +27,16 @@ const SPARSE: usize = 3;
 /// What a video gave.
 pub(super) struct Filmed {
     pub(super) size_px: [u32; 2],
-    /// The views that are used.
-    pub(super) views: Vec<BoardView>,
+    /// All pictures that showed the board.
+    pub(super) shown: Vec<BoardView>,
+    /// Those of them that are used.
+    pub(super) used: Vec<BoardView>,
     /// Corners along the sides of boards in it that are larger than the one that is looked for.
     pub(super) larger: Vec<[u32; 2]>,
     /// Pictures that there were.
     pub(super) pictures: usize,
     /// Pictures that were looked at.
     pub(super) looked: usize,
-    /// Pictures that showed the board.
-    pub(super) shown: usize,
 }
 
 /// A video's pictures with a board, found by `detect` (name, picture), whatever the video's size and rate: a board needs
@@ -82,9 +82,9 @@ pub(super) fn look(
         size_px,
         pictures,
         looked: looked.pictures,
-        shown: looked.views.len(),
         larger: looked.larger,
-        views: different(looked.views, MOST_USED),
+        used: different(looked.views.clone(), MOST_USED),
+        shown: looked.views,
     })
 }
 
