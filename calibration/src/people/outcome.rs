@@ -159,6 +159,7 @@ fn check_frames(request: &PeopleRequest) -> Result<(), PeopleError> {
 fn clocks_of(request: &PeopleRequest, ticks_hz: f64) -> Vec<Clock> {
     let each = request.cameras.iter().map(|camera| Clock {
         rate_hz: camera.rate_hz.unwrap_or(request.rate_hz),
+        looks_hz: looks_hz(camera, request),
         offset_s: match request.timing {
             Timing::Clocks => camera.offset_s.unwrap_or(0.0),
             Timing::Synchronised | Timing::Unknown => 0.0,
@@ -166,6 +167,16 @@ fn clocks_of(request: &PeopleRequest, ticks_hz: f64) -> Vec<Clock> {
         ticks_hz: (request.timing != Timing::Synchronised).then_some(ticks_hz),
     });
     each.collect()
+}
+
+/// Frames per second that were looked at: of a video often one of several is.
+fn looks_hz(camera: &PeopleCamera, request: &PeopleRequest) -> f64 {
+    let pairs = camera.frames.windows(2).filter_map(|pair| match pair {
+        [a, b] => Some(b.frame - a.frame),
+        _ => None,
+    });
+    let least = pairs.filter(|it| *it > 0.0).reduce(f64::min);
+    camera.rate_hz.unwrap_or(request.rate_hz) / least.unwrap_or(1.0).max(1.0)
 }
 
 /// That the clock of a camera can be used.
@@ -179,9 +190,10 @@ fn check_clock(camera: &PeopleCamera, request: &PeopleRequest) -> Result<(), Peo
             found: rate_hz,
         }));
     }
-    if request.timing != Timing::Synchronised && rate_hz < LEAST_RATE_HZ {
+    let looks_hz = looks_hz(camera, request);
+    if request.timing != Timing::Synchronised && looks_hz < LEAST_RATE_HZ {
         return refused(format!(
-            "camera `{name}`: found {rate_hz} frames per second, expected {LEAST_RATE_HZ} or more of cameras that are not \
+            "camera `{name}`: found {looks_hz} frames per second, expected {LEAST_RATE_HZ} or more of cameras that are not \
              synchronised: between its frames people go too far"
         ));
     }
@@ -242,7 +254,7 @@ fn ticks_hz(request: &PeopleRequest) -> f64 {
         return request.rate_hz;
     }
     let rates = request.cameras.iter();
-    let rates = rates.map(|camera| camera.rate_hz.unwrap_or(request.rate_hz));
+    let rates = rates.map(|camera| looks_hz(camera, request));
     rates.fold(MOST_TICKS_HZ, f64::min)
 }
 

@@ -16,10 +16,11 @@ use crate::adjustment::CameraState;
 const LEAST_SCORE: f64 = 0.15;
 /// Keypoints that a body needs to be looked at.
 const LEAST_KEYPOINTS: usize = 6;
-/// Time between two frames from which nothing is said of what was between them: seconds, and frames where these are slower.
+/// Time between two frames from which nothing is said of what was between them: seconds, and frames that were looked at where these
+/// are slower.
 const MOST_BETWEEN_S: f64 = 0.15;
 const MOST_BETWEEN_FRAMES: f64 = 1.5;
-/// Frames per second below which a camera that is not synchronised says nothing of what was between its frames: people have
+/// Frames per second that are looked at below which a camera that is not synchronised says nothing of what was between its frames: people have
 /// gone on too far.
 pub(super) const LEAST_RATE_HZ: f64 = 3.0;
 /// Share of the keypoints of a camera that may lie outside of its picture.
@@ -66,6 +67,8 @@ impl View {
 pub(super) struct Clock {
     /// Frames per second of the camera.
     pub(super) rate_hz: f64,
+    /// Frames of it per second that were looked at.
+    pub(super) looks_hz: f64,
     /// Time of its frame 0, seconds.
     pub(super) offset_s: f64,
     /// Ticks per second; `None` where frames of all cameras are ticks.
@@ -221,7 +224,7 @@ fn by_tick(tracks: &[Vec<Tracked>], clock: &Clock) -> BTreeMap<i64, Vec<Body>> {
             }
             continue;
         };
-        let most_s = MOST_BETWEEN_S.max(MOST_BETWEEN_FRAMES / clock.rate_hz);
+        let most_s = MOST_BETWEEN_S.max(MOST_BETWEEN_FRAMES / clock.looks_hz);
         let tick_of = |frame: f64| (frame / clock.rate_hz + clock.offset_s) * ticks_hz;
         for pair in track.windows(2) {
             let [a, b] = pair else { continue };
@@ -260,14 +263,14 @@ fn between(a: &Body, b: &Body, share: f64) -> Body {
 mod tests {
     use super::*;
 
-    fn track(frames: u32) -> Vec<Tracked> {
+    fn track(frames: u32, every: u32) -> Vec<Tracked> {
         let joints = Vec::new();
         let body = Body {
             joints,
             tracklet: 0,
         };
         let each = (0..frames).map(|frame| Tracked {
-            frame: f64::from(frame),
+            frame: f64::from(every * frame),
             body: body.clone(),
         });
         each.collect()
@@ -278,22 +281,36 @@ mod tests {
         for rate_hz in [LEAST_RATE_HZ, 5.0, 6.0, 7.0, 25.0] {
             let clock = Clock {
                 rate_hz,
+                looks_hz: rate_hz,
                 offset_s: 0.01,
                 ticks_hz: Some(rate_hz.min(10.0)),
             };
-            let ticks = by_tick(&[track(50)], &clock);
+            let ticks = by_tick(&[track(50, 1)], &clock);
             let expected = 49.0 / rate_hz * rate_hz.min(10.0);
             assert!((ticks.len() as f64 - expected).abs() <= 1.0, "{rate_hz}");
         }
     }
 
     #[test]
+    fn videos_of_which_some_frames_are_looked_at_have_bodies_between_these() {
+        let clock = Clock {
+            rate_hz: 30.0,
+            looks_hz: 5.0,
+            offset_s: 0.01,
+            ticks_hz: Some(10.0),
+        };
+        let ticks = by_tick(&[track(50, 6)], &clock);
+        assert!((ticks.len() as f64 - 98.0).abs() <= 1.0, "{}", ticks.len());
+    }
+
+    #[test]
     fn an_offset_beyond_all_whole_numbers_ends() {
         let clock = Clock {
             rate_hz: 10.0,
+            looks_hz: 10.0,
             offset_s: 1e18,
             ticks_hz: Some(10.0),
         };
-        assert!(by_tick(&[track(3)], &clock).len() <= 2);
+        assert!(by_tick(&[track(3, 1)], &clock).len() <= 2);
     }
 }

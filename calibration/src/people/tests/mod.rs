@@ -111,6 +111,42 @@ fn two_minutes_of_four_people_on_fields_of_three_sizes() {
     }
 }
 
+/// As videos are: networks look at one of several frames, which keep their numbers.
+#[test]
+fn videos_that_were_started_by_hand_are_found_by_one_frame_of_four() {
+    let mut truth = cameras(&Field {
+        cameras: 4,
+        ..SMALL
+    });
+    for (i, state) in truth.iter_mut().enumerate() {
+        state.pivot_s = 1.37 * i as f64 - 2.0;
+        state.period_s = 1.0 / 20.0;
+    }
+    let walk = Walk {
+        seconds: 40.0,
+        ..USUAL
+    };
+    let mut request = request(&SMALL, &truth, &walk);
+    request.timing = Timing::Unknown;
+    for camera in &mut request.cameras {
+        camera.rate_hz = Some(20.0);
+        camera.frames.retain(|it| it.frame as i64 % 4 == 0);
+    }
+    let found = quiet(&request).unwrap();
+    say(&found);
+    let states = found_states(&found);
+    assert_eq!(states.len(), truth.len());
+    let (off_m, off_deg) = worst(&states, &truth);
+    println!("one frame of four: {off_m:.4} m {off_deg:.4} deg");
+    assert!(off_m < 0.05 && off_deg < 0.3, "{off_m} {off_deg}");
+
+    for camera in &mut request.cameras {
+        camera.frames.retain(|it| it.frame as i64 % 8 == 0);
+    }
+    let said = quiet(&request).unwrap_err().to_string();
+    assert!(said.contains("found 2.5 frames per second"), "{said}");
+}
+
 #[test]
 fn cameras_that_were_started_by_hand_are_found_with_their_clocks() {
     let mut truth = cameras(&Field {

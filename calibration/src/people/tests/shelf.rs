@@ -84,6 +84,7 @@ fn held_out_px(
 ) -> Vec<f64> {
     let clock = Clock {
         rate_hz: 20.0,
+        looks_hz: 20.0,
         offset_s: 0.0,
         ticks_hz: None,
     };
