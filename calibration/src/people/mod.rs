@@ -21,9 +21,10 @@ mod view;
 
 pub use error::PeopleError;
 pub use file::{FrameLines, KeypointFileError, parse};
-pub use outcome::{PeopleStage, calibrate};
+pub use outcome::{PeopleStage, calibrate, check_request};
 pub use request::{DetectedFrame, Detection, Keypoint, PeopleCamera, PeopleRequest};
 pub use thinning::{MOST_KEYPOINTS, Thinning};
+pub use view::LEAST_RATE_HZ;
 
 #[cfg(test)]
 mod tests;

@@ -68,7 +68,7 @@ pub fn calibrate(
     request: &PeopleRequest,
     progress: &mut dyn FnMut(PeopleStage),
 ) -> Result<PointCalibration, PeopleError> {
-    check(request)?;
+    check_request(request)?;
     let plan =
         BodyPlan::of(&request.keypoints).map_err(|missing| PeopleError::Keypoints { missing })?;
     progress(PeopleStage::Ground);
@@ -220,7 +220,12 @@ fn check_clock(camera: &PeopleCamera, request: &PeopleRequest) -> Result<(), Peo
     }
 }
 
-fn check(request: &PeopleRequest) -> Result<(), PeopleError> {
+/// Refuses a request that nobody who is seen would make usable: whoever has to look for people first asks beforehand.
+///
+/// # Errors
+/// [`PeopleError`] where there are too few cameras or two of one name, and for numbers that are none: rates, offsets, frames, the
+/// stature, what is known of the venue.
+pub fn check_request(request: &PeopleRequest) -> Result<(), PeopleError> {
     if request.cameras.len() < 2 {
         return Err(PeopleError::Request(CalibrationError::TooFewCameras {
             found: request.cameras.len(),

@@ -22,7 +22,7 @@ const MOST_BETWEEN_S: f64 = 0.15;
 const MOST_BETWEEN_FRAMES: f64 = 1.5;
 /// Frames per second that are looked at below which a camera that is not synchronised says nothing of what was between its frames: people have
 /// gone on too far.
-pub(super) const LEAST_RATE_HZ: f64 = 3.0;
+pub const LEAST_RATE_HZ: f64 = 3.0;
 /// Share of the keypoints of a camera that may lie outside of its picture.
 const OUTSIDE_SHARE: f64 = 0.2;
 

@@ -5,8 +5,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, anyhow, bail, ensure};
 use clap::Args;
+use farfield_calibration::people::{LEAST_RATE_HZ, PeopleRequest};
+use farfield_calibration::points::Timing;
 use farfield_edge::detector::OnnxDetector;
 use farfield_edge::inference::KeypointNetwork as _;
 use farfield_edge::network::OnnxKeypointNetwork;
@@ -83,25 +85,41 @@ struct Looked {
     bodies: u64,
 }
 
-/// The videos and folders of pictures that are meant; `None` where these are files of keypoints.
+/// The videos and folders of pictures that are meant; `None` where these are files of keypoints, or a recording of fusion's.
 ///
 /// # Errors
-/// Both together, what cannot be read, two of one camera.
+/// Both together, what is neither beside videos, folders of keypoints, what cannot be read, two of one camera.
 pub(super) fn filmed(paths: &[PathBuf]) -> anyhow::Result<Option<Vec<Recording>>> {
     let mut all = Vec::new();
+    let mut other = None;
     for path in paths {
         match recordings::recording(path)? {
             Some(recording) => all.push(recording),
-            None if path.is_dir() => all.extend(recordings::find(path, None)?),
-            None => return Ok(None),
+            None if path.is_dir() => {
+                let inside = recordings::find(path, None)?;
+                if inside.iter().all(is_of_keypoints) {
+                    bail!(
+                        "{}: found a folder of keypoint files, expected these themselves: {}",
+                        path.display(),
+                        path.join("*.jsonl").display()
+                    );
+                }
+                all.extend(inside);
+            }
+            None => other = other.or(Some(path)),
         }
     }
-    let is_of_keypoints = |it: &&Recording| it.kind == RecordingKind::Keypoints;
-    let of_keypoints = all.iter().filter(is_of_keypoints).count();
-    if of_keypoints == all.len() {
+    if all.iter().all(is_of_keypoints) {
         return Ok(None);
     }
-    if let Some(file) = all.iter().find(is_of_keypoints) {
+    if let Some(other) = other {
+        bail!(
+            "{}: found no video and no folder of numbered pictures, beside videos, expected a name that ends in one of {}",
+            other.display(),
+            recordings::VIDEOS.join(", ")
+        );
+    }
+    if let Some(file) = all.iter().find(|it| is_of_keypoints(it)) {
         bail!(
             "{}: found keypoints beside videos, expected one or the other",
             file.path.display()
@@ -109,6 +127,10 @@ pub(super) fn filmed(paths: &[PathBuf]) -> anyhow::Result<Option<Vec<Recording>>
     }
     recordings::refuse_same_names(&all)?;
     Ok(Some(all))
+}
+
+fn is_of_keypoints(recording: &Recording) -> bool {
+    recording.kind == RecordingKind::Keypoints
 }
 
 /// Rates of videos by camera, as they say themselves.
@@ -125,14 +147,22 @@ pub(super) fn rates_hz(recordings: &[Recording]) -> anyhow::Result<BTreeMap<Stri
     Ok(rates_hz)
 }
 
-/// A camera, how it is looked through, and what is there of it.
+/// A camera, and how it is looked through.
 struct FilmedCamera {
     name: String,
     own: OwnVenue,
+    frames: u64,
     /// Of so many frames one is looked at.
     every: u64,
-    made_of: String,
+    /// Its lens, in words that tell it from every other.
+    lens_text: String,
     file: PathBuf,
+}
+
+/// What is there of a camera, and of what it would be made now.
+struct KeptCamera {
+    camera: FilmedCamera,
+    made_of: String,
     kept: Option<Looked>,
 }
 
@@ -172,19 +202,27 @@ impl FilmedArgs {
                     recording.name
                 )
             })?;
-            self.camera(recording, lens, rate_hz, &hashes)
+            self.camera(recording, lens, rate_hz)
         });
         let cameras: anyhow::Result<Vec<FilmedCamera>> = each.collect();
         let cameras = cameras.map_err(NodeError::Refused)?;
+        // Whole recordings are hashed only where all of them can be looked through.
+        let each = cameras.into_iter().zip(recordings);
+        let each = each.map(|(camera, recording)| camera.with_kept(recording, &hashes));
+        let cameras: anyhow::Result<Vec<KeptCamera>> = each.collect();
+        let cameras = cameras.map_err(NodeError::Refused)?;
         let mut pictures = 0;
-        for camera in cameras.iter().filter(|it| it.kept.is_none()) {
-            refuse_existing(&camera.file, replace)?;
-            pictures += camera.own.frames().map_err(NodeError::Refused)?;
+        for it in cameras.iter().filter(|it| it.kept.is_none()) {
+            refuse_existing(&it.camera.file, replace)?;
+            pictures += it.camera.frames;
         }
         let progress = LookProgress::new(pictures);
         let mut files = BTreeMap::new();
-        for camera in cameras {
-            let looked = self.see(&camera, &progress)?;
+        let mut bodies = 0;
+        for it in cameras {
+            let looked = self.see(&it, &progress)?;
+            let camera = it.camera;
+            bodies += looked.bodies;
             progress.say(format_args!(
                 "camera {}: {} bodies in {} of {} frames, {}{}",
                 camera.name,
@@ -192,7 +230,7 @@ impl FilmedArgs {
                 looked.looks,
                 looked.frames,
                 camera.file.display(),
-                if camera.kept.is_some() {
+                if it.kept.is_some() {
                     ", where they were found earlier"
                 } else {
                     ""
@@ -200,7 +238,36 @@ impl FilmedArgs {
             ));
             files.insert(camera.name, camera.file);
         }
+        if bodies == 0 {
+            return Err(NodeError::Refused(anyhow!(
+                "nobody was seen in any recording: look with another detector or network, or let people walk nearer to the cameras"
+            )));
+        }
         Ok(files)
+    }
+
+    /// Of so many frames of a video of `rate_hz` one is looked at.
+    fn every(&self, rate_hz: f64) -> u64 {
+        (rate_hz / self.looks_hz).round().max(1.0) as u64
+    }
+
+    /// Refuses so few looks that people go too far between them, where nothing says which are of one moment.
+    ///
+    /// # Errors
+    /// The camera, and what is looked at of it.
+    pub(super) fn check_looks(&self, request: &PeopleRequest) -> anyhow::Result<()> {
+        let cameras = request.cameras.iter();
+        for camera in cameras.filter(|_| request.timing != Timing::Synchronised) {
+            let rate_hz = camera.rate_hz.unwrap_or(request.rate_hz);
+            let looks_hz = rate_hz / self.every(rate_hz) as f64;
+            ensure!(
+                looks_hz >= LEAST_RATE_HZ,
+                "--looks-hz: found {looks_hz:.3} looks per second at camera `{}`, expected {LEAST_RATE_HZ} or more of cameras that \
+                 are not synchronised: between them people go too far",
+                camera.name
+            );
+        }
+        Ok(())
     }
 
     fn load(&self) -> anyhow::Result<(OnnxKeypointNetwork, OnnxDetector)> {
@@ -233,37 +300,25 @@ impl FilmedArgs {
         recording: &Recording,
         lens: &Lens,
         rate_hz: f64,
-        hashes: &[String; 2],
     ) -> anyhow::Result<FilmedCamera> {
-        let every = (rate_hz / self.looks_hz).round().max(1.0) as u64;
         let name = &recording.name;
-        let lens_text = lens.calibration(name)?;
-        let every_text = every.to_string();
-        let [network, detector] = hashes.each_ref().map(String::as_str);
-        let words = [
-            REVISION,
-            network,
-            detector,
-            lens_text.as_str(),
-            every_text.as_str(),
-        ];
-        let made_of = fingerprint(&words, &files_of(recording)?)?;
-        let file = self.seen.join(format!("{name}.jsonl"));
+        let own = OwnVenue::over_a_floor(recording, lens)?;
         Ok(FilmedCamera {
-            own: OwnVenue::over_a_floor(recording, lens)?,
-            kept: Kept::find_beside(&beside(&file), &file, &made_of),
+            frames: own.frames()?,
+            own,
+            every: self.every(rate_hz),
+            lens_text: lens.calibration(name)?,
+            file: self.seen.join(format!("{name}.jsonl")),
             name: name.clone(),
-            every,
-            made_of,
-            file,
         })
     }
 
     /// What is in its file: looked for, and written, where that is not there yet.
-    fn see(&self, camera: &FilmedCamera, progress: &LookProgress) -> Result<Looked, NodeError> {
-        if let Some(kept) = &camera.kept {
+    fn see(&self, it: &KeptCamera, progress: &LookProgress) -> Result<Looked, NodeError> {
+        if let Some(kept) = &it.kept {
             return Ok(kept.clone());
         }
+        let camera = &it.camera;
         let looking = || {
             let (network, detector) = self.load()?;
             Looking::new(&camera.own, network, detector)?.all(camera.every, progress)
@@ -271,10 +326,25 @@ impl FilmedArgs {
         let looked = looking().with_context(|| format!("camera `{}`", camera.name));
         let (looked, text) = looked.map_err(NodeError::Refused)?;
         // First what says of what it is: who is stopped between the two looks again.
-        let said = Kept::beside(&text, looked.clone(), &camera.made_of);
+        let said = Kept::beside(&text, looked.clone(), &it.made_of);
         write(&beside(&camera.file), &said)?;
         write(&camera.file, &text)?;
         Ok(looked)
+    }
+}
+
+impl FilmedCamera {
+    /// With what is there of it, by the networks' `hashes`.
+    fn with_kept(self, recording: &Recording, hashes: &[String; 2]) -> anyhow::Result<KeptCamera> {
+        let every = self.every.to_string();
+        let [network, detector] = hashes.each_ref().map(String::as_str);
+        let words = [REVISION, network, detector, &self.lens_text, &every];
+        let made_of = fingerprint(&words, &files_of(recording)?)?;
+        Ok(KeptCamera {
+            kept: Kept::find_beside(&beside(&self.file), &self.file, &made_of),
+            made_of,
+            camera: self,
+        })
     }
 }
 
@@ -372,5 +442,35 @@ impl<'a> Looking<'a> {
             })
         });
         json!({"keypoints": each.collect::<Vec<Option<[f64; 3]>>>()})
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_video_is_named_beside_videos() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("seen")).unwrap();
+        for name in ["a.mp4", "b.mpeg", "c.jsonl", "run.mcap", "seen/d.jsonl"] {
+            std::fs::write(at(name), "").unwrap();
+        }
+        let videos = |names: &[&str]| filmed(&names.iter().map(|it| at(it)).collect::<Vec<_>>());
+        for names in [&["a.mp4", "b.mpeg"], &["b.mpeg", "a.mp4"]] {
+            let said = videos(names).unwrap_err().to_string();
+            assert!(said.contains("b.mpeg: found no video"), "{said}");
+            assert!(said.contains("mp4, mov"), "{said}");
+        }
+        let said = videos(&["seen"]).unwrap_err().to_string();
+        assert!(said.contains("seen/*.jsonl"), "{said}");
+        let said = videos(&["a.mp4", "c.jsonl"]).unwrap_err().to_string();
+        assert!(said.contains("c.jsonl: found keypoints"), "{said}");
+        for others in ["c.jsonl", "run.mcap"] {
+            assert!(videos(&[others]).unwrap().is_none(), "{others}");
+        }
+        let one = videos(&["a.mp4"]).unwrap().unwrap();
+        assert_eq!(one.len(), 1);
     }
 }

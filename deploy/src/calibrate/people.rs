@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{bail, ensure};
 use clap::Args;
 use farfield_calibration::alignment::Anchors;
-use farfield_calibration::people::{PeopleCamera, PeopleRequest, PeopleStage, calibrate};
+use farfield_calibration::people::{
+    DetectedFrame, PeopleCamera, PeopleRequest, PeopleStage, calibrate, check_request,
+};
 use farfield_calibration::points::Timing;
 use farfield_node::process::{NodeError, say};
 
@@ -14,9 +16,10 @@ use super::Judged;
 use super::filmed_people::{FilmedArgs, filmed, rates_hz};
 use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
+use super::lenses::lens_of;
 use super::metres::{Otherwise, metres};
 use super::recorded_people::{Part, PeopleRecording, is_recording};
-use super::seen::{SeenArgs, by_camera};
+use super::seen::{SeenArgs, SeenCamera, by_camera};
 use super::thin_files::ThinFiles;
 use crate::init::recordings::Recording;
 
@@ -89,12 +92,17 @@ fn request(args: &PeopleArgs) -> Result<PeopleRequest, NodeError> {
         Some(recordings) => of_videos(args, &recordings, &anchors)?,
         None => of_what_was_seen(args, &anchors).map_err(NodeError::Refused)?,
     };
-    Ok(PeopleRequest {
+    Ok(asked(args, request, anchors))
+}
+
+/// `request` with what the command line says of people and venue.
+fn asked(args: &PeopleArgs, request: PeopleRequest, anchors: Anchors) -> PeopleRequest {
+    PeopleRequest {
         stature_m: args.stature_m,
         seed: args.seed,
         anchors,
         ..request
-    })
+    }
 }
 
 fn of_what_was_seen(args: &PeopleArgs, anchors: &Anchors) -> anyhow::Result<PeopleRequest> {
@@ -123,7 +131,21 @@ fn of_videos(
         );
         let lenses = args.cameras.needed_lenses()?;
         let cameras = args.cameras.with_rates(&rates_hz(recordings)?);
-        refuse_rates_that_differ(&cameras, &names)?;
+        let cameras = cameras.with_one_rate(&names)?;
+        let seen_nobody = names.iter().map(|name| {
+            Ok(SeenCamera {
+                lens: lens_of(&lenses, name)?.clone(),
+                rate_hz: cameras.rate_of(name),
+                offset_s: cameras.offset_of(name),
+                seen: Vec::new(),
+                name: (*name).to_owned(),
+            })
+        });
+        let seen_nobody = seen_nobody.collect::<anyhow::Result<_>>()?;
+        // All that is known to be wrong is told before looks of minutes, whomever they will see.
+        let beforehand = asked(args, of_seen(&cameras, seen_nobody)?, anchors.clone());
+        check_request(&beforehand)?;
+        args.filmed.check_looks(&beforehand)?;
         Ok((lenses, cameras))
     };
     let (lenses, cameras) = prepared().map_err(NodeError::Refused)?;
@@ -175,19 +197,6 @@ fn refuse_part(args: &PeopleArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Cameras that are synchronised have one rate.
-fn refuse_rates_that_differ(cameras: &SeenArgs, names: &[&str]) -> anyhow::Result<()> {
-    let rates_hz: Vec<Option<f64>> = names.iter().map(|name| cameras.rate_of(name)).collect();
-    let mut others = names.iter().zip(&rates_hz);
-    let other = others.find(|(_, rate_hz)| Some(*rate_hz) != rates_hz.first());
-    if let Some((name, _)) = other.filter(|_| cameras.timing() == Timing::Synchronised) {
-        bail!(
-            "camera `{name}` has another rate than the others, which cannot be synchronised: give --clocks given, or unknown"
-        );
-    }
-    Ok(())
-}
-
 fn of_files(
     args: &PeopleArgs,
     given: &SeenArgs,
@@ -195,12 +204,20 @@ fn of_files(
     anchors: &Anchors,
 ) -> anyhow::Result<PeopleRequest> {
     refuse_part(args)?;
+    let names: Vec<&str> = files.keys().map(String::as_str).collect();
+    let given = &given.with_one_rate(&names)?;
     let mut thinned = ThinFiles::new(given, files.len());
     let read = |name: &str, path: &Path| thinned.read(name, path);
     let mut seen = given.cameras(files, anchors, read)?;
     thinned.level(&mut seen);
-    let names: Vec<&str> = seen.iter().map(|it| it.name.as_str()).collect();
-    refuse_rates_that_differ(given, &names)?;
+    of_seen(given, seen)
+}
+
+/// What cameras saw, as it is asked about.
+fn of_seen(
+    given: &SeenArgs,
+    seen: Vec<SeenCamera<Vec<DetectedFrame>>>,
+) -> anyhow::Result<PeopleRequest> {
     let mut cameras = Vec::new();
     for it in seen {
         let name = it.name;

@@ -11,6 +11,9 @@ use farfield_calibration::points::Timing;
 use super::lenses::{Lens, LensFile, lens_of, lenses};
 use super::named;
 
+/// Share by which rates of synchronised cameras may differ: as much as a word for one rate does from another.
+const SAME_RATE: f64 = 0.005;
+
 /// Lenses and clocks.
 #[derive(Debug, Clone, Args)]
 pub(super) struct SeenArgs {
@@ -109,6 +112,33 @@ impl SeenArgs {
             }
         }
         with
+    }
+
+    /// The same, with the rate of the first of the cameras `names` for all where they are synchronised: containers say 30000/1001
+    /// and 2997/100 of one rate.
+    ///
+    /// # Errors
+    /// Two cameras whose rates are not one.
+    pub(super) fn with_one_rate(&self, names: &[&str]) -> anyhow::Result<Self> {
+        let rates = names
+            .iter()
+            .filter_map(|name| Some((*name, self.rate_of(name)?)));
+        let rates: Vec<(&str, f64)> = rates.collect();
+        let mut with = self.clone();
+        let (Timing::Synchronised, Some((first, first_hz))) = (self.timing(), rates.first()) else {
+            return Ok(with);
+        };
+        let differs = |hz: f64| (hz - first_hz).abs() > SAME_RATE * first_hz.abs();
+        if let Some((name, hz)) = rates.iter().find(|(_, hz)| differs(*hz)) {
+            bail!(
+                "camera `{name}` has {hz:.3} frames per second and `{first}` {first_hz:.3}, which cannot be synchronised: give \
+                 --clocks given, or unknown; or, where a file is wrong, the rate of all by --rate-hz HZ"
+            );
+        }
+        for (_, hz) in &mut with.rate_hz {
+            *hz = *first_hz;
+        }
+        Ok(with)
     }
 
     /// Time of its frame 0, seconds, where that is said.
@@ -230,6 +260,36 @@ fn offset(word: &str) -> Result<(String, f64), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn with_rates(clocks: Clocks, rates_hz: &[(&str, f64)]) -> SeenArgs {
+        let named = |(name, hz): &(&str, f64)| (Some((*name).to_owned()), *hz);
+        SeenArgs {
+            lens: Vec::new(),
+            clocks,
+            rate_hz: rates_hz.iter().map(named).collect(),
+            offset_s: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn synchronised_cameras_have_the_rate_of_the_first_where_words_for_it_differ() {
+        let names = ["east", "north", "west"];
+        let (ntsc_hz, rounded_hz) = (30_000.0 / 1001.0, 2997.0 / 100.0);
+        let told = [("east", ntsc_hz), ("north", rounded_hz), ("west", 30.0)];
+        let one = with_rates(Clocks::Synchronised, &told).with_one_rate(&names);
+        let one = one.unwrap();
+        for name in names {
+            assert_eq!(one.rate_of(name), Some(ntsc_hz), "{name}");
+        }
+        let told = [("east", 25.0), ("north", 25.0), ("west", 30.0)];
+        let said = with_rates(Clocks::Synchronised, &told).with_one_rate(&names);
+        let said = said.unwrap_err().to_string();
+        for words in ["`west`", "30.000", "`east`", "25.000", "--rate-hz HZ"] {
+            assert!(said.contains(words), "{said}");
+        }
+        let own = with_rates(Clocks::Unknown, &told).with_one_rate(&names);
+        assert_eq!(own.unwrap().rate_of("west"), Some(30.0));
+    }
 
     #[test]
     fn what_is_known_of_cameras_is_understood_or_said() {

@@ -174,6 +174,15 @@ fn what_is_wrong_with_videos_of_people_is_told_before_any_picture_is_looked_at()
     let folder = place.path();
     let [images, _] = simulate(folder);
     let recordings = images.join("images");
+    let mut names: Vec<String> = fs::read_dir(&recordings)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    let nowhere: &str = &format!("--at={}=nan,0,0", names[0]);
+    let one: &str = &format!("--at={}=1,0,0", names[0]);
+    let itself: &str = &format!("{0},{0}=3", names[0]);
+    let other_rate: &str = &format!("--rate-hz={}=25", names[1]);
     let rate = ["--rate-hz", "30"];
     for (more, words) in [
         (&[][..], "no rate of camera"),
@@ -181,6 +190,16 @@ fn what_is_wrong_with_videos_of_people_is_told_before_any_picture_is_looked_at()
         (&["--marks", "nowhere.toml"], "nowhere.toml"),
         (&["--looks-hz", "0"], "--looks-hz: found 0"),
         (&["--from-s", "3"], "--from-s"),
+        (&[other_rate], "30.000"),
+        (&["--stature-m", "175"], "stature_m"),
+        (&["--clocks", "given"], "offset"),
+        (
+            &["--clocks", "unknown", "--looks-hz", "1"],
+            "--looks-hz: found 1.000",
+        ),
+        (&[nowhere], "expected three finite numbers"),
+        (&[one], "found 1 known places"),
+        (&["--distance", itself], "to itself"),
         (
             &["--network", "nowhere.toml"],
             "cannot be used multiple times",
