@@ -1,17 +1,21 @@
 //! `farfield calibrate all`: from recordings of boards and of a ball to a calibration in one go. Each stage leaves its files; whoever is
 //! interrupted goes on where they end.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use anyhow::Context as _;
 use clap::Args;
 use farfield_node::process::{NodeError, say};
 
 use super::Judged;
 use super::ball::{BallLook, lines, look_at_all, with_lenses};
-use super::board::BoardsArgs;
+use super::board::{BoardStage, BoardsArgs};
 use super::handed_over::FoundArgs;
 use super::lenses::{Lens, lens_of};
 use super::points::{AskedArgs, solve};
+use super::recorded::OwnVenue;
+use crate::init::recordings::Recording;
 
 /// What `farfield calibrate all` is told.
 #[derive(Debug, Args)]
@@ -57,6 +61,7 @@ pub(super) fn from_recordings(args: &AllArgs) -> Result<Judged, NodeError> {
         .filter(|name| !lenses.contains_key(*name))
         .collect();
     let boards = args.boards.stage(&without, args.found.replace)?;
+    check_recordings(&recordings, &lenses, &boards).map_err(NodeError::Refused)?;
     lenses.extend(boards.lenses()?);
 
     let request = args
@@ -69,4 +74,35 @@ pub(super) fn from_recordings(args: &AllArgs) -> Result<Judged, NodeError> {
     let seen = seen.into_iter().filter(|it| it.sightings > 0);
     let files = seen.map(|it| (it.camera, it.file)).collect();
     solve(request, &files, &args.found)
+}
+
+/// Refuses recordings that cannot be looked through, and those that are not as large as what the lens is of: before minutes of
+/// boards.
+fn check_recordings(
+    recordings: &[Recording],
+    lenses: &BTreeMap<String, Lens>,
+    boards: &BoardStage<'_>,
+) -> anyhow::Result<()> {
+    let filmed = boards.first_sizes()?;
+    for recording in recordings {
+        let name = recording.name.as_str();
+        if let Some((first, size_px)) = filmed.get(name) {
+            let [width, height] = size_px;
+            let found = frames(recording, &Lens::of_size(*size_px));
+            found.with_context(|| {
+                format!(
+                    "camera `{name}`, of which {} is {width}x{height}",
+                    first.display()
+                )
+            })?;
+        } else {
+            frames(recording, lens_of(lenses, name)?)?;
+        }
+    }
+    Ok(())
+}
+
+/// How many frames can be looked at through `lens`.
+fn frames(recording: &Recording, lens: &Lens) -> anyhow::Result<u64> {
+    OwnVenue::new(recording, lens)?.frames()
 }

@@ -63,13 +63,19 @@ pub(super) struct Lens {
 impl Lens {
     /// Stands in for a lens that is not known yet, where none is asked of anything.
     pub(super) fn of_nobody() -> Self {
+        Self::of_size([1, 1])
+    }
+
+    /// The same, where only the size of its pictures is asked.
+    pub(super) fn of_size(size_px: [u32; 2]) -> Self {
+        let [width, height] = size_px.map(f64::from);
         Self {
-            size_px: [1, 1],
+            size_px,
             intrinsics: Intrinsics {
-                fx_px: 1.0,
-                fy_px: 1.0,
-                cx_px: 0.0,
-                cy_px: 0.0,
+                fx_px: width.max(height),
+                fy_px: width.max(height),
+                cx_px: 0.5 * (width - 1.0),
+                cy_px: 0.5 * (height - 1.0),
             },
             model: LensModel::ideal(),
         }

@@ -7,6 +7,7 @@ use anyhow::{Context as _, anyhow, ensure};
 use farfield_calibration::board::{
     BoardCalibration, BoardView, Coefficients, DetectError, calibrate,
 };
+use farfield_edge::source::open_video_alone;
 use farfield_node::process::say;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
@@ -155,6 +156,20 @@ pub(super) fn recorded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         );
     }
     Ok(all)
+}
+
+/// How large the pictures of a picture or a video are, without looking at them.
+///
+/// # Errors
+/// What cannot be read.
+pub(super) fn size_px(path: &Path) -> anyhow::Result<[u32; 2]> {
+    let named = || path.display().to_string();
+    if is_video(path) {
+        let (info, _) = open_video_alone(path)?;
+        return info.size_px.with_context(named);
+    }
+    let (width, height) = image::image_dimensions(path).with_context(named)?;
+    Ok([width, height])
 }
 
 pub(super) fn is_picture(path: &Path) -> bool {

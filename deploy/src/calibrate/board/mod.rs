@@ -20,7 +20,7 @@ use super::convert::format;
 use super::{refuse_existing, write};
 use crate::output;
 
-pub(super) use self::stage::BoardsArgs;
+pub(super) use self::stage::{BoardStage, BoardsArgs};
 pub(super) use self::video::sharpness;
 
 /// What `farfield calibrate board` is told.

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::files;
 use super::kind::{Board, BoardKindArgs};
-use super::look::{found, is_picture, is_video, recorded};
+use super::look::{found, is_picture, is_video, recorded, size_px};
 use crate::calibrate::kept::{Kept, fingerprint};
 use crate::calibrate::lenses::{Lens, LensFile, lenses};
 use crate::calibrate::{refuse_existing, write};
@@ -150,6 +150,22 @@ impl BoardsArgs {
 }
 
 impl BoardStage<'_> {
+    /// The first picture or video of each camera's boards, and how large its pictures are.
+    ///
+    /// # Errors
+    /// What cannot be read.
+    pub(in crate::calibrate) fn first_sizes(
+        &self,
+    ) -> anyhow::Result<BTreeMap<&str, (&Path, [u32; 2])>> {
+        let firsts = self
+            .cameras
+            .iter()
+            .filter_map(|camera| Some((camera.name.as_str(), camera.recorded.first()?)));
+        firsts
+            .map(|(name, path)| Ok((name, (path.as_path(), size_px(path)?))))
+            .collect()
+    }
+
     /// The lenses: looked for, and written, where they are not there yet.
     ///
     /// # Errors

@@ -199,6 +199,22 @@ fn what_is_wrong_with_boards_is_told_before_any_picture_is_looked_at() {
 }
 
 #[test]
+fn recordings_that_are_not_as_large_as_the_boards_are_told_before_boards_are_looked_through() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path();
+    film_boards(&folder.join("recordings"));
+    film_boards(&folder.join("boards"));
+    let small = GrayImage::new(SIZE_PX[0] / 2, SIZE_PX[1] / 2);
+    small.save(folder.join("boards/north/00.png")).unwrap();
+    let refused = calibrate_all(folder, &BOARDS);
+    assert_eq!(refused.code, 2, "{}", refused.stderr);
+    for words in ["camera `north`", "00.png is 160x120", "320x240"] {
+        assert!(refused.stderr.contains(words), "{}", refused.stderr);
+    }
+    assert_eq!(names(folder), ["boards", "recordings"]);
+}
+
+#[test]
 fn a_board_of_another_size_than_was_said_does_not_pass() {
     let place = tempfile::tempdir().unwrap();
     let folder = place.path();
