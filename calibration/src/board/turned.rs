@@ -206,6 +206,23 @@ mod tests {
         }
     }
 
+    /// What few pictures gain can be lost among corners that are off by so much: a limit that the documentation names.
+    #[test]
+    fn of_few_turned_pictures_some_may_go_unseen_and_no_others_are_named() {
+        let truth = Optics::new(&intrinsics(1400.0), &pinhole());
+        for (noise_px, turned) in [(0.3, &[5][..]), (0.4, &[2, 7, 11])] {
+            let mut views = views(&truth, 12, 0.5, noise_px);
+            for i in turned {
+                turn(&mut views[*i]);
+            }
+            let found = calibrate(SIZE, &views, Coefficients::Five).expect("nine or more");
+            let named: Vec<&str> = found.left_out.iter().map(|it| it.0.as_str()).collect();
+            println!("{noise_px} px, {turned:?} turned: {named:?} named");
+            let all: Vec<String> = turned.iter().map(|i| format!("{i:02}")).collect();
+            assert!(named.iter().all(|it| all.iter().any(|of| of == it)));
+        }
+    }
+
     #[test]
     fn as_many_pictures_one_way_as_the_other_are_refused() {
         let truth = Optics::new(&intrinsics(1400.0), &pinhole());

@@ -138,7 +138,7 @@ fn videos_that_were_started_by_hand_are_found_by_one_frame_of_four() {
     assert_eq!(states.len(), truth.len());
     let (off_m, off_deg) = worst(&states, &truth);
     println!("one frame of four: {off_m:.4} m {off_deg:.4} deg");
-    assert!(off_m < 0.05 && off_deg < 0.3, "{off_m} {off_deg}");
+    assert!(off_m < 0.016 && off_deg < 0.1, "{off_m} {off_deg}");
 
     for camera in &mut request.cameras {
         camera.frames.retain(|it| it.frame as i64 % 8 == 0);
