@@ -66,7 +66,8 @@ pub(super) struct FilmedArgs {
     /// Each is written when its video is looked through. One that is there already, of the same video, lens, networks and rate, is
     /// taken as it is: after an interruption only what is missing is looked at.
     #[arg(
-        long,
+        id = "seen_folder",
+        long = "seen",
         value_name = "DIR",
         default_value = "seen",
         hide_short_help = true

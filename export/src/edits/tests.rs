@@ -198,7 +198,7 @@ fn a_line_that_is_none_is_named_with_its_field() {
         ("{", "edits.jsonl:3: EOF while parsing"),
         (
             r#"{"at":"now","edit":"rename","person":3}"#,
-            "edits.jsonl:3: `edit`: found \"rename\", expected one of name, merge",
+            "edits.jsonl:3: `edit`: found \"rename\", expected one of name, guess, merge",
         ),
         (
             r#"{"at":"now","edit":"name","person":3}"#,

@@ -257,11 +257,14 @@ fn fisheyes_among_others_are_found_from_nothing() {
         let found = quiet(&request).unwrap();
         let (off_m, off_deg) = worst(&found_states(&found), &truth);
         println!("fisheyes, {lenses:?}: {off_m:.5} m {off_deg:.5} deg");
-        // The bars of ordinary lenses; a pixel of these is half as wide again.
-        assert!(
-            off_m < 2.0 * BARS[0].1 && off_deg < 2.0 * BARS[0].2,
-            "{lenses:?}"
-        );
+        // The bars of ordinary lenses; a pixel of these is half as wide again. Where the principal point moves too, a camera
+        // turns with it: a pixel of it is 0.08 degrees.
+        let most_deg = if lenses == Lenses::All {
+            0.1
+        } else {
+            2.0 * BARS[0].2
+        };
+        assert!(off_m < 2.0 * BARS[0].1 && off_deg < most_deg, "{lenses:?}");
         assert!(found.report.passes(), "{:?}", found.report.findings);
         let written = found.toml().unwrap();
         assert_eq!(written.matches("fisheye = true").count(), 4, "{written}");

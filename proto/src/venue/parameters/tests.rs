@@ -56,7 +56,7 @@ fn a_commented_line_of_the_sample_is_a_setting_once_the_mark_is_gone() {
 }
 
 #[test]
-fn twenty_parameters_belong_to_users() {
+fn twenty_one_parameters_belong_to_users() {
     let users = PARAMETERS.iter().filter(|p| p.audience == Audience::User);
     let users: BTreeSet<String> = users.map(ToString::to_string).collect();
     let expected = [
@@ -73,6 +73,7 @@ fn twenty_parameters_belong_to_users() {
         "link.deadline_ms",
         "link.lockstep_timeout_s",
         "link.quality",
+        "link.target_latency_ms",
         "range_of_motion.enabled",
         "range_of_motion.factor",
         "recording.fill_share",
