@@ -28,6 +28,7 @@ mod report_lines;
 mod run;
 #[cfg(test)]
 mod samples;
+mod sheet_fingerprint;
 mod signals;
 mod simulate;
 mod status;

@@ -19,7 +19,7 @@ mod progress;
 mod recorded;
 mod recorded_people;
 mod seen;
-pub(crate) mod sheet;
+mod sheet;
 mod thin_files;
 
 use std::fs;

@@ -7,7 +7,7 @@ use anyhow::{Context as _, ensure};
 use farfield_page::{CalibrationSheet, ShownCalibration};
 use farfield_proto::venue::Venue;
 
-use crate::calibrate::sheet::fingerprint;
+use crate::sheet_fingerprint;
 
 /// Largest sheet, bytes: of 64 cameras and a football field it is a tenth of that.
 const MAX_SHEET_BYTES: u64 = 8 << 20;
@@ -84,7 +84,7 @@ fn read(path: &Path, venue: &Venue) -> anyhow::Result<CalibrationSheet> {
         "{}: found no HTML page, expected the sheet that `farfield calibrate` writes",
         shown()
     );
-    let fingerprint = fingerprint::of_sheet(&html).map(str::to_owned);
+    let fingerprint = sheet_fingerprint::of_sheet(&html).map(str::to_owned);
     let file = path.file_name().unwrap_or_default();
     Ok(CalibrationSheet {
         is_of_this: fingerprint

@@ -3,7 +3,6 @@
 
 mod coverage;
 mod field;
-pub(crate) mod fingerprint;
 mod plan;
 
 use std::fmt::Write as _;
@@ -16,6 +15,7 @@ pub(super) use field::in_words;
 use field::STRIPES;
 
 use super::judged::{JudgedCalibration, halves};
+use crate::sheet_fingerprint;
 
 /// How the page looks, in the light and in the dark.
 const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem}\
@@ -38,7 +38,7 @@ pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>, metres: &str) ->
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" \
          content=\"width=device-width,initial-scale=1\">{}<title>Calibration {name}</title><style>{STYLE}</style>\n{STRIPES}\
          <h1>Calibration {name}</h1>\n<p class=\"{class}\"><strong>{verdict}</strong></p>\n",
-        fingerprint::line(&judged.text)
+        sheet_fingerprint::line(&judged.text)
     );
     findings(&mut page, judged);
     writeln!(page, "<p>{}</p>", escaped(metres)).ok();

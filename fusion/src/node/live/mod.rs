@@ -58,8 +58,7 @@ pub(super) async fn live(
     };
     let config = context.config;
     let venue = &config.venue;
-    let began = clock::now();
-    let first = start.first;
+    let (began, first) = (clock::now(), start.first);
     // Under a parent all nodes end together.
     let people_path = (config.managed == Managed::No).then(|| handover::place(venue, context.out));
     let known = (people_path.as_deref()).and_then(|path| handover::read(path, venue, &start));

@@ -16,6 +16,8 @@ use farfield_node::process::{
     Ending, Managed, NodeError, Told, exit_code_told, say, stop_when_told,
 };
 use farfield_proto::tick::Tick;
+use farfield_proto::toml_file::FileError;
+use farfield_proto::venue::Venue;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
@@ -31,6 +33,7 @@ use super::output::summary_file::SummaryFile;
 use super::session::mode::RunMode;
 use super::subjects::{load_subjects, recorded_subjects};
 use crate::export::summary::EventCounts;
+use crate::identity::subjects::Subject;
 use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
 use crate::recording::replay::{Choice, PatchOwners, Replay, first_decision};
@@ -104,28 +107,22 @@ fn replay(
     if let Some(out) = &args.out {
         check_folder(out).map_err(NodeError::Refused)?;
     }
-    let refused = |error| NodeError::Refused(error);
-    let mut recording = open(&args.file).map_err(refused)?;
-    let part = choose(args, recording.sessions()).map_err(refused)?;
+    let mut recording = open(&args.file).map_err(NodeError::Refused)?;
+    let part = choose(args, recording.sessions()).map_err(NodeError::Refused)?;
     let changes = Changes {
         venue: args.venue.as_deref(),
         calibration: args.calibration.as_deref(),
         set: &args.set,
     };
     let (venue, card) =
-        replay_venue(&args.file, recording.attached(), &changes).map_err(refused)?;
-    check_names(&venue).map_err(refused)?;
-    let subjects = match changes.venue {
-        Some(_) => load_subjects(&venue),
-        None => recorded_subjects(&args.file, recording.attached(), &venue),
-    };
-    let subjects = subjects.map_err(NodeError::refused)?;
+        replay_venue(&args.file, recording.attached(), &changes).map_err(NodeError::Refused)?;
+    check_names(&venue).map_err(NodeError::Refused)?;
+    let subjects = subjects_of(args, &recording, &venue).map_err(NodeError::refused)?;
     let as_it_was = changes.none() && !args.late && !part.decisions.is_empty();
-    let joined = joined(&mut recording, &part, venue.rate_hz).map_err(refused)?;
+    let joined = joined(&mut recording, &part, venue.rate_hz).map_err(NodeError::Refused)?;
     let names = owners(&args.file, as_it_was, joined);
     let choice = choice(args, &part);
-    let file = FileFacts::of(&recording);
-    let recorded = part.ticks;
+    let (file, recorded) = (FileFacts::of(&recording), part.ticks);
     let mut pipeline = Pipeline::new(&venue, card.as_ref(), part.session);
     pipeline.know(subjects);
     if args.smooth {
@@ -134,9 +131,9 @@ fn replay(
     let (keypoints, session) = (pipeline.keypoints().clone(), part.session);
     let replay = Replay::new(recording, part, pipeline, choice, names)
         .with_context(|| args.file.display().to_string())
-        .map_err(refused)?;
+        .map_err(NodeError::Refused)?;
     let span = replay.span().unwrap_or(recorded);
-    let claim = FolderClaim::take(args.out.as_deref(), &venue.name).map_err(refused)?;
+    let claim = FolderClaim::take(args.out.as_deref(), &venue.name).map_err(NodeError::Refused)?;
     let (stop, runtime) = watch_signals().map_err(NodeError::Failed)?;
     let replays = ReplayedRecording {
         file: &args.file,
@@ -180,6 +177,18 @@ fn replay(
     match &done.exported.missing {
         Some(poses) => Err(NodeError::Failed(missing(poses))),
         None => Ok(done.ending),
+    }
+}
+
+/// The bodies of whom the venue names: as recorded, or of another venue file where one was given.
+fn subjects_of(
+    args: &ReplayArgs,
+    recording: &Recording<BufReader<File>>,
+    venue: &Venue,
+) -> Result<Vec<Subject>, FileError> {
+    match args.venue {
+        Some(_) => load_subjects(venue),
+        None => recorded_subjects(&args.file, recording.attached(), venue),
     }
 }
 

@@ -272,7 +272,7 @@ fn a_video_of_a_chessboard_from_a_phone_held_upright_tells_a_lens() {
 
     let refused = look(&[&videos], "3x4");
     assert_eq!(refused.code, 2, "{}", refused.stdout);
-    let counted = "found in 0 of the 7 pictures that were looked at";
+    let counted = "expected 3 x 4: count the corners";
     assert!(refused.stderr.contains(counted), "{}", refused.stderr);
 
     // Where this ffmpeg writes how the phone was held, both videos together are of no one camera.

@@ -9,7 +9,7 @@ const DIGITS: usize = 16;
 const HEAD_BYTES: usize = 4096;
 
 /// The line of the sheet of the calibration with this text.
-pub(super) fn line(calibration: &str) -> String {
+pub(crate) fn line(calibration: &str) -> String {
     let fingerprint = &blake3::hash(calibration.as_bytes()).to_hex()[..DIGITS];
     format!("{BEFORE}{fingerprint}{AFTER}")
 }
