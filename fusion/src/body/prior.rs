@@ -1,6 +1,6 @@
 //! A body that is known before it is seen: a subject of the venue, by a profile that was kept or by the stature.
 //!
-//! It is what keypoints are held against when a body is measured ([`super::proportions`]), in the place of what the stature asks for.
+//! It is what keypoints are held against when a body is measured (`proportions.rs`), in the place of what the stature asks for.
 
 use std::path::Path;
 

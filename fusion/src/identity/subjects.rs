@@ -1,6 +1,6 @@
 //! Whom of the venue's subjects a person is: by the link lengths, and by nothing else.
 //!
-//! As of who was here before ([`super::recognise`]) every pair of a person and a subject has the logarithm of a likelihood ratio,
+//! As of who was here before (`recognise.rs`) every pair of a person and a subject has the logarithm of a likelihood ratio,
 //! and all pairs are decided together. What speaks for a place is missing, so that more is asked of the lengths. Who is ambiguous
 //! has no name: a stranger's name is worse than none.
 
