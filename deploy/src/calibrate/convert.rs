@@ -25,7 +25,7 @@ pub(super) struct ConvertArgs {
     /// Folder for the files that are written.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// What to write: farfield, qualisys, colmap, ...
+    /// What to write, e.g. qualisys.
     ///
     /// farfield (aniposelib's and Pose2Sim's too), freemocap, caliscope, opencv-yaml, opencv-json, qualisys, theia,
     /// easymocap, vicon, colmap, kalibr.
@@ -37,7 +37,7 @@ pub(super) struct ConvertArgs {
     /// Metres in a unit. Default: by the numbers.
     ///
     /// How many metres a unit of length is; told by format and numbers where that is not said.
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "M")]
     metres_per_unit: Option<f64>,
     /// Axis that points up: x, -x, y, -y, z, -z.
     ///

@@ -26,7 +26,7 @@ use crate::init::recordings::Recording;
 /// What `farfield calibrate people` is told.
 #[derive(Debug, Args)]
 pub(super) struct PeopleArgs {
-    /// Videos or their folder; NAME.jsonl of keypoints; or one recording (.mcap).
+    /// Videos or their folder; NAME.jsonl of keypoints; recording.mcap.
     ///
     /// Videos or folders of numbered pictures, called as the cameras, are looked through by networks (--network, --detector). Files
     /// of keypoints are as keypoint venues have them: a frame on each line, COCO's 17 keypoints, distorted pixels; the file's name is
