@@ -76,8 +76,8 @@ impl Boxes {
     /// The pelvis is the paper's torso n(1), the neck its n(6). The box turns when the rotation
     /// passes `rotate_from_deg` and goes upright below `rotate_until_deg`, or when the trunk is seen
     /// end-on. The rates are the difference to the box of `next_m`. `None` when the person is behind
-    /// the camera or nothing of the box is in the image. Where the neck is behind the camera,
-    /// `neck_px` is `torso_px`.
+    /// the camera, nothing of the box is in the image, or all joints lie beyond what is used of a
+    /// fisheye. Where the neck is behind the camera, `neck_px` is `torso_px`.
     ///
     /// Cost: a projection per joint, twice, and eight more for those at the rim.
     pub fn camera_box(
@@ -102,7 +102,12 @@ impl Boxes {
         };
         let now = around(&now_seen, &trunk)?;
         self.turned[index] = turned;
-        if !now.touches_image(model) {
+        // Beyond the rim of a fisheye joints are moved to it: a box of nothing but these would hold nobody.
+        let is_in_view = |px: Vector2<f64>| model.is_within_view(Pixel::new(px.x, px.y));
+        let is_anything = Joint::ALL
+            .iter()
+            .any(|joint| now_seen.pixel(*joint).is_some_and(is_in_view));
+        if !is_anything || !now.touches_image(model) {
             return None;
         }
         let next_seen = ProjectedJoints::new(&p, next_m);

@@ -293,6 +293,11 @@ impl CameraModel {
         Pixel::new(px.x, px.y)
     }
 
+    /// Whether `pixel` is not beyond what is used of a fisheye, in the picture or not; of other lenses all is used.
+    pub fn is_within_view(&self, pixel: Pixel<Undistorted>) -> bool {
+        self.lens.is_within_view(self.normalised(pixel.vector_px()))
+    }
+
     /// The half-line that an ideal pinhole sees at `pixel`.
     pub fn ray(&self, pixel: Pixel<Undistorted>) -> Ray {
         let p = self.normalised(pixel.vector_px());

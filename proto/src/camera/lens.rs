@@ -100,13 +100,17 @@ impl Lens {
         is_cut || self.undo(target, ViewPart::Used, tolerance).is_some()
     }
 
+    /// Whether `p` is not beyond what is used of a fisheye.
+    pub(super) fn is_within_view(&self, p: Vector2<f64>) -> bool {
+        !self.model.is_fisheye() || p.norm() <= self.used_radius
+    }
+
     /// `p`, moved to the rim of what is used of a fisheye where it lies beyond it. Other lenses end at their pictures' edges.
     pub(super) fn within_view(&self, p: Vector2<f64>) -> Vector2<f64> {
-        let radius = p.norm();
-        if self.model.is_fisheye() && radius > self.used_radius {
-            p * (self.used_radius / radius)
-        } else {
+        if self.is_within_view(p) {
             p
+        } else {
+            p * (self.used_radius / p.norm())
         }
     }
 
