@@ -46,13 +46,16 @@ pub(super) fn patch_decode(bytes: &[u8]) -> String {
     format!("read, {sizes:?}")
 }
 
+/// How many kinds of messages [`wire_decode`] knows.
+pub(crate) const KINDS: u8 = 15;
+
 /// Messages of any kind: the first byte chooses the kind, the rest is the message. `lab fuzz-seeds` writes
 /// one of each, in the order of the kinds here.
 pub(super) fn wire_decode(bytes: &[u8]) -> String {
     let Some((kind, bytes)) = bytes.split_first() else {
         return "nothing".to_owned();
     };
-    let kind = kind % 15;
+    let kind = kind % KINDS;
     let became = match kind {
         0 => decoded::<PatchSet>(bytes),
         1 => decoded::<BoxSet>(bytes),

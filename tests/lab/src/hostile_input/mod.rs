@@ -7,7 +7,7 @@
 //! crate.
 
 mod foreign;
-mod messages;
+pub(crate) mod messages;
 mod outside;
 mod recorded;
 mod texts;
