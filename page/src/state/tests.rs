@@ -5,7 +5,7 @@ use std::sync::Arc;
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::message::PersonState;
 use farfield_proto::message::identity_event::{Change, IdentityEvent, Likeness};
-use farfield_proto::message::{PatchSet, PoseSet};
+use farfield_proto::message::{PatchSet, PoseSet, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire;
 use proptest::prelude::*;
@@ -292,6 +292,45 @@ fn an_edge_whose_clock_is_ahead_takes_no_room_from_the_others() {
         );
     }
     assert!(evidence.of_tick(Tick(91)).viewpoints_of(PersonId(1)) > 0);
+}
+
+/// Alarms of clocks, where nothing keeps that of anybody right and fusion knows offsets to `known_to_us`.
+fn alarms_of_free_clocks(known_to_us: Option<u32>) -> Vec<String> {
+    let (mut known, synthetic, context) = (Known::new(context()), synthetic(1), context());
+    for (key, bytes, at_us) in (60..240).flat_map(|tick| synthetic.messages(Tick(tick))) {
+        let Some(topic) = context.topic(&key) else {
+            continue;
+        };
+        let bytes = match topic {
+            Topic::Status(_) => {
+                let mut status: Status = wire::decode(&bytes).unwrap();
+                let clock = status.health.system_clock.as_mut().unwrap();
+                clock.synchronised = false;
+                for link in &mut status.health.links {
+                    link.clock_uncertainty_us = known_to_us;
+                }
+                wire::encode(&status)
+            }
+            _ => bytes,
+        };
+        known.take(topic, &bytes, at_us);
+    }
+    let keys = keys_of(&mut known);
+    keys.into_iter()
+        .filter(|it| it.starts_with("clock/"))
+        .collect()
+}
+
+/// Symptom: the demo, whose nodes are on one machine, began with five warnings of clocks.
+#[test]
+fn a_clock_that_nothing_keeps_right_is_told_of_only_where_its_offset_is_badly_known() {
+    assert_eq!(alarms_of_free_clocks(Some(1_900)), Vec::<String>::new());
+    for badly in [Some(2_100), None] {
+        let keys = alarms_of_free_clocks(badly);
+        let nodes = context().venue.viewpoints.len() + 1;
+        assert_eq!(keys.len(), nodes, "{keys:?}");
+        assert!(keys.contains(&"clock/fusion/free".to_owned()), "{keys:?}");
+    }
 }
 
 #[test]

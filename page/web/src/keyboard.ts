@@ -14,10 +14,15 @@ export interface Key {
 
 /** What signs and colours mean. */
 const SIGNS: readonly (readonly [string, string])[] = [
-  ["✓ ! ✕", "works, warning, failed: lamps, and frusta of cameras in the same colours"],
+  ["✓ ! ✕", "works, warning, failed: lamps, and the cones of cameras in the same colours"],
   ["veiled body", "tentative (not confirmed yet) or coasting (not seen by two viewpoints at the moment)"],
   ["lines to cameras", "which cameras serve the followed person"],
   ["σ", "one standard deviation of a joint's place: how sure it is"],
+  ["edge, fusion", "the computer at a viewpoint that reads its cameras; the one that makes skeletons of what all edges send"],
+  ["viewpoint", "cameras at one place, with one edge: of each person it sends what its best camera sees"],
+  ["agrees to", "how far what a camera shows of people is from what the other cameras show"],
+  ["not observed", "an angle that what is seen does not determine at the moment: the body model carries it"],
+  ["tick", "the number of a picture, the same for all cameras"],
   ["delay, P99", "from the picture to the pose; 99 of 100 poses are quicker than P99"],
 ];
 

@@ -27,6 +27,13 @@ test("alarms of one kind on many boxes are one line, since the first of them", (
   assert.deepEqual(camera?.members, []);
 });
 
+test("what of it is behind the name is no part of the name", () => {
+  const free = ["ne", "nw"].map((name) => alarm(`clock/${name}/free`, `nothing keeps the clock of edge ${name} right`));
+  const [clocks, ...rest] = grouped(free);
+  assert.deepEqual(rest, []);
+  assert.equal(clocks?.text, "2 clocks: ne, nw. Nothing keeps the clock of edge ne right");
+});
+
 test("what is not the same stays apart: another severity, another text, no name", () => {
   const apart = [
     alarm("node/a", "edge a is silent", true),

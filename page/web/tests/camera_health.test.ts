@@ -42,8 +42,8 @@ test("a camera that works and shows something else than the others is a warning"
 
 test("how far a camera is from the others is told in millimetres, and its clock where it is off", () => {
   const agreement = { verdict: "agrees", distance_mm: 14.2, distance_px: 2, late_ticks: -1.26 } as const;
-  assert.equal(agreementInWords(agreement), "14 mm from the others, 1.3 ticks early");
-  assert.equal(agreementInWords({ ...agreement, late_ticks: 0.01 }), "14 mm from the others");
+  assert.equal(agreementInWords(agreement), "agrees to 14 mm, 1.3 ticks early");
+  assert.equal(agreementInWords({ ...agreement, late_ticks: 0.01 }), "agrees to 14 mm");
   assert.equal(agreementInWords({ ...agreement, distance_mm: null }), "");
   assert.equal(agreementInWords(null), "");
 });

@@ -1,7 +1,8 @@
 //! What is wrong, in words, each with what mends it: the table of `docs/failures.md`, by what nodes say.
 
+mod clocks;
+
 use farfield_proto::id::ViewpointIndex;
-use farfield_proto::message::health::SystemClock;
 use farfield_proto::message::live::{CameraHealth, LiveStatus};
 use farfield_proto::tick::{Micros, SECOND_US};
 
@@ -152,22 +153,7 @@ impl Found<'_> {
             return;
         };
         let health = &heard.status.health;
-        if let Some(SystemClock {
-            synchronised: false,
-            ..
-        }) = health.system_clock
-            && heard.status.live.is_some()
-        {
-            let text = format!("nothing keeps the clock of {subject} right");
-            let remedy = "start NTP or PTP on it (`timedatectl set-ntp true`, or chrony)";
-            self.say(
-                Severity::Warning,
-                format!("clock/{name}/free"),
-                subject,
-                text,
-                remedy,
-            );
-        }
+        self.free_clock(node, subject);
         let ends_s = health
             .certificate_ends_s
             .and_then(|ends_s| i64::try_from(ends_s).ok());
@@ -301,31 +287,6 @@ impl Found<'_> {
                 Severity::Warning,
                 format!("link/{name}/load"),
                 subject,
-                text,
-                remedy,
-            );
-        }
-    }
-
-    fn clock(&mut self, name: &str, offset_us: Option<i32>, uncertainty_us: Option<u32>) {
-        let bound_ms = self.of.context.venue.parameters.link.clock_bound_ms;
-        let Some(offset_us) = offset_us else {
-            return;
-        };
-        let off_ms = f64::from(offset_us.unsigned_abs()) / 1e3;
-        // Past the bound it is refused, which says so itself.
-        if off_ms > 0.5 * bound_ms {
-            let bound = uncertainty_us.map_or(String::new(), |us| {
-                format!(" (±{:.1})", f64::from(us) / 1e3)
-            });
-            let text = format!(
-                "the clock of {name} is {off_ms:.1} ms{bound} off; it is corrected up to {bound_ms} ms"
-            );
-            let remedy = "start NTP or PTP on it";
-            self.say(
-                Severity::Warning,
-                format!("clock/{name}"),
-                &format!("clock of {name}"),
                 text,
                 remedy,
             );

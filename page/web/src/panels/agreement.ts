@@ -8,5 +8,5 @@ export function agreementInWords(agreement: Agreement | null): string {
   if (agreement === null || agreement.distance_mm === null) return "";
   const late = agreement.late_ticks ?? 0;
   const clock = Math.abs(late) < 0.05 ? "" : `, ${fixed(Math.abs(late), 1)} ticks ${late > 0 ? "late" : "early"}`;
-  return `${fixed(agreement.distance_mm, 0)} mm from the others${clock}`;
+  return `agrees to ${fixed(agreement.distance_mm, 0)} mm${clock}`;
 }

@@ -78,8 +78,9 @@ function kindOf(alarm: Alarm): string {
   return alarm.key.split("/", 1)[0] ?? "";
 }
 
+/** Whose it is; behind the name a key may say what of it. */
 function nameOf(alarm: Alarm): string {
-  return alarm.key.slice(kindOf(alarm).length + 1);
+  return alarm.key.split("/", 2)[1] ?? "";
 }
 
 function upper(text: string): string {

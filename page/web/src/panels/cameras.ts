@@ -54,7 +54,7 @@ class Tile {
     const open = element("button", { class: "tile-open", label: `Open ${camera.name}`, attributes: { type: "button" } });
     open.append(this.drawing.chart.canvas);
     open.addEventListener("click", () => actions.openCamera(page.openCamera === index ? null : index));
-    const look = button("Look", `See the field in 3D from ${camera.name}`, () => actions.lookThrough(index));
+    const look = button("View", `See the field in 3D from ${camera.name}`, () => actions.lookThrough(index));
     const head = element("div", { class: "tile-head" }, this.lamp, element("b", { text: camera.name }));
     const said = element("div", {}, this.state, this.persons, this.rate);
     this.root.append(head, open, element("div", { class: "tile-foot" }, said, look));
@@ -84,7 +84,7 @@ class Tile {
 
   private personsText(persons: readonly number[], level: Level, reason: string | null): string {
     if (level === "failed" && reason !== null) return reason;
-    if (persons.length === 0) return "Serves nobody";
+    if (persons.length === 0) return "Stands by";
     if (persons.length > 6) return `Serves ${count(persons.length, "person", "people")}`;
     return `Serves ${persons.map((id) => nameOf(this.page, id).replace("Person ", "")).join(", ")}`;
   }
@@ -109,7 +109,7 @@ export class CamerasPanel {
         ? "Lines, not pictures: a recording holds none."
         : "Lines, not pictures: no picture leaves an edge.";
     this.legend.textContent =
-      `${pictures} In colour: who is served by the camera. Open a camera (click) for the ` +
+      `${pictures} In colour: who is served by the camera; one that stands by sees people whom another of its viewpoint serves. Open a camera (click) for the ` +
       "boxes that fusion predicts (solid: chosen; dashed: another camera was), keypoints (dots) and sightings (squares).";
     for (const viewpoint of state.venue.viewpoints) {
       const row = element("div", { class: "tiles" });
@@ -123,8 +123,7 @@ export class CamerasPanel {
       this.root.append(element("h3", { text: `Viewpoint ${viewpoint.name}` }), row);
     }
     if (this.tiles.length === 0) this.root.append(element("p", { class: "hint", text: "The venue has no cameras." }));
-    this.root.append(this.legend);
-    this.root.prepend(this.calibration.root);
+    this.root.append(this.legend, this.calibration.root);
     setHidden(this.legend, this.tiles.length === 0);
   }
 

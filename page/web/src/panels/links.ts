@@ -179,7 +179,7 @@ export class LinksPanel {
     });
     const parts = PARTS.map((part) => `${PART_NAMES[part]} ${milliseconds(p50(part))}`).join(" + ");
     const whole = stages.find((stage) => stage.stage === WHOLE);
-    const text = whole === undefined ? "Not known at this moment." : `P50 ${milliseconds(whole.p50_us)}, P99 ${milliseconds(whole.p99_us)}: ${parts}`;
+    const text = whole === undefined ? "Not known at this moment." : `Median ${milliseconds(whole.p50_us)}, 99 of 100 within ${milliseconds(whole.p99_us)}. Medians of the parts: ${parts}`;
     setText(this.stageText, text);
     this.stages.setAttribute("aria-label", text);
   }
