@@ -207,7 +207,8 @@ pub fn import(files: &[TextFile], options: &ImportOptions) -> Result<Imported, F
     }?;
     if raw.cameras.is_empty() {
         return Err(first.error(format!(
-            "no camera was found, expected a calibration of the format `{format}`"
+            "no camera was found, expected a calibration of the format `{format}` (that of a venue is the file which its \
+             `calibration` names)"
         )));
     }
     if raw.cameras.len() > MAX_CAMERAS {

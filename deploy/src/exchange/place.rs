@@ -45,6 +45,11 @@ impl Place {
             return Ok(Self::Recording(word.to_owned()));
         }
         let (poses, folder) = poses_of(word)?;
+        ensure!(
+            poses.extension().is_some_and(|it| it == "jsonl"),
+            "{}: this is no file of poses: expected the folder of a run, its {POSES}, or a recording (.mcap)",
+            word.display()
+        );
         let summary = summary_of(&folder)?;
         Ok(Self::Run {
             poses,

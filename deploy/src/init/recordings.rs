@@ -70,8 +70,7 @@ pub(crate) fn find(folder: &Path, videos: Option<&Path>) -> anyhow::Result<Vec<R
     }
     let names: Vec<String> = places.iter().map(|it| it.display().to_string()).collect();
     anyhow::bail!(
-        "no recordings are in {}: expected videos ({}), folders of numbered pictures, or keypoint files (jsonl); \
-         name their folder with `--videos DIR`",
+        "no recordings are in {}: expected videos ({}), folders of numbered pictures, or keypoint files (jsonl)",
         names.join(" or "),
         VIDEOS.join(", ")
     )

@@ -3,6 +3,7 @@
 //! Fusion knows neither; `farfield fusion` hands in what opens them. `farfield run` and `farfield demo` hand the same words on to
 //! the fusion that they start.
 
+pub(crate) mod address;
 mod names;
 mod names_tap;
 mod page;
@@ -27,6 +28,7 @@ use farfield_node::process::{NodeError, say};
 use farfield_page::PageState;
 use farfield_streams::StreamSpec;
 
+use self::address::page_address;
 use self::names::GivenNames;
 use self::names_tap::NamesTap;
 use self::page::PageServer;
@@ -41,7 +43,7 @@ pub(crate) struct ListenerArgs {
     ///
     /// At <http://127.0.0.1:7460>, or at ADDRESS: an IP address and a port. Beyond this machine it is served with fusion's
     /// certificate, and who opens it needs the token of the address that is printed.
-    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true)]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, value_parser = page_address)]
     #[expect(
         clippy::option_option,
         reason = "absent, without and with an address: how clap says it"

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
 use clap::Args;
-use farfield_fusion::node::recorded_venue;
+use farfield_fusion::node::{open_recording, recorded_venue};
 use farfield_fusion::pipeline::Pipeline;
 use farfield_fusion::recording::messages::MessagesInTime;
 use farfield_node::log::start_log;
@@ -18,6 +18,7 @@ use farfield_page::{PageActions, PageOptions, PageState, RecordedMessages};
 use farfield_proto::id::SessionId;
 use farfield_proto::tick::Micros;
 
+use super::address::page_address;
 use super::names::GivenNames;
 use super::page::{PageServer, page_skeleton};
 use super::sheet;
@@ -31,7 +32,7 @@ pub(crate) struct ViewArgs {
     /// Where the page is served, on this machine alone.
     ///
     /// An address of the loopback and a port; default: 127.0.0.1:7460.
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", value_parser = page_address)]
     at: Option<SocketAddr>,
     /// The sheet of the recording's calibration, as `farfield calibrate` wrote it.
     ///
@@ -74,7 +75,7 @@ fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
 /// What the page shows of the recording at `path`.
 fn state(path: &Path, given_sheet: Option<&Path>) -> anyhow::Result<Arc<PageState>> {
     let shown = path.display();
-    let file = File::open(path).with_context(|| format!("opening {shown}"))?;
+    let file = open_recording(path)?;
     let messages = MessagesInTime::open(BufReader::new(file));
     let messages = messages.with_context(|| format!("reading {shown}"))?;
     let span_us = messages

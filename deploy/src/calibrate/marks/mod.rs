@@ -24,6 +24,7 @@ use self::desk::{Desk, Found};
 use self::pictures::MarkedPicture;
 use super::lenses::{LensFile, lenses};
 use super::read;
+use crate::listeners::address::page_address;
 use crate::signals::Signals;
 
 /// Where the page is served where nothing else is said: beside the live page.
@@ -63,7 +64,7 @@ pub(super) struct MarksArgs {
     /// Where the page is served, on this machine alone.
     ///
     /// An address of the loopback and a port; default: 127.0.0.1:7462.
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", value_parser = page_address)]
     at: Option<SocketAddr>,
 }
 

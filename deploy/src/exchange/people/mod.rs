@@ -41,6 +41,7 @@ enum PeopleAction {
     #[command(after_help = "Example: farfield people out name 3 Anna")]
     Name {
         /// Who.
+        #[arg(value_parser = id)]
         person: u32,
         /// The name.
         #[arg(value_parser = name)]
@@ -50,15 +51,17 @@ enum PeopleAction {
     #[command(after_help = "Example: farfield people out merge 7 --into 3")]
     Merge {
         /// The id that goes.
+        #[arg(value_parser = id)]
         person: u32,
         /// The id that stays.
-        #[arg(long, value_name = "ID")]
+        #[arg(long, value_name = "ID", value_parser = id)]
         into: u32,
     },
     /// Make an id two people.
     #[command(after_help = "Example: farfield people out split 3 --at 1200")]
     Split {
         /// Who keeps the id before the tick.
+        #[arg(value_parser = id)]
         person: u32,
         /// First tick of the other, who gets a new id.
         #[arg(long, value_name = "TICK", allow_hyphen_values = true)]
@@ -68,6 +71,7 @@ enum PeopleAction {
     #[command(after_help = "Example: farfield people out drop 9")]
     Drop {
         /// Who.
+        #[arg(value_parser = id)]
         person: u32,
     },
     /// Take an edit back: the last, or the one of that number.
@@ -80,11 +84,21 @@ enum PeopleAction {
     #[command(after_help = "Example: farfield people out save 3 --to anna.toml")]
     Save {
         /// Who.
+        #[arg(value_parser = id)]
         person: u32,
         /// The file, which must not be there.
         #[arg(long, value_name = "FILE.toml")]
         to: PathBuf,
     },
+}
+
+fn id(word: &str) -> Result<u32, String> {
+    let found = word.parse().ok();
+    found.ok_or_else(|| {
+        format!(
+            "found `{word}`, expected the number of a person: `farfield people RUN` lists them, `farfield people RUN name 3 Anna` names one"
+        )
+    })
 }
 
 fn name(word: &str) -> Result<String, String> {

@@ -9,7 +9,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_node::clock;
 use farfield_node::log::start_log;
 use farfield_node::process::{
@@ -193,9 +193,29 @@ fn subjects_of(
 }
 
 /// Reads the recording through, and says what is missing of it.
+/// Opens the file of a recording.
+///
+/// # Errors
+/// When it cannot be opened, or is the folder of a run: then the recording in it is named, where there is one.
+pub fn open_recording(path: &Path) -> anyhow::Result<File> {
+    let shown = path.display();
+    if path.is_dir() {
+        let inside = path.join("recording.mcap");
+        ensure!(
+            !inside.is_file(),
+            "{shown}: found a folder, expected a recording: the one in it is {}",
+            inside.display()
+        );
+        bail!(
+            "{shown}: found a folder without a recording in it, expected a recording (.mcap): `farfield run --record` writes one"
+        );
+    }
+    File::open(path).with_context(|| format!("opening the recording {shown}"))
+}
+
 fn open(path: &Path) -> anyhow::Result<Recording<BufReader<File>>> {
     let shown = path.display();
-    let file = File::open(path).with_context(|| format!("opening the recording {shown}"))?;
+    let file = open_recording(path)?;
     let recording = Recording::open(BufReader::new(file));
     let recording = recording.map_err(|error| anyhow!("{shown}: {error}"))?;
     let end = recording.end();

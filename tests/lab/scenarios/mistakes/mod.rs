@@ -5,6 +5,7 @@
 
 mod folder;
 mod input;
+mod newer;
 mod usage;
 
 use std::path::Path;
