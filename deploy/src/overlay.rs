@@ -6,6 +6,8 @@
 
 mod number;
 mod place;
+mod poses;
+mod ticks;
 
 use anyhow::Context as _;
 use farfield_edge::source::{FrameContent, KeypointCandidate, Sources};
@@ -20,6 +22,8 @@ use nalgebra::{Point3, Vector2};
 
 use self::number::draw_number;
 pub(crate) use self::place::draw_place;
+pub(crate) use self::poses::draw_poses;
+pub(crate) use self::ticks::{TickList, overlay_ticks};
 
 /// Behind keypoint candidates.
 const CANVAS: Rgb<u8> = Rgb([24, 26, 30]);
@@ -62,14 +66,23 @@ pub(crate) fn overlay(
         .open(camera, venue, tick)?
         .next_frame()?
         .with_context(|| format!("camera `{}` has no tick {tick}", camera.model.name()))?;
-    let mut image = background(Some(frame.content), &camera.model);
+    let image = background(Some(frame.content), &camera.model);
+    Ok(with_people(image, &camera.model, persons))
+}
+
+/// `persons` over what is in `image` of the camera.
+pub(crate) fn with_people(
+    mut image: RgbImage,
+    camera: &CameraModel,
+    persons: &[DrawnPerson],
+) -> RgbImage {
     let bones = bones();
     for person in persons {
         let colour = person_colour(person.id);
-        draw_skeleton(&mut image, &camera.model, person, &bones, colour);
-        draw_id(&mut image, &camera.model, &person.joints_m, person.id);
+        draw_skeleton(&mut image, camera, person, &bones, colour);
+        draw_id(&mut image, camera, &person.joints_m, person.id);
     }
-    Ok(image)
+    image
 }
 
 /// What is drawn on: the camera's picture; where there is none, a dark one with the candidates that there are.

@@ -22,7 +22,8 @@ use self::play::{DemoScript, Play};
 use self::ticker::DemoTicker;
 use self::words::PictureBackend;
 use crate::listeners::ListenerArgs;
-use crate::run::{self, RunArgs, Session, TickList};
+use crate::overlay::TickList;
+use crate::run::{self, RunArgs, Session};
 use crate::{output, venue_folder};
 
 /// The folder of the simulated venue, in that of the results.

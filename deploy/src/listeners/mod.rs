@@ -4,6 +4,7 @@
 //! the fusion that they start.
 
 pub(crate) mod address;
+mod drawn;
 mod names;
 mod names_tap;
 mod page;
@@ -24,7 +25,7 @@ use clap::Args;
 use farfield_fusion::node::{
     FusionArgs, Listeners, OpenListeners, Opening, ReplayArgs, RunAtItsStart, Wiretap,
 };
-use farfield_node::process::{NodeError, say};
+use farfield_node::process::{NodeError, exit_code, say};
 use farfield_page::PageState;
 use farfield_streams::StreamSpec;
 
@@ -35,6 +36,7 @@ use self::page::PageServer;
 use self::replayed::ReplayListeners;
 use self::streams::RunningStreams;
 use self::thread::ServingThread;
+use crate::overlay::TickList;
 
 /// Who shall listen.
 #[derive(Debug, Clone, Default, Args)]
@@ -93,16 +95,27 @@ pub(crate) struct FusionCommandArgs {
 pub(crate) struct ReplayCommandArgs {
     #[command(flatten)]
     replay: ReplayArgs,
+    /// Draw skeletons over the pictures of these ticks.
+    ///
+    /// Numbers with commas between; without one, of the middle one. One picture per camera; a plain one where a camera's
+    /// recording is not there: a recording of ours holds no pictures, `--venue` says where they are.
+    #[arg(long, value_name = "TICKS", num_args = 0..=1, require_equals = true)]
+    #[expect(
+        clippy::option_option,
+        reason = "absent, without and with ticks: how clap says it"
+    )]
+    overlay: Option<Option<TickList>>,
     #[command(flatten)]
     listeners: ListenerArgs,
 }
 
 /// Solves a recording again, heard by its listeners.
 pub(crate) fn replay(args: ReplayCommandArgs) -> ExitCode {
-    let later = Arc::new(OnceLock::new());
+    let (later, begun) = (Arc::new(OnceLock::new()), Arc::new(OnceLock::new()));
     let listeners = Box::new(ReplayListeners {
         listeners: args.listeners,
         later: Arc::clone(&later),
+        begun: Arc::clone(&begun),
     });
     let code = farfield_fusion::node::replay(&args.replay, listeners, crate::output::print);
     if let Some(out) = later.get()
@@ -112,6 +125,12 @@ pub(crate) fn replay(args: ReplayCommandArgs) -> ExitCode {
         say(format_args!(
             "names and edits of the recording are not carried: {error:#}"
         ));
+    }
+    if let (Some(asked), Some((venue, out))) = (args.overlay, begun.get())
+        && code == ExitCode::SUCCESS
+        && let Err(error) = drawn::draw(asked, venue, out)
+    {
+        return exit_code(Err(error));
     }
     code
 }

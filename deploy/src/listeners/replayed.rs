@@ -19,6 +19,7 @@ use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::node::{OpenListeners, Opening, ReplayedRecording, RunAtItsStart};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::toml_file::FileError;
+use farfield_proto::venue::Venue;
 use nalgebra::Vector3;
 
 use super::ListenerArgs;
@@ -36,11 +37,15 @@ type Later = Arc<OnceLock<PathBuf>>;
 pub(super) struct ReplayListeners {
     pub(super) listeners: ListenerArgs,
     pub(super) later: Later,
+    /// Of which venue the results are, and where.
+    pub(super) begun: Arc<OnceLock<(Venue, PathBuf)>>,
 }
 
 impl OpenListeners for ReplayListeners {
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         Box::pin(async move {
+            self.begun
+                .get_or_init(|| (run.venue.clone(), run.out.to_owned()));
             if let Some(replayed) = run.replays
                 && !take_over(&replayed, run.out).map_err(NodeError::Refused)?
             {

@@ -2,12 +2,12 @@
 
 use std::ops::Range;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use clap::Args;
 use farfield_proto::tick::{Tick, parse_range};
 
 use crate::listeners::ListenerArgs;
+use crate::overlay::TickList;
 
 /// Arguments of `farfield run`.
 #[derive(Debug, Args)]
@@ -64,25 +64,6 @@ pub(crate) struct RunArgs {
     /// Print the summary, or what went wrong, as JSON.
     #[arg(long, hide_short_help = true)]
     pub(crate) json: bool,
-}
-
-/// Ticks as the command line names them: numbers with commas between.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct TickList(pub(crate) Vec<Tick>);
-
-impl FromStr for TickList {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let tick = |part: &str| {
-            let number = part.trim().parse().map(Tick);
-            number.map_err(|_| format!("`{part}` is not a tick, expected a number"))
-        };
-        text.split(',')
-            .map(tick)
-            .collect::<Result<_, _>>()
-            .map(Self)
-    }
 }
 
 #[cfg(test)]

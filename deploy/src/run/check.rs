@@ -19,9 +19,10 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, Venue};
 use farfield_sim::simulated::VenueSources;
 
-use super::args::{RunArgs, TickList};
+use super::args::RunArgs;
 use super::values::changed_venue;
 use crate::listeners::{ListenerArgs, wanted};
+use crate::overlay::overlay_ticks;
 use crate::recorded_rates::odd_rates;
 
 /// How far apart recordings of different rates may be at the end of a run, ticks.
@@ -128,7 +129,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     }
     let overlay = match (args.overlay, &ticks) {
         (None, _) => Vec::new(),
-        (Some(asked), Some(ticks)) => overlay_ticks(asked, ticks)?,
+        (Some(asked), Some(ticks)) => overlay_ticks(asked, ticks).map_err(NodeError::Refused)?,
         (Some(_), None) => {
             return Err(NodeError::Refused(anyhow!(
                 "`--overlay` needs --ticks A..B: cameras cannot be asked for a picture again"
@@ -210,37 +211,4 @@ fn check_rates(infos: &[(String, SourceInfo)], ticks: &Range<Tick>) -> Result<()
         say(format_args!("doubtful: {}", rate.problem()));
     }
     Ok(())
-}
-
-fn overlay_ticks(asked: Option<TickList>, ticks: &Range<Tick>) -> Result<Vec<Tick>, NodeError> {
-    let middle = ticks.start + (ticks.end - ticks.start) / 2;
-    let mut drawn = asked.map_or_else(|| vec![middle], |list| list.0);
-    drawn.sort_unstable();
-    drawn.dedup();
-    if let Some(tick) = drawn.iter().find(|tick| !ticks.contains(tick)) {
-        return Err(NodeError::Refused(anyhow!(
-            "`--overlay` {tick} is outside the ticks of the run, {}..{}",
-            ticks.start,
-            ticks.end
-        )));
-    }
-    Ok(drawn)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_middle_tick_is_drawn_unless_others_of_the_run_are_named() {
-        let ticks = Tick(0)..Tick(120);
-        let named = |named: &[i64]| TickList(named.iter().copied().map(Tick).collect());
-        assert_eq!(overlay_ticks(None, &ticks).unwrap(), [Tick(60)]);
-        assert_eq!(
-            overlay_ticks(Some(named(&[119, 3, 3])), &ticks).unwrap(),
-            [Tick(3), Tick(119)]
-        );
-        let error = overlay_ticks(Some(named(&[3, 120])), &ticks).unwrap_err();
-        assert!(error.to_string().contains("120"), "{error}");
-    }
 }

@@ -21,7 +21,7 @@ use farfield_fusion::node::FolderClaim;
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, NodeError, Told, exit_code_told, say};
 
-pub(crate) use self::args::{RunArgs, TickList};
+pub(crate) use self::args::RunArgs;
 pub(crate) use self::check::{RunPlan, check};
 pub(crate) use self::follow::{Follow, ProgressDetail};
 pub(crate) use self::remaining::TimeLeft;

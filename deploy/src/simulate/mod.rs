@@ -18,6 +18,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_fusion::node::check_folder;
+use farfield_node::files::load_venue;
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, NodeError, exit_code, say};
 use farfield_proto::camera::CameraModel;
@@ -26,11 +27,12 @@ use farfield_proto::venue::SimulatedContent;
 use farfield_sim::faults::SceneCrowd;
 use farfield_sim::maps_file::Course;
 use farfield_sim::scene::Scene;
-use farfield_sim::simulated::{SimulatedSource, VenueText, without_map_faults};
+use farfield_sim::simulated::{SimulatedSource, VenueSources, VenueText, without_map_faults};
 
 use self::kind::RecordingKind;
 use self::work::Interrupt;
 use crate::output;
+use crate::overlay::{TickList, draw_poses, overlay, overlay_ticks};
 use crate::venue_folder::{self, CALIBRATION};
 
 /// Arguments of `farfield simulate`.
@@ -56,6 +58,15 @@ pub(crate) struct SimulateArgs {
     /// Only with `--as maps`.
     #[arg(long)]
     pub(crate) there_and_back: bool,
+    /// Draw the true skeletons over the pictures of these ticks.
+    ///
+    /// Numbers with commas between; without one, of the middle one. One picture per camera.
+    #[arg(long, value_name = "TICKS", num_args = 0..=1, require_equals = true)]
+    #[expect(
+        clippy::option_option,
+        reason = "absent, without and with ticks: how clap says it"
+    )]
+    pub(crate) overlay: Option<Option<TickList>>,
     /// Card of a detector that finds the people.
     ///
     /// Without one the venue gives them by hand where they first are.
@@ -76,6 +87,8 @@ struct RecordingPlan {
     /// Which moments a recording of maps shows, and in how many ticks.
     course: (Course, u32),
     detector: Option<String>,
+    /// Ticks of which pictures are drawn.
+    overlay: Vec<Tick>,
     out: PathBuf,
 }
 
@@ -109,6 +122,7 @@ fn simulate(args: SimulateArgs) -> Result<Ending, NodeError> {
     let recorded = record(&plan, folder.path(), &interrupt).map_err(NodeError::Failed)?;
     if recorded == Ending::Done {
         venue_folder::give_name(folder, &plan.out).map_err(NodeError::Failed)?;
+        draw(&plan).map_err(NodeError::Failed)?;
         output::print(&summary::of(&plan)).map_err(NodeError::Failed)?;
     }
     Ok(recorded)
@@ -128,6 +142,10 @@ fn check(args: SimulateArgs) -> anyhow::Result<RecordingPlan> {
         all.start,
         all.end
     );
+    let overlay = match args.overlay {
+        Some(asked) => overlay_ticks(asked, &ticks)?,
+        None => Vec::new(),
+    };
     let kind = RecordingKind::choose(args.kind)?;
     ensure!(
         kind == RecordingKind::Maps || !args.there_and_back,
@@ -153,7 +171,21 @@ fn check(args: SimulateArgs) -> anyhow::Result<RecordingPlan> {
         kind,
         ticks,
         detector,
+        overlay,
         out: args.out,
+    })
+}
+
+/// Draws the truth over what was recorded.
+fn draw(plan: &RecordingPlan) -> anyhow::Result<()> {
+    if plan.overlay.is_empty() {
+        return Ok(());
+    }
+    let venue = load_venue(&plan.out.join("venue.toml"))?;
+    let sources = VenueSources::default();
+    let of = (&venue, &plan.overlay[..], &*plan.out.join("truth.jsonl"));
+    draw_poses(of, &plan.out, |camera, tick, persons| {
+        overlay(&sources, &venue, camera, tick, persons)
     })
 }
 
