@@ -49,6 +49,8 @@ pub enum Stage {
     /// Decoding patches, and all that reads whole maps: where each view expects the keypoints, what it is worth behind
     /// others, which side is which, where the peaks are.
     Views,
+    /// What crops show is kept, for whether the cameras agree.
+    AgreementViews,
     /// Whose the peaks are where maps show one peak twice.
     PeakAssignment,
     /// The lattice search.
@@ -61,20 +63,24 @@ pub enum Stage {
     Ik2,
     /// Who is who: the registry.
     Persons,
+    /// Who was found, and where people are, is kept, for whether the cameras agree.
+    AgreementPoses,
     /// The boxes of the next tick.
     Boxes,
 }
 
 impl Stage {
     /// All, in the order of a step.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Views,
+        Self::AgreementViews,
         Self::PeakAssignment,
         Self::Lattice,
         Self::Ik1,
         Self::Filter,
         Self::Ik2,
         Self::Persons,
+        Self::AgreementPoses,
         Self::Boxes,
     ];
 
@@ -82,12 +88,14 @@ impl Stage {
     pub fn name(self) -> &'static str {
         match self {
             Self::Views => "views",
+            Self::AgreementViews => "agreement_views",
             Self::PeakAssignment => "peak_assignment",
             Self::Lattice => "lattice",
             Self::Ik1 => "ik1",
             Self::Filter => "filter",
             Self::Ik2 => "ik2",
             Self::Persons => "persons",
+            Self::AgreementPoses => "agreement_poses",
             Self::Boxes => "boxes",
         }
     }
@@ -256,9 +264,10 @@ impl Pipeline {
     /// Works on one tick. `mark` is told after each stage, for whoever measures.
     pub fn step(&mut self, group: &TickGroup, mark: &mut dyn FnMut(Stage)) -> StepOutput {
         let unusable_patches = self.see(group);
+        mark(Stage::Views);
         self.agreement
             .note_views(group.tick, self.registry.tracks());
-        mark(Stage::Views);
+        mark(Stage::AgreementViews);
         self.assign_peaks();
         mark(Stage::PeakAssignment);
         self.solve(|track, method| track.estimator.search(method));
@@ -271,7 +280,6 @@ impl Pipeline {
         self.solve(|track, method| track.estimator.fit_joints(method));
         mark(Stage::Ik2);
         let outcome = self.registry.step(group, &self.method);
-        self.agreement.note_found(group, self.registry.tracks());
         let poses = PoseSet {
             session: self.session,
             tick: group.tick,
@@ -282,6 +290,8 @@ impl Pipeline {
         let finished = self.journal.release(self.registry.undecided_from());
         let smoothed = self.smoothed(group.tick);
         mark(Stage::Persons);
+        self.agreement.note_found(group, self.registry.tracks());
+        mark(Stage::AgreementPoses);
         let horizons = std::mem::take(&mut self.horizons);
         let boxes = self.boxes_after(group.tick, &horizons);
         self.horizons = horizons;

@@ -23,6 +23,9 @@ struct Times {
     stages_us: [Vec<f64>; Stage::ALL.len()],
     with_detection: usize,
     tracked: usize,
+    /// What all ticks took together, and of that what keeps for whether the cameras agree, microseconds.
+    all_us: f64,
+    agreement_us: f64,
 }
 
 /// Times fusion on `threads` threads over `venue`, which is of `size`.
@@ -57,7 +60,12 @@ impl Times {
             let output = fusion.step(group, &mut |stage| {
                 let now = clock::now();
                 if is_measured {
-                    self.stages_us[stage as usize].push(1e6 * seconds(now - lap_start));
+                    let lap_us = 1e6 * seconds(now - lap_start);
+                    self.stages_us[stage as usize].push(lap_us);
+                    self.all_us += lap_us;
+                    if matches!(stage, Stage::AgreementViews | Stage::AgreementPoses) {
+                        self.agreement_us += lap_us;
+                    }
                 }
                 lap_start = now;
             });
@@ -83,6 +91,7 @@ impl Times {
             p50_ms: of_ticks(0.5),
             p99_ms: of_ticks(0.99),
             max_ms: of_ticks(1.0),
+            agreement_share: self.agreement_us / self.all_us.max(f64::MIN_POSITIVE),
             stages: stages
                 .map(|(stage, times_us)| {
                     times_us.sort_by(f64::total_cmp);
