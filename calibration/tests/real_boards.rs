@@ -175,6 +175,36 @@ fn a_charuco_board_of_opencv_is_found_with_every_number_right() {
     assert!(error.to_string().contains("DICT_9X9_1"), "{error}");
 }
 
+/// Caliscope prints its boards so when asked: `inverted = true`.
+#[test]
+fn a_charuco_board_that_is_white_on_black_is_found_as_the_other_is() {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/charuco_opencv.png");
+    let mut picture = image::open(&path)
+        .expect("a picture of the repository")
+        .to_luma8();
+    let board = Charuco {
+        squares: [5, 7],
+        square_m: 0.04,
+        marker_m: 0.03,
+        dictionary: "DICT_4X4_50".to_owned(),
+    };
+    let found = |picture: &image::GrayImage| {
+        let gray = GrayPicture {
+            width: picture.width(),
+            height: picture.height(),
+            pixels: picture.as_raw(),
+        };
+        detect_charuco("drawn", &gray, &board).expect("a board")
+    };
+    let as_drawn = found(&picture);
+    image::imageops::invert(&mut picture);
+    let inverted = found(&picture);
+    assert_eq!(inverted.board_m, as_drawn.board_m);
+    for (a, b) in inverted.pixels.iter().zip(&as_drawn.pixels) {
+        assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 0.05, "{a:?} {b:?}");
+    }
+}
+
 /// Board metres to pixels, as it was drawn.
 const WARP: [[f64; 3]; 3] = [
     [1_306.305_16, -114.067_664, 69.754_042],

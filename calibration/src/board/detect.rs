@@ -30,7 +30,8 @@ pub struct Chessboard {
     pub square_m: f64,
 }
 
-/// A `ChArUco` board with `OpenCV`'s layout since 4.6: a marker in every white square, the first square black.
+/// A `ChArUco` board with `OpenCV`'s layout since 4.6: a marker in every white square, the first square black; or its
+/// negative.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Charuco {
     /// Squares along a row and along a column.
@@ -220,6 +221,9 @@ fn fits(found: [u32; 2], board: [u32; 2]) -> bool {
 /// The inner corners of a `ChArUco` board in a picture, each by its markers' numbers: the same corner has the same coordinates
 /// in every picture.
 ///
+/// The board may be printed white on black (Caliscope's `inverted`): where not all of it is found as it is, the negative is
+/// looked at, too, and whichever shows more of it is taken.
+///
 /// # Errors
 /// [`DetectError`] where the bytes are not those of a picture, the board or its dictionary cannot be, or nothing is found.
 pub fn detect_charuco(
@@ -228,7 +232,7 @@ pub fn detect_charuco(
     board: &Charuco,
 ) -> Result<BoardView, DetectError> {
     check_board(board.squares, board.square_m)?;
-    let view = view(picture)?;
+    view(picture)?;
     let share = board.marker_m / board.square_m;
     if !(share > 0.0 && share < 1.0) {
         return Err(DetectError::Board(format!(
@@ -253,6 +257,38 @@ pub fn detect_charuco(
     .with_marker_layout(MarkerLayout::OpenCvCharuco);
     let detector = CharucoDetector::new(CharucoParams::for_board(spec))
         .map_err(|error| DetectError::Board(error.to_string()))?;
+    let best = most_of_charuco(name, picture, board, &detector)?;
+    let full = ((columns - 1) * (rows - 1)) as usize;
+    if best.pixels.len() >= full {
+        return Ok(best);
+    }
+    let negative: Vec<u8> = picture.pixels.iter().map(|level| !level).collect();
+    let negative = GrayPicture {
+        pixels: &negative,
+        ..*picture
+    };
+    let other = most_of_charuco(name, &negative, board, &detector)?;
+    let best = if other.pixels.len() > best.pixels.len() {
+        other
+    } else {
+        best
+    };
+    if best.pixels.is_empty() {
+        return Err(DetectError::NotFound);
+    }
+    Ok(best)
+}
+
+/// As much of the board as one of the [`looks`] finds, perhaps nothing.
+fn most_of_charuco(
+    name: &str,
+    picture: &GrayPicture<'_>,
+    board: &Charuco,
+    detector: &CharucoDetector,
+) -> Result<BoardView, DetectError> {
+    let view = view(picture)?;
+    let [columns, rows] = board.squares;
+    let share = board.marker_m / board.square_m;
     let full = ((columns - 1) * (rows - 1)) as usize;
     let mut best = BoardView {
         name: name.to_owned(),
@@ -283,9 +319,6 @@ pub fn detect_charuco(
         if best.pixels.len() >= full {
             break;
         }
-    }
-    if best.pixels.is_empty() {
-        return Err(DetectError::NotFound);
     }
     Ok(best)
 }
