@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use farfield_calibration::formats::{Format, ImportOptions, Imported, TextFile, export, import};
+use farfield_proto::calibration::Calibration;
+use farfield_proto::camera::CameraModel;
 
 use crate::assemble::CameraFrames;
 use crate::error::ImportError;
@@ -14,12 +16,15 @@ use super::ImportRequest;
 
 /// Levels above a folder that are looked at: Caliscope's is three above the points of one tracker.
 const LEVELS_ABOVE: usize = 3;
+/// Nearer than this two cameras are one: radians and metres, far below what any calibration knows.
+const SAME_CAMERA: f64 = 1e-9;
 
 /// What was found, and read.
 #[derive(Debug)]
 pub(super) struct FoundCalibration {
     pub(super) files: Vec<PathBuf>,
     pub(super) imported: Imported,
+    texts: Vec<TextFile>,
 }
 
 /// Finds it and reads it.
@@ -128,6 +133,7 @@ fn read(paths: Vec<PathBuf>) -> Result<FoundCalibration, ImportError> {
     Ok(FoundCalibration {
         files: paths,
         imported,
+        texts,
     })
 }
 
@@ -156,6 +162,32 @@ impl FoundCalibration {
         let written = export(&records, Format::Farfield)
             .map_err(|error| ImportError::refused(error.to_string()))?;
         let text = written.into_iter().next().map(|file| file.text);
-        text.ok_or_else(|| ImportError::refused("no camera is left of the calibration"))
+        let text =
+            text.ok_or_else(|| ImportError::refused("no camera is left of the calibration"))?;
+        Ok(self.as_it_is(&text).unwrap_or(text))
     }
+
+    /// The file itself where it says of the same cameras what `written` does: turned into matrices and back, a rotation is
+    /// another in its last bit, and where people are hard to tell apart that is enough for other poses than by hand.
+    fn as_it_is(&self, written: &str) -> Option<String> {
+        let [only] = self.texts.as_slice() else {
+            return None;
+        };
+        let cameras = |text: &str| Some(Calibration::parse(text, &only.path).ok()?.cameras);
+        let (ours, theirs) = (cameras(&only.text)?, cameras(written)?);
+        let names_are_same = ours.keys().eq(theirs.keys());
+        let are_same = names_are_same && ours.values().zip(theirs.values()).all(is_same);
+        are_same.then(|| only.text.clone())
+    }
+}
+
+fn is_same((a, b): (&CameraModel, &CameraModel)) -> bool {
+    let poses = [a, b].map(|camera| camera.camera_from_world().isometry());
+    let turned_rad = poses[0].rotation.angle_to(&poses[1].rotation);
+    let apart_m = (poses[0].translation.vector - poses[1].translation.vector).norm();
+    a.size_px() == b.size_px()
+        && a.intrinsics() == b.intrinsics()
+        && a.lens() == b.lens()
+        && turned_rad < SAME_CAMERA
+        && apart_m < SAME_CAMERA
 }
