@@ -90,8 +90,11 @@ pub(crate) async fn write(
     tokio::select! {
         biased;
         () = stop.cancelled() => Err(io::ErrorKind::Interrupted.into()),
-        written = timeout(STALL, to.write_all(bytes)) => written.unwrap_or_else(|_| {
-            Err(io::Error::new(io::ErrorKind::TimedOut, "took nothing for ten seconds"))
-        }),
+        written = timeout(STALL, to.write_all(bytes)) => written.unwrap_or_else(|_| Err(stalled())),
     }
+}
+
+/// What is said of who takes nothing for [`STALL`].
+pub(crate) fn stalled() -> io::Error {
+    io::Error::new(io::ErrorKind::TimedOut, "took nothing for ten seconds")
 }

@@ -22,6 +22,11 @@ impl Counters {
         self.sent.fetch_add(1, Ordering::Relaxed);
     }
 
+    /// Frames that a client did not get.
+    pub(crate) fn skipped(&self, frames: u64) {
+        self.skipped.fetch_add(frames, Ordering::Relaxed);
+    }
+
     pub(crate) fn set_clients(&self, clients: usize) {
         self.clients.store(clients, Ordering::Relaxed);
     }

@@ -14,6 +14,7 @@
 //! | [`request`] | what inlets ask, by TCP and by UDP |
 //! | [`sample`] | the numbers of a frame, as channels and as bytes |
 //! | `outlet`, `server` | the newest sample, stamped; the tasks |
+//! | `unsent` | what waits for one inlet |
 
 pub mod info;
 mod outlet;
@@ -21,6 +22,7 @@ pub mod query;
 pub mod request;
 pub mod sample;
 mod server;
+mod unsent;
 
 pub(crate) use self::server::serve;
 

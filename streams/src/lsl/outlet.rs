@@ -87,21 +87,23 @@ impl Outlet {
         Arc::clone(made)
     }
 
-    /// Samples of the ticks between `last` and `frame`, which an inlet was too slow for, in a version; none where another session
+    /// Samples of the ticks between `last` and `frame`, of which no frame came, in a version; none where another session
     /// begins, time goes back, or so much is missing that readers see a break.
-    pub(super) fn missed(&self, last: &Frame, frame: &Arc<Frame>, version: u32) -> Vec<u8> {
-        let mut bytes = Vec::new();
+    pub(super) fn missed(&self, last: &Frame, frame: &Arc<Frame>, version: u32) -> Vec<Arc<[u8]>> {
         let apart_s = frame.elapsed_s - last.elapsed_s;
         if last.session != frame.session || !(0.0..BREAK_S).contains(&apart_s) {
-            return bytes;
+            return Vec::new();
         }
         let stamp_s = self.newest(frame).stamp_s;
-        for tick in last.tick.0.saturating_add(1)..frame.tick.0 {
+        let unknown = |tick: i64| {
             let before_s = (frame.tick.0 - tick) as f64 / frame.rate_hz;
+            let mut bytes = Vec::new();
             let unknown = unknown_channels(Tick(tick));
             write(version, stamp_s - before_s, &unknown, &mut bytes);
-        }
-        bytes
+            bytes.into()
+        };
+        let ticks = last.tick.0.saturating_add(1)..frame.tick.0;
+        ticks.map(unknown).collect()
     }
 
     fn newest(&self, frame: &Arc<Frame>) -> Arc<Sample> {

@@ -1,8 +1,8 @@
 //! The numbers of a frame, one per channel, and their bytes in both versions of the protocol.
 //!
 //! Channels: the tick (modulo 2^24, which `f32` has exactly), then per place the person's id (modulo 2^24; 0: nobody), 1 while it is seen
-//! or 0 while it is predicted, and the joints' x, y and z, metres, z up; not a number where nobody is. Of a tick that an inlet was too slow
-//! for every id is -1.
+//! or 0 while it is predicted, and the joints' x, y and z, metres, z up; not a number where nobody is. Of a tick of which no
+//! frame came every id is -1.
 
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::message::PersonState;
@@ -53,7 +53,7 @@ pub fn channels(frame: &Frame, places: &Places) -> Vec<f32> {
     values
 }
 
-/// The channels of a tick that an inlet did not get: who is where is not known.
+/// The channels of a tick of which no frame came: who is where is not known.
 pub fn unknown_channels(tick: Tick) -> Vec<f32> {
     let mut values = vec![f32::NAN; N_CHANNELS];
     let Some((first, blocks)) = values.split_first_mut() else {

@@ -9,15 +9,16 @@ use std::time::Duration;
 use socket2::{Domain, Protocol, Socket, Type};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream, UdpSocket};
-use tokio::time::timeout;
+use tokio::time::{Instant, sleep_until, timeout};
 
 use super::info::Info;
 use super::outlet::{Outlet, now};
 use super::query::is_met;
 use super::request::{Datagram, FeedRequest, Incoming, Request, time_answer};
+use super::unsent::Unsent;
 use super::{DISCOVERY_PORT, PORTS};
 use crate::frame::{Frame, VenueFacts};
-use crate::server::{BREATH, listen, take_clients, write};
+use crate::server::{BREATH, STALL, listen, stalled, take_clients, write};
 use crate::shell::Shell;
 use crate::slot::Feed;
 use crate::udp::is_of_this_machine;
@@ -285,6 +286,7 @@ async fn send_samples(
     let (mut reader, mut writer) = socket.split();
     let mut bytes = [0; READ];
     let mut last: Option<Arc<Frame>> = None;
+    let (mut unsent, mut moved_at) = (Unsent::default(), Instant::now());
     loop {
         tokio::select! {
             biased;
@@ -296,17 +298,30 @@ async fn send_samples(
                 Err(error) if error.kind() == io::ErrorKind::ConnectionReset => return Ok(()),
                 Err(error) => return Err(error),
             },
+            // Each is taken, and stamped, when it comes, however slow the inlet is.
             frame = feed.next() => {
                 let Some(frame) = frame else { return Ok(()) };
-                // Its rate is said to be the venue's: so it has a sample of every tick.
-                if let Some(last) = last.take() {
-                    let missed = outlet.missed(&last, &frame, version);
-                    write(&mut writer, &missed, &shell.stop).await?;
+                let sample = outlet.sample(&frame, version);
+                if unsent.is_empty() {
+                    moved_at = Instant::now();
                 }
-                write(&mut writer, &outlet.sample(&frame, version), &shell.stop).await?;
-                shell.counters.sent();
+                // Its rate is said to be the venue's: so it has a sample of every tick.
+                let missed = last.take().map(|last| outlet.missed(&last, &frame, version));
+                for sample in missed.into_iter().flatten().chain([sample]) {
+                    shell.counters.skipped(unsent.push(sample, frame.rate_hz));
+                }
                 last = Some(frame);
             }
+            written = writer.write(unsent.next()), if !unsent.is_empty() => match written? {
+                0 => return Err(io::ErrorKind::WriteZero.into()),
+                n => {
+                    moved_at = Instant::now();
+                    if unsent.sent(n) {
+                        shell.counters.sent();
+                    }
+                }
+            },
+            () = sleep_until(moved_at + STALL), if !unsent.is_empty() => return Err(stalled()),
         }
     }
 }
