@@ -53,7 +53,7 @@ pub(super) struct Publisher<'a> {
     session: &'a Session,
     all: zenoh::pubsub::Publisher<'a>,
     root: String,
-    /// The keys of those who were there at the last tick.
+    /// The keys that were put and not deleted since.
     there: BTreeSet<String>,
 }
 
@@ -74,26 +74,38 @@ impl<'a> Publisher<'a> {
     }
 
     fn publish_each(&mut self, frame: &Frame) -> zenoh::Result<()> {
-        let mut there = BTreeSet::new();
+        let mut now = BTreeSet::new();
         for person in frame.confirmed() {
             let text = message_of_person(frame, person);
             for key in keys_of(&self.root, person) {
-                if there.contains(&key) {
+                if now.contains(&key) {
                     continue;
                 }
+                // Before it is said: what comes after it may fail, and it is to be deleted all the same.
+                self.there.insert(key.clone());
                 let put = self.session.put(&key, text.as_str());
                 let put = put.encoding(Encoding::APPLICATION_JSON);
                 put.congestion_control(CongestionControl::Drop)
                     .express(true)
                     .wait()?;
-                there.insert(key);
+                now.insert(key);
             }
         }
-        // Who has gone, or is called otherwise, is deleted: an engine takes the figure away.
-        for key in self.there.difference(&there) {
-            self.session.delete(key).wait()?;
+        self.delete_all_but(&now)
+    }
+
+    /// Who has gone, or is called otherwise, is deleted: an engine takes the figure away.
+    fn delete_all_but(&mut self, now: &BTreeSet<String>) -> zenoh::Result<()> {
+        let gone: Vec<String> = self.there.difference(now).cloned().collect();
+        for key in gone {
+            let delete = self.session.delete(&key);
+            // It is said once: what is lost stays for ever.
+            delete
+                .congestion_control(CongestionControl::Block)
+                .express(true)
+                .wait()?;
+            self.there.remove(&key);
         }
-        self.there = there;
         Ok(())
     }
 }
@@ -102,6 +114,10 @@ impl Publish for Publisher<'_> {
     fn publish(&mut self, frame: &Frame) -> zenoh::Result<()> {
         self.all.put(message(frame)).wait()?;
         self.publish_each(frame)
+    }
+
+    fn end(&mut self) -> zenoh::Result<()> {
+        self.delete_all_but(&BTreeSet::new())
     }
 }
 
@@ -124,6 +140,51 @@ mod tests {
         );
         let named = keys.iter().filter(|key| key.contains("/name/"));
         assert_eq!(named.count(), 1, "{keys:?}");
+    }
+
+    /// Once figures stood for ever in an engine whose stream had ended, since nobody said that they were gone.
+    #[test]
+    fn all_keys_are_deleted_when_the_stream_ends() {
+        let free = std::net::TcpListener::bind("127.0.0.1:0").and_then(|it| it.local_addr());
+        let address = free.unwrap();
+        let open = |mode, way| {
+            let config = super::super::config(mode, way, address).unwrap();
+            zenoh::open(config).wait().unwrap()
+        };
+        let (session, engine) = (open("peer", "listen"), open("client", "connect"));
+        let (heard, samples) = std::sync::mpsc::channel();
+        let subscriber = engine.declare_subscriber("farfield/*/*/*");
+        let subscriber = subscriber.callback(move |sample| {
+            let said = (sample.key_expr().to_string(), sample.kind());
+            heard.send(said).unwrap_or_default();
+        });
+        let _subscriber = subscriber.wait().unwrap();
+        let soon = std::time::Duration::from_secs(10);
+        let mut publisher = Publisher::new(&session, "hall").unwrap();
+        let mut there = BTreeSet::new();
+        // Until the engine is known to listen; ids and a name then.
+        for tick in 120.. {
+            let frame = synthetic::frame(tick);
+            let n_keys = frame.persons.len() + 1;
+            publisher.publish(&frame).unwrap();
+            let pause = std::time::Duration::from_millis(20);
+            while let Ok((key, _)) = samples.recv_timeout(pause) {
+                there.insert(key);
+            }
+            assert!(tick < 720, "nothing comes");
+            if there.len() >= n_keys {
+                break;
+            }
+        }
+        publisher.end().unwrap();
+        drop(publisher);
+        session.close().wait().unwrap();
+        while !there.is_empty() {
+            let (key, kind) = samples.recv_timeout(soon).unwrap();
+            if kind == zenoh::sample::SampleKind::Delete {
+                assert!(there.remove(&key), "{key} was deleted twice");
+            }
+        }
     }
 
     #[test]

@@ -33,6 +33,11 @@ const STEPS: u32 = 20;
 trait Publish {
     /// Publishes a frame.
     fn publish(&mut self, frame: &Frame) -> zenoh::Result<()>;
+
+    /// Takes back what would stay after the last frame.
+    fn end(&mut self) -> zenoh::Result<()> {
+        Ok(())
+    }
 }
 
 /// Serves poses as JSON to who connects to `address`.
@@ -134,6 +139,9 @@ fn publish(
                     Ok(()) => counters.sent(),
                     Err(error) => counters.failed(as_io(error).to_string()),
                 }
+            }
+            if let Err(error) = publisher.end() {
+                counters.failed(as_io(error).to_string());
             }
         }
         Err(error) => counters.failed(as_io(error).to_string()),
