@@ -55,17 +55,35 @@ impl EditsFile {
         roll: Option<&Roll>,
         change: impl FnOnce(&EditList) -> Result<Change, String>,
     ) -> Result<EditList, ExportError> {
+        self.add_all(at, roll, |list| Ok(vec![change(list)?]))
+    }
+
+    /// The same of several edits, of which all are added or none.
+    ///
+    /// # Errors
+    /// As [`Self::add`], of the first that cannot be.
+    pub fn add_all(
+        &self,
+        at: &str,
+        roll: Option<&Roll>,
+        changes: impl FnOnce(&EditList) -> Result<Vec<Change>, String>,
+    ) -> Result<EditList, ExportError> {
         let mut edited = EditList::default();
         files::append(&self.path, |text| {
             let list = EditList::parse(text, &self.path)?;
-            let change = change(&list).map_err(ExportError::Options)?;
-            let edit = Edit {
-                at: at.to_owned(),
-                change,
-            };
-            let line = edit.line();
-            edited = list.with(edit, roll).map_err(|fault| self.refused(fault))?;
-            Ok(line)
+            let changes = changes(&list).map_err(ExportError::Options)?;
+            edited = list;
+            let mut lines = String::new();
+            for change in changes {
+                let edit = Edit {
+                    at: at.to_owned(),
+                    change,
+                };
+                lines.push_str(&edit.line());
+                let with = edited.with(edit, roll);
+                edited = with.map_err(|fault| self.refused(fault))?;
+            }
+            Ok(lines)
         })?;
         Ok(edited)
     }
@@ -151,6 +169,17 @@ mod tests {
             fs::write(file.path(), [&before, by_hand.as_bytes()].concat()).unwrap();
             assert!(file.read().is_err(), "{by_hand}");
         }
+    }
+
+    #[test]
+    fn of_several_edits_all_are_added_or_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = EditsFile::of_run(folder.path());
+        let both = |second| file.add_all("now", None, |_| Ok(vec![name(3, "Anna"), second]));
+        both(Change::Undo { number: 9 }).unwrap_err();
+        assert!(!file.path().exists());
+        let list = both(Change::Merge { person: 4, into: 3 }).unwrap();
+        assert_eq!((list.in_force().len(), list), (2, file.read().unwrap()));
     }
 
     #[test]

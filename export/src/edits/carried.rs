@@ -66,7 +66,8 @@ impl Counterparts {
         }
     }
 
-    /// The edits that `identities` come to, for the poses after. Names that bodies told are left out: they are told anew.
+    /// The edits that `identities` come to, for the poses after. Names that bodies told are left out: they are told anew; that somebody
+    /// has taken one away is carried.
     pub fn carried(&self, identities: &Identities) -> Carried {
         let mut carried = Carried::default();
         let mut whose = BTreeMap::<Option<u32>, Vec<u32>>::new();
@@ -102,7 +103,8 @@ impl Counterparts {
 
     /// Carries merge and name of one person to the `ids` that it has after.
     fn carry(&self, person: u32, ids: &[u32], identities: &Identities, carried: &mut Carried) {
-        let name = identities.given_name(person);
+        let is_nameless = identities.is_nameless_by_hand(person);
+        let name = identities.given_name(person).or(is_nameless.then_some(""));
         let Some((first, others)) = ids.split_first() else {
             let called = called(person, identities);
             carried.left.push(format!("{called}: nobody clearly is"));
@@ -152,7 +154,7 @@ fn nearest(at_m: Vector3<f64>, others: &[Place]) -> Option<Place> {
     (apart(nearest) <= NEAR_M).then_some(*nearest)
 }
 
-/// Whether edits have given the person a name, made it of several, or left it out.
+/// Whether edits have given the person a name or taken it away, made it of several, or left it out.
 fn is_edited(
     identities: &Identities,
     ids: &BTreeMap<u32, BTreeSet<u32>>,
@@ -162,7 +164,7 @@ fn is_edited(
     let is_whole = ids
         .get(&person)
         .is_none_or(|ids| ids.len() == 1 && ids.contains(&person));
-    identities.given_name(person).is_some() || !is_whole
+    identities.given_name(person).is_some() || identities.is_nameless_by_hand(person) || !is_whole
 }
 
 fn called(person: u32, identities: &Identities) -> String {
@@ -271,6 +273,30 @@ mod tests {
         // Where the two are one already there is nothing to merge.
         let found = carried(edits, before, |_| vec![(1, 0.0)]);
         assert_eq!(found.changes, [name(1, "Anna")]);
+    }
+
+    /// Once the body told the name again under the new id, and who had been told to be nobody of that name was.
+    #[test]
+    fn that_a_body_told_the_wrong_name_is_carried() {
+        let guess = || Change::Guess {
+            person: 3,
+            name: "Anna".to_owned(),
+        };
+        let (before, after) = (|_| vec![(3, 0.0)], |_| vec![(1, 0.0)]);
+        for taken_back in [name(3, ""), Change::Undo { number: 1 }] {
+            let found = carried([guess(), taken_back.clone()], before, after);
+            assert_eq!(found.changes, [name(1, "")], "{taken_back:?}");
+            let elsewhere = carried([guess(), taken_back], before, |_| vec![(1, 3.0)]);
+            let told = ["person 3 of the recording: nobody clearly is"];
+            assert_eq!(elsewhere.left, told);
+        }
+        // Whoever has a name since has that.
+        let found = carried([guess(), name(3, ""), name(3, "Bo")], before, after);
+        assert_eq!(found.changes, [name(1, "Bo")]);
+        // It goes with whom the person was merged with.
+        let merged = [guess(), name(3, ""), Change::Merge { person: 3, into: 4 }];
+        let found = carried(merged, before, after);
+        assert_eq!(found.changes, [name(1, "")]);
     }
 
     #[test]

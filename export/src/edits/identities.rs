@@ -17,6 +17,8 @@ pub struct Identities {
     names: BTreeMap<u32, String>,
     /// Whose name nobody has given: the body told it.
     guessed: BTreeSet<u32>,
+    /// Whose name somebody has taken away: that of a body is not wanted.
+    nameless: BTreeSet<u32>,
 }
 
 /// The tick before all others.
@@ -60,6 +62,20 @@ impl Identities {
     pub fn given_name(&self, person: u32) -> Option<&str> {
         let name = self.names.get(&person).map(String::as_str);
         name.filter(|_| !self.guessed.contains(&person))
+    }
+
+    /// Whether somebody has taken the name of a person away, and given none since.
+    pub fn is_nameless_by_hand(&self, person: u32) -> bool {
+        self.nameless.contains(&person)
+    }
+
+    /// Notes that names which bodies told were taken back, of those who have none.
+    pub(super) fn take_back(&mut self, guessed: impl Iterator<Item = u32>) {
+        for person in guessed {
+            if !self.names.contains_key(&person) && self.is_there(person) {
+                self.nameless.insert(person);
+            }
+        }
     }
 
     /// Whether a split has made this id: the poses must not have it then.
@@ -168,8 +184,10 @@ impl Identities {
                 self.guessed.remove(&person);
                 if name.is_empty() {
                     self.names.remove(&person);
+                    self.nameless.insert(person);
                 } else {
                     self.names.insert(person, name.clone());
+                    self.nameless.remove(&person);
                 }
             }
             Change::Guess { person, ref name } => {
@@ -177,6 +195,7 @@ impl Identities {
                 if !self.names.contains_key(&person) || self.guessed.contains(&person) {
                     self.names.insert(person, name.clone());
                     self.guessed.insert(person);
+                    self.nameless.remove(&person);
                 }
             }
             Change::Merge { person, into } => {
@@ -199,6 +218,7 @@ impl Identities {
                 self.replace(person, |_| None);
                 self.names.remove(&person);
                 self.guessed.remove(&person);
+                self.nameless.remove(&person);
             }
             Change::Undo { .. } => {}
         }
@@ -208,13 +228,18 @@ impl Identities {
     /// Who was two is called as `into`, where that has a name of the better kind, or of the same: given by hand, then guessed.
     fn join_names(&mut self, person: u32, into: u32) {
         let is_guess = self.guessed.remove(&person);
+        let was_nameless = self.nameless.remove(&person);
         let Some(name) = self.names.remove(&person) else {
+            if was_nameless && !self.names.contains_key(&into) {
+                self.nameless.insert(into);
+            }
             return;
         };
         let has_better =
             self.names.contains_key(&into) && (is_guess || !self.guessed.contains(&into));
         if !has_better {
             self.names.insert(into, name);
+            self.nameless.remove(&into);
             self.guessed.remove(&into);
             if is_guess {
                 self.guessed.insert(into);

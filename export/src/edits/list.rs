@@ -116,7 +116,15 @@ impl EditList {
             _ => None,
         };
         let ever_made = self.all().filter_map(made).collect();
-        Identities::of(&self.in_force(), &ever_made, roll)
+        let mut identities = Identities::of(&self.in_force(), &ever_made, roll)?;
+        let undone = self
+            .all()
+            .filter(|(number, _)| self.undone.contains(number));
+        identities.take_back(undone.filter_map(|(_, edit)| match edit.change {
+            Change::Guess { person, .. } => Some(person),
+            _ => None,
+        }));
+        Ok(identities)
     }
 
     /// The number of the next edit.
