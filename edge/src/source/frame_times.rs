@@ -3,9 +3,10 @@
 //!
 //! A picture comes late by what coding, network and decoding take, now more, now less; its time in an RTP or RTSP stream
 //! is that of the camera's own clock. The lines are read as they are documented for ffmpeg 5.1 to 8: `config in time_base:
-//! 1/90000` first, then `n:   0 pts:   3003` for each frame that leaves the decoder.
+//! 1/90000` first, then `n:   0 pts:   3003` for each frame that leaves the decoder. When the stream changes in its course ffmpeg makes
+//! its filters anew, and `n` begins at 0 again.
 
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 /// What marks a line of the filter.
@@ -14,6 +15,8 @@ const MARK: &str = "[Parsed_showinfo";
 const WAITING: usize = 256;
 /// How long a picture that is there waits for its time, which was written before it.
 const PATIENCE: Duration = Duration::from_millis(50);
+/// Pictures in a row that waited in vain after which none waits, until one finds its time: all would be late by that.
+const MOST_IN_VAIN: u32 = 5;
 
 /// The time of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +32,9 @@ struct FrameTime {
 pub(super) struct FrameTimeReader {
     /// Seconds per unit as a fraction.
     time_base: Option<[i64; 2]>,
+    /// What the filter's number of the last frame was, and the number of the frame that it called 0.
+    last: Option<u64>,
+    began_at: u64,
     times: SyncSender<FrameTime>,
 }
 
@@ -38,6 +44,10 @@ pub(super) struct FrameTimes {
     times: Receiver<FrameTime>,
     /// The one that was read and is of a later picture.
     next: Option<FrameTime>,
+    /// Pictures in a row that found no time.
+    in_vain: u32,
+    /// Whether it was said that none waits.
+    is_told: bool,
 }
 
 /// Both ends.
@@ -45,11 +55,15 @@ pub(super) fn frame_times() -> (FrameTimeReader, FrameTimes) {
     let (sender, receiver) = sync_channel(WAITING);
     let reader = FrameTimeReader {
         time_base: None,
+        last: None,
+        began_at: 0,
         times: sender,
     };
     let times = FrameTimes {
         times: receiver,
         next: None,
+        in_vain: 0,
+        is_told: false,
     };
     (reader, times)
 }
@@ -67,13 +81,22 @@ impl FrameTimeReader {
                 .and_then(|(n, of)| Some([n.parse().ok()?, of.parse().ok().filter(|n| *n > 0)?]));
         } else if let Some(number) = word_after(line, " n:").and_then(|n| n.parse().ok()) {
             let time = FrameTime {
-                number,
+                number: self.since_opened(number),
                 stamp_us: self.stamp_us(line),
             };
             // Where nobody takes pictures nobody misses their times.
             self.times.try_send(time).ok();
         }
         true
+    }
+
+    /// The number since the stream was opened of the frame that the filter calls `number`.
+    fn since_opened(&mut self, number: u64) -> u64 {
+        if let Some(last) = self.last.filter(|last| number <= *last) {
+            self.began_at = self.began_at.saturating_add(last).saturating_add(1);
+        }
+        self.last = Some(number);
+        self.began_at.saturating_add(number)
     }
 
     fn stamp_us(&self, line: &str) -> Option<i64> {
@@ -89,20 +112,33 @@ impl FrameTimes {
     /// The time of the picture of this number, microseconds; `None` where the stream says none.
     pub(super) fn of(&mut self, number: u64) -> Option<i64> {
         loop {
-            let time = match self.next.take() {
-                Some(time) => time,
-                None => match self.times.recv_timeout(PATIENCE) {
-                    Ok(time) => time,
-                    Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => return None,
-                },
+            let Some(time) = self.next.take().or_else(|| self.wait()) else {
+                self.in_vain = self.in_vain.saturating_add(1);
+                return None;
             };
             if time.number == number {
+                self.in_vain = 0;
                 return time.stamp_us;
             }
             if time.number > number {
                 self.next = Some(time);
                 return None;
             }
+        }
+    }
+
+    /// Whether pictures wait no more for times that do not come; true once.
+    pub(super) fn gives_up(&mut self) -> bool {
+        let gives_up = self.in_vain >= MOST_IN_VAIN && !self.is_told;
+        self.is_told |= gives_up;
+        gives_up
+    }
+
+    fn wait(&self) -> Option<FrameTime> {
+        if self.in_vain < MOST_IN_VAIN {
+            self.times.recv_timeout(PATIENCE).ok()
+        } else {
+            self.times.try_recv().ok()
         }
     }
 }
@@ -138,6 +174,48 @@ mod tests {
         assert_eq!(times.of(3), Some(90_000_000_000));
         drop(reader);
         assert_eq!(times.of(4), None);
+    }
+
+    #[test]
+    fn a_filter_that_begins_to_count_again_goes_on_with_the_pictures() {
+        let (mut reader, mut times) = frame_times();
+        let mut say = |line: &str| assert!(reader.read(&format!("[Parsed_showinfo_0] {line}")));
+        say("config in time_base: 1/1000");
+        for n in 0..3 {
+            say(&format!("n: {n} pts: {}", 40 * n));
+        }
+        // The sender's encoder was changed: another filter, with another unit, whose first line is lost.
+        say("config in time_base: 1/100");
+        say("n: 1 pts: 16");
+        say("n: 2 pts: 20");
+        say("n: 0 pts: 24");
+        let got: Vec<_> = (0..7).map(|number| times.of(number)).collect();
+        let ms = |ms: i64| Some(1000 * ms);
+        assert_eq!(
+            got,
+            [ms(0), ms(40), ms(80), None, ms(160), ms(200), ms(240)]
+        );
+    }
+
+    #[test]
+    fn times_that_do_not_come_are_waited_for_a_few_times_and_no_more() {
+        let (mut reader, mut times) = frame_times();
+        for number in 0..100 {
+            assert_eq!(times.of(number), None);
+            assert_eq!(times.gives_up(), number + 1 == u64::from(MOST_IN_VAIN));
+        }
+        // How many of them waited is told by how many were in vain, not by a clock.
+        assert_eq!(times.in_vain, 100);
+        for line in [
+            "config in time_base: 1/1000",
+            "n: 99 pts: 3",
+            "n: 100 pts: 4",
+        ] {
+            reader.read(&format!("[Parsed_showinfo_0] {line}"));
+        }
+        assert_eq!(times.of(100), Some(4_000));
+        assert_eq!(times.in_vain, 0, "they come again, and are waited for");
+        assert!(!times.gives_up(), "it is said once");
     }
 
     #[test]

@@ -360,6 +360,12 @@ fn read_frames(
         let failed = frame.is_err();
         let stamped = frame.map(|frame| {
             let stamp_us = times.as_mut().and_then(|times| times.of(number));
+            if times.as_mut().is_some_and(FrameTimes::gives_up) {
+                tracing::warn!(
+                    camera = %expected.at.camera,
+                    "ffmpeg says no times of the stream's pictures: they count as taken when they come"
+                );
+            }
             (frame, stamp_us)
         });
         if !sender.push(stamped) || failed {
