@@ -1,7 +1,7 @@
 //! The files that describe a venue, read for the pure code that understands them.
 
-use std::fs;
-use std::io::ErrorKind;
+use std::fs::{self, File};
+use std::io::{self, ErrorKind, Read as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
@@ -14,6 +14,34 @@ use crate::process::say;
 
 /// The name of the file by which `farfield certs` makes keys.
 pub const AUTHORITY_KEY: &str = "ca.key";
+
+/// Reads the file at `path` whole, where it has at most `most_bytes`.
+///
+/// # Errors
+/// When it cannot be read, is no file (a pipe or a device may never end), or is longer, also one that grows meanwhile.
+pub fn read_bounded(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
+    let refused = |problem| Err(io::Error::new(ErrorKind::InvalidData, problem));
+    // Before it is opened: to open a pipe may wait for ever.
+    if !fs::metadata(path)?.is_file() {
+        return refused("found something else than a file".to_owned());
+    }
+    let mut bytes = Vec::new();
+    let bounded = File::open(path)?.take(most_bytes.saturating_add(1));
+    { bounded }.read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most_bytes {
+        return refused(format!("found more than {most_bytes} bytes"));
+    }
+    Ok(bytes)
+}
+
+/// The same of a text.
+///
+/// # Errors
+/// As [`read_bounded`], and when it is no UTF-8.
+pub fn read_text_bounded(path: &Path, most_bytes: u64) -> io::Result<String> {
+    let text = String::from_utf8(read_bounded(path, most_bytes)?);
+    text.map_err(|error| io::Error::new(ErrorKind::InvalidData, error))
+}
 
 /// Reads the venue file at `path` and the calibration that it names.
 ///
@@ -157,6 +185,22 @@ mod tests {
         let wrong = [(GENERATIONS_FILE, "[generation]\nfusion = -3\n")];
         let refused = identity(0o600, &wrong).unwrap_err();
         assert!(refused.contains("generations.toml:2"), "{refused}");
+    }
+
+    #[test]
+    fn what_is_too_long_or_no_file_is_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.toml");
+        fs::write(&path, "twelve bytes").unwrap();
+        assert_eq!(read_text_bounded(&path, 12).unwrap(), "twelve bytes");
+        let told = |path: &Path| read_text_bounded(path, 11).unwrap_err().to_string();
+        assert_eq!(told(&path), "found more than 11 bytes");
+        // A device says that it has none, and never ends.
+        for none in [Path::new("/dev/zero"), folder.path()] {
+            assert_eq!(told(none), "found something else than a file");
+        }
+        fs::write(&path, b"\xff").unwrap();
+        assert!(told(&path).contains("utf-8"), "{}", told(&path));
     }
 
     #[test]
