@@ -4,7 +4,8 @@ use farfield_proto::venue::parameters::IkParameters;
 
 use super::initial_pose::PoseFinder;
 use super::observed::ObservedJoints;
-use super::proportions::{KnownBody, proportions};
+pub use super::proportions::KnownBody;
+use super::proportions::proportions;
 use crate::body::skeleton::{Pose, RangeOfMotion, Skeleton};
 
 /// Least points of a body that a skeleton is fitted to: a trunk's two and a limb's.
@@ -58,7 +59,7 @@ pub fn fit(
 ///
 /// # Errors
 /// As [`fit`].
-pub(crate) fn fit_known(
+pub fn fit_known(
     ticks: &[ObservedJoints],
     known: Option<KnownBody<'_>>,
     parameters: &IkParameters,

@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::subject::{SubjectLink, SubjectProfile};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::observed::ObservedJoints;
@@ -100,4 +101,39 @@ pub(crate) fn standing(x: f64, y: f64, stature_m: f64, noise: &mut Noise) -> Vec
     }
     pose.root_m = Vector3::new(x, y, 0.53 * stature_m);
     coco(&joints(&skeleton, &pose))
+}
+
+/// The profile of a body, as a run writes it.
+pub(crate) fn profile(body: &Proportions, sigma_m: f64) -> SubjectProfile {
+    let mut kinematics = Kinematics::default();
+    let pose = Pose::neutral(Vector3::zeros(), UnitQuaternion::identity());
+    Skeleton::new(body).forward(&pose, &mut kinematics);
+    let link = |joint: Joint| {
+        let parent = joint.parent()?;
+        let apart_m = kinematics.joint_m(joint) - kinematics.joint_m(parent);
+        let offset_m = kinematics.rotation(joint.link()).tr_mul(&apart_m);
+        let link = SubjectLink { offset_m, sigma_m };
+        Some((joint.name().to_owned(), link))
+    };
+    SubjectProfile {
+        name: "Anna".to_owned(),
+        stature_m: 1.7,
+        links: Joint::ALL.into_iter().filter_map(link).collect(),
+    }
+}
+
+/// The text of a profile.
+pub(crate) fn profile_text(profile: &SubjectProfile) -> String {
+    let mut text = format!(
+        "name = {:?}\nstature_m = {:?}\n",
+        profile.name, profile.stature_m
+    );
+    for (joint, link) in &profile.links {
+        let [x, y, z]: [f64; 3] = link.offset_m.into();
+        let (length_m, sigma_m) = (link.offset_m.norm(), link.sigma_m);
+        text += &format!(
+            "[link.{joint}]\noffset_m = [{x:?}, {y:?}, {z:?}]\nlength_m = {length_m:?}\nsigma_m = {sigma_m:?}\n"
+        );
+    }
+    text
 }

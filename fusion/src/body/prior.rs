@@ -43,6 +43,7 @@ impl BodyPrior {
     pub fn of_profile(profile: &SubjectProfile) -> Result<Self, String> {
         let body = body_of(profile)?.checked();
         let body = body.map_err(|error| error.to_string())?;
+        check_head(&body)?;
         Ok(Self {
             sigma: with_session(&body, &sigma_of(profile)),
             body,
@@ -98,6 +99,18 @@ impl BodyPrior {
             segment_of(segment, &self.sigma, libm::hypot, libm::hypot).abs(),
         )
     }
+}
+
+/// Refuses a body whose shoulders are not below its ears: of all segments this one alone is a difference, which lengths above 0
+/// may make none of.
+fn check_head(body: &Proportions) -> Result<(), String> {
+    let above_m = segment_of(Segment::HeadHeight, body, |a, b| a + b, libm::hypot);
+    if above_m > 0.0 {
+        return Ok(());
+    }
+    Err(format!(
+        "the head is {above_m:.3} m above the shoulders (the lengths of `neck` and `head` less the z of `left_scapula` and `right_scapula`), expected above 0"
+    ))
 }
 
 /// The lengths of a profile, left and right equal.
@@ -230,31 +243,8 @@ fn segment_of(
 
 #[cfg(test)]
 mod tests {
-
-    use farfield_proto::subject::SubjectLink;
-    use nalgebra::UnitQuaternion;
-
     use super::*;
-    use crate::body::skeleton::{Kinematics, Pose, Skeleton};
-
-    /// The profile of a body, as a run writes it.
-    fn profile(body: &Proportions, sigma_m: f64) -> SubjectProfile {
-        let mut kinematics = Kinematics::default();
-        let pose = Pose::neutral(Vector3::zeros(), UnitQuaternion::identity());
-        Skeleton::new(body).forward(&pose, &mut kinematics);
-        let link = |joint: Joint| {
-            let parent = joint.parent()?;
-            let apart_m = kinematics.joint_m(joint) - kinematics.joint_m(parent);
-            let offset_m = kinematics.rotation(joint.link()).tr_mul(&apart_m);
-            let link = SubjectLink { offset_m, sigma_m };
-            Some((joint.name().to_owned(), link))
-        };
-        SubjectProfile {
-            name: "Anna".to_owned(),
-            stature_m: 1.7,
-            links: Joint::ALL.into_iter().filter_map(link).collect(),
-        }
-    }
+    use crate::body::fixture::{profile, profile_text};
 
     #[test]
     fn the_body_of_a_profile_is_that_which_it_was_made_of() {
@@ -311,5 +301,30 @@ mod tests {
         let mut profile = profile(&Proportions::from_stature(1.7), 0.0);
         profile.links.remove("left_knee");
         assert_eq!(BodyPrior::of_profile(&profile).unwrap_err(), "left_knee");
+    }
+
+    /// Once a range of lengths for such a head had its ends the wrong way round, which ended fusion when somebody was taken for
+    /// the subject.
+    #[test]
+    fn a_profile_whose_shoulders_are_above_the_head_is_refused_by_file_and_field() {
+        let mut profile = profile(&Proportions::from_stature(1.7), 0.003);
+        for side in ["left_scapula", "right_scapula"] {
+            profile.links.get_mut(side).unwrap().offset_m.z = 1.0;
+        }
+        let (neck, head) = (Vector3::z() * 0.3, Vector3::z() * 0.2);
+        profile.links.get_mut("neck").unwrap().offset_m = neck;
+        profile.links.get_mut("head").unwrap().offset_m = head;
+        let refused = BodyPrior::of_profile(&profile).unwrap_err();
+        assert!(
+            refused.contains("-0.500 m") && refused.contains("`left_scapula`"),
+            "{refused}"
+        );
+        let text = profile_text(&profile);
+        let refused = BodyPrior::parse(&text, Path::new("anna.toml")).unwrap_err();
+        let refused = refused.to_string();
+        assert!(
+            refused.starts_with("anna.toml: `link`: found a link of no body: the head is -0.500 m"),
+            "{refused}"
+        );
     }
 }

@@ -35,11 +35,11 @@ const STATURES_M: [f64; 2] = [0.9, 2.4];
 
 /// A body that is known beside what its keypoints show.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct KnownBody<'a> {
+pub struct KnownBody<'a> {
     /// What is known of it.
-    pub(crate) prior: &'a BodyPrior,
+    pub prior: &'a BodyPrior,
     /// For how long keypoints have shown it, seconds.
-    pub(crate) seen_s: f64,
+    pub seen_s: f64,
 }
 
 /// A length and how sure it is.

@@ -5,8 +5,12 @@ use std::path::Path;
 use farfield_calibration::alignment::{ClickedChange, ClickedFile, Marks};
 use farfield_export::SubjectProfile;
 use farfield_export::edits::{EditList, Roll};
+use farfield_fusion::body::fit::{KnownBody, fit_known};
+use farfield_fusion::body::observed::ObservedJoints;
+use farfield_fusion::body::prior::BodyPrior;
 use farfield_import::formats::{ParseOptions, parse};
 use farfield_page::protocol::request;
+use farfield_proto::venue::parameters::IkParameters;
 use farfield_streams::foxglove;
 use farfield_streams::lsl::query::is_met;
 use farfield_streams::lsl::request::{Datagram, Request};
@@ -58,7 +62,7 @@ pub(super) fn edits_text(bytes: &[u8]) -> String {
     let list = match EditList::parse(text, Path::new("edits.jsonl")) {
         Ok(list) => list,
         Err(error) if profile.is_err() => return read_or_refused::<(), _>(&Err(error)),
-        Err(_) => return "a profile".to_owned(),
+        Err(_) => return subject(text),
     };
     let mut roll = Roll::default();
     for tick in 0..9 {
@@ -72,6 +76,49 @@ pub(super) fn edits_text(bytes: &[u8]) -> String {
     }
     read_or_refused(&applied)
 }
+
+/// A profile as fusion takes it for a subject: refused, or somebody who stands there is measured beside it.
+fn subject(text: &str) -> String {
+    let body = match BodyPrior::parse(text, Path::new("anna.toml")) {
+        Ok((_, body)) => body,
+        Err(error) => return format!("a profile, {}", refused(&error)),
+    };
+    let seen = ObservedJoints::from_named(STANDING);
+    let known = KnownBody {
+        prior: &body,
+        seen_s: 2.0,
+    };
+    let fitted = match fit_known(&[seen], Some(known), &IkParameters::default(), None) {
+        Ok(fitted) => fitted,
+        Err(error) => return format!("a subject, {}", refused(&error)),
+    };
+    let lengths_m = fitted.skeleton.proportions().lengths_m();
+    for (name, length_m) in lengths_m {
+        assert!(length_m.is_finite(), "{name} is {length_m} m");
+    }
+    "a subject".to_owned()
+}
+
+/// Somebody who stands upright and looks along x, world, metres.
+const STANDING: [(&str, [f64; 3]); 17] = [
+    ("nose", [0.1, 0.0, 1.60]),
+    ("left_eye", [0.09, 0.03, 1.63]),
+    ("right_eye", [0.09, -0.03, 1.63]),
+    ("left_ear", [0.0, 0.07, 1.60]),
+    ("right_ear", [0.0, -0.07, 1.60]),
+    ("left_shoulder", [0.0, 0.19, 1.40]),
+    ("right_shoulder", [0.0, -0.19, 1.40]),
+    ("left_elbow", [0.0, 0.20, 1.11]),
+    ("right_elbow", [0.0, -0.20, 1.11]),
+    ("left_wrist", [0.02, 0.20, 0.85]),
+    ("right_wrist", [0.02, -0.20, 0.85]),
+    ("left_hip", [0.0, 0.09, 0.93]),
+    ("right_hip", [0.0, -0.09, 0.93]),
+    ("left_knee", [0.02, 0.09, 0.51]),
+    ("right_knee", [0.02, -0.09, 0.51]),
+    ("left_ankle", [0.0, 0.09, 0.09]),
+    ("right_ankle", [0.0, -0.09, 0.09]),
+];
 
 /// What a browser says on a WebSocket, of any content: understood, or answered.
 pub(super) fn page_request_text(bytes: &[u8]) -> String {
