@@ -105,41 +105,40 @@ impl Subjects {
             .map(|person| known.iter().map(|it| pair(&person.lengths, it)).collect())
             .collect();
         let chosen = assign_best(&likeness, LEAST_RIVAL);
+        let due = || nameless.iter().zip(&chosen).filter(|(it, _)| it.is_due);
+        let subject = |column: usize| (free[column], &known[column]);
         let mut namings = Vec::new();
-        for (person, chosen) in nameless.iter().zip(chosen).filter(|(it, _)| it.is_due) {
-            let subject = |column: usize| (free[column], &known[column]);
-            let finding = match chosen {
-                Some(best)
-                    if best.log_ratio >= LEAST_NAMED
-                        && best.margin.is_none_or(|margin| margin >= MARGIN_NAMED) =>
-                {
-                    let (index, lengths) = subject(best.column);
-                    self.taken.insert(index, person.id);
-                    Finding::Named {
-                        subject: self.all[index].name.clone(),
-                        why: why(&person.lengths, lengths, best.log_ratio, best.margin),
-                    }
-                }
-                _ if !person.is_last || self.told.contains(&person.id) => continue,
-                Some(Recognised {
-                    column,
-                    log_ratio,
-                    margin,
-                }) if log_ratio >= LEAST_NAMED => {
-                    let (index, lengths) = subject(column);
-                    Finding::Ambiguous {
-                        nearest: self.all[index].name.clone(),
-                        why: why(&person.lengths, lengths, log_ratio, margin),
-                    }
-                }
-                _ => match self.unlike(person, (&free, &known)) {
-                    Some(finding) => finding,
-                    None => continue,
-                },
+        // Names first: what is said of the others is of whom these leave.
+        for (person, chosen) in due() {
+            let Some(best) = chosen.as_ref().filter(|best| is_clear(best)) else {
+                continue;
             };
-            if !matches!(finding, Finding::Named { .. }) {
-                self.told.push(person.id);
+            let (index, lengths) = subject(best.column);
+            self.taken.insert(index, person.id);
+            namings.push(Naming {
+                person: person.id,
+                finding: Finding::Named {
+                    subject: self.all[index].name.clone(),
+                    why: why(&person.lengths, lengths, best.log_ratio, best.margin),
+                },
+            });
+        }
+        for (person, chosen) in due() {
+            if !person.is_last || self.told.contains(&person.id) || self.has(person.id) {
+                continue;
             }
+            let finding = match chosen {
+                Some(best) if best.log_ratio >= LEAST_NAMED => {
+                    let (index, lengths) = subject(best.column);
+                    Some(Finding::Ambiguous {
+                        nearest: self.all[index].name.clone(),
+                        why: why(&person.lengths, lengths, best.log_ratio, best.margin),
+                    })
+                }
+                _ => self.unlike(person, (&free, &known)),
+            };
+            let Some(finding) = finding else { continue };
+            self.told.push(person.id);
             namings.push(Naming {
                 person: person.id,
                 finding,
@@ -149,10 +148,12 @@ impl Subjects {
         namings
     }
 
-    /// What is said of a person whom no pair was left for: nobody is like it, or others are liker to whom it is like.
+    /// What is said of a person whom no pair was left for: nobody is like it, or others are liker to whom it is like; of those whose
+    /// names nobody has.
     fn unlike(&self, person: &Nameless, (free, known): (&[usize], &[Lengths])) -> Option<Finding> {
         let own = &person.lengths;
         let pairs = free.iter().zip(known);
+        let pairs = pairs.filter(|(index, _)| !self.taken.contains_key(index));
         let ratios = pairs.map(|(index, it)| (*index, it, own.likeness(it)));
         let (index, it, log_ratio) = ratios.max_by(|a, b| a.2.total_cmp(&b.2))?;
         let (nearest, why) = (self.all[index].name.clone(), why(own, it, log_ratio, None));
@@ -163,6 +164,11 @@ impl Subjects {
             Finding::NobodyAlike { nearest, why }
         })
     }
+}
+
+/// Whether a pair is sure enough for a name.
+fn is_clear(best: &Recognised) -> bool {
+    best.log_ratio >= LEAST_NAMED && best.margin.is_none_or(|margin| margin >= MARGIN_NAMED)
 }
 
 fn why(own: &Lengths, known: &Lengths, log_ratio: f64, margin: Option<f64>) -> BodyLikeness {
@@ -236,6 +242,28 @@ mod tests {
         assert_eq!(names(&said), [(3, None), (4, None)]);
         let is_ambiguous = |it: &Naming| matches!(it.finding, Finding::Ambiguous { .. });
         assert!(said.iter().all(is_ambiguous), "{said:?}");
+    }
+
+    #[test]
+    fn who_is_nobody_is_held_against_those_whose_names_are_left() {
+        let [tall, taller] = [1.80, 2.02].map(Proportions::from_stature);
+        for order in [[3, 4], [4, 3]] {
+            let mut subjects = subjects(&[1.80, 1.50]);
+            let two = order.map(|id| match id {
+                3 => nameless(3, &tall, true),
+                _ => nameless(4, &taller, true),
+            });
+            let found = subjects.decide(&two);
+            assert_eq!(names(&found), [(3, Some("180 cm")), (4, None)]);
+            let Finding::NobodyAlike { nearest, .. } = &found[1].finding else {
+                panic!("{found:?}");
+            };
+            assert_eq!(nearest, "150 cm", "the other name is somebody's");
+        }
+        // Where no name is left nothing is said.
+        let mut one = subjects(&[1.80]);
+        let found = one.decide(&[nameless(3, &tall, true), nameless(4, &taller, true)]);
+        assert_eq!(names(&found), [(3, Some("180 cm"))]);
     }
 
     #[test]
