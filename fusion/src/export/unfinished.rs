@@ -1,16 +1,21 @@
 //! Files that appear under their name only when they are whole, and are on the disk when they have it.
 
 use std::fs::{self, File, OpenOptions};
+use std::hash::{BuildHasher as _, Hasher as _, RandomState};
 use std::io::{self, BufWriter, ErrorKind, Seek as _, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::full_disk::{FullDisk, GiveUp, patiently};
 
 /// What a file is called until it is whole: its own name with this behind it.
 pub(super) const SUFFIX: &str = ".tmp";
-/// Most files that one process writes at once under one name.
-const MOST_OWN: u32 = 64;
+/// How often another name is tried where one is taken, which is by a chance that does not come twice.
+const MOST_NAMES: u32 = 8;
+/// A file that nobody has written to for so long is of nobody who still writes: a writer in another container or on another machine
+/// has a number that says nothing here.
+const LEFT_FOR: Duration = Duration::from_secs(3600);
 
 /// A file being written. Dropped before [`Unfinished::finish`], it is taken away again.
 #[derive(Debug)]
@@ -268,13 +273,13 @@ pub fn write_whole(path: impl Into<PathBuf>, content: &[u8]) -> io::Result<()> {
 }
 
 /// The same for a small file that is written again and again, by several processes even: each has a temporary name of its own, and
-/// the last to finish counts. What processes that are gone have left under theirs is taken away.
+/// the last to finish counts. What processes that are gone have left under theirs is taken away after an hour.
 ///
 /// # Errors
 /// When the file cannot be made, written or renamed.
 pub fn write_whole_again(path: &Path, content: &[u8]) -> io::Result<()> {
-    remove_of_the_dead(path);
     let (mut file, own) = create_own(path)?;
+    remove_of_the_dead(path, &file);
     let written = file
         .write_all(content)
         .and_then(|()| sync(&file))
@@ -286,10 +291,12 @@ pub fn write_whole_again(path: &Path, content: &[u8]) -> io::Result<()> {
     sync_folder_of(path)
 }
 
-/// A temporary file that nobody else has, beside `path`: its name, the number of this process and one of the file.
+/// A temporary file that nobody else has, beside `path`: its name, the number of this process and one by chance.
 fn create_own(path: &Path) -> io::Result<(File, PathBuf)> {
     let mut last = None;
-    for number in 0..MOST_OWN {
+    for _ in 0..MOST_NAMES {
+        // Each state of the standard library's hash has keys of its own, by chance.
+        let number = RandomState::new().build_hasher().finish();
         let mut name = path.as_os_str().to_owned();
         name.push(format!(".{}-{number}{SUFFIX}", std::process::id()));
         let own = PathBuf::from(name);
@@ -302,8 +309,12 @@ fn create_own(path: &Path) -> io::Result<(File, PathBuf)> {
     Err(last.unwrap_or_else(|| ErrorKind::AlreadyExists.into()))
 }
 
-/// Takes away what [`create_own`] has made in processes that are gone; what cannot be is left.
-fn remove_of_the_dead(path: &Path) {
+/// Takes away what [`create_own`] has made in processes that are gone, where it is much older than `made_now` by the clock of the
+/// disk; what cannot be is left.
+fn remove_of_the_dead(path: &Path, made_now: &File) {
+    let Ok(now) = made_now.metadata().and_then(|it| it.modified()) else {
+        return;
+    };
     let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
     let entries = fs::read_dir(folder.unwrap_or(Path::new(".")));
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -312,10 +323,13 @@ fn remove_of_the_dead(path: &Path) {
         let process = found.to_str().and_then(|found| {
             let rest = found.strip_prefix(&*name)?.strip_prefix('.')?;
             let (process, number) = rest.strip_suffix(SUFFIX)?.split_once('-')?;
-            number.parse::<u32>().ok()?;
+            number.parse::<u64>().ok()?;
             process.parse::<u32>().ok()
         });
-        if process.is_some_and(|it| !Path::new("/proc").join(it.to_string()).exists()) {
+        let is_gone = process.is_some_and(|it| !Path::new("/proc").join(it.to_string()).exists());
+        let written = entry.metadata().and_then(|it| it.modified()).ok();
+        let age = written.and_then(|written| now.duration_since(written).ok());
+        if is_gone && age.is_some_and(|age| age > LEFT_FOR) {
             drop(fs::remove_file(entry.path()));
         }
     }
@@ -395,14 +409,45 @@ mod tests {
     fn what_one_who_was_killed_has_left_is_taken_away_and_what_others_write_is_not() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
-        let of = |process: u32| folder.path().join(format!("a.txt.{process}-0.tmp"));
-        // Processes have smaller numbers; this one is alive.
-        fs::write(of(u32::MAX), "half").unwrap();
-        fs::write(of(std::process::id()), "of another thread").unwrap();
+        let long_ago = std::time::SystemTime::now() - 2 * LEFT_FOR;
+        // Processes have smaller numbers than the first; this one is alive.
+        let [gone, own] = [u32::MAX, std::process::id()];
+        for (process, number, written) in [
+            (gone, 0, Some(long_ago)),
+            // A writer in a container has a number there that nobody has here.
+            (gone, u64::MAX, None),
+            (own, 0, Some(long_ago)),
+        ] {
+            let name = format!("a.txt.{process}-{number}.tmp");
+            let file = File::create_new(folder.path().join(name)).unwrap();
+            if let Some(written) = written {
+                file.set_modified(written).unwrap();
+            }
+        }
         write_whole_again(&path, b"whole").unwrap();
-        let others = format!("a.txt.{}-0.tmp", std::process::id());
-        assert_eq!(names(folder.path()), ["a.txt".to_owned(), others]);
+        let mut left = [
+            "a.txt".to_owned(),
+            format!("a.txt.{gone}-{}.tmp", u64::MAX),
+            format!("a.txt.{own}-0.tmp"),
+        ];
+        left.sort();
+        assert_eq!(names(folder.path()), left);
         assert_eq!(fs::read_to_string(&path).unwrap(), "whole");
+    }
+
+    #[test]
+    fn names_of_files_that_are_written_at_once_are_by_chance() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        // Of two processes in two containers both may be number 1.
+        let made: Vec<_> = (0..2).map(|_| create_own(&path).unwrap()).collect();
+        let number = |own: &Path| {
+            let name = own.to_str().unwrap();
+            let (_, number) = name.rsplit_once('-').unwrap();
+            number.trim_end_matches(SUFFIX).parse::<u64>().unwrap()
+        };
+        let [one, other] = [number(&made[0].1), number(&made[1].1)];
+        assert!(one.abs_diff(other) > 1, "{one} {other}");
     }
 
     #[test]
