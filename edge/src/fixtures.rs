@@ -8,7 +8,8 @@ use farfield_proto::frames::Transform;
 use farfield_proto::venue::Venue;
 use nalgebra::Isometry3;
 
-fn camera(name: &str, size_px: [u32; 2], distortion: Distortion) -> CameraModel {
+/// A camera of any lens but a fisheye.
+pub(crate) fn distorted(name: &str, size_px: [u32; 2], distortion: Distortion) -> CameraModel {
     let [width, height] = size_px.map(f64::from);
     let intrinsics = Intrinsics {
         fx_px: width,
@@ -22,12 +23,12 @@ fn camera(name: &str, size_px: [u32; 2], distortion: Distortion) -> CameraModel 
 
 /// A camera without distortion.
 pub(crate) fn pinhole(name: &str, size_px: [u32; 2]) -> CameraModel {
-    camera(name, size_px, Distortion::default())
+    distorted(name, size_px, Distortion::default())
 }
 
 /// A camera whose barrel distortion moves the corner of a 16:10 image by a tenth of its distance.
 pub(crate) fn bent(name: &str, size_px: [u32; 2]) -> CameraModel {
-    camera(
+    distorted(
         name,
         size_px,
         Distortion {

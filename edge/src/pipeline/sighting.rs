@@ -32,8 +32,13 @@ impl Pending {
     }
 }
 
-/// Puts the crops of detections into the batch; detections beyond the lens model, or what is used of it, are left out
-/// and counted.
+/// 1 where a fisheye gave nothing, to be counted. Of other lenses the model ends where their pictures do.
+fn beyond_view<T>(found: Option<&T>, model: &CameraModel) -> u64 {
+    u64::from(found.is_none() && model.lens().is_fisheye())
+}
+
+/// Puts the crops of detections into the batch; detections beyond the lens model, or what is used of it, are left out;
+/// those of a fisheye are counted.
 pub(super) fn enqueue(
     detections: &[Detection],
     image: &RgbImage,
@@ -44,7 +49,7 @@ pub(super) fn enqueue(
     let mut pending = Vec::new();
     for detection in detections.iter().take(MAX_SIGHTINGS) {
         let around = undistorted_box(detection, model, batch.box_margin());
-        beyond.detections += u64::from(around.is_none());
+        beyond.detections += beyond_view(around.as_ref(), model);
         let crop = around.and_then(|b| CropGeometry::new(&b, batch.shape()));
         let Some(crop) = crop else { continue };
         let input = batch.push(image, model, &crop);
@@ -72,7 +77,7 @@ pub(super) fn read(
         let map = batch.map(pending.input, keypoint);
         let peak = best_peak(map, grid.width.into(), LEAST_PEAK)?;
         let pixel = grid.pixel(peak.cell[0], peak.cell[1]);
-        beyond.keypoints += u64::from(model.distort(pixel).is_none());
+        beyond.keypoints += beyond_view(model.distort(pixel).as_ref(), model);
         model.sees(pixel).then(|| KeypointPeak {
             position_px: [pixel.x() as f32, pixel.y() as f32],
             score: peak.value.min(1.0),
@@ -86,7 +91,7 @@ pub(super) fn read(
 }
 
 /// Persons whose keypoints are grouped already; their score is the mean of their keypoints' scores. Keypoints that the
-/// lens model does not draw, or beyond what is used of it, are left out and counted.
+/// lens model does not draw, or beyond what is used of it, are left out; those of a fisheye are counted.
 pub(super) fn from_persons(
     persons: &[Vec<Option<KeypointCandidate>>],
     (camera, model): (CameraIndex, &CameraModel),
@@ -99,7 +104,7 @@ pub(super) fn from_persons(
             .map(|candidate| {
                 let candidate = candidate.as_ref()?;
                 let pixel = model.undistort(candidate.position);
-                beyond.keypoints += u64::from(pixel.is_none());
+                beyond.keypoints += beyond_view(pixel.as_ref(), model);
                 let pixel = pixel?;
                 let position_px = [pixel.x() as f32, pixel.y() as f32];
                 Some(KeypointPeak {
@@ -161,8 +166,10 @@ fn undistorted_box(detection: &Detection, model: &CameraModel, margin: f64) -> O
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::camera::Distortion;
+
     use super::*;
-    use crate::fixtures::{bent, fisheye, pinhole};
+    use crate::fixtures::{bent, distorted, fisheye, pinhole};
 
     fn assert_near(got: [f32; 2], expected: [f32; 2]) {
         let distance = (got[0] - expected[0]).hypot(got[1] - expected[1]);
@@ -217,6 +224,26 @@ mod tests {
         assert!((sightings[0].score - 0.6).abs() < 1e-6);
         assert_eq!(sightings[0].keypoints[1], None);
         assert_near(sightings[0].keypoints[2].unwrap().position_px, [7.0, 10.0]);
+    }
+
+    #[test]
+    fn an_ordinary_lens_is_not_told_of_a_fisheyes_view() {
+        // Keypoint files may name places outside the picture, which no lens model says anything of.
+        let barrel = Distortion {
+            k1: -0.1,
+            ..Distortion::default()
+        };
+        let camera = distorted("a", [640, 480], barrel);
+        let far = Pixel::new(-9e4, 240.0);
+        assert_eq!(camera.undistort(far), None);
+        let seen = Some(KeypointCandidate {
+            position: far,
+            score: 0.8,
+        });
+        let mut beyond = BeyondView::default();
+        let persons = [vec![seen, None]];
+        assert!(from_persons(&persons, (CameraIndex(0), &camera), &mut beyond).is_empty());
+        assert!(beyond.is_none(), "{beyond}");
     }
 
     #[test]
