@@ -173,12 +173,16 @@ pub struct TimingSummary {
 }
 
 /// How a target latency was kept.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TargetLatencySummary {
     /// From the pictures of a tick to its poses, milliseconds.
     pub target_ms: f64,
-    /// Share of the ticks whose poses were out in time, 0 to 1.
+    /// Share of the ticks with patches whose poses were out in time, 0 to 1.
     pub in_time: f64,
+    /// By viewpoint: the share of the ticks that its patches would have come to without the target, and did not, 0 to 1; those of
+    /// which all came are not named.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub left_out: BTreeMap<String, f64>,
 }
 
 /// How a camera did.

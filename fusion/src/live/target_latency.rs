@@ -2,14 +2,16 @@
 //! often the poses were out in time.
 //!
 //! Without a target a tick waits for whoever sends it something. With one it waits for as long as the core still makes it
-//! in time: who is slower than that takes part with what comes earlier, and is named. Ticks with a detection pass are
+//! in time: who is slower than that is left out, counted and named. Ticks with a detection pass are
 //! waited for as ever, since nobody would be found otherwise.
+
+use std::collections::BTreeMap;
 
 use super::arrivals::NewestDelays;
 use super::{Micros, SECOND_US};
 use crate::export::summary::TargetLatencySummary;
 
-/// Ticks whose time in the core is remembered, and for how long, microseconds.
+/// Ticks whose time beside the waiting is remembered, and for how long, microseconds.
 const KEPT: usize = 256;
 const LIFE_US: Micros = 5 * SECOND_US;
 /// Share of the ticks for which the time that is left for the core shall be enough.
@@ -18,8 +20,12 @@ const IN_TIME: f64 = 0.98;
 const MARGIN_US: Micros = 1_000;
 /// A share of ticks in time below which the target is not kept.
 pub const KEPT_SHARE: f64 = 0.9;
-/// Fewest ticks of which a share is told.
+/// A share of ticks above which an edge that is left out of them is named, and one below which that is over.
+pub const LEFT_OUT_SHARE: f64 = 0.1;
+const LEFT_OUT_NO_MORE: f64 = 0.05;
+/// Fewest ticks of which shares are told, and of these fewest that must say something.
 const ENOUGH: u64 = 100;
+const ENOUGH_OF_THESE: u64 = ENOUGH / 2;
 
 /// How long ticks of a live run wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,15 +36,64 @@ pub struct LongestWaits {
     pub detections_us: Micros,
 }
 
+impl LongestWaits {
+    /// For everything as long.
+    pub fn of(most_us: Micros) -> Self {
+        Self {
+            patches_us: most_us,
+            detections_us: most_us,
+        }
+    }
+}
+
+/// A tick that had patches, and whose poses are out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PosedTick {
+    /// From the first of its pictures to its poses, microseconds.
+    pub latency_us: Micros,
+    /// How long the core had it, microseconds.
+    pub solving_us: Micros,
+    /// How long before the tick's own time the first of its pictures was taken, microseconds: from that on it is late.
+    pub early_us: Micros,
+}
+
+/// The ticks of one edge that it was awaited at.
+#[derive(Debug, Clone, Copy, Default)]
+struct AwaitedTicks {
+    /// Those that were over without all its patches because of the target, of how many.
+    all: [u64; 2],
+    /// The same since it was last told.
+    recent: [u64; 2],
+    is_slow: bool,
+}
+
+/// How the target was kept of late, shares from 0 to 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecentTicks {
+    /// Of ticks with patches those in time; `None`: there were few.
+    pub in_time: Option<f64>,
+    /// The edges that are too slow, by index, with the share of ticks that they were left out of.
+    pub too_slow: Vec<(usize, f64)>,
+    /// Whether one of these was not before.
+    pub is_news: bool,
+    /// Ticks of which no edge made it.
+    pub nobody: f64,
+}
+
 /// The target, and how it is kept.
 #[derive(Debug, Clone, Default)]
 pub struct TargetLatency {
     target_us: Option<Micros>,
-    solving: NewestDelays<KEPT>,
+    /// What ticks take beside the waiting after their time.
+    spent: NewestDelays<KEPT>,
     /// Ticks that were in time, of how many.
     all: [u64; 2],
-    /// The same since [`Self::take_share`] last said something.
+    /// The same since it was last told.
     recent: [u64; 2],
+    edges: Vec<AwaitedTicks>,
+    /// Ticks that edges were awaited at since it was last told, and those of which none made it.
+    ticks: u64,
+    nobody: u64,
 }
 
 impl TargetLatency {
@@ -53,8 +108,8 @@ impl TargetLatency {
     /// How long the next tick waits at `now_us`, where it would wait for `most_us` without a target.
     pub fn longest_waits(&mut self, most_us: Micros, now_us: Micros) -> LongestWaits {
         let left_us = self.target_us.map(|target_us| {
-            let solving_us = self.solving.share(IN_TIME, 1, now_us - LIFE_US);
-            (target_us - solving_us.unwrap_or(0) - MARGIN_US).max(0)
+            let spent_us = self.spent.share(IN_TIME, 1, now_us - LIFE_US);
+            (target_us - spent_us.unwrap_or(0) - MARGIN_US).max(0)
         });
         LongestWaits {
             patches_us: left_us.map_or(most_us, |us| us.min(most_us)),
@@ -62,37 +117,84 @@ impl TargetLatency {
         }
     }
 
-    /// A tick's poses went out at `now_us`, `latency_us` after its pictures were taken; the core had it for `solving_us`.
-    pub fn posed(&mut self, latency_us: Micros, solving_us: Micros, now_us: Micros) {
+    /// A tick is over: per edge, in their order, whether it was left out because of the target; `None`: nobody waited for it.
+    pub fn over(&mut self, left_out: &[Option<bool>]) {
+        let awaited = || left_out.iter().flatten();
+        if self.target_us.is_none() || awaited().next().is_none() {
+            return;
+        }
+        self.edges
+            .resize_with(self.edges.len().max(left_out.len()), AwaitedTicks::default);
+        for (edge, left_out) in self.edges.iter_mut().zip(left_out) {
+            let Some(left_out) = left_out else { continue };
+            for [out, of] in [&mut edge.all, &mut edge.recent] {
+                *out += u64::from(*left_out);
+                *of += 1;
+            }
+        }
+        self.ticks += 1;
+        self.nobody += u64::from(awaited().all(|left_out| *left_out));
+    }
+
+    /// The poses of a tick with patches went out at `now_us`.
+    pub fn posed(&mut self, tick: PosedTick, now_us: Micros) {
         let Some(target_us) = self.target_us else {
             return;
         };
-        self.solving.add(solving_us, now_us);
-        let in_time = u64::from(latency_us <= target_us);
+        let spent_us = tick.solving_us.saturating_add(tick.early_us.max(0));
+        self.spent.add(spent_us, now_us);
+        let in_time = u64::from(tick.latency_us <= target_us);
         for [kept, of] in [&mut self.all, &mut self.recent] {
             *kept += in_time;
             *of += 1;
         }
     }
 
-    /// How the target was kept; `None` without a target or a tick.
-    pub fn summary(&self) -> Option<TargetLatencySummary> {
-        let [kept, of] = self.all;
+    /// How the target was kept, `names` being those of the edges; `None` without a target or a tick.
+    pub fn summary<'a>(
+        &self,
+        names: impl Iterator<Item = &'a str>,
+    ) -> Option<TargetLatencySummary> {
         let target_ms = self.target_ms()?;
-        (of > 0).then(|| TargetLatencySummary {
+        let left_out: BTreeMap<String, f64> = names
+            .zip(&self.edges)
+            .filter(|(_, edge)| edge.all[0] > 0)
+            .map(|(name, edge)| (name.to_owned(), share(edge.all)))
+            .collect();
+        (self.all[1] > 0 || !left_out.is_empty()).then(|| TargetLatencySummary {
             target_ms,
-            in_time: kept as f64 / of as f64,
+            in_time: share(self.all),
+            left_out,
         })
     }
 
-    /// The share of ticks in time since this last said it; `None` while there are too few.
-    pub fn take_share(&mut self) -> Option<f64> {
-        let [kept, of] = self.recent;
-        if of < ENOUGH {
+    /// How the target was kept since this last said it; `None` while there are too few ticks.
+    pub fn take_recent(&mut self) -> Option<RecentTicks> {
+        if self.ticks < ENOUGH {
             return None;
         }
-        self.recent = [0; 2];
-        Some(kept as f64 / of as f64)
+        let mut recent = RecentTicks {
+            in_time: (self.recent[1] >= ENOUGH_OF_THESE).then(|| share(self.recent)),
+            too_slow: Vec::new(),
+            is_news: false,
+            nobody: share([self.nobody, self.ticks]),
+        };
+        for (index, edge) in self.edges.iter_mut().enumerate() {
+            let counts = std::mem::take(&mut edge.recent);
+            let was_slow = edge.is_slow;
+            let bound = if was_slow {
+                LEFT_OUT_NO_MORE
+            } else {
+                LEFT_OUT_SHARE
+            };
+            edge.is_slow = counts[1] >= ENOUGH_OF_THESE && share(counts) > bound;
+            if edge.is_slow {
+                recent.too_slow.push((index, share(counts)));
+                recent.is_news |= !was_slow;
+            }
+        }
+        (self.recent, self.ticks, self.nobody) = ([0; 2], 0, 0);
+        Some(recent)
     }
 
     /// The target, milliseconds.
@@ -101,25 +203,40 @@ impl TargetLatency {
     }
 }
 
+/// So many of so many; 0 of none.
+fn share([part, of]: [u64; 2]) -> f64 {
+    part as f64 / of.max(1) as f64
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     const MOST_US: Micros = 400_000;
 
+    fn tick(latency_us: Micros, solving_us: Micros) -> PosedTick {
+        PosedTick {
+            latency_us,
+            solving_us,
+            early_us: 0,
+        }
+    }
+
     #[test]
     fn without_a_target_a_tick_waits_as_long_as_it_may() {
         let mut target = TargetLatency::new(0.0);
-        target.posed(90_000, 9_000, 0);
-        assert_eq!(target.longest_waits(MOST_US, 0).patches_us, MOST_US);
-        assert_eq!(target.summary(), None);
+        target.posed(tick(90_000, 9_000), 0);
+        (0..200).for_each(|_| target.over(&[Some(true)]));
+        assert_eq!(target.longest_waits(MOST_US, 0), LongestWaits::of(MOST_US));
+        assert_eq!(target.summary(["a"].into_iter()), None);
+        assert_eq!(target.take_recent(), None);
     }
 
     #[test]
     fn what_the_core_takes_is_left_for_it() {
         let mut target = TargetLatency::new(50.0);
-        for tick in 0..100 {
-            target.posed(40_000, 8_000, tick);
+        for at_us in 0..100 {
+            target.posed(tick(40_000, 8_000), at_us);
         }
         let waits = target.longest_waits(MOST_US, 100);
         assert_eq!(waits.patches_us, 50_000 - 8_000 - MARGIN_US);
@@ -129,29 +246,89 @@ mod tests {
         assert_eq!(later.patches_us, 50_000 - MARGIN_US);
     }
 
+    /// Once a tick waited until it was late by as much: its latency counts from the first of its pictures.
+    #[test]
+    fn pictures_that_are_taken_before_their_tick_leave_less_time() {
+        let mut target = TargetLatency::new(50.0);
+        for at_us in 0..100 {
+            let early_us = if at_us % 2 == 0 { 12_000 } else { -3_000 };
+            let tick = PosedTick {
+                early_us,
+                ..tick(40_000, 8_000)
+            };
+            target.posed(tick, at_us);
+        }
+        let waits = target.longest_waits(MOST_US, 100);
+        assert_eq!(waits.patches_us, 50_000 - 12_000 - 8_000 - MARGIN_US);
+    }
+
     #[test]
     fn a_target_that_the_core_alone_misses_waits_for_nobody() {
         let mut target = TargetLatency::new(5.0);
-        for tick in 0..100 {
-            target.posed(30_000, 20_000, tick);
+        for at_us in 0..100 {
+            target.over(&[Some(false)]);
+            target.posed(tick(30_000, 20_000), at_us);
         }
         assert_eq!(target.longest_waits(MOST_US, 100).patches_us, 0);
-        assert_eq!(target.take_share(), Some(0.0));
-        assert_eq!(target.take_share(), None, "it is told of new ticks only");
+        let recent = target.take_recent().unwrap();
+        assert_eq!((recent.in_time, recent.nobody), (Some(0.0), 0.0));
+        assert_eq!(target.take_recent(), None, "it is told of new ticks only");
         let none = TargetLatencySummary {
             target_ms: 5.0,
             in_time: 0.0,
+            left_out: BTreeMap::new(),
         };
-        assert_eq!(target.summary(), Some(none));
+        assert_eq!(target.summary(["a"].into_iter()), Some(none));
     }
 
     #[test]
     fn a_target_that_is_mostly_kept_counts_as_kept() {
         let mut target = TargetLatency::new(50.0);
-        for tick in 0..100 {
-            target.posed(if tick % 20 == 0 { 60_000 } else { 45_000 }, 5_000, tick);
+        for at_us in 0..100 {
+            let latency_us = if at_us % 20 == 0 { 60_000 } else { 45_000 };
+            target.over(&[Some(false)]);
+            target.posed(tick(latency_us, 5_000), at_us);
         }
-        assert_eq!(target.summary().map(|kept| kept.in_time), Some(0.95));
-        assert!(target.take_share().is_some_and(|share| share > KEPT_SHARE));
+        let summary = target.summary(["a"].into_iter()).unwrap();
+        assert!((summary.in_time - 0.95).abs() < 1e-9);
+        let in_time = target.take_recent().unwrap().in_time;
+        assert!(in_time.is_some_and(|share| share > KEPT_SHARE));
+    }
+
+    /// Once an edge that never made it was left out for good, and nobody was told.
+    #[test]
+    fn an_edge_that_is_left_out_is_told_once_until_that_is_over() {
+        let mut target = TargetLatency::new(60.0);
+        let mut window = |every: usize| {
+            for tick in 0..120 {
+                target.over(&[Some(false), Some(tick % every == 0), None]);
+            }
+            target.take_recent().unwrap()
+        };
+        let far = window(1);
+        assert_eq!((far.too_slow, far.is_news), (vec![(1, 1.0)], true));
+        assert_eq!(far.nobody, 0.0);
+        let still = window(15);
+        assert_eq!((still.too_slow.len(), still.is_news), (1, false));
+        assert!(window(30).too_slow.is_empty());
+        assert!(window(15).too_slow.is_empty(), "seven of a hundred are few");
+        let names = ["near", "far", "gone"].into_iter();
+        let left_out = target.summary(names).unwrap().left_out;
+        let named: Vec<&String> = left_out.keys().collect();
+        assert_eq!(named, ["far"]);
+    }
+
+    #[test]
+    fn that_no_edge_makes_it_is_told_though_no_tick_has_patches() {
+        let mut target = TargetLatency::new(5.0);
+        for tick in 0..100 {
+            let makes_it = tick % 30 == 0;
+            target.over(&[Some(!makes_it), Some(!makes_it)]);
+        }
+        let recent = target.take_recent().unwrap();
+        assert_eq!((recent.in_time, recent.too_slow.len()), (None, 2));
+        assert!(recent.nobody > 0.9);
+        let summary = target.summary(["a", "b"].into_iter()).unwrap();
+        assert_eq!((summary.in_time, summary.left_out.len()), (0.0, 2));
     }
 }

@@ -6,10 +6,10 @@ use farfield_node::process::say;
 use farfield_proto::message::health::{LinkHealth, NodeHealth};
 use farfield_proto::transport::FUSION;
 
+use super::missed_target::MissedTarget;
 use super::run::LiveFusion;
 use crate::live::Micros;
 use crate::live::edge::Edge;
-use crate::live::target_latency::KEPT_SHARE;
 use crate::node::recording::RecordingsOnDemand;
 
 impl LiveFusion<'_> {
@@ -90,27 +90,18 @@ impl LiveFusion<'_> {
         self.is_other_told = other.is_some();
     }
 
-    /// Says that the target latency is not kept, and what takes the time, when that begins and when it is over.
+    /// Says that the target latency is not kept, what takes the time and who is left out, when that begins and when it is over.
     pub(super) fn look_at_target(&mut self) {
-        let (Some(target_ms), Some(share)) = (self.target.target_ms(), self.target.take_share())
+        let (Some(target_ms), Some(recent)) = (self.target.target_ms(), self.target.take_recent())
         else {
             return;
         };
-        let was_missed = self.missed_target.is_some();
-        self.missed_target = (share < KEPT_SHARE).then(|| {
-            format!(
-                "{:.0} % of the poses are out within the {target_ms:.0} ms of `target_latency_ms`; {}",
-                100.0 * share,
-                self.delays.what_takes_longest()
-            )
-        });
-        match &self.missed_target {
-            Some(words) if !was_missed => say(format_args!("{words}")),
-            None if was_missed => say(format_args!(
-                "poses are out within the {target_ms:.0} ms of `target_latency_ms` again"
-            )),
-            _ => {}
-        }
+        let names = self.config.venue.viewpoints.iter().map(|v| v.name.as_str());
+        let names: Vec<&str> = names.collect();
+        let longest = self.delays.what_takes_longest();
+        let missed = MissedTarget::of(target_ms, &recent, &names, &longest);
+        missed.tell(&self.missed_target, recent.is_news);
+        self.missed_target = missed;
     }
 
     /// How this node is.
@@ -151,7 +142,7 @@ impl LiveFusion<'_> {
             let name = &self.config.venue.viewpoints[index].name;
             health.notice(format!("viewpoint {name} sends more than any edge may"));
         }
-        if let Some(words) = &self.missed_target {
+        for words in self.missed_target.words() {
             health.notice(words.clone());
         }
         for words in &self.disagreements {

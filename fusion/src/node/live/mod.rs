@@ -7,6 +7,7 @@ mod delays;
 mod flood;
 mod handover;
 mod health;
+mod missed_target;
 mod receiving;
 mod run;
 mod sending;
@@ -117,7 +118,7 @@ pub(super) async fn live(
         stages: finished.stages,
         paths: run.paths(),
         cameras: run.camera_summaries(),
-        target_latency: run.target.summary(),
+        target_latency: run.target.summary(run.names()),
         last_words: &last_words,
         elapsed: clock::now().duration_since(began),
         recording: context.recording.map(RecordingThread::so_far),

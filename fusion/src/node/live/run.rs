@@ -25,6 +25,7 @@ use super::context::LiveContext;
 use super::delays::Delays;
 use super::flood::FloodWatch;
 use super::handover::Handover;
+use super::missed_target::MissedTarget;
 use super::shed::LiveShedding;
 use super::start::{LiveStart, is_recorded};
 use crate::align::TickGroup;
@@ -37,7 +38,7 @@ use crate::live::late_detections::LateDetections;
 use crate::live::membership::Membership;
 use crate::live::pace::Pace;
 use crate::live::queue::{Next, TickQueue, Waiting};
-use crate::live::target_latency::TargetLatency;
+use crate::live::target_latency::{LongestWaits, TargetLatency};
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::output::summary::Lost;
@@ -72,6 +73,8 @@ pub(super) struct InFlight {
     pub(super) arrived_us: Option<Micros>,
     /// When the core got it.
     pub(super) begun_us: Micros,
+    /// How long before its time the first of its pictures was taken; `None`: it has no patches.
+    pub(super) early_us: Option<Micros>,
 }
 
 /// A live run under way.
@@ -87,8 +90,8 @@ pub(super) struct LiveFusion<'a> {
     pub(super) gather: LiveGather,
     pub(super) queue: TickQueue,
     pub(super) target: TargetLatency,
-    /// That the target is not kept, in words.
-    pub(super) missed_target: Option<String>,
+    /// How the target is not kept, in words.
+    pub(super) missed_target: MissedTarget,
     /// Per open tick: when its last message came.
     pub(super) arrived: BTreeMap<Tick, Micros>,
     pub(super) late: Vec<PatchSet>,
@@ -175,7 +178,7 @@ impl<'a> LiveFusion<'a> {
             edges,
             queue: TickQueue::default(),
             target: TargetLatency::new(venue.parameters.link.target_latency_ms),
-            missed_target: None,
+            missed_target: MissedTarget::default(),
             arrived: BTreeMap::new(),
             late: Vec::new(),
             in_flight: None,
@@ -298,6 +301,7 @@ impl<'a> LiveFusion<'a> {
             return Ok(Some(us));
         }
         self.note_missing(tick);
+        self.note_left_out(tick, now_us);
         let mut group = self.gather.take();
         let mut arrived_us = self.arrived.remove(&tick);
         if next == Next::StepWithoutInput {
@@ -312,10 +316,12 @@ impl<'a> LiveFusion<'a> {
         self.shedding
             .trim(&mut group, self.edges.len(), self.time.period_us());
         self.queue.stepped();
+        let earliest_us = earliest_capture_us(&group);
         self.in_flight = Some(InFlight {
-            captured_us: self.time.at(tick) + earliest_capture_us(&group),
+            captured_us: self.time.at(tick) + earliest_us.unwrap_or(0),
             arrived_us,
             begun_us: now_us,
+            early_us: earliest_us.map(|us| -us),
         });
         let (publish_us, period_us) = (self.publish_us, self.time.period_us());
         let edges = self.edges.iter_mut();
@@ -351,19 +357,49 @@ impl<'a> LiveFusion<'a> {
     }
 
     fn waiting(&mut self, tick: Tick, now_us: Micros) -> Waiting {
-        let most_us = (self.config.venue.parameters.link.deadline_ms * 1e3) as Micros;
-        let waits = self.target.longest_waits(most_us, now_us);
-        let mut until_us = None;
-        for index in 0..self.edges.len() {
-            let viewpoint = ViewpointIndex(index as u16);
-            let awaited = self.members.is_welcome(index) && self.edges[index].is_awaited(now_us);
-            if awaited && !self.gather.has_all(tick, viewpoint) {
-                let edge = &mut self.edges[index];
-                let deadline_us = edge.deadline_us(tick, &self.time, now_us, waits);
-                until_us = until_us.max(Some(deadline_us));
-            }
-        }
-        until_us.map_or(Waiting::ForNobody, Waiting::Until)
+        let waits = self.target.longest_waits(self.longest_wait_us(), now_us);
+        let edges = 0..self.edges.len();
+        let deadlines = edges.filter_map(|index| self.deadline_of(index, tick, now_us, waits));
+        deadlines.max().map_or(Waiting::ForNobody, Waiting::Until)
+    }
+
+    /// How long a tick waits where there is no target, microseconds.
+    fn longest_wait_us(&self) -> Micros {
+        (self.config.venue.parameters.link.deadline_ms * 1e3) as Micros
+    }
+
+    /// Whether what the edge of viewpoint `index` says is worth waiting for.
+    fn is_awaited(&self, index: usize, now_us: Micros) -> bool {
+        self.members.is_welcome(index) && self.edges[index].is_awaited(now_us)
+    }
+
+    /// Until when the edge of viewpoint `index` is waited for; `None`: it is not, or has sent all.
+    fn deadline_of(
+        &mut self,
+        index: usize,
+        tick: Tick,
+        now_us: Micros,
+        waits: LongestWaits,
+    ) -> Option<Micros> {
+        let has_all = self.gather.has_all(tick, ViewpointIndex(index as u16));
+        let is_missing = self.is_awaited(index, now_us) && !has_all;
+        let edge = &mut self.edges[index];
+        is_missing.then(|| edge.deadline_us(tick, &self.time, now_us, waits))
+    }
+
+    /// Notes of whom a tick that is over at `now_us` would have had more without the target.
+    fn note_left_out(&mut self, tick: Tick, now_us: Micros) {
+        let (waits, edges) = (
+            LongestWaits::of(self.longest_wait_us()),
+            0..self.edges.len(),
+        );
+        let mut is_left_out = |index| {
+            let until_us = self.deadline_of(index, tick, now_us, waits);
+            let is_left_out = until_us.is_some_and(|us| us > now_us);
+            self.is_awaited(index, now_us).then_some(is_left_out)
+        };
+        let left_out: Vec<Option<bool>> = edges.map(&mut is_left_out).collect();
+        self.target.over(&left_out);
     }
 
     fn note_missing(&mut self, tick: Tick) {
@@ -434,9 +470,9 @@ fn config_end(config: &FusionConfig, members: &Membership) -> Option<Tick> {
     asked.or_else(|| recorded().map(|ticks| ticks.end))
 }
 
-/// When the first of a tick's pictures was captured, less the tick's time.
-fn earliest_capture_us(group: &TickGroup) -> Micros {
+/// When the first of a tick's pictures was captured, less the tick's time; `None` without patches.
+fn earliest_capture_us(group: &TickGroup) -> Option<Micros> {
     let patches = group.patch_sets.iter().flat_map(|set| &set.persons);
     let earliest = patches.map(|patch| patch.capture_offset_us).min();
-    earliest.unwrap_or(0).into()
+    earliest.map(Micros::from)
 }

@@ -13,6 +13,7 @@ use tracing::warn;
 
 use super::super::worker::Stepped;
 use super::run::LiveFusion;
+use crate::live::target_latency::PosedTick;
 use crate::node::session::link::FusionEnds;
 use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 
@@ -82,11 +83,14 @@ impl LiveFusion<'_> {
         let flight = self.in_flight.take()?;
         self.delays
             .pose(flight.captured_us, flight.arrived_us, now_us);
-        self.target.posed(
-            now_us - flight.captured_us,
-            now_us - flight.begun_us,
-            now_us,
-        );
+        if let Some(early_us) = flight.early_us {
+            let posed = PosedTick {
+                latency_us: now_us - flight.captured_us,
+                solving_us: now_us - flight.begun_us,
+                early_us,
+            };
+            self.target.posed(posed, now_us);
+        }
         Some((poses, self.tally.total_bytes()))
     }
 
@@ -193,7 +197,7 @@ impl LiveFusion<'_> {
         }
     }
 
-    fn names(&self) -> impl Iterator<Item = &str> {
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
         let viewpoints = &self.config.venue.viewpoints;
         viewpoints.iter().map(|viewpoint| viewpoint.name.as_str())
     }

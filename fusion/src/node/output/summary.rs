@@ -120,7 +120,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
             look_share: look_shares(facts.last_words),
             link_bytes_on_wire: BTreeMap::new(),
             cameras: facts.cameras.clone(),
-            target_latency: facts.target_latency,
+            target_latency: facts.target_latency.clone(),
             poses: facts.exported.missing.clone(),
             recording: facts.recording.clone(),
         },
