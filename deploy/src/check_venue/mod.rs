@@ -119,8 +119,8 @@ fn look_at_subjects(venue: &Venue, report: &mut ReportLines) {
         return;
     }
     match load_subjects(venue) {
-        Ok(subjects) => {
-            let names: Vec<&str> = subjects.iter().map(|it| it.name.as_str()).collect();
+        Ok(known) => {
+            let names: Vec<&str> = known.subjects.iter().map(|it| it.name.as_str()).collect();
             report.ok("subjects", names.join(", "));
         }
         Err(error) => report.fail(

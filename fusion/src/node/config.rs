@@ -19,8 +19,7 @@ use super::live_or_recorded::check_live_or_recorded;
 use super::output::progress::Detail;
 use super::recording::check_place;
 use super::session::mode::RunMode;
-use super::subjects::load_subjects;
-use crate::identity::subjects::Subject;
+use super::subjects::{KnownSubjects, load_subjects};
 
 /// Arguments of the fusion node.
 #[derive(Debug, Clone, clap::Args)]
@@ -80,7 +79,7 @@ pub(super) struct FusionConfig {
     /// The network's card, when the venue has one.
     pub(super) card: Option<HeatmapCard>,
     /// Who may come.
-    pub(super) subjects: Vec<Subject>,
+    pub(super) subjects: KnownSubjects,
     /// Where to listen, and by what fusion proves who it is.
     pub(super) reach: Reach,
     pub(super) mode: RunMode,
@@ -103,7 +102,7 @@ impl FusionConfig {
             venue,
             venue_path: PathBuf::from("venue.toml"),
             card: None,
-            subjects: Vec::new(),
+            subjects: KnownSubjects::default(),
             reach: Reach {
                 endpoints: Vec::new(),
                 identity: None,

@@ -34,4 +34,4 @@ pub use self::recording::{RecordingOnDemand, RecordingsOnDemand, check_place};
 pub use self::replay::{ReplayArgs, main as replay, open_recording, recorded_venue, with_values};
 pub use self::run::{main, main_with};
 pub use self::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
-pub use self::subjects::load_subjects;
+pub use self::subjects::{KnownSubjects, load_subjects};

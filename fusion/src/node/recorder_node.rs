@@ -32,6 +32,7 @@ use super::config::{check_names, load_card};
 use super::recording::{RecordingFile, RecordingThread, check_place, head};
 use super::session::authentication_log;
 use super::session::mode::RunMode;
+use super::subjects::load_subjects;
 
 /// Messages that wait between Zenoh and the recorder's own queue.
 const QUEUE: usize = 1024;
@@ -123,7 +124,9 @@ async fn record(args: RecordArgs, venue: &Venue, reach: &Reach) -> Result<Ending
 fn begin(args: &RecordArgs, venue: &Venue) -> Result<RecordingThread, NodeError> {
     let card = load_card(venue).map_err(NodeError::Refused)?;
     let keypoints = card.map_or_else(KeypointSet::coco17, |card| card.output.keypoints);
-    let head = head(venue, &args.venue, &keypoints, "record").map_err(NodeError::Failed)?;
+    let subjects = load_subjects(venue).map_err(NodeError::refused)?;
+    let of = (venue, args.venue.as_path());
+    let head = head(of, &keypoints, "record", &subjects).map_err(NodeError::Failed)?;
     let file = RecordingFile::make(&args.out, &venue.name).map_err(NodeError::Failed)?;
     // Whose session it is comes with the messages; nobody asks the edges for what is missing.
     let (session, parameters) = (SessionId::default(), &venue.parameters.recording);

@@ -59,7 +59,7 @@ fn load_and_run(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> Result<E
     }
     let session = new_session();
     let mut pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
-    pipeline.know(config.subjects.clone());
+    pipeline.know(config.subjects.subjects.clone());
     let ending = runtime::block_on(2, run(&config, session, pipeline, listeners));
     authentication_log::sum_up();
     ending
@@ -239,7 +239,8 @@ fn on_demand(
     is_live.then(|| {
         let keypoints = pipeline.keypoints();
         let folder = folder.to_owned();
-        let recordings = RecordingsOnDemand::of_run(venue, keypoints, session, folder);
+        let subjects = &config.subjects;
+        let recordings = RecordingsOnDemand::of_run(venue, keypoints, session, folder, subjects);
         Arc::new(recordings)
     })
 }
@@ -350,7 +351,12 @@ fn record(
         return Ok(None);
     };
     let venue = &config.venue;
-    let head = head(venue, &config.venue_path, pipeline.keypoints(), FUSION)?;
+    let head = head(
+        (venue, &config.venue_path),
+        pipeline.keypoints(),
+        FUSION,
+        &config.subjects,
+    )?;
     let file = RecordingFile::make(asked, &venue.name)?;
     let parameters = &venue.parameters.recording;
     RecordingThread::start(file, head, session, config.mode, parameters).map(Some)

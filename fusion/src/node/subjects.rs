@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use farfield_node::files::read_text_bounded;
 use farfield_proto::toml_file::FileError;
 use farfield_proto::venue::{KnownBy, Venue, VenueSubject};
 
@@ -14,26 +15,28 @@ use crate::recording::subject_file;
 /// Most bytes of a profile: ours have three thousand.
 const MAX_PROFILE_BYTES: u64 = 1 << 18;
 
+/// Who may come, as it was read.
+#[derive(Debug, Clone, Default)]
+pub struct KnownSubjects {
+    /// In the order of the venue file.
+    pub subjects: Vec<Subject>,
+    /// Their profiles, by the names that they have in a recording: those who have changed since are not who is looked for.
+    pub(super) profiles: Vec<(String, String)>,
+}
+
 /// Reads who may come to `venue`.
 ///
 /// # Errors
 /// A profile that cannot be read, or is none; two subjects of one name.
-pub fn load_subjects(venue: &Venue) -> Result<Vec<Subject>, FileError> {
-    subjects(venue, |_, subject, path| {
-        let reading = |error: std::io::Error| {
-            subject.error(format!("cannot read {}: {error}", path.display()))
-        };
-        let bytes = std::fs::metadata(path).map_err(reading)?.len();
-        if bytes > MAX_PROFILE_BYTES {
-            let problem = format!(
-                "{} has {bytes} bytes, expected at most {MAX_PROFILE_BYTES}",
-                path.display()
-            );
-            return Err(subject.error(problem));
-        }
-        let text = std::fs::read_to_string(path).map_err(reading)?;
+pub fn load_subjects(venue: &Venue) -> Result<KnownSubjects, FileError> {
+    let mut profiles = Vec::new();
+    let subjects = subjects(venue, |number, subject, path| {
+        let text = read_text_bounded(path, MAX_PROFILE_BYTES)
+            .map_err(|error| subject.error(format!("cannot read {}: {error}", path.display())))?;
+        profiles.push((subject_file(number), text.clone()));
         Ok((text, path.to_owned()))
-    })
+    })?;
+    Ok(KnownSubjects { subjects, profiles })
 }
 
 /// Who might have come to the `venue` of the recording `file`, as is attached.
@@ -57,7 +60,7 @@ pub(super) fn recorded_subjects(
 /// The subjects, from 1; `profile` has the text of one and the file that it stands in.
 fn subjects(
     venue: &Venue,
-    profile: impl Fn(usize, &VenueSubject, &Path) -> Result<(String, PathBuf), FileError>,
+    mut profile: impl FnMut(usize, &VenueSubject, &Path) -> Result<(String, PathBuf), FileError>,
 ) -> Result<Vec<Subject>, FileError> {
     let mut subjects: Vec<Subject> = Vec::new();
     for (number, known) in (1..).zip(&venue.subjects) {
@@ -85,19 +88,28 @@ mod tests {
     use std::fs;
 
     use farfield_proto::calibration::Calibration;
+    use farfield_proto::keypoints::KeypointSet;
+    use farfield_proto::transport::FUSION;
 
     use super::*;
+    use crate::body::fixture::{profile, profile_text};
+    use crate::body::skeleton::Proportions;
+    use crate::node::recording::head;
 
     const CALIBRATION: &str = "[a]\nname = \"a\"\nsize = [64, 48]\nmatrix = [[50.0, 0.0, 32.0], \
         [0.0, 50.0, 24.0], [0.0, 0.0, 1.0]]\ndistortions = [0.0, 0.0, 0.0, 0.0]\n\
         rotation = [0.0, 0.0, 0.0]\ntranslation = [0.0, 0.0, 0.0]\n";
 
-    fn venue(folder: &Path, subjects: &str) -> Venue {
-        let text = format!(
+    fn venue_text(subjects: &str) -> String {
+        format!(
             "name = \"hall\"\nrate_hz = 50.0\ncalibration = \"calibration.toml\"\n{subjects}\n\
              [[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\nname = \"a\"\n\
              source = {{ kind = \"keypoints\", path = \"a.jsonl\" }}\n"
-        );
+        )
+    }
+
+    fn venue(folder: &Path, subjects: &str) -> Venue {
+        let text = venue_text(subjects);
         let calibration = Calibration::parse(CALIBRATION, Path::new("calibration.toml")).unwrap();
         Venue::parse(&text, &folder.join("hall.toml"), calibration).unwrap()
     }
@@ -129,8 +141,36 @@ mod tests {
     #[test]
     fn a_name_and_a_stature_are_a_subject() {
         let text = "[[subject]]\nname = \"Anna\"\nstature_m = 1.7";
-        let subjects = load_subjects(&venue(Path::new(""), text)).unwrap();
-        assert_eq!(subjects.len(), 1);
-        assert_eq!(subjects[0].name, "Anna");
+        let known = load_subjects(&venue(Path::new(""), text)).unwrap();
+        assert_eq!(known.subjects.len(), 1);
+        assert_eq!(known.subjects[0].name, "Anna");
+        assert!(known.profiles.is_empty());
+    }
+
+    #[test]
+    fn a_recording_has_the_profiles_that_were_read_and_not_those_that_are_there_since() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = profile_text(&profile(&Proportions::from_stature(1.7), 0.002));
+        let file = folder.path().join("anna.toml");
+        fs::write(&file, &text).unwrap();
+        let profiles =
+            "[[subject]]\nname = \"Bo\"\nstature_m = 1.9\n[[subject]]\nprofile = \"anna.toml\"";
+        let asks = venue(folder.path(), profiles);
+        for (name, text) in [
+            ("calibration.toml", CALIBRATION),
+            ("hall.toml", &venue_text(profiles)),
+        ] {
+            fs::write(folder.path().join(name), text).unwrap();
+        }
+        let known = load_subjects(&asks).unwrap();
+        fs::write(&file, "name = \"Cy\"\n").unwrap();
+        let path = folder.path().join("hall.toml");
+        let head = head((&asks, &path), &KeypointSet::coco17(), FUSION, &known).unwrap();
+        let attached = head.files.iter().find(|(name, _)| name == "subject-2.toml");
+        assert_eq!(
+            attached.map(|(_, bytes)| bytes.as_slice()),
+            Some(text.as_bytes())
+        );
+        assert!(!head.files.iter().any(|(name, _)| name == "subject-1.toml"));
     }
 }

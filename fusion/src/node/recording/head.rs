@@ -1,32 +1,31 @@
 //! What a recording says of itself: the venue's files, versions, fingerprints.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context as _, ensure};
 use farfield_node::clock;
+use farfield_node::files::read_bounded;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::venue::Venue;
 use farfield_proto::venue::layout::LAYOUT;
-use farfield_proto::venue::{KnownBy, Venue};
 use farfield_proto::wire;
 
 use crate::node::output::exporter::layout;
+use crate::node::subjects::KnownSubjects;
 use crate::recording::writer::Head;
-use crate::recording::{
-    CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE, VENUE_LAYOUT, subject_file,
-};
+use crate::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE, VENUE_LAYOUT};
 
-/// The head of a recording of `venue`, whose file is `path`; `recorder` says who records.
+/// The head of a recording of `venue`, whose file is `path`, and to which `subjects` may come; `recorder` says who records.
 ///
 /// # Errors
 /// When a file cannot be read, or is not what it was when `venue` was read from it.
 pub(in crate::node) fn head(
-    venue: &Venue,
-    path: &Path,
+    (venue, path): (&Venue, &Path),
     keypoints: &KeypointSet,
     recorder: &str,
+    subjects: &KnownSubjects,
 ) -> anyhow::Result<Head> {
     let mut files = vec![
         (VENUE_FILE.to_owned(), read(path)?),
@@ -36,11 +35,8 @@ pub(in crate::node) fn head(
     if let Some(card) = &venue.network {
         files.push((CARD_FILE.to_owned(), read(card)?));
     }
-    for (number, subject) in (1..).zip(&venue.subjects) {
-        if let KnownBy::Profile(profile) = &subject.known_by {
-            files.push((subject_file(number), read(profile)?));
-        }
-    }
+    let profiles = subjects.profiles.iter();
+    files.extend(profiles.map(|(name, text)| (name.clone(), text.clone().into_bytes())));
     let viewpoints: Vec<String> = venue.viewpoints.iter().map(|v| v.name.clone()).collect();
     let facts = [
         ("venue", venue.name.clone()),
@@ -70,13 +66,7 @@ pub(in crate::node) fn head(
 
 fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
     let reading = || format!("reading {} for the recording", path.display());
-    let bytes = fs::metadata(path).with_context(reading)?.len();
-    ensure!(
-        bytes <= MAX_ATTACHED_BYTES,
-        "{} has {bytes} bytes; a recording carries files of at most {MAX_ATTACHED_BYTES}",
-        path.display()
-    );
-    fs::read(path).with_context(reading)
+    read_bounded(path, MAX_ATTACHED_BYTES).with_context(reading)
 }
 
 /// The files may have been edited since the node read them; a recording must not carry others.
@@ -99,6 +89,8 @@ fn check_unchanged(venue: &Venue, path: &Path, files: &[(String, Vec<u8>)]) -> a
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
@@ -107,8 +99,11 @@ mod tests {
         let path = dir.path().join("calibration.toml");
         let file = fs::File::create(&path).unwrap();
         file.set_len(MAX_ATTACHED_BYTES + 1).unwrap();
-        let refused = read(&path).unwrap_err().to_string();
-        assert!(refused.contains("calibration.toml"), "{refused}");
+        let refused = format!("{:#}", read(&path).unwrap_err());
+        assert!(
+            refused.contains("calibration.toml") && refused.contains("more than"),
+            "{refused}"
+        );
         file.set_len(MAX_ATTACHED_BYTES).unwrap();
         assert_eq!(read(&path).unwrap().len() as u64, MAX_ATTACHED_BYTES);
     }

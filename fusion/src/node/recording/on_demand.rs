@@ -25,6 +25,7 @@ use crate::identity::known::KnownPeople;
 use crate::node::output::wait_for_disk_room::WaitForDiskRoom;
 use crate::node::session::mode::RunMode;
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
+use crate::node::subjects::KnownSubjects;
 use crate::recording::channels;
 use crate::recording::expected::ExpectedPeople;
 use crate::recording::writer::Head;
@@ -103,8 +104,9 @@ impl RecordingsOnDemand {
         keypoints: &KeypointSet,
         session: SessionId,
         folder: PathBuf,
+        subjects: &KnownSubjects,
     ) -> Self {
-        let head = head(venue, path, keypoints, FUSION);
+        let head = head((venue, path), keypoints, FUSION, subjects);
         Self {
             venue: venue.name.clone(),
             folder,

@@ -187,7 +187,7 @@ fn subjects_of(
     venue: &Venue,
 ) -> Result<Vec<Subject>, FileError> {
     match args.venue {
-        Some(_) => load_subjects(venue),
+        Some(_) => load_subjects(venue).map(|known| known.subjects),
         None => recorded_subjects(&args.file, recording.attached(), venue),
     }
 }
