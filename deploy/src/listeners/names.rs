@@ -13,6 +13,7 @@ use farfield_export::EditsFile;
 use farfield_export::edits::change::check_name;
 use farfield_export::edits::{Change, EditList, Identities};
 use farfield_fusion::export::unfinished::write_whole_again;
+use farfield_node::files::read_text_bounded;
 use farfield_node::process::say;
 use farfield_page::{Action, ActionKind, PageActions, PageState};
 use farfield_proto::message::naming::Naming;
@@ -313,15 +314,10 @@ fn keep(path: &Path, names: &BTreeMap<u32, String>) -> Result<(), String> {
 
 fn read_kept(path: &Path) -> anyhow::Result<BTreeMap<u32, String>> {
     let reading = || format!("reading {}", path.display());
-    match fs::metadata(path) {
+    let text = match read_text_bounded(path, MOST_KEPT_BYTES) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(BTreeMap::new()),
-        metadata => anyhow::ensure!(
-            metadata.with_context(reading)?.len() <= MOST_KEPT_BYTES,
-            "{} has more than {MOST_KEPT_BYTES} bytes",
-            path.display()
-        ),
-    }
-    let text = fs::read_to_string(path).with_context(reading)?;
+        text => text.with_context(reading)?,
+    };
     serde_json::from_str(&text).with_context(reading)
 }
 

@@ -4,7 +4,7 @@
 //! solved, by who is where when.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -16,6 +16,7 @@ use farfield_export::edits::{Carried, Counterparts, EditList};
 use farfield_export::run::PoseLine;
 use farfield_export::run::line::for_each_line;
 use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::export::unfinished::write_whole;
 use farfield_fusion::node::{OpenListeners, Opening, ReplayedRecording, RunAtItsStart};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::toml_file::FileError;
@@ -85,7 +86,7 @@ fn take_over(replayed: &ReplayedRecording<'_>, out: &Path) -> anyhow::Result<boo
         next += 1;
     }
     let writing = || format!("writing {}", to.path().display());
-    fs::write(to.path(), text).with_context(writing)?;
+    write_whole(to.path(), text.as_bytes()).with_context(writing)?;
     Ok(true)
 }
 
@@ -106,14 +107,12 @@ pub(super) fn carry(file: &Path, out: &Path) -> anyhow::Result<()> {
     }
     let Carried { changes, left } = counterparts.carried(&identities);
     let to = EditsFile::of_run(out);
-    for change in &changes {
-        to.add(&now(), None, |_| Ok(change.clone()))?;
-    }
     if !changes.is_empty() {
+        let n = changes.len();
+        to.add_all(&now(), None, |_| Ok(changes))?;
         say(format_args!(
-            "{}: {} edits of the recording, by who is where",
+            "{}: {n} edits of the recording, by who is where",
             to.path().display(),
-            changes.len()
         ));
     }
     for left in left {
