@@ -120,9 +120,23 @@ test("what is taken back takes back what came after it", () => {
   const states = [0, 1, 2, 3].map((x) => placed(NOTHING, "north", "centre", [x, 0], false));
   const at = (i: number): Clicked => states[i] ?? NOTHING;
   for (const i of [0, 1, 2]) past.note(at(i));
-  past.backTo(at(1));
+  past.backTo(at(1), at(3));
   assert.equal(past.undo(at(1)), at(0));
   assert.equal(past.canRedo, true);
-  past.backTo(at(0));
+  past.backTo(at(0), at(0));
   assert.deepEqual([past.canUndo, past.canRedo], [false, false]);
+});
+
+test("an undo that was refused can be tried again, and what was before it is not lost", () => {
+  const past = new Past();
+  const states = [0, 1, 2, 3, 4].map((x) => placed(NOTHING, "north", "centre", [x, 0], false));
+  const at = (i: number): Clicked => states[i] ?? NOTHING;
+  for (const i of [0, 1, 2, 3]) past.note(at(i));
+  assert.equal(past.undo(at(4)), at(3));
+  // Two more before the answer: all are back, and the redo of what was undone before stays.
+  for (const i of [3, 2]) assert.equal(past.undo(at(i)), at(i - 1));
+  past.backTo(at(3), at(1));
+  for (const i of [3, 2, 1]) assert.equal(past.undo(at(i)), at(i - 1));
+  assert.equal(past.canUndo, false);
+  for (const i of [1, 2, 3, 4]) assert.equal(past.redo(at(i - 1)), at(i));
 });

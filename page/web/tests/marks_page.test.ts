@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { readDocument, type Clicked, type State } from "../src/marks/document.ts";
 import { LastPictures } from "../src/marks/pictures.ts";
-import { Saver, type Saved } from "../src/marks/saver.ts";
+import { Saver, type Saved, type Whose } from "../src/marks/saver.ts";
 import { Zoom } from "../src/marks/zoom.ts";
 
 const CLICKED = {
@@ -54,7 +54,7 @@ interface Tried {
   saver: Saver;
   sent: string[];
   said: Saved[];
-  states: [State, boolean][];
+  states: [State, Whose][];
   refused: [Clicked, string][];
   retries: (() => void)[];
   answer: (status: number, text: string) => Promise<void>;
@@ -63,7 +63,7 @@ interface Tried {
 /** A saver whose server answers what the test says. */
 function saver(): Tried {
   const waiting: ((answer: { status: number; text: string }) => void)[] = [];
-  const [sent, said, states, retries]: [string[], Saved[], [State, boolean][], (() => void)[]] = [[], [], [], []];
+  const [sent, said, states, retries]: [string[], Saved[], [State, Whose][], (() => void)[]] = [[], [], [], []];
   const refused: [Clicked, string][] = [];
   const made = new Saver(
     0,
@@ -72,7 +72,7 @@ function saver(): Tried {
       sent.push(body);
       return new Promise((resolve, reject) => waiting.push((it) => (it.status === 0 ? reject(new Error("away")) : resolve(it))));
     },
-    { saved: (saved) => said.push(saved), state: (one, isForeign) => states.push([one, isForeign]), refused: (...it) => refused.push(it) },
+    { saved: (saved) => said.push(saved), state: (one, whose) => states.push([one, whose]), refused: (...it) => refused.push(it) },
     (act) => retries.push(act),
   );
   const answer = async (status: number, text: string): Promise<void> => {
@@ -102,7 +102,7 @@ test("what somebody else has changed is taken, and ours is not forced on it", as
   it.saver.save(clicked("b"));
   await it.answer(409, JSON.stringify(state(9)));
   assert.equal(it.sent.length, 1);
-  assert.deepEqual([it.states[0]?.[0].revision, it.states[0]?.[1]], [9, true]);
+  assert.deepEqual([it.states[0]?.[0].revision, it.states[0]?.[1]], [9, "foreign"]);
 });
 
 /** As the server says what is in the file: in its own order, without what has no click. */
@@ -110,6 +110,26 @@ const stateOf = (revision: number, name: string): string => {
   const { camera, ...others } = clicked(name);
   return JSON.stringify({ ...state(revision), clicked: { camera, ...others } });
 };
+
+test("what the server has put beside our change is shown, unless it was changed since", async () => {
+  const it = saver();
+  it.saver.save(clicked("a"));
+  it.saver.save(clicked("b"));
+  const merged = (revision: number): string => {
+    const of = JSON.parse(stateOf(revision, "b")) as { clicked: { camera: Record<string, unknown> } };
+    of.clicked.camera["south"] = { centre: [[3, 4]] };
+    return JSON.stringify(of);
+  };
+  await it.answer(200, merged(1));
+  assert.equal(it.states.at(-1)?.[1], "ours");
+  await it.answer(200, merged(2));
+  assert.equal(it.states.at(-1)?.[1], "merged");
+  assert.deepEqual(it.states.at(-1)?.[0].clicked.camera["south"], { centre: [[3, 4]] });
+  assert.equal(it.saver.isDone, true);
+  it.saver.save(clicked("bad"));
+  await it.answer(400, "no");
+  assert.equal(it.refused[0]?.[0], it.states.at(-1)?.[0].clicked);
+});
 
 test("a server that is away or cannot write is asked again with the newest, and until then nothing is saved", async () => {
   const it = saver();
@@ -169,12 +189,12 @@ test("own clicks whose answer was lost are not taken for somebody else's", async
   await it.answer(0, "");
   it.saver.save(clicked("b"));
   await it.answer(409, stateOf(1, "a"));
-  assert.equal(it.states.at(-1)?.[1], false);
+  assert.equal(it.states.at(-1)?.[1], "ours");
   assert.match(it.sent.at(-1) ?? "", /"revision":1.*"floor":\["b"\]/);
   await it.answer(0, "");
   it.retries[0]?.();
   await it.answer(409, stateOf(2, "b"));
-  assert.equal(it.states.at(-1)?.[1], false);
+  assert.equal(it.states.at(-1)?.[1], "ours");
   assert.equal(it.saver.isDone, true, "it is in the file already");
   assert.equal(it.sent.length, 4);
 });

@@ -175,8 +175,13 @@ export class Past {
     return after;
   }
 
-  /** Forgets what came after a state that there was. */
-  backTo(clicked: Clicked): void {
+  /** From `now` back to a state that there was: what came after it is forgotten, and what was undone from it can be undone again. */
+  backTo(clicked: Clicked, now: Clicked): void {
+    const undone = this.after.lastIndexOf(clicked);
+    if (undone >= 0) {
+      this.before.push(now, ...this.after.splice(undone).slice(1).reverse());
+      return;
+    }
     const at = this.before.lastIndexOf(clicked);
     if (at >= 0) this.before.length = at;
     this.after.length = 0;

@@ -21,7 +21,7 @@ import { CourtMap } from "./court_map.ts";
 import type { Clicked, Court, Fit, MarksDocument, Pixel, State } from "./document.ts";
 import { NamesList, type ListActs } from "./names_list.ts";
 import { PictureView, type PictureActs, type Selected } from "./picture.ts";
-import { Saver, type Saved, type Send } from "./saver.ts";
+import { Saver, type Saved, type Send, type Whose } from "./saver.ts";
 
 /** Steps of the arrow keys, pixels; with Shift. */
 const NUDGE_PX = 0.1;
@@ -89,7 +89,7 @@ export class MarksPage implements PictureActs, ListActs {
     [this.clicked, this.fits, this.problem] = [state.clicked, state.fits, state.problem];
     this.saver = new Saver(state.revision, state.clicked, send, {
       saved: (saved) => this.tellSaved(saved),
-      state: (next, isForeign) => this.take(next, isForeign),
+      state: (next, whose) => this.take(next, whose),
       refused: (accepted, reason) => this.takeBack(accepted, reason),
     });
     this.list = new NamesList(court, this);
@@ -231,22 +231,22 @@ export class MarksPage implements PictureActs, ListActs {
     if (saved.kind === "failed") setText(this.task, `Not saved: ${saved.reason}`);
   }
 
-  private take(state: State, isForeign: boolean): void {
+  private take(state: State, whose: Whose): void {
+    const isForeign = whose === "foreign";
     // What was clicked here is not lost: undoing brings it back.
-    if (isForeign) {
-      this.past.note(this.beforeDrag ?? this.clicked);
-      this.replace(state.clicked);
-    }
+    if (isForeign) this.past.note(this.beforeDrag ?? this.clicked);
+    if (whose !== "ours") this.replace(state.clicked);
     [this.fits, this.problem] = [state.fits, state.problem];
     // The fit says which marks this picture shows: what was lit before may not be one of them.
     if (!isForeign && !this.isChosen && this.next !== null && this.fit?.state === "fits" && !this.isShown(this.next)) this.advance(this.next);
     this.update();
     if (isForeign) setText(this.task, "The file was changed elsewhere, in another window or by hand: this is what is in it now. Ctrl Z brings yours back.");
+    if (whose === "merged") setText(this.task, "Cameras whose pictures are not here keep their clicks, and the names that were clicked there.");
   }
 
   /** A change that cannot be in the file: with it none after it could be. */
   private takeBack(accepted: Clicked, reason: string): void {
-    this.past.backTo(accepted);
+    this.past.backTo(accepted, this.beforeDrag ?? this.clicked);
     this.replace(accepted);
     this.update();
     setText(this.task, `Taken back: ${reason}`);

@@ -5,10 +5,13 @@ import { readState, type Clicked, type State } from "./document.ts";
 
 export type Saved = { kind: "saved" } | { kind: "saving" } | { kind: "failed"; reason: string };
 
+/** Ours as it was clicked; ours, with what cameras have that are not shown here; somebody else's, in the place of ours. */
+export type Whose = "ours" | "merged" | "foreign";
+
 export interface SaverAnswers {
   saved(saved: Saved): void;
-  /** What the change comes to; `isForeign`: somebody else's change, in the place of ours. */
-  state(state: State, isForeign: boolean): void;
+  /** What the change comes to, and whose that is. */
+  state(state: State, whose: Whose): void;
   /** The change cannot be in the file: what was clicked before it, and is in the file, and why. */
   refused(accepted: Clicked, reason: string): void;
 }
@@ -88,12 +91,16 @@ export class Saver {
   }
 
   private answered(state: State, isBehind: boolean, clicked: Clicked): void {
-    const ours = isBehind ? [...this.unanswered].reverse().find((one) => isSame(one, state.clicked)) : clicked;
+    const sent = isBehind ? [...this.unanswered].reverse() : [clicked];
+    const ours = sent.find((one) => isSame(one, state.clicked));
     this.revision = state.revision;
     this.accepted = ours ?? state.clicked;
     this.unanswered = [];
-    if (ours === undefined || ours === this.unsaved) this.unsaved = null;
-    this.answers.state(state, ours === undefined);
+    // What was clicked since is merged in its turn.
+    const isNewest = (isBehind ? ours : clicked) === this.unsaved;
+    const isForeign = isBehind && ours === undefined;
+    if (isForeign || isNewest) this.unsaved = null;
+    this.answers.state(state, isForeign ? "foreign" : ours === undefined && isNewest ? "merged" : "ours");
   }
 
   private refused(clicked: Clicked, reason: string): Outcome {
