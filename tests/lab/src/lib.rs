@@ -7,7 +7,7 @@
 //! | module | what |
 //! | --- | --- |
 //! | [`conditions`] | links that are cut, far or lossy, in ticks and without a network |
-//! | [`live_venue`], [`relay`], [`namespaces`] | live venues of processes, or of edges played from a recording; the relays and network namespaces between them |
+//! | [`live_venue`], [`relay`], [`namespaces`], [`small_disk`] | live venues of processes, or of edges played from a recording; the relays and network namespaces between them; disks that are full or hang |
 //! | [`bytes`] | our codec of maps beside what others send, bytes beside errors |
 //! | [`view_peaks`], [`leave_one_out`] | plain triangulation to compare with, and a comparison that needs no truth |
 //! | [`afar`] | real recordings as a camera much farther away would have made them |
@@ -28,6 +28,7 @@ pub mod namespaces;
 pub mod reading;
 pub mod relay;
 pub mod ring;
+pub mod small_disk;
 pub mod suite;
 pub mod view_peaks;
 

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use farfield_proto::key::Keys;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, SightingSet, Status};
@@ -142,25 +141,9 @@ fn an_edge_in_other_hands_that_floods_is_named_and_fills_neither_the_recording_n
     stage.go_on(2.0);
     let (before, ids) = (growth(&stage, &recording), stage.ids());
     let viewpoint = stage.live.venue().viewpoints[0].name.clone();
-    let key = Keys::new(&stage.live.venue().name).patch(&viewpoint);
-    let (is_over, sent_bytes) = (AtomicBool::new(false), AtomicU64::new(0));
-    let noise = vec![0xffu8; 8_000];
-    let flooded = std::thread::scope(|scope| {
-        scope.spawn(|| {
-            while !is_over.load(Ordering::Relaxed) {
-                for _ in 0..64 {
-                    stage.watch().put(&key, &noise).unwrap();
-                }
-                sent_bytes.fetch_add(64 * 8_000, Ordering::Relaxed);
-                // Half of a core is fusion's.
-                std::thread::sleep(std::time::Duration::from_millis(5));
-            }
-        });
-        let flooded = growth(&stage, &recording);
-        is_over.store(true, Ordering::Relaxed);
-        flooded
-    });
-    let sent = sent_bytes.load(Ordering::Relaxed);
+    let (flooded, sent) = stage
+        .watch()
+        .flood(&viewpoint, || growth(&stage, &recording));
     let said = stage.live.fusion.as_ref().unwrap().said();
     println!(
         "a flood of {} MB: the recording grew by {flooded:.0} bytes a tick, before by {before:.0}",

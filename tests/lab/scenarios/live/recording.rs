@@ -1,75 +1,12 @@
 //! Files of a live run when the disk is full, or hangs, or fusion is killed.
 
 use std::fs::File;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command};
 
 use farfield_fusion::recording::reader::Recording;
 use farfield_lab::live_venue::SeenVenue;
+use farfield_lab::small_disk::SmallDisk;
 
 use super::stage::{LiveStage, PEOPLE, RATE_HZ};
-
-/// Room on the small disk: less than a minute of the stage, more than the head of a recording.
-const SIZE: &str = "size=600k";
-
-/// A disk of its own that is soon full; gone when dropped.
-struct SmallDisk(PathBuf);
-
-impl SmallDisk {
-    /// Mounts one at `path`.
-    ///
-    /// # Errors
-    /// Why there is none: it takes root.
-    fn mount(path: &Path) -> Result<Self, String> {
-        std::fs::create_dir(path).unwrap();
-        let mut mount = Command::new("mount");
-        said(mount.args(["-t", "tmpfs", "-o", SIZE, "tmpfs"]).arg(path))?;
-        Ok(Self(path.to_owned()))
-    }
-
-    /// One that can be made to hang.
-    ///
-    /// # Errors
-    /// Why there is none: it takes root and loop devices.
-    fn mount_freezable(path: &Path) -> Result<Self, String> {
-        std::fs::create_dir(path).unwrap();
-        let image = path.with_extension("image");
-        File::create(&image).unwrap().set_len(32 << 20).unwrap();
-        said(Command::new("mkfs.ext4").arg("-q").arg(&image))?;
-        let mut mount = Command::new("mount");
-        said(mount.args(["-o", "loop"]).arg(&image).arg(path))?;
-        Ok(Self(path.to_owned()))
-    }
-
-    /// Makes it hang for so many seconds. Another process lets it go again, whatever happens here.
-    fn freeze(&self, seconds: u32) -> Child {
-        let script = format!("fsfreeze -f \"$0\" && sleep {seconds}; fsfreeze -u \"$0\"");
-        let mut freeze = Command::new("sh");
-        freeze.args(["-c", &script]).arg(&self.0).spawn().unwrap()
-    }
-
-    /// Makes it larger.
-    fn grow(&self) {
-        let mut mount = Command::new("mount");
-        said(mount.args(["-o", "remount,size=40m"]).arg(&self.0)).unwrap();
-    }
-}
-
-fn said(command: &mut Command) -> Result<(), String> {
-    let output = command.output().map_err(|error| error.to_string())?;
-    if output.status.success() {
-        Ok(())
-    } else {
-        Err(String::from_utf8_lossy(&output.stderr).trim().to_owned())
-    }
-}
-
-impl Drop for SmallDisk {
-    fn drop(&mut self) {
-        // Lazily: a node may still have the file open.
-        drop(Command::new("umount").arg("-l").arg(&self.0).status());
-    }
-}
 
 #[test]
 fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
@@ -81,7 +18,7 @@ fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
             return;
         }
     };
-    let record = disk.0.join("run.mcap");
+    let record = disk.path().join("run.mcap");
     let out = stage.out("first");
     let path = record.to_str().unwrap();
     stage.start_with(&out, &["--record", path]);
@@ -102,7 +39,7 @@ fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
     let before = stage.takes();
     stage.go_on(3.0);
     before.assert_flat(&stage.takes());
-    disk.grow();
+    disk.grow().unwrap();
     stage.wait("the recording goes on", |_| {
         fusion().said().contains("there is room again")
     });
@@ -128,9 +65,9 @@ fn a_disk_that_hangs_holds_up_no_live_pose() {
             return;
         }
     };
-    let out = disk.0.join("out");
+    let out = disk.path().join("out");
     stage.start_with(&out, &[]);
-    let mut frozen = disk.freeze(5);
+    let mut frozen = disk.freeze(5).unwrap();
     let from = stage.seen().poses;
     std::thread::sleep(std::time::Duration::from_secs(4));
     let meanwhile = stage.seen().poses - from;

@@ -1,8 +1,10 @@
 //! A listener beside a running venue: what fusion publishes, and when that arrives.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::thread;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context as _, anyhow};
 use farfield_proto::id::SessionId;
@@ -19,10 +21,16 @@ const MAX_ARRIVALS: usize = 60 * 60 * 60;
 /// Keys whose newest message is remembered.
 const MAX_KEYS: usize = 256;
 
+/// What a flood says at once, in messages of so many bytes, and how long it then waits.
+const FLOOD_AT_ONCE: usize = 64;
+const FLOOD_MESSAGE_BYTES: usize = 8_000;
+const FLOOD_PAUSE: Duration = Duration::from_millis(5);
+
 /// A session of its own that listens to all that is said in a venue, until it is dropped.
 #[derive(Debug)]
 pub struct VenueWatch {
     session: Session,
+    keys: Keys,
     seen: Arc<Mutex<SeenVenue>>,
 }
 
@@ -131,12 +139,54 @@ impl VenueWatch {
                 lock(&statuses).statuses.insert(node, status);
             }
         })?;
-        Ok(Self { session, seen })
+        Ok(Self {
+            session,
+            keys,
+            seen,
+        })
     }
 
     /// What was heard so far.
     pub fn seen(&self) -> MutexGuard<'_, SeenVenue> {
         lock(&self.seen)
+    }
+
+    /// Calls `hear` with all poses that come from now on.
+    ///
+    /// # Errors
+    /// What Zenoh says.
+    pub fn hear_poses(&self, hear: impl Fn(PoseSet) + Send + Sync + 'static) -> anyhow::Result<()> {
+        subscribe(&self.session, self.keys.pose(), move |_, bytes| {
+            if let Ok(set) = wire::decode::<PoseSet>(bytes) {
+                hear(set);
+            }
+        })
+    }
+
+    /// Says noise as the patches of `viewpoint`, as fast as it can be said, while `during` does its work; returns what
+    /// that came to, and the bytes that were said.
+    pub fn flood<T>(&self, viewpoint: &str, during: impl FnOnce() -> T) -> (T, u64) {
+        let key = self.keys.patch(viewpoint);
+        let (is_over, said_bytes) = (AtomicBool::new(false), AtomicU64::new(0));
+        let noise = vec![0xffu8; FLOOD_MESSAGE_BYTES];
+        let came_to = thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_over.load(Ordering::Relaxed) {
+                    for _ in 0..FLOOD_AT_ONCE {
+                        // Who is no longer heard need not be silent.
+                        drop(self.put(&key, &noise));
+                    }
+                    let bytes = FLOOD_AT_ONCE * FLOOD_MESSAGE_BYTES;
+                    said_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+                    // Half of a core is fusion's.
+                    thread::sleep(FLOOD_PAUSE);
+                }
+            });
+            let came_to = during();
+            is_over.store(true, Ordering::Relaxed);
+            came_to
+        });
+        (came_to, said_bytes.load(Ordering::Relaxed))
     }
 
     /// Says something in the venue: what strangers may, where nothing keeps them out.
