@@ -163,19 +163,63 @@ impl ClickedFile {
         text
     }
 
-    /// What was said so far, checked: the same after it was written and read.
+    /// What was said so far, checked: the same after it was written and read. `path` is only named in errors.
     ///
     /// # Errors
     /// In words, with the field, where [`Self::parse`] would not take it.
-    pub fn checked(&self) -> Result<Self, String> {
-        let path = Path::new("clicked.toml");
-        Self::parse(&self.text(), path).map_err(|error| error.to_string())
+    pub fn checked(&self, path: &Path) -> Result<Self, String> {
+        Self::parse(&self.text(), path).map_err(said_of_no_text)
+    }
+
+    /// This in the place of `before`, where the pictures of some cameras alone were shown: what was clicked in the others stays as
+    /// it was, and so do the names that were clicked there.
+    #[must_use]
+    pub fn in_place_of(&self, before: &Self, is_shown: impl Fn(&str) -> bool) -> Self {
+        let mut merged = self.clone();
+        merged.camera.retain(|name, _| is_shown(name));
+        for (camera, clicked) in &before.camera {
+            if is_shown(camera) {
+                continue;
+            }
+            for name in clicked.keys().filter(|name| !self.gives(name)) {
+                merged.take_name(name, before);
+            }
+            merged.camera.insert(camera.clone(), clicked.clone());
+        }
+        merged
+    }
+
+    /// Whether a place, a point of the floor or the end of a length is given by this name.
+    fn gives(&self, name: &str) -> bool {
+        let mut ends = self.lengths.iter().flat_map(|it| &it.between);
+        self.places.contains_key(name)
+            || self.floor.iter().any(|it| it == name)
+            || ends.any(|end| end == name)
+    }
+
+    /// Takes over all that `other` gives by `name`.
+    fn take_name(&mut self, name: &str, other: &Self) {
+        if let Some(at_m) = other.places.get(name) {
+            self.places.insert(name.to_owned(), *at_m);
+        }
+        let floor = other.floor.iter().filter(|it| *it == name);
+        for point in floor {
+            if !self.floor.contains(point) {
+                self.floor.push(point.clone());
+            }
+        }
+        let ends_there = |it: &&LengthBetween| it.between.iter().any(|end| end == name);
+        for length in other.lengths.iter().filter(ends_there) {
+            if !self.lengths.contains(length) {
+                self.lengths.push(length.clone());
+            }
+        }
     }
 
     /// Why `--marks` would refuse it as it is; `None` where it would not.
     pub fn problem(&self, path: &Path) -> Option<String> {
         let read = Marks::parse(&self.text(), path);
-        read.err().map(|error| error.to_string())
+        read.err().map(said_of_no_text)
     }
 
     /// The court that it names.
@@ -187,16 +231,15 @@ impl ClickedFile {
         court.map(|name| Court::of(name, self.size_m)).transpose()
     }
 
-    /// What one camera saw of what is known: marks, lines and places.
+    /// What one camera saw of what is known: marks, lines and places. `path` is only named in errors.
     ///
     /// # Errors
     /// As [`Self::checked`].
-    pub fn marks_of(&self, camera: &str) -> Result<Marks, String> {
+    pub fn marks_of(&self, camera: &str, path: &Path) -> Result<Marks, String> {
         let mut alone = self.clone();
         alone.camera.retain(|name, _| name == camera);
         let text = alone.text();
-        let reader = Reader::of(&text, Path::new("clicked.toml"));
-        let reader = reader.map_err(|error| error.to_string())?;
+        let reader = Reader::of(&text, path).map_err(said_of_no_text)?;
         let clicked = reader.clicked.get(camera).into_iter().flatten();
         let known = clicked.filter_map(|(name, pixels)| {
             let own = pixels.iter().map(|px| (camera.to_owned(), *px));
@@ -210,11 +253,20 @@ impl ClickedFile {
             known: known.collect(),
             floor: Vec::new(),
             lengths: Vec::new(),
-            click_sigma_px: reader.click_sigma_px().map_err(|error| error.to_string())?,
-            place_sigma_m: reader.place_sigma_m().map_err(|error| error.to_string())?,
+            click_sigma_px: reader.click_sigma_px().map_err(said_of_no_text)?,
+            place_sigma_m: reader.place_sigma_m().map_err(said_of_no_text)?,
             court: reader.court,
         })
     }
+}
+
+/// An error in a text that is in no file yet: no line of the file is meant.
+fn said_of_no_text(error: FileError) -> String {
+    FileError {
+        line: None,
+        ..error
+    }
+    .to_string()
 }
 
 fn clicked_lines(text: &mut String, clicked: &Clicked) {
@@ -290,12 +342,55 @@ mod tests {
         let text = "court = \"futsal\"\n[camera.\"cam 1\"]\ncorner_north_west = [512.5, 388.0]\n";
         let whole = read(text).unwrap();
         assert_eq!(whole.problem(Path::new("clicked.toml")), None);
-        let marks = whole.marks_of("cam 1").unwrap();
+        let marks = whole.marks_of("cam 1", Path::new("clicked.toml")).unwrap();
         assert_eq!(
             marks.known[0].clicks,
             [("cam 1".to_owned(), [512.5, 388.0])]
         );
-        assert!(whole.marks_of("cam 2").unwrap().known.is_empty());
+        assert!(
+            whole
+                .marks_of("cam 2", Path::new("clicked.toml"))
+                .unwrap()
+                .known
+                .is_empty()
+        );
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_of_the_file_that_is_meant_and_of_none_of_its_lines() {
+        let file = ClickedFile {
+            court: Some("fustal".to_owned()),
+            ..ClickedFile::default()
+        };
+        let path = Path::new("hall/marks.toml");
+        let told = file.checked(path).unwrap_err();
+        assert!(told.starts_with("hall/marks.toml: `court`"), "{told}");
+        assert_eq!(file.marks_of("north", path).unwrap_err(), told);
+    }
+
+    #[test]
+    fn cameras_that_are_not_shown_keep_their_clicks_and_their_names() {
+        let before = read(&format!(
+            "{BEGUN}[camera.south]\nscratch = [1, 2]\nred = [3, 4]\n\"door post\" = [5, 6]\n"
+        ));
+        let before = before.unwrap();
+        let is_shown = |name: &str| name == "north";
+        // As it was before anybody gave a name or clicked in the south.
+        let older = read("court = \"futsal\"\n[camera.north]\ncorner_north_west = [1, 2]\n");
+        let mut older = older.unwrap();
+        let clicked = older.camera["north"].clone();
+        older.camera.insert("east".to_owned(), clicked.clone());
+        let merged = older.in_place_of(&before, is_shown);
+        assert_eq!(merged.camera.len(), 2, "{merged:?}");
+        assert_eq!(merged.camera["north"], clicked);
+        assert_eq!(merged.camera["south"], before.camera["south"]);
+        assert_eq!(
+            (&merged.places, &merged.floor, &merged.lengths),
+            (&before.places, &before.floor, &before.lengths)
+        );
+        assert_eq!(merged.checked(Path::new("clicked.toml")), Ok(merged));
+        // Where all are shown, all is as it is said.
+        assert_eq!(older.in_place_of(&before, |_| true), older);
     }
 
     #[test]
@@ -305,7 +400,7 @@ mod tests {
                 floor: vec![name.to_owned()],
                 ..ClickedFile::default()
             };
-            let told = file.checked().unwrap_err();
+            let told = file.checked(Path::new("clicked.toml")).unwrap_err();
             assert!(told.contains("characters that can be read"), "{told}");
         }
     }
@@ -315,7 +410,7 @@ mod tests {
         let mut file = read(BEGUN).unwrap();
         let north = file.camera.get_mut("north").unwrap();
         north.insert("corner_nort_west".to_owned(), vec![[1.0, 2.0]]);
-        let told = file.checked().unwrap_err();
+        let told = file.checked(Path::new("clicked.toml")).unwrap_err();
         assert!(told.contains("camera.north.corner_nort_west"), "{told}");
         assert!(told.contains("did you mean `corner_north_west`?"), "{told}");
     }
@@ -335,11 +430,11 @@ mod tests {
                 camera: BTreeMap::from([(camera, clicked.collect())]),
                 ..ClickedFile::default()
             };
-            let once = file.checked();
+            let once = file.checked(Path::new("clicked.toml"));
             prop_assert!(once.is_ok(), "{once:?}");
             let once = once.unwrap_or_default();
             prop_assert_eq!(&once.places, &file.places);
-            prop_assert_eq!(once.checked(), Ok(once.clone()));
+            prop_assert_eq!(once.checked(Path::new("clicked.toml")), Ok(once.clone()));
             for pixels in once.camera.values().flat_map(|it| it.values()) {
                 prop_assert!((pixels[0][0] - at[0]).abs() <= 0.005 + 1e-9);
             }

@@ -58,10 +58,11 @@ pub(super) fn plain(status: StatusCode, text: impl Into<String>) -> Response {
     (status, text).into_response()
 }
 
-pub(super) fn json(text: String) -> Response {
+/// A document for programs.
+pub(super) fn json(status: StatusCode, text: String) -> Response {
     let headers = [
         (CONTENT_TYPE, "application/json"),
         (CACHE_CONTROL, "no-store"),
     ];
-    (headers, text).into_response()
+    (status, headers, text).into_response()
 }

@@ -17,7 +17,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::access::{Refusal, Rights};
-use super::answers::{check, plain, refused};
+use super::answers::{check, json, plain, refused};
 use super::assets;
 use super::listening::Listening;
 use super::token::Token;
@@ -156,14 +156,6 @@ async fn asset(uri: Uri, headers: HeaderMap) -> Response {
             "there is nothing here: the page is at /",
         )
     })
-}
-
-fn json(status: StatusCode, text: String) -> Response {
-    let headers = [
-        (CONTENT_TYPE, "application/json"),
-        (CACHE_CONTROL, "no-store"),
-    ];
-    (status, headers, text).into_response()
 }
 
 async fn document(State(serving): State<Serving>) -> Response {

@@ -72,7 +72,10 @@ async fn asset(uri: Uri, headers: HeaderMap) -> Response {
 
 async fn venue(State(serving): State<Serving>, Extension(rights): Extension<Rights>) -> Response {
     match may_read(rights) {
-        Ok(()) => json(serving.state.shared().venue_document.clone()),
+        Ok(()) => json(
+            StatusCode::OK,
+            serving.state.shared().venue_document.clone(),
+        ),
         Err(refusal) => refused(refusal),
     }
 }
@@ -85,7 +88,7 @@ async fn status(State(serving): State<Serving>, Extension(rights): Extension<Rig
     if newest.is_empty() {
         plain(StatusCode::SERVICE_UNAVAILABLE, "nothing is known yet")
     } else {
-        json(newest)
+        json(StatusCode::OK, newest)
     }
 }
 
@@ -104,7 +107,10 @@ async fn one_series(
         );
     }
     match series::parse(uri.query().unwrap_or_default()) {
-        Ok(asked) => json(series::answer(serving.state.shared(), &asked)),
+        Ok(asked) => json(
+            StatusCode::OK,
+            series::answer(serving.state.shared(), &asked),
+        ),
         Err(error) => plain(StatusCode::BAD_REQUEST, error.to_string()),
     }
 }
@@ -145,7 +151,10 @@ async fn shown_calibration(
         return refused(refusal);
     }
     let shown = &serving.state.shared().calibration;
-    json(calibration::document(shown, serving.sheet_key.text()))
+    json(
+        StatusCode::OK,
+        calibration::document(shown, serving.sheet_key.text()),
+    )
 }
 
 /// The sheet, for who was told its key.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use anyhow::bail;
+use anyhow::{Error, bail};
 use farfield_calibration::alignment::{ClickedChange, ClickedFile, Marks};
 use farfield_node::process::NodeError;
 use farfield_page::{Clicking, Taken};
@@ -38,6 +38,9 @@ pub(super) struct Desk {
     pngs: Vec<Arc<[u8]>>,
     held: Mutex<Held>,
 }
+
+/// What is clicked, and what it comes to.
+type Weighed = (ClickedFile, Vec<(Marks, FitDocument)>);
 
 struct Held {
     revision: u64,
@@ -122,15 +125,12 @@ impl Desk {
             }),
             out,
         };
-        let shown = desk.out.display().to_string();
-        // As it will be written: a page may not change what it does not show, not even the last decimals.
-        let clicked = found.clicked.checked();
-        let clicked = clicked.map_err(|problem| anyhow::anyhow!("{shown}: {problem}"))?;
+        // As it will be written: to the last decimal that a page is told.
+        let clicked = found.clicked.checked(&desk.out).map_err(Error::msg)?;
         if let Err(problem) = desk.check_pixels(&clicked) {
-            bail!("{shown}: {problem}");
+            bail!("{}: {problem}", desk.out.display());
         }
-        let fits = desk.fits(&clicked, &[]);
-        let fits = fits.map_err(|problem| anyhow::anyhow!("{shown}: {problem}"))?;
+        let fits = desk.fits(&clicked, &[]).map_err(Error::msg)?;
         let held = desk.held.get_mut().unwrap_or_else(PoisonError::into_inner);
         held.fits = fits;
         held.clicked = clicked;
@@ -178,20 +178,15 @@ impl Desk {
         Ok(())
     }
 
-    /// What a page may change: clicks in its pictures, and names. Not the court, nor what is of cameras that it does not show.
-    fn check(&self, held: &Held, clicked: &ClickedFile) -> Result<ClickedFile, String> {
-        let clicked = clicked.checked()?;
-        let before = &held.clicked;
+    /// What is clicked after a change. Of what a page says its clicks in its pictures count, and names: it may not change the
+    /// court, and what it says of cameras that it does not show may be old.
+    fn changed(&self, before: &ClickedFile, clicked: &ClickedFile) -> Result<ClickedFile, String> {
+        let is_shown = |name: &str| self.cameras.iter().any(|it| it.name == name);
+        let clicked = clicked.in_place_of(before, is_shown).checked(&self.out)?;
         if (&clicked.court, clicked.size_m) != (&before.court, before.size_m) {
             return Err(
                 "the court is said when the command is started: --court, --size-m".to_owned(),
             );
-        }
-        for name in clicked.camera.keys() {
-            let is_shown = self.cameras.iter().any(|it| it.name == *name);
-            if !is_shown && clicked.camera.get(name) != before.camera.get(name) {
-                return Err(format!("there is no picture of camera `{name}` here"));
-            }
         }
         self.check_pixels(&clicked)?;
         Ok(clicked)
@@ -204,7 +199,7 @@ impl Desk {
         before: &[(Marks, FitDocument)],
     ) -> Result<Vec<(Marks, FitDocument)>, String> {
         let each = self.cameras.iter().enumerate().map(|(index, camera)| {
-            let marks = clicked.marks_of(&camera.name)?;
+            let marks = clicked.marks_of(&camera.name, &self.out)?;
             let known = before.get(index).filter(|(of, _)| *of == marks);
             let document = known.map(|(_, document)| document.clone());
             let document = document.unwrap_or_else(|| fit(camera, &marks, self.court.as_ref()));
@@ -242,7 +237,12 @@ impl Desk {
         };
         let found = ClickedFile::parse(&text, &self.out);
         let clicked = found.map_err(|error| problem(error.to_string()))?;
-        let clicked = clicked.checked().map_err(problem)?;
+        let mut clicked = clicked.checked(&self.out).map_err(problem)?;
+        // As at the start, where --court says it and the file does not.
+        if clicked.court.is_none() {
+            clicked.court.clone_from(&held.clicked.court);
+            clicked.size_m = held.clicked.size_m;
+        }
         if (&clicked.court, clicked.size_m) != (&held.clicked.court, held.clicked.size_m) {
             return Err(problem("found another court than at the start".to_owned()));
         }
@@ -253,6 +253,43 @@ impl Desk {
         held.is_foreign = is_foreign(&text, &self.out);
         held.on_disk = Some(text);
         Ok(true)
+    }
+
+    /// What a change comes to, and the fits of it; else what the page is told instead.
+    fn weighed(&self, held: &mut Held, change: &ClickedChange) -> Result<Weighed, Taken> {
+        self.refuse_behind(held)?;
+        if change.revision != held.revision {
+            return Err(Taken::Behind(json(&self.state(held))));
+        }
+        let clicked = self.changed(&held.clicked, &change.clicked);
+        let clicked = clicked.map_err(Taken::Refused)?;
+        let fits = self.fits(&clicked, &held.fits).map_err(Taken::Refused)?;
+        Ok((clicked, fits))
+    }
+
+    /// Puts it into the file; else what the page is told instead. Fitting takes time, in which somebody may have written to the
+    /// file: it is looked at again right before.
+    fn put(
+        &self,
+        held: &mut Held,
+        clicked: ClickedFile,
+        fits: Vec<(Marks, FitDocument)>,
+    ) -> Result<Taken, Taken> {
+        self.refuse_behind(held)?;
+        self.write(held, &clicked).map_err(Taken::Failed)?;
+        held.revision += 1;
+        held.clicked = clicked;
+        held.fits = fits;
+        Ok(Taken::Written(json(&self.state(held))))
+    }
+
+    /// Takes up the file where somebody else has changed it: then a page has to be told first.
+    fn refuse_behind(&self, held: &mut Held) -> Result<(), Taken> {
+        match self.take_up(held) {
+            Ok(false) => Ok(()),
+            Ok(true) => Err(Taken::Behind(json(&self.state(held)))),
+            Err(problem) => Err(Taken::Failed(problem)),
+        }
     }
 
     /// Writes what is clicked; a file that somebody else wrote is kept beside it, since its comments are lost.
@@ -351,29 +388,9 @@ impl Clicking for Desk {
             Err(problem) => return Taken::Refused(problem),
         };
         let mut held = self.held();
-        match self.take_up(&mut held) {
-            Ok(true) => return Taken::Behind(json(&self.state(&held))),
-            Ok(false) => {}
-            Err(problem) => return Taken::Failed(problem),
-        }
-        if change.revision != held.revision {
-            return Taken::Behind(json(&self.state(&held)));
-        }
-        let clicked = match self.check(&held, &change.clicked) {
-            Ok(clicked) => clicked,
-            Err(problem) => return Taken::Refused(problem),
-        };
-        let fits = match self.fits(&clicked, &held.fits) {
-            Ok(fits) => fits,
-            Err(problem) => return Taken::Refused(problem),
-        };
-        if let Err(problem) = self.write(&mut held, &clicked) {
-            return Taken::Failed(problem);
-        }
-        held.revision += 1;
-        held.clicked = clicked;
-        held.fits = fits;
-        Taken::Written(json(&self.state(&held)))
+        let written = self.weighed(&mut held, &change);
+        let written = written.and_then(|(clicked, fits)| self.put(&mut held, clicked, fits));
+        written.unwrap_or_else(|otherwise| otherwise)
     }
 }
 
@@ -391,6 +408,11 @@ mod tests {
             text,
             court: None,
         };
+        of_north(out, found)
+    }
+
+    /// A desk that shows the picture of one camera.
+    fn of_north(out: &Path, found: Found) -> Desk {
         let north = MarkedPicture {
             name: "north".to_owned(),
             file: "north.png".to_owned(),
@@ -422,6 +444,72 @@ mod tests {
         let desk = desk(&out);
         assert!(matches!(adds(&desk, 0, "post"), Taken::Written(_)));
         assert!(text(&out).contains("post"));
+    }
+
+    #[test]
+    fn an_older_document_takes_no_clicks_from_cameras_that_are_not_shown() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("clicked.toml");
+        let desk = desk(&out);
+        assert!(matches!(adds(&desk, 0, "a"), Taken::Written(_)));
+        let older = desk.held().clicked.clone();
+        // Another page that shows the south, and a name that it gives.
+        let both =
+            text(&out) + "b = [1.0, 2.0, 3.0]\n[camera.south]\na = [3.0, 4.0]\nb = [5.0, 6.0]\n";
+        std::fs::write(&out, ClickedFile::parse(&both, &out).unwrap().text()).unwrap();
+        assert!(matches!(adds(&desk, 1, "c"), Taken::Behind(_)));
+        // Ctrl Z.
+        let older = serde_json::json!({"revision": 2, "clicked": older});
+        let Taken::Written(state) = desk.take(older.to_string().as_bytes()) else {
+            panic!("expected that it is written");
+        };
+        let written = ClickedFile::parse(&text(&out), &out).unwrap();
+        assert_eq!(written.camera["south"]["b"], [[5.0, 6.0]], "{state}");
+        assert_eq!(format!("{:?}", written.places["b"]), "[1.0, 2.0, 3.0]");
+        assert!(state.contains("south"), "{state}");
+        assert!(!folder.path().join("clicked.before.toml").exists());
+    }
+
+    #[test]
+    fn what_is_written_elsewhere_while_a_change_is_weighed_is_not_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("clicked.toml");
+        let desk = desk(&out);
+        assert!(matches!(adds(&desk, 0, "a"), Taken::Written(_)));
+        let mut held = desk.held();
+        let change = ClickedChange {
+            revision: 1,
+            clicked: held.clicked.clone(),
+        };
+        let Ok((clicked, fits)) = desk.weighed(&mut held, &change) else {
+            panic!("expected that nothing is in the way");
+        };
+        std::fs::write(&out, COMMENTED).unwrap();
+        let put = desk.put(&mut held, clicked, fits);
+        assert!(matches!(put, Err(Taken::Behind(_))), "{put:?}");
+        assert_eq!(text(&out), COMMENTED);
+    }
+
+    #[test]
+    fn a_file_that_leaves_the_court_to_the_command_is_taken_up_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("clicked.toml");
+        std::fs::write(&out, COMMENTED).unwrap();
+        let mut clicked = ClickedFile::parse(COMMENTED, &out).unwrap();
+        clicked.court = Some("futsal".to_owned());
+        let found = Found {
+            court: clicked.court().unwrap(),
+            clicked,
+            text: Some(COMMENTED.to_owned()),
+        };
+        let desk = of_north(&out, found);
+        std::fs::write(&out, format!("{COMMENTED}# and looked at\n")).unwrap();
+        let Taken::Behind(state) = adds(&desk, 0, "a") else {
+            panic!("expected what is in the file now");
+        };
+        assert!(state.contains("futsal"), "{state}");
+        assert!(matches!(adds(&desk, 1, "a"), Taken::Written(_)));
+        assert!(text(&out).contains("court = \"futsal\""));
     }
 
     #[test]

@@ -71,7 +71,11 @@ pub(super) fn fit(picture: &MarkedPicture, marks: &Marks, court: Option<&Court>)
         Err(OneCameraError::TooFew { found }) => {
             let more = LEAST_MARKS - found;
             let word = if more == 1 { "mark" } else { "marks" };
-            let text = format!("{more} more {word} until the court is drawn over the picture.");
+            let until = match court {
+                Some(_) => "the court is drawn over the picture",
+                None => "it is known where the camera stands",
+            };
+            let text = format!("{more} more {word} until {until}.");
             return without(picture, FitState::TooFew, text);
         }
         Err(OneCameraError::OnALine) => {
@@ -93,7 +97,7 @@ pub(super) fn fit(picture: &MarkedPicture, marks: &Marks, court: Option<&Court>)
         } else {
             FitState::Fits
         },
-        text: in_words(&fitted),
+        text: in_words(&fitted, court),
         warnings: warnings(&fitted),
         center_m: Some(fitted.state.center_w.into()),
         residuals: residuals(&fitted.residuals),
@@ -158,16 +162,19 @@ fn said(name: &str) -> String {
     name.replace('_', " ")
 }
 
-fn in_words(fitted: &OneCameraFit) -> String {
+fn in_words(fitted: &OneCameraFit, court: Option<&Court>) -> String {
     if fitted.contradiction.is_some() {
         let worst = fitted.residuals.iter().max_by(|a, b| {
             let px = |it: &MarkResidual| it.px.unwrap_or_default();
             px(a).total_cmp(&px(b))
         });
         let worst = worst.map_or_else(String::new, |it| said(&it.name));
+        let drawn = match court {
+            Some(_) => "look where the drawn lines leave the painted ones, and for",
+            None => "look for",
+        };
         return format!(
-            "The marks contradict each other, the farthest off is {worst}: look where the drawn lines leave the painted ones, and for \
-             exchanged names."
+            "The marks contradict each other, the farthest off is {worst}: {drawn} exchanged names."
         );
     }
     let off: Vec<String> = fitted
@@ -222,4 +229,45 @@ fn warnings(fitted: &OneCameraFit) -> Vec<String> {
         );
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use farfield_calibration::adjustment::CameraState;
+    use farfield_calibration::alignment::ClickedFile;
+    use farfield_proto::camera::{Intrinsics, LensModel};
+
+    use super::*;
+
+    #[test]
+    fn what_more_marks_are_for_depends_on_whether_there_is_a_court_to_draw() {
+        let lens = Intrinsics {
+            fx_px: 30.0,
+            fy_px: 30.0,
+            cx_px: 20.0,
+            cy_px: 15.0,
+        };
+        let picture = MarkedPicture {
+            name: "north".to_owned(),
+            file: "north.png".to_owned(),
+            size_px: [40, 30],
+            png: Vec::new(),
+            lens: Some(CameraState::at_origin(lens, LensModel::ideal())),
+        };
+        let marks = ClickedFile::default().marks_of("north", Path::new("clicked.toml"));
+        let marks = marks.unwrap();
+        let court = Court::of("futsal", None).unwrap();
+        let with = fit(&picture, &marks, Some(&court)).text;
+        assert_eq!(
+            with,
+            "4 more marks until the court is drawn over the picture."
+        );
+        let without = fit(&picture, &marks, None).text;
+        assert_eq!(
+            without,
+            "4 more marks until it is known where the camera stands."
+        );
+    }
 }

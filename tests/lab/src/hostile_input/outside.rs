@@ -39,15 +39,18 @@ pub(super) fn clicked_marks_text(bytes: &[u8]) -> String {
     let begun = ClickedFile::parse(text, Path::new("marks.toml"));
     if let Ok(begun) = &begun {
         // What was read is written, and read the same.
-        let again = begun.checked().expect("what is written can be read");
+        let again = begun
+            .checked(Path::new("marks.toml"))
+            .expect("what is written can be read");
         assert_eq!(
-            again.checked().as_ref(),
+            again.checked(Path::new("marks.toml")).as_ref(),
             Ok(&again),
             "it is the same from then on"
         );
     }
     // The same from a page, as JSON.
-    let said = ClickedChange::parse(text.as_bytes()).and_then(|said| said.clicked.checked());
+    let said = ClickedChange::parse(text.as_bytes())
+        .and_then(|said| said.clicked.checked(Path::new("clicked.toml")));
     format!(
         "{marks}; {}; {}",
         read_or_refused(&begun),
