@@ -169,14 +169,17 @@ fn clocks_of(request: &PeopleRequest, ticks_hz: f64) -> Vec<Clock> {
     each.collect()
 }
 
-/// Frames per second that were looked at: of a video often one of several is.
+/// Frames per second that were looked at: of a video often one of several is. By what is between most of them: one stray frame
+/// does not count.
 fn looks_hz(camera: &PeopleCamera, request: &PeopleRequest) -> f64 {
     let pairs = camera.frames.windows(2).filter_map(|pair| match pair {
         [a, b] => Some(b.frame - a.frame),
         _ => None,
     });
-    let least = pairs.filter(|it| *it > 0.0).reduce(f64::min);
-    camera.rate_hz.unwrap_or(request.rate_hz) / least.unwrap_or(1.0).max(1.0)
+    let mut gaps: Vec<f64> = pairs.filter(|it| *it > 0.0).collect();
+    gaps.sort_by(f64::total_cmp);
+    let usual = gaps.get(gaps.len().saturating_sub(1) / 2).copied();
+    camera.rate_hz.unwrap_or(request.rate_hz) / usual.unwrap_or(1.0).max(1.0)
 }
 
 /// That the clock of a camera can be used.

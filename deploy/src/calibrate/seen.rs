@@ -11,8 +11,12 @@ use farfield_calibration::points::Timing;
 use super::lenses::{Lens, LensFile, lens_of, lenses};
 use super::named;
 
-/// Share by which rates of synchronised cameras may differ: as much as a word for one rate does from another.
-const SAME_RATE: f64 = 0.005;
+/// Share by which two words for one rate differ at most: 30000/1001 and 29.97, 24000/1001 and 23.976.
+const SAME_RATE: f64 = 2e-6;
+/// How far apart two rates may bring frames of one number, frames: nearer to that of another number nothing is synchronised.
+const MOST_APART: f64 = 0.5;
+/// Frames that a recording has at least, where nobody has counted them.
+pub(super) const LEAST_FRAMES: f64 = 100.0;
 
 /// Lenses and clocks.
 #[derive(Debug, Clone, Args)]
@@ -115,11 +119,15 @@ impl SeenArgs {
     }
 
     /// The same, with the rate of the first of the cameras `names` for all where they are synchronised: containers say 30000/1001
-    /// and 2997/100 of one rate.
+    /// and 2997/100 of one rate. `frames` is how many the longest recording has; asked where two rates are not one.
     ///
     /// # Errors
-    /// Two cameras whose rates are not one.
-    pub(super) fn with_one_rate(&self, names: &[&str]) -> anyhow::Result<Self> {
+    /// Two cameras of whose recordings frames of one number come to be of different moments; what `frames` says.
+    pub(super) fn with_one_rate(
+        &self,
+        names: &[&str],
+        frames: impl FnOnce() -> anyhow::Result<f64>,
+    ) -> anyhow::Result<Self> {
         let rates = names
             .iter()
             .filter_map(|name| Some((*name, self.rate_of(name)?)));
@@ -128,11 +136,18 @@ impl SeenArgs {
         let (Timing::Synchronised, Some((first, first_hz))) = (self.timing(), rates.first()) else {
             return Ok(with);
         };
-        let differs = |hz: f64| (hz - first_hz).abs() > SAME_RATE * first_hz.abs();
-        if let Some((name, hz)) = rates.iter().find(|(_, hz)| differs(*hz)) {
-            bail!(
-                "camera `{name}` has {hz:.3} frames per second and `{first}` {first_hz:.3}, which cannot be synchronised: give \
-                 --clocks given, or unknown; or, where a file is wrong, the rate of all by --rate-hz HZ"
+        let share = |hz: f64| (hz - first_hz).abs() / first_hz.abs();
+        let differs = |(_, hz): &&(&str, f64)| share(*hz) > SAME_RATE;
+        let farthest = rates.iter().filter(differs);
+        let farthest = farthest.max_by(|a, b| share(a.1).total_cmp(&share(b.1)));
+        if let Some((name, hz)) = farthest {
+            let frames = frames()?;
+            ensure!(
+                share(*hz) * frames <= MOST_APART,
+                "camera `{name}` has {hz:.3} frames per second and `{first}` {first_hz:.3}: {frames} frames on those of one number are \
+                 {:.3} s apart, which cannot be synchronised: give --clocks given, or unknown; or, where a file is wrong, the rate of \
+                 all by --rate-hz HZ",
+                frames * (1.0 / hz - 1.0 / first_hz).abs()
             );
         }
         for (_, hz) in &mut with.rate_hz {
@@ -275,20 +290,35 @@ mod tests {
     fn synchronised_cameras_have_the_rate_of_the_first_where_words_for_it_differ() {
         let names = ["east", "north", "west"];
         let (ntsc_hz, rounded_hz) = (30_000.0 / 1001.0, 2997.0 / 100.0);
-        let told = [("east", ntsc_hz), ("north", rounded_hz), ("west", 30.0)];
-        let one = with_rates(Clocks::Synchronised, &told).with_one_rate(&names);
-        let one = one.unwrap();
+        let one_rate = |clocks, told: &[(&str, f64)], frames: f64| {
+            with_rates(clocks, told).with_one_rate(&names, || Ok(frames))
+        };
+        let told = [("east", ntsc_hz), ("north", rounded_hz), ("west", 29.97)];
+        let one = one_rate(Clocks::Synchronised, &told, 1e9).unwrap();
         for name in names {
             assert_eq!(one.rate_of(name), Some(ntsc_hz), "{name}");
         }
         let told = [("east", 25.0), ("north", 25.0), ("west", 30.0)];
-        let said = with_rates(Clocks::Synchronised, &told).with_one_rate(&names);
+        let said = one_rate(Clocks::Synchronised, &told, LEAST_FRAMES);
         let said = said.unwrap_err().to_string();
         for words in ["`west`", "30.000", "`east`", "25.000", "--rate-hz HZ"] {
             assert!(said.contains(words), "{said}");
         }
-        let own = with_rates(Clocks::Unknown, &told).with_one_rate(&names);
+        let own = one_rate(Clocks::Unknown, &told, LEAST_FRAMES);
         assert_eq!(own.unwrap().rate_of("west"), Some(30.0));
+    }
+
+    #[test]
+    fn rates_that_are_nearly_one_are_one_until_frames_of_one_number_are_half_a_frame_apart() {
+        let names = ["east", "west"];
+        let told = [("east", 30.0), ("west", 29.97)];
+        let of = |frames: f64| {
+            with_rates(Clocks::Synchronised, &told).with_one_rate(&names, || Ok(frames))
+        };
+        assert_eq!(of(490.0).unwrap().rate_of("west"), Some(30.0));
+        // Two minutes.
+        let said = of(3600.0).unwrap_err().to_string();
+        assert!(said.contains("0.120 s apart"), "{said}");
     }
 
     #[test]

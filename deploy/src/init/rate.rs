@@ -26,6 +26,17 @@ pub(crate) fn of_videos(recordings: &[Recording]) -> anyhow::Result<Option<f64>>
     }
 }
 
+/// Rates that videos have; what says another says none.
+const RATES_HZ: [f64; 2] = [1.0, 240.0];
+/// Rate of a video that does not say.
+const USUAL_HZ: f64 = 30.0;
+
+/// Frames per second of a video whose container says `said`, where no more hangs on it than how many of them are looked at.
+pub(crate) fn about(said: Option<f64>) -> f64 {
+    let [least, most] = RATES_HZ;
+    said.unwrap_or(USUAL_HZ).clamp(least, most)
+}
+
 /// What ffprobe says of the rate of the first video stream, and what it complains of.
 fn asked(path: &Path) -> anyhow::Result<(String, String)> {
     let mut input = std::ffi::OsString::from("file:");

@@ -130,7 +130,10 @@ fn videos_that_were_started_by_hand_are_found_by_one_frame_of_four() {
     request.timing = Timing::Unknown;
     for camera in &mut request.cameras {
         camera.rate_hz = Some(20.0);
-        camera.frames.retain(|it| it.frame as i64 % 4 == 0);
+        // And one stray frame, as of a file that was put together by hand.
+        camera
+            .frames
+            .retain(|it| it.frame as i64 % 4 == 0 || it.frame as i64 == 401);
     }
     let found = quiet(&request).unwrap();
     say(&found);

@@ -8,10 +8,13 @@ use std::fs;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
+use farfield_sim::embedded::{write_detector, write_network};
+use image::RgbImage;
 use nalgebra::{Point3, Vector3};
 use serde_json::Value;
 
 use super::seen_hall::{SeenHall, calibration};
+use crate::data::onnx_runtime;
 use crate::farfield::farfield;
 
 /// How long people walk, seconds.
@@ -216,4 +219,67 @@ fn a_recording_of_people_calibrates_its_cameras_anew_when_one_was_moved() {
     assert_eq!(refused.code, 2, "{}", refused.stdout);
     let why = "is a recording, which knows its rate";
     assert!(refused.stderr.contains(why), "{}", refused.stderr);
+}
+
+/// Nobody makes pictures in which the small embedded networks see people for so long: what they saw in recordings of two empty
+/// pictures gives way to the walk, as if they had seen that, and is taken up.
+#[test]
+fn people_whom_networks_saw_in_recordings_calibrate_the_cameras() {
+    if !onnx_runtime("people in recordings, all the way to a calibration") {
+        return;
+    }
+    let walked = walked_hall();
+    let folder = &walked.folder;
+    let networks = folder.path("networks");
+    let network = networks.join(write_network(&networks).unwrap());
+    let detector = networks.join(write_detector(&networks).unwrap());
+    for camera in walked.truth.cameras.values() {
+        let pictures = folder.path(&format!("recordings/{}", camera.name()));
+        fs::create_dir_all(&pictures).unwrap();
+        let [width, height] = camera.size_px();
+        for number in 0..2 {
+            let picture = RgbImage::new(width, height);
+            picture
+                .save(pictures.join(format!("{number}.png")))
+                .unwrap();
+        }
+    }
+    let (pair, distance_m) = distance(&walked);
+    let known = format!("--distance={pair}={distance_m}");
+    let [recordings, lens, seen, out] =
+        ["recordings", "calibration.toml", "seen", "found.toml"].map(|name| folder.path(name));
+    let paths = [&recordings, &lens, &network, &detector, &seen, &out];
+    let [recordings, lens, network, detector, seen_in, out_to] =
+        paths.map(|path| path.to_str().unwrap());
+    let words = [
+        ["calibrate", "people"],
+        [recordings, &known],
+        ["--lens", lens],
+        ["--network", network],
+        ["--detector", detector],
+        ["--rate-hz", "10"],
+        ["--looks-hz", "10"],
+        ["--seen", seen_in],
+        ["--out", out_to],
+    ];
+    let nobody = farfield(&words.concat());
+    assert_eq!(nobody.code, 2, "{}\n{}", nobody.stdout, nobody.stderr);
+    let why = "nobody was seen in any recording";
+    assert!(nobody.stderr.contains(why), "{}", nobody.stderr);
+
+    for camera in walked.truth.cameras.values() {
+        let file = seen.join(format!("{}.jsonl", camera.name()));
+        let text = fs::read(folder.path(&format!("{}.jsonl", camera.name()))).unwrap();
+        let beside = file.with_extension("kept.json");
+        let mut kept: Value = serde_json::from_slice(&fs::read(&beside).unwrap()).unwrap();
+        kept["lines"] = blake3::hash(&text).to_hex()[..32].into();
+        kept["bodies"] = text.iter().filter(|it| **it == b'\n').count().into();
+        fs::write(&beside, kept.to_string()).unwrap();
+        fs::write(&file, text).unwrap();
+    }
+    let done = farfield(&words.concat());
+    assert_eq!(done.code, 0, "{}\n{}", done.stdout, done.stderr);
+    let taken_up = done.stderr.matches("where they were found earlier");
+    assert_eq!(taken_up.count(), walked.truth.cameras.len());
+    assert_as_in_truth(&calibration(&out), &walked.truth);
 }
