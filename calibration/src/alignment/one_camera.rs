@@ -2,7 +2,7 @@
 //! once. The result of a calibration is [`super::fit_marks`] of all cameras together.
 
 use farfield_proto::court::{Court, LineShape, PlacedCourt};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Isometry3, Vector2, Vector3};
 
 use super::mark_fit::{MarkResidual, fit_marks};
 use super::marks::{Known, KnownMark, MarkFreedom, Marks};
@@ -91,12 +91,7 @@ pub fn fit_one_camera(
         Ok(fitted) => fitted,
         // All of them, as well as they can be: the picture shows which one is off.
         Err(contradiction) => {
-            let pose_in_venue = pose.camera_from_world;
-            let state = CameraState {
-                camera_from_world: pose_in_venue.rotation,
-                center_w: pose_in_venue.inverse().translation.vector,
-                ..*lens
-            };
+            let state = state_at(lens, &pose.camera_from_world);
             return Ok(OneCameraFit {
                 residuals: residuals(marks, name, &state),
                 rms_px: pose.rms_px,
@@ -121,6 +116,15 @@ pub fn fit_one_camera(
         residuals: fitted.residuals,
         state,
     })
+}
+
+/// A camera with the lens of `lens` at a pose.
+fn state_at(lens: &CameraState, camera_from_world: &Isometry3<f64>) -> CameraState {
+    CameraState {
+        camera_from_world: camera_from_world.rotation,
+        center_w: camera_from_world.inverse().translation.vector,
+        ..*lens
+    }
 }
 
 fn at_origin(lens: &CameraState) -> CameraState {
@@ -198,9 +202,15 @@ fn half_turn(marks: &Marks, name: &str, lens: &CameraState) -> HalfTurn {
         let (points, pixels) = places_of(marks, name);
         let model = lens.lens();
         let pose = pose_from_points(&lens.intrinsics, &model, &points, &pixels);
-        pose.map_or(f64::INFINITY, |pose| pose.rms_px)
+        let pose_in_venue = pose.ok()?.camera_from_world;
+        // Lines too: of a court of which they alone were clicked, nothing else turns.
+        let left = residuals(marks, name, &state_at(lens, &pose_in_venue));
+        let squares = left.iter().filter_map(|it| it.px).map(|px| px * px);
+        let rms_px = (squares.sum::<f64>() / left.len().max(1) as f64).sqrt();
+        rms_px.is_finite().then_some(rms_px)
     };
-    if rms_px(&turned) <= AS_GOOD * rms_px(marks).max(CLICK_PX) {
+    let own_px = rms_px(marks).unwrap_or(f64::INFINITY);
+    if rms_px(&turned).is_some_and(|turned_px| turned_px <= AS_GOOD * own_px.max(CLICK_PX)) {
         HalfTurn::FitsAsWell
     } else {
         HalfTurn::IsTold

@@ -135,6 +135,25 @@ fn a_court_alone_never_says_which_end_is_which_and_a_door_does() {
 }
 
 #[test]
+fn lines_of_a_court_beside_known_places_say_which_end_is_which_and_the_halfway_line_does_not() {
+    let mut marks = seen_by_first(&SEEN, 0.0, 1);
+    // Places of one's own: they stay where they are when the court is turned.
+    for (number, mark) in marks.known.iter_mut().enumerate() {
+        mark.name = format!("own {number}");
+    }
+    for (line, expected) in [
+        ("touchline_south", HalfTurn::IsTold),
+        ("halfway_line", HalfTurn::FitsAsWell),
+    ] {
+        let mut with_line = marks.clone();
+        with_line.known.push(on_line(&venue(), 0, line));
+        let found = fitted(&with_line);
+        assert!(found.rms_px < 1e-3, "{line}: {}", found.rms_px);
+        assert_eq!(found.half_turn, expected, "{line}");
+    }
+}
+
+#[test]
 fn a_court_clicked_mirrored_puts_the_camera_under_the_floor() {
     let mut marks = seen_by_first(&SEEN, 0.0, 1);
     for mark in &mut marks.known {

@@ -97,7 +97,7 @@ pub(super) fn filmed(paths: &[PathBuf]) -> anyhow::Result<Option<Vec<Recording>>
         match recordings::recording(path)? {
             Some(recording) => all.push(recording),
             None if path.is_dir() => {
-                let inside = recordings::find(path, None)?;
+                let inside = recordings::find(path, None, recordings::OTHER_FOLDER)?;
                 if inside.iter().all(is_of_keypoints) {
                     bail!(
                         "{}: found a folder of keypoint files, expected these themselves: {}",
@@ -146,6 +146,22 @@ pub(super) fn rates_hz(recordings: &[Recording]) -> anyhow::Result<BTreeMap<Stri
         }
     }
     Ok(rates_hz)
+}
+
+/// Frames of the longest of the recordings.
+///
+/// # Errors
+/// What cannot be read, and a camera without a lens.
+pub(super) fn most_frames(
+    recordings: &[Recording],
+    lenses: &BTreeMap<String, Lens>,
+) -> anyhow::Result<f64> {
+    let mut most = 0;
+    for recording in recordings {
+        let lens = lens_of(lenses, &recording.name)?;
+        most = most.max(OwnVenue::over_a_floor(recording, lens)?.frames()?);
+    }
+    Ok(most as f64)
 }
 
 /// A camera, and how it is looked through.

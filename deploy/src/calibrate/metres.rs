@@ -1,6 +1,6 @@
 //! How long a metre is in a calibration: who said so, and what checks it.
 
-use farfield_calibration::alignment::Anchors;
+use farfield_calibration::alignment::{Anchors, Known, KnownMark};
 
 /// What else says how long a metre is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,12 +19,21 @@ pub(super) fn metres(anchors: &Anchors, otherwise: Otherwise) -> String {
         count => Some(format!("{count} {more}")),
     };
     let marks = anchors.marks.as_ref();
-    let clicked = marks.map_or(0, |it| it.known.len());
-    let places = Some(anchors.centers_m.len()).filter(|count| *count >= 3);
+    let known = marks.map_or(&[][..], |it| &it.known);
+    let is_line = |it: &&KnownMark| matches!(it.known, Known::OnLine(_));
+    let lines = known.iter().filter(is_line).count();
+    // Alone two places of cameras tell no length; beside marks each of them is fitted with these.
+    let least = if known.is_empty() { 3 } else { 1 };
+    let places = Some(anchors.centers_m.len()).filter(|count| *count >= least);
     let lengths = marks.map_or(0, |it| it.lengths.len());
     let sources = [
-        counted(clicked, "clicked mark or line", "clicked marks and lines"),
-        counted(places.unwrap_or(0), "", "places of cameras"),
+        counted(known.len() - lines, "clicked mark", "clicked marks"),
+        counted(lines, "clicked line", "clicked lines"),
+        counted(
+            places.unwrap_or(0),
+            "place of a camera",
+            "places of cameras",
+        ),
         counted(
             anchors.distances.len(),
             "distance between cameras",
@@ -57,7 +66,9 @@ pub(super) fn metres(anchors: &Anchors, otherwise: Otherwise) -> String {
 
 #[cfg(test)]
 mod tests {
-    use farfield_calibration::alignment::KnownDistance;
+    use std::path::Path;
+
+    use farfield_calibration::alignment::{KnownDistance, Marks};
 
     use super::*;
 
@@ -87,5 +98,32 @@ mod tests {
         let said = metres(&anchors, Otherwise::Nothing);
         let both = "from 3 places of cameras and one distance between cameras, which are held";
         assert!(said.contains(both), "{said}");
+    }
+
+    #[test]
+    fn places_of_cameras_count_beside_clicked_marks_however_few_and_lines_count_apart() {
+        let marks = |clicked: &str| {
+            let text = format!("court = \"futsal\"\n[camera.a]\n{clicked}");
+            Marks::parse(&text, Path::new("clicked.toml")).ok()
+        };
+        let centre = "centre = [1, 2]\n";
+        let mut anchors = Anchors {
+            marks: marks(centre),
+            ..Anchors::default()
+        };
+        let said = metres(&anchors, Otherwise::Nothing);
+        let alone = "from one clicked mark, and nothing checks it";
+        assert!(said.contains(alone), "{said}");
+        anchors.centers_m = ["a", "b"].map(|name| (name.to_owned(), [0.0; 3])).to_vec();
+        let said = metres(&anchors, Otherwise::Nothing);
+        let both = "from one clicked mark and 2 places of cameras, which are held";
+        assert!(said.contains(both), "{said}");
+        anchors.centers_m.pop();
+        anchors.marks = marks(&format!(
+            "{centre}touchline_north = [[1, 2], [3, 4]]\nhalfway_line = [[5, 6]]\n"
+        ));
+        let said = metres(&anchors, Otherwise::Nothing);
+        let all = "from one clicked mark and 2 clicked lines and one place of a camera, which";
+        assert!(said.contains(all), "{said}");
     }
 }

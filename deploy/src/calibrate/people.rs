@@ -13,13 +13,13 @@ use farfield_calibration::points::Timing;
 use farfield_node::process::{NodeError, say};
 
 use super::Judged;
-use super::filmed_people::{FilmedArgs, filmed, rates_hz};
+use super::filmed_people::{FilmedArgs, filmed, most_frames, rates_hz};
 use super::handed_over::{Asked, FoundArgs, hand_over};
 use super::known::KnownArgs;
 use super::lenses::lens_of;
 use super::metres::{Otherwise, metres};
 use super::recorded_people::{Part, PeopleRecording, is_recording};
-use super::seen::{SeenArgs, SeenCamera, by_camera};
+use super::seen::{LEAST_FRAMES, SeenArgs, SeenCamera, by_camera};
 use super::thin_files::ThinFiles;
 use crate::init::recordings::Recording;
 
@@ -131,7 +131,7 @@ fn of_videos(
         );
         let lenses = args.cameras.needed_lenses()?;
         let cameras = args.cameras.with_rates(&rates_hz(recordings)?);
-        let cameras = cameras.with_one_rate(&names)?;
+        let cameras = cameras.with_one_rate(&names, || most_frames(recordings, &lenses))?;
         let seen_nobody = names.iter().map(|name| {
             Ok(SeenCamera {
                 lens: lens_of(&lenses, name)?.clone(),
@@ -205,12 +205,21 @@ fn of_files(
 ) -> anyhow::Result<PeopleRequest> {
     refuse_part(args)?;
     let names: Vec<&str> = files.keys().map(String::as_str).collect();
-    let given = &given.with_one_rate(&names)?;
-    let mut thinned = ThinFiles::new(given, files.len());
+    let one_rate = &given.with_one_rate(&names, || Ok(LEAST_FRAMES))?;
+    let mut thinned = ThinFiles::new(one_rate, files.len());
     let read = |name: &str, path: &Path| thinned.read(name, path);
-    let mut seen = given.cameras(files, anchors, read)?;
+    let mut seen = one_rate.cameras(files, anchors, read)?;
+    given.with_one_rate(&names, || Ok(frames_of(&seen)))?;
     thinned.level(&mut seen);
-    of_seen(given, seen)
+    of_seen(one_rate, seen)
+}
+
+/// From the first frame of all cameras to the last.
+fn frames_of(seen: &[SeenCamera<Vec<DetectedFrame>>]) -> f64 {
+    let numbers = || seen.iter().flat_map(|it| &it.seen).map(|it| it.frame);
+    let first = numbers().reduce(f64::min).unwrap_or_default();
+    let last = numbers().reduce(f64::max).unwrap_or_default();
+    last - first + 1.0
 }
 
 /// What cameras saw, as it is asked about.

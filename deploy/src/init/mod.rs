@@ -131,8 +131,11 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
         args.folder.display()
     );
     let (calibration_path, calibration) = find_calibration(args)?;
-    let recordings = recordings::find(&args.folder, args.videos.as_deref())
-        .map_err(|error| anyhow!("{error}; name their folder with `--videos DIR`"))?;
+    let recordings = recordings::find(
+        &args.folder,
+        args.videos.as_deref(),
+        "name their folder with `--videos DIR`",
+    )?;
     let viewpoints = viewpoints::choose(&args.viewpoint, &calibration)?;
     let cameras: Vec<&str> = viewpoints
         .iter()

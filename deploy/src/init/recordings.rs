@@ -11,7 +11,10 @@ use farfield_node::process::say;
 pub(crate) const VIDEOS: [&str; 10] = [
     "mp4", "mov", "mkv", "avi", "m4v", "webm", "mts", "m2ts", "mxf", "mpg",
 ];
+/// What pictures' names end in.
 const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];
+/// What helps where no recordings are in a folder that alone says where they are.
+pub(crate) const OTHER_FOLDER: &str = "give the folder that they are in";
 /// So much is looked at in a folder.
 const MAX_ENTRIES: usize = 100_000;
 
@@ -54,7 +57,14 @@ impl Recording {
 }
 
 /// The recordings in `videos`; if that is not said, in `folder`, or in `videos` in it.
-pub(crate) fn find(folder: &Path, videos: Option<&Path>) -> anyhow::Result<Vec<Recording>> {
+///
+/// # Errors
+/// What cannot be read; where there are none, with the caller's `remedy`.
+pub(crate) fn find(
+    folder: &Path,
+    videos: Option<&Path>,
+    remedy: &str,
+) -> anyhow::Result<Vec<Recording>> {
     let places = match videos {
         Some(videos) => vec![videos.to_owned()],
         None => vec![folder.to_owned(), folder.join("videos")],
@@ -70,7 +80,8 @@ pub(crate) fn find(folder: &Path, videos: Option<&Path>) -> anyhow::Result<Vec<R
     }
     let names: Vec<String> = places.iter().map(|it| it.display().to_string()).collect();
     anyhow::bail!(
-        "no recordings are in {}: expected videos ({}), folders of numbered pictures, or keypoint files (jsonl)",
+        "no recordings are in {}: expected videos ({}), folders of numbered pictures, or keypoint files (jsonl); \
+         {remedy}",
         names.join(" or "),
         VIDEOS.join(", ")
     )
@@ -124,6 +135,16 @@ pub(crate) fn entries(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(entries)
 }
 
+/// Whether a file is called as videos are.
+pub(crate) fn is_video(path: &Path) -> bool {
+    VIDEOS.contains(&ending(path).as_str())
+}
+
+/// Whether a file is called as pictures are.
+pub(crate) fn is_picture(path: &Path) -> bool {
+    PICTURES.contains(&ending(path).as_str())
+}
+
 fn ending(path: &Path) -> String {
     path.extension()
         .unwrap_or_default()
@@ -168,11 +189,13 @@ fn is_denied(error: &anyhow::Error) -> bool {
 
 fn file(path: &Path) -> Option<Recording> {
     let name = path.file_stem()?.to_str()?.to_owned();
-    let kind = match ending(path).as_str() {
-        ending if VIDEOS.contains(&ending) => RecordingKind::Video,
+    let kind = if is_video(path) {
+        RecordingKind::Video
+    } else if ending(path) == "jsonl" && name != "truth" && name != "poses" {
         // What simulated venues and data sets call what is to be found.
-        "jsonl" if name != "truth" && name != "poses" => RecordingKind::Keypoints,
-        _ => return None,
+        RecordingKind::Keypoints
+    } else {
+        return None;
     };
     Some(Recording {
         kind,
@@ -183,9 +206,7 @@ fn file(path: &Path) -> Option<Recording> {
 
 /// The number pattern of the pictures among `files`; `None` where no two have one.
 fn pattern(files: &[PathBuf]) -> Option<String> {
-    let names = files
-        .iter()
-        .filter(|path| PICTURES.contains(&ending(path).as_str()));
+    let names = files.iter().filter(|path| is_picture(path));
     let names: Vec<&str> = names
         .filter_map(|path| path.file_name()?.to_str())
         .collect();
@@ -254,7 +275,7 @@ mod tests {
             std::fs::create_dir_all(at(name).parent().unwrap()).unwrap();
             std::fs::write(at(name), "").unwrap();
         }
-        let found = find(folder.path(), None).unwrap();
+        let found = find(folder.path(), None, OTHER_FOLDER).unwrap();
         let said: Vec<_> = found
             .iter()
             .map(|it| (it.name.as_str(), it.kind_name(), it.path.clone()))
@@ -267,6 +288,12 @@ mod tests {
                 ("c", "images", at("c/%06d.png")),
                 ("d", "images", at("d/f%d.jpg")),
             ]
+        );
+        let said = find(&at("empty"), None, OTHER_FOLDER).unwrap_err();
+        assert!(
+            said.to_string()
+                .ends_with("give the folder that they are in"),
+            "{said}"
         );
     }
 }

@@ -32,7 +32,7 @@ pub(in crate::calibrate) struct LookingCamera {
 /// # Errors
 /// What cannot be read, two recordings of one camera, and keypoint files alone.
 pub(super) fn recordings_in(folder: &Path) -> anyhow::Result<Vec<Recording>> {
-    let found = recordings::find(folder, None)?;
+    let found = recordings::find(folder, None, recordings::OTHER_FOLDER)?;
     let pictures = found
         .into_iter()
         .filter(|it| it.kind != RecordingKind::Keypoints);

@@ -13,12 +13,10 @@ use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 use super::kind::Board;
 use super::video;
-use crate::init::recordings::VIDEOS;
+use crate::init::recordings::{is_picture, is_video};
 
 /// Most pictures of one camera.
 const MAX_PICTURES: usize = 2000;
-/// What pictures are called.
-const ENDINGS: [&str; 3] = ["jpg", "jpeg", "png"];
 
 /// A picture in which it was looked for.
 struct LookedAt {
@@ -170,17 +168,6 @@ pub(super) fn size_px(path: &Path) -> anyhow::Result<[u32; 2]> {
     }
     let (width, height) = image::image_dimensions(path).with_context(named)?;
     Ok([width, height])
-}
-
-pub(super) fn is_picture(path: &Path) -> bool {
-    let ending = path.extension().and_then(|it| it.to_str());
-    ending.is_some_and(|it| ENDINGS.contains(&it.to_ascii_lowercase().as_str()))
-}
-
-pub(super) fn is_video(path: &Path) -> bool {
-    let ending = path.extension().and_then(|it| it.to_str());
-    let is_one = |ending: &str| VIDEOS.contains(&ending.to_ascii_lowercase().as_str());
-    ending.is_some_and(is_one)
 }
 
 fn look(path: &Path, board: &Board) -> anyhow::Result<LookedAt> {

@@ -17,6 +17,7 @@ use self::kind::BoardKindArgs;
 use self::look::{found, recorded};
 use self::told::{json, lines};
 use super::convert::format;
+use super::lenses::Lens;
 use super::{refuse_existing, write};
 use crate::output;
 
@@ -62,16 +63,14 @@ pub(super) struct BoardArgs {
 /// [`NodeError::Refused`] where pictures cannot be read or do not carry what is asked, [`NodeError::Failed`] where the disk
 /// is in the way.
 pub(super) fn from_board(args: &BoardArgs) -> Result<(), NodeError> {
-    let look = || {
-        let board = args.kind.board()?;
-        found(&board, recorded(&args.pictures)?, args.kind.coefficients)
-    };
+    let board = args.kind.board().map_err(NodeError::Refused)?;
+    // Before looks of minutes: files are called after the camera, whatever its lens.
+    paths(args, &Lens::of_nobody())?;
+    let look = || found(&board, recorded(&args.pictures)?, args.kind.coefficients);
     let found = look().map_err(NodeError::Refused)?;
-    let texts = files(&args.camera, &found, args.to).map_err(NodeError::refused)?;
-    let paths: Vec<PathBuf> = texts.iter().map(|file| args.out.join(&file.path)).collect();
-    for path in &paths {
-        refuse_existing(path, args.replace)?;
-    }
+    let lens = lens_found(&found);
+    let paths = paths(args, &lens)?;
+    let texts = files(&args.camera, &lens, args.to).map_err(NodeError::refused)?;
     for (path, file) in paths.iter().zip(&texts) {
         write(path, &file.text)?;
     }
@@ -83,17 +82,32 @@ pub(super) fn from_board(args: &BoardArgs) -> Result<(), NodeError> {
     output::print(&text).map_err(NodeError::Failed)
 }
 
-/// The files of the lens of `camera`.
-fn files(
-    camera: &str,
-    found: &BoardCalibration,
-    format: Format,
-) -> Result<Vec<TextFile>, ExportError> {
-    let record = CameraRecord {
-        name: camera.to_owned(),
+/// The lens that boards told.
+fn lens_found(found: &BoardCalibration) -> Lens {
+    Lens {
         size_px: found.size_px,
         intrinsics: found.intrinsics,
-        lens: found.lens,
+        model: found.lens,
+    }
+}
+
+/// Where the files of `lens` go; refused where something is in their place.
+fn paths(args: &BoardArgs, lens: &Lens) -> Result<Vec<PathBuf>, NodeError> {
+    let texts = files(&args.camera, lens, args.to).map_err(NodeError::refused)?;
+    let paths: Vec<PathBuf> = texts.iter().map(|file| args.out.join(&file.path)).collect();
+    for path in &paths {
+        refuse_existing(path, args.replace)?;
+    }
+    Ok(paths)
+}
+
+/// The files of the lens of `camera`.
+fn files(camera: &str, lens: &Lens, format: Format) -> Result<Vec<TextFile>, ExportError> {
+    let record = CameraRecord {
+        name: camera.to_owned(),
+        size_px: lens.size_px,
+        intrinsics: lens.intrinsics,
+        lens: lens.model,
         camera_from_world: None,
     };
     export(&[record], format)

@@ -11,13 +11,13 @@ use farfield_node::process::{NodeError, say};
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::{Deserialize, Serialize};
 
-use super::files;
 use super::kind::{Board, BoardKindArgs};
-use super::look::{found, is_picture, is_video, recorded, size_px};
+use super::look::{found, recorded, size_px};
+use super::{files, lens_found};
 use crate::calibrate::kept::{Kept, fingerprint};
 use crate::calibrate::lenses::{Lens, LensFile, lenses};
 use crate::calibrate::{refuse_existing, write};
-use crate::init::recordings::entries;
+use crate::init::recordings::{entries, is_picture, is_video};
 
 /// How the line begins that says of what a lens was made.
 const MARK: &str = "# farfield calibrate board: ";
@@ -199,7 +199,8 @@ impl BoardStage<'_> {
         let looked = found(board, camera.recorded.clone(), self.args.kind.coefficients);
         let looked = looked.with_context(|| format!("the boards of camera `{name}`"));
         let looked = looked.map_err(NodeError::Refused)?;
-        let texts = files(name, &looked, Format::OpenCvYaml).map_err(NodeError::refused)?;
+        let texts =
+            files(name, &lens_found(&looked), Format::OpenCvYaml).map_err(NodeError::refused)?;
         let lines: String = texts.into_iter().map(|it| it.text).collect();
         let said = FoundLens::of(&looked);
         say(format_args!(

@@ -9,14 +9,12 @@ use farfield_edge::source::{FrameContent, open_video_alone};
 use image::GrayImage;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
+use crate::init::rate;
+
 /// Pictures per second that are looked at.
 const LOOKS_HZ: f64 = 3.0;
-/// Pictures per second of a video that does not say.
-const USUAL_HZ: f64 = 30.0;
 /// Pictures of the board that are used: more cost time and tell nothing new.
 const MOST_USED: usize = 40;
-/// Rates that videos have; what says another says none.
-const RATES_HZ: [f64; 2] = [1.0, 240.0];
 /// Pictures that are looked at together.
 const TOGETHER: usize = 8;
 /// Corners that are nearer to those of another picture, in pixels, are the same view: a board that was held still.
@@ -90,9 +88,7 @@ pub(super) fn look(
 
 /// Pictures of a video of `rate_hz` of which one is looked at.
 fn window(rate_hz: Option<f64>) -> usize {
-    let [least, most] = RATES_HZ;
-    let rate_hz = rate_hz.unwrap_or(USUAL_HZ).clamp(least, most);
-    (rate_hz / LOOKS_HZ).round().max(1.0) as usize
+    (rate::about(rate_hz) / LOOKS_HZ).round().max(1.0) as usize
 }
 
 /// What was looked at so far.

@@ -14,7 +14,8 @@ use image::{DynamicImage, ImageDecoder as _, ImageEncoder as _, ImageReader, Lim
 
 use crate::calibrate::board::sharpness;
 use crate::calibrate::lenses::Lens;
-use crate::init::recordings::{VIDEOS, entries};
+use crate::init::rate;
+use crate::init::recordings::{entries, is_picture, is_video};
 
 /// Most cameras of one sitting: their pictures are held in memory.
 const MOST_PICTURES: usize = 64;
@@ -22,13 +23,8 @@ const MOST_PICTURES: usize = 64;
 const LONGEST_SIDE_PX: u32 = 16_384;
 /// Most memory for a picture while it is decoded, bytes.
 const MOST_BYTES: u64 = 1 << 30;
-/// What pictures are called.
-const PICTURES: [&str; 3] = ["jpg", "jpeg", "png"];
-/// Rate of a video that does not say, and how long the sharpest picture is looked for.
-const USUAL_HZ: f64 = 30.0;
+/// How long the sharpest picture of a video is looked for.
 const LOOKED_S: f64 = 1.0;
-/// Rates that videos have.
-const RATES_HZ: [f64; 2] = [1.0, 240.0];
 /// Latest second of a video at which a picture may be taken.
 const LATEST_S: f64 = 86_400.0;
 
@@ -123,10 +119,8 @@ fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         }
         let inside = entries(path)?;
         let before = all.len();
-        all.extend(inside.into_iter().filter(|it| {
-            let ending = ending(it);
-            it.is_file() && (PICTURES.contains(&&*ending) || VIDEOS.contains(&&*ending))
-        }));
+        let is_one = |it: &PathBuf| it.is_file() && (is_picture(it) || is_video(it));
+        all.extend(inside.into_iter().filter(is_one));
         ensure!(
             all.len() > before,
             "{}: found no picture in it, expected JPEG or PNG files, or videos, called as the cameras",
@@ -136,19 +130,13 @@ fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     Ok(all)
 }
 
-fn ending(path: &Path) -> String {
-    let ending = path.extension().unwrap_or_default();
-    ending.to_string_lossy().to_lowercase()
-}
-
 fn still(path: &Path, from_s: f64) -> anyhow::Result<StillPicture> {
     let shown = || path.display().to_string();
     let name = path.file_stem().and_then(|it| it.to_str());
     let name = name.ok_or_else(|| anyhow!("{}: expected a file called as its camera", shown()))?;
     ClickedFile::check_name(name)
         .map_err(|problem| anyhow!("{}: {problem}: call the file as its camera", shown()))?;
-    let is_video = VIDEOS.contains(&&*ending(path));
-    let picture = if is_video {
+    let picture = if is_video(path) {
         of_video(path, from_s)?
     } else {
         let (picture, orientation) = of_file(path)
@@ -194,8 +182,7 @@ fn of_file(path: &Path) -> anyhow::Result<(RgbImage, Orientation)> {
 fn of_video(path: &Path, from_s: f64) -> anyhow::Result<RgbImage> {
     let shown = path.display();
     let (info, mut source) = open_video_alone(path)?;
-    let [least, most] = RATES_HZ;
-    let rate_hz = info.rate_hz.unwrap_or(USUAL_HZ).clamp(least, most);
+    let rate_hz = rate::about(info.rate_hz);
     let first = (from_s * rate_hz) as u64;
     let looked = (LOOKED_S * rate_hz).ceil() as u64;
     let mut sharpest: Option<(f64, RgbImage)> = None;
