@@ -111,6 +111,7 @@ mod tests {
             p50_ms,
             p99_ms: 2.0 * p50_ms,
             max_ms: 3.0 * p50_ms,
+            agreement_share: 0.0,
             stages: Vec::new(),
             tracked: people,
         }

@@ -131,9 +131,11 @@ pub(crate) fn profile_text(profile: &SubjectProfile) -> String {
     for (joint, link) in &profile.links {
         let [x, y, z]: [f64; 3] = link.offset_m.into();
         let (length_m, sigma_m) = (link.offset_m.norm(), link.sigma_m);
-        text += &format!(
-            "[link.{joint}]\noffset_m = [{x:?}, {y:?}, {z:?}]\nlength_m = {length_m:?}\nsigma_m = {sigma_m:?}\n"
-        );
+        let lines = [
+            format!("[link.{joint}]\noffset_m = [{x:?}, {y:?}, {z:?}]\n"),
+            format!("length_m = {length_m:?}\nsigma_m = {sigma_m:?}\n"),
+        ];
+        text.extend(lines);
     }
     text
 }

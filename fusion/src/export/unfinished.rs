@@ -15,7 +15,7 @@ pub(super) const SUFFIX: &str = ".tmp";
 const MOST_NAMES: u32 = 8;
 /// A file that nobody has written to for so long is of nobody who still writes: a writer in another container or on another machine
 /// has a number that says nothing here.
-const LEFT_FOR: Duration = Duration::from_secs(3600);
+const LEFT_FOR: Duration = Duration::from_hours(1);
 
 /// A file being written. Dropped before [`Unfinished::finish`], it is taken away again.
 #[derive(Debug)]
