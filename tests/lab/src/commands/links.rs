@@ -87,19 +87,48 @@ pub(crate) fn links(args: &LinksArgs) -> Result<(), NodeError> {
     let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
     let folder = args.out.as_deref().unwrap_or(scratch.path());
     farfield_fusion::node::check_folder(folder).map_err(NodeError::Refused)?;
-    let study = LinkStudy::prepare(args, folder).map_err(NodeError::Failed)?;
     let mut report = LinkReport::new(args.seconds, args.settle);
-    for link in links_of(args) {
-        let row = study.run(&link).map_err(NodeError::Failed)?;
-        say(format_args!("{row}"));
-        report.rows.push(row);
-    }
+    report.rows = rows(args, folder).map_err(NodeError::Failed)?;
     let text = if args.json {
         serde_json::to_string_pretty(&report).map_err(NodeError::failed)? + "\n"
     } else {
         report.to_string()
     };
     output::print(&text).map_err(NodeError::Failed)
+}
+
+/// Four edges and eight people behind one link of 1 Mbit/s, for a drive: its run is left in `folder`.
+///
+/// # Errors
+/// When the maps cannot be made, or the run fails.
+pub(super) fn one_bottleneck(folder: &Path) -> anyhow::Result<LinkRow> {
+    let args = LinksArgs {
+        scene: None,
+        seconds: 20,
+        settle: 5,
+        good_start: 0,
+        round_trip: vec![20],
+        loss: vec![0.0],
+        rate: 1000,
+        queue: 64,
+        budget: 0,
+        shared: true,
+        no_ideal: true,
+        out: None,
+        json: false,
+    };
+    rows(&args, folder)?.pop().context("one link was asked for")
+}
+
+/// Runs the venue once per link of `args`.
+fn rows(args: &LinksArgs, folder: &Path) -> anyhow::Result<Vec<LinkRow>> {
+    let study = LinkStudy::prepare(args, folder)?;
+    let row = |link: LinkKind| {
+        let row = study.run(&link)?;
+        say(format_args!("{row}"));
+        Ok(row)
+    };
+    links_of(args).into_iter().map(row).collect()
 }
 
 fn ensure_sense(args: &LinksArgs) -> anyhow::Result<()> {

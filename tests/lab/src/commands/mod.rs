@@ -9,6 +9,7 @@ mod bytes;
 mod codec;
 mod crowd;
 mod delays;
+mod faults;
 mod figures;
 mod fuzz;
 mod links;
@@ -31,6 +32,7 @@ use self::bytes::BytesArgs;
 use self::codec::CodecArgs;
 use self::crowd::CrowdArgs;
 use self::delays::DelaysArgs;
+use self::faults::FaultsArgs;
 use self::figures::FiguresArgs;
 use self::fuzz::corpus::CorpusArgs;
 use self::fuzz::seeds::FuzzSeedsArgs;
@@ -63,6 +65,8 @@ enum LabCommand {
     Bytes(BytesArgs),
     /// How good a venue is over links that are far, thin and lossy: all nodes live, as processes.
     Links(LinksArgs),
+    /// What a venue meets in its first month, driven for real: clocks, nodes, links, strangers, disks.
+    Faults(FaultsArgs),
     /// Many people and viewpoints, live: whether fusion keeps up with sets that were made beforehand.
     Crowd(CrowdArgs),
     /// Whether anything grows in a venue that runs live for long.
@@ -103,6 +107,7 @@ pub fn main() -> ExitCode {
         LabCommand::Suite(args) => suite::suite(&args),
         LabCommand::Bytes(args) => bytes::study(&args),
         LabCommand::Links(args) => links::links(&args),
+        LabCommand::Faults(args) => faults::faults(&args),
         LabCommand::Crowd(args) => crowd::crowd(&args),
         LabCommand::Soak(args) => soak::soak(&args),
         LabCommand::Budget(args) => budget::budget(&args),

@@ -1,7 +1,11 @@
 //! `lab soak`: a venue that runs live for long, and whether anything grows.
 //!
 //! People walk the scene there and back without end. Memory, threads and file handles of every node are
-//! sampled from `/proc` while they run; the first fifth of the samples is for buffers to find their size.
+//! sampled from `/proc` while they run; the first fifth of the samples is for buffers to find their size. Who they are is
+//! scored a minute at a time. With `--faults` small things go wrong all the while.
+
+mod people;
+mod small_faults;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -17,9 +21,14 @@ use farfield_node::process::{NodeError, say};
 use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
 
+use self::people::SoakedPeople;
+use self::small_faults::SmallFaults;
 use super::made_maps::{self, MadeMaps};
 use farfield::output;
+use farfield_node::clock;
 
+/// Between two looks at what is due.
+const PAUSE: Duration = Duration::from_millis(50);
 /// Samples of a run.
 const SAMPLES: u32 = 120;
 /// Growth of memory that is none, bytes: a page of the allocator's here and there.
@@ -45,6 +54,10 @@ pub(crate) struct SoakArgs {
     /// Share of datagrams that are lost each way, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.1)]
     loss: f64,
+    /// Let small things go wrong at random moments, of this seed: links are cut or lossy for a moment, edges are killed
+    /// and started again, with clocks that are off and then set right.
+    #[arg(long, value_name = "SEED")]
+    faults: Option<u64>,
     /// Keep what the run left in this folder; must be empty or not there.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -53,7 +66,7 @@ pub(crate) struct SoakArgs {
 /// Runs the soak and prints what every node took, and how late the poses were.
 ///
 /// # Errors
-/// When the scene or the folder is refused, a node ends early, people are not tracked, or anything grew.
+/// When the scene or the folder is refused, a node ends early, people are not tracked, ids were exchanged or invented, or anything grew.
 pub(crate) fn soak(args: &SoakArgs) -> Result<(), NodeError> {
     let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
     let folder = args.out.as_deref().unwrap_or(scratch.path());
@@ -65,7 +78,7 @@ pub(crate) fn soak(args: &SoakArgs) -> Result<(), NodeError> {
     if grown.is_empty() {
         Ok(())
     } else {
-        Err(NodeError::Failed(anyhow!("grown: {}", grown.join("; "))))
+        Err(NodeError::Failed(anyhow!("{}", grown.join("; "))))
     }
 }
 
@@ -79,20 +92,23 @@ fn run(
         .viewpoints
         .len();
     let mut live = LiveVenue::prepare(&maps.program, &maps.venue, Namespaces::make(n).ok())?;
+    let usual = Impairment {
+        delay_us: args.round_trip * 500,
+        loss: args.loss / 100.0,
+        ..Impairment::default()
+    };
     for relay in &live.relays {
-        relay.set_both(Impairment {
-            delay_us: args.round_trip * 500,
-            loss: args.loss / 100.0,
-            ..Impairment::default()
-        });
+        relay.set_both(usual);
     }
     live.start_fusion(&folder.join("run"), &[])?;
     let watch = live.watch()?;
+    let mut people = SoakedPeople::listen(&watch, &maps.truth, live.venue().rate_hz)?;
     live.start_edges()?;
     let length = Duration::from_secs_f64(args.minutes * 60.0);
-    let samples = sample_vitals(&live, &watch, length)?;
+    let mut faults = args.faults.map(|seed| SmallFaults::new(seed, usual, n));
+    let samples = sample_vitals(&mut live, (&watch, &mut people), &mut faults, length)?;
     let mut text = headline(args, &live, &watch, length)?;
-    let mut grown = Vec::new();
+    let mut grown = people.wrong();
     for (node, samples) in &samples {
         let (line, growth) = judge(node, samples, length);
         text += &line;
@@ -109,18 +125,34 @@ fn run(
             up.offered.peak_bytes_s as f64 / 1e3
         );
     }
+    let _infallible = writeln!(text, "{people}");
+    if let Some(faults) = &faults {
+        let _infallible = writeln!(text, "{faults}");
+    }
     Ok((text, grown))
 }
 
 /// The vitals of every node, by its name, taken evenly over `length`.
 fn sample_vitals(
-    live: &LiveVenue,
-    watch: &VenueWatch,
+    live: &mut LiveVenue,
+    (watch, people): (&VenueWatch, &mut SoakedPeople),
+    faults: &mut Option<SmallFaults>,
     length: Duration,
 ) -> anyhow::Result<BTreeMap<String, Vec<Vitals>>> {
     let mut samples: BTreeMap<String, Vec<Vitals>> = BTreeMap::new();
+    let from = clock::now();
     for sample in 1..=SAMPLES {
-        thread::sleep(length / SAMPLES);
+        loop {
+            let elapsed = clock::now().duration_since(from);
+            if elapsed >= length / SAMPLES * sample {
+                break;
+            }
+            if let Some(faults) = faults {
+                faults.look(live, elapsed)?;
+            }
+            people.look(watch);
+            thread::sleep(PAUSE);
+        }
         for node in live.nodes() {
             let vitals = node.vitals();
             let vitals = vitals.with_context(|| format!("a node has ended\n{}", live.said()))?;
@@ -131,7 +163,7 @@ fn sample_vitals(
         }
         if sample % (SAMPLES / 10) == 0 {
             say(format_args!(
-                "{} %: {} poses",
+                "{} %: {} poses; {people}",
                 100 * sample / SAMPLES,
                 watch.seen().poses
             ));

@@ -47,9 +47,16 @@ pub fn with_clips(text: &str, path: &Path) -> Result<Scene, FileError> {
 /// # Errors
 /// [`FileError`] for a name that is not embedded, and a folder or file that cannot be written.
 pub fn write_scene(name: &str, folder: &Path) -> Result<PathBuf, FileError> {
-    let path = scene_path(name);
-    let text = text_of(SCENES, name, &path)?;
-    let on_disk = folder.join(&path);
+    write_scene_with_clips(text_of(SCENES, name, &scene_path(name))?, name, folder)
+}
+
+/// The same for the scene that `text` describes, whose clips are embedded.
+///
+/// # Errors
+/// [`FileError`] for a text that is no scene, or names a clip that is not embedded, and a folder or file that cannot be
+/// written.
+pub fn write_scene_with_clips(text: &str, name: &str, folder: &Path) -> Result<PathBuf, FileError> {
+    let on_disk = folder.join(scene_path(name));
     for clip in SceneFile::parse(text, &on_disk)?.clips() {
         write(clip, clip_text(clip)?.as_bytes())?;
     }

@@ -16,31 +16,31 @@ pub(super) struct LinkReport {
 
 /// One run.
 #[derive(Debug, Serialize)]
-pub(super) struct LinkRow {
+pub(in crate::commands) struct LinkRow {
     /// Round trip and loss each way.
-    pub(super) link: String,
-    pub(super) mpjpe_mm: Option<f64>,
+    pub(in crate::commands) link: String,
+    pub(in crate::commands) mpjpe_mm: Option<f64>,
     /// Persons and ticks without a pose near the truth, of so many.
-    pub(super) gaps: u64,
-    pub(super) frames: u64,
-    pub(super) id_switches: u64,
+    pub(in crate::commands) gaps: u64,
+    pub(in crate::commands) frames: u64,
+    pub(in crate::commands) id_switches: u64,
     /// Capture to the arrival of the pose at a listener.
-    pub(super) delay_p50_ms: Option<f64>,
-    pub(super) delay_p99_ms: Option<f64>,
+    pub(in crate::commands) delay_p50_ms: Option<f64>,
+    pub(in crate::commands) delay_p99_ms: Option<f64>,
     /// The highest compression level of any edge at the end, 0 lossless to 6.
-    pub(super) quality: Option<u8>,
+    pub(in crate::commands) quality: Option<u8>,
     /// Ticks that the slowest edge works on: every so manieth.
-    pub(super) every_nth_tick: Option<u16>,
+    pub(in crate::commands) every_nth_tick: Option<u16>,
     /// Most that any link was given in any second, and what it was on average.
-    pub(super) peak_bytes_s: u64,
-    pub(super) mean_bytes_s: u64,
+    pub(in crate::commands) peak_bytes_s: u64,
+    pub(in crate::commands) mean_bytes_s: u64,
     /// Where edges share one link: how far the rate of any is from the mean of all, as a share of it.
-    pub(super) rates_apart: Option<f64>,
+    pub(in crate::commands) rates_apart: Option<f64>,
     /// Datagrams for which an edge's queue had no room.
-    pub(super) dropped: u64,
+    pub(in crate::commands) dropped: u64,
     /// Longest and mean wait in an edge's queue.
-    pub(super) longest_wait_ms: f64,
-    pub(super) mean_wait_ms: f64,
+    pub(in crate::commands) longest_wait_ms: f64,
+    pub(in crate::commands) mean_wait_ms: f64,
 }
 
 impl LinkReport {

@@ -1,0 +1,246 @@
+//! `lab faults`: what a venue meets in its first month, driven for real, and a table of what it did to it.
+//!
+//! Every fault has a live venue of its own: nodes as processes, edges behind relays, maps made beforehand. What was
+//! measured stands beside the bar that it shall keep. Fakes are said to be: clocks are wrong inside of an edge, disks are
+//! mounted for it, links are relays. Cameras that hang, key files and mixed versions are driven by scenarios.
+
+mod clocks;
+mod disks;
+mod field;
+mod links;
+mod nodes;
+mod stage;
+mod strangers;
+mod table;
+
+use std::path::Path;
+
+use anyhow::{Context as _, anyhow, bail};
+use farfield::output;
+use farfield_node::process::{NodeError, say};
+
+use self::field::Field;
+use self::table::{Driven, FaultRow, FaultTable};
+
+/// Arguments of `lab faults`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct FaultsArgs {
+    /// The faults to drive; all where none is named.
+    #[arg(value_name = "FAULT")]
+    faults: Vec<String>,
+    /// Only say which there are.
+    #[arg(long)]
+    list: bool,
+    /// Only those that are driven within seconds, each for a shorter time.
+    #[arg(long)]
+    quick: bool,
+    /// Fail where something is outside of its bar, or with `--quick` outside of three times its bar.
+    #[arg(long)]
+    check: bool,
+}
+
+/// Something that happens to a venue.
+struct Fault {
+    name: &'static str,
+    about: &'static str,
+    /// Whether it is driven within seconds.
+    is_quick: bool,
+    drive: fn(&Field) -> anyhow::Result<Driven>,
+}
+
+/// All of them, in the order in which they are driven.
+const FAULTS: [Fault; 14] = [
+    Fault {
+        name: "lopsided-link",
+        about: "a link that is 30 ms long one way and 10 ms the other, before a clock that NTP keeps right",
+        is_quick: true,
+        drive: clocks::lopsided_link,
+    },
+    Fault {
+        name: "clock-set",
+        about: "one clock that begins 2 s wrong and is set right, and one that is set wrong by 2 s meanwhile",
+        is_quick: false,
+        drive: clocks::clock_set,
+    },
+    Fault {
+        name: "fusion-killed",
+        about: "fusion is killed and started again",
+        is_quick: true,
+        drive: nodes::fusion_killed,
+    },
+    Fault {
+        name: "edge-killed",
+        about: "an edge is killed and started again",
+        is_quick: true,
+        drive: nodes::edge_killed,
+    },
+    Fault {
+        name: "cut-short",
+        about: "a link is cut for 0.7 s",
+        is_quick: true,
+        drive: links::cut_short,
+    },
+    Fault {
+        name: "cut-long",
+        about: "a link is cut for 3 s",
+        is_quick: false,
+        drive: links::cut_long,
+    },
+    Fault {
+        name: "loss",
+        about: "a fifth of the datagrams of all links is lost at random",
+        is_quick: true,
+        drive: links::loss,
+    },
+    Fault {
+        name: "bottleneck",
+        about: "four edges and eight people behind one link of 1 Mbit/s",
+        is_quick: false,
+        drive: links::bottleneck,
+    },
+    Fault {
+        name: "flood",
+        about: "an edge in other hands says noise as fast as it can, while all is recorded",
+        is_quick: true,
+        drive: nodes::flood,
+    },
+    Fault {
+        name: "garbage-quic",
+        about: "garbage before a door of quic/ while a node joins",
+        is_quick: true,
+        drive: strangers::garbage_quic,
+    },
+    Fault {
+        name: "garbage-tls",
+        about: "garbage and silent connections before a door of tls/ while a node joins",
+        is_quick: false,
+        drive: strangers::garbage_tls,
+    },
+    Fault {
+        name: "disk-full",
+        about: "the disk of the results is full for a while",
+        is_quick: true,
+        drive: disks::full,
+    },
+    Fault {
+        name: "disk-hangs",
+        about: "the disk of the results hangs for 10 s",
+        is_quick: false,
+        drive: disks::hangs,
+    },
+    Fault {
+        name: "two-fusions",
+        about: "two fusions on two hosts are started at the same moment",
+        is_quick: false,
+        drive: nodes::two_fusions,
+    },
+];
+
+/// Drives the faults and prints the table.
+///
+/// # Errors
+/// A name that there is none of, a drive that could not be driven, and with `--check` a bar that was not kept.
+pub(crate) fn faults(args: &FaultsArgs) -> Result<(), NodeError> {
+    if args.list {
+        let lines = FAULTS.iter().map(|it| {
+            let quick = if it.is_quick { "quick" } else { "" };
+            format!("{:14} {quick:6} {}\n", it.name, it.about)
+        });
+        return output::print(&lines.collect::<String>()).map_err(NodeError::Failed);
+    }
+    let chosen = choose(args).map_err(NodeError::Refused)?;
+    let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
+    let table = drive(args, &chosen, scratch.path()).map_err(NodeError::Failed)?;
+    output::print(&table.to_string()).map_err(NodeError::Failed)?;
+    let broken = if args.check {
+        table.broken()
+    } else {
+        table.failed()
+    };
+    if broken.is_empty() {
+        Ok(())
+    } else {
+        Err(NodeError::Failed(anyhow!("{}", broken.join("; "))))
+    }
+}
+
+fn choose(args: &FaultsArgs) -> anyhow::Result<Vec<&'static Fault>> {
+    let known = |name: &String| FAULTS.iter().any(|fault| fault.name == name);
+    if let Some(unknown) = args.faults.iter().find(|name| !known(name)) {
+        let names: Vec<&str> = FAULTS.iter().map(|fault| fault.name).collect();
+        bail!(
+            "no fault is called {unknown}; there are: {}",
+            names.join(", ")
+        );
+    }
+    let is_chosen = |fault: &&Fault| match &args.faults[..] {
+        [] => fault.is_quick || !args.quick,
+        names => names.iter().any(|name| name == fault.name),
+    };
+    Ok(FAULTS.iter().filter(is_chosen).collect())
+}
+
+fn drive(
+    args: &FaultsArgs,
+    chosen: &[&'static Fault],
+    folder: &Path,
+) -> anyhow::Result<FaultTable> {
+    let field = Field::make(folder, args.quick).context("making the maps")?;
+    let mut table = FaultTable::new(args.quick);
+    for fault in chosen {
+        say(format_args!("{}: {}", fault.name, fault.about));
+        let driven = (fault.drive)(&field);
+        let row = FaultRow {
+            fault: fault.name,
+            driven: driven.unwrap_or_else(|error| Driven::Failed(format!("{error:#}"))),
+        };
+        say(format_args!("{row}"));
+        table.rows.push(row);
+    }
+    Ok(table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn args(names: &[&str], quick: bool) -> FaultsArgs {
+        FaultsArgs {
+            faults: names.iter().map(|&name| name.to_owned()).collect(),
+            list: false,
+            quick,
+            check: true,
+        }
+    }
+
+    fn names(args: &FaultsArgs) -> Vec<&'static str> {
+        choose(args)
+            .unwrap()
+            .iter()
+            .map(|fault| fault.name)
+            .collect()
+    }
+
+    #[test]
+    fn without_a_name_all_are_driven_and_quickly_those_that_are_quick() {
+        assert_eq!(names(&args(&[], false)).len(), FAULTS.len());
+        let quick = names(&args(&[], true));
+        assert!(
+            quick.contains(&"loss") && !quick.contains(&"bottleneck"),
+            "{quick:?}"
+        );
+    }
+
+    #[test]
+    fn who_is_named_is_driven_and_a_name_that_there_is_none_of_is_refused() {
+        assert_eq!(
+            names(&args(&["bottleneck", "loss"], true)),
+            ["loss", "bottleneck"]
+        );
+        let refused = choose(&args(&["flod"], false)).err().unwrap().to_string();
+        assert!(
+            refused.contains("flod") && refused.contains("flood"),
+            "{refused}"
+        );
+    }
+}
