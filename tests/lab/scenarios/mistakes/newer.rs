@@ -53,7 +53,7 @@ fn points(folder: &Path) {
     }
 }
 
-/// The recordings as OpenPose would have written them, in folders of these names.
+/// The recordings as `OpenPose` would have written them, in folders of these names.
 fn openpose(folder: &Path, names: [&str; 4]) {
     for (camera, name) in CAMERAS.into_iter().zip(names) {
         let own = folder.join("op").join(name);
@@ -89,6 +89,7 @@ fn farfield(folder: &Path, words: &str) {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a table of mistakes")]
 fn calibrations_that_are_made_of_the_wrong_things_are_refused() {
     are_told(&[
         usage(
@@ -204,6 +205,7 @@ fn calibrations_that_are_made_of_the_wrong_things_are_refused() {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a table of mistakes")]
 fn imports_and_exports_of_the_wrong_things_are_refused() {
     are_told(&[
         made(
@@ -406,7 +408,7 @@ fn streams_pages_and_fisheyes_that_cannot_be_are_refused() {
                     "calibration.toml",
                     "fisheye = false",
                     "fisheye = \"yes\"",
-                )
+                );
             },
             RUN,
             &["calibration.toml:8", "true or false"],
