@@ -63,8 +63,8 @@ pub enum Stage {
     Ik2,
     /// Who is who: the registry.
     Persons,
-    /// Who was found, and where people are, is kept, for whether the cameras agree.
-    AgreementPoses,
+    /// Who was found is kept, for whether the cameras agree.
+    AgreementFound,
     /// The boxes of the next tick.
     Boxes,
 }
@@ -80,7 +80,7 @@ impl Stage {
         Self::Filter,
         Self::Ik2,
         Self::Persons,
-        Self::AgreementPoses,
+        Self::AgreementFound,
         Self::Boxes,
     ];
 
@@ -95,7 +95,7 @@ impl Stage {
             Self::Filter => "filter",
             Self::Ik2 => "ik2",
             Self::Persons => "persons",
-            Self::AgreementPoses => "agreement_poses",
+            Self::AgreementFound => "agreement_found",
             Self::Boxes => "boxes",
         }
     }
@@ -291,7 +291,7 @@ impl Pipeline {
         let smoothed = self.smoothed(group.tick);
         mark(Stage::Persons);
         self.agreement.note_found(group, self.registry.tracks());
-        mark(Stage::AgreementPoses);
+        mark(Stage::AgreementFound);
         let horizons = std::mem::take(&mut self.horizons);
         let boxes = self.boxes_after(group.tick, &horizons);
         self.horizons = horizons;

@@ -63,7 +63,7 @@ impl Times {
                     let lap_us = 1e6 * seconds(now - lap_start);
                     self.stages_us[stage as usize].push(lap_us);
                     self.all_us += lap_us;
-                    if matches!(stage, Stage::AgreementViews | Stage::AgreementPoses) {
+                    if matches!(stage, Stage::AgreementViews | Stage::AgreementFound) {
                         self.agreement_us += lap_us;
                     }
                 }

@@ -96,8 +96,7 @@ impl LiveFusion<'_> {
         else {
             return;
         };
-        let names = self.config.venue.viewpoints.iter().map(|v| v.name.as_str());
-        let names: Vec<&str> = names.collect();
+        let names: Vec<&str> = self.names().collect();
         let longest = self.delays.what_takes_longest();
         let missed = MissedTarget::of(target_ms, &recent, &names, &longest);
         missed.tell(&self.missed_target, recent.is_news);

@@ -192,7 +192,6 @@ fn subjects_of(
     }
 }
 
-/// Reads the recording through, and says what is missing of it.
 /// Opens the file of a recording.
 ///
 /// # Errors
@@ -213,6 +212,7 @@ pub fn open_recording(path: &Path) -> anyhow::Result<File> {
     File::open(path).with_context(|| format!("opening the recording {shown}"))
 }
 
+/// Reads the recording through, and says what is missing of it.
 fn open(path: &Path) -> anyhow::Result<Recording<BufReader<File>>> {
     let shown = path.display();
     let file = open_recording(path)?;
