@@ -6,7 +6,7 @@
 RUN is the run's folder; MEASURED and SETTLED hold its exports in all formats with `lengths=measured` and
 `lengths=settled`, at the run's rate. VALIDATOR is the folder of npm's gltf-validator; without it, or without Node, that
 one check is left out, and said so. CALIBRATION is the file of the run's cameras, where it is not beside the run as the demo leaves it (then
-exports want `--venue`); without one what MCAP says of cameras is not compared, and that is said. Bounds: joints 1 mm, rotations 0.01 degrees. Exits with 1 where one is not kept.
+exports want `--venue`); with `-` what MCAP says of cameras is not compared, and that is said. Bounds: joints 1 mm, rotations 0.01 degrees. Exits with 1 where one is not kept.
 """
 
 import json
@@ -294,8 +294,8 @@ def check_mcap_angles(said, line, worst):
 
 def check_mcap_cameras(calibration, cameras, worst):
     """The axis of each camera, its place and its lens, from the calibration by a second route."""
-    if not calibration.exists():
-        print("MCAP cameras: the run has no calibration beside it, not checked")
+    if calibration is None:
+        print("MCAP cameras: not checked, as was asked")
         return
     read = {f"camera_{c['name']}": c for c in tomllib.loads(calibration.read_text()).values() if isinstance(c, dict) and "matrix" in c}
     worst.take("MCAP cameras missing", len(set(read) ^ set(cameras)))
@@ -329,7 +329,7 @@ def check_validator(folders, validator, worst):
 
 
 def main(run, measured, settled, validator=None, calibration=None):
-    calibration = pathlib.Path(calibration) if calibration else pathlib.Path(run) / "venue" / "calibration.toml"
+    calibration = None if calibration == "-" else pathlib.Path(calibration or pathlib.Path(run) / "venue" / "calibration.toml")
     by_person, rate_hz, first = poses(run)
     bounds = {"bvhio joints mm": MM, "glTF joints mm": MM, "ezc3d points mm": MM, "c3d points mm": MM, "CSV points mm": MM}
     bounds |= {"glTF inverse bind matrices mm": 1e-3, "glTF times s": 1e-4, "glTF sign flips": 0, "CSV angles deg": DEG}
@@ -353,7 +353,7 @@ def main(run, measured, settled, validator=None, calibration=None):
     check_validator(folders.values(), validator, worst)
     if "gltf-validator issues" in worst.found:
         bounds["gltf-validator issues"] = 0
-    if not calibration.exists():
+    if calibration is None:
         del bounds["MCAP lenses"], bounds["MCAP cameras missing"]
     worst.bounds = bounds
     return worst.failures()
