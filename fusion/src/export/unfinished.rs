@@ -1,7 +1,7 @@
 //! Files that appear under their name only when they are whole, and are on the disk when they have it.
 
 use std::fs::{self, File, OpenOptions};
-use std::hash::{BuildHasher as _, Hasher as _, RandomState};
+use std::hash::{BuildHasher as _, DefaultHasher, Hash as _, Hasher as _, RandomState};
 use std::io::{self, BufWriter, ErrorKind, Seek as _, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,8 +13,8 @@ use super::full_disk::{FullDisk, GiveUp, patiently};
 pub(super) const SUFFIX: &str = ".tmp";
 /// How often another name is tried where one is taken, which is by a chance that does not come twice.
 const MOST_NAMES: u32 = 8;
-/// A file that nobody has written to for so long is of nobody who still writes: a writer in another container or on another machine
-/// has a number that says nothing here.
+/// A file of another container or machine that nobody has written to for so long is of nobody who still writes: whether its process
+/// is alive cannot be seen from here.
 const LEFT_FOR: Duration = Duration::from_hours(1);
 
 /// A file being written. Dropped before [`Unfinished::finish`], it is taken away again.
@@ -273,7 +273,8 @@ pub fn write_whole(path: impl Into<PathBuf>, content: &[u8]) -> io::Result<()> {
 }
 
 /// The same for a small file that is written again and again, by several processes even: each has a temporary name of its own, and
-/// the last to finish counts. What processes that are gone have left under theirs is taken away after an hour.
+/// the last to finish counts. What processes that are gone have left under theirs is taken away; where it cannot be seen whether they
+/// are, after an hour.
 ///
 /// # Errors
 /// When the file cannot be made, written or renamed.
@@ -291,14 +292,25 @@ pub fn write_whole_again(path: &Path, content: &[u8]) -> io::Result<()> {
     sync_folder_of(path)
 }
 
-/// A temporary file that nobody else has, beside `path`: its name, the number of this process and one by chance.
+/// What tells the numbers of processes here from those in another container, on another machine, and before its last start; `None`
+/// where the system does not say.
+fn place() -> Option<u64> {
+    let boot = fs::read("/proc/sys/kernel/random/boot_id").ok()?;
+    let namespace = fs::read_link("/proc/self/ns/pid").ok()?;
+    let mut hash = DefaultHasher::new();
+    (boot, namespace).hash(&mut hash);
+    Some(hash.finish())
+}
+
+/// A temporary file that nobody else has, beside `path`: its name, the number of this process, where that counts, and one by chance.
 fn create_own(path: &Path) -> io::Result<(File, PathBuf)> {
+    let (process, place) = (std::process::id(), place().unwrap_or_default());
     let mut last = None;
     for _ in 0..MOST_NAMES {
         // Each state of the standard library's hash has keys of its own, by chance.
         let number = RandomState::new().build_hasher().finish();
         let mut name = path.as_os_str().to_owned();
-        name.push(format!(".{}-{number}{SUFFIX}", std::process::id()));
+        name.push(format!(".{process}-{place}-{number}{SUFFIX}"));
         let own = PathBuf::from(name);
         match File::create_new(&own) {
             Ok(file) => return Ok((file, own)),
@@ -309,30 +321,41 @@ fn create_own(path: &Path) -> io::Result<(File, PathBuf)> {
     Err(last.unwrap_or_else(|| ErrorKind::AlreadyExists.into()))
 }
 
-/// Takes away what [`create_own`] has made in processes that are gone, where it is much older than `made_now` by the clock of the
-/// disk; what cannot be is left.
+/// Takes away what [`create_own`] has made in processes that are gone, or elsewhere and much longer ago than `made_now` by the clock of
+/// the disk; what cannot be is left.
 fn remove_of_the_dead(path: &Path, made_now: &File) {
     let Ok(now) = made_now.metadata().and_then(|it| it.modified()) else {
         return;
     };
+    let here = place();
     let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
     let entries = fs::read_dir(folder.unwrap_or(Path::new(".")));
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     for entry in entries.into_iter().flatten().flatten() {
         let found = entry.file_name();
-        let process = found.to_str().and_then(|found| {
-            let rest = found.strip_prefix(&*name)?.strip_prefix('.')?;
-            let (process, number) = rest.strip_suffix(SUFFIX)?.split_once('-')?;
-            number.parse::<u64>().ok()?;
-            process.parse::<u32>().ok()
-        });
-        let is_gone = process.is_some_and(|it| !Path::new("/proc").join(it.to_string()).exists());
-        let written = entry.metadata().and_then(|it| it.modified()).ok();
-        let age = written.and_then(|written| now.duration_since(written).ok());
-        if is_gone && age.is_some_and(|age| age > LEFT_FOR) {
+        let Some((process, place)) = found.to_str().and_then(|it| writer_of(it, &name)) else {
+            continue;
+        };
+        let is_left = if here == Some(place) {
+            !Path::new("/proc").join(process.to_string()).exists()
+        } else {
+            let written = entry.metadata().and_then(|it| it.modified()).ok();
+            let age = written.and_then(|written| now.duration_since(written).ok());
+            age.is_some_and(|age| age > LEFT_FOR)
+        };
+        if is_left {
             drop(fs::remove_file(entry.path()));
         }
     }
+}
+
+/// Number and place of the process that [`create_own`] gave the name `found` beside the file `name`.
+fn writer_of(found: &str, name: &str) -> Option<(u32, u64)> {
+    let rest = found.strip_prefix(name)?.strip_prefix('.')?;
+    let mut parts = rest.strip_suffix(SUFFIX)?.split('-');
+    let (process, place) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
+    let _number: u64 = parts.next()?.parse().ok()?;
+    parts.next().is_none().then_some((process, place))
 }
 
 #[cfg(test)]
@@ -410,26 +433,26 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         let long_ago = std::time::SystemTime::now() - 2 * LEFT_FOR;
-        // Processes have smaller numbers than the first; this one is alive.
-        let [gone, own] = [u32::MAX, std::process::id()];
-        for (process, number, written) in [
-            (gone, 0, Some(long_ago)),
-            // A writer in a container has a number there that nobody has here.
-            (gone, u64::MAX, None),
-            (own, 0, Some(long_ago)),
-        ] {
-            let name = format!("a.txt.{process}-{number}.tmp");
-            let file = File::create_new(folder.path().join(name)).unwrap();
+        let here = place().unwrap();
+        // Processes have smaller numbers than the first; this one is alive. A writer in a container has a number there that says
+        // nothing here.
+        let (gone, own, elsewhere) = (u32::MAX, std::process::id(), here ^ 1);
+        let begun = [
+            (gone, here, None, false),
+            (own, here, Some(long_ago), true),
+            (gone, elsewhere, None, true),
+            (own, elsewhere, Some(long_ago), false),
+        ];
+        let mut left = vec!["a.txt".to_owned()];
+        for (process, place, written, is_kept) in begun {
+            let name = format!("a.txt.{process}-{place}-7.tmp");
+            let file = File::create_new(folder.path().join(&name)).unwrap();
             if let Some(written) = written {
                 file.set_modified(written).unwrap();
             }
+            left.extend(is_kept.then_some(name));
         }
         write_whole_again(&path, b"whole").unwrap();
-        let mut left = [
-            "a.txt".to_owned(),
-            format!("a.txt.{gone}-{}.tmp", u64::MAX),
-            format!("a.txt.{own}-0.tmp"),
-        ];
         left.sort();
         assert_eq!(names(folder.path()), left);
         assert_eq!(fs::read_to_string(&path).unwrap(), "whole");

@@ -186,9 +186,7 @@ fn who_is_stopped_after_a_look_goes_on_from_there_and_ends_with_the_same_bytes()
         let said = format!("camera {name}: taken from");
         assert!(again.stderr.contains(&said), "{}", again.stderr);
     }
-    // What the one that was killed had begun is taken away when nobody has written to it for an hour.
     let seen = names(&stopped.path().join("seen"));
-    let seen: Vec<&String> = seen.iter().filter(is_whole).collect();
     assert_eq!(seen, ["east.txt", "north.txt", "west.txt"]);
 
     // With another option what is there is of no use, and stands in the way until somebody says so.
