@@ -168,37 +168,6 @@ impl LiveVenue {
         Ok(())
     }
 
-    /// The venue at `venue_path`, whose file says that fusion is at either of two endpoints, which are returned; nothing
-    /// is between them and the edges. The file that says so lies beside the other.
-    ///
-    /// # Errors
-    /// The venue file is refused, or ports cannot be had.
-    pub fn with_two_fusions(
-        program: &Path,
-        venue_path: &Path,
-    ) -> anyhow::Result<(Self, [String; 2])> {
-        let endpoints =
-            [free_ports()?, free_ports()?].map(|[_, tcp]| format!("tcp/127.0.0.1:{tcp}"));
-        let text = std::fs::read_to_string(venue_path)?;
-        let path = venue_path.with_file_name("two-fusions.toml");
-        std::fs::write(
-            &path,
-            format!("{text}\n[fusion]\nconnect = {endpoints:?}\n"),
-        )?;
-        Ok((Self::prepare(program, &path, None)?, endpoints))
-    }
-
-    /// Starts a fusion as by hand, that listens at `endpoint` alone, with its results in `out`.
-    ///
-    /// # Errors
-    /// It cannot be started.
-    pub fn start_fusion_at(&self, endpoint: &str, out: &Path) -> io::Result<NodeProcess> {
-        let mut command = Command::new(&self.program);
-        command.arg("fusion").arg(&self.venue_path).arg("--live");
-        command.args(["--listen", endpoint, "--out"]).arg(out);
-        NodeProcess::start("fusion", command)
-    }
-
     /// Starts the edge of viewpoint `i`, with `more` arguments, on the venue file at `venue_path` where
     /// it shall have another than fusion.
     ///

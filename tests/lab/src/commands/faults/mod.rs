@@ -49,7 +49,7 @@ struct Fault {
 }
 
 /// All of them, in the order in which they are driven.
-const FAULTS: [Fault; 14] = [
+const FAULTS: [Fault; 13] = [
     Fault {
         name: "lopsided-link",
         about: "a link that is 30 ms long one way and 10 ms the other, before a clock that NTP keeps right",
@@ -127,12 +127,6 @@ const FAULTS: [Fault; 14] = [
         about: "the disk of the results hangs for 10 s",
         is_quick: false,
         drive: disks::hangs,
-    },
-    Fault {
-        name: "two-fusions",
-        about: "two fusions on two hosts are started at the same moment",
-        is_quick: false,
-        drive: nodes::two_fusions,
     },
 ];
 

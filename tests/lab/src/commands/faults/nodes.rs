@@ -1,22 +1,18 @@
-//! Nodes that die and come again, that are there twice, and one that is in other hands.
+//! Nodes that die and come again, and one that is in other hands.
 
 use std::path::Path;
-use std::time::Duration;
 
 use anyhow::{Context as _, ensure};
-use farfield_node::clock;
 
 use super::field::Field;
 use super::stage::{Stage, heard};
 use super::table::{Driven, Measure};
-use crate::live_venue::{LiveVenue, NodeProcess};
+use crate::live_venue::NodeProcess;
 
 /// How soon after its first poses a fusion that was started again must have everybody, seconds.
 const BACK_WITHIN_S: f64 = 2.0;
 /// How much faster a recording may grow under a flood, percent.
 const MOST_GROWTH: f64 = 10.0;
-/// Within what of two fusions that begin at once one must have stepped back.
-const STEPS_BACK_WITHIN: Duration = Duration::from_secs(15);
 
 pub(super) fn fusion_killed(field: &Field) -> anyhow::Result<Driven> {
     let mut stage = Stage::prepare(field, "fusion-killed")?;
@@ -144,35 +140,4 @@ fn growth(stage: &Stage<'_>, recording: &Path, span_s: f64) -> anyhow::Result<f6
     let (later_bytes, later) = look()?;
     ensure!(later > tick, "no pose has come for {span_s} s");
     Ok((later_bytes - bytes) as f64 / (later - tick) as f64)
-}
-
-/// Each is on a host of its own, as far as they can tell: they listen at different endpoints, and edges know both.
-pub(super) fn two_fusions(field: &Field) -> anyhow::Result<Driven> {
-    let (live, endpoints) = LiveVenue::with_two_fusions(&field.maps.program, &field.maps.venue)?;
-    let folder = field.folder("two-fusions")?;
-    let from = clock::now();
-    let mut both = Vec::new();
-    for (endpoint, life) in endpoints.iter().zip(["first", "second"]) {
-        both.push(live.start_fusion_at(endpoint, &folder.join(life))?);
-    }
-    let mut ended_after_s = None;
-    while clock::now().duration_since(from) < STEPS_BACK_WITHIN {
-        let at_work = both.iter().filter(|node| node.vitals().is_some()).count();
-        if at_work < both.len() && ended_after_s.is_none() {
-            ended_after_s = Some(clock::now().duration_since(from).as_secs_f64());
-        }
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    let (at_work, ended): (Vec<_>, Vec<_>) = both.iter().partition(|node| node.vitals().is_some());
-    let is_named = |node: &&NodeProcess| node.said().contains("started at the same moment");
-    let unnamed = ended.iter().filter(|node| !is_named(node)).count();
-    let wrong = (at_work.len() as f64 - 1.0).abs();
-    Ok(Driven::Measured(vec![
-        Measure::barred("fusions at work more or fewer than one", wrong, 0.0),
-        Measure::barred("fusions that ended for another reason", unnamed as f64, 0.0),
-        Measure::told(
-            "until one has stepped back, s",
-            ended_after_s.unwrap_or(f64::NAN),
-        ),
-    ]))
 }
