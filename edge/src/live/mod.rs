@@ -8,13 +8,11 @@ pub mod budget;
 pub mod capture;
 pub mod delivery;
 pub mod health;
-pub mod load;
 pub mod newest_boxes;
 pub mod own_boxes;
 pub mod rate;
 pub mod refusal;
 pub mod round_robin;
-pub mod thumbnail_share;
 pub mod tick_clock;
 pub mod timecode;
 

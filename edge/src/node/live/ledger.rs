@@ -9,8 +9,8 @@ use farfield_proto::venue::parameters::LinkParameters;
 use crate::live::Micros;
 use crate::live::budget::ByteBudget;
 use crate::live::newest_boxes::{BoxSetArrival, NewestBoxes};
+use crate::live::rate::thumbnail_share::ThumbnailShare;
 use crate::live::rate::{MessageKind, RateController};
-use crate::live::thumbnail_share::ThumbnailShare;
 use crate::live::tick_clock::TickClock;
 
 /// What a live edge knows and counts.

@@ -1,14 +1,17 @@
 //! What an edge sends of a tick so that its link's queue stays empty: first a higher compression level, then fewer
 //! persons per tick (round robin), then fewer ticks.
 
+mod load;
+pub mod thumbnail_share;
+
 use farfield_proto::message::live::HeardPatches;
 use farfield_proto::message::parts::MESSAGE_BYTES;
 use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 
+use self::load::LinkLoad;
 use super::Micros;
-use super::load::LinkLoad;
 
 /// Bytes of a message beside its persons.
 const HEAD_BYTES: f64 = 40.0;
@@ -233,5 +236,4 @@ impl RateController {
 }
 
 #[cfg(test)]
-#[path = "rate_tests.rs"]
 mod tests;

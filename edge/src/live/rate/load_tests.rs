@@ -1,4 +1,4 @@
-//! What delay and loss say, one word at a time; the closed loop is in `rate_tests`.
+//! What delay and loss say, one word at a time; the closed loop is in the tests of the controller.
 
 use super::*;
 

@@ -11,7 +11,7 @@
 use farfield_proto::message::live::HeardPatches;
 use farfield_proto::tick::Tick;
 
-use super::{Micros, SECOND_US};
+use crate::live::{Micros, SECOND_US};
 
 /// A standing queue that is longer lowers the rate, microseconds: more than a tick at 60 Hz.
 const QUEUE_US: Micros = 20_000;
@@ -53,7 +53,7 @@ const SLOTS: i64 = 250;
 
 /// What one link can take.
 #[derive(Debug, Clone)]
-pub struct LinkLoad {
+pub(super) struct LinkLoad {
     /// Bytes per second with overhead; infinite until the link was full for the first time.
     rate: f64,
     base_delay: WindowMin,
@@ -104,12 +104,18 @@ impl Default for LinkLoad {
 
 impl LinkLoad {
     /// What may be sent, bytes per second with overhead.
-    pub fn rate(&self) -> f64 {
+    pub(super) fn rate(&self) -> f64 {
         self.rate
     }
 
     /// Notes a message of `tick`: its payload, and what it is with all that the protocols add.
-    pub fn sent(&mut self, tick: Option<Tick>, payload: usize, total: usize, now_us: Micros) {
+    pub(super) fn sent(
+        &mut self,
+        tick: Option<Tick>,
+        payload: usize,
+        total: usize,
+        now_us: Micros,
+    ) {
         self.sent.note(tick, payload, total, now_us);
         if tick.is_some() {
             self.unanswered_us.get_or_insert(now_us);
@@ -117,18 +123,18 @@ impl LinkLoad {
     }
 
     /// Payload that was sent in the last second, bytes.
-    pub fn payload_per_s(&self, now_us: Micros) -> u64 {
+    pub(super) fn payload_per_s(&self, now_us: Micros) -> u64 {
         self.sent.second_before(now_us).0
     }
 
     /// Whether nothing was reported of what was sent for so long that the link must be cut.
-    pub fn is_silent(&self, now_us: Micros) -> bool {
+    pub(super) fn is_silent(&self, now_us: Micros) -> bool {
         let unanswered_us = self.unanswered_us.filter(|_| self.newest.is_some());
         unanswered_us.is_some_and(|since_us| now_us - since_us > SILENCE_US)
     }
 
     /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones; the rate is kept.
-    pub fn forget_delays(&mut self, now_us: Micros) {
+    pub(super) fn forget_delays(&mut self, now_us: Micros) {
         self.base_delay = WindowMin::default();
         self.n_recent = 0;
         self.loss = 0.0;
@@ -139,7 +145,7 @@ impl LinkLoad {
 
     /// Takes fusion's report at `now_us`. `correction_us`: correction of the own clock in force, microseconds;
     /// `limited`: whether more would be sent if the rate allowed it.
-    pub fn hear(
+    pub(super) fn hear(
         &mut self,
         heard: &HeardPatches,
         correction_us: i32,

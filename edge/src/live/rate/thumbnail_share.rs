@@ -5,9 +5,8 @@
 
 use farfield_proto::message::thumbnail::MAX_THUMBNAIL_BYTES;
 
-use super::Micros;
-use super::budget::ByteBudget;
-use super::rate::{MessageKind, RateController};
+use super::{MessageKind, Micros, RateController};
+use crate::live::budget::ByteBudget;
 
 /// Share of a byte budget that all thumbnails of the edge may take.
 const SHARE: f64 = 0.1;
