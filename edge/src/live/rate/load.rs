@@ -23,6 +23,8 @@ const STANDS_US: Micros = 200_000;
 const BASE_DELAY_WINDOW_US: Micros = 20 * SECOND_US;
 /// Loss above this share, beside what the link loses however little is sent, means a full link, not radio noise.
 const LOSS: f64 = 0.15;
+/// Above, next to nothing gets through.
+const CHOKED_LOSS: f64 = 0.5;
 /// Share of a new report in the loss of late, and in that of the last seconds.
 const LOSS_SHARES: [f64; 2] = [0.05, 0.02];
 /// What is still lost when the rate was lowered for so long for loss alone is the link's own, microseconds: reports tell of
@@ -69,6 +71,8 @@ pub(super) struct LinkLoad {
     lossy_since: Option<(Micros, f64)>,
     sent: SentLog,
     since_us: Option<Micros>,
+    /// When something was reported again after a silence.
+    back_at_us: Option<Micros>,
     newest: Option<Tick>,
     /// When the first was sent of those since the last word.
     unanswered_us: Option<Micros>,
@@ -92,6 +96,7 @@ impl Default for LinkLoad {
             lossy_since: None,
             sent: SentLog::default(),
             since_us: None,
+            back_at_us: None,
             newest: None,
             unanswered_us: None,
             next_step_at_us: Micros::MIN,
@@ -129,8 +134,20 @@ impl LinkLoad {
 
     /// Whether nothing was reported of what was sent for so long that the link must be cut.
     pub(super) fn is_silent(&self, now_us: Micros) -> bool {
-        let unanswered_us = self.unanswered_us.filter(|_| self.newest.is_some());
-        unanswered_us.is_some_and(|since_us| now_us - since_us > SILENCE_US)
+        self.newest.is_some() && self.is_unanswered(now_us)
+    }
+
+    /// Whether hardly anything gets through: more than half is lost, whoever is to blame, or nothing was reported for long
+    /// until a moment ago, be it that nothing ever was.
+    pub(super) fn is_choked(&self, now_us: Micros) -> bool {
+        let is_just_back = self.back_at_us.is_some_and(|at| now_us - at < WHOLE_US);
+        let is_lossy = self.loss.max(self.usual_loss) > CHOKED_LOSS;
+        is_just_back || is_lossy || self.is_unanswered(now_us)
+    }
+
+    fn is_unanswered(&self, now_us: Micros) -> bool {
+        let since_us = self.unanswered_us;
+        since_us.is_some_and(|since_us| now_us - since_us > SILENCE_US)
     }
 
     /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones; the rate is kept.
@@ -156,6 +173,9 @@ impl LinkLoad {
         let was_sent = self.sent.last.is_some_and(|last| heard.tick <= last);
         if !was_sent || self.newest.is_some_and(|tick| heard.tick <= tick) {
             return;
+        }
+        if self.is_unanswered(now_us) {
+            self.back_at_us = Some(now_us);
         }
         if self.is_silent(now_us) {
             // The link is back. What was lost meanwhile says nothing of what it carries.

@@ -1,7 +1,8 @@
 //! What an edge sends of a tick so that its link's queue stays empty: first a higher compression level, then fewer
-//! persons per tick (round robin), then fewer ticks.
+//! persons per tick (round robin) or fewer ticks, whichever gets more of them through.
 
 mod load;
+mod sighting_share;
 pub mod thumbnail_share;
 
 use farfield_proto::message::live::HeardPatches;
@@ -11,6 +12,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 
 use self::load::LinkLoad;
+use self::sighting_share::SightingShare;
 use super::Micros;
 
 /// Bytes of a message beside its persons.
@@ -21,6 +23,8 @@ const PATCH_SHARE: f64 = 0.85;
 const PATIENCE_US: Micros = 1_000_000;
 /// Share of the rate that a lower compression level may take at first.
 const ROOM: f64 = 0.85;
+/// Fewer ticks must get so many times as many persons through: each of them is farther from the next.
+const GAIN: f64 = 1.3;
 /// Fewest ticks are every so manieth: a power of two, as all of these are.
 const MAX_NTH: u16 = 64;
 /// While the link is cut, every so manieth tick is sent nevertheless: one may get through.
@@ -74,6 +78,7 @@ pub struct RateController {
     budget: Option<f64>,
     message_bytes: usize,
     load: LinkLoad,
+    sightings: SightingShare,
     /// Per level, bytes per person as measured.
     measured: [Option<f64>; LEVELS],
     /// What persons cost against the usual.
@@ -95,9 +100,10 @@ impl RateController {
         Self {
             rate_hz,
             best,
-            budget: (budget_bytes_per_s > 0.0).then_some(PATCH_SHARE * budget_bytes_per_s),
+            budget: (budget_bytes_per_s > 0.0).then_some(budget_bytes_per_s),
             message_bytes,
             load: LinkLoad::default(),
+            sightings: SightingShare::default(),
             measured: [None; LEVELS],
             scale: 1.0,
             plan: SendPlan {
@@ -125,7 +131,10 @@ impl RateController {
         let total = message.total_bytes(payload);
         match message {
             MessageKind::Patches(tick) => self.load.sent(Some(tick), payload, total, now_us),
-            MessageKind::Sightings => self.load.sent(None, payload, total, now_us),
+            MessageKind::Sightings => {
+                self.sightings.sent(total, self.whole_rate(), now_us);
+                self.load.sent(None, payload, total, now_us);
+            }
             MessageKind::Status => self.load.sent(None, 0, total, now_us),
             // A full link drops them first: they tell nothing of what it carries.
             MessageKind::Thumbnail => {}
@@ -157,9 +166,18 @@ impl RateController {
         self.load.payload_per_s(now_us)
     }
 
-    /// What may be sent, bytes per second with overhead; infinite where nothing bounds it.
+    /// What patches may take, were there no sightings, bytes per second with overhead; infinite where nothing bounds it.
     pub fn rate(&self) -> f64 {
-        self.load.rate().min(self.budget.unwrap_or(f64::INFINITY))
+        self.load.rate().min(PATCH_SHARE * self.budget())
+    }
+
+    /// What the link carries and the operator allows, bytes per second with overhead.
+    fn whole_rate(&self) -> f64 {
+        self.load.rate().min(self.budget())
+    }
+
+    fn budget(&self) -> f64 {
+        self.budget.unwrap_or(f64::INFINITY)
     }
 
     /// Whether the link carries all persons at the best level, as far as is known.
@@ -177,9 +195,17 @@ impl RateController {
         !self.load.is_silent(now_us) || tick.0.rem_euclid(PROBE_EVERY) == 0
     }
 
+    /// Whether a detection pass may be made now, by what the link carries: `is_regular`, or asked for by fusion. None that is
+    /// asked for while hardly anything gets through.
+    pub fn may_detect(&self, is_regular: bool, now_us: Micros) -> bool {
+        (is_regular || !self.load.is_choked(now_us))
+            && self.sightings.may_detect(is_regular, now_us)
+    }
+
     /// What to send of the next tick, at which there are boxes of `persons`.
     pub fn plan(&mut self, persons: usize, now_us: Micros) -> SendPlan {
-        let per_tick = self.rate() / self.rate_hz;
+        let left = self.sightings.left_for_patches(self.whole_rate(), now_us);
+        let per_tick = left.min(self.rate()) / self.rate_hz;
         let mut level = self.plan.level.max(self.best);
         while self.cost(level, persons) > per_tick
             && let Some(coarser) = level.coarser()
@@ -197,8 +223,13 @@ impl RateController {
         let (most, every_nth) = if self.cost(level, persons) <= per_tick {
             (None, 1)
         } else {
-            let nth = self.nth(level, per_tick);
-            let most = self.persons_within(level, per_tick * f64::from(nth), persons);
+            let (most, nth) = self.thinned(level, per_tick, persons);
+            // Where all are sent of fewer ticks, what is left is for them.
+            while let Some(finer) = level.finer().filter(|finer| *finer >= self.best)
+                && self.cost(finer, persons) <= per_tick * f64::from(nth)
+            {
+                level = finer;
+            }
             (Some(most), nth)
         };
         self.limited = level > self.best || most.is_some();
@@ -210,9 +241,22 @@ impl RateController {
         self.plan
     }
 
-    fn nth(&self, level: CompressionLevel, per_tick: f64) -> u16 {
-        let nth = (self.cost(level, 1) / per_tick).ceil();
-        (nth.clamp(1.0, f64::from(MAX_NTH)) as u16).next_power_of_two()
+    /// How many of `persons` at every so manieth tick get most persons through a second, where a tick of all is too much:
+    /// what a message costs beside its persons is paid once a tick, so that fewer ticks carry more of them, up to all.
+    fn thinned(&self, level: CompressionLevel, per_tick: f64, persons: usize) -> (f64, u16) {
+        let fewest = (self.cost(level, 1) / per_tick).ceil();
+        let fewest = (fewest.clamp(1.0, f64::from(MAX_NTH)) as u16).next_power_of_two();
+        let within = |nth| self.persons_within(level, per_tick * f64::from(nth), persons);
+        let (mut most, mut every_nth) = (within(fewest), fewest);
+        let mut nth = 2 * fewest;
+        while nth <= MAX_NTH {
+            let more = within(nth);
+            if more / f64::from(nth) > GAIN * most / f64::from(every_nth) {
+                (most, every_nth) = (more, nth);
+            }
+            nth *= 2;
+        }
+        (most, every_nth)
     }
 
     /// How many of `persons` fit into `bytes` on average, at least 1.

@@ -23,6 +23,8 @@ struct SimulatedLink {
     cut_s: std::ops::Range<i64>,
     /// From when on the way takes how long, seconds and microseconds.
     then: (i64, i64),
+    /// Bytes of a detection pass, for which fusion asks at every tick; 0: never.
+    pass_bytes: usize,
 }
 
 impl SimulatedLink {
@@ -50,6 +52,8 @@ struct RunOutcome {
     plan: Option<SendPlan>,
     /// Persons sent per second, of all that there are.
     persons_share: f64,
+    /// Detection passes.
+    passes: u32,
 }
 
 struct Random(u64);
@@ -69,6 +73,8 @@ impl Random {
 struct SimulatedEdge {
     /// When it arrives, tick, when it was sent, payload.
     under_way: VecDeque<(i64, i64, i64, usize)>,
+    /// Sightings under way: when they arrive, payload.
+    sightings: VecDeque<(i64, usize)>,
     arrived: VecDeque<(i64, usize)>,
     newest: Option<(i64, i64)>,
     words: VecDeque<(i64, HeardPatches)>,
@@ -89,6 +95,9 @@ impl SimulatedEdge {
             if self.newest.is_none_or(|(known, _)| tick > known) {
                 self.newest = Some((tick, at - sent));
             }
+        }
+        while let Some((at, payload)) = self.sightings.pop_front_if(|(at, _)| *at <= now) {
+            self.arrived.push_back((at, payload));
         }
         self.arrived.retain(|(at, _)| now - at < SECOND_US);
         if let Some((tick, way)) = self.newest {
@@ -121,6 +130,23 @@ impl SimulatedEdge {
         counts: bool,
     ) {
         let now = tick * SECOND_US / 60;
+        let passes = line.pass_bytes > 0 && controller.may_detect(tick % 60 == 0, now);
+        if passes {
+            let messages = line.pass_bytes.div_ceil(MESSAGE_BYTES);
+            for _ in 0..messages {
+                let payload = line.pass_bytes / messages;
+                controller.sent(MessageKind::Sightings, payload, now);
+                let total = (payload + MESSAGE_OVERHEAD_BYTES) as f64;
+                let start = now.max(*free_at);
+                if start - now > line.longest_queue_us {
+                    continue;
+                }
+                *free_at = start + (total / line.bytes_per_s * 1e6) as i64;
+                let arrives_at = *free_at + line.delay_us(now);
+                self.sightings.push_back((arrives_at, payload));
+            }
+            self.outcome.passes += u32::from(counts);
+        }
         let plan = controller.plan(persons, now);
         self.outcome.plan = Some(plan);
         if tick % i64::from(plan.every_nth) != 0 || !controller.may_send(Tick(tick), now) {
@@ -237,6 +263,7 @@ fn wide() -> SimulatedLink {
         loss: 0.0,
         cut_s: 0..0,
         then: (i64::MAX, 0),
+        pass_bytes: 0,
     }
 }
 
@@ -305,6 +332,26 @@ fn edges_before_one_bottleneck_share_it_whoever_came_first() {
                 "{n}, {mbit_s}, {one_way_us}: {got:?}"
             );
         }
+    }
+}
+
+#[test]
+fn detection_passes_that_fusion_asks_for_do_not_keep_a_shared_link_full() {
+    // Symptom to prevent: nobody was found behind a full link, so passes were asked for at every tick, and their sightings
+    // alone, 60 kB/s of each edge, kept the link of 125 kB/s full for good.
+    let line = SimulatedLink {
+        bytes_per_s: 125_000.0,
+        one_way_us: 10_000,
+        pass_bytes: 4_200,
+        ..wide()
+    };
+    let mut edges: Vec<_> = (0..4).map(|_| controller(0.0)).collect();
+    let mut controllers: Vec<_> = edges.iter_mut().collect();
+    let got = run_together(&mut controllers, &line, 8, 0..60, 0);
+    for edge in &got {
+        assert!(edge.worst_queue_us < 200_000, "{got:?}");
+        assert!(edge.persons_share > 0.08, "{got:?}");
+        assert!((15..=60).contains(&edge.passes), "{got:?}");
     }
 }
 

@@ -170,10 +170,13 @@ impl Ticker {
         let last = ledger.boxes.last().filter(|_| is_alone);
         let own = last.and_then(|last| self.own_boxes.at(tick, last));
         let in_force = ledger.boxes.at(now_us);
-        let detection_cameras = if in_force.is_some() {
+        let regular = self.pipeline.regular_detection_cameras(tick);
+        let detection_cameras = if in_force.is_none() {
+            regular
+        } else if ledger.rate.may_detect(!regular.is_empty(), now_us) {
             requested
         } else {
-            self.pipeline.regular_detection_cameras(tick)
+            Vec::new()
         };
         let boxes = if let Some(own) = own {
             Arc::new(own)

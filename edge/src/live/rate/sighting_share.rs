@@ -1,0 +1,131 @@
+//! What a link leaves for sightings, and so which detection passes are made.
+//!
+//! A pass sends everybody whom the cameras of a viewpoint see, about 250 bytes each, and fusion asks for passes when
+//! somebody is new, unexplained or lost: just when a link is full. Passes would then keep it full, and nobody would ever be
+//! found again. So sightings take a share of the rate: each pass occupies that share for as long as its bytes need, one
+//! that fusion asks for waits until little of that is left, a regular one, at which all viewpoints look, is rather made
+//! (the virtual scheduling of ITU-T I.371, with a tolerance for each). Patches are planned with what sightings leave.
+
+use crate::live::budget::ByteBudget;
+use crate::live::{Micros, SECOND_US};
+
+/// Share of the rate that sightings may take.
+const SHARE: f64 = 0.25;
+/// For so long sightings may still occupy their share when a pass is made that was asked for, microseconds.
+const ASKED_TOLERANCE_US: Micros = SECOND_US / 2;
+/// The same for a regular pass: more than their usual period.
+const REGULAR_TOLERANCE_US: Micros = 3 * SECOND_US / 2;
+/// Longest time for which no pass is made, however thin the link, microseconds.
+const LONGEST_US: Micros = 5 * SECOND_US;
+
+/// How long sightings occupy their share of the link.
+#[derive(Debug, Clone)]
+pub(super) struct SightingShare {
+    sent: ByteBudget,
+    free_at_us: Micros,
+}
+
+impl Default for SightingShare {
+    fn default() -> Self {
+        Self {
+            sent: ByteBudget::new(0.0),
+            free_at_us: Micros::MIN,
+        }
+    }
+}
+
+impl SightingShare {
+    /// Counts sightings of `total` bytes that are sent over a link of `rate` bytes per second.
+    pub(super) fn sent(&mut self, total: usize, rate: f64, now_us: Micros) {
+        self.sent.take(total, now_us);
+        let takes_us = total as f64 / (SHARE * rate) * SECOND_US as f64;
+        let free_at_us = self.free_at_us.max(now_us) + takes_us as Micros;
+        self.free_at_us = free_at_us.min(now_us + LONGEST_US + REGULAR_TOLERANCE_US);
+    }
+
+    /// Whether a detection pass may be made now.
+    pub(super) fn may_detect(&self, is_regular: bool, now_us: Micros) -> bool {
+        let tolerance_us = if is_regular {
+            REGULAR_TOLERANCE_US
+        } else {
+            ASKED_TOLERANCE_US
+        };
+        self.free_at_us <= now_us + tolerance_us
+    }
+
+    /// Bytes per second that are left of `rate` for patches: without the sightings of the last second, which get no more
+    /// than their share.
+    pub(super) fn left_for_patches(&mut self, rate: f64, now_us: Micros) -> f64 {
+        (rate - self.sent.sent(now_us) as f64).max((1.0 - SHARE) * rate)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A period of regular passes, ticks at 60 Hz.
+    const PERIOD: i64 = 60;
+
+    /// The ticks at which an edge makes passes of `bytes` that is asked for one at every tick.
+    fn passes(bytes: usize, rate: f64, ticks: i64) -> Vec<i64> {
+        let mut share = SightingShare::default();
+        let mut made = Vec::new();
+        for tick in 0..ticks {
+            let now_us = tick * SECOND_US / 60;
+            if share.may_detect(tick % PERIOD == 0, now_us) {
+                share.sent(bytes, rate, now_us);
+                made.push(tick);
+            }
+        }
+        made
+    }
+
+    #[test]
+    fn while_nothing_bounds_the_link_every_pass_is_made() {
+        assert_eq!(passes(5_600, f64::INFINITY, 600).len(), 600);
+    }
+
+    #[test]
+    fn on_a_quarter_of_a_megabit_all_regular_passes_are_made_and_some_that_are_asked_for() {
+        let made = passes(4_600, 31_000.0, 600);
+        assert!((0..10).all(|second| made.contains(&(second * PERIOD))));
+        assert!((14..=20).contains(&made.len()), "{made:?}");
+        assert!(made[1] < 15, "one soon after the first: {made:?}");
+    }
+
+    #[test]
+    fn over_a_link_that_carries_less_than_regular_passes_some_of_these_are_left_out() {
+        let made = passes(4_600, 4_000.0, 6_000);
+        assert!((18..=25).contains(&made.len()), "{made:?}");
+        assert!(made.iter().any(|tick| tick % PERIOD == 0));
+    }
+
+    #[test]
+    fn patches_get_what_sightings_leave_and_never_less_than_their_share() {
+        let mut share = SightingShare::default();
+        assert!((share.left_for_patches(10_000.0, 0) - 10_000.0).abs() < 1e-9);
+        share.sent(2_000, 10_000.0, 0);
+        assert!((share.left_for_patches(10_000.0, 1) - 8_000.0).abs() < 1e-9);
+        share.sent(20_000, 10_000.0, 2);
+        assert!((share.left_for_patches(10_000.0, 3) - 7_500.0).abs() < 1e-9);
+        assert!(share.left_for_patches(f64::INFINITY, 4).is_infinite());
+    }
+
+    proptest! {
+        #[test]
+        fn over_time_sightings_take_no_more_than_their_share(
+            bytes in 100usize..20_000, rate in 2_000.0f64..1e6,
+        ) {
+            let ticks = 6_000;
+            let made = passes(bytes, rate, ticks).len() as f64;
+            let seconds = ticks as f64 / 60.0;
+            // What is begun at the end, and what is never made wait for longer than five seconds.
+            let most = SHARE * rate * (seconds + 2.0) + bytes as f64;
+            let least_often = seconds / 5.0 * bytes as f64;
+            prop_assert!(made * bytes as f64 <= most.max(1.2 * least_often + bytes as f64));
+        }
+    }
+}
