@@ -6,16 +6,21 @@
 
 use super::normal::{NormalEquations, Row};
 use crate::body::skeleton::N_DOF;
-use crate::body::skeleton::dof::{ANCESTORS, MAX_CHAIN};
+use crate::body::skeleton::dof::{ANCESTORS, DESCENDANTS, MAX_CHAIN};
 
 /// Least pivot: a DoF that nothing determines stays where it is.
 const MIN_PIVOT: f64 = 1e-9;
+
+/// Entries of a row that are worked on at once.
+const LANES: usize = 4;
 
 /// L and D of H + diag = `LᵀDL`.
 #[derive(Debug, Clone)]
 pub(super) struct Factor {
     /// The row of a DoF ends with its diagonal entry before elimination.
     l: Box<[Row; N_DOF]>,
+    /// DL.
+    reduced: Box<[Row; N_DOF]>,
     /// 1/D.
     inverse_pivot: [f64; N_DOF],
 }
@@ -24,6 +29,7 @@ impl Factor {
     pub(super) fn new() -> Self {
         Self {
             l: Box::new([[0.0; MAX_CHAIN]; N_DOF]),
+            reduced: Box::new([[0.0; MAX_CHAIN]; N_DOF]),
             inverse_pivot: [1.0; N_DOF],
         }
     }
@@ -37,51 +43,80 @@ impl Factor {
         held: &[bool; N_DOF],
     ) -> bool {
         let any_held = held.contains(&true);
-        for (i, ancestors) in ANCESTORS.iter().enumerate() {
-            let n = ancestors.dofs().len();
-            let row = &mut self.l[i];
-            *row = *normal.row(i);
-            row[n] += diagonal[i];
-            if any_held {
-                leave_out_held(row, i, held);
-            }
-        }
         let mut is_positive = true;
-        for k in (0..N_DOF).rev() {
-            let ancestors = ANCESTORS[k].dofs();
-            let (above, rest) = self.l.split_at_mut(k);
-            let row = &mut rest[0];
-            let pivot = row[ancestors.len()];
+        for (k, ancestors) in ANCESTORS.iter().enumerate().rev() {
+            let n = ancestors.dofs().len();
+            let mut row = *normal.row(k);
+            row[n] += diagonal[k];
+            if any_held {
+                leave_out_held(&mut row, k, held);
+            }
+            match n / LANES {
+                0 => self.eliminate::<1>(k, &mut row),
+                1 => self.eliminate::<2>(k, &mut row),
+                2 => self.eliminate::<3>(k, &mut row),
+                _ => self.eliminate::<4>(k, &mut row),
+            }
+            let pivot = row[n];
             is_positive &= pivot > MIN_PIVOT;
             let inverse_pivot = 1.0 / pivot.max(MIN_PIVOT);
             self.inverse_pivot[k] = inverse_pivot;
-            for (n, &i) in ancestors.iter().enumerate() {
-                subtract(&mut above[i], row, row[n] * inverse_pivot, n);
-            }
-            for entry in row.iter_mut() {
-                *entry *= inverse_pivot;
-            }
+            self.reduced[k] = row;
+            self.l[k] = row.map(|entry| entry * inverse_pivot);
         }
         is_positive
     }
 
-    /// Replaces `b` by the solution of (`LᵀDL`) x = b.
-    pub(super) fn solve(&self, b: &mut [f64; N_DOF]) {
-        for k in (0..N_DOF).rev() {
-            for (entry, &i) in self.l[k].iter().zip(ANCESTORS[k].dofs()) {
-                b[i] -= entry * b[k];
+    /// Subtracts what the DoF that hang from DoF `k` take from its row, whose entries all lie within the first `N` of
+    /// its lanes. How many these are is known to the compiler, so the row stays in registers.
+    #[inline]
+    fn eliminate<const N: usize>(&self, k: usize, row: &mut Row) {
+        let n = ANCESTORS[k].dofs().len();
+        let Some(own) = row.as_chunks_mut::<LANES>().0.first_chunk_mut::<N>() else {
+            return;
+        };
+        let mut left = *own;
+        for run in DESCENDANTS[k].iter().rev() {
+            let below = self.l[run.clone()].iter().zip(&self.reduced[run.clone()]);
+            for (l, reduced) in below.rev() {
+                let (factor, entries) = (l[n], reduced.as_chunks::<LANES>().0);
+                for (left, entries) in left.iter_mut().zip(entries) {
+                    for (left, entry) in left.iter_mut().zip(entries) {
+                        *left -= factor * entry;
+                    }
+                }
             }
         }
-        for k in 0..N_DOF {
-            let mut x = b[k] * self.inverse_pivot[k];
-            for (entry, &j) in self.l[k].iter().zip(ANCESTORS[k].dofs()) {
-                x -= entry * b[j];
+        *own = left;
+    }
+
+    /// Replaces `b` by the solution of (`LᵀDL`) x = b.
+    pub(super) fn solve(&self, b: &mut [f64; N_DOF]) {
+        for (k, ancestors) in ANCESTORS.iter().enumerate().rev() {
+            let (own, [front, limb]) = (b[k], ancestors.runs());
+            let (l_front, l_limb) = self.l[k].split_at(front.len());
+            for (b, entry) in b[front].iter_mut().zip(l_front) {
+                *b -= entry * own;
+            }
+            for (b, entry) in b[limb].iter_mut().zip(l_limb) {
+                *b -= entry * own;
+            }
+        }
+        for (k, ancestors) in ANCESTORS.iter().enumerate() {
+            let (mut x, [front, limb]) = (b[k] * self.inverse_pivot[k], ancestors.runs());
+            let (l_front, l_limb) = self.l[k].split_at(front.len());
+            for (b, entry) in b[front].iter().zip(l_front) {
+                x -= entry * b;
+            }
+            for (b, entry) in b[limb].iter().zip(l_limb) {
+                x -= entry * b;
             }
             b[k] = x;
         }
     }
 
     /// The entries of the inverse between DoF of which one hangs from the other: the covariance of what is known.
+    /// What a row has beyond its diagonal entry means nothing.
     ///
     /// ```text
     ///   Σₖⱼ = -Σₘ Lₖₘ Σₘⱼ,   Σₖₖ = 1/Dₖ - Σₘ Lₖₘ Σₘₖ        j, m: the DoF that k hangs from
@@ -90,23 +125,80 @@ impl Factor {
     /// (K. Takahashi, J. Fagan, M. Chen, "Formation of a sparse bus impedance matrix and its application to short
     /// circuit study", PICA 1973.) No other entry of the inverse is needed for these.
     pub(super) fn invert(&self, into: &mut [Row; N_DOF]) {
+        let mut known = ChainCovariance::new();
         for (k, ancestors) in ANCESTORS.iter().enumerate() {
-            let (above, rest) = into.split_at_mut(k);
             let (l, n) = (&self.l[k], ancestors.dofs().len());
-            let mut row = [0.0; MAX_CHAIN];
-            for (at, &m) in ancestors.dofs().iter().enumerate() {
-                let known = &above[m];
-                let mut across = l[at] * known[at];
-                for before in 0..at {
-                    row[before] -= l[at] * known[before];
-                    across += l[before] * known[before];
-                }
-                row[at] -= across;
+            known.follow(ancestors.dofs(), into);
+            let row = &mut into[k];
+            match n / LANES {
+                0 => known.negative_product::<1>((l, n), row),
+                1 => known.negative_product::<2>((l, n), row),
+                2 => known.negative_product::<3>((l, n), row),
+                _ => known.negative_product::<4>((l, n), row),
             }
-            let shared: f64 = l[..n].iter().zip(&row).map(|(l, entry)| l * entry).sum();
+            let shared: f64 = l[..n].iter().zip(&*row).map(|(l, entry)| l * entry).sum();
             row[n] = self.inverse_pivot[k] - shared;
-            rest[0] = row;
         }
+    }
+}
+
+/// The covariance of the DoF that one DoF hangs from, whole, so that products with it are of many entries at once.
+struct ChainCovariance {
+    /// Which DoF it holds, in the order of the chain.
+    dofs: &'static [usize],
+    variance: Row,
+    /// Zero on the diagonal.
+    across: [Row; MAX_CHAIN],
+}
+
+impl ChainCovariance {
+    fn new() -> Self {
+        Self {
+            dofs: &[],
+            variance: [0.0; MAX_CHAIN],
+            across: [[0.0; MAX_CHAIN]; MAX_CHAIN],
+        }
+    }
+
+    /// Becomes that of the DoF of `chain`, by their rows in `covariance`.
+    fn follow(&mut self, chain: &'static [usize], covariance: &[Row; N_DOF]) {
+        let same = self.dofs.iter().zip(chain).take_while(|(a, b)| a == b);
+        for at in same.count()..chain.len() {
+            let row = &covariance[chain[at]];
+            let (before, own_and_after) = self.across.split_at_mut(at);
+            for (before, entry) in before.iter_mut().zip(row) {
+                before[at] = *entry;
+            }
+            own_and_after[0] = *row;
+            own_and_after[0][at] = 0.0;
+            self.variance[at] = row[at];
+        }
+        self.dofs = chain;
+    }
+
+    /// Minus the first `n` entries of `l` times this, in the first `N` lanes of `row`; each entry begins with what
+    /// comes from the diagonal.
+    #[inline]
+    fn negative_product<const N: usize>(&self, (l, n): (&Row, usize), row: &mut Row) {
+        let lanes = |row: &Row| {
+            let lanes = row.as_chunks::<LANES>().0.first_chunk::<N>();
+            lanes.copied().unwrap_or([[0.0; LANES]; N])
+        };
+        let (variance, l_lanes) = (lanes(&self.variance), lanes(l));
+        let mut sums = [[0.0; LANES]; N];
+        for (sum, (variance, l)) in sums.iter_mut().zip(variance.iter().zip(&l_lanes)) {
+            for (sum, (variance, l)) in sum.iter_mut().zip(variance.iter().zip(l)) {
+                *sum -= l * variance;
+            }
+        }
+        for (factor, across) in l[..n].iter().zip(&self.across) {
+            for (sum, across) in sums.iter_mut().zip(across.as_chunks::<LANES>().0) {
+                for (sum, across) in sum.iter_mut().zip(across) {
+                    *sum -= factor * across;
+                }
+            }
+        }
+        row[..N * LANES].copy_from_slice(sums.as_flattened());
     }
 }
 
@@ -120,18 +212,6 @@ fn leave_out_held(row: &mut Row, i: usize, held: &[bool; N_DOF]) {
     for (entry, &j) in row.iter_mut().zip(ancestors) {
         if held[j] {
             *entry = 0.0;
-        }
-    }
-}
-
-/// Subtracts `factor` times the entries up to the `last` of `row` from those of `from`; and some entries beyond it,
-/// which mean nothing there, because whole lanes are faster.
-fn subtract(from: &mut Row, row: &Row, factor: f64, last: usize) {
-    const LANES: usize = 4;
-    let lanes = from.as_chunks_mut::<LANES>().0.iter_mut();
-    for (from, row) in lanes.zip(row.as_chunks::<LANES>().0).take(last / LANES + 1) {
-        for (from, entry) in from.iter_mut().zip(row) {
-            *from -= factor * entry;
         }
     }
 }

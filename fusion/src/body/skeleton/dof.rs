@@ -257,11 +257,23 @@ pub(crate) const LINKS: [LinkSpec; N_LINKS] = {
 pub(crate) struct Chain {
     dofs: [usize; MAX_CHAIN],
     len: usize,
+    /// How many of them, from the first on, are the first of all.
+    front: usize,
 }
 
 impl Chain {
     pub(crate) fn dofs(&self) -> &[usize] {
         &self.dofs[..self.len]
+    }
+
+    /// The same DoF as two runs without a gap: from the first of all on, and those of a limb.
+    pub(crate) fn runs(&self) -> [Range<usize>; 2] {
+        let own = if self.front < self.len {
+            self.dofs[self.front]
+        } else {
+            self.front
+        };
+        [0..self.front, own..own + self.len - self.front]
     }
 }
 
@@ -270,13 +282,18 @@ pub(crate) const CHAINS: [Chain; N_LINKS] = {
     let mut chains = [Chain {
         dofs: [0; MAX_CHAIN],
         len: 0,
+        front: 0,
     }; N_LINKS];
     let mut l = 0;
     while l < N_LINKS {
         let mut chain = chains[LINKS[l].parent as usize];
         let mut k = 0;
         while k < LINKS[l].motion.n_dof() {
-            chain.dofs[chain.len] = LINKS[l].first_dof + k;
+            let dof = LINKS[l].first_dof + k;
+            if dof == chain.len {
+                chain.front += 1;
+            }
+            chain.dofs[chain.len] = dof;
             chain.len += 1;
             k += 1;
         }
@@ -298,15 +315,18 @@ pub(crate) static ANCESTORS: [Chain; N_DOF] = {
     let mut ancestors = [Chain {
         dofs: [0; MAX_CHAIN],
         len: 0,
+        front: 0,
     }; N_DOF];
     let mut l = 0;
     while l < N_LINKS {
         let mut k = 0;
         while k < CHAINS[l].len {
             let dof = CHAINS[l].dofs[k];
+            let front = CHAINS[l].front;
             ancestors[dof] = Chain {
                 dofs: CHAINS[l].dofs,
                 len: k,
+                front: if k < front { k } else { front },
             };
             k += 1;
         }
@@ -315,9 +335,55 @@ pub(crate) static ANCESTORS: [Chain; N_DOF] = {
     ancestors
 };
 
+/// The DoF that hang from each DoF, without itself, as two runs without a gap.
+pub(crate) static DESCENDANTS: [[Range<usize>; 2]; N_DOF] = {
+    let mut descendants = [const { [0..0, 0..0] }; N_DOF];
+    let mut dof = 0;
+    while dof < N_DOF {
+        let first = descendants_from(dof, dof + 1);
+        let second = descendants_from(dof, first.end);
+        descendants[dof] = [first, second];
+        dof += 1;
+    }
+    descendants
+};
+
+/// The first run of DoF that hang from `dof` and are not before `from`.
+const fn descendants_from(dof: usize, from: usize) -> Range<usize> {
+    let mut start = from;
+    while start < N_DOF && !hangs_from(start, dof) {
+        start += 1;
+    }
+    let mut end = start;
+    while end < N_DOF && hangs_from(end, dof) {
+        end += 1;
+    }
+    start..end
+}
+
+const fn hangs_from(dof: usize, from: usize) -> bool {
+    let chain = &ANCESTORS[dof];
+    let mut at = 0;
+    while at < chain.len {
+        if chain.dofs[at] == from {
+            return true;
+        }
+        at += 1;
+    }
+    false
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_hangs_from_a_dof_are_those_of_which_it_is_an_ancestor() {
+        for (dof, runs) in DESCENDANTS.iter().enumerate() {
+            let below = (0..N_DOF).filter(|&i| ANCESTORS[i].dofs().contains(&dof));
+            assert!(below.eq(runs.iter().cloned().flatten()), "{dof}");
+        }
+    }
 
     #[test]
     fn every_dof_belongs_to_exactly_one_link_and_follows_its_ancestors() {
@@ -330,6 +396,8 @@ mod tests {
         assert_eq!(owners, [1; N_DOF]);
         for (dof, chain) in ANCESTORS.iter().enumerate() {
             assert!(chain.dofs().iter().all(|&a| a < dof), "{dof}");
+            let in_runs = chain.runs().into_iter().flatten();
+            assert!(in_runs.eq(chain.dofs().iter().copied()), "{dof}");
         }
         assert_eq!(chain_of(Link::RightForearm).len(), MAX_CHAIN);
     }
