@@ -61,7 +61,11 @@ impl BodyCapsules {
         let pairs = (0..CAPSULES.len()).flat_map(|a| (0..CAPSULES.len()).map(move |b| (a, b)));
         pairs.filter(move |_| near).filter_map(move |(a, b)| {
             let now = (&first.capsules[a], &second.capsules[b]);
-            let ((apart_m, along), thick_m) = (between(now), thickness_m(now, share));
+            let thick_m = thickness_m(now, share);
+            if are_far(now, thick_m) {
+                return None;
+            }
+            let (apart_m, along) = between(now);
             if apart_m.norm() >= thick_m {
                 return None;
             }
@@ -89,6 +93,13 @@ impl BodyCapsules {
 
 fn thickness_m((a, b): (&Capsule, &Capsule), share: f64) -> f64 {
     share * (a.radius_m + b.radius_m)
+}
+
+/// Whether the axes are farther apart than `thick_m`, as their middles tell; never wrongly affirmed.
+fn are_far((a, b): (&Capsule, &Capsule), thick_m: f64) -> bool {
+    // From the middles to the ends of the axes, and some centimetres more.
+    let reach_m = (a.reach_m - a.radius_m) + (b.reach_m - b.radius_m);
+    (a.middle_m - b.middle_m).norm_squared() > (thick_m + reach_m).powi(2)
 }
 
 /// From the second axis to the first where they are closest, and where that is on each.
@@ -180,6 +191,15 @@ mod tests {
             if let (Some(there), Some(back)) = (there, back) {
                 prop_assert!((there.apart_m.norm() - back.apart_m.norm()).abs() < 1e-9);
             }
+        }
+
+        /// What is told by the middles alone is so.
+        #[test]
+        fn limbs_that_are_far_apart_do_not_touch(
+            a in point(), b in point(), c in point(), d in point(), thick_m in 0.0f64..0.3,
+        ) {
+            let capsules = (&Capsule::between((a, b), 0.07), &Capsule::between((c, d), 0.07));
+            prop_assert!(!are_far(capsules, thick_m) || between(capsules).0.norm() > thick_m);
         }
 
         /// A push moves the place of the touch by what it is told.
