@@ -15,7 +15,7 @@ use farfield_proto::message::CameraBox;
 use farfield_proto::venue::parameters::BoxParameters;
 use nalgebra::{Rotation2, Vector2};
 
-use self::projection::{Cube, Extent, ProjectedJoints};
+use self::projection::{Cube, Extent, PlacedCube, ProjectedJoints};
 use crate::body::skeleton::Joint;
 use crate::body::skeleton::Joints;
 
@@ -79,7 +79,7 @@ impl Boxes {
     /// the camera, nothing of the box is in the image, or all joints lie beyond what is used of a
     /// fisheye. Where the neck is behind the camera, `neck_px` is `torso_px`.
     ///
-    /// Cost: a projection per joint, twice, and eight more for those at the rim.
+    /// Cost: a projection per joint, twice, and eight more for the few that reach farthest.
     pub fn camera_box(
         &mut self,
         camera: CameraIndex,
@@ -199,11 +199,23 @@ impl Region {
             let px = model.within_view(Pixel::new(px.x, px.y)).vector_px();
             to_box * Vector2::new(kept(px.x, far_px[0]), kept(px.y, far_px[1]))
         };
+        // How far a box's sides are turned from the image's.
+        let turned = to_box.matrix().abs();
+        let mut cubes = Joint::ALL.map(|joint| {
+            let (px, h) = (seen.pixel(joint)?, seen.of(joint));
+            Some(PlacedCube {
+                h,
+                middle: place(px),
+                reach: turned * cube.reach_px(h, px),
+            })
+        });
         let mut body = Extent::EMPTY;
-        for joint in Joint::ALL {
+        for (joint, cube) in Joint::ALL.into_iter().zip(&cubes) {
+            if let Some(cube) = cube {
+                body.add(cube.middle);
+            }
             // Where a link crosses the near plane, the body goes on to the crossing.
-            let ends = seen.pixel(joint).into_iter().chain(seen.crossing(joint));
-            for px in ends {
+            if let Some(px) = seen.crossing(joint) {
                 body.add(place(px));
             }
         }
@@ -211,15 +223,18 @@ impl Region {
         let mut lattice = Extent::EMPTY;
         lattice.add(body.center() - half);
         lattice.add(body.center() + half);
-        // How far a box's sides are turned from the image's.
-        let turned = to_box.matrix().abs();
-        for joint in Joint::ALL {
-            let Some(px) = seen.pixel(joint) else {
-                continue;
-            };
-            let h = seen.of(joint);
-            if !lattice.holds(place(px), turned * cube.reach_px(h, px)) {
-                for corner in cube.corners(h) {
+        // Those that reach farthest first: most others then lie within these. A fisheye's rim moves what lies beyond it,
+        // so that it could depend on the order what lies within what: there it is that of the joints.
+        let outermost = if model.lens().is_fisheye() {
+            [None; 4]
+        } else {
+            PlacedCube::outermost(&cubes)
+        };
+        for i in outermost.into_iter().flatten().chain(0..cubes.len()) {
+            if let Some(placed) = cubes[i].take()
+                && !lattice.holds(placed.middle, placed.reach)
+            {
+                for corner in cube.corners(placed.h) {
                     lattice.add(place(corner));
                 }
             }

@@ -106,6 +106,35 @@ impl Cube {
     }
 }
 
+/// The cube around one joint, along the axes of a box.
+pub(super) struct PlacedCube {
+    /// The joint, as a homogeneous pixel.
+    pub(super) h: Vector3<f64>,
+    /// Where the joint is.
+    pub(super) middle: Vector2<f64>,
+    /// How far no corner is from there, to the side and up; not finite or negative where that is not known.
+    pub(super) reach: Vector2<f64>,
+}
+
+impl PlacedCube {
+    /// Which of `cubes` reach farthest to the left, to the right, up and down.
+    pub(super) fn outermost(cubes: &[Option<Self>]) -> [Option<usize>; 4] {
+        let (mut outermost, mut farthest) = ([None; 4], [f64::NEG_INFINITY; 4]);
+        for (i, cube) in cubes.iter().enumerate() {
+            let Some(Self { middle, reach, .. }) = cube else {
+                continue;
+            };
+            let (least, most) = (middle - reach, middle + reach);
+            for (side, far) in [-least.x, most.x, -least.y, most.y].into_iter().enumerate() {
+                if far > farthest[side] {
+                    (outermost[side], farthest[side]) = (Some(i), far);
+                }
+            }
+        }
+        outermost
+    }
+}
+
 /// Smallest and largest coordinates.
 pub(super) struct Extent {
     least: Vector2<f64>,
