@@ -177,23 +177,20 @@ impl Hill {
         cells: &[u8],
         (width, height): (usize, usize),
     ) -> Self {
-        let mut window = [[0i32; 5]; 5];
-        for (j, line) in window.iter_mut().enumerate() {
-            let from = &cells[(row + j).saturating_sub(2).min(height - 1) * width..][..width];
-            for (i, value) in line.iter_mut().enumerate() {
-                *value = from[(column + i).saturating_sub(2).min(width - 1)].into();
-            }
-        }
+        let columns = [0, 1, 2, 3, 4].map(|i| (column + i).saturating_sub(2).min(width - 1));
         let (mut sum, mut su, mut sv, mut suu, mut svv, mut suv) = (0, 0, 0, 0, 0, 0);
-        for (line, v) in window.iter().zip(-2i32..) {
-            for (&value, u) in line.iter().zip(-2i32..) {
-                sum += value;
-                su += value * u;
-                sv += value * v;
-                suu += value * (u * u - 2);
-                svv += value * (v * v - 2);
-                suv += value * u * v;
-            }
+        for (j, v) in (-2i32..=2).enumerate() {
+            let from = &cells[(row + j).saturating_sub(2).min(height - 1) * width..][..width];
+            let [a, b, c, d, e] = columns.map(|x| i32::from(from[x]));
+            // The sums of the row: of the values, times u, and times u^2 - 2.
+            let (all, by_u) = (a + b + c + d + e, 2 * (e - a) + (d - b));
+            let by_uu = 2 * (a + e) - (b + d) - 2 * c;
+            sum += all;
+            su += by_u;
+            sv += v * all;
+            suu += by_uu;
+            svv += (v * v - 2) * all;
+            suv += v * by_u;
         }
         let share = |sum: i32, of: f64| f64::from(sum) / (255.0 * of);
         let (huu, hvv, huv) = (share(suu, 35.0), share(svv, 35.0), share(suv, 100.0));
