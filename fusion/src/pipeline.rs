@@ -290,7 +290,8 @@ impl Pipeline {
         let finished = self.journal.release(self.registry.undecided_from());
         let smoothed = self.smoothed(group.tick);
         mark(Stage::Persons);
-        self.agreement.note_found(group, self.registry.tracks());
+        self.agreement
+            .note_found(group, self.registry.tracks(), &poses);
         mark(Stage::AgreementFound);
         let horizons = std::mem::take(&mut self.horizons);
         let boxes = self.boxes_after(group.tick, &horizons);

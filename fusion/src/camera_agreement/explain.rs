@@ -1,7 +1,9 @@
 //! What would make a camera agree: the likely causes, weighed by how much each leaves of the cost.
 
+mod keypoint_order;
+
+use self::keypoint_order::{KeypointOrder, keypoint_order, shown_order};
 use super::judge::{Judge, rounded};
-use super::keypoint_order::{KeypointOrder, keypoint_order, shown_order};
 use super::pairs::{CameraRays, PictureChange};
 use super::refit::{Refit, refit};
 use super::report::{Disagreement, DisagreementCause};
@@ -69,8 +71,7 @@ impl Judge<'_> {
             let roles = (right.contains(&other), may_be_swapped);
             causes.extend(self.with_calibration_of((camera, other), &apart, roles));
         }
-        if let (Some(shift), Some(ticks)) = (self.shifts[camera], self.late(camera)) {
-            let ratio = shift.cost_after / shift.cost_before;
+        if let Some((ticks, ratio)) = self.lateness(camera) {
             causes.push((ratio, vec![camera], DisagreementCause::Late { ticks }));
         }
         causes.extend(self.in_another_order(camera, &others, as_it_is));

@@ -4,6 +4,8 @@
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
+use farfield_proto::id::{PersonId, SessionId};
+use farfield_proto::message::{PersonPose, PersonState};
 use nalgebra::{Rotation3, Vector3};
 
 use super::samples::{Burst, PassSample, SeenBody, SeenKeypoint, Trail};
@@ -28,6 +30,8 @@ pub(super) struct Mistake {
     pub(super) order: Option<[usize; 17]>,
     /// Its focal length as a factor of the calibrated one; 0 is 1.
     pub(super) focal_factor: f32,
+    /// By how much k1 of the calibration is larger than it should be.
+    pub(super) k1_over: f32,
     /// By what it was turned about its axes (right, down, ahead) since it was calibrated, degrees.
     pub(super) turned_deg: [f64; 3],
     /// Which of the two people the camera shows alone.
@@ -156,12 +160,45 @@ impl Hall {
                 trails,
             }));
         }
+        for tick in 0..(self.bursts * 600) as i64 {
+            samples.note_poses(&self.poses(&shape, tick));
+        }
         AgreementSamples {
             cameras: Arc::new(cameras),
             samples,
             statures_m: vec![1.75 * self.scale; 20],
         }
         .report()
+    }
+
+    /// Where the two are at a tick.
+    fn poses(&self, shape: &[Vec<Vector3<f64>>; 2], tick: i64) -> PoseSet {
+        let at_s = if self.still {
+            0.0
+        } else {
+            tick as f64 / RATE_HZ
+        };
+        let person = |index: usize| {
+            let body = walking(&shape[index], index, at_s, self.scale);
+            PersonPose {
+                person: PersonId(index as u32),
+                state: PersonState::Tracked,
+                joints_m: Vec::new(),
+                keypoints_m: body
+                    .iter()
+                    .map(|p| [p.x, p.y, p.z].map(|m| m as f32))
+                    .collect(),
+                sigma_m: Vec::new(),
+                angles: Vec::new(),
+                unobserved: 0,
+                views: 4,
+            }
+        };
+        PoseSet {
+            session: SessionId(1),
+            tick: Tick(tick),
+            persons: (0..2).map(person).collect(),
+        }
     }
 
     /// The causes that are named, each with its cameras.
@@ -215,6 +252,9 @@ fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
                 *pixel = middle + mistake.focal_factor * (*pixel - middle);
             }
         }
+        if mistake.k1_over.abs() > 0.0 {
+            keypoint.pixel = bent(keypoint.pixel, mistake.k1_over);
+        }
         if mistake.turned_deg.iter().any(|deg| deg.abs() > 0.0) {
             keypoint.pixel = turned(keypoint.pixel, mistake.turned_deg);
         }
@@ -227,6 +267,13 @@ fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
         Some(keypoint)
     };
     (0..seen.len()).map(of).collect()
+}
+
+/// Where a camera of the hall shows what it showed at `pixel` with another lens.
+fn bent(pixel: [f32; 2], k1_over: f32) -> [f32; 2] {
+    let [x, y] = [pixel[0] - 959.5, pixel[1] - 599.5].map(|px| px / 1000.0);
+    let factor = 1.0 - k1_over * (x * x + y * y);
+    [959.5 + 1000.0 * x * factor, 599.5 + 1000.0 * y * factor]
 }
 
 /// Where a camera of the hall shows what it showed at `pixel` before it was turned.

@@ -41,8 +41,17 @@ impl SightLines {
 
     /// Where the undistorted pixel (x, y) points, world; as long as it takes to come one metre deeper.
     pub(super) fn direction(&self, pixel: [f32; 2]) -> Vector3<f64> {
+        self.world(self.normalised(pixel))
+    }
+
+    /// The undistorted pixel (x, y) at a depth of one metre, camera, metres.
+    pub(super) fn normalised(&self, pixel: [f32; 2]) -> Vector2<f64> {
         let at = Vector2::new(f64::from(pixel[0]), f64::from(pixel[1])) - self.principal_px;
-        let normalised = at.component_div(&self.focal_px);
+        at.component_div(&self.focal_px)
+    }
+
+    /// Where a normalised place points, world; as long as it takes to come one metre deeper.
+    pub(super) fn world(&self, normalised: Vector2<f64>) -> Vector3<f64> {
         self.world_from_camera * normalised.push(1.0)
     }
 
@@ -76,6 +85,11 @@ impl SightLines {
     /// Mean of the two focal lengths, pixels.
     pub(super) fn mean_focal_px(&self) -> f64 {
         0.5 * (self.focal_px.x + self.focal_px.y)
+    }
+
+    /// Width and height of the picture, pixels.
+    pub(super) fn size_px(&self) -> Vector2<f64> {
+        self.size_px
     }
 
     /// The principal point, pixels.

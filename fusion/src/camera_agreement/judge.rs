@@ -7,12 +7,16 @@
 use std::collections::BTreeMap;
 
 use farfield_proto::message::agreement::{AgreementVerdict, CameraAgreement};
+use farfield_proto::order_statistics::upper_median;
 
+use super::distortion::distortion;
 use super::geometry::SightLines;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
 use super::report::{AgreementReport, Disagreement, DisagreementCause};
 use super::samples::{Burst, PassSample, Samples, SeenBody};
-use super::time_shift::{KeypointHalf, Shift, shifts};
+use super::time_shift::met::{PoseFit, pose_fits};
+use super::time_shift::pose_shift::{PoseShift, against_most};
+use super::time_shift::{KeypointHalf, Shift, drifts, shifts};
 use super::words;
 use super::{AgreementCameras, JudgedCamera};
 
@@ -28,27 +32,18 @@ const AGREES_PX: f64 = 1.5;
 const AGREES_FACTOR: f64 = 2.5;
 /// No cameras agree whose lines pass farther from each other than this, metres, unless their pixels are as wide.
 const NEVER_AGREES_M: f64 = 0.11;
-/// Shift in time that is told of, ticks.
-const LATE_TICKS: f64 = 0.6;
-/// What it must leave of the cost.
-const LATE_EXPLAINS: f64 = 0.96;
-/// Shifts from so many ticks on are looked for among so many that one of them explains something by chance.
-const FAR_TICKS: f64 = 8.0;
-/// What they must leave.
-const FAR_EXPLAINS: f64 = 0.7;
-/// By how much the halves of the keypoints may differ in it, ticks.
-const LATE_DIFFERENCE_TICKS: f64 = 0.5;
-/// The same as a share of the shift.
-const LATE_DIFFERENCE: f64 = 0.05;
-/// Least time between the first and the last burst that tells a rate, minutes.
-const LEAST_DRIFT_MINUTES: f64 = 0.08;
+/// What the sightings of a camera cost against poses that is told of whatever the cause, and as a factor of what those of most
+/// do. On real cameras that are right 0.24 and 1.3 were seen.
+const FAR_OFF: f64 = 0.5;
+const FAR_OFF_FACTOR: f64 = 2.5;
 /// Pixels by which the keypoints of two cameras differ at most that show the same picture: their crops are not the same.
 const SAME_PX: f32 = 6.0;
 
 pub(super) struct Judge<'a> {
     pub(super) cameras: &'a [JudgedCamera],
     pub(super) partners: &'a Partners,
-    rate_hz: f64,
+    pub(super) rate_hz: f64,
+    samples: &'a Samples,
     passes: Vec<&'a PassSample>,
     pub(super) lines: Vec<SightLines>,
     pub(super) bursts: Vec<&'a Burst>,
@@ -56,9 +51,13 @@ pub(super) struct Judge<'a> {
     pairs: BTreeMap<(usize, usize), PairAgreement>,
     pub(super) shifts: Vec<Option<Shift>>,
     /// The same from the odd and from the even keypoints alone.
-    halves: [Vec<Option<Shift>>; 2],
+    pub(super) halves: [Vec<Option<Shift>>; 2],
     /// Per camera by how many ticks more it is late every minute, where that is sure.
     drifts: Vec<Option<f64>>,
+    /// Per camera by how much its sightings are late.
+    pub(super) pose_shifts: Vec<Option<PoseShift>>,
+    /// Per camera what its sightings are beside where people are.
+    pub(super) fits: Vec<PoseFit>,
 }
 
 impl<'a> Judge<'a> {
@@ -69,6 +68,7 @@ impl<'a> Judge<'a> {
         let bursts: Vec<&Burst> = samples.bursts.iter().map(AsRef::as_ref).collect();
         let lines = cameras.lines();
         let of = |half: KeypointHalf| shifts(&bursts, &lines, (cameras.rate_hz, half));
+        let fits = pose_fits(samples, &lines, cameras.rate_hz);
         let mut judge = Self {
             cameras: &cameras.all,
             partners: &cameras.partners,
@@ -76,7 +76,10 @@ impl<'a> Judge<'a> {
             shifts: of(KeypointHalf::All),
             halves: [of(KeypointHalf::Odd), of(KeypointHalf::Even)],
             drifts: drifts(&bursts, &lines, cameras.rate_hz),
+            pose_shifts: against_most(fits.iter().map(|fit| fit.shift).collect(), &bursts),
+            fits,
             lines,
+            samples,
             passes,
             bursts,
             as_it_is: Vec::new(),
@@ -142,6 +145,10 @@ impl<'a> Judge<'a> {
                 report.disagreements.push(disagreement);
             }
         }
+        self.find_far_off(&mut report.disagreements, &mut told);
+        if !told.contains(&true) {
+            self.find_distortion(&mut report.disagreements, &mut told);
+        }
         let is_compared =
             |camera: usize| self.pairs.keys().any(|&(a, b)| a == camera || b == camera);
         for (index, camera) in self.cameras.iter().enumerate() {
@@ -155,6 +162,40 @@ impl<'a> Judge<'a> {
                 .insert(camera.name.clone(), self.numbers(index, verdict));
         }
         report
+    }
+
+    /// Cameras whose sightings are clearly elsewhere than where people are, or of others than are there, while those of the
+    /// others are not: whatever the cause.
+    fn find_far_off(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
+        let known: Vec<f64> = self.fits.iter().filter_map(|fit| fit.cost_now).collect();
+        let many = known.len() >= 3;
+        let middle = upper_median(known).unwrap_or(1.0);
+        let showing = self.fits.iter().filter(|fit| fit.met.shows_them()).count();
+        for (camera, fit) in self.fits.iter().enumerate() {
+            let limit = FAR_OFF.max(FAR_OFF_FACTOR * middle);
+            let is_off = many && fit.cost_now.is_some_and(|cost| cost >= limit);
+            let shows_others = showing >= 2 && fit.met.shows_others();
+            if (is_off || shows_others) && !told[camera] {
+                told[camera] = true;
+                all.push(self.disagreement(&[camera], DisagreementCause::Unexplained));
+            }
+        }
+    }
+
+    /// Only where nothing else is wrong: what is late or turned bends lines of sight, too.
+    fn find_distortion(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
+        if let Some(fit) = distortion(&self.bursts, self.samples, &self.lines) {
+            let cameras: Vec<usize> = match fit.camera {
+                Some(camera) => vec![camera],
+                None => (0..told.len()).collect(),
+            };
+            for &camera in &cameras {
+                told[camera] = true;
+            }
+            let k1_over = (100.0 * fit.k1_over).round() / 100.0;
+            let cause = DisagreementCause::Distortion { k1_over };
+            all.push(self.disagreement(&cameras, cause));
+        }
     }
 
     /// The cameras that were compared, by groups that have nobody in common.
@@ -275,36 +316,6 @@ impl<'a> Judge<'a> {
         (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
     }
 
-    /// By how many ticks `camera` is late, when that is sure and worth a word.
-    pub(super) fn late(&self, camera: usize) -> Option<f64> {
-        let shift = self.shifts[camera]?;
-        let explains = if shift.late_ticks.abs() < FAR_TICKS {
-            LATE_EXPLAINS
-        } else {
-            FAR_EXPLAINS
-        };
-        let is_told =
-            shift.late_ticks.abs() >= LATE_TICKS && shift.cost_after < explains * shift.cost_before;
-        self.known_late(camera).filter(|_| is_told)
-    }
-
-    /// Whether `camera` is late, and that explains most of what it is off.
-    pub(super) fn is_clearly_late(&self, camera: usize) -> bool {
-        let shift = self.shifts[camera];
-        let explains =
-            shift.is_some_and(|shift| shift.cost_after < FAR_EXPLAINS * shift.cost_before);
-        explains && self.late(camera).is_some()
-    }
-
-    /// By how many ticks `camera` is late, to a hundredth; `None` where nothing moved enough to tell, or the halves of the
-    /// keypoints tell otherwise.
-    fn known_late(&self, camera: usize) -> Option<f64> {
-        let shift = self.shifts[camera].filter(|shift| shift.is_sharp)?;
-        let halves = [&self.halves[0], &self.halves[1]].map(|half| half[camera]);
-        let [first, second] = [halves[0]?.late_ticks, halves[1]?.late_ticks];
-        is_same(first, second).then_some((100.0 * shift.late_ticks).round() / 100.0)
-    }
-
     fn numbers(&self, camera: usize, verdict: AgreementVerdict) -> CameraAgreement {
         let own = self
             .pairs
@@ -325,7 +336,8 @@ impl<'a> Judge<'a> {
             distance_mm: best.map(|(m, _)| rounded(m * 1000.0) as f32),
             distance_px: best.map(|(_, px)| rounded(px) as f32),
             late_ticks: self
-                .known_late(camera)
+                .late(camera)
+                .or_else(|| self.known_late(camera))
                 .map(|late| late as f32)
                 .filter(|late| late.is_finite()),
         }
@@ -346,12 +358,6 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Whether the halves of the keypoints tell the same shift.
-fn is_same(first: f64, second: f64) -> bool {
-    let most = LATE_DIFFERENCE_TICKS.max(LATE_DIFFERENCE * first.abs());
-    (first - second).abs() <= most
-}
-
 /// Sets of `n` cameras that are linked by these pairs.
 fn linked(n: usize, pairs: impl Iterator<Item = (usize, usize)>) -> Vec<Vec<usize>> {
     let mut set_of: Vec<usize> = (0..n).collect();
@@ -364,47 +370,6 @@ fn linked(n: usize, pairs: impl Iterator<Item = (usize, usize)>) -> Vec<Vec<usiz
     let members = |set: usize| (0..n).filter(|&camera| set_of[camera] == set).collect();
     let sets = (0..n).map(members);
     sets.filter(|set: &Vec<usize>| !set.is_empty()).collect()
-}
-
-/// Per camera by how many ticks more it is late every minute, where the bursts lie on a line and that is steep enough.
-fn drifts(bursts: &[&Burst], lines: &[SightLines], rate_hz: f64) -> Vec<Option<f64>> {
-    let none = vec![None; lines.len()];
-    let (Some(first), Some(last)) = (bursts.first(), bursts.last()) else {
-        return none;
-    };
-    let minutes_at = |burst: &Burst| (burst.first - first.first) as f64 / rate_hz / 60.0;
-    let minutes = minutes_at(last);
-    if minutes < LEAST_DRIFT_MINUTES {
-        return none;
-    }
-    let of = |burst: &&Burst| {
-        let half = |half| shifts(&[burst], lines, (rate_hz, half));
-        (
-            minutes_at(burst),
-            half(KeypointHalf::Odd),
-            half(KeypointHalf::Even),
-        )
-    };
-    let all: Vec<_> = bursts.iter().map(of).collect();
-    let drift = |camera: usize| {
-        let told = all.iter().filter_map(|(at, odd, even)| {
-            let (odd, even) = (odd[camera]?, even[camera]?);
-            let is_told = odd.is_sharp && even.is_sharp && is_same(odd.late_ticks, even.late_ticks);
-            is_told.then_some((*at, 0.5 * (odd.late_ticks + even.late_ticks)))
-        });
-        let told: Vec<(f64, f64)> = told.collect();
-        let (&(from, before), &(to, after)) = (told.first()?, told.last()?);
-        let rate = (after - before) / (to - from);
-        let is_on_line = |&(at, late): &(f64, f64)| {
-            let expected = before + rate * (at - from);
-            (late - expected).abs() <= LATE_DIFFERENCE_TICKS
-        };
-        let is_drift = told.len() >= 3
-            && (after - before).abs() >= 2.0 * LATE_TICKS
-            && told.iter().all(is_on_line);
-        is_drift.then_some(rate)
-    };
-    (0..lines.len()).map(drift).collect()
 }
 
 /// Where cameras stand opposite each other, two swaps may explain the same: then it is one or the other.

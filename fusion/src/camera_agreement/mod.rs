@@ -6,18 +6,20 @@
 //! ```text
 //!   Pipeline::step -> AgreementWatch: keeps what cameras showed lately (`samples`), in bounded memory
 //!                      '-> AgreementSamples, now and then, to another thread -> judge -> AgreementReport
-//!   judge: `pairs` of cameras on sightings; `time_shift`, `refit` on what crops show tick by tick -> a cause in `words`
+//!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `distortion` on what crops show tick by tick,
+//!          `pose_shift` on sightings and poses -> a cause in `words`
 //! ```
 //!
 //! Nothing here moves a pose. A report takes up to some hundred milliseconds, and is made beside the loop, or at the end of
 //! a run.
 
+mod distortion;
 mod explain;
 #[cfg(test)]
 mod fixture;
 mod geometry;
 mod judge;
-mod keypoint_order;
+mod lateness;
 mod nobody;
 mod pairs;
 mod refit;
@@ -34,6 +36,7 @@ use std::sync::Arc;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::PoseSet;
 use farfield_proto::order_statistics::upper_median;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
@@ -142,8 +145,9 @@ impl AgreementWatch {
         self.samples.note_views(tick, tracks);
     }
 
-    /// Keeps whom a detection pass found, and now and then how tall those are who are followed.
-    pub(crate) fn note_found(&mut self, group: &TickGroup, tracks: &[Track]) {
+    /// Keeps whom a detection pass found, where people are, and now and then how tall those are who are followed.
+    pub(crate) fn note_found(&mut self, group: &TickGroup, tracks: &[Track], poses: &PoseSet) {
+        self.samples.note_poses(poses);
         let every = ((STATURE_EVERY_S * self.cameras.rate_hz).round() as i64).max(1);
         if group.tick.0 % every == 0 {
             self.note_statures(tracks);

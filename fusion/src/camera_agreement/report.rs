@@ -109,6 +109,11 @@ pub enum DisagreementCause {
         /// True length as a factor of the calibrated one.
         factor: f64,
     },
+    /// The lens distortion is another than the calibration says.
+    Distortion {
+        /// By how much k1 of the calibration is larger than it should be, nearly.
+        k1_over: f64,
+    },
     /// The camera was turned since it was calibrated.
     Turned {
         /// Degrees.

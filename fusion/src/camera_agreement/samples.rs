@@ -1,14 +1,15 @@
 //! What cameras showed lately: the sightings of detection passes, and the keypoints of a few people tick by tick.
 //!
 //! Sightings are made without fusion's help, so they tell what is wrong at large. The keypoints that crops show of the
-//! people who are followed come at every tick, so they tell by how much time a camera is off. Both are kept in bounded
+//! people who are followed come at every tick, so they tell by how much time a camera is off; where people were tells it of
+//! sightings that are seconds late. All are kept in bounded
 //! memory, and shared when they are handed to whoever judges them.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use farfield_proto::id::CameraIndex;
-use farfield_proto::message::{KeypointPeak, Sighting};
+use farfield_proto::message::{KeypointPeak, PoseSet, Sighting};
 use farfield_proto::tick::Tick;
 
 use crate::align::TickGroup;
@@ -35,6 +36,12 @@ const MAX_PEOPLE: usize = 2;
 const MAX_TRAILS: usize = 256;
 /// Least score of a peak, 0 to 1.
 const MIN_SCORE: f32 = 0.3;
+
+/// Time between two ticks whose poses are kept, seconds, and for how long they are.
+const POSES_EVERY_S: f64 = 1.0 / 30.0;
+const POSES_S: f64 = 60.0;
+/// People whose poses are kept at a tick.
+const MAX_POSED: usize = 12;
 
 /// A keypoint in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,6 +87,14 @@ impl PassSample {
             })
             .collect()
     }
+}
+
+/// Where people were at a tick.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct PosedTick {
+    pub(super) tick: Tick,
+    /// Per person the id, and the keypoints, world, metres.
+    pub(super) people: Vec<(u32, Vec<[f32; 3]>)>,
 }
 
 /// One person in one camera during a burst.
@@ -159,6 +174,7 @@ pub(super) struct Samples {
     pub(super) passes: VecDeque<Arc<PassSample>>,
     pub(super) bursts: VecDeque<Arc<Burst>>,
     current: Option<(u64, Burst)>,
+    pub(super) poses: VecDeque<Arc<PosedTick>>,
     /// Detection passes in which anything was sighted, all since the start.
     pub(super) n_passes: u64,
     /// Per camera, whom they sighted.
@@ -174,9 +190,37 @@ impl Samples {
             passes: VecDeque::new(),
             bursts: VecDeque::new(),
             current: None,
+            poses: VecDeque::new(),
             n_passes: 0,
             n_sightings: vec![0; n_cameras],
         }
+    }
+
+    /// Of the ticks every so many have their poses kept.
+    pub(super) fn pose_every_ticks(&self) -> i64 {
+        ((POSES_EVERY_S * self.rate_hz).round() as i64).max(1)
+    }
+
+    /// Keeps where people are, when that is due.
+    pub(super) fn note_poses(&mut self, poses: &PoseSet) {
+        let is_later = self.poses.back().is_none_or(|last| last.tick < poses.tick);
+        let is_due = poses.tick.0.rem_euclid(self.pose_every_ticks()) == 0;
+        if poses.persons.is_empty() || !is_later || !is_due {
+            return;
+        }
+        let people = poses.persons.iter().take(MAX_POSED);
+        self.poses.push_back(Arc::new(PosedTick {
+            tick: poses.tick,
+            people: people
+                .map(|person| (person.person.0, person.keypoints_m.clone()))
+                .collect(),
+        }));
+        let oldest = poses.tick + -((POSES_S * self.rate_hz) as i64);
+        while self
+            .poses
+            .pop_front_if(|posed| posed.tick < oldest)
+            .is_some()
+        {}
     }
 
     /// Keeps what `group` holds of a detection pass; `is_own(camera, viewpoint)` says whether the one is the other's.

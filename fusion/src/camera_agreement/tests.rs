@@ -268,3 +268,58 @@ fn nothing_is_said_of_the_time_of_people_who_stand() {
             .all(|camera| camera.late_ticks.is_none())
     );
 }
+
+#[test]
+fn a_camera_that_is_seconds_late_or_early_is_named_by_its_sightings() {
+    for late_ticks in [90, 150, -110] {
+        let mistake = Mistake {
+            late_ticks,
+            ..Mistake::default()
+        };
+        let hall = Hall {
+            bursts: 4,
+            ..Hall::with(2, mistake)
+        };
+        let causes = hall.causes();
+        let [(cameras, DisagreementCause::Late { ticks })] = &causes[..] else {
+            panic!("{late_ticks}: {causes:?}");
+        };
+        assert_eq!(*cameras, names(&[2]));
+        assert!(
+            (ticks - late_ticks as f64).abs() < 2.0,
+            "{late_ticks}: {ticks}"
+        );
+    }
+}
+
+#[test]
+fn a_lens_distortion_that_is_wrong_is_named_of_one_camera_and_of_all() {
+    for k1_over in [-0.3, 0.3] {
+        let mistake = Mistake {
+            k1_over,
+            ..Mistake::default()
+        };
+        let causes = Hall::with(1, mistake).causes();
+        let [(cameras, DisagreementCause::Distortion { k1_over: found })] = &causes[..] else {
+            panic!("{k1_over}: {causes:?}");
+        };
+        assert_eq!(*cameras, names(&[1]));
+        assert!(
+            (found - f64::from(k1_over)).abs() < 0.1,
+            "{k1_over}: {found}"
+        );
+        let mut hall = Hall::default();
+        for (_, own) in &mut hall.shows {
+            own.k1_over = k1_over;
+        }
+        let causes = hall.causes();
+        let [(cameras, DisagreementCause::Distortion { k1_over: found })] = &causes[..] else {
+            panic!("{k1_over} of all: {causes:?}");
+        };
+        assert_eq!(*cameras, names(&[0, 1, 2, 3]));
+        assert!(
+            (found - f64::from(k1_over)).abs() < 0.1,
+            "{k1_over}: {found}"
+        );
+    }
+}

@@ -58,6 +58,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             ),
             "was it zoomed, or calibrated at another resolution? Calibrate its lens again".to_owned(),
         ),
+        DisagreementCause::Distortion { k1_over } => distortion(cameras, k1_over),
         DisagreementCause::Turned { degrees } => (
             format!("camera {first} seems to have been turned by {degrees:.1} degrees since it was calibrated"),
             "calibrate where it stands again".to_owned(),
@@ -69,6 +70,22 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         ),
         DisagreementCause::Unexplained => unexplained(cameras),
     }
+}
+
+fn distortion(cameras: &[String], k1_over: f64) -> (String, String) {
+    let (whose, are) = match cameras {
+        [camera] => (format!("the lens distortion of camera {camera}"), "is"),
+        _ => ("the lens distortions of all cameras".to_owned(), "are"),
+    };
+    let way = if k1_over > 0.0 { "less" } else { "more" };
+    (
+        format!(
+            "{whose} {are} not as calibrated: lines of sight meet better with a k1 that is {:.2} {way}",
+            k1_over.abs()
+        ),
+        "look at `distortions` (k1 k2 p1 p2 k3, in this order, with OpenCV's signs): are they of this camera, at this zoom? Calibrate its lens again"
+            .to_owned(),
+    )
 }
 
 fn late(camera: &str, ticks: f64, rate_hz: f64) -> (String, String) {
@@ -91,7 +108,7 @@ fn unexplained(cameras: &[String]) -> (String, String) {
     if let [camera] = cameras {
         (
             format!("camera {camera} does not agree with the others"),
-            "look at its picture and its calibration: it may have been moved, or belong to another venue"
+            "look at its picture and its calibration: it may show another time (late, or a picture that stands still), have been moved, have another lens, or belong to another venue"
                 .to_owned(),
         )
     } else {

@@ -12,6 +12,7 @@ use farfield_edge::network::OnnxKeypointNetwork;
 use farfield_edge::pipeline::{EdgeOutput, StandIn, StepRequest};
 use farfield_edge::source::{FrameSource, Sources as _, common_ticks};
 use farfield_fusion::align::TickGroup;
+use farfield_fusion::camera_agreement::AgreementReport;
 use farfield_fusion::identity::track::Track;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
@@ -163,6 +164,11 @@ impl InProcess {
     /// Everybody as fusion left them at the last tick, tentative ones too.
     pub fn tracks(&self) -> &[Track] {
         self.fusion.tracks()
+    }
+
+    /// Whether the cameras agree, as far as was seen until now.
+    pub fn agreement(&self) -> AgreementReport {
+        self.fusion.agreement().report()
     }
 
     /// Works on the next tick; `None` at the end of the recording.

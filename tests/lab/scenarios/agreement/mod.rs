@@ -1,5 +1,7 @@
 //! Cameras that are not what the venue says: the sample with real mistakes in it, and what a run says of each.
 
+mod scenes;
+mod shelf;
 mod treadmill;
 
 use std::collections::BTreeMap;
@@ -197,6 +199,37 @@ fn a_late_source_is_named_with_its_lateness() {
     MistakenSample::new()
         .late("south-west", 3)
         .is_told(&["camera south-west is ", " ms) late against the others"]);
+}
+
+#[test]
+fn a_source_that_is_seconds_late_is_told_of_however_short_the_recording_is() {
+    for ticks in [30, 90] {
+        MistakenSample::new().late("south-west", ticks).is_told(&[
+            "camera south-west  DISAGREES",
+            "warning: camera south-west ",
+        ]);
+    }
+}
+
+#[test]
+fn lenses_that_are_not_as_calibrated_are_named() {
+    let lens = "[-0.08, 0.02, 0.0, 0.0, 0.0]";
+    MistakenSample::new()
+        .replace("calibration.toml", |text| {
+            text.replace(lens, "[-0.3, 0.1, 0.0, 0.0, 0.0]")
+        })
+        .is_told(&[
+            "the lens distortions of all cameras are not as calibrated",
+            "more;",
+        ]);
+    MistakenSample::new()
+        .replace("calibration.toml", |text| {
+            text.replacen(lens, "[0.3, 0.0, 0.0, 0.0, 0.0]", 1)
+        })
+        .is_told(&[
+            "the lens distortion of camera north-east is not as calibrated",
+            "less;",
+        ]);
 }
 
 #[test]

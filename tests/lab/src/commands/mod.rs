@@ -60,6 +60,8 @@ struct Lab {
 enum LabCommand {
     /// Run fixed scenes in this process and score them, beside plain triangulation.
     Suite(SuiteArgs),
+    /// What is said of cameras of which nothing is wrong: false alarms, over scenes.
+    Agreement(suite::agreement::AgreementArgs),
     /// What maps cost on the wire against what they are worth: every compression level of our codec beside
     /// what others send, all through the same loop.
     Bytes(BytesArgs),
@@ -105,6 +107,7 @@ pub fn main() -> ExitCode {
     }
     let done = match Lab::parse().command {
         LabCommand::Suite(args) => suite::suite(&args),
+        LabCommand::Agreement(args) => suite::agreement::agreement(&args),
         LabCommand::Bytes(args) => bytes::study(&args),
         LabCommand::Links(args) => links::links(&args),
         LabCommand::Faults(args) => faults::faults(&args),

@@ -1,6 +1,8 @@
 //! `lab suite`: fixed scenes through the whole system in this process, scored beside what
 //! plain triangulation gets out of the same maps.
 
+pub(super) mod agreement;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 

@@ -6,10 +6,10 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use super::geometry::{SightLines, meeting};
-use super::pairs::{CameraRays, Partners, cost};
-use super::refit::for_each_body;
-use super::samples::Burst;
+use super::super::geometry::{SightLines, meeting};
+use super::super::pairs::{CameraRays, Partners, cost};
+use super::super::refit::for_each_body;
+use super::super::samples::Burst;
 use crate::assign::assign;
 
 /// What it costs to take a keypoint for another: those of a face lie together.

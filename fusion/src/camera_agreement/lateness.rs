@@ -1,0 +1,69 @@
+//! Whether a camera is late, and by how much: by what crops show tick by tick, else by sightings and where people were.
+
+use super::judge::{Judge, rounded};
+use super::time_shift::{LATE_TICKS, is_same};
+
+/// The same by sightings alone, which say nothing of when within a tick they were taken; and seconds, as poses are kept now
+/// and then.
+const POSE_LATE_TICKS: f64 = 1.2;
+const POSE_LATE_S: f64 = 0.05;
+/// What it must leave of the cost.
+const LATE_EXPLAINS: f64 = 0.96;
+/// Shifts from so many ticks on are looked for among so many that one of them explains something by chance.
+const FAR_TICKS: f64 = 8.0;
+/// What they must leave.
+const FAR_EXPLAINS: f64 = 0.7;
+
+impl Judge<'_> {
+    /// By how many ticks `camera` is late, when that is sure and worth a word.
+    pub(super) fn late(&self, camera: usize) -> Option<f64> {
+        self.lateness(camera).map(|(ticks, _)| ticks)
+    }
+
+    /// The same with what it leaves of the cost: by what crops show, else by sightings and poses.
+    pub(super) fn lateness(&self, camera: usize) -> Option<(f64, f64)> {
+        let of_crops = || {
+            let shift = self.shifts[camera]?;
+            let ratio = shift.cost_after / shift.cost_before;
+            let is_told = shift.late_ticks.abs() >= LATE_TICKS && explains(shift.late_ticks, ratio);
+            let ticks = self.known_late(camera).filter(|_| is_told)?;
+            Some((ticks, ratio))
+        };
+        let of_poses = || {
+            let shift = self.pose_shifts[camera]?;
+            let ticks = rounded(shift.late_ticks);
+            let least = POSE_LATE_TICKS.max(POSE_LATE_S * self.rate_hz);
+            // Of few ticks crops know better, where they know.
+            let is_known = ticks.abs() < FAR_TICKS && self.known_late(camera).is_some();
+            let is_sure = shift.is_steady && explains(ticks, shift.ratio);
+            let is_told = ticks.abs() >= least && !is_known && is_sure;
+            is_told.then_some((ticks, shift.ratio))
+        };
+        of_crops().or_else(of_poses)
+    }
+
+    /// Whether `camera` is late, and that explains most of what it is off.
+    pub(super) fn is_clearly_late(&self, camera: usize) -> bool {
+        self.lateness(camera)
+            .is_some_and(|(_, ratio)| ratio < FAR_EXPLAINS)
+    }
+
+    /// By how many ticks `camera` is late, to a hundredth; `None` where nothing moved enough to tell, or the halves of the
+    /// keypoints tell otherwise.
+    pub(super) fn known_late(&self, camera: usize) -> Option<f64> {
+        let shift = self.shifts[camera].filter(|shift| shift.is_sharp)?;
+        let halves = [&self.halves[0], &self.halves[1]].map(|half| half[camera]);
+        let [first, second] = [halves[0]?.late_ticks, halves[1]?.late_ticks];
+        is_same(first, second).then_some((100.0 * shift.late_ticks).round() / 100.0)
+    }
+}
+
+/// Whether a shift in time that leaves `ratio` of the cost is no chance.
+fn explains(ticks: f64, ratio: f64) -> bool {
+    let most = if ticks.abs() < FAR_TICKS {
+        LATE_EXPLAINS
+    } else {
+        FAR_EXPLAINS
+    };
+    ratio < most
+}

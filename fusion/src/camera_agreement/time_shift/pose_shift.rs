@@ -1,0 +1,334 @@
+//! By how many ticks each camera is off, from its sightings and where people were: beyond what a burst is long, and of people
+//! who move too little in one.
+//!
+//! ```text
+//!   e(s) = mean over the sightings of a camera of  min over people of  mean over keypoints of  cost(|project(X(t - s)) - u| z / f)
+//! ```
+//!
+//! u is what a detection pass at tick t shows, X(t - s) where a person was at that tick or another. Who is late by seconds is
+//! not in his crops, as boxes are where people are now; sightings are made without boxes. Poses follow all cameras, so that
+//! one that is a little late draws them to itself: of few ticks some are missing here, of many none.
+
+use farfield_proto::order_statistics::upper_median;
+use nalgebra::{Vector2, Vector3};
+
+use super::super::geometry::SightLines;
+use super::super::pairs::cost;
+use super::super::samples::{Burst, PassSample, PosedTick, SeenBody};
+use super::{KeypointHalf, vertex};
+
+/// Longest shift that is looked for, seconds.
+const LONGEST_S: f64 = 10.0;
+/// Keypoints that must have been compared at a shift.
+const MIN_COMPARED: usize = 120;
+/// Least keypoints of a sighting.
+const MIN_KEYPOINTS: usize = 5;
+/// By which factor most shifts cost more than the least.
+const STANDS_OUT: f64 = 1.25;
+/// By which factor any shift costs more that is so far from the least, seconds.
+const ALONE: f64 = 1.12;
+const ALONE_S: f64 = 0.5;
+/// Middles of bodies that are farther apart than this are not of one person, metres.
+const MIDDLES_M: f64 = 1.5;
+/// How far the halves of the keypoints look from the least cost of all, poses.
+const BESIDE: isize = 3;
+/// By how much they may differ: ticks, and a share of the shift.
+const DIFFERENCE_TICKS: f64 = 0.6;
+const DIFFERENCE: f64 = 0.03;
+
+/// Fewest keypoints of either half of the time that tell, what the shift must leave of the cost in each, and the cost up to
+/// which it fits at all: what fits by chance does not do so twice. Shelf: 0.66 and 0.31 at the most, where a camera is late.
+const MIN_COMPARED_IN_HALF: usize = 50;
+const EXPLAINS_IN_HALF: f64 = 0.85;
+const FITS_IN_HALF: f64 = 0.45;
+
+/// What is known of a camera's time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::camera_agreement) struct PoseShift {
+    /// By how many ticks its pictures are late against the poses.
+    pub(in crate::camera_agreement) late_ticks: f64,
+    /// What it leaves of the cost.
+    pub(in crate::camera_agreement) ratio: f64,
+    /// Whether both halves of the time say so.
+    pub(in crate::camera_agreement) is_steady: bool,
+}
+
+/// A person at a kept tick, in a camera.
+pub(super) struct Projected {
+    middle_px: Vector2<f64>,
+    /// Per keypoint; with the depth, metres. `None` behind the camera.
+    pub(super) keypoints: Vec<Option<(Vector2<f64>, f64)>>,
+}
+
+/// The sightings of a camera, and everybody as it would see them.
+pub(super) struct Search<'a> {
+    pub(super) camera: usize,
+    pub(super) focal_px: f64,
+    pub(super) size_px: Vector2<f64>,
+    pub(super) passes: &'a [&'a PassSample],
+    every: i64,
+    /// Number of the first kept pose: its tick over `every`.
+    first: i64,
+    /// Per number from the first on.
+    people: Vec<Vec<Projected>>,
+}
+
+impl<'a> Search<'a> {
+    pub(super) fn of(
+        (camera, lines): (usize, &SightLines),
+        poses: &[&PosedTick],
+        (passes, every): (&'a [&'a PassSample], i64),
+    ) -> Self {
+        let number = |posed: &PosedTick| posed.tick.0.div_euclid(every);
+        let first = poses.first().map_or(0, |posed| number(posed));
+        let mut people: Vec<Vec<Projected>> = Vec::new();
+        for posed in poses {
+            let at = (number(posed) - first).unsigned_abs() as usize;
+            people.resize_with(at, Vec::new);
+            people.push(
+                posed
+                    .people
+                    .iter()
+                    .filter_map(|(_, body)| projected(body, lines))
+                    .collect(),
+            );
+        }
+        Self {
+            camera,
+            focal_px: lines.mean_focal_px(),
+            size_px: lines.size_px(),
+            passes,
+            every,
+            first,
+            people,
+        }
+    }
+
+    pub(super) fn shift(&self, rate_hz: f64) -> Option<PoseShift> {
+        let per_pose_s = self.every as f64 / rate_hz;
+        let reach = (LONGEST_S / per_pose_s).round() as isize;
+        let curve = self.curve(-reach..=reach, (KeypointHalf::All, self.passes));
+        let most = curve.iter().map(|(_, n)| *n).max()?;
+        let costs = curve.into_iter().map(|(sum, n)| {
+            let is_known = n >= MIN_COMPARED && 3 * n >= most;
+            if is_known { sum / n as f64 } else { f64::NAN }
+        });
+        let costs: Vec<f64> = costs.collect();
+        let known = || {
+            costs
+                .iter()
+                .copied()
+                .enumerate()
+                .filter(|(_, c)| c.is_finite())
+        };
+        let (at, least) = known().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let middle = upper_median(known().map(|(_, c)| c).collect())?;
+        let alone = (ALONE_S / per_pose_s).ceil() as usize;
+        let next = known().filter(|(other, _)| other.abs_diff(at) > alone);
+        let next = next.map(|(_, c)| c).fold(f64::INFINITY, f64::min);
+        if middle < STANDS_OUT * least || next < ALONE * least {
+            return None;
+        }
+        let own = at.cast_signed() - reach;
+        let halves = [KeypointHalf::Odd, KeypointHalf::Even].map(|half| self.near(own, half));
+        let [odd, even] = [self.ticks(halves[0]?), self.ticks(halves[1]?)];
+        let most_apart = DIFFERENCE_TICKS
+            .max(DIFFERENCE * odd.abs())
+            .max(0.3 * self.every as f64);
+        let late_ticks = self.ticks(self.near(own, KeypointHalf::All)?);
+        // Where a shift of nothing is not known, nobody was sighted then where people are now.
+        let before = Some(costs[reach.cast_unsigned()]).filter(|c| c.is_finite());
+        let is_sure = (odd - even).abs() <= most_apart;
+        is_sure.then(|| PoseShift {
+            late_ticks,
+            ratio: least / before.unwrap_or(middle).max(least),
+            is_steady: self.is_steady(own),
+        })
+    }
+
+    /// Where people were so many kept poses before a pass.
+    pub(super) fn people_at(&self, pass: &PassSample, shift: isize) -> Option<&[Projected]> {
+        let now = pass.tick.0.div_euclid(self.every) - self.first;
+        let at = usize::try_from(now - shift as i64).ok()?;
+        self.people.get(at).map(Vec::as_slice)
+    }
+
+    /// Whether the shift explains what is shown in the first half of the time, and in the second.
+    fn is_steady(&self, own: isize) -> bool {
+        let is_compared = |pass: &&&PassSample| {
+            let people = self.people_at(pass, own);
+            people.is_some_and(|p| !p.is_empty()) && !pass.of_camera[self.camera].is_empty()
+        };
+        let passes: Vec<&PassSample> = self.passes.iter().filter(is_compared).copied().collect();
+        let bodies = |pass: &&PassSample| pass.of_camera[self.camera].len();
+        let all: usize = passes.iter().map(bodies).sum();
+        let mut shown = 0;
+        let middle = passes.iter().position(|pass| {
+            shown += bodies(pass);
+            2 * shown > all
+        });
+        let (first, second) = passes.split_at(middle.unwrap_or(0));
+        let explains = |half: &[&PassSample]| {
+            let at = |shift: isize| self.curve(shift..=shift, (KeypointHalf::All, half))[0];
+            let ((there, n), (here, n_here)) = (at(own), at(0));
+            let (there, here) = (there / n.max(1) as f64, here / n_here.max(1) as f64);
+            // Before anybody was followed nothing is known of how it is.
+            let is_better = n_here == 0 || there < EXPLAINS_IN_HALF * here;
+            n >= MIN_COMPARED_IN_HALF && there < FITS_IN_HALF && is_better
+        };
+        explains(first) && explains(second)
+    }
+
+    pub(super) fn cost_now(&self) -> Option<f64> {
+        let (mut sum, mut n) = (0.0, 0);
+        for pass in self.passes {
+            let people = self.people_at(pass, 0);
+            for body in &pass.of_camera[self.camera] {
+                let seen = Sighted::of(body, KeypointHalf::All);
+                let near = seen
+                    .and_then(|seen| Some((seen.cost_near(people?, self.focal_px)?, seen.len())));
+                if let Some((cost, keypoints)) = near {
+                    sum += cost * keypoints as f64;
+                    n += keypoints;
+                }
+            }
+        }
+        (n >= MIN_COMPARED).then(|| sum / n as f64)
+    }
+
+    /// The least cost of some keypoints beside a shift, with the fraction of the parabola through it, poses.
+    fn near(&self, own: isize, half: KeypointHalf) -> Option<f64> {
+        let curve = self.curve(own - BESIDE..=own + BESIDE, (half, self.passes));
+        let costs: Vec<f64> = curve
+            .iter()
+            .map(|(sum, n)| sum / (*n).max(1) as f64)
+            .collect();
+        let inside = 1..costs.len().saturating_sub(1);
+        let at = inside.min_by(|&a, &b| costs[a].total_cmp(&costs[b]))?;
+        let fraction = vertex(costs[at - 1], costs[at], costs[at + 1]);
+        Some((own - BESIDE + at.cast_signed()) as f64 + fraction)
+    }
+
+    /// Poses are kept now and then, and detection passes come in between.
+    fn ticks(&self, poses: f64) -> f64 {
+        let off = self
+            .passes
+            .iter()
+            .map(|pass| pass.tick.0.rem_euclid(self.every) as f64);
+        poses * self.every as f64 + off.sum::<f64>() / self.passes.len().max(1) as f64
+    }
+
+    /// Per shift the summed cost, and of how many keypoints.
+    fn curve(
+        &self,
+        shifts: std::ops::RangeInclusive<isize>,
+        (half, passes): (KeypointHalf, &[&PassSample]),
+    ) -> Vec<(f64, usize)> {
+        let mut curve = vec![(0.0, 0); shifts.clone().count()];
+        for pass in passes {
+            for body in &pass.of_camera[self.camera] {
+                let Some(seen) = Sighted::of(body, half) else {
+                    continue;
+                };
+                for (shift, (sum, n)) in shifts.clone().zip(&mut curve) {
+                    let people = self.people_at(pass, shift);
+                    if let Some(people) = people.filter(|people| !people.is_empty()) {
+                        *sum += seen.cost(people, self.focal_px) * seen.len() as f64;
+                        *n += seen.len();
+                    }
+                }
+            }
+        }
+        curve
+    }
+}
+
+fn projected(body: &[[f32; 3]], lines: &SightLines) -> Option<Projected> {
+    let of = |m: &[f32; 3]| lines.project(&Vector3::from(m.map(f64::from)));
+    let keypoints: Vec<Option<(Vector2<f64>, f64)>> = body.iter().map(of).collect();
+    let seen = || keypoints.iter().flatten();
+    let n = seen().count();
+    let middle_px = seen().map(|(px, _)| px).sum::<Vector2<f64>>() / n.max(1) as f64;
+    (n >= MIN_KEYPOINTS).then_some(Projected {
+        middle_px,
+        keypoints,
+    })
+}
+
+/// A sighting, without what it does not show.
+pub(super) struct Sighted {
+    middle_px: Vector2<f64>,
+    keypoints: Vec<(usize, Vector2<f64>)>,
+}
+
+impl Sighted {
+    pub(super) fn of(body: &SeenBody, half: KeypointHalf) -> Option<Self> {
+        let all = body.iter().enumerate().filter_map(|(k, seen)| {
+            let pixel = seen.as_ref()?.pixel.map(f64::from);
+            Some((k, Vector2::from(pixel)))
+        });
+        let all: Vec<(usize, Vector2<f64>)> = all.collect();
+        if all.len() < MIN_KEYPOINTS {
+            return None;
+        }
+        let middle_px = all.iter().map(|(_, px)| px).sum::<Vector2<f64>>() / all.len() as f64;
+        let keypoints: Vec<_> = all.into_iter().filter(|(k, _)| half.has(*k)).collect();
+        (keypoints.len() * 3 >= MIN_KEYPOINTS).then_some(Self {
+            middle_px,
+            keypoints,
+        })
+    }
+
+    fn len(&self) -> usize {
+        self.keypoints.len()
+    }
+
+    /// That of the person whom it fits best; 1 where nobody is near.
+    pub(super) fn cost(&self, people: &[Projected], focal_px: f64) -> f64 {
+        self.cost_near(people, focal_px).unwrap_or(1.0)
+    }
+
+    /// The same; `None` where nobody is near.
+    fn cost_near(&self, people: &[Projected], focal_px: f64) -> Option<f64> {
+        let of = |person: &Projected| {
+            let depth_m = person.keypoints.iter().flatten().next()?.1;
+            let apart_m = (person.middle_px - self.middle_px).norm() * depth_m / focal_px;
+            if apart_m > MIDDLES_M {
+                return None;
+            }
+            let off_m = |(k, seen): &(usize, Vector2<f64>)| {
+                let at = person.keypoints.get(*k).copied().flatten();
+                at.map_or(f64::INFINITY, |(px, depth_m)| {
+                    (px - seen).norm() * depth_m / focal_px
+                })
+            };
+            let costs = self.keypoints.iter().map(|seen| cost(off_m(seen)));
+            Some(costs.sum::<f64>() / self.len() as f64)
+        };
+        people.iter().filter_map(of).min_by(f64::total_cmp)
+    }
+}
+
+/// By how many ticks the sightings of each camera are late against poses, more than those of most: poses are where people
+/// are a little before or after what all show. What the edges themselves say of when pictures were taken is known.
+pub(in crate::camera_agreement) fn against_most(
+    mut shifts: Vec<Option<PoseShift>>,
+    bursts: &[&Burst],
+) -> Vec<Option<PoseShift>> {
+    for (camera, shift) in shifts.iter_mut().enumerate() {
+        let trails = bursts.iter().flat_map(|burst| &burst.trails);
+        let own = trails.filter(|trail| trail.camera == camera);
+        let taken =
+            own.flat_map(|trail| (0..trail.len()).filter_map(|tick| Some(trail.at(tick)?.0)));
+        let taken = upper_median(taken.collect()).unwrap_or(0.0);
+        if let Some(shift) = shift {
+            shift.late_ticks += taken;
+        }
+    }
+    let all = shifts.iter().flatten().map(|shift| shift.late_ticks);
+    let most = upper_median(all.collect()).unwrap_or(0.0);
+    for shift in shifts.iter_mut().flatten() {
+        shift.late_ticks -= most;
+    }
+    shifts
+}

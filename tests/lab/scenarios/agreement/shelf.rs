@@ -1,0 +1,121 @@
+//! Four who put a shelf together, by `OpenPose`: people who hardly move, and keypoints that are rough.
+
+use std::fs;
+use std::path::PathBuf;
+
+use serde_json::Value;
+
+use crate::data::recording;
+use crate::farfield::run;
+
+const SCENARIO: &str = "mistakes on the Shelf";
+const CAMERAS: [&str; 5] = ["cam0", "cam1", "cam2", "cam3", "cam4"];
+
+/// The recording, and a folder for what is made of it; `None`, said on stdout, where it is not there.
+struct Shelf {
+    folder: PathBuf,
+    dir: tempfile::TempDir,
+}
+
+impl Shelf {
+    fn new() -> Option<Self> {
+        let venue = recording(SCENARIO, "data/shelf/venue.toml")?;
+        let dir = tempfile::tempdir().unwrap();
+        let folder = fs::canonicalize(venue.parent()?).unwrap();
+        for file in ["venue.toml", "calibration.toml"] {
+            fs::copy(folder.join(file), dir.path().join(file)).unwrap();
+        }
+        Some(Self { folder, dir })
+    }
+
+    /// Writes the recordings, of which `cam1` is so many ticks late.
+    fn write(&self, late_ticks: usize) {
+        for camera in CAMERAS {
+            let file = format!("{camera}.jsonl");
+            let text = fs::read_to_string(self.folder.join(&file)).unwrap();
+            let lines: Vec<Value> = text
+                .lines()
+                .map(|line| serde_json::from_str(line).unwrap())
+                .collect();
+            let late = if camera == "cam1" { late_ticks } else { 0 };
+            let shown = lines.iter().enumerate().map(|(i, line)| {
+                let mut line = line.clone();
+                line["persons"] = lines[i.saturating_sub(late)]["persons"].clone();
+                format!("{line}\n")
+            });
+            fs::write(self.dir.path().join(&file), shown.collect::<String>()).unwrap();
+        }
+    }
+
+    /// Gives a camera, or all, this `distortions`.
+    fn distort(&self, camera: Option<&str>, distortions: &str) {
+        let path = self.dir.path().join("calibration.toml");
+        let text = fs::read_to_string(self.folder.join("calibration.toml")).unwrap();
+        let mut of = "";
+        let lines = text.lines().map(|line| {
+            if let Some(name) = line.strip_prefix('[').and_then(|it| it.strip_suffix(']')) {
+                of = name;
+            }
+            if line.starts_with("distortions") && camera.is_none_or(|camera| camera == of) {
+                format!("distortions = {distortions}\n")
+            } else {
+                format!("{line}\n")
+            }
+        });
+        fs::write(path, lines.collect::<String>()).unwrap();
+    }
+
+    fn disagreements(&self, name: &str) -> Vec<Value> {
+        let out = self.dir.path().join(name);
+        run(&self.dir.path().join("venue.toml"), &out, &[]);
+        let summary = fs::read_to_string(out.join("summary.json")).unwrap();
+        let summary: Value = serde_json::from_str(&summary).unwrap();
+        let found = summary["agreement"]["disagreements"].as_array().unwrap();
+        for one in found {
+            println!("Shelf, {name}: {}", one["found"].as_str().unwrap());
+        }
+        found.clone()
+    }
+}
+
+#[test]
+fn a_camera_that_is_late_among_people_who_hardly_move_is_named() {
+    let Some(shelf) = Shelf::new() else {
+        return;
+    };
+    for (ticks, off) in [(0, 0.0), (3, 1.2), (30, 1.0), (90, 1.0)] {
+        shelf.write(ticks);
+        let name = format!("late-{ticks}");
+        let found = shelf.disagreements(&name);
+        if ticks == 0 {
+            assert_eq!(found, [] as [Value; 0]);
+            continue;
+        }
+        assert_eq!(found.len(), 1, "{name}: {found:?}");
+        assert_eq!(found[0]["cause"], "late", "{name}");
+        assert_eq!(found[0]["cameras"], serde_json::json!(["cam1"]));
+        let told = found[0]["ticks"].as_f64().unwrap();
+        assert!((told - ticks as f64).abs() < off, "{name}: {told}");
+    }
+}
+
+#[test]
+fn lenses_that_are_not_as_calibrated_are_named() {
+    let Some(shelf) = Shelf::new() else {
+        return;
+    };
+    shelf.write(0);
+    for (name, camera, distortions) in [
+        ("cam1-barrel", Some("cam1"), "[-0.3, 0.1, 0.0, 0.0, 0.0]"),
+        ("cam1-pincushion", Some("cam1"), "[0.3, 0.0, 0.0, 0.0, 0.0]"),
+        ("cam2-pincushion", Some("cam2"), "[0.3, 0.0, 0.0, 0.0, 0.0]"),
+        ("all-barrel", None, "[-0.3, 0.1, 0.0, 0.0, 0.0]"),
+    ] {
+        shelf.distort(camera, distortions);
+        let found = shelf.disagreements(name);
+        assert_eq!(found.len(), 1, "{name}: {found:?}");
+        assert_eq!(found[0]["cause"], "distortion", "{name}");
+        let expected = camera.map_or(CAMERAS.to_vec(), |camera| vec![camera]);
+        assert_eq!(found[0]["cameras"], serde_json::json!(expected), "{name}");
+    }
+}
