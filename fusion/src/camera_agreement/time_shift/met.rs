@@ -14,7 +14,7 @@ const ELSEWHERE: f64 = 0.5;
 /// Share of the keypoints of somebody who is in the picture.
 const IN_PICTURE: f64 = 0.9;
 /// How many must be missed, or met, in how many passes, and how many times as many as are met, or missed. Cameras that are
-/// right miss 0.15 times as many as they meet, at the most, on the recordings and in forty scenes.
+/// right miss 0.16 times as many as they meet, at the most, on the recordings and in fifty runs of scenes.
 const MIN_PEOPLE: usize = 6;
 const MIN_PASSES: usize = 3;
 const FACTOR: usize = 2;
