@@ -23,6 +23,8 @@ const STANDS_US: Micros = 200_000;
 const BASE_DELAY_WINDOW_US: Micros = 20 * SECOND_US;
 /// Loss above this share, beside what the link loses however little is sent, means a full link, not radio noise.
 const LOSS: f64 = 0.15;
+/// Silences that are nearer to each other than this are of a full link.
+const AGAIN_US: Micros = 5 * SECOND_US;
 /// Above, next to nothing gets through.
 const CHOKED_LOSS: f64 = 0.5;
 /// Share of a new report in the loss of late, and in that of the last seconds.
@@ -71,8 +73,9 @@ pub(super) struct LinkLoad {
     lossy_since: Option<(Micros, f64)>,
     sent: SentLog,
     since_us: Option<Micros>,
-    /// When something was reported again after a silence.
-    back_at_us: Option<Micros>,
+    /// When something was reported again after a silence, and whether that was not the first one of late: a link that was
+    /// cut is back for good, a full one is silent again and again.
+    back: Option<(Micros, bool)>,
     newest: Option<Tick>,
     /// When the first was sent of those since the last word.
     unanswered_us: Option<Micros>,
@@ -96,7 +99,7 @@ impl Default for LinkLoad {
             lossy_since: None,
             sent: SentLog::default(),
             since_us: None,
-            back_at_us: None,
+            back: None,
             newest: None,
             unanswered_us: None,
             next_step_at_us: Micros::MIN,
@@ -137,10 +140,11 @@ impl LinkLoad {
         self.newest.is_some() && self.is_unanswered(now_us)
     }
 
-    /// Whether hardly anything gets through: more than half is lost, whoever is to blame, or nothing was reported for long
-    /// until a moment ago, be it that nothing ever was.
+    /// Whether hardly anything gets through: more than half is lost, whoever is to blame, nothing was reported for long, be
+    /// it that nothing ever was, or that was so again and again until a moment ago.
     pub(super) fn is_choked(&self, now_us: Micros) -> bool {
-        let is_just_back = self.back_at_us.is_some_and(|at| now_us - at < WHOLE_US);
+        let is_again = |(at_us, again): (Micros, bool)| again && now_us - at_us < WHOLE_US;
+        let is_just_back = self.back.is_some_and(is_again);
         let is_lossy = self.loss.max(self.usual_loss) > CHOKED_LOSS;
         is_just_back || is_lossy || self.is_unanswered(now_us)
     }
@@ -156,6 +160,8 @@ impl LinkLoad {
         self.n_recent = 0;
         self.loss = 0.0;
         self.newest = None;
+        // Who is asked now is not to blame for what the one before did not answer.
+        self.unanswered_us = None;
         // What is under way was sent by the old clock, and the last second is not whole.
         self.since_us = Some(now_us + SECOND_US);
     }
@@ -175,7 +181,8 @@ impl LinkLoad {
             return;
         }
         if self.is_unanswered(now_us) {
-            self.back_at_us = Some(now_us);
+            let again = self.back.is_some_and(|(at, _)| now_us - at < AGAIN_US);
+            self.back = Some((now_us, again));
         }
         if self.is_silent(now_us) {
             // The link is back. What was lost meanwhile says nothing of what it carries.
