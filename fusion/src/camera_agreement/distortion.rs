@@ -34,6 +34,8 @@ const ROUNDS: usize = 3;
 /// Distances at which a line of sight weighs a quarter, and costs one half, metres.
 const WEIGHT_M: f64 = 0.04;
 const COST_M: f64 = 0.03;
+/// Squared distance beyond which it makes no difference, square metres.
+const FARTHEST_SQUARED_M: f64 = 1e6;
 /// The k that are tried first; then those beside the best, nearer and nearer.
 const TRIED: [f64; 6] = [-0.8, -0.4, -0.2, 0.2, 0.4, 0.8];
 const REFINEMENTS: usize = 4;
@@ -238,7 +240,8 @@ fn mean_cost(points: &[Point], lines: &[SightLines], k_of: impl Fn(usize) -> f64
         });
         let rays: Vec<(Vector3<f64>, Vector3<f64>)> = rays.collect();
         for gap_m in gaps_m(&rays) {
-            let squared = gap_m * gap_m;
+            // Parallel lines of sight never meet: they cost one.
+            let squared = (gap_m * gap_m).min(FARTHEST_SQUARED_M);
             sum += squared / (squared + COST_M * COST_M);
             n += 1;
         }

@@ -6,7 +6,7 @@
 //! ```text
 //!   Pipeline::step -> AgreementWatch: keeps what cameras showed lately (`samples`), in bounded memory
 //!                      '-> AgreementSamples, now and then, to another thread -> judge -> AgreementReport
-//!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `distortion` on what crops show tick by tick,
+//!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `distortion` on what crops show tick by tick (`distortion` on sightings, too),
 //!          `pose_shift` on sightings and poses -> a cause in `words`
 //! ```
 //!

@@ -19,7 +19,7 @@ use crate::identity::track::Track;
 /// Detection passes that are kept, the newest.
 const MAX_PASSES: usize = 48;
 /// Sightings of one camera in a pass that are kept, those that were found surest.
-const MAX_BODIES: usize = 6;
+pub(super) const MAX_BODIES: usize = 6;
 /// Least time between two passes that are kept, seconds, once there are some.
 const PASS_EVERY_S: f64 = 0.5;
 /// Passes that are kept whatever the time between them.
@@ -41,7 +41,7 @@ const MIN_SCORE: f32 = 0.3;
 const POSES_EVERY_S: f64 = 1.0 / 30.0;
 const POSES_S: f64 = 60.0;
 /// People whose poses are kept at a tick.
-const MAX_POSED: usize = 12;
+pub(super) const MAX_POSED: usize = 12;
 
 /// A keypoint in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@
 //! camera that is right few are, whatever hides them.
 
 use super::super::geometry::SightLines;
-use super::super::samples::{PassSample, PosedTick, Samples};
+use super::super::samples::{MAX_BODIES, MAX_POSED, PassSample, PosedTick, Samples};
 use super::KeypointHalf;
 use super::pose_shift::{PoseShift, Projected, Search, Sighted};
 
@@ -79,6 +79,10 @@ impl Search<'_> {
                 continue;
             };
             let bodies = &pass.of_camera[self.camera];
+            // Of more than are kept nobody knows who is missing.
+            if bodies.len() >= MAX_BODIES || people.len() >= MAX_POSED {
+                continue;
+            }
             let seen = bodies
                 .iter()
                 .filter_map(|body| Sighted::of(body, KeypointHalf::All));
