@@ -201,7 +201,13 @@ impl<'a> Search<'a> {
         let curve = self.curve(own - BESIDE..=own + BESIDE, (half, self.passes));
         let costs: Vec<f64> = curve
             .iter()
-            .map(|(sum, n)| sum / (*n).max(1) as f64)
+            .map(|&(sum, n)| {
+                if n == 0 {
+                    f64::INFINITY
+                } else {
+                    sum / n as f64
+                }
+            })
             .collect();
         let inside = 1..costs.len().saturating_sub(1);
         let at = inside.min_by(|&a, &b| costs[a].total_cmp(&costs[b]))?;
