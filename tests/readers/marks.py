@@ -21,6 +21,7 @@ import time
 import tomllib
 import zlib
 
+import pictures
 from playwright.sync_api import sync_playwright
 
 PATIENCE_S = 60
@@ -204,7 +205,7 @@ class Page:
     def shot(self, folder, name):
         self.page.mouse.move(5, 5)
         self.page.wait_for_timeout(400)
-        self.page.screenshot(path=str(folder / f"{name}.png"))
+        pictures.take(self.page, folder / f"{name}.png")
 
 
 def clicked(path):
@@ -340,7 +341,7 @@ def zooms(visit, folder, camera):
     for _ in range(6):
         page.mouse.wheel(0, -240)
     page.wait_for_timeout(400)
-    page.screenshot(path=str(folder / "marks-near.png"))
+    pictures.take(page, folder / "marks-near.png")
     page.keyboard.press("0")
     page.keyboard.press("?")
     check("? says how to click", page.locator("dialog.help").is_visible())
@@ -355,7 +356,7 @@ def looks(browser, url, folder, camera):
         check(f"{name}: what was clicked is there", visit.until(lambda v=visit: (v.number("clicks") or 0) >= len(MARKS)))
         visit.until(lambda v=visit: not v.page.locator(".pictures .waiting").is_visible())
         visit.page.wait_for_timeout(800)
-        visit.page.screenshot(path=str(folder / f"{name}.png"))
+        pictures.take(visit.page, folder / f"{name}.png")
         wide = visit.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
         check(f"{name}: nothing sticks out to the side", wide <= 0, f"{wide} px")
     before = phone.number("clicks")

@@ -23,6 +23,7 @@ import threading
 import time
 import urllib.parse
 
+import pictures
 import websockets
 from playwright.sync_api import Error, sync_playwright
 
@@ -69,7 +70,7 @@ class Visit:
         return None
 
     def shot(self, folder, name, **options):
-        self.page.screenshot(path=str(folder / f"{name}.png"), **options)
+        pictures.take(self.page, folder / f"{name}.png", **options)
 
 
 def people_are_drawn(visit, folder, people):
@@ -153,7 +154,7 @@ def opens_the_sheet(visit, folder, must_be_there):
     sheet.wait_for_load_state()
     check("the sheet is opened", "Calibration" in sheet.title(), sheet.title())
     check("in its own looks", sheet.evaluate("getComputedStyle(document.body).maxWidth") != "none")
-    sheet.screenshot(path=str(folder / "sheet.png"))
+    pictures.take(sheet, folder / "sheet.png")
     sheet.close()
 
 
