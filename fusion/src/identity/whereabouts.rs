@@ -3,13 +3,16 @@
 //! ```text
 //!   p(x, t) = w p_way + (1 - w) p_about,   w = W exp(-t/T)
 //!   p_way   = sum of m_i N(e, (a_i + b_i v t)² I),   e = x0 + t (v0 + v1)/2
-//!   p_about = N(x0, (G + g t)² I)                                            density on the floor, 1/m²
+//!   p_about = a N(x0, (G² + D t) I) + (1 - a) N(x0, (G + g t)² I),   a = A (1 - exp(-t/T)) exp(-t/U)
+//!                                                                            density on the floor, 1/m²
 //! ```
 //!
 //! x0 and v0 are place and velocity when it was last seen, v1 the velocity when it is seen again: measured, or v0
 //! turned as the body has turned, since people run the way they face, and who runs backwards turns all the same.
 //! What is taken is the mean of the two, so that who turned about in the meantime is where it was. The longer ago,
-//! the less the way says: most people who leave turn about or stand.
+//! the less the way says: most people who leave turn about or stand. Of those a share a stays about the place and is
+//! there at random, as who waits, works or keeps to a part of the field; the others may be anywhere that far, and in the
+//! end everybody may.
 //!
 //! The numbers are fitted on runs through corners and around them (`tests/scenes/lost.toml` and the like, everybody
 //! withheld for 0.3 to 1 s); nothing else of them is special.
@@ -30,6 +33,12 @@ const TURNED: [WaySpread; 2] = [way(0.5, 0.15, 0.12), way(0.5, 0.3, 0.45)];
 const ABOUT_M: f64 = 0.5;
 /// How much farther per second, `g`, metres per second.
 const ABOUT_M_S: f64 = 1.0;
+/// Share of those who stay about a place, `A`.
+const STAYS: f64 = 0.5;
+/// After how long most of these have left it, `U`, seconds.
+const STAYS_S: f64 = 20.0;
+/// By how much the variance of their place grows, per axis, `D`, m²/s: a step or two to and fro every second.
+const STAYS_M2_S: f64 = 0.5;
 /// Faster than anybody runs, metres per second: what is more, is a filter that has lost its person.
 const FASTEST_M_S: f64 = 10.0;
 /// How far off a way may be that is explained, as a share of its length.
@@ -106,9 +115,12 @@ impl Whereabouts {
     /// particular have the density 1/`field_m2`, and nobody is spread wider.
     pub(crate) fn ln_density(&self, now: &Self, absence_s: f64, field_m2: f64) -> f64 {
         let t = absence_s.max(0.0);
-        let about_m = ABOUT_M + ABOUT_M_S * t;
         let off_m = (now.place_m - self.place_m).xy();
-        let about = normal(off_m, about_m, 1.0 / field_m2);
+        let about = |sigma_m| normal(off_m, sigma_m, 1.0 / field_m2);
+        let under_way = libm::exp(-t / WAY_LASTS_S);
+        let stays = STAYS * (1.0 - under_way) * libm::exp(-t / STAYS_S);
+        let stays_m = (ABOUT_M * ABOUT_M + STAYS_M2_S * t).sqrt();
+        let about = stays * about(stays_m) + (1.0 - stays) * about(ABOUT_M + ABOUT_M_S * t);
         let Some(v0) = self.velocity_m_s else {
             return libm::log(about);
         };
@@ -122,7 +134,7 @@ impl Whereabouts {
             let sigma_m = spread.sigma_m + spread.per_way * way_m;
             spread.share * normal(off_way_m, sigma_m, 0.0)
         });
-        let share = ON_THE_WAY * libm::exp(-t / WAY_LASTS_S);
+        let share = ON_THE_WAY * under_way;
         libm::log(share * on_way.iter().sum::<f64>() + (1.0 - share) * about)
     }
 
@@ -222,6 +234,20 @@ mod tests {
         let nowhere = -libm::log(FIELD_M2);
         assert!((after(60.0) - nowhere).abs() < 0.1);
         assert!(ln(at(1e6, 0.0), 0.1).is_finite());
+    }
+
+    #[test]
+    fn two_who_kept_to_their_corners_did_not_change_places() {
+        // Four and more seconds pass until a fusion that was killed hears its edges again.
+        let walked = |from: [f64; 2], to: [f64; 2]| {
+            let before = at(from[0], from[1]).moving(&Vector3::new(0.9, 0.7, 0.0));
+            before.ln_density(&at(to[0], to[1]), 5.0, 120.0)
+        };
+        let corners = [([-2.4, -2.6], [-3.8, -3.0]), ([3.5, -1.6], [4.0, -2.7])];
+        let [(a, a_later), (b, b_later)] = corners;
+        let stayed = walked(a, a_later) + walked(b, b_later);
+        let changed = walked(a, b_later) + walked(b, a_later);
+        assert!(stayed > changed + 3.0, "{stayed} {changed}");
     }
 
     #[test]
