@@ -10,6 +10,7 @@
 
 use std::collections::BTreeMap;
 
+use farfield_proto::id::ViewpointIndex;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::geometry::SightLines;
@@ -21,8 +22,9 @@ const EVERY_TICKS: usize = 4;
 const MAX_POINTS: usize = 1200;
 /// Least keypoints that tell.
 const MIN_POINTS: usize = 150;
-/// Cameras that must show a keypoint: two lines of sight meet with many distortions.
-const MIN_CAMERAS: usize = 3;
+/// Viewpoints that must show a keypoint: two lines of sight meet with many distortions, and those of one viewpoint say
+/// the same.
+const MIN_VIEWPOINTS: usize = 3;
 /// How far somebody must have moved: of who stays at one place networks err always alike, which looks like a distortion
 /// (a k of 0.5 on a treadmill, all of whose cameras are right).
 const MOVED_M: f64 = 1.2;
@@ -46,10 +48,10 @@ const TOLD: [(f64, f64); 2] = [(0.1, 0.985), (0.2, 0.99)];
 const STANDS_OUT: f64 = 1.5;
 
 /// Another distortion.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct DistortionFit {
-    /// The camera that has it; `None`: all have.
-    pub(super) camera: Option<usize>,
+    /// The cameras that have it: one, or all that tell and have one (fisheyes have another).
+    pub(super) cameras: Vec<usize>,
     /// By how much k1 of the calibration is larger than it should be.
     pub(super) k1_over: f64,
     /// What it leaves of the cost.
@@ -63,13 +65,22 @@ type Point = Vec<(usize, Vector2<f64>)>;
 pub(super) fn distortion(
     bursts: &[&Burst],
     samples: &Samples,
-    lines: &[SightLines],
+    (lines, viewpoints): (&[SightLines], &[ViewpointIndex]),
 ) -> Option<DistortionFit> {
     if farthest_moved_m(samples) < MOVED_M {
         return None;
     }
     let mut points = points(bursts, lines);
     points.extend(sighted_points(samples, lines));
+    points.retain(|point| {
+        let mut shown: Vec<_> = point
+            .iter()
+            .map(|(camera, _)| viewpoints[*camera])
+            .collect();
+        shown.sort_unstable();
+        shown.dedup();
+        shown.len() >= MIN_VIEWPOINTS
+    });
     let step = points.len().div_ceil(MAX_POINTS).max(1);
     let points: Vec<Point> = points.into_iter().step_by(step).collect();
     if points.len() < MIN_POINTS {
@@ -82,30 +93,32 @@ pub(super) fn distortion(
             .filter(|p| p.iter().any(|(of, _)| *of == camera));
         shown.count() >= MIN_POINTS
     };
-    let alone = (0..lines.len()).filter(|&camera| enough(camera)).map(Some);
-    let fits = std::iter::once(None).chain(alone).map(|camera| {
+    let known: Vec<usize> = (0..lines.len())
+        .filter(|&camera| !lines[camera].is_fisheye() && enough(camera))
+        .collect();
+    let alone = known.iter().map(|&camera| vec![camera]);
+    let together = Some(known.clone()).filter(|known| known.len() > 1);
+    let fits = together.into_iter().chain(alone).map(|cameras| {
         let cost = |k: f64| {
-            mean_cost(&points, lines, |of| {
-                let has = camera.is_none_or(|camera| camera == of);
-                if has { k } else { 0.0 }
-            })
+            let k_of = |of| if cameras.contains(&of) { k } else { 0.0 };
+            mean_cost(&points, lines, k_of)
         };
         let (k1_over, least) = least(cost, before);
         DistortionFit {
-            camera,
+            cameras,
             k1_over,
             ratio: least / before.max(f64::MIN_POSITIVE),
         }
     });
     let mut fits: Vec<DistortionFit> = fits.collect();
     fits.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
-    let best = *fits.first()?;
+    let best = fits.first()?;
     let gain = |fit: &DistortionFit| 1.0 - fit.ratio;
     let stands_out = fits
         .get(1)
-        .is_none_or(|next| gain(&best) > STANDS_OUT * gain(next));
+        .is_none_or(|next| gain(best) > STANDS_OUT * gain(next));
     let is_told = |(k, ratio): (f64, f64)| best.k1_over.abs() >= k && best.ratio < ratio;
-    (stands_out && TOLD.into_iter().any(is_told)).then_some(best)
+    (stands_out && TOLD.into_iter().any(is_told)).then(|| best.clone())
 }
 
 /// How far who moved most got, metres: the diagonal of all places of the middle of a body.
@@ -168,11 +181,7 @@ fn points(bursts: &[&Burst], lines: &[SightLines]) -> Vec<Point> {
                         }
                     }
                 }
-                all.extend(
-                    of_tick
-                        .into_iter()
-                        .filter(|point| point.len() >= MIN_CAMERAS),
-                );
+                all.extend(of_tick);
             }
         }
     }
@@ -198,11 +207,7 @@ fn sighted_points(samples: &Samples, lines: &[SightLines]) -> Vec<Point> {
                     point.extend(seen.map(|seen| (camera, lines[camera].normalised(seen.pixel))));
                 }
             }
-            all.extend(
-                of_person
-                    .into_iter()
-                    .filter(|point| point.len() >= MIN_CAMERAS),
-            );
+            all.extend(of_person);
         }
     }
     all

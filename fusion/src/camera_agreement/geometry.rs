@@ -82,6 +82,11 @@ impl SightLines {
         (0..PLACES).filter(|&place| is_seen(place)).count() as f64 / PLACES as f64
     }
 
+    /// Whether its lens is a fisheye's.
+    pub(super) fn is_fisheye(&self) -> bool {
+        self.fisheye.is_some()
+    }
+
     /// Mean of the two focal lengths, pixels.
     pub(super) fn mean_focal_px(&self) -> f64 {
         0.5 * (self.focal_px.x + self.focal_px.y)

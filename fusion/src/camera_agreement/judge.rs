@@ -184,17 +184,15 @@ impl<'a> Judge<'a> {
 
     /// Only where nothing else is wrong: what is late or turned bends lines of sight, too.
     fn find_distortion(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
-        if let Some(fit) = distortion(&self.bursts, self.samples, &self.lines) {
-            let cameras: Vec<usize> = match fit.camera {
-                Some(camera) => vec![camera],
-                None => (0..told.len()).collect(),
-            };
-            for &camera in &cameras {
+        let viewpoints: Vec<_> = self.cameras.iter().map(|camera| camera.viewpoint).collect();
+        let cameras = (&self.lines[..], &viewpoints[..]);
+        if let Some(fit) = distortion(&self.bursts, self.samples, cameras) {
+            for &camera in &fit.cameras {
                 told[camera] = true;
             }
             let k1_over = (100.0 * fit.k1_over).round() / 100.0;
             let cause = DisagreementCause::Distortion { k1_over };
-            all.push(self.disagreement(&cameras, cause));
+            all.push(self.disagreement(&fit.cameras, cause));
         }
     }
 

@@ -5,7 +5,7 @@
 //! camera that is right few are, whatever hides them.
 
 use super::super::geometry::SightLines;
-use super::super::samples::{MAX_BODIES, MAX_POSED, PassSample, PosedTick, Samples};
+use super::super::samples::{MAX_BODIES, PassSample, PosedTick, Samples};
 use super::KeypointHalf;
 use super::pose_shift::{PoseShift, Projected, Search, Sighted};
 
@@ -80,7 +80,7 @@ impl Search<'_> {
             };
             let bodies = &pass.of_camera[self.camera];
             // Of more than are kept nobody knows who is missing.
-            if bodies.len() >= MAX_BODIES || people.len() >= MAX_POSED {
+            if bodies.len() >= MAX_BODIES || !self.knows_everybody_at(pass) {
                 continue;
             }
             let seen = bodies
@@ -109,5 +109,81 @@ impl Search<'_> {
             (0.0..self.size_px.x).contains(&px.x) && (0.0..self.size_px.y).contains(&px.y)
         });
         inside.count() as f64 >= IN_PICTURE * person.keypoints.len() as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::super::super::samples::{MAX_POSED, SeenKeypoint};
+    use super::*;
+    use crate::sightings::fixture::hall;
+    use farfield_proto::tick::Tick;
+
+    const EVERY_TICKS: i64 = 6;
+
+    /// What the camera shows at `passes` passes of somebody at `shown_m`, while people are at `people_m` (x, y).
+    fn met(passes: i64, people_m: &[[f32; 2]], shown_m: &[[f32; 2]]) -> Met {
+        let lines = SightLines::of(&hall().cameras[0].1);
+        let body = |at: &[f32; 2]| -> Vec<[f32; 3]> {
+            let place = |k: u8| [at[0] + 0.02 * f32::from(k), at[1], 0.1 * f32::from(k)];
+            (0..17).map(place).collect()
+        };
+        let seen = |at: &[f32; 2]| {
+            let pixel = |m: [f32; 3]| {
+                let (px, _) = lines.project(&Vector3::from(m.map(f64::from)))?;
+                let pixel = [px.x as f32, px.y as f32];
+                Some(SeenKeypoint { pixel, score: 0.9 })
+            };
+            body(at).into_iter().map(pixel).collect()
+        };
+        let ticks = || (0..passes).map(|pass| Tick(pass * EVERY_TICKS));
+        let posed: Vec<PosedTick> = ticks()
+            .map(|tick| PosedTick {
+                tick,
+                people: people_m
+                    .iter()
+                    .zip(1..)
+                    .map(|(at, id)| (id, body(at)))
+                    .collect(),
+            })
+            .collect();
+        let shown: Vec<PassSample> = ticks()
+            .map(|tick| PassSample {
+                tick,
+                of_camera: vec![shown_m.iter().map(seen).collect()],
+            })
+            .collect();
+        let posed: Vec<&PosedTick> = posed.iter().collect();
+        let shown: Vec<&PassSample> = shown.iter().collect();
+        Search::of((0, &lines), &posed, (&shown, EVERY_TICKS)).met()
+    }
+
+    #[test]
+    fn a_camera_that_shows_others_than_are_there_is_told_from_one_that_shows_them() {
+        let people = [[-1.0, 0.0], [1.0, 0.5]];
+        let right = met(8, &people, &people);
+        assert!(right.shows_them() && !right.shows_others(), "{right:?}");
+        let wrong = met(8, &people, &[[0.0, -0.6], [0.2, 0.9]]);
+        assert!(wrong.shows_others() && !wrong.shows_them(), "{wrong:?}");
+    }
+
+    #[test]
+    fn a_camera_that_shows_nobody_misses_nobody() {
+        let silent = met(8, &[[-1.0, 0.0]], &[]);
+        assert!(!silent.shows_others() && !silent.shows_them(), "{silent:?}");
+        let short = met(2, &[[-1.0, 0.0], [1.0, 0.5]], &[[0.0, -0.6], [0.2, 0.9]]);
+        assert!(!short.shows_others(), "{short:?}");
+    }
+
+    #[test]
+    fn of_more_people_than_are_kept_nobody_is_missed() {
+        let people: Vec<[f32; 2]> = (0..MAX_POSED).map(|i| [0.05 * i as f32, 0.0]).collect();
+        let others = [[-1.4, 0.0], [-1.4, 1.0]];
+        assert!(met(8, &people[1..], &others).shows_others());
+        assert_eq!(met(8, &people, &others), Met::default());
+        let crowd = vec![others[0]; MAX_BODIES];
+        assert_eq!(met(8, &people[1..], &crowd), Met::default());
     }
 }

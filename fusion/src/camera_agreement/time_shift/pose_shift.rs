@@ -14,7 +14,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::super::geometry::SightLines;
 use super::super::pairs::cost;
-use super::super::samples::{Burst, PassSample, PosedTick, SeenBody};
+use super::super::samples::{Burst, MAX_POSED, PassSample, PosedTick, SeenBody};
 use super::{KeypointHalf, vertex};
 
 /// Longest shift that is looked for, seconds.
@@ -70,7 +70,15 @@ pub(super) struct Search<'a> {
     /// Number of the first kept pose: its tick over `every`.
     first: i64,
     /// Per number from the first on.
-    people: Vec<Vec<Projected>>,
+    people: Vec<PosedPeople>,
+}
+
+/// Those at a kept tick.
+#[derive(Default)]
+struct PosedPeople {
+    seen: Vec<Projected>,
+    /// Whether there may have been more.
+    is_cut: bool,
 }
 
 impl<'a> Search<'a> {
@@ -81,17 +89,15 @@ impl<'a> Search<'a> {
     ) -> Self {
         let number = |posed: &PosedTick| posed.tick.0.div_euclid(every);
         let first = poses.first().map_or(0, |posed| number(posed));
-        let mut people: Vec<Vec<Projected>> = Vec::new();
+        let mut people: Vec<PosedPeople> = Vec::new();
         for posed in poses {
             let at = (number(posed) - first).unsigned_abs() as usize;
-            people.resize_with(at, Vec::new);
-            people.push(
-                posed
-                    .people
-                    .iter()
-                    .filter_map(|(_, body)| projected(body, lines))
-                    .collect(),
-            );
+            people.resize_with(at, PosedPeople::default);
+            let bodies = posed.people.iter().map(|(_, body)| body);
+            people.push(PosedPeople {
+                seen: bodies.filter_map(|body| projected(body, lines)).collect(),
+                is_cut: posed.people.len() >= MAX_POSED,
+            });
         }
         Self {
             camera,
@@ -148,9 +154,18 @@ impl<'a> Search<'a> {
 
     /// Where people were so many kept poses before a pass.
     pub(super) fn people_at(&self, pass: &PassSample, shift: isize) -> Option<&[Projected]> {
+        self.posed_at(pass, shift).map(|people| &people.seen[..])
+    }
+
+    /// Whether everybody is among those who were there at a pass, so far as is known.
+    pub(super) fn knows_everybody_at(&self, pass: &PassSample) -> bool {
+        self.posed_at(pass, 0).is_some_and(|people| !people.is_cut)
+    }
+
+    fn posed_at(&self, pass: &PassSample, shift: isize) -> Option<&PosedPeople> {
         let now = pass.tick.0.div_euclid(self.every) - self.first;
         let at = usize::try_from(now - shift as i64).ok()?;
-        self.people.get(at).map(Vec::as_slice)
+        self.people.get(at)
     }
 
     /// Whether the shift explains what is shown in the first half of the time, and in the second.
@@ -316,7 +331,8 @@ impl Sighted {
 }
 
 /// By how many ticks the sightings of each camera are late against poses, more than those of most: poses are where people
-/// are a little before or after what all show. What the edges themselves say of when pictures were taken is known.
+/// are a little before or after what all show. Of two that are known that one is taken for right which is nearer to the poses.
+/// What the edges themselves say of when pictures were taken is known.
 pub(in crate::camera_agreement) fn against_most(
     mut shifts: Vec<Option<PoseShift>>,
     bursts: &[&Burst],
@@ -331,10 +347,47 @@ pub(in crate::camera_agreement) fn against_most(
             shift.late_ticks += taken;
         }
     }
-    let all = shifts.iter().flatten().map(|shift| shift.late_ticks);
-    let most = upper_median(all.collect()).unwrap_or(0.0);
+    let all: Vec<f64> = shifts.iter().flatten().map(|it| it.late_ticks).collect();
+    let most = match all[..] {
+        [a, b] if a.abs() < b.abs() => a,
+        [_, b] => b,
+        _ => upper_median(all).unwrap_or(0.0),
+    };
     for shift in shifts.iter_mut().flatten() {
         shift.late_ticks -= most;
     }
     shifts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn late(known: &[Option<f64>]) -> Vec<Option<f64>> {
+        let shift = |late_ticks: f64| PoseShift {
+            late_ticks,
+            ratio: 0.5,
+            is_steady: true,
+        };
+        let shifts = known.iter().map(|ticks| ticks.map(shift)).collect();
+        let found = against_most(shifts, &[]);
+        found
+            .iter()
+            .map(|shift| Some(shift.as_ref()?.late_ticks))
+            .collect()
+    }
+
+    #[test]
+    fn whoever_is_late_is_late_against_most_and_of_two_against_the_one_nearer_to_the_poses() {
+        assert_eq!(
+            late(&[Some(1.0), Some(1.0), Some(31.0)]),
+            [Some(0.0), Some(0.0), Some(30.0)]
+        );
+        assert_eq!(
+            late(&[Some(30.0), None, Some(0.5)]),
+            [Some(29.5), None, Some(0.0)]
+        );
+        assert_eq!(late(&[Some(0.5), Some(30.0)]), [Some(0.0), Some(29.5)]);
+        assert_eq!(late(&[None, Some(30.0)]), [None, Some(0.0)]);
+    }
 }
