@@ -280,4 +280,6 @@ impl RateController {
 }
 
 #[cfg(test)]
+mod simulated_link;
+#[cfg(test)]
 mod tests;
