@@ -65,7 +65,8 @@ impl Decoder {
         };
         self.exact.reset(shape.width, shape.height);
         for keypoint in 0..into.keypoints() {
-            self.exact.map(reader, shape, into.cells_mut(keypoint));
+            let (cells, written) = into.cells_and_written(keypoint);
+            *written = self.exact.map(reader, shape, cells);
             within(reader, keypoint)?;
         }
         Ok(())
@@ -88,18 +89,13 @@ impl Decoder {
             let (cells, written) = into.cells_and_written(keypoint);
             for mode in &self.modes {
                 mode.draw(&scale, cells);
-                let rows = mode.rows(&scale);
-                *written = if written.start >= written.end {
-                    rows
-                } else {
-                    written.start.min(rows.start)..written.end.max(rows.end)
-                };
+                written.include(mode.rows(&scale), mode.columns(&scale));
             }
             let contexts = &mut self.model.contexts;
             if rest.step > 0 && reader.code(false, contexts.corrected(self.modes.len())) {
-                *written = 0..scale.height;
                 self.grid.code(reader, contexts, cells, &scale);
-                self.grid.apply(cells, rest.step, &scale);
+                let [columns, rows] = self.grid.apply(cells, rest.step, &scale);
+                written.include(rows, columns);
             }
             within(reader, keypoint)?;
         }

@@ -77,6 +77,32 @@ pub enum PatchError {
     },
 }
 
+/// The rows and columns outside which all cells of a map are zero.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Written {
+    /// Rows.
+    pub rows: Range<usize>,
+    /// Columns.
+    pub columns: Range<usize>,
+}
+
+impl Written {
+    /// Extends it over more rows and columns.
+    pub(super) fn include(&mut self, rows: Range<usize>, columns: Range<usize>) {
+        let both = |a: &Range<usize>, b: Range<usize>| {
+            if a.is_empty() {
+                b
+            } else {
+                a.start.min(b.start)..a.end.max(b.end)
+            }
+        };
+        if !rows.is_empty() && !columns.is_empty() {
+            self.rows = both(&self.rows, rows);
+            self.columns = both(&self.columns, columns);
+        }
+    }
+}
+
 /// Part confidence maps: one map of `width` x `height` cells per keypoint, value = cell / 255.
 #[derive(Debug, Clone, Default)]
 pub struct Maps {
@@ -84,9 +110,8 @@ pub struct Maps {
     pub(super) height: usize,
     keypoints: usize,
     pub(super) cells: Vec<u8>,
-    /// Per map, the rows outside which all cells are zero: the maps of a crowd are larger than a processor's caches,
-    /// and most of their rows are empty.
-    written: Vec<Range<usize>>,
+    /// Per map: the maps of a crowd are larger than a processor's caches, and most of their cells are zero.
+    written: Vec<Written>,
 }
 
 impl PartialEq for Maps {
@@ -113,8 +138,8 @@ impl Maps {
         let [width, height] = [width, height].map(|side| side.min(MAX_SIDE));
         let keypoints = keypoints.min(MAX_KEYPOINTS);
         if (width, height, keypoints) == (self.width, self.height, self.keypoints) {
-            for (k, rows) in self.written.iter_mut().enumerate() {
-                let Range { start, end } = std::mem::take(rows);
+            for (k, written) in self.written.iter_mut().enumerate() {
+                let Range { start, end } = std::mem::take(written).rows;
                 let first = k * height;
                 self.cells[(first + start) * width..(first + end) * width].fill(0);
             }
@@ -124,7 +149,7 @@ impl Maps {
         self.cells.clear();
         self.cells.resize(width * height * keypoints, 0);
         self.written.clear();
-        self.written.resize(keypoints, 0..0);
+        self.written.resize(keypoints, Written::default());
     }
 
     /// Cells in a row.
@@ -156,22 +181,51 @@ impl Maps {
     /// # Panics
     /// When there is no such keypoint.
     pub fn cells_mut(&mut self, k: usize) -> &mut [u8] {
-        let height = self.height;
+        let (columns, rows) = (0..self.width, 0..self.height);
         let (cells, written) = self.cells_and_written(k);
-        *written = 0..height;
+        *written = Written { rows, columns };
         cells
     }
 
-    /// The rows of the map of keypoint `k` outside which all cells are zero.
+    /// As [`Self::cells_mut`], for whoever leaves all cells zero that are zero.
     ///
     /// # Panics
     /// When there is no such keypoint.
-    pub fn written_rows(&self, k: usize) -> Range<usize> {
-        self.written[k].clone()
+    pub fn cells_to_lower(&mut self, k: usize) -> &mut [u8] {
+        self.cells_and_written(k).0
     }
 
-    /// The map of keypoint `k`, and the rows that are written: for whoever writes only some and adds them.
-    pub(super) fn cells_and_written(&mut self, k: usize) -> (&mut [u8], &mut Range<usize>) {
+    /// Where the cells of the map of keypoint `k` may be other than zero.
+    ///
+    /// # Panics
+    /// When there is no such keypoint.
+    pub fn written(&self, k: usize) -> &Written {
+        &self.written[k]
+    }
+
+    /// Swaps the maps of two keypoints.
+    ///
+    /// # Panics
+    /// When there is no such keypoint.
+    pub fn swap(&mut self, a: usize, b: usize) {
+        let (low, high) = (a.min(b), a.max(b));
+        if low == high {
+            return;
+        }
+        let mut both = self.written[low].clone();
+        both.include(
+            self.written[high].rows.clone(),
+            self.written[high].columns.clone(),
+        );
+        let area = self.width * self.height;
+        let rows = both.rows.start * self.width..both.rows.end * self.width;
+        let (before, after) = self.cells.split_at_mut(high * area);
+        before[low * area..][rows.clone()].swap_with_slice(&mut after[rows]);
+        self.written.swap(low, high);
+    }
+
+    /// The map of keypoint `k`, and what of it is written: for whoever writes only some and adds it.
+    pub(super) fn cells_and_written(&mut self, k: usize) -> (&mut [u8], &mut Written) {
         let area = self.width * self.height;
         (
             &mut self.cells[k * area..(k + 1) * area],

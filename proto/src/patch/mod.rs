@@ -22,4 +22,6 @@ mod tests;
 pub use compression_level::{CompressionLevel, FLOOR, UnknownCompressionLevel};
 pub use decode::Decoder;
 pub use encode::Encoder;
-pub use maps::{EncodedMaps, MAX_CELLS, MAX_KEYPOINTS, MAX_SIDE, Maps, PatchError, quantize};
+pub use maps::{
+    EncodedMaps, MAX_CELLS, MAX_KEYPOINTS, MAX_SIDE, Maps, PatchError, Written, quantize,
+};

@@ -241,11 +241,23 @@ fn any_maps() -> impl Strategy<Value = Maps> {
     )
 }
 
+/// All cells of a map outside what is said to be written are zero.
+fn check_written(maps: &Maps) {
+    for k in 0..maps.keypoints() {
+        let Written { rows, columns } = maps.written(k);
+        for (i, &cell) in maps.cells(k).iter().enumerate() {
+            let inside = rows.contains(&(i / maps.width)) && columns.contains(&(i % maps.width));
+            assert!(inside || cell == 0, "map {k}: cell {i} is {cell}");
+        }
+    }
+}
+
 /// Decodes what may be anything: it must end, and hold no more than was stated.
 fn check_hostile(encoded: &EncodedMaps) {
     let mut maps = Maps::default();
     let result = Decoder::new().decode(encoded, &mut maps);
     assert!(maps.cells.capacity() <= MAX_CELLS);
+    check_written(&maps);
     if result.is_ok() {
         let [width, height] = [encoded.width, encoded.height].map(usize::from);
         assert_eq!(
@@ -266,6 +278,7 @@ proptest! {
         let level = CompressionLevel::new(level);
         let (decoded, bytes) = decoded(&maps, level);
         assert_eq!((decoded.width, decoded.height), (maps.width, maps.height));
+        check_written(&decoded);
         // Whatever it is: what is left of it in the end is bounded.
         assert!(level < CompressionLevel::SMALLEST || bytes <= 95);
     }
@@ -287,6 +300,11 @@ proptest! {
         decoder.decode(&second, &mut used).unwrap();
         Decoder::new().decode(&second, &mut fresh).unwrap();
         prop_assert_eq!(&used, &fresh);
+        check_written(&used);
+        let swapped = (used.cells(16).to_vec(), used.cells(3).to_vec());
+        used.swap(3, 16);
+        check_written(&used);
+        prop_assert!((used.cells(3), used.cells(16)) == (&swapped.0, &swapped.1));
         used.resize(second.width.into(), second.height.into(), second.keypoints.into());
         prop_assert!(used.cells.iter().all(|&cell| cell == 0));
     }

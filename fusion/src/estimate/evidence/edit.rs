@@ -60,11 +60,7 @@ impl View {
         if a == b || !self.share_a_crop(a, b) {
             return;
         }
-        for cell in 0..self.maps.cells(a).len() {
-            let (of_a, of_b) = (self.maps.cells(a)[cell], self.maps.cells(b)[cell]);
-            self.maps.cells_mut(a)[cell] = of_b;
-            self.maps.cells_mut(b)[cell] = of_a;
-        }
+        self.maps.swap(a, b);
         self.forget_peaks(a);
         self.forget_peaks(b);
     }
@@ -79,7 +75,7 @@ impl View {
         let gauss = |r2: f64| libm::exp(-0.5 * r2 / (sigma * sigma));
         let width = self.maps.width();
         let size = self.map_size();
-        let cells = self.maps.cells_mut(keypoint);
+        let cells = self.maps.cells_to_lower(keypoint);
         disc(size, notch.at, NOTCH_END_SIGMAS * sigma, |index, r2| {
             if cells[index] == 0 {
                 return;
@@ -99,11 +95,13 @@ impl View {
     }
 }
 
-/// The cells, of `size` in a row, within `reach` of `center`.
+/// The cells, of `size` in a row, within `reach` of `center`; none of what is not a number.
 pub(super) fn span(center: f64, reach: f64, size: usize) -> Range<usize> {
-    // Plain casts take what is negative or not a number for 0.
-    let first = (center - reach).ceil().max(0.0) as usize;
-    let end = ((center + reach).floor() + 1.0).max(0.0) as usize;
+    // Casts saturate, and round towards zero.
+    let (from, to) = (center - reach, center + reach);
+    let below = (from as i32).max(0);
+    let first = below as usize + usize::from(f64::from(below) < from);
+    let end = if to >= 0.0 { to as i32 as usize + 1 } else { 0 };
     let end = end.min(size);
     first.min(end)..end
 }

@@ -92,7 +92,7 @@ impl View {
                 let map = Map {
                     cells: self.maps.cells(keypoint),
                     size,
-                    written_rows: self.maps.written_rows(keypoint),
+                    written: self.maps.written(keypoint),
                 };
                 peaks.find(&map, (expected.cell, half_width_cells));
             }
@@ -108,7 +108,7 @@ impl View {
         let map = Map {
             cells: self.maps.cells(keypoint),
             size: (self.maps.width(), self.maps.height()),
-            written_rows: self.maps.written_rows(keypoint),
+            written: self.maps.written(keypoint),
         };
         let peak = map.highest_peak()?;
         let pixel = || self.grid(keypoint).pixel(peak.cell.x, peak.cell.y);

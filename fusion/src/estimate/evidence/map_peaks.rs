@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use farfield_proto::patch::MAX_SIDE;
+use farfield_proto::patch::Written;
 use nalgebra::Vector2;
 
 use super::edit::span;
@@ -11,8 +11,10 @@ use super::edit::span;
 const LEAST_PEAK: u8 = 25;
 /// Most peaks of a map, the highest ones.
 const MAX_PEAKS: usize = 6;
-/// Cells that are compared at once.
-const CHUNK: usize = 16;
+/// Cells of a row that are compared at once.
+const BLOCK: usize = 16;
+/// Cells of a row, side by side.
+type Block = [u8; BLOCK];
 
 /// A local maximum of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -32,11 +34,11 @@ pub(crate) struct MapPeaks {
     highest: u8,
 }
 
-/// A map as it is searched: rows of `size.0` cells, which are zero outside the `written_rows`.
+/// A map as it is searched: rows of `size.0` cells, which are zero outside what is `written`.
 pub(super) struct Map<'a> {
     pub(super) cells: &'a [u8],
     pub(super) size: (usize, usize),
-    pub(super) written_rows: Range<usize>,
+    pub(super) written: &'a Written,
 }
 
 impl MapPeaks {
@@ -62,38 +64,48 @@ impl MapPeaks {
             are_found: true,
             ..Self::default()
         };
-        let Map { cells, size, .. } = *map;
-        let reach = half_width_cells * 2.0f64.sqrt();
-        let columns = span(center.x, reach, size.0);
+        let (size, reach) = (map.size, half_width_cells * 2.0f64.sqrt());
+        let within = |a: Range<usize>, b: &Range<usize>| a.start.max(b.start)..a.end.min(b.end);
+        let columns = within(span(center.x, reach, size.0), &map.written.columns);
+        let rows = within(span(center.y, reach, size.1), &map.written.rows);
         let near_columns = span(center.x, half_width_cells, size.0);
         let near_rows = span(center.y, half_width_cells, size.1);
-        // In whole chunks, which hold the window.
-        let chunks = columns.start / CHUNK * CHUNK..columns.end.next_multiple_of(CHUNK).min(size.0);
-        let (mut highest, mut tops) = ([0; MAX_SIDE], [0; MAX_SIDE]);
-        let rows = span(center.y, reach, size.1);
-        let written = &map.written_rows;
-        for y in rows.start.max(written.start)..rows.end.min(written.end) {
-            let row = &cells[y * size.0..][..size.0];
-            if is_low(&row[chunks.clone()]) {
-                continue;
-            }
-            if near_rows.contains(&y) {
-                raise(&mut highest[chunks.clone()], &row[chunks.clone()]);
-            }
-            let tops = &mut tops[..chunks.len()];
-            map.find_tops(chunks.start, y, tops);
-            each_top(tops, |at| {
-                let x = chunks.start + at;
-                if columns.contains(&x) && map.is_highest(x, y) {
-                    self.insert(MapPeak {
-                        cell: map.top_of(x, y),
-                        height: f64::from(row[x]) / 255.0,
-                    });
+        let near_rows = within(near_rows, &rows);
+        for x in map.blocks(&columns) {
+            let near = near_columns.start.max(x)..near_columns.end.clamp(x, x + BLOCK);
+            let highest = map.highest_of(x, near_rows.clone());
+            let near = highest
+                .get(near.start - x..near.end - x)
+                .unwrap_or_default();
+            self.highest = near.iter().fold(self.highest, |most, &cell| most.max(cell));
+        }
+        for y in rows {
+            // Blocks overlap at the end of a row.
+            let mut first = columns.start;
+            for x in map.blocks(&columns) {
+                let mut tops = map.tops(x, y);
+                while tops != 0 {
+                    let at = x + tops.trailing_zeros() as usize / 8;
+                    tops &= tops - 1;
+                    if (first..columns.end).contains(&at) {
+                        self.take(map, at, y);
+                    }
                 }
+                first = x + BLOCK;
+            }
+        }
+    }
+
+    /// Takes the peak whose highest cell this may be, if it is.
+    // In its own function, so that nothing of it is made ready for every row.
+    #[inline(never)]
+    fn take(&mut self, map: &Map<'_>, x: usize, y: usize) {
+        if map.is_highest(x, y) {
+            self.insert(MapPeak {
+                cell: map.top_of(x, y),
+                height: f64::from(map.value(x, y)) / 255.0,
             });
         }
-        let near = &highest[near_columns];
-        self.highest = near.iter().fold(0, |most, &cell| most.max(cell));
     }
 
     fn insert(&mut self, peak: MapPeak) {
@@ -108,40 +120,29 @@ impl MapPeaks {
     }
 }
 
-/// Whether no cell of a row reaches a peak's least height; a row that is not low may come out as one that is not
+// These in their own functions, so that nothing around them keeps their cells from being one vector.
+
+/// Whether no cell of a block reaches a peak's least height; a block that is not low may come out as one that is not
 /// even so.
-fn is_low(row: &[u8]) -> bool {
-    /// The bits of eight cells of which the least peak has one.
-    const HIGH: u64 = 0xf0f0_f0f0_f0f0_f0f0;
+#[inline]
+fn is_low(block: &Block) -> bool {
+    /// The bits of all cells of which the least peak has one.
+    const HIGH: u128 = 0xf0f0_f0f0_f0f0_f0f0_f0f0_f0f0_f0f0_f0f0;
     const _: () = assert!(LEAST_PEAK >= 16);
-    let (words, rest) = row.as_chunks::<8>();
-    let bits = words
-        .iter()
-        .fold(0, |all, word| all | u64::from_le_bytes(*word));
-    bits & HIGH == 0 && rest.iter().all(|&cell| cell < LEAST_PEAK)
+    u128::from_le_bytes(*block) & HIGH == 0
 }
 
-/// Raises each of `highest` to the cell of its column.
-fn raise(highest: &mut [u8], row: &[u8]) {
-    for (highest, &cell) in highest.iter_mut().zip(row) {
-        *highest = cell.max(*highest);
-    }
+/// Whether any of a block's cells is above `most`.
+#[inline(never)]
+fn is_any_above(own: &Block, most: u8) -> bool {
+    let above = own.map(|cell| cell.saturating_sub(most));
+    u128::from_le_bytes(above) != 0
 }
 
-/// Calls `each` with the place of every byte that is 1; the others are 0.
-fn each_top(tops: &[u8], mut each: impl FnMut(usize)) {
-    let (words, rest) = tops.as_chunks::<8>();
-    for (first, word) in (0..).step_by(8).zip(words) {
-        let mut left = u64::from_le_bytes(*word);
-        while left != 0 {
-            each(first + left.trailing_zeros() as usize / 8);
-            left &= left - 1;
-        }
-    }
-    let first_of_rest = tops.len() - rest.len();
-    for (i, _) in rest.iter().enumerate().filter(|(_, top)| **top == 1) {
-        each(first_of_rest + i);
-    }
+/// [`is_top`] of each cell of a block.
+#[inline(never)]
+fn are_tops(own: &Block, [left, right]: [&Block; 2], [above, below]: [&Block; 2]) -> Block {
+    std::array::from_fn(|i| is_top(own[i], left[i].max(above[i]), right[i].max(below[i])))
 }
 
 /// Whether a cell is high enough, higher than those `before` it and not lower than those `after` it: 1, or 0. In sums
@@ -158,33 +159,71 @@ impl Map<'_> {
         self.cells[y * self.size.0 + x]
     }
 
-    /// One byte per cell of a row, from column `first` on: 1 where it is high enough and higher than its neighbours in
-    /// the row and the column; of a plateau, where its first cell is. In one loop over slices of one length, which
-    /// becomes one of many cells at a time.
-    fn find_tops(&self, first: usize, y: usize, tops: &mut [u8]) {
-        let (width, height) = self.size;
-        let n = tops.len();
-        let at = y * width + first;
-        if y == 0 || y + 1 == height {
-            for (x, top) in (first..).zip(tops) {
-                *top = self.top(x, y);
+    /// Where the blocks of a row begin that hold `columns`. None reaches beyond the row, unless the row is shorter.
+    fn blocks(&self, columns: &Range<usize>) -> impl Iterator<Item = usize> + use<> {
+        let last = self.size.0.saturating_sub(BLOCK);
+        let firsts = (columns.start.min(last)..columns.end).step_by(BLOCK);
+        firsts.map(move |first| first.min(last))
+    }
+
+    /// The highest cell of each column of the block from column `x` on, among those of `rows`.
+    #[inline(never)]
+    fn highest_of(&self, x: usize, rows: Range<usize>) -> Block {
+        let mut highest = [0; BLOCK];
+        for row in self
+            .cells
+            .chunks_exact(self.size.0)
+            .take(rows.end)
+            .skip(rows.start)
+        {
+            match row[x..].first_chunk::<BLOCK>() {
+                Some(block) => highest = std::array::from_fn(|i| highest[i].max(block[i])),
+                None => {
+                    for (highest, &cell) in highest.iter_mut().zip(&row[x..]) {
+                        *highest = cell.max(*highest);
+                    }
+                }
             }
-            return;
         }
-        let of = |at: usize| &self.cells[at..at + n];
-        let before = of(at - 1).iter().zip(of(at - width));
-        let after = of(at + 1).iter().zip(of(at + width));
-        let around = of(at).iter().zip(before.zip(after));
-        for (top, (&own, ((&left, &above), (&right, &below)))) in tops.iter_mut().zip(around) {
-            *top = is_top(own, left.max(above), right.max(below));
+        highest
+    }
+
+    /// One byte per cell of the block from this one on, the first in the lowest: 1 where it is high enough and higher
+    /// than its neighbours in the row and the column; of a plateau, where its first cell is.
+    #[inline(never)]
+    fn tops(&self, x: usize, y: usize) -> u128 {
+        let (width, at) = (self.size.0, y * self.size.0 + x);
+        let block = |at: Option<usize>| self.cells.get(at?..)?.first_chunk::<BLOCK>();
+        let top = |i: usize| {
+            let top = if x + i < width { self.top(x + i, y) } else { 0 };
+            u128::from(top) << (8 * i)
+        };
+        if let Some(own) = block(Some(at))
+            && is_low(own)
+        {
+            return 0;
         }
+        let around = [
+            at.checked_sub(1),
+            Some(at + 1),
+            at.checked_sub(width),
+            Some(at + width),
+        ];
+        let (Some(own), [Some(left), Some(right), Some(above), Some(below)]) =
+            (block(Some(at)), around.map(block))
+        else {
+            return (0..BLOCK).fold(0, |tops, i| tops | top(i));
+        };
+        let mut tops = u128::from_le_bytes(are_tops(own, [left, right], [above, below]));
         // What lies before the first cell and after the last belongs to other rows.
-        if first == 0 && n > 0 {
-            tops[0] = self.top(0, y);
+        let mut correct = |i: usize| tops = tops & !(0xff << (8 * i)) | top(i);
+        if x == 0 {
+            correct(0);
         }
-        if first + n == width && n > 0 {
-            tops[n - 1] = self.top(width - 1, y);
+        if width - x <= BLOCK {
+            correct(width - 1 - x);
         }
+        tops
     }
 
     /// As [`is_top`], of any cell: beyond the map there is nothing.
@@ -220,21 +259,24 @@ impl Map<'_> {
 
     /// The highest cell's peak, wherever it is; `None` where none is as high as the lowest peak that counts.
     pub(super) fn highest_peak(&self) -> Option<MapPeak> {
-        let width = self.size.0;
-        let (mut most, mut y) = (0, 0);
-        for at in self.written_rows.clone() {
-            let row = &self.cells[at * width..][..width];
-            if is_low(row) {
-                continue;
-            }
-            let own = row.iter().fold(0, |own, &cell| cell.max(own));
-            if own > most {
-                (most, y) = (own, at);
+        let Written { rows, columns } = self.written;
+        let (mut most, mut highest_row) = (LEAST_PEAK - 1, None);
+        for y in rows.clone() {
+            let row = &self.cells[y * self.size.0..][..self.size.0];
+            for x in self.blocks(columns) {
+                let block = &row[x..row.len().min(x + BLOCK)];
+                if block
+                    .first_chunk()
+                    .is_none_or(|block| is_any_above(block, most))
+                {
+                    let highest = block.iter().fold(0, |highest, &cell| cell.max(highest));
+                    if highest > most {
+                        (most, highest_row) = (highest, Some(y));
+                    }
+                }
             }
         }
-        if most < LEAST_PEAK {
-            return None;
-        }
+        let (y, width) = (highest_row?, self.size.0);
         let row = &self.cells[y * width..][..width];
         let x = row.iter().position(|&cell| cell == most)?;
         Some(MapPeak {
@@ -278,12 +320,19 @@ mod tests {
 
     const SIZE: (usize, usize) = (12, 16);
 
+    fn whole() -> Written {
+        Written {
+            rows: 0..SIZE.1,
+            columns: 0..SIZE.0,
+        }
+    }
+
     fn found(cells: &[u8], center: [f64; 2], half_width_cells: f64) -> MapPeaks {
         let mut peaks = MapPeaks::default();
         let map = Map {
             cells,
             size: SIZE,
-            written_rows: 0..SIZE.1,
+            written: &whole(),
         };
         peaks.find(&map, (center.into(), half_width_cells));
         peaks
@@ -296,7 +345,7 @@ mod tests {
             let map = Map {
                 cells: &cells,
                 size: SIZE,
-                written_rows: 0..SIZE.1,
+                written: &whole(),
             };
             let peak = map.highest_peak().unwrap();
             let off = (peak.cell - Vector2::from(at)).norm();
@@ -307,12 +356,12 @@ mod tests {
         let map = Map {
             cells: &nothing,
             size: SIZE,
-            written_rows: 0..SIZE.1,
+            written: &whole(),
         };
         assert_eq!(map.highest_peak(), None);
         assert_eq!(
             Map {
-                written_rows: 5..5,
+                written: &Written::default(),
                 ..map
             }
             .highest_peak(),

@@ -199,7 +199,7 @@ impl View {
         }
         for (keypoint, &crop) in self.crop_of_keypoint.iter().enumerate() {
             let seen = &self.crops[usize::from(crop)].seen;
-            if !seen.is_whole() {
+            if !seen.stands_for_itself(self.maps.written(keypoint)) {
                 seen.extend(self.maps.cells_mut(keypoint));
             }
         }

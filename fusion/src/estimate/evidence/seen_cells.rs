@@ -9,6 +9,7 @@ use std::ops::Range;
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::grid::CellGrid;
+use farfield_proto::patch::Written;
 
 /// Every how many cells the camera is asked whether it sees a cell. Its field of view has a smooth
 /// edge; a cell counts as known only when all asked cells around it are.
@@ -84,9 +85,20 @@ impl SeenCells {
             .unwrap_or(true)
     }
 
-    /// Whether every cell stands for itself.
-    pub(super) fn is_whole(&self) -> bool {
-        self.outline == CropOutline::Whole
+    /// Whether every cell of a map stands for itself: all are seen, or the map is zero outside what is `written`, and
+    /// that is farther in than the outermost seen cells.
+    pub(super) fn stands_for_itself(&self, written: &Written) -> bool {
+        let is_inside = |inner: &Range<usize>, outer: &Range<usize>| {
+            inner.start > outer.start && inner.end < outer.end
+        };
+        match &self.outline {
+            CropOutline::Whole => true,
+            CropOutline::Rectangle { columns, rows } => {
+                written.rows.is_empty()
+                    || is_inside(&written.columns, columns) && is_inside(&written.rows, rows)
+            }
+            CropOutline::Ragged => written.rows.is_empty(),
+        }
     }
 
     /// Gives the unseen cells of one map the values of their nearest seen cells.
@@ -264,6 +276,26 @@ mod tests {
             seen.outline = CropOutline::Ragged;
             seen.extend(&mut swept);
             prop_assert_eq!(clamped, swept);
+        }
+
+        #[test]
+        fn a_map_stands_for_itself_only_where_nothing_would_be_extended(
+            columns in (0..WIDTH, 1..=WIDTH), rows in (0..HEIGHT, 1..=HEIGHT),
+            peak_columns in (0..WIDTH, 1..=4usize), peak_rows in (0..HEIGHT, 1..=4usize),
+        ) {
+            let range = |(first, n): (usize, usize), most: usize| first..(first + n).min(most);
+            let (columns, rows) = (range(columns, WIDTH), range(rows, HEIGHT));
+            let written = Written { columns: range(peak_columns, WIDTH), rows: range(peak_rows, HEIGHT) };
+            let within = |i: usize, columns: &Range<usize>, rows: &Range<usize>| {
+                columns.contains(&(i % WIDTH)) && rows.contains(&(i / WIDTH))
+            };
+            let seen = seen((0..WIDTH * HEIGHT).map(|i| within(i, &columns, &rows)).collect());
+            let map: Vec<u8> = (0..WIDTH * HEIGHT)
+                .map(|i| if within(i, &written.columns, &written.rows) { 9 } else { 0 })
+                .collect();
+            let mut extended = map.clone();
+            seen.extend(&mut extended);
+            prop_assert!(!seen.stands_for_itself(&written) || extended == map);
         }
 
         #[test]

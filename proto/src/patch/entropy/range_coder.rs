@@ -3,27 +3,42 @@
 //! Range coding after Martin 1979, with the carry handling of LZMA. Both directions implement [`BitCoder`], so that one
 //! walk over the maps serves both and they cannot fall out of step.
 
+use std::hint::select_unpredictable;
+
 /// The least probability of either bit, of 65,536: an unexpected bit costs at most 10 bits, an expected one at least
 /// 0.0014 bits.
-const LEAST: u16 = 64;
+const LEAST: u32 = 64;
 /// Below this range a byte is shifted out.
 const BYTE_DUE: u32 = 1 << 24;
 /// Bytes that a decoder reads past the end of a whole stream: it is four ahead, and the encoder
 /// ends with one.
 const READ_AHEAD: usize = 3;
 
-/// Fraction bits of [`RECIPROCALS`]: with these, products with 16 bits are the quotients, exactly.
-const RECIPROCAL_BITS: u32 = 23;
-/// 1/(n + 2), rounded up, for n bits seen: up to [`Probability::MEMORY`], and on to a power of two, so
-/// that no index needs a check.
-const RECIPROCALS: [u32; 64] = {
-    let mut table = [0; 64];
+/// Fraction bits of [`Rate::share`]: with these, products with 16 bits are the quotients, exactly.
+const SHARE_BITS: u32 = 23;
+
+/// How fast is learnt after some bits.
+#[derive(Debug, Clone, Copy)]
+struct Rate {
+    /// 1/(n + 2), rounded up, for n bits seen.
+    share: u32,
+    /// How many are then seen.
+    next: u8,
+}
+
+/// By how many bits were seen; for every `u8`, so that no index needs a check.
+const RATES: [Rate; 256] = {
+    let mut rates = [Rate { share: 0, next: 0 }; 256];
     let mut n = 0;
-    while n < table.len() {
-        table[n] = (1u32 << RECIPROCAL_BITS).div_ceil(n as u32 + 2);
+    while n < rates.len() {
+        let most = Probability::MEMORY as usize;
+        rates[n] = Rate {
+            share: (1u32 << SHARE_BITS).div_ceil(n as u32 + 2),
+            next: if n < most { n as u8 + 1 } else { most as u8 },
+        };
         n += 1;
     }
-    table
+    rates
 };
 
 /// How probable a `false` is, learnt from the bits so far: fast at first, then slower.
@@ -32,14 +47,14 @@ pub(in crate::patch) struct Probability {
     /// Probability of `false`, of 65,536.
     of_false: u16,
     /// Bits seen, up to [`Self::MEMORY`].
-    seen: u16,
+    seen: u8,
 }
 
 impl Probability {
     /// Over how many bits is averaged in the end.
-    const MEMORY: u16 = 60;
+    const MEMORY: u8 = 60;
     /// As how many seen bits a prior counts.
-    const BEFOREHAND: u16 = 10;
+    const BEFOREHAND: u8 = 10;
 
     /// Nothing known.
     pub(in crate::patch) const fn even() -> Self {
@@ -62,22 +77,20 @@ impl Probability {
         }
     }
 
-    /// Moves towards what was seen by 1/2, 1/3, 1/4 and so on of the way there.
+    /// Moves towards what was seen by 1/2, 1/3, 1/4 and so on of the way there; `of_false` is 0 after a `true`, and has
+    /// all bits after a `false`.
     ///
-    /// A `false` is learnt as a `true` of the complement, so that no branch depends on the bit.
-    fn learn(&mut self, bit: bool) {
-        let mirror = u16::from(bit).wrapping_sub(1);
-        let mirrored = self.of_false ^ mirror;
+    /// No branch depends on the bit: of a `false`, the way is the complement of the negative one less one.
+    #[inline]
+    fn learn(&mut self, of_false: u32) {
+        let Rate { share, next } = RATES[usize::from(self.seen)];
+        let own = u32::from(self.of_false);
+        let end = LEAST + (of_false & (u32::from(u16::MAX) + 2 - 2 * LEAST));
+        let way = own.wrapping_sub(end) ^ of_false;
+        let part = ((u64::from(way) * u64::from(share)) >> SHARE_BITS) as u32;
         // Between its two ends at all times, so nothing here leaves 16 bits.
-        let way = mirrored + u16::from(!bit) - LEAST;
-        self.of_false = (mirrored - self.part_of(way)) ^ mirror;
-        self.seen = (self.seen + 1).min(Self::MEMORY);
-    }
-
-    /// `way / (seen + 2)`, without the division.
-    fn part_of(self, way: u16) -> u16 {
-        let reciprocal = RECIPROCALS[usize::from(self.seen) % RECIPROCALS.len()];
-        ((u64::from(way) * u64::from(reciprocal)) >> RECIPROCAL_BITS) as u16
+        let learnt = own.wrapping_add(of_false).wrapping_sub(part ^ of_false);
+        (self.of_false, self.seen) = (learnt as u16, next);
     }
 
     /// The part of `range` that stands for `false`: above 0 and below `range`.
@@ -93,6 +106,12 @@ pub(in crate::patch) trait BitCoder {
 
     /// Writes `bit` and returns it, or reads a bit and returns that.
     fn code(&mut self, bit: bool, probability: &mut Probability) -> bool;
+
+    /// As [`Self::code`] of a bit that is as good as random.
+    #[inline]
+    fn even(&mut self, bit: bool) -> bool {
+        self.code(bit, &mut Probability::even())
+    }
 }
 
 /// Bits to bytes.
@@ -158,7 +177,7 @@ impl BitCoder for BitWriter {
         } else {
             self.range = share;
         }
-        probability.learn(bit);
+        probability.learn(if bit { 0 } else { u32::MAX });
         while self.range < BYTE_DUE {
             self.range <<= 8;
             self.shift();
@@ -190,7 +209,7 @@ impl<'a> BitReader<'a> {
 
     fn pull(&mut self) {
         let byte = self.bytes.get(self.read).copied().unwrap_or(0);
-        self.read = self.read.saturating_add(1);
+        self.read += 1;
         self.code = (self.code << 8) | u32::from(byte);
     }
 
@@ -211,21 +230,16 @@ impl BitCoder for BitReader<'_> {
     #[inline]
     fn code(&mut self, _bit: bool, probability: &mut Probability) -> bool {
         let share = probability.share_of(self.range);
-        let bit = self.code >= share;
+        let (above, is_below) = self.code.overflowing_sub(share);
         // Chosen, not branched to: the bits are what cannot be foreseen.
-        let (from, size) = if bit {
-            (share, self.range - share)
-        } else {
-            (0, share)
-        };
-        self.code -= from;
-        self.range = size;
-        probability.learn(bit);
+        self.code = select_unpredictable(is_below, self.code, above);
+        self.range = select_unpredictable(is_below, share, self.range - share);
+        probability.learn(select_unpredictable(is_below, u32::MAX, 0));
         while self.range < BYTE_DUE {
             self.range <<= 8;
             self.pull();
         }
-        bit
+        !is_below
     }
 }
 
@@ -279,12 +293,12 @@ mod tests {
 
     #[test]
     fn a_bit_moves_its_probability_by_the_stated_share_of_the_way() {
-        let ends = [65_536 - i32::from(LEAST), i32::from(LEAST)];
+        let ends = [65_536 - LEAST.cast_signed(), LEAST.cast_signed()];
         for seen in 0..=Probability::MEMORY {
-            for of_false in LEAST..=(65_536 - u32::from(LEAST)) as u16 {
+            for of_false in LEAST as u16..=(65_536 - LEAST) as u16 {
                 for bit in [false, true] {
                     let mut learnt = Probability { of_false, seen };
-                    learnt.learn(bit);
+                    learnt.learn(if bit { 0 } else { u32::MAX });
                     let way = ends[usize::from(bit)] - i32::from(of_false);
                     let expected = i32::from(of_false) + way / i32::from(seen + 2);
                     assert_eq!(i32::from(learnt.of_false), expected);

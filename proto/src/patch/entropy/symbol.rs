@@ -32,7 +32,7 @@ pub(in crate::patch) fn number<C: BitCoder>(
         let bit = if i + 1 == n {
             coder.code(bit, &mut second[i])
         } else {
-            coder.code(bit, &mut Probability::even())
+            coder.even(bit)
         };
         coded = coded << 1 | i32::from(bit);
     }
@@ -42,7 +42,7 @@ pub(in crate::patch) fn number<C: BitCoder>(
 /// Codes the lowest `bits` of a number, all as good as random.
 pub(in crate::patch) fn plain<C: BitCoder>(coder: &mut C, bits: u32, value: u32) -> u32 {
     (0..bits).rev().fold(0, |coded, i| {
-        coded << 1 | u32::from(coder.code(value >> i & 1 == 1, &mut Probability::even()))
+        coded << 1 | u32::from(coder.even(value >> i & 1 == 1))
     })
 }
 

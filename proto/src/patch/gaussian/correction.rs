@@ -142,22 +142,28 @@ impl CorrectionGrid {
         }
     }
 
-    /// Adds the corrections to the map.
-    pub(in crate::patch) fn apply(&mut self, cells: &mut [u8], step: u8, scale: &MapScale) {
+    /// Adds the corrections to the map; returns the columns and rows outside which no cell has changed.
+    pub(in crate::patch) fn apply(
+        &mut self,
+        cells: &mut [u8],
+        step: u8,
+        scale: &MapScale,
+    ) -> [Range<usize>; 2] {
         let [columns, rows] = self.window.clone();
         let step = i16::from(step);
         if self.pitch > 1.0 {
             return self.interpolate(cells, step.into(), scale);
         }
-        for (values, y) in self.values.chunks_exact(columns.len()).zip(rows) {
+        for (values, y) in self.values.chunks_exact(columns.len()).zip(rows.clone()) {
             let row = &mut cells[y * scale.width..][columns.clone()];
             for (cell, &value) in row.iter_mut().zip(values) {
                 *cell = (i16::from(*cell) + step * value).clamp(0, 255) as u8;
             }
         }
+        [columns, rows]
     }
 
-    fn interpolate(&mut self, cells: &mut [u8], step: f32, scale: &MapScale) {
+    fn interpolate(&mut self, cells: &mut [u8], step: f32, scale: &MapScale) -> [Range<usize>; 2] {
         let [columns, rows] = self.window.clone();
         let pitch = self.pitch;
         let reach = |places: &Range<usize>, size: usize| {
@@ -179,7 +185,7 @@ impl CorrectionGrid {
             let value = || self.values[(j - rows.start) * n + i - columns.start];
             if inside { f32::from(value()) } else { 0.0 }
         };
-        for y in down {
+        for y in down.clone() {
             let (j, fy) = split(y);
             let row = &mut cells[y * scale.width..][across.clone()];
             for (cell, &(i, fx)) in row.iter_mut().zip(&self.left) {
@@ -189,6 +195,7 @@ impl CorrectionGrid {
                 *cell = (f32::from(*cell) + step * (upper + fy * (lower - upper)) + 0.5) as u8;
             }
         }
+        [across, down]
     }
 }
 

@@ -106,6 +106,16 @@ impl Mode {
         let [first, end] = [span_start(y, reach, height), span_end(y, reach, height)].map(whole);
         first.min(end) as usize..end as usize
     }
+
+    /// Columns beyond which it does not reach: one more at either end than [`Self::rows`] would have, since the ends of
+    /// rows are rounded on another way.
+    pub(in crate::patch) fn columns(&self, scale: &MapScale) -> std::ops::Range<usize> {
+        let [x, _] = self.center(scale);
+        let reach = sigma(self.width[0], scale) * REACH2.sqrt() + 1.0;
+        let width = scale.width as f32;
+        let [first, end] = [span_start(x, reach, width), span_end(x, reach, width)].map(whole);
+        first.min(end) as usize..end as usize
+    }
 }
 
 /// Sigma of a width, cells.

@@ -10,8 +10,9 @@ mod around;
 
 use std::cmp::Ordering;
 
-use self::around::Around;
+use self::around::{Around, Left};
 use super::entropy::range_coder::{BitCoder, Probability};
+use super::maps::{MAX_SIDE, Written};
 
 /// Sides of a map: what both directions know beforehand.
 #[derive(Debug, Clone, Copy)]
@@ -22,9 +23,21 @@ pub(in crate::patch) struct Shape {
     pub(in crate::patch) floor: u8,
 }
 
-/// What has been learnt in the patch so far.
+/// Codes maps, and keeps its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub(in crate::patch) struct LosslessCoder {
+    learnt: Learnt,
+    /// Whether the map before was empty, and where its first row and that row's first cell were.
+    last_empty: bool,
+    last_first: [usize; 2],
+    /// How wrong the expectation was, by column, in the row above up to here and in this row so far.
+    errors: [u8; MAX_SIDE],
+    around: Around,
+}
+
+/// What has been learnt in the patch so far.
+#[derive(Debug, Clone)]
+struct Learnt {
     empty_map: [Probability; 2],
     empty_row: [Probability; 2],
     first_row: Signed,
@@ -34,14 +47,13 @@ pub(in crate::patch) struct LosslessCoder {
     start: [Signed; 3],
     end: [Signed; 3],
     zero: [Probability; 8],
-    cell: [[Signed; ERROR_CLASSES]; 5],
-    /// Whether the map before was empty, and where its first row and that row's first cell were.
-    last_empty: bool,
-    last_first: [usize; 2],
-    /// How wrong the expectation was, by column, in the row above up to here and in this row so far.
-    errors: Vec<u8>,
+    /// By kind of expectation, and then by class of error.
+    cell: [Signed; KINDS * ERROR_CLASSES],
 }
 
+/// Kinds of expectation.
+const KINDS: usize = 5;
+/// Classes of how wrong expectations were.
 const ERROR_CLASSES: usize = 4;
 
 /// Where a row begins and ends: first and last cell that is not zero.
@@ -51,9 +63,8 @@ struct RowSpan {
     end: usize,
 }
 
-impl LosslessCoder {
-    /// Nothing learnt yet, for maps of `shape`.
-    pub(in crate::patch) fn new() -> Self {
+impl Learnt {
+    const fn nothing() -> Self {
         let even = Probability::even();
         Self {
             empty_map: [even; 2],
@@ -65,43 +76,49 @@ impl LosslessCoder {
             start: [Signed::new(); 3],
             end: [Signed::new(); 3],
             zero: [even; 8],
-            cell: [[Signed::new(); ERROR_CLASSES]; 5],
+            cell: [Signed::new(); KINDS * ERROR_CLASSES],
+        }
+    }
+}
+
+impl LosslessCoder {
+    /// Nothing learnt yet.
+    pub(in crate::patch) fn new() -> Self {
+        Self {
+            learnt: Learnt::nothing(),
             last_empty: false,
             last_first: [0; 2],
-            errors: Vec::new(),
+            errors: [0; MAX_SIDE],
+            around: Around::new(),
         }
     }
 
-    /// Forgets everything, keeping memory.
+    /// Forgets everything, before the first map of a patch.
     pub(in crate::patch) fn reset(&mut self, width: usize, height: usize) {
-        let mut errors = std::mem::take(&mut self.errors);
-        errors.clear();
-        errors.resize(width, 0);
-        *self = Self {
-            errors,
-            last_first: [height / 2, width / 2],
-            ..Self::new()
-        };
+        self.learnt = Learnt::nothing();
+        self.last_empty = false;
+        self.last_first = [height / 2, width / 2];
     }
 
-    /// Codes one map: `cells` are read, or written over zeros.
+    /// Codes one map: `cells` are read, or written over zeros. Returns which were written, if any.
     pub(in crate::patch) fn map<C: BitCoder>(
         &mut self,
         coder: &mut C,
         shape: Shape,
         cells: &mut [u8],
-    ) {
+    ) -> Written {
         let Shape { width, height, .. } = shape;
+        let mut written = Written::default();
         let is_empty = |cells: &[u8]| cells.iter().fold(0, |any, &c| any | c) == 0;
         let empty_rows =
             |row: usize, cells: &[u8]| is_empty(&cells[row * width..(row + 1) * width]);
         let empty = coder.code(
             C::WRITES && is_empty(cells),
-            &mut self.empty_map[usize::from(self.last_empty)],
+            &mut self.learnt.empty_map[usize::from(self.last_empty)],
         );
         self.last_empty = empty;
         if empty {
-            return;
+            return written;
         }
         let (mut first, mut last) = (0, 0);
         if C::WRITES {
@@ -110,14 +127,13 @@ impl LosslessCoder {
                 .rfind(|&y| !empty_rows(y, cells))
                 .unwrap_or(first);
         }
-        first = self
-            .first_row
-            .near(coder, first, self.last_first[0], height - 1);
-        last = first
-            + self
-                .rows
-                .code(coder, last.saturating_sub(first), height - 1 - first);
+        let Learnt {
+            first_row, rows, ..
+        } = &mut self.learnt;
+        first = first_row.near(coder, first, self.last_first[0], height - 1);
+        last = first + rows.code(coder, last.saturating_sub(first), height - 1 - first);
         self.errors.fill(0);
+        self.around.begin();
         let mut above: Option<(RowSpan, Ordering)> = None;
         let mut row_above_empty = false;
         for y in first..=last {
@@ -125,25 +141,40 @@ impl LosslessCoder {
             let row_empty = inner
                 && coder.code(
                     C::WRITES && empty_rows(y, cells),
-                    &mut self.empty_row[usize::from(row_above_empty)],
+                    &mut self.learnt.empty_row[usize::from(row_above_empty)],
                 );
             row_above_empty = row_empty;
             if row_empty {
                 self.errors.fill(0);
+                self.around.skip(y);
                 continue;
             }
-            let row = &cells[y * width..(y + 1) * width];
+            let row = &mut cells[y * width..(y + 1) * width];
             let known = if C::WRITES {
                 span_of(row)
             } else {
                 RowSpan { start: 0, end: 0 }
             };
             let (span, drift) = self.span(coder, known, above, width);
-            if above.is_none() {
+            if let Some((before, _)) = above {
+                self.forget_errors(before, span);
+            } else {
                 self.last_first = [first, span.start];
             }
             above = Some((span, drift));
-            self.row(coder, shape, y, span, cells);
+            written.include(y..y + 1, span.start..span.end + 1);
+            self.row(coder, shape, (y, span), row);
+        }
+        written
+    }
+
+    /// Forgets how wrong expectations were in the row with the span `before`, where `span` is not.
+    fn forget_errors(&mut self, before: RowSpan, span: RowSpan) {
+        if before.start < span.start {
+            self.errors[before.start..span.start].fill(0);
+        }
+        if before.end > span.end {
+            self.errors[span.end + 1..=before.end].fill(0);
         }
     }
 
@@ -156,19 +187,25 @@ impl LosslessCoder {
         width: usize,
     ) -> (RowSpan, Ordering) {
         let Some((before, drift)) = above else {
-            let start = self
-                .first_start
-                .near(coder, known.start, self.last_first[1], width - 1);
-            let end = start
-                + self
-                    .first_width
-                    .code(coder, known.end.saturating_sub(start), width - 1 - start);
+            let Learnt {
+                first_start,
+                first_width,
+                ..
+            } = &mut self.learnt;
+            let start = first_start.near(coder, known.start, self.last_first[1], width - 1);
+            let length = known.end.saturating_sub(start);
+            let end = start + first_width.code(coder, length, width - 1 - start);
             return (RowSpan { start, end }, Ordering::Less);
         };
-        let start = self.start[class_of(drift)].near(coder, known.start, before.start, width - 1);
+        let start =
+            self.learnt.start[class_of(drift)].near(coder, known.start, before.start, width - 1);
         let moved = start.cmp(&before.start);
-        let end =
-            self.end[class_of(moved)].near(coder, known.end.max(start), before.end, width - 1);
+        let end = self.learnt.end[class_of(moved)].near(
+            coder,
+            known.end.max(start),
+            before.end,
+            width - 1,
+        );
         (
             RowSpan {
                 start,
@@ -183,35 +220,39 @@ impl LosslessCoder {
         &mut self,
         coder: &mut C,
         shape: Shape,
-        y: usize,
-        span: RowSpan,
-        cells: &mut [u8],
+        (y, span): (usize, RowSpan),
+        row: &mut [u8],
     ) {
-        let (above, rest) = cells.split_at_mut(y * shape.width);
-        let row = &mut rest[..shape.width];
-        self.errors[..span.start].fill(0);
-        self.errors[span.end + 1..].fill(0);
-        let mut around = Around::before(above, shape.width, span.start);
-        let cells = row.iter_mut().enumerate();
-        for (x, cell) in cells.take(span.end + 1).skip(span.start) {
-            around.move_to(x);
-            let maybe_zero = x != span.start && x != span.end;
-            if maybe_zero && coder.code(*cell == 0, &mut self.zero[around.zero_context()]) {
-                self.errors[x] = 0;
-                continue;
+        let RowSpan { start, end } = span;
+        let floor = usize::from(shape.floor);
+        self.around.begin_row(y, start, end);
+        let (mut left, mut left_error) = (Left::default(), 0);
+        for x in start..=end {
+            let known = C::WRITES.then(|| row.get(x)).flatten();
+            let mut cell = known.copied().unwrap_or(0);
+            let column = self.around.column(x);
+            let error = &mut self.errors[x % MAX_SIDE];
+            let maybe_zero = x != start && x != end;
+            let zero = &mut self.learnt.zero[column.zero_context(&left)];
+            if maybe_zero && coder.code(cell == 0, zero) {
+                left_error = 0;
+            } else {
+                let at = [x, y];
+                let (expected, kind) = column.expect(&left, shape.floor, &self.around, at);
+                let class = error_class(u32::from(left_error) + u32::from(*error));
+                let contexts = &mut self.learnt.cell[kind * ERROR_CLASSES + class];
+                // Coded as steps above the floor: there is no cell between it and zero.
+                let expected = usize::from(expected);
+                let step = usize::from(cell).saturating_sub(floor);
+                let step = contexts.near(coder, step, expected - floor, 255 - floor);
+                cell = (floor + step) as u8;
+                left_error = (floor + step).abs_diff(expected) as u8;
             }
-            let (expected, kind) = around.expect(shape.floor);
-            let left_error = if x > 0 { self.errors[x - 1] } else { 0 };
-            let error = usize::from(left_error) + usize::from(self.errors[x]);
-            let contexts = &mut self.cell[kind][error_class(error)];
-            // Coded as steps above the floor: there is no cell between it and zero.
-            let [floor, expected] = [shape.floor, expected].map(usize::from);
-            let step = usize::from(*cell).saturating_sub(floor);
-            let step = contexts.near(coder, step, expected - floor, 255 - floor);
-            *cell = (floor + step) as u8;
-            around.set(*cell);
-            self.errors[x] = (floor + step).abs_diff(expected) as u8;
+            *error = left_error;
+            self.around.set(x, cell);
+            left.pass(column, cell);
         }
+        row[start..=end].copy_from_slice(self.around.end_row(y, start, end));
     }
 }
 
@@ -232,13 +273,9 @@ fn class_of(moved: Ordering) -> usize {
 }
 
 /// Class of the summed errors of the left and the upper expectation.
-fn error_class(sum: usize) -> usize {
-    match sum {
-        0..=1 => 0,
-        2..=4 => 1,
-        5..=12 => 2,
-        _ => 3,
-    }
+fn error_class(sum: u32) -> usize {
+    // Counted, not branched to: what it is cannot be foreseen.
+    usize::from(sum > 1) + usize::from(sum > 4) + usize::from(sum > 12)
 }
 
 /// Contexts of a small number: its length in bits, then its highest bits.
@@ -252,7 +289,7 @@ impl Unsigned {
     /// Numbers plus one have at most so many bits after the first.
     const MOST_BITS: usize = 8;
 
-    fn new() -> Self {
+    const fn new() -> Self {
         Self {
             length: [Probability::even(); Self::MOST_BITS],
             second: [Probability::even(); Self::MOST_BITS],
@@ -260,6 +297,7 @@ impl Unsigned {
     }
 
     /// Codes `number`, which is at most `limit` (at most 255); what is read is cut to that.
+    #[inline]
     fn code<C: BitCoder>(&mut self, coder: &mut C, number: usize, limit: usize) -> usize {
         if limit == 0 {
             return 0;
@@ -271,15 +309,12 @@ impl Unsigned {
             length += 1;
         }
         let mut coded = 1;
-        for i in (0..length).rev() {
+        if let Some(second) = length.checked_sub(1) {
+            coded = 2 | usize::from(coder.code(whole >> second & 1 == 1, &mut self.second[second]));
             // Bits below the second are as good as random.
-            let mut even = Probability::even();
-            let probability = if i + 1 == length {
-                &mut self.second[i]
-            } else {
-                &mut even
-            };
-            coded = coded << 1 | usize::from(coder.code(whole >> i & 1 == 1, probability));
+            for i in (0..second).rev() {
+                coded = coded << 1 | usize::from(coder.even(whole >> i & 1 == 1));
+            }
         }
         (coded - 1).min(limit)
     }
@@ -294,7 +329,7 @@ struct Signed {
 }
 
 impl Signed {
-    fn new() -> Self {
+    const fn new() -> Self {
         Self {
             other: Probability::even(),
             less: Probability::even(),
@@ -303,6 +338,7 @@ impl Signed {
     }
 
     /// Codes `number`, expected to be near `expected`; both are at most `limit`.
+    #[inline]
     fn near<C: BitCoder>(
         &mut self,
         coder: &mut C,
