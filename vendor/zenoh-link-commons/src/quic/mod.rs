@@ -13,6 +13,7 @@
 //
 mod congestion;
 mod plaintext;
+mod reset;
 mod socket;
 mod utils;
 pub use utils::*;

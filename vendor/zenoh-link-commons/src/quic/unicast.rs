@@ -39,6 +39,7 @@ use crate::{
     quic::{
         get_negotiated_alpn, get_quic_addr, get_quic_host,
         plaintext::{PlainTextClientConfig, PlainTextServerConfig},
+        reset::listener_config,
         socket::QuicSocketConfig,
         QuicBestEffortConfig, QuicMtuConfig, QuicSegmentationOffloadConfig,
         QuicTransportConfigurator, TlsClientConfig, TlsServerConfig, PROTOCOL_LEGACY, PROTOCOL_MIXED_REL, PROTOCOL_MULTI_STREAM,
@@ -408,8 +409,14 @@ impl<F: AcceptorCallback> QuicServer<F> {
             // create the Endpoint with the socket
             let runtime = quinn::default_runtime()
                 .ok_or_else(|| std::io::Error::other("no async runtime found"))?;
+            let secret = if is_secure {
+                TlsServerConfig::load_tls_private_key(&epconf).await?
+            } else {
+                // Nothing is secret on such a link.
+                Vec::new()
+            };
             ZResult::Ok(quinn::Endpoint::new_with_abstract_socket(
-                EndpointConfig::default(),
+                listener_config(&secret),
                 Some(server_config),
                 runtime.wrap_udp_socket(socket.into_std()?)?,
                 runtime,

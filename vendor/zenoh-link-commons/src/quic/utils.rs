@@ -316,7 +316,7 @@ impl TlsServerConfig {
             .map_err(|e| zerror!(e).into())
     }
 
-    async fn load_tls_private_key(config: &Config<'_>) -> ZResult<Vec<u8>> {
+    pub(crate) async fn load_tls_private_key(config: &Config<'_>) -> ZResult<Vec<u8>> {
         load_tls_key(
             config,
             TLS_LISTEN_PRIVATE_KEY_RAW,
