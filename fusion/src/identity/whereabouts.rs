@@ -36,7 +36,7 @@ const ABOUT_M_S: f64 = 1.0;
 /// Share of those who stay about a place, `A`.
 const STAYS: f64 = 0.5;
 /// After how long most of these have left it, `U`, seconds.
-const STAYS_S: f64 = 20.0;
+const STAYS_S: f64 = 8.0;
 /// By how much the variance of their place grows, per axis, `D`, m²/s: a step or two to and fro every second.
 const STAYS_M2_S: f64 = 0.5;
 /// Faster than anybody runs, metres per second: what is more, is a filter that has lost its person.

@@ -49,7 +49,7 @@ struct Fault {
 }
 
 /// All of them, in the order in which they are driven.
-const FAULTS: [Fault; 13] = [
+const FAULTS: [Fault; 14] = [
     Fault {
         name: "lopsided-link",
         about: "a link that is 30 ms long one way and 10 ms the other, before a clock that NTP keeps right",
@@ -67,6 +67,12 @@ const FAULTS: [Fault; 13] = [
         about: "fusion is killed and started again",
         is_quick: true,
         drive: nodes::fusion_killed,
+    },
+    Fault {
+        name: "fusion-down",
+        about: "fusion is killed and started again 4 s later",
+        is_quick: true,
+        drive: nodes::fusion_down,
     },
     Fault {
         name: "edge-killed",

@@ -11,14 +11,25 @@ use crate::live_venue::NodeProcess;
 
 /// How soon after its first poses a fusion that was started again must have everybody, seconds.
 const BACK_WITHIN_S: f64 = 2.0;
-/// How long after its end everybody must be there again, seconds: three times as long is still less than the lease of a
+/// How long a fusion stays away that nothing starts again at once, seconds.
+const DOWN_S: f64 = 4.0;
+/// How long after its start everybody must be there again, seconds: three times as long is still less than the lease of a
 /// link, so that edges have not waited for that.
 const WITHOUT_EVERYBODY_S: f64 = 1.5;
 /// How much faster a recording may grow under a flood, percent.
 const MOST_GROWTH: f64 = 10.0;
 
 pub(super) fn fusion_killed(field: &Field) -> anyhow::Result<Driven> {
-    let mut stage = Stage::prepare(field, "fusion-killed")?;
+    fusion_away(field, "fusion-killed", 0.0)
+}
+
+/// The same, and nothing starts it again for some seconds, in which people walk on.
+pub(super) fn fusion_down(field: &Field) -> anyhow::Result<Driven> {
+    fusion_away(field, "fusion-down", DOWN_S)
+}
+
+fn fusion_away(field: &Field, name: &str, down_s: f64) -> anyhow::Result<Driven> {
+    let mut stage = Stage::prepare(field, name)?;
     stage.live.fusion_by_hand();
     let [first, second] = ["first", "second"].map(|life| stage.out(life));
     stage.begin(&first, &[])?;
@@ -35,6 +46,7 @@ pub(super) fn fusion_killed(field: &Field) -> anyhow::Result<Driven> {
         .take()
         .context("fusion was started")?
         .kill()?;
+    stage.go_on(down_s);
     stage.live.start_fusion(&second, &[])?;
     let people = field.truth.people();
     let without = stage.wait("everybody is tracked again", |seen| {
