@@ -112,7 +112,8 @@ async fn work(
 ) -> Result<Ending, NodeError> {
     let outcome = match run.run(ends, &mut worker, stop).await {
         Ok(LockStepEnding::Live(first)) => {
-            return work_live(config, run.status, worker, first, (ends, stop)).await;
+            // Its encoder keeps whole rows of maps: too much for a stack.
+            return Box::pin(work_live(config, run.status, worker, first, (ends, stop))).await;
         }
         Ok(LockStepEnding::End(ending)) => Ok(ending),
         Err(error) => Err(error),

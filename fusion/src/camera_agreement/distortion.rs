@@ -114,9 +114,10 @@ pub(super) fn distortion(
     fits.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
     let best = fits.first()?;
     let gain = |fit: &DistortionFit| 1.0 - fit.ratio;
+    // Of one camera alone among fisheyes nobody can say that it is not the others.
     let stands_out = fits
         .get(1)
-        .is_none_or(|next| gain(best) > STANDS_OUT * gain(next));
+        .is_some_and(|next| gain(best) > STANDS_OUT * gain(next));
     let is_told = |(k, ratio): (f64, f64)| best.k1_over.abs() >= k && best.ratio < ratio;
     (stands_out && TOLD.into_iter().any(is_told)).then(|| best.clone())
 }

@@ -7,6 +7,8 @@
 //!                                                                            density on the floor, 1/m²
 //! ```
 //!
+//! N of `p_about` has a peak of at least one over the field: nobody is spread wider than that. Where no velocity is known, w is 0.
+//!
 //! x0 and v0 are place and velocity when it was last seen, v1 the velocity when it is seen again: measured, or v0
 //! turned as the body has turned, since people run the way they face, and who runs backwards turns all the same.
 //! What is taken is the mean of the two, so that who turned about in the meantime is where it was. The longer ago,
@@ -14,8 +16,9 @@
 //! there at random, as who waits, works or keeps to a part of the field; the others may be anywhere that far, and in the
 //! end everybody may.
 //!
-//! The numbers are fitted on runs through corners and around them (`tests/scenes/lost.toml` and the like, everybody
-//! withheld for 0.3 to 1 s); nothing else of them is special.
+//! The numbers of the way, G and g are fitted on runs through corners and around them (`tests/scenes/lost.toml` and the like,
+//! everybody withheld for 0.3 to 1 s). A, D and U are chosen: so that four walkers who stay within two metres keep their
+//! ids while nobody looks for five seconds (`lab faults fusion-down`), and that after 40 s a place tells nothing.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -238,7 +241,7 @@ mod tests {
 
     #[test]
     fn two_who_kept_to_their_corners_did_not_change_places() {
-        // Four and more seconds pass until a fusion that was killed hears its edges again.
+        // As after a fusion that nothing starts again for four seconds.
         let walked = |from: [f64; 2], to: [f64; 2]| {
             let before = at(from[0], from[1]).moving(&Vector3::new(0.9, 0.7, 0.0));
             before.ln_density(&at(to[0], to[1]), 5.0, 120.0)

@@ -52,8 +52,7 @@ impl MapPeaks {
         &self.all[..usize::from(self.n)]
     }
 
-    /// The highest value of the map, 0 to 1, within the half width of the lattice along both axes; 0 where no
-    /// value reaches that of the lowest peak.
+    /// The highest value of the map, 0 to 1, within the half width of the lattice along both axes.
     pub(crate) fn highest(&self) -> f64 {
         f64::from(self.highest) / 255.0
     }

@@ -409,16 +409,17 @@ impl<F: AcceptorCallback> QuicServer<F> {
             // create the Endpoint with the socket
             let runtime = quinn::default_runtime()
                 .ok_or_else(|| std::io::Error::other("no async runtime found"))?;
-            let secret = if is_secure {
+            let private_key = if is_secure {
                 TlsServerConfig::load_tls_private_key(&epconf).await?
             } else {
-                // Nothing is secret on such a link.
                 Vec::new()
             };
+            let socket = socket.into_std()?;
+            let endpoint_config = listener_config(&private_key, &socket.local_addr()?);
             ZResult::Ok(quinn::Endpoint::new_with_abstract_socket(
-                listener_config(&secret),
+                endpoint_config,
                 Some(server_config),
-                runtime.wrap_udp_socket(socket.into_std()?)?,
+                runtime.wrap_udp_socket(socket)?,
                 runtime,
             )?)
         }
