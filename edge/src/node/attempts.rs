@@ -47,7 +47,14 @@ fn reason(text: &str) -> Option<&'static str> {
     let other_venue = "whoever answers there has a certificate of another venue";
     let expired = "fusion's certificate has run out";
     let not_yet = "fusion's certificate is not valid yet: is this machine's clock right?";
+    let hung_up = "fusion answered and hung up: it does not take this edge's certificate";
+    let nobody_answers = "nobody answers there";
+    // What speaks first decides.
     let reasons = [
+        // What the other side did not like, in its words for this edge's certificate: those below would be taken for ours
+        // about fusion's.
+        ("aborted by peer", hung_up),
+        ("fatal alert", hung_up),
         // rustls says these in two ways.
         ("certificate not valid for name", other_name),
         ("NotValidForName", other_name),
@@ -58,22 +65,42 @@ fn reason(text: &str) -> Option<&'static str> {
         ("UnknownIssuer", other_venue),
         ("BadSignature", other_venue),
         ("refused", "nobody listens there"),
-        ("imed out", "nobody answers there"),
-        ("elapsed", "nobody answers there"),
-        ("imeout", "nobody answers there"),
-        (
-            "lost",
-            "fusion answered and hung up: it does not take this edge's certificate",
-        ),
-        (
-            "losed",
-            "fusion answered and hung up: it does not take this edge's certificate",
-        ),
-        (
-            "lert",
-            "fusion answered and hung up: it does not take this edge's certificate",
-        ),
+        ("imed out", nobody_answers),
+        ("elapsed", nobody_answers),
+        ("imeout", nobody_answers),
+        ("lost", hung_up),
+        ("losed", hung_up),
     ];
     let found = reasons.iter().find(|(sign, _)| text.contains(sign));
     found.map(|(_, reason)| *reason)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_fusion_did_not_like_is_not_taken_for_what_this_edge_did_not_like() {
+        // Of the same refusal QUIC says one or the other, as the answer comes before or after the stream is opened.
+        for text in [
+            "Cannot initialize QUIC streams 127.0.0.1: aborted by peer: the cryptographic handshake failed: error 48: invalid peer certificate: UnknownIssuer",
+            "Read error on QUIC link 127.0.0.1:4 => 127.0.0.1:5: connection lost",
+            "Can not create a new TLS link bound to \"127.0.0.1\": received fatal alert: CertificateExpired",
+        ] {
+            let told = reason(text).unwrap();
+            assert!(told.contains("this edge's certificate"), "{text}: {told}");
+        }
+    }
+
+    #[test]
+    fn what_this_edge_did_not_like_is_told_of_fusion() {
+        let text = "Can not create a new QUIC link bound to 127.0.0.1: the cryptographic handshake failed: error 48: invalid peer certificate: UnknownIssuer";
+        assert!(reason(text).unwrap().contains("another venue"));
+        assert_eq!(reason("something else"), None);
+        // Another program on that port, or something between.
+        assert_eq!(
+            reason("alert-pc.lan: Connection reset by peer (os error 104)"),
+            None
+        );
+    }
 }

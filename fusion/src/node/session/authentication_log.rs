@@ -100,15 +100,23 @@ impl<S: Subscriber> Layer<S> for AuthenticationLog {
         let text = message(event);
         let refusal = if event.metadata().target() == ACCESS {
             denied(&text, NEWEST.get())
+        } else if is_of_peer(&text) {
+            // Nobody was turned away, but whoever it was stayed away.
+            not_taken(&text).into_iter().for_each(tell_once);
+            return;
         } else {
             not_let_in(&text)
         };
         let Some(refusal) = refusal else { return };
         TURNED_AWAY.fetch_add(1, Ordering::Relaxed);
-        let mut told = lock(&TOLD);
-        if told.len() < MAX_TOLD && told.insert(refusal.clone()) {
-            say(format_args!("fusion: {refusal}"));
-        }
+        tell_once(refusal);
+    }
+}
+
+fn tell_once(words: String) {
+    let mut told = lock(&TOLD);
+    if told.len() < MAX_TOLD && told.insert(words.clone()) {
+        say(format_args!("fusion: {words}"));
     }
 }
 
@@ -180,6 +188,39 @@ fn too_old(name: &str, newest: &Generations) -> Option<String> {
             "refused all that the node of certificate {name} does: {node} has got new keys since, of generation {newest}; copy {node}.pem and {node}.key of `farfield certs --renew {node}` to its machine, or find out who has the old ones"
         )
     })
+}
+
+/// Whether a link's warning repeats what the other side said when it hung up.
+fn is_of_peer(text: &str) -> bool {
+    let signs = ["ConnectionClosed", "aborted by peer", "fatal alert"];
+    signs.iter().any(|sign| text.contains(sign))
+}
+
+/// What the other side did not like about fusion's certificate, if that is why it hung up.
+fn not_taken(text: &str) -> Option<String> {
+    let other_authority = "its authority is another one; is that node's ca.pem of this venue?";
+    let run_out = "it has run out; `farfield certs --renew fusion` makes a new one";
+    let other_name = "it is not good for the address that the node has; `farfield certs --renew fusion --host` makes one that is";
+    let not_yet = "it is not valid yet: is a clock wrong?";
+    let not_now = "it has run out, or is not valid yet by that node's clock";
+    // TLS has fewer words than QUIC, which repeats those of rustls.
+    let reasons = [
+        ("fatal alert: CertificateExpired", not_now),
+        ("fatal alert: BadCertificate", other_name),
+        ("fatal alert: DecryptError", other_authority),
+        ("UnknownIssuer", other_authority),
+        ("BadSignature", other_authority),
+        ("UnknownCA", other_authority),
+        ("xpired", run_out),
+        ("ot valid for name", other_name),
+        ("NotValidForName", other_name),
+        ("ot valid yet", not_yet),
+        ("NotValidYet", not_yet),
+    ];
+    let (_, reason) = reasons.iter().find(|(sign, _)| text.contains(sign))?;
+    Some(format!(
+        "a node does not take fusion's certificate: {reason}"
+    ))
 }
 
 /// What a link's warning means, if it is about who wants in.
@@ -329,5 +370,22 @@ mod tests {
         let told = not_let_in(text).unwrap();
         assert!(told.contains("not of this venue's authority"), "{told}");
         assert_eq!(not_let_in("something else"), None);
+        assert!(!is_of_peer(text));
+    }
+
+    #[test]
+    fn a_node_that_does_not_take_fusions_certificate_is_not_one_that_was_refused() {
+        let closed = "QUIC acceptor failed: ConnectionClosed(ConnectionClose { error_code: the cryptographic handshake failed: error 48, frame_type: None, reason: b\"invalid peer certificate: UnknownIssuer\" })";
+        let alert =
+            "received fatal alert: CertificateExpired. Hint: increase the system open file limit.";
+        for (text, words) in [
+            (closed, "is that node's ca.pem"),
+            (alert, "not valid yet by that node's clock"),
+        ] {
+            assert!(is_of_peer(text), "{text}");
+            let told = not_taken(text).unwrap();
+            assert!(told.contains(words), "{told}");
+        }
+        assert_eq!(not_taken("ConnectionClosed"), None);
     }
 }

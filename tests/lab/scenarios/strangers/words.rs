@@ -133,6 +133,7 @@ async fn fusion_names_whom_it_refuses(scheme: &str) {
     };
     let mut foreign = hall.identity("elsewhere", "north-east");
     foreign.authority = hall.path("certs/ca.pem");
+    let strict = hall.identity("elsewhere", "north-east");
     let good = || hall.identity("certs", "north-east");
     let current = common_name("walk", "north-east", 2);
     for (identity, is_bare, words) in [
@@ -140,6 +141,11 @@ async fn fusion_names_whom_it_refuses(scheme: &str) {
             foreign,
             false,
             "refused a node: its certificate is not of this venue's authority",
+        ),
+        (
+            strict,
+            false,
+            "a node does not take fusion's certificate: its authority is another one",
         ),
         (good(), true, "refused a node: it has no certificate"),
         (
