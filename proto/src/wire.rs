@@ -15,13 +15,14 @@ use serde::de::DeserializeOwned;
 /// A message that changes keeps its older forms in [`crate::message`], so that old recordings are read. A new kind of
 /// message under a key of its own changes no other, and may come within a version: who does not know it does not
 /// subscribe to it.
-pub const VERSION: u8 = 6;
+pub const VERSION: u8 = 7;
 /// The oldest version that is read: recordings are kept for years.
 pub const OLDEST_READ: u8 = 3;
 /// The oldest version that is written, for nodes that are not updated yet: the one before this.
 pub const OLDEST_WRITTEN: u8 = VERSION - 1;
 /// Longest message, bytes. It bounds what decoding allocates, too: memory is reserved for elements that are there, not
-/// for the number that a message claims, so less than 64 bytes for each byte of the message.
+/// for the number that a message claims, so less than 64 bytes for each byte of the message; absent keypoints of sightings come
+/// to 256 KiB more at most.
 pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
 /// Most messages that a viewpoint may send for one tick.
 pub const MAX_PARTS: u16 = 1024;

@@ -82,7 +82,7 @@ def check_refused():
 
     wrong = [
         ("pose_set", ("persons", 0, "joints_m", 0), 1, math.nan), ("pose_set", ("persons", 0, "angles"), 0, math.inf),
-        ("pose_set", ("persons", 0), "sigma_m", [0.5] * 65), ("sighting_set", ("sightings", 0), "score", -math.inf),
+        ("pose_set", ("persons", 0), "sigma_m", [0.5] * 65), ("sighting_set", ("sightings", 0, 1), "score", -math.inf),
         ("decision", ("horizons_ticks",), 0, math.nan), ("decision", (), "horizons_ticks", [1.0] * 257),
         ("status", ("agreement", 0, "agreement"), "late_ticks", math.nan), ("status", (), "node", "n" * 65),
         ("status", (), "failure", "f" * 8193), ("status", ("health",), "notices", ["n"] * 17), ("status", ("health",), "notices", ["n" * 513]),
@@ -97,7 +97,7 @@ def check_refused():
         except ValueError:
             continue
         raise AssertionError(f"{name}: {field} is read as {str(value)[:40]}")
-    for data in (b"", b"\2\0", b"\7\0", b"\6\1\0\0\0"):
+    for data in (b"", b"\2\0", b"\10\0", b"\7\1\0\0\0"):
         try:
             wire.decode("chunk", data)
         except ValueError:

@@ -1,11 +1,11 @@
-"""The messages of the wire, versions 3 to 6, as docs/protocol.md says them: bytes to plain Python values, and back.
+"""The messages of the wire, versions 3 to 7, as docs/protocol.md says them: bytes to plain Python values, and back.
 
 Of the bounds that the page states this checks counts, lengths and that numbers are finite; what holds between fields it does not.
 """
 
 from postcard import BOOL, BYTES, F32, F64, I32, I64, TEXT, U8, U16, U32, U64, Array, Bytes, Enum, List, Option, Raw, Struct
 
-VERSIONS = range(3, 7)
+VERSIONS = range(3, 8)
 MOST_BYTES = 1 << 20
 PERSONS, CAMERAS, VIEWPOINTS, KEYPOINTS, JOINTS = 256, 64, 256, 64, 64  # At most.
 NAME, SHORT, REASON_TEXT, LONG = (Bytes("text", most) for most in (64, 256, 512, 8192))
@@ -52,7 +52,11 @@ BOX_SET_3 = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_REST)
 # Sightings, from edge to fusion; poses, events, decisions, from fusion to all.
 PEAK = Struct("KeypointPeak", position_px=PAIR, score=F32)
 SIGHTING = Struct("Sighting", camera=U16, score=F32, keypoints=List(Option(PEAK), KEYPOINTS))
-SIGHTING_SET = Struct("SightingSet", session=U64, tick=I64, viewpoint=U16, part=U16, parts=U16, sightings=List(SIGHTING, 256))
+WHOLE_PEAK = Struct("peak", position_16ths=I32_PAIR, score_255ths=U8)
+WHOLE_SIGHTING = Struct("whole", camera=U16, score_255ths=U8, count=U8, seen=U64, peaks=List(WHOLE_PEAK, KEYPOINTS))
+SIGHTING_SET_HEAD = {"session": U64, "tick": I64, "viewpoint": U16, "part": U16, "parts": U16}
+SIGHTING_SET = Struct("SightingSet", **SIGHTING_SET_HEAD, sightings=List(Enum("sighting", whole=WHOLE_SIGHTING, other=SIGHTING), 256))
+SIGHTING_SET_6 = Struct("SightingSet", **SIGHTING_SET_HEAD, sightings=List(SIGHTING, 256))
 POSE = Struct(
     "PersonPose", person=U32, state=Enum("state", "tentative", "tracked", "coasting"), joints_m=List(POINT, JOINTS),
     keypoints_m=List(POINT, KEYPOINTS), sigma_m=List(F32, JOINTS), angles=List(F32, JOINTS), unobserved=U64, views=U16,
@@ -157,14 +161,17 @@ CHUNK = Struct("Chunk", bytes=PIECE)
 
 # By the names of the files in proto/golden; where a version wrote otherwise, which.
 MESSAGES = {
-    "patch_set": PATCH_SET, "box_set": BOX_SET, "sighting_set": SIGHTING_SET, "pose_set": POSE_SET, "identity_events": EVENT_SET,
+    "patch_set": PATCH_SET, "box_set": BOX_SET, "sighting_set": SIGHTING_SET, "sighting_set_whole": SIGHTING_SET, "pose_set": POSE_SET, "identity_events": EVENT_SET,
     "decision": DECISION, "status": STATUS_6, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,
     "handout_request_list": REQUEST, "file_list": FILE_LIST, "signed_list": SIGNED_LIST, "chunk": CHUNK, "thumbnail": THUMBNAIL,
     "namings": NAMING_SET,
 }
 # Messages that older versions had not.
-SINCE = {"thumbnail": 6, "namings": 6}
-OLDER = {("box_set", 3): BOX_SET_3, ("status", 3): STATUS_3, ("status", 4): STATUS_4, ("status", 5): STATUS_5}
+SINCE = {"thumbnail": 6, "namings": 6, "sighting_set_whole": 7}
+OLDER = {
+    **{("sighting_set", version): SIGHTING_SET_6 for version in range(3, 7)},
+    ("box_set", 3): BOX_SET_3, ("status", 3): STATUS_3, ("status", 4): STATUS_4, ("status", 5): STATUS_5,
+}
 # By the second part of a key, under the venue's name.
 BY_KEY = {
     "patch": "patch_set", "sighting": "sighting_set", "box": "box_set", "pose": "pose_set", "smooth": "pose_set", "decision": "decision",

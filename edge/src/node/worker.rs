@@ -75,6 +75,7 @@ impl EdgeWork {
         let mut lap = clock::now();
         let mut laps = Vec::with_capacity(4);
         let pipeline = &mut self.parts.pipeline;
+        pipeline.set_message_version(version);
         let output = pipeline
             .step(&frames, &StepRequest::of(boxes), &mut |stage| {
                 laps.push((stage, clock::micros_since(lap)));

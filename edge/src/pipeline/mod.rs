@@ -29,6 +29,7 @@ use farfield_proto::patch::{CompressionLevel, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_proto::venue::parameters::CameraChoice;
+use farfield_proto::wire;
 
 use self::batch::Batch;
 use self::camera::{EdgeCamera, cameras_of, check_shapes};
@@ -82,6 +83,7 @@ pub struct EdgePipeline {
     session: SessionId,
     last_camera: BTreeMap<PersonId, CameraIndex>,
     detection_share: f64,
+    message_version: u8,
 }
 
 impl EdgePipeline {
@@ -117,6 +119,7 @@ impl EdgePipeline {
             session: SessionId::default(),
             last_camera: BTreeMap::new(),
             detection_share: 0.0,
+            message_version: wire::VERSION,
         })
     }
 
@@ -182,7 +185,7 @@ impl EdgePipeline {
                 sightings: Vec::new(),
             };
             let sightings = self.sightings(&pending, frames, detection_cameras);
-            sighting_sets = parts::sighting_sets(&head, sightings);
+            sighting_sets = parts::sighting_sets(&head, sightings, self.message_version);
         }
         let persons = tracked
             .into_iter()
@@ -209,6 +212,12 @@ impl EdgePipeline {
     /// [`CompressionLevel::LOSSLESS`].
     pub fn set_compression_level(&mut self, level: CompressionLevel) {
         self.encoder.set_level(level);
+    }
+
+    /// Sets in which version of the messages what the next steps make will be written, and so what fits one; at first
+    /// [`wire::VERSION`].
+    pub fn set_message_version(&mut self, version: u8) {
+        self.message_version = version;
     }
 
     /// Lets `stand_in` do the codec's work from now on, whatever the compression level.

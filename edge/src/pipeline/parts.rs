@@ -28,16 +28,21 @@ pub(super) fn patch_sets(head: &PatchSet, persons: Vec<PersonPatch>) -> Vec<Patc
         .collect()
 }
 
-/// The sighting sets of a tick: the sightings split over copies of `head`, numbered; at least one.
-pub(super) fn sighting_sets(head: &SightingSet, sightings: Vec<Sighting>) -> Vec<SightingSet> {
+/// The sighting sets of a tick: the sightings split over copies of `head`, numbered, so that each fits a message as
+/// `version` writes it; at least one.
+pub(super) fn sighting_sets(
+    head: &SightingSet,
+    sightings: Vec<Sighting>,
+    version: u8,
+) -> Vec<SightingSet> {
     let mut probe = SightingSet {
         sightings: Vec::new(),
         ..head.clone()
     };
-    let empty = wire::encode(&probe).len();
+    let empty = wire::encode_as(&probe, version).len();
     let groups = split(sightings, empty, |sighting| {
         probe.sightings.push(sighting);
-        let bytes = wire::encode(&probe).len() - empty;
+        let bytes = wire::encode_as(&probe, version).len() - empty;
         (probe.sightings.pop(), bytes)
     });
     let parts = groups.len() as u16;
@@ -55,6 +60,7 @@ pub(super) fn sighting_sets(head: &SightingSet, sightings: Vec<Sighting>) -> Vec
 #[cfg(test)]
 mod tests {
     use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
+    use farfield_proto::message::KeypointPeak;
     use farfield_proto::message::parts::MESSAGE_BYTES;
     use farfield_proto::patch::EncodedMaps;
     use farfield_proto::tick::Tick;
@@ -121,6 +127,43 @@ mod tests {
                 (i, sets.len())
             );
         }
+    }
+
+    #[test]
+    fn sightings_of_a_crowd_fit_their_messages_in_every_version_that_is_written() {
+        let person = |i: u16| {
+            let peak = |k: u16| KeypointPeak {
+                position_px: [90.3 * f32::from(i), 500.7 + 11.3 * f32::from(k)],
+                score: 0.8,
+            };
+            let sighting = Sighting {
+                camera: CameraIndex(i % 3),
+                score: 0.9,
+                keypoints: (0..17).map(|k| Some(peak(k))).collect(),
+            };
+            sighting.snapped()
+        };
+        let everybody: Vec<Sighting> = (0..40).map(person).collect();
+        let head = SightingSet {
+            session: SessionId(u64::MAX),
+            tick: Tick(1_000_000),
+            viewpoint: ViewpointIndex(3),
+            part: 0,
+            parts: 1,
+            sightings: Vec::new(),
+        };
+        let messages = [wire::OLDEST_WRITTEN, wire::VERSION].map(|version| {
+            let sets = sighting_sets(&head, everybody.clone(), version);
+            for set in &sets {
+                let bytes = wire::encode_as(set, version).len();
+                assert!(bytes <= MESSAGE_BYTES, "version {version}: {bytes} bytes");
+                assert_eq!(usize::from(set.parts), sets.len());
+            }
+            let all: Vec<Sighting> = sets.iter().flat_map(|set| set.sightings.clone()).collect();
+            assert_eq!(all, everybody);
+            sets.len()
+        });
+        assert!(messages[1] < messages[0], "{messages:?}");
     }
 
     #[test]

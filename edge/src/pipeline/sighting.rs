@@ -88,6 +88,7 @@ pub(super) fn read(
         score: pending.score,
         keypoints: (0..n_keypoints).map(peak).collect(),
     }
+    .snapped()
 }
 
 /// Persons whose keypoints are grouped already; their score is the mean of their keypoints' scores. Keypoints that the
@@ -116,11 +117,12 @@ pub(super) fn from_persons(
         let seen = keypoints.iter().flatten().count();
         if seen > 0 {
             let score = keypoints.iter().flatten().map(|k| k.score).sum::<f32>() / seen as f32;
-            sightings.push(Sighting {
+            let sighting = Sighting {
                 camera,
                 score,
                 keypoints,
-            });
+            };
+            sightings.push(sighting.snapped());
         }
     }
     sightings
@@ -214,7 +216,7 @@ mod tests {
         };
         let persons = [
             vec![None, None, None],
-            vec![seen(5.0, 0.4), None, seen(7.0, 0.8)],
+            vec![seen(5.03, 0.4), None, seen(7.0, 0.8)],
         ];
         let mut beyond = BeyondView::default();
         let camera = pinhole("a", [640, 480]);
@@ -223,6 +225,7 @@ mod tests {
         assert_eq!(sightings.len(), 1);
         assert!((sightings[0].score - 0.6).abs() < 1e-6);
         assert_eq!(sightings[0].keypoints[1], None);
+        assert_eq!(sightings[0].clone().snapped(), sightings[0]);
         assert_near(sightings[0].keypoints[2].unwrap().position_px, [7.0, 10.0]);
     }
 

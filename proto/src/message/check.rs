@@ -6,6 +6,7 @@
 use super::agreement;
 use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
 use super::older::{BoxSet3, Status3};
+use super::sighting_form;
 use super::{
     BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_CROPS, MAX_PERSONS, MAX_SIGHTINGS, MAX_STAGES,
     PatchSet, PersonPatch, PersonPose, PoseSet, Sighting, SightingSet, Status,
@@ -119,6 +120,20 @@ fn check_box(camera: &CameraBox) -> Result<(), &'static str> {
 }
 
 impl Message for SightingSet {
+    fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
+        match version {
+            ..=6 => postcard::to_extend(self, bytes),
+            7.. => sighting_form::write(self, bytes),
+        }
+    }
+
+    fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
+        match version {
+            ..=6 => postcard::take_from_bytes(bytes),
+            7.. => sighting_form::read(bytes),
+        }
+    }
+
     fn check(&self) -> Result<(), &'static str> {
         check_parts(self.part, self.parts)?;
         ensure(
@@ -186,12 +201,9 @@ fn check_pose(pose: &PersonPose) -> Result<(), &'static str> {
 }
 
 impl Message for Status {
-    fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
+    fn write(&self, _version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
         let bytes = postcard::to_extend(self, bytes)?;
-        match version {
-            ..=5 => postcard::to_extend(&self.health, bytes),
-            _ => postcard::to_extend(&self.agreement, postcard::to_extend(&self.health, bytes)?),
-        }
+        postcard::to_extend(&self.agreement, postcard::to_extend(&self.health, bytes)?)
     }
 
     fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {

@@ -17,6 +17,7 @@ pub mod naming;
 mod older;
 pub mod parts;
 mod patch_form;
+mod sighting_form;
 pub mod thumbnail;
 
 use serde::{Deserialize, Serialize};

@@ -118,6 +118,24 @@ pub(super) fn sighting_set() -> SightingSet {
     }
 }
 
+/// The same people in whole numbers, as edges send them.
+pub(super) fn sighting_set_whole() -> SightingSet {
+    let peak = |position_px, score| Some(KeypointPeak { position_px, score });
+    let sighting = Sighting {
+        camera: CameraIndex(3),
+        score: 0.8,
+        keypoints: vec![
+            peak([1203.25, 499.0625], 0.6),
+            None,
+            peak([1201.0, 511.5], 1.0),
+        ],
+    };
+    SightingSet {
+        sightings: vec![sighting.snapped()],
+        ..sighting_set()
+    }
+}
+
 pub(super) fn pose_set() -> PoseSet {
     let pose = PersonPose {
         person: PersonId(2),

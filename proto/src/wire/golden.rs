@@ -8,7 +8,9 @@ use std::fmt::Debug;
 use std::fs;
 use std::path::PathBuf;
 
-use super::fixture::{box_set, patch_set, pose_set, sighting_set, status, thumbnail};
+use super::fixture::{
+    box_set, patch_set, pose_set, sighting_set, sighting_set_whole, status, thumbnail,
+};
 use super::*;
 use crate::id::{SessionId, ViewpointIndex};
 use crate::message::Status;
@@ -93,6 +95,8 @@ fn the_bytes_of_every_message_stay_as_they_are_in_every_version() {
     check("patch_set", &patch_set());
     check("box_set", &box_set());
     check("sighting_set", &sighting_set());
+    let whole = sighting_set_whole();
+    check_by_version("sighting_set_whole", 7, &whole, |_| &whole);
     check("pose_set", &pose_set());
     let status = status();
     let mut without_reasons = status.clone();

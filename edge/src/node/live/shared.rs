@@ -84,6 +84,11 @@ impl Shared {
         self.ledger().boxes.session()
     }
 
+    /// The version of messages in which fusion is spoken to.
+    pub(super) fn message_version(&self) -> u8 {
+        self.spoken.get()
+    }
+
     /// The bytes of a message for fusion.
     pub(super) fn encode<M: Message>(&self, message: &M) -> Vec<u8> {
         wire::encode_as(message, self.spoken.get())

@@ -226,6 +226,8 @@ impl Ticker {
             timing: Some(LARGEST_TIMING),
         };
         self.pipeline.set_compression_level(start.plan.level);
+        self.pipeline
+            .set_message_version(self.shared.message_version());
         self.laps.clear();
         let (laps, mut lap) = (&mut self.laps, clock::now());
         let output = self

@@ -335,17 +335,18 @@ fn sighting_set() -> SightingSet {
         position_px: [1.5, -2.0],
         score: 0.75,
     };
+    let in_full = Sighting {
+        camera: CameraIndex(0),
+        score: 1.0,
+        keypoints: vec![Some(peak), None],
+    };
     SightingSet {
         session: SESSION,
         tick: TICK,
         viewpoint: VIEWPOINT,
         part: 0,
         parts: 1,
-        sightings: vec![Sighting {
-            camera: CameraIndex(0),
-            score: 1.0,
-            keypoints: vec![Some(peak), None],
-        }],
+        sightings: vec![in_full.clone().snapped(), in_full],
     }
 }
 
