@@ -4,9 +4,9 @@
 //! for the node to decide.
 
 use super::agreement;
+use super::form::older::{BoxSet3, Status3};
+use super::form::sightings;
 use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
-use super::older::{BoxSet3, Status3};
-use super::sighting_form;
 use super::{
     BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_CROPS, MAX_PERSONS, MAX_SIGHTINGS, MAX_STAGES,
     PatchSet, PersonPatch, PersonPose, PoseSet, Sighting, SightingSet, Status,
@@ -123,14 +123,14 @@ impl Message for SightingSet {
     fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
         match version {
             ..=6 => postcard::to_extend(self, bytes),
-            7.. => sighting_form::write(self, bytes),
+            7.. => sightings::write(self, bytes),
         }
     }
 
     fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
         match version {
             ..=6 => postcard::take_from_bytes(bytes),
-            7.. => sighting_form::read(bytes),
+            7.. => sightings::read(bytes),
         }
     }
 

@@ -5,19 +5,16 @@
 //! the venue's files ([`handout`]) and stored sets ([`fill`]).
 
 pub mod agreement;
-mod box_form;
 mod check;
 pub mod decision;
 pub mod fill;
+mod form;
 pub mod handout;
 pub mod health;
 pub mod identity_event;
 pub mod live;
 pub mod naming;
-mod older;
 pub mod parts;
-mod patch_form;
-mod sighting_form;
 pub mod thumbnail;
 
 use serde::{Deserialize, Serialize};

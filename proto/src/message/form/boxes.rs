@@ -5,9 +5,9 @@
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::CameraBox;
 use crate::bounding_box::{BoundingBox, BoxRate};
 use crate::id::CameraIndex;
+use crate::message::CameraBox;
 
 /// Positions and sizes are multiples of 1/4 pixel.
 const PER_PX: f32 = 4.0;

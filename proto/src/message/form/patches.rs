@@ -6,10 +6,10 @@
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::{PatchSet, PersonPatch};
 use crate::grid::CellGrid;
 use crate::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use crate::message::live::PatchTiming;
+use crate::message::{PatchSet, PersonPatch};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 

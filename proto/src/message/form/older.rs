@@ -2,15 +2,15 @@
 
 use serde::Deserialize;
 
-use super::health::NodeHealth;
-use super::live::{CameraHealth, CameraStatus, EdgeLink, LiveBoxes, LiveStatus};
-use super::{BoxSet, Order, PersonBoxes, StageTime, Status};
 use crate::id::{CameraIndex, SessionId, ViewpointIndex};
+use crate::message::health::NodeHealth;
+use crate::message::live::{CameraHealth, CameraStatus, EdgeLink, LiveBoxes, LiveStatus};
+use crate::message::{BoxSet, Order, PersonBoxes, StageTime, Status};
 use crate::tick::Tick;
 
 /// A [`BoxSet`] of version 3: all persons in one message, however many.
 #[derive(Deserialize)]
-pub(super) struct BoxSet3 {
+pub(in crate::message) struct BoxSet3 {
     session: SessionId,
     tick: Tick,
     viewpoint: ViewpointIndex,
@@ -22,7 +22,7 @@ pub(super) struct BoxSet3 {
 
 impl BoxSet3 {
     /// What it is today.
-    pub(super) fn read(self) -> BoxSet {
+    pub(in crate::message) fn read(self) -> BoxSet {
         BoxSet {
             session: self.session,
             tick: self.tick,
@@ -39,7 +39,7 @@ impl BoxSet3 {
 
 /// A [`Status`] of version 3: without its release, and without reasons of its cameras.
 #[derive(Deserialize)]
-pub(super) struct Status3 {
+pub(in crate::message) struct Status3 {
     node: String,
     process: u64,
     viewpoint: Option<ViewpointIndex>,
@@ -83,7 +83,7 @@ struct CameraStatus3 {
 
 impl Status3 {
     /// What it is today.
-    pub(super) fn read(self) -> Status {
+    pub(in crate::message) fn read(self) -> Status {
         Status {
             node: self.node,
             process: self.process,

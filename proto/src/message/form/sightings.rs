@@ -9,8 +9,8 @@ use std::fmt;
 use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::{KeypointPeak, MAX_SIGHTINGS, Sighting, SightingSet};
 use crate::id::{CameraIndex, SessionId, ViewpointIndex};
+use crate::message::{KeypointPeak, MAX_SIGHTINGS, Sighting, SightingSet};
 use crate::tick::Tick;
 
 /// Positions are multiples of 1/16 pixel: half of one is far below what a detector's peak is good for.
@@ -223,7 +223,7 @@ impl<'de> Visitor<'de> for SightingsVisitor {
 }
 
 /// Appends the set, its sightings in their short form.
-pub(super) fn write(set: &SightingSet, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
+pub(in crate::message) fn write(set: &SightingSet, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
     let sightings: Vec<Shortest<'_>> = set.sightings.iter().map(Shortest).collect();
     let set = Set {
         session: set.session,
@@ -237,7 +237,7 @@ pub(super) fn write(set: &SightingSet, bytes: Vec<u8>) -> postcard::Result<Vec<u
 }
 
 /// The set that [`write`] wrote, and what follows.
-pub(super) fn read(bytes: &[u8]) -> postcard::Result<(SightingSet, &[u8])> {
+pub(in crate::message) fn read(bytes: &[u8]) -> postcard::Result<(SightingSet, &[u8])> {
     let (set, rest) = postcard::take_from_bytes::<Set<Sightings>>(bytes)?;
     let set = SightingSet {
         session: set.session,
