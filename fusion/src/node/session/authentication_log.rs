@@ -102,20 +102,22 @@ impl<S: Subscriber> Layer<S> for AuthenticationLog {
             denied(&text, NEWEST.get())
         } else if is_of_peer(&text) {
             // Nobody was turned away, but whoever it was stayed away.
-            not_taken(&text).into_iter().for_each(tell_once);
+            if let Some(words) = not_taken(&text) {
+                tell_once(&words);
+            }
             return;
         } else {
             not_let_in(&text)
         };
         let Some(refusal) = refusal else { return };
         TURNED_AWAY.fetch_add(1, Ordering::Relaxed);
-        tell_once(refusal);
+        tell_once(&refusal);
     }
 }
 
-fn tell_once(words: String) {
+fn tell_once(words: &str) {
     let mut told = lock(&TOLD);
-    if told.len() < MAX_TOLD && told.insert(words.clone()) {
+    if told.len() < MAX_TOLD && told.insert(words.to_owned()) {
         say(format_args!("fusion: {words}"));
     }
 }
