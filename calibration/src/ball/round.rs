@@ -274,6 +274,8 @@ fn algebraic(points: &[Vector2<f64>]) -> Option<Ellipse> {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     use super::*;
 
@@ -327,14 +329,9 @@ mod tests {
     /// Symptom to prevent: a circle has those of noisy points that happen to lie near it, and so little noise.
     #[test]
     fn a_noisy_smeared_outline_is_mostly_known_as_one() {
-        let mut state = 1_u64;
-        // Evenly up to half a pixel: 0.29 px at one standard deviation.
-        let mut noise_px = || {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        };
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        // 0.29 px at one standard deviation.
+        let mut noise_px = || rng.random_range(-0.5..0.5);
         for r in [6.0, 10.0, 20.0] {
             let is_found = |turn: u32| {
                 let noise: Vec<f64> = (0..50).map(|_| noise_px()).collect();

@@ -91,7 +91,7 @@ impl Shared {
 
     /// The bytes of a message for fusion.
     pub(super) fn encode<M: Message>(&self, message: &M) -> Vec<u8> {
-        wire::encode_as(message, self.spoken.get())
+        wire::encode_as(message, self.message_version())
     }
 
     /// Sends a message if the budget allows it; whether it does.
