@@ -269,23 +269,40 @@ impl Claims {
         peaks.iter().find(|peak| peak.place == place)
     }
 
-    /// The negative log likelihood that `place` is the keypoint of `claim`.
-    pub(super) fn cost(&self, claim: usize, place: usize, tracks: &[impl AsRef<Estimator>]) -> f64 {
+    /// The negative log likelihood that `place` is the keypoint of `claim`. Where the claim shows no peak, and the place is
+    /// so far that it costs more than `most` whatever the map shows there, the map is not asked: then it is only known
+    /// that it costs more.
+    pub(super) fn cost(
+        &self,
+        claim: usize,
+        place: usize,
+        tracks: &[impl AsRef<Estimator>],
+        most: f64,
+    ) -> f64 {
         let (me, it) = (&self.all[claim], &self.places[place]);
-        let (off_m, height) = self.peak_of(claim, place).map_or_else(
-            || {
-                let view = &tracks[me.track].as_ref().views()[me.view];
-                let nearest_m = it.nearest_to(me.expected.position_m);
-                let height = me.cell_of(nearest_m).map_or(0.0, |cell| {
-                    bilinear(view.cells(me.keypoint), view.map_size(), cell)
-                });
-                ((nearest_m - me.expected.position_m).norm(), height)
-            },
-            |peak| (peak.off_m, peak.height),
-        );
-        let apart = off_m / me.sigma_m;
-        0.5 * apart * apart - libm::log(height.max(LEAST_HEIGHT))
+        let far = |off_m: f64| {
+            let apart = off_m / me.sigma_m;
+            0.5 * apart * apart
+        };
+        if let Some(peak) = self.peak_of(claim, place) {
+            return far(peak.off_m) + unlikely(peak.height);
+        }
+        let nearest_m = it.nearest_to(me.expected.position_m);
+        let far = far((nearest_m - me.expected.position_m).norm());
+        if far > most {
+            return far;
+        }
+        let view = &tracks[me.track].as_ref().views()[me.view];
+        let height = me.cell_of(nearest_m).map_or(0.0, |cell| {
+            bilinear(view.cells(me.keypoint), view.map_size(), cell)
+        });
+        far + unlikely(height)
     }
+}
+
+/// The negative log of a height: never below zero.
+fn unlikely(height: f64) -> f64 {
+    -libm::log(height.clamp(LEAST_HEIGHT, 1.0))
 }
 
 impl Claim {

@@ -164,7 +164,7 @@ impl ViewpointAssignment {
         let (n_claims, n_places) = (claims.n_claims(), claims.n_places());
         self.costs.clear();
         for claim in 0..n_claims {
-            let costs = (0..n_places).map(|place| claims.cost(claim, place, tracks));
+            let costs = (0..n_places).map(|place| claims.cost(claim, place, tracks, WITHOUT));
             self.costs.extend(costs);
         }
         let costs = &self.costs;
