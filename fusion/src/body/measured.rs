@@ -54,19 +54,15 @@ impl MeasuredBody {
         self.site_fit.learn(&mut self.sites, &tick);
     }
 
-    /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it. Whether it was time.
-    pub(crate) fn remeasure(
+    /// Keeps what a tick says of the link lengths; whether it is time to measure them anew.
+    pub(crate) fn note_lengths(
         &mut self,
         estimates: &[KeypointEstimate],
         kinematics: &Kinematics,
         schedule: &RemeasureSchedule<'_>,
     ) -> bool {
         let joints = || without_offsets(estimates, &self.sites, kinematics);
-        let is_time = self.remeasure.tick(joints, schedule);
-        if is_time {
-            self.measure(schedule);
-        }
-        is_time
+        self.remeasure.tick(joints, schedule)
     }
 
     /// It is the body `known`: what was seen of it so far is measured with that.
@@ -75,7 +71,8 @@ impl MeasuredBody {
         self.measure(schedule);
     }
 
-    fn measure(&mut self, schedule: &RemeasureSchedule<'_>) {
+    /// Measures the link lengths anew, with what was kept; they stay where that does not show any.
+    pub(crate) fn measure(&mut self, schedule: &RemeasureSchedule<'_>) {
         let measured = self.remeasure.measure(self.known.as_deref(), schedule);
         if let Some(skeleton) = measured {
             self.skeleton = skeleton;

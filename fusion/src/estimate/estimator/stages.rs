@@ -226,13 +226,18 @@ impl Estimator {
         (estimate.targets.iter().map(apart).sum::<f64>() / estimate.targets.len() as f64).sqrt()
     }
 
-    /// Measures the link lengths anew when it is time to; the pose stays, and the next tick fits it. Whether it was time.
-    pub fn remeasure(&mut self, method: &Method) -> bool {
-        self.body.remeasure(
+    /// Keeps what this tick says of the link lengths; whether it is time to measure them anew.
+    pub fn note_lengths(&mut self, method: &Method) -> bool {
+        self.body.note_lengths(
             &self.evidence.estimates,
             &self.estimate.kinematics,
             &schedule(method),
         )
+    }
+
+    /// Measures the link lengths anew; the pose stays, and the next tick fits it.
+    pub fn remeasure(&mut self, method: &Method) {
+        self.body.measure(&schedule(method));
     }
 
     /// The body is one that is known beside what was seen of it: it is measured with that, now and from now on.

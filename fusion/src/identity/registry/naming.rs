@@ -1,6 +1,7 @@
 //! Bodies are measured anew, and held against the venue's subjects then: at no other tick do lengths, or names, change.
 
 use farfield_proto::id::PersonId;
+use rayon::prelude::*;
 
 use super::Registry;
 use crate::identity::recognise::Lengths;
@@ -16,17 +17,24 @@ impl Registry {
     /// Measures the bodies of those anew who are confirmed, when it is time to; who of them is a subject has the name, and the
     /// body is measured with what is known of it.
     pub(super) fn remeasure(&mut self, method: &Method) {
-        let mut measured = Vec::new();
+        let mut due = Vec::new();
         for track in self.tracks.iter_mut().filter(|track| !track.is_tentative()) {
-            if track.estimator.remeasure(method) && !self.subjects.is_empty() {
-                measured.push(track.id());
+            if track.estimator.note_lengths(method) {
+                due.push(track.id());
             }
         }
-        if measured.is_empty() {
+        if due.is_empty() {
+            return;
+        }
+        // Who came together is due together, be it a whole team.
+        let tracks = self.tracks.par_iter_mut();
+        let own = tracks.filter(|track| due.contains(&track.id()));
+        own.for_each(|track| track.estimator.remeasure(method));
+        if self.subjects.is_empty() {
             return;
         }
         self.forget_names();
-        let nameless = self.nameless(&measured, method);
+        let nameless = self.nameless(&due, method);
         let namings = self.subjects.decide(&nameless);
         for person in namings.iter().filter(|it| it.name().is_some()) {
             let mut tracks = self.tracks.iter_mut();
