@@ -3,17 +3,22 @@
 //! Fusion reports the one-way delay of the newest patches that arrived. The least of the last seconds is the base delay;
 //! what exceeds it is a queue that the edge itself has filled (LEDBAT, RFC 6817, section 2.4.2). A standing queue, or a
 //! loss above that of radio links, lowers the rate to a little less than what arrives, so that the queue empties.
-//! Without either, the rate grows, slowly first, then faster, and for every edge by as much. Less by a share and more by an
-//! amount brings edges that share a bottleneck to the same rate, whoever came first (Chiu 1989); with growth by
-//! a share they keep what they once had. Loss that stays however little is sent is the link's own, and no reason to send
-//! still less.
+//! Without either, the rate grows, slowly first, then faster, and by the more the less it is. Less by a share and more by no
+//! larger an amount brings edges that share a bottleneck to the same rate, whoever came first (Chiu 1989); with growth by
+//! a share they keep what they once had. And whoever has more bears less of a queue: all see the same one, and what each
+//! has in it is its rate times its delay (as in TCP Vegas, Brakmo 1994). Loss that stays however little is sent is the
+//! link's own, and no reason to send still less.
 
 use farfield_proto::message::live::HeardPatches;
 use farfield_proto::tick::Tick;
 
 use crate::live::{Micros, SECOND_US};
 
-/// A standing queue that is longer lowers the rate, microseconds: more than a tick at 60 Hz.
+/// What each of four edges has of 1 Mbit/s, bytes per second.
+const USUAL_RATE: f64 = 31_000.0;
+/// Bounds of what other rates change of the numbers below.
+const LEAN: [f64; 2] = [0.5, 3.0];
+/// At that rate: a standing queue that is longer lowers the rate, microseconds: more than a tick at 60 Hz.
 const QUEUE_US: Micros = 20_000;
 /// Below, the link has room, microseconds.
 const EMPTY_US: Micros = 8_000;
@@ -41,7 +46,7 @@ const WHOLE_US: Micros = 3 * SECOND_US / 2;
 /// The rate never falls below, bytes per second: one person every few ticks.
 const LEAST_RATE: f64 = 1_000.0;
 /// Growth after a step down, bytes per second in each second: four edges on a link of 1 Mbit/s take two seconds for what
-/// a step leaves free. The same for every edge, whatever its rate is.
+/// a step leaves free. At [`USUAL_RATE`].
 const GROWTH_PER_S: f64 = 1_500.0;
 /// Growth doubles in so long without a queue, microseconds.
 const BOLDER_US: Micros = 6 * SECOND_US;
@@ -212,7 +217,9 @@ impl LinkLoad {
         } else {
             0.8 * total as f64
         };
-        let has_queue = queue_us.is_some_and(|us| us > QUEUE_US);
+        let lean = lean(self.rate.min(total as f64));
+        let [most_us, room_us] = [QUEUE_US, EMPTY_US].map(|us| (lean * us as f64) as Micros);
+        let has_queue = queue_us.is_some_and(|us| us > most_us);
         let is_lossy = self.loss > self.own_loss + LOSS;
         if has_queue || is_lossy {
             let rate = self.rate;
@@ -223,7 +230,7 @@ impl LinkLoad {
             if !has_queue {
                 self.lossy_since.get_or_insert((now_us, rate));
             }
-        } else if queue_us.is_none_or(|us| us < EMPTY_US) {
+        } else if queue_us.is_none_or(|us| us < room_us) {
             self.steps = 0;
             if limited {
                 self.speed_up(now_us);
@@ -318,8 +325,14 @@ impl LinkLoad {
         }
         let calm = (now_us - self.next_step_at_us) as f64 / BOLDER_US as f64;
         let most = self.rate * MOST_GROWTH_SHARE_PER_S;
-        self.rate += (GROWTH_PER_S * calm.exp2()).min(most) * dt_s;
+        self.rate += (GROWTH_PER_S * lean(self.rate) * calm.exp2()).min(most) * dt_s;
     }
+}
+
+/// How much more queue an edge bears, and how much faster it grows, than one of [`USUAL_RATE`]: the less it has, the more. So
+/// of edges that see the same queue who has most goes first, and who has least comes back first.
+fn lean(rate: f64) -> f64 {
+    (USUAL_RATE / rate.max(1.0)).clamp(LEAN[0], LEAN[1])
 }
 
 /// The least of the last [`BASE_DELAY_WINDOW_US`], to half of that: two halves that take turns.

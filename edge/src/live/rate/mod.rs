@@ -84,6 +84,10 @@ pub struct RateController {
     /// What persons cost against the usual.
     scale: f64,
     plan: SendPlan,
+    /// The level of most ticks: some of those at which all persons are sent go a level finer.
+    level: CompressionLevel,
+    /// What is left for a tick at a finer level, as a share of what that costs more.
+    left: f64,
     limited: bool,
     room_since_us: Option<Micros>,
 }
@@ -111,6 +115,8 @@ impl RateController {
                 persons: None,
                 every_nth: 1,
             },
+            level: best,
+            left: 0.0,
             limited: false,
             room_since_us: None,
         }
@@ -206,7 +212,7 @@ impl RateController {
     pub fn plan(&mut self, persons: usize, now_us: Micros) -> SendPlan {
         let left = self.sightings.left_for_patches(self.whole_rate(), now_us);
         let per_tick = left.min(self.rate()) / self.rate_hz;
-        let mut level = self.plan.level.max(self.best);
+        let mut level = self.level.max(self.best);
         while self.cost(level, persons) > per_tick
             && let Some(coarser) = level.coarser()
         {
@@ -214,7 +220,7 @@ impl RateController {
         }
         let finer = level.finer().filter(|finer| *finer >= self.best);
         let has_room = finer.is_some_and(|finer| self.cost(finer, persons) <= ROOM * per_tick);
-        if level != self.plan.level || !has_room {
+        if level != self.level || !has_room {
             self.room_since_us = None;
         } else if now_us - *self.room_since_us.get_or_insert(now_us) >= PATIENCE_US {
             level = finer.unwrap_or(level);
@@ -233,12 +239,37 @@ impl RateController {
             (Some(most), nth)
         };
         self.limited = level > self.best || most.is_some();
+        self.level = level;
         self.plan = SendPlan {
-            level,
+            level: match most {
+                None => self.filled(level, persons, per_tick),
+                Some(_) => level,
+            },
             persons: most,
             every_nth,
         };
         self.plan
+    }
+
+    /// The level of a tick at which all `persons` are sent, most at `level`: as many go a level finer as there are bytes for.
+    /// Levels are a fifth to a half apart, and whoever sends so much less than its part of a shared link leaves that to the
+    /// others.
+    fn filled(
+        &mut self,
+        level: CompressionLevel,
+        persons: usize,
+        per_tick: f64,
+    ) -> CompressionLevel {
+        let Some(finer) = level.finer().filter(|finer| *finer >= self.best) else {
+            return level;
+        };
+        let [less, more] = [level, finer].map(|level| self.cost(level, persons));
+        self.left += ((per_tick - less) / (more - less).max(1.0)).clamp(0.0, 1.0);
+        if self.left < 1.0 {
+            return level;
+        }
+        self.left -= 1.0;
+        finer
     }
 
     /// How many of `persons` at every so manieth tick get most persons through a second, where a tick of all is too much:

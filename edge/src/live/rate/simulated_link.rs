@@ -25,6 +25,8 @@ pub(super) struct SimulatedLink {
     pub(super) then: (i64, i64),
     /// Bytes of a detection pass, for which fusion asks at every tick; 0: never.
     pub(super) pass_bytes: usize,
+    /// How far what a person costs differs from edge to edge, each way, as a share of it: one stands nearer than another.
+    pub(super) sizes_apart: f64,
 }
 
 impl SimulatedLink {
@@ -82,6 +84,8 @@ struct SimulatedEdge {
     chosen: Vec<PersonId>,
     sent_n: f64,
     lost_n: f64,
+    /// What a person costs, of [`TRUE_BYTES`].
+    size: f64,
 }
 
 impl SimulatedEdge {
@@ -158,7 +162,7 @@ impl SimulatedEdge {
         let number = Tick(tick / i64::from(plan.every_nth));
         round_robin::choose(all, most, number, &mut self.chosen);
         let n = self.chosen.len();
-        let wobble = 0.8 + 0.4 * random.next();
+        let wobble = self.size * (0.8 + 0.4 * random.next());
         let bytes =
             (n as f64 * TRUE_BYTES[usize::from(plan.level.number())] as f64 * wobble) as usize;
         let messages = bytes.div_ceil(MESSAGE_BYTES - 40).max(1);
@@ -223,9 +227,13 @@ pub(super) fn run_together(
 ) -> Vec<RunOutcome> {
     let mut random = Random(7);
     let mut free_at = 0i64;
-    let mut edges: Vec<_> = controllers
-        .iter()
-        .map(|_| SimulatedEdge::default())
+    let last = (controllers.len() - 1).max(1) as f64;
+    let size = |edge: usize| 1.0 + line.sizes_apart * (2.0 * edge as f64 / last - 1.0);
+    let mut edges: Vec<_> = (0..controllers.len())
+        .map(|edge| SimulatedEdge {
+            size: size(edge),
+            ..SimulatedEdge::default()
+        })
         .collect();
     let half_s = (seconds.end - seconds.start) as f64 / 2.0;
     let counts_from = seconds.start * 60 + (half_s * RATE_HZ) as i64;

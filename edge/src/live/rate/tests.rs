@@ -20,6 +20,7 @@ fn wide() -> SimulatedLink {
         cut_s: 0..0,
         then: (i64::MAX, 0),
         pass_bytes: 0,
+        sizes_apart: 0.0,
     }
 }
 
@@ -86,6 +87,40 @@ fn edges_before_one_bottleneck_share_it_whoever_came_first() {
             assert!(
                 queue_us < Some(200_000),
                 "{n}, {mbit_s}, {one_way_us}: {got:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn edges_whose_persons_cost_more_or_less_share_a_bottleneck_all_the_same() {
+    for sizes_apart in [0.1, 0.2, 0.3] {
+        for mbit_s in [1.0, 2.0, 3.0, 4.0, 5.0, 6.0] {
+            let line = SimulatedLink {
+                bytes_per_s: 125_000.0 * mbit_s,
+                one_way_us: 10_000,
+                jitter_us: 500,
+                sizes_apart,
+                ..wide()
+            };
+            let mut edges: Vec<_> = (0..4).map(|_| controller(0.0)).collect();
+            let mut controllers: Vec<_> = edges.iter_mut().collect();
+            let got = run_together(&mut controllers, &line, 8, 0..60, 0);
+            let mean = got.iter().map(|edge| edge.arrived_bytes_per_s).sum::<f64>() / 4.0;
+            let apart = got
+                .iter()
+                .map(|edge| (edge.arrived_bytes_per_s / mean - 1.0).abs())
+                .fold(0.0, f64::max);
+            let used = 4.0 * mean / line.bytes_per_s;
+            println!(
+                "sizes {sizes_apart} apart, {mbit_s} Mbit/s: {:.0} % from the mean, {:.0} % used",
+                100.0 * apart,
+                100.0 * used
+            );
+            let queue_us = got.iter().map(|edge| edge.worst_queue_us).max();
+            assert!(
+                apart < 0.25 && used > 0.9 && queue_us < Some(100_000),
+                "{sizes_apart}, {mbit_s}: {got:?}"
             );
         }
     }
