@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
-use crate::live_venue::{LiveVenue, NodeProcess, VenueWatch};
+use crate::live_venue::{LiveVenue, NodeProcess, SeenVenue, VenueWatch};
 use crate::namespaces::Namespaces;
 use crate::relay::{Direction, Impairment, UdpRelay};
 use anyhow::{Context as _, bail, ensure};
@@ -23,7 +23,7 @@ use farfield_score::lines::{LinesRole, PoseLines, TruthExtent};
 use farfield_score::points::PointSet;
 use farfield_score::score;
 
-use self::report::{LinkReport, LinkRow};
+use self::report::{EdgeShare, LinkReport, LinkRow};
 use super::made_maps::{self, MadeMaps};
 use farfield::output;
 
@@ -260,8 +260,18 @@ impl<'a> LinkStudy<'a> {
             link.name,
             live.said()
         );
+        self.row(link, &out, &live, &watch.seen())
+    }
+
+    /// What a run over `link` into `out` gave.
+    fn row(
+        &self,
+        link: &LinkKind,
+        out: &Path,
+        live: &LiveVenue,
+        seen: &SeenVenue,
+    ) -> anyhow::Result<LinkRow> {
         let rate_hz = self.rate_hz;
-        let seen = watch.seen();
         let delays_us = seen.delays_us(rate_hz, self.scored.start);
         let quality = |edge: &NodeProcess| {
             let live = seen.live(edge.name())?;
@@ -296,6 +306,7 @@ impl<'a> LinkStudy<'a> {
                 [relay] if self.args.shared => furthest_from_mean(relay),
                 _ => None,
             },
+            edges: shares(live, seen, counted_s),
             mean_bytes_s: up.iter().map(|c| c.offered.bytes).sum::<u64>()
                 / (up.len() as u64 * u64::from(counted_s)).max(1),
             dropped: up.iter().map(|c| c.dropped).sum(),
@@ -327,6 +338,26 @@ fn furthest_from_mean(relay: &UdpRelay) -> Option<f64> {
     let mean = bytes.iter().sum::<u64>() as f64 / bytes.len() as f64;
     let apart = bytes.iter().map(|bytes| (*bytes as f64 / mean - 1.0).abs());
     apart.reduce(f64::max)
+}
+
+/// What each of the edges behind one link had of it over `counted_s` seconds. None where their addresses are not in the order
+/// of the edges: without namespaces they are ports that the machine chose.
+fn shares(live: &LiveVenue, seen: &SeenVenue, counted_s: u32) -> Vec<EdgeShare> {
+    let bytes = match &live.relays[..] {
+        [relay] if live.is_in_namespaces() => relay.up_bytes_by_client(),
+        _ => return Vec::new(),
+    };
+    let share = |(bytes, edge): (u64, &NodeProcess)| {
+        let live = seen.live(edge.name()).cloned().unwrap_or_default();
+        EdgeShare {
+            bytes_s: bytes / u64::from(counted_s).max(1),
+            quality: live.quality,
+            persons_per_tick: live.persons_per_tick,
+            every_nth_tick: live.every_nth_tick,
+        }
+    };
+    let edges = live.edges.iter().flatten();
+    bytes.into_iter().zip(edges).map(share).collect()
 }
 
 fn impair(live: &LiveVenue, link: &LinkKind) {

@@ -113,6 +113,11 @@ impl LiveVenue {
         &self.venue
     }
 
+    /// Whether edges have namespaces of their own.
+    pub fn is_in_namespaces(&self) -> bool {
+        self.namespaces.is_some()
+    }
+
     /// Where others than edges reach fusion.
     pub fn endpoint(&self) -> String {
         format!("tcp/127.0.0.1:{}", self.ports[1])

@@ -36,11 +36,41 @@ pub(in crate::commands) struct LinkRow {
     pub(in crate::commands) mean_bytes_s: u64,
     /// Where edges share one link: how far the rate of any is from the mean of all, as a share of it.
     pub(in crate::commands) rates_apart: Option<f64>,
+    /// Where edges share one link: each of them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(in crate::commands) edges: Vec<EdgeShare>,
     /// Datagrams for which an edge's queue had no room.
     pub(in crate::commands) dropped: u64,
     /// Longest and mean wait in an edge's queue.
     pub(in crate::commands) longest_wait_ms: f64,
     pub(in crate::commands) mean_wait_ms: f64,
+}
+
+/// What one edge had of a shared link, and what it sent at the end.
+#[derive(Debug, Serialize)]
+pub(in crate::commands) struct EdgeShare {
+    /// What arrived of it, with headers.
+    pub(in crate::commands) bytes_s: u64,
+    /// Compression level.
+    pub(in crate::commands) quality: u8,
+    /// Persons at most per tick; `None`: all.
+    pub(in crate::commands) persons_per_tick: Option<u16>,
+    /// Ticks that it works on: every so manieth.
+    pub(in crate::commands) every_nth_tick: u16,
+}
+
+impl fmt::Display for EdgeShare {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (kb_s, quality) = (self.bytes_s as f64 / 1e3, self.quality);
+        write!(f, "{kb_s:.1} kB/s, quality {quality}")?;
+        if let Some(persons) = self.persons_per_tick {
+            write!(f, ", {persons} persons a tick")?;
+        }
+        match self.every_nth_tick {
+            0 | 1 => Ok(()),
+            nth => write!(f, ", every {nth} ticks"),
+        }
+    }
 }
 
 impl LinkReport {
@@ -89,6 +119,8 @@ impl fmt::Display for LinkRow {
             self.longest_wait_ms,
             self.dropped,
             number(self.rates_apart.map(|apart| 100.0 * apart))
-        )
+        )?;
+        let mut edges = self.edges.iter();
+        edges.try_for_each(|edge| write!(f, "\n    an edge: {edge}"))
     }
 }
