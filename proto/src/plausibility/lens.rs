@@ -43,6 +43,10 @@ const USUAL_PULL: f64 = 3.0;
 /// Coefficients beyond these come from fits to too few pictures.
 const USUAL_RADIAL: f64 = 100.0;
 const USUAL_TANGENTIAL: f64 = 0.1;
+/// Lenses stand askew by thousandths: more than this, and this many times what they bend along the radius, are k1 and k2
+/// in the place of p1 and p2.
+const MISPLACED_TANGENTIAL: f64 = 0.02;
+const MISPLACED_TIMES: f64 = 3.0;
 
 pub(super) fn findings(camera: &CameraModel) -> Vec<Finding> {
     let found = [
@@ -195,8 +199,10 @@ fn distortion(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
     let least = pulls.iter().copied().fold(f64::INFINITY, f64::min);
     let most = pulls.iter().copied().fold(0.0, f64::max);
     let radial = [lens.k1, lens.k2, lens.k3, lens.k4, lens.k5, lens.k6];
-    let is_overfit = radial.iter().any(|k| k.abs() > USUAL_RADIAL)
-        || lens.p1.abs().max(lens.p2.abs()) > USUAL_TANGENTIAL;
+    let tangential = lens.p1.abs().max(lens.p2.abs());
+    let is_overfit = radial.iter().any(|k| k.abs() > USUAL_RADIAL) || tangential > USUAL_TANGENTIAL;
+    let is_misplaced = tangential > MISPLACED_TANGENTIAL
+        && tangential > MISPLACED_TIMES * lens.k1.abs().max(lens.k2.abs());
     let (severity, found) = if least < USUAL_STRETCH {
         let severity = if least < POSSIBLE_STRETCH {
             Severity::Wrong
@@ -210,6 +216,12 @@ fn distortion(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
         (severity, found)
     } else if most > USUAL_PULL {
         let found = format!("its distortion shrinks the edge of the picture to a {most:.1}th");
+        (Severity::Doubtful, found)
+    } else if is_misplaced {
+        let found = format!(
+            "its tangential coefficients are {:?}, {:?}, beside radial ones of {:?}, {:?}",
+            lens.p1, lens.p2, lens.k1, lens.k2
+        );
         (Severity::Doubtful, found)
     } else if is_overfit {
         let found = format!(

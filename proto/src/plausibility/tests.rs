@@ -336,6 +336,14 @@ fn a_lens_that_is_none_is_named() {
             bent(0.7),
             (Cause::Distortion, Doubtful, ONE),
         ),
+        (
+            "k1 and k2 in the place of p1 and p2",
+            with(|it| {
+                (it.distortion.k1, it.distortion.k2) = (0.0004, -0.0003);
+                (it.distortion.p1, it.distortion.p2) = (-0.08, 0.02);
+            }),
+            (Cause::Distortion, Doubtful, ONE),
+        ),
     ]);
 }
 
