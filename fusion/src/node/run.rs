@@ -90,7 +90,9 @@ async fn run(
     let claim = claim_folder(config)?;
     let mut reporter = Reporter::new(config.managed, config.detail);
     let senders = Senders::new(&config.venue, clock::VenueClock::start());
-    let mut link = open_link(config, &senders, (&others, place)).await?;
+    let Some(mut link) = listen_alone(config, &senders, (&others, place), &stop).await? else {
+        return Ok(Ending::Interrupted);
+    };
     hand_out(config, &link, &tasks, &leave);
     reporter.listening(link.locators().await);
     let on_demand = on_demand(config, session, (&pipeline, claim.folder()));
@@ -283,6 +285,40 @@ async fn look_for_another(
     match config.managed {
         Managed::Yes => OtherFusionWatch::nowhere(),
         Managed::No => OtherFusionWatch::start(&config.venue, &config.reach, tasks, leave).await,
+    }
+}
+
+/// Listens, and goes on to do so unless another began to at the same moment; then that one is waited for. `None` when told
+/// to `stop` before.
+///
+/// # Errors
+/// As [`open_link`] and [`OtherFusionWatch::be_the_only_one`].
+async fn listen_alone(
+    config: &FusionConfig,
+    senders: &Senders,
+    (others, mut place): (&OtherFusionWatch, Place),
+    stop: &CancellationToken,
+) -> Result<Option<FusionSession>, NodeError> {
+    loop {
+        let link = open_link(config, senders, (others, place)).await?;
+        let steps_back = match config.mode {
+            RunMode::LockStep => false,
+            RunMode::Live => {
+                let looked = others.is_to_step_back(link.zenoh_id());
+                let Some(steps_back) = stop.run_until_cancelled(looked).await else {
+                    return Ok(None);
+                };
+                steps_back
+            }
+        };
+        if !steps_back {
+            return Ok(Some(link));
+        }
+        link.close_unused().await;
+        let Some(free) = others.be_the_only_one(config.mode, stop).await? else {
+            return Ok(None);
+        };
+        place = free;
     }
 }
 

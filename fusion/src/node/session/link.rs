@@ -97,6 +97,11 @@ impl FusionSession {
             .collect()
     }
 
+    /// Listens no more, before anything was said.
+    pub(in crate::node) async fn close_unused(self) {
+        session::close(&self.session).await;
+    }
+
     /// Starts the tasks that carry messages to and from the loop.
     pub(in crate::node) fn spawn(
         self,

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::anyhow;
@@ -53,13 +53,25 @@ pub(in crate::node) struct OtherFusion {
     is_live: bool,
     /// The viewpoints that it hears.
     edges: Vec<String>,
+    /// Its session among all of Zenoh's.
+    id: Option<ZenohId>,
 }
 
 impl OtherFusion {
-    fn of(status: &Status) -> Self {
+    /// One of which nothing is known but that it is there.
+    fn unknown(id: Option<ZenohId>) -> Self {
+        Self {
+            id,
+            ..Self::default()
+        }
+    }
+
+    /// What it says of itself in `status`.
+    fn introduced(&self, status: &Status) -> Self {
         let live = status.live.as_ref();
         let edges = live.into_iter().flat_map(|live| &live.edges);
         Self {
+            id: self.id,
             release: status.release.clone(),
             session: status.health.follows,
             tick: status.tick,
@@ -69,6 +81,16 @@ impl OtherFusion {
                 .map(|edge| edge.viewpoint.clone())
                 .collect(),
         }
+    }
+
+    /// Whether it goes on, and this node, whose session is `own`, leaves the edges to it: it is at work, or of two that
+    /// have just begun to listen the one that both take for the first.
+    fn comes_before(&self, own: ZenohId) -> bool {
+        let is_at_work = self.session.is_some();
+        is_at_work
+            || self
+                .id
+                .is_some_and(|id| id.to_le_bytes() < own.to_le_bytes())
     }
 }
 
@@ -125,7 +147,7 @@ pub(in crate::node) struct OtherFusionWatch {
     endpoints: Vec<String>,
     answering: watch::Receiver<Answering>,
     /// This node's own session, once it is open: it may be what answers.
-    own: Arc<OnceLock<ZenohId>>,
+    own: Arc<watch::Sender<Option<ZenohId>>>,
 }
 
 /// One look at one endpoint.
@@ -134,7 +156,7 @@ struct Look {
     endpoint: String,
     identity: Option<Identity>,
     found: Arc<watch::Sender<Answering>>,
-    own: Arc<OnceLock<ZenohId>>,
+    own: Arc<watch::Sender<Option<ZenohId>>>,
 }
 
 impl OtherFusionWatch {
@@ -171,7 +193,7 @@ impl OtherFusionWatch {
             venue: String::new(),
             endpoints: Vec::new(),
             answering: watch::channel(Answering::new()).1,
-            own: Arc::default(),
+            own: Arc::new(watch::Sender::new(None)),
         }
     }
 
@@ -183,7 +205,7 @@ impl OtherFusionWatch {
         leave: &CancellationToken,
     ) -> Self {
         let (found, answering) = watch::channel(Answering::new());
-        let (found, own) = (Arc::new(found), Arc::<OnceLock<ZenohId>>::default());
+        let (found, own) = (Arc::new(found), Arc::new(watch::Sender::new(None)));
         for endpoint in &endpoints {
             let look = Look {
                 venue: venue.to_owned(),
@@ -204,7 +226,7 @@ impl OtherFusionWatch {
 
     /// This node's own session is open: it is none other.
     pub(in crate::node) fn know_own(&self, own: ZenohId) {
-        self.own.get_or_init(|| own);
+        self.own.send_replace(Some(own));
     }
 
     /// The first that answers within [`LOOK`], with what it says of itself.
@@ -222,11 +244,24 @@ impl OtherFusionWatch {
         self.named()
     }
 
+    /// Whether this node, which has just begun to listen, is to leave the edges to another that did so at the same moment:
+    /// neither could find the other before. Of two, one goes on.
+    pub(in crate::node) async fn is_to_step_back(&self, own: ZenohId) -> bool {
+        if self.endpoints.is_empty() {
+            return false;
+        }
+        let before = |all: &Answering| all.values().any(|other| other.comes_before(own));
+        let mut answering = self.answering.clone();
+        let until = Instant::now() + LOOK;
+        let found = timeout_at(until, answering.wait_for(before)).await;
+        matches!(found, Ok(Ok(_)))
+    }
+
     /// All that answer now, with what they say of themselves; `None` when there is none.
     pub(in crate::node) fn named(&self) -> Option<String> {
         let answering = self.answering.borrow();
         let named = answering.iter().map(|(endpoint, other)| match other {
-            other if *other == OtherFusion::default() => endpoint.clone(),
+            other if other.to_string().is_empty() => endpoint.clone(),
             other => format!("{endpoint} ({other})"),
         });
         let named: Vec<String> = named.collect();
@@ -310,8 +345,13 @@ impl Look {
         loop {
             tokio::select! {
                 token = tokens.recv_async() => match token.map_err(session::zenoh_error)?.kind() {
-                    SampleKind::Put if self.is_own(session).await => {}
-                    SampleKind::Put => self.note(Some(OtherFusion::default())),
+                    SampleKind::Put => {
+                        let id = session.info().routers_zid().await.next();
+                        // It may be this node that answers: under another name, or by a way around.
+                        if id.is_none() || *self.own.borrow() != id {
+                            self.note(Some(OtherFusion::unknown(id)));
+                        }
+                    }
                     SampleKind::Delete => self.note(None),
                 },
                 status = statuses.recv_async() => {
@@ -321,14 +361,6 @@ impl Look {
                 }
             }
         }
-    }
-
-    /// Whether it is this node that answers: under another name, or by a way around.
-    async fn is_own(&self, session: &Session) -> bool {
-        let Some(own) = self.own.get() else {
-            return false;
-        };
-        session.info().routers_zid().await.any(|zid| zid == *own)
     }
 
     fn note(&self, other: Option<OtherFusion>) {
@@ -343,7 +375,10 @@ impl Look {
         let Some(status) = status else { return };
         self.found.send_if_modified(|all| {
             let known = all.get_mut(&self.endpoint);
-            known.is_some_and(|known| std::mem::replace(known, OtherFusion::of(status)) != *known)
+            known.is_some_and(|known| {
+                let introduced = known.introduced(status);
+                std::mem::replace(known, introduced) != *known
+            })
         });
     }
 }

@@ -7,6 +7,8 @@ use farfield_proto::message::health::NodeHealth;
 use farfield_proto::transport::FusionTransport;
 use farfield_proto::venue::VenueHash;
 
+use zenoh::liveliness::LivelinessToken;
+
 use super::*;
 use crate::node::status::own_status;
 
@@ -120,6 +122,56 @@ async fn whoever_is_alone_begins_and_is_not_taken_for_another() {
     around.know_own(own.zid());
     assert_eq!(around.first().await, None);
     leave.cancel();
+}
+
+/// A fusion that listens and has not begun to work yet.
+async fn just_begun() -> (Session, LivelinessToken, String) {
+    let listen = ["tcp/127.0.0.1:0".to_owned()];
+    let transport = FusionTransport {
+        venue: "two",
+        viewpoints: &["a"],
+        listen: &listen,
+        identity: None,
+    };
+    let session = session::listen(&transport).await.unwrap();
+    let token = session.liveliness().declare_token("two/alive/fusion").await;
+    let endpoint = session.info().locators().await[0].to_string();
+    (session, token.unwrap(), endpoint)
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn of_two_that_begin_at_the_same_moment_one_steps_back() {
+    let (one, _one_token, at_one) = just_begun().await;
+    let (other, _other_token, at_other) = just_begun().await;
+    let (tasks, leave) = <(TaskTracker, CancellationToken)>::default();
+    let places = [at_one, at_other];
+    let elsewhere = reach("tcp/10.0.0.1:1");
+    // Each meets itself, too, by a way around.
+    let watch = || OtherFusionWatch::at("two", places.to_vec(), &elsewhere, &tasks, &leave);
+    let [of_one, of_other] = [watch(), watch()];
+    of_one.know_own(one.zid());
+    of_other.know_own(other.zid());
+    let steps_back = tokio::join!(
+        of_one.is_to_step_back(one.zid()),
+        of_other.is_to_step_back(other.zid())
+    );
+    assert_ne!(steps_back.0, steps_back.1);
+    leave.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn whoever_begins_beside_one_that_is_at_work_steps_back() {
+    let (_at_work, endpoint) = first_fusion().await;
+    // Whatever their numbers are: of four, hardly all are lower by chance.
+    for _ in 0..4 {
+        let (own, _token, _) = just_begun().await;
+        let (tasks, leave) = <(TaskTracker, CancellationToken)>::default();
+        let places = vec![endpoint.clone()];
+        let others = OtherFusionWatch::at("two", places, &reach("tcp/10.0.0.1:1"), &tasks, &leave);
+        others.know_own(own.zid());
+        assert!(others.is_to_step_back(own.zid()).await);
+        leave.cancel();
+    }
 }
 
 #[test]

@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::net::TcpListener;
 use std::process::Command;
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use farfield_lab::live_venue::NodeProcess;
 use farfield_proto::message::PersonPose;
 
 use super::stage::{LiveStage, PEOPLE, RATE_HZ};
-use crate::farfield::farfield;
+use crate::farfield::{command, farfield};
 use crate::recording::replayed;
 
 /// Tracks must be back so soon after the first patches, seconds.
@@ -184,5 +185,45 @@ fn a_second_fusion_is_refused_by_name_or_waits_and_takes_the_place_of_one_that_i
             "{}",
             edge.said()
         );
+    }
+}
+
+#[test]
+fn of_two_fusions_that_are_started_at_the_same_moment_one_waits_for_the_other() {
+    // As after a power cut of the whole venue: neither listens while both look.
+    let free = || TcpListener::bind("127.0.0.1:0").unwrap();
+    let [one, other] = [free(), free()].map(|it| format!("tcp/{}", it.local_addr().unwrap()));
+    let venue = format!("[fusion]\nconnect = [\"{one}\", \"{other}\"]\n");
+    let stage = LiveStage::prepare(&[], &venue);
+    // Each listens at one of the two places, and looks at the other.
+    let [first, second] = [&one, &other].map(|listen| {
+        let mut command = command();
+        command
+            .arg("fusion")
+            .arg(stage.folder.path().join("venue.toml"));
+        command.args(["--live", "--allow-plaintext", "--listen", listen, "--out"]);
+        command.arg(stage.out(&listen.replace(['/', ':'], "-")));
+        NodeProcess::start(listen, command).unwrap()
+    });
+    let waits = |fusion: &NodeProcess| fusion.said().contains("waits until it has gone");
+    wait_until(|| waits(&first) || waits(&second));
+    // Whoever looked as long as the other would have found it by now.
+    thread::sleep(Duration::from_secs(3));
+    let both = [waits(&first), waits(&second)];
+    assert_ne!(both[0], both[1], "{}\n{}", first.said(), second.said());
+    let (works, waiting) = if both[0] {
+        (second, first)
+    } else {
+        (first, second)
+    };
+    kill(works);
+    wait_until(|| waiting.said().contains("takes its place"));
+}
+
+fn wait_until(is_so: impl Fn() -> bool) {
+    let begun = Instant::now();
+    while !is_so() {
+        assert!(begun.elapsed() < PATIENCE);
+        thread::sleep(Duration::from_millis(50));
     }
 }
