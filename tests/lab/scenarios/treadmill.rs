@@ -74,6 +74,10 @@ fn the_man_has_one_id_at_every_tick_and_his_skeleton_sits_on_him() {
     for camera in ["cam01", "cam02", "cam03", "cam04"] {
         assert!(out.join(format!("overlay_{camera}_50.png")).exists());
     }
+    let summary = std::fs::read_to_string(out.join("summary.json")).unwrap();
+    let summary: Value = serde_json::from_str(&summary).unwrap();
+    let disagreements = summary["agreement"]["disagreements"].as_array();
+    assert_eq!(disagreements, Some(&Vec::new()), "the cameras are right");
     println!(
         "treadmill: id {man} at ticks {}..100\n{}",
         ticks[0],
