@@ -34,8 +34,8 @@ fn reach(listen: &str) -> Reach {
     }
 }
 
-/// A fusion that says once a moment who it is, and where it listens.
-async fn first_fusion() -> (Session, String) {
+/// A fusion that listens and has not begun to work yet.
+async fn just_begun() -> (Session, LivelinessToken, String) {
     let listen = ["tcp/127.0.0.1:0".to_owned()];
     let transport = FusionTransport {
         venue: "two",
@@ -46,9 +46,15 @@ async fn first_fusion() -> (Session, String) {
     let session = session::listen(&transport).await.unwrap();
     let token = session.liveliness().declare_token("two/alive/fusion").await;
     let endpoint = session.info().locators().await[0].to_string();
+    (session, token.unwrap(), endpoint)
+}
+
+/// A fusion that says once a moment who it is, and where it listens.
+async fn first_fusion() -> (Session, String) {
+    let (session, token, endpoint) = just_begun().await;
     let speaker = session.clone();
     TaskTracker::new().spawn(async move {
-        let _token = token.unwrap();
+        let _token = token;
         let hashes = VenueHash {
             venue: "v".to_owned(),
             calibration: "c".to_owned(),
@@ -122,21 +128,6 @@ async fn whoever_is_alone_begins_and_is_not_taken_for_another() {
     around.know_own(own.zid());
     assert_eq!(around.first().await, None);
     leave.cancel();
-}
-
-/// A fusion that listens and has not begun to work yet.
-async fn just_begun() -> (Session, LivelinessToken, String) {
-    let listen = ["tcp/127.0.0.1:0".to_owned()];
-    let transport = FusionTransport {
-        venue: "two",
-        viewpoints: &["a"],
-        listen: &listen,
-        identity: None,
-    };
-    let session = session::listen(&transport).await.unwrap();
-    let token = session.liveliness().declare_token("two/alive/fusion").await;
-    let endpoint = session.info().locators().await[0].to_string();
-    (session, token.unwrap(), endpoint)
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
