@@ -89,8 +89,7 @@ async fn run(
     };
     let claim = claim_folder(config)?;
     let mut reporter = Reporter::new(config.managed, config.detail);
-    let senders = Senders::new(&config.venue, clock::VenueClock::start());
-    let Some(mut link) = listen_alone(config, &senders, (&others, place), &stop).await? else {
+    let Some((mut link, senders)) = listen_alone(config, (&others, place), &stop).await? else {
         return Ok(Ending::Interrupted);
     };
     hand_out(config, &link, &tasks, &leave);
@@ -289,36 +288,35 @@ async fn look_for_another(
 }
 
 /// Listens, and goes on to do so unless another began to at the same moment; then that one is waited for. `None` when told
-/// to `stop` before.
+/// to `stop` before. The venue's clock starts when this node listens for good: the machine's own may be set right while it
+/// waits, as after a power cut.
 ///
 /// # Errors
 /// As [`open_link`] and [`OtherFusionWatch::be_the_only_one`].
 async fn listen_alone(
     config: &FusionConfig,
-    senders: &Senders,
     (others, mut place): (&OtherFusionWatch, Place),
     stop: &CancellationToken,
-) -> Result<Option<FusionSession>, NodeError> {
+) -> Result<Option<(FusionSession, Senders)>, NodeError> {
     loop {
-        let link = open_link(config, senders, (others, place)).await?;
+        let senders = Senders::new(&config.venue, clock::VenueClock::start());
+        let link = open_link(config, &senders, (others, place)).await?;
         let steps_back = match config.mode {
-            RunMode::LockStep => false,
+            RunMode::LockStep => Some(false),
             RunMode::Live => {
                 let looked = others.is_to_step_back(link.zenoh_id());
-                let Some(steps_back) = stop.run_until_cancelled(looked).await else {
-                    return Ok(None);
-                };
-                steps_back
+                stop.run_until_cancelled(looked).await
             }
         };
-        if !steps_back {
-            return Ok(Some(link));
+        if steps_back == Some(false) {
+            return Ok(Some((link, senders)));
         }
         link.close_unused().await;
-        let Some(free) = others.be_the_only_one(config.mode, stop).await? else {
+        if steps_back.is_none() || others.be_the_only_one(config.mode, stop).await?.is_none() {
             return Ok(None);
-        };
-        place = free;
+        }
+        // Whoever had it before, this node had it itself a moment ago.
+        place = Place::Inherited;
     }
 }
 

@@ -5,7 +5,7 @@
 //! loss above that of radio links, lowers the rate to a little less than what arrives, so that the queue empties.
 //! Without either, the rate grows, slowly first, then faster, and by the more the less it is. Less by a share and more by no
 //! larger an amount brings edges that share a bottleneck to the same rate, whoever came first (Chiu 1989); with growth by
-//! a share they keep what they once had. And whoever has more bears less of a queue: all see the same one, and what each
+//! a share they keep what they once had. And whoever has little bears more of a queue: all see the same one, and what each
 //! has in it is its rate times its delay (as in TCP Vegas, Brakmo 1994). Loss that stays however little is sent is the
 //! link's own, and no reason to send still less.
 
@@ -14,13 +14,15 @@ use farfield_proto::tick::Tick;
 
 use crate::live::{Micros, SECOND_US};
 
-/// What each of four edges has of 1 Mbit/s, bytes per second.
+/// The rate for which the numbers below hold, bytes per second: what each of four edges has of 1 Mbit/s.
 const USUAL_RATE: f64 = 31_000.0;
-/// Bounds of what other rates change of the numbers below.
-const LEAN: [f64; 2] = [0.5, 3.0];
-/// At that rate: a standing queue that is longer lowers the rate, microseconds: more than a tick at 60 Hz.
+/// An edge with another rate grows by so many times [`GROWTH_PER_S`], at least and at most.
+const GROWTH_TIMES: [f64; 2] = [0.5, 3.0];
+/// And bears so many times the queue, at least and at most: jitter is no less where there is more room.
+const QUEUE_TIMES: [f64; 2] = [1.0, 3.0];
+/// A standing queue that is longer lowers the rate, microseconds: more than a tick at 60 Hz. At [`USUAL_RATE`].
 const QUEUE_US: Micros = 20_000;
-/// Below, the link has room, microseconds.
+/// Below, the link has room, microseconds. At [`USUAL_RATE`].
 const EMPTY_US: Micros = 8_000;
 /// A queue stands when nothing came faster for so long, microseconds: jitter does not last.
 const STANDS_US: Micros = 200_000;
@@ -217,8 +219,13 @@ impl LinkLoad {
         } else {
             0.8 * total as f64
         };
-        let lean = lean(self.rate.min(total as f64));
-        let [most_us, room_us] = [QUEUE_US, EMPTY_US].map(|us| (lean * us as f64) as Micros);
+        let rate = if is_whole {
+            self.rate.min(total as f64)
+        } else {
+            self.rate
+        };
+        let times = times(rate, QUEUE_TIMES);
+        let [most_us, room_us] = [QUEUE_US, EMPTY_US].map(|us| (times * us as f64) as Micros);
         let has_queue = queue_us.is_some_and(|us| us > most_us);
         let is_lossy = self.loss > self.own_loss + LOSS;
         if has_queue || is_lossy {
@@ -325,14 +332,14 @@ impl LinkLoad {
         }
         let calm = (now_us - self.next_step_at_us) as f64 / BOLDER_US as f64;
         let most = self.rate * MOST_GROWTH_SHARE_PER_S;
-        self.rate += (GROWTH_PER_S * lean(self.rate) * calm.exp2()).min(most) * dt_s;
+        self.rate += (GROWTH_PER_S * times(self.rate, GROWTH_TIMES) * calm.exp2()).min(most) * dt_s;
     }
 }
 
-/// How much more queue an edge bears, and how much faster it grows, than one of [`USUAL_RATE`]: the less it has, the more. So
-/// of edges that see the same queue who has most goes first, and who has least comes back first.
-fn lean(rate: f64) -> f64 {
-    (USUAL_RATE / rate.max(1.0)).clamp(LEAN[0], LEAN[1])
+/// How many times the queue of an edge of [`USUAL_RATE`] one bears, or its growth: the less it has, the more, between the
+/// bounds. So of edges that see the same queue who has most goes first, and who has least comes back first.
+fn times(rate: f64, [least, most]: [f64; 2]) -> f64 {
+    (USUAL_RATE / rate.max(1.0)).clamp(least, most)
 }
 
 /// The least of the last [`BASE_DELAY_WINDOW_US`], to half of that: two halves that take turns.

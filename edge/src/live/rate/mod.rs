@@ -191,6 +191,11 @@ impl RateController {
         !self.limited && !self.load.is_silent(now_us)
     }
 
+    /// The compression level of most ticks: some go a level finer.
+    pub fn level(&self) -> CompressionLevel {
+        self.level
+    }
+
     /// The plan that was made last.
     pub fn last_plan(&self) -> SendPlan {
         self.plan

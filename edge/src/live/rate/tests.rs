@@ -93,13 +93,14 @@ fn edges_before_one_bottleneck_share_it_whoever_came_first() {
 }
 
 #[test]
-fn edges_whose_persons_cost_more_or_less_share_a_bottleneck_all_the_same() {
+fn edges_whose_persons_cost_more_or_less_share_a_thin_bottleneck_all_the_same() {
+    // Symptom to prevent: who had more bore as much of a queue as who had less, and they stayed up to 29 % from the mean.
     for sizes_apart in [0.1, 0.2, 0.3] {
-        for mbit_s in [1.0, 2.0, 3.0, 4.0, 5.0, 6.0] {
+        for (mbit_s, jitter_us) in [(0.5, 10_000), (1.0, 500), (1.0, 10_000)] {
             let line = SimulatedLink {
                 bytes_per_s: 125_000.0 * mbit_s,
                 one_way_us: 10_000,
-                jitter_us: 500,
+                jitter_us,
                 sizes_apart,
                 ..wide()
             };
@@ -113,14 +114,39 @@ fn edges_whose_persons_cost_more_or_less_share_a_bottleneck_all_the_same() {
                 .fold(0.0, f64::max);
             let used = 4.0 * mean / line.bytes_per_s;
             println!(
-                "sizes {sizes_apart} apart, {mbit_s} Mbit/s: {:.0} % from the mean, {:.0} % used",
+                "sizes {sizes_apart} apart, {mbit_s} Mbit/s, jitter {jitter_us} us: {:.0} % from the mean, {:.0} % used",
                 100.0 * apart,
                 100.0 * used
             );
             let queue_us = got.iter().map(|edge| edge.worst_queue_us).max();
             assert!(
-                apart < 0.25 && used > 0.9 && queue_us < Some(100_000),
-                "{sizes_apart}, {mbit_s}: {got:?}"
+                apart < 0.12 && used > 0.9 && queue_us < Some(150_000),
+                "{sizes_apart}, {mbit_s}, {jitter_us}: {got:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_link_that_jitters_is_used_all_the_same() {
+    // Symptom to prevent: with more room a shorter queue was borne, and jitter alone was one: a fifth of 2 Mbit/s was used.
+    for mbit_s in [0.1, 1.0, 2.0] {
+        for jitter_us in [5_000, 20_000, 40_000] {
+            let line = SimulatedLink {
+                bytes_per_s: 125_000.0 * mbit_s,
+                jitter_us,
+                ..wide()
+            };
+            let got = run(&mut controller(0.0), &line, 8, 60, 0);
+            let used = got.arrived_bytes_per_s / line.bytes_per_s;
+            println!(
+                "{mbit_s} Mbit/s, jitter {jitter_us} us: {:.0} % used, queue {} us",
+                100.0 * used,
+                got.worst_queue_us
+            );
+            assert!(
+                used > 0.8 && got.worst_queue_us < 150_000,
+                "{mbit_s}, {jitter_us}: {got:?}"
             );
         }
     }

@@ -109,7 +109,7 @@ impl Ledger {
         LiveStatus {
             epoch_us: self.ticks.epoch_us(),
             clock_correction_us: self.ticks.correction_us(),
-            quality: plan.level.number(),
+            quality: self.rate.level().number(),
             persons_per_tick: plan.persons.map(|n| n.round().min(most) as u16),
             every_nth_tick: plan.every_nth,
             bytes_per_s: u32::try_from(self.rate.payload_per_s(now_us)).unwrap_or(u32::MAX),

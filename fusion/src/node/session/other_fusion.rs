@@ -1,5 +1,5 @@
 //! Another fusion of the same venue: edges would follow whichever they happen to reach. Where edges look for fusion, this
-//! looks for one, too: before this node listens itself, and live for as long as it works.
+//! looks for one, too: before this node listens itself, live again once it does, and for as long as it works.
 //!
 //! Whoever answers is known by its liveliness token, which goes with its session; one that was killed holds nobody up for
 //! longer than [`farfield_proto::transport::LEASE`]. What it says of itself it says in its status.
@@ -35,7 +35,7 @@ use zenoh::session::ZenohId;
 use super::mode::RunMode;
 
 /// How long another may take to answer: some round trips of a far link. A fusion that starts waits for so long where its
-/// venue names endpoints of other machines.
+/// venue names endpoints of other machines, and live again once it listens.
 const LOOK: Duration = Duration::from_secs(2);
 /// How long one that answers may take to say more of itself: live it says it once a second.
 const INTRODUCTION: Duration = Duration::from_millis(1500);
@@ -55,6 +55,8 @@ pub(in crate::node) struct OtherFusion {
     edges: Vec<String>,
     /// Its session among all of Zenoh's.
     id: Option<ZenohId>,
+    /// Whether it has said anything of itself, be it that this node cannot read it.
+    is_at_work: bool,
 }
 
 impl OtherFusion {
@@ -72,6 +74,7 @@ impl OtherFusion {
         let edges = live.into_iter().flat_map(|live| &live.edges);
         Self {
             id: self.id,
+            is_at_work: true,
             release: status.release.clone(),
             session: status.health.follows,
             tick: status.tick,
@@ -86,11 +89,8 @@ impl OtherFusion {
     /// Whether it goes on, and this node, whose session is `own`, leaves the edges to it: it is at work, or of two that
     /// have just begun to listen the one that both take for the first.
     fn comes_before(&self, own: ZenohId) -> bool {
-        let is_at_work = self.session.is_some();
-        is_at_work
-            || self
-                .id
-                .is_some_and(|id| id.to_le_bytes() < own.to_le_bytes())
+        let is_first = |id: ZenohId| id.to_le_bytes() < own.to_le_bytes();
+        self.is_at_work || self.id.is_some_and(is_first)
     }
 }
 
@@ -254,7 +254,15 @@ impl OtherFusionWatch {
         let mut answering = self.answering.clone();
         let until = Instant::now() + LOOK;
         let found = timeout_at(until, answering.wait_for(before)).await;
-        matches!(found, Ok(Ok(_)))
+        if matches!(found, Ok(Ok(_))) {
+            return true;
+        }
+        drop(found);
+        // Who is still there has yet to step back, or has not found this node and is about to begin.
+        let is_decided = |all: &Answering| all.is_empty() || before(all);
+        let until = Instant::now() + INTRODUCTION;
+        let decided = timeout_at(until, answering.wait_for(is_decided)).await;
+        decided.is_ok_and(|all| all.is_ok_and(|all| !all.is_empty()))
     }
 
     /// All that answer now, with what they say of themselves; `None` when there is none.
@@ -370,13 +378,18 @@ impl Look {
         });
     }
 
-    /// What somebody who is there says of itself; without its token nobody is.
+    /// What somebody who is there says of itself, `None` where it cannot be read; without its token nobody is.
     fn introduce(&self, status: Option<&Status>) {
-        let Some(status) = status else { return };
         self.found.send_if_modified(|all| {
             let known = all.get_mut(&self.endpoint);
             known.is_some_and(|known| {
-                let introduced = known.introduced(status);
+                let introduced = match status {
+                    Some(status) => known.introduced(status),
+                    None => OtherFusion {
+                        is_at_work: true,
+                        ..known.clone()
+                    },
+                };
                 std::mem::replace(known, introduced) != *known
             })
         });

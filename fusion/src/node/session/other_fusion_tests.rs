@@ -153,16 +153,37 @@ async fn of_two_that_begin_at_the_same_moment_one_steps_back() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn whoever_begins_beside_one_that_is_at_work_steps_back() {
     let (_at_work, endpoint) = first_fusion().await;
-    // Whatever their numbers are: of four, hardly all are lower by chance.
-    for _ in 0..4 {
-        let (own, _token, _) = just_begun().await;
-        let (tasks, leave) = <(TaskTracker, CancellationToken)>::default();
-        let places = vec![endpoint.clone()];
-        let others = OtherFusionWatch::at("two", places, &reach("tcp/10.0.0.1:1"), &tasks, &leave);
-        others.know_own(own.zid());
-        assert!(others.is_to_step_back(own.zid()).await);
-        leave.cancel();
-    }
+    let (own, _token, _) = just_begun().await;
+    let (tasks, leave) = <(TaskTracker, CancellationToken)>::default();
+    let others = OtherFusionWatch::at(
+        "two",
+        vec![endpoint],
+        &reach("tcp/10.0.0.1:1"),
+        &tasks,
+        &leave,
+    );
+    others.know_own(own.zid());
+    assert!(others.is_to_step_back(own.zid()).await);
+    leave.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn of_two_ids_the_lower_goes_on_unless_the_other_is_at_work() {
+    let (one, _, _) = just_begun().await;
+    let (other, _, _) = just_begun().await;
+    let mut ids = [one.zid(), other.zid()];
+    ids.sort_by_key(|id| id.to_le_bytes());
+    let [low, high] = ids;
+    let begun = OtherFusion::unknown;
+    assert!(begun(Some(low)).comes_before(high));
+    assert!(!begun(Some(high)).comes_before(low));
+    assert!(!begun(None).comes_before(low));
+    let hashes = VenueHash {
+        venue: "v".to_owned(),
+        calibration: "c".to_owned(),
+    };
+    let at_work = begun(Some(high)).introduced(&own_status(&hashes));
+    assert!(at_work.comes_before(low));
 }
 
 #[test]

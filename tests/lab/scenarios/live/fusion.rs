@@ -1,7 +1,7 @@
 //! Fusion goes and comes.
 
 use std::collections::BTreeMap;
-use std::net::TcpListener;
+use std::net::{TcpListener, TcpStream};
 use std::process::Command;
 use std::thread;
 use std::time::Duration;
@@ -211,13 +211,17 @@ fn of_two_fusions_that_are_started_at_the_same_moment_one_waits_for_the_other() 
     thread::sleep(Duration::from_secs(3));
     let both = [waits(&first), waits(&second)];
     assert_ne!(both[0], both[1], "{}\n{}", first.said(), second.said());
-    let (works, waiting) = if both[0] {
+    let (works, mut waiting) = if both[0] {
         (second, first)
     } else {
         (first, second)
     };
     kill(works);
     wait_until(|| waiting.said().contains("takes its place"));
+    // It looks once more, and then listens where it did before.
+    let ended = waiting.wait(Duration::from_secs(4)).unwrap();
+    assert_eq!(ended, None, "{}", waiting.said());
+    TcpStream::connect(waiting.name().trim_start_matches("tcp/")).unwrap();
 }
 
 fn wait_until(is_so: impl Fn() -> bool) {
