@@ -84,8 +84,10 @@ pub struct RateController {
     /// What persons cost against the usual.
     scale: f64,
     plan: SendPlan,
-    /// The level of most ticks: some of those at which all persons are sent go a level finer.
+    /// The level that is sure to fit: as many ticks as there is room for go a level finer, where all persons are sent.
     level: CompressionLevel,
+    /// The share of ticks that go a level finer.
+    finer_share: f64,
     /// What is left for a tick at a finer level, as a share of what that costs more.
     left: f64,
     limited: bool,
@@ -116,6 +118,7 @@ impl RateController {
                 every_nth: 1,
             },
             level: best,
+            finer_share: 0.0,
             left: 0.0,
             limited: false,
             room_since_us: None,
@@ -191,9 +194,10 @@ impl RateController {
         !self.limited && !self.load.is_silent(now_us)
     }
 
-    /// The compression level of most ticks: some go a level finer.
+    /// The compression level of most ticks.
     pub fn level(&self) -> CompressionLevel {
-        self.level
+        let finer = self.level.finer().filter(|_| self.finer_share > 0.5);
+        finer.unwrap_or(self.level)
     }
 
     /// The plan that was made last.
@@ -245,6 +249,7 @@ impl RateController {
         };
         self.limited = level > self.best || most.is_some();
         self.level = level;
+        self.finer_share = 0.0;
         self.plan = SendPlan {
             level: match most {
                 None => self.filled(level, persons, per_tick),
@@ -256,7 +261,7 @@ impl RateController {
         self.plan
     }
 
-    /// The level of a tick at which all `persons` are sent, most at `level`: as many go a level finer as there are bytes for.
+    /// The level of a tick at which all `persons` are sent: as many ticks go a level finer than `level` as there are bytes for.
     /// Levels are a fifth to a half apart, and whoever sends so much less than its part of a shared link leaves that to the
     /// others.
     fn filled(
@@ -269,7 +274,8 @@ impl RateController {
             return level;
         };
         let [less, more] = [level, finer].map(|level| self.cost(level, persons));
-        self.left += ((per_tick - less) / (more - less).max(1.0)).clamp(0.0, 1.0);
+        self.finer_share = ((per_tick - less) / (more - less).max(1.0)).clamp(0.0, 1.0);
+        self.left += self.finer_share;
         if self.left < 1.0 {
             return level;
         }

@@ -153,6 +153,32 @@ fn a_link_that_jitters_is_used_all_the_same() {
 }
 
 #[test]
+fn ticks_go_a_level_finer_as_far_as_the_budget_reaches_and_the_status_names_the_level_of_most() {
+    let mut finer_n = 0;
+    for budget in (60_000..240_000).step_by(3_000) {
+        let mut controller = controller(f64::from(budget));
+        controller.plan(8, 0);
+        let per_tick = controller.rate() / RATE_HZ;
+        let plans: Vec<_> = (0..40).map(|_| controller.plan(8, 0)).collect();
+        assert!(
+            plans
+                .iter()
+                .all(|plan| plan.level >= CompressionLevel::DEFAULT)
+        );
+        if plans.iter().any(|plan| plan.persons.is_some()) {
+            continue;
+        }
+        let cost = |plan: &SendPlan| controller.cost(plan.level, 8);
+        let mean = plans.iter().map(cost).sum::<f64>() / 40.0;
+        assert!(mean <= 1.02 * per_tick, "{budget}: {mean} of {per_tick}");
+        let named = plans.iter().filter(|plan| plan.level == controller.level());
+        assert!(named.count() >= 19, "{budget}: {plans:?}");
+        finer_n += usize::from(plans.iter().any(|plan| plan.level != plans[0].level));
+    }
+    assert!(finer_n > 10, "{finer_n}");
+}
+
+#[test]
 fn detection_passes_that_fusion_asks_for_do_not_keep_a_shared_link_full() {
     // Symptom to prevent: nobody was found behind a full link, so passes were asked for at every tick, and their sightings
     // alone, 60 kB/s of each edge, kept the link of 125 kB/s full for good.

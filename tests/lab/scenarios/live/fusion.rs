@@ -218,7 +218,7 @@ fn of_two_fusions_that_are_started_at_the_same_moment_one_waits_for_the_other() 
     };
     kill(works);
     wait_until(|| waiting.said().contains("takes its place"));
-    // It looks once more, and then listens where it did before.
+    // It listens where it did before, looks once more, and goes on.
     let ended = waiting.wait(Duration::from_secs(4)).unwrap();
     assert_eq!(ended, None, "{}", waiting.said());
     TcpStream::connect(waiting.name().trim_start_matches("tcp/")).unwrap();
