@@ -315,7 +315,7 @@ async fn listen_alone(
         if steps_back.is_none() || others.be_the_only_one(config.mode, stop).await?.is_none() {
             return Ok(None);
         }
-        // Whoever had it before, this node had it itself a moment ago.
+        // What this node has closed itself may still be closing.
         place = Place::Inherited;
     }
 }

@@ -3,8 +3,8 @@
 //! Fusion reports the one-way delay of the newest patches that arrived. The least of the last seconds is the base delay;
 //! what exceeds it is a queue that the edge itself has filled (LEDBAT, RFC 6817, section 2.4.2). A standing queue, or a
 //! loss above that of radio links, lowers the rate to a little less than what arrives, so that the queue empties.
-//! Without either, the rate grows, slowly first, then faster, and by the more the less it is. Less by a share and more by no
-//! larger an amount brings edges that share a bottleneck to the same rate, whoever came first (Chiu 1989); with growth by
+//! Without either, the rate grows, slowly first, then faster, and by the more the less it is, but by
+//! no more than half of itself a second. Less by a share and more by no larger an amount brings edges that share a bottleneck to the same rate, whoever came first (Chiu 1989); with growth by
 //! a share they keep what they once had. And whoever has little bears more of a queue: all see the same one, and what each
 //! has in it is its rate times its delay (as in TCP Vegas, Brakmo 1994). Loss that stays however little is sent is the
 //! link's own, and no reason to send still less.
@@ -219,12 +219,12 @@ impl LinkLoad {
         } else {
             0.8 * total as f64
         };
-        let rate = if is_whole {
+        let used = if is_whole {
             self.rate.min(total as f64)
         } else {
             self.rate
         };
-        let times = times(rate, QUEUE_TIMES);
+        let times = times(used, QUEUE_TIMES);
         let [most_us, room_us] = [QUEUE_US, EMPTY_US].map(|us| (times * us as f64) as Micros);
         let has_queue = queue_us.is_some_and(|us| us > most_us);
         let is_lossy = self.loss > self.own_loss + LOSS;
