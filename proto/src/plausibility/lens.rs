@@ -40,13 +40,11 @@ const USUAL_STRETCH: f64 = 0.85;
 const POSSIBLE_STRETCH: f64 = 0.75;
 /// The most that a barrel lens of OpenCV's model pulls in: beyond it the edges are extrapolated.
 const USUAL_PULL: f64 = 3.0;
-/// Coefficients beyond these come from fits to too few pictures.
+/// Radial coefficients beyond this come from fits to too few pictures.
 const USUAL_RADIAL: f64 = 100.0;
-const USUAL_TANGENTIAL: f64 = 0.1;
-/// Lenses stand askew by thousandths: more than this, and this many times what they bend along the radius, are k1 and k2
-/// in the place of p1 and p2.
-const MISPLACED_TANGENTIAL: f64 = 0.02;
-const MISPLACED_TIMES: f64 = 3.0;
+/// Lenses stand askew by thousandths: p1 and p2 beyond this are other coefficients in their place, or a fit to too few
+/// pictures.
+const USUAL_TANGENTIAL: f64 = 0.02;
 
 pub(super) fn findings(camera: &CameraModel) -> Vec<Finding> {
     let found = [
@@ -54,7 +52,7 @@ pub(super) fn findings(camera: &CameraModel) -> Vec<Finding> {
         pixel_shape(camera),
         principal_point(camera),
         match camera.lens() {
-            LensModel::Rational(lens) => distortion(camera, lens),
+            LensModel::Rational(lens) => distortion(camera, lens).or_else(|| askew(camera, lens)),
             LensModel::KannalaBrandt(_) => fisheye(camera),
         },
     ];
@@ -199,11 +197,8 @@ fn distortion(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
     let least = pulls.iter().copied().fold(f64::INFINITY, f64::min);
     let most = pulls.iter().copied().fold(0.0, f64::max);
     let radial = [lens.k1, lens.k2, lens.k3, lens.k4, lens.k5, lens.k6];
-    let tangential = lens.p1.abs().max(lens.p2.abs());
-    let is_overfit = radial.iter().any(|k| k.abs() > USUAL_RADIAL) || tangential > USUAL_TANGENTIAL;
-    let is_misplaced = tangential > MISPLACED_TANGENTIAL
-        && tangential > MISPLACED_TIMES * lens.k1.abs().max(lens.k2.abs());
-    let (severity, found) = if least < USUAL_STRETCH {
+    let at_edges = "a few hundredths, or tenths inwards for a wide lens".to_owned();
+    let (severity, found, expected) = if least < USUAL_STRETCH {
         let severity = if least < POSSIBLE_STRETCH {
             Severity::Wrong
         } else {
@@ -213,22 +208,14 @@ fn distortion(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
             "its distortion moves the edge of the picture out by {:.0} %",
             100.0 * (1.0 / least - 1.0)
         );
-        (severity, found)
+        (severity, found, at_edges)
     } else if most > USUAL_PULL {
         let found = format!("its distortion shrinks the edge of the picture to a {most:.1}th");
-        (Severity::Doubtful, found)
-    } else if is_misplaced {
-        let found = format!(
-            "its tangential coefficients are {:?}, {:?}, beside radial ones of {:?}, {:?}",
-            lens.p1, lens.p2, lens.k1, lens.k2
-        );
-        (Severity::Doubtful, found)
-    } else if is_overfit {
-        let found = format!(
-            "its coefficients are {radial:?}, {:?}, {:?}",
-            lens.p1, lens.p2
-        );
-        (Severity::Doubtful, found)
+        (Severity::Doubtful, found, at_edges)
+    } else if radial.iter().any(|k| k.abs() > USUAL_RADIAL) {
+        let found = format!("its radial coefficients are {radial:?}");
+        let expected = format!("some below {USUAL_RADIAL}");
+        (Severity::Doubtful, found, expected)
     } else {
         return None;
     };
@@ -237,8 +224,27 @@ fn distortion(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
         Cause::Distortion,
         severity,
         found,
-        "a few hundredths, or tenths inwards for a wide lens".to_owned(),
+        expected,
         "look at `distortions`: k1 k2 p1 p2 (k3 (k4 k5 k6)); calibrate with more pictures, or write zeros",
+    ))
+}
+
+/// A lens that would stand askew in its mount as none does.
+fn askew(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
+    if lens.p1.abs().max(lens.p2.abs()) <= USUAL_TANGENTIAL {
+        return None;
+    }
+    Some(finding(
+        camera,
+        Cause::Distortion,
+        Severity::Doubtful,
+        format!(
+            "its tangential coefficients p1 and p2, third and fourth of `distortions`, are {:?} and {:?}",
+            lens.p1, lens.p2
+        ),
+        "thousandths: lenses stand askew by no more".to_owned(),
+        "the order is k1 k2 p1 p2 (k3 (k4 k5 k6)), so bring k3 behind p2 if it stands before p1; \
+         if the order is right, calibrate with more pictures, or write zeros for p1 and p2",
     ))
 }
 

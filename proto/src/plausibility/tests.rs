@@ -1,5 +1,7 @@
 //! A hall that is as it should be, and one mistake after the other in it.
 
+mod lens;
+
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -277,72 +279,6 @@ fn a_camera_where_no_camera_is_is_named() {
             "all look at the wall",
             with_all(away),
             (Cause::FieldUnseen, Wrong, None),
-        ),
-    ]);
-}
-
-#[test]
-fn a_lens_that_is_none_is_named() {
-    use Severity::{Doubtful, Wrong};
-    let pinhole = |change: fn(&mut Intrinsics)| with(|it| change(&mut it.intrinsics));
-    let bent = |k1: f64| with(|it| it.distortion.k1 = k1);
-    check(vec![
-        (
-            "a focal length in mm",
-            pinhole(|it| it.fx_px = 8.0),
-            (Cause::FieldOfView, Wrong, ONE),
-        ),
-        (
-            "a telescope",
-            pinhole(|it| (it.fx_px, it.fy_px) = (2e4, 2e4)),
-            (Cause::FieldOfView, Doubtful, ONE),
-        ),
-        (
-            "another fy",
-            pinhole(|it| it.fy_px = 1400.0),
-            (Cause::PixelShape, Doubtful, ONE),
-        ),
-        (
-            "fy of half the size",
-            pinhole(|it| it.fy_px = 400.0),
-            (Cause::PixelShape, Wrong, ONE),
-        ),
-        (
-            "its middle outside",
-            pinhole(|it| it.cx_px = 1300.0),
-            (Cause::PrincipalPoint, Doubtful, ONE),
-        ),
-        (
-            "its middle aside",
-            pinhole(|it| it.cy_px = 500.0),
-            (Cause::PrincipalPoint, Doubtful, ONE),
-        ),
-        (
-            "the matrix of 4K in HD",
-            pinhole(|it| {
-                (it.fx_px, it.fy_px) = (2.0 * it.fx_px, 2.0 * it.fy_px);
-                (it.cx_px, it.cy_px) = (2.0 * it.cx_px, 2.0 * it.cy_px);
-            }),
-            // So does a window in the corner of a sensor.
-            (Cause::PrincipalPoint, Doubtful, ONE),
-        ),
-        (
-            "a distortion of 5",
-            bent(5.0),
-            (Cause::Distortion, Wrong, ONE),
-        ),
-        (
-            "a distortion of 0.7",
-            bent(0.7),
-            (Cause::Distortion, Doubtful, ONE),
-        ),
-        (
-            "k1 and k2 in the place of p1 and p2",
-            with(|it| {
-                (it.distortion.k1, it.distortion.k2) = (0.0004, -0.0003);
-                (it.distortion.p1, it.distortion.p2) = (-0.08, 0.02);
-            }),
-            (Cause::Distortion, Doubtful, ONE),
         ),
     ]);
 }

@@ -1,0 +1,128 @@
+//! Lenses that are none, and those that only look like it.
+
+use super::*;
+
+/// The hall with these `distortions` of its second camera, in the order of a calibration.
+fn lens(distortions: impl AsRef<[f64]>) -> Vec<Given> {
+    let of = |i: usize| distortions.as_ref().get(i).copied().unwrap_or(0.0);
+    with(|it| {
+        it.distortion = Distortion {
+            k1: of(0),
+            k2: of(1),
+            p1: of(2),
+            p2: of(3),
+            k3: of(4),
+            k4: of(5),
+            k5: of(6),
+            k6: of(7),
+        };
+    })
+}
+
+#[test]
+fn a_lens_that_is_none_is_named() {
+    use Severity::{Doubtful, Wrong};
+    let pinhole = |change: fn(&mut Intrinsics)| with(|it| change(&mut it.intrinsics));
+    let doubtful = (Cause::Distortion, Doubtful, ONE);
+    let bent = |k1: f64| with(|it| it.distortion.k1 = k1);
+    check(vec![
+        (
+            "a focal length in mm",
+            pinhole(|it| it.fx_px = 8.0),
+            (Cause::FieldOfView, Wrong, ONE),
+        ),
+        (
+            "a telescope",
+            pinhole(|it| (it.fx_px, it.fy_px) = (2e4, 2e4)),
+            (Cause::FieldOfView, Doubtful, ONE),
+        ),
+        (
+            "another fy",
+            pinhole(|it| it.fy_px = 1400.0),
+            (Cause::PixelShape, Doubtful, ONE),
+        ),
+        (
+            "fy of half the size",
+            pinhole(|it| it.fy_px = 400.0),
+            (Cause::PixelShape, Wrong, ONE),
+        ),
+        (
+            "its middle outside",
+            pinhole(|it| it.cx_px = 1300.0),
+            (Cause::PrincipalPoint, Doubtful, ONE),
+        ),
+        (
+            "its middle aside",
+            pinhole(|it| it.cy_px = 500.0),
+            (Cause::PrincipalPoint, Doubtful, ONE),
+        ),
+        (
+            "the matrix of 4K in HD",
+            pinhole(|it| {
+                (it.fx_px, it.fy_px) = (2.0 * it.fx_px, 2.0 * it.fy_px);
+                (it.cx_px, it.cy_px) = (2.0 * it.cx_px, 2.0 * it.cy_px);
+            }),
+            // So does a window in the corner of a sensor.
+            (Cause::PrincipalPoint, Doubtful, ONE),
+        ),
+        (
+            "a distortion of 5",
+            bent(5.0),
+            (Cause::Distortion, Wrong, ONE),
+        ),
+        (
+            "a distortion of 0.7",
+            bent(0.7),
+            (Cause::Distortion, Doubtful, ONE),
+        ),
+        (
+            "k1 and k2 in the place of p1 and p2",
+            lens([0.0004, -0.0003, -0.08, 0.02]),
+            doubtful,
+        ),
+        (
+            "k3 before p1 and p2",
+            lens([-0.1, 0.12, -0.06, 0.0004, -0.0007]),
+            doubtful,
+        ),
+        (
+            "lens askew by a fiftieth",
+            lens([-0.08, 0.02, 0.001, -0.021]),
+            doubtful,
+        ),
+        (
+            "a fit to few pictures",
+            lens([140.0, 0.0, 0.0, 0.0, 0.0, 140.0]),
+            doubtful,
+        ),
+    ]);
+}
+
+#[test]
+fn lenses_at_the_limit_give_no_word() {
+    // Askew a little less than what is doubted, a pincushion, rational terms that nearly cancel, large ones that do so
+    // wholly, and a wide lens.
+    let usual: [&[f64]; 5] = [
+        &[-0.08, 0.02, 0.019, -0.019],
+        &[0.3, -0.1, 0.001, 0.0],
+        &[8.0, 5.0, 0.0004, -0.0002, 0.3, 8.1, 5.2, 0.4],
+        &[95.0, 0.0, 0.0, 0.0, 0.0, 95.0],
+        &[-0.33, 0.12, -0.0043, 0.0041, -0.02],
+    ];
+    for distortion in usual {
+        assert_eq!(said(&lens(distortion)), [], "{distortion:?}");
+    }
+}
+
+#[test]
+fn tangential_coefficients_are_told_by_their_own_measure() {
+    let text = said(&lens([-0.1, 0.12, -0.06, 0.0004, -0.0007]))[0].to_string();
+    for words in [
+        "p1 and p2",
+        "-0.06 and 0.0004",
+        "thousandths",
+        "k1 k2 p1 p2",
+    ] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+}
