@@ -129,6 +129,8 @@ fn for_people(summary: &Summary, names: &BTreeMap<u32, String>, out: &str) -> St
         for reason in summary.agreement.sighted.why_nobody() {
             line(format_args!("  {reason}"));
         }
+    } else if let Some(left_out) = summary.agreement.sighted.left_out() {
+        line(format_args!("{left_out}"));
     }
     for shown in summary.agreement.lines() {
         line(format_args!("{shown}"));

@@ -147,6 +147,15 @@ impl Judge<'_> {
         is_small.then(|| (REFIT_HANDICAP * refit.ratio, vec![camera], cause))
     }
 
+    /// What another focal length, or a small turn, explains of a camera that alone does not fit.
+    pub(super) fn refitted_alone(&self, camera: usize) -> DisagreementCause {
+        let all = 0..self.cameras.len();
+        let others: Vec<usize> = all.filter(|&other| other != camera).collect();
+        let refitted = self.refitted(camera, &others);
+        let explained = refitted.filter(|(ratio, ..)| *ratio < EXPLAINS_IN_PART);
+        explained.map_or(DisagreementCause::Unexplained, |(.., cause)| cause)
+    }
+
     /// Cameras that agree well enough, as lines of sight pass near each other, and whose people are a little too large or
     /// too small for where the others see them, or beside it, or have left for right.
     pub(super) fn find_what_agrees_by_chance(

@@ -4,6 +4,9 @@
 //! that are linked so is taken for right, and every other one is held to it: as it is, later, mirrored, turned, with the
 //! calibration of another.
 
+mod lateness;
+mod small_pictures;
+
 use std::collections::BTreeMap;
 
 use farfield_proto::message::agreement::{AgreementVerdict, CameraAgreement};
@@ -36,6 +39,8 @@ const NEVER_AGREES_M: f64 = 0.11;
 /// do. On real cameras that are right 0.24 and 1.3 were seen.
 const FAR_OFF: f64 = 0.5;
 const FAR_OFF_FACTOR: f64 = 2.5;
+/// Another k1 than this is no lens distortion: what is zoomed or was moved a little bends the middle of the picture as much.
+const MOST_K1_OVER: f64 = 0.6;
 /// Pixels by which the keypoints of two cameras differ at most that show the same picture: their crops are not the same.
 const SAME_PX: f32 = 6.0;
 
@@ -121,11 +126,34 @@ impl<'a> Judge<'a> {
     pub(super) fn report(&self) -> AgreementReport {
         let mut report = AgreementReport::default();
         let mut told = vec![false; self.cameras.len()];
-        self.find_same_pictures(&mut report, &mut told);
-        for group in self.groups() {
-            self.judge_group(&group, &mut report.disagreements, &mut told);
+        if let Some(cause) = self.small_pictures() {
+            told.fill(true);
+            report.disagreements.push(self.disagreement(&[], cause));
+        } else {
+            self.find_disagreements(&mut report, &mut told);
         }
-        self.find_what_agrees_by_chance(&mut report.disagreements, &mut told);
+        let is_compared =
+            |camera: usize| self.pairs.keys().any(|&(a, b)| a == camera || b == camera);
+        for (index, camera) in self.cameras.iter().enumerate() {
+            let verdict = match (told[index], is_compared(index)) {
+                (true, _) => AgreementVerdict::Disagrees,
+                (false, true) => AgreementVerdict::Agrees,
+                (false, false) => AgreementVerdict::Unknown,
+            };
+            report
+                .cameras
+                .insert(camera.name.clone(), self.numbers(index, verdict));
+        }
+        report
+    }
+
+    /// What does not fit, and of which cameras.
+    fn find_disagreements(&self, report: &mut AgreementReport, told: &mut [bool]) {
+        self.find_same_pictures(report, told);
+        for group in self.groups() {
+            self.judge_group(&group, &mut report.disagreements, told);
+        }
+        self.find_what_agrees_by_chance(&mut report.disagreements, told);
         // Those who are held to a camera that is wrong seem a little late: they are told of once it is mended.
         let all_right = !told.contains(&true);
         for (camera, told) in told.iter_mut().enumerate() {
@@ -145,23 +173,10 @@ impl<'a> Judge<'a> {
                 report.disagreements.push(disagreement);
             }
         }
-        self.find_far_off(&mut report.disagreements, &mut told);
+        self.find_far_off(&mut report.disagreements, told);
         if !told.contains(&true) {
-            self.find_distortion(&mut report.disagreements, &mut told);
+            self.find_distortion(&mut report.disagreements, told);
         }
-        let is_compared =
-            |camera: usize| self.pairs.keys().any(|&(a, b)| a == camera || b == camera);
-        for (index, camera) in self.cameras.iter().enumerate() {
-            let verdict = match (told[index], is_compared(index)) {
-                (true, _) => AgreementVerdict::Disagrees,
-                (false, true) => AgreementVerdict::Agrees,
-                (false, false) => AgreementVerdict::Unknown,
-            };
-            report
-                .cameras
-                .insert(camera.name.clone(), self.numbers(index, verdict));
-        }
-        report
     }
 
     /// Cameras whose sightings are clearly elsewhere than where people are, or of others than are there, while those of the
@@ -191,7 +206,10 @@ impl<'a> Judge<'a> {
                 told[camera] = true;
             }
             let k1_over = (100.0 * fit.k1_over).round() / 100.0;
-            let cause = DisagreementCause::Distortion { k1_over };
+            let cause = match fit.cameras[..] {
+                [camera] if k1_over.abs() > MOST_K1_OVER => self.refitted_alone(camera),
+                _ => DisagreementCause::Distortion { k1_over },
+            };
             all.push(self.disagreement(&fit.cameras, cause));
         }
     }
@@ -201,6 +219,13 @@ impl<'a> Judge<'a> {
         let compared = || self.pairs.keys().copied();
         let sets = linked(self.cameras.len(), compared());
         sets.into_iter().filter(|set| set.len() > 1).collect()
+    }
+
+    /// Whether any two cameras agree.
+    fn do_any_agree(&self) -> bool {
+        let groups = self.groups();
+        let mut right = groups.iter().map(|group| self.taken_for_right(group));
+        right.any(|right| !right.is_empty())
     }
 
     /// Explains every camera of a group that is not among those which are taken for right.

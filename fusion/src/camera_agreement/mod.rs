@@ -19,12 +19,12 @@ mod explain;
 mod fixture;
 mod geometry;
 mod judge;
-mod lateness;
 mod nobody;
 mod pairs;
 mod refit;
 mod report;
 mod samples;
+mod standing;
 #[cfg(test)]
 mod tests;
 mod time_shift;
@@ -37,7 +37,6 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
-use farfield_proto::order_statistics::upper_median;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use farfield_proto::venue::{Field, Venue};
@@ -48,22 +47,13 @@ use self::geometry::SightLines;
 use self::judge::Judge;
 use self::pairs::Partners;
 use self::samples::Samples;
+use self::standing::Standing;
 use crate::align::TickGroup;
-use crate::body::observed::ObservedJoints;
-use crate::body::segment::stature_m;
-use crate::body::skeleton::Joint;
 use crate::identity::track::Track;
 use crate::sightings::diagnosis::Diagnosed;
 
-/// Statures of people of whom one was measured at some instant, the newest so many.
-const MAX_STATURES: usize = 256;
-/// Time between two such instants, seconds.
-const STATURE_EVERY_S: f64 = 0.1;
-/// Least of them that tell the unit of a calibration.
-const MIN_STATURES: usize = 8;
-/// Median stature of everybody outside which the unit of the calibration is doubted, metres: school children are taller,
-/// and no team is.
-const STATURES_M: std::ops::RangeInclusive<f64> = 1.2..=2.15;
+/// Time between two instants at which it is kept how tall people are and how high they stand, seconds.
+const STANDING_EVERY_S: f64 = 0.1;
 
 /// A camera as it is judged.
 #[derive(Debug)]
@@ -97,7 +87,7 @@ impl AgreementCameras {
 pub struct AgreementWatch {
     cameras: Arc<AgreementCameras>,
     samples: Samples,
-    statures_m: Vec<f64>,
+    standing: Standing,
 }
 
 /// What was kept, for whoever judges it.
@@ -105,7 +95,7 @@ pub struct AgreementWatch {
 pub struct AgreementSamples {
     cameras: Arc<AgreementCameras>,
     samples: Samples,
-    statures_m: Vec<f64>,
+    standing: Standing,
 }
 
 impl AgreementWatch {
@@ -136,7 +126,7 @@ impl AgreementWatch {
                 field: venue.field,
                 births: venue.parameters.births.clone(),
             }),
-            statures_m: Vec::new(),
+            standing: Standing::default(),
         }
     }
 
@@ -145,12 +135,15 @@ impl AgreementWatch {
         self.samples.note_views(tick, tracks);
     }
 
-    /// Keeps whom a detection pass found, where people are, and now and then how tall those are who are followed.
+    /// Keeps whom a detection pass found, where people are, and now and then how tall those are who are followed, and how
+    /// high they stand.
     pub(crate) fn note_found(&mut self, group: &TickGroup, tracks: &[Track], poses: &PoseSet) {
         self.samples.note_poses(poses);
-        let every = ((STATURE_EVERY_S * self.cameras.rate_hz).round() as i64).max(1);
+        let cameras = &self.cameras;
+        let every = ((STANDING_EVERY_S * cameras.rate_hz).round() as i64).max(1);
         if group.tick.0 % every == 0 {
-            self.note_statures(tracks);
+            self.standing
+                .note(tracks, &cameras.keypoints, cameras.field.floor_m);
         }
         if group.sighting_sets.is_empty() {
             return;
@@ -164,26 +157,12 @@ impl AgreementWatch {
         self.samples.note_pass(group, n_keypoints, is_own);
     }
 
-    fn note_statures(&mut self, tracks: &[Track]) {
-        let seen = tracks.iter().filter(|track| !track.is_tentative());
-        for track in seen.filter(|track| track.estimator().n_views() >= 2) {
-            if self.statures_m.len() == MAX_STATURES {
-                self.statures_m.remove(0);
-            }
-            let mut body = ObservedJoints::default();
-            for (joint, position_m) in Joint::ALL.iter().zip(track.estimator().joints_m()) {
-                body.set(*joint, *position_m, 1.0);
-            }
-            self.statures_m.extend(stature_m([&body]));
-        }
-    }
-
     /// What is kept so far.
     pub fn samples(&self) -> AgreementSamples {
         AgreementSamples {
             cameras: Arc::clone(&self.cameras),
             samples: self.samples.so_far(),
-            statures_m: self.statures_m.clone(),
+            standing: self.standing.clone(),
         }
     }
 }
@@ -193,7 +172,22 @@ impl AgreementSamples {
     pub fn report(&self) -> AgreementReport {
         let mut report = Judge::new(&self.cameras, &self.samples).report();
         report.sighted = self.sighted();
-        report.disagreements.extend(self.doubtful_scale());
+        let mut told_of_all = |cause: Option<DisagreementCause>| {
+            report.disagreements.extend(cause.map(|cause| {
+                let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
+                Disagreement {
+                    cameras: Vec::new(),
+                    cause,
+                    found,
+                    remedy,
+                }
+            }));
+            report.disagreements.is_empty()
+        };
+        // Where anything else is wrong people stand wherever that puts them.
+        if told_of_all(self.standing.doubtful_scale()) {
+            told_of_all(self.standing.doubtful_floor());
+        }
         report
     }
 
@@ -226,21 +220,6 @@ impl AgreementSamples {
         let viewpoints: BTreeSet<ViewpointIndex> = all.iter().map(|c| c.viewpoint).collect();
         report.viewpoints = viewpoints.len() as u64;
         report
-    }
-
-    fn doubtful_scale(&self) -> Option<Disagreement> {
-        if self.statures_m.len() < MIN_STATURES {
-            return None;
-        }
-        let stature_m = upper_median(self.statures_m.clone())?;
-        let cause = DisagreementCause::WorldScale { stature_m };
-        let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
-        (!STATURES_M.contains(&stature_m)).then(|| Disagreement {
-            cameras: Vec::new(),
-            cause,
-            found,
-            remedy,
-        })
     }
 }
 

@@ -1,11 +1,32 @@
-//! Why nobody was found, in words.
+//! Why nobody was found, or not all, in words.
 
 use std::cmp::Reverse;
 
 use super::report::SightedReport;
 use crate::sightings::diagnosis::SightingDiagnosis;
 
+/// Bodies outside the field that are told of where somebody was found inside: so many, and one of so many of all.
+const MIN_OUTSIDE: u64 = 2;
+const OUTSIDE_ONE_IN: u64 = 10;
+
 impl SightedReport {
+    /// Who was left out because they stand outside the field, where these are not few.
+    pub fn left_out(&self) -> Option<String> {
+        let SightingDiagnosis {
+            bodies,
+            outside_field,
+            outside_at_m: [x, y, z],
+            ..
+        } = self.diagnosis;
+        let are_many = outside_field >= MIN_OUTSIDE && outside_field * OUTSIDE_ONE_IN >= bodies;
+        are_many.then(|| {
+            format!(
+                "{outside_field} of {bodies} bodies that were looked at stand outside the field, around ({x:.1}, {y:.1}, {z:.1}) m, \
+                 and were left out: if they belong to it, set `[field]` min_m and max_m of the venue"
+            )
+        })
+    }
+
     /// The likely reasons why a run without people has none, the likeliest first; each with what to do.
     pub fn why_nobody(&self) -> Vec<String> {
         let seeing: Vec<&str> = self
@@ -111,5 +132,29 @@ impl SightingDiagnosis {
                 ),
             ),
         ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_was_left_out_is_told_of_where_they_are_not_few() {
+        let sighted = |bodies, outside_field| SightedReport {
+            diagnosis: SightingDiagnosis {
+                bodies,
+                outside_field,
+                outside_at_m: [5.0, 0.25, 1.0],
+                ..SightingDiagnosis::default()
+            },
+            ..SightedReport::default()
+        };
+        let told = sighted(14, 12).left_out().unwrap();
+        assert!(told.starts_with("12 of 14 bodies"), "{told}");
+        assert!(told.contains("(5.0, 0.2, 1.0) m"), "{told}");
+        for (bodies, outside) in [(0, 0), (14, 0), (14, 1), (60, 5)] {
+            assert_eq!(sighted(bodies, outside).left_out(), None, "{bodies}");
+        }
     }
 }

@@ -211,6 +211,65 @@ fn people_of_half_their_size_tell_of_the_unit_of_the_calibration() {
 }
 
 #[test]
+fn keypoints_of_pictures_of_half_the_size_are_told_of_where_all_cameras_have_them() {
+    let half = Mistake {
+        width_factor: 0.5,
+        ..Mistake::default()
+    };
+    let mut hall = Hall::default();
+    for (_, own) in &mut hall.shows {
+        *own = half;
+    }
+    let causes = hall.causes();
+    let [(cameras, DisagreementCause::SmallPictures { share })] = &causes[..] else {
+        panic!("{causes:?}");
+    };
+    assert_eq!(*cameras, names(&[]));
+    assert!(*share < 0.5, "{share}");
+    // One alone may look past its people, and is held to the others.
+    for (_, cause) in Hall::with(2, half).causes() {
+        assert!(
+            !matches!(cause, DisagreementCause::SmallPictures { .. }),
+            "{cause:?}"
+        );
+    }
+}
+
+#[test]
+fn people_who_do_not_stand_on_the_floor_are_told_of_where_nothing_else_is_wrong() {
+    let sunk = Hall {
+        floor_m: -1.04,
+        ..Hall::default()
+    };
+    let report = sunk.report();
+    let [told] = report.disagreements.as_slice() else {
+        panic!("{:?}", report.disagreements);
+    };
+    assert_eq!(told.found, "everybody's feet are 1.04 m under the floor");
+    assert!(told.remedy.contains("floor_m"), "{}", told.remedy);
+    let on_a_stage = Hall {
+        floor_m: 0.6,
+        ..Hall::default()
+    };
+    let report = on_a_stage.report();
+    assert!(
+        report.disagreements[0].found.contains("0.60 m above it"),
+        "{:?}",
+        report.disagreements
+    );
+    // A mirrored camera puts people anywhere.
+    let mirrored = Mistake {
+        mirrored: true,
+        ..Mistake::default()
+    };
+    let hall = Hall {
+        floor_m: -1.04,
+        ..Hall::with(1, mirrored)
+    };
+    assert_eq!(hall.causes(), [(names(&[1]), DisagreementCause::Mirrored)]);
+}
+
+#[test]
 fn three_cameras_in_a_ring_of_wrong_names_are_told_of() {
     let hall = Hall {
         shows: [0, 2, 3, 1].map(|camera| (camera, Mistake::default())),

@@ -287,6 +287,62 @@ fn a_calibration_in_another_unit_is_told_by_the_size_of_people() {
 }
 
 #[test]
+fn a_floor_that_is_elsewhere_is_told_by_the_feet_of_people() {
+    MistakenSample::new()
+        .replace("venue.toml", |text| {
+            text.replace("2.4]", "2.4]\nfloor_m = 0.5")
+        })
+        .is_told(&["everybody's feet are 0.5", "m under the floor", "floor_m"]);
+    // All focal lengths a half too long: people are smaller, and in the air.
+    MistakenSample::new()
+        .replace("calibration.toml", |text| text.replace("1050.0", "1575.0"))
+        .is_told(&["nobody stands on the floor", "focal lengths"]);
+}
+
+#[test]
+fn a_camera_that_was_moved_a_little_is_not_said_to_have_another_lens() {
+    // 10 cm along x.
+    let of_north_west = "[-1.7763568394002505e-15, 0.8695112311267446, 6.819380486447759]";
+    let moved = "[0.07071067811865284, 0.8877602322738497, 6.751065232242472]";
+    let finished = MistakenSample::new()
+        .replace("calibration.toml", |text| {
+            text.replace(of_north_west, moved)
+        })
+        .run(&[]);
+    let warning = finished
+        .stdout
+        .lines()
+        .find(|line| line.starts_with("warning: "));
+    let warning = warning.unwrap_or_else(|| panic!("nothing is said\n{}", finished.stdout));
+    assert!(warning.contains("camera north-west"), "{warning}");
+    assert!(!warning.contains("lens distortion"), "{warning}");
+}
+
+#[test]
+fn keypoints_of_pictures_of_half_the_size_are_told_of() {
+    let half: fn([f64; 2]) -> [f64; 2] = |[x, y]| [0.5 * x, 0.5 * y];
+    MistakenSample::new()
+        .change(&CAMERAS, |k| k, half)
+        .is_told(&[
+            "nobody was found",
+            "lie in the upper left of their pictures",
+        ]);
+}
+
+#[test]
+fn people_outside_the_field_are_told_of_beside_those_inside() {
+    MistakenSample::new()
+        .replace("venue.toml", |text| {
+            text.replace("[-4.0, -4.0, -0.3]", "[0.0, -4.0, -0.3]")
+        })
+        .is_told(&[
+            "person 1: ",
+            "stand outside the field, around (",
+            "were left out",
+        ]);
+}
+
+#[test]
 fn why_nobody_was_found_is_said() {
     MistakenSample::new()
         .replace("venue.toml", |text| {

@@ -1,7 +1,7 @@
 //! Whether a camera is late, and by how much: by what crops show tick by tick, else by sightings and where people were.
 
-use super::judge::{Judge, rounded};
-use super::time_shift::{LATE_TICKS, is_same};
+use super::{Judge, rounded};
+use crate::camera_agreement::time_shift::{LATE_TICKS, is_same};
 
 /// The same by sightings alone, which say nothing of when within a tick they were taken; and seconds, as poses are kept now
 /// and then.
@@ -21,7 +21,7 @@ impl Judge<'_> {
     }
 
     /// The same with what it leaves of the cost: by what crops show, else by sightings and poses.
-    pub(super) fn lateness(&self, camera: usize) -> Option<(f64, f64)> {
+    pub(in crate::camera_agreement) fn lateness(&self, camera: usize) -> Option<(f64, f64)> {
         let of_crops = || {
             let shift = self.shifts[camera]?;
             let ratio = shift.cost_after / shift.cost_before;
@@ -43,7 +43,7 @@ impl Judge<'_> {
     }
 
     /// Whether `camera` is late, and that explains most of what it is off.
-    pub(super) fn is_clearly_late(&self, camera: usize) -> bool {
+    pub(in crate::camera_agreement) fn is_clearly_late(&self, camera: usize) -> bool {
         self.lateness(camera)
             .is_some_and(|(_, ratio)| ratio < FAR_EXPLAINS)
     }
