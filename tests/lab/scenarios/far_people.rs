@@ -34,8 +34,8 @@ struct SeenFarPeople {
     confirmed: BTreeMap<u32, Tick>,
 }
 
-fn looked(venue: Venue, sources: Vec<Box<dyn FrameSource>>) -> SeenFarPeople {
-    let mut nodes = InProcess::new(venue, sources, Tick(0)..Tick(TICKS)).unwrap();
+fn looked(venue: Venue, sources: Vec<Box<dyn FrameSource>>, ticks: i64) -> SeenFarPeople {
+    let mut nodes = InProcess::new(venue, sources, Tick(0)..Tick(ticks)).unwrap();
     let mut seen = SeenFarPeople::default();
     while let Some(trace) = nodes.step().unwrap() {
         if trace.tick == Tick(0) {
@@ -95,7 +95,7 @@ fn rendered(scene: &Arc<Scene>, models: &Path, detector: &str, tiles: u32) -> Se
         detector: Some(models.join(detector)),
     };
     let venue = venue_of(scene, &input, parameters(tiles));
-    looked(venue, sources_of(scene, &input).unwrap())
+    looked(venue, sources_of(scene, &input).unwrap(), TICKS)
 }
 
 #[test]
@@ -140,22 +140,24 @@ fn a_real_man_of_a_few_pixels_is_found_in_tiles_alone() {
         scale: 0.05,
         size_px: [1920, 1200],
     };
-    let run = |tiles: u32, detector: &str| {
+    let run = |tiles: u32, detector: &str, ticks: i64| {
         let known = VenueSources::default();
         let open = |camera| afar.source(known.open(camera, &venue, Tick(0)).unwrap());
         let sources = venue.cameras.iter().map(open).collect();
         let mut small = afar.venue(&venue).unwrap();
         small.parameters.births.tiles_per_look = tiles;
         small.detector = small.detector.map(|card| card.with_file_name(detector));
-        looked(small, sources)
+        looked(small, sources, ticks)
     };
-    let seen = DETECTORS.map(|detector| {
-        let (tiled, whole) = (run(TILES, detector), run(0, detector));
+    // Where he is 32 to 45 pixels tall, RTMDet finds him in all four pictures, YOLOX in some, which its first detection pass
+    // shows.
+    let seen = [(DETECTORS[0], 1), (DETECTORS[1], TICKS)].map(|(detector, ticks)| {
+        let tiled = run(TILES, detector, ticks);
+        let whole = run(0, detector, TICKS);
         println!("{detector}: in tiles {tiled:?}, in whole pictures {whole:?}");
         (tiled, whole)
     });
     let [(yolox, _), (rtmdet, _)] = &seen;
-    // Where he is 32 to 45 pixels tall, RTMDet finds him in all four pictures, YOLOX in some.
     assert_eq!(rtmdet.first_look.len(), venue.cameras.len(), "{rtmdet:?}");
     assert!(!rtmdet.confirmed.is_empty(), "{rtmdet:?}");
     assert!(!yolox.first_look.is_empty(), "{yolox:?}");

@@ -1,8 +1,8 @@
 //! A real man on a treadmill: four real cameras, a real network, no truth. He is judged against
 //! plain weighted triangulation (DLT) of the same maps' peaks.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use farfield_lab::leave_one_out::{BODY_KEYPOINTS, PersonRun, median};
 use serde_json::Value;
@@ -167,14 +167,10 @@ fn a_bystander_outside_the_field_is_not_confirmed() {
     is_the_man_alone(&poses(&out));
 }
 
-/// Distances of both methods to the peaks of the view that was (or was not) withheld, pixels.
-fn residuals(venue: &Path, withheld: Option<usize>) -> BTreeMap<usize, (Vec<f64>, Vec<f64>)> {
-    let recording = PersonRun::make(venue, withheld).unwrap();
-    let views: Vec<usize> = withheld.map_or_else(|| (0..4).collect(), |v| vec![v]);
-    views
-        .into_iter()
-        .map(|v| (v, recording.residuals_px(v, BODY_KEYPOINTS)))
-        .collect()
+/// The run of all four views, made once.
+fn of_all_views(venue: &Path) -> &'static PersonRun {
+    static RUN: OnceLock<PersonRun> = OnceLock::new();
+    RUN.get_or_init(|| PersonRun::make(venue, None).unwrap())
 }
 
 #[test]
@@ -187,7 +183,9 @@ fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
     }
     let (mut ours_all, mut dlt_all) = (Vec::new(), Vec::new());
     for withheld in 0..4 {
-        let (ours, dlt) = residuals(&venue, Some(withheld)).remove(&withheld).unwrap();
+        let run = PersonRun::make(&venue, Some(withheld)).unwrap();
+        // Distances of both methods to the peaks of the withheld view, pixels.
+        let (ours, dlt) = run.residuals_px(withheld, BODY_KEYPOINTS);
         println!(
             "treadmill, view {withheld} withheld, {} keypoints: ours {:.2} px, DLT {:.2} px (medians)",
             ours.len(),
@@ -203,7 +201,8 @@ fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
         median(&dlt_all)
     );
     let (mut ours_in, mut dlt_in) = (Vec::new(), Vec::new());
-    for (ours, dlt) in residuals(&venue, None).into_values() {
+    for view in 0..4 {
+        let (ours, dlt) = of_all_views(&venue).residuals_px(view, BODY_KEYPOINTS);
         ours_in.extend(ours);
         dlt_in.extend(dlt);
     }
@@ -228,7 +227,7 @@ fn wrists_and_ankles_move_with_less_than_half_the_jerk_of_triangulation() {
     if !onnx_runtime(SCENARIO) {
         return;
     }
-    let recording = PersonRun::make(&venue, None).unwrap();
+    let recording = of_all_views(&venue);
     let names = ["left_wrist", "right_wrist", "left_ankle", "right_ankle"];
     let (ours, dlt) = recording.jerk_m_s3(&names);
     println!(
