@@ -48,7 +48,7 @@ pub(super) fn check_agreement(out: &Path) -> anyhow::Result<()> {
         .collect();
     anyhow::ensure!(
         found.is_empty(),
-        "the cameras do not agree: {}",
+        "the cameras do not agree with each other or with the venue: {}",
         found.join("; ")
     );
     Ok(())
@@ -96,6 +96,15 @@ fn names(out: &Path) -> BTreeMap<u32, String> {
     identities.names_of_poses(identities.edited_ids())
 }
 
+/// That bodies stood outside the field, where nothing else is wrong.
+fn outside_field(summary: &Summary) -> Option<String> {
+    let agreement = &summary.agreement;
+    let is_right = agreement.disagreements.is_empty();
+    is_right
+        .then(|| agreement.sighted.outside_field())
+        .flatten()
+}
+
 fn for_people(summary: &Summary, names: &BTreeMap<u32, String>, out: &str) -> String {
     let ticks = &summary.ticks;
     let mut text = String::new();
@@ -129,8 +138,8 @@ fn for_people(summary: &Summary, names: &BTreeMap<u32, String>, out: &str) -> St
         for reason in summary.agreement.sighted.why_nobody() {
             line(format_args!("  {reason}"));
         }
-    } else if let Some(left_out) = summary.agreement.sighted.left_out() {
-        line(format_args!("{left_out}"));
+    } else if let Some(shown) = outside_field(summary) {
+        line(format_args!("{shown}"));
     }
     for shown in summary.agreement.lines() {
         line(format_args!("{shown}"));

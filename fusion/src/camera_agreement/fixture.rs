@@ -30,8 +30,6 @@ pub(super) struct Mistake {
     pub(super) order: Option<[usize; 17]>,
     /// Its focal length as a factor of the calibrated one; 0 is 1.
     pub(super) focal_factor: f32,
-    /// How wide its pictures are beside the calibration's; 0 is 1.
-    pub(super) width_factor: f32,
     /// By how much k1 of the calibration is larger than it should be.
     pub(super) k1_over: f32,
     /// By what it was turned about its axes (right, down, ahead) since it was calibrated, degrees.
@@ -171,7 +169,7 @@ impl Hall {
         AgreementSamples {
             cameras: Arc::new(cameras),
             samples,
-            standing: Standing::of(vec![1.75 * self.scale; 20], vec![self.floor_m; 20]),
+            standing: Standing::of(vec![1.75 * self.scale; 20], vec![[self.floor_m; 2]; 20]),
         }
         .report()
     }
@@ -256,9 +254,6 @@ fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
             for (pixel, middle) in keypoint.pixel.iter_mut().zip(middle) {
                 *pixel = middle + mistake.focal_factor * (*pixel - middle);
             }
-        }
-        if mistake.width_factor > 0.0 {
-            keypoint.pixel = keypoint.pixel.map(|px| mistake.width_factor * px);
         }
         if mistake.k1_over.abs() > 0.0 {
             keypoint.pixel = bent(keypoint.pixel, mistake.k1_over);

@@ -5,7 +5,6 @@
 //! calibration of another.
 
 mod lateness;
-mod small_pictures;
 
 use std::collections::BTreeMap;
 
@@ -40,7 +39,7 @@ const NEVER_AGREES_M: f64 = 0.11;
 const FAR_OFF: f64 = 0.5;
 const FAR_OFF_FACTOR: f64 = 2.5;
 /// Another k1 than this is no lens distortion: what is zoomed or was moved a little bends the middle of the picture as much.
-const MOST_K1_OVER: f64 = 0.6;
+const MOST_K1_OVER: f64 = 0.75;
 /// Pixels by which the keypoints of two cameras differ at most that show the same picture: their crops are not the same.
 const SAME_PX: f32 = 6.0;
 
@@ -126,12 +125,7 @@ impl<'a> Judge<'a> {
     pub(super) fn report(&self) -> AgreementReport {
         let mut report = AgreementReport::default();
         let mut told = vec![false; self.cameras.len()];
-        if let Some(cause) = self.small_pictures() {
-            told.fill(true);
-            report.disagreements.push(self.disagreement(&[], cause));
-        } else {
-            self.find_disagreements(&mut report, &mut told);
-        }
+        self.find_disagreements(&mut report, &mut told);
         let is_compared =
             |camera: usize| self.pairs.keys().any(|&(a, b)| a == camera || b == camera);
         for (index, camera) in self.cameras.iter().enumerate() {
@@ -219,13 +213,6 @@ impl<'a> Judge<'a> {
         let compared = || self.pairs.keys().copied();
         let sets = linked(self.cameras.len(), compared());
         sets.into_iter().filter(|set| set.len() > 1).collect()
-    }
-
-    /// Whether any two cameras agree.
-    fn do_any_agree(&self) -> bool {
-        let groups = self.groups();
-        let mut right = groups.iter().map(|group| self.taken_for_right(group));
-        right.any(|right| !right.is_empty())
     }
 
     /// Explains every camera of a group that is not among those which are taken for right.

@@ -7,7 +7,7 @@
 //!   Pipeline::step -> AgreementWatch: keeps what cameras showed lately (`samples`), in bounded memory
 //!                      '-> AgreementSamples, now and then, to another thread -> judge -> AgreementReport
 //!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `distortion` on what crops show tick by tick (`distortion` on sightings, too),
-//!          `pose_shift` on sightings and poses -> a cause in `words`
+//!          `pose_shift` on sightings and poses -> a cause in `words`; `standing` on people, where all that fits
 //! ```
 //!
 //! Nothing here moves a pose. A report takes up to some hundred milliseconds, and is made beside the loop, or at the end of
@@ -126,7 +126,7 @@ impl AgreementWatch {
                 field: venue.field,
                 births: venue.parameters.births.clone(),
             }),
-            standing: Standing::default(),
+            standing: Standing::new(keypoints, venue.field.floor_m),
         }
     }
 
@@ -139,11 +139,9 @@ impl AgreementWatch {
     /// high they stand.
     pub(crate) fn note_found(&mut self, group: &TickGroup, tracks: &[Track], poses: &PoseSet) {
         self.samples.note_poses(poses);
-        let cameras = &self.cameras;
-        let every = ((STANDING_EVERY_S * cameras.rate_hz).round() as i64).max(1);
+        let every = ((STANDING_EVERY_S * self.cameras.rate_hz).round() as i64).max(1);
         if group.tick.0 % every == 0 {
-            self.standing
-                .note(tracks, &cameras.keypoints, cameras.field.floor_m);
+            self.standing.note(tracks);
         }
         if group.sighting_sets.is_empty() {
             return;
@@ -172,21 +170,17 @@ impl AgreementSamples {
     pub fn report(&self) -> AgreementReport {
         let mut report = Judge::new(&self.cameras, &self.samples).report();
         report.sighted = self.sighted();
-        let mut told_of_all = |cause: Option<DisagreementCause>| {
-            report.disagreements.extend(cause.map(|cause| {
-                let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
-                Disagreement {
-                    cameras: Vec::new(),
-                    cause,
-                    found,
-                    remedy,
-                }
-            }));
-            report.disagreements.is_empty()
-        };
         // Where anything else is wrong people stand wherever that puts them.
-        if told_of_all(self.standing.doubtful_scale()) {
-            told_of_all(self.standing.doubtful_floor());
+        let is_alone = report.disagreements.is_empty();
+        let floor = || self.standing.doubtful_floor().filter(|_| is_alone);
+        if let Some(cause) = self.standing.doubtful_scale().or_else(floor) {
+            let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
+            report.disagreements.push(Disagreement {
+                cameras: Vec::new(),
+                cause,
+                found,
+                remedy,
+            });
         }
         report
     }

@@ -10,19 +10,18 @@ const MIN_OUTSIDE: u64 = 2;
 const OUTSIDE_ONE_IN: u64 = 10;
 
 impl SightedReport {
-    /// Who was left out because they stand outside the field, where these are not few.
-    pub fn left_out(&self) -> Option<String> {
+    /// That bodies stood outside the field, where these are not few: a line for a run that found somebody inside.
+    pub fn outside_field(&self) -> Option<String> {
         let SightingDiagnosis {
             bodies,
             outside_field,
-            outside_at_m: [x, y, z],
             ..
         } = self.diagnosis;
         let are_many = outside_field >= MIN_OUTSIDE && outside_field * OUTSIDE_ONE_IN >= bodies;
         are_many.then(|| {
             format!(
-                "{outside_field} of {bodies} bodies that were looked at stand outside the field, around ({x:.1}, {y:.1}, {z:.1}) m, \
-                 and were left out: if they belong to it, set `[field]` min_m and max_m of the venue"
+                "{outside_field} of {bodies} bodies that detection passes found stood outside the field, where nobody new is followed: \
+                 if they belong to it, set `[field]` min_m and max_m of the venue"
             )
         })
     }
@@ -140,21 +139,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_was_left_out_is_told_of_where_they_are_not_few() {
+    fn bodies_outside_the_field_are_told_of_where_they_are_not_few() {
         let sighted = |bodies, outside_field| SightedReport {
             diagnosis: SightingDiagnosis {
                 bodies,
                 outside_field,
-                outside_at_m: [5.0, 0.25, 1.0],
                 ..SightingDiagnosis::default()
             },
             ..SightedReport::default()
         };
-        let told = sighted(14, 12).left_out().unwrap();
+        let told = sighted(14, 12).outside_field().unwrap();
         assert!(told.starts_with("12 of 14 bodies"), "{told}");
-        assert!(told.contains("(5.0, 0.2, 1.0) m"), "{told}");
         for (bodies, outside) in [(0, 0), (14, 0), (14, 1), (60, 5)] {
-            assert_eq!(sighted(bodies, outside).left_out(), None, "{bodies}");
+            assert_eq!(sighted(bodies, outside).outside_field(), None, "{bodies}");
         }
     }
 }

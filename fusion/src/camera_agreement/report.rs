@@ -124,15 +124,13 @@ pub enum DisagreementCause {
         /// Median stature of all people, metres.
         stature_m: f64,
     },
-    /// The keypoints of all cameras lie in the upper left of their pictures: those of smaller ones.
-    SmallPictures {
-        /// The share of width and height in which all lie, 0 to 1.
-        share: f64,
-    },
     /// People stand under the floor, or nobody on it: the origin of the calibration, or the venue's `floor_m`.
     FloorHeight {
-        /// How high the lowest points of everybody's feet are above the floor, the median, metres.
+        /// How high the feet of those who stand are above the floor, metres: of the highest of them where all are under it,
+        /// of the lowest where all are above it; the median over time.
         above_m: f64,
+        /// Where the floor is, world z, metres.
+        floor_m: f64,
     },
     /// None of these explains it.
     Unexplained,

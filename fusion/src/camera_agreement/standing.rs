@@ -7,7 +7,7 @@ use farfield_proto::order_statistics::{mean_median, percentile, upper_median};
 use super::report::DisagreementCause;
 use crate::body::observed::ObservedJoints;
 use crate::body::segment::stature_m;
-use crate::body::skeleton::Joint;
+use crate::body::skeleton::{Joint, Joints};
 use crate::estimate::estimator::Estimator;
 use crate::identity::track::Track;
 
@@ -18,14 +18,17 @@ const MIN_STATURES: usize = 8;
 /// Median stature of everybody outside which the unit of the calibration is doubted, metres: school children are taller,
 /// and no team is.
 const STATURES_M: std::ops::RangeInclusive<f64> = 1.2..=2.15;
-/// Least heights of feet that tell of the floor.
-const MIN_HEIGHTS: usize = 20;
+/// Least instants that tell of the floor.
+const MIN_INSTANTS: usize = 20;
 /// Viewpoints that must see an ankle: legs behind a desk are made up.
 const MIN_VIEWS: u16 = 2;
-/// How far the feet of three in four are under the floor if it is elsewhere, metres. Heels and toes that no keypoint tells
-/// were seen to be 0.05 off.
+/// Least downward part of the direction of thigh and shank of a leg on which somebody stands: within 40 degrees. Who sits,
+/// kneels, lies or rides does not stand.
+const DOWNWARD: f64 = 0.77;
+/// How far everybody's feet are under the floor in three of four instants if it is elsewhere, metres. Heels and toes that no
+/// keypoint tells were seen to be 0.05 off, and the floor of a calibration 0.10 (on the Shelf).
 const UNDER_FLOOR_M: f64 = 0.15;
-/// The same of three in four above it: who runs is in the air for less than half of the time, and treadmills are lower.
+/// The same above it: who runs is in the air for less than half of the time.
 const ABOVE_FLOOR_M: f64 = 0.25;
 /// The lowest points of a skeleton that stands.
 const FEET: [Joint; 4] = [
@@ -34,34 +37,66 @@ const FEET: [Joint; 4] = [
     Joint::LeftToe,
     Joint::RightToe,
 ];
+/// Hip, knee and ankle.
+const LEGS: [[Joint; 3]; 2] = [
+    [Joint::LeftHip, Joint::LeftKnee, Joint::LeftAnkle],
+    [Joint::RightHip, Joint::RightKnee, Joint::RightAnkle],
+];
 
 /// People of whom one was measured at some instant.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(super) struct Standing {
+    /// The keypoints at the ankles, where the network knows them.
+    ankles: [Option<usize>; 2],
+    floor_m: f64,
     statures_m: Vec<f64>,
-    /// Of each the lowest point of the feet above the floor.
-    feet_m: Vec<f64>,
+    /// Per instant how high the feet of those who stand are above the floor: of the lowest person, and of the highest.
+    feet_m: Vec<[f64; 2]>,
 }
 
 impl Standing {
-    /// People of these statures, whose feet are so high.
-    #[cfg(test)]
-    pub(super) fn of(statures_m: Vec<f64>, feet_m: Vec<f64>) -> Self {
-        Self { statures_m, feet_m }
+    /// Nobody yet, above a floor at `floor_m`.
+    pub(super) fn new(keypoints: &KeypointSet, floor_m: f64) -> Self {
+        Self {
+            ankles: ["left_ankle", "right_ankle"].map(|name| keypoints.index_of(name)),
+            floor_m,
+            statures_m: Vec::with_capacity(MAX_KEPT),
+            feet_m: Vec::with_capacity(MAX_KEPT),
+        }
     }
 
-    /// Keeps what the `tracks` are now, above a floor at `floor_m`.
-    pub(super) fn note(&mut self, tracks: &[Track], keypoints: &KeypointSet, floor_m: f64) {
-        let ankles = ["left_ankle", "right_ankle"].map(|name| keypoints.index_of(name));
+    /// People of these statures, whose feet are so high.
+    #[cfg(test)]
+    pub(super) fn of(statures_m: Vec<f64>, feet_m: Vec<[f64; 2]>) -> Self {
+        Self {
+            statures_m,
+            feet_m,
+            ..Self::new(&KeypointSet::coco17(), 0.0)
+        }
+    }
+
+    /// Keeps what the `tracks` are now.
+    pub(super) fn note(&mut self, tracks: &[Track]) {
+        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         let seen = tracks.iter().filter(|track| !track.is_tentative());
         for track in seen.filter(|track| track.estimator().n_views() >= MIN_VIEWS) {
+            let joints_m = track.estimator().joints_m();
             let mut body = ObservedJoints::default();
-            for (joint, position_m) in Joint::ALL.iter().zip(track.estimator().joints_m()) {
+            for (joint, position_m) in Joint::ALL.iter().zip(joints_m) {
                 body.set(*joint, *position_m, 1.0);
             }
-            keep(&mut self.statures_m, stature_m([&body]));
-            let lowest_m = lowest_m(track.estimator(), &ankles);
-            keep(&mut self.feet_m, lowest_m.map(|z| z - floor_m));
+            if let Some(stature_m) = stature_m([&body]) {
+                keep(&mut self.statures_m, stature_m);
+            }
+            if sees_both(track.estimator(), &self.ankles)
+                && let Some(lowest_m) = feet_of_who_stands(joints_m)
+            {
+                let above_m = lowest_m - self.floor_m;
+                range = [range[0].min(above_m), range[1].max(above_m)];
+            }
+        }
+        if range.iter().all(|m| m.is_finite()) {
+            keep(&mut self.feet_m, range);
         }
     }
 
@@ -75,50 +110,72 @@ impl Standing {
         (!STATURES_M.contains(&stature_m)).then_some(cause)
     }
 
-    /// That people stand under the floor, or nobody on it.
+    /// That all who stand do so under the floor, or nobody on it.
     pub(super) fn doubtful_floor(&self) -> Option<DisagreementCause> {
-        if self.feet_m.len() < MIN_HEIGHTS {
+        if self.feet_m.len() < MIN_INSTANTS {
             return None;
         }
-        let mut feet_m = self.feet_m.clone();
-        feet_m.sort_by(f64::total_cmp);
-        let is_under = percentile(&feet_m, 0.75)? < -UNDER_FLOOR_M;
-        let is_above = percentile(&feet_m, 0.25)? > ABOVE_FLOOR_M;
-        let above_m = mean_median(&feet_m)?;
-        (is_under || is_above).then_some(DisagreementCause::FloorHeight { above_m })
+        let sorted = |of: usize| {
+            let mut feet_m: Vec<f64> = self.feet_m.iter().map(|range| range[of]).collect();
+            feet_m.sort_by(f64::total_cmp);
+            feet_m
+        };
+        let [lowest_m, highest_m] = [sorted(0), sorted(1)];
+        let told_m = if percentile(&highest_m, 0.75)? < -UNDER_FLOOR_M {
+            highest_m
+        } else if percentile(&lowest_m, 0.25)? > ABOVE_FLOOR_M {
+            lowest_m
+        } else {
+            return None;
+        };
+        Some(DisagreementCause::FloorHeight {
+            above_m: mean_median(&told_m)?,
+            floor_m: self.floor_m,
+        })
     }
 }
 
-fn keep(kept: &mut Vec<f64>, new: Option<f64>) {
-    let Some(new) = new.filter(|new| new.is_finite()) else {
-        return;
-    };
+fn keep<T>(kept: &mut Vec<T>, new: T) {
     if kept.len() == MAX_KEPT {
         kept.remove(0);
     }
     kept.push(new);
 }
 
-/// How high the lowest point of the feet is, world, metres; `None` where not both ankles are seen.
-fn lowest_m(estimator: &Estimator, ankles: &[Option<usize>; 2]) -> Option<f64> {
-    let is_seen = |ankle: &Option<usize>| {
+/// Whether two viewpoints see each ankle.
+fn sees_both(estimator: &Estimator, ankles: &[Option<usize>; 2]) -> bool {
+    ankles.iter().all(|ankle| {
         let estimate = ankle.and_then(|ankle| estimator.estimates().get(ankle));
         estimate.is_some_and(|estimate| estimate.views >= MIN_VIEWS)
+    })
+}
+
+/// How high the lowest point of the feet is, world, metres; `None` of who stands on neither leg.
+fn feet_of_who_stands(joints_m: &Joints) -> Option<f64> {
+    let at = |joint: Joint| joints_m[joint.index()];
+    let is_down = |from: Joint, to: Joint| {
+        let along_m = at(to) - at(from);
+        along_m.z < -DOWNWARD * along_m.norm()
     };
-    let heights_m = FEET.map(|joint| estimator.joints_m()[joint.index()].z);
-    ankles
-        .iter()
-        .all(is_seen)
-        .then(|| heights_m.into_iter().fold(f64::INFINITY, f64::min))
+    let mut legs = LEGS.into_iter();
+    let stands = legs.any(|[hip, knee, ankle]| is_down(hip, knee) && is_down(knee, ankle));
+    let heights_m = FEET.map(|joint| at(joint).z);
+    let lowest_m = heights_m.into_iter().fold(f64::INFINITY, f64::min);
+    (stands && lowest_m.is_finite()).then_some(lowest_m)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use nalgebra::{UnitQuaternion, Vector3};
 
-    fn above_m(feet_m: impl Iterator<Item = f64>) -> Option<f64> {
+    use super::*;
+    use crate::body::skeleton::dof::{DofGroup, first_of};
+    use crate::body::skeleton::{Kinematics, Pose, Proportions, Side, Skeleton};
+
+    /// What is found of people whose feet are so high, all at once.
+    fn above_m(feet_m: impl Iterator<Item = [f64; 2]>) -> Option<f64> {
         match Standing::of(Vec::new(), feet_m.collect()).doubtful_floor()? {
-            DisagreementCause::FloorHeight { above_m } => Some(above_m),
+            DisagreementCause::FloorHeight { above_m, .. } => Some(above_m),
             other => panic!("{other:?}"),
         }
     }
@@ -126,7 +183,7 @@ mod tests {
     #[test]
     fn people_under_the_floor_and_people_in_the_air_are_told_by_how_much() {
         // They walk: a foot is up to 5 cm off the ground they walk on.
-        let walk = |floor_m: f64| (0..40).map(move |i| floor_m + 0.01 * f64::from(i % 6));
+        let walk = |floor_m: f64| (0..40).map(move |i| [floor_m + 0.01 * f64::from(i % 6); 2]);
         for floor_m in [-1.0, -0.22, 0.3, 1.2] {
             let found_m = above_m(walk(floor_m)).unwrap();
             assert!((found_m - floor_m).abs() < 0.06, "{floor_m}: {found_m}");
@@ -137,18 +194,41 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_of_some_on_a_stage_of_who_jumps_and_of_a_moment() {
-        // Half of them stand 1.2 m higher; somebody is in the air for 60 % of the time; half a second of one person.
-        assert_eq!(above_m((0..40).map(|i| 1.2 * f64::from(i % 2))), None);
-        assert_eq!(
-            above_m((0..50).map(|i| if i % 5 < 3 { 0.5 } else { 0.0 })),
-            None
-        );
-        assert_eq!(above_m((0..10).map(|_| -1.0)), None);
-        // A spectator below a stand, and two on it.
-        assert_eq!(
-            above_m((0..60).map(|i| if i % 3 == 0 { -0.9 } else { 0.0 })),
-            None
-        );
+    fn nothing_is_said_where_one_stands_on_the_floor_of_who_jumps_and_of_a_moment() {
+        // A conductor before a choir on its steps, and a spectator below a stand with others on it.
+        assert_eq!(above_m((0..40).map(|_| [0.0, 0.6])), None);
+        assert_eq!(above_m((0..40).map(|_| [-0.9, 0.0])), None);
+        // Somebody is in the air for 60 % of the time.
+        let jumps = (0..50).map(|i| [if i % 5 < 3 { 0.5 } else { 0.0 }; 2]);
+        assert_eq!(above_m(jumps), None);
+        assert_eq!(above_m((0..19).map(|_| [-1.0; 2])), None);
+    }
+
+    /// The joints of a body of 1.8 m with these bends of both hips and knees, radians, turned so and with its pelvis so high.
+    fn body(hip: f64, knee: f64, turn: f64, pelvis_m: f64) -> Joints {
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn);
+        let mut pose = Pose::neutral(Vector3::new(0.0, 0.0, pelvis_m), rotation);
+        for side in Side::BOTH {
+            pose.dof[first_of(side, DofGroup::Hip)] = hip;
+            pose.dof[first_of(side, DofGroup::Knee)] = knee;
+        }
+        let mut kinematics = Kinematics::default();
+        Skeleton::new(&Proportions::from_stature(1.8)).forward(&pose, &mut kinematics);
+        Joint::ALL.map(|joint| kinematics.joint_m(joint))
+    }
+
+    #[test]
+    fn the_feet_count_of_who_stands_and_not_of_who_sits_kneels_or_lies() {
+        let standing_m = feet_of_who_stands(&body(0.0, 0.0, 0.0, 0.96)).unwrap();
+        assert!(standing_m.abs() < 0.1, "{standing_m}");
+        assert!(feet_of_who_stands(&body(0.3, 0.4, 0.0, 0.9)).is_some());
+        for (what, joints_m) in [
+            ("sits", body(1.5, 1.5, 0.0, 0.5)),
+            ("kneels", body(0.0, 1.5, 0.0, 0.5)),
+            ("lies", body(0.0, 0.0, 1.57, 0.1)),
+            ("stands on the hands", body(0.0, 0.0, 3.1, 1.1)),
+        ] {
+            assert_eq!(feet_of_who_stands(&joints_m), None, "{what}");
+        }
     }
 }

@@ -211,31 +211,6 @@ fn people_of_half_their_size_tell_of_the_unit_of_the_calibration() {
 }
 
 #[test]
-fn keypoints_of_pictures_of_half_the_size_are_told_of_where_all_cameras_have_them() {
-    let half = Mistake {
-        width_factor: 0.5,
-        ..Mistake::default()
-    };
-    let mut hall = Hall::default();
-    for (_, own) in &mut hall.shows {
-        *own = half;
-    }
-    let causes = hall.causes();
-    let [(cameras, DisagreementCause::SmallPictures { share })] = &causes[..] else {
-        panic!("{causes:?}");
-    };
-    assert_eq!(*cameras, names(&[]));
-    assert!(*share < 0.5, "{share}");
-    // One alone may look past its people, and is held to the others.
-    for (_, cause) in Hall::with(2, half).causes() {
-        assert!(
-            !matches!(cause, DisagreementCause::SmallPictures { .. }),
-            "{cause:?}"
-        );
-    }
-}
-
-#[test]
 fn people_who_do_not_stand_on_the_floor_are_told_of_where_nothing_else_is_wrong() {
     let sunk = Hall {
         floor_m: -1.04,
@@ -245,7 +220,10 @@ fn people_who_do_not_stand_on_the_floor_are_told_of_where_nothing_else_is_wrong(
     let [told] = report.disagreements.as_slice() else {
         panic!("{:?}", report.disagreements);
     };
-    assert_eq!(told.found, "everybody's feet are 1.04 m under the floor");
+    assert_eq!(
+        told.found,
+        "everybody who stands is 1.04 m under the floor (at z = -1.04 m, `floor_m` is 0.00 m)"
+    );
     assert!(told.remedy.contains("floor_m"), "{}", told.remedy);
     let on_a_stage = Hall {
         floor_m: 0.6,
@@ -253,7 +231,9 @@ fn people_who_do_not_stand_on_the_floor_are_told_of_where_nothing_else_is_wrong(
     };
     let report = on_a_stage.report();
     assert!(
-        report.disagreements[0].found.contains("0.60 m above it"),
+        report.disagreements[0]
+            .found
+            .contains("all feet are 0.60 m above it"),
         "{:?}",
         report.disagreements
     );

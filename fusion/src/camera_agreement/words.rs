@@ -68,15 +68,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             "is the calibration in metres? Scale its translations, or calibrate with an object of known size"
                 .to_owned(),
         ),
-        DisagreementCause::SmallPictures { share } => (
-            format!(
-                "all keypoints of all cameras lie in the upper left of their pictures, within {:.0} % of width and height",
-                100.0 * share
-            ),
-            "were they found in smaller pictures than the calibration's? Multiply them by the ratio, or scale `size` and the first two rows of `matrix`"
-                .to_owned(),
-        ),
-        DisagreementCause::FloorHeight { above_m } => floor_height(above_m),
+        DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
         DisagreementCause::Unexplained => unexplained(cameras),
     }
 }
@@ -97,20 +89,25 @@ fn distortion(cameras: &[String], k1_over: f64) -> (String, String) {
     )
 }
 
-fn floor_height(above_m: f64) -> (String, String) {
+fn floor_height(above_m: f64, floor_m: f64) -> (String, String) {
+    let feet_m = floor_m + above_m;
     let (found, first) = if above_m < 0.0 {
-        let found = format!("everybody's feet are {:.2} m under the floor", -above_m);
+        let found = format!("everybody who stands is {:.2} m under the floor", -above_m);
         (found, "")
     } else {
-        let found =
-            format!("nobody stands on the floor: everybody's feet are {above_m:.2} m above it");
-        (found, "if they stand on a stage, that is its height: ")
+        let found = format!("nobody stands on the floor: all feet are {above_m:.2} m above it");
+        (
+            found,
+            "if people stand on a stage or a treadmill, hang or jump, that is so; else ",
+        )
     };
-    let remedy = format!(
-        "{first}`[field] floor_m` of the venue is where people stand; if that is right, look at the origin of the calibration, \
-         and, where people are too large or too small as well, at the focal lengths"
-    );
-    (found, remedy)
+    (
+        format!("{found} (at z = {feet_m:.2} m, `floor_m` is {floor_m:.2} m)"),
+        format!(
+            "{first}set `[field] floor_m` of the venue to where people stand (`min_m` no higher); if it is right, look at the \
+             origin of the calibration, and, where people are too large or too small as well, at the focal lengths"
+        ),
+    )
 }
 
 fn late(camera: &str, ticks: f64, rate_hz: f64) -> (String, String) {

@@ -52,7 +52,7 @@ pub(super) fn findings(camera: &CameraModel) -> Vec<Finding> {
         pixel_shape(camera),
         principal_point(camera),
         match camera.lens() {
-            LensModel::Rational(lens) => distortion(camera, lens).or_else(|| askew(camera, lens)),
+            LensModel::Rational(lens) => distorted(camera, lens),
             LensModel::KannalaBrandt(_) => fisheye(camera),
         },
     ];
@@ -189,6 +189,18 @@ fn fisheye(camera: &CameraModel) -> Option<Finding> {
     ))
 }
 
+/// What is surely wrong first; then that coefficients stand in each other's place, which may make the rest doubtful.
+fn distorted(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
+    let radial = distortion(camera, lens);
+    match radial {
+        Some(Finding {
+            severity: Severity::Wrong,
+            ..
+        }) => radial,
+        _ => askew(camera, lens).or(radial),
+    }
+}
+
 fn distortion(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
     if lens.is_none() {
         return None;
@@ -214,7 +226,7 @@ fn distortion(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
         (Severity::Doubtful, found, at_edges)
     } else if radial.iter().any(|k| k.abs() > USUAL_RADIAL) {
         let found = format!("its radial coefficients are {radial:?}");
-        let expected = format!("some below {USUAL_RADIAL}");
+        let expected = format!("none beyond {USUAL_RADIAL}, whatever the sign");
         (Severity::Doubtful, found, expected)
     } else {
         return None;

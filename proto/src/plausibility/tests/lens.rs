@@ -126,3 +126,11 @@ fn tangential_coefficients_are_told_by_their_own_measure() {
         assert!(text.contains(words), "{words}: {text}");
     }
 }
+
+#[test]
+fn what_stands_in_the_wrong_place_is_said_before_what_is_doubtful_because_of_it() {
+    let text = said(&lens([140.0, 0.0, 0.05, 0.0, 0.0, 140.0]))[0].to_string();
+    assert!(text.contains("p1 and p2"), "{text}");
+    let text = said(&lens([140.0, 0.0, 0.0, 0.0, 0.0, 140.0]))[0].to_string();
+    assert!(text.contains("none beyond 100"), "{text}");
+}

@@ -11,7 +11,7 @@ use crate::farfield::run;
 
 const SCENARIO: &str = "mistakes on the treadmill";
 const CAMERAS: [&str; 4] = ["cam01", "cam02", "cam03", "cam04"];
-/// The ticks of a run: what is wrong with a video for good shows in half of them, and real networks read every picture.
+/// The ticks of a run: what is wrong with a video for good shows in a third of them, and real networks read every picture.
 const FIRST_TICKS: &str = "0..30";
 const ALL_TICKS: &str = "0..100";
 /// Widths of the cameras' pictures, pixels.
