@@ -125,13 +125,37 @@ impl Drop for SecuredNode {
     }
 }
 
-/// A session at fusion's door; `None` when it is not let in.
+/// A session at fusion's door; `None` when it is not let in. Blocks its thread.
+fn enter_blocking(
+    hall: &SecuredHall,
+    identity: &Identity,
+    change: &[(&str, String)],
+    patience: Duration,
+) -> Option<Session> {
+    zenoh::open(config_of(hall, identity, change, patience))
+        .wait()
+        .ok()
+}
+
+/// The same, beside other work.
 async fn enter(
     hall: &SecuredHall,
     identity: &Identity,
     change: &[(&str, String)],
     patience: Duration,
 ) -> Option<Session> {
+    let config = config_of(hall, identity, change, patience);
+    let open = tokio::task::spawn_blocking(|| zenoh::open(config).wait());
+    open.await.unwrap().ok()
+}
+
+/// What somebody with `identity` opens a session with, who gives up after `patience`.
+fn config_of(
+    hall: &SecuredHall,
+    identity: &Identity,
+    change: &[(&str, String)],
+    patience: Duration,
+) -> zenoh::Config {
     let connect = [hall.endpoint.clone()];
     let transport = EdgeTransport {
         venue: "walk",
@@ -153,8 +177,7 @@ async fn enter(
     for (key, value) in change {
         config.insert_json5(key, value).unwrap();
     }
-    let open = tokio::task::spawn_blocking(|| zenoh::open(config).wait());
-    open.await.unwrap().ok()
+    config
 }
 
 #[test]
