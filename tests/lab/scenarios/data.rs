@@ -36,6 +36,24 @@ pub(crate) fn onnx_runtime(scenario: &str) -> bool {
     found
 }
 
+/// The cases of `scenario` that are tried: the first `usual`, which show what the others show at a part of the time; all where
+/// `$FARFIELD_EVERY_CASE` is 1, as `.ci/measure cases` sets it.
+pub(crate) fn cases<T, const N: usize>(
+    scenario: &str,
+    all: [T; N],
+    usual: usize,
+) -> impl Iterator<Item = T> {
+    let is_every = std::env::var("FARFIELD_EVERY_CASE").is_ok_and(|value| value == "1");
+    let tried = if is_every { N } else { usual };
+    if tried < N {
+        say_skipped(&format!(
+            "{scenario}: {} of {N} cases (FARFIELD_EVERY_CASE=1 tries all)",
+            N - tried
+        ));
+    }
+    all.into_iter().take(tried)
+}
+
 /// The root of the checkout.
 pub(crate) fn checkout() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))

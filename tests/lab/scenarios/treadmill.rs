@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use farfield_lab::leave_one_out::{BODY_KEYPOINTS, PersonRun, median};
 use serde_json::Value;
 
-use crate::data::{onnx_runtime, recording};
+use crate::data::{cases, onnx_runtime, recording};
 use crate::farfield::{poses, run};
 use crate::outputs::poses_respect_the_model;
 
@@ -182,7 +182,8 @@ fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
         return;
     }
     let (mut ours_all, mut dlt_all) = (Vec::new(), Vec::new());
-    for withheld in 0..4 {
+    // The first two are those in which ours is least ahead.
+    for withheld in cases("a withheld view of the treadmill", [1, 2, 0, 3], 2) {
         let run = PersonRun::make(&venue, Some(withheld)).unwrap();
         // Distances of both methods to the peaks of the withheld view, pixels.
         let (ours, dlt) = run.residuals_px(withheld, BODY_KEYPOINTS);
@@ -196,7 +197,7 @@ fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
         dlt_all.extend(dlt);
     }
     println!(
-        "treadmill, all four: ours {:.2} px, DLT {:.2} px",
+        "treadmill, these views: ours {:.2} px, DLT {:.2} px",
         median(&ours_all),
         median(&dlt_all)
     );

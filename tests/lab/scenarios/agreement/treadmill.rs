@@ -6,7 +6,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::data::{onnx_runtime, recording};
+use crate::data::{cases, onnx_runtime, recording};
 use crate::farfield::run;
 
 const SCENARIO: &str = "mistakes on the treadmill";
@@ -101,20 +101,21 @@ impl Treadmill {
 }
 
 #[test]
-fn all_six_swapped_pairs_are_named_within_half_a_second() {
+fn swapped_pairs_are_named_within_half_a_second() {
     let Some(treadmill) = Treadmill::new() else {
         return;
     };
-    for (a, first) in CAMERAS.into_iter().enumerate() {
-        for (b, second) in CAMERAS.into_iter().enumerate().skip(a + 1) {
-            let videos = [treadmill.as_wide_as(b, a), treadmill.as_wide_as(a, b)];
-            let name = format!("swapped-{}-{}", a + 1, b + 1);
-            let changed = [(first, &*videos[0]), (second, &*videos[1])];
-            let found = treadmill.disagreements(&name, &changed, FIRST_TICKS);
-            assert_eq!(found.len(), 1, "{name}: {found:?}");
-            assert_eq!(found[0]["cause"], "swapped", "{name}");
-            assert_eq!(found[0]["cameras"], serde_json::json!([first, second]));
-        }
+    // The first two have all four cameras, and pictures of both widths.
+    let pairs = [(0, 3), (1, 2), (0, 1), (2, 3), (0, 2), (1, 3)];
+    for (a, b) in cases("swapped pairs on the treadmill", pairs, 2) {
+        let (first, second) = (CAMERAS[a], CAMERAS[b]);
+        let videos = [treadmill.as_wide_as(b, a), treadmill.as_wide_as(a, b)];
+        let name = format!("swapped-{}-{}", a + 1, b + 1);
+        let changed = [(first, &*videos[0]), (second, &*videos[1])];
+        let found = treadmill.disagreements(&name, &changed, FIRST_TICKS);
+        assert_eq!(found.len(), 1, "{name}: {found:?}");
+        assert_eq!(found[0]["cause"], "swapped", "{name}");
+        assert_eq!(found[0]["cameras"], serde_json::json!([first, second]));
     }
 }
 
@@ -123,7 +124,7 @@ fn a_shift_in_time_is_found_to_a_fifth_of_a_tick() {
     let Some(treadmill) = Treadmill::new() else {
         return;
     };
-    for ticks in [1, 3, 30] {
+    for ticks in cases("a late video on the treadmill", [1, 30, 3], 2) {
         let filter = format!("tpad=start={ticks}:start_mode=clone");
         let name = format!("late-{ticks}");
         let video = treadmill.filtered("cam02", &filter, &name);

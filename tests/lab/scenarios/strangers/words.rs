@@ -12,11 +12,9 @@ use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair}
 use zenoh::{Session, Wait as _};
 
 use super::keys::{edge, fusion, has_said, wait_for};
-use super::{SecuredHall, VIEWPOINTS, enter_blocking};
+use super::{SecuredHall, TRY, VIEWPOINTS, enter_blocking};
 use crate::farfield::farfield;
 
-/// How long a stranger tries to get in.
-const TRY: Duration = Duration::from_secs(8);
 const DAY: Duration = Duration::from_hours(24);
 
 /// A certificate to be made.
@@ -89,7 +87,7 @@ fn hall_at(scheme: &str) -> SecuredHall {
     hall
 }
 
-/// Somebody tries to get in for as long as it takes `node` to say `words`.
+/// Somebody tries to get in; waits until `node` says `words`.
 fn is_refused(
     hall: &SecuredHall,
     identity: &Identity,
