@@ -185,6 +185,21 @@ impl AgreementSamples {
         report
     }
 
+    /// How far right and down keypoints are in the pictures, as shares of these.
+    fn reach(&self) -> Option<[f64; 2]> {
+        let passes = self.samples.passes.iter();
+        let by_camera = passes.flat_map(|pass| pass.of_camera.iter().zip(&self.cameras.all));
+        let shares = by_camera.flat_map(|(bodies, camera)| {
+            let size_px = camera.size_px.map(f64::from);
+            let seen = bodies.iter().flatten().flatten();
+            seen.map(move |seen| {
+                let [x, y] = seen.pixel.map(f64::from);
+                [x / size_px[0], y / size_px[1]]
+            })
+        });
+        shares.reduce(|far, share| [far[0].max(share[0]), far[1].max(share[1])])
+    }
+
     /// What detection passes found, and what became of it.
     fn sighted(&self) -> SightedReport {
         let AgreementCameras {
@@ -211,6 +226,7 @@ impl AgreementSamples {
         for pass in &self.samples.passes {
             diagnosed.count(&pass.sightings(), &mut report.diagnosis);
         }
+        report.reach = self.reach();
         let viewpoints: BTreeSet<ViewpointIndex> = all.iter().map(|c| c.viewpoint).collect();
         report.viewpoints = viewpoints.len() as u64;
         report

@@ -9,6 +9,10 @@ use crate::sightings::diagnosis::SightingDiagnosis;
 const MIN_OUTSIDE: u64 = 2;
 const OUTSIDE_ONE_IN: u64 = 10;
 
+/// Keypoints of pictures of half the size or less reach no farther, right and down, in those that were calibrated. People in
+/// all pictures of a venue are not in one corner of them.
+const HALF_REACH: f64 = 0.52;
+
 impl SightedReport {
     /// That bodies stood outside the field, where these are not few: a line for a run that found somebody inside.
     pub fn outside_field(&self) -> Option<String> {
@@ -58,6 +62,14 @@ impl SightedReport {
                 "only camera {only} sighted anybody: people are found where cameras of two viewpoints see them"
             ));
             return reasons;
+        }
+        let is_corner = |reach: &[f64; 2]| reach.iter().all(|share| *share < HALF_REACH);
+        if let Some([right, down]) = self.reach.filter(is_corner) {
+            reasons.push(format!(
+                "no keypoint is farther right than {:.0} % of the width of its picture or farther down than {:.0} % of its height: were people detected in smaller pictures than were calibrated? Both must be of one size",
+                100.0 * right,
+                100.0 * down
+            ));
         }
         let bodies = &self.diagnosis;
         if bodies.bodies == 0 {
@@ -152,6 +164,27 @@ mod tests {
         assert!(told.starts_with("12 of 14 bodies"), "{told}");
         for (bodies, outside) in [(0, 0), (14, 0), (14, 1), (60, 5)] {
             assert_eq!(sighted(bodies, outside).outside_field(), None, "{bodies}");
+        }
+    }
+
+    #[test]
+    fn keypoints_of_half_the_size_are_told_of_where_nobody_was_found() {
+        let sighted = |reach| SightedReport {
+            by_camera: [("a".to_owned(), 9), ("b".to_owned(), 9)].into(),
+            viewpoints: 2,
+            reach,
+            ..SightedReport::default()
+        };
+        let is_told = |reach| {
+            let reasons = sighted(reach).why_nobody();
+            reasons
+                .iter()
+                .any(|reason| reason.contains("smaller pictures"))
+        };
+        assert!(is_told(Some([0.5, 0.45])));
+        assert!(is_told(Some([0.33, 0.3])));
+        for reach in [None, Some([0.5, 0.7]), Some([0.9, 0.4])] {
+            assert!(!is_told(reach), "{reach:?}");
         }
     }
 }

@@ -28,6 +28,10 @@ pub struct SightedReport {
     pub by_camera: BTreeMap<String, u64>,
     /// How many viewpoints there are.
     pub viewpoints: u64,
+    /// How far right and how far down keypoints were in any picture, undistorted, as shares of its width and height, in those
+    /// passes that are kept; `None` where there were none.
+    #[serde(default)]
+    pub reach: Option<[f64; 2]>,
     /// The bodies on which the lines of sight of several viewpoints met, in those passes that are kept.
     pub diagnosis: SightingDiagnosis,
 }

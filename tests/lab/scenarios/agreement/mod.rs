@@ -346,6 +346,13 @@ fn why_nobody_was_found_is_said() {
     MistakenSample::new()
         .change(&CAMERAS, |k| (k + 5) % 17, |pixel| pixel)
         .is_told(&["nobody was found", "order of the network's card"]);
+    // Detected in pictures of half the size.
+    MistakenSample::new()
+        .change(&CAMERAS, |k| k, |[x, y]| [0.5 * x, 0.5 * y])
+        .is_told(&[
+            "nobody was found",
+            "in smaller pictures than were calibrated",
+        ]);
     let mut alone = MistakenSample::new();
     for camera in &CAMERAS[1..] {
         for line in alone.lines.get_mut(camera).unwrap() {
