@@ -47,6 +47,9 @@ pub(super) struct Hall {
     pub(super) floor_m: f64,
     /// Whether each camera looks at one half of the field only.
     pub(super) narrow: bool,
+    /// Whether the cameras stand side by side, and how far beyond the people the place is at which they all look,
+    /// metres.
+    pub(super) row: Option<f64>,
     /// Whether nobody moves.
     pub(super) still: bool,
     /// Whether both walk the same way.
@@ -61,6 +64,7 @@ impl Default for Hall {
             scale: 1.0,
             floor_m: 0.0,
             narrow: false,
+            row: None,
             still: false,
             one_way: false,
         }
@@ -82,6 +86,9 @@ impl Hall {
         let mut hall = hall();
         if self.narrow {
             hall.cameras = narrow_cameras();
+        }
+        if let Some(beyond_m) = self.row {
+            hall.cameras = cameras_in_a_row(beyond_m);
         }
         let mut noise = Noise(5);
         let keypoints = KeypointSet::coco17();
@@ -169,9 +176,24 @@ impl Hall {
         AgreementSamples {
             cameras: Arc::new(cameras),
             samples,
-            standing: Standing::of(vec![1.75 * self.scale; 20], vec![[self.floor_m; 2]; 20]),
+            standing: Standing::of(vec![self.stature_m(); 20], vec![[self.floor_m; 2]; 20]),
         }
         .report()
+    }
+
+    /// How tall people seem: smaller where all focal lengths are.
+    fn stature_m(&self) -> f64 {
+        let factors = self.shows.map(|(_, mistake)| mistake.focal_factor);
+        let are_all_alike = factors[0] > 0.0
+            && factors
+                .iter()
+                .all(|it| (it - factors[0]).abs() < f32::EPSILON);
+        let focal_factor = if are_all_alike {
+            f64::from(factors[0])
+        } else {
+            1.0
+        };
+        1.75 * self.scale * focal_factor
     }
 
     /// Where the two are at a tick.
@@ -220,6 +242,18 @@ fn narrow_cameras() -> Vec<(ViewpointIndex, CameraModel)> {
         (ViewpointIndex(index as u16), model)
     };
     places.into_iter().enumerate().map(camera).collect()
+}
+
+/// Four cameras side by side along the field.
+fn cameras_in_a_row(beyond_m: f64) -> Vec<(ViewpointIndex, CameraModel)> {
+    let camera = |index: u16| {
+        let x = 2.0 * f64::from(index) - 3.0;
+        // The place is straight ahead of the middle of the row.
+        let aim_m = [x * beyond_m / (8.0 + beyond_m), 0.0, 0.9];
+        let model = looking_at(&format!("row-{index}"), [x, -8.0, 2.5], aim_m, 1000.0);
+        (ViewpointIndex(index), model)
+    };
+    (0..4).map(camera).collect()
 }
 
 /// A body that walks to and fro with swinging limbs.

@@ -55,9 +55,14 @@ impl SightLines {
         self.world_from_camera * normalised.push(1.0)
     }
 
+    /// A world point, metres, in the camera: right, down, ahead, metres.
+    pub(super) fn in_camera(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
+        self.world_from_camera.tr_mul(&(point_m - self.center_m))
+    }
+
     /// The undistorted pixel of a world point, metres, and its depth; `None` behind the camera.
     pub(super) fn project(&self, point_m: &Vector3<f64>) -> Option<(Vector2<f64>, f64)> {
-        let p = self.world_from_camera.tr_mul(&(point_m - self.center_m));
+        let p = self.in_camera(point_m);
         let pixel = || p.xy().component_mul(&self.focal_px) / p.z + self.principal_px;
         (p.z > 0.0).then(|| (pixel(), p.z))
     }

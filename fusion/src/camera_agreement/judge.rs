@@ -5,13 +5,13 @@
 //! calibration of another.
 
 mod lateness;
+mod pictures;
 
 use std::collections::BTreeMap;
 
 use farfield_proto::message::agreement::{AgreementVerdict, CameraAgreement};
 use farfield_proto::order_statistics::upper_median;
 
-use super::distortion::distortion;
 use super::geometry::SightLines;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
 use super::report::{AgreementReport, Disagreement, DisagreementCause};
@@ -38,8 +38,6 @@ const NEVER_AGREES_M: f64 = 0.11;
 /// do. On real cameras that are right 0.24 and 1.3 were seen.
 const FAR_OFF: f64 = 0.5;
 const FAR_OFF_FACTOR: f64 = 2.5;
-/// Another k1 than this is no lens distortion: what is zoomed or was moved a little bends the middle of the picture as much.
-const MOST_K1_OVER: f64 = 0.75;
 /// Pixels by which the keypoints of two cameras differ at most that show the same picture: their crops are not the same.
 const SAME_PX: f32 = 6.0;
 
@@ -144,6 +142,7 @@ impl<'a> Judge<'a> {
     /// What does not fit, and of which cameras.
     fn find_disagreements(&self, report: &mut AgreementReport, told: &mut [bool]) {
         self.find_same_pictures(report, told);
+        self.find_frozen(&mut report.disagreements, told);
         for group in self.groups() {
             self.judge_group(&group, &mut report.disagreements, told);
         }
@@ -168,9 +167,7 @@ impl<'a> Judge<'a> {
             }
         }
         self.find_far_off(&mut report.disagreements, told);
-        if !told.contains(&true) {
-            self.find_distortion(&mut report.disagreements, told);
-        }
+        self.find_other_lenses(&mut report.disagreements, told);
     }
 
     /// Cameras whose sightings are clearly elsewhere than where people are, or of others than are there, while those of the
@@ -188,23 +185,6 @@ impl<'a> Judge<'a> {
                 told[camera] = true;
                 all.push(self.disagreement(&[camera], DisagreementCause::Unexplained));
             }
-        }
-    }
-
-    /// Only where nothing else is wrong: what is late or turned bends lines of sight, too.
-    fn find_distortion(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
-        let viewpoints: Vec<_> = self.cameras.iter().map(|camera| camera.viewpoint).collect();
-        let cameras = (&self.lines[..], &viewpoints[..]);
-        if let Some(fit) = distortion(&self.bursts, self.samples, cameras) {
-            for &camera in &fit.cameras {
-                told[camera] = true;
-            }
-            let k1_over = (100.0 * fit.k1_over).round() / 100.0;
-            let cause = match fit.cameras[..] {
-                [camera] if k1_over.abs() > MOST_K1_OVER => self.refitted_alone(camera),
-                _ => DisagreementCause::Distortion { k1_over },
-            };
-            all.push(self.disagreement(&fit.cameras, cause));
         }
     }
 

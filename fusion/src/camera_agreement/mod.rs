@@ -6,19 +6,20 @@
 //! ```text
 //!   Pipeline::step -> AgreementWatch: keeps what cameras showed lately (`samples`), in bounded memory
 //!                      '-> AgreementSamples, now and then, to another thread -> judge -> AgreementReport
-//!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `distortion` on what crops show tick by tick (`distortion` on sightings, too),
-//!          `pose_shift` on sightings and poses -> a cause in `words`; `standing` on people, where all that fits
+//!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `lens` on what crops show tick by tick (`lens` on sightings, too),
+//!          `pose_shift` on sightings and poses, `frozen` on sightings -> a cause in `words`; `standing` on people, where all that fits
 //! ```
 //!
 //! Nothing here moves a pose. A report takes up to some hundred milliseconds, and is made beside the loop, or at the end of
 //! a run.
 
-mod distortion;
 mod explain;
 #[cfg(test)]
 mod fixture;
+mod frozen;
 mod geometry;
 mod judge;
+mod lens;
 mod nobody;
 mod pairs;
 mod refit;
@@ -173,7 +174,8 @@ impl AgreementSamples {
         // Where anything else is wrong people stand wherever that puts them.
         let is_alone = report.disagreements.is_empty();
         let floor = || self.standing.doubtful_floor().filter(|_| is_alone);
-        if let Some(cause) = self.standing.doubtful_scale().or_else(floor) {
+        let scale = self.standing.doubtful_scale(factor_of_all(&report));
+        if let Some(cause) = scale.or_else(floor) {
             let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
             report.disagreements.push(Disagreement {
                 cameras: Vec::new(),
@@ -231,6 +233,15 @@ impl AgreementSamples {
         report.viewpoints = viewpoints.len() as u64;
         report
     }
+}
+
+/// By how much people seem larger for the focal lengths of several cameras: 1 where nothing is told of them.
+fn factor_of_all(report: &AgreementReport) -> f64 {
+    let factor = |told: &Disagreement| match told.cause {
+        DisagreementCause::FocalLength { factor } if told.cameras.len() > 1 => Some(factor),
+        _ => None,
+    };
+    report.disagreements.iter().find_map(factor).unwrap_or(1.0)
 }
 
 /// Per keypoint the one on the other side of the body; itself where there is none.

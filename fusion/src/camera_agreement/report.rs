@@ -58,7 +58,7 @@ impl AgreementReport {
 /// Something that does not fit, and what may be the cause.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Disagreement {
-    /// The cameras, by name; none where it is about all of them.
+    /// The cameras, by name; none where it is about what all of them show.
     pub cameras: Vec<String>,
     /// The likely cause.
     #[serde(flatten)]
@@ -108,7 +108,7 @@ pub enum DisagreementCause {
         /// Whether left and right are exchanged, and nothing else.
         sides: bool,
     },
-    /// The focal length is another than the calibration says.
+    /// The focal length is another than the calibration says: of one camera, or of several by one factor.
     FocalLength {
         /// True length as a factor of the calibrated one.
         factor: f64,
@@ -117,6 +117,11 @@ pub enum DisagreementCause {
     Distortion {
         /// By how much k1 of the calibration is larger than it should be, nearly.
         k1_over: f64,
+    },
+    /// The pictures stand still while people move before the camera.
+    Frozen {
+        /// The tick since which they do, as far as is known.
+        since_tick: i64,
     },
     /// The camera was turned since it was calibrated.
     Turned {

@@ -100,12 +100,13 @@ impl Standing {
         }
     }
 
-    /// That people have sizes which people do not have.
-    pub(super) fn doubtful_scale(&self) -> Option<DisagreementCause> {
+    /// That people have sizes which people do not have, when they seem so many times as large as they are for what is known
+    /// already.
+    pub(super) fn doubtful_scale(&self, larger: f64) -> Option<DisagreementCause> {
         if self.statures_m.len() < MIN_STATURES {
             return None;
         }
-        let stature_m = upper_median(self.statures_m.clone())?;
+        let stature_m = upper_median(self.statures_m.clone())? / larger;
         let cause = DisagreementCause::WorldScale { stature_m };
         (!STATURES_M.contains(&stature_m)).then_some(cause)
     }
@@ -202,6 +203,14 @@ mod tests {
         let jumps = (0..50).map(|i| [if i % 5 < 3 { 0.5 } else { 0.0 }; 2]);
         assert_eq!(above_m(jumps), None);
         assert_eq!(above_m((0..19).map(|_| [-1.0; 2])), None);
+    }
+
+    #[test]
+    fn a_stature_is_doubted_beside_what_makes_people_seem_larger() {
+        let of = |stature_m: f64| Standing::of(vec![stature_m; 20], Vec::new());
+        assert!(of(1.17).doubtful_scale(1.0).is_some());
+        assert_eq!(of(1.17).doubtful_scale(0.67), None);
+        assert!(of(0.9).doubtful_scale(0.9).is_some());
     }
 
     /// The joints of a body of 1.8 m with these bends of both hips and knees, radians, turned so and with its pelvis so high.

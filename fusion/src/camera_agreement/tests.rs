@@ -237,6 +237,17 @@ fn people_who_do_not_stand_on_the_floor_are_told_of_where_nothing_else_is_wrong(
         "{:?}",
         report.disagreements
     );
+    // In another unit feet are anywhere, and it is the unit that is wrong.
+    let in_another_unit = Hall {
+        scale: 0.55,
+        floor_m: -1.04,
+        ..Hall::default()
+    };
+    let causes = in_another_unit.causes();
+    assert!(
+        matches!(&causes[..], [(_, DisagreementCause::WorldScale { .. })]),
+        "{causes:?}"
+    );
     // A mirrored camera puts people anywhere.
     let mirrored = Mistake {
         mirrored: true,
@@ -360,5 +371,92 @@ fn a_lens_distortion_that_is_wrong_is_named_of_one_camera_and_of_all() {
             (found - f64::from(k1_over)).abs() < 0.1,
             "{k1_over}: {found}"
         );
+    }
+}
+
+#[test]
+fn a_lens_that_no_camera_has_is_not_named_of_one_camera() {
+    // A camera that was moved looks like one of k1 far beyond what lenses have.
+    let is_a_lens = |k1_over: f32| {
+        let mistake = Mistake {
+            k1_over,
+            ..Mistake::default()
+        };
+        let causes = Hall::with(1, mistake).causes();
+        assert_eq!(causes.len(), 1, "{k1_over}: {causes:?}");
+        assert_eq!(causes[0].0, names(&[1]), "{k1_over}");
+        matches!(causes[0].1, DisagreementCause::Distortion { .. })
+    };
+    assert!(is_a_lens(0.6));
+    assert!(!is_a_lens(0.95));
+}
+
+#[test]
+fn focal_lengths_that_are_wrong_by_one_factor_are_told_of_all_cameras() {
+    for focal_factor in [0.6, 0.77, 0.87, 0.95, 1.05, 1.15, 1.3, 1.6] {
+        let mut hall = Hall::default();
+        for (_, own) in &mut hall.shows {
+            own.focal_factor = focal_factor;
+        }
+        let causes = hall.causes();
+        let [(cameras, DisagreementCause::FocalLength { factor })] = &causes[..] else {
+            panic!("{focal_factor} of all: {causes:?}");
+        };
+        assert_eq!(*cameras, names(&[0, 1, 2, 3]));
+        assert!(
+            (factor - f64::from(focal_factor)).abs() < 0.02,
+            "{focal_factor}: {factor}"
+        );
+    }
+}
+
+#[test]
+fn right_cameras_side_by_side_do_not_seem_to_have_other_focal_lengths() {
+    // Looking the same way, any factor puts people as near to their lines of sight.
+    for beyond_m in [3.0, 20.0, 1e6] {
+        let hall = Hall {
+            row: Some(beyond_m),
+            ..Hall::default()
+        };
+        assert_eq!(hall.report().disagreements, [], "{beyond_m}");
+    }
+}
+
+#[test]
+fn what_is_wrong_with_some_cameras_is_not_said_of_the_focal_lengths_of_all() {
+    let zoomed = |focal_factor| Mistake {
+        focal_factor,
+        ..Mistake::default()
+    };
+    let bent = Mistake {
+        k1_over: 0.3,
+        ..Mistake::default()
+    };
+    let turned = Mistake {
+        turned_deg: [0.0, 2.0, 0.0],
+        ..Mistake::default()
+    };
+    let late = Mistake {
+        late_ticks: 30,
+        ..Mistake::default()
+    };
+    let cases: [&[(usize, Mistake)]; 7] = [
+        &[(1, zoomed(0.95))],
+        &[(1, zoomed(1.05))],
+        &[(0, zoomed(1.15)), (1, zoomed(1.15))],
+        &[(0, zoomed(1.15)), (2, zoomed(1.15))],
+        &[(2, bent)],
+        &[(3, turned)],
+        &[(0, late), (1, late)],
+    ];
+    for (index, case) in cases.into_iter().enumerate() {
+        let mut hall = Hall::default();
+        for (camera, mistake) in case {
+            hall.shows[*camera].1 = *mistake;
+        }
+        for (cameras, cause) in hall.causes() {
+            let is_focal = matches!(cause, DisagreementCause::FocalLength { .. });
+            assert!(!is_focal || cameras.len() == 1, "{index}: {cause:?}");
+        }
     }
 }

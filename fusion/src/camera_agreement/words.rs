@@ -52,16 +52,19 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             "write them in the order of the network's card (COCO: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the person's left before the right)"
                 .to_owned(),
         ),
-        DisagreementCause::FocalLength { factor } => (
-            format!(
-                "the focal length of camera {first} seems to be {factor:.2} times the calibrated one"
-            ),
-            "was it zoomed, or calibrated at another resolution? Calibrate its lens again".to_owned(),
-        ),
+        DisagreementCause::FocalLength { factor } => focal_length(cameras, factor),
         DisagreementCause::Distortion { k1_over } => distortion(cameras, k1_over),
         DisagreementCause::Turned { degrees } => (
             format!("camera {first} seems to have been turned by {degrees:.1} degrees since it was calibrated"),
             "calibrate where it stands again".to_owned(),
+        ),
+        DisagreementCause::Frozen { since_tick } => (
+            format!(
+                "the pictures of camera {first} stand still since tick {since_tick} ({:.1} s), while people move before it",
+                since_tick as f64 / rate_hz
+            ),
+            "look at its recording: does it stop before the others do, or repeat its last picture? Live: start the camera anew"
+                .to_owned(),
         ),
         DisagreementCause::WorldScale { stature_m } => (
             format!("everybody is {stature_m:.2} m tall"),
@@ -70,6 +73,28 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         ),
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
         DisagreementCause::Unexplained => unexplained(cameras),
+    }
+}
+
+fn focal_length(cameras: &[String], factor: f64) -> (String, String) {
+    if let [camera] = cameras {
+        (
+            format!(
+                "the focal length of camera {camera} seems to be {factor:.2} times the calibrated one"
+            ),
+            "was it zoomed, or calibrated at another resolution? Calibrate its lens again"
+                .to_owned(),
+        )
+    } else {
+        (
+            format!(
+                "the focal lengths of cameras {} seem to be {factor:.2} times the calibrated ones, all by one factor",
+                cameras.join(", ")
+            ),
+            "were they calibrated at another resolution or zoom, with another crop or stabilisation? Calibrate their lenses \
+             again, as they record now"
+                .to_owned(),
+        )
     }
 }
 

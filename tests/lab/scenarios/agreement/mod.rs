@@ -297,10 +297,24 @@ fn a_floor_that_is_elsewhere_is_told_by_the_feet_of_people() {
             "m under the floor",
             "floor_m",
         ]);
-    // All focal lengths a half too long: people are smaller, and in the air.
     MistakenSample::new()
-        .replace("calibration.toml", |text| text.replace("1050.0", "1575.0"))
-        .is_told(&["nobody stands on the floor", "focal lengths"]);
+        .replace("venue.toml", |text| {
+            text.replace("[-4.0, -4.0, -0.3]", "[-4.0, -4.0, -0.8]")
+                .replace("2.4]", "2.4]\nfloor_m = -0.5")
+        })
+        .is_told(&["nobody stands on the floor: all feet are 0."]);
+}
+
+#[test]
+fn focal_lengths_of_all_cameras_that_are_wrong_are_told_by_their_factor() {
+    for (written, told) in [("1155.0", "to be 0.9"), ("1575.0", "to be 0.6")] {
+        MistakenSample::new()
+            .replace("calibration.toml", |text| text.replace("1050.0", written))
+            .is_told(&[
+                "the focal lengths of cameras north-east, north-west, south-west, south-east seem to be",
+                told,
+            ]);
+    }
 }
 
 #[test]
@@ -320,6 +334,20 @@ fn a_camera_that_was_moved_a_little_is_not_said_to_have_another_lens() {
     let warning = warning.unwrap_or_else(|| panic!("nothing is said\n{}", finished.stdout));
     assert!(warning.contains("camera north-west"), "{warning}");
     assert!(!warning.contains("lens distortion"), "{warning}");
+}
+
+#[test]
+fn a_recording_that_stands_still_to_its_end_is_named() {
+    let mut sample = MistakenSample::new();
+    let lines = sample.lines.get_mut("north-west").unwrap();
+    let stopped = lines[20]["persons"].clone();
+    for line in &mut lines[20..] {
+        line["persons"] = stopped.clone();
+    }
+    sample.is_told(&[
+        "the pictures of camera north-west stand still since tick 30 (1.0 s)",
+        "while people move before it",
+    ]);
 }
 
 #[test]

@@ -1,0 +1,149 @@
+//! Whether the pictures of a camera stand still while people move before it: a recording whose picture stops, keypoints that
+//! were written again and again.
+//!
+//! Whom a camera shows is never the same to the last bit for long, but where nothing moves and nothing flickers: a poster in
+//! a compressed video. So somebody whom all others follow must have gone through the picture meanwhile.
+
+use farfield_proto::tick::Tick;
+use nalgebra::{Vector2, Vector3};
+
+use super::geometry::SightLines;
+use super::samples::{PosedTick, Samples};
+
+/// Detection passes in a row that must show the same, and for how long, seconds. They may be a second apart.
+const MIN_PASSES: usize = 3;
+const MIN_S: f64 = 1.5;
+/// The newest of them is no older than that, seconds: a camera in whose picture nobody is left tells nothing any more.
+const NEWEST_S: f64 = 2.5;
+/// How far somebody must have gone in the picture meanwhile, as a share of its width.
+const MOVED: f64 = 0.05;
+
+/// The tick since which `camera` has shown the same in every detection pass in which it showed anybody (some passes are of other
+/// cameras alone), if people moved before it.
+pub(super) fn frozen_since(
+    samples: &Samples,
+    (camera, lines): (usize, &SightLines),
+    rate_hz: f64,
+) -> Option<Tick> {
+    let own = samples.passes.iter().rev();
+    let mut own = own
+        .filter(|pass| !pass.of_camera[camera].is_empty())
+        .peekable();
+    let newest = *own.peek()?;
+    let shown = &newest.of_camera[camera];
+    let same = own.take_while(|pass| pass.of_camera[camera] == *shown);
+    let ticks: Vec<Tick> = same.map(|pass| pass.tick).collect();
+    let since = *ticks.last()?;
+    let is_long = (newest.tick - since) as f64 >= MIN_S * rate_hz;
+    let age = samples.passes.back()?.tick - newest.tick;
+    if ticks.len() < MIN_PASSES || !is_long || age as f64 > NEWEST_S * rate_hz {
+        return None;
+    }
+    let places = |tick: Tick| places(samples, tick, lines);
+    let first = places(since);
+    let moved_px = MOVED * lines.size_px().x;
+    let moves = |tick: Tick| {
+        places(tick).iter().any(|(person, now_px)| {
+            let before = first.iter().find(|(other, _)| other == person);
+            before.is_some_and(|(_, before_px)| (now_px - before_px).norm() >= moved_px)
+        })
+    };
+    ticks.into_iter().any(moves).then_some(since)
+}
+
+/// The people whose middle is in the picture at a tick, and where, pixels.
+fn places(samples: &Samples, tick: Tick, lines: &SightLines) -> Vec<(u32, Vector2<f64>)> {
+    let off = |posed: &PosedTick| (posed.tick.0 - tick.0).abs();
+    let posed = samples.poses.iter().min_by_key(|posed| off(posed));
+    let Some(posed) = posed.filter(|posed| off(posed) < samples.pose_every_ticks()) else {
+        return Vec::new();
+    };
+    let size_px = lines.size_px();
+    let people = posed.people.iter().filter_map(|(person, body)| {
+        let at = body.iter().filter_map(|m| {
+            let m = Vector3::from(m.map(f64::from));
+            Some(lines.project(&m)?.0)
+        });
+        let at: Vec<Vector2<f64>> = at.collect();
+        if at.is_empty() {
+            return None;
+        }
+        let middle = at.iter().sum::<Vector2<f64>>() / at.len() as f64;
+        let is_inside =
+            (0.0..size_px.x).contains(&middle.x) && (0.0..size_px.y).contains(&middle.y);
+        is_inside.then_some((*person, middle))
+    });
+    people.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::samples::{PassSample, SeenBody, SeenKeypoint};
+    use super::*;
+    use crate::sightings::fixture::hall;
+
+    const RATE_HZ: f64 = 30.0;
+
+    /// Of a pass every half second what the first camera of a hall shows at x (pixels; not a number where it shows nobody),
+    /// while somebody walks so fast along the hall.
+    fn since(shown: impl Fn(u32) -> f32, speed_m_s: f64, passes: u32) -> Option<i64> {
+        let hall = hall();
+        let lines = SightLines::of(&hall.cameras[0].1);
+        let mut samples = Samples::new(RATE_HZ, 1);
+        for pass in 0..passes {
+            let tick = Tick(15 * i64::from(pass));
+            let x = shown(pass);
+            let seen = |k: usize| {
+                Some(SeenKeypoint {
+                    pixel: [x + k as f32, 600.0],
+                    score: 0.8,
+                })
+            };
+            let body: SeenBody = (0..17).map(seen).collect();
+            let bodies = if x.is_finite() {
+                vec![body]
+            } else {
+                Vec::new()
+            };
+            samples.passes.push_back(Arc::new(PassSample {
+                tick,
+                of_camera: vec![bodies],
+            }));
+            let at_m = -1.5 + speed_m_s * 0.5 * f64::from(pass);
+            samples.poses.push_back(Arc::new(PosedTick {
+                tick,
+                people: vec![(1, vec![[at_m as f32, 0.0, 1.0]; 17])],
+            }));
+        }
+        frozen_since(&samples, (0, &lines), RATE_HZ).map(|tick| tick.0)
+    }
+
+    #[test]
+    fn a_camera_stands_still_that_shows_the_same_while_somebody_walks_through_its_picture() {
+        let stops_at_2 = |pass: u32| 900.0 + 10.0 * pass.min(2) as f32;
+        assert_eq!(since(stops_at_2, 0.5, 8), Some(30));
+        // Every other pass is of other cameras.
+        let looks_rarely = |pass: u32| match pass {
+            0 => 800.0,
+            _ if pass.is_multiple_of(2) => 900.0,
+            _ => f32::NAN,
+        };
+        assert_eq!(since(looks_rarely, 0.5, 8), Some(30));
+    }
+
+    #[test]
+    fn nothing_is_said_of_who_stands_of_a_moment_of_nobody_and_of_one_that_went_on() {
+        let always = |_: u32| 900.0;
+        assert_eq!(since(always, 0.0, 8), None, "nobody moves");
+        assert_eq!(since(always, 0.5, 3), None, "one second");
+        let leaves = |pass: u32| if pass < 8 { 900.0 } else { f32::NAN };
+        assert_eq!(since(leaves, 0.5, 15), None, "nobody is left");
+        assert_eq!(since(|_| f32::NAN, 0.5, 8), None, "nobody is shown");
+        let goes_on = |pass: u32| if pass < 7 { 900.0 } else { 910.0 };
+        assert_eq!(since(goes_on, 0.5, 8), None, "it goes on");
+        let flickers = |pass: u32| 900.0 + 0.1 * (pass % 2) as f32;
+        assert_eq!(since(flickers, 0.5, 8), None, "it flickers");
+    }
+}

@@ -1,0 +1,86 @@
+//! What is wrong with the pictures of cameras themselves: they stand still, or a lens is another than was calibrated.
+
+use super::super::frozen::frozen_since;
+use super::super::lens::LensPoints;
+use super::super::lens::distortion::{DistortionFit, distortion};
+use super::super::lens::focal_lengths::{FocalLengths, focal_lengths};
+use super::super::report::{Disagreement, DisagreementCause};
+use super::Judge;
+
+/// Another k1 than this is no lens distortion: what is zoomed or was moved a little bends the middle of the picture as much.
+const MOST_K1_OVER: f64 = 0.75;
+
+impl Judge<'_> {
+    /// Cameras whose pictures stand still.
+    pub(super) fn find_frozen(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
+        for camera in 0..told.len() {
+            let of = (camera, &self.lines[camera]);
+            let since = frozen_since(self.samples, of, self.rate_hz);
+            if let (false, Some(since)) = (told[camera], since) {
+                let cause = DisagreementCause::Frozen {
+                    since_tick: since.0,
+                };
+                self.tell(&[camera], cause, (all, told));
+            }
+        }
+    }
+
+    /// Other lenses, of one camera or of all. Only where nothing else is found: what is late or turned bends lines of sight,
+    /// too. Where cameras only agree with nobody, other focal lengths of all may be why.
+    pub(super) fn find_other_lenses(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
+        let is_unexplained = |told: &Disagreement| told.cause == DisagreementCause::Unexplained;
+        if !all.iter().all(is_unexplained) {
+            return;
+        }
+        let viewpoints: Vec<_> = self.cameras.iter().map(|camera| camera.viewpoint).collect();
+        let cameras = (&self.lines[..], &viewpoints[..]);
+        let Some(points) = LensPoints::of(&self.bursts, self.samples, cameras) else {
+            return;
+        };
+        let scaled = focal_lengths(&points);
+        if !all.is_empty() {
+            if let Some(scaled) = scaled.filter(FocalLengths::is_sure) {
+                all.clear();
+                self.tell_focal_lengths(scaled, (all, told));
+            }
+            return;
+        }
+        let explains_more = |bent: &DistortionFit| {
+            scaled
+                .as_ref()
+                .is_none_or(|scaled| bent.ratio < scaled.ratio)
+        };
+        match (distortion(&points).filter(explains_more), scaled) {
+            (Some(bent), _) => {
+                let k1_over = (100.0 * bent.k1_over).round() / 100.0;
+                let cause = match bent.cameras[..] {
+                    [camera] if k1_over.abs() > MOST_K1_OVER => self.refitted_alone(camera),
+                    _ => DisagreementCause::Distortion { k1_over },
+                };
+                self.tell(&bent.cameras, cause, (all, told));
+            }
+            (None, Some(scaled)) => self.tell_focal_lengths(scaled, (all, told)),
+            (None, None) => {}
+        }
+    }
+
+    fn tell_focal_lengths(&self, scaled: FocalLengths, to: (&mut Vec<Disagreement>, &mut [bool])) {
+        let FocalLengths {
+            cameras, factor, ..
+        } = scaled;
+        self.tell(&cameras, DisagreementCause::FocalLength { factor }, to);
+    }
+
+    /// Tells of a cause, and that these cameras have been told of.
+    fn tell(
+        &self,
+        cameras: &[usize],
+        cause: DisagreementCause,
+        (all, told): (&mut Vec<Disagreement>, &mut [bool]),
+    ) {
+        for &camera in cameras {
+            told[camera] = true;
+        }
+        all.push(self.disagreement(cameras, cause));
+    }
+}

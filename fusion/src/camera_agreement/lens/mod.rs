@@ -1,0 +1,270 @@
+//! Where keypoints are seen by cameras of three viewpoints or more, and how well the lines of sight meet through other
+//! lenses: `distortion` of one camera or of all, `focal_lengths` of all.
+
+pub(super) mod distortion;
+pub(super) mod focal_lengths;
+
+use std::collections::BTreeMap;
+
+use farfield_proto::id::ViewpointIndex;
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use super::geometry::SightLines;
+use super::samples::{Burst, PosedTick, Samples, SeenBody};
+
+/// Of the ticks of a burst every so many are looked at.
+const EVERY_TICKS: usize = 4;
+/// Keypoints that are looked at, spread over all.
+const MAX_POINTS: usize = 1200;
+/// Least keypoints that tell.
+const MIN_POINTS: usize = 150;
+/// Viewpoints that must show a keypoint: two lines of sight meet through many lenses, and those of one viewpoint say the
+/// same.
+const MIN_VIEWPOINTS: usize = 3;
+/// How far somebody must have moved: of who stays at one place networks err always alike, which looks like another lens (a k
+/// of 0.5 on a treadmill, all of whose cameras are right).
+const MOVED_M: f64 = 1.2;
+/// Keypoints that tell whose a sighting is, and at which distance one costs a half, metres.
+const MIN_COMMON: usize = 5;
+const NEAR_M: f64 = 0.15;
+/// Rounds of weighting.
+const ROUNDS: usize = 3;
+/// Distances at which a line of sight weighs a quarter, and costs one half, metres.
+const WEIGHT_M: f64 = 0.04;
+const COST_M: f64 = 0.03;
+/// Squared distance beyond which it makes no difference, square metres.
+const FARTHEST_SQUARED_M: f64 = 1e6;
+
+/// A keypoint at a tick: per camera that shows it the normalised, undistorted place.
+type Point = Vec<(usize, Vector2<f64>)>;
+
+/// Rounds in which the changes beside the best are tried, nearer and nearer.
+const REFINEMENTS: usize = 4;
+
+/// Keypoints that tell of lenses.
+pub(super) struct LensPoints<'a> {
+    points: Vec<Point>,
+    lines: &'a [SightLines],
+    viewpoints: &'a [ViewpointIndex],
+    /// The cameras that show enough of them, fisheyes left out: these have other lenses.
+    known: Vec<usize>,
+}
+
+impl<'a> LensPoints<'a> {
+    /// Those of `bursts` and of the detection passes of `samples`; `None` where they are too few, or nobody moved.
+    pub(super) fn of(
+        bursts: &[&Burst],
+        samples: &Samples,
+        (lines, viewpoints): (&'a [SightLines], &'a [ViewpointIndex]),
+    ) -> Option<Self> {
+        if farthest_moved_m(samples) < MOVED_M {
+            return None;
+        }
+        let mut points = points(bursts, lines);
+        points.extend(sighted_points(samples, lines));
+        points.retain(|point| is_seen_widely(point, viewpoints));
+        let step = points.len().div_ceil(MAX_POINTS).max(1);
+        let points: Vec<Point> = points.into_iter().step_by(step).collect();
+        if points.len() < MIN_POINTS {
+            return None;
+        }
+        let enough = |camera: usize| {
+            let shown = points
+                .iter()
+                .filter(|p| p.iter().any(|(of, _)| *of == camera));
+            shown.count() >= MIN_POINTS
+        };
+        let known = (0..lines.len())
+            .filter(|&camera| !lines[camera].is_fisheye() && enough(camera))
+            .collect();
+        Some(Self {
+            points,
+            lines,
+            viewpoints,
+            known,
+        })
+    }
+
+    /// The cameras whose lenses they tell of.
+    pub(super) fn known(&self) -> &[usize] {
+        &self.known
+    }
+
+    /// What the lines of sight cost, 0 to 1, where a place `y` in the picture of a camera is by another lens at
+    /// `changed(camera, y)`.
+    fn mean_cost(&self, changed: impl Fn(usize, Vector2<f64>) -> Vector2<f64>) -> f64 {
+        let (mut sum, mut n) = (0.0, 0);
+        for point in &self.points {
+            let rays = point.iter().map(|&(camera, y)| {
+                let lines = &self.lines[camera];
+                (lines.center_m, lines.world(changed(camera, y)).normalize())
+            });
+            let rays: Vec<Ray> = rays.collect();
+            for gap_m in gaps_m(&rays, |_, _, gap_m| gap_m) {
+                sum += cost(gap_m);
+                n += 1;
+            }
+        }
+        sum / f64::from(n.max(1))
+    }
+}
+
+/// A line of sight: where it begins, world, metres, and its direction, of length 1.
+type Ray = (Vector3<f64>, Vector3<f64>);
+
+/// Whether three viewpoints show it.
+fn is_seen_widely(point: &Point, viewpoints: &[ViewpointIndex]) -> bool {
+    let mut shown: Vec<_> = point
+        .iter()
+        .map(|(camera, _)| viewpoints[*camera])
+        .collect();
+    shown.sort_unstable();
+    shown.dedup();
+    shown.len() >= MIN_VIEWPOINTS
+}
+
+/// What it costs that a line of sight passes a keypoint so far away, 0 to 1. Parallel lines of sight never meet: they cost one.
+fn cost(gap_m: f64) -> f64 {
+    let squared = (gap_m * gap_m).min(FARTHEST_SQUARED_M);
+    squared / (squared + COST_M * COST_M)
+}
+
+/// Where `cost` is least, and that, begun with those that are `tried`; at 0 it is `before`.
+fn least(tried: &[f64], cost: impl Fn(f64) -> f64, before: f64) -> (f64, f64) {
+    let mut best = (0.0, before);
+    let take = |best: &mut (f64, f64), change: f64| {
+        let own = cost(change);
+        if own < best.1 {
+            *best = (change, own);
+        }
+    };
+    for &change in tried {
+        take(&mut best, change);
+    }
+    let mut step = 0.5 * best.0.abs().max(0.2);
+    for _ in 0..REFINEMENTS {
+        let middle = best.0;
+        take(&mut best, middle - step);
+        take(&mut best, middle + step);
+        step *= 0.5;
+    }
+    best
+}
+
+/// How far who moved most got, metres: the diagonal of all places of the middle of a body.
+fn farthest_moved_m(samples: &Samples) -> f64 {
+    let mut places: BTreeMap<u32, [Vector3<f32>; 2]> = BTreeMap::new();
+    for (person, body) in samples.poses.iter().flat_map(|posed| &posed.people) {
+        let sum: Vector3<f32> = body.iter().map(|&m| Vector3::from(m)).sum();
+        let middle = sum / body.len().max(1) as f32;
+        let range = places.entry(*person).or_insert([middle; 2]);
+        *range = [range[0].inf(&middle), range[1].sup(&middle)];
+    }
+    let ways = places
+        .values()
+        .map(|[low, high]| f64::from((high - low).norm()));
+    ways.fold(0.0, f64::max)
+}
+
+fn points(bursts: &[&Burst], lines: &[SightLines]) -> Vec<Point> {
+    let mut all: Vec<Point> = Vec::new();
+    for burst in bursts {
+        let mut people: Vec<u32> = burst.trails.iter().map(|trail| trail.person).collect();
+        people.sort_unstable();
+        people.dedup();
+        for person in people {
+            let of = burst.trails.iter().filter(|trail| trail.person == person);
+            let trails: Vec<_> = of.collect();
+            let ticks = trails.iter().map(|trail| trail.len()).max().unwrap_or(0);
+            for tick in (0..ticks).step_by(EVERY_TICKS) {
+                let mut of_tick: Vec<Point> = Vec::new();
+                for trail in &trails {
+                    let Some((_, seen)) = trail.at(tick) else {
+                        continue;
+                    };
+                    of_tick.resize_with(seen.len().max(of_tick.len()), Vec::new);
+                    for (point, seen) in of_tick.iter_mut().zip(seen) {
+                        if seen.score > 0.0 {
+                            point.push((trail.camera, lines[trail.camera].normalised(seen.pixel)));
+                        }
+                    }
+                }
+                all.extend(of_tick);
+            }
+        }
+    }
+    all
+}
+
+/// Those of detection passes: whose a sighting is is told by where people were.
+fn sighted_points(samples: &Samples, lines: &[SightLines]) -> Vec<Point> {
+    let mut all: Vec<Point> = Vec::new();
+    for pass in &samples.passes {
+        let off = |posed: &PosedTick| (posed.tick.0 - pass.tick.0).abs();
+        let posed = samples.poses.iter().min_by_key(|posed| off(posed));
+        let Some(posed) = posed.filter(|posed| off(posed) < samples.pose_every_ticks()) else {
+            continue;
+        };
+        for (_, person) in &posed.people {
+            let mut of_person: Vec<Point> = vec![Vec::new(); person.len()];
+            for (camera, bodies) in pass.of_camera.iter().enumerate() {
+                let Some(body) = shown_by(bodies, person, &lines[camera]) else {
+                    continue;
+                };
+                for (point, seen) in of_person.iter_mut().zip(body) {
+                    point.extend(seen.map(|seen| (camera, lines[camera].normalised(seen.pixel))));
+                }
+            }
+            all.extend(of_person);
+        }
+    }
+    all
+}
+
+/// The sighting of a person, where one is clearly it.
+fn shown_by<'a>(
+    bodies: &'a [SeenBody],
+    person: &[[f32; 3]],
+    lines: &SightLines,
+) -> Option<&'a SeenBody> {
+    let projected = |m: &[f32; 3]| lines.project(&Vector3::from(m.map(f64::from)));
+    let expected: Vec<_> = person.iter().map(projected).collect();
+    let cost_of = |body: &'a SeenBody| {
+        let both = body.iter().zip(&expected);
+        let off_m = both.filter_map(|(seen, at)| {
+            let ((px, depth_m), seen) = (at.as_ref()?, seen.as_ref()?);
+            let seen = Vector2::from(seen.pixel.map(f64::from));
+            Some((px - seen).norm() * depth_m / lines.mean_focal_px())
+        });
+        let costs: Vec<f64> = off_m.map(|m| m * m / (m * m + NEAR_M * NEAR_M)).collect();
+        let mean = costs.iter().sum::<f64>() / costs.len().max(1) as f64;
+        (costs.len() >= MIN_COMMON && mean < 0.5).then_some((mean, body))
+    };
+    let best = bodies.iter().filter_map(cost_of);
+    Some(best.min_by(|a, b| a.0.total_cmp(&b.0))?.1)
+}
+
+/// How far each line of sight passes the point that is nearest to them all, metres; infinite where they are parallel.
+/// `counted(ray, place_m, gap_m)` is what the distance to that point, world, counts as.
+fn gaps_m(rays: &[Ray], mut counted: impl FnMut(usize, &Vector3<f64>, f64) -> f64) -> Vec<f64> {
+    let mut gaps_m = vec![0.0; rays.len()];
+    for _ in 0..=ROUNDS {
+        let (mut matrix, mut vector) = (Matrix3::zeros(), Vector3::zeros());
+        for ((origin_m, unit), gap_m) in rays.iter().zip(&gaps_m) {
+            let off: f64 = gap_m / WEIGHT_M;
+            let weight = 1.0 / ((1.0 + off * off) * (1.0 + off * off));
+            let across = weight * (Matrix3::identity() - unit * unit.transpose());
+            matrix += across;
+            vector += across * origin_m;
+        }
+        let Some(place_m) = matrix.try_inverse().map(|inverse| inverse * vector) else {
+            return vec![f64::INFINITY; rays.len()];
+        };
+        for (index, ((origin_m, unit), gap_m)) in rays.iter().zip(&mut gaps_m).enumerate() {
+            let to_m = place_m - origin_m;
+            let off_m = (to_m - unit * unit.dot(&to_m)).norm();
+            *gap_m = counted(index, &place_m, off_m);
+        }
+    }
+    gaps_m
+}
