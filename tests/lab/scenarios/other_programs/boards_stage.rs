@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use image::{GrayImage, Luma};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -57,6 +58,12 @@ fn level(camera_from_board: &Isometry3<f64>, [x_px, y_px]: [f64; 2]) -> f64 {
     }
 }
 
+/// All pictures, drawn once: each is a million rays.
+fn pictures() -> &'static [GrayImage] {
+    static DRAWN: OnceLock<Vec<GrayImage>> = OnceLock::new();
+    DRAWN.get_or_init(|| (0..PICTURES).map(picture).collect())
+}
+
 fn picture(number: u32) -> GrayImage {
     let camera_from_board = board(number);
     GrayImage::from_fn(SIZE_PX[0], SIZE_PX[1], |column, row| {
@@ -77,9 +84,9 @@ fn film_boards(boards: &Path) {
     for (name, _) in CAMERAS_M {
         let folder = boards.join(name);
         fs::create_dir_all(&folder).unwrap();
-        for number in 0..PICTURES {
+        for (number, picture) in pictures().iter().enumerate() {
             let path = folder.join(format!("{number:02}.png"));
-            picture(number).save(path).unwrap();
+            picture.save(path).unwrap();
         }
     }
 }
@@ -155,7 +162,7 @@ fn what_is_wrong_with_boards_is_told_before_any_picture_is_looked_at() {
     for name in ["east", "north"] {
         fs::create_dir_all(folder.join("boards").join(name)).unwrap();
         let path = folder.join("boards").join(name).join("0.png");
-        picture(0).save(path).unwrap();
+        pictures()[0].save(path).unwrap();
     }
     let told: [(&[&str], &str); 7] = [
         (&[], "give it by --lens, or pictures of a board by --boards"),
