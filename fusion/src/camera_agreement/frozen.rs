@@ -8,11 +8,13 @@ use farfield_proto::tick::Tick;
 use nalgebra::{Vector2, Vector3};
 
 use super::geometry::SightLines;
-use super::samples::{PosedTick, Samples};
+use super::samples::{PassSample, PosedTick, Samples, SeenBody};
 
 /// Detection passes in a row that must show the same, and for how long, seconds. They may be a second apart.
 const MIN_PASSES: usize = 3;
 const MIN_S: f64 = 1.5;
+/// Keypoints that a sighting must show to tell: those of little score are not kept, and what shows none is always the same.
+const MIN_SEEN: usize = 5;
 /// The newest of them is no older than that, seconds: a camera in whose picture nobody is left tells nothing any more.
 const NEWEST_S: f64 = 2.5;
 /// How far somebody must have gone in the picture meanwhile, as a share of its width.
@@ -25,13 +27,16 @@ pub(super) fn frozen_since(
     (camera, lines): (usize, &SightLines),
     rate_hz: f64,
 ) -> Option<Tick> {
+    let shown = |pass: &'_ PassSample| -> Vec<SeenBody> {
+        let bodies = pass.of_camera[camera].iter();
+        let clear = bodies.filter(|body| body.iter().flatten().count() >= MIN_SEEN);
+        clear.cloned().collect()
+    };
     let own = samples.passes.iter().rev();
-    let mut own = own
-        .filter(|pass| !pass.of_camera[camera].is_empty())
-        .peekable();
-    let newest = *own.peek()?;
-    let shown = &newest.of_camera[camera];
-    let same = own.take_while(|pass| pass.of_camera[camera] == *shown);
+    let own = own.map(|pass| (pass, shown(pass)));
+    let mut own = own.filter(|(_, shown)| !shown.is_empty()).peekable();
+    let (newest, now) = own.peek()?.clone();
+    let same = own.map_while(|(pass, shown)| (shown == now).then_some(pass));
     let ticks: Vec<Tick> = same.map(|pass| pass.tick).collect();
     let since = *ticks.last()?;
     let is_long = (newest.tick - since) as f64 >= MIN_S * rate_hz;
@@ -89,6 +94,16 @@ mod tests {
     /// Of a pass every half second what the first camera of a hall shows at x (pixels; not a number where it shows nobody),
     /// while somebody walks so fast along the hall.
     fn since(shown: impl Fn(u32) -> f32, speed_m_s: f64, passes: u32) -> Option<i64> {
+        since_of(shown, speed_m_s, passes, true)
+    }
+
+    /// The same; its keypoints have a score that is kept, or not.
+    fn since_of(
+        shown: impl Fn(u32) -> f32,
+        speed_m_s: f64,
+        passes: u32,
+        is_clear: bool,
+    ) -> Option<i64> {
         let hall = hall();
         let lines = SightLines::of(&hall.cameras[0].1);
         let mut samples = Samples::new(RATE_HZ, 1);
@@ -96,7 +111,7 @@ mod tests {
             let tick = Tick(15 * i64::from(pass));
             let x = shown(pass);
             let seen = |k: usize| {
-                Some(SeenKeypoint {
+                is_clear.then_some(SeenKeypoint {
                     pixel: [x + k as f32, 600.0],
                     score: 0.8,
                 })
@@ -141,6 +156,7 @@ mod tests {
         let leaves = |pass: u32| if pass < 8 { 900.0 } else { f32::NAN };
         assert_eq!(since(leaves, 0.5, 15), None, "nobody is left");
         assert_eq!(since(|_| f32::NAN, 0.5, 8), None, "nobody is shown");
+        assert_eq!(since_of(always, 0.5, 8, false), None, "nothing is clear");
         let goes_on = |pass: u32| if pass < 7 { 900.0 } else { 910.0 };
         assert_eq!(since(goes_on, 0.5, 8), None, "it goes on");
         let flickers = |pass: u32| 900.0 + 0.1 * (pass % 2) as f32;

@@ -100,15 +100,18 @@ impl Standing {
         }
     }
 
-    /// That people have sizes which people do not have, when they seem so many times as large as they are for what is known
-    /// already.
+    /// That people have sizes which people do not have, also where they seem so many times as large as they are for what is known
+    /// already (or do not: beside each other cameras show them deeper instead).
     pub(super) fn doubtful_scale(&self, larger: f64) -> Option<DisagreementCause> {
         if self.statures_m.len() < MIN_STATURES {
             return None;
         }
-        let stature_m = upper_median(self.statures_m.clone())? / larger;
+        let stature_m = upper_median(self.statures_m.clone())?;
+        let both_m = [stature_m, stature_m / larger];
+        let (low_m, high_m) = (*STATURES_M.start(), *STATURES_M.end());
+        let is_doubted = both_m.iter().all(|m| *m < low_m) || both_m.iter().all(|m| *m > high_m);
         let cause = DisagreementCause::WorldScale { stature_m };
-        (!STATURES_M.contains(&stature_m)).then_some(cause)
+        is_doubted.then_some(cause)
     }
 
     /// That all who stand do so under the floor, or nobody on it.

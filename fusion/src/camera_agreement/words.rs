@@ -60,7 +60,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         ),
         DisagreementCause::Frozen { since_tick } => (
             format!(
-                "the pictures of camera {first} stand still since tick {since_tick} ({:.1} s), while people move before it",
+                "the pictures of camera {first} stand still since tick {since_tick} ({:.1} s) at the latest, while people move before it",
                 since_tick as f64 / rate_hz
             ),
             "look at its recording: does it stop before the others do, or repeat its last picture? Live: start the camera anew"

@@ -40,7 +40,10 @@ impl Judge<'_> {
         let scaled = focal_lengths(&points);
         if !all.is_empty() {
             if let Some(scaled) = scaled.filter(FocalLengths::is_sure) {
-                all.clear();
+                // Of others the factor says nothing.
+                let names = scaled.cameras.iter().map(|&of| &self.cameras[of].name);
+                let explained: Vec<&String> = names.collect();
+                all.retain(|told| told.cameras.iter().any(|name| !explained.contains(&name)));
                 self.tell_focal_lengths(scaled, (all, told));
             }
             return;

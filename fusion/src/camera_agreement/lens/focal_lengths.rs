@@ -12,7 +12,7 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use super::{LensPoints, Point, Ray, cost, gaps_m, is_seen_widely, least};
+use super::{LensPoints, MIN_POINTS, Point, Ray, cost, gaps_m, is_seen_widely, least};
 
 /// The factors that are tried first, natural logarithms.
 const TRIED: [f64; 8] = [-0.7, -0.45, -0.22, -0.1, 0.1, 0.22, 0.45, 0.7];
@@ -47,6 +47,9 @@ impl FocalLengths {
 pub(in crate::camera_agreement) fn focal_lengths(points: &LensPoints<'_>) -> Option<FocalLengths> {
     let known = points.known();
     let seen: Vec<Seen> = points.seen_by_known().collect();
+    if seen.len() < MIN_POINTS {
+        return None;
+    }
     let fit = |cameras: &[usize]| {
         let cost = |change: f64| {
             let factor = libm::exp(change);
@@ -63,7 +66,7 @@ pub(in crate::camera_agreement) fn focal_lengths(points: &LensPoints<'_>) -> Opt
         (libm::exp(change), least / before)
     };
     let (factor, ratio) = fit(known);
-    if seen.is_empty() || (factor - 1.0).abs() < LEAST_CHANGE || ratio >= TOLD {
+    if (factor - 1.0).abs() < LEAST_CHANGE || ratio >= TOLD {
         return None;
     }
     let stands_out = known
