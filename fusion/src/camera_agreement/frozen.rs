@@ -13,10 +13,10 @@ use super::samples::{PassSample, PosedTick, Samples, SeenBody};
 /// Detection passes in a row that must show the same, and for how long, seconds. They may be a second apart.
 const MIN_PASSES: usize = 3;
 const MIN_S: f64 = 1.5;
+/// The newest of these passes is no older than that, seconds: a camera in whose picture nobody is left tells nothing any more.
+const NEWEST_S: f64 = 2.5;
 /// Keypoints that a sighting must show to tell: those of little score are not kept, and what shows none is always the same.
 const MIN_SEEN: usize = 5;
-/// The newest of them is no older than that, seconds: a camera in whose picture nobody is left tells nothing any more.
-const NEWEST_S: f64 = 2.5;
 /// How far somebody must have gone in the picture meanwhile, as a share of its width.
 const MOVED: f64 = 0.05;
 
@@ -27,7 +27,7 @@ pub(super) fn frozen_since(
     (camera, lines): (usize, &SightLines),
     rate_hz: f64,
 ) -> Option<Tick> {
-    let shown = |pass: &'_ PassSample| -> Vec<SeenBody> {
+    let shown = |pass: &PassSample| -> Vec<SeenBody> {
         let bodies = pass.of_camera[camera].iter();
         let clear = bodies.filter(|body| body.iter().flatten().count() >= MIN_SEEN);
         clear.cloned().collect()

@@ -182,7 +182,7 @@ fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
         return;
     }
     let (mut ours_all, mut dlt_all) = (Vec::new(), Vec::new());
-    // The first two are those in which ours is least ahead.
+    // The first two have the least and the largest distances of the four.
     for withheld in cases("a withheld view of the treadmill", [1, 2, 0, 3], 2) {
         let run = PersonRun::make(&venue, Some(withheld)).unwrap();
         // Distances of both methods to the peaks of the withheld view, pixels.
