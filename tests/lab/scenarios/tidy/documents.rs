@@ -59,6 +59,35 @@ fn the_documents_for_users_name_what_exists() {
     check(&faults);
 }
 
+#[test]
+fn every_block_of_code_in_the_documentation_says_that_it_is_no_rust() {
+    // The manifests say so: nobody would try it.
+    let others = ["text", "toml", "json"];
+    let mut faults = Vec::new();
+    for (path, file) in &workspace().files {
+        let blocks = code_blocks(&file.text).filter(|(_, language)| !others.contains(language));
+        faults.extend(blocks.map(|(line, _)| format!("{path}:{line}: an example that is not run")));
+    }
+    check(&faults);
+}
+
+/// Line and language of the blocks of code in the documentation of a Rust file.
+fn code_blocks(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let documentation = text.lines().enumerate().filter_map(|(number, line)| {
+        let line = line.trim_start();
+        let line = line.strip_prefix("///").or(line.strip_prefix("//!"))?;
+        Some((number + 1, line.trim_start().strip_prefix("```")?.trim()))
+    });
+    documentation.step_by(2)
+}
+
+#[test]
+fn blocks_of_code_are_told_by_their_language() {
+    let text = "//! ```text\n//! a\n//! ```\nfn f() {}\n    /// ```\n    /// f();\n    /// ```\n";
+    let found: Vec<_> = code_blocks(text).collect();
+    assert_eq!(found, [(1, "text"), (5, "")]);
+}
+
 /// What stands in backticks in `text`, is a Rust file or a folder by its end and `is_path`, and is not there.
 fn missing_paths(document: &str, text: &str, is_path: impl Fn(&str) -> bool) -> Vec<String> {
     let mut faults = Vec::new();
