@@ -35,6 +35,11 @@ impl MeasuredBody {
         }
     }
 
+    /// Learns in its turn among those who came together, by its `number`.
+    pub(crate) fn take_turn(&mut self, number: u32) {
+        self.site_fit.take_turn(number);
+    }
+
     /// Learns from a tick where the keypoints sit, `dt_s` after the last; `of_card` are the sites of the
     /// network's card, `kinematics` those of the pose that fits `estimates`.
     pub(crate) fn learn_sites(
@@ -54,15 +59,15 @@ impl MeasuredBody {
         self.site_fit.learn(&mut self.sites, &tick);
     }
 
-    /// Keeps what a tick says of the link lengths; whether it is time to measure them anew.
+    /// Keeps what a tick says of the link lengths.
     pub(crate) fn note_lengths(
         &mut self,
         estimates: &[KeypointEstimate],
         kinematics: &Kinematics,
         schedule: &RemeasureSchedule<'_>,
-    ) -> bool {
+    ) {
         let joints = || without_offsets(estimates, &self.sites, kinematics);
-        self.remeasure.tick(joints, schedule)
+        self.remeasure.tick(joints, schedule);
     }
 
     /// It is the body `known`: what was seen of it so far is measured with that.

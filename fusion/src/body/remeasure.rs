@@ -2,7 +2,7 @@
 //!
 //! The errors of a network's keypoints last for seconds: a knee that is seen 20 mm too low is seen so
 //! for a while, and lengths from the ticks before the confirmation alone take that over for good. So the keypoints
-//! of all ticks since are sampled, and the lengths fitted to them again 2, 4, 8, ... seconds after the
+//! of all ticks since are sampled, and the lengths are due to be fitted to them again 2, 4, 8, ... seconds after the
 //! confirmation, until `births.measure_s`; from then on they stay.
 
 use farfield_proto::venue::parameters::IkParameters;
@@ -27,6 +27,8 @@ pub(crate) struct Remeasure {
     stride: u32,
     lived_ticks: u32,
     next_s: f64,
+    /// Whether it is time to, and has not been done.
+    is_due: bool,
 }
 
 /// What decides when lengths are measured anew, and how.
@@ -47,17 +49,18 @@ impl Remeasure {
             stride: FIRST_STRIDE,
             lived_ticks: 0,
             next_s: 2.0,
+            is_due: false,
         }
     }
 
-    /// Notes a tick; whether it is time to measure the body anew.
+    /// Notes a tick.
     pub(crate) fn tick(
         &mut self,
         observe: impl FnOnce() -> ObservedJoints,
         schedule: &RemeasureSchedule<'_>,
-    ) -> bool {
+    ) {
         if self.is_over(schedule) {
-            return false;
+            return;
         }
         self.lived_ticks += 1;
         if self.lived_ticks.is_multiple_of(self.stride) {
@@ -66,11 +69,15 @@ impl Remeasure {
                 self.keep(observed);
             }
         }
-        if f64::from(self.lived_ticks) * schedule.dt_s < self.next_s {
-            return false;
+        if f64::from(self.lived_ticks) * schedule.dt_s >= self.next_s {
+            self.next_s *= 2.0;
+            self.is_due = true;
         }
-        self.next_s *= 2.0;
-        true
+    }
+
+    /// Whether it is time to measure the body anew.
+    pub(crate) fn is_due(&self) -> bool {
+        self.is_due
     }
 
     /// Whether the body is measured no more.
@@ -80,10 +87,11 @@ impl Remeasure {
 
     /// The body as the samples show it, with what is `known` of it; `None` where they do not.
     pub(crate) fn measure(
-        &self,
+        &mut self,
         known: Option<&BodyPrior>,
         schedule: &RemeasureSchedule<'_>,
     ) -> Option<Skeleton> {
+        self.is_due = false;
         let seen_s = f64::from(self.lived_ticks) * schedule.dt_s;
         let known = known.map(|prior| KnownBody { prior, seen_s });
         // The pose that comes with the fit is not used: the track has a better one.

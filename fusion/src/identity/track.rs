@@ -112,6 +112,8 @@ impl Track {
         (skeleton, pose): (Skeleton, Pose),
         method: &Method,
     ) -> Self {
+        let mut estimator = Estimator::new(skeleton, pose, method);
+        estimator.body.take_turn(id.0);
         Self {
             identity: TrackIdentity {
                 id,
@@ -124,7 +126,7 @@ impl Track {
                 alone: None,
                 changed: ChangedTicks::default(),
             },
-            estimator: Estimator::new(skeleton, pose, method),
+            estimator,
         }
     }
 

@@ -226,13 +226,13 @@ impl Estimator {
         (estimate.targets.iter().map(apart).sum::<f64>() / estimate.targets.len() as f64).sqrt()
     }
 
-    /// Keeps what this tick says of the link lengths; whether it is time to measure them anew.
-    pub fn note_lengths(&mut self, method: &Method) -> bool {
+    /// Keeps what this tick says of the link lengths.
+    pub fn note_lengths(&mut self, method: &Method) {
         self.body.note_lengths(
             &self.evidence.estimates,
             &self.estimate.kinematics,
             &schedule(method),
-        )
+        );
     }
 
     /// Measures the link lengths anew; the pose stays, and the next tick fits it.

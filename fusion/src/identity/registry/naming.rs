@@ -6,7 +6,11 @@ use rayon::prelude::*;
 use super::Registry;
 use crate::identity::recognise::Lengths;
 use crate::identity::subjects::{Nameless, Subject, Subjects};
+use crate::identity::track::Track;
 use crate::method::Method;
+
+/// Most bodies that are measured at one tick, where nobody has a name to get.
+const MOST_AT_ONCE: usize = 8;
 
 impl Registry {
     /// Takes over who may come; to be called before the first tick.
@@ -17,18 +21,15 @@ impl Registry {
     /// Measures the bodies of those anew who are confirmed, when it is time to; who of them is a subject has the name, and the
     /// body is measured with what is known of it.
     pub(super) fn remeasure(&mut self, method: &Method) {
-        let mut due = Vec::new();
         for track in self.tracks.iter_mut().filter(|track| !track.is_tentative()) {
-            if track.estimator.note_lengths(method) {
-                due.push(track.id());
-            }
+            track.estimator.note_lengths(method);
         }
+        let due = self.due();
         if due.is_empty() {
             return;
         }
-        // Who came together is due together, be it a whole team.
         let tracks = self.tracks.par_iter_mut();
-        let own = tracks.filter(|track| due.contains(&track.id()));
+        let own = tracks.filter(|track| due.contains(&track.wire_id()));
         own.for_each(|track| track.estimator.remeasure(method));
         if self.subjects.is_empty() {
             return;
@@ -46,6 +47,18 @@ impl Registry {
         self.namings.extend(namings);
     }
 
+    /// Whose turn it is of those whose bodies are due (wire ids). Who came together is due together, be it a whole team,
+    /// and to measure that takes as long as half a tick or more. Names are decided for all together.
+    fn due(&self) -> Vec<PersonId> {
+        let confirmed = self.tracks.iter().filter(|track| !track.is_tentative());
+        let due = confirmed.filter(|track| track.estimator.body.remeasure.is_due());
+        let mut due: Vec<PersonId> = due.map(Track::wire_id).collect();
+        if self.subjects.is_empty() {
+            due.truncate(MOST_AT_ONCE);
+        }
+        due
+    }
+
     /// A name is free again when who has it is not here and not remembered either.
     fn forget_names(&mut self) {
         let (tracks, gone) = (&self.tracks, self.memory.everybody());
@@ -54,16 +67,16 @@ impl Registry {
         self.subjects.forget(|id| is_here(id) || is_remembered(id));
     }
 
-    /// Everybody who is confirmed and has no name; the bodies of those who are `measured` have just been.
+    /// Everybody who is confirmed and has no name; the bodies of those who are `measured` (wire ids) have just been.
     fn nameless(&self, measured: &[PersonId], method: &Method) -> Vec<Nameless> {
         let here = self.tracks.iter().filter(|track| !track.is_tentative());
         let nameless = here.filter(|track| !self.subjects.has(track.id()));
-        let of = |track: &super::Track| {
+        let of = |track: &Track| {
             let lived_s = f64::from(track.identity.lived_ticks) * method.dt_s;
             Nameless {
                 id: track.id(),
                 lengths: Lengths::of(&track.estimator.body.skeleton, lived_s),
-                is_due: measured.contains(&track.id()),
+                is_due: measured.contains(&track.wire_id()),
                 is_last: track.estimator.is_measured(method),
             }
         };

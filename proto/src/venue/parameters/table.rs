@@ -210,7 +210,7 @@ declare_parameters! {
             look_again_s: f64 = 0.08, "s", 0.0 to 3600.0;
             /// Least keypoints with evidence from two viewpoints for a person to count as seen.
             min_seen_keypoints: u32 = 4, "keypoints", 1.0 to 64.0;
-            /// Until when a person's link lengths are measured anew, 2, 4, 8, ... seconds after its confirmation;
+            /// Until when a person's link lengths are due to be measured anew, 2, 4, 8, ... seconds after its confirmation;
             /// 0: those of the confirmation stay.
             measure_s: f64 = 16.0, "s", 0.0 to 3600.0;
             /// Two persons whose joints are closer than this on average stand in one place.

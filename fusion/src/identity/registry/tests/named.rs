@@ -71,6 +71,34 @@ fn a_stranger_has_no_name_and_that_is_said_once() {
 }
 
 #[test]
+fn a_team_that_came_together_is_measured_in_parts_but_all_at_once_where_there_are_names() {
+    let team: Vec<TruePoints> = (0..10)
+        .map(|i| {
+            let [row, place] = [i / 5, i % 5].map(f64::from);
+            person(-3.0 + 1.5 * place, -1.0 + 2.0 * row, 1.75)
+        })
+        .collect();
+    for (subjects_m, expected) in [(&[][..], &[8, 2][..]), (&[1.3], &[10])] {
+        let mut stage = HallFixture::knowing(subjects_m);
+        // They are confirmed within a second, and measured 2 and 4 s later.
+        stage.go_on(&team, 1.5);
+        let lengths = |stage: &HallFixture| -> Vec<Proportions> {
+            let bodies = stage.registry.tracks().iter().map(|it| &it.estimator.body);
+            bodies.map(|body| *body.skeleton.proportions()).collect()
+        };
+        let (mut before, mut measured) = (lengths(&stage), Vec::new());
+        for _ in 0..(2.0 * RATE_HZ) as usize {
+            stage.step(&team);
+            let now = lengths(&stage);
+            let new = now.iter().zip(&before).filter(|(now, was)| now != was);
+            measured.extend(Some(new.count()).filter(|n| *n > 0));
+            before = now;
+        }
+        assert_eq!(measured, expected);
+    }
+}
+
+#[test]
 fn lengths_are_drawn_to_those_of_the_subject_when_it_is_found_and_at_no_other_tick() {
     // Truly 1.80 m: as near to the subject's 1.82 m as people of one name may be.
     let lengths = |subjects: &[f64]| {
