@@ -16,8 +16,7 @@ use farfield_proto::venue::parameters::BoxParameters;
 use nalgebra::{Rotation2, Vector2};
 
 use self::projection::{Cube, Extent, PlacedCube, ProjectedJoints};
-use crate::body::skeleton::Joint;
-use crate::body::skeleton::Joints;
+use crate::body::skeleton::{Joint, Joints, N_JOINTS};
 
 /// Depth below which a joint has no useful projection, metres: nearer, a hand fills the image.
 const NEAR_M: f64 = 0.3;
@@ -201,14 +200,16 @@ impl Region {
         };
         // How far a box's sides are turned from the image's.
         let turned = to_box.matrix().abs();
-        let mut cubes = Joint::ALL.map(|joint| {
-            let (px, h) = (seen.pixel(joint)?, seen.of(joint));
-            Some(PlacedCube {
+        // Filled in place: `map` of an array is compiled to calls and copies where it holds options.
+        let mut cubes = [const { None }; N_JOINTS];
+        for (placed, joint) in cubes.iter_mut().zip(Joint::ALL) {
+            let h = seen.of(joint);
+            *placed = seen.pixel(joint).map(|px| PlacedCube {
                 h,
                 middle: place(px),
                 reach: turned * cube.reach_px(h, px),
-            })
-        });
+            });
+        }
         let mut body = Extent::EMPTY;
         for (joint, cube) in Joint::ALL.into_iter().zip(&cubes) {
             if let Some(cube) = cube {

@@ -42,6 +42,7 @@ impl LensModel {
     }
 
     /// Whether it is the fisheye model.
+    #[inline]
     pub fn is_fisheye(&self) -> bool {
         matches!(self, Self::KannalaBrandt(_))
     }

@@ -68,7 +68,9 @@ impl NormalEquations {
             let (above, rest) = self.links.split_at_mut(l);
             above[LINKS[l].parent as usize] += &rest[0];
         }
-        self.centres_m = body.centres_m.map(|centre_m| centre_m - self.origin_m);
+        for (centre_m, in_world_m) in self.centres_m.iter_mut().zip(&body.centres_m) {
+            *centre_m = in_world_m - self.origin_m;
+        }
         for ((twist, axis), centre_m) in
             (self.twists.iter_mut().zip(&body.axes)).zip(&self.centres_m)
         {

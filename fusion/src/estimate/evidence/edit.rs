@@ -73,14 +73,18 @@ impl View {
         self.forget_peaks(keypoint);
         let sigma = self.peak_sigma_cells();
         let gauss = |r2: f64| libm::exp(-0.5 * r2 / (sigma * sigma));
-        let width = self.maps.width();
-        let size = self.map_size();
+        let (width, height) = self.map_size();
+        let reach = NOTCH_END_SIGMAS * sigma;
+        let written = self.maps.written(keypoint).clone();
+        let columns = common(span(notch.at.x, reach, width), &written.columns);
+        let rows = common(span(notch.at.y, reach, height), &written.rows);
         let cells = self.maps.cells_to_lower(keypoint);
-        disc(size, notch.at, NOTCH_END_SIGMAS * sigma, |index, r2| {
-            if cells[index] == 0 {
+        disc([columns, rows], notch.at, reach, |[x, y], r2| {
+            let cell = &mut cells[y * width + x];
+            if *cell == 0 {
                 return;
             }
-            let place = Vector2::new((index % width) as f64, (index / width) as f64);
+            let place = Vector2::new(x as f64, y as f64);
             let share = notch.stays.map_or(1.0, |(stays, height)| {
                 let own = height * gauss((place - stays).norm_squared());
                 let other = notch.height * gauss(r2);
@@ -90,7 +94,8 @@ impl View {
                 (r2.sqrt() / sigma - NOTCH_FLOOR_SIGMAS) / (NOTCH_END_SIGMAS - NOTCH_FLOOR_SIGMAS);
             let inside = 1.0 - out.clamp(0.0, 1.0);
             let keep = 1.0 - notch.depth.clamp(0.0, 1.0) * share * inside;
-            cells[index] = (f64::from(cells[index]) * keep).round() as u8;
+            // As `round`, which is a call for each cell.
+            *cell = (f64::from(*cell) * keep + 0.5) as u8;
         });
     }
 }
@@ -106,18 +111,24 @@ pub(super) fn span(center: f64, reach: f64, size: usize) -> Range<usize> {
     first.min(end)..end
 }
 
-/// Every cell of a map of `width` x `height` within `radius` of `center`, with its squared distance.
+/// What two ranges have in common.
+pub(super) fn common(a: Range<usize>, b: &Range<usize>) -> Range<usize> {
+    a.start.max(b.start)..a.end.min(b.end)
+}
+
+/// Every cell of these columns and rows within `radius` of `center`, with its squared distance.
 fn disc(
-    (width, height): (usize, usize),
+    [columns, rows]: [Range<usize>; 2],
     center: Vector2<f64>,
     radius: f64,
-    mut each: impl FnMut(usize, f64),
+    mut each: impl FnMut([usize; 2], f64),
 ) {
-    for y in span(center.y, radius, height) {
-        for x in span(center.x, radius, width) {
-            let r2 = (x as f64 - center.x).powi(2) + (y as f64 - center.y).powi(2);
+    for y in rows {
+        let dy2 = (y as f64 - center.y).powi(2);
+        for x in columns.clone() {
+            let r2 = (x as f64 - center.x).powi(2) + dy2;
             if r2 <= radius * radius {
-                each(y * width + x, r2);
+                each([x, y], r2);
             }
         }
     }

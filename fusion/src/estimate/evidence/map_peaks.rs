@@ -5,7 +5,7 @@ use std::ops::Range;
 use farfield_proto::patch::Written;
 use nalgebra::Vector2;
 
-use super::edit::span;
+use super::edit::{common, span};
 
 /// Lowest peak that counts, as cells have it: 0.1.
 const LEAST_PEAK: u8 = 25;
@@ -64,12 +64,11 @@ impl MapPeaks {
             ..Self::default()
         };
         let (size, reach) = (map.size, half_width_cells * 2.0f64.sqrt());
-        let within = |a: Range<usize>, b: &Range<usize>| a.start.max(b.start)..a.end.min(b.end);
-        let columns = within(span(center.x, reach, size.0), &map.written.columns);
-        let rows = within(span(center.y, reach, size.1), &map.written.rows);
+        let columns = common(span(center.x, reach, size.0), &map.written.columns);
+        let rows = common(span(center.y, reach, size.1), &map.written.rows);
         let near_columns = span(center.x, half_width_cells, size.0);
         let near_rows = span(center.y, half_width_cells, size.1);
-        let near_rows = within(near_rows, &rows);
+        let near_rows = common(near_rows, &rows);
         for x in map.blocks(&columns) {
             let near = near_columns.start.max(x)..near_columns.end.clamp(x, x + BLOCK);
             let highest = map.highest_of(x, near_rows.clone());

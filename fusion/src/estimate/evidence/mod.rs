@@ -264,10 +264,8 @@ impl View {
         if keypoint >= self.n_keypoints() || !inside(cell.x, width) || !inside(cell.y, height) {
             return false;
         }
-        let (column, row) = (
-            cell.x.round().max(0.0) as usize,
-            cell.y.round().max(0.0) as usize,
-        );
+        // What is inside is not below -0.5, and a cast is what a call of `round` is not: free.
+        let (column, row) = ((cell.x + 0.5) as usize, (cell.y + 0.5) as usize);
         let (column, row) = (column.min(width - 1), row.min(height - 1));
         self.crop(keypoint).seen.knows(column, row)
     }

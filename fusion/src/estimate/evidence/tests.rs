@@ -3,7 +3,7 @@
 use farfield_proto::camera::{Distortion, Intrinsics};
 use farfield_proto::frames::{Pixel, Transform, Undistorted};
 use farfield_proto::id::PersonId;
-use farfield_proto::patch::EncodedMaps;
+use farfield_proto::patch::{CompressionLevel, EncodedMaps, Encoder};
 use farfield_proto::tick::Tick;
 use nalgebra::Isometry3;
 use proptest::prelude::*;
@@ -81,6 +81,31 @@ proptest! {
         let value = sample(&view, 1, pixel).unwrap();
         // Grids travel in single precision.
         prop_assert!((value * 255.0 - (x * 10.0 + y * 4.0)).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_notch_in_a_decoded_map_is_that_in_the_same_map_of_which_nothing_is_known_to_be_zero(
+        peak in prop::array::uniform2(0.0f64..16.0), at in prop::array::uniform2(-3.0f64..19.0),
+        depth in 0.1f64..1.0, level in 0usize..3,
+    ) {
+        let mut drawn = Maps::new(WIDTH.into(), HEIGHT.into(), 2);
+        for (i, cell) in drawn.cells_mut(1).iter_mut().enumerate() {
+            let r2 = ((i % 12) as f64 - peak[0]).powi(2) + ((i / 12) as f64 - peak[1]).powi(2);
+            *cell = (230.0 * (-0.5 * r2).exp()) as u8;
+        }
+        let encoded = Encoder::new().encode(&drawn, CompressionLevel::all().nth(level).unwrap());
+        let mut decoded = Maps::default();
+        Decoder::new().decode(&encoded, &mut decoded).unwrap();
+        let mut whole = decoded.clone();
+        whole.cells_mut(1);
+        let notch = Notch { at: Vector2::from(at), height: 0.9, stays: None, depth };
+        let [decoded, whole] = [decoded, whole].map(|maps| {
+            let patch = patch([100.0, 50.0], [1.0, 0.0]);
+            let mut view = View::from_maps(maps, &patch, ViewpointIndex(2), &model()).unwrap();
+            view.carve(1, &notch);
+            view.cells(1).to_vec()
+        });
+        prop_assert_eq!(decoded, whole);
     }
 
     #[test]

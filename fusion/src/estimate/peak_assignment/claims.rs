@@ -72,7 +72,13 @@ struct Claim {
     eye_m: Vector3<f64>,
     /// Whether another's prediction is in reach, or this in another's.
     meets: bool,
-    /// Its peaks.
+}
+
+/// A claim of the group at hand.
+#[derive(Debug, Clone)]
+struct GroupClaim {
+    /// Which of its kind.
+    of_kind: usize,
     peaks: Range<usize>,
 }
 
@@ -109,7 +115,7 @@ pub(super) struct Claims {
     of_kind: Vec<Claim>,
     groups: Groups,
     /// The claims of the group at hand.
-    all: Vec<Claim>,
+    of_group: Vec<GroupClaim>,
     peaks: Vec<ClaimedPeak>,
     places: Vec<ClaimedPlace>,
 }
@@ -168,9 +174,12 @@ impl Claims {
         for member in &mut self.members {
             let first = self.of_kind.len();
             if member.crowded || kind.keypoints.len() >= 2 {
-                let own = kind.keypoints.iter();
-                self.of_kind
-                    .extend(own.filter_map(|&k| Claim::new(member, k, tracks, method)));
+                for &keypoint in &kind.keypoints {
+                    // Pushed one by one: an iterator copies each several times.
+                    if let Some(claim) = Claim::new(member, keypoint, tracks, method) {
+                        self.of_kind.push(claim);
+                    }
+                }
             }
             member.claims = first..self.of_kind.len();
         }
@@ -196,12 +205,10 @@ impl Claims {
 
     /// Takes up one group of the claims that were gathered.
     pub(super) fn take(&mut self, group: usize, tracks: &[impl AsRef<Estimator>]) {
-        let numbered = self.of_kind.iter().zip(self.groups.numbers());
-        let own = numbered.filter(|(_, number)| **number == Some(group));
-        self.all.clear();
-        self.all.extend(own.map(|(claim, _)| claim.clone()));
+        self.of_group.clear();
         self.peaks.clear();
-        for (index, claim) in self.all.iter_mut().enumerate() {
+        for (index, of_kind) in self.groups.things(group).enumerate() {
+            let claim = &self.of_kind[of_kind];
             let first = self.peaks.len();
             let view = &tracks[claim.track].as_ref().views()[claim.view];
             let peaks = view.peaks(claim.keypoint).as_slice().iter();
@@ -212,7 +219,10 @@ impl Claims {
                 height: peak.height,
                 off_m: f64::INFINITY,
             }));
-            claim.peaks = first..self.peaks.len();
+            self.of_group.push(GroupClaim {
+                of_kind,
+                peaks: first..self.peaks.len(),
+            });
         }
     }
 
@@ -221,7 +231,7 @@ impl Claims {
         self.places.clear();
         let mut contested = false;
         for peak in &mut self.peaks {
-            let claim = &self.all[peak.claim];
+            let claim = &self.of_kind[self.of_group[peak.claim].of_kind];
             let Some(direction) = claim.direction_of(peak.cell) else {
                 continue;
             };
@@ -245,8 +255,12 @@ impl Claims {
         contested
     }
 
+    fn claim(&self, claim: usize) -> &Claim {
+        &self.of_kind[self.of_group[claim].of_kind]
+    }
+
     pub(super) fn n_claims(&self) -> usize {
-        self.all.len()
+        self.of_group.len()
     }
 
     pub(super) fn n_places(&self) -> usize {
@@ -259,13 +273,13 @@ impl Claims {
 
     /// Track, view and keypoint of a claim.
     pub(super) fn whose(&self, claim: usize) -> (usize, usize, usize) {
-        let claim = &self.all[claim];
+        let claim = self.claim(claim);
         (claim.track, claim.view, claim.keypoint)
     }
 
     /// The peak (cells, height) of a claim at a place, if its map shows one.
     pub(super) fn peak_of(&self, claim: usize, place: usize) -> Option<&ClaimedPeak> {
-        let peaks = &self.peaks[self.all[claim].peaks.clone()];
+        let peaks = &self.peaks[self.of_group[claim].peaks.clone()];
         peaks.iter().find(|peak| peak.place == place)
     }
 
@@ -279,7 +293,7 @@ impl Claims {
         tracks: &[impl AsRef<Estimator>],
         most: f64,
     ) -> f64 {
-        let (me, it) = (&self.all[claim], &self.places[place]);
+        let (me, it) = (self.claim(claim), &self.places[place]);
         let far = |off_m: f64| {
             let apart = off_m / me.sigma_m;
             0.5 * apart * apart
@@ -333,7 +347,6 @@ impl Claim {
             },
             eye_m: view.center_m(),
             meets: false,
-            peaks: 0..0,
         })
     }
 

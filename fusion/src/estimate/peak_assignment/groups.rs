@@ -5,7 +5,12 @@
 pub(super) struct Groups {
     /// Per thing, another of its group that comes before it, or itself.
     before: Vec<usize>,
+    /// Per thing that is the first of a group, the group's number.
     numbers: Vec<Option<usize>>,
+    /// Number and thing of those that were kept, by group.
+    things: Vec<(usize, usize)>,
+    /// Per group, where its things end.
+    ends: Vec<usize>,
 }
 
 impl Groups {
@@ -24,27 +29,34 @@ impl Groups {
     /// Numbers the groups in the order of their first things, of the things that are `kept`; returns how many there
     /// are.
     pub(super) fn number(&mut self, kept: impl Fn(usize) -> bool) -> usize {
-        let mut n = 0;
         self.numbers.clear();
         self.numbers.resize(self.before.len(), None);
+        self.things.clear();
+        self.ends.clear();
         for thing in (0..self.before.len()).filter(|thing| kept(*thing)) {
             let first = self.first_of(thing);
             let number = *self.numbers[first].get_or_insert_with(|| {
-                n += 1;
-                n - 1
+                self.ends.push(0);
+                self.ends.len() - 1
             });
-            self.numbers[thing] = Some(number);
+            self.ends[number] += 1;
+            self.things.push((number, thing));
         }
-        // The first of a group may be none that is kept.
-        for thing in (0..self.before.len()).filter(|thing| !kept(*thing)) {
-            self.numbers[thing] = None;
+        let mut end = 0;
+        for own in &mut self.ends {
+            end += *own;
+            *own = end;
         }
-        n
+        // By group; within one, things are in their order as they were.
+        self.things.sort_unstable();
+        self.ends.len()
     }
 
-    /// Per thing, its group; `None` where it was not kept.
-    pub(super) fn numbers(&self) -> &[Option<usize>] {
-        &self.numbers
+    /// The things of a group that were kept, in their order.
+    pub(super) fn things(&self, group: usize) -> impl Iterator<Item = usize> {
+        let first = group.checked_sub(1).map_or(0, |before| self.ends[before]);
+        let own = self.things[first..self.ends[group]].iter();
+        own.map(|&(_, thing)| thing)
     }
 
     fn first_of(&mut self, mut thing: usize) -> usize {
@@ -68,10 +80,11 @@ mod tests {
             groups.link(a, b);
         }
         assert_eq!(groups.number(|thing| thing != 0 && thing != 3), 3);
-        let expected = [None, Some(0), Some(1), None, Some(1), Some(2), Some(2)];
-        assert_eq!(groups.numbers(), expected);
+        let things = |groups: &Groups, group| groups.things(group).collect::<Vec<_>>();
+        let of_groups = [0, 1, 2].map(|group| things(&groups, group));
+        assert_eq!(of_groups, [vec![1], vec![2, 4], vec![5, 6]]);
         groups.reset(2);
         assert_eq!(groups.number(|_| true), 2);
-        assert_eq!(groups.numbers(), [Some(0), Some(1)]);
+        assert_eq!([0, 1].map(|group| things(&groups, group)), [[0], [1]]);
     }
 }
