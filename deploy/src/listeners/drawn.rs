@@ -4,9 +4,9 @@ use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::BufReader;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, anyhow};
+use anyhow::Context as _;
 use farfield_export::run::PoseLine;
 use farfield_export::run::line::for_each_line;
 use farfield_node::process::{NodeError, say};
@@ -18,19 +18,32 @@ use farfield_sim::simulated::VenueSources;
 use crate::exchange::place::POSES;
 use crate::overlay::{TickList, background, draw_poses, overlay, overlay_ticks, with_people};
 
-/// Draws what is in `out`.
+/// A recording that is solved again.
+pub(super) struct Solved {
+    /// Of which venue the results are.
+    pub(super) venue: Venue,
+    /// Where they are.
+    pub(super) out: PathBuf,
+    /// The first and the last tick.
+    pub(super) ticks: [Tick; 2],
+}
+
+/// Draws what it came to.
 ///
 /// # Errors
 /// [`NodeError::Refused`] for ticks that are none of the replay's, [`NodeError::Failed`] when a picture cannot be written.
-pub(super) fn draw(asked: Option<TickList>, venue: &Venue, out: &Path) -> Result<(), NodeError> {
+pub(super) fn draw(asked: Option<TickList>, solved: &Solved) -> Result<(), NodeError> {
+    let Solved { venue, out, ticks } = solved;
     let poses = out.join(POSES);
     let span = span(&poses).map_err(NodeError::Failed)?;
-    let Some((first, last)) = span else {
-        return Err(NodeError::Refused(anyhow!(
+    let Some(with_poses) = span else {
+        say(format_args!(
             "`--overlay`: nobody was found, so there is nobody to draw"
-        )));
+        ));
+        return Ok(());
     };
-    let ticks = overlay_ticks(asked, &(Tick(first)..Tick(last + 1))).map_err(NodeError::Refused)?;
+    let [first, last] = if asked.is_some() { *ticks } else { with_poses };
+    let ticks = overlay_ticks(asked, &(first..last + 1)).map_err(NodeError::Refused)?;
     let sources = VenueSources::default();
     let gone = RefCell::new(BTreeSet::new());
     draw_poses((venue, &ticks, &poses), out, |camera, tick, persons| {
@@ -53,14 +66,14 @@ pub(super) fn draw(asked: Option<TickList>, venue: &Venue, out: &Path) -> Result
 }
 
 /// The first and the last tick of the poses of a file; `None` without any.
-fn span(poses: &Path) -> anyhow::Result<Option<(i64, i64)>> {
+fn span(poses: &Path) -> anyhow::Result<Option<[Tick; 2]>> {
     let reading = || format!("reading {}", poses.display());
     let file = File::open(poses).with_context(reading)?;
-    let mut span: Option<(i64, i64)> = None;
+    let mut span: Option<[Tick; 2]> = None;
     for_each_line(BufReader::new(file), poses, |text, number| {
-        let tick = PoseLine::parse(text, poses, number)?.tick;
-        let (first, last) = span.unwrap_or((tick, tick));
-        span = Some((first.min(tick), last.max(tick)));
+        let tick = Tick(PoseLine::parse(text, poses, number)?.tick);
+        let [first, last] = span.unwrap_or([tick; 2]);
+        span = Some([first.min(tick), last.max(tick)]);
         Ok::<_, FileError>(())
     })?;
     Ok(span)

@@ -116,6 +116,7 @@ pub(crate) fn replay(args: ReplayCommandArgs) -> ExitCode {
         listeners: args.listeners,
         later: Arc::clone(&later),
         begun: Arc::clone(&begun),
+        drawn: args.overlay.clone().flatten(),
     });
     let code = farfield_fusion::node::replay(&args.replay, listeners, crate::output::print);
     if let Some(out) = later.get()
@@ -126,9 +127,9 @@ pub(crate) fn replay(args: ReplayCommandArgs) -> ExitCode {
             "names and edits of the recording are not carried: {error:#}"
         ));
     }
-    if let (Some(asked), Some((venue, out))) = (args.overlay, begun.get())
+    if let (Some(asked), Some(solved)) = (args.overlay, begun.get())
         && code == ExitCode::SUCCESS
-        && let Err(error) = drawn::draw(asked, venue, out)
+        && let Err(error) = drawn::draw(asked, solved)
     {
         return exit_code(Err(error));
     }

@@ -20,13 +20,14 @@ use farfield_fusion::export::unfinished::write_whole;
 use farfield_fusion::node::{OpenListeners, Opening, ReplayedRecording, RunAtItsStart};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::toml_file::FileError;
-use farfield_proto::venue::Venue;
 use nalgebra::Vector3;
 
 use super::ListenerArgs;
+use super::drawn::Solved;
 use crate::exchange::people::time_of_day::now;
 use crate::exchange::place::POSES;
 use crate::exchange::recorded::RecordedRun;
+use crate::overlay::{TickList, overlay_ticks};
 
 /// The bodies of each tick.
 type Bodies = BTreeMap<i64, Vec<Place>>;
@@ -38,19 +39,28 @@ type Later = Arc<OnceLock<PathBuf>>;
 pub(super) struct ReplayListeners {
     pub(super) listeners: ListenerArgs,
     pub(super) later: Later,
-    /// Of which venue the results are, and where.
-    pub(super) begun: Arc<OnceLock<(Venue, PathBuf)>>,
+    /// What is solved, once that has begun.
+    pub(super) begun: Arc<OnceLock<Solved>>,
+    /// The ticks that are to be drawn when all is solved, where they are named.
+    pub(super) drawn: Option<TickList>,
 }
 
 impl OpenListeners for ReplayListeners {
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         Box::pin(async move {
-            self.begun
-                .get_or_init(|| (run.venue.clone(), run.out.to_owned()));
-            if let Some(replayed) = run.replays
-                && !take_over(&replayed, run.out).map_err(NodeError::Refused)?
-            {
-                self.later.get_or_init(|| run.out.to_owned());
+            if let Some(replayed) = run.replays {
+                let [first, last] = replayed.ticks;
+                if let Some(list) = self.drawn {
+                    overlay_ticks(Some(list), &(first..last + 1)).map_err(NodeError::Refused)?;
+                }
+                self.begun.get_or_init(|| Solved {
+                    venue: run.venue.clone(),
+                    out: run.out.to_owned(),
+                    ticks: replayed.ticks,
+                });
+                if !take_over(&replayed, run.out).map_err(NodeError::Refused)? {
+                    self.later.get_or_init(|| run.out.to_owned());
+                }
             }
             Box::new(self.listeners).open(run).await
         })

@@ -10,7 +10,7 @@ use farfield_edge::source::{SourceError, SourceInfo, common_ticks};
 use farfield_fusion::export::unfinished::write_whole;
 use farfield_fusion::node::{
     check_folder, check_given_keypoints, check_given_ticks, check_live_or_recorded, check_names,
-    check_place, load_card, load_subjects,
+    check_place, load_card, load_subjects, of_values,
 };
 use farfield_node::files::{load_venue, parse_venue};
 use farfield_node::process::{NodeError, say};
@@ -94,7 +94,9 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
         Some(changed_venue(&args.venue, &args.set).map_err(NodeError::Refused)?)
     };
     let venue = match &changed {
-        Some(text) => parse_venue(text, &args.venue),
+        Some(text) => {
+            parse_venue(text, &args.venue).map_err(|error| of_values(error, &args.venue, &args.set))
+        }
         None => load_venue(&args.venue),
     };
     let venue = venue.map_err(NodeError::refused)?;

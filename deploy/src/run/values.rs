@@ -24,6 +24,9 @@ pub(super) fn changed_venue(path: &Path, set: &[String]) -> anyhow::Result<Strin
     if let Some(Value::Table(security)) = venue.get_mut("security") {
         make_full(security, "certificates", folder);
     }
+    for subject in tables(venue.get_mut("subject")) {
+        make_full(subject, "profile", folder);
+    }
     for viewpoint in tables(venue.get_mut("viewpoint")) {
         for camera in tables(viewpoint.get_mut("camera")) {
             if let Some(Value::Table(source)) = camera.get_mut("source") {
@@ -59,7 +62,8 @@ mod tests {
             &path,
             "name = \"hall\"\ncalibration = \"calibration.toml\"\n[[viewpoint]]\n[[viewpoint.camera]]\n\
              source = { kind = \"keypoints\", path = \"/else/a.jsonl\" }\n[[viewpoint.camera]]\n\
-             source = { kind = \"video\", path = \"b.mp4\" }\n",
+             source = { kind = \"video\", path = \"b.mp4\" }\n[[subject]]\nprofile = \"anna.toml\"\n[[subject]]\n\
+             name = \"Bo\"\n",
         )
         .unwrap();
         let text = changed_venue(&path, &["births.coast_s=2".to_owned()]).unwrap();
@@ -70,6 +74,8 @@ mod tests {
             Some(&*full("calibration.toml"))
         );
         assert_eq!(venue["births"]["coast_s"].as_integer(), Some(2));
+        let subjects = venue["subject"].as_array().unwrap();
+        assert_eq!(subjects[0]["profile"].as_str(), Some(&*full("anna.toml")));
         let cameras = venue["viewpoint"][0]["camera"].as_array().unwrap();
         let path_of = |i: usize| cameras[i]["source"]["path"].as_str().unwrap().to_owned();
         assert_eq!(

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use farfield_node::process::NodeError;
 use farfield_proto::id::SessionId;
 use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::tick::Tick;
 use farfield_proto::transport::Identity;
 use farfield_proto::venue::Venue;
 
@@ -49,6 +50,8 @@ pub struct ReplayedRecording<'a> {
     pub session: SessionId,
     /// Whether ids mean the same people as in its poses.
     pub keeps_ids: bool,
+    /// The first and the last tick that are solved.
+    pub ticks: [Tick; 2],
 }
 
 /// Whoever listens, opened.

@@ -31,7 +31,9 @@ pub use self::output::exporter::layout as pose_layout;
 pub use self::output::progress::{Body, LinkProgress, Progress, Report};
 pub use self::recorder_node::{RecordArgs, main as record};
 pub use self::recording::{RecordingOnDemand, RecordingsOnDemand, check_place};
-pub use self::replay::{ReplayArgs, main as replay, open_recording, recorded_venue, with_values};
+pub use self::replay::{
+    ReplayArgs, main as replay, of_values, open_recording, recorded_venue, with_values,
+};
 pub use self::run::{main, main_with};
 pub use self::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
 pub use self::subjects::{KnownSubjects, load_subjects};

@@ -24,7 +24,7 @@ use tokio_util::task::TaskTracker;
 use self::listening::Listening;
 use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
-pub use self::venue::{recorded_venue, with_values};
+pub use self::venue::{of_values, recorded_venue, with_values};
 use super::config::check_names;
 use super::listeners::{OpenListeners, ReplayedRecording};
 use super::output::claim::{FolderClaim, check_folder};
@@ -125,9 +125,7 @@ fn replay(
     let (file, recorded) = (FileFacts::of(&recording), part.ticks);
     let mut pipeline = Pipeline::new(&venue, card.as_ref(), part.session);
     pipeline.know(subjects);
-    if args.smooth {
-        pipeline.smooth_in_two_passes();
-    }
+    smooth(args, &venue, &mut pipeline);
     let (keypoints, session) = (pipeline.keypoints().clone(), part.session);
     let replay = Replay::new(recording, part, pipeline, choice, names)
         .with_context(|| args.file.display().to_string())
@@ -139,6 +137,7 @@ fn replay(
         file: &args.file,
         session,
         keeps_ids: names == PatchOwners::AsRecorded,
+        ticks: span,
     };
     let of = (&venue, &keypoints, replays);
     let mut listening = Listening::open(&runtime, listeners, of, claim.folder())?;
@@ -210,6 +209,17 @@ pub fn open_recording(path: &Path) -> anyhow::Result<File> {
         );
     }
     File::open(path).with_context(|| format!("opening the recording {shown}"))
+}
+
+/// Smooths as it is asked for.
+fn smooth(args: &ReplayArgs, venue: &Venue, pipeline: &mut Pipeline) {
+    if args.smooth {
+        pipeline.smooth_in_two_passes();
+    } else if venue.parameters.smoothing.delay_ms > 0.0 {
+        say(format_args!(
+            "`smoothing.delay_ms`: a replay has no poses with a delay; `--smooth` gives those that know all that came after"
+        ));
+    }
 }
 
 /// Reads the recording through, and says what is missing of it.

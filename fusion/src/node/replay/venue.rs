@@ -7,7 +7,7 @@ use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_node::files::load_venue;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::model_card::HeatmapCard;
-use farfield_proto::toml_file::unknown_name;
+use farfield_proto::toml_file::{FileError, unknown_name};
 use farfield_proto::venue::Venue;
 use farfield_proto::venue::layout::{self, translated};
 use farfield_proto::venue::parameters::{self, PARAMETERS, TABLES};
@@ -60,7 +60,8 @@ pub(super) fn replay_venue(
         (None, Some(path)) => own_calibration(path)?,
         (None, None) => recorded.calibration,
     };
-    let venue = Venue::parse(&text, path, calibration)?;
+    let venue = Venue::parse(&text, path, calibration);
+    let venue = venue.map_err(|error| of_values(error, path, changes.set))?;
     check_same_cameras(&recorded.venue, &venue, path)?;
     let card = match changes.venue {
         Some(_) => load_card(&venue)?,
@@ -170,6 +171,19 @@ pub fn with_values(text: &str, set: &[String]) -> anyhow::Result<String> {
     toml::to_string(&file).context("writing the venue file")
 }
 
+/// An error in the venue file at `path` with the values of `set`, which are in none of its lines.
+pub fn of_values(error: FileError, path: &Path, set: &[String]) -> FileError {
+    if set.is_empty() || error.path != path {
+        return error;
+    }
+    let changed = format!("{} with --set {}", path.display(), set.join(" --set "));
+    FileError {
+        path: changed.into(),
+        line: None,
+        ..error
+    }
+}
+
 /// The tables around what is called `name`, and its own name there.
 fn keys(name: &str) -> anyhow::Result<Vec<&str>> {
     if let Some(parameter) = parameters::find(name) {
@@ -258,6 +272,22 @@ mod tests {
             refused.to_string(),
             "`--set`: unknown parameter `smoothing.cutof_hz`, did you mean `smoothing.cutoff_hz`?"
         );
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_value_names_it_and_no_line_of_the_file() {
+        let path = Path::new("hall.toml");
+        let set = ["smoothing.cutoff_hz=-3".to_owned()];
+        let text = with_values("name = \"hall\"\nrate_hz = 60.0\n", &set).unwrap();
+        let wrong = FileError::new(path, "found -3, expected more")
+            .at_field("smoothing.cutoff_hz")
+            .at_line(text.lines().count());
+        assert_eq!(
+            of_values(wrong.clone(), path, &set).to_string(),
+            "hall.toml with --set smoothing.cutoff_hz=-3: `smoothing.cutoff_hz`: found -3, expected more"
+        );
+        assert_eq!(of_values(wrong.clone(), Path::new("cal.toml"), &set), wrong);
+        assert_eq!(of_values(wrong.clone(), path, &[]), wrong);
     }
 
     /// The head of a recording with these texts, which says `layout` if any.
