@@ -18,6 +18,8 @@ use farfield_score::points::PointSet;
 use farfield_score::table::side_by_side;
 use farfield_score::{Scores, score};
 
+use crate::exchange::place::POSES;
+use crate::exchange::target::file_in;
 use crate::output;
 
 /// Longest line that is looked at to see what a file is, bytes.
@@ -27,10 +29,12 @@ const LONGEST_LINE_BYTES: u64 = 64 << 10;
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct EvaluateArgs {
     /// The poses, as `farfield run` writes them.
+    ///
+    /// Or the folder of the run.
     poses: PathBuf,
     /// The truth, one line per tick and person.
     ///
-    /// With those joints and keypoints that are known.
+    /// With those joints and keypoints that are known; or the folder of its `truth.jsonl`.
     truth: PathBuf,
     /// Other poses of the same truth, to stand beside.
     #[arg(long, value_name = "POSES")]
@@ -85,6 +89,7 @@ pub(crate) fn evaluate(args: &EvaluateArgs) -> Result<(), NodeError> {
         let problem = anyhow!("--rate-hz: found {rate}, expected a number above 0");
         return Err(NodeError::Refused(problem));
     }
+    let args = &args.clone().of_files().map_err(NodeError::Refused)?;
     let (evaluation, plot) = scores_of(args).map_err(NodeError::Refused)?;
     if let Some(path) = &args.plot {
         std::fs::write(path, plot)
@@ -97,6 +102,18 @@ pub(crate) fn evaluate(args: &EvaluateArgs) -> Result<(), NodeError> {
         evaluation.table()
     };
     output::print(&format!("{text}\n")).map_err(NodeError::Failed)
+}
+
+impl EvaluateArgs {
+    /// The same, with the files that its folders stand for.
+    fn of_files(self) -> anyhow::Result<Self> {
+        Ok(Self {
+            poses: file_in(&self.poses, POSES)?,
+            truth: file_in(&self.truth, "truth.jsonl")?,
+            beside: self.beside.map(|path| file_in(&path, POSES)).transpose()?,
+            ..self
+        })
+    }
 }
 
 impl Evaluation {

@@ -9,6 +9,7 @@ use clap_mangen::Man;
 use farfield_fusion::export::unfinished::write_whole;
 use farfield_node::process::NodeError;
 
+use crate::exchange::target::check_folder;
 use crate::output;
 
 /// Arguments of `farfield completions`.
@@ -43,6 +44,7 @@ pub(crate) fn completions(args: &CompletionsArgs, mut cli: Command) -> Result<()
 /// When the folder cannot be made, or a page not be written.
 pub(crate) fn man(args: &ManArgs, cli: Command) -> Result<(), NodeError> {
     let folder = &args.out;
+    check_folder("--out", folder).map_err(NodeError::Refused)?;
     std::fs::create_dir_all(folder)
         .with_context(|| format!("making {}", folder.display()))
         .map_err(NodeError::Failed)?;

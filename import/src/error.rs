@@ -15,7 +15,7 @@ pub enum ImportError {
     #[error("{0}")]
     Refused(String),
     /// What was named or found cannot be read.
-    #[error("{doing} {}: {source}", path.display())]
+    #[error("{doing} {}", path.display())]
     Read {
         /// What was tried.
         doing: &'static str,
@@ -25,7 +25,7 @@ pub enum ImportError {
         source: io::Error,
     },
     /// What was made cannot be written.
-    #[error("{doing} {}: {source}", path.display())]
+    #[error("{doing} {}", path.display())]
     Write {
         /// What was tried.
         doing: &'static str,

@@ -162,22 +162,18 @@ impl Entry<'_> {
     }
 
     fn size(&self) -> Result<[u32; 2], FileError> {
-        let wrong = |found: &str| {
-            self.error(
-                "size",
-                format!("found {found}, expected [width, height] in pixels above 0"),
-            )
-        };
-        let size = self
-            .numbers::<2>("size")
-            .map_err(|error| wrong(&error.problem))?;
+        let size = self.numbers::<2>("size").map_err(|error| {
+            let problem = format!("{}: [width, height] in pixels above 0", error.problem);
+            self.error("size", problem)
+        })?;
         let whole = size
             .iter()
             .all(|&s| s.fract() == 0.0 && (1.0..=65536.0).contains(&s));
         if whole {
             Ok(size.map(|s| s as u32))
         } else {
-            Err(wrong(&format!("{size:?}")))
+            let problem = format!("found {size:?}, expected [width, height] in pixels above 0");
+            Err(self.error("size", problem))
         }
     }
 

@@ -242,7 +242,7 @@ pub fn detect_charuco(
     }
     let dictionary: Dictionary = resolve_dictionary(&board.dictionary).ok_or_else(|| {
         DetectError::Board(format!(
-            "unknown dictionary `{}`, expected one of OpenCV's",
+            "unknown dictionary `{}`, expected one of OpenCV's, for example DICT_4X4_50",
             board.dictionary
         ))
     })?;

@@ -58,7 +58,8 @@ pub enum CalibrationError {
     },
     /// An offset is missing.
     #[error(
-        "camera `{camera}`: `offset_s` is missing or not finite, expected seconds where clocks are given"
+        "camera `{camera}`: `offset_s` is missing or not finite, expected seconds where clocks are given \
+         (`--offset-s {camera}=SECONDS`)"
     )]
     Offset {
         /// The camera's name.

@@ -14,6 +14,7 @@ use farfield_proto::calibration::Calibration;
 use serde::Serialize;
 
 use super::{read, refuse_existing, write};
+use crate::exchange::target::check_folder;
 use crate::output;
 
 /// What `farfield calibrate convert` is told.
@@ -57,7 +58,7 @@ pub(super) struct ConvertArgs {
     #[arg(long, hide_short_help = true)]
     four_are_fisheye: bool,
     /// Size of the videos where they show the middle of the sensor: `1280x720`.
-    #[arg(long, hide_short_help = true, value_name = "WxH", value_parser = size)]
+    #[arg(long, hide_short_help = true, value_name = "WxH", value_parser = size_px)]
     video_px: Option<[u32; 2]>,
     /// Replace files that are there already.
     #[arg(long)]
@@ -97,12 +98,23 @@ fn camera_axes(word: &str) -> Result<CameraAxes, String> {
 }
 
 /// `1280x720`.
+fn size_px(word: &str) -> Result<[u32; 2], String> {
+    two_sides(word, "1280x720")
+}
+
+/// `4x7`.
 pub(super) fn size(word: &str) -> Result<[u32; 2], String> {
+    two_sides(word, "4x7")
+}
+
+fn two_sides(word: &str, example: &str) -> Result<[u32; 2], String> {
     let sides = word.split_once('x');
     let sides = sides.and_then(|(a, b)| Some([a.parse().ok()?, b.parse().ok()?]));
     sides
         .filter(|sides: &[u32; 2]| !sides.contains(&0))
-        .ok_or_else(|| format!("found `{word}`, expected two numbers above 0, for example 4x7"))
+        .ok_or_else(|| {
+            format!("found `{word}`, expected two numbers above 0, for example {example}")
+        })
 }
 
 /// What is printed as JSON.
@@ -137,6 +149,7 @@ impl<'a> RemarkLine<'a> {
 /// # Errors
 /// [`NodeError::Refused`] where files cannot be read or written so, [`NodeError::Failed`] where the disk is in the way.
 pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
+    check_folder("--out", &args.out).map_err(NodeError::Refused)?;
     let files: Vec<TextFile> = args
         .files
         .iter()

@@ -171,6 +171,13 @@ fn of_recording(
         !args.cameras.has_rates() && !args.cameras.has_offsets(),
         "{shown} is a recording, which knows its rate: leave out --rate-hz and --offset-s"
     );
+    for (option, s) in [("--from-s", args.from_s), ("--until-s", args.until_s)] {
+        ensure!(
+            s.is_none_or(f64::is_finite),
+            "{option}: found {}, expected seconds",
+            s.unwrap_or_default()
+        );
+    }
     let part = Part {
         from_s: args.from_s.unwrap_or(0.0),
         until_s: args.until_s.unwrap_or(f64::INFINITY),

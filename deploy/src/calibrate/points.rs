@@ -166,6 +166,16 @@ impl AskedArgs {
         seen.check_clocks()?;
         let anchors = self.known.anchors()?;
         seen.check_names(&anchors, names)?;
+        for name in names {
+            ensure!(
+                timing == Timing::Synchronised || seen.rate_of(name).is_some(),
+                "no rate of camera `{name}`: give it by --rate-hz {name}=HZ"
+            );
+            ensure!(
+                timing != Timing::Clocks || seen.offset_of(name).is_some(),
+                "no offset of camera `{name}`: give it by --offset-s {name}=SECONDS"
+            );
+        }
         let cameras = names.iter().map(|name| {
             let lens = lens_of(name)?;
             Ok(PointCamera {

@@ -60,10 +60,16 @@ pub(super) struct SeenCamera<T> {
 /// Files of what cameras saw, by the camera that each is called after.
 ///
 /// # Errors
-/// Where two are of one camera.
+/// What is no file, and where two are of one camera.
 pub(super) fn by_camera(files: &[PathBuf]) -> anyhow::Result<BTreeMap<String, PathBuf>> {
     let mut named = BTreeMap::new();
     for path in files {
+        ensure!(
+            !path.is_dir(),
+            "{}: found a folder, expected the files in it, one per camera",
+            path.display()
+        );
+        ensure!(path.is_file(), "{}: there is no such file", path.display());
         let name = path.file_stem().and_then(|it| it.to_str());
         let name = name.unwrap_or_default().to_owned();
         if let Some(first) = named.insert(name.clone(), path.clone()) {

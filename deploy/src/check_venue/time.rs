@@ -106,7 +106,7 @@ fn look_at_lengths(
             report.fail(
                 TIME,
                 error.to_string(),
-                "look at `first_tick` and `tick_from`",
+                "of videos and pictures look at `first_tick` and `tick_from`, of keypoints at the ticks of their lines",
             );
             return;
         }

@@ -25,6 +25,7 @@ use tempfile::TempDir;
 use super::cameras;
 use super::place::{POSES, Place, SUMMARY};
 use super::recorded::RecordedRun;
+use super::target::check_folder;
 use crate::output;
 
 /// What `farfield export` is told.
@@ -163,6 +164,7 @@ struct WrittenFile<'a> {
 pub(crate) fn export_run(args: &ExportArgs) -> Result<(), NodeError> {
     let place = Place::of(&args.run).map_err(NodeError::Refused)?;
     let out = args.out.clone().unwrap_or_else(|| place.export_folder());
+    check_folder("--out", &out).map_err(NodeError::Refused)?;
     let is_new = !out.exists();
     if args.venue.is_some() && matches!(place, Place::Recording(_)) {
         return Err(NodeError::refused(anyhow!(
@@ -330,7 +332,10 @@ pub(super) fn node_error(error: ExportError) -> NodeError {
             "{} is there already: --replace replaces it",
             path.display()
         )),
-        ExportError::Io { ref source, .. } if source.kind() != ErrorKind::NotFound => {
+        // What a format has no room for is refused.
+        ExportError::Io { ref source, .. }
+            if ![ErrorKind::NotFound, ErrorKind::InvalidInput].contains(&source.kind()) =>
+        {
             NodeError::failed(error)
         }
         error => NodeError::refused(error),

@@ -11,6 +11,7 @@ use farfield_import::keypoints::Model;
 use farfield_import::report::{CameraReport, Report};
 use farfield_node::process::NodeError;
 
+use super::target::check_folder;
 use crate::output;
 
 /// What `farfield import` is told.
@@ -83,6 +84,9 @@ fn camera(word: &str) -> Result<(String, PathBuf), String> {
 /// # Errors
 /// [`NodeError::Refused`] where files or options are in the way, [`NodeError::Failed`] where nothing can be written.
 pub(crate) fn import_folder(args: &ImportArgs) -> Result<(), NodeError> {
+    if let Some(out) = &args.out {
+        check_folder("--out", out).map_err(NodeError::Refused)?;
+    }
     let request = ImportRequest {
         folder: args.folder.clone(),
         calibration: args.calibration.clone(),

@@ -6,3 +6,4 @@ pub(crate) mod import;
 pub(crate) mod people;
 pub(crate) mod place;
 pub(crate) mod recorded;
+pub(crate) mod target;

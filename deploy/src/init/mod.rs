@@ -21,9 +21,11 @@ use clap::Args;
 use farfield_node::log::start_log;
 use farfield_node::process::{NodeError, Told, exit_code_told};
 use farfield_proto::calibration::Calibration;
+use farfield_proto::model_card::{DetectorCard, HeatmapCard};
 use farfield_proto::venue::Venue;
 
 use crate::check_venue::check;
+use crate::exchange::target::check_file;
 use crate::output;
 use crate::report_lines::{ReportForm, ReportLines, Verdict};
 
@@ -130,6 +132,13 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
         "{}: expected a folder",
         args.folder.display()
     );
+    check_file("--out", out)?;
+    let folder = out.parent().filter(|it| !it.as_os_str().is_empty());
+    ensure!(
+        folder.is_none_or(Path::is_dir),
+        "--out {}: its folder is not there",
+        out.display()
+    );
     let (calibration_path, calibration) = find_calibration(args)?;
     let recordings = recordings::find(
         &args.folder,
@@ -146,6 +155,12 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
     let rate_hz = rate_hz(args, &recordings)?;
     let needs_network = recordings.iter().any(Recording::gives_pictures);
     let network = network(args, needs_network)?;
+    if let Some(path) = &network {
+        HeatmapCard::parse(&card(path)?, path)?;
+    }
+    if let Some(path) = &args.detector {
+        DetectorCard::parse(&card(path)?, path)?;
+    }
     let mut draft = VenueDraft {
         out,
         name: venue_text::name_of(&args.folder),
@@ -250,6 +265,10 @@ fn network(args: &InitArgs, is_needed: bool) -> anyhow::Result<Option<PathBuf>> 
             "pictures need a keypoint network: name its card with `--network CARD` (docs/venue.md)"
         ),
     }
+}
+
+fn card(path: &Path) -> anyhow::Result<String> {
+    fs::read_to_string(path).with_context(|| format!("reading the card {}", path.display()))
 }
 
 /// Writes a file that was not there; none is there where that fails.

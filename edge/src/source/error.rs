@@ -237,9 +237,8 @@ pub enum SourceError {
     /// The recordings of a venue cover different ticks.
     #[error(
         "the recordings differ in length: camera `{}` has ticks {}..{}, camera `{}` has {}..{}; \
-         choose ticks that all have with `--ticks`{}",
-        a.0, a.1.start, a.1.end, b.0, b.1.start, b.1.end,
-        shared.as_ref().map(|r| format!(" (at most {}..{})", r.start, r.end)).unwrap_or_default()
+         {}",
+        a.0, a.1.start, a.1.end, b.0, b.1.start, b.1.end, shared_ticks(shared.as_ref())
     )]
     Lengths {
         /// One camera and its ticks.
@@ -252,6 +251,17 @@ pub enum SourceError {
     /// Every source is live, so nothing says when to stop.
     #[error("every source is live: say how many ticks to run with `--ticks`")]
     Endless,
+}
+
+/// What can be done about recordings of different lengths.
+fn shared_ticks(shared: Option<&Range<Tick>>) -> String {
+    match shared.filter(|shared| shared.start < shared.end) {
+        Some(Range { start, end }) => {
+            format!("choose ticks that all have with `--ticks` (at most {start}..{end})")
+        }
+        None => "there is no tick that all have: are they of one time? Files of keypoints name their ticks line by line"
+            .to_owned(),
+    }
 }
 
 /// The end of a sentence on pictures that are the wrong way up.

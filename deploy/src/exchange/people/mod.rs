@@ -19,6 +19,7 @@ use self::time_of_day::now;
 use super::export::node_error;
 use super::place::{POSES, Place};
 use super::recorded::RecordedRun;
+use super::target::check_file;
 use crate::output;
 
 /// What `farfield people` is told.
@@ -168,6 +169,7 @@ fn change(action: &PeopleAction, list: &EditList, known: &Known) -> Result<Chang
 
 /// Keeps the profile of a person in the file `to`.
 fn save(place: &Place, person: u32, to: &Path) -> Result<(), NodeError> {
+    check_file("--to", to).map_err(NodeError::Refused)?;
     let edits = place.edits();
     let profile = match place {
         Place::Run { poses, .. } => profile_of(poses, edits.path(), person),

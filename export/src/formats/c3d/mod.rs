@@ -66,11 +66,15 @@ impl<'a, W: Write> C3dWriter<'a, W> {
             )));
         }
         if subject.name.len() > LONGEST {
-            return Err(io::Error::other(format!(
-                "the name of person {} has {} bytes, a C3D file has room for {LONGEST}",
-                subject.id,
-                subject.name.len()
-            )));
+            let kind = io::ErrorKind::InvalidInput;
+            return Err(io::Error::new(
+                kind,
+                format!(
+                    "the name of person {} has {} bytes, a C3D file has room for {LONGEST}",
+                    subject.id,
+                    subject.name.len()
+                ),
+            ));
         }
         let n_frames = u32::try_from(subject.clock.n_frames())
             .map_err(|_| io::Error::other("more frames than a C3D file can count"))?;

@@ -242,7 +242,7 @@ fn what_is_wrong_with_the_command_is_told_before_any_picture_is_looked_at() {
         (&["--marks", "nowhere.toml"], "nowhere.toml"),
         (
             &["--clocks", "given", "--rate-hz", "50"],
-            "camera `east`: `offset_s` is missing",
+            "no offset of camera `east`: give it by --offset-s",
         ),
         (&["--gate-px", "0"], "`gate_px`: found 0"),
         (&["--diameter-px", "9,3"], "found 9 to 3"),

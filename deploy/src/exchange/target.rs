@@ -1,0 +1,109 @@
+//! Where files are to go, looked at before any is made.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{bail, ensure};
+
+/// Refuses a `folder`, which `option` names, that cannot be one: a file is there, or above it.
+///
+/// # Errors
+/// Names the option and the file.
+pub(crate) fn check_folder(option: &str, folder: &Path) -> anyhow::Result<()> {
+    let there = folder.ancestors().find(|it| it.exists());
+    if let Some(file) = there.filter(|it| !it.is_dir()) {
+        bail!(
+            "{option} {}: {} is a file, expected a folder",
+            folder.display(),
+            file.display()
+        );
+    }
+    Ok(())
+}
+
+/// Refuses a `file`, which `option` names, where a folder is, or whose folder cannot be one.
+///
+/// # Errors
+/// Names the option and the folder.
+pub(crate) fn check_file(option: &str, file: &Path) -> anyhow::Result<()> {
+    ensure!(
+        !file.is_dir(),
+        "{option} {}: found a folder, expected a file",
+        file.display()
+    );
+    file.parent().map_or(Ok(()), |it| check_folder(option, it))
+}
+
+/// The file that `word` names: itself, or the one called `name` in it where it is a folder.
+///
+/// # Errors
+/// A folder without one.
+pub(crate) fn file_in(word: &Path, name: &str) -> anyhow::Result<PathBuf> {
+    if !word.is_dir() {
+        return Ok(word.to_owned());
+    }
+    let file = word.join(name);
+    ensure!(
+        file.is_file(),
+        "{}: found a folder without {name}, expected a file",
+        word.display()
+    );
+    Ok(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn files_and_folders_are_not_taken_for_each_other() {
+        let dir = tempfile::tempdir().unwrap();
+        let (folder, file) = (dir.path().join("run"), dir.path().join("poses.jsonl"));
+        fs::create_dir(&folder).unwrap();
+        fs::write(&file, "").unwrap();
+        let new = folder.join("new");
+        for (told, expected) in [
+            (check_folder("--out", &folder), Ok(())),
+            (check_folder("--out", &new.join("deeper")), Ok(())),
+            (
+                check_folder("--out", &file),
+                Err("is a file, expected a folder"),
+            ),
+            (
+                check_folder("--out", &file.join("in")),
+                Err("poses.jsonl is a file"),
+            ),
+            (check_file("--to", &new), Ok(())),
+            (check_file("--to", Path::new("anna.toml")), Ok(())),
+            (
+                check_file("--to", &folder),
+                Err("found a folder, expected a file"),
+            ),
+            (check_file("--to", &new.join("anna.toml")), Ok(())),
+            (
+                check_file("--to", &file.join("anna.toml")),
+                Err("poses.jsonl is a file"),
+            ),
+        ] {
+            match (told, expected) {
+                (Ok(()), Ok(())) => {}
+                (Err(error), Err(expected)) => {
+                    let error = error.to_string();
+                    assert!(error.contains(expected), "{error}");
+                }
+                (told, expected) => panic!("{told:?}, expected {expected:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_run_stands_for_its_poses() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("poses.jsonl");
+        assert!(file_in(dir.path(), "poses.jsonl").is_err());
+        fs::write(&file, "").unwrap();
+        assert_eq!(file_in(dir.path(), "poses.jsonl").unwrap(), file);
+        assert_eq!(file_in(&file, "truth.jsonl").unwrap(), file);
+    }
+}
