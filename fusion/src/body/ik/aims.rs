@@ -47,6 +47,20 @@ impl Aims {
         0.5 * cost
     }
 
+    /// Builds the normal equations of the targets as evidence for `body`, which was placed last; their gradient means
+    /// nothing.
+    pub(super) fn gather_evidence(&self, body: &Kinematics, normal: &mut NormalEquations) {
+        normal.begin(body);
+        let pull = Vector3::zeros();
+        for AimedPoint {
+            target, point_m, ..
+        } in &self.points
+        {
+            normal.add(target.joint.link(), point_m, &target.evidence, &pull);
+        }
+        normal.gather(body, false);
+    }
+
     /// Builds the normal equations for `body`, which was placed last; see
     /// [`NormalEquations::gather`].
     pub(super) fn linearise(

@@ -92,7 +92,7 @@ impl IkSolver {
         bounds: Option<&RangeOfMotion>,
     ) -> Solution {
         let pose = self.fit(skeleton, start, targets, priors, bounds);
-        self.aims.linearise(&self.body, false, &mut self.normal);
+        self.aims.gather_evidence(&self.body, &mut self.normal);
         self.observability.measure(&self.normal, &mut self.factor);
         Solution {
             pose,

@@ -17,16 +17,21 @@ pub struct Target {
     /// keypoint that one viewpoint sees, nothing is known along its ray. A target whose information is zero,
     /// or not finite, is left out.
     pub information: Matrix3<f64>,
+    /// The same as evidence: what is known of the place when errors that last are counted as well. It says which
+    /// angles are determined, and moves nothing.
+    pub evidence: Matrix3<f64>,
 }
 
 impl Target {
     /// A target that is known equally well along all axes, with the inverse variance `weight` per axis, 1/m².
     pub fn isotropic(site: &Site, position_m: Vector3<f64>, weight: f64) -> Self {
+        let information = Matrix3::from_diagonal_element(weight);
         Self {
             joint: site.joint,
             offset_m: site.offset_m,
             position_m,
-            information: Matrix3::from_diagonal_element(weight),
+            information,
+            evidence: information,
         }
     }
 

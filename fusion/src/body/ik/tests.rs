@@ -11,7 +11,7 @@ use super::*;
 use crate::body::skeleton::dof::{DofGroup, first_of};
 use crate::body::skeleton::{
     ANGLE_NAMES, Joint, Kinematics, N_DOF, N_JOINT_DOF, Pose, Proportions, RangeOfMotion, Side,
-    Skeleton,
+    Site, Skeleton,
 };
 
 const TICK_S: f64 = 1.0 / 60.0;
@@ -50,11 +50,9 @@ fn targets(pose: &Pose, joints: impl IntoIterator<Item = Joint>, sigma_m: f64) -
     let at = placed(pose);
     joints
         .into_iter()
-        .map(|joint| Target {
-            joint,
-            offset_m: Vector3::zeros(),
-            position_m: at.joint_m(joint),
-            information: Matrix3::from_diagonal_element(1.0 / (sigma_m * sigma_m)),
+        .map(|joint| {
+            let weight = 1.0 / (sigma_m * sigma_m);
+            Target::isotropic(&Site::at(joint), at.joint_m(joint), weight)
         })
         .collect()
 }
@@ -74,6 +72,7 @@ fn exact_keypoints(pose: &Pose) -> Vec<Target> {
         .into_iter()
         .map(|t| Target {
             information: Matrix3::from_diagonal_element(weight),
+            evidence: Matrix3::from_diagonal_element(weight),
             ..t
         })
         .collect()
