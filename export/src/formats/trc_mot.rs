@@ -6,7 +6,8 @@
 use std::io::{self, Write};
 
 use farfield_fusion::body::skeleton::RangeOfMotion;
-use farfield_fusion::export::{Layout, mot, trc};
+use farfield_fusion::export::mot::{self, MotRows};
+use farfield_fusion::export::{Layout, trc};
 use farfield_proto::id::PersonId;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PersonPose;
@@ -98,6 +99,7 @@ pub struct MotWriter<'a, W> {
     out: W,
     subject: Subject<'a>,
     layout: Layout,
+    rows: MotRows,
 }
 
 impl<'a, W: Write> MotWriter<'a, W> {
@@ -113,6 +115,7 @@ impl<'a, W: Write> MotWriter<'a, W> {
             out,
             subject,
             layout,
+            rows: MotRows::default(),
         })
     }
 
@@ -125,7 +128,7 @@ impl<'a, W: Write> MotWriter<'a, W> {
             return Ok(());
         };
         let pose = pose_of(sample, &self.subject);
-        let row = mot::row(&self.layout, frame.time_s, &pose);
+        let row = self.rows.row(&self.layout, frame.time_s, &pose);
         self.out.write_all(row.as_bytes())
     }
 }

@@ -1,10 +1,11 @@
 //! MOT, OpenSim's motion file: the reported angles over time.
 //!
 //! Degrees, the root's translations metres, in the frame of the TRC file (y up). Time starts at 0 with
-//! the run's first tick, as in all files of a run. A tick without a pose has no row: OpenSim's `Storage` stops reading
+//! the run's first tick, as in all files of a run. Who turns round and round has angles beyond 180. A tick without a pose has no row: OpenSim's `Storage` stops reading
 //! at a `NaN`, and interpolates over time that is missing. For the same reason an angle that the keypoints say nothing
 //! of has no column: the head names it, and those that are known only together.
 
+use std::f64::consts::PI;
 use std::fmt::Write as _;
 use std::iter;
 
@@ -90,21 +91,49 @@ pub fn with_rows(head: &str, n_rows: u64) -> Option<String> {
     Some(lines.join("\n"))
 }
 
-/// One row.
-pub fn row(layout: &Layout, time_s: f64, pose: &PersonPose) -> String {
-    let mut text = format!("{time_s:.TIME_DECIMALS$}");
-    for (angle, &value) in layout.angles.iter().zip(&pose.angles) {
-        if angle.evidence == AngleEvidence::Missing {
-            continue;
+/// The rows of one file, one after the other.
+#[derive(Debug, Clone, Default)]
+pub struct MotRows {
+    /// Per angle, what the row before has.
+    last: Vec<f64>,
+}
+
+impl MotRows {
+    /// The next row. An angle without bounds goes on from the row before, also beyond 180 degrees: OpenSim interpolates
+    /// and differentiates between rows, and would take the other side of the circle for a turn in one tick.
+    pub fn row(&mut self, layout: &Layout, time_s: f64, pose: &PersonPose) -> String {
+        let mut text = format!("{time_s:.TIME_DECIMALS$}");
+        let is_first = self.last.is_empty();
+        self.last.resize(layout.angles.len(), 0.0);
+        let angles = layout.angles.iter().zip(&pose.angles);
+        for ((angle, &value), last) in angles.zip(&mut self.last) {
+            if angle.evidence == AngleEvidence::Missing {
+                continue;
+            }
+            let printed = angle.printed(value);
+            *last = if is_first || !angle.is_free() {
+                printed
+            } else {
+                round(
+                    printed + 360.0 * ((*last - printed) / 360.0).round(),
+                    DECIMALS,
+                )
+            };
+            write!(text, "\t{:.*}", DECIMALS as usize, last)
+                .expect("a string takes all that is written to it");
         }
-        write!(text, "\t{:.*}", DECIMALS as usize, angle.printed(value))
-            .expect("a string takes all that is written to it");
+        text.push('\n');
+        text
     }
-    text.push('\n');
-    text
 }
 
 impl AngleColumn {
+    /// Whether it may turn round and round: its range, if any, is the whole circle.
+    fn is_free(&self) -> bool {
+        let is_circle = |[low, high]: [f64; 2]| high - low > 2.0 * PI - 1e-6;
+        self.unit == AngleUnit::Radian && self.range_rad.is_none_or(is_circle)
+    }
+
     /// Degrees (or metres), rounded inward at a bound.
     fn printed(&self, value: f32) -> f64 {
         let value = f64::from(value);
@@ -131,7 +160,8 @@ mod tests {
     fn a_file_is_as_opensim_reads_it() {
         let layout = fixture::layout();
         let pose = fixture::pose(1, PersonState::Tracked);
-        let text = with_rows(&header(&layout), 1).unwrap() + &row(&layout, 0.05, &pose);
+        let row = MotRows::default().row(&layout, 0.05, &pose);
+        let text = with_rows(&header(&layout), 1).unwrap() + &row;
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(
             lines[..5],
@@ -165,7 +195,29 @@ mod tests {
         let counted = with_rows(&head, 12).unwrap();
         assert_eq!(counted.len(), head.len());
         let pose = fixture::pose(1, PersonState::Tracked);
-        assert_eq!(row(&layout, 0.05, &pose), "0.050000\t30.000001\t2.500000\n");
+        let row = MotRows::default().row(&layout, 0.05, &pose);
+        assert_eq!(row, "0.050000\t30.000001\t2.500000\n");
+    }
+
+    #[test]
+    fn who_turns_on_the_spot_turns_on_in_the_file() {
+        let (mut layout, mut rows) = (fixture::layout(), MotRows::default());
+        layout.angles[0].range_rad = Some([-PI, PI]);
+        let mut pose = fixture::pose(1, PersonState::Tracked);
+        // Two turns to the left and one back, 25 degrees a tick.
+        let turns = (0..29).chain((14..29).rev()).map(|i| 25.0 * f64::from(i));
+        for turned_deg in turns {
+            let wrapped_deg = turned_deg - 360.0 * (turned_deg / 360.0f64).round();
+            pose.angles[0] = wrapped_deg.to_radians() as f32;
+            let row = rows.row(&layout, 0.0, &pose);
+            let columns: Vec<&str> = row.trim_end().split('\t').collect();
+            let written: f64 = columns[1].parse().unwrap();
+            assert!(
+                (written - turned_deg).abs() < 1e-4,
+                "{written} {turned_deg}"
+            );
+            assert_eq!(columns[3], "23.491269", "a knee has bounds");
+        }
     }
 
     #[test]

@@ -15,10 +15,11 @@ use farfield_proto::tick::Tick;
 
 use super::full_disk::FullDisk;
 use super::line::PoseLine;
+use super::mot::{self, MotRows};
 use super::run_clock::{RunClock, RunEnd};
 use super::unfinished::{Unfinished, sync_folder_of};
 use super::whole::{Kind, Whole, make_whole};
-use super::{Layout, mot, trc};
+use super::{Layout, trc};
 
 /// Why a file could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -91,6 +92,7 @@ struct PersonFiles {
     trc_head: String,
     mot: Unfinished,
     mot_head: String,
+    mot_rows: MotRows,
     presence: Presence,
 }
 
@@ -227,7 +229,8 @@ impl PoseFiles {
         }
         let seconds = clock.seconds(tick);
         files.add_row(&trc::row(&self.layout, tick, seconds, Some(pose)))?;
-        append(&mut files.mot, &mot::row(&self.layout, seconds, pose))?;
+        let row = files.mot_rows.row(&self.layout, seconds, pose);
+        append(&mut files.mot, &row)?;
         let presence = &mut files.presence;
         presence.last_tick = tick;
         presence.ticks += 1;
@@ -245,6 +248,7 @@ impl PoseFiles {
             trc_head: trc::header(&self.layout, &name, self.clock.rate_hz, first_row),
             mot: create(self.folder.join(format!("angles_{person}.mot")), &self.disk)?,
             mot_head: mot::header(&self.layout),
+            mot_rows: MotRows::default(),
             presence: Presence {
                 person,
                 first_tick: tick,
