@@ -15,6 +15,11 @@ const LIVES: i64 = 5;
 /// Clocks of the nodes may be behind by so much.
 const SLACK: Duration = Duration::days(1);
 
+/// What the authority of `venue` is called.
+pub(super) fn name_of(venue: &str) -> String {
+    format!("{venue} authority")
+}
+
 /// Someone who gets a key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Bearer {
@@ -86,7 +91,7 @@ impl Authority {
     /// A new one for `venue`, for certificates that hold for `days`.
     pub(super) fn new(venue: &str, days: u32) -> anyhow::Result<Self> {
         let mut params = CertificateParams::default();
-        params.distinguished_name = named(&format!("{venue} authority"));
+        params.distinguished_name = named(&name_of(venue));
         params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
         params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
         (params.not_before, params.not_after) = holds(LIVES * i64::from(days))?;
@@ -115,6 +120,11 @@ impl Authority {
             key: key.to_owned(),
             issuer,
         })
+    }
+
+    /// Its public key, as its certificate has it.
+    pub(super) fn public_key(&self) -> &[u8] {
+        self.issuer.key().public_key_raw()
     }
 
     pub(super) fn certificate(&self) -> String {

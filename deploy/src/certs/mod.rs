@@ -9,8 +9,9 @@ mod hosts;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, anyhow};
+use anyhow::{Context as _, anyhow, bail, ensure};
 use clap::Args;
+use farfield_node::certificate::{common_name_in, hosts_in, public_key_in};
 use farfield_node::files::{AUTHORITY_KEY, load_venue};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::key::is_key_chunk;
@@ -19,6 +20,8 @@ use farfield_proto::venue::Venue;
 
 use authority::{Authority, Bearer, NodeRole, Pair};
 use files::{Folder, Old, write_together};
+
+use crate::exchange::target::check_folder;
 
 /// Arguments of `farfield certs`.
 #[derive(Debug, Args)]
@@ -63,6 +66,10 @@ pub(crate) fn certs(args: &CertsArgs) -> Result<(), NodeError> {
 
 fn make(args: &CertsArgs) -> anyhow::Result<()> {
     let venue = load_venue(&args.venue)?;
+    check_folder("--out", &args.out)?;
+    if let Some(folder) = &args.authority {
+        check_folder("--authority", folder)?;
+    }
     let bearers = bearers(&venue, args)?;
     let folder = Folder::new(&args.out);
     let keys_of_authority = folder_of_authority(args);
@@ -77,7 +84,7 @@ fn make(args: &CertsArgs) -> anyhow::Result<()> {
             &guide,
         )?;
     } else {
-        let authority = read_authority(&folder, &keys_of_authority)?;
+        let authority = read_authority(&args.out, &keys_of_authority, &venue.name)?;
         generations = generations::known(&args.out, &venue.name)?;
         let mut issue = |bearer: &Bearer| {
             let generation = generations.renew(&bearer.node);
@@ -133,13 +140,18 @@ fn folder_of_authority(args: &CertsArgs) -> PathBuf {
         return folder.clone();
     }
     let is_among_keys = !args.renew.is_empty() && args.out.join(AUTHORITY_KEY).is_file();
-    let name = args.out.file_name().filter(|_| !is_among_keys);
+    // `.` has no name of its own.
+    let out = match args.out.file_name() {
+        Some(_) => args.out.clone(),
+        None => std::fs::canonicalize(&args.out).unwrap_or_else(|_| args.out.clone()),
+    };
+    let name = out.file_name().filter(|_| !is_among_keys);
     name.map_or_else(
         || args.out.clone(),
         |name| {
             let mut name = name.to_owned();
             name.push("-authority");
-            args.out.with_file_name(name)
+            out.with_file_name(name)
         },
     )
 }
@@ -151,12 +163,20 @@ fn bearers(venue: &Venue, args: &CertsArgs) -> anyhow::Result<Vec<Bearer>> {
     for name in &args.node {
         let is_taken = viewpoints.contains(&name.as_str())
             || [FUSION, READER, RECORDER, "ca"].contains(&name.as_str());
-        anyhow::ensure!(
+        ensure!(
             is_key_chunk(name) && !is_taken && seen.insert(name),
             "`--node`: found `{name}`, expected a name that no other node has, of up to 64 ASCII letters, digits, `-`, `_` or `.`"
         );
     }
-    let hosts = hosts::of_fusion(venue, &args.host)?;
+    refuse_what_is_not_renewed(args)?;
+    let mut hosts = hosts::of_fusion(venue, &args.host)?;
+    if args.renew.iter().any(|node| node == FUSION) {
+        // Those that `--host` gave when it was made.
+        let before = hosts_in(&args.out.join(format!("{FUSION}.pem"))).unwrap_or_default();
+        hosts.extend(before);
+        let mut seen = BTreeSet::new();
+        hosts.retain(|host| seen.insert(host.clone()));
+    }
     let mut all = vec![Bearer::fusion(hosts)];
     all.extend(viewpoints.iter().map(|name| Bearer::edge(name)));
     all.push(Bearer::recorder());
@@ -179,6 +199,24 @@ fn bearers(venue: &Venue, args: &CertsArgs) -> anyhow::Result<Vec<Bearer>> {
         })?);
     }
     Ok(renewed)
+}
+
+/// Refuses options that say something of nodes that are not renewed.
+fn refuse_what_is_not_renewed(args: &CertsArgs) -> anyhow::Result<()> {
+    if args.renew.is_empty() {
+        return Ok(());
+    }
+    let is_renewed = |name: &str| args.renew.iter().any(|node| node == name);
+    if let Some(name) = args.node.iter().find(|name| !is_renewed(name)) {
+        bail!(
+            "`--node {name}`: beside other keys its own is made by `--renew {name} --node {name}`"
+        );
+    }
+    ensure!(
+        args.host.is_empty() || is_renewed(FUSION),
+        "`--host`: it is in fusion's certificate: `--renew {FUSION}` makes that anew"
+    );
+    Ok(())
 }
 
 /// Whoever has a certificate here and is neither fusion nor a viewpoint only listens.
@@ -227,12 +265,28 @@ fn create(
     write_together(&all, Old::None)
 }
 
-fn read_authority(folder: &Folder, keys_of_authority: &Path) -> anyhow::Result<Authority> {
-    let certificate = folder.read(files::AUTHORITY)?;
+/// The authority whose certificate is in the folder `out`: that of `venue`, and with its own key, or every key that it issued
+/// would be good for nothing.
+fn read_authority(out: &Path, keys_of_authority: &Path, venue: &str) -> anyhow::Result<Authority> {
+    let path = out.join(files::AUTHORITY);
+    let certificate = Folder::new(out).read(files::AUTHORITY)?;
+    let (found, expected) = (common_name_in(&path)?, authority::name_of(venue));
+    ensure!(
+        found == expected,
+        "{}: found the certificate of `{found}`, expected that of `{expected}`: name the folder of this venue's keys with --out",
+        path.display()
+    );
     let key = Folder::new(keys_of_authority)
         .read(AUTHORITY_KEY)
         .context("the authority's key is needed; say where it is with --authority DIR")?;
-    Authority::read(&certificate, &key)
+    let authority = Authority::read(&certificate, &key)?;
+    ensure!(
+        authority.public_key() == public_key_in(&path)?,
+        "{}: this is not the key of {}: name the folder of that with --authority",
+        keys_of_authority.join(AUTHORITY_KEY).display(),
+        path.display()
+    );
+    Ok(authority)
 }
 
 #[cfg(test)]

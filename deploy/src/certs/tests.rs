@@ -143,6 +143,39 @@ fn names_and_hosts_that_cannot_be_are_refused() {
 }
 
 #[test]
+fn no_key_is_replaced_by_one_that_nobody_would_admit() {
+    let (scratch, other) = (Scratch::new(), Scratch::new());
+    scratch.run(&["--host", "fusion-host"]).unwrap();
+    other.run(&[]).unwrap();
+    let before = scratch.read("ne.key");
+    let foreign = other.path("certs-authority");
+    let error = scratch
+        .run(&["--renew", "ne", "--authority", foreign.to_str().unwrap()])
+        .unwrap_err();
+    assert!(
+        error.to_string().contains("this is not the key of"),
+        "{error}"
+    );
+    for ignored in [["--node", "tv"], ["--host", "elsewhere"]] {
+        let options = [&["--renew", "ne"][..], &ignored].concat();
+        assert!(scratch.run(&options).is_err(), "{options:?}");
+    }
+    let venue = scratch.path("venue.toml");
+    let text = std::fs::read_to_string(&venue).unwrap();
+    std::fs::write(&venue, text.replace("\"hall\"", "\"hall2\"")).unwrap();
+    let error = scratch.run(&["--renew", "ne"]).unwrap_err();
+    assert!(error.to_string().contains("`hall2 authority`"), "{error}");
+    std::fs::write(&venue, text).unwrap();
+    assert_eq!(scratch.read("ne.key"), before);
+    // What edges call fusion by stays.
+    scratch.run(&["--renew", "fusion"]).unwrap();
+    let hosts = hosts_in(&scratch.path("certs").join("fusion.pem")).unwrap();
+    for host in ["fusion-host", "fusion.lan", "127.0.0.1", "::1"] {
+        assert!(hosts.iter().any(|it| it == host), "{host}: {hosts:?}");
+    }
+}
+
+#[test]
 fn keys_that_an_earlier_release_has_made_are_renewed_where_they_are() {
     let scratch = Scratch::new();
     scratch.run(&[]).unwrap();

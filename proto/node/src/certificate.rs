@@ -1,10 +1,13 @@
 //! Until when a node's certificate holds: links are closed when it ends, so that is said in time.
 
+use std::net::{Ipv4Addr, Ipv6Addr};
 use std::path::Path;
 
 use anyhow::anyhow;
 use farfield_proto::toml_file::FileError;
 use farfield_proto::transport::{GENERATIONS_FILE, Identity, generation_of};
+use x509_parser::certificate::X509Certificate;
+use x509_parser::extensions::GeneralName;
 use x509_parser::pem::parse_x509_pem;
 
 use crate::process::{NodeError, say};
@@ -38,6 +41,9 @@ struct CertificateFile {
     validity: Validity,
     /// Whose it is; empty where it does not say.
     common_name: String,
+    public_key: Vec<u8>,
+    /// Names and addresses.
+    hosts: Vec<String>,
 }
 
 impl CertificateFile {
@@ -59,6 +65,8 @@ impl CertificateFile {
                 until_s: validity.not_after.timestamp(),
             },
             common_name: name.unwrap_or_default().to_owned(),
+            public_key: certificate.public_key().subject_public_key.data.to_vec(),
+            hosts: hosts_of(&certificate),
         })
     }
 
@@ -81,12 +89,45 @@ impl CertificateFile {
     }
 }
 
+/// The alternative names of a certificate; those of other kinds than hosts are left out.
+fn hosts_of(certificate: &X509Certificate<'_>) -> Vec<String> {
+    let names = certificate.subject_alternative_name().ok().flatten();
+    let names = names.iter().flat_map(|names| &names.value.general_names);
+    let host = |name: &GeneralName<'_>| match name {
+        GeneralName::DNSName(name) => Some((*name).to_owned()),
+        GeneralName::IPAddress(address) => match *address {
+            [a, b, c, d] => Some(Ipv4Addr::new(*a, *b, *c, *d).to_string()),
+            _ => <[u8; 16]>::try_from(*address)
+                .ok()
+                .map(|address| Ipv6Addr::from(address).to_string()),
+        },
+        _ => None,
+    };
+    names.filter_map(host).collect()
+}
+
 /// The common name in the certificate at `path`; empty where it has none.
 ///
 /// # Errors
 /// When the file cannot be read, or holds no certificate: names it.
 pub fn common_name_in(path: &Path) -> Result<String, FileError> {
     CertificateFile::read(path).map(|certificate| certificate.common_name)
+}
+
+/// The public key in the certificate at `path`, as the certificate has it.
+///
+/// # Errors
+/// When the file cannot be read, or holds no certificate: names it.
+pub fn public_key_in(path: &Path) -> Result<Vec<u8>, FileError> {
+    CertificateFile::read(path).map(|certificate| certificate.public_key)
+}
+
+/// The names and addresses that the certificate at `path` is good for.
+///
+/// # Errors
+/// When the file cannot be read, or holds no certificate: names it.
+pub fn hosts_in(path: &Path) -> Result<Vec<String>, FileError> {
+    CertificateFile::read(path).map(|certificate| certificate.hosts)
 }
 
 /// Refuses a certificate that is older than the newest that `identity` knows of its node: others refuse it.
