@@ -1,5 +1,6 @@
 //! A fusion node from its arguments to its exit code.
 
+use std::io;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -369,9 +370,20 @@ async fn name_who_listens(config: &FusionConfig, error: anyhow::Error) -> anyhow
 fn claim_folder(config: &FusionConfig) -> Result<FolderClaim, NodeError> {
     match (&config.out, config.managed) {
         (Some(out), Managed::Yes) => Ok(FolderClaim::of_parent(out.clone())),
-        (out, _) => {
-            FolderClaim::take(out.as_deref(), &config.venue.name).map_err(NodeError::Refused)
-        }
+        (out, _) => FolderClaim::take(out.as_deref(), &config.venue.name).map_err(not_claimed),
+    }
+}
+
+/// A disk without room may have some when the node is started again; all else has to be mended.
+fn not_claimed(error: anyhow::Error) -> NodeError {
+    let of_system = error.downcast_ref::<io::Error>().map(io::Error::kind);
+    match of_system {
+        Some(
+            io::ErrorKind::StorageFull
+            | io::ErrorKind::QuotaExceeded
+            | io::ErrorKind::ReadOnlyFilesystem,
+        ) => NodeError::Failed(error),
+        _ => NodeError::Refused(error),
     }
 }
 
