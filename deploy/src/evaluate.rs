@@ -90,6 +90,7 @@ pub(crate) fn evaluate(args: &EvaluateArgs) -> Result<(), NodeError> {
         return Err(NodeError::Refused(problem));
     }
     let args = &args.clone().of_files().map_err(NodeError::Refused)?;
+    args.check_plot().map_err(NodeError::Refused)?;
     let (evaluation, plot) = scores_of(args).map_err(NodeError::Refused)?;
     if let Some(path) = &args.plot {
         std::fs::write(path, plot)
@@ -113,6 +114,22 @@ impl EvaluateArgs {
             beside: self.beside.map(|path| file_in(&path, POSES)).transpose()?,
             ..self
         })
+    }
+
+    /// Refuses to draw over what is compared.
+    fn check_plot(&self) -> anyhow::Result<()> {
+        let place = |path: &Path| fs::canonicalize(path).ok();
+        let Some(plot) = &self.plot else {
+            return Ok(());
+        };
+        let mut inputs = [&self.poses, &self.truth].into_iter().chain(&self.beside);
+        let same = inputs.find(|it| place(it).is_some() && place(it) == place(plot));
+        ensure!(
+            same.is_none(),
+            "--plot {}: this is one of the files that are compared",
+            plot.display()
+        );
+        Ok(())
     }
 }
 

@@ -163,7 +163,7 @@ pub(super) fn lens(
         })?;
         return Ok(LensModel::KannalaBrandt(four));
     }
-    if matches!(coefficients.len(), 1 | 3) || coefficients.len() > 14 {
+    if !matches!(coefficients.len(), 0 | 2 | 4 | 5 | 8 | 12 | 14) {
         return Err(list.error(format!(
             "found {} values, expected 4, 5, 8, 12 or 14 in OpenCV's order",
             coefficients.len()

@@ -1,6 +1,6 @@
 //! What cameras saw, through which lenses and when, as the command line says it: a file for each camera, called as it is.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
@@ -212,6 +212,22 @@ impl SeenArgs {
             self.timing() == Timing::Clocks || self.offset_s.is_empty(),
             "--offset-s: offsets are for --clocks given"
         );
+        let rates = self
+            .rate_hz
+            .iter()
+            .map(|(name, _)| ("--rate-hz", name.as_deref()));
+        let offsets = self
+            .offset_s
+            .iter()
+            .map(|(name, _)| ("--offset-s", Some(name.as_str())));
+        let mut said = BTreeSet::new();
+        for (option, name) in rates.chain(offsets) {
+            ensure!(
+                said.insert((option, name)),
+                "{option} says twice what it is of {}",
+                name.unwrap_or("all cameras")
+            );
+        }
         Ok(())
     }
 

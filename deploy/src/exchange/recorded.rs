@@ -40,14 +40,14 @@ impl RecordedRun {
             sessions,
             end,
         } = read(path, &mut |_| ())?;
-        let ticks = sessions.first().copied();
-        let ticks = ticks.ok_or_else(|| anyhow!("{shown}: there are no poses in the recording"))?;
         if !end.whole {
             say(format_args!(
                 "{shown}: the recording was cut off: {} of its {} bytes can be read",
                 end.read_bytes, end.file_bytes
             ));
         }
+        let ticks = sessions.first().copied();
+        let ticks = ticks.ok_or_else(|| anyhow!("{shown}: there are no poses in the recording"))?;
         if sessions.len() > 1 {
             let [Tick(first), Tick(last)] = ticks.span;
             say(format_args!(

@@ -9,12 +9,11 @@ use farfield_edge::node::{Networks, load_networks, probe_sources};
 use farfield_edge::source::{SourceError, SourceInfo, common_ticks};
 use farfield_fusion::export::unfinished::write_whole;
 use farfield_fusion::node::{
-    check_folder, check_given_keypoints, check_given_ticks, check_live_or_recorded, check_names,
-    check_place, load_card, load_subjects, of_values,
+    check_calibration, check_folder, check_given_keypoints, check_given_ticks,
+    check_live_or_recorded, check_names, check_place, load_card, load_subjects, of_values,
 };
 use farfield_node::files::{load_venue, parse_venue};
 use farfield_node::process::{NodeError, say};
-use farfield_proto::plausibility::{self, Finding, Severity};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, Venue};
 use farfield_sim::simulated::VenueSources;
@@ -114,7 +113,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     if args.live {
         check_live_or_recorded(&venue, &args.venue).map_err(NodeError::refused)?;
     }
-    check_calibration(&venue)?;
+    check_calibration(&venue, &venue.calibration_path)?;
     let infos = probe_sources(&sources, &venue, &venue.cameras).map_err(NodeError::refused)?;
     let pace = if args.live {
         RunPace::Live
@@ -177,28 +176,6 @@ fn check_own_recordings(venue: &Venue, path: &Path) -> anyhow::Result<()> {
                 recording.display()
             );
         }
-    }
-    Ok(())
-}
-
-/// Refuses a calibration with which no run can be right, and says what in it is doubtful.
-fn check_calibration(venue: &Venue) -> Result<(), NodeError> {
-    let path = venue.calibration_path.display();
-    let findings = plausibility::of_venue(venue);
-    let is_wrong = |finding: &&Finding| finding.severity == Severity::Wrong;
-    let wrong: Vec<String> = findings
-        .iter()
-        .filter(is_wrong)
-        .map(|finding| format!("{path}: {finding}"))
-        .collect();
-    if !wrong.is_empty() {
-        return Err(NodeError::Refused(anyhow!(
-            "{}\n`farfield check VENUE` draws what every camera should see",
-            wrong.join("\n")
-        )));
-    }
-    for finding in &findings {
-        say(format_args!("doubtful: {path}: {finding}"));
     }
     Ok(())
 }

@@ -87,10 +87,7 @@ impl Survey {
             let place = (line.tick, line.person);
             let at = |problem: String| Err(FileError::new(path, problem).at_line(number));
             if let Some(before) = last.replace(place).filter(|before| *before >= place) {
-                return at(format!(
-                    "found tick {} of person {} after tick {} of person {}, expected them sorted",
-                    place.0, place.1, before.0, before.1
-                ));
+                return Err(unsorted(before, place, path).at_line(number));
             }
             for (name, _) in &line.keypoints_m {
                 if !survey.keypoints.contains(name) {
@@ -140,6 +137,15 @@ impl Survey {
             .collect();
         Ok(survey)
     }
+}
+
+/// Of a pose (tick, person) that comes after the one before.
+pub(super) fn unsorted(before: (i64, u32), place: (i64, u32), path: &Path) -> FileError {
+    let problem = format!(
+        "found tick {} of person {} after tick {} of person {}, expected them sorted",
+        place.0, place.1, before.0, before.1
+    );
+    FileError::new(path, problem)
 }
 
 impl Counting {

@@ -9,7 +9,7 @@ use farfield_proto::toml_file::FileError;
 use serde::Deserialize;
 
 use super::line::for_each_line;
-use super::survey::MOST_PEOPLE;
+use super::survey::{MOST_PEOPLE, unsorted};
 use crate::edits::{Identities, PersonRoll, Roll};
 
 /// Who is there when, and how surely.
@@ -52,9 +52,14 @@ impl PeopleTable {
         identities: &Identities,
     ) -> Result<Self, FileError> {
         let mut table = Self::default();
+        let mut last = None;
         for_each_line(file, path, |text, number| {
             let line: Line = serde_json::from_str(text)
                 .map_err(|e| FileError::new(path, e.to_string()).at_line(number))?;
+            let place = (line.tick, line.person);
+            if let Some(before) = last.replace(place).filter(|before| *before >= place) {
+                return Err(unsorted(before, place, path).at_line(number));
+            }
             let sigma_m = mean(line.sigma_m.values().copied());
             table.add(line.tick, line.person, sigma_m, identities);
             if table.roll.n_ids() > MOST_PEOPLE {

@@ -1,14 +1,15 @@
 //! What fusion is started with. Nothing is opened here but the files that describe the venue.
 
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
-use farfield_node::process::{Managed, NodeError};
+use farfield_node::process::{Managed, NodeError, say};
 use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::plausibility::{self, Finding, Severity};
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
@@ -188,6 +189,31 @@ pub fn check_names(venue: &Venue) -> anyhow::Result<()> {
         venue.viewpoint_named(FUSION).is_none(),
         "a viewpoint must not be named {FUSION:?}: that is the name of the fusion node"
     );
+    Ok(())
+}
+
+/// Refuses a calibration, that of the file at `path`, with which no run can be right, and says what in it is doubtful.
+///
+/// # Errors
+/// [`NodeError::Refused`] with all that is wrong.
+pub fn check_calibration(venue: &Venue, path: &Path) -> Result<(), NodeError> {
+    let path = path.display();
+    let findings = plausibility::of_venue(venue);
+    let is_wrong = |finding: &&Finding| finding.severity == Severity::Wrong;
+    let wrong: Vec<String> = findings
+        .iter()
+        .filter(is_wrong)
+        .map(|finding| format!("{path}: {finding}"))
+        .collect();
+    if !wrong.is_empty() {
+        return Err(NodeError::Refused(anyhow!(
+            "{}\n`farfield check VENUE` draws what every camera should see",
+            wrong.join("\n")
+        )));
+    }
+    for finding in &findings {
+        say(format_args!("doubtful: {path}: {finding}"));
+    }
     Ok(())
 }
 

@@ -20,7 +20,7 @@ mod status;
 mod subjects;
 mod worker;
 
-pub use self::config::{FusionArgs, check_names, load_card};
+pub use self::config::{FusionArgs, check_calibration, check_names, load_card};
 pub use self::given::{check_given_keypoints, check_given_ticks};
 pub use self::listeners::{
     Listeners, NoListeners, OpenListeners, Opening, ReplayedRecording, RunAtItsStart,

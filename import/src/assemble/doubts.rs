@@ -55,8 +55,10 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Re
         }
         return Ok(());
     }
-    let reach = |side: fn(&Candidate) -> f64| points().map(side).fold(0.0, f64::max);
-    let (right, bottom) = (reach(|it| it.x_px), reach(|it| it.y_px));
+    let least = |side: fn(&Candidate) -> f64| points().map(side).fold(f64::INFINITY, f64::min);
+    let most = |side: fn(&Candidate) -> f64| points().map(side).fold(f64::NEG_INFINITY, f64::max);
+    let (left, top) = (least(|it| it.x_px), least(|it| it.y_px));
+    let (right, bottom) = (most(|it| it.x_px), most(|it| it.y_px));
     let mut doubt = |text: String| {
         remarks.push(RemarkReport::of_camera(
             RemarkKind::Doubtful,
@@ -80,8 +82,8 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Re
             ": is the calibration of pictures of this size?"
         };
         doubt(format!(
-            "{:.0} percent of its keypoints lie outside the {width} x {height} pixels of the calibration, as far as ({right:.0}, \
-             {bottom:.0}){turned}",
+            "{:.0} percent of its keypoints lie outside the {width} x {height} pixels of the calibration, from ({left:.0}, {top:.0}) \
+             to ({right:.0}, {bottom:.0}){turned}",
             100.0 * share
         ));
     } else if right < SMALL * width && bottom < SMALL * height {

@@ -65,6 +65,7 @@ pub(super) fn read_results(
     content: &mut Content,
 ) -> Result<(), FileError> {
     let entries: Vec<ResultEntry> = json::read(text, path)?;
+    let mut named = NamedFrames::default();
     for (i, entry) in entries.iter().enumerate() {
         if entry.category_id.is_some_and(|id| id != PERSON) {
             content.note("what is of another category than 1, people, was left out");
@@ -72,7 +73,7 @@ pub(super) fn read_results(
         }
         let (camera, frame) = match &entry.image_id {
             ImageId::Number(id) => (CameraKey::OfFile, number(*id)),
-            ImageId::Name(name) => by_name(name),
+            ImageId::Name(name) => named.take(name),
         };
         let frame = frame
             .map_err(|problem| FileError::new(path, problem).at_field(format!("[{i}].image_id")))?;
@@ -98,11 +99,12 @@ pub(super) fn read_annotations(
 ) -> Result<(), FileError> {
     let file: AnnotationsFile = json::read(text, path)?;
     let mut images = BTreeMap::new();
+    let mut named = NamedFrames::default();
     for (i, image) in file.images.iter().enumerate() {
         let at = |field: &str, problem: String| {
             FileError::new(path, problem).at_field(format!("images[{i}].{field}"))
         };
-        let (camera, frame) = by_name(&image.file_name);
+        let (camera, frame) = named.take(&image.file_name);
         let frame = frame.map_err(|problem| at("file_name", problem))?;
         let noted = content.detections.frame(&camera, frame);
         noted.map_err(|problem| at("file_name", problem))?;
@@ -163,6 +165,31 @@ fn number(id: i64) -> Result<i64, String> {
         Ok(id)
     } else {
         Err(format!("found {id}, expected the number of a frame"))
+    }
+}
+
+/// Pictures by their names, of which each is another frame of its camera.
+#[derive(Default)]
+struct NamedFrames {
+    names: BTreeMap<(CameraKey, i64), String>,
+}
+
+impl NamedFrames {
+    /// The camera and the frame of a picture. Another picture of the same is of another take.
+    fn take(&mut self, name: &str) -> (CameraKey, Result<i64, String>) {
+        let (camera, frame) = by_name(name);
+        let frame = frame.and_then(|frame| {
+            let known = self.names.entry((camera.clone(), frame));
+            let known = known.or_insert_with(|| name.to_owned());
+            if known == name {
+                Ok(frame)
+            } else {
+                Err(format!(
+                    "found `{known}` and `{name}`, one frame of one camera twice: import each take by itself"
+                ))
+            }
+        });
+        (camera, frame)
     }
 }
 

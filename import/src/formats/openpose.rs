@@ -18,7 +18,8 @@ struct FrameFile {
 
 #[derive(Deserialize)]
 struct PersonEntry {
-    #[serde(default)]
+    // Before version 1.3 it was called so.
+    #[serde(default, alias = "pose_keypoints")]
     pose_keypoints_2d: Vec<Number>,
 }
 

@@ -15,6 +15,7 @@ use farfield_node::log::start_log;
 use farfield_node::process::{
     Ending, Managed, NodeError, Told, exit_code_told, say, stop_when_told,
 };
+use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::tick::Tick;
 use farfield_proto::toml_file::FileError;
 use farfield_proto::venue::Venue;
@@ -25,7 +26,7 @@ use self::listening::Listening;
 use self::report::{Done, FileFacts};
 use self::venue::{Changes, replay_venue};
 pub use self::venue::{of_values, recorded_venue, with_values};
-use super::config::check_names;
+use super::config::{check_calibration, check_names};
 use super::listeners::{OpenListeners, ReplayedRecording};
 use super::output::claim::{FolderClaim, check_folder};
 use super::output::export_thread::{ExportThread, missing};
@@ -114,9 +115,7 @@ fn replay(
         calibration: args.calibration.as_deref(),
         set: &args.set,
     };
-    let (venue, card) =
-        replay_venue(&args.file, recording.attached(), &changes).map_err(NodeError::Refused)?;
-    check_names(&venue).map_err(NodeError::Refused)?;
+    let (venue, card) = checked_venue(args, &recording, &changes)?;
     let subjects = subjects_of(args, &recording, &venue).map_err(NodeError::refused)?;
     let as_it_was = changes.none() && !args.late && !part.decisions.is_empty();
     let joined = joined(&mut recording, &part, venue.rate_hz).map_err(NodeError::Refused)?;
@@ -162,7 +161,7 @@ fn replay(
     let text = if args.json {
         done.json(&summary, &file).map_err(NodeError::Failed)?
     } else {
-        done.words(claim.folder())
+        done.words(claim.folder(), args.smooth)
     };
     // As JSON one thing is said: what went wrong.
     if !args.json || done.exported.missing.is_none() {
@@ -209,6 +208,21 @@ pub fn open_recording(path: &Path) -> anyhow::Result<File> {
         );
     }
     File::open(path).with_context(|| format!("opening the recording {shown}"))
+}
+
+/// The venue that is solved for, and the card of its network if it has one.
+fn checked_venue(
+    args: &ReplayArgs,
+    recording: &Recording<BufReader<File>>,
+    changes: &Changes<'_>,
+) -> Result<(Venue, Option<HeatmapCard>), NodeError> {
+    let (venue, card) =
+        replay_venue(&args.file, recording.attached(), changes).map_err(NodeError::Refused)?;
+    check_names(&venue).map_err(NodeError::Refused)?;
+    if let Some(path) = changes.calibration.or(changes.venue) {
+        check_calibration(&venue, path)?;
+    }
+    Ok((venue, card))
 }
 
 /// Smooths as it is asked for.

@@ -152,8 +152,8 @@ impl Done {
         }
     }
 
-    /// For people.
-    pub(super) fn words(&self, out: &Path) -> String {
+    /// For people; whether the poses of two passes are written.
+    pub(super) fn words(&self, out: &Path, smooth: bool) -> String {
         let tally = &self.tally;
         let sets = match self.choice {
             Choice::Decided => "those sets that fusion used then",
@@ -168,8 +168,13 @@ impl Done {
                 "the poses of {same} ticks are those that were published then, of {different} they differ"
             ),
         };
+        let written = if smooth {
+            "; written are those of two passes"
+        } else {
+            ""
+        };
         let mut text = format!(
-            "{} ticks solved from {sets} ({}), {} people, {:.0} ticks/s\n{published}\n",
+            "{} ticks solved from {sets} ({}), {} people, {:.0} ticks/s\n{published}{written}\n",
             tally.ticks,
             tally.sets,
             self.exported.people.len(),
