@@ -38,7 +38,7 @@ pub(crate) fn completions(args: &CompletionsArgs, mut cli: Command) -> Result<()
     output::print(&String::from_utf8_lossy(&text)).map_err(NodeError::Failed)
 }
 
-/// Writes the manual of `cli`: `farfield.1`, and `farfield-COMMAND.1` for every command.
+/// Writes the manual of `cli`: `farfield.1`, and `farfield-COMMAND.1` for every command and those below it.
 ///
 /// # Errors
 /// When the folder cannot be made, or a page not be written.
@@ -70,11 +70,14 @@ fn pages(cli: Command) -> anyhow::Result<Vec<(String, Vec<u8>)>> {
         anyhow::Ok((format!("{name}.1"), text))
     };
     let mut pages = Vec::new();
-    for command in cli.get_subcommands() {
-        let name = format!("farfield-{}", command.get_name());
-        pages.push(page(command.clone(), name)?);
+    let mut left = vec![(cli, "farfield".to_owned())];
+    while let Some((command, name)) = left.pop() {
+        // What a page names beside itself has a page of its own.
+        for below in command.get_subcommands() {
+            left.push((below.clone(), format!("{name}-{}", below.get_name())));
+        }
+        pages.push(page(command, name)?);
     }
-    pages.push(page(cli, "farfield".to_owned())?);
     Ok(pages)
 }
 
@@ -88,7 +91,13 @@ mod tests {
     #[test]
     fn every_command_has_a_page() {
         let pages = pages(FarfieldCli::command()).unwrap();
-        for name in ["farfield.1", "farfield-run.1", "farfield-man.1"] {
+        for name in [
+            "farfield.1",
+            "farfield-run.1",
+            "farfield-man.1",
+            "farfield-people-split.1",
+            "farfield-calibrate-points.1",
+        ] {
             let (_, page) = pages.iter().find(|(found, _)| found == name).unwrap();
             let page = String::from_utf8(page.clone()).unwrap();
             assert!(page.contains(".SH NAME"), "{page}");

@@ -17,14 +17,17 @@ mod tests;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anyhow::anyhow;
 use clap::Args;
 use farfield_node::files::load_venue;
 use farfield_node::log::start_log;
 use farfield_node::process::{NodeError, Told, exit_code_told};
 use farfield_node::{clock as node_clock, system_clock};
 use farfield_proto::transport::Exposure;
+use farfield_proto::transport::endpoint::is_endpoint;
 use farfield_proto::venue::{Source, Venue};
 
+use crate::exchange::target::check_folder;
 use crate::keys::look_at_keys;
 use crate::report_lines::{ReportForm, ReportLines};
 
@@ -67,12 +70,19 @@ fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {
         .transpose()
         .map_err(NodeError::refused)?;
     let venue = venue.as_ref();
+    if let Some(wrong) = args.connect.iter().find(|text| !is_endpoint(text)) {
+        let problem = "expected an endpoint such as quic/fusion.lan:7447";
+        return Err(NodeError::Refused(anyhow!(
+            "`--connect`: found `{wrong}`, {problem}"
+        )));
+    }
+    let folder = args.out.as_deref().unwrap_or(Path::new("farfield-out"));
+    check_folder("--out", folder).map_err(NodeError::Refused)?;
     let mut report = ReportLines::default();
     machine::look_at_machine(&machine::facts(), &mut report);
     inference::look_at_inference(venue, &mut report);
     let path = std::env::var_os("PATH").unwrap_or_default();
     programs::look_at_programs(&path, program_need(venue), &mut report);
-    let folder = args.out.as_deref().unwrap_or(Path::new("farfield-out"));
     disk::look_at_disk(folder, DiskNeed::of(venue), &mut report);
     clock::look_at_clock(
         &system_clock::read(),

@@ -6,15 +6,16 @@ use std::net::{TcpListener, UdpSocket};
 use std::os::unix::fs::PermissionsExt as _;
 
 use farfield_proto::message::health::SystemClock;
-use farfield_proto::transport::{GENERATIONS_FILE, common_name};
 
+use self::keys::keys_said;
 use super::disk::{judge_rate, judge_room, look_at_disk};
 use super::machine::{MachineFacts, look_at_machine};
 use super::*;
 use crate::report_lines::Verdict::{self, Failed, Warning};
 use crate::status::NodeInShort;
 
-const DAY_S: i64 = 86_400;
+mod keys;
+
 const NOW_S: i64 = 1_790_000_000;
 
 /// A venue in `folder` with `more` in its file.
@@ -57,42 +58,6 @@ fn ports_said(endpoint: &str, more: &str) -> ReportLines {
     let text = format!("[fusion]\nlisten = [\"{endpoint}\"]\n{more}");
     let mut report = ReportLines::default();
     ports::look_at_ports(Some(&venue(folder.path(), &text)), &mut report);
-    report
-}
-
-/// Keys of fusion in a folder, which hold from one day to another, counted from [`NOW_S`].
-fn make_keys(folder: &Path, from_days: i64, until_days: i64) {
-    let at = |days: i64| time::OffsetDateTime::from_unix_timestamp(NOW_S + days * DAY_S).unwrap();
-    for (node, from, until) in [("ca", -100, 4000), ("fusion", from_days, until_days)] {
-        let mut params = rcgen::CertificateParams::new(vec!["hall".to_owned()]).unwrap();
-        (params.not_before, params.not_after) = (at(from), at(until));
-        params
-            .distinguished_name
-            .push(rcgen::DnType::CommonName, common_name("hall", node, 1));
-        let key = rcgen::KeyPair::generate().unwrap();
-        let certificate = params.self_signed(&key).unwrap();
-        std::fs::write(folder.join(format!("{node}.pem")), certificate.pem()).unwrap();
-        let path = folder.join(format!("{node}.key"));
-        std::fs::write(&path, key.serialize_pem()).unwrap();
-        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).unwrap();
-    }
-}
-
-/// What is said of keys that hold from one day to another, after `harm` was done to them.
-fn keys_said(days: [i64; 2], harm: impl FnOnce(&Path)) -> ReportLines {
-    let folder = tempfile::tempdir().unwrap();
-    let keys = folder.path().join("certs");
-    std::fs::create_dir(&keys).unwrap();
-    make_keys(&keys, days[0], days[1]);
-    harm(&keys);
-    let venue = venue(folder.path(), "[security]\ncertificates = \"certs\"");
-    let mut report = ReportLines::default();
-    look_at_keys(
-        &venue,
-        &folder.path().join("venue.toml"),
-        NOW_S,
-        &mut report,
-    );
     report
 }
 
@@ -283,79 +248,6 @@ fn places_where_fusion_cannot_listen_are_found() {
             "plain text",
             ports_said("tcp/0.0.0.0:7447", ""),
             (Failed, "not encrypted", "farfield certs"),
-        ),
-    ]);
-}
-
-#[test]
-fn keys_that_do_not_hold_or_are_not_safe_are_found() {
-    let fine = [-1, 100];
-    let open_to_all = |keys: &Path| {
-        let mode = std::fs::Permissions::from_mode(0o644);
-        std::fs::set_permissions(keys.join("fusion.key"), mode).unwrap();
-    };
-    let rename = |keys: &Path| {
-        for name in ["fusion.pem", "fusion.key"] {
-            std::fs::rename(keys.join(name), keys.join(format!("other-{name}"))).unwrap();
-        }
-    };
-    let without_key = |keys: &Path| std::fs::remove_file(keys.join("fusion.key")).unwrap();
-    let generations = |text: &'static str| {
-        move |keys: &Path| std::fs::write(keys.join(GENERATIONS_FILE), text).unwrap()
-    };
-    let no_authority = |keys: &Path| std::fs::write(keys.join("ca.pem"), "hello").unwrap();
-    let without_all = |keys: &Path| std::fs::remove_dir_all(keys).unwrap();
-    let renew = "--renew fusion";
-    check(vec![
-        (
-            "over",
-            keys_said([-100, -3], |_| {}),
-            (Failed, "has ended 3 days ago", renew),
-        ),
-        (
-            "not begun",
-            keys_said([2, 100], |_| {}),
-            (Failed, "begins in 2.0 days", "clock"),
-        ),
-        (
-            "ends soon",
-            keys_said([-100, 9], |_| {}),
-            (Warning, "ends in 9 days", renew),
-        ),
-        (
-            "others may read it",
-            keys_said(fine, open_to_all),
-            (Failed, "found mode 0644", "chmod 600"),
-        ),
-        (
-            "an older generation",
-            keys_said(fine, generations("[generation]\nfusion = 2\n")),
-            (Failed, "2 is the newest of fusion", "copy the newest"),
-        ),
-        (
-            "no number of a generation",
-            keys_said(fine, generations("[generation]\nfusion = -2\n")),
-            (Failed, "generations.toml:2", "copy generations.toml"),
-        ),
-        (
-            "gone",
-            keys_said(fine, without_key),
-            (Failed, "fusion.key", renew),
-        ),
-        (
-            "no authority",
-            keys_said(fine, no_authority),
-            (Failed, "ca.pem", "copy ca.pem"),
-        ),
-        (
-            "no keys at all",
-            keys_said(fine, without_all),
-            (Failed, "no such folder", "farfield certs"),
-        ),
-        (
-            "another venue's",
-            keys_said(fine, rename),
-            (Failed, "no keys of any node", "farfield certs"),
         ),
     ]);
 }
