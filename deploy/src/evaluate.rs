@@ -19,7 +19,7 @@ use farfield_score::table::side_by_side;
 use farfield_score::{Scores, score};
 
 use crate::exchange::place::POSES;
-use crate::exchange::target::file_in;
+use crate::exchange::target::{check_file, file_in};
 use crate::output;
 
 /// Longest line that is looked at to see what a file is, bytes.
@@ -122,6 +122,7 @@ impl EvaluateArgs {
         let Some(plot) = &self.plot else {
             return Ok(());
         };
+        check_file("--plot", plot)?;
         let mut inputs = [&self.poses, &self.truth].into_iter().chain(&self.beside);
         let same = inputs.find(|it| place(it).is_some() && place(it) == place(plot));
         ensure!(

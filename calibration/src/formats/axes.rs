@@ -13,8 +13,6 @@ use super::tree::Source;
 
 /// Cameras of one venue that are nearer to each other, all of them, stand in another unit, metres.
 const TOO_NEAR_M: f64 = 0.1;
-/// Cameras that all stand nearer to each other than this are rare around people, metres.
-const NEAR_M: f64 = 2.0;
 /// Above this many units two readings are possible: a stadium in metres, a desk in millimetres.
 const LARGE: f64 = 60.0;
 /// Share of the mean direction "up" that an axis must have to be called so: cameras look down by 60 degrees at most.
@@ -300,15 +298,10 @@ fn metres_per_unit(
         }
         _ if spread > MAX_DISTANCE_M => {
             let now_m = spread * 1e-3;
-            let doubt = if now_m < NEAR_M {
-                "; where cameras stand farther apart, give the metres per unit (0.01 of centimetres)"
-            } else {
-                ""
-            };
             say(
                 RemarkKind::Corrected,
                 format!(
-                    "{apart}: the file is in millimetres, and was turned into metres: now up to {now_m:.2} m{doubt}"
+                    "{apart}: the file is in millimetres, and was turned into metres: now up to {now_m:.2} m (else give the metres per unit)"
                 ),
             );
             1e-3

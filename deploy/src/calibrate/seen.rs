@@ -69,7 +69,7 @@ pub(super) fn by_camera(files: &[PathBuf]) -> anyhow::Result<BTreeMap<String, Pa
             "{}: found a folder, expected the files in it, one per camera",
             path.display()
         );
-        ensure!(path.is_file(), "{}: there is no such file", path.display());
+        ensure!(path.exists(), "{}: there is no such file", path.display());
         let name = path.file_stem().and_then(|it| it.to_str());
         let name = name.unwrap_or_default().to_owned();
         if let Some(first) = named.insert(name.clone(), path.clone()) {
@@ -306,6 +306,33 @@ mod tests {
             rate_hz: rates_hz.iter().map(named).collect(),
             offset_s: Vec::new(),
         }
+    }
+
+    #[test]
+    fn what_is_said_twice_of_a_camera_is_refused() {
+        let said = |rates: &[(&str, f64)], offsets: &[(&str, f64)]| {
+            let mut args = with_rates(Clocks::Given, rates);
+            args.offset_s = offsets
+                .iter()
+                .map(|(name, s)| ((*name).to_owned(), *s))
+                .collect();
+            args.check_clocks()
+        };
+        said(
+            &[("east", 50.0), ("west", 50.0)],
+            &[("east", 0.0), ("west", 0.3)],
+        )
+        .unwrap();
+        let error = said(&[("east", 50.0), ("east", 25.0)], &[]).unwrap_err();
+        assert!(
+            error.to_string().contains("--rate-hz says twice"),
+            "{error}"
+        );
+        let error = said(&[], &[("east", 0.0), ("east", 0.0)]).unwrap_err();
+        assert!(
+            error.to_string().contains("--offset-s says twice"),
+            "{error}"
+        );
     }
 
     #[test]

@@ -38,6 +38,6 @@ pub(super) fn text(venue: &Venue, bearers: &[Bearer]) -> String {
          If a node's key has come into other hands: `--renew NODE`, give that node its new files,\n\
          copy generations.toml to fusion's machine (after `--renew fusion` to all machines), and start\n\
          fusion again: the old key is refused from then on. If fusion is to be reached by another name:\n\
-         `--renew fusion` with every `--host NAME` that the venue file does not say.\n";
+         `--renew fusion --host NAME`; the names that its key has now stay.\n";
     head + &lines + foot
 }

@@ -2,8 +2,12 @@
 
 use std::collections::BTreeSet;
 use std::net::IpAddr;
+use std::path::Path;
 
+use farfield_node::certificate::{common_name_in, hosts_in};
+use farfield_node::process::say;
 use farfield_proto::transport::endpoint::host;
+use farfield_proto::transport::{FUSION, generation_of};
 use farfield_proto::venue::Venue;
 
 /// What nodes on fusion's own machine use.
@@ -30,6 +34,40 @@ pub(super) fn of_fusion(venue: &Venue, more: &[String]) -> anyhow::Result<Vec<St
         .filter(|host| !host.parse::<IpAddr>().is_ok_and(|a| a.is_unspecified()))
         .collect();
     Ok(hosts.into_iter().map(str::to_owned).collect())
+}
+
+/// `hosts`, and those of fusion's certificate in the folder `keys`, as `--host` gave them when it was made. Says where they are
+/// not known.
+pub(super) fn with_those_before(mut hosts: Vec<String>, keys: &Path, venue: &str) -> Vec<String> {
+    let path = keys.join(format!("{FUSION}.pem"));
+    let is_ours = |name: String| {
+        let node = name
+            .strip_prefix(venue)
+            .filter(|rest| rest.starts_with('/'));
+        node.is_some() && generation_of(&name).is_some_and(|(node, _)| node == FUSION)
+    };
+    let found = (common_name_in(&path).map(is_ours), hosts_in(&path));
+    let before = if let (Ok(true), Ok(before)) = found {
+        before
+    } else {
+        say(format_args!(
+            "{}: no certificate of this venue's fusion: the new one is good for {}; say more with --host",
+            path.display(),
+            hosts.join(", ")
+        ));
+        Vec::new()
+    };
+    // The same address may be written in several ways.
+    let same = |a: &str, b: &str| match (a.parse::<IpAddr>(), b.parse::<IpAddr>()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => a == b,
+    };
+    for host in before.into_iter().filter(|host| is_host(host)) {
+        if !hosts.iter().any(|known| same(known, &host)) {
+            hosts.push(host);
+        }
+    }
+    hosts
 }
 
 fn is_host(text: &str) -> bool {

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use clap::Args;
-use farfield_node::certificate::{common_name_in, hosts_in, public_key_in};
+use farfield_node::certificate::{common_name_in, public_key_in};
 use farfield_node::files::{AUTHORITY_KEY, load_venue};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::key::is_key_chunk;
@@ -67,9 +67,7 @@ pub(crate) fn certs(args: &CertsArgs) -> Result<(), NodeError> {
 fn make(args: &CertsArgs) -> anyhow::Result<()> {
     let venue = load_venue(&args.venue)?;
     check_folder("--out", &args.out)?;
-    if let Some(folder) = &args.authority {
-        check_folder("--authority", folder)?;
-    }
+    check_folder("--authority", &folder_of_authority(args))?;
     let bearers = bearers(&venue, args)?;
     let folder = Folder::new(&args.out);
     let keys_of_authority = folder_of_authority(args);
@@ -171,11 +169,7 @@ fn bearers(venue: &Venue, args: &CertsArgs) -> anyhow::Result<Vec<Bearer>> {
     refuse_what_is_not_renewed(args)?;
     let mut hosts = hosts::of_fusion(venue, &args.host)?;
     if args.renew.iter().any(|node| node == FUSION) {
-        // Those that `--host` gave when it was made.
-        let before = hosts_in(&args.out.join(format!("{FUSION}.pem"))).unwrap_or_default();
-        hosts.extend(before);
-        let mut seen = BTreeSet::new();
-        hosts.retain(|host| seen.insert(host.clone()));
+        hosts = hosts::with_those_before(hosts, &args.out, &venue.name);
     }
     let mut all = vec![Bearer::fusion(hosts)];
     all.extend(viewpoints.iter().map(|name| Bearer::edge(name)));
@@ -273,7 +267,7 @@ fn read_authority(out: &Path, keys_of_authority: &Path, venue: &str) -> anyhow::
     let (found, expected) = (common_name_in(&path)?, authority::name_of(venue));
     ensure!(
         found == expected,
-        "{}: found the certificate of `{found}`, expected that of `{expected}`: name the folder of this venue's keys with --out",
+        "{}: found the certificate of `{found}`, expected that of `{expected}`: name the folder of this venue's keys with --out; a venue that was renamed needs new keys in another folder",
         path.display()
     );
     let key = Folder::new(keys_of_authority)

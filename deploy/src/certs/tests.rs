@@ -3,6 +3,7 @@
 use std::os::unix::fs::PermissionsExt as _;
 
 use clap::Parser as _;
+use farfield_node::certificate::hosts_in;
 
 use super::*;
 use crate::cli::{FarfieldCli, FarfieldCommand};

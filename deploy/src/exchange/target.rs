@@ -9,7 +9,10 @@ use anyhow::{bail, ensure};
 /// # Errors
 /// Names the option and the file.
 pub(crate) fn check_folder(option: &str, folder: &Path) -> anyhow::Result<()> {
-    let there = folder.ancestors().find(|it| it.exists());
+    // Without a slash at its end, which would hide a file.
+    let folder: PathBuf = folder.components().collect();
+    let is_there = |it: &&Path| it.symlink_metadata().is_ok();
+    let there = folder.ancestors().find(is_there);
     if let Some(file) = there.filter(|it| !it.is_dir()) {
         bail!(
             "{option} {}: {} is a file, expected a folder",
@@ -55,6 +58,16 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn a_slash_at_the_end_hides_no_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("file");
+        fs::write(&file, "").unwrap();
+        check_folder("--out", &file.join("")).unwrap_err();
+        check_folder("--out", &dir.path().join("new/")).unwrap();
+        check_folder("--out", Path::new(".")).unwrap();
+    }
 
     #[test]
     fn files_and_folders_are_not_taken_for_each_other() {

@@ -49,7 +49,8 @@ fn pose_of(sample: &Sample, subject: &Subject<'_>) -> PersonPose {
 
 /// A head with its number of rows.
 fn counted(head: Option<String>) -> io::Result<String> {
-    head.ok_or_else(|| io::Error::other("more rows than the head has room for"))
+    let problem = "more rows than the head has room for";
+    head.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, problem))
 }
 
 /// Writes one person's markers.

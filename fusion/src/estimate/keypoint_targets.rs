@@ -3,6 +3,7 @@
 //! ```text
 //!   A = c I + (p/σ²) 1          seen: I of `uncertainty::views`, what all views together know of the place
 //!   A = (p/σ²) 1                not seen: held where it was predicted
+//!   E = (I⁻¹ + v 1)⁻¹ + (p/σ²) 1    the same as evidence, with an error of variance v that lasts
 //! ```
 //!
 //! The paper weighs a keypoint by a number, (12). Views know different things along different axes: two that face each

@@ -1,9 +1,10 @@
 //! MOT, OpenSim's motion file: the reported angles over time.
 //!
 //! Degrees, the root's translations metres, in the frame of the TRC file (y up). Time starts at 0 with
-//! the run's first tick, as in all files of a run. Who turns round and round has angles beyond 180. A tick without a pose has no row: OpenSim's `Storage` stops reading
+//! the run's first tick, as in all files of a run. A tick without a pose has no row: OpenSim's `Storage` stops reading
 //! at a `NaN`, and interpolates over time that is missing. For the same reason an angle that the keypoints say nothing
-//! of has no column: the head names it, and those that are known only together.
+//! of has no column: the head names it, and those that are known only together. Who turns round and round has angles
+//! beyond 180.
 
 use std::f64::consts::PI;
 use std::fmt::Write as _;
@@ -99,7 +100,7 @@ pub struct MotRows {
 }
 
 impl MotRows {
-    /// The next row. An angle without bounds goes on from the row before, also beyond 180 degrees: OpenSim interpolates
+    /// The next row. An angle whose range is the whole circle goes on from the row before, also beyond 180 degrees: OpenSim interpolates
     /// and differentiates between rows, and would take the other side of the circle for a turn in one tick.
     pub fn row(&mut self, layout: &Layout, time_s: f64, pose: &PersonPose) -> String {
         let mut text = format!("{time_s:.TIME_DECIMALS$}");
@@ -111,7 +112,7 @@ impl MotRows {
                 continue;
             }
             let printed = angle.printed(value);
-            *last = if is_first || !angle.is_free() {
+            *last = if is_first || !angle.is_free() || !last.is_finite() {
                 printed
             } else {
                 round(

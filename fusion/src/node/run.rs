@@ -378,11 +378,7 @@ fn claim_folder(config: &FusionConfig) -> Result<FolderClaim, NodeError> {
 fn not_claimed(error: anyhow::Error) -> NodeError {
     let of_system = error.downcast_ref::<io::Error>().map(io::Error::kind);
     match of_system {
-        Some(
-            io::ErrorKind::StorageFull
-            | io::ErrorKind::QuotaExceeded
-            | io::ErrorKind::ReadOnlyFilesystem,
-        ) => NodeError::Failed(error),
+        Some(io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => NodeError::Failed(error),
         _ => NodeError::Refused(error),
     }
 }
@@ -406,4 +402,26 @@ fn record(
     let file = RecordingFile::make(asked, &venue.name)?;
     let parameters = &venue.parameters.recording;
     RecordingThread::start(file, head, session, config.mode, parameters).map(Some)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_may_have_room_later_and_a_place_that_is_taken_is_wrong_input() {
+        let of = |kind: io::ErrorKind| {
+            let error = anyhow::Error::new(io::Error::from(kind)).context("making out/run.lock");
+            not_claimed(error)
+        };
+        assert!(matches!(
+            of(io::ErrorKind::StorageFull),
+            NodeError::Failed(_)
+        ));
+        for kind in [io::ErrorKind::ReadOnlyFilesystem, io::ErrorKind::NotFound] {
+            assert!(matches!(of(kind), NodeError::Refused(_)), "{kind}");
+        }
+        let taken = anyhow::anyhow!("output folder out is not empty");
+        assert!(matches!(not_claimed(taken), NodeError::Refused(_)));
+    }
 }

@@ -185,7 +185,7 @@ impl NamedFrames {
                 Ok(frame)
             } else {
                 Err(format!(
-                    "found `{known}` and `{name}`, one frame of one camera twice: import each take by itself"
+                    "found `{known}` and `{name}`, one frame of one camera twice: import each take, or each camera, by itself"
                 ))
             }
         });

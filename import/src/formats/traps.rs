@@ -129,6 +129,34 @@ fn two_files_of_one_frame_are_two_cameras_and_refused() {
 }
 
 #[test]
+fn two_takes_in_one_file_are_not_one_recording() {
+    let image = |id: u32, name: &str| format!(r#"{{"id": {id}, "file_name": "{name}"}}"#);
+    let of = |first: &str, second: &str| {
+        let text = format!(
+            r#"{{"images": [{}, {}], "annotations": [], "categories": []}}"#,
+            image(1, first),
+            image(2, second)
+        );
+        parse(
+            text.as_bytes(),
+            Path::new("a.json"),
+            ParseOptions::default(),
+        )
+        .map(|_| ())
+    };
+    let error = of("take1/north/000007.jpg", "take2/north/000007.jpg").unwrap_err();
+    let said = error.to_string();
+    for word in [
+        "images[1].file_name",
+        "take1/north/000007.jpg",
+        "take2/north/000007.jpg",
+    ] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    of("take1/north/000007.jpg", "take1/south/000007.jpg").unwrap();
+}
+
+#[test]
 fn labels_by_hand_have_names_of_pictures_and_no_likelihood() {
     let text =
         "scorer,,,me,me\nbodyparts,,,nose,nose\ncoords,,,x,y\nlabeled-data,video,img0012.png,3,4\n";

@@ -60,24 +60,20 @@ impl<'a, W: Write> C3dWriter<'a, W> {
         let labels = labels.filter_map(|(name, is_marker)| is_marker.then_some(name));
         let labels: Vec<String> = labels.collect();
         if labels.len() > MOST_POINTS {
-            return Err(io::Error::other(format!(
+            return Err(refused(format!(
                 "{} points, a C3D file has room for {MOST_POINTS}",
                 labels.len()
             )));
         }
         if subject.name.len() > LONGEST {
-            let kind = io::ErrorKind::InvalidInput;
-            return Err(io::Error::new(
-                kind,
-                format!(
-                    "the name of person {} has {} bytes, a C3D file has room for {LONGEST}",
-                    subject.id,
-                    subject.name.len()
-                ),
-            ));
+            return Err(refused(format!(
+                "the name of person {} has {} bytes, a C3D file has room for {LONGEST}",
+                subject.id,
+                subject.name.len()
+            )));
         }
         let n_frames = u32::try_from(subject.clock.n_frames())
-            .map_err(|_| io::Error::other("more frames than a C3D file can count"))?;
+            .map_err(|_| refused("more frames than a C3D file can count"))?;
         // The number of blocks is written in the parameters, which it does not change the size of.
         let blocks = parameters_of(&subject, &labels, axes, n_frames, 0)?.len() / BLOCK;
         let data_start = u16::from(PARAMETER_START) + blocks as u16;
@@ -222,6 +218,11 @@ fn parameters_of(
     p.group("FARFIELD");
     p.float("START_SECONDS", clock.seconds(0) as f32)?;
     p.into_blocks()
+}
+
+/// What the format has no room for.
+fn refused(problem: impl Into<String>) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, problem.into())
 }
 
 #[cfg(test)]

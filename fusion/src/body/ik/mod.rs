@@ -16,7 +16,7 @@
 //! deviation at which it counts as unknown, vᵢ = Σᵢ / (Σᵢ + τᵢ²): near 0 where the targets know, near
 //! 1 where they do not. The rest pose has one power more, so that it gives way first: it errs in every
 //! tick alike and its pull would stay, while the pull to the last pose is gone once a person is still.
-//! The same test, Σᵢ > τᵢ² after the solve, flags a reported angle as unobserved.
+//! The same test, Σᵢ > τᵢ² after the solve, of the targets as evidence, flags a reported angle as unobserved.
 
 mod aims;
 mod composite;

@@ -219,8 +219,10 @@ fn checked_venue(
     let (venue, card) =
         replay_venue(&args.file, recording.attached(), changes).map_err(NodeError::Refused)?;
     check_names(&venue).map_err(NodeError::Refused)?;
-    if let Some(path) = changes.calibration.or(changes.venue) {
-        check_calibration(&venue, path)?;
+    match (changes.calibration, changes.venue) {
+        (Some(path), _) => check_calibration(&venue, path)?,
+        (None, Some(_)) => check_calibration(&venue, &venue.calibration_path)?,
+        (None, None) => {}
     }
     Ok((venue, card))
 }
