@@ -97,11 +97,11 @@ fn what_a_killed_fusion_left_is_whole_when_the_next_begins() {
     stage.live.fusion.take().unwrap().kill().unwrap();
     assert!(first.join("run.lock").exists() && first.join("poses.jsonl.tmp").exists());
     stage.live.start_fusion(&second, &[]).unwrap();
-    stage.wait("the first life's files are whole", |_| {
-        !first.join("run.lock").exists()
+    // What it says is read a little later.
+    stage.wait("the first life's files are whole, and that is said", |_| {
+        let said = stage.live.fusion.as_ref().unwrap().said();
+        !first.join("run.lock").exists() && said.contains("whole now")
     });
-    let said = stage.live.fusion.as_ref().unwrap().said();
-    assert!(said.contains("whole now"), "{said}");
     let lines = std::fs::read_to_string(first.join("poses.jsonl")).unwrap();
     assert!(lines.lines().count() > PEOPLE * RATE_HZ as usize);
     for line in lines.lines() {
