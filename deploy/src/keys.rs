@@ -156,15 +156,18 @@ fn look_at_node(
     report.ok(KEYS, text);
 }
 
+/// Of which node of `venue`, and of which generation, a certificate of this common name is; `None`: of none.
+pub(crate) fn node_of<'a>(venue: &str, common_name: &'a str) -> Option<(&'a str, u32)> {
+    let rest = common_name.strip_prefix(venue)?;
+    generation_of(common_name).filter(|_| rest.starts_with('/'))
+}
+
 /// Why nobody would admit who has these keys; `None`: nothing speaks against it. Files that cannot be read are told before.
 fn misfit(identity: &Identity, (venue, node): (&str, &str), now_s: i64) -> Option<String> {
     let certificate = &identity.certificate;
     let shown = certificate.display();
     let name = common_name_in(certificate).ok()?;
-    let is_of_venue = name
-        .strip_prefix(venue)
-        .is_some_and(|rest| rest.starts_with('/'));
-    if !is_of_venue || generation_of(&name).is_none_or(|(of, _)| of != node) {
+    if node_of(venue, &name).is_none_or(|(of, _)| of != node) {
         return Some(format!(
             "{shown}: found the certificate of `{name}`, expected that of {node} of venue {venue}"
         ));

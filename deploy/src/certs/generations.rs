@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail, ensure};
 use farfield_node::certificate::common_name_in;
-use farfield_proto::transport::{GENERATIONS_FILE, Generations, generation_of};
+use farfield_proto::transport::{GENERATIONS_FILE, Generations};
 
 use super::files::Folder;
+use crate::keys::node_of;
 
 /// What mends a file that is lost or old.
 const REMEDY: &str = "keys that were replaced would be good again: copy the newest one here, for example from fusion's machine";
@@ -31,10 +32,7 @@ pub(super) fn known(folder: &Path, venue: &str) -> anyhow::Result<Generations> {
             Err(_) if text.is_some() => continue,
             Err(error) => return Err(error.into()),
         };
-        let is_ours = name
-            .strip_prefix(venue)
-            .is_some_and(|rest| rest.starts_with('/'));
-        let Some((node, generation)) = generation_of(&name).filter(|_| is_ours) else {
+        let Some((node, generation)) = node_of(venue, &name) else {
             continue;
         };
         n_nodes += 1;

@@ -6,9 +6,11 @@ use std::path::Path;
 
 use farfield_node::certificate::{common_name_in, hosts_in};
 use farfield_node::process::say;
+use farfield_proto::transport::FUSION;
 use farfield_proto::transport::endpoint::host;
-use farfield_proto::transport::{FUSION, generation_of};
 use farfield_proto::venue::Venue;
+
+use crate::keys::node_of;
 
 /// What nodes on fusion's own machine use.
 const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
@@ -40,12 +42,7 @@ pub(super) fn of_fusion(venue: &Venue, more: &[String]) -> anyhow::Result<Vec<St
 /// not known.
 pub(super) fn with_those_before(mut hosts: Vec<String>, keys: &Path, venue: &str) -> Vec<String> {
     let path = keys.join(format!("{FUSION}.pem"));
-    let is_ours = |name: String| {
-        let node = name
-            .strip_prefix(venue)
-            .filter(|rest| rest.starts_with('/'));
-        node.is_some() && generation_of(&name).is_some_and(|(node, _)| node == FUSION)
-    };
+    let is_ours = |name: String| node_of(venue, &name).is_some_and(|(node, _)| node == FUSION);
     let found = (common_name_in(&path).map(is_ours), hosts_in(&path));
     let before = if let (Ok(true), Ok(before)) = found {
         before
