@@ -58,8 +58,7 @@ pub enum CalibrationError {
     },
     /// An offset is missing.
     #[error(
-        "camera `{camera}`: `offset_s` is missing or not finite, expected seconds where clocks are given \
-         (`--offset-s {camera}=SECONDS`)"
+        "camera `{camera}`: `offset_s` is missing or not finite, expected seconds where clocks are given"
     )]
     Offset {
         /// The camera's name.

@@ -48,7 +48,7 @@ impl Registry {
     }
 
     /// Whose turn it is of those whose bodies are due (wire ids). Who came together is due together, be it a whole team,
-    /// and to measure that takes as long as half a tick or more. Names are decided for all together.
+    /// and to measure that takes about as long as all else in its tick. Names are decided for all together.
     fn due(&self) -> Vec<PersonId> {
         let confirmed = self.tracks.iter().filter(|track| !track.is_tentative());
         let due = confirmed.filter(|track| track.estimator.body.remeasure.is_due());
