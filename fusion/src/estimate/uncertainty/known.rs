@@ -1,6 +1,7 @@
 //! What was known at a tick, for who must go back to it: what seemed to be seen of a person since was
 //! somebody else's.
 
+use super::last_seen::LastSeen;
 use super::{MadeOf, Uncertainty};
 use crate::body::skeleton::N_JOINTS;
 
@@ -9,12 +10,10 @@ use crate::body::skeleton::N_JOINTS;
 pub struct UncertaintySnapshot {
     was_seen: bool,
     variance_m2: [f64; N_JOINTS],
-    held_m2: [f64; N_JOINTS],
-    unseen_s: [f64; N_JOINTS],
+    by_two: LastSeen,
+    by_any: LastSeen,
     made_of: MadeOf,
-    coasted_s: f64,
     speed_m_s: f64,
-    lost_speed_m_s: f64,
     variance_factor: f64,
 }
 
@@ -24,12 +23,10 @@ impl Uncertainty {
         UncertaintySnapshot {
             was_seen: self.is_known,
             variance_m2: self.variance_m2,
-            held_m2: self.held_m2,
-            unseen_s: self.unseen_s,
+            by_two: self.by_two,
+            by_any: self.by_any,
             made_of: self.made_of,
-            coasted_s: self.coasted_s,
             speed_m_s: self.speed_m_s,
-            lost_speed_m_s: self.lost_speed_m_s,
             variance_factor: self.variance_factor,
         }
     }
@@ -39,12 +36,10 @@ impl Uncertainty {
     pub fn go_back_to(&mut self, known: &UncertaintySnapshot) {
         self.is_known = known.was_seen;
         self.variance_m2 = known.variance_m2;
-        self.held_m2 = known.held_m2;
-        self.unseen_s = known.unseen_s;
+        self.by_two = known.by_two;
+        self.by_any = known.by_any;
         self.made_of = known.made_of;
-        self.coasted_s = known.coasted_s;
         self.speed_m_s = known.speed_m_s;
-        self.lost_speed_m_s = known.lost_speed_m_s;
         self.variance_factor = known.variance_factor;
         self.misfit_m2 = [0.0; N_JOINTS];
     }

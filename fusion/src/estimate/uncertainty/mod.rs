@@ -10,7 +10,8 @@
 //!   two is wrong;
 //! * what was known when the joint was last seen, and how far it may have gone since (`drift`): it is
 //!   taken where it is less. It grows limb by limb, and with the whole body while fewer than two views
-//!   show the person;
+//!   show the person: from when two views did, or, where nothing does, from when any did, whichever is
+//!   less. Who flickers between one view and none is as unsure as with one view;
 //! * what its views show elsewhere (`disagreement`): cameras that do not agree make nobody sure;
 //! * how far off the pose was a moment ago: the filter takes its time to come back, and so does this.
 //!
@@ -22,6 +23,7 @@
 mod disagreement;
 mod drift;
 mod known;
+mod last_seen;
 mod lasting;
 mod observation;
 mod views;
@@ -30,6 +32,8 @@ pub(crate) use disagreement::SeenPose;
 pub use known::UncertaintySnapshot;
 pub(crate) use observation::BodyObservation;
 pub use views::weigh_views;
+
+use self::last_seen::LastSeen;
 
 use crate::body::ik::JointSpread;
 use crate::body::keypoint_estimate::KeypointEstimate;
@@ -105,21 +109,17 @@ pub struct Uncertainty {
     of_tick_m2: [f64; N_JOINTS],
     /// Mean square distance per axis between the keypoint on a joint and the pose.
     misfit_m2: [f64; N_JOINTS],
-    /// When each joint was last seen.
-    held_m2: [f64; N_JOINTS],
-    /// Since then.
-    unseen_s: [f64; N_JOINTS],
+    /// When two views last showed the person, and when any did.
+    by_two: LastSeen,
+    by_any: LastSeen,
     /// By what views that do not fit made the variance larger lately.
     variance_factor: f64,
     /// What the last pose was made of.
     made_of: MadeOf,
-    /// Since it is no longer made of what it was before.
-    coasted_s: f64,
-    /// What the body as a whole gained since then.
-    body_m2: f64,
-    /// Of the pelvis, when the person was last seen, and at the beginning of `coasted_s`.
+    /// How far the body as a whole may at most be from where it is carried.
+    at_most_m2: f64,
+    /// Of the pelvis, when the person was last seen.
     speed_m_s: f64,
-    lost_speed_m_s: f64,
 }
 
 impl Default for Uncertainty {
@@ -130,14 +130,12 @@ impl Default for Uncertainty {
             variance_m2: [0.0; N_JOINTS],
             of_tick_m2: [f64::INFINITY; N_JOINTS],
             misfit_m2: [0.0; N_JOINTS],
-            held_m2: [0.0; N_JOINTS],
-            unseen_s: [0.0; N_JOINTS],
+            by_two: LastSeen::default(),
+            by_any: LastSeen::default(),
             variance_factor: 1.0,
             made_of: MadeOf::Views,
-            coasted_s: 0.0,
-            body_m2: 0.0,
+            at_most_m2: 0.0,
             speed_m_s: 0.0,
-            lost_speed_m_s: 0.0,
         }
     }
 }
@@ -166,7 +164,7 @@ impl Uncertainty {
     /// How far, per axis, the body as a whole may at most be from where it is carried since nothing shows it, metres.
     pub fn adrift_m(&self) -> f64 {
         match self.made_of {
-            MadeOf::Motion => (self.body_m2 + drift::at_most_m2(self.coasted_s)).sqrt(),
+            MadeOf::Motion => self.at_most_m2.sqrt(),
             MadeOf::Views | MadeOf::OneView => 0.0,
         }
     }
@@ -185,27 +183,23 @@ impl Uncertainty {
 
     /// Takes in one tick.
     pub fn step(&mut self, tick: &TickEvidence<'_>) {
-        if self.made_of != tick.made_of {
-            self.made_of = tick.made_of;
-            (self.held_m2, self.unseen_s) = (self.variance_m2, [0.0; N_JOINTS]);
-            (self.coasted_s, self.lost_speed_m_s) = (0.0, self.speed_m_s);
+        let before = std::mem::replace(&mut self.made_of, tick.made_of);
+        if (before == MadeOf::Views) != (tick.made_of == MadeOf::Views) {
+            self.by_two = LastSeen::now(&self.variance_m2, self.speed_m_s);
+            self.by_any = self.by_two;
         }
-        self.coasted_s += tick.dt_s;
-        for unseen_s in &mut self.unseen_s {
-            *unseen_s += tick.dt_s;
-        }
-        self.body_m2 = match tick.made_of {
-            MadeOf::Views => 0.0,
-            MadeOf::OneView | MadeOf::Motion => {
-                drift::of_body_m2(self.lost_speed_m_s, self.coasted_s, tick.coast_decay_s)
+        match tick.made_of {
+            MadeOf::Views => self.by_two.stay(tick.dt_s),
+            MadeOf::OneView => self.by_two.lose(tick.dt_s, false),
+            MadeOf::Motion => {
+                self.by_two.lose(tick.dt_s, true);
+                self.by_any.lose(tick.dt_s, true);
+                self.at_most_m2 = self.by_any.at_most_m2(tick.coast_decay_s);
             }
-        };
-        if tick.made_of == MadeOf::Motion {
-            self.body_m2 += drift::of_turns_m2(self.lost_speed_m_s, self.coasted_s);
         }
         self.of_tick_m2 = [f64::INFINITY; N_JOINTS];
         match tick.made_of {
-            MadeOf::Motion => self.coast(),
+            MadeOf::Motion => self.coast(tick.coast_decay_s),
             MadeOf::Views | MadeOf::OneView => self.see(tick),
         }
         if tick.made_of != MadeOf::Motion {
@@ -213,9 +207,12 @@ impl Uncertainty {
         }
     }
 
-    fn coast(&mut self) {
+    fn coast(&mut self, coast_decay_s: f64) {
+        let seen = [&self.by_two, &self.by_any].map(|seen| (seen, seen.body_m2(coast_decay_s)));
         for joint in Joint::ALL {
-            self.variance_m2[joint.index()] = self.ahead_m2(joint);
+            let [by_two_m2, by_any_m2] =
+                seen.map(|(seen, body_m2)| seen.ahead_m2(joint, body_m2, self.speed_m_s));
+            self.variance_m2[joint.index()] = by_two_m2.min(by_any_m2);
         }
     }
 
@@ -228,28 +225,26 @@ impl Uncertainty {
             for variance_m2 in &mut self.of_tick_m2 {
                 *variance_m2 *= observation::ONE_VIEW_M2;
             }
+            // What it knows by itself: what two views knew before goes on growing.
+            self.by_any = LastSeen::now(&seen_m2, self.speed_m_s);
         }
         if !self.is_known {
-            (self.variance_m2, self.held_m2) = (seen_m2, seen_m2);
-            self.unseen_s = [0.0; N_JOINTS];
+            self.variance_m2 = seen_m2;
+            self.by_two = LastSeen::now(&seen_m2, self.speed_m_s);
+            self.by_any = self.by_two;
             self.is_known = true;
             return;
         }
         let lag = libm::exp(-2.0 * tick.dt_s / RETURN_S);
+        // Nothing while two views show the person.
+        let body_m2 = self.by_two.body_m2(tick.coast_decay_s);
         for (i, joint) in Joint::ALL.into_iter().enumerate() {
-            let ahead_m2 = self.ahead_m2(joint);
+            let ahead_m2 = self.by_two.ahead_m2(joint, body_m2, self.speed_m_s);
             self.variance_m2[i] = seen_m2[i].min(ahead_m2).max(self.variance_m2[i] * lag);
             if seen_m2[i] <= ahead_m2 && tick.made_of == MadeOf::Views {
-                (self.held_m2[i], self.unseen_s[i]) = (self.variance_m2[i], 0.0);
+                self.by_two.see(joint, self.variance_m2[i]);
             }
         }
-    }
-
-    /// What is left of what was known of `joint` when it was last seen.
-    fn ahead_m2(&self, joint: Joint) -> f64 {
-        let i = joint.index();
-        let limb_m2 = drift::of_limb_m2(joint, self.speed_m_s, self.unseen_s[i]);
-        self.held_m2[i] + self.body_m2 + limb_m2
     }
 
     /// What this tick alone knows of each joint, and what it cannot know.

@@ -218,6 +218,35 @@ fn one_view_leaves_the_distance_unsure_and_the_more_the_longer() {
 }
 
 #[test]
+fn who_flickers_between_one_view_and_none_is_at_least_as_unsure_as_with_one_view() {
+    let pelvis_m_after_a_second = |of_tick: fn(u32) -> MadeOf| {
+        let (mut seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
+        seen.step(&mut uncertainty, MadeOf::Views);
+        for estimate in &mut seen.estimates {
+            estimate.information[(0, 0)] = 0.0;
+            estimate.views = 1;
+        }
+        let mut sigma_m = [0.0; N_JOINTS];
+        for tick in 0..60 {
+            sigma_m = seen.step(&mut uncertainty, of_tick(tick));
+        }
+        sigma_m[Joint::Pelvis.index()]
+    };
+    let steady_m = pelvis_m_after_a_second(|_| MadeOf::OneView);
+    for of_tick in [
+        |tick| [MadeOf::OneView, MadeOf::Motion][tick as usize % 2],
+        |tick| [MadeOf::Motion, MadeOf::OneView][tick as usize % 2],
+        |tick| [MadeOf::OneView, MadeOf::Motion][tick as usize / 3 % 2],
+    ] {
+        let flickering_m = pelvis_m_after_a_second(of_tick);
+        assert!(
+            flickering_m >= steady_m,
+            "{flickering_m} m, steady {steady_m} m"
+        );
+    }
+}
+
+#[test]
 fn a_sighting_counts_by_how_many_saw_it() {
     let sigma_of = |views: u16| {
         let mut seen = SimulatedView::well();
