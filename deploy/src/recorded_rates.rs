@@ -1,7 +1,7 @@
 //! Whether the recordings of a venue run at one rate: a camera at 59.94 among others at 60 is 3.6 seconds off after an
-//! hour, and nothing looks wrong at the start.
+//! hour, and nothing looks wrong at the start. And whether keypoints are of the rate at which they were written.
 
-use farfield_edge::source::SourceInfo;
+use farfield_edge::source::{RepeatedFrames, SourceInfo};
 
 /// Rates that differ by a greater share are not those of one clock: 59.94 and 60 differ by 1e-3, two good clocks by 1e-4.
 const APART: f64 = 2e-4;
@@ -39,6 +39,57 @@ impl OddRate {
             self.others_hz
         )
     }
+}
+
+/// A keypoint file of people who were found at a lower rate than it has lines.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct HeldKeypoints {
+    /// Whose it is.
+    camera: String,
+    repeats: RepeatedFrames,
+    /// Lines per second: the venue's.
+    written_hz: f64,
+}
+
+impl HeldKeypoints {
+    /// Keypoints per second that are new.
+    fn found_hz(&self) -> f64 {
+        self.written_hz * (1.0 - self.repeats.repeated_share())
+    }
+
+    /// What is wrong, with what it does.
+    pub(crate) fn problem(&self) -> String {
+        let RepeatedFrames { repeated, frames } = self.repeats;
+        format!(
+            "camera `{}`: {repeated} of {frames} lines with people ({:.0} %) have the keypoints of the line before, to the \
+             last digit: are they of {:.1} pictures per second, written at {}? People are then placed where they were",
+            self.camera,
+            100.0 * self.repeats.repeated_share(),
+            self.found_hz(),
+            self.written_hz
+        )
+    }
+
+    /// What mends it.
+    pub(crate) fn remedy(&self) -> String {
+        format!(
+            "if all cameras are so, write one line per picture and the pictures' rate (about {:.1}) as `rate_hz`; \
+             if only some are, find the keypoints of all in pictures of one rate",
+            self.found_hz()
+        )
+    }
+}
+
+/// The keypoint files, of a venue with `rate_hz`, whose lines are held.
+pub(crate) fn held_keypoints(infos: &[(String, SourceInfo)], rate_hz: f64) -> Vec<HeldKeypoints> {
+    let held = |(camera, info): &(String, SourceInfo)| {
+        Some(HeldKeypoints {
+            camera: camera.clone(),
+            repeats: info.repeats?,
+            written_hz: rate_hz,
+        })
+    };
+    infos.iter().filter_map(held).collect()
 }
 
 /// The rate that most recordings have; `None` where none says its own.
@@ -93,6 +144,26 @@ mod tests {
             odd[0].problem().contains("`c2`") && odd[0].problem().contains("3.6 s after an hour")
         );
         assert!((odd[0].drift_ticks(1000) - 0.999).abs() < 1e-3);
+    }
+
+    #[test]
+    fn keypoints_of_half_the_rate_are_told_with_it() {
+        let mut infos = infos(&[None, None]);
+        infos[1].1.repeats = Some(RepeatedFrames {
+            repeated: 60,
+            frames: 120,
+        });
+        let held = held_keypoints(&infos, 60.0);
+        assert_eq!(held.len(), 1);
+        let said = held[0].problem();
+        for words in [
+            "`c1`: 60 of 120",
+            "(50 %)",
+            "30.0 pictures per second, written at 60",
+        ] {
+            assert!(said.contains(words), "{words}: {said}");
+        }
+        assert!(held[0].remedy().contains("about 30.0"));
     }
 
     #[test]

@@ -3,13 +3,15 @@
 use std::path::Path;
 
 use farfield_edge::node::load_networks;
-use farfield_fusion::node::{check_given_keypoints, load_card};
+use farfield_fusion::node::{check_detector, check_given_keypoints, load_card};
 use farfield_proto::venue::Venue;
 
 use crate::report_lines::ReportLines;
 
 /// The group of these lines.
 const NETWORKS: &str = "networks";
+/// What mends a venue without a detector.
+const DETECTOR: &str = "detector = \"models/CARD.toml\"";
 
 /// Loads what the venue names and runs one crop.
 pub(super) fn look_at_networks(venue: &Venue, path: &Path, report: &mut ReportLines) {
@@ -32,6 +34,7 @@ pub(super) fn look_at_networks(venue: &Venue, path: &Path, report: &mut ReportLi
         report.ok(NETWORKS, "no source gives pictures: no network is needed");
         return;
     }
+    look_for_detector(venue, path, report);
     let mut networks = match load_networks(venue, &venue.cameras) {
         Ok(networks) => networks,
         Err(error) => {
@@ -59,11 +62,46 @@ pub(super) fn look_at_networks(venue: &Venue, path: &Path, report: &mut ReportLi
             "correct `network`, or its card",
         ),
     }
-    if venue.detector.is_none() && venue.given_persons.is_empty() {
+}
+
+/// Looks whether people who are in pictures will be found there.
+fn look_for_detector(venue: &Venue, path: &Path, report: &mut ReportLines) {
+    if let Err(error) = check_detector(venue, path) {
+        report.fail(NETWORKS, error.to_string(), DETECTOR);
+    } else if venue.detector.is_none() && venue.given_persons.is_empty() {
         report.warn(
             NETWORKS,
-            "the venue names no `detector` and gives no `[[person]]`: nobody will be found in pictures",
-            "detector = \"models/CARD.toml\"",
+            "the venue names no `detector` and gives no `[[person]]`: nobody will be found in pictures, by the other cameras \
+             alone",
+            DETECTOR,
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_node::files::load_venue;
+
+    use super::*;
+    use crate::report_lines::Verdict;
+
+    #[test]
+    fn pictures_without_a_detector_fail_unless_others_know_people_or_somebody_is_given() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("venue.sample.toml");
+        let mut venue = load_venue(&path).unwrap();
+        let verdicts = |venue: &Venue| {
+            let mut report = ReportLines::default();
+            look_for_detector(venue, &path, &mut report);
+            let verdicts = report.lines().iter().map(|line| line.verdict);
+            verdicts.collect::<Vec<_>>()
+        };
+        assert_eq!(verdicts(&venue), []);
+        venue.detector = None;
+        assert_eq!(verdicts(&venue), [], "somebody is given");
+        venue.given_persons.clear();
+        assert_eq!(verdicts(&venue), [Verdict::Failed]);
+        // The last viewpoint has keypoints; now one camera of the first has them, too.
+        venue.cameras[0].source = venue.cameras[2].source.clone();
+        assert_eq!(verdicts(&venue), [Verdict::Warning]);
     }
 }

@@ -10,7 +10,7 @@ use farfield_proto::venue::{TickFrom, Venue};
 use time::{Date, Month, PrimitiveDateTime, Time};
 
 use super::opened::OpenedSource;
-use crate::recorded_rates::{are_apart, odd_rates, usual_rate_hz};
+use crate::recorded_rates::{are_apart, held_keypoints, odd_rates, usual_rate_hz};
 use crate::report_lines::ReportLines;
 
 /// The group of these lines.
@@ -47,6 +47,9 @@ fn look_at_rates(venue: &Venue, infos: &[(String, SourceInfo)], report: &mut Rep
     let odd = odd_rates(infos);
     for rate in &odd {
         report.fail(TIME, rate.problem(), rate.remedy());
+    }
+    for held in held_keypoints(infos, venue.rate_hz) {
+        report.warn(TIME, held.problem(), held.remedy());
     }
     let Some(usual_hz) = usual_rate_hz(infos) else {
         return;

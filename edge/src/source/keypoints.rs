@@ -4,6 +4,8 @@
 //! Lines name their own ticks (the venue's `first_tick` does not move them); they are sorted and
 //! without gaps. Unknown fields are ignored, for other tools write these files too.
 
+mod repeats;
+
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::ops::Range;
@@ -14,6 +16,7 @@ use farfield_proto::keypoints::COCO17;
 use farfield_proto::tick::Tick;
 use serde_json::Value;
 
+use self::repeats::RepeatCounter;
 use super::{
     ExpectedSource, Frame, FrameContent, FrameSource, KeypointCandidate, KeypointFrame, MAX_TICK,
     SourceError, SourceInfo,
@@ -43,15 +46,18 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
         });
     };
     let mut last = first;
-    let mut reach = Reach::default();
+    let (mut reach, mut repeats) = (Reach::default(), RepeatCounter::default());
     reach.add(&frame);
+    repeats.add(frame);
     while let Some((tick, frame)) = lines.next()? {
         last = tick;
         reach.add(&frame);
+        repeats.add(frame);
     }
     reach.check(expected)?;
     Ok(SourceInfo {
         ticks: Some(first..last + 1),
+        repeats: repeats.found(),
         ..SourceInfo::default()
     })
 }

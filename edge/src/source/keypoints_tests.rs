@@ -72,6 +72,19 @@ fn shares_of_the_picture_in_place_of_pixels_are_refused() {
 }
 
 #[test]
+fn frames_that_are_held_are_told_before_the_first_tick() {
+    let repeats = |times: i64| {
+        let at = |tick: i64| line(tick).replace("1.5", &format!("{}.5", 3 * (tick / times)));
+        let lines: Vec<String> = (0..60).map(at).collect();
+        let file = file(lines.join("\n").as_bytes());
+        probe(file.path(), &expected()).unwrap().repeats
+    };
+    assert_eq!(repeats(1), None);
+    let held = repeats(2).unwrap();
+    assert_eq!((held.repeated, held.frames), (30, 60));
+}
+
+#[test]
 fn absent_peaks_are_those_of_the_persons() {
     let (_, frame) = parse_line(&line(0)).unwrap();
     let nose = KeypointCandidate {

@@ -120,6 +120,26 @@ pub struct SourceInfo {
     pub rate_hz: Option<f64>,
     /// What else its container says.
     pub labels: RecordingLabels,
+    /// Frames of a keypoint file that are the one before once more, where these are too many to be of its rate.
+    pub repeats: Option<RepeatedFrames>,
+}
+
+/// Frames that equal the one before to the last digit, all people in them: keypoints of a lower rate, each written until
+/// the next came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RepeatedFrames {
+    /// How many these are.
+    pub repeated: u64,
+    /// How many frames hold people.
+    pub frames: u64,
+}
+
+impl RepeatedFrames {
+    /// The share of the frames with people that are repeated, 0 to 1: by as much the rate is lower at which people were
+    /// found.
+    pub fn repeated_share(self) -> f64 {
+        self.repeated as f64 / self.frames.max(1) as f64
+    }
 }
 
 /// What the container of a video says of its making; cameras and editing programs write what they like.

@@ -48,6 +48,7 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
         size_px: Some(stream.size_px),
         rate_hz: stream.rate_hz,
         labels: stream.labels,
+        repeats: None,
     })
 }
 
@@ -175,6 +176,7 @@ pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), Sourc
         size_px: Some(stream.size_px),
         rate_hz: stream.shown_hz.or(stream.rate_hz),
         labels: stream.labels,
+        repeats: None,
     };
     Ok((info, open_ticks(path, expected, ticks.start, &ticks)?))
 }

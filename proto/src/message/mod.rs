@@ -230,7 +230,8 @@ pub struct Status {
     pub viewpoint: Option<ViewpointIndex>,
     /// Which farfield it runs, as `0.1.0`; empty where an older one does not say.
     pub release: String,
-    /// Whether everything is open and matched, and the node only waits for its first box set.
+    /// Whether everything is open and matched, and the node only waits for its first box set; false in the last status of an edge, and of a live
+    /// fusion whose run is over.
     pub ready: bool,
     /// Fingerprint of the venue file.
     pub venue_hash: String,

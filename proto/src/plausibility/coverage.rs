@@ -90,15 +90,8 @@ pub(super) fn findings(venue: &Venue, seen: &Coverage) -> Vec<Finding> {
             });
         }
     }
-    if venue.viewpoints.len() < 2 {
-        findings.push(Finding {
-            camera: None,
-            cause: Cause::OneViewpoint,
-            severity: Severity::Doubtful,
-            found: "there is one viewpoint".to_owned(),
-            expected: "two or more: one alone does not say how far away somebody is".to_owned(),
-            remedy: "give cameras that stand apart a `[[viewpoint]]` each".to_owned(),
-        });
+    if let Some(finding) = of_viewpoints(venue) {
+        findings.push(finding);
     } else if seen.by_two == 0.0 || seen.by_two < LITTLE && is_stated(venue) {
         let severity = if seen.by_two == 0.0 {
             Severity::Wrong
@@ -116,6 +109,25 @@ pub(super) fn findings(venue: &Venue, seen: &Coverage) -> Vec<Finding> {
         });
     }
     findings
+}
+
+/// That there is one viewpoint alone: nobody is ever found there, and who is given by hand is soon lost.
+pub fn of_viewpoints(venue: &Venue) -> Option<Finding> {
+    if venue.viewpoints.len() > 1 {
+        return None;
+    }
+    Some(Finding {
+        camera: None,
+        cause: Cause::OneViewpoint,
+        severity: if venue.given_persons.is_empty() {
+            Severity::Wrong
+        } else {
+            Severity::Doubtful
+        },
+        found: "there is one viewpoint".to_owned(),
+        expected: "two or more: one alone does not say how far away somebody is".to_owned(),
+        remedy: "give cameras that stand apart a `[[viewpoint]]` each".to_owned(),
+    })
 }
 
 /// Whether somebody has said where people are: the field that is made from the cameras reaches far behind them.

@@ -40,6 +40,8 @@ pub enum Cause {
     Units,
     /// Two cameras stand at the same place.
     SamePlace,
+    /// Cameras of one viewpoint stand far from each other.
+    ViewpointApart,
     /// A camera sees no part of the field.
     LooksAway,
     /// Little of the field is seen from two viewpoints.
@@ -67,6 +69,7 @@ impl Cause {
             Self::Distortion => "distortion",
             Self::Units => "units",
             Self::SamePlace => "same_place",
+            Self::ViewpointApart => "viewpoint_apart",
             Self::LooksAway => "looks_away",
             Self::FieldUnseen => "field_unseen",
             Self::OneViewpoint => "one_viewpoint",

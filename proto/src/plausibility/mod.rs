@@ -16,7 +16,7 @@ use crate::camera::CameraModel;
 use crate::frames::{Pixel, Transform};
 use crate::venue::{Field, Venue, VenueCamera};
 
-pub use self::coverage::{Coverage, coverage};
+pub use self::coverage::{Coverage, coverage, of_viewpoints};
 pub use self::finding::{Cause, Finding, Severity};
 
 /// All that speaks against the calibration of `venue`, what is wrong first, then in the order of its cameras.

@@ -1,5 +1,7 @@
 //! Whether cameras stand where cameras can: heights, distances, units of length.
 
+use std::collections::BTreeMap;
+
 use crate::venue::Field;
 
 use super::{Cause, Finding, Severity, Sight};
@@ -24,6 +26,9 @@ const WIDE_M: f64 = 300.0;
 const SAME_PLACE_M: f64 = 0.01;
 /// Cameras of one viewpoint that are nearer have the same numbers, metres.
 const COPIED_M: f64 = 1e-6;
+/// Cameras of one viewpoint that are farther apart are not at one corner, metres: a mast, a truss or a box with its cameras
+/// is smaller.
+const ONE_CORNER_M: f64 = 3.0;
 /// Cosine of an angle of about 0.2 degrees: turned alike.
 const ALIKE: f64 = 0.999_99;
 /// How far the field reaches beyond the cameras when nobody has said how far, metres.
@@ -92,14 +97,17 @@ pub(super) fn heights(sights: &[Sight], field: &Field) -> Vec<Finding> {
 
 pub(super) fn distances(sights: &[Sight]) -> Vec<Finding> {
     let is_wrong = |finding: &Finding| finding.severity == Severity::Wrong;
-    let same = same_places(sights);
-    if same.iter().any(is_wrong) {
-        return same;
+    let mut found = same_places(sights);
+    if found.iter().any(is_wrong) {
+        return found;
     }
-    // In too small a unit cameras that stand apart seem to stand at one place.
+    // In too small a unit cameras that stand apart seem to stand at one place, in too large a one those of a mast far apart.
     match units(sights) {
-        Some(finding) if same.is_empty() || is_wrong(&finding) => vec![finding],
-        _ => same,
+        Some(finding) if found.is_empty() || is_wrong(&finding) => vec![finding],
+        _ => {
+            found.extend(scattered_viewpoints(sights));
+            found
+        }
     }
 }
 
@@ -138,12 +146,48 @@ fn same_places(sights: &[Sight]) -> Vec<Finding> {
     findings
 }
 
+/// Cameras that were given to one viewpoint though they stand apart: of each such viewpoint the two that are farthest.
+fn scattered_viewpoints(sights: &[Sight]) -> Vec<Finding> {
+    // That a viewpoint is the only one is told, and mended, alike.
+    if !viewpoints_differ(sights) {
+        return Vec::new();
+    }
+    let mut farthest: BTreeMap<usize, (f64, &Sight, &Sight)> = BTreeMap::new();
+    for (i, b) in sights.iter().enumerate() {
+        for a in sights[..i].iter().filter(|a| a.viewpoint == b.viewpoint) {
+            let pair = (distance_m(a, b), a, b);
+            let known = farthest.entry(b.viewpoint).or_insert(pair);
+            if pair.0 > known.0 {
+                *known = pair;
+            }
+        }
+    }
+    let scattered = farthest.into_values().filter(|it| it.0 > ONE_CORNER_M);
+    let finding = |(apart_m, a, b): (f64, &Sight, &Sight)| Finding {
+        camera: Some(b.name.clone()),
+        cause: Cause::ViewpointApart,
+        severity: Severity::Doubtful,
+        found: format!(
+            "it stands {apart_m:.1} m from `{}`, in one viewpoint with it",
+            a.name
+        ),
+        expected: format!(
+            "at most {ONE_CORNER_M:.0} m: a viewpoint is one corner with the cameras of its edge, of which one is used for each person"
+        ),
+        remedy: "give each of the two a `[[viewpoint]]` of its own".to_owned(),
+    };
+    scattered.map(finding).collect()
+}
+
+fn viewpoints_differ(sights: &[Sight]) -> bool {
+    sights.iter().any(|it| it.viewpoint != sights[0].viewpoint)
+}
+
 /// Whether the lengths are metres.
 fn units(sights: &[Sight]) -> Option<Finding> {
-    let viewpoints_differ = sights.iter().any(|it| it.viewpoint != sights[0].viewpoint);
     let pairs = |i: usize| sights[..i].iter().map(move |a| distance_m(a, &sights[i]));
     let widest_m = (1..sights.len()).flat_map(pairs).fold(0.0, f64::max);
-    if !viewpoints_differ || (NARROW_M..=WIDE_M).contains(&widest_m) {
+    if !viewpoints_differ(sights) || (NARROW_M..=WIDE_M).contains(&widest_m) {
         return None;
     }
     let severity = if widest_m < POINT_M {

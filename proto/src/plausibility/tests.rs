@@ -2,6 +2,7 @@
 
 mod lens;
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -9,6 +10,8 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 
 use super::*;
 use crate::camera::{Distortion, Intrinsics, LensModel};
+use crate::tick::Tick;
+use crate::venue::GivenPerson;
 
 /// A camera as a calibration describes it.
 #[derive(Clone)]
@@ -62,7 +65,7 @@ fn venue(cameras: &[Given], viewpoints: usize) -> Venue {
     let mut text =
         "name = \"hall\"\nrate_hz = 60.0\ncalibration = \"c.toml\"\n[field]\nmin_m = [-5.0, -3.0, -0.3]\nmax_m = [5.0, 3.0, 2.6]\n"
             .to_owned();
-    let mut models = std::collections::BTreeMap::new();
+    let mut models = BTreeMap::new();
     for (i, given) in cameras.iter().enumerate() {
         if i < viewpoints {
             write!(text, "[[viewpoint]]\nname = \"v{i}\"\n").unwrap();
@@ -309,10 +312,65 @@ fn cameras_that_do_not_agree_on_up_are_told_of_together() {
 }
 
 #[test]
-fn one_viewpoint_alone_is_doubted() {
-    let findings = of_venue(&venue(&hall(), 1));
+fn one_viewpoint_alone_is_wrong_and_doubted_where_somebody_is_given() {
+    let mut alone = venue(&hall(), 1);
+    let told = |venue: &Venue| {
+        let findings = of_venue(venue);
+        assert_eq!(findings.len(), 1, "{findings:?}");
+        (findings[0].cause, findings[0].severity)
+    };
+    assert_eq!(told(&alone), (Cause::OneViewpoint, Severity::Wrong));
+    alone.given_persons.push(GivenPerson {
+        tick: Tick(0),
+        keypoints_m: BTreeMap::new(),
+    });
+    assert_eq!(told(&alone), (Cause::OneViewpoint, Severity::Doubtful));
+}
+
+/// The hall with its last camera in the viewpoint of the one before, `apart_m` from it.
+fn with_neighbours(apart_m: f64) -> Vec<Finding> {
+    let mut cameras = hall();
+    cameras[3].center_m = cameras[2].center_m + Vector3::new(apart_m, 0.0, 0.0);
+    cameras[3].rotation = looking(cameras[3].center_m, Vector3::new(0.0, 0.0, 1.0));
+    of_venue(&venue(&cameras, 3))
+}
+
+#[test]
+fn cameras_of_two_corners_in_one_viewpoint_are_doubted() {
+    for (apart_m, told) in [(12.0, "12.0 m"), (3.2, "3.2 m")] {
+        let findings = with_neighbours(apart_m);
+        assert_eq!(findings.len(), 1, "{findings:?}");
+        assert_eq!(findings[0].cause, Cause::ViewpointApart);
+        assert_eq!(findings[0].severity, Severity::Doubtful);
+        let text = findings[0].to_string();
+        for words in [
+            "camera `c3`",
+            told,
+            "from `c2`",
+            "a viewpoint is one corner",
+            "[[viewpoint]]",
+        ] {
+            assert!(text.contains(words), "{words}: {text}");
+        }
+    }
+}
+
+#[test]
+fn cameras_side_by_side_in_one_viewpoint_give_no_word() {
+    for apart_m in [0.1, 1.0, 2.8] {
+        assert_eq!(with_neighbours(apart_m), [], "{apart_m}");
+    }
+}
+
+#[test]
+fn of_a_viewpoint_the_cameras_that_are_farthest_apart_are_named_once() {
+    let findings = of_venue(&venue(&hall(), 2));
     assert_eq!(findings.len(), 1, "{findings:?}");
-    assert_eq!(findings[0].cause, Cause::OneViewpoint);
+    let text = findings[0].to_string();
+    assert!(
+        text.contains("camera `c3`: it stands 14.4 m from `c1`"),
+        "{text}"
+    );
 }
 
 #[test]

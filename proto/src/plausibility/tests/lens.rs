@@ -20,6 +20,16 @@ fn lens(distortions: impl AsRef<[f64]>) -> Vec<Given> {
 }
 
 #[test]
+fn a_focal_length_that_is_wrong_along_one_axis_alone_is_named() {
+    let pinhole = |change: fn(&mut Intrinsics)| with(|it| change(&mut it.intrinsics));
+    let found = (Cause::PixelShape, Severity::Doubtful, ONE);
+    check(vec![
+        ("fx a tenth too long", pinhole(|it| it.fx_px *= 1.1), found),
+        ("fx a tenth too short", pinhole(|it| it.fx_px *= 0.9), found),
+    ]);
+}
+
+#[test]
 fn a_lens_that_is_none_is_named() {
     use Severity::{Doubtful, Wrong};
     let pinhole = |change: fn(&mut Intrinsics)| with(|it| change(&mut it.intrinsics));
@@ -96,6 +106,74 @@ fn a_lens_that_is_none_is_named() {
             doubtful,
         ),
     ]);
+}
+
+/// The hall with pictures of `size_px` of its second camera, whose pixels are `shape` times as wide as high.
+fn with_pixels(size_px: [u32; 2], shape: f64) -> Vec<Given> {
+    with(|it| {
+        let [width_px, height_px] = size_px.map(f64::from);
+        it.size_px = size_px;
+        it.intrinsics = Intrinsics {
+            fx_px: 0.8 * width_px,
+            fy_px: 0.8 * width_px * shape,
+            cx_px: 0.5 * (width_px - 1.0),
+            cy_px: 0.5 * (height_px - 1.0),
+        };
+    })
+}
+
+#[test]
+fn pixels_that_are_not_square_are_believed_in_pictures_of_their_video_format() {
+    let (pal, ntsc) = (12.0 / 11.0, 10.0 / 11.0);
+    let formats = [
+        ([720, 576], pal),
+        ([704, 576], pal),
+        ([352, 288], pal),
+        // As players have it, and wide.
+        ([720, 576], 16.0 / 15.0),
+        ([720, 576], 16.0 / 11.0),
+        ([720, 480], ntsc),
+        ([704, 480], ntsc),
+        ([720, 486], ntsc),
+        ([720, 480], 8.0 / 9.0),
+        ([720, 480], 40.0 / 33.0),
+        ([1440, 1080], 4.0 / 3.0),
+        ([960, 720], 4.0 / 3.0),
+        ([1280, 1080], 3.0 / 2.0),
+        // Square ones, as calibrations are off.
+        ([720, 576], 1.0),
+        ([1440, 1080], 1.0),
+        ([1920, 1080], 1.03),
+        ([1920, 1080], 0.97),
+    ];
+    for (size_px, shape) in formats {
+        assert_eq!(
+            said(&with_pixels(size_px, shape)),
+            [],
+            "{size_px:?} {shape}"
+        );
+    }
+}
+
+#[test]
+fn pixels_of_another_video_format_are_doubted() {
+    let (pal, ntsc) = (12.0 / 11.0, 10.0 / 11.0);
+    let others = [
+        ([1920, 1080], pal),
+        ([1920, 1080], ntsc),
+        ([1920, 1080], 4.0 / 3.0),
+        ([1088, 1920], ntsc),
+        ([1280, 720], 3.0 / 2.0),
+        ([640, 480], ntsc),
+        ([1440, 1080], pal),
+        ([720, 576], ntsc),
+    ];
+    for (size_px, shape) in others {
+        let findings = said(&with_pixels(size_px, shape));
+        assert_eq!(findings.len(), 1, "{size_px:?} {shape}: {findings:?}");
+        assert_eq!(findings[0].cause, Cause::PixelShape);
+        assert_eq!(findings[0].severity, Severity::Doubtful);
+    }
 }
 
 #[test]

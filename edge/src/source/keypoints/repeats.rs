@@ -1,0 +1,150 @@
+//! Whether a keypoint file holds its frames twice: people were found at a lower rate, and each time written until the
+//! next.
+//!
+//! They are then seen where they were a moment ago, and placed centimetres off; nothing else says so. A detector that looks
+//! at every picture never gives the same numbers again, to the last digit and for everybody. Who stands still in a file
+//! without noise gives them, too; but only who was held leaps from one place to the next.
+
+use crate::source::{KeypointFrame, RepeatedFrames};
+
+/// Share of the frames with people from which on repeated ones are told: of 55 frames per second that were written at 60 a
+/// twelfth is; of recordings with all their frames none.
+const TOLD_SHARE: f64 = 0.08;
+/// How often people must have been held and leapt: seldomer does a recording that stuck.
+const FEWEST_LEAPS: u64 = 10;
+/// How far a leap is at least, pixels: who stands still in a file of whole pixels is moved by one, along both axes.
+const LEAP_PX: f64 = 1.5;
+
+/// Counts frames that are the one before once more.
+#[derive(Debug, Default)]
+pub(super) struct RepeatCounter {
+    before: KeypointFrame,
+    /// Whether the frame before was a repeated one.
+    is_held: bool,
+    counted: RepeatedFrames,
+    leaps: u64,
+}
+
+impl RepeatCounter {
+    /// Counts the next frame of a file.
+    pub(super) fn add(&mut self, frame: KeypointFrame) {
+        if frame.peaks.iter().all(Vec::is_empty) {
+            // Frames without people are all alike, whatever their rate.
+            self.before = KeypointFrame::default();
+            self.is_held = false;
+            return;
+        }
+        self.counted.frames += 1;
+        if frame == self.before {
+            self.counted.repeated += 1;
+            self.is_held = true;
+        } else {
+            let has_leapt = self.is_held && farthest_px(&self.before, &frame) > LEAP_PX;
+            self.leaps += u64::from(has_leapt);
+            self.is_held = false;
+        }
+        self.before = frame;
+    }
+
+    /// What was counted, where it speaks against the file's rate.
+    pub(super) fn found(&self) -> Option<RepeatedFrames> {
+        let is_told = self.leaps >= FEWEST_LEAPS && self.counted.repeated_share() >= TOLD_SHARE;
+        is_told.then_some(self.counted)
+    }
+}
+
+/// How far the keypoint that moved most has moved, pixels. Where more or fewer of a kind were seen than before it is not
+/// known which is which; these are left out.
+fn farthest_px(before: &KeypointFrame, now: &KeypointFrame) -> f64 {
+    let kinds = before.peaks.iter().zip(&now.peaks);
+    kinds
+        .filter(|(before, now)| before.len() == now.len())
+        .flat_map(|(before, now)| before.iter().zip(now))
+        .map(|(before, now)| (before.position.vector_px() - now.position.vector_px()).norm())
+        .fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::frames::Pixel;
+
+    use super::*;
+    use crate::source::KeypointCandidate;
+
+    /// A frame with one person, at `x_px`.
+    fn person(x_px: f64) -> KeypointFrame {
+        let seen = |k: usize| KeypointCandidate {
+            position: Pixel::new(x_px + k as f64, 300.0 - 10.0 * k as f64),
+            score: 0.8,
+        };
+        KeypointFrame {
+            persons: vec![(0..17).map(|k| Some(seen(k))).collect()],
+            peaks: (0..17).map(|k| vec![seen(k)]).collect(),
+        }
+    }
+
+    fn nobody() -> KeypointFrame {
+        KeypointFrame {
+            persons: Vec::new(),
+            peaks: vec![Vec::new(); 17],
+        }
+    }
+
+    fn found(frames: impl IntoIterator<Item = KeypointFrame>) -> Option<RepeatedFrames> {
+        let mut counter = RepeatCounter::default();
+        for frame in frames {
+            counter.add(frame);
+        }
+        counter.found()
+    }
+
+    /// Somebody who walks for 120 frames, found in `new` of every `of`.
+    fn held(new: usize, of: usize) -> impl Iterator<Item = KeypointFrame> {
+        (0..120).map(move |i| person(4.0 * (i * new / of) as f64))
+    }
+
+    #[test]
+    fn frames_that_were_written_until_the_next_are_counted() {
+        for (new, of, repeated) in [(1, 2, 60), (2, 5, 72), (4, 5, 24), (5, 6, 20), (11, 12, 10)] {
+            let told = RepeatedFrames {
+                repeated,
+                frames: 120,
+            };
+            assert_eq!(found(held(new, of)), Some(told), "{new} of {of}");
+        }
+    }
+
+    #[test]
+    fn who_walks_is_new_in_every_frame() {
+        assert_eq!(found(held(1, 1)), None);
+    }
+
+    #[test]
+    fn who_stands_still_without_noise_is_not_held() {
+        assert_eq!(found((0..120).map(|_| person(400.0))), None);
+        // Walks, and stops: what begins from rest does not leap.
+        let stops = |i: usize| {
+            let phase = (i % 20) as f64;
+            person(40.0 * (i / 20) as f64 + 0.4 * (phase - 10.0).max(0.0).powi(2))
+        };
+        assert_eq!(found((0..400).map(stops)), None);
+        // In whole pixels, of which it is one or the other.
+        assert_eq!(found((0..120).map(|i| person(f64::from(i / 3 % 2)))), None);
+    }
+
+    #[test]
+    fn a_file_that_stuck_now_and_then_is_not_one_of_another_rate() {
+        let thrice = |i: usize| person(4.0 * (i - (i % 40).saturating_sub(30)) as f64);
+        assert_eq!(found((0..120).map(thrice)), None);
+        let seldom = |i: usize| person(4.0 * (i - usize::from(i % 20 == 19)) as f64);
+        assert_eq!(found((0..400).map(seldom)), None);
+    }
+
+    #[test]
+    fn frames_without_people_say_nothing() {
+        let apart = held(1, 2).flat_map(|frame| [frame, nobody()]);
+        assert_eq!(found(apart), None);
+        let after = held(1, 2).chain((0..400).map(|_| nobody()));
+        assert_eq!(found(after).map(|it| it.frames), Some(120));
+    }
+}
