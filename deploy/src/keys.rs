@@ -1,22 +1,13 @@
 //! The keys of a venue, looked at by the rules of the nodes: whether they are there, hold now, are the newest, are of this venue
 //! and its authority, fit each other, and are their owner's alone.
 
-use std::fs;
 use std::path::Path;
-use std::time::Duration;
 
-use farfield_node::certificate::{
-    Validity, check_generation, common_name_in, ending_notice, public_key_in,
-};
+use farfield_node::certificate::{Validity, check_generation, ending_notice};
 use farfield_node::files::{check_secret, load_generations};
-use farfield_proto::transport::{
-    FUSION, GENERATIONS_FILE, Generations, Identity, RECORDER, generation_of,
-};
+use farfield_node::keys::{check_authority, check_own};
+use farfield_proto::transport::{FUSION, GENERATIONS_FILE, Generations, Identity, RECORDER};
 use farfield_proto::venue::Venue;
-use rcgen::KeyPair;
-use rustls_pki_types::pem::PemObject as _;
-use rustls_pki_types::{CertificateDer, UnixTime};
-use webpki::{ALL_VERIFICATION_ALGS, EndEntityCert, KeyUsage, anchor_from_trusted_cert};
 
 use crate::report_lines::{ReportLines, Verdict};
 
@@ -72,7 +63,8 @@ pub(crate) fn look_at_keys(venue: &Venue, path: &Path, now_s: i64, report: &mut 
 
 fn look_at_authority(folder: &Path, now_s: i64, report: &mut ReportLines) {
     let path = folder.join("ca.pem");
-    let (verdict, text) = match Validity::read(&path) {
+    let read = check_authority(&path).and_then(|()| Validity::read(&path));
+    let (verdict, text) = match read {
         Err(error) => (Verdict::Failed, error.to_string()),
         Ok(it) if now_s > it.until_s || now_s < it.from_s => (
             Verdict::Failed,
@@ -145,62 +137,15 @@ fn look_at_node(
         report.fail(KEYS, text, "start the node as the owner of its key");
         return;
     }
-    if let Some(misfit) = misfit(identity, (venue, node), now_s) {
+    let misfit = check_own(identity, (venue, node), now_s).err();
+    // What is wrong with the authority is told once, and not of each node.
+    if let Some(misfit) = misfit.filter(|it| it.path != identity.authority) {
         let remedy =
             format!("copy ca.pem, {node}.pem and {node}.key of this venue here, or: {renew}");
-        report.fail(KEYS, misfit, remedy);
+        report.fail(KEYS, misfit.to_string(), remedy);
         return;
     }
     let days = (validity.until_s - now_s) / 86_400;
     let text = format!("the certificate of {node} holds for {days} days");
     report.ok(KEYS, text);
-}
-
-/// Of which node of `venue`, and of which generation, a certificate of this common name is; `None`: of none.
-pub(crate) fn node_of<'a>(venue: &str, common_name: &'a str) -> Option<(&'a str, u32)> {
-    let rest = common_name.strip_prefix(venue)?;
-    generation_of(common_name).filter(|_| rest.starts_with('/'))
-}
-
-/// Why nobody would admit who has these keys; `None`: nothing speaks against it. Files that cannot be read are told before.
-fn misfit(identity: &Identity, (venue, node): (&str, &str), now_s: i64) -> Option<String> {
-    let certificate = &identity.certificate;
-    let shown = certificate.display();
-    let name = common_name_in(certificate).ok()?;
-    if node_of(venue, &name).is_none_or(|(of, _)| of != node) {
-        return Some(format!(
-            "{shown}: found the certificate of `{name}`, expected that of {node} of venue {venue}"
-        ));
-    }
-    if is_signed(identity, now_s) == Some(false) {
-        let authority = identity.authority.display();
-        return Some(format!(
-            "{shown}: it is not signed by the authority of {authority}"
-        ));
-    }
-    let text = fs::read_to_string(&identity.key).ok()?;
-    let key = identity.key.display();
-    match KeyPair::from_pem(&text) {
-        Ok(pair) => {
-            let is_its_own = pair.public_key_raw() == public_key_in(certificate).ok()?;
-            (!is_its_own).then(|| format!("{key}: it is not the key of {shown}"))
-        }
-        // Keys of other programs may have other forms.
-        Err(_) if text.contains("-----BEGIN ") => None,
-        Err(_) => Some(format!("{key}: found no private key in PEM")),
-    }
-}
-
-/// Whether the certificate is one of the authority beside it; `None` where one of them cannot be read.
-fn is_signed(identity: &Identity, now_s: i64) -> Option<bool> {
-    let authority = CertificateDer::from_pem_file(&identity.authority).ok()?;
-    let anchors = [anchor_from_trusted_cert(&authority).ok()?];
-    let own = CertificateDer::from_pem_file(&identity.certificate).ok()?;
-    let own = EndEntityCert::try_from(&own).ok()?;
-    let now = UnixTime::since_unix_epoch(Duration::from_secs(now_s.unsigned_abs()));
-    // Edges connect with it, and so does fusion to its own.
-    let usage = KeyUsage::client_auth();
-    let verified =
-        own.verify_for_usage(ALL_VERIFICATION_ALGS, &anchors, &[], now, usage, None, None);
-    Some(verified.is_ok())
 }

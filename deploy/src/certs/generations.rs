@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail, ensure};
 use farfield_node::certificate::common_name_in;
+use farfield_node::keys::node_of;
 use farfield_proto::transport::{GENERATIONS_FILE, Generations};
 
 use super::files::Folder;
-use crate::keys::node_of;
 
 /// What mends a file that is lost or old.
 const REMEDY: &str = "keys that were replaced would be good again: copy the newest one here, for example from fusion's machine";

@@ -5,12 +5,11 @@ use std::net::IpAddr;
 use std::path::Path;
 
 use farfield_node::certificate::{common_name_in, hosts_in};
+use farfield_node::keys::node_of;
 use farfield_node::process::say;
 use farfield_proto::transport::FUSION;
 use farfield_proto::transport::endpoint::host;
 use farfield_proto::venue::Venue;
-
-use crate::keys::node_of;
 
 /// What nodes on fusion's own machine use.
 const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];

@@ -77,6 +77,30 @@ fn every_node_gets_a_key_that_only_its_owner_can_read() {
     );
 }
 
+/// What these words ask for.
+fn asked(words: &[&str]) -> CertsArgs {
+    let words = [&["farfield", "certs", "venue.toml"], words].concat();
+    match FarfieldCli::try_parse_from(words).unwrap().command {
+        FarfieldCommand::Certs(args) => args,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_folder_that_is_named_by_dots_has_its_authority_beside_it_and_not_in_it() {
+    let here = std::fs::canonicalize(".").unwrap();
+    let mut beside = here.file_name().unwrap().to_owned();
+    beside.push("-authority");
+    for out in [".", "./.", "src/.."] {
+        let found = folder_of_authority(&asked(&["--out", out]));
+        assert_eq!(found, here.with_file_name(&beside), "{out}");
+    }
+    let named = folder_of_authority(&asked(&["--out", "keys/."]));
+    assert_eq!(named, Path::new("keys-authority"));
+    let given = folder_of_authority(&asked(&["--out", ".", "--authority", "safe"]));
+    assert_eq!(given, Path::new("safe"));
+}
+
 #[test]
 fn keys_are_not_written_over() {
     let scratch = Scratch::new();

@@ -12,6 +12,7 @@ use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError, say};
 use farfield_proto::id::ViewpointIndex;
+use farfield_proto::key::is_key_chunk;
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::transport::EdgeTransport;
 use farfield_proto::venue::{Venue, VenueCamera, Viewpoint};
@@ -31,7 +32,7 @@ pub struct EdgeArgs {
     /// The venue file.
     pub venue: PathBuf,
     /// Name of the viewpoint whose cameras this node has.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = name)]
     pub viewpoint: String,
     /// Where fusion listens; the venue file's, if left out.
     ///
@@ -51,7 +52,7 @@ pub struct EdgeArgs {
     /// With `--from-fusion`: the venue's name.
     ///
     /// While there is no venue file to say it.
-    #[arg(long, value_name = "NAME", requires = "from_fusion")]
+    #[arg(long, value_name = "NAME", value_parser = name, requires = "from_fusion")]
     pub venue_name: Option<String>,
     /// With `--from-fusion`: take files that fusion had replaced by others since.
     #[arg(long, requires = "from_fusion")]
@@ -76,6 +77,16 @@ pub struct EdgeArgs {
     #[cfg(feature = "study")]
     #[command(flatten)]
     pub clock_fault: ClockFaultArgs,
+}
+
+/// A name that a venue or a viewpoint can have: with another one the node would wait for messages that nobody can send.
+fn name(text: &str) -> Result<String, String> {
+    if is_key_chunk(text) {
+        return Ok(text.to_owned());
+    }
+    Err(format!(
+        "found {text:?}, expected 1 to 64 ASCII letters, digits, `-`, `_` or `.`, as the venue file has it"
+    ))
 }
 
 /// What is wrong with the system's clock, as this edge sees it, on purpose.
@@ -235,5 +246,49 @@ impl EdgeConfig {
             .unwrap_or_default()
             .iter()
             .filter_map(|&index| self.venue.camera(index))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+
+    #[derive(Debug, clap::Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: EdgeArgs,
+    }
+
+    /// What an edge of this viewpoint is started with, which fetches the files of this venue.
+    fn read(viewpoint: &str, venue: &str) -> Result<EdgeArgs, String> {
+        let words = ["edge", "venue.toml", "--from-fusion"];
+        let names = ["--viewpoint", viewpoint, "--venue-name", venue];
+        let read = Cli::try_parse_from(words.into_iter().chain(names));
+        read.map(|cli| cli.args).map_err(|error| {
+            assert_eq!(error.exit_code(), 2);
+            error.to_string()
+        })
+    }
+
+    #[test]
+    fn names_that_no_venue_and_no_viewpoint_can_have_are_refused() {
+        // Symptom to prevent: an edge that was told of such a venue waited for ever.
+        let args = read("north-east_1.a", "hall-3").unwrap();
+        assert_eq!(args.viewpoint, "north-east_1.a");
+        assert_eq!(args.venue_name.as_deref(), Some("hall-3"));
+        for wrong in ["a b", "a/b", "*", "$x", "über"] {
+            for (refused, option) in [
+                (read(wrong, "hall"), "--viewpoint"),
+                (read("ne", wrong), "--venue-name"),
+            ] {
+                let refused = refused.unwrap_err();
+                let found = format!("found {wrong:?}, expected 1 to 64 ASCII letters");
+                for words in [option, &found] {
+                    assert!(refused.contains(words), "{words}: {refused}");
+                }
+            }
+        }
     }
 }

@@ -158,7 +158,7 @@ pub fn ending_notice(node: &str, until_s: i64, now_s: i64) -> Option<String> {
 /// # Errors
 /// [`NodeError::Refused`] when it is over, older than the newest of its node, or no certificate; [`NodeError::Failed`] when it has not begun: then it is
 /// rather this machine's clock that is wrong, and may be right when the node is started again.
-pub fn check(identity: &Identity, node: &str, now_s: i64) -> Result<Validity, NodeError> {
+pub(crate) fn check(identity: &Identity, node: &str, now_s: i64) -> Result<Validity, NodeError> {
     let path = &identity.certificate;
     let certificate = CertificateFile::read(path).map_err(NodeError::refused)?;
     let generation = certificate.check_generation(identity);

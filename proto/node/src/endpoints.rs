@@ -8,9 +8,10 @@ use farfield_proto::transport::endpoint::is_endpoint;
 use farfield_proto::transport::{Exposure, Identity, is_loopback};
 use farfield_proto::venue::{Endpoints, Venue};
 
-use crate::certificate::{self, Validity};
+use crate::certificate::Validity;
 use crate::clock;
 use crate::files::load_identity;
+use crate::keys;
 use crate::process::NodeError;
 
 /// Which end of the link a node is.
@@ -83,7 +84,7 @@ impl Asked<'_> {
     ///
     /// # Errors
     /// [`NodeError::Refused`] when an endpoint is none or may not be used without keys, or a file of the keys cannot
-    /// be read.
+    /// be read, and as [`keys::check`].
     pub fn in_venue(&self, venue: &Venue) -> Result<Reach, NodeError> {
         if let Some(wrong) = self.endpoints.iter().find(|text| !is_endpoint(text)) {
             let (option, example) = (self.side.option(), self.side.example());
@@ -99,7 +100,7 @@ impl Asked<'_> {
             .map_err(NodeError::refused)?;
         let validity = identity
             .as_ref()
-            .map(|identity| certificate::check(identity, self.node, clock::unix_s()))
+            .map(|identity| keys::check(identity, (&venue.name, self.node), clock::unix_s()))
             .transpose()?;
         let exposure = Exposure {
             has_keys: identity.is_some(),

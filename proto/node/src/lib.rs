@@ -9,7 +9,9 @@
 //! | --- | --- |
 //! | [`certificate`] | until when a node's certificate holds |
 //! | [`clock`] | the only reader of the machine's clock; the venue's clock, which never jumps |
+//! | [`command_line`] | options that can do without a value, joined to theirs where they have one |
 //! | [`histogram`] | how long things took, over days, in bounded room |
+//! | [`keys`] | whether a node's keys are those of its venue and its authority, and fit each other |
 //! | [`log`] | what a node logs, and how it listens in on a library's log |
 //! | [`system_clock`] | whether NTP or PTP keeps the machine's clock right |
 //! | [`runtime`] | starting the runtime, and ending it whatever still waits |
@@ -18,9 +20,11 @@
 
 pub mod certificate;
 pub mod clock;
+pub mod command_line;
 pub mod endpoints;
 pub mod files;
 pub mod histogram;
+pub mod keys;
 pub mod log;
 pub mod process;
 pub mod runtime;

@@ -149,12 +149,20 @@ fn keys_that_nobody_would_admit_are_found() {
         (
             "another authority's",
             keys_said(fine, |keys| take_from_others(keys, "ca.pem")),
-            (Failed, "fusion.pem: it is not signed by", "copy ca.pem"),
+            (
+                Failed,
+                "fusion.pem: found a certificate that is not signed by",
+                "copy ca.pem",
+            ),
         ),
         (
             "another certificate's",
             keys_said(fine, |keys| take_from_others(keys, "fusion.key")),
-            (Failed, "fusion.key: it is not the key of", "copy ca.pem"),
+            (
+                Failed,
+                "fusion.key: found the private key of another certificate",
+                "copy ca.pem",
+            ),
         ),
         (
             "no key at all",

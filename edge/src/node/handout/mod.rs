@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_node::files::{load_identity, load_venue};
 use farfield_node::process::{Managed, NodeError, say, stop_when_told};
-use farfield_node::{certificate, clock, runtime, session};
+use farfield_node::{clock, keys, runtime, session};
 use farfield_proto::message::handout::{FileKind, FileList, SharedFile};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
 use farfield_proto::wire;
@@ -85,7 +85,7 @@ fn first_contact(args: &EdgeArgs) -> Result<FirstContact, NodeError> {
     let identity = identity.transpose().map_err(NodeError::refused)?;
     if let Some(identity) = &identity {
         // Fusion would only be silent to it.
-        certificate::check(identity, &args.viewpoint, clock::unix_s())?;
+        keys::check(identity, (&venue, &args.viewpoint), clock::unix_s())?;
     }
     let exposure = Exposure {
         has_keys: identity.is_some(),
@@ -252,9 +252,9 @@ mod tests {
         args: EdgeArgs,
     }
 
-    /// How an edge without a venue file reaches fusion, with a certificate of generation 1 that holds until `year`, where
-    /// `newest` is the newest.
-    fn contact(year: i32, newest: u32) -> Result<FirstContact, NodeError> {
+    /// How an edge without a venue file reaches fusion of `venue`, with a certificate of venue hall and of generation 1 that
+    /// holds until `year`, where `newest` is the newest.
+    fn contact(venue: &str, year: i32, newest: u32) -> Result<FirstContact, NodeError> {
         let folder = tempfile::tempdir().unwrap();
         let keys = folder.path().join(CERTIFICATES);
         std::fs::create_dir(&keys).unwrap();
@@ -277,19 +277,25 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).unwrap();
         }
-        let venue = folder.path().join("venue.toml");
-        let words = "--viewpoint ne --from-fusion --venue-name hall --connect quic/127.0.0.1:7447";
-        let words = ["edge", venue.to_str().unwrap()]
+        let file = folder.path().join("venue.toml");
+        let words = format!(
+            "--viewpoint ne --from-fusion --venue-name {venue} --connect quic/127.0.0.1:7447"
+        );
+        let words = ["edge", file.to_str().unwrap()]
             .into_iter()
             .chain(words.split(' '));
         first_contact(&Cli::parse_from(words).args)
     }
 
     #[test]
-    fn an_edge_whose_certificate_has_ended_or_is_too_old_does_not_wait_for_fusion() {
-        assert!(contact(4000, 1).is_ok());
-        for (year, newest, words) in [(2021, 1, "has ended"), (4000, 2, "2 is the newest of ne")] {
-            let refused = contact(year, newest).err().unwrap();
+    fn an_edge_whose_certificate_nobody_would_admit_does_not_wait_for_fusion() {
+        assert!(contact("hall", 4000, 1).is_ok());
+        for (venue, year, newest, words) in [
+            ("hall", 2021, 1, "has ended"),
+            ("hall", 4000, 2, "2 is the newest of ne"),
+            ("arena", 4000, 1, "expected that of ne of venue arena"),
+        ] {
+            let refused = contact(venue, year, newest).err().unwrap();
             assert!(matches!(refused, NodeError::Refused(_)), "{refused}");
             assert!(refused.to_string().contains(words), "{refused}");
         }

@@ -131,6 +131,45 @@ fn an_old_key_is_refused_once_its_node_has_a_new_one_and_both_sides_say_so() {
 }
 
 #[test]
+fn every_node_refuses_keys_that_are_not_its_own_instead_of_waiting() {
+    // Symptom to prevent: with the key of another node, or with junk, edges and recorders waited for ever and did not say why.
+    let hall = SecuredHall::new();
+    let venue = hall.path("venue.toml");
+    let certs = |file: &str| hall.path("certs").join(file);
+    std::fs::copy(certs("south-west.key"), certs("fusion.key")).unwrap();
+    std::fs::write(certs("north-east.key"), "junk").unwrap();
+    std::fs::copy(certs("north-east.pem"), certs("recorder.pem")).unwrap();
+    let mut record = command();
+    record
+        .arg("record")
+        .arg(&venue)
+        .args(["--connect", &hall.endpoint, "--out"])
+        .arg(hall.path("run.mcap"));
+    let nodes = [
+        (
+            fusion(&hall, "out"),
+            "fusion.key: found the private key of another certificate",
+        ),
+        (
+            NodeProcess::start("edge", edge(&hall, &venue, "north-east")).unwrap(),
+            "north-east.key: found no private key in PEM",
+        ),
+        (
+            NodeProcess::start("recorder", record).unwrap(),
+            "recorder.pem: found the certificate of `walk/north-east/1`, expected that of recorder",
+        ),
+    ];
+    for (mut node, words) in nodes {
+        assert_eq!(ended(&mut node), Some(2), "{}", node.said());
+        let said = node.said();
+        assert!(
+            said.contains(words) && said.contains("copy ca.pem"),
+            "{words}: {said}"
+        );
+    }
+}
+
+#[test]
 fn files_that_fusion_has_replaced_are_not_taken_back_without_a_word() {
     let hall = SecuredHall::new();
     let far = tempfile::tempdir().unwrap();

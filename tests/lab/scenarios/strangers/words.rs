@@ -248,8 +248,10 @@ fn an_edge_says_why_it_waits(scheme: &str) {
         waiting.push((Some(session), edge, words, hall));
     }
     let hall = hall_at(scheme);
-    // Its certificate is of another authority than fusion's, which it trusts.
-    std::fs::copy(hall.path("certs/ca.pem"), hall.path("elsewhere/ca.pem")).unwrap();
+    // Its certificate is of another authority than fusion's, and it trusts both.
+    let both = ["certs/ca.pem", "elsewhere/ca.pem"];
+    let both = both.map(|file| std::fs::read_to_string(hall.path(file)).unwrap());
+    std::fs::write(hall.path("elsewhere/ca.pem"), both.concat()).unwrap();
     let session = listen(&hall, &hall.identity("certs", FUSION));
     let edge = start(&hall, &hall.path("elsewhere"));
     waiting.push((
