@@ -1,5 +1,7 @@
 //! What is known of the venue, and the similarity that it asks for.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Matrix3, Vector3};
 
 use super::click::{Click, camera, meeting};
@@ -101,6 +103,21 @@ impl Anchors {
         left.floor.retain(|clicks| clicks.len() >= 2);
         left.marks = left.marks.map(|marks| marks.without(names));
         left
+    }
+
+    /// What of it does not count, in words, where only some cameras have a pose; `None` where all of it does.
+    pub fn lost(&self, has_pose: impl Fn(&str) -> bool) -> Option<String> {
+        let without: BTreeSet<&str> = self.cameras().filter(|name| !has_pose(name)).collect();
+        let (whose, why) = match without.len() {
+            0 => return None,
+            1 => ("camera", "it did not join the others and has no pose"),
+            _ => ("cameras", "they did not join the others and have no pose"),
+        };
+        let names: Vec<&str> = without.into_iter().collect();
+        Some(format!(
+            "what is known of {whose} `{}` does not count, as {why}",
+            names.join("`, `")
+        ))
     }
 
     /// The similarity from the world of `cameras` (by name) to the venue.

@@ -1,10 +1,14 @@
-//! Unit, handedness and axes of a file's world: recognised from the numbers, put right where there is no doubt.
+//! Unit, handedness and axes of a file's world: recognised from the numbers, put right where there is no doubt. What is
+//! doubtful of the world that comes out is said, also where somebody has stated how the file's is ([`doubts`]).
+
+mod doubts;
 
 use farfield_proto::calibration::MAX_DISTANCE_M;
 use farfield_proto::camera::Intrinsics;
 use farfield_proto::toml_file::FileError;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
+use self::doubts::{look_at_directions, look_at_size, look_at_up};
 use super::ImportOptions;
 use super::camera::{
     CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind,
@@ -15,8 +19,6 @@ use super::tree::Source;
 const TOO_NEAR_M: f64 = 0.1;
 /// Above this many units two readings are possible: a stadium in metres, a desk in millimetres.
 const LARGE: f64 = 60.0;
-/// Share of the mean direction "up" that an axis must have to be called so: cameras look down by 60 degrees at most.
-const UP_SHARE: f64 = 0.5;
 
 /// An axis of the world with its direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -121,9 +123,10 @@ pub(super) fn settle(
         }
     }
     look_at_directions(&cameras, &mut remarks);
-    if options.up.is_none() {
-        look_at_up(&cameras, &mut remarks);
+    if options.metres_per_unit.is_some() {
+        look_at_size(&cameras, metres, &mut remarks);
     }
+    look_at_up(&cameras, options.up, &mut remarks);
     let records = cameras
         .into_iter()
         .map(|camera| record(camera, &mut remarks));
@@ -342,134 +345,6 @@ pub(super) fn turn_up(up: WorldAxis) -> Matrix3<f64> {
         .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
     // Whole quarter turns: entries are 0, 1 or -1.
     rotation.matrix().map(f64::round)
-}
-
-/// How well cameras look at one place: the share that has it in front, and how far their axes pass it, by the mean distance
-/// to it. `None` where all look along one direction.
-fn convergence(poses: &[RawPose]) -> Option<(f64, f64)> {
-    let mut normal = Matrix3::zeros();
-    let mut right = Vector3::zeros();
-    for pose in poses {
-        let forward: Vector3<f64> = pose.rotation.row(2).transpose();
-        let across = Matrix3::identity() - forward * forward.transpose();
-        normal += across;
-        right += across * pose.center();
-    }
-    let eigenvalues = normal.symmetric_eigenvalues();
-    if eigenvalues.min() < 0.02 * eigenvalues.max() {
-        return None;
-    }
-    let place = normal.cholesky()?.solve(&right);
-    let n = poses.len() as f64;
-    let mut in_front = 0.0;
-    let mut passed = 0.0;
-    let mut distance = 0.0;
-    for pose in poses {
-        let seen = pose.rotation * place + pose.translation;
-        in_front += f64::from(u8::from(seen.z > 0.0)) / n;
-        passed += seen.xy().norm_squared() / n;
-        distance += seen.norm() / n;
-    }
-    Some((in_front, passed.sqrt() / distance.max(1e-12)))
-}
-
-/// Cameras around a field look at it: where they do not, another meaning of the poses may be the right one.
-fn look_at_directions(cameras: &[RawCamera], remarks: &mut Vec<Remark>) {
-    let poses: Vec<RawPose> = cameras.iter().filter_map(|camera| camera.pose).collect();
-    if poses.len() < 2 {
-        return;
-    }
-    let judge = |meaning, axes| {
-        let read: Vec<RawPose> = poses
-            .iter()
-            .map(|pose| reread(*pose, meaning, axes))
-            .collect();
-        convergence(&read)
-    };
-    let as_written = judge(PoseMeaning::AsFormat, CameraAxes::OpenCv);
-    // Of cameras that all look one way only another reading can say something.
-    let (in_front, passed) = as_written.unwrap_or((0.0, f64::INFINITY));
-    // At half the distance the axes meet nowhere.
-    let meets = as_written.is_none() || (in_front > 0.5 && passed < 0.5);
-    if in_front >= 1.0 && passed < 0.2 {
-        return;
-    }
-    let others = [
-        (
-            PoseMeaning::AsFormat,
-            CameraAxes::OpenGl,
-            "the cameras look along -z with y up (OpenGL): option `camera_axes`",
-        ),
-        (
-            PoseMeaning::Inverse,
-            CameraAxes::OpenCv,
-            "the file takes camera to world: option `pose`",
-        ),
-        (
-            PoseMeaning::Inverse,
-            CameraAxes::OpenGl,
-            "the file takes camera to world and looks along -z (OpenGL): options `pose` and `camera_axes`",
-        ),
-    ];
-    let best = others
-        .into_iter()
-        .filter_map(|(meaning, axes, text)| Some((judge(meaning, axes)?, text)))
-        .filter(|((front, pass), _)| {
-            *front >= 1.0 && *pass < 0.2 && (in_front < 1.0 || *pass < 0.5 * passed)
-        })
-        .min_by(|a, b| a.0.1.total_cmp(&b.0.1));
-    let found = match as_written {
-        Some(_) => format!(
-            "{:.0} of {} cameras look away from the place where their axes come nearest, which they pass by {:.0} % of its distance",
-            (1.0 - in_front) * poses.len() as f64,
-            poses.len(),
-            100.0 * passed
-        ),
-        None => "all cameras look one way".to_owned(),
-    };
-    let text = match best {
-        Some((_, remedy)) => format!("{found}; all would look at one place if {remedy}"),
-        None if meets => return,
-        None => {
-            format!("{found}; if they stand around a field, look at the meaning of their poses")
-        }
-    };
-    remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
-}
-
-/// Which axis of the world points up, judged by the upper edges of the pictures.
-fn look_at_up(cameras: &[RawCamera], remarks: &mut Vec<Remark>) {
-    let poses: Vec<RawPose> = cameras.iter().filter_map(|camera| camera.pose).collect();
-    if poses.len() < 2 {
-        return;
-    }
-    let sum: Vector3<f64> = poses
-        .iter()
-        .map(|pose| -pose.rotation.row(1).transpose())
-        .sum();
-    let up = sum / poses.len() as f64;
-    let largest = WorldAxis::ALL
-        .into_iter()
-        .max_by(|a, b| up.dot(&a.vector()).total_cmp(&up.dot(&b.vector())));
-    let Some(axis) = largest.filter(|axis| up.dot(&axis.vector()) >= UP_SHARE) else {
-        let text = "the pictures do not agree on which way is up: the world lies askew, or cameras stand on their side";
-        remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
-        return;
-    };
-    if axis != WorldAxis::Z {
-        let name = axis.name();
-        let text = format!(
-            "the pictures' upper edges point along {name} of the world: {name} is up there, and z is here; give the option \
-             `up` as {name} to turn it"
-        );
-        remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
-        return;
-    }
-    if poses.iter().all(|pose| pose.center().z < 0.0) {
-        let text = "z is up, but all cameras stand below 0: the floor is not where z is 0, or the board that gave the world \
-                    was seen mirrored, which no reprojection error shows";
-        remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
-    }
 }
 
 fn record(camera: RawCamera, remarks: &mut Vec<Remark>) -> CameraRecord {

@@ -2,8 +2,9 @@
 
 use std::fmt;
 
-use farfield_proto::camera::Intrinsics;
 pub use farfield_proto::camera::LensModel;
+use farfield_proto::camera::{CameraError, CameraModel, Intrinsics};
+use farfield_proto::frames::Transform;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 /// Whether no coefficient does anything.
@@ -34,7 +35,8 @@ pub enum RemarkKind {
     Assumed,
     /// The numbers leave no doubt, and it was put right.
     Corrected,
-    /// The numbers speak against the file; nothing was changed, the remark says which option would.
+    /// The numbers speak against the file, and the remark says which option would change it; or what is written holds less
+    /// than what was read. Nothing was changed.
     Doubtful,
 }
 
@@ -139,4 +141,44 @@ pub(super) struct RawSet {
     pub(super) cameras: Vec<RawCamera>,
     pub(super) unit: FileUnit,
     pub(super) remarks: Vec<Remark>,
+}
+
+/// Cameras of whose four coefficients nobody says whose they are: read as Brown's, they may be a fisheye's just as well.
+#[derive(Debug, Default)]
+pub(super) struct UnsaidFour(Vec<String>);
+
+impl UnsaidFour {
+    /// Notes `camera`, whose `coefficients` nothing says the lens of. Some numbers do: zeros are no fisheye that anybody has
+    /// calibrated, and a run takes no fisheye that folds within its picture.
+    pub(super) fn note(&mut self, camera: &RawCamera, coefficients: &[f64]) {
+        let Ok(four) = <[f64; 4]>::try_from(coefficients) else {
+            return;
+        };
+        let folds = camera.size_px.is_some_and(|size_px| {
+            let fisheye = CameraModel::new(
+                camera.name.as_str(),
+                size_px,
+                camera.intrinsics,
+                LensModel::KannalaBrandt(four),
+                Transform::new(Isometry3::identity()),
+            );
+            matches!(fisheye, Err(CameraError::Folds { .. }))
+        });
+        if !all_zero(&four) && !folds {
+            self.0.push(camera.name.clone());
+        }
+    }
+
+    /// What is said of them, once.
+    pub(super) fn remark(&self) -> Option<Remark> {
+        (!self.0.is_empty()).then(|| {
+            let text = format!(
+                "the file does not say whether the four distortion coefficients of `{}` are a fisheye's: taken as k1, k2, p1, p2; \
+                 if they are, say so in the file (`fisheye = true` in each table of TOML, `distortion_model: equidistant` in \
+                 OpenCV's YAML and JSON), or turn it into another with `farfield calibrate convert --four-are-fisheye`",
+                self.0.join("`, `")
+            );
+            Remark::of_all(RemarkKind::Assumed, text)
+        })
+    }
 }

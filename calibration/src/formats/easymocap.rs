@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use farfield_proto::toml_file::FileError;
 
-use super::camera::{CameraRecord, FileUnit, RawCamera, RawPose, RawSet};
+use super::camera::{CameraRecord, FileUnit, RawCamera, RawPose, RawSet, UnsaidFour};
 use super::opencv::{value, yaml_matrix};
 use super::toml_tables::lens;
 use super::tree::{Node, Source, whole_size};
@@ -23,6 +23,7 @@ pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<Ra
         .collect();
     let find = |name: &str| roots.iter().find_map(|root| root.get(name));
     let mut cameras = Vec::new();
+    let mut unsaid = UnsaidFour::default();
     for (key, matrix) in roots.iter().flat_map(Node::fields) {
         let Some(name) = key.strip_prefix("K_") else {
             continue;
@@ -34,22 +35,23 @@ pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<Ra
             (Some(width), Some(height)) => whole_size([width.number()?, height.number()?]),
             _ => None,
         };
-        cameras.push(RawCamera {
+        let coefficients = distortion.numbers()?;
+        let camera = RawCamera {
             name: name.to_owned(),
             size_px: size,
             intrinsics: matrix.intrinsics()?,
-            lens: lens(
-                &distortion,
-                &distortion.numbers()?,
-                options.four_are_fisheye,
-            )?,
+            lens: lens(&distortion, &coefficients, options.four_are_fisheye)?,
             pose: pose(name, &find)?,
-        });
+        };
+        if !options.four_are_fisheye {
+            unsaid.note(&camera, &coefficients);
+        }
+        cameras.push(camera);
     }
     Ok(RawSet {
         cameras,
         unit: FileUnit::Metres,
-        remarks: Vec::new(),
+        remarks: unsaid.remark().into_iter().collect(),
     })
 }
 

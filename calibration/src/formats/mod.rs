@@ -3,13 +3,14 @@
 //! [`import`] takes the texts of one calibration and guesses whose they are; [`export`] writes what it found in another
 //! tool's way. In between every camera is a [`CameraRecord`]: metres, a right-handed world, pixels from the centre of the
 //! first one, OpenCV's axes. What a file does not say, or says in another unit, is told in [`Remark`]s; what is certain is
-//! put right, what is not can be asked for by [`ImportOptions`].
+//! put right, what is not can be asked for by [`ImportOptions`]. What the file that is written cannot hold, [`losses`] tells.
 
 mod axes;
 mod camera;
 mod colmap;
 mod easymocap;
 mod kalibr;
+mod losses;
 mod opencv;
 mod qualisys;
 mod toml_tables;
@@ -26,6 +27,7 @@ use nalgebra::Isometry3;
 
 pub use self::axes::{CameraAxes, PoseMeaning, WorldAxis};
 pub use self::camera::{CameraRecord, LensModel, Remark, RemarkKind};
+pub use self::losses::losses;
 use self::tree::{Node, Source};
 
 /// Longest text that is read, bytes: no calibration has a hundredth of it.
@@ -363,7 +365,8 @@ pub enum ExportError {
 
 /// The files of `cameras` in `format`.
 ///
-/// Kalibr's has the first camera as its world, COLMAP's no unit of length, Caliscope's and Kalibr's numbers instead of names.
+/// Kalibr's has the first camera as its world, COLMAP's no unit of length, Caliscope's and Kalibr's numbers instead of names:
+/// [`losses`] says so.
 ///
 /// # Errors
 /// [`ExportError`] for a camera without a pose or with a lens or a name that the format has not.

@@ -7,7 +7,7 @@ use farfield_proto::toml_file::FileError;
 use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
 
-use super::camera::{CameraRecord, FileUnit, RawCamera, RawPose, RawSet, Remark, RemarkKind};
+use super::camera::{CameraRecord, FileUnit, RawCamera, RawPose, RawSet, UnsaidFour};
 use super::toml_tables::lens;
 use super::tree::{Node, Source, whole_size};
 use super::{Format, ImportOptions, TextFile};
@@ -107,25 +107,25 @@ fn without_bare_nan(text: &str) -> String {
 /// All cameras of `files`, which are of one kind.
 pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<RawSet, FileError> {
     let mut cameras = Vec::new();
-    let mut remarks = Vec::new();
+    let mut unsaid = UnsaidFour::default();
     let values = sources.iter().map(value).collect::<Result<Vec<_>, _>>()?;
     let roots: Vec<Node<'_>> = sources
         .iter()
         .zip(&values)
         .map(|(source, value)| Node::root(*source, value))
         .collect();
-    if let Some(pair) = stereo(&roots, options)? {
+    if let Some(pair) = stereo(&roots, options, &mut unsaid)? {
         cameras.extend(pair);
     }
     for (root, source) in roots.iter().zip(sources) {
         for (name, table) in tables(root, source.path) {
-            cameras.push(camera(name, &table, options, &mut remarks)?);
+            cameras.push(camera(name, &table, options, &mut unsaid)?);
         }
     }
     Ok(RawSet {
         cameras,
         unit: FileUnit::Metres,
-        remarks,
+        remarks: unsaid.remark().into_iter().collect(),
     })
 }
 
@@ -159,6 +159,7 @@ fn tables<'a>(root: &Node<'a>, path: &Path) -> Vec<(String, Node<'a>)> {
 fn stereo(
     roots: &[Node<'_>],
     options: &ImportOptions,
+    unsaid: &mut UnsaidFour,
 ) -> Result<Option<[RawCamera; 2]>, FileError> {
     let find = |name: &str| roots.iter().find_map(|root| root.get(name));
     let (Some(m1), Some(m2)) = (find("M1"), find("M2")) else {
@@ -169,20 +170,21 @@ fn stereo(
             m2.error("`M1` and `M2` without `R` and `T`: give the file of the extrinsics as well")
         );
     };
-    let one = |name: &str, matrix: &Node<'_>, distortion: Option<Node<'_>>, pose| {
+    let mut one = |name: &str, matrix: &Node<'_>, distortion: Option<Node<'_>>, pose| {
         let distortion = distortion
             .ok_or_else(|| matrix.error("expected `D1` and `D2` beside `M1` and `M2`"))?;
-        Ok(RawCamera {
+        let coefficients = distortion.numbers()?;
+        let camera = RawCamera {
             name: name.to_owned(),
             size_px: None,
             intrinsics: matrix.intrinsics()?,
-            lens: lens(
-                &distortion,
-                &distortion.numbers()?,
-                options.four_are_fisheye,
-            )?,
+            lens: lens(&distortion, &coefficients, options.four_are_fisheye)?,
             pose: Some(pose),
-        })
+        };
+        if !options.four_are_fisheye {
+            unsaid.note(&camera, &coefficients);
+        }
+        Ok(camera)
     };
     let first = RawPose {
         rotation: Matrix3::identity(),
@@ -202,7 +204,7 @@ fn camera(
     name: String,
     table: &Node<'_>,
     options: &ImportOptions,
-    remarks: &mut Vec<Remark>,
+    unsaid: &mut UnsaidFour,
 ) -> Result<RawCamera, FileError> {
     let matrix = table.need(&MATRIX)?;
     let list = table.need(&DISTORTION)?;
@@ -216,11 +218,6 @@ fn camera(
         .transpose()?;
     let named = model.map(|model| FISHEYE.contains(&model.to_lowercase().as_str()));
     let is_fisheye = named.or(flag).unwrap_or(options.four_are_fisheye);
-    if coefficients.len() == 4 && named.is_none() && flag.is_none() && !options.four_are_fisheye {
-        let text = "four distortion coefficients, taken as k1, k2, p1, p2; if the lens is a fisheye, say so with the option \
-                    `fisheye`";
-        remarks.push(Remark::of_camera(RemarkKind::Assumed, &name, text));
-    }
     let pose = match (table.any(&ROTATION), table.any(&TRANSLATION)) {
         (Some(rotation), Some(translation)) => Some(RawPose {
             rotation: rotation.rotation()?,
@@ -229,13 +226,17 @@ fn camera(
         // ROS calls its rectification R.
         _ => None,
     };
-    Ok(RawCamera {
+    let camera = RawCamera {
         name,
         size_px: size(table)?,
         intrinsics: matrix.intrinsics()?,
         lens: lens(&list, &coefficients, is_fisheye)?,
         pose,
-    })
+    };
+    if named.or(flag).is_none() && !options.four_are_fisheye {
+        unsaid.note(&camera, &coefficients);
+    }
+    Ok(camera)
 }
 
 fn size(table: &Node<'_>) -> Result<Option<[u32; 2]>, FileError> {

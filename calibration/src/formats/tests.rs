@@ -259,6 +259,74 @@ fn a_world_with_y_up_is_said_and_turned_when_asked() {
     }
 }
 
+/// What is doubtful of `cameras`, written in `format` and read with `options`.
+fn doubts(cameras: &[CameraRecord], format: Format, options: &ImportOptions) -> String {
+    let files = export(cameras, format).expect("written");
+    let found = import(&files, options).expect("read");
+    let doubtful = found.remarks.into_iter();
+    let doubtful = doubtful.filter(|remark| remark.kind == RemarkKind::Doubtful);
+    let texts: Vec<String> = doubtful.map(|remark| remark.text).collect();
+    texts.join("\n")
+}
+
+#[test]
+fn an_axis_that_is_stated_and_that_the_pictures_contradict_is_doubtful() {
+    let up = |axis| ImportOptions {
+        up: Some(axis),
+        ..ImportOptions::default()
+    };
+    let z_up = ring(Vector3::z(), LensModel::ideal());
+    let said = doubts(&z_up, Format::Farfield, &up(WorldAxis::Y));
+    assert!(said.contains("option `up` states y"), "{said}");
+    assert!(
+        said.contains("along z of the file's world") && said.contains("leave the option out"),
+        "{said}"
+    );
+    assert_eq!(doubts(&z_up, Format::Farfield, &up(WorldAxis::Z)), "");
+    let mut y_up = ring(Vector3::y(), LensModel::ideal());
+    let said = doubts(&y_up, Format::Farfield, &up(WorldAxis::MinusY));
+    assert!(
+        said.contains("along y of the file's") && said.contains("give the option as y"),
+        "{said}"
+    );
+    // With the right axis what stands under the floor is told as without one.
+    for camera in &mut y_up {
+        let down = Isometry3::translation(0.0, 10.0, 0.0);
+        camera.camera_from_world = camera.camera_from_world.map(|pose| pose * down);
+    }
+    let said = doubts(&y_up, Format::Farfield, &up(WorldAxis::Y));
+    assert!(said.contains("all cameras stand below 0"), "{said}");
+}
+
+#[test]
+fn a_unit_that_is_stated_is_judged_by_the_size_of_what_comes_out() {
+    let cameras = ring(Vector3::z(), LensModel::ideal());
+    // The cameras are 9.9 m apart, written as millimetres.
+    for (metres_per_unit, expected) in [
+        (1.0, "farther than the 500 m that a run takes"),
+        (1e-6, "nearer than cameras stand"),
+    ] {
+        let options = ImportOptions {
+            metres_per_unit: Some(metres_per_unit),
+            ..ImportOptions::default()
+        };
+        let said = doubts(&cameras, Format::FreeMoCap, &options);
+        assert!(said.contains(expected), "{metres_per_unit}: {said}");
+        assert!(
+            said.contains(&format!("with {metres_per_unit} metres per unit")),
+            "{said}"
+        );
+    }
+    // As they stand, and around a stadium.
+    for metres_per_unit in [1e-3, 0.01] {
+        let options = ImportOptions {
+            metres_per_unit: Some(metres_per_unit),
+            ..ImportOptions::default()
+        };
+        assert_eq!(doubts(&cameras, Format::FreeMoCap, &options), "");
+    }
+}
+
 #[test]
 fn every_axis_can_be_up() {
     for up in WorldAxis::ALL {

@@ -10,7 +10,7 @@ use serde_json::Value;
 use toml::de::DeTable;
 
 use super::camera::{
-    CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind,
+    CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind, UnsaidFour,
 };
 use super::tree::{Node, Source};
 use super::{ExportError, Format, ImportOptions, placed};
@@ -40,6 +40,7 @@ pub(super) fn read(
     let root = Node::root(*source, &value);
     let mut remarks = Vec::new();
     let mut cameras = Vec::new();
+    let mut unsaid = UnsaidFour::default();
     let starts = starts(source.text);
     let mut tables = tables(&root);
     tables.sort_by_key(|(_, table)| starts.get(table.place()).copied());
@@ -49,8 +50,9 @@ pub(super) fn read(
             remarks.push(Remark::of_camera(RemarkKind::Assumed, &name, text));
             continue;
         }
-        cameras.push(camera(name, &table, options)?);
+        cameras.push(camera(name, &table, options, &mut unsaid)?);
     }
+    remarks.extend(unsaid.remark());
     let unit = if format == Format::FreeMoCap {
         FileUnit::Millimetres
     } else {
@@ -111,7 +113,12 @@ fn tables<'a>(root: &Node<'a>) -> Vec<(String, Node<'a>)> {
         .collect()
 }
 
-fn camera(name: String, table: &Node<'_>, options: &ImportOptions) -> Result<RawCamera, FileError> {
+fn camera(
+    name: String,
+    table: &Node<'_>,
+    options: &ImportOptions,
+    unsaid: &mut UnsaidFour,
+) -> Result<RawCamera, FileError> {
     let list = table.need(&["distortions"])?;
     let coefficients = list.numbers()?;
     let said = table.get("fisheye").map(|flag| flag.flag()).transpose()?;
@@ -139,13 +146,17 @@ fn camera(name: String, table: &Node<'_>, options: &ImportOptions) -> Result<Raw
                 .unwrap_or_else(|| table.error("no rotation")));
         }
     };
-    Ok(RawCamera {
+    let camera = RawCamera {
         name,
         size_px: Some(table.need(&["size"])?.size()?),
         intrinsics: table.need(&["matrix"])?.intrinsics()?,
         lens,
         pose,
-    })
+    };
+    if said.is_none() && !options.four_are_fisheye {
+        unsaid.note(&camera, &coefficients);
+    }
+    Ok(camera)
 }
 
 /// The lens of a list in OpenCV's order.
@@ -233,13 +244,16 @@ mod tests {
 
     use super::*;
 
-    fn names(text: &str) -> Vec<String> {
+    fn read_text(text: &str) -> Result<RawSet, FileError> {
         let source = Source {
             path: Path::new("Calib.toml"),
             text,
         };
-        let read = read(&source, Format::Farfield, &ImportOptions::default());
-        let cameras = read.unwrap().cameras.into_iter();
+        read(&source, Format::Farfield, &ImportOptions::default())
+    }
+
+    fn names(text: &str) -> Vec<String> {
+        let cameras = read_text(text).unwrap().cameras.into_iter();
         cameras.map(|camera| camera.name).collect()
     }
 
@@ -263,5 +277,71 @@ mod tests {
         };
         assert_eq!(names(&tables("cam_")), expected);
         assert_eq!(names(&tables("cameras.")), expected);
+    }
+
+    /// A camera with these distortions, and what else its table says.
+    fn table(name: &str, distortions: &str, more: &str) -> String {
+        let fields = FIELDS.replace("[0, 0, 0, 0]", distortions);
+        format!("[{name}]\n{fields}{more}\n")
+    }
+
+    fn remarks(text: &str) -> Vec<String> {
+        let remarks = read_text(text).unwrap().remarks.into_iter();
+        remarks.map(|remark| remark.text).collect()
+    }
+
+    #[test]
+    fn four_coefficients_without_a_word_are_taken_for_browns_and_that_is_said_once() {
+        let four = "[-0.1, 0.02, 0.001, -0.002]";
+        let text = table("north", four, "") + &table("east", four, "");
+        let said = remarks(&text);
+        let [only] = said.as_slice() else {
+            panic!("{said:?}")
+        };
+        assert!(
+            only.contains("of `north`, `east` are a fisheye's"),
+            "{only}"
+        );
+        assert!(only.contains("taken as k1, k2, p1, p2"), "{only}");
+        let lens = read_text(&text).unwrap().cameras[0].lens;
+        assert!(!lens.is_fisheye());
+    }
+
+    #[test]
+    fn what_is_stated_and_what_can_only_be_browns_is_read_without_a_word() {
+        let none: [String; 0] = [];
+        let four = "[-0.1, 0.02, 0.001, -0.002]";
+        for word in ["fisheye = false", "fisheye = true"] {
+            assert_eq!(remarks(&table("a", four, word)), none);
+        }
+        // No lens at all; a fisheye that would fold within its picture; more coefficients than a fisheye has.
+        for distortions in [
+            "[0, 0, 0, 0]",
+            "[-3.0, 0, 0, 0]",
+            "[-0.1, 0.02, 0.001, -0.002, 0.1]",
+        ] {
+            assert_eq!(remarks(&table("a", distortions, "")), none, "{distortions}");
+        }
+    }
+
+    #[test]
+    fn lists_of_other_lengths_are_refused_with_their_line_and_what_was_expected() {
+        let refused = |distortions: &str, more: &str| {
+            let error = read_text(&table("a", distortions, more)).unwrap_err();
+            error.to_string()
+        };
+        for (distortions, count) in [("[0.1]", 1), ("[0, 0, 0]", 3), ("[0, 0, 0, 0, 0, 0]", 6)] {
+            let said = refused(distortions, "");
+            let found = format!("distortions`: found {count} values, expected 4, 5, 8, 12 or 14");
+            assert!(said.contains(&found), "{said}");
+        }
+        for (distortions, count) in [("[0.1, 0.2, 0.3]", 3), ("[0, 0, 0, 0, 0]", 5)] {
+            let said = refused(distortions, "fisheye = true");
+            let found = format!("found {count} values, expected 4 of a fisheye lens");
+            assert!(
+                said.contains(&found) && said.contains("Calib.toml:4"),
+                "{said}"
+            );
+        }
     }
 }

@@ -97,6 +97,41 @@ fn four_coefficients_without_a_word_are_no_fisheye_unless_asked() {
 }
 
 #[test]
+fn four_coefficients_of_easymocap_and_of_stereo_are_told_as_all_are_and_zeros_are_not() {
+    let said = |path: &str, four: &str| {
+        let list =
+            format!("!!opencv-matrix\n   rows: 4\n   cols: 1\n   dt: d\n   data: [ {four} ]\n");
+        let identity = "!!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]\n";
+        let vector =
+            "!!opencv-matrix\n   rows: 3\n   cols: 1\n   dt: d\n   data: [ -0.2, 0., 0.01 ]\n";
+        let text = match path {
+            "intri.yml" => format!("K_01: {MATRIX}dist_01: {list}K_02: {MATRIX}dist_02: {list}"),
+            "stereo.yml" => {
+                format!("M1: {MATRIX}D1: {list}M2: {MATRIX}D2: {list}R: {identity}T: {vector}")
+            }
+            _ => format!("K: {MATRIX}D: {list}"),
+        };
+        let found = read(&[(path, format!("%YAML:1.0\n---\n{text}"))]).expect("read");
+        let remarks = found.remarks.into_iter().map(|remark| remark.text);
+        let told = remarks.filter(|text| text.contains("taken as k1, k2, p1, p2"));
+        told.collect::<Vec<_>>()
+    };
+    let none: [String; 0] = [];
+    for (path, whose) in [
+        ("intri.yml", "`01`, `02`"),
+        ("stereo.yml", "`1`, `2`"),
+        ("a.yml", "`a`"),
+    ] {
+        let told = said(path, "0.1, 0.2, 0.01, 0.02");
+        let [only] = told.as_slice() else {
+            panic!("{path}: {told:?}")
+        };
+        assert!(only.contains(&format!("of {whose} are")), "{only}");
+        assert_eq!(said(path, "0., 0., 0., 0."), none, "{path}");
+    }
+}
+
+#[test]
 fn the_two_files_of_opencvs_stereo_sample_are_two_cameras() {
     let intrinsics = format!("%YAML:1.0\n---\nM1: {MATRIX}D1: {FIVE}M2: {MATRIX}D2: {FIVE}");
     let vector = "!!opencv-matrix\n   rows: 3\n   cols: 1\n   dt: d\n   data: [ -0.2, 0., 0.01 ]\n";

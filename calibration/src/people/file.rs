@@ -188,6 +188,10 @@ mod tests {
                 "line 2: `tick`: found 3 after 3",
             ),
             (
+                "{\"tick\":5,\"persons\":[]}\n\n{\"tick\":3,\"persons\":[]}",
+                "line 3: `tick`: found 3 after 5, expected more",
+            ),
+            (
                 "{\"tick\":3,\"persons\":[{\"keypoints\":[null]}]}",
                 "`persons[0].keypoints`: found 1, expected 2",
             ),

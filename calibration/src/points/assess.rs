@@ -5,6 +5,7 @@ use super::halves::{Apart, halves};
 use super::over_time::knocked_at;
 use super::refine::{bounded, noise_px};
 use super::request::{PointCamera, PointRequest};
+use super::venue::Lost;
 use crate::adjustment::{CameraState, Covariance, Problem};
 use crate::alignment::{Alignment, Anchors};
 use crate::report::{
@@ -154,11 +155,12 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
                 }
             },
         );
+        let lost = Lost(found.request.anchors.lost(|name| name != camera.name));
         finding(
             &camera.name,
             Cause::NotConnected,
             true,
-            said,
+            lost.found(&said),
             "one pose that fits them all, on 40 % of 15 common moments or more",
             "carry the point where it and another camera both see it; or its video is of another camera, mirrored or late, \
              or its lens is wrong",

@@ -56,6 +56,26 @@ impl Laid<'_> {
     }
 }
 
+/// What is known of cameras without a pose, in words, and does not count: whoever gave it must not hear that nothing is
+/// known.
+pub(crate) struct Lost(pub(crate) Option<String>);
+
+impl Lost {
+    /// `what` is missing, and why though something was given.
+    pub(crate) fn found(&self, what: &str) -> String {
+        let lost = self.0.as_ref();
+        lost.map_or_else(|| what.to_owned(), |lost| format!("{what}; {lost}"))
+    }
+
+    /// What to do: `otherwise`, where nothing was lost.
+    pub(crate) fn remedy(&self, otherwise: &str) -> String {
+        if self.0.is_none() {
+            return otherwise.to_owned();
+        }
+        format!("do first what is said of the camera without a pose, or {otherwise}")
+    }
+}
+
 /// What is said of `laid` cameras, of which `cameras` tells how well they are known: whether they stand upright, and fit
 /// known places, distances and marks.
 pub(crate) fn of_anchors(laid: &Laid<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
@@ -70,14 +90,16 @@ pub(crate) fn of_anchors(laid: &Laid<'_>, cameras: &[CameraReport]) -> Vec<Findi
 /// What is said of the alignment, of all cameras together.
 pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
     let mut findings = Vec::new();
+    let has_pose = |name: &str| found.named.iter().any(|(of, _)| of == name);
+    let lost = Lost(found.request.anchors.lost(has_pose));
     if !found.alignment.has_scale {
         findings.push(finding(
             "",
             Cause::NoScale,
             true,
-            "nothing says how long a metre is".to_owned(),
+            lost.found("nothing says how long a metre is"),
             "a known distance, or three known places",
-            "measure the distance between two cameras, 5 m or more",
+            &lost.remedy("measure the distance between two cameras, 5 m or more"),
         ));
     }
     if !found.alignment.has_floor {
@@ -85,9 +107,9 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
             "",
             Cause::NoFloor,
             true,
-            "nothing says where the floor is and which way is up".to_owned(),
+            lost.found("nothing says where the floor is and which way is up"),
             "an upright world: a run refuses any other",
-            "give the places of three cameras or more (`--at`), not on one line",
+            &lost.remedy("give the places of three cameras or more, not on one line"),
         ));
     }
     if found.alignment.rms_m.is_none() {
@@ -95,9 +117,9 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
             "",
             Cause::Handedness,
             false,
-            "handedness was not checked: mirrored videos would not show".to_owned(),
+            lost.found("handedness was not checked: mirrored videos would not show"),
             "three known places or more",
-            "give the places of three cameras or more (`--at`)",
+            &lost.remedy("give the places of three cameras or more"),
         ));
     }
     findings.extend(of_anchors(

@@ -7,7 +7,7 @@ use anyhow::anyhow;
 use clap::Args;
 use farfield_calibration::formats::{
     CameraAxes, Format, ImportOptions, Imported, PoseMeaning, Remark, TextFile, WorldAxis, export,
-    import,
+    import, losses,
 };
 use farfield_node::process::NodeError;
 use farfield_proto::calibration::Calibration;
@@ -144,7 +144,7 @@ impl<'a> RemarkLine<'a> {
     }
 }
 
-/// Reads one, says what was assumed, and writes the other.
+/// Reads one, says what was assumed and what the other cannot hold, and writes the other.
 ///
 /// # Errors
 /// [`NodeError::Refused`] where files cannot be read or written so, [`NodeError::Failed`] where the disk is in the way.
@@ -156,8 +156,10 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
         .map(|path| read(path))
         .collect::<Result<_, _>>()
         .map_err(NodeError::Refused)?;
-    let imported = import(&files, &options(args)).map_err(NodeError::refused)?;
+    let mut imported = import(&files, &options(args)).map_err(NodeError::refused)?;
     let texts = export(&imported.cameras, args.to).map_err(NodeError::refused)?;
+    let lost = losses(&imported.cameras, args.to);
+    imported.remarks.extend(lost);
     let texts: Vec<TextFile> = texts
         .into_iter()
         .map(|file| TextFile {

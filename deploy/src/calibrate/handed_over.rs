@@ -172,7 +172,11 @@ pub(super) fn hand_over(
         told.out.with_extension("failed.toml")
     };
     let sheet = out.with_extension("html");
-    write(&sheet, &sheet::html(&out, &judged, &asked.metres))?;
+    let facts = sheet::SheetFacts {
+        metres: &asked.metres,
+        has_clocks: asked.has_clocks,
+    };
+    write(&sheet, &sheet::html(&out, &judged, &facts))?;
     write(&out, &judged.text)?;
     let files = [out.as_path(), sheet.as_path()];
     let text = if told.json {
@@ -188,10 +192,10 @@ pub(super) fn hand_over(
     Ok(Judged::Fails)
 }
 
-/// The cameras that have no pose.
-fn without_pose<'a>(judged: &JudgedCalibration<'_>, asked: &Asked<'a>) -> Vec<&'a str> {
-    let has_none = |name: &&str| judged.found.cameras.iter().all(|it| it.name != *name);
-    asked.names.iter().copied().filter(has_none).collect()
+/// Those of the cameras `names` that have no pose.
+pub(super) fn without_pose<'a>(found: &PointCalibration, names: &[&'a str]) -> Vec<&'a str> {
+    let has_none = |name: &&str| found.cameras.iter().all(|it| it.name != *name);
+    names.iter().copied().filter(has_none).collect()
 }
 
 fn json(
@@ -237,7 +241,7 @@ fn json(
         error: (!passes).then_some(DOES_NOT_PASS),
         exit_code: if passes { 0 } else { EXIT_FAILED },
         cameras: cameras.collect(),
-        without_pose: without_pose(judged, asked),
+        without_pose: without_pose(judged.found, &asked.names),
         known_places_rms_m: report.anchors_rms_m,
         field: report.field.as_ref().map(Field::of),
         findings: findings.collect(),
@@ -257,7 +261,7 @@ fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -
     for camera in &report.cameras {
         writeln!(text, "camera {}: {}", camera.name, in_words(camera)).ok();
     }
-    for name in without_pose(judged, asked) {
+    for name in without_pose(judged.found, &asked.names) {
         writeln!(text, "camera {name}: no pose").ok();
     }
     if let Some(rms_m) = report.anchors_rms_m {

@@ -1,7 +1,9 @@
 //! What is known of a venue before its cameras are calibrated, as the command line says it.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
+use anyhow::ensure;
 use clap::Args;
 use farfield_calibration::alignment::{Anchors, KnownDistance, Marks};
 
@@ -29,8 +31,15 @@ impl KnownArgs {
     /// The same as calibrations take it.
     ///
     /// # Errors
-    /// When the file of marks cannot be read.
+    /// When a camera has two places, the same one twice among them, or the file of marks cannot be read.
     pub(super) fn anchors(&self) -> anyhow::Result<Anchors> {
+        let mut placed = BTreeSet::new();
+        for (name, _) in &self.at {
+            ensure!(
+                placed.insert(name),
+                "--at says twice where camera `{name}` stands, expected one place for each camera: leave one out"
+            );
+        }
         let marks = self.marks.as_ref().map(|path| {
             let marks = Marks::parse(&read(path)?.text, path)?;
             anyhow::Ok(marks)
@@ -70,6 +79,32 @@ fn place(word: &str) -> Result<(String, [f64; 3]), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[derive(clap::Parser)]
+    struct KnownLine {
+        #[command(flatten)]
+        args: KnownArgs,
+    }
+
+    fn anchors(words: &[&str]) -> anyhow::Result<Anchors> {
+        let words = [&["known"], words].concat();
+        let line = <KnownLine as clap::Parser>::try_parse_from(words)?;
+        line.args.anchors()
+    }
+
+    #[test]
+    fn a_camera_that_is_placed_twice_is_refused_also_at_the_same_place() {
+        let two = anchors(&["--at", "n=0,0,4", "--at", "s=0,8,4"]).unwrap();
+        assert_eq!(two.centers_m.len(), 2);
+        for again in ["n=0,8,4", "n=0,0,4"] {
+            let refused = anchors(&["--at", "n=0,0,4", "--at", "s=0,8,4", "--at", again]);
+            let said = refused.unwrap_err().to_string();
+            assert!(
+                said.contains("--at says twice where camera `n` stands"),
+                "{said}"
+            );
+        }
+    }
 
     #[test]
     fn places_and_distances_are_understood_or_said() {

@@ -11,8 +11,12 @@ pub(super) enum Otherwise {
     Stature,
 }
 
-/// Where metres come from and what checks them, in sentences.
-pub(super) fn metres(anchors: &Anchors, otherwise: Otherwise) -> String {
+/// Where metres come from and what checks them, in sentences. What is known of the cameras `without_pose` tells nothing, and
+/// that is said.
+pub(super) fn metres(anchors: &Anchors, without_pose: &[&str], otherwise: Otherwise) -> String {
+    let lost = anchors.lost(|name| !without_pose.contains(&name));
+    let lost = lost.map_or_else(String::new, |lost| format!(" Note that {lost}."));
+    let anchors = &anchors.without(without_pose);
     let counted = |count: usize, one: &str, more: &str| match count {
         0 => None,
         1 => Some(format!("one {one}")),
@@ -60,7 +64,7 @@ pub(super) fn metres(anchors: &Anchors, otherwise: Otherwise) -> String {
         ),
     };
     format!(
-        "{said} Boards tell lenses and no metres: a wrong size of their squares changes nothing here."
+        "{said}{lost} Boards tell lenses and no metres: a wrong size of their squares changes nothing here."
     )
 }
 
@@ -74,6 +78,7 @@ mod tests {
 
     #[test]
     fn what_says_metres_and_what_checks_them_is_told() {
+        let metres = |anchors: &Anchors, otherwise| metres(anchors, &[], otherwise);
         let mut anchors = Anchors::default();
         assert!(metres(&anchors, Otherwise::Nothing).starts_with("Nothing says"));
         assert!(metres(&anchors, Otherwise::Stature).contains("stature"));
@@ -101,7 +106,34 @@ mod tests {
     }
 
     #[test]
+    fn what_is_known_of_a_camera_that_did_not_join_does_not_count_and_is_named() {
+        let place = |name: &str| (name.to_owned(), [0.0; 3]);
+        let mut anchors = Anchors {
+            centers_m: ["a", "b", "c"].map(place).to_vec(),
+            ..Anchors::default()
+        };
+        let said = metres(&anchors, &["c", "d"], Otherwise::Nothing);
+        assert!(
+            said.starts_with("Nothing says how long a metre is"),
+            "{said}"
+        );
+        let lost =
+            "Note that what is known of camera `c` does not count, as it did not join the others";
+        assert!(said.contains(lost) && !said.contains('3'), "{said}");
+        anchors.centers_m.extend(["d", "e"].map(place));
+        let said = metres(&anchors, &["c", "d"], Otherwise::Nothing);
+        assert!(
+            said.contains("from 3 places of cameras, which are held"),
+            "{said}"
+        );
+        assert!(said.contains("cameras `c`, `d` does not count"), "{said}");
+        let all = metres(&anchors, &[], Otherwise::Nothing);
+        assert!(all.contains("5 places") && !all.contains("count"), "{all}");
+    }
+
+    #[test]
     fn places_of_cameras_count_beside_clicked_marks_however_few_and_lines_count_apart() {
+        let metres = |anchors: &Anchors, otherwise| metres(anchors, &[], otherwise);
         let marks = |clicked: &str| {
             let text = format!("court = \"futsal\"\n[camera.a]\n{clicked}");
             Marks::parse(&text, Path::new("clicked.toml")).ok()

@@ -14,7 +14,7 @@ use farfield_node::process::{NodeError, say};
 
 use super::Judged;
 use super::filmed_people::{FilmedArgs, filmed, most_frames, rates_hz};
-use super::handed_over::{Asked, FoundArgs, hand_over};
+use super::handed_over::{Asked, FoundArgs, hand_over, without_pose};
 use super::known::KnownArgs;
 use super::lenses::lens_of;
 use super::metres::{Otherwise, metres};
@@ -78,10 +78,12 @@ pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
         ));
     };
     let found = calibrate(&request, told).map_err(NodeError::refused)?;
+    let names: Vec<&str> = request.cameras.iter().map(|it| it.name.as_str()).collect();
+    let without = without_pose(&found, &names);
     let asked = Asked {
-        names: request.cameras.iter().map(|it| it.name.as_str()).collect(),
+        metres: metres(&request.anchors, &without, Otherwise::Stature),
         has_clocks: request.timing != Timing::Synchronised,
-        metres: metres(&request.anchors, Otherwise::Stature),
+        names,
     };
     hand_over(&found, &asked, &args.found)
 }

@@ -10,7 +10,7 @@ use farfield_calibration::points::{
 };
 use farfield_node::process::{NodeError, say};
 
-use super::handed_over::{Asked, FoundArgs, hand_over};
+use super::handed_over::{Asked, FoundArgs, hand_over, without_pose};
 use super::known::KnownArgs;
 use super::lenses::{Lens, lens_of};
 use super::metres::{Otherwise, metres};
@@ -95,6 +95,8 @@ pub(super) fn solve(
     told: &FoundArgs,
 ) -> Result<Judged, NodeError> {
     let names: Vec<String> = request.cameras.iter().map(|it| it.name.clone()).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let known = request.anchors.clone();
     let request = with_sightings(request, files).map_err(NodeError::Refused)?;
     let progress = &mut |stage: Stage| {
         say(format_args!(
@@ -108,10 +110,11 @@ pub(super) fn solve(
         ));
     };
     let found = calibrate(&request, progress).map_err(NodeError::refused)?;
+    let without = without_pose(&found, &names);
     let asked = Asked {
-        names: names.iter().map(String::as_str).collect(),
+        metres: metres(&known, &without, Otherwise::Nothing),
         has_clocks: request.timing != Timing::Synchronised,
-        metres: metres(&request.anchors, Otherwise::Nothing),
+        names,
     };
     hand_over(&found, &asked, told)
 }

@@ -309,6 +309,43 @@ mod tests {
     }
 
     #[test]
+    fn files_are_by_the_camera_that_they_are_called_after_or_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str| {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(&path, "").unwrap();
+            path
+        };
+        let (north, south) = (file("north.txt"), file("south.txt"));
+        let found = by_camera(&[south.clone(), north.clone()]).unwrap();
+        assert_eq!(
+            found,
+            BTreeMap::from([
+                ("north".to_owned(), north.clone()),
+                ("south".to_owned(), south)
+            ])
+        );
+        let refused = |files: &[PathBuf]| by_camera(files).unwrap_err().to_string();
+        let again = file("later/north.csv");
+        let said = refused(&[north.clone(), again.clone()]);
+        let both = format!("{} and {}: two files", north.display(), again.display());
+        assert!(
+            said.starts_with(&both) && said.ends_with("of camera `north`"),
+            "{said}"
+        );
+        let said = refused(&[north.clone(), north]);
+        assert!(said.contains("two files are of camera `north`"), "{said}");
+        let said = refused(&[folder.path().join("later")]);
+        assert!(
+            said.contains("later: found a folder, expected the files in it"),
+            "{said}"
+        );
+        let said = refused(&[folder.path().join("west.txt")]);
+        assert!(said.ends_with("west.txt: there is no such file"), "{said}");
+    }
+
+    #[test]
     fn what_is_said_twice_of_a_camera_is_refused() {
         let said = |rates: &[(&str, f64)], offsets: &[(&str, f64)]| {
             let mut args = with_rates(Clocks::Given, rates);

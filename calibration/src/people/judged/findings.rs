@@ -5,6 +5,7 @@ use super::found::Found;
 use crate::people::plan::USUAL_STATURE_M;
 use crate::people::start::ground::LEAST_BODIES;
 use crate::people::venue::Scale;
+use crate::points::Lost;
 use crate::report::{Cause, Finding, finding};
 use farfield_proto::order_statistics::{percentile, upper_median};
 
@@ -54,12 +55,14 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
     let without = (0..found.request.cameras.len()).filter(is_named);
     let each = without.map(|index| {
         let name = found.name(index);
+        let is_posed = found.adjusted.posed.contains(&index);
+        let lost = Lost(found.request.anchors.lost(|of| of != name || is_posed));
         if found.told.mirrored.contains(&index) {
             return finding(
                 name,
                 Cause::Handedness,
                 true,
-                "it agrees with the others only in a mirror".to_owned(),
+                lost.found("it agrees with the others only in a mirror"),
                 "a picture that is not mirrored",
                 "turn off mirroring in the camera, or flip the video",
             );
@@ -86,7 +89,7 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
             name,
             Cause::NotConnected,
             true,
-            said,
+            lost.found(&said),
             "twenty bodies that it and another camera see at the same time",
             "let people walk on curves where it and another camera both see them; or its clock or lens is wrong",
         )
@@ -272,22 +275,26 @@ fn under_floor(found: &Found<'_>) -> Vec<Finding> {
 
 fn metres(found: &Found<'_>) -> Vec<Finding> {
     let mut findings = Vec::new();
+    let has_pose = |name: &str| found.named.iter().any(|(of, _)| of == name);
+    let lost = Lost(found.request.anchors.lost(has_pose));
     match found.scale {
         Scale::Assumed => findings.push(finding(
             "",
             Cause::NoScale,
             true,
-            format!("nothing says how long a metre is: people of {USUAL_STATURE_M:.2} m were assumed, which is good to 5 %"),
+            lost.found(&format!(
+                "nothing says how long a metre is: people of {USUAL_STATURE_M:.2} m were assumed, which is good to 5 %"
+            )),
             "a known distance, three known places, or the stature of the people",
-            "measure the distance between two cameras, 5 m or more",
+            &lost.remedy("measure the distance between two cameras, 5 m or more"),
         )),
         Scale::Stature => findings.push(finding(
             "",
             Cause::Stature,
             false,
-            "metres come from the stature of the people, which is good to 1 to 2 %".to_owned(),
+            lost.found("metres come from the stature of the people, which is good to 1 to 2 %"),
             "a known distance",
-            "measure the distance between two cameras, 5 m or more",
+            &lost.remedy("measure the distance between two cameras, 5 m or more"),
         )),
         Scale::Measured => findings.extend(statures(found)),
     }
@@ -296,9 +303,9 @@ fn metres(found: &Found<'_>) -> Vec<Finding> {
             "",
             Cause::Handedness,
             false,
-            "handedness was not checked: if all videos were mirrored it would not show".to_owned(),
+            lost.found("handedness was not checked: if all videos were mirrored it would not show"),
             "three known places or more",
-            "give the places of three cameras or more",
+            &lost.remedy("give the places of three cameras or more"),
         ));
     }
     findings

@@ -28,7 +28,7 @@ fn mirror(camera: &mut PointCamera) {
 }
 
 /// What is planted, and a word of what must be said of it.
-const FAULTS: [(&str, &str, Plant); 20] = [
+const FAULTS: [(&str, &str, Plant); 21] = [
     ("one video is mirrored", "c2", |request, _| {
         mirror(&mut request.cameras[2]);
     }),
@@ -112,12 +112,32 @@ const FAULTS: [(&str, &str, Plant); 20] = [
             .iter_mut()
             .for_each(|s| s.px = s.px.map(|v| 0.5 * v));
     }),
-    ("a camera shares no moment", "c3", |request, _| {
-        request.cameras[3]
-            .sightings
-            .iter_mut()
-            .for_each(|s| s.frame += 1000.0);
-    }),
+    (
+        "a camera whose place is known shares no moment",
+        "of camera `c3` does not count",
+        |request, _| {
+            request.cameras[3]
+                .sightings
+                .iter_mut()
+                .for_each(|s| s.frame += 1000.0);
+        },
+    ),
+    (
+        "one of three cameras whose places are known does not join the others",
+        "how long a metre is; what is known of camera `c3` does not count",
+        |request, _| {
+            request.anchors.distances.clear();
+            let is_placed = |name: &str| ["c0", "c1", "c3"].contains(&name);
+            request
+                .anchors
+                .centers_m
+                .retain(|(name, _)| is_placed(name));
+            request.cameras[3]
+                .sightings
+                .iter_mut()
+                .for_each(|s| s.frame += 1000.0);
+        },
+    ),
     ("no length is known", "metre", |request, _| {
         request.anchors.distances.clear();
         request.anchors.centers_m.clear();

@@ -23,6 +23,10 @@ const CLASSES_MM: [f64; 25] = [
     50.0, 75.0, 100.0, 150.0, 200.0, 300.0, 500.0, 1000.0,
 ];
 
+/// By how much squares reach over their neighbours, pixels of the page: numbers on it are rounded, and between squares that only touch
+/// a line of the background would show.
+const OVERLAP_PX: f64 = 0.3;
+
 /// What the maps mean, and what to do about them.
 const MEANING: &str = "A joint is off by about as much as the map says where the network is right to a pixel, by up to three times as much \
     where it is right to three. Where that is too much, bring a camera nearer or give it a longer lens, or set one up that looks across \
@@ -180,7 +184,7 @@ fn square(
     let [x, y, _] = cell.position_m;
     let half_m = 0.5 * field.step_m;
     let [left, top] = plan.px([x - half_m, y + half_m]);
-    let side = field.step_m * plan.scale();
+    let side = field.step_m * plan.scale() + OVERLAP_PX;
     let sigma = cell.sigma_m.map_or_else(
         || "not known".to_owned(),
         |sigma_m| format!("{:.1} mm", 1000.0 * sigma_m),
@@ -243,6 +247,29 @@ mod tests {
             assert!(classes.0.len() < COLOURS.len(), "{:?}", classes.0);
             let colours: BTreeSet<_> = (0..=classes.0.len()).map(|it| classes.colour(it)).collect();
             assert_eq!(colours.len(), classes.0.len() + 1);
+        }
+    }
+
+    /// Symptom: a white line went through the maps.
+    #[test]
+    fn nothing_shows_between_squares() {
+        let field = with(&[2.0]);
+        let plan = Plan::of([[0.0, 0.0], [37.0, 11.0]]).unwrap();
+        let ends_px = |x_m: f64| -> [f64; 2] {
+            let (mut page, mut cell) = (String::new(), field.cells[0]);
+            cell.position_m[0] = x_m;
+            square(&mut page, &plan, &field, &cell, None);
+            let number = |name: &str| -> f64 {
+                let (_, rest) = page.split_once(&format!("{name}=\"")).unwrap();
+                rest.split('"').next().unwrap().parse().unwrap()
+            };
+            let left = number(" x");
+            [left, left + number("width")]
+        };
+        for x in 0..36 {
+            let [_, right] = ends_px(f64::from(x));
+            let [left, _] = ends_px(f64::from(x + 1));
+            assert!(left <= right, "{x}: {left} {right}");
         }
     }
 

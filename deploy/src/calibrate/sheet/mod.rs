@@ -20,13 +20,21 @@ use crate::sheet_fingerprint;
 /// How the page looks, in the light and in the dark.
 const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem}\
     table{border-collapse:collapse;width:100%}th,td{text-align:right;padding:.3rem .6rem;border-bottom:1px solid #8884}\
-    td{white-space:nowrap}td.words{white-space:normal}th:first-child,td:first-child{text-align:left}.wide{overflow-x:auto}.pass{color:#0a7d4d}.warn{color:#8a5a00}.fail{color:#c0392b}svg{width:100%;height:auto}\
+    td{white-space:nowrap}td.words{white-space:normal;min-width:15rem}th:first-child,td:first-child{text-align:left}.wide{overflow-x:auto}.pass{color:#0a7d4d}.warn{color:#8a5a00}.fail{color:#c0392b}svg{width:100%;height:auto}\
     .pair{display:grid;grid-template-columns:repeat(auto-fit,minmax(20rem,1fr));gap:1rem}figure{margin:0}.pictures{display:grid;\
     grid-template-columns:repeat(auto-fill,minmax(11rem,1fr));gap:1rem}figcaption{font-size:.9rem}\
     @media(prefers-color-scheme:dark){body{background:#14171a;color:#dde}.pass{color:#4cc38a}.warn{color:#e5b567}.fail{color:#ff7a6b}}";
 
-/// The sheet of the calibration that is written to `path`; `metres` says where these come from.
-pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>, metres: &str) -> String {
+/// What was asked for, as far as it stands on the sheet.
+pub(super) struct SheetFacts<'a> {
+    /// Where metres come from, in sentences.
+    pub(super) metres: &'a str,
+    /// Whether cameras have clocks of their own: of others nobody knows when a frame was, or how many there are a second.
+    pub(super) has_clocks: bool,
+}
+
+/// The sheet of the calibration that is written to `path`.
+pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>, facts: &SheetFacts<'_>) -> String {
     let found = judged.found;
     let name = escaped(&path.display().to_string());
     let (class, verdict) = if judged.passes() {
@@ -41,8 +49,8 @@ pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>, metres: &str) ->
         sheet_fingerprint::line(&judged.text)
     );
     findings(&mut page, judged);
-    writeln!(page, "<p>{}</p>", escaped(metres)).ok();
-    table(&mut page, found);
+    writeln!(page, "<p>{}</p>", escaped(facts.metres)).ok();
+    table(&mut page, found, facts);
     field::field(&mut page, found);
     coverage::coverage(&mut page, found);
     plan::path(&mut page, found);
@@ -71,16 +79,20 @@ fn findings(page: &mut String, judged: &JudgedCalibration<'_>) {
     page.push_str("</ul>\n");
 }
 
-fn table(page: &mut String, found: &PointCalibration) {
+fn table(page: &mut String, found: &PointCalibration, facts: &SheetFacts<'_>) {
     page.push_str(
         "<h2>Cameras</h2>\n<div class=\"wide\"><table><tr><th>camera</th><th>sights</th><th>used</th><th>off by</th><th>place, by noise alone</th>\
-         <th>rotation, by noise alone</th><th>halves of the data</th><th>focal length</th><th>frame 0 at</th><th>rate</th></tr>\n",
+         <th>rotation, by noise alone</th><th>halves of the data</th><th>focal length</th>",
     );
+    if facts.has_clocks {
+        page.push_str("<th>frame 0 at</th><th>rate</th>");
+    }
+    page.push_str("</tr>\n");
     for it in &found.report.cameras {
-        writeln!(
+        write!(
             page,
             "<tr><td>{}</td><td>{}</td><td>{:.0} %</td><td>{:.2} px</td><td>{:.1} mm</td><td>{:.3}&deg;</td>\
-             <td class=\"words\">{}</td><td>&times; {:.4}</td><td>{:.4} s</td><td>{:.4} Hz</td></tr>",
+             <td class=\"words\">{}</td><td>&times; {:.4}</td>",
             escaped(&it.name),
             it.sights,
             100.0 * it.used_share,
@@ -88,11 +100,18 @@ fn table(page: &mut String, found: &PointCalibration) {
             1000.0 * it.position_sigma_m,
             it.rotation_sigma_deg,
             halves(it),
-            it.focal_ratio,
-            it.offset_s,
-            it.rate_hz
+            it.focal_ratio
         )
         .ok();
+        if facts.has_clocks {
+            write!(
+                page,
+                "<td>{:.4} s</td><td>{:.4} Hz</td>",
+                it.offset_s, it.rate_hz
+            )
+            .ok();
+        }
+        page.push_str("</tr>\n");
     }
     page.push_str("</table></div>\n");
     if let Some(rms_m) = found.report.anchors_rms_m {
@@ -122,7 +141,56 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use farfield_calibration::report::{CameraReport, PictureCoverage, Report};
+
     use super::*;
+
+    /// Symptom: of cameras whose frames are told apart by their numbers alone it said "-750.0000 s" and "1.0000 Hz".
+    #[test]
+    fn times_stand_on_it_where_cameras_have_clocks_of_their_own() {
+        let camera = CameraReport {
+            name: "ne".to_owned(),
+            sights: 900,
+            used_share: 0.97,
+            rms_px: 0.4,
+            noise_px: 0.3,
+            position_sigma_m: 0.002,
+            rotation_sigma_deg: 0.01,
+            focal_ratio: 1.0,
+            offset_s: -750.0,
+            rate_hz: 1.0,
+            halves_m: 0.003,
+            halves_deg: 0.02,
+            halves_px: 0.2,
+            halves_across_m: 0.004,
+            coverage: PictureCoverage::default(),
+        };
+        let found = PointCalibration {
+            cameras: Vec::new(),
+            path: Vec::new(),
+            report: Report {
+                cameras: vec![camera],
+                ..Report::default()
+            },
+        };
+        let told = |has_clocks| {
+            let mut page = String::new();
+            let metres = "";
+            table(&mut page, &found, &SheetFacts { metres, has_clocks });
+            assert_eq!(page.matches("<th>").count(), page.matches("<td").count());
+            page
+        };
+        let with = told(true);
+        assert!(
+            with.contains("<td>-750.0000 s</td><td>1.0000 Hz</td></tr>"),
+            "{with}"
+        );
+        let without = told(false);
+        assert!(
+            !without.contains("Hz") && !without.contains("frame 0"),
+            "{without}"
+        );
+    }
 
     #[test]
     fn names_are_text_whatever_they_are() {
