@@ -1,7 +1,11 @@
 //! What of a folder is what: which files are one camera's keypoints, which may be a calibration. Pure: names in, names out.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+
+/// Where Pose2Sim keeps keypoints, and where it puts them when it has synchronised them.
+const POSE: &str = "pose";
+const POSE_SYNC: &str = "pose-sync";
 
 /// Names of files that say nothing of their camera: the folder does.
 const NAMELESS: [&str; 6] = [
@@ -20,6 +24,8 @@ pub(crate) struct Candidates {
     pub(crate) json: BTreeMap<PathBuf, Vec<PathBuf>>,
     /// Tables and arrays.
     pub(crate) single: Vec<PathBuf>,
+    /// What Pose2Sim has of cameras that it has not synchronised, where it has others: left out, and not to be forgotten.
+    pub(crate) unsynchronised: BTreeSet<PathBuf>,
 }
 
 /// Which files may be keypoints.
@@ -31,13 +37,22 @@ pub(crate) fn candidates(files: &[PathBuf], folder: &Path) -> Candidates {
         let parent = relative.parent().unwrap_or(Path::new(""));
         parent.iter().any(|part| part.eq_ignore_ascii_case(name))
     };
-    let is_synchronised = files
-        .iter()
-        .any(|path| ending(path) == "json" && inside(path, "pose-sync"));
+    let json = files.iter().filter(|path| ending(path) == "json");
+    let synchronised: BTreeSet<String> = json
+        .filter_map(|path| place_in(path, folder, POSE_SYNC))
+        .map(|place| key(&place))
+        .collect();
     let mut found = Candidates::default();
     for path in files {
-        let is_other = inside(path, "pose-associated") || (is_synchronised && inside(path, "pose"));
-        if is_other || inside(path, "calibration") {
+        let is_before = !synchronised.is_empty() && inside(path, POSE);
+        if is_before
+            && ending(path) == "json"
+            && let Some(place) = place_in(path, folder, POSE)
+            && !synchronised.contains(&key(&place))
+        {
+            found.unsynchronised.insert(place);
+        }
+        if is_before || inside(path, "pose-associated") || inside(path, "calibration") {
             continue;
         }
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -52,6 +67,21 @@ pub(crate) fn candidates(files: &[PathBuf], folder: &Path) -> Candidates {
         }
     }
     found
+}
+
+/// What of one camera `path` is, or is in, where it lies in a folder `name` inside `folder`.
+fn place_in(path: &Path, folder: &Path, name: &str) -> Option<PathBuf> {
+    let relative = path.strip_prefix(folder).unwrap_or(path);
+    let mut parts = relative.iter();
+    parts.find(|part| part.eq_ignore_ascii_case(name))?;
+    parts.next()?;
+    path.ancestors().nth(parts.count()).map(Path::to_owned)
+}
+
+/// By what the same camera is known in two folders.
+fn key(place: &Path) -> String {
+    let name = place.file_name().unwrap_or_default();
+    name.to_string_lossy().to_lowercase()
 }
 
 /// What names the camera of a file, or of a folder of a file per frame.
@@ -143,8 +173,29 @@ mod tests {
         let found = candidates(&files, Path::new("/take"));
         let folders: Vec<&PathBuf> = found.json.keys().collect();
         assert_eq!(folders, [Path::new("/take/pose-sync/cam01_json")]);
+        assert!(found.unsynchronised.is_empty());
         let found = candidates(&files[..1], Path::new("/take"));
         assert_eq!(found.json.len(), 1);
+    }
+
+    #[test]
+    fn what_pose2sim_has_not_synchronised_is_left_out_and_not_forgotten() {
+        let files = paths(&[
+            "pose/cam01_json/cam01_000000.json",
+            "pose/cam02_json/cam02_000000.json",
+            "pose/cam02_json/cam02_000001.json",
+            "pose/cam03.json",
+            "pose/notes.txt",
+            "pose-sync/Cam01_json/cam01_000000.json",
+        ]);
+        let found = candidates(&files, Path::new("/take"));
+        let folders: Vec<&PathBuf> = found.json.keys().collect();
+        assert_eq!(folders, [Path::new("/take/pose-sync/Cam01_json")]);
+        let left: Vec<&PathBuf> = found.unsynchronised.iter().collect();
+        let expected = ["/take/pose/cam02_json", "/take/pose/cam03.json"].map(Path::new);
+        assert_eq!(left, expected);
+        let found = candidates(&files[..5], Path::new("/take"));
+        assert!(found.unsynchronised.is_empty());
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! `DeepLabCut`'s CSV: three rows of heading (scorer, bodyparts, coords), or four with individuals after the scorer, then a
-//! row per frame. Columns are x, y and, but in labels made by hand, likelihood. The first columns say the frame: a number,
-//! or the name of a picture.
+//! row per frame. Columns are x, y and, but in labels made by hand, likelihood. The first columns say the frame: a whole
+//! number, or the name of a picture.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -151,17 +151,17 @@ fn everybody(
     Ok(everybody)
 }
 
-/// By the number, or the name of a picture, in the first columns.
+/// By the number, which may be written as `12.0`, or the name of a picture, in the first columns.
 fn frame(row: &Row, n_index: usize) -> Result<i64, String> {
-    let last = (0..n_index)
-        .rev()
-        .map(|i| row.cell(i))
-        .find(|it| !it.is_empty());
-    let cell = last.unwrap_or("");
-    // No `abs`: the smallest number has none.
-    let number = cell.parse::<i64>().ok();
-    let number = number.filter(|it| (-MAX_FRAME..=MAX_FRAME).contains(it));
-    number
-        .or_else(|| frame_number::of_name(cell))
-        .ok_or_else(|| format!("found `{cell}`, expected a frame or the name of its picture"))
+    let filled = (0..n_index).rev().find(|i| !row.cell(*i).is_empty());
+    let column = filled.unwrap_or(0);
+    let cell = row.cell(column);
+    let frame = match row.number(column) {
+        // No picture is called so: by its last digits `12.0` would be picture 0.
+        Ok(Some(_)) => row.whole(column, MAX_FRAME).ok(),
+        _ => frame_number::of_name(cell),
+    };
+    frame.ok_or_else(|| {
+        format!("found `{cell}`, expected a frame (a whole number) or the name of its picture")
+    })
 }

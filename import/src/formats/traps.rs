@@ -63,6 +63,14 @@ fn refusals_name_file_line_and_field() {
             &["no known format", "openpose", "freemocap"],
         ),
         (
+            "scorer,n,n\ncoords,x,y\nbodyparts,nose,nose\n0,1,2\n",
+            "a.csv",
+            &[
+                "a.csv:2",
+                "found `coords`, expected the heading `bodyparts`",
+            ],
+        ),
+        (
             "scorer,n,n\nbodyparts,nose,nose\ncoords,x,z\n",
             "a.csv",
             &["a.csv:2", "found the column `z` of `nose`"],
@@ -76,6 +84,14 @@ fn refusals_name_file_line_and_field() {
             "scorer,n,n\nbodyparts,nose,nose\ncoords,x,y\n-9223372036854775808,1,2\n",
             "a.csv",
             &["a.csv:4", "found `-9223372036854775808`, expected a frame"],
+        ),
+        (
+            "scorer,n,n\nbodyparts,nose,nose\ncoords,x,y\n0.5,1,2\n",
+            "a.csv",
+            &[
+                "a.csv:4",
+                "found `0.5`, expected a frame (a whole number) or the name",
+            ],
         ),
         (
             "frame_idx,nose.x,nose.y\n0.5,1,2\n",
@@ -171,6 +187,16 @@ fn labels_by_hand_have_names_of_pictures_and_no_likelihood() {
         })
     );
     assert!(parsed.notes.iter().any(|note| note.contains("score 1")));
+}
+
+#[test]
+fn frames_of_deeplabcut_are_whole_numbers_also_with_a_point() {
+    let text = "scorer,n,n,n\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n\
+                0.0,1,2,1\n1.0,3,4,1\n-2.0,5,6,1\n12,7,8,1\n";
+    let parsed = parse(text.as_bytes(), Path::new("a.csv"), ParseOptions::default()).unwrap();
+    let frames = &parsed.detections.cameras[&CameraKey::OfFile];
+    let numbers: Vec<i64> = frames.keys().copied().collect();
+    assert_eq!(numbers, [-2, 0, 1, 12]);
 }
 
 #[test]

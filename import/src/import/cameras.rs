@@ -1,12 +1,14 @@
 //! Whose keypoints are which camera's of the calibration.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 
 use farfield_calibration::formats::{CameraRecord, Imported, RemarkKind};
 use farfield_proto::toml_file::unknown_name;
 
 use crate::assemble::CameraFrames;
 use crate::error::ImportError;
+use crate::folder;
 use crate::matching::{NaturalKey, by_last_number, named_by};
 use crate::person::{CameraKey, Frames};
 use crate::report::RemarkReport;
@@ -41,16 +43,19 @@ impl Name {
     }
 }
 
-/// The frames of every camera that has some, in the order of the calibration.
+/// The frames of every camera that has some, in the order of the calibration; `unsynchronised` is what was left out since
+/// Pose2Sim has synchronised other cameras only.
 pub(super) fn matched(
     sources: Vec<Source>,
+    unsynchronised: &BTreeSet<PathBuf>,
     calibration: &Imported,
     remarks: &mut Vec<RemarkReport>,
 ) -> Result<Vec<CameraFrames>, ImportError> {
     let mut seen = seen(sources)?;
     seen.sort_by_cached_key(|it| it.name.order());
     let records = &calibration.cameras;
-    let places = places(&seen, records, remarks)?;
+    let left = Unsynchronised::new(unsynchronised, records);
+    let places = places(&seen, records, &left, remarks)?;
     let mut taken: BTreeMap<usize, Seen> = BTreeMap::new();
     for (place, seen) in places.into_iter().zip(seen) {
         if let Some(other) = taken.get(&place) {
@@ -66,12 +71,8 @@ pub(super) fn matched(
     let mut cameras = Vec::new();
     for (place, record) in records.iter().enumerate() {
         let Some(seen) = taken.remove(&place) else {
-            let text = "it has no keypoints, and is left out of the venue";
-            remarks.push(RemarkReport::of_camera(
-                RemarkKind::Assumed,
-                &record.name,
-                text,
-            ));
+            let (kind, text) = left.why_left_out(place);
+            remarks.push(RemarkReport::of_camera(kind, &record.name, text));
             continue;
         };
         cameras.push(CameraFrames {
@@ -83,6 +84,70 @@ pub(super) fn matched(
     }
     Ok(cameras)
 }
+
+/// Keypoints that were left out, since Pose2Sim has synchronised other cameras only.
+struct Unsynchronised {
+    /// Those that may be keypoints, for reports.
+    all: Vec<String>,
+    /// Those of a camera of the calibration, by its place there.
+    of_cameras: BTreeMap<usize, String>,
+}
+
+impl Unsynchronised {
+    fn new(paths: &BTreeSet<PathBuf>, records: &[CameraRecord]) -> Self {
+        let names: Vec<&str> = records.iter().map(|it| it.name.as_str()).collect();
+        let mut left = Self {
+            all: Vec::new(),
+            of_cameras: BTreeMap::new(),
+        };
+        for path in paths {
+            let is_folder = folder::ending(path) != "json";
+            let shown = path.display().to_string();
+            let name = folder::camera_name(path, is_folder);
+            let likeness = like(&name, &names);
+            // Other files lie there, too: settings, a list of pictures.
+            if is_folder || !matches!(likeness, Likeness::None) {
+                left.all.push(shown.clone());
+            }
+            if let Likeness::One(place, _) = likeness {
+                left.of_cameras.insert(place, shown);
+            }
+        }
+        left
+    }
+
+    /// Why the camera at `place` of the calibration has no keypoints.
+    fn why_left_out(&self, place: usize) -> (RemarkKind, String) {
+        match self.of_cameras.get(&place) {
+            Some(path) => (
+                RemarkKind::Doubtful,
+                format!(
+                    "it is left out of the venue: its keypoints in {path} are not synchronised, and `pose-sync` has none of it but \
+                     of other cameras; {SYNCHRONISE}"
+                ),
+            ),
+            None => (
+                RemarkKind::Assumed,
+                "it has no keypoints, and is left out of the venue".to_owned(),
+            ),
+        }
+    }
+
+    /// What else there is to say where names fit no camera.
+    fn hint(&self) -> String {
+        if self.all.is_empty() {
+            return String::new();
+        }
+        format!(
+            "\n`pose-sync` lacks {}, which `pose` has: {SYNCHRONISE}",
+            self.all.join(", ")
+        )
+    }
+}
+
+/// What to do about a part of the cameras that is synchronised.
+const SYNCHRONISE: &str = "synchronise all cameras again, or move `pose-sync` away to take all as they are in `pose`, where they \
+                           recorded in step";
 
 /// Every camera of every source.
 fn seen(sources: Vec<Source>) -> Result<Vec<Seen>, ImportError> {
@@ -127,6 +192,7 @@ fn seen(sources: Vec<Source>) -> Result<Vec<Seen>, ImportError> {
 fn places(
     seen: &[Seen],
     records: &[CameraRecord],
+    left: &Unsynchronised,
     remarks: &mut Vec<RemarkReport>,
 ) -> Result<Vec<usize>, ImportError> {
     let names: Vec<&str> = records.iter().map(|it| it.name.as_str()).collect();
@@ -165,10 +231,11 @@ fn places(
         .map(|(seen, _)| seen.from.as_str())
         .collect();
     Err(ImportError::refused(format!(
-        "{} is of no camera, or may be of several\ncameras of the calibration: {}\nsay whose it is with `--camera \
+        "{} is of no camera, or may be of several\ncameras of the calibration: {}{}\nsay whose it is with `--camera \
          NAME=FOLDER`",
         unknown.join(", "),
-        names.join(", ")
+        names.join(", "),
+        left.hint()
     )))
 }
 

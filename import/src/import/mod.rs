@@ -76,12 +76,12 @@ pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
         model_hint: settings.model,
     };
     let mut remarks = calibration.remarks();
-    let sources = if request.cameras.is_empty() {
+    let (sources, unsynchronised) = if request.cameras.is_empty() {
         let names = calibration.imported.cameras.iter();
         let names: Vec<&str> = names.map(|it| it.name.as_str()).collect();
         sources::found(&request.folder, &files, options, &names, &mut remarks)?
     } else {
-        sources::named(&request.cameras, options)?
+        (sources::named(&request.cameras, options)?, BTreeSet::new())
     };
     for Source { parsed, .. } in &sources {
         let notes = parsed.notes.iter();
@@ -96,7 +96,8 @@ pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
     let format = sources
         .first()
         .map_or(Format::OpenPose, |it| it.parsed.format);
-    let cameras = cameras::matched(sources, &calibration.imported, &mut remarks)?;
+    let left = &unsynchronised;
+    let cameras = cameras::matched(sources, left, &calibration.imported, &mut remarks)?;
     let assembled = assemble(&cameras).map_err(ImportError::Refused)?;
     remarks.extend(assembled.remarks.iter().cloned());
     let folder = Folder {

@@ -1,5 +1,6 @@
 //! The keypoints of an import: which files are one source, and what they say.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use farfield_calibration::formats::RemarkKind;
@@ -63,14 +64,15 @@ pub(super) fn named(
     Ok(sources.read)
 }
 
-/// What is in a folder; `cameras` are the names that the calibration has.
+/// What is in a folder; `cameras` are the names that the calibration has. With it comes what Pose2Sim has of cameras that it
+/// has not synchronised.
 pub(super) fn found(
     place: &Path,
     listed: &[PathBuf],
     options: ParseOptions,
     cameras: &[&str],
     remarks: &mut Vec<RemarkReport>,
-) -> Result<Vec<Source>, ImportError> {
+) -> Result<(Vec<Source>, BTreeSet<PathBuf>), ImportError> {
     let candidates = folder::candidates(listed, place);
     let mut sources = Sources::new(options);
     sources.fill(Trust::Content, &candidates)?;
@@ -98,7 +100,7 @@ pub(super) fn found(
             names.join(", ")
         )));
     }
-    Ok(sources.read)
+    Ok((sources.read, candidates.unsynchronised))
 }
 
 /// Whether a file, or the folder in `place` that it lies in, is called like one of `cameras`.

@@ -156,6 +156,59 @@ fn settings_beside_the_frames_are_left_out_and_said() {
     assert!(refused(&again).contains("cam01_000003.json"));
 }
 
+/// A folder of Pose2Sim with keypoints of both cameras, of which it has synchronised the first alone.
+fn half_synchronised(names: [&str; 2]) -> TempDir {
+    let both = frames(0..20);
+    let folder = pose2sim(&names.map(|name| (name, &both)), TWO_CAMERAS);
+    for (frame, people) in &both {
+        let file = format!("pose-sync/{0}_json/{0}_{frame:06}.json", names[0]);
+        let text = files_of::openpose(people, Model::Halpe26);
+        write(&folder.path().join(file), text.as_bytes());
+    }
+    folder
+}
+
+#[test]
+fn a_camera_that_pose2sim_did_not_synchronise_is_left_out_with_the_true_reason() {
+    let folder = half_synchronised(["cam01", "cam02"]);
+    let report = import(&request(folder.path())).unwrap();
+    assert_eq!(report.cameras.len(), 1);
+    assert!(report.cameras[0].source.contains("pose-sync"));
+    let remarks = report.remarks.iter();
+    let of_it: Vec<_> = remarks
+        .filter(|it| it.camera.as_deref() == Some("int_cam02_img"))
+        .collect();
+    let [only] = of_it.as_slice() else {
+        panic!("{of_it:?}")
+    };
+    assert_eq!(only.kind, "doubtful");
+    for words in [
+        "pose/cam02_json are not synchronised",
+        "`pose-sync` has none of it",
+        "synchronise all cameras again, or move `pose-sync` away",
+    ] {
+        assert!(only.text.contains(words), "{}", only.text);
+    }
+}
+
+#[test]
+fn cameras_that_are_not_synchronised_are_named_where_the_others_fit_no_camera() {
+    let folder = half_synchronised(["east", "west"]);
+    for file in ["settings.json", "cam02.json"] {
+        write(&folder.path().join("pose").join(file), b"{}");
+    }
+    let said = refused(&request(folder.path()));
+    assert!(said.contains("east_json is of no camera"), "{said}");
+    assert!(
+        said.contains("`pose-sync` lacks") && said.contains("west_json, which `pose` has"),
+        "{said}"
+    );
+    assert!(
+        said.contains("cam02.json") && !said.contains("settings.json"),
+        "{said}"
+    );
+}
+
 #[test]
 fn arrays_of_fewer_cameras_than_the_calibration_has_are_refused_until_somebody_says_whose() {
     let (a, b) = (of_camera(0), of_camera(1));
