@@ -27,12 +27,51 @@ pub enum ExportError {
         /// The file.
         path: PathBuf,
     },
-    /// The options do not fit the run or the format.
+    /// One of the options does not fit the run or the format.
+    #[error("{problem}")]
+    Option {
+        /// Which.
+        field: OptionField,
+        /// What was found and what was expected.
+        problem: String,
+    },
+    /// What is asked for does not fit the run, whichever option that is.
     #[error("{0}")]
     Options(String),
 }
 
+/// What of an [`ExportRequest`](crate::ExportRequest) an error is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OptionField {
+    /// Who is exported.
+    People,
+    /// What people are called.
+    Called,
+    /// Which ticks.
+    Ticks,
+    /// Frames per second.
+    Rate,
+    /// What becomes of ticks without a pose.
+    Gaps,
+    /// The longest gap that is filled.
+    LongestGap,
+    /// Profiles of people.
+    Subjects,
+}
+
 impl ExportError {
+    pub(crate) fn option(field: OptionField, problem: String) -> Self {
+        Self::Option { field, problem }
+    }
+
+    /// Of the option where it was given: nobody has to look for one that was not.
+    pub(crate) fn of(given: Option<OptionField>, problem: String) -> Self {
+        match given {
+            Some(field) => Self::option(field, problem),
+            None => Self::Options(problem),
+        }
+    }
+
     pub(crate) fn io(path: &Path, what: &'static str, source: io::Error) -> Self {
         Self::Io {
             path: path.to_owned(),

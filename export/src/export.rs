@@ -1,7 +1,7 @@
 //! One export: the run is surveyed, then read once more per person and file; files get their names when all are whole.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
 
 use farfield_fusion::export::unfinished::Unfinished;
@@ -10,7 +10,7 @@ use farfield_proto::toml_file::FileError;
 use crate::called::{Called, people_of};
 use crate::edits::{EditList, Identities, RefusedEdit};
 use crate::edits_file::EditsFile;
-use crate::error::ExportError;
+use crate::error::{ExportError, OptionField};
 use crate::files;
 use crate::formats::bvh::BvhWriter;
 use crate::formats::c3d::C3dWriter;
@@ -21,16 +21,16 @@ use crate::formats::table::{TidyWriter, WideWriter, point_names};
 use crate::formats::trc_mot::{MotWriter, TrcWriter};
 use crate::options::{ExportRequest, Format, Options};
 use crate::profile::SubjectProfile;
-use crate::run::line::for_each_line;
-use crate::run::{PersonSurvey, PoseLine, RunFacts, Sample, Survey};
+use crate::run::line::for_each_pose;
+use crate::run::{PersonSurvey, RunFacts, Sample, Survey};
 use crate::subject::Subject;
 use crate::timeline::{Clock, Frame, Resampler};
 use crate::together::write_mcap;
 
 /// Frame rates beyond these are refused, Hz.
-const RATES_HZ: std::ops::RangeInclusive<f64> = 0.5..=2000.0;
+const RATES_HZ: RangeInclusive<f64> = 0.5..=2000.0;
 /// Longest gaps beyond these are refused, seconds: what is longer is no gap, it is another visit.
-const LONGEST_GAPS_S: std::ops::RangeInclusive<f64> = 0.0..=3600.0;
+const LONGEST_GAPS_S: RangeInclusive<f64> = 0.0..=3600.0;
 
 /// Most frames of a person: 46 hours at 60 Hz.
 const MOST_FRAMES: u64 = 10_000_000;
@@ -129,7 +129,7 @@ impl<'a> Run<'a> {
             .iter()
             .find_map(|format| options.refusal(*format))
         {
-            return Err(ExportError::Options(refusal));
+            return Err(ExportError::option(OptionField::Gaps, refusal));
         }
         let facts = RunFacts::parse(&files::read_text(&request.summary)?, &request.summary)?;
         let clock = clock_of(&facts, options)?;
@@ -213,7 +213,7 @@ impl<'a> Run<'a> {
             Format::CsvTidy | Format::Parquet => self.write_table(format, &subjects, file, done),
             Format::Mcap => {
                 let path = file.path().to_owned();
-                write_mcap(self.request, &subjects, (file, &path))?;
+                write_mcap(self.request, &self.identities, &subjects, (file, &path))?;
                 for _ in &subjects {
                     done();
                 }
@@ -341,15 +341,12 @@ impl<'a> Run<'a> {
         let clock = clock_of_person(self.clock, self.survey.people.get(&person));
         let mut resampler =
             Resampler::new(clock, options.gaps, options.longest_gap_s, options.rest);
-        for_each_line(files::open(path)?, path, |text, number| {
-            let (tick, id) = PoseLine::parse_head(text, path, number)?;
-            let shown = self.identities.person_at(tick, id);
-            if shown != Some(person) || !(clock.first..clock.end).contains(&tick) {
-                return Ok(());
-            }
-            let line = PoseLine::parse(text, path, number)?;
+        let is_own =
+            |tick: i64, shown: u32| shown == person && (clock.first..clock.end).contains(&tick);
+        let poses = (files::open(path)?, path.as_path());
+        for_each_pose(poses, &self.identities, is_own, |line| {
             let sample = Sample::of(&line, options.rest, &self.survey.keypoints);
-            resampler.push(tick, sample, &mut each)
+            resampler.push(line.tick, sample, &mut each)
         })?;
         resampler.finish(each)
     }
@@ -357,28 +354,33 @@ impl<'a> Run<'a> {
 
 fn clock_of(facts: &RunFacts, options: &Options) -> Result<Clock, ExportError> {
     let run = facts.ticks.first..facts.ticks.end;
+    if run.is_empty() {
+        let problem = format!("found ticks {run:?} of the run, expected one or more");
+        return Err(ExportError::Options(problem));
+    }
     let ticks = options.ticks.clone().unwrap_or_else(|| run.clone());
     if ticks.is_empty() || ticks.start < run.start || ticks.end > run.end {
-        return Err(ExportError::Options(format!(
-            "found ticks {}..{}, expected some of the run's {}..{}",
-            ticks.start, ticks.end, run.start, run.end
-        )));
+        return Err(ExportError::option(
+            OptionField::Ticks,
+            format!("found ticks {ticks:?}, expected some of the run's {run:?}"),
+        ));
     }
     if !LONGEST_GAPS_S.contains(&options.longest_gap_s) {
-        return Err(ExportError::Options(format!(
-            "found {} s as the longest gap that is filled, expected {} to {} s",
-            options.longest_gap_s,
-            LONGEST_GAPS_S.start(),
-            LONGEST_GAPS_S.end()
-        )));
+        let (found, [least, most]) = (options.longest_gap_s, ends(&LONGEST_GAPS_S));
+        return Err(ExportError::option(
+            OptionField::LongestGap,
+            format!(
+                "found {found} s as the longest gap that is filled, expected {least} to {most} s"
+            ),
+        ));
     }
     let rate_hz = options.rate_hz.unwrap_or(facts.rate_hz);
     if options.rate_hz.is_some() && !RATES_HZ.contains(&rate_hz) {
-        return Err(ExportError::Options(format!(
-            "found a rate of {rate_hz} Hz, expected {} to {} Hz",
-            RATES_HZ.start(),
-            RATES_HZ.end()
-        )));
+        let [least, most] = ends(&RATES_HZ);
+        return Err(ExportError::option(
+            OptionField::Rate,
+            format!("found a rate of {rate_hz} Hz, expected {least} to {most} Hz"),
+        ));
     }
     Ok(Clock {
         run_hz: facts.rate_hz,
@@ -387,6 +389,10 @@ fn clock_of(facts: &RunFacts, options: &Options) -> Result<Clock, ExportError> {
         first: ticks.start,
         end: ticks.end,
     })
+}
+
+fn ends(range: &RangeInclusive<f64>) -> [f64; 2] {
+    [*range.start(), *range.end()]
 }
 
 /// The frames of one person: they end with the last pose where the rest is long and empty, as TRC files of live runs do.
@@ -461,21 +467,27 @@ fn take_lengths(
         .map(|(person, _)| person);
     let (person, other) = (called.next(), called.next());
     if let Some((person, other)) = person.zip(other) {
-        return Err(ExportError::Options(format!(
-            "{}: found persons {person} and {other} who are called {}, expected one",
-            path.display(),
-            profile.name
-        )));
+        return Err(ExportError::option(
+            OptionField::Subjects,
+            format!(
+                "{}: found persons {person} and {other} who are called {}, expected one",
+                path.display(),
+                profile.name
+            ),
+        ));
     }
     let person = person.and_then(|person| survey.people.get_mut(person));
     let person = person.ok_or_else(|| {
         let names: Vec<&str> = people.values().map(|it| it.name.as_str()).collect();
-        ExportError::Options(format!(
-            "{}: nobody is called {}, expected one of {}",
-            path.display(),
-            profile.name,
-            names.join(", ")
-        ))
+        ExportError::option(
+            OptionField::Subjects,
+            format!(
+                "{}: nobody is called {}, expected one of {}",
+                path.display(),
+                profile.name,
+                names.join(", ")
+            ),
+        )
     })?;
     person.offsets = profile.offsets;
     Ok(())

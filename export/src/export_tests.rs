@@ -101,6 +101,9 @@ fn options_that_do_not_fit_are_refused_with_what_would() {
         refused(&|r| r.options.gaps = crate::timeline::Gaps::Mark)
             .starts_with("bvh has no place for marks")
     );
+    fs::write(&base.summary, summary_json(0)).unwrap();
+    let error = run(&base).unwrap_err();
+    assert!(matches!(error, ExportError::Options(_)), "{error:?}");
     assert!(!base.out.exists());
 }
 
@@ -158,6 +161,34 @@ fn trc_and_mot_have_the_rows_that_their_heads_count() {
     assert!(mot.contains("\nnRows=40\n"));
     let rows = mot.lines().skip_while(|line| *line != "endheader").count();
     assert_eq!(rows, 2 + 40);
+}
+
+#[test]
+fn a_trc_file_of_another_rate_says_which_ticks_of_the_run_it_was_made_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    request.formats = vec![Format::Trc];
+    request.options.people = vec![1];
+    request.options.ticks = Some(10..40);
+    request.existing = Existing::Replace;
+    let mut head = |rate_hz: Option<f64>| {
+        request.options.rate_hz = rate_hz;
+        let written = bytes_of(&run(&request).unwrap());
+        let text = String::from_utf8(written[0].1.clone()).unwrap();
+        let words = text.lines().nth(2).unwrap().split('\t');
+        words.map(str::to_owned).collect::<Vec<String>>()
+    };
+    let of_run = head(None);
+    let run_hz = of_run[0].clone();
+    assert_eq!(of_run[2], "30");
+    assert_eq!(of_run[5..], [run_hz.clone(), "10".into(), "30".into()]);
+    let twice_hz = 2.0 * run_hz.parse::<f64>().unwrap();
+    let resampled = head(Some(twice_hz));
+    assert_eq!(
+        (&*resampled[0], &*resampled[2]),
+        (&*twice_hz.to_string(), "59")
+    );
+    assert_eq!(resampled[5..], of_run[5..]);
 }
 
 #[test]
@@ -340,6 +371,21 @@ fn who_is_called_alike_is_told_apart_and_a_profile_gives_its_lengths() {
         refused.ends_with("nobody is called Bo, expected one of Ada"),
         "{refused}"
     );
+}
+
+#[test]
+fn somebody_called_tidy_leaves_the_file_of_everybody_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut request = request(folder.path());
+    request.options.called = [(2, "tidy".to_owned())].into();
+    let written = bytes_of(&run(&request).unwrap());
+    let n_columns = |wanted: &str| {
+        let (_, bytes) = written.iter().find(|(name, _)| name == wanted).unwrap();
+        let text = String::from_utf8_lossy(bytes);
+        text.lines().next().unwrap().split(',').count()
+    };
+    assert_eq!(n_columns("poses_tidy.csv"), 14);
+    assert!(n_columns("poses_tidy_2.csv") > 100);
 }
 
 #[test]

@@ -31,7 +31,7 @@ pub mod timeline;
 mod together;
 
 pub use edits_file::EditsFile;
-pub use error::ExportError;
+pub use error::{ExportError, OptionField};
 pub use export::{Progress, Written, export, profile_of};
 pub use options::{Existing, ExportRequest, Format, Lengths, Options};
 pub use profile::SubjectProfile;

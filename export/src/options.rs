@@ -54,6 +54,9 @@ impl Format {
         ("mot", Self::Mot),
     ];
 
+    /// What files of everybody have where those of one person have the person's word, in small letters.
+    pub(crate) const TAKEN_WORDS: [&'static str; 1] = ["tidy"];
+
     /// Its name on the command line.
     pub fn name(self) -> &'static str {
         let found = Self::ALL.iter().find(|(_, format)| *format == self);

@@ -71,6 +71,11 @@ impl Clock {
         (ticks * self.rate_hz / self.run_hz + SAME).floor() as u64 + 1
     }
 
+    /// Number of ticks of the run that the frames are made of.
+    pub fn n_ticks(&self) -> u64 {
+        u64::try_from(self.end - self.first).unwrap_or(0)
+    }
+
     /// Where frame `index` lies, ticks.
     pub fn position(&self, index: u64) -> f64 {
         self.first as f64 + index as f64 * self.run_hz / self.rate_hz

@@ -69,8 +69,13 @@ impl<'a, W: Write> TrcWriter<'a, W> {
     pub fn new(mut out: W, subject: Subject<'a>, file_name: &str) -> io::Result<Self> {
         let layout = layout_of(subject.keypoints);
         let clock = subject.clock;
-        let head = trc::header(&layout, file_name, clock.rate_hz, Tick(clock.first));
-        let head = counted(trc::with_rows(&head, clock.n_frames()))?;
+        let original = trc::OriginalTicks {
+            rate_hz: clock.run_hz,
+            first: Tick(clock.first),
+        };
+        let head = trc::header(&layout, file_name, clock.rate_hz, original);
+        let (n_rows, n_ticks) = (clock.n_frames(), clock.n_ticks());
+        let head = counted(trc::with_rows_of_ticks(&head, n_rows, n_ticks))?;
         out.write_all(head.as_bytes())?;
         Ok(Self {
             out,
@@ -79,7 +84,7 @@ impl<'a, W: Write> TrcWriter<'a, W> {
         })
     }
 
-    /// Writes a frame. Frames are numbered on from the first one's tick.
+    /// Writes a frame. Frames are numbered on from the first one's tick, and are ticks at the run's rate alone.
     ///
     /// # Errors
     /// Those of the writer.
@@ -131,5 +136,99 @@ impl<'a, W: Write> MotWriter<'a, W> {
         let pose = pose_of(sample, &self.subject);
         let row = self.rows.row(&self.layout, frame.time_s, &pose);
         self.out.write_all(row.as_bytes())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+    use std::fs;
+
+    use farfield_fusion::body::skeleton::ANGLE_NAMES;
+    use farfield_proto::keypoints::KeypointSet;
+
+    use crate::fixture::{json, line_at, summary_json};
+    use crate::run::sample::wrapped;
+    use crate::{Existing, ExportRequest, Format, Options, export};
+
+    const N_TICKS: i64 = 120;
+    /// More than angles and ranges are rounded by, degrees.
+    const ROUNDED_DEG: f64 = 1e-3;
+
+    /// The model and the motion of somebody who turns on the spot three times while the right arm circles the pole of its angles.
+    fn model_and_motion() -> [String; 2] {
+        let place = |name: &str| ANGLE_NAMES.iter().position(|known| *known == name).unwrap();
+        let mut poses = String::new();
+        for tick in 0..N_TICKS {
+            let mut line = line_at(1, tick);
+            let turned_rad = 3.0 * TAU * tick as f64 / N_TICKS as f64;
+            line.angles[place("pelvis_rotation")] = wrapped(turned_rad);
+            line.angles[place("arm_flex_r")] = wrapped(turned_rad);
+            line.angles[place("arm_add_r")] = -1.5;
+            line.angles[place("arm_rot_r")] = wrapped(-turned_rad);
+            let pelvis_m = line.joints_m[0];
+            let keypoints = KeypointSet::coco17();
+            let keypoints_m = keypoints
+                .names()
+                .iter()
+                .map(|name| (name.clone(), pelvis_m));
+            line.keypoints_m = keypoints_m.collect();
+            poses += &json(&line);
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        fs::write(path("poses.jsonl"), poses).unwrap();
+        fs::write(path("summary.json"), summary_json(N_TICKS)).unwrap();
+        let request = ExportRequest {
+            poses: path("poses.jsonl"),
+            summary: path("summary.json"),
+            edits: None,
+            subjects: Vec::new(),
+            cameras: Vec::new(),
+            out: path("out"),
+            formats: vec![Format::Osim, Format::Mot],
+            options: Options::default(),
+            existing: Existing::Refuse,
+        };
+        let written = export(&request, |_| ()).unwrap();
+        [0, 1].map(|i| fs::read_to_string(&written[i].path).unwrap())
+    }
+
+    /// The range that a model gives a coordinate, degrees.
+    fn range_deg(model: &str, coordinate: &str) -> [f64; 2] {
+        let head = format!("<Coordinate name=\"{coordinate}\">");
+        let (_, coordinate) = model.split_once(&head).unwrap();
+        let (_, range) = coordinate.split_once("<range>").unwrap();
+        let (range, _) = range.split_once("</range>").unwrap();
+        let (low, high) = range.split_once(' ').unwrap();
+        [low, high].map(|end| end.parse::<f64>().unwrap().to_degrees())
+    }
+
+    #[test]
+    fn who_turns_turns_on_and_no_arm_leaves_the_range_that_the_model_gives_it() {
+        let [model, motion] = model_and_motion();
+        let (_, table) = motion.split_once("endheader\n").unwrap();
+        let rows: Vec<Vec<&str>> = table.lines().map(|it| it.split('\t').collect()).collect();
+        assert_eq!(rows.len(), 1 + N_TICKS as usize);
+        let column = |name: &str| -> Vec<f64> {
+            let at = rows[0].iter().position(|known| *known == name).unwrap();
+            let cells = rows.iter().skip(1).map(|row| row[at].parse().unwrap());
+            cells.collect()
+        };
+        let turned = column("pelvis_rotation");
+        let step_deg = 3.0 * 360.0 / N_TICKS as f64;
+        for pair in turned.windows(2) {
+            assert!(
+                (pair[1] - pair[0] - step_deg).abs() < ROUNDED_DEG,
+                "{pair:?}"
+            );
+        }
+        for name in ["arm_flex_r", "arm_add_r", "arm_rot_r"] {
+            let [low, high] = range_deg(&model, name);
+            for value in column(name) {
+                let inside = low - ROUNDED_DEG..=high + ROUNDED_DEG;
+                assert!(inside.contains(&value), "{name}: {value}");
+            }
+        }
     }
 }

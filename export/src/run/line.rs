@@ -10,6 +10,7 @@ use farfield_proto::toml_file::FileError;
 use nalgebra::Vector3;
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 
+use crate::edits::Identities;
 use crate::skeleton::Angles;
 
 /// Bytes of a line, far above any that a run writes.
@@ -239,6 +240,28 @@ pub fn for_each_line<E: From<FileError>>(
         }
     }
     Ok(())
+}
+
+/// Calls `each` with every pose of `file` (which is called `path`) whose tick and person are `wanted`. A person is who
+/// `identities` say, in what is `wanted` as in the line; of other poses nothing but their heads is looked at.
+///
+/// # Errors
+/// As [`for_each_line`], of lines that are wrong, and of `each`.
+pub(crate) fn for_each_pose<E: From<FileError>>(
+    (file, path): (impl BufRead, &Path),
+    identities: &Identities,
+    wanted: impl Fn(i64, u32) -> bool,
+    mut each: impl FnMut(PoseLine) -> Result<(), E>,
+) -> Result<(), E> {
+    for_each_line(file, path, |text, number| {
+        let (tick, id) = PoseLine::parse_head(text, path, number)?;
+        let person = identities.person_at(tick, id);
+        let Some(person) = person.filter(|person| wanted(tick, *person)) else {
+            return Ok(());
+        };
+        let line = PoseLine::parse(text, path, number)?;
+        each(PoseLine { person, ..line })
+    })
 }
 
 #[cfg(test)]

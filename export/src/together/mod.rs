@@ -51,7 +51,7 @@ impl Together {
         }
     }
 
-    /// Takes a pose; ticks go up, and persons within a tick. Hands out the moments that nothing later can change.
+    /// Takes a pose; ticks go up, persons of a tick come in any order. Hands out the moments that nothing later can change.
     ///
     /// # Errors
     /// Those of `each`.

@@ -3,7 +3,7 @@
 //! ```text
 //!   points in space -> observed -> proportions (segment), initial_pose (limbs) -> fit: skeleton and first pose
 //!   a life's first seconds -> remeasure: link lengths; sites: where the network's keypoints sit
-//!   a set of keypoints -> determined: what it can tell of a body at all
+//!   a set of keypoints -> determined: what it can tell of a body at all; a pose -> stature
 //! ```
 //!
 //! Everything is compared in the world, in metres: cameras differ, and people lie, crouch and stand
@@ -25,3 +25,4 @@ pub(crate) mod remeasure;
 pub(crate) mod segment;
 mod sites;
 pub mod skeleton;
+pub(crate) mod stature;

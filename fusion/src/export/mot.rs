@@ -3,8 +3,9 @@
 //! Degrees, the root's translations metres, in the frame of the TRC file (y up). Time starts at 0 with
 //! the run's first tick, as in all files of a run. A tick without a pose has no row: OpenSim's `Storage` stops reading
 //! at a `NaN`, and interpolates over time that is missing. For the same reason an angle that the keypoints say nothing
-//! of has no column: the head names it, and those that are known only together. Who turns round and round has angles
-//! beyond 180.
+//! of has no column: the head names it, and those that are known only together. Who turns round and round has angles of
+//! the pelvis beyond 180. All others stay in their ranges, so that left and right compare: an arm that crosses the other
+//! side of the circle jumps from one side of its range to the other.
 
 use std::f64::consts::PI;
 use std::fmt::Write as _;
@@ -21,6 +22,8 @@ use crate::body::determined::AngleEvidence;
 const DECIMALS: u32 = 6;
 /// What stands before the number of rows.
 const ROWS: &str = "nRows=";
+/// How the angles of the root are called: of who may turn round and round.
+const ROOT: &str = "pelvis_";
 
 /// How a header begins.
 pub(super) const FIRST_WORD: &str = "Coordinates";
@@ -100,8 +103,10 @@ pub struct MotRows {
 }
 
 impl MotRows {
-    /// The next row. An angle whose range is the whole circle goes on from the row before, also beyond 180 degrees: OpenSim interpolates
-    /// and differentiates between rows, and would take the other side of the circle for a turn in one tick.
+    /// The next row. An angle of the pelvis goes on from the row before, also beyond 180 degrees: OpenSim interpolates and
+    /// differentiates between rows, and would take the other side of the circle for a turn in one tick. Where an arm passes the pole
+    /// of its angles these flip by half a turn, the way back may flip them the other way, and what goes on would keep whole turns
+    /// that were none. So all else is as it is reported, inside its range: an arm that goes round, a swimmer's, jumps once a turn.
     pub fn row(&mut self, layout: &Layout, time_s: f64, pose: &PersonPose) -> String {
         let mut text = format!("{time_s:.TIME_DECIMALS$}");
         let is_first = self.last.is_empty();
@@ -112,7 +117,7 @@ impl MotRows {
                 continue;
             }
             let printed = angle.printed(value);
-            *last = if is_first || !angle.is_free() || !last.is_finite() {
+            *last = if is_first || !angle.goes_on() || !last.is_finite() {
                 printed
             } else {
                 round(
@@ -129,10 +134,11 @@ impl MotRows {
 }
 
 impl AngleColumn {
-    /// Whether it may turn round and round: its range, if any, is the whole circle.
-    fn is_free(&self) -> bool {
+    /// Whether whoever has it may turn round and round: it is the root's, and its range, if any, is the whole circle.
+    fn goes_on(&self) -> bool {
         let is_circle = |[low, high]: [f64; 2]| high - low > 2.0 * PI - 1e-6;
-        self.unit == AngleUnit::Radian && self.range_rad.is_none_or(is_circle)
+        let is_root = self.unit == AngleUnit::Radian && self.name.starts_with(ROOT);
+        is_root && self.range_rad.is_none_or(is_circle)
     }
 
     /// Degrees (or metres), rounded inward at a bound.
@@ -152,10 +158,12 @@ impl AngleColumn {
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::keypoints::KeypointSet;
     use farfield_proto::message::PersonState;
 
     use super::super::fixture;
     use super::*;
+    use crate::body::skeleton::RangeOfMotion;
 
     #[test]
     fn a_file_is_as_opensim_reads_it() {
@@ -219,6 +227,46 @@ mod tests {
             );
             assert_eq!(columns[3], "23.491269", "a knee has bounds");
         }
+    }
+
+    #[test]
+    fn an_arm_that_passes_the_pole_of_its_angles_stays_in_its_range() {
+        // Flexion of an arm that swings by its pole on one side and comes back on the other, three times: each time it has
+        // gone round the circle once, and hangs as before.
+        let (mut layout, mut rows) = (fixture::layout(), MotRows::default());
+        layout.angles[2] = AngleColumn {
+            range_rad: Some([-PI, PI]),
+            ..AngleColumn::named("arm_flex_r")
+        };
+        let mut pose = fixture::pose(1, PersonState::Tracked);
+        for reported_deg in [10.0, 100.0, 179.0, -179.0, -100.0].repeat(3) {
+            pose.angles[2] = f64::to_radians(reported_deg) as f32;
+            let row = rows.row(&layout, 0.0, &pose);
+            let written: f64 = row.trim_end().rsplit('\t').next().unwrap().parse().unwrap();
+            assert!((written - reported_deg).abs() < 1e-4, "{written}");
+        }
+        // At the end of the range, where f32 lies beyond it.
+        for end in [PI, -PI] {
+            pose.angles[2] = end as f32;
+            let row = rows.row(&layout, 0.0, &pose);
+            let written: f64 = row.trim_end().rsplit('\t').next().unwrap().parse().unwrap();
+            assert!((179.9999..=180.0).contains(&written.abs()), "{written}");
+        }
+    }
+
+    #[test]
+    fn nothing_but_the_pelvis_turns_round_and_round() {
+        let keypoints = KeypointSet::coco17();
+        let range = RangeOfMotion::default();
+        let goes_on = |range: Option<&RangeOfMotion>| -> Vec<String> {
+            let layout = Layout::of(&keypoints, range);
+            let free = layout.angles.into_iter().filter(AngleColumn::goes_on);
+            free.map(|angle| angle.name).collect()
+        };
+        assert_eq!(goes_on(Some(&range)), ["pelvis_tilt", "pelvis_rotation"]);
+        // Without a range the pelvis' list is free too, which reports no more than a quarter of a turn.
+        let root = ["pelvis_tilt", "pelvis_list", "pelvis_rotation"];
+        assert_eq!(goes_on(None), root);
     }
 
     #[test]

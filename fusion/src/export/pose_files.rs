@@ -20,6 +20,7 @@ use super::run_clock::{RunClock, RunEnd};
 use super::unfinished::{Unfinished, sync_folder_of};
 use super::whole::{Kind, Whole, make_whole};
 use super::{Layout, trc};
+use crate::body::stature::stature_m;
 
 /// Why a file could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -42,8 +43,8 @@ pub enum WriteError {
     },
 }
 
-/// When a person was there.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// When a person was there, and how tall.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Presence {
     /// Who.
     pub person: PersonId,
@@ -53,6 +54,8 @@ pub struct Presence {
     pub last_tick: Tick,
     /// Ticks with a pose.
     pub ticks: u64,
+    /// From the soles to the top of the head, by the link lengths of the last pose, metres: without shoes and hair.
+    pub stature_m: Option<f64>,
 }
 
 /// What a run's files have come to.
@@ -234,6 +237,8 @@ impl PoseFiles {
         let presence = &mut files.presence;
         presence.last_tick = tick;
         presence.ticks += 1;
+        // The last lengths are the best: they are measured anew as a person is seen for longer.
+        presence.stature_m = stature_m(&pose.joints_m);
         Ok(())
     }
 
@@ -242,10 +247,15 @@ impl PoseFiles {
         // The rows before come with the first pose.
         let absence = self.clock.first_at(tick).0..tick.0;
         let first_row = Tick(self.clock.blank(absence).start);
+        let rate_hz = self.clock.rate_hz;
+        let original = trc::OriginalTicks {
+            rate_hz,
+            first: first_row,
+        };
         let mut files = PersonFiles {
             trc: create(self.folder.join(&name), &self.disk)?,
             trc_rows: 0,
-            trc_head: trc::header(&self.layout, &name, self.clock.rate_hz, first_row),
+            trc_head: trc::header(&self.layout, &name, rate_hz, original),
             mot: create(self.folder.join(format!("angles_{person}.mot")), &self.disk)?,
             mot_head: mot::header(&self.layout),
             mot_rows: MotRows::default(),
@@ -254,6 +264,7 @@ impl PoseFiles {
                 first_tick: tick,
                 last_tick: first_row + -1,
                 ticks: 0,
+                stature_m: None,
             },
         };
         append(&mut files.trc, &files.trc_head)?;

@@ -63,7 +63,7 @@ pub struct TickSpan {
 }
 
 /// One person of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PersonSummary {
     /// The id.
     pub person: u32,
@@ -73,6 +73,9 @@ pub struct PersonSummary {
     pub last_tick: Tick,
     /// Ticks with a pose.
     pub ticks: u64,
+    /// From the soles to the top of the head, by the link lengths that the run settled on, metres: without shoes and hair.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stature_m: Option<f64>,
 }
 
 impl From<Presence> for PersonSummary {
@@ -82,8 +85,13 @@ impl From<Presence> for PersonSummary {
             first_tick: presence.first_tick,
             last_tick: presence.last_tick,
             ticks: presence.ticks,
+            stature_m: presence.stature_m.map(to_millimetre),
         }
     }
+}
+
+fn to_millimetre(length_m: f64) -> f64 {
+    (1000.0 * length_m).round() / 1000.0
 }
 
 /// How often which event happened, by its kind and reason: `drop/outside_field`.

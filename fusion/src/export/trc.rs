@@ -2,7 +2,8 @@
 //!
 //! Metres, y up: TRC (x, y, z) = world (y, z, x). Markers are [`Layout::markers`]. `Frame#` is the
 //! venue's tick, so that the files of several persons can be laid side by side; time starts at 0 with
-//! the run's first tick, as in all files of a run. Every tick has a row. What is not known is blank: the whole row of a
+//! the run's first tick, as in all files of a run. `Orig...` of the header say which ticks of the run the rows are of: these
+//! themselves, or other ones where an export has another rate. Every tick has a row. What is not known is blank: the whole row of a
 //! tick without a pose, and a marker that may be anywhere. OpenSim 4 reads blanks as missing markers, but
 //! refuses rows that end in one, so that a row's last cell is `NaN` then.
 
@@ -24,9 +25,22 @@ pub(super) const FIRST_WORD: &str = "PathFileType";
 /// Lines of a header.
 pub(super) const HEAD_LINES: usize = 5;
 
+/// The ticks of a run that the rows of a file are of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OriginalTicks {
+    /// Ticks per second.
+    pub rate_hz: f64,
+    /// The first.
+    pub first: Tick,
+}
+
 /// The five header lines, of no rows so far; [`with_rows`] counts them in as many bytes. `file_name` is what
-/// the file calls itself.
-pub fn header(layout: &Layout, file_name: &str, rate_hz: f64, first: Tick) -> String {
+/// the file calls itself, `rate_hz` how many rows a second has.
+pub fn header(layout: &Layout, file_name: &str, rate_hz: f64, original: OriginalTicks) -> String {
+    let OriginalTicks {
+        rate_hz: original_hz,
+        first,
+    } = original;
     let markers = layout.markers();
     let names = markers.join("\t\t\t");
     let axes: Vec<String> = (1..=markers.len())
@@ -36,7 +50,7 @@ pub fn header(layout: &Layout, file_name: &str, rate_hz: f64, first: Tick) -> St
     let longest = format!(
         "{FIRST_WORD}\t4\t(X/Y/Z)\t{file_name}\n\
          DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n\
-         {rate_hz}\t{rate_hz}\t{MOST_ROWS}\t{}\tm\t{rate_hz}\t{first}\t{MOST_ROWS}\n\
+         {rate_hz}\t{rate_hz}\t{MOST_ROWS}\t{}\tm\t{original_hz}\t{first}\t{MOST_ROWS}\n\
          Frame#\tTime\t{names}\t\t\n\
          \t\t{axes}\n",
         markers.len()
@@ -44,14 +58,19 @@ pub fn header(layout: &Layout, file_name: &str, rate_hz: f64, first: Tick) -> St
     with_rows(&longest, 0).unwrap_or(longest)
 }
 
-/// `head` with its number of rows; as long as before, by tabs at the end of the first line, which readers
+/// `head` with its number of rows, one per tick; as long as before, by tabs at the end of the first line, which readers
 /// take for empty cells. `None`: it is no header of ours, or has no room for the number.
 pub fn with_rows(head: &str, n_rows: u64) -> Option<String> {
+    with_rows_of_ticks(head, n_rows, n_rows)
+}
+
+/// The same of a file whose rows are made of another number of ticks.
+pub fn with_rows_of_ticks(head: &str, n_rows: u64, n_ticks: u64) -> Option<String> {
     let mut lines: Vec<&str> = head.split('\n').collect();
-    let count = n_rows.to_string();
+    let counts = [n_rows, n_ticks].map(|count| count.to_string());
     let mut values: Vec<&str> = lines.get(2)?.split('\t').collect();
-    for place in [2, 7] {
-        *values.get_mut(place)? = &count;
+    for (place, count) in [2, 7].into_iter().zip(&counts) {
+        *values.get_mut(place)? = count;
     }
     let values = values.join("\t");
     *lines.get_mut(2)? = &values;
@@ -109,11 +128,20 @@ mod tests {
     use super::super::fixture;
     use super::*;
 
+    /// A header of a run at 60 Hz.
+    fn head(layout: &Layout, first: i64) -> String {
+        let original = OriginalTicks {
+            rate_hz: 60.0,
+            first: Tick(first),
+        };
+        header(layout, "poses_1.trc", 60.0, original)
+    }
+
     #[test]
     fn a_file_is_as_pose2sim_writes_it() {
         let layout = fixture::layout();
         let pose = fixture::pose(1, PersonState::Tracked);
-        let head = header(&layout, "poses_1.trc", 60.0, Tick(300));
+        let head = head(&layout, 300);
         let text = with_rows(&head, 2).unwrap()
             + &row(&layout, Tick(300), 0.0, Some(&pose))
             + &row(&layout, Tick(301), 1.0 / 60.0, None);
@@ -148,14 +176,14 @@ mod tests {
         assert_eq!(layout.markers(), ["left_knee", "keypoint_left_knee"]);
         let row = row(&layout, Tick(7), 0.5, Some(&pose));
         assert!(row.starts_with("7\t0.500000\t-2.00000\t"), "{row}");
-        let cells = header(&layout, "poses_1.trc", 60.0, Tick(7));
+        let cells = head(&layout, 7);
         let cells = cells.lines().nth(4).unwrap().split('\t').count();
         assert_eq!(row.split('\t').count(), cells);
     }
 
     #[test]
     fn a_head_is_as_long_whatever_it_counts() {
-        let head = header(&fixture::layout(), "poses_1.trc", 60.0, Tick(300));
+        let head = head(&fixture::layout(), 300);
         for n_rows in [1, 99_999_999, MOST_ROWS] {
             let counted = with_rows(&head, n_rows).unwrap();
             assert_eq!(counted.len(), head.len());
@@ -164,6 +192,18 @@ mod tests {
         }
         assert_eq!(with_rows(&head, u64::MAX), None);
         assert_eq!(with_rows("Frame#\tTime\n", 1), None);
+    }
+
+    #[test]
+    fn a_head_of_another_rate_says_what_its_rows_are_made_of() {
+        let original = OriginalTicks {
+            rate_hz: 60.0,
+            first: Tick(300),
+        };
+        let head = header(&fixture::layout(), "poses_1.trc", 120.0, original);
+        let counted = with_rows_of_ticks(&head, 99, 50).unwrap();
+        assert_eq!(counted.len(), head.len());
+        assert!(counted.contains("\n120\t120\t99\t3\tm\t60\t300\t50\n"));
     }
 
     #[test]

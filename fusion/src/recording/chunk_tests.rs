@@ -1,14 +1,17 @@
-//! Recordings whose records and chunks were changed one by one: compressed, cut, and lying about themselves.
+//! Recordings whose records and chunks were changed one by one: compressed, cut, in another order, and lying about themselves.
 
-use std::io::{Read as _, Write as _};
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read as _, Write as _};
 
-use mcap::records::{Record, op};
+use mcap::records::{Metadata, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::VENUE_FILE;
 use super::compression::CompressionFormat;
+use super::messages::MessagesInTime;
+use super::published::published;
 use super::reader::RecordingError;
 use super::tests::{in_all_forms, open, recording};
+use super::{FACTS, PROFILE, VENUE_FILE};
 
 /// `bytes` compressed.
 pub(super) fn pack(format: CompressionFormat, bytes: &[u8]) -> Vec<u8> {
@@ -65,6 +68,70 @@ pub(super) fn compressed(bytes: &[u8], format: CompressionFormat) -> Vec<u8> {
             _ => body.to_vec(),
         }
     })
+}
+
+/// The recording as another tool writes it anew: the messages, and only then the attached file and the metadata.
+fn with_metadata_last() -> Vec<u8> {
+    let bytes = recording();
+    let options = mcap::WriteOptions::new().profile(PROFILE).compression(None);
+    let mut written = Cursor::new(Vec::new());
+    let mut writer = options.create(&mut written).unwrap();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        writer.write(&message.unwrap()).unwrap();
+    }
+    let ours = open(&bytes).unwrap();
+    let venue = ours.file(VENUE_FILE).unwrap().as_bytes();
+    writer
+        .attach(&mcap::Attachment {
+            log_time: 5,
+            create_time: 5,
+            name: VENUE_FILE.to_owned(),
+            media_type: "application/toml".to_owned(),
+            data: venue.into(),
+        })
+        .unwrap();
+    let others = BTreeMap::from([("venue".to_owned(), "x".to_owned())]);
+    for (name, metadata) in [("another tool", others), (FACTS, ours.facts().clone())] {
+        let name = name.to_owned();
+        writer.write_metadata(&Metadata { name, metadata }).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    written.into_inner()
+}
+
+#[test]
+fn metadata_behind_the_messages_say_as_much_as_ahead_of_them() {
+    let plain = with_metadata_last();
+    let [lz4, zstd] =
+        [CompressionFormat::Lz4, CompressionFormat::Zstd].map(|it| compressed(&plain, it));
+    let ours = recording();
+    let expected = open(&ours).unwrap();
+    for bytes in [plain, lz4, zstd] {
+        let found = open(&bytes).unwrap();
+        assert_eq!(found.facts(), expected.facts());
+        assert_eq!(found.file(VENUE_FILE), expected.file(VENUE_FILE));
+        assert_eq!(found.sessions(), expected.sessions());
+        assert!(found.end().whole && found.unreadable() == 0);
+        let mut poses = Vec::new();
+        let read = published(&mut Cursor::new(&bytes), &mut |set| poses.push(set.tick.0));
+        assert_eq!(read.unwrap().sessions[0].n, 3);
+        assert_eq!(poses, [0, 1, 2]);
+        let mut n_messages = 0;
+        let mut in_time = MessagesInTime::open(Cursor::new(&bytes)).unwrap();
+        in_time.read(0..9, &mut |_, _, _| n_messages += 1).unwrap();
+        // Six sets, one of them filled, and of three ticks the decision, the poses, and these as JSON.
+        assert_eq!(n_messages, 6 + 9);
+    }
+}
+
+#[test]
+fn a_file_that_ends_before_its_metadata_is_no_recording_yet() {
+    let bytes = with_metadata_last();
+    // The names of the viewpoints, which only the facts have.
+    let within = bytes.windows(5).position(|it| it == b"ne sw").unwrap();
+    let refused = open(&bytes[..within]).err().unwrap();
+    assert!(matches!(refused, RecordingError::NoHead), "{refused}");
 }
 
 #[test]

@@ -1,13 +1,13 @@
-//! The records of an MCAP file, front to back, with the place of each (mcap.dev/spec). The crate `mcap`
-//! reads records and chunks; which of them may be read, and how large, is decided here.
+//! The records of an MCAP file, front to back, with the place of each (mcap.dev/spec), and its metadata ahead of all
+//! others. The crate `mcap` reads records and chunks; which of them may be read, and how large, is decided here.
 //!
 //! Lengths are never believed: nothing is allocated beyond what is left of the file, nor beyond a bound;
 //! no chunk is unpacked to more than [`MAX_CHUNK_BYTES`].
 
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
 use mcap::McapError;
-use mcap::records::{Record, op};
+use mcap::records::{Metadata, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::compression::{CompressionFormat, Decompression};
@@ -125,6 +125,51 @@ pub(super) fn walk<R: Read + Seek>(
         return Err(FramingError::NotMcap);
     }
     Ok(end)
+}
+
+/// The first metadata of a file that are `wanted`, wherever they stand: whoever writes may put them behind the messages that they
+/// tell of. Other records are passed over by their lengths. What is broken ends the search: [`walk`] names it.
+pub(super) fn find_metadata<R: Read + Seek>(
+    file: &mut R,
+    wanted: impl Fn(&Metadata) -> bool,
+) -> Result<Option<Metadata>, FramingError> {
+    let file_bytes = file.seek(SeekFrom::End(0))?;
+    let mut file = BufReader::new(file);
+    let mut at = file.seek(SeekFrom::Start(mcap::MAGIC.len() as u64))?;
+    while file_bytes.saturating_sub(at) >= HEAD_BYTES {
+        let mut head = [0; HEAD_BYTES as usize];
+        file.read_exact(&mut head)?;
+        let [opcode, len @ ..] = head;
+        let len = u64::from_le_bytes(len);
+        at += HEAD_BYTES;
+        // No metadata stand in the summary, which the footer ends.
+        if opcode == op::FOOTER || len > file_bytes - at {
+            break;
+        }
+        if opcode == op::METADATA && len <= MAX_RECORD_BYTES {
+            let mut body = vec![0; len as usize];
+            file.read_exact(&mut body)?;
+            let Some(metadata) = metadata_of(&body) else {
+                break;
+            };
+            if wanted(&metadata) {
+                return Ok(Some(metadata));
+            }
+        } else {
+            // A file has fewer bytes than would make a negative number of it.
+            file.seek_relative(len.cast_signed())?;
+        }
+        at += len;
+    }
+    Ok(None)
+}
+
+fn metadata_of(body: &[u8]) -> Option<Metadata> {
+    texts_end_within(op::METADATA, body)?;
+    match mcap::parse_record(op::METADATA, body) {
+        Ok(Record::Metadata(metadata)) => Some(metadata),
+        _ => None,
+    }
 }
 
 /// How records are read off a file from its begin, or from `inside` it.

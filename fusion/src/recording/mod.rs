@@ -59,7 +59,7 @@ fn is_subject_file(name: &str) -> bool {
 pub const MAX_ATTACHED_BYTES: u64 = framing::MAX_RECORD_BYTES - 4096;
 
 /// Of which venue a file is that begins with `head`; `None` when it is no recording of ours, or `head` too
-/// short. The metadata stand first: some thousands of bytes are enough.
+/// short. The metadata of what fusion and recorder write stand first: some thousands of bytes are enough.
 pub fn venue_of(head: &[u8]) -> Option<String> {
     let mut venue = None;
     let mut meet = |record: Record<'_>, _| {

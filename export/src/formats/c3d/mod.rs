@@ -4,8 +4,10 @@
 //! Millimetres, z up, unless a preset says otherwise; floating-point data of Intel's byte order. The first frame is
 //! number 1 and lies at the first exported tick; `FARFIELD:START_SECONDS` is its time since the run's first. Frame numbers
 //! of the head end at 65535: beyond it `TRIAL:ACTUAL_START_FIELD` and `ACTUAL_END_FIELD` count. A point that is not
-//! there has residual -1; else its residual is its standard deviation in whole units of length, 0 for what was filled, and
-//! its camera mask has as many bits as views took part (up to seven).
+//! there has residual -1; else its residual is its standard deviation, 0 for what was filled, and its camera mask has as many
+//! bits as views took part (up to seven). A residual is a byte times the absolute value of `POINT:SCALE`, in units of length: the scale is
+//! one millimetre in the file's unit, below 0 since the data are floating-point numbers, which it does not scale. The byte of a point that
+//! was seen is 1 to 255: 0 would say that it was not, and 1 is also that of a keypoint whose deviation nobody knows.
 //!
 //! Source: "The C3D File Format, A Technical User Guide", Motion Lab Systems 2021.
 
@@ -33,8 +35,10 @@ const PARAMETER_START: u8 = 2;
 const KEY: u8 = 0x50;
 /// Says that events have labels of four letters; there are none.
 const LABELS_OF_FOUR: u16 = 12_345;
-/// Largest residual and cameras that a point has room for.
-const MOST_RESIDUAL: f64 = 255.0;
+/// Least and largest residual of a point that was seen, millimetres.
+const LEAST_RESIDUAL_MM: f64 = 1.0;
+const MOST_RESIDUAL_MM: f64 = 255.0;
+/// Cameras that a point has room for.
 const MOST_CAMERAS: u32 = 7;
 
 /// Writes one person.
@@ -82,6 +86,7 @@ impl<'a, W: Write> C3dWriter<'a, W> {
             labels.len() as u16,
             n_frames,
             data_start,
+            scale(axes.unit),
             subject.clock.rate_hz,
         ))?;
         out.write_all(&parameters)?;
@@ -137,23 +142,28 @@ impl<'a, W: Write> C3dWriter<'a, W> {
             Origin::Filled => 0.0,
             Origin::Seen => {
                 let cameras = (1_u32 << views.min(MOST_CAMERAS)) - 1;
-                let sigma = point.sigma_m.unwrap_or(0.0) * self.axes.unit.per_metre();
-                f64::from(cameras * 256) + sigma.round().clamp(0.0, MOST_RESIDUAL)
+                let sigma_mm = 1000.0 * point.sigma_m.unwrap_or(0.0);
+                let residual_mm = sigma_mm.round().clamp(LEAST_RESIDUAL_MM, MOST_RESIDUAL_MM);
+                f64::from(cameras * 256) + residual_mm
             }
         };
         [x, y, z, told].map(|v| v as f32)
     }
 }
 
+/// A millimetre in `unit`, of which residuals are multiples; below 0, which stands for floating-point data.
+fn scale(unit: Unit) -> f32 {
+    (-unit.per_metre() / 1000.0) as f32
+}
+
 /// The first block.
-fn head(n_points: u16, n_frames: u32, data_start: u16, rate_hz: f64) -> Vec<u8> {
+fn head(n_points: u16, n_frames: u32, data_start: u16, scale: f32, rate_hz: f64) -> Vec<u8> {
     let mut words = [0_u16; BLOCK / 2];
     words[0] = u16::from_le_bytes([PARAMETER_START, KEY]);
     words[1] = n_points;
     words[3] = 1;
     words[4] = u16::try_from(n_frames).unwrap_or(u16::MAX);
-    // A scale below 0 stands for floating-point data; residuals are in whole units.
-    (words[6], words[7]) = halves((-1.0_f32).to_bits());
+    (words[6], words[7]) = halves(scale.to_bits());
     words[8] = data_start;
     // One analogue sample of each of no channels per frame: readers compare it with ANALOG:RATE.
     words[9] = 1;
@@ -187,7 +197,7 @@ fn parameters_of(
     let mut p = Parameters::default();
     p.group("POINT");
     p.integer("USED", labels.len() as u16)?;
-    p.float("SCALE", -1.0)?;
+    p.float("SCALE", scale(axes.unit))?;
     p.float("RATE", clock.rate_hz as f32)?;
     p.integer("DATA_START", data_start)?;
     // A whole number ends at 65535: readers then take TRIAL's fields, or read on to the end.

@@ -1,13 +1,19 @@
 //! The bytes of C3D files, read by their places in the format's description.
 
+use crate::axes::Preset;
 use crate::fixture::{KEYPOINTS, poses_jsonl, summary_json};
 use crate::formats::points::determined;
 use crate::timeline::Gaps;
 use crate::{Existing, ExportRequest, Format, Options, export};
 
+/// Of person 2, who is away between ticks 20 and 30.
 fn file(gaps: Gaps) -> Vec<u8> {
+    file_of(&poses_jsonl(&[2], 40), gaps, None)
+}
+
+fn file_of(poses: &str, gaps: Gaps, preset: Option<Preset>) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("poses.jsonl"), poses_jsonl(&[2], 40)).unwrap();
+    std::fs::write(folder.path().join("poses.jsonl"), poses).unwrap();
     std::fs::write(folder.path().join("summary.json"), summary_json(40)).unwrap();
     let request = ExportRequest {
         poses: folder.path().join("poses.jsonl"),
@@ -19,6 +25,7 @@ fn file(gaps: Gaps) -> Vec<u8> {
         formats: vec![Format::C3d],
         options: Options {
             gaps,
+            preset,
             ..Options::default()
         },
         existing: Existing::Refuse,
@@ -66,7 +73,7 @@ fn the_head_says_where_what_lies() {
 
 #[test]
 fn absent_points_have_no_residual_and_filled_ones_no_camera() {
-    // Person 2 is away between ticks 20 and 30; others are seen by 4 views, 12 mm sure.
+    // The rest is seen by 4 views, 12 mm sure.
     let (kept, filled) = (file(Gaps::Keep), file(Gaps::Fill));
     let seen = f32::from(0x0F00_u16) + 12.0;
     let [kept_gap, filled_gap] =
@@ -76,4 +83,60 @@ fn absent_points_have_no_residual_and_filled_ones_no_camera() {
         [19, 20, 29, 30].map(|frame| told(&filled, frame)),
         filled_gap
     );
+}
+
+/// The value of `POINT:SCALE`.
+fn scale(bytes: &[u8]) -> f32 {
+    let name = b"\x05\x01SCALE";
+    let at = bytes.windows(name.len()).position(|it| it == name).unwrap();
+    // To the next, kind, number of dimensions.
+    f32::from_bits(float(bytes, at + name.len() + 2 + 1 + 1))
+}
+
+/// Poses that say that they are `sigma_m` sure, or nothing of it.
+fn poses_that_are_sure(sigma_m: Option<f64>) -> String {
+    let lines = poses_jsonl(&[2], 40);
+    let lines = lines.lines().map(|line| {
+        let mut line: serde_json::Value = serde_json::from_str(line).unwrap();
+        let fields = line.as_object_mut().unwrap();
+        match sigma_m {
+            None => drop(fields.remove("sigma_m")),
+            Some(sigma_m) => {
+                for sigma in fields["sigma_m"].as_object_mut().unwrap().values_mut() {
+                    *sigma = sigma_m.into();
+                }
+            }
+        }
+        format!("{line}\n")
+    });
+    lines.collect()
+}
+
+#[test]
+fn residuals_are_deviations_in_the_unit_of_the_file() {
+    for (preset, per_metre) in [
+        (None, 1000.0),
+        (Some(Preset::Blender), 1.0),
+        (Some(Preset::Unity), 1.0),
+        (Some(Preset::Unreal), 100.0),
+    ] {
+        let bytes = file_of(&poses_that_are_sure(Some(0.012)), Gaps::Keep, preset);
+        assert_eq!(float(&bytes, 12), scale(&bytes).to_bits());
+        assert!(scale(&bytes) < 0.0, "floating-point data");
+        let residual = f32::from_bits(told(&bytes, 0)) % 256.0;
+        let in_units = f64::from(residual * scale(&bytes).abs());
+        let apart_m = (in_units / per_metre - 0.012).abs();
+        assert!(apart_m < 1e-6, "{preset:?}: {in_units}");
+    }
+}
+
+#[test]
+fn a_point_that_was_seen_is_never_told_as_one_that_was_filled() {
+    for sigma_m in [None, Some(0.0002)] {
+        for preset in [None, Some(Preset::Blender)] {
+            let bytes = file_of(&poses_that_are_sure(sigma_m), Gaps::Keep, preset);
+            let seen = f32::from(0x0F00_u16) + 1.0;
+            assert_eq!(told(&bytes, 0), seen.to_bits(), "{sigma_m:?}, {preset:?}");
+        }
+    }
 }

@@ -1,10 +1,12 @@
 //! What a recording says of itself: versions and fingerprints, and the files that describe its venue.
 
 use std::collections::BTreeMap;
+use std::io::{Read, Seek};
 
 use mcap::records::{AttachmentHeader, Metadata};
 
 use super::error::RecordingError;
+use crate::recording::framing::find_metadata;
 use crate::recording::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE, is_subject_file};
 
 /// What a recording says of itself.
@@ -26,16 +28,20 @@ impl Attached {
         std::str::from_utf8(self.files.get(name)?).ok()
     }
 
+    /// What the metadata of `file` say, which tell what its topics are: they are read ahead of the messages, also where they stand
+    /// behind them. The first facts of the file count.
+    pub(super) fn of_metadata<R: Read + Seek>(file: &mut R) -> Result<Self, RecordingError> {
+        let is_ours = |record: &Metadata| record.name == FACTS && !record.metadata.is_empty();
+        let facts = find_metadata(file, is_ours)?;
+        Ok(Self {
+            facts: facts.map_or_else(BTreeMap::new, |record| record.metadata),
+            ..Self::default()
+        })
+    }
+
     /// The first header of the file counts.
     pub(super) fn header(&mut self, profile: String) {
         self.profile = self.profile.take().or(Some(profile));
-    }
-
-    /// The first facts of the file count.
-    pub(super) fn metadata(&mut self, record: Metadata) {
-        if record.name == FACTS && self.facts.is_empty() {
-            self.facts = record.metadata;
-        }
     }
 
     pub(super) fn attachment(&mut self, header: AttachmentHeader, data: Vec<u8>) {

@@ -39,7 +39,12 @@ impl<R: Read + Seek> MessagesInTime<R> {
     /// # Errors
     /// [`RecordingError`] when it is not a recording of ours, or broken otherwise than by an early end.
     pub fn open(mut file: R) -> Result<Self, RecordingError> {
-        let mut index = Index::default();
+        let attached = Attached::of_metadata(&mut file)?;
+        let mut index = Index {
+            known: topics(attached.facts()).into_keys().collect(),
+            attached,
+            ..Index::default()
+        };
         walk(&mut file, &mut |record, place| index.meet(record, place))?;
         let attached = index.attached.whole()?;
         index.entries.sort_by_key(|entry| entry.at_us);
@@ -99,10 +104,6 @@ impl Index {
     fn meet(&mut self, record: Record<'_>, place: RecordPlace) {
         match record {
             Record::Header(header) => self.attached.header(header.profile),
-            Record::Metadata(record) => {
-                self.attached.metadata(record);
-                self.known = topics(self.attached.facts()).into_keys().collect();
-            }
             Record::Attachment { header, data, .. } => {
                 self.attached.attachment(header, data.into_owned());
             }

@@ -51,18 +51,13 @@ pub fn published<R: Read + Seek>(
     file: &mut R,
     visit: &mut dyn FnMut(PoseSet),
 ) -> Result<Published, RecordingError> {
-    let mut attached = Attached::default();
-    let mut poses_topic = None;
+    let mut attached = Attached::of_metadata(file)?;
+    let mut topics = topics(attached.facts()).into_iter();
+    let poses_topic = topics.find_map(|(key, of)| (of == Content::Poses).then_some(key));
     let mut channels = Vec::new();
     let mut sessions = BTreeMap::<SessionId, (usize, PublishedTicks)>::new();
     let end = walk(file, &mut |record, _| match record {
         Record::Header(header) => attached.header(header.profile),
-        Record::Metadata(record) => {
-            attached.metadata(record);
-            let topics = topics(attached.facts());
-            let mut topics = topics.into_iter();
-            poses_topic = topics.find_map(|(key, of)| (of == Content::Poses).then_some(key));
-        }
         Record::Attachment { header, data, .. } => attached.attachment(header, data.into_owned()),
         Record::Channel(channel) if poses_topic.as_ref() == Some(&channel.topic) => {
             channels.push(channel.id);

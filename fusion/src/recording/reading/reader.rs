@@ -84,7 +84,12 @@ impl<R: Read + Seek> Recording<R> {
     /// # Errors
     /// [`RecordingError`] when it is not a recording of ours, or broken otherwise than by an early end.
     pub fn open(mut file: R) -> Result<Self, RecordingError> {
-        let mut index = Index::default();
+        let attached = Attached::of_metadata(&mut file)?;
+        let mut index = Index {
+            topics: topics(attached.facts()),
+            attached,
+            ..Index::default()
+        };
         let end = walk(&mut file, &mut |record, place| index.meet(record, place))?;
         let attached = index.attached.whole()?;
         index.sets.sort_unstable();
@@ -194,7 +199,7 @@ impl<R: Read + Seek> Recording<R> {
 #[derive(Default)]
 struct Index {
     attached: Attached,
-    /// What stands under which topic, once the facts are known.
+    /// What stands under which topic, by the facts.
     topics: BTreeMap<String, Content>,
     contents: BTreeMap<u16, Content>,
     chunks: ChunkNumbers,
@@ -216,10 +221,6 @@ impl Index {
     fn meet(&mut self, record: Record<'_>, place: RecordPlace) {
         match record {
             Record::Header(header) => self.attached.header(header.profile),
-            Record::Metadata(record) => {
-                self.attached.metadata(record);
-                self.topics = topics(self.attached.facts());
-            }
             Record::Attachment { header, data, .. } => {
                 self.attached.attachment(header, data.into_owned());
             }
