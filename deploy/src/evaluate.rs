@@ -3,21 +3,25 @@
 //! What can go wrong is mostly wrong input: a file that is not there, a line that cannot be read, a
 //! truth with nothing to compare. That the result cannot be printed is not.
 
+mod evaluation;
+
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
+use farfield_fusion::recording::is_ours;
 use farfield_node::process::{NodeError, say};
 use farfield_proto::tick::{Tick, parse_range};
+use farfield_score::doubts::{doubts, misread};
 use farfield_score::lines::{LinesRole, PoseLines, TruthExtent};
 use farfield_score::overlap::Overlap;
 use farfield_score::plot::plot_of;
 use farfield_score::points::PointSet;
-use farfield_score::table::side_by_side;
-use farfield_score::{Scores, score};
+use farfield_score::score;
 
+use self::evaluation::{Evaluation, Scored};
 use crate::exchange::place::POSES;
 use crate::exchange::target::{check_file, file_in};
 use crate::output;
@@ -30,7 +34,7 @@ const LONGEST_LINE_BYTES: u64 = 64 << 10;
 pub(crate) struct EvaluateArgs {
     /// The poses, as `farfield run` writes them.
     ///
-    /// Or the folder of the run.
+    /// Or the folder of the run. Of a recording `farfield replay` makes one.
     poses: PathBuf,
     /// The truth, one line per tick and person.
     ///
@@ -68,15 +72,6 @@ pub(crate) struct EvaluateArgs {
     /// Draw the errors over time into this SVG file.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-}
-
-/// What is printed as JSON: the scores, and what stands beside them.
-#[derive(Debug, serde::Serialize)]
-struct Evaluation {
-    #[serde(flatten)]
-    scores: Scores,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    beside: Option<Scores>,
 }
 
 /// Scores the poses, and prints the result.
@@ -134,25 +129,6 @@ impl EvaluateArgs {
     }
 }
 
-impl Evaluation {
-    fn table(&self) -> String {
-        let Some(beside) = &self.beside else {
-            return self.scores.to_string();
-        };
-        let named = [("POSES", &self.scores), ("--beside", beside)];
-        format!(
-            "POSES: {}\n--beside: {}\n\n{}\nPOSES: {}\n--beside: {}\nPOSES: {}\n--beside: {}",
-            self.scores.sentence(),
-            beside.sentence(),
-            side_by_side(15, &named),
-            self.scores.identity_line(),
-            beside.identity_line(),
-            self.scores.lives,
-            beside.lives
-        )
-    }
-}
-
 /// The scores, and the plot of them.
 fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
     let truth = read(&args.truth, LinesRole::Truth, args)?;
@@ -172,25 +148,37 @@ fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
             ),
         }
     }
+    let unknown = unknown_names(&truth, &args.truth);
     ensure!(
         truth.has_points(),
-        "{}: none of the points that are compared is known of anybody",
-        args.truth.display()
+        "{}: none of the points that are compared is known of anybody{}",
+        args.truth.display(),
+        after(unknown.as_deref())
     );
-    if let Some(doubt) = doubt(args) {
-        say(format_args!("warning: {doubt}"));
+    for warning in doubt(args).iter().chain(&unknown) {
+        say(format_args!("warning: {warning}"));
     }
     let poses = poses_beside(&truth, &args.poses, args)?;
     let rate_hz = rate_hz(args);
+    let scored = |poses: &PoseLines, path: &Path| {
+        let scores = score(poses, &truth, args.extent, rate_hz);
+        let doubts = doubts(poses, &truth, &scores);
+        for doubt in &doubts {
+            let shown = shown_with_truth(path, args);
+            say(format_args!("warning: {shown}: {}", doubt.found));
+        }
+        Scored { scores, doubts }
+    };
+    let of_poses = scored(&poses, &args.poses);
     let beside = args.beside.as_ref().map(|path| {
         let poses = poses_beside(&truth, path, args)?;
-        Ok::<_, anyhow::Error>(score(&poses, &truth, args.extent, rate_hz))
+        Ok::<_, anyhow::Error>(scored(&poses, path))
     });
     let title = format!("{}: mean error", args.poses.display());
     // Without a rate, time is counted in ticks.
     let plot = plot_of(&title, &poses, &truth, rate_hz.unwrap_or(1.0));
     let evaluation = Evaluation {
-        scores: score(&poses, &truth, args.extent, rate_hz),
+        scored: of_poses,
         beside: beside.transpose()?,
     };
     Ok((evaluation, plot))
@@ -222,23 +210,59 @@ fn doubt(args: &EvaluateArgs) -> Option<String> {
     })
 }
 
+/// Which points of a file are compared with nothing, since nobody knows their names, if any are.
+fn unknown_names(lines: &PoseLines, path: &Path) -> Option<String> {
+    let unknown = lines.unknown();
+    (!unknown.is_empty()).then(|| {
+        format!(
+            "{}: found {unknown}, names that nobody here knows: compared with nothing; expected the names that poses of a run \
+             have, such as `left_hip`, `right_knee`",
+            path.display()
+        )
+    })
+}
+
+/// What else there is to say, behind a refusal.
+fn after(said: Option<&str>) -> String {
+    said.map_or_else(String::new, |said| format!("; {said}"))
+}
+
 /// The poses of `path`, which must be of what `truth` is of.
 fn poses_beside(truth: &PoseLines, path: &Path, args: &EvaluateArgs) -> anyhow::Result<PoseLines> {
     let poses = read(path, LinesRole::Poses, args)?;
     let overlap = Overlap::of(&poses, truth);
-    let shown = || format!("{} and {}", path.display(), args.truth.display());
+    let shown = || shown_with_truth(path, args);
+    let unknown = unknown_names(&poses, path);
     if let Some(refusal) = overlap.refusal() {
-        bail!("{}: {refusal}", shown());
+        let misread = misread(&poses, truth, None).map(|doubt| doubt.found);
+        let [misread, unknown] = [&misread, &unknown].map(|it| after(it.as_deref()));
+        bail!("{}: {refusal}{misread}{unknown}", shown());
     }
-    if let Some(warning) = overlap.warning() {
-        say(format_args!("warning: {}: {warning}", shown()));
+    let doubted = overlap.warning().map(|it| format!("{}: {it}", shown()));
+    for warning in doubted.iter().chain(&unknown) {
+        say(format_args!("warning: {warning}"));
     }
     Ok(poses)
 }
 
+fn shown_with_truth(path: &Path, args: &EvaluateArgs) -> String {
+    format!("{} and {}", path.display(), args.truth.display())
+}
+
 fn read(path: &Path, role: LinesRole, args: &EvaluateArgs) -> anyhow::Result<PoseLines> {
     let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
-    let reader = BufReader::new(file);
+    let mut reader = BufReader::new(file);
+    // What cannot be read is told by who reads on.
+    let is_recording = reader.fill_buf().is_ok_and(is_ours);
+    ensure!(
+        !is_recording,
+        "{0}: found a recording, expected {1}: `farfield replay {0}` makes a run of it",
+        path.display(),
+        match role {
+            LinesRole::Poses => "the folder of a run, or its poses.jsonl",
+            LinesRole::Truth => "the truth as lines of text, or the folder of its truth.jsonl",
+        }
+    );
     Ok(PoseLines::read(
         reader,
         path,
@@ -273,123 +297,4 @@ fn is_rate(rate_hz: f64) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const LINE: &str = "{\"tick\": 5, \"person\": 1, \"joints\": {\"left_hip\": [0, 0, 1]}}\n";
-
-    #[derive(clap::Parser)]
-    struct EvaluateLine {
-        #[command(flatten)]
-        args: EvaluateArgs,
-    }
-
-    fn parsed(words: &[&str]) -> Result<EvaluateArgs, clap::Error> {
-        let words = [&["evaluate"], words].concat();
-        <EvaluateLine as clap::Parser>::try_parse_from(words).map(|line| line.args)
-    }
-
-    fn folder_with(truth: &str) -> (tempfile::TempDir, EvaluateArgs) {
-        let folder = tempfile::tempdir().unwrap();
-        let (poses, true_path) = (
-            folder.path().join("poses.jsonl"),
-            folder.path().join("truth.jsonl"),
-        );
-        fs::write(&poses, LINE).unwrap();
-        fs::write(&true_path, truth).unwrap();
-        let args = parsed(&[poses.to_str().unwrap(), true_path.to_str().unwrap()]).unwrap();
-        (folder, args)
-    }
-
-    #[test]
-    fn poses_and_a_truth_are_needed() {
-        assert!(parsed(&[]).is_err());
-        assert!(parsed(&["poses.jsonl"]).is_err());
-        let args = parsed(&["poses.jsonl", "truth.jsonl", "--json"]).unwrap();
-        assert_eq!(args.truth, Path::new("truth.jsonl"));
-        assert!(args.json);
-        assert_eq!(args.extent, TruthExtent::Whole);
-        let partial = parsed(&["poses.jsonl", "truth.jsonl", "--truth", "partial"]).unwrap();
-        assert_eq!(partial.extent, TruthExtent::Partial);
-        let refused = parsed(&["p", "t", "--truth", "half"])
-            .unwrap_err()
-            .to_string();
-        assert!(refused.contains("not one of whole, partial"), "{refused}");
-    }
-
-    #[test]
-    fn other_poses_stand_beside_row_by_row() {
-        let (folder, mut args) = folder_with(LINE);
-        let other = folder.path().join("other.jsonl");
-        fs::write(&other, LINE.replace("[0, 0, 1]", "[0, 0, 1.1]")).unwrap();
-        args.beside = Some(other);
-        let (evaluation, plot) = scores_of(&args).unwrap();
-        let table = evaluation.table();
-        assert!(
-            table.contains("POSES") && table.contains("100.0"),
-            "{table}"
-        );
-        let json = serde_json::to_value(&evaluation).unwrap();
-        assert_eq!(json["actors"]["1"]["frames"], 1);
-        assert_eq!(json["beside"]["actors"]["1"]["frames"], 1);
-        assert!(plot.starts_with("<svg"));
-    }
-
-    fn refused(args: &EvaluateArgs) -> String {
-        format!("{:#}", scores_of(args).err().unwrap())
-    }
-
-    #[test]
-    fn a_truth_without_anything_to_compare_is_refused() {
-        let (_folder, mut args) = folder_with("");
-        assert!(refused(&args).ends_with("truth.jsonl: no line, expected one per tick and person"));
-        fs::write(&args.truth, LINE.replace("left_hip", "spine")).unwrap();
-        assert!(refused(&args).contains("none of the points"));
-        fs::write(&args.truth, LINE).unwrap();
-        args.ticks = Some(Tick(0)..Tick(5));
-        assert!(refused(&args).ends_with("nobody is there in ticks 0..5"));
-    }
-
-    #[test]
-    fn poses_of_another_run_are_refused() {
-        let (_folder, args) = folder_with(&LINE.replace("\"tick\": 5", "\"tick\": 50"));
-        let said = refused(&args);
-        assert!(said.contains("the poses have ticks 5 to 5"), "{said}");
-        assert!(said.contains("truth.jsonl: no tick in common"), "{said}");
-    }
-
-    #[test]
-    fn who_swaps_poses_and_truth_or_names_one_twice_is_told() {
-        let (_folder, mut args) = folder_with(LINE);
-        assert_eq!(doubt(&args), None);
-        let of_run = LINE.replace(
-            "\"person\": 1",
-            "\"person\": 1, \"state\": \"tracked\", \"views\": 4",
-        );
-        fs::write(&args.truth, of_run).unwrap();
-        assert!(doubt(&args).unwrap().contains("expected POSES, then TRUTH"));
-        args.truth.clone_from(&args.poses);
-        assert!(doubt(&args).unwrap().contains("against itself"));
-    }
-
-    #[test]
-    fn a_missing_file_is_named() {
-        let (folder, args) = folder_with(LINE);
-        fs::remove_file(&args.poses).unwrap();
-        assert!(refused(&args).contains(&folder.path().join("poses.jsonl").display().to_string()));
-    }
-
-    #[test]
-    fn the_rate_comes_from_the_caller_then_the_summary_then_the_venue() {
-        let (folder, mut args) = folder_with(LINE);
-        assert_eq!(rate_hz(&args), None);
-        fs::write(folder.path().join("venue.toml"), "rate_hz = 25").unwrap();
-        assert_eq!(rate_hz(&args), Some(25.0));
-        fs::write(folder.path().join("summary.json"), "{\"rate_hz\": 60.0}").unwrap();
-        assert_eq!(rate_hz(&args), Some(60.0));
-        args.rate_hz = Some(50.0);
-        assert_eq!(rate_hz(&args), Some(50.0));
-        args.rate_hz = Some(0.0);
-        assert!(evaluate(&args).is_err());
-    }
-}
+mod tests;

@@ -124,12 +124,14 @@ impl ActorTally {
         id_switches: u64,
         rate_hz: Option<f64>,
     ) -> ActorScore {
-        let [pcp_both_ends, pcp_mean_end, pcp_midpoint] =
-            self.correct_limbs.map(|n| percent(n, self.limbs));
-        let [pck_50, pck_100] = self.within.map(|n| percent(n, self.points));
+        let [pcp_both_ends, pcp_mean_end, pcp_midpoint] = self
+            .correct_limbs
+            .map(|n| (self.limbs > 0).then(|| percent(n, self.limbs)));
+        let of_points = |part, whole| (self.points > 0).then(|| percent(part, whole));
+        let [pck_50, pck_100] = self.within.map(|n| of_points(n, self.points));
         ActorScore {
             frames: self.frames,
-            success_150: percent(self.successes, self.frames),
+            success_150: of_points(self.successes, self.frames),
             mpjpe_mm: (self.compared_points > 0)
                 .then(|| 1000.0 * self.error_sum_m / self.compared_points as f64),
             mpjpe_sites_mm: (self.compared_sites > 0)

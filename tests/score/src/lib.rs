@@ -2,11 +2,12 @@
 //! `farfield evaluate` prints.
 //!
 //! Read [`score`] first: two files of lines come in ([`lines`]; [`overlap`] says whether they are of the same people),
-//! one [`Scores`] comes out. Each tick, truths and poses
+//! one [`Scores`] comes out, which has the [`names`] of points that nobody knows. Each tick, truths and poses
 //! are matched one to one on the mean distance of the points that both know ([`points`] says which these are). Then
 //! come the errors of each actor ([`accuracy`]), the smoothness of what it was given ([`motion`]), the ids
 //! ([`identity`]), how people came ([`lives`]) and, where poses say how sure they are ([`detail`]), whether that is true
-//! ([`uncertainty_calibration`]). [`table`] and [`plot`] show the result. World coordinates, metres; what is reported
+//! ([`uncertainty_calibration`]). [`doubts`] says what speaks against the truth afterwards; [`table`] and [`plot`] show the
+//! result. World coordinates, metres; what is reported
 //! is in millimetres and percent.
 //!
 //! Every gap counts: a truth without a pose is wrong in every percentage, and so is a point that the truth knows and
@@ -15,10 +16,12 @@
 
 pub mod accuracy;
 pub mod detail;
+pub mod doubts;
 pub mod identity;
 pub mod lines;
 pub mod lives;
 pub mod motion;
+pub mod names;
 pub mod overlap;
 mod pairing;
 pub mod plot;
@@ -36,6 +39,7 @@ use identity::{IdentityScore, IdentityTally};
 use lines::{PoseLines, TruthExtent, TruthHole};
 use lives::Lives;
 use motion::Smoothness;
+use names::UnknownNames;
 use pairing::{Distances, Pairing};
 use points::PointSet;
 use uncertainty_calibration::{UncertaintyCalibration, UncertaintyTally};
@@ -68,15 +72,22 @@ pub struct Scores {
     /// How the errors go with what the poses say of themselves; `None` where they say nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<UncertaintyCalibration>,
+    /// Names in the poses that stand for no known point, and were compared with nothing.
+    #[serde(skip_serializing_if = "UnknownNames::is_empty")]
+    pub unknown_in_poses: UnknownNames,
+    /// The same of the truth.
+    #[serde(skip_serializing_if = "UnknownNames::is_empty")]
+    pub unknown_in_truth: UnknownNames,
 }
 
-/// Figures of one actor. `None` is "nothing to measure": no matched tick, no rate, no foot.
+/// Figures of one actor. `None` is "nothing to measure": no matched tick, no rate, no foot, no limb whose ends the truth
+/// knows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ActorScore {
     /// Ticks at which the truth holds this actor.
     pub frames: u64,
     /// Share of the frames whose mean error is at most 150 mm, percent.
-    pub success_150: f64,
+    pub success_150: Option<f64>,
     /// Mean distance over points and frames, millimetres. Outliers count with their whole distance; frames
     /// without any pose are left out.
     pub mpjpe_mm: Option<f64>,
@@ -84,15 +95,15 @@ pub struct ActorScore {
     /// both are known.
     pub mpjpe_sites_mm: Option<f64>,
     /// Share of the limbs with both ends within half the limb's length, percent.
-    pub pcp_both_ends: f64,
+    pub pcp_both_ends: Option<f64>,
     /// Share of the limbs whose end errors are on average within half the length, percent.
-    pub pcp_mean_end: f64,
+    pub pcp_mean_end: Option<f64>,
     /// Share of the limbs whose midpoint is within half the length, percent.
-    pub pcp_midpoint: f64,
+    pub pcp_midpoint: Option<f64>,
     /// Share of the points within 50 mm, percent.
-    pub pck_50: f64,
+    pub pck_50: Option<f64>,
     /// Share of the points within 100 mm, percent.
-    pub pck_100: f64,
+    pub pck_100: Option<f64>,
     /// Frames without a pose within [`GATE_M`].
     pub gaps: u64,
     /// Of these, those at which the pose that was the actor's last was elsewhere, and nobody else's.
@@ -120,14 +131,14 @@ pub struct ActorScore {
 )]
 pub struct MeanScore {
     pub frames: f64,
-    pub success_150: f64,
+    pub success_150: Option<f64>,
     pub mpjpe_mm: Option<f64>,
     pub mpjpe_sites_mm: Option<f64>,
-    pub pcp_both_ends: f64,
-    pub pcp_mean_end: f64,
-    pub pcp_midpoint: f64,
-    pub pck_50: f64,
-    pub pck_100: f64,
+    pub pcp_both_ends: Option<f64>,
+    pub pcp_mean_end: Option<f64>,
+    pub pcp_midpoint: Option<f64>,
+    pub pck_50: Option<f64>,
+    pub pck_100: Option<f64>,
     pub gaps: f64,
     pub outliers: f64,
     pub id_switches: f64,
@@ -195,6 +206,8 @@ pub fn score(
         first_hole: truth.first_hole().filter(|_| extent == TruthExtent::Whole),
         rate_hz,
         calibration: calibration.finish(),
+        unknown_in_poses: poses.unknown().clone(),
+        unknown_in_truth: truth.unknown().clone(),
         actors,
     }
 }
@@ -252,14 +265,14 @@ impl MeanScore {
         };
         Self {
             frames: mean(|a| a.frames as f64),
-            success_150: mean(|a| a.success_150),
+            success_150: mean_of(actors.iter().map(|a| a.success_150)),
             mpjpe_mm: mean_of(actors.iter().map(|a| a.mpjpe_mm)),
             mpjpe_sites_mm: mean_of(actors.iter().map(|a| a.mpjpe_sites_mm)),
-            pcp_both_ends: mean(|a| a.pcp_both_ends),
-            pcp_mean_end: mean(|a| a.pcp_mean_end),
-            pcp_midpoint: mean(|a| a.pcp_midpoint),
-            pck_50: mean(|a| a.pck_50),
-            pck_100: mean(|a| a.pck_100),
+            pcp_both_ends: mean_of(actors.iter().map(|a| a.pcp_both_ends)),
+            pcp_mean_end: mean_of(actors.iter().map(|a| a.pcp_mean_end)),
+            pcp_midpoint: mean_of(actors.iter().map(|a| a.pcp_midpoint)),
+            pck_50: mean_of(actors.iter().map(|a| a.pck_50)),
+            pck_100: mean_of(actors.iter().map(|a| a.pck_100)),
             gaps: mean(|a| a.gaps as f64),
             outliers: mean(|a| a.outliers as f64),
             id_switches: mean(|a| a.id_switches as f64),

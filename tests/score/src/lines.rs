@@ -1,10 +1,11 @@
 //! Reads `poses.jsonl` and `truth.jsonl`: one line per tick and person.
 //!
 //! Only what is scored is kept, so that an hour of people fits in memory. Fields that nobody asks for
-//! are not looked at; a field that is asked for and wrong is refused with its line and name.
+//! are not looked at; a field that is asked for and wrong is refused with its line and name. Points under names that
+//! nobody knows are compared with nothing: their names are kept.
 
 use std::collections::BTreeMap;
-use std::io::BufRead;
+use std::io::{self, BufRead};
 use std::ops::Range;
 use std::path::Path;
 use std::str::FromStr;
@@ -17,7 +18,8 @@ use serde::{Deserialize as _, Serialize};
 use serde_json::{Map, Value};
 
 use super::detail::{JointDetail, Sureness};
-use super::points::{PointSet, ScoredBody};
+use super::names::{NameGroup, UnknownNames};
+use super::points::{HEAD_POINTS, LIMB_POINTS, PointSet, ScoredBody};
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 
 /// Whose lines are read.
@@ -69,6 +71,7 @@ pub struct TruthHole {
 pub struct PoseLines {
     points: PointSet,
     people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>>,
+    unknown: UnknownNames,
 }
 
 impl PoseLines {
@@ -86,13 +89,15 @@ impl PoseLines {
         ticks: Option<&Range<Tick>>,
     ) -> Result<Self, FileError> {
         let mut people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>> = BTreeMap::new();
+        let mut unknown = UnknownNames::default();
         for (index, text) in reader.lines().enumerate() {
             let line = index + 1;
-            let text = text.map_err(|e| FileError::new(path, e.to_string()).at_line(line))?;
+            let text = text.map_err(|e| FileError::new(path, unreadable(&e)).at_line(line))?;
             if text.trim().is_empty() {
                 continue;
             }
-            let parsed = parse_line(&text, role, points).map_err(|fault| fault.at(path, line))?;
+            let parsed = parse_line(&text, role, points, &mut unknown)
+                .map_err(|fault| fault.at(path, line))?;
             if ticks.is_some_and(|range| !range.contains(&parsed.tick)) {
                 continue;
             }
@@ -106,7 +111,11 @@ impl PoseLines {
                 .at(path, line));
             }
         }
-        Ok(Self { points, people })
+        Ok(Self {
+            points,
+            people,
+            unknown,
+        })
     }
 
     /// The people of a run that was never written: `people` by tick and id, gathered with `points`.
@@ -114,7 +123,11 @@ impl PoseLines {
         points: PointSet,
         people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>>,
     ) -> Self {
-        Self { points, people }
+        Self {
+            points,
+            people,
+            unknown: UnknownNames::default(),
+        }
     }
 
     /// Which points were kept.
@@ -162,6 +175,29 @@ impl PoseLines {
         let mut bodies = self.people.values().flat_map(BTreeMap::values);
         bodies.any(|body| body.points_m.iter().any(Option::is_some))
     }
+
+    /// The names of the points that are scored and known of anybody.
+    pub fn known_points(&self) -> Vec<&'static str> {
+        let is_known = |slot: usize| {
+            let mut bodies = self.people.values().flat_map(BTreeMap::values);
+            bodies.any(|body| body.points_m[slot].is_some())
+        };
+        let names = LIMB_POINTS.into_iter().chain(HEAD_POINTS).enumerate();
+        let known = names.filter(|(slot, _)| is_known(*slot));
+        known.map(|(_, name)| name).collect()
+    }
+
+    /// Names of points that nobody knows, also those of lines that were not kept.
+    pub fn unknown(&self) -> &UnknownNames {
+        &self.unknown
+    }
+}
+
+fn unreadable(error: &io::Error) -> String {
+    if error.kind() == io::ErrorKind::InvalidData {
+        return "found bytes that are no UTF-8, expected a line of JSON".to_owned();
+    }
+    error.to_string()
 }
 
 struct ParsedLine {
@@ -205,7 +241,12 @@ fn brief(value: &Value) -> String {
     }
 }
 
-fn parse_line(text: &str, role: LinesRole, points: PointSet) -> Result<ParsedLine, LineFault> {
+fn parse_line(
+    text: &str,
+    role: LinesRole,
+    points: PointSet,
+    unknown: &mut UnknownNames,
+) -> Result<ParsedLine, LineFault> {
     let value: Value = serde_json::from_str(text).map_err(|e| LineFault {
         field: None,
         problem: format!("not JSON: {e}"),
@@ -225,6 +266,12 @@ fn parse_line(text: &str, role: LinesRole, points: PointSet) -> Result<ParsedLin
         .map_err(|_| LineFault::expected("person", object.get("person"), "a number from 0"))?;
     let joints = read_points(object.get("joints"), "joints")?;
     let keypoints = read_points(object.get("keypoints"), "keypoints")?;
+    unknown.note(NameGroup::Joints, joints.keys().copied());
+    // Keypoints that no joint is near are amiss only where keypoints are compared, or where a truth has no others.
+    let is_strange = || !NameGroup::Keypoints.knows_any(keypoints.keys().copied());
+    if points != PointSet::Joints || role == LinesRole::Truth && is_strange() {
+        unknown.note(NameGroup::Keypoints, keypoints.keys().copied());
+    }
     let point = |name: &str| match (points, role) {
         (PointSet::Joints, _) => joints.get(name).copied(),
         (_, LinesRole::Poses) => keypoints.get(name).copied(),
@@ -235,7 +282,7 @@ fn parse_line(text: &str, role: LinesRole, points: PointSet) -> Result<ParsedLin
     body.is_tentative = role == LinesRole::Poses
         && state_of(object).is_some_and(|state| state == PersonState::Tentative);
     let sureness = match role {
-        LinesRole::Poses => read_sureness(object)?,
+        LinesRole::Poses => read_sureness(object, unknown)?,
         LinesRole::Truth => None,
     };
     if sureness.is_some() || role == LinesRole::Truth && !joints.is_empty() {
@@ -252,7 +299,10 @@ fn state_of(object: &Map<String, Value>) -> Option<PersonState> {
 }
 
 /// How sure the pose of a line is, where it says so.
-fn read_sureness(object: &Map<String, Value>) -> Result<Option<Sureness>, LineFault> {
+fn read_sureness(
+    object: &Map<String, Value>,
+    unknown: &mut UnknownNames,
+) -> Result<Option<Sureness>, LineFault> {
     let sigmas = match object.get("sigma_m") {
         None | Some(Value::Null) => return Ok(None),
         Some(Value::Object(sigmas)) => sigmas,
@@ -264,6 +314,7 @@ fn read_sureness(object: &Map<String, Value>) -> Result<Option<Sureness>, LineFa
             ));
         }
     };
+    unknown.note(NameGroup::Sigmas, sigmas.keys().map(String::as_str));
     let mut sigma_m = [f32::NAN; N_JOINTS];
     for (name, value) in sigmas {
         let sigma = value.as_f64().filter(|sigma| *sigma >= 0.0);
@@ -417,6 +468,21 @@ mod tests {
         };
         assert_eq!(hole(&holes, None), Some(expected));
         assert_eq!(hole(&holes, Some(Tick(0)..Tick(2))), None);
+    }
+
+    #[test]
+    fn names_that_nobody_knows_are_kept_and_those_of_a_network_where_they_are_compared() {
+        let text = "{\"tick\": 1, \"person\": 1, \"joints\": {\"hip_l\": [1, 2, 3], \"nose\": [1, 2, 3], \"LKnee\": null}, \
+                    \"keypoints\": {\"left_thumb\": [1, 2, 3]}, \"sigma_m\": {\"hip_r\": 0.1}, \"state\": \"tracked\", \"views\": 4}";
+        let unknown = |role, points| read(text, role, points).unwrap().unknown().to_string();
+        let thumb = "`joints.hip_l`, `keypoints.left_thumb`";
+        assert_eq!(unknown(LinesRole::Truth, PointSet::Joints), thumb);
+        let hips = "`joints.hip_l`, `sigma_m.hip_r`";
+        assert_eq!(unknown(LinesRole::Poses, PointSet::Joints), hips);
+        assert_eq!(
+            unknown(LinesRole::Poses, PointSet::Keypoints),
+            format!("{thumb}, `sigma_m.hip_r`")
+        );
     }
 
     #[test]

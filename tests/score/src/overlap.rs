@@ -24,8 +24,13 @@ pub struct Overlap {
     shared_ticks: usize,
     /// Of these, those at which a pose is near enough to be a truth's.
     near_ticks: usize,
-    /// The least mean distance of the points of a pose from those of a truth, metres.
+    /// The least mean distance of the points of a pose from those of a truth, metres; `None` where no pose has a point
+    /// that a truth of its tick has.
     nearest_m: Option<f64>,
+    /// The points that are compared and that the poses have.
+    pose_points: Vec<&'static str>,
+    /// Those that the truth has.
+    true_points: Vec<&'static str>,
 }
 
 impl Overlap {
@@ -38,6 +43,8 @@ impl Overlap {
             shared_ticks: 0,
             near_ticks: 0,
             nearest_m: None,
+            pose_points: poses.known_points(),
+            true_points: truth.known_points(),
         };
         for tick in truth.ticks() {
             if let (Some(truths), Some(poses)) = (truth.people_at(tick), poses.people_at(tick)) {
@@ -65,17 +72,17 @@ impl Overlap {
             return None;
         }
         let shared = self.shared_ticks;
-        let nearest = self.nearest_m.map_or_else(
-            || "no point is known of both".to_owned(),
-            |nearest_m| {
-                format!(
-                    "the nearest pose is {nearest_m:.2} m from a truth, and at most {GATE_M} m is a match"
-                )
-            },
-        );
+        let Some(nearest_m) = self.nearest_m else {
+            return Some(format!(
+                "no point in common at the {shared} ticks that both hold: of those that are compared the poses have {}, the \
+                 truth has {}; expected the same names in both, as `left_hip` and `right_knee`",
+                named(&self.pose_points),
+                named(&self.true_points)
+            ));
+        };
         Some(format!(
-            "no place in common at the {shared} ticks that both hold: {nearest}; expected poses of the same people, \
-             in the same coordinates"
+            "no place in common at the {shared} ticks that both hold: the nearest pose is {nearest_m:.2} m from a truth, \
+             and at most {GATE_M} m is a match; expected poses of the same people, in the same coordinates"
         ))
     }
 
@@ -109,6 +116,13 @@ impl Overlap {
         let span = self.truth.as_ref();
         span.map_or_else(|| "none".to_owned(), |span| Span(span).to_string())
     }
+}
+
+fn named(points: &[&str]) -> String {
+    if points.is_empty() {
+        return "none".to_owned();
+    }
+    format!("`{}`", points.join("`, `"))
 }
 
 fn span(lines: &PoseLines) -> Option<RangeInclusive<Tick>> {
@@ -181,9 +195,25 @@ mod tests {
         let refusal = overlap(&standing(0..100, 3.25)).refusal().unwrap();
         assert!(refusal.contains("100 ticks"), "{refusal}");
         assert!(refusal.contains("3.25 m"), "{refusal}");
-        let other_points = lines(0..100, |_| 0.0, "left_knee");
-        let refusal = overlap(&other_points).refusal().unwrap();
-        assert!(refusal.contains("no point is known of both"), "{refusal}");
+    }
+
+    #[test]
+    fn other_points_are_refused_with_those_of_both() {
+        let refusal = |joint: &str| {
+            let poses = lines(0..100, |_| 0.0, joint);
+            overlap(&poses).refusal().unwrap()
+        };
+        let said = refusal("left_knee");
+        assert!(
+            said.contains("the poses have `left_knee`, the truth has `left_hip`"),
+            "{said}"
+        );
+        let said = refusal("hip_l");
+        assert!(
+            said.contains("no point in common at the 100 ticks"),
+            "{said}"
+        );
+        assert!(said.contains("the poses have none"), "{said}");
     }
 
     #[test]

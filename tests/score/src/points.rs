@@ -62,6 +62,8 @@ const LEFT_ANKLE: usize = 10;
 const RIGHT_ANKLE: usize = 11;
 const HEAD_BOTTOM: usize = 12;
 const HEAD_TOP: usize = 13;
+/// The head points that a truth may have, in the order in which they follow [`LIMB_POINTS`] there.
+pub const HEAD_POINTS: [&str; 2] = ["head_bottom", "head_top"];
 /// Most points that are scored.
 pub const N_POINTS: usize = 14;
 
@@ -152,8 +154,9 @@ impl ScoredBody {
         }
         if set == PointSet::Shelf14 {
             let derived = shelf_head(&point);
-            body.points_m[HEAD_BOTTOM] = point("head_bottom").or(derived.map(|head| head[0]));
-            body.points_m[HEAD_TOP] = point("head_top").or(derived.map(|head| head[1]));
+            let [bottom, top] = HEAD_POINTS;
+            body.points_m[HEAD_BOTTOM] = point(bottom).or(derived.map(|head| head[0]));
+            body.points_m[HEAD_TOP] = point(top).or(derived.map(|head| head[1]));
         }
         body.feet_m = FOOT_POINTS.map(|foot| foot.map(&joint));
         body

@@ -76,7 +76,7 @@ fn a_perfect_answer_scores_full_marks() {
         one.pcp_midpoint,
         one.pck_50,
     ] {
-        check(percent, 100.0);
+        check(percent.unwrap(), 100.0);
     }
     check(one.mpjpe_mm.unwrap(), 0.0);
     check(one.jitter_m_s3.unwrap(), 0.0);
@@ -99,14 +99,14 @@ fn errors_and_parts_are_as_worked_out_by_hand() {
     let scores = scored(&poses, &exact(7, 1, 0.0));
     let one = &scores.actors[&1];
     check(one.mpjpe_mm.unwrap(), 1000.0 * 0.36 / 12.0);
-    check(one.success_150, 100.0);
-    check(one.pck_50, 100.0 * 10.0 / 12.0);
-    check(one.pck_100, 100.0 * 11.0 / 12.0);
+    check(one.success_150.unwrap(), 100.0);
+    check(one.pck_50.unwrap(), 100.0 * 10.0 / 12.0);
+    check(one.pck_100.unwrap(), 100.0 * 11.0 / 12.0);
     // Upper arm: ends 0 and 0.3; lower arm: 0.3 and 0.06. Both ends fail in both; the means are 0.15
     // and 0.18, the midpoints off by 0.15 and 0.18: within 0.2.
-    check(one.pcp_both_ends, 100.0 * 6.0 / 8.0);
-    check(one.pcp_mean_end, 100.0);
-    check(one.pcp_midpoint, 100.0);
+    check(one.pcp_both_ends.unwrap(), 100.0 * 6.0 / 8.0);
+    check(one.pcp_mean_end.unwrap(), 100.0);
+    check(one.pcp_midpoint.unwrap(), 100.0);
 }
 
 #[test]
@@ -123,7 +123,7 @@ fn a_gap_is_wrong_everywhere_but_in_the_mpjpe() {
         one.pcp_midpoint,
         one.pck_100,
     ] {
-        check(percent, 50.0);
+        check(percent.unwrap(), 50.0);
     }
 }
 
@@ -141,7 +141,7 @@ fn a_pose_that_leaves_its_person_by_more_than_the_gate_counts_with_its_whole_err
     check(one.mpjpe_mm.unwrap(), 320.0);
     // 0.04 - 3 x 0.6 + 3 x 0.6 - 0.04 is the one third difference: over four poses in a row it is nothing.
     check(one.jitter_m_s3.unwrap(), 0.0);
-    check(one.pck_50, 50.0);
+    check(one.pck_50.unwrap(), 50.0);
     // For identity it is a gap and a pose of nobody.
     check(scores.identity.mota, 0.0);
     let errors = &errors_over_time(
@@ -197,9 +197,79 @@ fn a_point_that_the_pose_lacks_is_wrong() {
     let poses = exact(0, 1, 0.0).replace("\"left_wrist\"", "\"somewhere\"");
     let one = &scored(&poses, &exact(0, 1, 0.0)).actors[&1];
     assert_eq!(one.missing_points, 1);
-    check(one.pck_50, 100.0 * 11.0 / 12.0);
-    check(one.pcp_both_ends, 100.0 * 7.0 / 8.0);
+    check(one.pck_50.unwrap(), 100.0 * 11.0 / 12.0);
+    check(one.pcp_both_ends.unwrap(), 100.0 * 7.0 / 8.0);
     check(one.mpjpe_mm.unwrap(), 0.0);
+}
+
+#[test]
+fn of_what_was_not_compared_there_is_no_share() {
+    let hip = |person: u32| {
+        format!("{{\"tick\": 0, \"person\": {person}, \"joints\": {{\"left_hip\": [0, 0, 1]}}}}\n")
+    };
+    // A hip alone is a point and no limb; of person 2 nothing that is compared is known.
+    let truth = hip(1) + &hip(2).replace("left_hip", "nose");
+    let scores = scored(&hip(7), &truth);
+    let (one, two) = (&scores.actors[&1], &scores.actors[&2]);
+    assert_eq!((one.pcp_both_ends, one.pcp_mean_end), (None, None));
+    assert_eq!(one.pcp_midpoint, None);
+    check(one.pck_50.unwrap(), 100.0);
+    check(one.success_150.unwrap(), 100.0);
+    assert_eq!(
+        (two.pck_50, two.pck_100, two.success_150),
+        (None, None, None)
+    );
+    // They are left out of the mean, and are no zero anywhere.
+    check(scores.mean.pck_50.unwrap(), 100.0);
+    assert_eq!(scores.mean.pcp_midpoint, None);
+    let json = serde_json::to_value(&scores).unwrap();
+    assert!(json["mean"]["pcp_midpoint"].is_null(), "{json}");
+    let table = scores.to_string();
+    assert!(
+        table.contains("100.0      -      -      -  100.0"),
+        "{table}"
+    );
+}
+
+#[test]
+fn a_file_that_is_no_text_is_told_as_such() {
+    let bytes = [exact(0, 1, 0.0).as_bytes(), b"\x89MCAP0\r\n"].concat();
+    let (path, role) = (Path::new("poses.mcap"), LinesRole::Poses);
+    let read = PoseLines::read(&bytes[..], path, role, PointSet::Joints, None);
+    assert_eq!(
+        read.unwrap_err().to_string(),
+        "poses.mcap:2: found bytes that are no UTF-8, expected a line of JSON"
+    );
+}
+
+#[test]
+fn names_that_nobody_knows_are_told_with_whose_they_are() {
+    let truth = exact(0, 1, 0.0).replace("left_knee", "LKnee");
+    let scores = scored(&exact(0, 1, 0.0), &truth);
+    let json = serde_json::to_value(&scores).unwrap();
+    assert_eq!(
+        json["unknown_in_truth"],
+        serde_json::json!(["joints.LKnee"])
+    );
+    assert!(json.get("unknown_in_poses").is_none(), "{json}");
+}
+
+#[test]
+fn keypoints_of_a_whole_body_truth_are_no_matter_where_joints_are_compared() {
+    let keypoints =
+        "{\"tick\": 0, \"keypoints\": {\"left_thumb\": [1, 2, 3], \"left_hip\": [1, 2, 3]}, ";
+    let truth = exact(0, 1, 0.0).replace("{\"tick\": 0, ", keypoints);
+    assert!(truth.contains("left_thumb"), "{truth}");
+    let unknown = |points| {
+        let (path, role) = (Path::new("truth.jsonl"), LinesRole::Truth);
+        let read = PoseLines::read(truth.as_bytes(), path, role, points, None);
+        read.unwrap().unknown().clone()
+    };
+    assert!(unknown(PointSet::Joints).is_empty());
+    assert_eq!(
+        unknown(PointSet::Keypoints).to_string(),
+        "`keypoints.left_thumb`"
+    );
 }
 
 #[test]
@@ -332,7 +402,7 @@ fn without_poses_all_is_gaps() {
     let scores = scored("", &exact(0, 1, 0.0));
     let one = &scores.actors[&1];
     assert_eq!((one.gaps, one.mpjpe_mm), (1, None));
-    check(one.pcp_midpoint, 0.0);
+    check(one.pcp_midpoint.unwrap(), 0.0);
     check(scores.identity.mota, 0.0);
     check(scores.identity.idf1, 0.0);
 }

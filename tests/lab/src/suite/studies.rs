@@ -31,7 +31,7 @@ pub struct MethodVariant {
     /// Mean error over actors, millimetres, live.
     pub mpjpe_mm: Option<f64>,
     /// Mean share of frames up to 150 mm, percent.
-    pub success_150: f64,
+    pub success_150: Option<f64>,
     /// Frames without a pose, of all actors.
     pub gaps: u64,
     /// Changes of id, of all actors.
@@ -219,14 +219,14 @@ impl fmt::Display for MethodStudy {
         for v in &self.variants {
             write!(
                 f,
-                "\n{:>12} {:>6.0} {:>10.0} {:>10} {:>9} {:>8} {:>7.1} {:>6} {:>4} {:>6}",
+                "\n{:>12} {:>6.0} {:>10.0} {:>10} {:>9} {:>8} {:>7} {:>6} {:>4} {:>6}",
                 v.name,
                 v.rate_hz,
                 v.lattice_mm,
                 some(v.lattice_needed_mm),
                 some(v.predicted_mm),
                 some(v.mpjpe_mm),
-                v.success_150,
+                some(v.success_150),
                 v.gaps,
                 v.id_switches,
                 v.never_found

@@ -57,7 +57,7 @@ fn of_gaps(scores: &Scores, gaps: u64) -> Vec<LimitedFigure> {
 /// Where somebody out of sight is carried on by the model these say how far it moved meanwhile.
 fn of_poses(scores: &Scores) -> Vec<LimitedFigure> {
     let mpjpe_mm = scores.mean.mpjpe_mm.unwrap_or(f64::NAN);
-    let success = scores.mean.success_150;
+    let success = scores.mean.success_150.unwrap_or(f64::NAN);
     vec![
         ("MPJPE, mm", mpjpe_mm, Bound::AtMost(LIMIT_MPJPE_MM)),
         ("success@150, %", success, Bound::AtLeast(LIMIT_SUCCESS)),

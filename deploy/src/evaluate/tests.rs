@@ -1,0 +1,204 @@
+//! What is scored, what is refused, and what is doubted.
+
+use super::*;
+
+const LINE: &str = "{\"tick\": 5, \"person\": 1, \"joints\": {\"left_hip\": [0, 0, 1]}}\n";
+
+#[derive(clap::Parser)]
+struct EvaluateLine {
+    #[command(flatten)]
+    args: EvaluateArgs,
+}
+
+fn parsed(words: &[&str]) -> Result<EvaluateArgs, clap::Error> {
+    let words = [&["evaluate"], words].concat();
+    <EvaluateLine as clap::Parser>::try_parse_from(words).map(|line| line.args)
+}
+
+fn folder_with(truth: &str) -> (tempfile::TempDir, EvaluateArgs) {
+    let folder = tempfile::tempdir().unwrap();
+    let (poses, true_path) = (
+        folder.path().join("poses.jsonl"),
+        folder.path().join("truth.jsonl"),
+    );
+    fs::write(&poses, LINE).unwrap();
+    fs::write(&true_path, truth).unwrap();
+    let args = parsed(&[poses.to_str().unwrap(), true_path.to_str().unwrap()]).unwrap();
+    (folder, args)
+}
+
+#[test]
+fn poses_and_a_truth_are_needed() {
+    assert!(parsed(&[]).is_err());
+    assert!(parsed(&["poses.jsonl"]).is_err());
+    let args = parsed(&["poses.jsonl", "truth.jsonl", "--json"]).unwrap();
+    assert_eq!(args.truth, Path::new("truth.jsonl"));
+    assert!(args.json);
+    assert_eq!(args.extent, TruthExtent::Whole);
+    let partial = parsed(&["poses.jsonl", "truth.jsonl", "--truth", "partial"]).unwrap();
+    assert_eq!(partial.extent, TruthExtent::Partial);
+    let refused = parsed(&["p", "t", "--truth", "half"])
+        .unwrap_err()
+        .to_string();
+    assert!(refused.contains("not one of whole, partial"), "{refused}");
+}
+
+#[test]
+fn other_poses_stand_beside_row_by_row() {
+    let (folder, mut args) = folder_with(LINE);
+    let other = folder.path().join("other.jsonl");
+    fs::write(&other, LINE.replace("[0, 0, 1]", "[0, 0, 1.1]")).unwrap();
+    args.beside = Some(other);
+    let (evaluation, plot) = scores_of(&args).unwrap();
+    let table = evaluation.table();
+    assert!(
+        table.contains("POSES") && table.contains("100.0"),
+        "{table}"
+    );
+    let json = serde_json::to_value(&evaluation).unwrap();
+    assert_eq!(json["actors"]["1"]["frames"], 1);
+    assert_eq!(json["beside"]["actors"]["1"]["frames"], 1);
+    assert!(plot.starts_with("<svg"));
+}
+
+fn refused(args: &EvaluateArgs) -> String {
+    format!("{:#}", scores_of(args).err().unwrap())
+}
+
+#[test]
+fn a_truth_without_anything_to_compare_is_refused() {
+    let (_folder, mut args) = folder_with("");
+    assert!(refused(&args).ends_with("truth.jsonl: no line, expected one per tick and person"));
+    fs::write(&args.truth, LINE.replace("left_hip", "spine")).unwrap();
+    assert!(refused(&args).contains("none of the points"));
+    fs::write(&args.truth, LINE).unwrap();
+    args.ticks = Some(Tick(0)..Tick(5));
+    assert!(refused(&args).ends_with("nobody is there in ticks 0..5"));
+}
+
+#[test]
+fn names_that_nobody_knows_are_told_beside_a_score_and_behind_a_refusal() {
+    let both = LINE.replace("}}", ", \"hip_l\": [0, 0, 1]}}");
+    let (_folder, args) = folder_with(&both);
+    let (evaluation, _) = scores_of(&args).unwrap();
+    let json = serde_json::to_value(&evaluation).unwrap();
+    assert_eq!(json["unknown_in_truth"][0], "joints.hip_l");
+    let truth = read(&args.truth, LinesRole::Truth, &args).unwrap();
+    let said = unknown_names(&truth, &args.truth).unwrap();
+    assert!(said.contains("truth.jsonl: found `joints.hip_l`"), "{said}");
+    let alone = LINE.replace("left_hip", "hip_l");
+    fs::write(&args.truth, &alone).unwrap();
+    let said = refused(&args);
+    assert!(
+        said.contains("none of the points") && said.contains("`joints.hip_l`"),
+        "{said}"
+    );
+    fs::write(&args.truth, LINE).unwrap();
+    fs::write(&args.poses, alone).unwrap();
+    let said = refused(&args);
+    assert!(
+        said.contains("no point in common") && said.contains("`joints.hip_l`"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_recording_is_no_file_of_poses_and_what_makes_one_of_it_is_said() {
+    let (folder, mut args) = folder_with(LINE);
+    args.poses = folder.path().join("hall.mcap");
+    // The magic bytes, a header of 16 bytes, its profile, and what is no text.
+    let head = [
+        &b"\x89MCAP0\r\n\x01"[..],
+        &16u64.to_le_bytes(),
+        &8u32.to_le_bytes(),
+        b"farfield\xff\xff\xff\xff",
+    ]
+    .concat();
+    fs::write(&args.poses, head).unwrap();
+    let said = refused(&args);
+    assert!(
+        said.contains("hall.mcap: found a recording, expected the folder of a run"),
+        "{said}"
+    );
+    assert!(said.contains("`farfield replay "), "{said}");
+    args.truth.clone_from(&args.poses);
+    assert!(refused(&args).contains("or the folder of its truth.jsonl"));
+}
+
+/// Somebody who goes to and fro: 60 ticks of a hip, in units of which a metre has `scale`.
+fn swaying(late: i64, scale: f64) -> String {
+    let line = |tick: i64| {
+        let t = (tick - late) as f64;
+        let (x_m, y_m) = (
+            0.6 * scale * (0.1 * t).sin(),
+            0.4 * scale * (0.17 * t).cos(),
+        );
+        let line = LINE.replace(": 5", &format!(": {tick}"));
+        line.replace("[0, 0, 1]", &format!("[{x_m}, {y_m}, {scale}]"))
+    };
+    (0..60).map(line).collect()
+}
+
+#[test]
+fn a_truth_that_one_number_would_mend_is_doubted_beside_a_score_and_behind_a_refusal() {
+    let (_folder, args) = folder_with(&swaying(5, 1.0));
+    fs::write(&args.poses, swaying(0, 1.0)).unwrap();
+    let (evaluation, _) = scores_of(&args).unwrap();
+    let json = serde_json::to_value(&evaluation).unwrap();
+    assert_eq!(json["doubts"][0]["cause"], "other_ticks");
+    let found = json["doubts"][0]["found"].as_str().unwrap();
+    assert!(found.contains("5 ticks later"), "{found}");
+    fs::write(&args.truth, swaying(0, 1000.0)).unwrap();
+    let said = refused(&args);
+    assert!(
+        said.contains("no place in common") && said.contains("in millimetres"),
+        "{said}"
+    );
+    fs::write(&args.truth, swaying(0, 1.0)).unwrap();
+    let (evaluation, _) = scores_of(&args).unwrap();
+    let json = serde_json::to_value(&evaluation).unwrap();
+    assert!(json.get("doubts").is_none(), "{json}");
+}
+
+#[test]
+fn poses_of_another_run_are_refused() {
+    let (_folder, args) = folder_with(&LINE.replace("\"tick\": 5", "\"tick\": 50"));
+    let said = refused(&args);
+    assert!(said.contains("the poses have ticks 5 to 5"), "{said}");
+    assert!(said.contains("truth.jsonl: no tick in common"), "{said}");
+}
+
+#[test]
+fn who_swaps_poses_and_truth_or_names_one_twice_is_told() {
+    let (_folder, mut args) = folder_with(LINE);
+    assert_eq!(doubt(&args), None);
+    let of_run = LINE.replace(
+        "\"person\": 1",
+        "\"person\": 1, \"state\": \"tracked\", \"views\": 4",
+    );
+    fs::write(&args.truth, of_run).unwrap();
+    assert!(doubt(&args).unwrap().contains("expected POSES, then TRUTH"));
+    args.truth.clone_from(&args.poses);
+    assert!(doubt(&args).unwrap().contains("against itself"));
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let (folder, args) = folder_with(LINE);
+    fs::remove_file(&args.poses).unwrap();
+    assert!(refused(&args).contains(&folder.path().join("poses.jsonl").display().to_string()));
+}
+
+#[test]
+fn the_rate_comes_from_the_caller_then_the_summary_then_the_venue() {
+    let (folder, mut args) = folder_with(LINE);
+    assert_eq!(rate_hz(&args), None);
+    fs::write(folder.path().join("venue.toml"), "rate_hz = 25").unwrap();
+    assert_eq!(rate_hz(&args), Some(25.0));
+    fs::write(folder.path().join("summary.json"), "{\"rate_hz\": 60.0}").unwrap();
+    assert_eq!(rate_hz(&args), Some(60.0));
+    args.rate_hz = Some(50.0);
+    assert_eq!(rate_hz(&args), Some(50.0));
+    args.rate_hz = Some(0.0);
+    assert!(evaluate(&args).is_err());
+}
