@@ -73,7 +73,10 @@ impl Clip {
     /// [`FileError`] when it cannot be read, is no BVH file, or no skeleton of a person; with the
     /// line where there is one.
     pub fn load(path: &Path) -> Result<Self, FileError> {
-        let unreadable = |e: std::io::Error| FileError::new(path, format!("cannot be read: {e}"));
+        let unreadable = |e: std::io::Error| {
+            let problem = format!("cannot be read: {e}, expected a motion clip (BVH)");
+            FileError::new(path, problem)
+        };
         let bytes = fs::metadata(path).map_err(unreadable)?.len();
         if bytes > MAX_FILE_BYTES {
             let problem = format!("found {bytes} bytes, expected at most {MAX_FILE_BYTES}");

@@ -33,7 +33,11 @@ pub(super) fn mount(file: &SceneFile, toml: &TomlFile<'_>) -> Result<CameraRig, 
             viewpoints,
         } => (calibration, viewpoints),
     };
-    let calibration = Calibration::parse(&read(calibration)?, calibration)?;
+    let text = read(calibration).map_err(|error| {
+        let problem = format!("{error}; its path counts from the folder of the scene file");
+        toml.error(&Place::field("calibration"), problem)
+    })?;
+    let calibration = Calibration::parse(&text, calibration)?;
     let mut rig = CameraRig::default();
     for (i, (name, cameras)) in viewpoints.iter().enumerate() {
         let first = rig.cameras.len();
@@ -68,34 +72,58 @@ impl<'a> Clips<'a> {
         Self { load, loaded }
     }
 
-    fn get(&mut self, path: &Path) -> Result<Arc<Clip>, FileError> {
+    /// The clip at `path`, which `place` of the scene file names: whoever has many scenes must hear which of them does.
+    fn get(
+        &mut self,
+        path: &Path,
+        toml: &TomlFile<'_>,
+        place: &Place,
+    ) -> Result<Arc<Clip>, FileError> {
         if let Some(clip) = self.loaded.get(path) {
             return Ok(Arc::clone(clip));
         }
-        let clip = (self.load)(path)?;
+        let clip = (self.load)(path).map_err(|error| {
+            let remedy = if path.is_file() {
+                ""
+            } else {
+                "; the path of a clip counts from the folder of the scene file"
+            };
+            toml.error(place, format!("{error}{remedy}"))
+        })?;
         self.loaded.insert(path.to_owned(), Arc::clone(&clip));
         Ok(clip)
     }
 
     /// Those of every person.
-    pub(super) fn of_people(&mut self, file: &SceneFile) -> Result<Vec<Vec<Arc<Clip>>>, FileError> {
-        let people = file.people.iter();
-        people
-            .map(|person| person.clips.iter().map(|path| self.get(path)).collect())
-            .collect()
+    pub(super) fn of_people(
+        &mut self,
+        file: &SceneFile,
+        toml: &TomlFile<'_>,
+    ) -> Result<Vec<Vec<Arc<Clip>>>, FileError> {
+        let mut all = Vec::new();
+        for (person, entry) in file.people.iter().enumerate() {
+            let place = Place::field("person").index(person).key("clips");
+            let clips = entry.clips.iter().enumerate();
+            let clips = clips.map(|(i, path)| self.get(path, toml, &place.index(i)));
+            all.push(clips.collect::<Result<_, _>>()?);
+        }
+        Ok(all)
     }
 }
 
 /// The posters, whose people are built by draws that no person of the scene has.
 pub(super) fn posters_of(
     file: &SceneFile,
+    toml: &TomlFile<'_>,
     clips: &mut Clips<'_>,
 ) -> Result<Vec<Poster>, FileError> {
     let posters = file.posters.iter().enumerate();
     posters
         .map(|(index, entry)| {
             let seed = draws(file.seed, Purpose::Build, MAX_PEOPLE + index).random();
-            Ok(Poster::new(entry, &*clips.get(&entry.clip)?, seed))
+            let place = Place::field("poster").index(index).key("clip");
+            let clip = clips.get(&entry.clip, toml, &place)?;
+            Ok(Poster::new(entry, &clip, seed))
         })
         .collect()
 }
@@ -114,4 +142,71 @@ pub(super) fn numbers_of(file: &SceneFile) -> Vec<u32> {
         unique.len() == numbers.len()
     };
     written.filter(distinct).unwrap_or_else(counted)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::super::Scene;
+    use crate::embedded_files::CLIPS;
+
+    /// What is said of a scene with `added`, beside which the clip `walk.bvh` lies with this text.
+    fn refusal(walk: &str, added: &str) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("walk.bvh"), walk).unwrap();
+        let scene = folder.path().join("scene.toml");
+        let text = format!(
+            "rate_hz = 60\nseconds = 4\nsize_m = [7, 5]\n{added}[[person]]\nname = \"1\"\nheight_m = 1.8\nclips = [\n\
+             \"walk.bvh\",\n\"clips/runn.bvh\",\n]\n"
+        );
+        fs::write(&scene, text).unwrap();
+        Scene::load(&scene).unwrap_err().to_string()
+    }
+
+    const CAMERAS: &str = "[cameras]\nviewpoints = 4\nper_viewpoint = 1\n";
+
+    fn check(said: &str, parts: &[&str]) {
+        for part in parts {
+            assert!(said.contains(part), "{said}\nexpected: {part}");
+        }
+    }
+
+    #[test]
+    fn a_clip_that_is_not_there_is_told_with_the_line_of_the_scene_and_where_it_was_looked_for() {
+        let said = refusal(CLIPS[0].1, CAMERAS);
+        check(
+            &said,
+            &[
+                "scene.toml:12: `person[0].clips[1]`: ",
+                "runn.bvh: cannot be read",
+                "expected a motion clip (BVH)",
+                "counts from the folder of the scene file",
+            ],
+        );
+        let poster =
+            "[[poster]]\nat_m = [0, 0]\nheading_rad = 0\nheight_m = 1.8\nclip = \"none.bvh\"\n";
+        let said = refusal(CLIPS[0].1, &format!("{CAMERAS}{poster}"));
+        check(&said, &["scene.toml:11: `poster[0].clip`: ", "none.bvh"]);
+    }
+
+    #[test]
+    fn a_clip_that_is_none_is_told_with_the_line_of_the_scene_and_its_own() {
+        let said = refusal("nothing\n", CAMERAS);
+        check(
+            &said,
+            &["scene.toml:11: `person[0].clips[0]`: ", "walk.bvh"],
+        );
+        assert!(!said.contains("counts from"), "{said}");
+    }
+
+    #[test]
+    fn a_calibration_that_is_not_there_is_told_with_the_line_of_the_scene() {
+        let cameras = "calibration = \"hall.toml\"\n[[viewpoint]]\nname = \"west\"\n[[viewpoint.camera]]\nname = \"a\"\n";
+        let said = refusal(CLIPS[0].1, cameras);
+        check(
+            &said,
+            &["scene.toml:4: `calibration`: ", "hall.toml: cannot be read"],
+        );
+    }
 }

@@ -103,7 +103,7 @@ impl Scene {
     /// Reads the scene file at `path`, its clips and its calibration.
     ///
     /// # Errors
-    /// [`FileError`] naming the file (the scene, a clip, the calibration), line and field.
+    /// [`FileError`] naming the file (the scene, where a clip of it cannot be used, or the calibration), line and field.
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let text = read(path)?;
         Self::parse(&text, path, &mut |clip| Ok(Arc::new(Clip::load(clip)?)))
@@ -113,7 +113,7 @@ impl Scene {
     /// clip of a path (asked once for each). A calibration is read from its file.
     ///
     /// # Errors
-    /// As [`Scene::load`], and what `clips` answers.
+    /// As [`Scene::load`]; what `clips` answers is said of the field that names the clip.
     pub fn parse(
         text: &str,
         path: &Path,
@@ -124,8 +124,8 @@ impl Scene {
         let rig = mount(&file, &toml)?;
         let sight = Sight::new(&file, &rig.viewpoints, &toml)?;
         let mut clips = Clips::new(clips);
-        let posters = posters_of(&file, &mut clips)?;
-        let clips = clips.of_people(&file)?;
+        let posters = posters_of(&file, &toml, &mut clips)?;
+        let clips = clips.of_people(&file, &toml)?;
         let plan = ScenePlan::new(&file, &clips);
         let numbers = numbers_of(&file);
         let statures_m = ScenePlan::statures_m(&file, &clips);
