@@ -19,7 +19,7 @@ use tracing::{debug, warn};
 
 use super::access::Access;
 use super::token::Token;
-use super::{Keys, ServerError, ServerOptions};
+use super::{HasKeys, Keys, ServerError, ServerOptions, check_reach};
 
 /// Most connections at once: a browser opens six for one page.
 const MAX_CONNECTIONS: usize = 128;
@@ -48,13 +48,8 @@ impl Listening {
     /// Listens, and makes a token.
     pub(super) async fn bind(options: ServerOptions) -> Result<Self, ServerError> {
         let address = options.address;
-        let is_local = address.ip().is_loopback();
-        if !is_local && options.keys.is_none() {
-            return Err(ServerError::NoKeys { address });
-        }
-        if address.ip().is_unspecified() && options.names.is_empty() {
-            return Err(ServerError::NoName { address });
-        }
+        let keys = HasKeys::of(options.keys.as_ref());
+        check_reach(address, &options.names, keys)?;
         let tls = options.keys.as_ref().map(Keys::acceptor).transpose()?;
         let failed = |source| ServerError::Listen { address, source };
         let listener = TcpListener::bind(address).await.map_err(failed)?;

@@ -62,6 +62,41 @@ impl Default for ServerOptions {
     }
 }
 
+/// Whether there are keys for HTTPS.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HasKeys {
+    /// There are.
+    Yes,
+    /// There are none.
+    No,
+}
+
+impl HasKeys {
+    /// Whether these are there.
+    pub fn of<T>(keys: Option<&T>) -> Self {
+        if keys.is_some() { Self::Yes } else { Self::No }
+    }
+}
+
+/// Refuses an address at which nothing can be served, without listening there: `names` are those by which browsers may call the
+/// server.
+///
+/// # Errors
+/// [`ServerError::NoKeys`] beyond the loopback without keys, [`ServerError::NoName`] for all addresses of a machine that has no name.
+pub fn check_reach(
+    address: SocketAddr,
+    names: &[String],
+    keys: HasKeys,
+) -> Result<(), ServerError> {
+    if !address.ip().is_loopback() && keys == HasKeys::No {
+        return Err(ServerError::NoKeys { address });
+    }
+    if address.ip().is_unspecified() && names.is_empty() {
+        return Err(ServerError::NoName { address });
+    }
+    Ok(())
+}
+
 /// Why pages cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {

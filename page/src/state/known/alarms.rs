@@ -1,6 +1,8 @@
 //! What is wrong, in words, each with what mends it: the table of `docs/failures.md`, by what nodes say.
 
 mod clocks;
+#[cfg(test)]
+mod tests;
 
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::live::{CameraHealth, LiveStatus};
@@ -8,7 +10,7 @@ use farfield_proto::tick::{Micros, SECOND_US};
 
 use super::context::Context;
 use super::growth::Growth;
-use super::nodes::{Nodes, SILENT_US};
+use super::nodes::{HeardNode, Nodes, SILENT_US};
 use crate::protocol::status::{Alarm, PageCounts, RecordingState, Severity};
 
 /// A certificate that ends in less time is worth a word, seconds.
@@ -47,9 +49,13 @@ pub(super) fn find<'a>(of: &'a Circumstances<'a>, growth: &'a mut Growth) -> Vec
     for node in Nodes::expected(of.context) {
         found.node(node);
     }
-    found.links();
-    found.cameras();
-    found.poses();
+    if of.nodes.has_ended() {
+        found.ended();
+    } else {
+        found.links();
+        found.cameras();
+        found.poses();
+    }
     found.page();
     found.alarms
 }
@@ -83,7 +89,8 @@ impl Found<'_> {
         let key = format!("node/{name}");
         let Some(heard) = nodes.get(node) else {
             let is_missed = nodes.get(None).is_some_and(|fusion| {
-                fusion.status.live.is_some()
+                !nodes.has_ended()
+                    && fusion.status.live.is_some()
                     && now_us.saturating_sub(fusion.first_us) >= STARTING_US
             });
             if is_missed {
@@ -113,7 +120,13 @@ impl Found<'_> {
             );
             return;
         }
-        if silent_us >= SILENT_US {
+        if nodes.has_ended() {
+            self.recording(heard, &subject);
+            return;
+        }
+        // In lock-step fusion says nothing of itself while the run goes on.
+        let is_to_be_heard = node.is_some() || status.live.is_some();
+        if is_to_be_heard && silent_us >= SILENT_US {
             let text = format!(
                 "{subject} has not been heard for {} s",
                 silent_us / 1_000_000
@@ -135,7 +148,37 @@ impl Found<'_> {
             let remedy = "update the older node: fusion first, then edge by edge";
             self.say(Severity::Warning, key, &subject, text, remedy);
         }
+        if node.is_none() {
+            self.waiting(heard);
+        }
+        self.recording(heard, &subject);
         self.health(node, &subject);
+    }
+
+    /// That no more ticks come, in the place of all that is silent because of it.
+    fn ended(&mut self) {
+        let remedy = "nothing is wrong: fusion that starts anew, as that of a demo does, is shown again by itself";
+        self.say(
+            Severity::Warning,
+            "run/ended".to_owned(),
+            "run",
+            "the run has ended",
+            remedy,
+        );
+    }
+
+    /// For whom fusion waits before it lets recordings be played.
+    fn waiting(&mut self, fusion: &HeardNode) {
+        let nodes = self.of.nodes;
+        let missing = nodes.not_ready(self.of.context);
+        let waited_us = self.of.now_us.saturating_sub(fusion.first_us);
+        if nodes.fusion_waits() && !missing.is_empty() && waited_us >= SILENT_US {
+            let text = format!("fusion waits for {}", missing.join(", "));
+            let remedy = "start who is missing (`farfield edge VENUE --viewpoint NAME`), or wait: 20 s after the first is ready \
+                          fusion begins without the others";
+            let key = "node/fusion/waiting".to_owned();
+            self.say(Severity::Warning, key, "fusion", text, remedy);
+        }
     }
 
     /// Whether a node does not work, by the alarms so far.
@@ -177,25 +220,20 @@ impl Found<'_> {
                 self.say(Severity::Warning, key, subject, text, remedy);
             }
         }
-        if let Some(failure) = heard
-            .status
-            .live
-            .as_ref()
-            .and_then(|live| live.recording_failure.clone())
-        {
-            let remedy = "make room on its disk; poses go on without it";
-            self.say(
-                Severity::Failed,
-                format!("recording/{name}"),
-                subject,
-                failure,
-                remedy,
-            );
-        }
         for (index, notice) in health.notices.iter().enumerate() {
             let key = format!("node/{name}/notice/{index}");
             let remedy = "see `farfield status` and `farfield doctor`";
             self.say(Severity::Warning, key, subject, notice.clone(), remedy);
+        }
+    }
+
+    /// That a node records no more, or keeps no more of what it sends.
+    fn recording(&mut self, heard: &HeardNode, subject: &str) {
+        let live = heard.status.live.as_ref();
+        if let Some(failure) = live.and_then(|live| live.recording_failure.clone()) {
+            let remedy = "make room on its disk; poses go on without it";
+            let key = format!("recording/{}", heard.status.node);
+            self.say(Severity::Failed, key, subject, failure, remedy);
         }
     }
 
@@ -305,6 +343,9 @@ impl Found<'_> {
             }
             let (what, remedy) = match said.health {
                 CameraHealth::Works => continue,
+                CameraHealth::Silent if !nodes.expects_pictures(&camera.source, self.of.now_us) => {
+                    continue;
+                }
                 CameraHealth::Frozen => (
                     "gives the same picture over and over",
                     "take its power away and give it back",

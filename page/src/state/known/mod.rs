@@ -353,7 +353,7 @@ impl Known {
             at_us: self.now_us,
             nodes: nodes.collect(),
             links: self.nodes.link_lines(context, link_state),
-            cameras: self.nodes.camera_lines(context, newest),
+            cameras: self.nodes.camera_lines(context, newest, self.now_us),
             latency: self.latency.lines(self.now_us),
             people: People {
                 tentative,

@@ -8,6 +8,7 @@ use farfield_proto::message::agreement::CameraAgreement;
 use farfield_proto::message::health::LinkHealth;
 use farfield_proto::message::live::{CameraHealth, CameraStatus, EdgeLink, LiveStatus};
 use farfield_proto::tick::{Micros, SECOND_US};
+use farfield_proto::venue::{Source, VenueCamera};
 
 use super::context::Context;
 use super::frame::Frame;
@@ -33,7 +34,7 @@ pub(super) struct HeardNode {
     pub(super) first_us: Micros,
     /// Since when the process says that it is live, and when tick 0 was.
     pub(super) ticks_since_us: Option<Micros>,
-    /// The status before, of the same process, and when it came.
+    /// What a status before said, of the same process and some time ago, and when it came.
     before: Option<(Counts, Micros)>,
 }
 
@@ -108,7 +109,15 @@ impl Nodes {
             let since_us = before.and_then(|before| before.ticks_since_us);
             since_us.unwrap_or(at_us)
         });
-        let before = before.map(|before| (Counts::of(&before.status), before.at_us));
+        // One that comes at once after another says no rate: what was before that one still does.
+        let before = before.and_then(|before| {
+            let is_apart = at_us.saturating_sub(before.at_us) >= SHORTEST_US;
+            if is_apart {
+                Some((Counts::of(&before.status), before.at_us))
+            } else {
+                before.before.clone()
+            }
+        });
         let heard = HeardNode {
             status,
             at_us,
@@ -136,6 +145,40 @@ impl Nodes {
     /// Fusion's live status.
     pub(super) fn fusion_live(&self) -> Option<&LiveStatus> {
         self.get(None)?.live()
+    }
+
+    /// Whether fusion waits for nodes before recordings are played: nobody knows yet when the ticks are.
+    pub(super) fn fusion_waits(&self) -> bool {
+        let fusion = self.get(None);
+        let fusion = fusion.filter(|fusion| fusion.status.failure.is_none());
+        let live = fusion.and_then(HeardNode::live);
+        live.is_some_and(|live| live.epoch_us.is_none())
+    }
+
+    /// The names of the viewpoints that are not ready, as far as they have said.
+    pub(super) fn not_ready<'a>(&self, context: &'a Context) -> Vec<&'a str> {
+        let edges = Self::expected(context).flatten();
+        let is_ready =
+            |edge: ViewpointIndex| self.get(Some(edge)).is_some_and(|edge| edge.status.ready);
+        let missing = edges.filter(|edge| !is_ready(*edge));
+        missing.map(|edge| context.node_name(Some(edge))).collect()
+    }
+
+    /// Whether fusion has said its last word: who is silent from then on has not failed.
+    pub(super) fn has_ended(&self) -> bool {
+        self.get(None).is_some_and(|fusion| {
+            let status = &fusion.status;
+            let has_begun = fusion.live().is_some_and(|live| live.epoch_us.is_some());
+            has_begun && !status.ready && status.failure.is_none()
+        })
+    }
+
+    /// Whether a camera that gives no pictures has failed. What is recorded or simulated is played from fusion's first tick
+    /// on, and takes its time to begin.
+    pub(super) fn expects_pictures(&self, source: &Source, now_us: Micros) -> bool {
+        let since_us = self.get(None).and_then(|fusion| fusion.ticks_since_us);
+        let is_played = since_us.is_some_and(|us| now_us.saturating_sub(us) >= SILENT_US);
+        !self.has_ended() && (source.is_live() || is_played)
     }
 
     /// How a camera agrees with the others, as fusion finds it; `None` where nothing is known.
@@ -267,15 +310,20 @@ impl Nodes {
         &self,
         context: &Context,
         newest: Option<&Frame>,
+        now_us: Micros,
     ) -> Vec<CameraLine> {
         let lines = context.venue.cameras.iter().enumerate();
-        let line = |(index, camera): (usize, &farfield_proto::venue::VenueCamera)| {
+        let line = |(index, camera): (usize, &VenueCamera)| {
             let index = index as u16;
             let said = self.camera(context, index);
+            let is_known = |health: CameraHealth| {
+                health != CameraHealth::Silent || self.expects_pictures(&camera.source, now_us)
+            };
+            let health = said.map(|said| said.health).filter(|it| is_known(*it));
             CameraLine {
                 camera: index,
                 name: camera.model.name().to_owned(),
-                state: said.map_or("unknown", |said| health_name(said.health)),
+                state: health.map_or("unknown", health_name),
                 frames_per_s: said.map(|said| said.frames_per_s),
                 capture_offset_us: said.map(|said| said.capture_offset_us),
                 reason: said.and_then(|said| said.reason.clone()),
@@ -296,5 +344,34 @@ fn health_name(health: CameraHealth) -> &'static str {
         CameraHealth::Black => "black",
         CameraHealth::Silent => "silent",
         CameraHealth::Failed => "failed",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::tick::Tick;
+    use farfield_proto::wire;
+
+    use super::*;
+    use crate::state::fixture::synthetic;
+
+    /// Symptom: the page knew no rate of fusion nearly all the time. What fusion says of itself came twice, and between the
+    /// two nothing can grow.
+    #[test]
+    fn a_status_that_comes_twice_says_rates_all_the_same() {
+        let (mut nodes, synthetic) = (Nodes::default(), synthetic(1));
+        for tick in [60, 120].map(Tick) {
+            let mut passed = synthetic.messages(tick).into_iter();
+            let said = passed.find(|(key, ..)| key.ends_with("/status/fusion"));
+            let (_, bytes, at_us) = said.unwrap();
+            let status: Status = wire::decode(&bytes).unwrap();
+            for late_us in [0, 2_000] {
+                nodes.take(None, status.clone(), at_us + late_us);
+            }
+        }
+        let fusion = nodes.get(None).unwrap();
+        assert!(fusion.losses_per_s(0).iter().all(Option::is_some));
+        let ticks_per_s = fusion.ticks_per_s().unwrap();
+        assert!((59.0..61.0).contains(&ticks_per_s), "{ticks_per_s}");
     }
 }

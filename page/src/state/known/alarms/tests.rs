@@ -1,0 +1,164 @@
+//! What is no failure: nodes that are waited for, and a run that has ended.
+
+use std::sync::Arc;
+
+use farfield_proto::message::Status;
+use farfield_proto::message::live::CameraHealth;
+use farfield_proto::tick::Tick;
+use farfield_proto::venue::Source;
+use farfield_proto::wire;
+
+use crate::protocol::status::{Condition, Severity, StatusDocument};
+use crate::state::fixture::{context, synthetic, venue};
+use crate::state::known::context::{Context, Topic};
+use crate::state::known::{Beside, Known};
+
+/// The made-up venue with cameras in the place of its recordings.
+fn filmed() -> Arc<Context> {
+    let mut filmed = venue::venue();
+    for camera in &mut filmed.cameras {
+        camera.source = Source::V4l {
+            device: "/dev/video0".into(),
+        };
+    }
+    Arc::new(Context::new(filmed, venue::skeleton()))
+}
+
+/// Lets `known` hear every status from tick `from` to `to`, not included, as `change` makes it, where that says that it is
+/// said at all.
+fn tell(
+    known: &mut Known,
+    context: &Context,
+    [from, to]: [i64; 2],
+    change: impl Fn(&mut Status) -> bool,
+) {
+    let synthetic = synthetic(1);
+    for (key, bytes, at_us) in (from..to).flat_map(|tick| synthetic.messages(Tick(tick))) {
+        let Some(topic @ Topic::Status(_)) = context.topic(&key) else {
+            continue;
+        };
+        let mut status: Status = wire::decode(&bytes).unwrap();
+        if change(&mut status) {
+            known.take(topic, &wire::encode(&status), at_us);
+        }
+    }
+}
+
+fn status_of(known: &mut Known) -> StatusDocument {
+    known.status(&Beside::default())
+}
+
+fn keys_of(known: &mut Known) -> Vec<String> {
+    let alarms = status_of(known).alarms;
+    alarms.into_iter().map(|alarm| alarm.key).collect()
+}
+
+/// No camera of this node gives pictures.
+fn blind(status: &mut Status) -> bool {
+    let cameras = status.live.iter_mut().flat_map(|live| &mut live.cameras);
+    cameras.for_each(|camera| camera.health = CameraHealth::Silent);
+    true
+}
+
+/// Symptom: where one edge of a recorded venue was missing at the start, the cameras of all others were told to have failed,
+/// and nothing that fusion waited.
+#[test]
+fn while_fusion_waits_for_an_edge_that_is_said_and_no_recording_has_failed() {
+    let context = context();
+    let mut known = Known::new(Arc::clone(&context));
+    tell(&mut known, &context, [0, 60 * 6], |status| {
+        blind(status);
+        status.tick = None;
+        if let Some(live) = &mut status.live {
+            live.epoch_us = None;
+            live.edges.clear();
+        }
+        status.health.links.clear();
+        status.node != "south-east"
+    });
+    let status = status_of(&mut known);
+    let said: Vec<_> = status
+        .alarms
+        .iter()
+        .map(|alarm| (alarm.severity, alarm.key.as_str(), alarm.text.as_str()))
+        .collect();
+    assert_eq!(
+        said,
+        [(
+            Severity::Warning,
+            "node/fusion/waiting",
+            "fusion waits for south-east"
+        )]
+    );
+    assert_eq!(status.nodes[0].state, Condition::Warning);
+    assert!(status.cameras.iter().all(|it| it.state == "unknown"));
+}
+
+#[test]
+fn recordings_have_a_moment_to_begin_once_the_ticks_do() {
+    let context = context();
+    let mut known = Known::new(Arc::clone(&context));
+    let n_told = |known: &mut Known| {
+        let keys = keys_of(known);
+        let told = keys.iter().filter(|key| key.starts_with("camera/"));
+        told.count()
+    };
+    tell(&mut known, &context, [0, 60 * 3], blind);
+    assert_eq!(n_told(&mut known), 0);
+    tell(&mut known, &context, [60 * 3, 60 * 5], blind);
+    assert_eq!(n_told(&mut known), context.venue.cameras.len());
+}
+
+#[test]
+fn a_camera_that_is_no_recording_is_missed_at_once() {
+    let context = filmed();
+    let mut known = Known::new(Arc::clone(&context));
+    tell(&mut known, &context, [0, 1], blind);
+    assert!(keys_of(&mut known).contains(&"camera/north-east-left".to_owned()));
+}
+
+/// Symptom: at the end of every round of the demo, and at Ctrl-C, every node and camera was told to have failed.
+#[test]
+fn what_is_silent_since_the_run_has_ended_has_not_failed() {
+    let context = context();
+    let mut known = Known::new(Arc::clone(&context));
+    tell(&mut known, &context, [0, 600], |_| true);
+    tell(&mut known, &context, [600, 601], |status| {
+        status.ready = false;
+        status.node == "fusion"
+    });
+    for _ in 0..40 {
+        known.wait(250_000);
+    }
+    let status = status_of(&mut known);
+    let said: Vec<_> = status
+        .alarms
+        .iter()
+        .map(|alarm| (alarm.severity, alarm.text.as_str()))
+        .collect();
+    assert_eq!(said, [(Severity::Warning, "the run has ended")]);
+    assert!(
+        status
+            .nodes
+            .iter()
+            .all(|node| node.state == Condition::Works)
+    );
+    // Fusion works again.
+    tell(&mut known, &context, [60 * 21, 60 * 21 + 1], |_| true);
+    let keys = keys_of(&mut known);
+    assert!(!keys.contains(&"run/ended".to_owned()), "{keys:?}");
+}
+
+#[test]
+fn fusion_that_gives_up_has_failed_and_not_ended() {
+    let context = context();
+    let mut known = Known::new(Arc::clone(&context));
+    tell(&mut known, &context, [0, 61], |status| {
+        status.ready = false;
+        status.failure = Some("no disk".to_owned());
+        status.node == "fusion"
+    });
+    let keys = keys_of(&mut known);
+    assert!(keys.contains(&"node/fusion".to_owned()), "{keys:?}");
+    assert!(!keys.contains(&"run/ended".to_owned()), "{keys:?}");
+}
