@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use farfield_fusion::node::{self, FusionArgs};
+use farfield_node::command_line::{is_file, joined};
 
 /// The fusion node of a Farfield venue: patches in, skeletons and boxes out.
 #[derive(Debug, Parser)]
@@ -14,5 +15,8 @@ struct FusionCli {
 }
 
 fn main() -> ExitCode {
-    node::main(FusionCli::parse().fusion)
+    let words = joined(std::env::args_os(), |before, word| {
+        before.last().is_some_and(|option| option == "--record") && is_file(word)
+    });
+    node::main(FusionCli::parse_from(words).fusion)
 }

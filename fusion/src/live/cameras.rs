@@ -5,6 +5,10 @@ use std::collections::BTreeMap;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::live::{CameraHealth, CameraStatus};
 
+/// Statuses of an edge that begins, which has a camera's first picture still to come: it may say so in the first ones, of
+/// which two come at once and one a second from then on.
+const FIRST_PICTURE: u32 = 5;
+
 /// One camera, as its edge has described it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraRecord {
@@ -18,6 +22,8 @@ pub struct CameraRecord {
     pub frames_per_s: f32,
     /// What the operator was told last.
     told: CameraHealth,
+    /// Statuses in which it may still be without a picture.
+    awaited: u32,
 }
 
 /// A change that the operator is told.
@@ -38,8 +44,17 @@ pub struct Cameras {
 }
 
 impl Cameras {
-    /// Takes a status; what has changed. Two statuses in a row must say it, as pictures may be late for once: a
-    /// failure is certain at once.
+    /// The edge of these cameras begins anew: their first pictures are still to come.
+    pub fn begin(&mut self, statuses: &[CameraStatus]) {
+        for status in statuses {
+            if let Some(record) = self.records.get_mut(&status.camera) {
+                record.awaited = FIRST_PICTURE;
+            }
+        }
+    }
+
+    /// Takes a status; what has changed. Two statuses in a row must say it, as pictures may be late for once, and
+    /// where the first is still to come, more: a failure is certain at once.
     pub fn hear(&mut self, statuses: &[CameraStatus]) -> Vec<CameraNotice> {
         statuses
             .iter()
@@ -54,8 +69,17 @@ impl Cameras {
             troubles: 0,
             frames_per_s: 0.0,
             told: CameraHealth::Works,
+            awaited: FIRST_PICTURE,
         });
-        let is_certain = status.health == record.health || status.health == CameraHealth::Failed;
+        let is_silent = status.health == CameraHealth::Silent;
+        let is_awaited = is_silent && record.awaited > 0;
+        record.awaited = if is_silent {
+            record.awaited.saturating_sub(1)
+        } else {
+            0
+        };
+        let is_certain = !is_awaited
+            && (status.health == record.health || status.health == CameraHealth::Failed);
         record.health = status.health;
         record.frames_per_s = status.frames_per_s;
         if status.reason.is_some() {
@@ -123,6 +147,25 @@ mod tests {
             (record.troubles, record.reason.as_deref()),
             (1, Some("no route to host"))
         );
+    }
+
+    #[test]
+    fn a_camera_whose_first_picture_is_still_to_come_is_silent_without_a_word_for_some_seconds() {
+        let mut cameras = Cameras::default();
+        let silent = status(CameraHealth::Silent, None);
+        let works = status(CameraHealth::Works, None);
+        let told =
+            |cameras: &mut Cameras, n: u32| (0..n).flat_map(|_| cameras.hear(&silent)).count();
+        assert_eq!(told(&mut cameras, 3), 0);
+        assert_eq!(cameras.hear(&works), [], "it always worked");
+        assert_eq!(told(&mut cameras, 2), 1, "it had worked, and does no more");
+        // Its edge is started again.
+        assert_eq!([&works, &works].map(|it| cameras.hear(it).len()), [0, 1]);
+        cameras.begin(&silent);
+        assert_eq!(told(&mut cameras, FIRST_PICTURE), 0);
+        assert_eq!(told(&mut cameras, 3), 1, "nor does the first ever come");
+        let (_, record) = cameras.records().next().unwrap();
+        assert_eq!(record.troubles, 2);
     }
 
     #[test]

@@ -14,11 +14,12 @@ use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 
+use super::found::{check_detector, check_viewpoints};
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
 use super::live_or_recorded::check_live_or_recorded;
 use super::output::progress::Detail;
-use super::recording::check_place;
+use super::recording::{RecordingPlace, check_place};
 use super::session::mode::RunMode;
 use super::subjects::{KnownSubjects, load_subjects};
 
@@ -41,6 +42,9 @@ pub struct FusionArgs {
     /// For example `quic/0.0.0.0:7447`.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
+    /// With `--managed`: where to listen when that is taken.
+    #[arg(long, hide = true, value_name = "ENDPOINT", requires_all = ["managed", "listen"])]
+    pub listen_else: Option<String>,
     /// Talk to other machines without TLS.
     ///
     /// Everyone in the network may read and send along.
@@ -60,9 +64,10 @@ pub struct FusionArgs {
     /// Record, for `farfield replay`.
     ///
     /// Everything that is received and sent, and what was used for each tick, as an MCAP file: this
-    /// one, which must not be there, or a new one in this folder.
-    #[arg(long, value_name = "FILE")]
-    pub record: Option<PathBuf>,
+    /// one, which must not be there, or a new one in this folder, which is made where a slash ends its path. Default:
+    /// `recording.mcap` in the folder of the results.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    pub record: Option<Option<PathBuf>>,
     /// Report as JSON lines on standard output, and end when standard input closes.
     #[arg(long, hide = true)]
     pub managed: bool,
@@ -83,14 +88,16 @@ pub(super) struct FusionConfig {
     pub(super) subjects: KnownSubjects,
     /// Where to listen, and by what fusion proves who it is.
     pub(super) reach: Reach,
+    /// Where to listen when that cannot be had; `None`: nowhere.
+    pub(super) reach_else: Option<Reach>,
     pub(super) mode: RunMode,
     /// The files that edges may ask for.
     pub(super) handout: Arc<Handout>,
     pub(super) ticks: Option<Range<Tick>>,
     /// Where to write; claimed already by a parent.
     pub(super) out: Option<PathBuf>,
-    /// Where to record.
-    pub(super) record: Option<PathBuf>,
+    /// Where to record, if that is wanted.
+    pub(super) record: Option<RecordingPlace>,
     pub(super) managed: Managed,
     pub(super) detail: Detail,
 }
@@ -109,6 +116,7 @@ impl FusionConfig {
                 identity: None,
                 validity: None,
             },
+            reach_else: None,
             handout: Arc::default(),
             mode: RunMode::LockStep,
             ticks: None,
@@ -126,23 +134,18 @@ impl FusionConfig {
         let card = load_card(&venue).map_err(NodeError::refused)?;
         let subjects = load_subjects(&venue).map_err(NodeError::refused)?;
         check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
+        check_viewpoints(&venue, &args.venue).map_err(NodeError::refused)?;
+        check_detector(&venue, &args.venue).map_err(NodeError::refused)?;
         if let Some(ticks) = &args.ticks {
             check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
         }
         if args.live {
             check_live_or_recorded(&venue, &args.venue).map_err(NodeError::refused)?;
         }
-        if let Some(record) = &args.record {
+        if let Some(Some(record)) = &args.record {
             check_place(record).map_err(NodeError::Refused)?;
         }
-        let asked = Asked {
-            side: LinkEnd::Listen,
-            node: FUSION,
-            endpoints: &args.listen,
-            certificates: args.certificates.as_deref(),
-            allow_plaintext: args.allow_plaintext,
-        };
-        let reach = asked.in_venue(&venue)?;
+        let (reach, reach_else) = reach(&args, &venue)?;
         let handout = Handout::load(&args.venue, &venue, reach.identity.as_ref());
         let handout = Arc::new(handout.map_err(NodeError::Refused)?);
         let managed = if args.managed {
@@ -156,6 +159,7 @@ impl FusionConfig {
             card,
             subjects,
             reach,
+            reach_else,
             mode: if args.live {
                 RunMode::Live
             } else {
@@ -164,7 +168,7 @@ impl FusionConfig {
             handout,
             ticks: args.ticks,
             out: args.out,
-            record: args.record,
+            record: args.record.map(RecordingPlace::asked),
             managed,
             detail: if args.report_bodies {
                 Detail::Bodies
@@ -178,6 +182,33 @@ impl FusionConfig {
     pub(super) fn takes_pictures(&self) -> bool {
         self.mode == RunMode::Live && self.venue.security.pictures && self.reach.is_private()
     }
+}
+
+/// Where to listen, and where else when that is taken.
+fn reach(args: &FusionArgs, venue: &Venue) -> Result<(Reach, Option<Reach>), NodeError> {
+    let all: Vec<String> = args
+        .listen
+        .iter()
+        .chain(&args.listen_else)
+        .cloned()
+        .collect();
+    let asked = Asked {
+        side: LinkEnd::Listen,
+        node: FUSION,
+        endpoints: &all,
+        certificates: args.certificates.as_deref(),
+        allow_plaintext: args.allow_plaintext,
+    };
+    let mut reach = asked.in_venue(venue)?;
+    let Some(last) = &args.listen_else else {
+        return Ok((reach, None));
+    };
+    let reach_else = Reach {
+        endpoints: vec![last.clone()],
+        ..reach.clone()
+    };
+    reach.endpoints.truncate(args.listen.len());
+    Ok((reach, Some(reach_else)))
 }
 
 /// Refuses a viewpoint whose name is taken by fusion itself.

@@ -72,9 +72,16 @@ pub struct Listeners {
 /// The listeners of a run, or what cannot be opened: the run does not begin then.
 pub type Opening<'a> = Pin<Box<dyn Future<Output = Result<Listeners, NodeError>> + Send + 'a>>;
 
-/// Opens the listeners of a run. Called once, on the runtime of the node, after everything that can be refused was.
+/// Opens the listeners of a run.
 pub trait OpenListeners: Send {
-    /// Opens them.
+    /// Refuses what can be refused of them before anything listens; `identity`: by which keys fusion proves who it is. Opens
+    /// nothing.
+    ///
+    /// # Errors
+    /// What cannot be opened as it was asked for.
+    fn check(&self, identity: Option<&Identity>) -> Result<(), NodeError>;
+
+    /// Opens them. Called once, on the runtime of the node, after everything that can be refused was.
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_>;
 }
 
@@ -83,6 +90,10 @@ pub trait OpenListeners: Send {
 pub struct NoListeners;
 
 impl OpenListeners for NoListeners {
+    fn check(&self, _identity: Option<&Identity>) -> Result<(), NodeError> {
+        Ok(())
+    }
+
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         let mut listeners = Listeners::default();
         let asked = run.venue.streams.iter().map(|stream| stream.to.as_str());

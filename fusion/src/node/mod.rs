@@ -4,6 +4,7 @@
 //! Load (nothing opened) -> build (everything that can fail is opened) -> run -> drain.
 
 mod config;
+mod found;
 mod given;
 mod handout;
 mod listeners;
@@ -21,16 +22,17 @@ mod subjects;
 mod worker;
 
 pub use self::config::{FusionArgs, check_calibration, check_names, load_card};
+pub use self::found::{check_detector, check_viewpoints};
 pub use self::given::{check_given_keypoints, check_given_ticks};
 pub use self::listeners::{
     Listeners, NoListeners, OpenListeners, Opening, ReplayedRecording, RunAtItsStart,
 };
 pub use self::live_or_recorded::check_live_or_recorded;
-pub use self::output::claim::{FolderClaim, check_folder};
+pub use self::output::claim::{FolderClaim, check_folder, is_written_to, was_killed};
 pub use self::output::exporter::layout as pose_layout;
 pub use self::output::progress::{Body, LinkProgress, Progress, Report};
 pub use self::recorder_node::{RecordArgs, main as record};
-pub use self::recording::{RecordingOnDemand, RecordingsOnDemand, check_place};
+pub use self::recording::{RecordingOnDemand, RecordingsOnDemand, check_place, is_for_many};
 pub use self::replay::{
     ReplayArgs, main as replay, of_values, open_recording, recorded_venue, with_values,
 };

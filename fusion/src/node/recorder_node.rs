@@ -30,9 +30,10 @@ use zenoh::sample::{Sample, SampleKind};
 
 use super::config::{check_names, load_card};
 use super::recording::{RecordingFile, RecordingThread, check_place, head};
+use super::run::not_made;
 use super::session::authentication_log;
 use super::session::mode::RunMode;
-use super::subjects::load_subjects;
+use super::subjects::{KnownSubjects, load_subjects};
 
 /// Messages that wait between Zenoh and the recorder's own queue.
 const QUEUE: usize = 1024;
@@ -64,6 +65,8 @@ pub struct RecordArgs {
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
     /// The recording: a new file, or a folder for one.
+    ///
+    /// A folder is made where a slash ends its path.
     #[arg(long, value_name = "FILE.mcap")]
     pub out: PathBuf,
 }
@@ -86,10 +89,24 @@ fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
         allow_plaintext: args.allow_plaintext,
     };
     let reach = asked.in_venue(&venue)?;
-    runtime::block_on(2, record(args, &venue, &reach))
+    let card = load_card(&venue).map_err(NodeError::Refused)?;
+    let recorded = Recorded {
+        keypoints: card.map_or_else(KeypointSet::coco17, |card| card.output.keypoints),
+        subjects: load_subjects(&venue).map_err(NodeError::refused)?,
+        venue,
+    };
+    runtime::block_on(2, record(args, &recorded, &reach))
 }
 
-async fn record(args: RecordArgs, venue: &Venue, reach: &Reach) -> Result<Ending, NodeError> {
+/// What a recording says of itself.
+struct Recorded {
+    venue: Venue,
+    keypoints: KeypointSet,
+    subjects: KnownSubjects,
+}
+
+async fn record(args: RecordArgs, recorded: &Recorded, reach: &Reach) -> Result<Ending, NodeError> {
+    let venue = &recorded.venue;
     let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
     stop_when_told(&tasks, &stop, Managed::No)
         .context("listening for signals")
@@ -107,7 +124,7 @@ async fn record(args: RecordArgs, venue: &Venue, reach: &Reach) -> Result<Ending
         return Ok(Ending::Interrupted);
     };
     let session = session.map_err(NodeError::Failed)?;
-    let recording = begin(&args, venue)?;
+    let recording = begin(&args, recorded)?;
     let outcome = listen(venue, &session, &recording, &stop).await;
     stop.cancel();
     tasks.close();
@@ -121,13 +138,15 @@ async fn record(args: RecordArgs, venue: &Venue, reach: &Reach) -> Result<Ending
     }
 }
 
-fn begin(args: &RecordArgs, venue: &Venue) -> Result<RecordingThread, NodeError> {
-    let card = load_card(venue).map_err(NodeError::Refused)?;
-    let keypoints = card.map_or_else(KeypointSet::coco17, |card| card.output.keypoints);
-    let subjects = load_subjects(venue).map_err(NodeError::refused)?;
+fn begin(args: &RecordArgs, recorded: &Recorded) -> Result<RecordingThread, NodeError> {
+    let Recorded {
+        venue,
+        keypoints,
+        subjects,
+    } = recorded;
     let of = (venue, args.venue.as_path());
-    let head = head(of, &keypoints, "record", &subjects).map_err(NodeError::Failed)?;
-    let file = RecordingFile::make(&args.out, &venue.name).map_err(NodeError::Failed)?;
+    let head = head(of, keypoints, "record", subjects).map_err(NodeError::Failed)?;
+    let file = RecordingFile::make(&args.out, &venue.name).map_err(not_made)?;
     // Whose session it is comes with the messages; nobody asks the edges for what is missing.
     let (session, parameters) = (SessionId::default(), &venue.parameters.recording);
     RecordingThread::start(file, head, session, RunMode::Live, parameters)

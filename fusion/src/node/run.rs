@@ -16,7 +16,8 @@ use farfield_proto::transport::FUSION;
 use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tracing::warn;
+use tracing::{debug, warn};
+use zenoh::Session;
 
 use super::config::{FusionArgs, FusionConfig};
 use super::handout;
@@ -55,6 +56,7 @@ pub fn main_with(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> ExitCod
 
 fn load_and_run(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> Result<Ending, NodeError> {
     let config = FusionConfig::load(args)?;
+    listeners.check(config.reach.identity.as_ref())?;
     if let Some(identity) = &config.reach.identity {
         authentication_log::know_generations(&identity.generations);
     }
@@ -99,7 +101,7 @@ async fn run(
     let run = (&pipeline, claim.folder(), on_demand.as_ref());
     let listeners = open_listeners(config, run, listeners, &reporter).await?;
     let on_demand = on_demand.filter(|_| listeners.is_looked_at);
-    let recording = record(config, session, &pipeline).map_err(NodeError::Failed)?;
+    let recording = record(config, session, (&pipeline, claim.folder()))?;
     let wiretap = wiretaps(recording.as_ref(), on_demand.as_ref(), listeners.wiretaps);
     show_thumbnails(config, &wiretap, (&mut link, &senders)).await?;
     let interceptor = Interceptor::new(&config.venue, senders, wiretap);
@@ -336,15 +338,29 @@ async fn open_link(
     };
     loop {
         tries -= 1;
-        match FusionSession::open(&config.venue, &config.reach, config.mode, senders).await {
-            Ok(link) => {
-                others.know_own(link.zenoh_id());
-                return Ok(link);
+        match listen(config).await {
+            Ok(session) => {
+                // Before its token is declared: who looks by a way around would take it for that of another.
+                others.know_own(session.zid());
+                let link = FusionSession::open(session, &config.venue, config.mode, senders).await;
+                return link.map_err(NodeError::Failed);
             }
             // A process that was killed closes one thing after the other.
             Err(error) if tries > 0 && session::is_taken(&error) => sleep(TRY_AGAIN).await,
             Err(error) => return Err(NodeError::Failed(name_who_listens(config, error).await)),
         }
+    }
+}
+
+/// Listens where it was asked for, or where that is taken, wherever else whoever started this node lets it.
+async fn listen(config: &FusionConfig) -> anyhow::Result<Session> {
+    let listening = FusionSession::listen(&config.venue, &config.reach).await;
+    match (listening, &config.reach_else) {
+        (Err(error), Some(reach)) if session::is_taken(&error) => {
+            debug!(%error, "listening elsewhere");
+            FusionSession::listen(&config.venue, reach).await
+        }
+        (listening, _) => listening,
     }
 }
 
@@ -370,12 +386,13 @@ async fn name_who_listens(config: &FusionConfig, error: anyhow::Error) -> anyhow
 fn claim_folder(config: &FusionConfig) -> Result<FolderClaim, NodeError> {
     match (&config.out, config.managed) {
         (Some(out), Managed::Yes) => Ok(FolderClaim::of_parent(out.clone())),
-        (out, _) => FolderClaim::take(out.as_deref(), &config.venue.name).map_err(not_claimed),
+        (out, _) => FolderClaim::take(out.as_deref(), &config.venue.name).map_err(not_made),
     }
 }
 
-/// A disk without room may have some when the node is started again; all else has to be mended.
-fn not_claimed(error: anyhow::Error) -> NodeError {
+/// Why a file or folder cannot be made: a disk without room may have some when the node is started again; all else has to be
+/// mended.
+pub(super) fn not_made(error: anyhow::Error) -> NodeError {
     let of_system = error.downcast_ref::<io::Error>().map(io::Error::kind);
     match of_system {
         Some(io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => NodeError::Failed(error),
@@ -383,13 +400,13 @@ fn not_claimed(error: anyhow::Error) -> NodeError {
     }
 }
 
-/// Begins the recording, if one is wanted.
+/// Begins the recording, if one is wanted, of a run whose results lie in `folder`.
 fn record(
     config: &FusionConfig,
     session: SessionId,
-    pipeline: &Pipeline,
-) -> anyhow::Result<Option<RecordingThread>> {
-    let Some(asked) = &config.record else {
+    (pipeline, folder): (&Pipeline, &Path),
+) -> Result<Option<RecordingThread>, NodeError> {
+    let Some(place) = &config.record else {
         return Ok(None);
     };
     let venue = &config.venue;
@@ -398,21 +415,53 @@ fn record(
         pipeline.keypoints(),
         FUSION,
         &config.subjects,
-    )?;
-    let file = RecordingFile::make(asked, &venue.name)?;
+    );
+    let head = head.map_err(NodeError::Failed)?;
+    let file = RecordingFile::make(&place.path(folder), &venue.name).map_err(not_made)?;
     let parameters = &venue.parameters.recording;
-    RecordingThread::start(file, head, session, config.mode, parameters).map(Some)
+    let started = RecordingThread::start(file, head, session, config.mode, parameters);
+    started.map(Some).map_err(NodeError::Failed)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::net::TcpListener;
+
+    use farfield_node::endpoints::Reach;
+
+    use super::super::live::tests::venue;
     use super::*;
+
+    #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+    async fn where_the_place_is_taken_another_will_do_if_one_was_named() {
+        let holder = TcpListener::bind("127.0.0.1:0").unwrap();
+        let taken = format!("tcp/{}", holder.local_addr().unwrap());
+        let reach = |endpoint: &str| Reach {
+            endpoints: vec![endpoint.to_owned()],
+            identity: None,
+            validity: None,
+        };
+        let config = FusionConfig {
+            reach: reach(&taken),
+            ..FusionConfig::of_venue(venue())
+        };
+        let refused = listen(&config).await.err();
+        assert!(refused.is_some_and(|error| session::is_taken(&error)));
+        let config = FusionConfig {
+            reach_else: Some(reach("tcp/127.0.0.1:0")),
+            ..config
+        };
+        let session = listen(&config).await.unwrap();
+        let locators = session.info().locators().await;
+        assert_ne!(locators[0].to_string(), taken);
+        session.close().await.unwrap();
+    }
 
     #[test]
     fn a_full_disk_may_have_room_later_and_a_place_that_is_taken_is_wrong_input() {
         let of = |kind: io::ErrorKind| {
             let error = anyhow::Error::new(io::Error::from(kind)).context("making out/run.lock");
-            not_claimed(error)
+            not_made(error)
         };
         assert!(matches!(
             of(io::ErrorKind::StorageFull),
@@ -422,6 +471,6 @@ mod tests {
             assert!(matches!(of(kind), NodeError::Refused(_)), "{kind}");
         }
         let taken = anyhow::anyhow!("output folder out is not empty");
-        assert!(matches!(not_claimed(taken), NodeError::Refused(_)));
+        assert!(matches!(not_made(taken), NodeError::Refused(_)));
     }
 }

@@ -7,6 +7,7 @@
 
 mod camera;
 mod frames;
+mod fusion_presence;
 mod ledger;
 mod picture_desk;
 mod publishers;
@@ -39,6 +40,7 @@ use crate::live::newest_boxes::BoxSetArrival;
 use crate::live::rate::MessageKind;
 use crate::live::refusal::RepeatedRefusal;
 
+use self::fusion_presence::FusionPresence;
 use self::shared::Shared;
 
 pub(super) use self::publishers::EdgePublishers;
@@ -58,6 +60,8 @@ pub(super) struct LiveEdge {
     refusal: RepeatedRefusal,
     /// The session of fusion that was followed last.
     followed: Option<SessionId>,
+    /// Whether fusion is there, as was said.
+    presence: FusionPresence,
     /// Why messages of fusion cannot be read, as was said last.
     foreign: Option<WireError>,
     failed: oneshot::Receiver<anyhow::Error>,
@@ -86,6 +90,7 @@ impl LiveEdge {
             objection: None,
             refusal: RepeatedRefusal::default(),
             followed: None,
+            presence: FusionPresence::default(),
             foreign: None,
             failed,
         })
@@ -119,21 +124,39 @@ impl LiveEdge {
             EdgeIncoming::Boxes(boxes) => match self.shared.take_boxes(boxes) {
                 // Fusion uses nothing of an edge before it knows what files it holds.
                 BoxSetArrival::NewSession => {
+                    self.say_if_back();
                     self.say_whom_it_follows();
                     self.send_status();
                 }
                 BoxSetArrival::Foreign => self.status.unreadable += 1,
-                BoxSetArrival::Newer | BoxSetArrival::Part | BoxSetArrival::Stale => {}
+                BoxSetArrival::Newer => self.say_if_back(),
+                BoxSetArrival::Part | BoxSetArrival::Stale => {}
             },
             EdgeIncoming::Fusion(fusion) => {
                 self.weigh(&fusion);
                 return self.give_up();
             }
             // It comes back, and finds the cameras open.
-            EdgeIncoming::FusionGone => {}
+            EdgeIncoming::FusionGone => self.say_gone(),
             EdgeIncoming::Unreadable(_, error) => self.cannot_read(&error),
         }
         Ok(None)
+    }
+
+    /// Says that fusion has gone, if that is new.
+    fn say_gone(&mut self) {
+        let silent_us = self.shared.silent_us();
+        let now_us = self.shared.clock.now_us();
+        if let Some(said) = self.presence.gone(silent_us, now_us) {
+            say(format_args!("{}: {said}", self.status.node));
+        }
+    }
+
+    /// Says that fusion is back, if it was gone.
+    fn say_if_back(&mut self) {
+        if let Some(said) = self.presence.heard(self.shared.clock.now_us()) {
+            say(format_args!("{}: {said}", self.status.node));
+        }
     }
 
     /// Says that another fusion, or a new life of the same, is followed than before.

@@ -84,6 +84,12 @@ impl Shared {
         self.ledger().boxes.session()
     }
 
+    /// How long fusion's boxes have not come, microseconds; `None` while none ever has.
+    pub(super) fn silent_us(&self) -> Option<Micros> {
+        let now_us = self.clock.now_us();
+        self.ledger().boxes.silent_us(now_us)
+    }
+
     /// The version of messages in which fusion is spoken to.
     pub(super) fn message_version(&self) -> u8 {
         self.spoken.get()

@@ -83,17 +83,12 @@ pub(super) async fn live(
         .map_err(NodeError::Failed)?;
     run.agreement = Some(judge()?);
     let outcome = run.run(boxes, &mut worker, &mut context).await;
-    if let Some(recording) = context.recording {
-        let patience = match outcome {
-            Ok(Ending::Done) => FILL_PATIENCE,
-            _ => HURRY,
-        };
-        let fillers = recording.fillers(&context.interceptor.clock);
-        run.receive_until(context.ends, fillers.finish(patience))
-            .await;
-    }
     // Fusion that is stopped, or fails, may start again, and finds its edges at work. Under a parent all end.
     let is_over = matches!(outcome, Ok(Ending::Done)) || config.managed == Managed::Yes;
+    if is_over && outcome.is_ok() {
+        run.tell_end(context.ends);
+    }
+    fill_recording(&mut run, &outcome, &mut context).await;
     let last_words = if is_over {
         run.end_edges(context.ends).await
     } else {
@@ -128,6 +123,23 @@ pub(super) async fn live(
     match &finished.exported.missing {
         Some(poses) => Err(NodeError::Failed(missing(poses))),
         None => outcome.map_err(NodeError::Failed),
+    }
+}
+
+/// Waits until the edges have delivered what the recording lacks, if there is one, as long as that may take.
+async fn fill_recording(
+    run: &mut LiveFusion<'_>,
+    outcome: &anyhow::Result<Ending>,
+    context: &mut LiveContext<'_>,
+) {
+    if let Some(recording) = context.recording {
+        let patience = match outcome {
+            Ok(Ending::Done) => FILL_PATIENCE,
+            _ => HURRY,
+        };
+        let fillers = recording.fillers(&context.interceptor.clock);
+        run.receive_until(context.ends, fillers.finish(patience))
+            .await;
     }
 }
 

@@ -158,11 +158,14 @@ impl LiveFusion<'_> {
     }
 
     fn receive_status(&mut self, status: &Status) {
+        let cameras = status.live.as_ref().map(|live| live.cameras.as_slice());
+        let cameras = cameras.unwrap_or_default();
         match self.members.hear(status, self.interceptor.clock.now_us()) {
             Said::Nothing => {}
             Said::NewNode(index) => {
                 self.edges[index].start_again();
                 self.edges[index].expect(self.expect_until_us);
+                self.cameras.begin(cameras);
                 debug!(node = status.node, "another node speaks");
                 if let Some(warning) = self.members.other_backend(index) {
                     say(format_args!("viewpoint {}: {warning}", status.node));
@@ -173,8 +176,7 @@ impl LiveFusion<'_> {
                 return;
             }
         }
-        let cameras = status.live.as_ref().map(|live| live.cameras.as_slice());
-        for notice in self.cameras.hear(cameras.unwrap_or_default()) {
+        for notice in self.cameras.hear(cameras) {
             let camera = self.config.venue.camera(notice.camera);
             let name = camera.map_or("?", |camera| camera.model.name());
             let why = notice

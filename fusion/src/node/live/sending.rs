@@ -14,6 +14,7 @@ use tracing::warn;
 use super::super::worker::Stepped;
 use super::run::LiveFusion;
 use crate::live::target_latency::PosedTick;
+use crate::node::output::tally::PassedBytes;
 use crate::node::session::link::FusionEnds;
 use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 
@@ -30,7 +31,7 @@ impl LiveFusion<'_> {
         &mut self,
         stepped: Stepped,
         ends: &FusionEnds,
-    ) -> Option<(PoseSet, u64)> {
+    ) -> Option<(PoseSet, PassedBytes)> {
         let Stepped {
             poses,
             smoothed,
@@ -91,7 +92,7 @@ impl LiveFusion<'_> {
             };
             self.target.posed(posed, now_us);
         }
-        Some((poses, self.tally.total_bytes()))
+        Some((poses, self.tally.bytes()))
     }
 
     pub(super) fn send_boxes(&mut self, sets: Vec<BoxSet>, ends: &FusionEnds) {
@@ -128,6 +129,16 @@ impl LiveFusion<'_> {
         if ends.outgoing.try_send(message).is_err() {
             self.unsent += 1;
         }
+    }
+
+    /// Says that no more ticks come: nobody is to take for a failure that all is silent while files are finished.
+    pub(super) fn tell_end(&mut self, ends: &FusionEnds) {
+        let now_us = self.interceptor.clock.now_us();
+        let status = Status {
+            ready: false,
+            ..self.status(self.config, now_us)
+        };
+        self.send(ends, FusionOutgoing::Status(Box::new(status)));
     }
 
     /// Tells the edges that the run is over, and waits for their last words.

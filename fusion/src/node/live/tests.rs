@@ -230,7 +230,8 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
     let config = live_config();
     let clock = VenueClock::start();
     let senders = Senders::new(&config.venue, clock.clone());
-    let link = FusionSession::open(&config.venue, &config.reach, RunMode::Live, &senders)
+    let session = FusionSession::listen(&config.venue, &config.reach).await;
+    let link = FusionSession::open(session.unwrap(), &config.venue, config.mode, &senders)
         .await
         .unwrap();
     let endpoint = link.locators().await[0].clone();
@@ -299,6 +300,7 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         let said = newest.stages.iter().find(|said| said.stage == stage);
         assert!(said.is_some_and(|said| said.count > 10), "{stage}");
     }
+    assert!(!newest.ready, "its last word says that no more ticks come");
     check_links(&newest.live.unwrap().edges);
     check_summary(out.path());
 }

@@ -235,7 +235,7 @@ impl<'a> LockStepFusion<'a> {
         if !over {
             self.send_boxes(&stepped.boxes, ends)?;
         }
-        reporter.tick(&stepped.poses, self.tally.total_bytes());
+        reporter.tick(&stepped.poses, self.tally.bytes());
         Ok(over)
     }
 

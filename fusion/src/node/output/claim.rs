@@ -6,21 +6,26 @@
 use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::thread::JoinHandle;
+use std::thread::{JoinHandle, sleep};
+use std::time::Duration;
 
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_node::process::say;
 use tracing::warn;
 
+use super::made_folders::MadeFolders;
 use crate::export::salvage::salvage;
 
 /// Where the numbered folders of a venue go when nobody names one.
 const PARENT: &str = "farfield-out";
 /// The file that says that a run writes here.
 const LOCK: &str = "run.lock";
+/// How often a lock is tried that whoever looks at it holds for an instant, and what is between two tries.
+const TRIES: usize = 40;
+const TRY_AGAIN: Duration = Duration::from_millis(5);
 
-/// A folder that one run writes to and no other. Dropped, it is free; what the run made and left empty
-/// is taken away.
+/// A folder that one run writes to and no other. Dropped, it is free; what was made for the run, folders above it too, is
+/// taken away where it is empty.
 #[derive(Debug)]
 pub struct FolderClaim {
     folder: PathBuf,
@@ -29,15 +34,15 @@ pub struct FolderClaim {
     lock: Option<File>,
     /// Makes whole what killed runs have left.
     salvage: Option<JoinHandle<()>>,
+    /// Those that were not there.
+    _made: MadeFolders,
 }
 
 /// Who frees a folder in the end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Holder {
-    /// This process, which has also made the folder.
-    Maker,
-    /// This process, which has found the folder empty.
-    Finder,
+    /// This process.
+    Taker,
     /// The process that started this one.
     Parent,
 }
@@ -53,11 +58,9 @@ impl FolderClaim {
             return Self::numbered(Path::new(PARENT), venue);
         };
         let parent = asked.parent().unwrap_or(Path::new(""));
-        make_folder(parent)?;
-        let mut claim = match make_new(asked)? {
-            Some(claim) => claim,
-            None => lock(asked, Holder::Finder)?,
-        };
+        let mut made = MadeFolders::with_parents(parent)?;
+        made.make(asked)?;
+        let mut claim = lock(asked, made)?;
         claim.salvage_beside(parent, venue);
         Ok(claim)
     }
@@ -71,13 +74,16 @@ impl FolderClaim {
             salvage: None,
             folder,
             holder: Holder::Parent,
+            _made: MadeFolders::default(),
         }
     }
 
     fn numbered(parent: &Path, venue: &str) -> anyhow::Result<Self> {
-        make_folder(parent)?;
+        let mut made = MadeFolders::with_parents(parent)?;
         for n in 1..u32::MAX {
-            if let Some(mut claim) = make_new(&parent.join(format!("{venue}-{n}")))? {
+            let folder = parent.join(format!("{venue}-{n}"));
+            if made.make(&folder)? {
+                let mut claim = lock(&folder, made)?;
                 claim.salvage_beside(parent, venue);
                 return Ok(claim);
             }
@@ -130,31 +136,18 @@ impl Drop for FolderClaim {
         if let Err(error) = fs::remove_file(self.folder.join(LOCK)) {
             warn!(folder = %self.folder.display(), %error, "the folder stays locked");
         }
-        if self.holder == Holder::Maker {
-            // Fails where there are results, and then is not wanted.
-            drop(fs::remove_dir(&self.folder));
-        }
     }
 }
 
-/// Makes and claims `folder`; `None` when it is there already.
-fn make_new(folder: &Path) -> anyhow::Result<Option<FolderClaim>> {
-    match fs::create_dir(folder) {
-        Ok(()) => lock(folder, Holder::Maker).map(Some),
-        Err(error) if error.kind() == ErrorKind::AlreadyExists => Ok(None),
-        Err(error) => Err(error).with_context(|| making(folder)),
-    }
-}
-
-/// Of two runs that come to the same folder at once, one makes the file.
-fn lock(folder: &Path, holder: Holder) -> anyhow::Result<FolderClaim> {
+/// Of two runs that come to the same folder at once, one makes the file. What was `made` for the folder goes with the claim.
+fn lock(folder: &Path, made: MadeFolders) -> anyhow::Result<FolderClaim> {
     check_folder(folder)?;
     let path = folder.join(LOCK);
     let file = match File::create_new(&path) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => return Err(taken(folder)),
-        made => made.with_context(|| format!("making {}", path.display()))?,
+        opened => opened.with_context(|| format!("making {}", path.display()))?,
     };
-    let lock = match file.try_lock_shared() {
+    let lock = match hold(&file) {
         Ok(()) => Some(file),
         // Somebody takes it for that of a killed run, and takes it away.
         Err(TryLockError::WouldBlock) => return Err(taken(folder)),
@@ -162,9 +155,10 @@ fn lock(folder: &Path, holder: Holder) -> anyhow::Result<FolderClaim> {
     };
     let claim = FolderClaim {
         folder: folder.to_owned(),
-        holder,
+        holder: Holder::Taker,
         lock,
         salvage: None,
+        _made: made,
     };
     // Another run may have come and gone since the folder was looked at, or have found the lock unheld.
     ensure!(path.exists(), taken(folder));
@@ -174,6 +168,17 @@ fn lock(folder: &Path, holder: Holder) -> anyhow::Result<FolderClaim> {
         folder.display()
     );
     Ok(claim)
+}
+
+/// Takes a lock that was just made, also where somebody looks at this moment whether it is held ([`is_written_to`]).
+fn hold(lock: &File) -> Result<(), TryLockError> {
+    for _ in 1..TRIES {
+        match lock.try_lock_shared() {
+            Err(TryLockError::WouldBlock) => sleep(TRY_AGAIN),
+            tried => return tried,
+        }
+    }
+    lock.try_lock_shared()
 }
 
 /// Refuses a folder that holds something, and a path that is not a folder. Makes nothing; what a run has left
@@ -205,6 +210,18 @@ pub fn check_folder(path: &Path) -> anyhow::Result<()> {
         "output folder {shown} is not empty: name another, or empty it first"
     );
     Ok(())
+}
+
+/// Whether a run writes to `folder` now: one that was killed holds its lock no more. Where the file system has no locks, one
+/// that is there counts.
+pub fn is_written_to(folder: &Path) -> bool {
+    let lock = File::open(folder.join(LOCK));
+    lock.is_ok_and(|lock| lock.try_lock().is_err())
+}
+
+/// Whether a run that was killed has left its lock in `folder`: what it has written there is still to be made whole.
+pub fn was_killed(folder: &Path) -> bool {
+    folder.join(LOCK).exists() && !is_written_to(folder)
 }
 
 /// Makes whole what runs of `venue` have left in their numbered folders in `parent` that were killed.
@@ -284,17 +301,6 @@ fn holds_only(folder: &Path, name: &str) -> anyhow::Result<bool> {
     Ok(true)
 }
 
-fn make_folder(path: &Path) -> anyhow::Result<()> {
-    if path.as_os_str().is_empty() {
-        return Ok(());
-    }
-    fs::create_dir_all(path).with_context(|| making(path))
-}
-
-fn making(folder: &Path) -> String {
-    format!("making output folder {}", folder.display())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -314,7 +320,8 @@ mod tests {
         assert!(empty.exists(), "a folder that was there stays");
         let deeper = dir.path().join("new/deeper");
         drop(FolderClaim::take(Some(&deeper), "hall").unwrap());
-        assert!(!deeper.exists(), "a folder that was made goes when empty");
+        let above = deeper.parent().unwrap();
+        assert!(!above.exists(), "folders that were made go when empty");
         let file = dir.path().join("file");
         fs::write(&file, "x").unwrap();
         assert!(refused(&file).contains("found a file"));
@@ -333,6 +340,34 @@ mod tests {
         drop(first);
         assert!(refused(&out).contains("name another"));
         assert!(!out.join(LOCK).exists());
+    }
+
+    #[test]
+    fn a_folder_is_written_to_while_its_run_lives() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("out");
+        assert!(!is_written_to(&out));
+        let run = FolderClaim::take(Some(&out), "hall").unwrap();
+        let node = FolderClaim::of_parent(out.clone());
+        assert!(is_written_to(&out));
+        drop((run, node));
+        assert!(!is_written_to(&out));
+        assert!(!was_killed(&out));
+        killed(&out);
+        assert!(!is_written_to(&out), "its lock is there, and nobody's");
+        assert!(was_killed(&out));
+    }
+
+    #[test]
+    fn a_run_that_begins_is_not_held_up_by_who_looks_whether_one_does() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(LOCK);
+        let lock = File::create_new(&path).unwrap();
+        let looks = File::open(&path).unwrap();
+        looks.try_lock().unwrap();
+        let looking = std::thread::spawn(move || drop(looks));
+        hold(&lock).unwrap();
+        looking.join().unwrap();
     }
 
     /// What a run leaves that is killed at its second tick: its lock dies with it.
@@ -412,5 +447,20 @@ mod tests {
         let [first, second] = [1, 2].map(|_| FolderClaim::numbered(dir.path(), "hall").unwrap());
         assert_eq!(first.folder(), dir.path().join("hall-1"));
         assert_eq!(second.folder(), dir.path().join("hall-2"));
+    }
+
+    #[test]
+    fn a_run_that_is_refused_leaves_not_even_the_folder_of_all_runs() {
+        let dir = tempfile::tempdir().unwrap();
+        let parent = dir.path().join("farfield-out");
+        let [first, second] = [1, 2].map(|_| FolderClaim::numbered(&parent, "hall").unwrap());
+        fs::write(second.folder().join("poses.jsonl"), "x").unwrap();
+        drop(first);
+        assert!(!parent.join("hall-1").exists() && parent.join("hall-2").is_dir());
+        drop(second);
+        assert!(parent.join("hall-2/poses.jsonl").is_file());
+        let of_other = dir.path().join("others");
+        drop(FolderClaim::numbered(&of_other, "hall").unwrap());
+        assert!(!of_other.exists());
     }
 }

@@ -3,6 +3,7 @@
 pub(super) mod claim;
 pub(super) mod export_thread;
 pub(super) mod exporter;
+pub(super) mod made_folders;
 mod pose_queue;
 pub(super) mod progress;
 pub(super) mod summary;

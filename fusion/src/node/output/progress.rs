@@ -10,6 +10,8 @@ use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};
 
+use super::tally::PassedBytes;
+
 /// One line of JSON on the standard output of a managed fusion node.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -50,6 +52,9 @@ pub struct Progress {
     pub persons: usize,
     /// Payload bytes since the start, over all links.
     pub bytes: u64,
+    /// Those of them that the edges have sent: patches and sightings.
+    #[serde(default)]
+    pub edge_bytes: u64,
     /// Where the persons are, when the node was started with `--report-bodies`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bodies: Vec<Body>,
@@ -144,7 +149,7 @@ impl Reporter {
     }
 
     /// A tick is done, after which `bytes` of payload have passed over all links.
-    pub(in crate::node) fn tick(&mut self, poses: &PoseSet, bytes: u64) {
+    pub(in crate::node) fn tick(&mut self, poses: &PoseSet, bytes: PassedBytes) {
         if self.managed == Managed::Yes {
             let bodies = match self.detail {
                 Detail::Counts => Vec::new(),
@@ -153,7 +158,8 @@ impl Reporter {
             send(&Report::Tick(Progress {
                 tick: poses.tick,
                 persons: poses.persons.len(),
-                bytes,
+                bytes: bytes.total,
+                edge_bytes: bytes.from_edges,
                 bodies,
             }));
             return;
@@ -172,7 +178,7 @@ impl Reporter {
                 "tick {}, {} persons, {} kB{delay}",
                 poses.tick,
                 poses.persons.len(),
-                bytes / 1000
+                bytes.total / 1000
             ));
         }
     }

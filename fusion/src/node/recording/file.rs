@@ -1,23 +1,45 @@
-//! Where a recording goes: a file that is not there yet, or a new one in a folder.
+//! Where a recording goes: a file that is not there yet, or a new one in a folder, which a slash at its end makes.
 
 use std::fs::{self, File};
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::{Path, PathBuf, is_separator};
 
-use anyhow::{Context as _, anyhow, ensure};
+use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_node::clock;
 
 use crate::export::EDITS;
+use crate::node::output::made_folders::MadeFolders;
+
+/// The recording among the results of its run.
+const OWN_FILE: &str = "recording.mcap";
+
+/// Whether a path is that of a folder for recordings, each a new file in it: the folder is there, or a slash at the end of its
+/// path says that it is to be made.
+pub fn is_for_many(path: &Path) -> bool {
+    let last = path.as_os_str().as_encoded_bytes().last();
+    path.is_dir() || last.is_some_and(|&byte| is_separator(char::from(byte)))
+}
 
 /// Refuses a place that can take no recording. Makes nothing.
 ///
 /// # Errors
-/// Names the path: it is there and no folder, edits of a recording of that name are, or the folder above it is not there.
+/// Names the path: it is there and no folder, edits of a recording of that name are, or the folder above it is not there; of a
+/// folder that is to be made, that a file is in its way.
 pub fn check_place(path: &Path) -> anyhow::Result<()> {
-    if path.is_dir() {
+    let shown = path.display();
+    if is_for_many(path) {
+        // Without its slash, which would hide a file.
+        let folder: PathBuf = path.components().collect();
+        let is_there = |it: &&Path| it.symlink_metadata().is_ok();
+        let there = folder.ancestors().find(is_there);
+        if let Some(file) = there.filter(|it| !it.is_dir()) {
+            bail!(
+                "recordings in {shown}: {} is a file, expected a folder",
+                file.display()
+            );
+        }
         return Ok(());
     }
-    let shown = path.display();
     ensure!(
         fs::symlink_metadata(path).is_err(),
         "recording {shown}: the file is there already; name another, or a folder"
@@ -34,10 +56,34 @@ pub fn check_place(path: &Path) -> anyhow::Result<()> {
     };
     ensure!(
         parent.is_dir(),
-        "recording {shown}: there is no folder {}",
+        "recording {shown}: there is no folder {}; make it, or name a folder for recordings by a slash at its end, which is made",
         parent.display()
     );
     Ok(())
+}
+
+/// Where a run is to be recorded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::node) enum RecordingPlace {
+    /// Among its results.
+    Results,
+    /// In this file, or in a new one in this folder.
+    At(PathBuf),
+}
+
+impl RecordingPlace {
+    /// Where the operator said; among the results where that was left open.
+    pub(in crate::node) fn asked(path: Option<PathBuf>) -> Self {
+        path.map_or(Self::Results, Self::At)
+    }
+
+    /// The file, or the folder for many, of a run whose results lie in `results`.
+    pub(in crate::node) fn path(&self, results: &Path) -> PathBuf {
+        match self {
+            Self::Results => results.join(OWN_FILE),
+            Self::At(path) => path.clone(),
+        }
+    }
 }
 
 /// The file of a recording.
@@ -47,23 +93,27 @@ pub(in crate::node) struct RecordingFile {
     pub(in crate::node) path: PathBuf,
     /// The file, new and empty.
     pub(in crate::node) file: File,
+    /// The folders that were made for it.
+    pub(in crate::node) made: MadeFolders,
 }
 
 impl RecordingFile {
-    /// Makes the file `asked`, or when that is a folder, one in it named after `venue` and the time
-    /// (UTC): `hall-3_2026-03-01_18-30-05.mcap`.
+    /// Makes the file `asked`, or when that is a folder ([`is_for_many`]), which is made where it is not there, one in it
+    /// named after `venue` and the time (UTC): `hall-3_2026-03-01_18-30-05.mcap`.
     ///
     /// # Errors
-    /// When the file is there already or cannot be made.
+    /// When the file is there already, or it or its folder cannot be made; nothing is left then.
     pub(in crate::node) fn make(asked: &Path, venue: &str) -> anyhow::Result<Self> {
-        if !asked.is_dir() {
+        if !is_for_many(asked) {
             let file = File::create_new(asked);
             let file = file.with_context(|| format!("making the recording {}", asked.display()))?;
             return Ok(Self {
                 path: asked.to_owned(),
                 file,
+                made: MadeFolders::default(),
             });
         }
+        let made = MadeFolders::with_parents(asked)?;
         let name = format!("{venue}_{}", date(clock::unix_time().as_secs()));
         for n in 1..1000 {
             let path = asked.join(if n == 1 {
@@ -72,7 +122,7 @@ impl RecordingFile {
                 format!("{name}_{n}.mcap")
             });
             match File::create_new(&path) {
-                Ok(file) => return Ok(Self { path, file }),
+                Ok(file) => return Ok(Self { path, file, made }),
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => {
                     let making = || format!("making the recording {}", path.display());
@@ -113,6 +163,16 @@ mod tests {
     }
 
     #[test]
+    fn a_recording_that_nobody_gave_a_place_lies_among_the_results() {
+        let path = |asked: Option<&str>| {
+            let place = RecordingPlace::asked(asked.map(PathBuf::from));
+            place.path(Path::new("out"))
+        };
+        assert_eq!(path(None), Path::new("out/recording.mcap"));
+        assert_eq!(path(Some("recordings/")), Path::new("recordings/"));
+    }
+
+    #[test]
     fn a_recording_never_replaces_a_file() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.mcap");
@@ -126,6 +186,30 @@ mod tests {
         );
         assert!(RecordingFile::make(&path, "hall").is_err());
         assert!(check_place(&dir.path().join("none/a.mcap")).is_err());
+    }
+
+    #[test]
+    fn a_folder_that_a_slash_at_its_end_names_is_made_for_a_recording_and_goes_when_it_gets_none() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("new/recordings/");
+        assert!(is_for_many(&folder) && !is_for_many(&dir.path().join("new/recordings")));
+        check_place(&folder).unwrap();
+        assert!(!folder.exists(), "looking makes nothing");
+        let RecordingFile { path, made, .. } = RecordingFile::make(&folder, "hall").unwrap();
+        assert_eq!(path.parent().unwrap(), folder);
+        fs::remove_file(path).unwrap();
+        drop(made);
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_slash_at_the_end_hides_no_file() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("a.mcap"), "mine").unwrap();
+        for name in ["a.mcap/", "a.mcap/deeper/"] {
+            let refused = check_place(&dir.path().join(name)).unwrap_err().to_string();
+            assert!(refused.contains("a.mcap is a file"), "{refused}");
+        }
     }
 
     #[test]

@@ -8,8 +8,8 @@ mod queue;
 mod retention;
 mod thread;
 
-pub(super) use self::file::RecordingFile;
-pub use self::file::check_place;
+pub(super) use self::file::{RecordingFile, RecordingPlace};
+pub use self::file::{check_place, is_for_many};
 pub(super) use self::head::head;
 pub use self::on_demand::{RecordingOnDemand, RecordingsOnDemand};
 #[cfg(test)]

@@ -279,13 +279,8 @@ impl RecordingsOnDemand {
             ..head.clone()
         };
         let file = RecordingFile::make(&self.folder, &self.venue)?;
-        let path = file.path.clone();
         let (session, mode) = (self.session, RunMode::Live);
-        let started = RecordingThread::start(file, head, session, mode, &self.parameters);
-        if started.is_err() {
-            drop(std::fs::remove_file(path));
-        }
-        started
+        RecordingThread::start(file, head, session, mode, &self.parameters)
     }
 
     /// Who is there, as a session notes it that expects people of the one before.

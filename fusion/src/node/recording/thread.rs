@@ -1,6 +1,7 @@
 //! The thread that writes a recording: what passed in, chunks of a second out.
 
 use std::collections::BTreeSet;
+use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -56,7 +57,7 @@ impl RecordingThread {
     /// then finds no place in its queue is lost; in lock-step it ends.
     ///
     /// # Errors
-    /// When the head cannot be written, or no thread starts.
+    /// When the head cannot be written, or no thread starts; nothing is left of the file then.
     pub(in crate::node) fn start(
         file: RecordingFile,
         head: Head,
@@ -64,7 +65,24 @@ impl RecordingThread {
         mode: RunMode,
         parameters: &RecordingParameters,
     ) -> anyhow::Result<Self> {
-        let RecordingFile { path, file } = file;
+        let RecordingFile { path, file, made } = file;
+        let begun = Self::begin((path.clone(), file), head, session, mode, parameters);
+        if begun.is_ok() {
+            made.keep();
+        } else {
+            // Half a head is no recording.
+            drop(std::fs::remove_file(path));
+        }
+        begun
+    }
+
+    fn begin(
+        (path, file): (PathBuf, File),
+        head: Head,
+        session: SessionId,
+        mode: RunMode,
+        parameters: &RecordingParameters,
+    ) -> anyhow::Result<Self> {
         let (venue, recorder) = (head.venue.clone(), head.venue.clone() + "/recorder");
         let (n_viewpoints, rate_hz) = (head.viewpoints.len(), head.rate_hz);
         let (queue, notes) = RecordingQueue::open(&head.venue, session);
@@ -325,10 +343,10 @@ fn until(then: Instant, now: Instant) -> Duration {
 #[cfg(test)]
 pub(super) mod tests {
     use std::collections::BTreeMap;
-    use std::fs::File;
     use std::os::fd::OwnedFd;
 
     use super::*;
+    use crate::node::output::made_folders::MadeFolders;
 
     /// The head that every recording has.
     pub(in crate::node::recording) fn head() -> Head {
@@ -349,6 +367,7 @@ pub(super) mod tests {
         let file = RecordingFile {
             path: PathBuf::from("end.mcap"),
             file: File::from(OwnedFd::from(disk)),
+            made: MadeFolders::default(),
         };
         let parameters = RecordingParameters {
             chunk_s: 3600.0,

@@ -105,6 +105,7 @@ fn replay(
     listeners: Box<dyn OpenListeners>,
     print: fn(&str) -> anyhow::Result<()>,
 ) -> Result<Ending, NodeError> {
+    listeners.check(None)?;
     if let Some(out) = &args.out {
         check_folder(out).map_err(NodeError::Refused)?;
     }

@@ -11,11 +11,15 @@ use farfield_proto::venue::Venue;
 use serde::Serialize;
 
 use crate::camera_agreement::AgreementReport;
+use crate::export::pose_files::Presence;
 use crate::export::summary::{EventCounts, Summary, TickSpan, TimingSummary};
 use crate::node::output::exporter::Exported;
 use crate::node::output::summary;
 use crate::recording::reader::Recording;
 use crate::recording::replay::{Choice, ReplayTally};
+
+/// Most statures that a line shows.
+const MOST_SHOWN: usize = 12;
 
 /// A replay that is over.
 pub(super) struct Done {
@@ -180,7 +184,10 @@ impl Done {
             self.exported.people.len(),
             tally.ticks as f64 / self.elapsed_s.max(1e-9)
         );
-        for line in self.agreement.lines() {
+        let on_people = self.agreement.lines_on_people(self.exported.people.len());
+        let statures = statures(&self.exported.people);
+        let on_people = statures.into_iter().chain(on_people);
+        for line in on_people.chain(self.agreement.lines()) {
             text.push_str(&line);
             text.push('\n');
         }
@@ -209,5 +216,43 @@ impl Done {
             }
         }
         text + &format!("results in {}\n", out.display())
+    }
+}
+
+/// How tall people are, in a line: whoever knows them sees whether the calibration has the right scale.
+fn statures(people: &[Presence]) -> Option<String> {
+    let known = people.iter().filter_map(|person| person.stature_m);
+    let known: Vec<String> = known.map(|stature_m| format!("{stature_m:.2}")).collect();
+    let shown = known.get(..MOST_SHOWN).unwrap_or(&known).join(", ");
+    let more = if known.len() > MOST_SHOWN {
+        format!(" and {} more", known.len() - MOST_SHOWN)
+    } else {
+        String::new()
+    };
+    (!known.is_empty())
+        .then(|| format!("statures by link lengths, without shoes and hair: {shown} m{more}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::id::PersonId;
+
+    use super::*;
+
+    #[test]
+    fn statures_stand_in_one_line_that_no_crowd_makes_long() {
+        let person = |id: u32| Presence {
+            person: PersonId(id),
+            first_tick: Tick(0),
+            last_tick: Tick(9),
+            ticks: 10,
+            stature_m: (id != 2).then(|| 1.7 + 0.01 * f64::from(id)),
+        };
+        let of = |n: u32| statures(&(0..n).map(person).collect::<Vec<_>>());
+        assert_eq!(of(0), None);
+        let few = of(4).unwrap();
+        assert!(few.ends_with(": 1.70, 1.71, 1.73 m"), "{few}");
+        let many = of(20).unwrap();
+        assert!(many.ends_with(", 1.82 m and 7 more"), "{many}");
     }
 }

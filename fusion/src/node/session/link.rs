@@ -37,13 +37,8 @@ pub(in crate::node) struct FusionSession {
 }
 
 impl FusionSession {
-    /// Listens where `reach` says and declares everything that the edges of `venue` need.
-    pub(in crate::node) async fn open(
-        venue: &Venue,
-        reach: &Reach,
-        mode: RunMode,
-        senders: &Senders,
-    ) -> anyhow::Result<Self> {
+    /// Listens where `reach` says. Nobody can tell yet that it is fusion who does.
+    pub(in crate::node) async fn listen(venue: &Venue, reach: &Reach) -> anyhow::Result<Session> {
         let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
         let transport = FusionTransport {
             venue: &venue.name,
@@ -51,7 +46,16 @@ impl FusionSession {
             listen: &reach.endpoints,
             identity: reach.identity.as_ref(),
         };
-        let session = session::listen(&transport).await?;
+        session::listen(&transport).await
+    }
+
+    /// Declares on `session`, which listens, everything that the edges of `venue` need.
+    pub(in crate::node) async fn open(
+        session: Session,
+        venue: &Venue,
+        mode: RunMode,
+        senders: &Senders,
+    ) -> anyhow::Result<Self> {
         let keys = Keys::new(&venue.name);
         let publishers = FusionPublishers::declare(&session, venue, mode).await?;
         let subscribers = Subscribers::declare(&session, &keys, mode, senders).await?;

@@ -120,7 +120,8 @@ impl OpenLink {
             validity: None,
         };
         let senders = Senders::new(&venue(), VenueClock::start());
-        let mut link = FusionSession::open(&venue(), &reach, mode, &senders)
+        let session = FusionSession::listen(&venue(), &reach).await.unwrap();
+        let mut link = FusionSession::open(session, &venue(), mode, &senders)
             .await
             .unwrap();
         if mode == RunMode::Live && wiretap.looks_at_thumbnails() {

@@ -224,7 +224,7 @@ impl OtherFusionWatch {
         }
     }
 
-    /// This node's own session is open: it is none other.
+    /// This node's own session is open, and has not said yet whose it is: it is none other.
     pub(in crate::node) fn know_own(&self, own: ZenohId) {
         self.own.send_replace(Some(own));
     }

@@ -34,8 +34,8 @@ fn reach(listen: &str) -> Reach {
     }
 }
 
-/// A fusion that listens and has not begun to work yet.
-async fn just_begun() -> (Session, LivelinessToken, String) {
+/// A node that listens and has not said yet that it is fusion.
+async fn listening() -> (Session, String) {
     let listen = ["tcp/127.0.0.1:0".to_owned()];
     let transport = FusionTransport {
         venue: "two",
@@ -44,9 +44,20 @@ async fn just_begun() -> (Session, LivelinessToken, String) {
         identity: None,
     };
     let session = session::listen(&transport).await.unwrap();
-    let token = session.liveliness().declare_token("two/alive/fusion").await;
     let endpoint = session.info().locators().await[0].to_string();
-    (session, token.unwrap(), endpoint)
+    (session, endpoint)
+}
+
+async fn declare_token(session: &Session) -> LivelinessToken {
+    let token = session.liveliness().declare_token("two/alive/fusion").await;
+    token.unwrap()
+}
+
+/// A fusion that listens and has not begun to work yet.
+async fn just_begun() -> (Session, LivelinessToken, String) {
+    let (session, endpoint) = listening().await;
+    let token = declare_token(&session).await;
+    (session, token, endpoint)
 }
 
 /// A fusion that says once a moment who it is, and where it listens.
@@ -126,6 +137,20 @@ async fn whoever_is_alone_begins_and_is_not_taken_for_another() {
         &leave,
     );
     around.know_own(own.zid());
+    assert_eq!(around.first().await, None);
+    leave.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn whoever_knows_its_session_before_it_declares_its_token_is_not_taken_for_another() {
+    // Symptom to prevent: by a way around a fusion found its own token before it knew that the session is its own.
+    let (own, endpoint) = listening().await;
+    let (tasks, leave) = <(TaskTracker, CancellationToken)>::default();
+    let elsewhere = reach("tcp/10.0.0.1:1");
+    let around = OtherFusionWatch::at("two", vec![endpoint], &elsewhere, &tasks, &leave);
+    assert_eq!(around.first().await, None, "without a token it is nobody");
+    around.know_own(own.zid());
+    let _token = declare_token(&own).await;
     assert_eq!(around.first().await, None);
     leave.cancel();
 }

@@ -1,0 +1,78 @@
+//! Whether fusion is there, for whoever reads the edge's log: said once when it goes, and once when it is back.
+
+use crate::live::{Micros, SECOND_US};
+
+/// What comes sooner was under way when fusion went; none is back so soon, microseconds.
+const UNDER_WAY_US: Micros = SECOND_US / 2;
+
+/// What was said of it last.
+#[derive(Debug, Default)]
+pub(super) struct FusionPresence {
+    /// Since when it is gone.
+    gone_us: Option<Micros>,
+}
+
+impl FusionPresence {
+    /// Fusion has gone, as is known at `now_us`; its last boxes came `silent_us` before, `None` where none ever did. What to
+    /// say, the first time.
+    pub(super) fn gone(&mut self, silent_us: Option<Micros>, now_us: Micros) -> Option<String> {
+        if self.gone_us.is_some() {
+            return None;
+        }
+        self.gone_us = Some(now_us);
+        let Some(silent_us) = silent_us else {
+            return Some("fusion is gone: waiting for it".to_owned());
+        };
+        let silent_s = silent_us.max(0) as f64 / 1e6;
+        Some(format!(
+            "fusion is gone (last heard {silent_s:.1} s ago): following people by its own boxes for a while, and waiting for it"
+        ))
+    }
+
+    /// Boxes of fusion have come at `now_us`. What to say, if it was gone.
+    pub(super) fn heard(&mut self, now_us: Micros) -> Option<String> {
+        let gone_us = now_us.saturating_sub(self.gone_us?);
+        if gone_us < UNDER_WAY_US {
+            return None;
+        }
+        self.gone_us = None;
+        let gone_s = gone_us as f64 / 1e6;
+        Some(format!("fusion is back after {gone_s:.0} s"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn that_fusion_is_gone_and_that_it_is_back_are_said_once() {
+        let mut fusion = FusionPresence::default();
+        assert_eq!(fusion.heard(0), None, "it was there all along");
+        let said = fusion.gone(Some(180_000), SECOND_US).unwrap();
+        assert!(
+            said.starts_with("fusion is gone (last heard 0.2 s ago): "),
+            "{said}"
+        );
+        assert_eq!(fusion.gone(Some(0), 2 * SECOND_US), None);
+        let said = fusion.heard(8 * SECOND_US).unwrap();
+        assert_eq!(said, "fusion is back after 7 s");
+        assert_eq!(fusion.heard(9 * SECOND_US), None);
+        assert!(fusion.gone(Some(0), 9 * SECOND_US).is_some(), "once more");
+    }
+
+    #[test]
+    fn boxes_that_were_under_way_when_fusion_went_are_no_sign_of_it() {
+        let mut fusion = FusionPresence::default();
+        fusion.gone(Some(0), SECOND_US).unwrap();
+        assert_eq!(fusion.heard(SECOND_US + 3_000), None);
+        assert!(fusion.heard(2 * SECOND_US).is_some());
+    }
+
+    #[test]
+    fn a_fusion_that_never_sent_boxes_is_waited_for() {
+        let mut fusion = FusionPresence::default();
+        let said = fusion.gone(None, SECOND_US).unwrap();
+        assert_eq!(said, "fusion is gone: waiting for it");
+    }
+}

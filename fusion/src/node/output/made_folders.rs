@@ -1,0 +1,99 @@
+//! Folders that a node makes for what it writes, and takes away again where nothing came of it.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+
+/// Folders that this process has made, each inside of the one before. Dropped, those are taken away that are empty.
+#[derive(Debug, Default)]
+pub(in crate::node) struct MadeFolders(Vec<PathBuf>);
+
+impl MadeFolders {
+    /// Makes `folder` and what is missing above it; an empty path is the folder in which the process is.
+    ///
+    /// # Errors
+    /// Names the folder that cannot be made; nothing is left of the others.
+    pub(in crate::node) fn with_parents(folder: &Path) -> anyhow::Result<Self> {
+        let is_missing = |it: &&Path| !it.as_os_str().is_empty() && !it.exists();
+        let missing: Vec<&Path> = folder.ancestors().take_while(is_missing).collect();
+        let mut made = Self::default();
+        for folder in missing.into_iter().rev() {
+            made.make(folder)?;
+        }
+        Ok(made)
+    }
+
+    /// Makes `folder` inside of them; whether it was not there.
+    ///
+    /// # Errors
+    /// When it cannot be made: names it.
+    pub(in crate::node) fn make(&mut self, folder: &Path) -> anyhow::Result<bool> {
+        let mut made = fs::create_dir(folder);
+        if made
+            .as_ref()
+            .is_err_and(|it| it.kind() == ErrorKind::NotFound)
+            && let Some(parent) = folder.parent()
+        {
+            // Another run, which had made the folder above, has taken it away again.
+            let mut above = Self::with_parents(parent)?;
+            self.0.append(&mut above.0);
+            made = fs::create_dir(folder);
+        }
+        match made {
+            Ok(()) => {
+                self.0.push(folder.to_owned());
+                Ok(true)
+            }
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => Ok(false),
+            Err(error) => Err(error).with_context(|| format!("making folder {}", folder.display())),
+        }
+    }
+
+    /// Lets them stay, empty or not.
+    pub(in crate::node) fn keep(mut self) {
+        self.0.clear();
+    }
+}
+
+impl Drop for MadeFolders {
+    fn drop(&mut self) {
+        for folder in self.0.iter().rev() {
+            // Fails where something is in it, and then is not wanted.
+            drop(fs::remove_dir(folder));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_made_goes_when_it_is_empty_and_what_was_there_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        fs::create_dir(at("there")).unwrap();
+        let mut made = MadeFolders::with_parents(&at("there/new/deeper")).unwrap();
+        assert!(made.make(&at("there/new/deeper/deepest")).unwrap());
+        assert!(!made.make(&at("there")).unwrap());
+        drop(made);
+        assert!(at("there").is_dir() && !at("there/new").exists());
+        let made = MadeFolders::with_parents(&at("a/b")).unwrap();
+        fs::write(at("a/file"), "").unwrap();
+        drop(made);
+        assert!(at("a/file").is_file() && !at("a/b").exists());
+        MadeFolders::with_parents(&at("kept/b")).unwrap().keep();
+        assert!(at("kept/b").is_dir());
+    }
+
+    #[test]
+    fn nothing_is_left_of_folders_that_cannot_all_be_made() {
+        let dir = tempfile::tempdir().unwrap();
+        let long = dir.path().join("new").join("x".repeat(300));
+        let refused = MadeFolders::with_parents(&long).unwrap_err();
+        assert!(refused.to_string().contains("new"), "{refused}");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+}
