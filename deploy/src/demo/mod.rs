@@ -13,7 +13,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use farfield_fusion::node::FolderClaim;
+use farfield_fusion::node::{FolderClaim, is_for_many};
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, NodeError, exit_code};
 use farfield_proto::tick::Tick;
@@ -146,8 +146,11 @@ fn out_of(out: &Path, round: u32) -> PathBuf {
     name.into()
 }
 
-/// Where a round of many records, when the first does to `file`.
+/// Where a round of many records, when the first does to `file`; in a folder all have names of their own.
 fn recording_of(file: &Path, round: u32) -> PathBuf {
+    if is_for_many(file) {
+        return file.to_owned();
+    }
     let mut name = out_of(Path::new(file.file_stem().unwrap_or_default()), round).into_os_string();
     if let Some(ending) = file.extension() {
         name.push(".");
@@ -216,6 +219,8 @@ mod tests {
         assert_eq!(recording_of(file, 1), file);
         assert_eq!(recording_of(file, 3), Path::new("out/hall.v2-3.mcap"));
         assert_eq!(recording_of(Path::new("hall"), 2), Path::new("hall-2"));
+        let folder = recording_of(Path::new("recordings/"), 2);
+        assert_eq!(folder.to_str(), Some("recordings/"));
     }
 
     #[test]

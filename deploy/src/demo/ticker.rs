@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use farfield_edge::pipeline::BeyondView;
 use farfield_fusion::node::{Body, Progress};
 use farfield_proto::tick::Tick;
 use tokio::time::Instant;
@@ -18,7 +19,7 @@ const EVERY: Duration = Duration::from_secs(1);
 /// Prints the lines on standard output.
 pub(super) struct DemoTicker<'a> {
     play: &'a Play,
-    /// When the last line was printed, and how far the run was then.
+    /// When the last line was printed, how far the run was then, and how many bytes the edges had sent.
     last: Option<(Instant, Tick, u64)>,
     left: TimeLeft,
     /// A tick that no line has told of yet.
@@ -43,14 +44,16 @@ impl<'a> DemoTicker<'a> {
     }
 
     fn tell(&mut self, progress: &Progress, now: Instant) {
-        let (since, from, bytes) = self.last.unwrap_or((now, progress.tick, progress.bytes));
-        self.last = Some((now, progress.tick, progress.bytes));
+        let (since, from, bytes) = self
+            .last
+            .unwrap_or((now, progress.tick, progress.edge_bytes));
+        self.last = Some((now, progress.tick, progress.edge_bytes));
         self.untold = None;
         let elapsed_s = now.duration_since(since).as_secs_f64();
         let ticks = (progress.tick - from).unsigned_abs() as f64;
         let rates = (elapsed_s > 0.0 && ticks > 0.0).then(|| Rates {
             ticks_per_s: ticks / elapsed_s,
-            bytes_per_tick: progress.bytes.saturating_sub(bytes) as f64 / ticks,
+            bytes_per_tick: progress.edge_bytes.saturating_sub(bytes) as f64 / ticks,
         });
         let done = (progress.tick + 1).0.unsigned_abs();
         let left = self.left.at(now, done, self.play.ticks.into());
@@ -71,7 +74,7 @@ impl Follow for DemoTicker<'_> {
             None => {
                 let done = (progress.tick + 1).0.unsigned_abs();
                 self.left.at(now, done, self.play.ticks.into());
-                self.last = Some((now, progress.tick, progress.bytes));
+                self.last = Some((now, progress.tick, progress.edge_bytes));
             }
             Some((last, ..))
                 if now.duration_since(last) >= EVERY || self.is_full(progress.tick) =>
@@ -82,6 +85,12 @@ impl Follow for DemoTicker<'_> {
             Some(_) => {}
         }
         self.untold = Some(progress.clone());
+    }
+
+    /// The demo has words of its own. Of those of its nodes it passes on what is not used of a camera's picture: no other
+    /// word says that to whoever has drawn the scene.
+    fn wants(&self, said: &str) -> bool {
+        said.contains(BeyondView::WORDS)
     }
 
     fn finish(&mut self) {
@@ -95,7 +104,7 @@ impl Follow for DemoTicker<'_> {
 #[derive(Debug, Clone, Copy)]
 struct Rates {
     ticks_per_s: f64,
-    /// Payload over all links.
+    /// Payload that the edges send, over all links.
     bytes_per_tick: f64,
 }
 

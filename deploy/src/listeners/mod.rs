@@ -27,6 +27,8 @@ use farfield_fusion::node::{
 };
 use farfield_node::process::{NodeError, exit_code, say};
 use farfield_page::PageState;
+use farfield_page::server::HasKeys;
+use farfield_proto::transport::Identity;
 use farfield_streams::StreamSpec;
 
 use self::address::page_address;
@@ -66,6 +68,17 @@ pub(crate) struct ListenerArgs {
 }
 
 impl ListenerArgs {
+    /// Refuses a page that cannot be served where it is asked for, before anything listens.
+    ///
+    /// # Errors
+    /// Names the option.
+    pub(crate) fn check_page(&self, keys: HasKeys) -> Result<(), NodeError> {
+        match self.page {
+            Some(address) => page::check_reach(address, &self.page_name, keys),
+            None => Ok(()),
+        }
+    }
+
     /// The words of a command line that say the same.
     pub(crate) fn words(&self) -> Vec<String> {
         let page = self.page.iter().map(|address| match address {
@@ -142,6 +155,10 @@ pub(crate) fn fusion(args: FusionCommandArgs) -> ExitCode {
 }
 
 impl OpenListeners for ListenerArgs {
+    fn check(&self, identity: Option<&Identity>) -> Result<(), NodeError> {
+        self.check_page(HasKeys::of(identity))
+    }
+
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         Box::pin(async move {
             let asked = wanted::streams(run.venue, &self.stream).map_err(NodeError::refused)?;
@@ -183,7 +200,7 @@ impl OpenListeners for ListenerArgs {
                 vec![Arc::new(NamesTap::start(run.venue, given)?)];
             if let Some(page) = page {
                 let thread = Arc::clone(&thread);
-                wiretaps.push(Arc::new(page::PageTap::new(page, thread)));
+                wiretaps.push(Arc::new(page::PageTap::new(run.venue, page, thread)));
             }
             if let Some(streams) = streams {
                 wiretaps.push(Arc::new(streams::StreamTap::new(

@@ -12,12 +12,12 @@ use farfield_fusion::node::{
 };
 use farfield_node::process::NodeError;
 use farfield_page::qr::terminal_code;
-use farfield_page::server::{Keys, ServerError};
+use farfield_page::server::{self, HasKeys, Keys, ServerError};
 use farfield_page::{
     Angle, AngleUnit, PageActions, PageOptions, PageState, Server, ServerOptions, Skeleton,
 };
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::transport::Identity;
+use farfield_proto::transport::{FUSION, Identity};
 use farfield_proto::venue::Venue;
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::TaskTracker;
@@ -30,6 +30,41 @@ use super::thread::ServingThread;
 /// From which width on a range of motion is none, radians.
 const FULL_CIRCLE_RAD: f64 = TAU - 1e-3;
 
+/// The option of a run that says where its page is, up to the address.
+pub(super) const PAGE: &str = "--page=";
+
+/// Refuses an address of a run's page (`None`: the usual one) at which it cannot be served, before anything listens; `names` are those
+/// by which browsers call this machine.
+///
+/// # Errors
+/// Names the option.
+pub(super) fn check_reach(
+    address: Option<SocketAddr>,
+    names: &[String],
+    keys: HasKeys,
+) -> Result<(), NodeError> {
+    let address = address.unwrap_or_else(|| ServerOptions::default().address);
+    server::check_reach(address, names, keys).map_err(|error| told(error, PAGE))
+}
+
+/// What the operator is told, who says by `option` where a page is.
+fn told(error: ServerError, option: &str) -> NodeError {
+    match error {
+        // What holds the port may let go of it; a service is started again.
+        ServerError::Listen { address, .. } => NodeError::Failed(anyhow!(
+            "{error}: end what listens there, or serve the page elsewhere ({option}127.0.0.1:{})",
+            address.port().wrapping_add(1)
+        )),
+        ServerError::NoKeys { address } => {
+            NodeError::Refused(anyhow!("{option}{address}: {error}"))
+        }
+        ServerError::NoName { address } => {
+            NodeError::Refused(anyhow!("{option}{address}: {error} (`--page-name NAME`)"))
+        }
+        error => NodeError::refused(error),
+    }
+}
+
 /// A page that is served until this is let go of.
 pub(super) struct PageServer {
     /// What the operator is told of it, a line each.
@@ -39,13 +74,15 @@ pub(super) struct PageServer {
 }
 
 impl PageServer {
-    /// Serves `state` at `address` (`None`: the usual one), to browsers that call this machine by one of `names`.
+    /// Serves `state` at `address` (`None`: the usual one), to browsers that call this machine by one of `names`; `option` is by what
+    /// the operator says where, up to the address.
     ///
     /// # Errors
     /// Keys that are missing or wrong, an address that cannot be had.
     pub(super) async fn start(
         state: Arc<PageState>,
-        (address, names): (Option<SocketAddr>, &[String]),
+        (option, address): (&str, Option<SocketAddr>),
+        names: &[String],
         keys: Option<Keys>,
     ) -> Result<Self, NodeError> {
         let usual = ServerOptions::default();
@@ -57,14 +94,7 @@ impl PageServer {
             keys: keys.filter(|_| !is_local),
         };
         let server = Server::bind(state, options).await;
-        let server = server.map_err(|error| match error {
-            // What holds the port may let go of it; a service is started again.
-            ServerError::Listen { address, .. } => NodeError::Failed(anyhow!(
-                "{error}: end what listens there, or serve the page elsewhere (--page=127.0.0.1:{})",
-                address.port().wrapping_add(1)
-            )),
-            error => NodeError::refused(error),
-        })?;
+        let server = server.map_err(|error| told(error, option))?;
         let url = server.url();
         let mut said = vec![format!("the live page: {url}")];
         if !is_local && let Some(code) = terminal_code(&url) {
@@ -138,7 +168,7 @@ impl PageOfRun {
         names: &[String],
     ) -> Result<(Arc<PageState>, PageServer), NodeError> {
         let state = Arc::clone(&self.state);
-        let server = PageServer::start(self.state, (self.address, names), self.keys).await?;
+        let server = PageServer::start(self.state, (PAGE, self.address), names, self.keys).await?;
         if let Some(recordings) = self.recordings {
             let told = record_button::tell(recordings, Arc::downgrade(&state));
             let until = server.stop.token().clone();
@@ -151,13 +181,16 @@ impl PageOfRun {
 /// Gives the page what passes.
 pub(super) struct PageTap {
     state: Arc<PageState>,
+    /// The key of fusion's own status.
+    own_status: String,
     _thread: Arc<ServingThread>,
 }
 
 impl PageTap {
-    pub(super) fn new(state: Arc<PageState>, thread: Arc<ServingThread>) -> Self {
+    pub(super) fn new(venue: &Venue, state: Arc<PageState>, thread: Arc<ServingThread>) -> Self {
         Self {
             state,
+            own_status: farfield_proto::key::Keys::new(&venue.name).status(FUSION),
             _thread: thread,
         }
     }
@@ -165,12 +198,15 @@ impl PageTap {
 
 impl Wiretap for PageTap {
     fn received(&self, message: CopiedMessage<'_>) {
-        self.state
-            .message(message.key, message.bytes, message.at_us);
+        // What fusion says itself is shown when it is said, and comes back to it.
+        if message.key != self.own_status {
+            self.published(message);
+        }
     }
 
     fn published(&self, message: CopiedMessage<'_>) {
-        self.received(message);
+        self.state
+            .message(message.key, message.bytes, message.at_us);
     }
 
     fn decided(&self, _: CopiedStep<'_>) {}

@@ -20,10 +20,13 @@ use farfield_fusion::export::unfinished::write_whole;
 use farfield_fusion::node::{OpenListeners, Opening, ReplayedRecording, RunAtItsStart};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::toml_file::FileError;
+use farfield_proto::transport::Identity;
 use nalgebra::Vector3;
 
 use super::ListenerArgs;
+use super::address::check_own_machine;
 use super::drawn::Solved;
+use super::page::PAGE;
 use crate::exchange::people::time_of_day::now;
 use crate::exchange::place::POSES;
 use crate::exchange::recorded::RecordedRun;
@@ -46,6 +49,16 @@ pub(super) struct ReplayListeners {
 }
 
 impl OpenListeners for ReplayListeners {
+    fn check(&self, _identity: Option<&Identity>) -> Result<(), NodeError> {
+        // Keys are those of a run.
+        match self.listeners.page.flatten() {
+            Some(address) => {
+                check_own_machine(PAGE, address, "a replay").map_err(NodeError::Refused)
+            }
+            None => Ok(()),
+        }
+    }
+
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         Box::pin(async move {
             if let Some(replayed) = run.replays {

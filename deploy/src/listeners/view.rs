@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::Context as _;
 use clap::Args;
 use farfield_fusion::node::{open_recording, recorded_venue};
 use farfield_fusion::pipeline::Pipeline;
@@ -18,11 +18,14 @@ use farfield_page::{PageActions, PageOptions, PageState, RecordedMessages};
 use farfield_proto::id::SessionId;
 use farfield_proto::tick::Micros;
 
-use super::address::page_address;
+use super::address::{check_own_machine, page_address};
 use super::names::GivenNames;
 use super::page::{PageServer, page_skeleton};
 use super::sheet;
 use crate::signals::Signals;
+
+/// The option that says where its page is, up to the address.
+const AT: &str = "--at ";
 
 /// Arguments of `farfield view`.
 #[derive(Debug, Args)]
@@ -48,12 +51,8 @@ pub(crate) fn main(args: &ViewArgs) -> ExitCode {
 }
 
 fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
-    if let Some(at) = args.at.filter(|at| !at.ip().is_loopback()) {
-        let problem = anyhow!(
-            "--at: found {at}, expected an address of this machine alone: a recording has no keys; from elsewhere \
-             `ssh -L 7460:127.0.0.1:7460 HOST`"
-        );
-        return Err(NodeError::Refused(problem));
+    if let Some(at) = args.at {
+        check_own_machine(AT, at, "a recording").map_err(NodeError::Refused)?;
     }
     let path = &args.recording;
     let state = state(path, args.sheet.as_deref()).map_err(NodeError::Refused)?;
@@ -61,7 +60,7 @@ fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
         let mut signals = Signals::listen()
             .context("listening for signals")
             .map_err(NodeError::Failed)?;
-        let server = PageServer::start(state, (args.at, &[]), None).await?;
+        let server = PageServer::start(state, (AT, args.at), &[], None).await?;
         for line in &server.said {
             say(format_args!("{line}"));
         }

@@ -1,6 +1,6 @@
 //! Which streams a run has: those of its venue file, and those of the command line in place of them.
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 
 use anyhow::bail;
 use farfield_proto::toml_file::FileError;
@@ -45,13 +45,10 @@ pub(crate) fn streams(venue: &Venue, given: &[StreamSpec]) -> Result<Vec<StreamS
 ///
 /// # Errors
 /// What is there, and what else to say.
-pub(super) fn check_ros2(specs: &[StreamSpec], listens_at: &[String]) -> anyhow::Result<()> {
-    let by_tcp = listens_at.iter().filter_map(|at| {
-        let ip = endpoint::host(at).parse::<IpAddr>().ok()?;
-        let address = SocketAddr::new(ip, endpoint::port(at)?);
-        matches!(endpoint::scheme(at), "tcp" | "tls").then_some(address)
-    });
-    for listening in by_tcp {
+pub(crate) fn check_ros2(specs: &[StreamSpec], listens_at: &[String]) -> anyhow::Result<()> {
+    let is_by_tcp = |at: &&String| matches!(endpoint::scheme(at), "tcp" | "tls");
+    let by_tcp = listens_at.iter().filter(is_by_tcp);
+    for listening in by_tcp.flat_map(|at| addresses(at)) {
         if let Some(spec) = specs.iter().find(|it| it.takes_for_its_own(listening)) {
             bail!(
                 "stream `ros2`: found fusion itself at {}, expected the router of ROS 2; let the router listen at another port and say so \
@@ -63,6 +60,20 @@ pub(super) fn check_ros2(specs: &[StreamSpec], listens_at: &[String]) -> anyhow:
         }
     }
     Ok(())
+}
+
+/// The addresses of an endpoint whose host is one, or this machine by its name: which of the two that is the system says.
+fn addresses(endpoint: &str) -> Vec<SocketAddr> {
+    let Some(port) = endpoint::port(endpoint) else {
+        return Vec::new();
+    };
+    let ips: Vec<IpAddr> = match endpoint::host(endpoint) {
+        "localhost" => vec![Ipv4Addr::LOCALHOST.into(), Ipv6Addr::LOCALHOST.into()],
+        host => host.parse::<IpAddr>().into_iter().collect(),
+    };
+    ips.into_iter()
+        .map(|ip| SocketAddr::new(ip, port))
+        .collect()
 }
 
 /// Says which streams a run of `venue` has.

@@ -42,8 +42,8 @@ pub(crate) struct RunArgs {
     pub(crate) overlay: Option<Option<TickList>>,
     /// Record, for `farfield replay`.
     ///
-    /// Everything that fusion hears and says, and what it used for each tick, as an MCAP file. Default:
-    /// `recording.mcap` in the folder of the results.
+    /// Everything that fusion hears and says, and what it used for each tick, as an MCAP file, or a new one in a folder, which is
+    /// made where a slash ends its path. Default: `recording.mcap` in the folder of the results.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     #[expect(
         clippy::option_option,

@@ -9,20 +9,23 @@ use farfield_edge::node::{Networks, load_networks, probe_sources};
 use farfield_edge::source::{SourceError, SourceInfo, common_ticks};
 use farfield_fusion::export::unfinished::write_whole;
 use farfield_fusion::node::{
-    check_calibration, check_folder, check_given_keypoints, check_given_ticks,
-    check_live_or_recorded, check_names, check_place, load_card, load_subjects, of_values,
+    check_calibration, check_detector, check_folder, check_given_keypoints, check_given_ticks,
+    check_live_or_recorded, check_names, check_place, check_viewpoints, load_card, load_subjects,
+    of_values,
 };
 use farfield_node::files::{load_venue, parse_venue};
 use farfield_node::process::{NodeError, say};
+use farfield_page::server::HasKeys;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, Venue};
 use farfield_sim::simulated::VenueSources;
 
 use super::args::RunArgs;
+use super::place::ListenPlace;
 use super::values::changed_venue;
 use crate::listeners::{ListenerArgs, wanted};
 use crate::overlay::overlay_ticks;
-use crate::recorded_rates::odd_rates;
+use crate::recorded_rates::{held_keypoints, odd_rates};
 
 /// How far apart recordings of different rates may be at the end of a run, ticks.
 const MAX_DRIFT_TICKS: f64 = 0.5;
@@ -75,11 +78,14 @@ impl RunPlan {
         Ok(())
     }
 
-    /// Where fusion listens: a free port of this machine.
-    pub(super) fn loopback(&self) -> &'static str {
-        match self.venue.security.certificates {
-            Some(_) => "quic/127.0.0.1:0",
-            None => "tcp/127.0.0.1:0",
+    /// Where fusion listens.
+    pub(super) fn place(&self) -> ListenPlace {
+        match self.pace {
+            RunPace::LockStep => ListenPlace::anywhere(&self.venue),
+            RunPace::Live => {
+                let streams = wanted::streams(&self.venue, &self.listeners.stream);
+                ListenPlace::where_looked_for(&self.venue, &streams.unwrap_or_default())
+            }
         }
     }
 }
@@ -103,6 +109,8 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     check_names(&venue).map_err(NodeError::Refused)?;
     check_own_recordings(&venue, &args.venue).map_err(NodeError::Refused)?;
     wanted::streams(&venue, &args.listeners.stream).map_err(NodeError::refused)?;
+    args.listeners
+        .check_page(HasKeys::of(venue.security.certificates.as_ref()))?;
     load_subjects(&venue).map_err(NodeError::refused)?;
     if let Some(out) = &args.out {
         check_folder(out).map_err(NodeError::Refused)?;
@@ -113,6 +121,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     if args.live {
         check_live_or_recorded(&venue, &args.venue).map_err(NodeError::refused)?;
     }
+    check_viewpoints(&venue, &args.venue).map_err(NodeError::refused)?;
     check_calibration(&venue, &venue.calibration_path)?;
     let infos = probe_sources(&sources, &venue, &venue.cameras).map_err(NodeError::refused)?;
     let pace = if args.live {
@@ -125,7 +134,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
         ticks => Some(ticks.map_err(NodeError::refused)?),
     };
     if let Some(ticks) = &ticks {
-        check_rates(&infos, ticks)?;
+        check_rates(&venue, &infos, ticks)?;
         check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
     }
     let overlay = match (args.overlay, &ticks) {
@@ -140,6 +149,8 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     let networks = load_networks(&venue, &venue.cameras).map_err(NodeError::refused)?;
     let card = load_card(&venue).map_err(NodeError::Refused)?;
     check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
+    // After the files: what is wrong in one that is there comes before what is not there.
+    check_detector(&venue, &args.venue).map_err(NodeError::refused)?;
     let plan = RunPlan {
         venue_path: args.venue,
         changed,
@@ -180,14 +191,25 @@ fn check_own_recordings(venue: &Venue, path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses recordings of different rates that would be half a tick apart before the end.
-fn check_rates(infos: &[(String, SourceInfo)], ticks: &Range<Tick>) -> Result<(), NodeError> {
+/// Refuses recordings of different rates that would be half a tick apart before the end, and says which rates are doubtful.
+fn check_rates(
+    venue: &Venue,
+    infos: &[(String, SourceInfo)],
+    ticks: &Range<Tick>,
+) -> Result<(), NodeError> {
     for rate in odd_rates(infos) {
         if rate.drift_ticks(ticks.end - ticks.start) > MAX_DRIFT_TICKS {
             let (problem, remedy) = (rate.problem(), rate.remedy());
             return Err(NodeError::Refused(anyhow!("{problem}; {remedy}")));
         }
         say(format_args!("doubtful: {}", rate.problem()));
+    }
+    for held in held_keypoints(infos, venue.rate_hz) {
+        say(format_args!(
+            "doubtful: {}; {}",
+            held.problem(),
+            held.remedy()
+        ));
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! Whoever looks on while the nodes of a run work.
 
 use farfield_fusion::node::{LinkProgress, Progress};
+use farfield_node::process::say;
 
 /// How much fusion shall tell of each tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,6 +22,16 @@ pub(crate) trait Follow {
 
     /// Live, once a second: how the edges are heard.
     fn links(&mut self, _links: &LinkProgress) {}
+
+    /// Whether what a node has said, under its name, is for whoever looks on.
+    fn wants(&self, _said: &str) -> bool {
+        true
+    }
+
+    /// A line for the operator.
+    fn tell(&mut self, line: &str) {
+        say(format_args!("{line}"));
+    }
 
     /// There will be no more ticks.
     fn finish(&mut self);

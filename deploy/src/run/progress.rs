@@ -1,17 +1,19 @@
 //! How far a run is: a bar on a terminal, a line now and then elsewhere.
 
 use std::io::{IsTerminal as _, stderr};
+use std::ops::Range;
 use std::time::Duration;
 
 use farfield_fusion::node::{LinkProgress, Progress};
 use farfield_node::process::say;
 use farfield_proto::message::live::EdgeLink;
+use farfield_proto::tick::Tick;
 use indicatif::{HumanBytes, ProgressBar, ProgressStyle};
 use tokio::time::Instant;
 
 use super::check::RunPlan;
 use super::follow::{Follow, ProgressDetail};
-use super::remaining::TimeLeft;
+use super::remaining::{TimeLeft, has_end};
 
 /// How often a line is printed where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -23,6 +25,7 @@ const FIRST_LINE_AFTER: Duration = Duration::from_secs(1);
 pub(super) struct ProgressLine {
     bar: Option<ProgressBar>,
     first: Option<i64>,
+    /// `None`: there is no end.
     total: Option<i64>,
     /// Live: the delay of the poses, and how every edge is.
     links: Option<String>,
@@ -33,7 +36,7 @@ pub(super) struct ProgressLine {
 
 impl ProgressLine {
     pub(super) fn new(plan: &RunPlan) -> Self {
-        let total = plan.ticks.as_ref().map(|ticks| ticks.end - ticks.start);
+        let total = total_of(plan.ticks.as_ref());
         let bar = stderr().is_terminal().then(|| {
             let (bar, shown) = match total {
                 Some(total) => (
@@ -65,6 +68,12 @@ impl ProgressLine {
             None => elapsed >= FIRST_LINE_AFTER,
         }
     }
+}
+
+/// How many ticks there will be, where there is an end.
+fn total_of(ticks: Option<&Range<Tick>>) -> Option<i64> {
+    let total = ticks.map(|ticks| ticks.end - ticks.start);
+    total.filter(|total| has_end(*total))
 }
 
 /// Delay and edges, as the end of a line.
@@ -133,6 +142,13 @@ impl Follow for ProgressLine {
         self.links = Some(shown(links));
     }
 
+    fn tell(&mut self, line: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| say(format_args!("{line}"))),
+            None => say(format_args!("{line}")),
+        }
+    }
+
     fn finish(&mut self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
@@ -143,6 +159,14 @@ impl Follow for ProgressLine {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_run_without_an_end_has_no_number_of_ticks() {
+        let total = |end| total_of(Some(&(Tick(5)..Tick(end))));
+        assert_eq!(total(125), Some(120));
+        assert_eq!(total(1 << 40), None, "a recording that repeats");
+        assert_eq!(total_of(None), None, "cameras");
+    }
 
     #[test]
     fn live_the_line_says_how_late_poses_are_and_how_every_edge_is() {

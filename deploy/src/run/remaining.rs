@@ -7,6 +7,14 @@ use tokio::time::Instant;
 /// For how long ticks must have passed: the first ones wait for caches, detection passes and each other.
 const KNOWN_AFTER: Duration = Duration::from_secs(3);
 
+/// From so many ticks on nobody waits for the end, a month also at 100 000 a second: recordings that repeat have more.
+const WITHOUT_END: i64 = 1 << 38;
+
+/// Whether a run of so many ticks ends by itself, as far as anybody cares.
+pub(super) fn has_end(n_ticks: i64) -> bool {
+    n_ticks < WITHOUT_END
+}
+
 /// Watches ticks go by.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct TimeLeft {
@@ -53,6 +61,12 @@ mod tests {
         // 5 ticks a second, and 280 to go.
         assert_eq!(left.at(at(4), 21, 301).unwrap(), "about 60 s left");
         assert_eq!(left.at(at(60), 301, 301), None, "all is done");
+    }
+
+    #[test]
+    fn a_recording_that_repeats_has_no_end_and_one_of_a_year_has() {
+        assert!(has_end(0) && has_end(365 * 86_400 * 1000));
+        assert!(!has_end(1 << 40));
     }
 
     #[test]

@@ -8,9 +8,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use farfield_export::EditsFile;
-use farfield_fusion::export::summary::Summary;
+use farfield_fusion::export::summary::{Summary, TickSpan};
 use farfield_proto::tick::Tick;
 
+use super::remaining::has_end;
 use crate::output;
 
 /// All stages of a tick together, as the summary names them.
@@ -96,52 +97,48 @@ fn names(out: &Path) -> BTreeMap<u32, String> {
     identities.names_of_poses(identities.edited_ids())
 }
 
-/// That bodies stood outside the field, where nothing else is wrong.
-fn outside_field(summary: &Summary) -> Option<String> {
-    let agreement = &summary.agreement;
-    let is_right = agreement.disagreements.is_empty();
-    is_right
-        .then(|| agreement.sighted.outside_field())
-        .flatten()
+/// How many ticks were done, and of how many, where they had an end.
+fn ticks_done(summary: &Summary) -> String {
+    let TickSpan { first, end, done } = summary.ticks;
+    match end - first {
+        asked if !has_end(asked) => format!("{done} ticks from {first}"),
+        // Of cameras that are stopped all ticks were asked for that they had.
+        asked if summary.complete || done >= asked.unsigned_abs() => {
+            format!("{done} of {asked} ticks from {first}")
+        }
+        asked => format!("{done} of {asked} ticks from {first}, cut short"),
+    }
 }
 
 fn for_people(summary: &Summary, names: &BTreeMap<u32, String>, out: &str) -> String {
-    let ticks = &summary.ticks;
     let mut text = String::new();
     let mut line = |shown: std::fmt::Arguments<'_>| {
         // Writing to a String cannot fail.
         let _infallible = writeln!(text, "{shown}");
     };
-    let whole = if summary.complete { "" } else { ", cut short" };
     line(format_args!(
-        "{}: {} of {} ticks from {}{whole}, {:.1} ticks/s",
+        "{}: {}, {:.1} ticks/s",
         summary.venue,
-        ticks.done,
-        ticks.end - ticks.first,
-        ticks.first,
+        ticks_done(summary),
         summary.timing.ticks_per_s
     ));
     for person in &summary.people {
         line(format_args!(
-            "person {}{}: ticks {} to {}, {} poses",
+            "person {}{}: ticks {} to {}, {} poses{}",
             person.person,
             names
                 .get(&person.person)
                 .map_or_else(String::new, |name| format!(" ({name})")),
             person.first_tick,
             person.last_tick,
-            person.ticks
+            person.ticks,
+            person
+                .stature_m
+                .map_or_else(String::new, |stature_m| format!(", {stature_m:.2} m tall"))
         ));
     }
-    if summary.people.is_empty() {
-        line(format_args!("nobody was found"));
-        for reason in summary.agreement.sighted.why_nobody() {
-            line(format_args!("  {reason}"));
-        }
-    } else if let Some(shown) = outside_field(summary) {
-        line(format_args!("{shown}"));
-    }
-    for shown in summary.agreement.lines() {
+    let on_people = summary.agreement.lines_on_people(summary.people.len());
+    for shown in on_people.into_iter().chain(summary.agreement.lines()) {
         line(format_args!("{shown}"));
     }
     let patches: u64 = summary.links.values().map(|link| link.patches).sum();
@@ -190,7 +187,7 @@ fn for_people(summary: &Summary, names: &BTreeMap<u32, String>, out: &str) -> St
 mod tests {
     use super::*;
     use farfield_fusion::export::summary::{
-        LinkSummary, PersonSummary, StageTiming, TickSpan, TimingSummary,
+        LinkSummary, PersonSummary, StageTiming, TimingSummary,
     };
 
     #[test]
@@ -207,6 +204,24 @@ mod tests {
         };
         std::fs::write(folder.path().join("summary.json"), summary.to_json()).unwrap();
         assert_eq!(done(folder.path()).unwrap(), Some(Tick(5)..Tick(8)));
+    }
+
+    #[test]
+    fn a_run_without_an_end_that_somebody_stops_was_not_cut_short() {
+        let of = |end| {
+            let ticks = TickSpan {
+                first: Tick(0),
+                end: Tick(end),
+                done: 696,
+            };
+            ticks_done(&Summary {
+                ticks,
+                ..Summary::default()
+            })
+        };
+        assert_eq!(of(1 << 40), "696 ticks from 0");
+        assert_eq!(of(696), "696 of 696 ticks from 0");
+        assert_eq!(of(900), "696 of 900 ticks from 0, cut short");
     }
 
     #[test]
@@ -227,6 +242,7 @@ mod tests {
             first_tick: Tick(3),
             last_tick: Tick(9),
             ticks: 7,
+            stature_m: Some(1.784),
         };
         let summary = Summary {
             venue: "hall".to_owned(),
@@ -246,7 +262,10 @@ mod tests {
         };
         let text = for_people(&summary, &BTreeMap::new(), "out");
         assert!(text.contains("10 of 20 ticks from 0, cut short"), "{text}");
-        assert!(text.contains("person 1: ticks 3 to 9, 7 poses"), "{text}");
+        assert!(
+            text.contains("person 1: ticks 3 to 9, 7 poses, 1.78 m tall"),
+            "{text}"
+        );
         assert!(
             text.contains("420 bytes per person, view and tick"),
             "{text}"

@@ -140,6 +140,7 @@ mod tests {
             node: node.to_owned(),
             status: Some(ExitStatus::from_raw(raw)),
             said: vec![said.to_owned()],
+            outlived: Vec::new(),
         }
     }
 

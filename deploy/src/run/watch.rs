@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_fusion::node::Report;
-use farfield_node::process::{EXIT_REFUSED, say};
+use farfield_node::process::EXIT_REFUSED;
 use farfield_proto::tick::Tick;
 use tokio::process::ChildStdin;
 use tokio::time::{Instant, sleep_until};
@@ -14,6 +14,7 @@ use tokio::time::{Instant, sleep_until};
 use super::check::{RunPace, RunPlan};
 use super::children::{Children, Exit, FUSION, NodeEvent, RINGS};
 use super::follow::Follow;
+use super::said::{SaidDetail, SaidLines};
 use super::verdict::{NodeEnds, NodeTold, RunEnd, Sign};
 use crate::signals::Signals;
 
@@ -33,13 +34,16 @@ pub(super) async fn watch(
     signals: &mut Signals,
     follow: &mut dyn Follow,
 ) -> anyhow::Result<RunEnd> {
-    let (children, mut events) = Children::new();
+    let detail = SaidDetail::of_environment();
+    let (children, mut events) = Children::new(detail);
     let mut watch = RunWatch {
         plan,
         out,
         children,
         inputs: BTreeMap::new(),
         follow,
+        detail,
+        said: SaidLines::new(detail),
         started: false,
         last: None,
         interrupted: false,
@@ -69,6 +73,8 @@ pub(super) async fn watch(
             }
         }
     }
+    // Of a run that has not begun: whatever its end is said to be, this came before it.
+    watch.tell_early();
     // They are of no use to anybody once fusion's session is over.
     drop(std::fs::remove_dir_all(out.join(RINGS)));
     watch.follow.finish();
@@ -86,6 +92,8 @@ struct RunWatch<'a> {
     /// Nodes that run. A node whose input is `None` has been asked to leave.
     inputs: BTreeMap<String, Option<ChildStdin>>,
     follow: &'a mut dyn Follow,
+    detail: SaidDetail,
+    said: SaidLines,
     started: bool,
     last: Option<Tick>,
     interrupted: bool,
@@ -105,22 +113,48 @@ impl RunWatch<'_> {
             NodeEvent::Report(Report::Listening(endpoints)) => {
                 let endpoint = endpoints.into_iter().next();
                 self.endpoint = endpoint.context("fusion listens nowhere")?;
+                if self.plan.pace == RunPace::Live {
+                    let (place, venue) = (self.plan.place(), &self.plan.venue_path);
+                    self.follow.tell(&place.told(venue, &self.endpoint));
+                }
                 self.start_edges()?;
             }
             NodeEvent::Report(Report::Said(lines)) => {
                 for line in lines {
-                    say(format_args!("{line}"));
+                    self.follow.tell(&line);
                 }
             }
-            NodeEvent::Report(Report::Started { .. }) => self.started = true,
+            NodeEvent::Report(Report::Started { .. }) => {
+                self.started = true;
+                self.tell_early();
+            }
             NodeEvent::Report(Report::Tick(tick)) => {
                 self.last = Some(tick.tick);
                 self.follow.tick(&tick);
             }
             NodeEvent::Report(Report::Links(links)) => self.follow.links(&links),
+            NodeEvent::Said { node, line } => self.hear(&node, line),
             NodeEvent::Exited(exit) => self.exited(exit),
         }
         Ok(())
+    }
+
+    fn hear(&mut self, node: &str, line: String) {
+        if let Some(line) = self.said.take(node, line, Instant::now()) {
+            self.tell_said(&line);
+        }
+    }
+
+    fn tell_early(&mut self) {
+        for line in self.said.begin() {
+            self.tell_said(&line);
+        }
+    }
+
+    fn tell_said(&mut self, line: &str) {
+        if self.detail == SaidDetail::Log || self.follow.wants(line) {
+            self.follow.tell(line);
+        }
     }
 
     fn start_edges(&mut self) -> anyhow::Result<()> {
@@ -158,7 +192,8 @@ impl RunWatch<'_> {
         if !goes_on || exit.node == FUSION || exit.code() == Some(0) || is_refused && !others_run {
             return false;
         }
-        say(format_args!("{}: {}", exit.node, exit.reason()));
+        let ended = format!("{}: {}", exit.node, exit.reason());
+        self.follow.tell(&ended);
         if !is_refused {
             let at = Instant::now() + START_AGAIN;
             let (_, ended) = self.start_again.get_or_insert((at, Vec::new()));
@@ -167,7 +202,7 @@ impl RunWatch<'_> {
         true
     }
 
-    fn exited(&mut self, exit: Exit) {
+    fn exited(&mut self, mut exit: Exit) {
         let is_fusion = exit.node == FUSION;
         if self.inputs.get(&exit.node).is_some_and(Option::is_some) {
             let input = self.inputs.remove(&exit.node);
@@ -182,7 +217,17 @@ impl RunWatch<'_> {
             Some(Some(_)) => NodeTold::Nothing,
             _ => NodeTold::ToLeave,
         };
+        let (node, last_words) = (exit.node.clone(), exit.said.clone());
+        if exit.is_without_a_word() {
+            exit.said = self.said.early_of(&node);
+        }
         let sign = self.ends.take(exit, told);
+        if sign == Sign::Well && self.detail == SaidDetail::Notices {
+            // What failed as it ended is not why it did: no failure of the run says it.
+            for line in last_words {
+                self.hear(&node, line);
+            }
+        }
         if is_fusion || (sign == Sign::Bad && !self.started) {
             self.ask_all_to_leave();
         } else if sign == Sign::Bad {
