@@ -9,6 +9,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use farfield_edge::node::EdgeArgs;
 use farfield_fusion::node::RecordArgs;
+use farfield_node::command_line::{self, is_file, is_venue};
 use farfield_node::process::{EXIT_REFUSED, say, say_json};
 
 use crate::bench::BenchArgs;
@@ -172,39 +173,23 @@ impl FarfieldCli {
 
 /// `words` with the values of options that can do without one joined to them: `--overlay 42` is `--overlay=42`, but what
 /// follows `--overlay` in `run --overlay hall.toml` is the venue.
-fn joined(words: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
-    let mut joined: Vec<OsString> = Vec::new();
-    for word in words {
-        let is_of_run = joined.get(1).is_some_and(|it| it == "run" || it == "demo");
-        let is_value = match joined.last().and_then(|last| last.to_str()) {
-            Some("--overlay") => is_tick(&word),
-            Some("--record") => is_file(&word),
+pub(crate) fn joined(words: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
+    command_line::joined(words, |before, word| {
+        let command = before.get(1).and_then(|it| it.to_str());
+        let option = before.last().and_then(|it| it.to_str());
+        match (command, option) {
+            (Some("run" | "demo" | "replay" | "simulate"), Some("--overlay")) => is_tick(word),
+            (Some("run" | "demo" | "fusion"), Some("--record")) => is_file(word),
             _ => false,
-        };
-        match joined.last_mut() {
-            Some(last) if is_of_run && is_value => {
-                last.push("=");
-                last.push(word);
-            }
-            _ => joined.push(word),
         }
-    }
-    joined
+    })
 }
 
-fn is_venue(word: &OsStr) -> bool {
-    word.as_encoded_bytes().ends_with(b".toml")
-}
-
-/// Whether a word may be meant for ticks: venues are called otherwise.
+/// Whether a word may be meant for ticks: venues, scenes and recordings are called otherwise.
 fn is_tick(word: &OsStr) -> bool {
     let bytes = word.as_encoded_bytes();
     let digits = bytes.strip_prefix(b"-").unwrap_or(bytes);
-    digits.first().is_some_and(u8::is_ascii_digit) && !is_venue(word)
-}
-
-fn is_file(word: &OsStr) -> bool {
-    !word.as_encoded_bytes().starts_with(b"-") && !is_venue(word)
+    digits.first().is_some_and(u8::is_ascii_digit) && !is_venue(word) && !bytes.ends_with(b".mcap")
 }
 
 #[cfg(test)]
@@ -318,8 +303,28 @@ mod tests {
             ),
             ("farfield demo --overlay 3", "farfield demo --overlay=3"),
             (
+                "farfield replay a.mcap --overlay 42",
+                "farfield replay a.mcap --overlay=42",
+            ),
+            (
+                "farfield replay --overlay 2026-03-01.mcap",
+                "farfield replay --overlay 2026-03-01.mcap",
+            ),
+            (
+                "farfield simulate court.toml --out court --overlay 42,50",
+                "farfield simulate court.toml --out court --overlay=42,50",
+            ),
+            (
                 "farfield fusion hall.toml --record a",
-                "farfield fusion hall.toml --record a",
+                "farfield fusion hall.toml --record=a",
+            ),
+            (
+                "farfield fusion --record hall.toml",
+                "farfield fusion --record hall.toml",
+            ),
+            (
+                "farfield fusion hall.toml --record --live",
+                "farfield fusion hall.toml --record --live",
             ),
         ] {
             assert_eq!(words(said), understood);
@@ -330,5 +335,23 @@ mod tests {
         };
         assert_eq!(args.venue, std::path::Path::new("hall.toml"));
         assert_eq!(args.overlay, Some(None));
+    }
+
+    #[test]
+    fn what_may_follow_an_option_without_a_value_is_understood_of_every_command_that_has_it() {
+        for line in [
+            "farfield run hall.toml --overlay 42 --record",
+            "farfield demo --overlay 3 --record a.mcap",
+            "farfield replay a.mcap --overlay 42",
+            "farfield replay --overlay a.mcap",
+            "farfield simulate court.toml --out court --overlay 42",
+            "farfield simulate --out court --overlay court.toml",
+            "farfield fusion hall.toml --record",
+            "farfield fusion hall.toml --live --record recordings/",
+            "farfield fusion --record hall.toml",
+        ] {
+            let words = joined(line.split(' ').map(OsString::from));
+            assert!(FarfieldCli::try_parse_from(words).is_ok(), "{line}");
+        }
     }
 }

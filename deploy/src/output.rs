@@ -31,6 +31,12 @@ pub fn print_while_read(text: &str) -> anyhow::Result<Reader> {
         .context("writing to standard output")
 }
 
+/// How many characters a line of the terminal behind standard output holds; `None` where there is none, or it does not say.
+pub fn columns() -> Option<usize> {
+    let size = rustix::termios::tcgetwinsize(stdout()).ok()?;
+    Some(usize::from(size.ws_col)).filter(|columns| *columns > 0)
+}
+
 fn reader_after(written: io::Result<()>) -> io::Result<Reader> {
     match written {
         Ok(()) => Ok(Reader::Reads),

@@ -97,6 +97,11 @@ impl ReportLines {
         });
     }
 
+    /// Adds the lines of another report after those so far.
+    pub(crate) fn append(&mut self, later: Self) {
+        self.lines.extend(later.lines);
+    }
+
     /// The lines so far, in order.
     #[cfg(test)]
     pub(crate) fn lines(&self) -> &[ReportLine] {
@@ -228,6 +233,19 @@ mod tests {
             "disk\n  OK       12 GB are free\n  warning  it is slow\nports\n  failed   7447 is taken\n           -> stop it\n1 failed, 1 warning\n"
         );
         assert_eq!(ReportLines::default().to_text(), "all is as it should be\n");
+    }
+
+    #[test]
+    fn what_was_looked_at_meanwhile_comes_after_what_was_said_so_far() {
+        let mut all = report();
+        let mut later = ReportLines::default();
+        later.ok("nodes", "none runs");
+        all.append(later);
+        let groups = all.lines().iter().map(|line| line.group);
+        assert_eq!(
+            groups.collect::<Vec<_>>(),
+            ["disk", "ports", "disk", "nodes"]
+        );
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The samples beside the code are read by the code: they parse, and state the true defaults.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use clap::Parser as _;
@@ -10,7 +11,7 @@ use farfield_sim::fault_profile::FaultProfile;
 use farfield_sim::scene::Scene;
 use toml::{Table, Value};
 
-use crate::cli::FarfieldCli;
+use crate::cli::{FarfieldCli, joined};
 
 fn path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
@@ -114,6 +115,7 @@ fn the_units_start_nodes_with_arguments_that_the_nodes_know() {
         let command = command_of(unit);
         assert!(command[0].ends_with("/farfield"), "{}", command[0]);
         assert_eq!(command[1], node);
+        let command = joined(command.into_iter().map(OsString::from));
         FarfieldCli::try_parse_from(command).unwrap_or_else(|error| panic!("{unit}: {error}"));
     }
 }

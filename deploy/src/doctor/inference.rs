@@ -1,37 +1,49 @@
-//! Inference: which library runs networks here, and how fast.
+//! Inference: which library runs networks here, and how fast those that see crops and those that find people.
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::time::Duration;
 
-use farfield_edge::inference::{InputTensor, KeypointNetwork as _, NetworkError};
+use farfield_edge::detector::OnnxDetector;
+use farfield_edge::inference::{
+    DetectorInput, DetectorWindow, InputTensor, KeypointNetwork as _, NetworkError,
+    PersonDetector as _,
+};
 use farfield_edge::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
 use farfield_node::clock;
 use farfield_proto::venue::Venue;
 use farfield_sim::embedded;
+use image::RgbImage;
 
 use crate::report_lines::ReportLines;
 
 const INFERENCE: &str = "inference";
 const INSTALL: &str = "pip install onnxruntime, or set ORT_DYLIB_PATH to the library";
-/// Crops are run for so long, and so many at most.
+/// What mends a library that does not run here.
+const LIBRARY: &str =
+    "unset ORT_DYLIB_PATH, or set it to a libonnxruntime.so of the Python package `onnxruntime`";
+/// What mends a network that the venue file names.
+const NETWORK: &str = "correct `network` in the venue file, or its card";
+const DETECTOR: &str = "correct `detector` in the venue file, or its card";
+/// Crops are run for so long, and so many at most; one where each takes its time.
 const PATIENCE: Duration = Duration::from_millis(600);
 const MOST_CROPS: u32 = 50;
+const SLOW_CROPS: u32 = 1;
 
-/// Starts the backend and runs the venue's network, or the one that the program carries.
+/// What mends a folder in which the carried networks cannot be written.
+const TEMPORARY: &str = "set TMPDIR to a folder that can be written and has some megabytes of room";
+
+/// Starts the backend and runs the venue's networks, or where it names none those that the program carries.
 pub(super) fn look_at_inference(venue: Option<&Venue>, report: &mut ReportLines) {
     let backend = match InferenceBackend::start(BackendChoice::Best) {
         Ok(backend) => backend,
         Err(error) => {
-            report.fail(
-                INFERENCE,
-                error.to_string(),
-                "unset ORT_DYLIB_PATH, or set it to a libonnxruntime.so of the Python package `onnxruntime`",
-            );
+            report.fail(INFERENCE, error.to_string(), LIBRARY);
             return;
         }
     };
-    if backend.is_tract() {
+    let most_crops = if backend.is_tract() {
         report.warn(INFERENCE, backend.describe(), INSTALL);
+        SLOW_CROPS
     } else {
         let providers = backend.providers().join(", ");
         let text = format!(
@@ -39,42 +51,92 @@ pub(super) fn look_at_inference(venue: Option<&Venue>, report: &mut ReportLines)
             backend.describe()
         );
         report.ok(INFERENCE, text);
-    }
-    let card = venue.and_then(|venue| venue.network.clone());
-    match crops_per_s(card.clone()) {
-        Ok(rate) => {
-            let what = card.map_or_else(
-                || "the network of the demo".to_owned(),
-                |card| card.display().to_string(),
-            );
-            report.ok(
-                INFERENCE,
-                format!("{what}: {rate:.0} crops per second on one thread"),
-            );
-        }
-        Err(error) => report.fail(
-            INFERENCE,
-            error,
-            "correct `network` in the venue file, or its card",
-        ),
-    }
-}
-
-/// How many crops the network of `card` takes in a second; without a card, that of the demo.
-fn crops_per_s(card: Option<PathBuf>) -> Result<f64, String> {
-    let folder =
-        tempfile::tempdir().map_err(|error| format!("no temporary folder can be made: {error}"))?;
-    let card = if let Some(card) = card {
-        card
-    } else {
-        let name = embedded::write_network(folder.path()).map_err(|error| error.to_string())?;
-        folder.path().join(name)
+        MOST_CROPS
     };
-    let mut network = OnnxKeypointNetwork::load(&card).map_err(|error| error.to_string())?;
-    run(&mut network).map_err(|error| error.to_string())
+    let network = venue.and_then(|venue| venue.network.as_deref());
+    let detector = venue.and_then(|venue| venue.detector.as_deref());
+    if let Some(card) = network {
+        let what = card.display().to_string();
+        look_at_network(card, (what.as_str(), NETWORK), most_crops, report);
+    }
+    if let Some(card) = detector {
+        let what = card.display().to_string();
+        look_at_detector(card, (what.as_str(), DETECTOR), report);
+    }
+    if network.or(detector).is_none() {
+        look_at_carried(most_crops, report);
+    }
 }
 
-fn run(network: &mut OnnxKeypointNetwork) -> Result<f64, NetworkError> {
+/// Runs the networks that the program carries, which a backend reads from files.
+fn look_at_carried(most_crops: u32, report: &mut ReportLines) {
+    let folder = match tempfile::tempdir() {
+        Ok(folder) => folder,
+        Err(error) => {
+            let problem = format!("no temporary folder can be made: {error}");
+            report.fail(INFERENCE, problem, TEMPORARY);
+            return;
+        }
+    };
+    let folder = folder.path();
+    let written = embedded::write_network(folder)
+        .and_then(|network| Ok([network, embedded::write_detector(folder)?]));
+    match written {
+        Ok([network, detector]) => {
+            let what = ("the network of the demo", LIBRARY);
+            look_at_network(&folder.join(network), what, most_crops, report);
+            let what = ("the detector of the demo", LIBRARY);
+            look_at_detector(&folder.join(detector), what, report);
+        }
+        Err(error) => report.fail(INFERENCE, error.to_string(), TEMPORARY),
+    }
+}
+
+/// Adds how many crops the network of `card` takes in a second, of `most_crops` at most: what it is called, and what mends it.
+fn look_at_network(
+    card: &Path,
+    (what, remedy): (&str, &str),
+    most_crops: u32,
+    report: &mut ReportLines,
+) {
+    let loaded = OnnxKeypointNetwork::load(card);
+    match loaded.and_then(|mut network| crops_per_s(&mut network, most_crops)) {
+        Ok(rate) => report.ok(
+            INFERENCE,
+            format!("{what}: {rate:.0} crops per second on one thread"),
+        ),
+        Err(error) => report.fail(INFERENCE, error.to_string(), remedy),
+    }
+}
+
+/// Adds how long the detector of `card` takes for a picture: what it is called, and what mends it.
+fn look_at_detector(card: &Path, (what, remedy): (&str, &str), report: &mut ReportLines) {
+    match OnnxDetector::load(card).and_then(|mut detector| picture_s(&mut detector)) {
+        Ok((took_s, [width, height])) => report.ok(
+            INFERENCE,
+            format!(
+                "{what}: {:.1} ms per picture of {width} x {height} on one thread",
+                1000.0 * took_s
+            ),
+        ),
+        Err(error) => report.fail(INFERENCE, error.to_string(), remedy),
+    }
+}
+
+/// How long the detector takes for a picture as large as its input, seconds, and how large that is, pixels.
+fn picture_s(detector: &mut OnnxDetector) -> Result<(f64, [u32; 2]), NetworkError> {
+    let DetectorInput { size_px, letterbox } = detector.input();
+    let [width, height] = size_px;
+    let picture = RgbImage::new(width, height);
+    let window = DetectorWindow::whole(size_px, size_px, letterbox);
+    // Loading has run one already; once more is enough, as large ones take their time.
+    let start = clock::now();
+    detector.detect(&picture, &window)?;
+    Ok((clock::now().duration_since(start).as_secs_f64(), size_px))
+}
+
+/// How many crops the network takes in a second, of `most_crops` at most.
+fn crops_per_s(network: &mut OnnxKeypointNetwork, most_crops: u32) -> Result<f64, NetworkError> {
     let input = &network.card().input;
     let crop = InputTensor {
         values: vec![0.0; 3 * input.width as usize * input.height as usize],
@@ -82,7 +144,7 @@ fn run(network: &mut OnnxKeypointNetwork) -> Result<f64, NetworkError> {
     // Loading has run one already, which made the buffers.
     let start = clock::now();
     let mut crops = 0;
-    while crops < MOST_CROPS {
+    while crops < most_crops {
         network.infer(std::slice::from_ref(&crop))?;
         crops += 1;
         if clock::now().duration_since(start) > PATIENCE {

@@ -2,7 +2,8 @@
 //! version the nodes of a venue run that runs now.
 //!
 //! Each part is looked at for itself, with what it looks at as an argument, and adds its lines; together they take less
-//! than five seconds. Nothing is changed: what is written to measure the disk is taken away again.
+//! than five seconds, for which nodes are waited for while networks run. Nothing is changed: what is written to measure the
+//! disk is taken away again.
 
 mod clock;
 mod disk;
@@ -80,7 +81,7 @@ fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {
     check_folder("--out", folder).map_err(NodeError::Refused)?;
     let mut report = ReportLines::default();
     machine::look_at_machine(&machine::facts(), &mut report);
-    inference::look_at_inference(venue, &mut report);
+    let of_nodes = look_at_inference_and_nodes(venue, &args.connect, &mut report);
     let path = std::env::var_os("PATH").unwrap_or_default();
     programs::look_at_programs(&path, program_need(venue), &mut report);
     disk::look_at_disk(folder, DiskNeed::of(venue), &mut report);
@@ -93,9 +94,29 @@ fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {
     ports::look_at_ports(venue, &mut report);
     if let (Some(venue), Some(path)) = (venue, &args.venue) {
         look_at_keys(venue, path, node_clock::unix_s(), &mut report);
-        nodes::look_at_nodes(venue, &args.connect, &mut report);
     }
+    report.append(of_nodes);
     Ok(report)
+}
+
+/// Runs networks, and meanwhile joins `venue`, if there is one, which is waiting for the most part; what is said of its nodes
+/// comes last, and is returned. Both are done before ports are tried: who joins must not meet them.
+fn look_at_inference_and_nodes(
+    venue: Option<&Venue>,
+    connect: &[String],
+    report: &mut ReportLines,
+) -> ReportLines {
+    std::thread::scope(|scope| {
+        let joining = scope.spawn(|| {
+            let mut of_nodes = ReportLines::default();
+            if let Some(venue) = venue {
+                nodes::look_at_nodes(venue, connect, &mut of_nodes);
+            }
+            of_nodes
+        });
+        inference::look_at_inference(venue, report);
+        joining.join().unwrap_or_else(|_| nodes::not_looked_at())
+    })
 }
 
 /// How much a venue needs the programs that decode video; any, without one.

@@ -35,6 +35,14 @@ pub(super) fn look_at_nodes(venue: &Venue, connect: &[String], report: &mut Repo
     }
 }
 
+/// What is said where looking did not come to its end.
+pub(super) fn not_looked_at() -> ReportLines {
+    let mut report = ReportLines::default();
+    let text = "not looked at: it has failed inside this program";
+    report.warn(NODES, text, "farfield status VENUE");
+    report
+}
+
 /// Holds what every node runs to what this machine runs.
 pub(super) fn judge_nodes(venue: &str, nodes: &[NodeInShort], report: &mut ReportLines) {
     let here = env!("CARGO_PKG_VERSION");

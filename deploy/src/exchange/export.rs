@@ -13,7 +13,7 @@ use farfield_export::axes::Preset;
 use farfield_export::skeleton::{BoneNames, RestPose};
 use farfield_export::timeline::Gaps;
 use farfield_export::{
-    Existing, ExportError, ExportRequest, Format, Lengths, Options, Written, export,
+    Existing, ExportError, ExportRequest, Format, Lengths, OptionField, Options, Written, export,
 };
 use farfield_node::process::{NodeError, say};
 use farfield_proto::camera::CameraModel;
@@ -285,6 +285,10 @@ fn request(
             let cameras = cameras.transpose()?.unwrap_or_default();
             (poses.clone(), summary.clone(), cameras)
         }
+        (Place::GoingOn { run, .. }, _) => bail!(
+            "{}: its run goes on: export it when it has ended, or what of it is recorded (`--record`) now",
+            run.display()
+        ),
         (Place::Recording(_), Some(read)) => {
             let folder = read.folder.path();
             let cameras = read.cameras.clone();
@@ -332,6 +336,9 @@ pub(super) fn node_error(error: ExportError) -> NodeError {
             "{} is there already: --replace replaces it",
             path.display()
         )),
+        ExportError::Option { field, ref problem } => {
+            NodeError::Refused(anyhow!("{}: {problem}", option(field)))
+        }
         // What a format has no room for is refused.
         ExportError::Io { ref source, .. }
             if ![ErrorKind::NotFound, ErrorKind::InvalidInput].contains(&source.kind()) =>
@@ -339,6 +346,19 @@ pub(super) fn node_error(error: ExportError) -> NodeError {
             NodeError::failed(error)
         }
         error => NodeError::refused(error),
+    }
+}
+
+/// By which option it is said.
+fn option(field: OptionField) -> &'static str {
+    match field {
+        OptionField::People => "--person",
+        OptionField::Called => "--name",
+        OptionField::Ticks => "--ticks",
+        OptionField::Rate => "--rate-hz",
+        OptionField::Gaps => "--gaps",
+        OptionField::LongestGap => "--longest-gap-s",
+        OptionField::Subjects => "--subject",
     }
 }
 
@@ -352,6 +372,18 @@ mod tests {
         for word in ["3", "=Ada", "x=Ada", "3=", "3= "] {
             assert!(called(word).unwrap_err().contains("ID=NAME"), "{word}");
         }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_with_the_option_that_says_it() {
+        let error = ExportError::Option {
+            field: OptionField::Rate,
+            problem: "found a rate of 0 Hz".to_owned(),
+        };
+        assert!(matches!(
+            node_error(error),
+            NodeError::Refused(told) if told.to_string() == "--rate-hz: found a rate of 0 Hz"
+        ));
     }
 
     #[test]

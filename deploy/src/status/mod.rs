@@ -216,7 +216,12 @@ fn draw(args: &StatusArgs, state: &VenueState) -> anyhow::Result<Reader> {
     } else {
         ""
     };
-    output::print_while_read(&format!("{clear}{}{gap}", table::text(state)))
+    // What is piped is read by programs: all of it, however long.
+    let table = match output::columns() {
+        Some(columns) => table::text_within(state, columns),
+        None => table::text(state),
+    };
+    output::print_while_read(&format!("{clear}{table}{gap}"))
 }
 
 /// What was tried, and what to look at.
@@ -227,7 +232,7 @@ fn nobody(venue: &Venue, reach: &Reach) -> anyhow::Error {
         ""
     };
     anyhow!(
-        "nobody answers for venue {}: tried {} for {} s; look whether fusion runs, whether it listens there (`[fusion] connect` of the venue file, or --connect), whether the way is open (a firewall, UDP for quic/){keys}",
+        "nobody answers for venue {}: tried {} for {} s; look whether fusion runs, whether it listens there (`[fusion] connect` of the venue file, or --connect; fusion and `farfield run --live` say where when they begin), whether the way is open (a firewall, UDP for quic/){keys}",
         venue.name,
         reach.endpoints.join(", "),
         ANSWER.as_secs()

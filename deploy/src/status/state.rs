@@ -8,6 +8,7 @@ use farfield_proto::message::Status;
 use farfield_proto::message::agreement::{AgreementOfCamera, CameraAgreement};
 use farfield_proto::message::health::{LinkHealth, SystemClock};
 use farfield_proto::message::live::{CameraHealth, EdgeLink, LiveStatus};
+use farfield_proto::tick::Tick;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 use serde::Serialize;
@@ -103,6 +104,9 @@ pub(super) struct CameraState {
     /// In words, with the reason where one is known.
     pub(super) words: String,
     pub(super) frames_per_s: f32,
+    /// Whether it is recorded or simulated, and not played yet: it gives no pictures, and has not failed.
+    #[serde(skip)]
+    pub(super) is_not_begun: bool,
     /// How it agrees with the other cameras, as fusion finds it.
     pub(super) agreement: Option<CameraAgreement>,
 }
@@ -111,7 +115,8 @@ impl VenueState {
     /// Of `venue`, by what was heard; `now_s`: Unix time in seconds.
     pub(super) fn new(venue: &Venue, heard: &Heard, now_s: i64) -> Self {
         let fusion = heard.nodes.get(FUSION);
-        let mut nodes = vec![Row::new(FUSION, heard, now_s).fusion(fusion)];
+        let phase = RunPhase::of(venue, heard);
+        let mut nodes = vec![Row::new(FUSION, heard, &phase, now_s).fusion(fusion, &phase)];
         let live = fusion.and_then(|fusion| fusion.status.live.as_ref());
         for viewpoint in &venue.viewpoints {
             let name = viewpoint.name.as_str();
@@ -121,8 +126,9 @@ impl VenueState {
                 .enumerate()
                 .find(|(_, link)| link.viewpoint == name);
             let health = link.and_then(|(index, _)| fusion?.status.health.links.get(index));
-            let row = Row::new(name, heard, now_s);
-            let mut edge = row.edge(venue, link.map(|(_, link)| link), health);
+            let row = Row::new(name, heard, &phase, now_s);
+            let link = link.map(|(_, link)| link);
+            let mut edge = row.edge(venue, &phase, (link, health));
             let found = fusion.map(|fusion| fusion.status.agreement.as_slice());
             take_agreement(&mut edge.cameras, venue, found.unwrap_or_default());
             nodes.push(edge);
@@ -146,6 +152,51 @@ impl VenueState {
     }
 }
 
+/// Where a live run is, as fusion says.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum RunPhase {
+    /// No recording is played yet: fusion waits for these viewpoints.
+    Waiting(Vec<String>),
+    /// The first tick is not long gone, or still to come: what is recorded or simulated takes its time to begin.
+    Beginning,
+    /// Ticks pass, or nobody says anything of it.
+    UnderWay,
+    /// There are no more ticks.
+    Ended,
+}
+
+impl RunPhase {
+    fn of(venue: &Venue, heard: &Heard) -> Self {
+        let fusion = heard.nodes.get(FUSION).map(|fusion| &fusion.status);
+        let fusion = fusion.filter(|fusion| fusion.failure.is_none());
+        let Some((fusion, live)) = fusion.and_then(|it| Some((it, it.live.as_ref()?))) else {
+            return Self::UnderWay;
+        };
+        let is_ready = |name: &str| heard.nodes.get(name).is_some_and(|it| it.status.ready);
+        match live.epoch_us {
+            Some(_) if !fusion.ready => Self::Ended,
+            Some(_) if has_just_begun(venue, heard, fusion.tick) => Self::Beginning,
+            Some(_) => Self::UnderWay,
+            None => {
+                let names = venue.viewpoints.iter().map(|viewpoint| &viewpoint.name);
+                let missing = names.filter(|name| !is_ready(name));
+                Self::Waiting(missing.cloned().collect())
+            }
+        }
+    }
+}
+
+/// Whether at fusion's `tick` its first is gone for no longer than a node may be silent, as the page has it, too. Which that was
+/// nobody says: that of the recordings is taken for it.
+fn has_just_begun(venue: &Venue, heard: &Heard, tick: Option<Tick>) -> bool {
+    let recorded = heard.nodes.values().filter_map(|node| node.status.ticks);
+    let first = recorded.map(|[first, _]| first.0).min().unwrap_or(0);
+    tick.is_none_or(|tick| {
+        let passed = Tick(tick.0.saturating_sub(first));
+        passed.seconds(venue.rate_hz) < SILENT.as_secs_f64()
+    })
+}
+
 /// A row under way.
 struct Row<'a> {
     heard: Option<&'a HeardNode>,
@@ -155,7 +206,7 @@ struct Row<'a> {
 
 impl<'a> Row<'a> {
     /// What holds for every node.
-    fn new(node: &str, all: &'a Heard, now_s: i64) -> Self {
+    fn new(node: &str, all: &'a Heard, phase: &RunPhase, now_s: i64) -> Self {
         let heard = all.nodes.get(node);
         let status = heard.map(|heard| &heard.status);
         let health = status.map(|status| &status.health);
@@ -189,11 +240,11 @@ impl<'a> Row<'a> {
         if !row.state.notices.is_empty() || certificate_days.is_some_and(|d| d < ENDS_SOON_DAYS) {
             row.worse(Mark::Warning);
         }
-        row.judge(all);
+        row.judge(all, phase);
         row
     }
 
-    fn judge(&mut self, all: &Heard) {
+    fn judge(&mut self, all: &Heard, phase: &RunPhase) {
         let unreadable = all.unreadable.get(&self.state.node);
         let Some(heard) = self.heard else {
             self.worse(Mark::Red);
@@ -208,6 +259,9 @@ impl<'a> Row<'a> {
         let silent = clock::now().duration_since(heard.at);
         if let Some(failure) = &status.failure {
             self.red(failure.clone());
+        } else if *phase == RunPhase::Ended {
+            // Whoever leaves now does as it should.
+            "the run has ended".clone_into(&mut self.state.state);
         } else if silent >= SILENT && !self.is_present {
             self.red(format!("gone for {} s", silent.as_secs()));
         } else if silent >= SILENT {
@@ -237,10 +291,20 @@ impl<'a> Row<'a> {
         self.state.state = state;
     }
 
-    fn fusion(mut self, heard: Option<&HeardNode>) -> NodeState {
+    fn fusion(mut self, heard: Option<&HeardNode>, phase: &RunPhase) -> NodeState {
         let Some(status) = heard.map(|heard| &heard.status) else {
             return self.state;
         };
+        if let RunPhase::Waiting(missing) = phase
+            && self.state.mark != Mark::Red
+        {
+            self.state.state = if missing.is_empty() {
+                "about to begin".to_owned()
+            } else {
+                self.worse(Mark::Warning);
+                format!("waiting for {}", missing.join(", "))
+            };
+        }
         self.state.delay_ms = delay_ms(status);
         let system = status.health.system_clock;
         self.state.clock = system.map(|system| ClockState {
@@ -257,13 +321,13 @@ impl<'a> Row<'a> {
     fn edge(
         mut self,
         venue: &Venue,
-        link: Option<&EdgeLink>,
-        health: Option<&LinkHealth>,
+        phase: &RunPhase,
+        (link, health): (Option<&EdgeLink>, Option<&LinkHealth>),
     ) -> NodeState {
         let status = self.heard.map(|heard| &heard.status);
         let live = status.and_then(|status| status.live.as_ref());
         if let Some(live) = live {
-            self.take_live(venue, live);
+            self.take_live(venue, live, phase);
         }
         let system = status.and_then(|status| status.health.system_clock);
         if let Some(link) = link {
@@ -272,10 +336,15 @@ impl<'a> Row<'a> {
         self.state
     }
 
-    fn take_live(&mut self, venue: &Venue, live: &LiveStatus) {
+    fn take_live(&mut self, venue: &Venue, live: &LiveStatus, phase: &RunPhase) {
         self.state.bytes_per_s = Some(u64::from(live.bytes_per_s));
+        // What is recorded or simulated is played between fusion's first tick and its last.
+        let is_played = *phase == RunPhase::UnderWay && live.epoch_us.is_some();
         for camera in &live.cameras {
-            let name = venue.camera(camera.camera).map(|known| known.model.name());
+            let known = venue.camera(camera.camera);
+            let name = known.map(|known| known.model.name());
+            let is_recorded = known.is_some_and(|known| !known.source.is_live());
+            let is_not_begun = camera.health == CameraHealth::Silent && is_recorded && !is_played;
             let mut words = in_words(camera.health).to_owned();
             if let Some(reason) = camera
                 .reason
@@ -284,7 +353,9 @@ impl<'a> Row<'a> {
             {
                 words = format!("{words}: {reason}");
             }
-            if camera.health != CameraHealth::Works {
+            if is_not_begun {
+                "is not played".clone_into(&mut words);
+            } else if camera.health != CameraHealth::Works {
                 self.worse(Mark::Red);
             }
             self.state.cameras.push(CameraState {
@@ -292,6 +363,7 @@ impl<'a> Row<'a> {
                 health: camera.health,
                 words,
                 frames_per_s: camera.frames_per_s,
+                is_not_begun,
                 agreement: None,
             });
         }

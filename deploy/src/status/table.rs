@@ -1,41 +1,147 @@
-//! The state of a venue as a table: one row a node, columns two blanks apart, whatever is long last.
+//! The state of a venue as a table: one row a node, columns two blanks apart, whatever is long last. In a terminal that is too
+//! narrow for it the less important columns are left out, and what is long stands below.
 
 use super::state::{CameraState, ClockState, Mark, NodeState, PatchState, VenueState};
 use farfield_proto::message::agreement::CameraAgreement;
 use farfield_proto::message::live::CameraHealth;
 
-/// The columns, from the left; the last has what is not as it should be.
-const HEAD: [&str; 12] = [
+/// The columns, from the left; behind them stands what is not as it should be.
+const HEAD: [&str; 11] = [
     "node", "", "state", "version", "ticks/s", "delay ms", "patches", "kB/s", "clock ms",
-    "cameras", "key ends", "notices",
+    "cameras", "key ends",
+];
+/// Over what is not as it should be.
+const NOTICES: &str = "notices";
+/// The columns that a terminal may have no room for: the first is left out first.
+const LESS_IMPORTANT: [&str; 8] = [
+    "version", "key ends", "patches", "clock ms", "kB/s", "cameras", "delay ms", "ticks/s",
 ];
 /// What stands where nothing is known.
 const NOTHING: &str = "-";
 /// Longest state in the table, characters; all of it stands among the notices then.
 const MAX_STATE: usize = 28;
+/// Before all lines but the first of what is too long for one.
+const INDENT: &str = "    ";
+
+/// The row of a node.
+struct Row {
+    cells: [String; HEAD.len()],
+    /// What is not as it should be.
+    notices: String,
+}
 
 /// The table, with a line for every node.
 pub(super) fn text(state: &VenueState) -> String {
-    let mut rows = vec![HEAD.map(str::to_owned)];
-    rows.extend(state.nodes.iter().map(row));
-    let mut widths = [0; HEAD.len()];
-    for row in &rows {
-        for (width, cell) in widths.iter_mut().zip(row) {
-            *width = (*width).max(cell.chars().count());
+    let rows: Vec<Row> = state.nodes.iter().map(row).collect();
+    whole(&rows) + &agreement(state)
+}
+
+/// The same for a terminal with so many `columns`.
+pub(super) fn text_within(state: &VenueState, columns: usize) -> String {
+    let rows: Vec<Row> = state.nodes.iter().map(row).collect();
+    let whole = whole(&rows);
+    let table = if fits(&whole, columns) {
+        whole
+    } else {
+        narrow(&rows, columns)
+    };
+    let below: String = agreement(state)
+        .lines()
+        .map(|line| wrapped(line, columns))
+        .collect();
+    table + &below
+}
+
+fn whole(rows: &[Row]) -> String {
+    let notices = rows.iter().map(|row| row.notices.as_str());
+    let notices: Vec<&str> = std::iter::once(NOTICES).chain(notices).collect();
+    let columns: Vec<usize> = (0..HEAD.len()).collect();
+    table(rows, &columns, &notices)
+}
+
+/// With as many columns as there is room for, and below them which are missing, and what is not as it should be.
+fn narrow(rows: &[Row], width: usize) -> String {
+    let says_something = |column: &usize| {
+        let mut cells = rows.iter().map(|row| row.cells[*column].as_str());
+        cells.any(|cell| !cell.is_empty() && cell != NOTHING)
+    };
+    let mut shown: Vec<usize> = (0..HEAD.len()).filter(says_something).collect();
+    let mut left_out = Vec::new();
+    let mut text = table(rows, &shown, &[]);
+    for name in LESS_IMPORTANT {
+        if fits(&text, width) {
+            break;
+        }
+        let before = shown.len();
+        shown.retain(|column| HEAD[*column] != name);
+        if shown.len() < before {
+            left_out.push(name);
+            text = table(rows, &shown, &[]);
         }
     }
+    for row in rows.iter().filter(|row| !row.notices.is_empty()) {
+        let line = format!("{}: {}", row.cells[0], row.notices);
+        text.push_str(&wrapped(&line, width));
+    }
+    if !left_out.is_empty() {
+        let line = format!("no room for {}", left_out.join(", "));
+        text.push_str(&wrapped(&line, width));
+    }
+    text
+}
+
+/// The head and a line for every row, of these columns; behind them `last`, head and rows, where there is any.
+fn table(rows: &[Row], columns: &[usize], last: &[&str]) -> String {
+    let heads = HEAD.map(str::to_owned);
+    let cells = rows.iter().map(|row| &row.cells);
+    let lines: Vec<&[String; HEAD.len()]> = std::iter::once(&heads).chain(cells).collect();
+    let widths = columns.iter().map(|column| {
+        let widths = lines.iter().map(|cells| cells[*column].chars().count());
+        widths.max().unwrap_or(0)
+    });
+    let widths: Vec<usize> = widths.collect();
     let mut text = String::new();
-    for row in rows {
+    for (i, cells) in lines.iter().enumerate() {
         let mut line = String::new();
-        for (width, cell) in widths.iter().zip(&row) {
+        for (column, width) in columns.iter().zip(&widths) {
+            let cell = &cells[*column];
             let gap = width - cell.chars().count() + 2;
             line.push_str(cell);
             line.extend(std::iter::repeat_n(' ', gap));
         }
+        line.push_str(last.get(i).copied().unwrap_or_default());
         text.push_str(line.trim_end());
         text.push('\n');
     }
-    text.push_str(&agreement(state));
+    text
+}
+
+/// Whether no line is longer than so many characters.
+fn fits(text: &str, width: usize) -> bool {
+    text.lines().all(|line| line.chars().count() <= width)
+}
+
+/// `line` as lines of at most `width` characters; a word that is longer has one of its own.
+fn wrapped(line: &str, width: usize) -> String {
+    if fits(line, width) {
+        return format!("{line}\n");
+    }
+    let mut text = String::new();
+    let mut used = 0;
+    for word in line.split_whitespace() {
+        let length = word.chars().count();
+        if used > 0 && used + 1 + length > width {
+            text.push('\n');
+            text.push_str(INDENT);
+            used = INDENT.len();
+        } else if used > 0 {
+            text.push(' ');
+            used += 1;
+        }
+        text.push_str(word);
+        used += length;
+    }
+    text.push('\n');
     text
 }
 
@@ -57,7 +163,7 @@ fn agreement(state: &VenueState) -> String {
     }
 }
 
-fn row(node: &NodeState) -> [String; HEAD.len()] {
+fn row(node: &NodeState) -> Row {
     let mark = match node.mark {
         Mark::Ok => "ok",
         Mark::Warning => "!",
@@ -77,7 +183,9 @@ fn row(node: &NodeState) -> [String; HEAD.len()] {
     }
     notices.extend(cameras_in_words(&node.cameras));
     let known = |text: Option<String>| text.unwrap_or_else(|| NOTHING.to_owned());
-    [
+    // One line that commands no terminal, whatever a node has said.
+    let harmless = |text: String| text.replace(char::is_control, " ");
+    let cells = [
         node.node.clone(),
         mark.to_owned(),
         state,
@@ -92,10 +200,11 @@ fn row(node: &NodeState) -> [String; HEAD.len()] {
         known(node.clock.as_ref().map(clock)),
         known(cameras(&node.cameras)),
         known(node.certificate_days.map(|days| format!("{days} days"))),
-        notices.join("; "),
-    ]
-    // One line that commands no terminal, whatever a node has said.
-    .map(|cell| cell.replace(char::is_control, " "))
+    ];
+    Row {
+        cells: cells.map(harmless),
+        notices: harmless(notices.join("; ")),
+    }
 }
 
 /// Of fusion its poses', of an edge its round trip.
@@ -143,9 +252,11 @@ fn clock(clock: &ClockState) -> String {
 fn cameras(cameras: &[CameraState]) -> Option<String> {
     let works = |camera: &&CameraState| camera.health == CameraHealth::Works;
     let n = cameras.iter().filter(works).count();
+    let waiting = cameras.iter().filter(|camera| camera.is_not_begun).count();
     match cameras.len() {
         0 => None,
         all if all == n => Some(format!("{n} work")),
+        all if all == n + waiting => Some(format!("{waiting} wait")),
         all => Some(format!("{n} of {all} work")),
     }
 }
@@ -154,6 +265,6 @@ fn cameras(cameras: &[CameraState]) -> Option<String> {
 fn cameras_in_words(cameras: &[CameraState]) -> impl Iterator<Item = String> {
     let broken = cameras
         .iter()
-        .filter(|camera| camera.health != CameraHealth::Works);
+        .filter(|camera| camera.health != CameraHealth::Works && !camera.is_not_begun);
     broken.map(|camera| format!("camera {} {}", camera.name, camera.words))
 }

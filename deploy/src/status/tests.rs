@@ -9,7 +9,6 @@ use farfield_proto::message::StageTime;
 use farfield_proto::message::agreement::{AgreementOfCamera, AgreementVerdict, CameraAgreement};
 use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::live::CameraStatus;
-use farfield_proto::tick::Tick;
 
 use super::super::table;
 use super::*;
@@ -52,7 +51,10 @@ fn status(node: &str, tick: i64, live: LiveStatus) -> Status {
         unreadable: 0,
         failure: None,
         stages: Vec::new(),
-        live: Some(live),
+        live: Some(LiveStatus {
+            epoch_us: Some(0),
+            ..live
+        }),
         health: NodeHealth::default(),
         agreement: Vec::new(),
     }
@@ -296,4 +298,131 @@ fn what_a_node_says_of_its_release_and_its_failure_commands_no_terminal() {
         "{text:?}"
     );
     assert!(text.contains("out ]0;of  memory"), "{text:?}");
+}
+
+/// Symptom: while fusion waited for an edge it was shown as live and well, and the cameras of all others as failed.
+#[test]
+fn while_fusion_waits_for_an_edge_that_is_said_and_no_recording_has_failed() {
+    let mut heard = Heard::default();
+    let [mut fusion, mut edge, _] = statuses(0);
+    *fusion.live.as_mut().unwrap() = LiveStatus::default();
+    (fusion.tick, edge.tick) = (None, None);
+    let live = edge.live.as_mut().unwrap();
+    live.epoch_us = None;
+    live.cameras = vec![CameraStatus {
+        reason: None,
+        ..camera(0, CameraHealth::Silent)
+    }];
+    take(&mut heard, fusion, clock::now());
+    take(&mut heard, edge, clock::now());
+    let state = VenueState::new(&venue(), &heard, NOW_S);
+    let fusion = of(&state, FUSION);
+    assert_eq!(
+        (fusion.mark, fusion.state.as_str()),
+        (Mark::Warning, "waiting for nw")
+    );
+    assert_eq!(of(&state, "ne").mark, Mark::Ok);
+    assert_eq!(
+        state.attention().unwrap(),
+        "to be looked after: nw (not there)"
+    );
+    let text = table::text(&state);
+    assert!(
+        text.contains("1 wait") && !text.contains("pictures"),
+        "{text}"
+    );
+}
+
+/// Symptom: in the first seconds of a run the cameras were red whose decoders were about to open, and a fusion that nobody had
+/// kept waiting was said to wait.
+#[test]
+fn a_recording_that_gives_no_pictures_has_failed_some_seconds_after_the_first_tick() {
+    let at = |tick: Option<i64>| {
+        let mut heard = well();
+        let [mut fusion, mut edge, _] = statuses(0);
+        fusion.tick = tick.map(Tick);
+        edge.live.as_mut().unwrap().cameras = vec![camera(0, CameraHealth::Silent)];
+        take(&mut heard, fusion, clock::now());
+        take(&mut heard, edge, clock::now());
+        VenueState::new(&venue(), &heard, NOW_S)
+    };
+    for tick in [None, Some(0), Some(60)] {
+        let state = at(tick);
+        assert_eq!(state.attention(), None, "{tick:?}");
+        assert_eq!(of(&state, FUSION).state, "live", "{tick:?}");
+    }
+    assert_eq!(of(&at(Some(120)), "ne").mark, Mark::Red);
+}
+
+#[test]
+fn who_leaves_when_the_run_has_ended_has_not_failed() {
+    let mut heard = well();
+    let [mut fusion, ..] = statuses(160);
+    fusion.ready = false;
+    take(&mut heard, fusion, clock::now());
+    heard.present.clear();
+    let long_ago = clock::now().checked_sub(SILENT + SILENT).unwrap();
+    for node in heard.nodes.values_mut() {
+        node.at = long_ago;
+    }
+    let state = VenueState::new(&venue(), &heard, NOW_S);
+    assert_eq!(state.attention(), None);
+    assert!(
+        state
+            .nodes
+            .iter()
+            .all(|node| node.state == "the run has ended")
+    );
+}
+
+#[test]
+fn a_narrow_terminal_has_what_matters_on_lines_of_its_width() {
+    let mut heard = well();
+    let [mut fusion, mut edge, _] = statuses(160);
+    fusion.health.notices = vec!["its clock is kept right by nothing at all ".repeat(4)];
+    // Then nobody's key ends.
+    fusion.health.certificate_ends_s = None;
+    let missing = AgreementOfCamera {
+        camera: CameraIndex(1),
+        agreement: CameraAgreement {
+            verdict: AgreementVerdict::Disagrees,
+            keypoints: 900,
+            distance_mm: Some(61.0),
+            distance_px: Some(5.0),
+            late_ticks: Some(2.5),
+        },
+    };
+    fusion.agreement = vec![missing];
+    edge.live.as_mut().unwrap().persons_per_tick = Some(3);
+    take(&mut heard, fusion, clock::now());
+    take(&mut heard, edge, clock::now());
+    let state = VenueState::new(&venue(), &heard, NOW_S);
+    let whole = table::text(&state);
+    assert!(
+        whole.lines().any(|line| line.chars().count() > 120),
+        "{whole}"
+    );
+    assert!(whole.contains("key ends"), "{whole}");
+    assert_eq!(table::text_within(&state, 500), whole);
+    for columns in [85, 80, 60, 40] {
+        let text = table::text_within(&state, columns);
+        for line in text.lines() {
+            assert!(line.chars().count() <= columns, "{columns}: {line}\n{text}");
+        }
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let words = words.join(" ");
+        for word in [
+            "fusion",
+            "live",
+            "by nothing at all",
+            "DISAGREES",
+            "no room for",
+        ] {
+            assert!(words.contains(word), "{columns}: {word}\n{text}");
+        }
+        // A column that says nothing needs no room.
+        assert!(!words.contains("key ends"), "{columns}\n{text}");
+    }
+    let text = table::text_within(&state, 80);
+    assert!(text.lines().next().unwrap().contains("ticks/s"), "{text}");
 }

@@ -1,8 +1,10 @@
 //! `farfield people RUN|RECORDING`: who is in it, and names and edits that can be undone.
 
+mod so_far;
 pub(crate) mod time_of_day;
 mod words;
 
+use std::fmt;
 use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -13,11 +15,12 @@ use farfield_export::edits::change::check_name;
 use farfield_export::edits::{Change, EditList, Identities};
 use farfield_export::run::{PeopleTable, RunFacts};
 use farfield_export::{ExportError, profile_of};
-use farfield_node::process::NodeError;
+use farfield_node::process::{NodeError, say};
 
+use self::so_far::whole_lines;
 use self::time_of_day::now;
 use super::export::node_error;
-use super::place::{POSES, Place};
+use super::place::{POSES, Place, folder_of};
 use super::recorded::RecordedRun;
 use super::target::check_file;
 use crate::output;
@@ -25,7 +28,7 @@ use crate::output;
 /// What `farfield people` is told.
 #[derive(Debug, Args)]
 pub(crate) struct PeopleArgs {
-    /// The folder of a run, its poses.jsonl, or a recording.
+    /// The folder of a run, also of one that goes on, its poses.jsonl, or a recording.
     run: PathBuf,
     /// What to do; without it everybody is listed.
     #[command(subcommand)]
@@ -113,7 +116,8 @@ struct Known {
     list: EditList,
     identities: Identities,
     table: PeopleTable,
-    rate_hz: f64,
+    /// Ticks per second; a run that goes on does not say it yet.
+    rate_hz: Option<f64>,
 }
 
 /// Does what is asked for, and prints it.
@@ -122,24 +126,50 @@ struct Known {
 /// [`NodeError::Refused`] where the run, its edits or the new edit are wrong, [`NodeError::Failed`] when a file cannot be written.
 pub(crate) fn people(args: &PeopleArgs) -> Result<(), NodeError> {
     let place = Place::of(&args.run).map_err(NodeError::Refused)?;
-    if let Some(PeopleAction::Save { person, to }) = &args.action {
-        return save(&place, *person, to);
+    if let Some(action @ PeopleAction::Save { person, to }) = &args.action {
+        return save(&place, action, (*person, to));
     }
-    let known = Known::of(&place)?;
+    let (place, known) = found(&args.run, place)?;
+    if let Place::GoingOn { run, .. } = &place {
+        say(format_args!(
+            "{}: its run goes on: people and ticks are those so far",
+            run.display()
+        ));
+    }
     let Some(action) = &args.action else {
         return print(&known, None, args.json);
     };
     let roll = Some(&known.table.roll);
     let change = |list: &EditList| change(action, list, &known);
-    let edited = known.edits.add(&now(), roll, change).map_err(node_error)?;
+    let edited = known.edits.add(&now(), roll, change);
+    let edited = edited.map_err(|error| refused(action, error))?;
     let number = edited.next_number() - 1;
+    if let Some(run) = place.run_beside() {
+        say(format_args!(
+            "{}: its run goes on, and neither page nor streams look at the edits of the recording: `farfield people {} ...` edits what they show",
+            args.run.display(),
+            run.display()
+        ));
+    }
     let known = if args.json {
         // Who is listed is somebody else now.
-        Known::of(&place)?
+        found(&args.run, place)?.1
     } else {
         known.with(edited)?
     };
     print(&known, Some(number), args.json)
+}
+
+/// What is known of the people of `place`, which is what `run` names, or was until its run ended.
+fn found(run: &Path, place: Place) -> Result<(Place, Known), NodeError> {
+    match Known::of(&place) {
+        Err(_) if place.has_moved() => {
+            let place = Place::of(run).map_err(NodeError::Refused)?;
+            let known = Known::of(&place)?;
+            Ok((place, known))
+        }
+        known => Ok((place, known?)),
+    }
 }
 
 /// The edit that an action is, where these edits are there already.
@@ -167,21 +197,55 @@ fn change(action: &PeopleAction, list: &EditList, known: &Known) -> Result<Chang
     })
 }
 
-/// Keeps the profile of a person in the file `to`.
-fn save(place: &Place, person: u32, to: &Path) -> Result<(), NodeError> {
+/// Why an action cannot be done, with the words that ask for it.
+fn refused(action: &PeopleAction, error: ExportError) -> NodeError {
+    let list = match action {
+        PeopleAction::Undo { .. } => "; `farfield people RUN` lists edits with their numbers",
+        _ => "",
+    };
+    match error {
+        ExportError::Options(problem) => NodeError::Refused(anyhow!("{action}: {problem}{list}")),
+        error => node_error(error),
+    }
+}
+
+impl fmt::Display for PeopleAction {
+    /// As it stands on the command line, without names of people and files.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Name { person, .. } => write!(f, "name {person}"),
+            Self::Merge { person, into } => write!(f, "merge {person} --into {into}"),
+            Self::Split { person, at } => write!(f, "split {person} --at {at}"),
+            Self::Drop { person } => write!(f, "drop {person}"),
+            Self::Undo { number: None } => write!(f, "undo"),
+            Self::Undo {
+                number: Some(number),
+            } => write!(f, "undo {number}"),
+            Self::Save { person, .. } => write!(f, "save {person}"),
+        }
+    }
+}
+
+/// Keeps the profile of a person in the file `to`, as `action` says.
+fn save(place: &Place, action: &PeopleAction, (person, to): (u32, &Path)) -> Result<(), NodeError> {
     check_file("--to", to).map_err(NodeError::Refused)?;
     let edits = place.edits();
     let profile = match place {
         Place::Run { poses, .. } => profile_of(poses, edits.path(), person),
+        Place::GoingOn { run, .. } => {
+            return Err(NodeError::Refused(anyhow!(
+                "{action}: {}: its run goes on, and lengths are still learnt: save them when it has ended",
+                run.display()
+            )));
+        }
         Place::Recording(path) => {
             let recorded = RecordedRun::open(path).map_err(NodeError::Refused)?;
-            let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
-            let folder = recorded.as_run(folder.unwrap_or(Path::new(".")));
+            let folder = recorded.as_run(folder_of(path));
             let folder = folder.map_err(NodeError::Failed)?;
             profile_of(&folder.path().join(POSES), edits.path(), person)
         }
     };
-    let profile = profile.map_err(node_error)?;
+    let profile = profile.map_err(|error| refused(action, error))?;
     profile.write(to).map_err(|error| match error {
         ExportError::Exists { path } => {
             NodeError::Refused(anyhow!("{} is there already", path.display()))
@@ -234,22 +298,27 @@ impl Known {
     }
 }
 
-/// Who is there, and at which rate.
-fn table(place: &Place, identities: &Identities) -> anyhow::Result<(PeopleTable, f64)> {
+/// Who is there, and at which rate, where that is known.
+fn table(place: &Place, identities: &Identities) -> anyhow::Result<(PeopleTable, Option<f64>)> {
     match place {
+        Place::GoingOn { poses, .. } => {
+            let opening = || format!("opening {}", poses.display());
+            let file = BufReader::new(whole_lines(poses).with_context(opening)?);
+            Ok((PeopleTable::of_lines(file, poses, identities)?, None))
+        }
         Place::Run { poses, summary, .. } => {
             let reading = || format!("reading {}", summary.display());
             let facts =
                 RunFacts::parse(&fs::read_to_string(summary).with_context(reading)?, summary)?;
             let file = File::open(poses).with_context(|| format!("opening {}", poses.display()))?;
             let table = PeopleTable::of_lines(BufReader::new(file), poses, identities)?;
-            Ok((table, facts.rate_hz))
+            Ok((table, Some(facts.rate_hz)))
         }
         Place::Recording(path) => {
             let recorded = RecordedRun::open(path)?;
             let mut table = PeopleTable::default();
             recorded.poses(&mut |poses| table.add_poses(poses, identities))?;
-            Ok((table, recorded.rate_hz()))
+            Ok((table, Some(recorded.rate_hz())))
         }
     }
 }

@@ -12,7 +12,7 @@ use super::Known;
 #[derive(Serialize)]
 struct Document<'a> {
     edits_file: String,
-    rate_hz: f64,
+    rate_hz: Option<f64>,
     people: Vec<PersonFields<'a>>,
     edits: Vec<EditFields<'a>>,
 }
@@ -24,7 +24,7 @@ struct PersonFields<'a> {
     first_tick: i64,
     last_tick: i64,
     ticks: u64,
-    seconds: f64,
+    seconds: Option<f64>,
     gaps: usize,
     sigma_m: Option<f64>,
 }
@@ -44,6 +44,11 @@ impl Known {
 
     fn name(&self, person: u32) -> Option<&str> {
         self.identities.names().get(&person).map(String::as_str)
+    }
+
+    /// For how long somebody was there, where the rate of the ticks is known.
+    fn seconds(&self, row: &TableRow) -> Option<f64> {
+        self.rate_hz.map(|rate_hz| row.roll.ticks as f64 / rate_hz)
     }
 
     fn edits(&self) -> Vec<EditFields<'_>> {
@@ -66,7 +71,7 @@ pub(super) fn json(known: &Known) -> serde_json::Result<String> {
         first_tick: row.roll.span[0],
         last_tick: row.roll.span[1],
         ticks: row.roll.ticks,
-        seconds: row.roll.ticks as f64 / known.rate_hz,
+        seconds: known.seconds(&row),
         gaps: row.roll.gaps,
         sigma_m: row.sigma_m.map(|sigma_m| (sigma_m * 1e4).round() / 1e4),
     };
@@ -100,9 +105,14 @@ pub(super) fn table(known: &Known) -> String {
     let mut text = if rows.is_empty() {
         "nobody is there\n".to_owned()
     } else {
+        let time = if known.rate_hz.is_some() {
+            "seconds"
+        } else {
+            "ticks"
+        };
         format!(
-            "{:>5}  {:<width$}  {:>9}  {:>9}  {:>9}  {:>5}  {:>9}\n",
-            "id", "name", "from tick", "to tick", "seconds", "gaps", "sigma"
+            "{:>5}  {:<width$}  {:>9}  {:>9}  {time:>9}  {:>5}  {:>9}\n",
+            "id", "name", "from tick", "to tick", "gaps", "sigma"
         )
     };
     for row in &rows {
@@ -114,11 +124,12 @@ pub(super) fn table(known: &Known) -> String {
             |sigma_m| format!("{:.1} mm", 1000.0 * sigma_m),
         );
         let [first, last] = row.roll.span;
-        let seconds = row.roll.ticks as f64 / known.rate_hz;
+        let seconds = known.seconds(row).map(|seconds| format!("{seconds:.2}"));
+        let time = seconds.unwrap_or_else(|| row.roll.ticks.to_string());
         // Writing to a string does not fail.
         writeln!(
             text,
-            "{:>5}  {name}{blanks}  {first:>9}  {last:>9}  {seconds:>9.2}  {:>5}  {sigma:>9}",
+            "{:>5}  {name}{blanks}  {first:>9}  {last:>9}  {time:>9}  {:>5}  {sigma:>9}",
             row.person, row.roll.gaps
         )
         .ok();
@@ -133,4 +144,41 @@ pub(super) fn table(known: &Known) -> String {
         writeln!(text, "{number:>5}  {at}  {what}{undone}").ok();
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_export::EditsFile;
+    use farfield_export::edits::{EditList, Identities};
+    use farfield_export::run::PeopleTable;
+
+    use super::*;
+
+    #[test]
+    fn while_the_rate_of_a_run_is_not_known_ticks_stand_in_the_place_of_seconds() {
+        let mut known = Known {
+            edits: EditsFile::at("edits.jsonl".into()),
+            list: EditList::default(),
+            identities: Identities::default(),
+            table: PeopleTable::default(),
+            rate_hz: Some(30.0),
+        };
+        for tick in 0..60 {
+            known.table.roll.add(tick, 3);
+        }
+        let words = |known: &Known| {
+            let text = table(known);
+            let words = text.split_whitespace().map(str::to_owned);
+            words.collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(
+            words(&known),
+            "id name from tick to tick seconds gaps sigma 3 0 59 2.00 0 unknown"
+        );
+        known.rate_hz = None;
+        assert_eq!(
+            words(&known),
+            "id name from tick to tick ticks gaps sigma 3 0 59 60 0 unknown"
+        );
+    }
 }
