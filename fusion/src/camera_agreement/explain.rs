@@ -99,23 +99,36 @@ impl Judge<'_> {
         apart: &[usize],
         (is_right, may_be_swapped): (bool, bool),
     ) -> Option<Weighed> {
+        // With the calibration of the other, lines of sight begin where that stands.
+        let apart = apart.iter().copied();
+        let apart: Vec<usize> = apart
+            .filter(|&third| self.are_apart(other, third))
+            .collect();
+        let apart = &apart[..];
         let before = self.cost_against(camera, &self.as_it_is[camera], apart)?;
         let rays = self.rays(camera, other, PictureChange::AsItIs);
         let cost = self.cost_against(camera, &rays, apart)?;
         let cameras = vec![camera, other];
         let exchanged = self.rays(other, camera, PictureChange::AsItIs);
-        let of_other = self.cost_against(other, &exchanged, apart);
-        let other_before = self.cost_against(other, &self.as_it_is[other], apart);
+        let of_both = apart.iter().copied();
+        let of_both: Vec<usize> = of_both
+            .filter(|&third| self.are_apart(camera, third))
+            .collect();
+        let of_other = self.cost_against(other, &exchanged, &of_both);
+        let other_before = self.cost_against(other, &self.as_it_is[other], &of_both);
         if let (true, Some(of_other), Some(other_before)) = (may_be_swapped, of_other, other_before)
             && of_other < EXPLAINS * other_before
         {
             let ratio = (cost + of_other) / (before + other_before);
             return Some((ratio, cameras, DisagreementCause::Swapped));
         }
-        let cause = if is_right {
+        let cause = if !is_right {
+            DisagreementCause::OtherCalibration
+        } else if self.may_show_the_same(camera, other) {
             DisagreementCause::SamePictures
         } else {
-            DisagreementCause::OtherCalibration
+            // A camera that is right has its own pictures: the other fits by chance.
+            return None;
         };
         Some((cost / before, cameras, cause))
     }
@@ -125,7 +138,7 @@ impl Judge<'_> {
         let own = &self.as_it_is[camera];
         let elsewhere = others
             .iter()
-            .filter(|&&other| self.cameras[other].viewpoint != self.cameras[camera].viewpoint);
+            .filter(|&&other| self.are_apart(camera, other));
         let elsewhere: Vec<&CameraRays> = elsewhere.map(|&other| &self.as_it_is[other]).collect();
         let order = keypoint_order(own, &elsewhere, self.partners)?;
         let cost = self.cost_against(camera, &own.reordered(&order.of), others)?;

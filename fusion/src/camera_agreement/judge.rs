@@ -6,6 +6,7 @@
 
 mod lateness;
 mod pictures;
+pub(super) mod sides;
 
 use std::collections::BTreeMap;
 
@@ -15,15 +16,20 @@ use farfield_proto::order_statistics::upper_median;
 use super::geometry::SightLines;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
 use super::report::{AgreementReport, Disagreement, DisagreementCause};
-use super::samples::{Burst, PassSample, Samples, SeenBody};
+use super::samples::{Burst, COMPARED, PassSample, Samples, SeenBody};
 use super::time_shift::met::{PoseFit, pose_fits};
 use super::time_shift::pose_shift::{PoseShift, against_most};
 use super::time_shift::{KeypointHalf, Shift, drifts, shifts};
 use super::words;
 use super::{AgreementCameras, JudgedCamera};
 
-/// Detection passes that are compared, spread over those that are kept.
+/// Detection passes that are compared, spread over those that are kept: the fewer the more people cameras show, and so many at
+/// the least.
 const PASSES: usize = 16;
+const LEAST_PASSES: usize = 4;
+/// Two cameras that are nearer to each other than this, metres, agree whatever they show: all lines of sight from one place
+/// meet.
+const APART_M: f64 = 0.1;
 /// Keypoints that two cameras must have compared for their agreement to count.
 const MIN_KEYPOINTS: usize = 40;
 /// Median distance of lines of sight up to which two cameras agree in any case, metres, and pixels of the camera in
@@ -40,6 +46,8 @@ const FAR_OFF: f64 = 0.5;
 const FAR_OFF_FACTOR: f64 = 2.5;
 /// Pixels by which the keypoints of two cameras differ at most that show the same picture: their crops are not the same.
 const SAME_PX: f32 = 6.0;
+/// The same, as a share of the width of a picture, where the lens of the one is taken for that of the other.
+const SAME_SHARE: f32 = 0.04;
 
 pub(super) struct Judge<'a> {
     pub(super) cameras: &'a [JudgedCamera],
@@ -65,7 +73,13 @@ pub(super) struct Judge<'a> {
 impl<'a> Judge<'a> {
     pub(super) fn new(cameras: &'a AgreementCameras, samples: &'a Samples) -> Self {
         let all = &samples.passes;
-        let step = all.len().div_ceil(PASSES).max(1);
+        let most_shown = all
+            .iter()
+            .filter_map(|pass| pass.of_camera.iter().map(Vec::len).max());
+        let usual = upper_median(most_shown.map(|n| n as f64).collect()).unwrap_or(0.0);
+        let n_passes = PASSES * COMPARED / (usual as usize).max(COMPARED);
+        let n_passes = n_passes.max(LEAST_PASSES);
+        let step = all.len().div_ceil(n_passes).max(1);
         let passes: Vec<&PassSample> = all.iter().rev().step_by(step).map(AsRef::as_ref).collect();
         let bursts: Vec<&Burst> = samples.bursts.iter().map(AsRef::as_ref).collect();
         let lines = cameras.lines();
@@ -92,15 +106,21 @@ impl<'a> Judge<'a> {
             .collect();
         for a in 0..judge.cameras.len() {
             for b in a + 1..judge.cameras.len() {
-                let pair = PairAgreement::of_common(&judge.as_it_is[a], &judge.as_it_is[b]);
-                if judge.cameras[a].viewpoint != judge.cameras[b].viewpoint
-                    && pair.len() >= MIN_KEYPOINTS
-                {
-                    judge.pairs.insert((a, b), pair);
+                if judge.are_apart(a, b) {
+                    let pair = PairAgreement::of_common(&judge.as_it_is[a], &judge.as_it_is[b]);
+                    if pair.len() >= MIN_KEYPOINTS {
+                        judge.pairs.insert((a, b), pair);
+                    }
                 }
             }
         }
         judge
+    }
+
+    /// Whether two cameras are of different viewpoints, and do not stand at one place all the same.
+    pub(super) fn are_apart(&self, a: usize, b: usize) -> bool {
+        let apart_m = (self.lines[a].center_m - self.lines[b].center_m).norm();
+        self.cameras[a].viewpoint != self.cameras[b].viewpoint && apart_m >= APART_M
     }
 
     /// The sightings of `camera` changed so, seen with the calibration of `calibrated`.
@@ -260,8 +280,7 @@ impl<'a> Judge<'a> {
         for a in 0..self.cameras.len() {
             for b in a + 1..self.cameras.len() {
                 // Two cameras on one pole may look the same way.
-                let is_elsewhere = self.cameras[a].viewpoint != self.cameras[b].viewpoint;
-                if is_elsewhere && self.show_the_same(a, b) {
+                if self.are_apart(a, b) && self.show_the_same(a, b, SAME_PX) {
                     told[a] = true;
                     told[b] = true;
                     report
@@ -272,13 +291,19 @@ impl<'a> Judge<'a> {
         }
     }
 
-    fn show_the_same(&self, a: usize, b: usize) -> bool {
+    /// Whether two cameras may show the same picture, as far as it is told through lenses that may not be theirs.
+    pub(super) fn may_show_the_same(&self, a: usize, b: usize) -> bool {
+        let width_px = self.cameras[a].size_px[0] as f32;
+        self.show_the_same(a, b, SAME_SHARE * width_px)
+    }
+
+    fn show_the_same(&self, a: usize, b: usize, within_px: f32) -> bool {
         let (mut n, mut same) = (0, 0);
         for pass in &self.passes {
-            for one in &pass.of_camera[a] {
+            for one in pass.surest(a) {
                 let others = pass.of_camera[b]
                     .iter()
-                    .map(|other| same_pixels(one, other));
+                    .map(|other| same_pixels(one, other, within_px));
                 let (own, common) = others.max().unwrap_or_default();
                 same += own;
                 n += common;
@@ -294,10 +319,9 @@ impl<'a> Judge<'a> {
         rays: &CameraRays,
         others: &[usize],
     ) -> Option<f64> {
-        let own = self.cameras[camera].viewpoint;
         let others = others
             .iter()
-            .filter(|&&other| other != camera && self.cameras[other].viewpoint != own);
+            .filter(|&&other| self.are_apart(camera, other));
         let pairs = others.map(|&other| PairAgreement::of(rays, &self.as_it_is[other]));
         let costs: Vec<f64> = pairs
             .filter(|pair| pair.len() >= MIN_KEYPOINTS)
@@ -384,13 +408,13 @@ fn merge_swaps(all: &mut Vec<Disagreement>, rate_hz: f64) {
     *all = others;
 }
 
-/// How many keypoints of two sightings are in the same pixels, and how many both have.
-fn same_pixels(one: &SeenBody, other: &SeenBody) -> (usize, usize) {
+/// How many keypoints of two sightings are in the same pixels, but for so many, and how many both have.
+fn same_pixels(one: &SeenBody, other: &SeenBody, within_px: f32) -> (usize, usize) {
     let pairs = one
         .iter()
         .zip(other)
         .filter_map(|(p, q)| Some((p.as_ref()?, q.as_ref()?)));
-    let near = |p: f32, q: f32| (p - q).abs() <= SAME_PX;
+    let near = |p: f32, q: f32| (p - q).abs() <= within_px;
     pairs.fold((0, 0), |(same, n), (p, q)| {
         let is_same = near(p.pixel[0], q.pixel[0]) && near(p.pixel[1], q.pixel[1]);
         (same + usize::from(is_same), n + 1)

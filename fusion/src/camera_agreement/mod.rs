@@ -7,7 +7,8 @@
 //!   Pipeline::step -> AgreementWatch: keeps what cameras showed lately (`samples`), in bounded memory
 //!                      '-> AgreementSamples, now and then, to another thread -> judge -> AgreementReport
 //!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `lens` on what crops show tick by tick (`lens` on sightings, too),
-//!          `pose_shift` on sightings and poses, `frozen` on sightings -> a cause in `words`; `standing` on people, where all that fits
+//!          `pose_shift` on sightings and poses, `frozen` on sightings -> a cause in `words`; `sides` on whom all sight alike;
+//!          `standing` on people, where all that fits
 //! ```
 //!
 //! Nothing here moves a pose. A report takes up to some hundred milliseconds, and is made beside the loop, or at the end of
@@ -38,6 +39,7 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
+use farfield_proto::message::agreement::{AgreementVerdict, CameraAgreement};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use farfield_proto::venue::{Field, Venue};
@@ -45,7 +47,7 @@ use farfield_proto::venue::{Field, Venue};
 pub use self::report::{AgreementReport, Disagreement, DisagreementCause, SightedReport};
 
 use self::geometry::SightLines;
-use self::judge::Judge;
+use self::judge::{Judge, sides};
 use self::pairs::Partners;
 use self::samples::Samples;
 use self::standing::Standing;
@@ -171,6 +173,7 @@ impl AgreementSamples {
     pub fn report(&self) -> AgreementReport {
         let mut report = Judge::new(&self.cameras, &self.samples).report();
         report.sighted = self.sighted();
+        self.tell_of_sides(&mut report);
         // Where anything else is wrong people stand wherever that puts them.
         let is_alone = report.disagreements.is_empty();
         let floor = || self.standing.doubtful_floor().filter(|_| is_alone);
@@ -185,6 +188,42 @@ impl AgreementSamples {
             });
         }
         report
+    }
+
+    /// Says that left and right are exchanged in all cameras, in the place of all that rests on poses, which no body fits then.
+    fn tell_of_sides(&self, report: &mut AgreementReport) {
+        let cameras = &self.cameras;
+        if !sides::are_exchanged(&report.sighted.diagnosis) {
+            return;
+        }
+        let partners = cameras.partners.iter().enumerate();
+        let cause = DisagreementCause::KeypointOrder {
+            moved: partners.filter(|(own, other)| own != *other).count(),
+            sides: true,
+        };
+        let (found, remedy) = words::of(&[], cause, cameras.rate_hz);
+        let all = &mut report.disagreements;
+        all.retain(|told| {
+            matches!(
+                told.cause,
+                DisagreementCause::Frozen { .. } | DisagreementCause::SamePictures
+            )
+        });
+        for (name, camera) in &mut report.cameras {
+            let is_told = all.iter().any(|told| told.cameras.contains(name));
+            if camera.verdict == AgreementVerdict::Disagrees && !is_told {
+                *camera = CameraAgreement::default();
+            }
+        }
+        all.insert(
+            0,
+            Disagreement {
+                cameras: Vec::new(),
+                cause,
+                found,
+                remedy,
+            },
+        );
     }
 
     /// How far right and down keypoints are in the pictures, as shares of these.

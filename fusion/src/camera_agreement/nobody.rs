@@ -2,16 +2,36 @@
 
 use std::cmp::Reverse;
 
-use super::report::SightedReport;
+use super::report::{AgreementReport, SightedReport};
+use super::samples::MIN_SCORE;
 use crate::sightings::diagnosis::SightingDiagnosis;
 
-/// Bodies outside the field that are told of where somebody was found inside: so many, and one of so many of all.
-const MIN_OUTSIDE: u64 = 2;
-const OUTSIDE_ONE_IN: u64 = 10;
+/// Bodies outside the field or under its floor that are told of where somebody was found inside: so many, and one of so many
+/// of all.
+const MIN_BEYOND: u64 = 2;
+const BEYOND_ONE_IN: u64 = 10;
 
 /// Keypoints of pictures of half the size or less reach no farther, right and down, in those that were calibrated. People in
 /// all pictures of a venue are not in one corner of them.
 const HALF_REACH: f64 = 0.52;
+
+impl AgreementReport {
+    /// What there is to say of the `found` people of a run, for people: that there were none, and why; or that others stood outside
+    /// the field or under its floor, where nothing else is wrong.
+    pub fn lines_on_people(&self, found: usize) -> Vec<String> {
+        if found == 0 {
+            let reasons = self.sighted.why_nobody().into_iter();
+            let reasons = reasons.map(|reason| format!("  {reason}"));
+            return ["nobody was found".to_owned()]
+                .into_iter()
+                .chain(reasons)
+                .collect();
+        }
+        let is_right = self.disagreements.is_empty();
+        let beyond = is_right.then(|| [self.sighted.outside_field(), self.sighted.under_floor()]);
+        beyond.into_iter().flatten().flatten().collect()
+    }
+}
 
 impl SightedReport {
     /// That bodies stood outside the field, where these are not few: a line for a run that found somebody inside.
@@ -21,11 +41,25 @@ impl SightedReport {
             outside_field,
             ..
         } = self.diagnosis;
-        let are_many = outside_field >= MIN_OUTSIDE && outside_field * OUTSIDE_ONE_IN >= bodies;
-        are_many.then(|| {
+        are_many(outside_field, bodies).then(|| {
             format!(
                 "{outside_field} of {bodies} bodies that detection passes found stood outside the field, where nobody new is followed: \
                  if they belong to it, set `[field]` min_m and max_m of the venue"
+            )
+        })
+    }
+
+    /// That bodies were under the floor, where these are not few: a line for a run that found somebody on it.
+    pub fn under_floor(&self) -> Option<String> {
+        let SightingDiagnosis {
+            bodies,
+            under_floor,
+            ..
+        } = self.diagnosis;
+        are_many(under_floor, bodies).then(|| {
+            format!(
+                "{under_floor} of {bodies} bodies that detection passes found were under the floor, where nobody new is followed: \
+                 if they are people, set `[field]` floor_m and min_m of the venue lower"
             )
         })
     }
@@ -64,6 +98,12 @@ impl SightedReport {
             return reasons;
         }
         let is_corner = |reach: &[f64; 2]| reach.iter().all(|share| *share < HALF_REACH);
+        if self.reach.is_none() {
+            reasons.push(format!(
+                "no keypoint that was sighted has a score of {MIN_SCORE} or more: do the files give scores from 0 to 1, and are network and `normalize` of its card right?"
+            ));
+            return reasons;
+        }
         if let Some([right, down]) = self.reach.filter(is_corner) {
             reasons.push(format!(
                 "no keypoint is farther right than {:.0} % of the width of its picture or farther down than {:.0} % of its height: were people detected in smaller pictures than were calibrated? Both must be of one size",
@@ -91,6 +131,10 @@ impl SightedReport {
     }
 }
 
+fn are_many(beyond: u64, bodies: u64) -> bool {
+    beyond >= MIN_BEYOND && beyond * BEYOND_ONE_IN >= bodies
+}
+
 impl SightingDiagnosis {
     /// What spoke against bodies, each with how many it was.
     fn causes(&self) -> [(u64, String); 6] {
@@ -103,7 +147,7 @@ impl SightingDiagnosis {
             (
                 wrong,
                 format!(
-                    "{} on which lines of sight met have sizes that people do not have ({mean_m:.2} m on average): is the calibration in metres?",
+                    "{} on which lines of sight met have sizes that people do not have ({mean_m:.2} m on average): is the calibration in metres, and are the keypoints in the order of the network's card?",
                     of_all(wrong)
                 ),
             ),
@@ -165,6 +209,18 @@ mod tests {
         for (bodies, outside) in [(0, 0), (14, 0), (14, 1), (60, 5)] {
             assert_eq!(sighted(bodies, outside).outside_field(), None, "{bodies}");
         }
+    }
+
+    #[test]
+    fn why_nobody_was_found_stands_under_the_word_that_there_was_nobody() {
+        let report = AgreementReport::default();
+        let lines = report.lines_on_people(0);
+        assert_eq!(lines[0], "nobody was found");
+        assert!(
+            lines[1].starts_with("  no camera sighted anybody"),
+            "{lines:?}"
+        );
+        assert!(report.lines_on_people(2).is_empty());
     }
 
     #[test]

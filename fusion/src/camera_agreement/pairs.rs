@@ -13,7 +13,7 @@ use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
 use super::geometry::{Meeting, SightLines, meeting};
-use super::samples::{PassSample, SeenBody};
+use super::samples::{COMPARED, MAX_BODIES, PassSample, SeenBody};
 
 /// Where the cost of a distance reaches one half, metres.
 const HALF_COST_M: f64 = 0.06;
@@ -149,7 +149,9 @@ impl PairAgreement {
                 (of_b, of_a)
             };
             let (few_by, many_by) = if a_has_fewer { (a, b) } else { (b, a) };
-            for one in few {
+            // Of more than are kept nobody knows who is missing.
+            let is_whole = many.len() < MAX_BODIES;
+            for one in few.iter().take(COMPARED) {
                 let fits = many.iter().filter_map(|other| {
                     let agreement = if a_has_fewer {
                         compare(one, other)
@@ -161,7 +163,7 @@ impl PairAgreement {
                 let best = fits.min_by(|p, q| p.0.mean_cost().total_cmp(&q.0.mean_cost()));
                 let counted = best.filter(|(agreement, other)| {
                     agreement.mean_cost() < SAME_PERSON_COST
-                        || counts((one, &few_by.lines), (other, &many_by.lines))
+                        || is_whole && counts((one, &few_by.lines), (other, &many_by.lines))
                 });
                 all.add(counted.map(|(agreement, _)| agreement));
             }
@@ -239,4 +241,60 @@ fn must_be_seen((body, by): (&[Vector3<f64>], &SightLines), other: &SightLines) 
     let middle = seen().sum::<Vector3<f64>>() / seen().count().max(1) as f64;
     let depths_m = DEPTHS.start * depth_m..DEPTHS.end * depth_m;
     other.share_in_view((&by.center_m, &middle), depths_m) >= IN_VIEW
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::camera::CameraModel;
+    use farfield_proto::frames::Point;
+    use farfield_proto::tick::Tick;
+
+    use super::super::samples::SeenKeypoint;
+    use super::*;
+    use crate::body::fixture::{Noise, standing};
+    use crate::sightings::fixture::hall;
+
+    /// What a camera shows of people on a grid, in this order.
+    fn shown(model: &CameraModel, order: impl Iterator<Item = usize>) -> Vec<SeenBody> {
+        let person = |i: usize| {
+            let at = [i % 6, i / 6].map(|cell| 0.9 * cell as f64 - 2.25);
+            standing(at[0], at[1], 1.75, &mut Noise(3))
+        };
+        let seen = |place_m: &Vector3<f64>| {
+            let pixel = model.project(Point::new((*place_m).into()))?;
+            let pixel = [pixel.x() as f32, pixel.y() as f32];
+            Some(SeenKeypoint { pixel, score: 0.8 })
+        };
+        order
+            .map(|i| person(i).iter().map(seen).collect())
+            .collect()
+    }
+
+    /// How many keypoints of `n` people count, of whom the first camera shows the first of `kept`, and the second the last.
+    fn counted(n: usize, kept: usize) -> usize {
+        let cameras = hall().cameras;
+        let pass = PassSample {
+            tick: Tick(0),
+            of_camera: vec![
+                shown(&cameras[0].1, (0..n).take(kept)),
+                shown(&cameras[1].1, (0..n).rev().take(kept)),
+            ],
+        };
+        let partners: Partners = (0..17).collect();
+        let rays = |camera: usize, of: usize| {
+            let lines = SightLines::of(&cameras[of].1);
+            let change = (PictureChange::AsItIs, &partners);
+            CameraRays::of(&[&pass], (camera, [1920, 1200]), &lines, change)
+        };
+        PairAgreement::of_common(&rays(0, 0), &rays(1, 1)).len()
+    }
+
+    #[test]
+    fn of_more_people_than_are_kept_those_who_are_missing_speak_against_nobody() {
+        // Nobody is shown by both: of a few people that is a contradiction, of a crowd it may be chance.
+        assert!(counted(6, 3) >= 3 * MIN_COMMON);
+        assert!(counted(2 * MAX_BODIES, MAX_BODIES) < COMPARED * MIN_COMMON);
+        // Those who are shown by both count all the same.
+        assert!(counted(MAX_BODIES, MAX_BODIES) >= COMPARED * MIN_COMMON);
+    }
 }

@@ -39,10 +39,23 @@ pub struct SightedReport {
 impl AgreementReport {
     /// A line per camera, and a warning per disagreement, for people; empty where nothing could be compared.
     pub fn lines(&self) -> Vec<String> {
-        let cameras = self.cameras.iter().filter(|(_, camera)| camera.is_known());
         let width = self.cameras.keys().map(String::len).max().unwrap_or(0);
+        let is_anything_known = self.cameras.values().any(CameraAgreement::is_known);
+        let cameras = self.cameras.iter().filter(|_| is_anything_known);
         let mut lines: Vec<String> = cameras
-            .map(|(name, camera)| format!("camera {name:width$}  {}", camera.words()))
+            .map(|(name, camera)| {
+                let sighted = self.sighted.by_camera.get(name).copied().unwrap_or(0);
+                let is_compared = camera.is_known() && camera.keypoints > 0;
+                let is_told = self.disagreements.iter().any(|d| d.cameras.contains(name));
+                let alone = if is_compared || is_told {
+                    String::new()
+                } else if sighted == 0 {
+                    ": it sighted nobody".to_owned()
+                } else {
+                    format!(": it sighted people {sighted} times, of whom cameras elsewhere show too few")
+                };
+                format!("camera {name:width$}  {}{alone}", camera.words())
+            })
             .collect();
         lines.extend(self.warnings());
         lines

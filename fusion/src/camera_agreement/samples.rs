@@ -18,8 +18,11 @@ use crate::identity::track::Track;
 
 /// Detection passes that are kept, the newest.
 const MAX_PASSES: usize = 48;
-/// Sightings of one camera in a pass that are kept, those that were found surest.
-pub(super) const MAX_BODIES: usize = 6;
+/// Sightings of one camera in a pass that are kept, those that were found surest: where there are more, nobody knows who is
+/// missing.
+pub(super) const MAX_BODIES: usize = 24;
+/// So many of them are compared with everybody else, whom cameras may show in any order.
+pub(super) const COMPARED: usize = 6;
 /// Least time between two passes that are kept, seconds, once there are some.
 const PASS_EVERY_S: f64 = 0.5;
 /// Passes that are kept whatever the time between them.
@@ -35,7 +38,7 @@ const MAX_PEOPLE: usize = 2;
 /// Trails of a burst: people who come and go do not make it grow without end.
 const MAX_TRAILS: usize = 256;
 /// Least score of a peak, 0 to 1.
-const MIN_SCORE: f32 = 0.3;
+pub(super) const MIN_SCORE: f32 = 0.3;
 
 /// Time between two ticks whose poses are kept, seconds, and for how long they are.
 const POSES_EVERY_S: f64 = 1.0 / 30.0;
@@ -69,10 +72,16 @@ pub(super) struct PassSample {
 }
 
 impl PassSample {
-    /// As they were sent, but for those that were not kept.
+    /// Those of a camera that are compared, the surest.
+    pub(super) fn surest(&self, camera: usize) -> &[SeenBody] {
+        let bodies = &self.of_camera[camera];
+        &bodies[..bodies.len().min(COMPARED)]
+    }
+
+    /// The surest of all cameras, as they were sent.
     pub(super) fn sightings(&self) -> Vec<Sighting> {
-        let of_camera = self.of_camera.iter().enumerate();
-        let bodies = of_camera.flat_map(|(camera, bodies)| bodies.iter().map(move |b| (camera, b)));
+        let bodies = (0..self.of_camera.len())
+            .flat_map(|camera| self.surest(camera).iter().map(move |body| (camera, body)));
         let keypoint = |seen: &Option<SeenKeypoint>| {
             seen.map(|seen| KeypointPeak {
                 position_px: seen.pixel,

@@ -41,6 +41,11 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             "look whether the sources in the venue file and the names in the calibration belong together"
                 .to_owned(),
         ),
+        DisagreementCause::KeypointOrder { .. } if cameras.is_empty() => (
+            "left and right are exchanged in everybody, as all cameras show them: noses are behind shoulders".to_owned(),
+            "look at the order of keypoints in the network's card, or in the files (COCO: the person's left before the right); if it is right, all pictures are mirrored, or the calibration is"
+                .to_owned(),
+        ),
         DisagreementCause::KeypointOrder { moved, sides } => (
             if sides {
                 format!("left and right are exchanged in the keypoints of camera {first}")
@@ -99,9 +104,18 @@ fn focal_length(cameras: &[String], factor: f64) -> (String, String) {
 }
 
 fn distortion(cameras: &[String], k1_over: f64) -> (String, String) {
-    let (whose, are) = match cameras {
-        [camera] => (format!("the lens distortion of camera {camera}"), "is"),
-        _ => ("the lens distortions of all cameras".to_owned(), "are"),
+    let (whose, are, moved) = match cameras {
+        // From where it stands now it sees people beside where they are, as through another lens.
+        [camera] => (
+            format!("the lens distortion of camera {camera}"),
+            "is",
+            ", or was the camera moved since it was calibrated? Calibrate its lens and where it stands again",
+        ),
+        _ => (
+            "the lens distortions of all cameras".to_owned(),
+            "are",
+            "? Calibrate their lenses again",
+        ),
     };
     let way = if k1_over > 0.0 { "less" } else { "more" };
     (
@@ -109,8 +123,14 @@ fn distortion(cameras: &[String], k1_over: f64) -> (String, String) {
             "{whose} {are} not as calibrated: lines of sight meet better with a k1 that is {:.2} {way}",
             k1_over.abs()
         ),
-        "look at `distortions` (k1 k2 p1 p2 k3, in this order, with OpenCV's signs): are they of this camera, at this zoom? Calibrate its lens again"
-            .to_owned(),
+        format!(
+            "look at `distortions` (k1 k2 p1 p2 k3, in this order, with OpenCV's signs): are they of {}, at this zoom{moved}",
+            if cameras.len() == 1 {
+                "this camera"
+            } else {
+                "these cameras"
+            }
+        ),
     )
 }
 

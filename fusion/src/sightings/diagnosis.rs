@@ -23,6 +23,11 @@ use crate::body::skeleton::Joint;
 
 /// How far below the floor the lowest point of a body may be, metres: an ankle is never there.
 const UNDER_FLOOR_M: f64 = 0.3;
+/// Least upward part of the direction of a trunk of whom the nose tells left from right: who crawls or lies on the saddle with the
+/// head raised has the nose behind.
+const UPRIGHT: f64 = 0.75;
+/// Least part of the way from the shoulders to the nose that is ahead or behind, to count: networks err.
+const CLEARLY: f64 = 0.1;
 /// How far everything is looked for, metres from the origin.
 const ANYWHERE_M: f64 = 1.0e4;
 
@@ -49,6 +54,15 @@ pub struct SightingDiagnosis {
     pub wrong_statures_m: f64,
     /// Those whose limbs do not fit each other.
     pub misshapen: u64,
+    /// Those that are upright and have the nose ahead of the shoulders, or behind, as if left were right; of any size.
+    #[serde(default)]
+    pub noses_ahead: u64,
+    /// See [`Self::noses_ahead`].
+    #[serde(default)]
+    pub noses_behind: u64,
+    /// Detection passes with any of these.
+    #[serde(default)]
+    pub nose_passes: u64,
 }
 
 /// What finding people was asked with.
@@ -76,9 +90,11 @@ impl Diagnosed<'_> {
             field_min_m: Vector3::repeat(-ANYWHERE_M),
             field_max_m: Vector3::repeat(ANYWHERE_M),
         };
+        let before = counts.noses_ahead + counts.noses_behind;
         for group in associate(&all, &free, &gates, |_| true) {
             self.judge(&group, counts);
         }
+        counts.nose_passes += u64::from(counts.noses_ahead + counts.noses_behind > before);
     }
 
     fn judge(&self, group: &Reconstruction, counts: &mut SightingDiagnosis) {
@@ -93,6 +109,11 @@ impl Diagnosed<'_> {
             return;
         };
         counts.bodies += 1;
+        match has_the_nose_ahead(&body) {
+            Some(true) => counts.noses_ahead += 1,
+            Some(false) => counts.noses_behind += 1,
+            None => {}
+        }
         if !STATURES_M.contains(&stature) {
             counts.wrong_statures_m += stature;
             if stature < *STATURES_M.start() {
@@ -102,9 +123,8 @@ impl Diagnosed<'_> {
             }
             return;
         }
-        if head_is_below_hips(&body) {
-            counts.upside_down += 1;
-        }
+        let is_upside_down = head_is_below_hips(&body);
+        counts.upside_down += u64::from(is_upside_down);
         let lowest_m = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
         let middle = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
         let inside =
@@ -112,7 +132,8 @@ impl Diagnosed<'_> {
         if !is_plausible(&mut body) {
             counts.misshapen += 1;
         } else if lowest_m < self.field.floor_m - UNDER_FLOOR_M {
-            counts.under_floor += 1;
+            // A mirror image in a floor is told of as standing on its head.
+            counts.under_floor += u64::from(!is_upside_down);
         } else if inside {
             counts.people += 1;
         } else {
@@ -123,6 +144,24 @@ impl Diagnosed<'_> {
             }
         }
     }
+}
+
+/// Whether the nose is ahead of the shoulders; `None` where that is not clear, or the trunk is not upright.
+///
+/// ```text
+///   f = u x (r - l)             u: from the middle of the hips to that of the shoulders l and r; f is ahead of who is right
+///   (n - (l + r)/2) . f > 0     n: the nose
+/// ```
+fn has_the_nose_ahead(body: &ObservedJoints) -> Option<bool> {
+    let at_m = |joint: Joint| body.position_m(joint);
+    let [left_m, right_m] = [at_m(Joint::LeftShoulder)?, at_m(Joint::RightShoulder)?];
+    let shoulders_m = 0.5 * (left_m + right_m);
+    let up = shoulders_m - 0.5 * (at_m(Joint::LeftHip)? + at_m(Joint::RightHip)?);
+    let ahead = up.cross(&(right_m - left_m));
+    let to_nose_m = at_m(Joint::Nose)? - shoulders_m;
+    let part = to_nose_m.dot(&ahead) / (to_nose_m.norm() * ahead.norm());
+    let is_clear = up.z >= UPRIGHT * up.norm() && part.abs() >= CLEARLY;
+    is_clear.then_some(part > 0.0)
 }
 
 fn head_is_below_hips(body: &ObservedJoints) -> bool {

@@ -9,7 +9,7 @@ use nalgebra::{Vector2, Vector3};
 use super::super::geometry::{SightLines, meeting};
 use super::super::pairs::{CameraRays, Partners, cost};
 use super::super::refit::for_each_body;
-use super::super::samples::Burst;
+use super::super::samples::{Burst, COMPARED};
 use crate::assign::assign;
 
 /// What it costs to take a keypoint for another: those of a face lie together.
@@ -75,7 +75,7 @@ pub(super) fn keypoint_order(
     let mut costs = Costs::none(partners.len());
     for other in others {
         for (bodies, theirs) in own.of_pass.iter().zip(&other.of_pass) {
-            for body in bodies {
+            for body in bodies.iter().take(COMPARED) {
                 let gap_m = |them: &Vec<Vector3<f64>>| middles_gap_m((own, body), (other, them));
                 let nearest = theirs.iter().min_by(|a, b| gap_m(a).total_cmp(&gap_m(b)));
                 for (keypoint, direction) in nearest.into_iter().flatten().enumerate() {

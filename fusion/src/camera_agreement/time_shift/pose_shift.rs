@@ -172,10 +172,10 @@ impl<'a> Search<'a> {
     fn is_steady(&self, own: isize) -> bool {
         let is_compared = |pass: &&&PassSample| {
             let people = self.people_at(pass, own);
-            people.is_some_and(|p| !p.is_empty()) && !pass.of_camera[self.camera].is_empty()
+            people.is_some_and(|p| !p.is_empty()) && !pass.surest(self.camera).is_empty()
         };
         let passes: Vec<&PassSample> = self.passes.iter().filter(is_compared).copied().collect();
-        let bodies = |pass: &&PassSample| pass.of_camera[self.camera].len();
+        let bodies = |pass: &&PassSample| pass.surest(self.camera).len();
         let all: usize = passes.iter().map(bodies).sum();
         let mut shown = 0;
         let middle = passes.iter().position(|pass| {
@@ -198,7 +198,7 @@ impl<'a> Search<'a> {
         let (mut sum, mut n) = (0.0, 0);
         for pass in self.passes {
             let people = self.people_at(pass, 0);
-            for body in &pass.of_camera[self.camera] {
+            for body in pass.surest(self.camera) {
                 let seen = Sighted::of(body, KeypointHalf::All);
                 let near = seen
                     .and_then(|seen| Some((seen.cost_near(people?, self.focal_px)?, seen.len())));
@@ -247,7 +247,7 @@ impl<'a> Search<'a> {
     ) -> Vec<(f64, usize)> {
         let mut curve = vec![(0.0, 0); shifts.clone().count()];
         for pass in passes {
-            for body in &pass.of_camera[self.camera] {
+            for body in pass.surest(self.camera) {
                 let Some(seen) = Sighted::of(body, half) else {
                     continue;
                 };

@@ -279,8 +279,8 @@ fn a_calibration_in_another_unit_is_told_by_the_size_of_people() {
         lines.collect::<String>()
     };
     MistakenSample::new()
-        .replace("calibration.toml", |text| scaled(text, 1.0 / 1.6))
-        .is_told(&["everybody is 1.", "m tall", "is the calibration in metres?"]);
+        .replace("calibration.toml", |text| scaled(text, 1.0 / 1.8))
+        .is_told(&["everybody is ", "m tall", "is the calibration in metres?"]);
     MistakenSample::new()
         .replace("calibration.toml", |text| scaled(text, 0.3))
         .is_told(&["nobody was found", "sizes that people do not have"]);
@@ -388,4 +388,32 @@ fn why_nobody_was_found_is_said() {
         }
     }
     alone.is_told(&["nobody was found", "only camera north-east sighted anybody"]);
+}
+
+#[test]
+fn a_replay_says_why_nobody_was_found_in_the_words_of_the_run() {
+    let sample = MistakenSample::new().replace("venue.toml", |text| {
+        text.replace("max_m = [4.0, 4.0, 2.4]", "max_m = [4.0, 4.0, 0.3]")
+    });
+    // The slash at its end makes the folder.
+    let recordings = sample.path("recordings");
+    let finished = sample.run(&[&format!("--record={}/", recordings.display())]);
+    let said = finished.stdout.lines();
+    let said = said.skip_while(|line| *line != "nobody was found");
+    let said: Vec<&str> = said
+        .take_while(|line| *line == "nobody was found" || line.starts_with("  "))
+        .collect();
+    assert!(said.len() > 1, "{}", finished.stdout);
+    let mut files = fs::read_dir(&recordings).unwrap();
+    let file = files.next().unwrap().unwrap().path();
+    let mut replay = command();
+    replay.arg("replay").arg(&file);
+    replay.arg("--out").arg(sample.path("replayed"));
+    let replayed = finish(&replay.output().unwrap());
+    assert_eq!(replayed.code, 0, "{}", replayed.stderr);
+    assert!(
+        replayed.stdout.contains(&said.join("\n")),
+        "{}\nthe run said {said:#?}",
+        replayed.stdout
+    );
 }
