@@ -292,3 +292,22 @@ fn onto(found: &[Vector3<f64>], known: &[Vector3<f64>]) -> Result<Alignment, Str
         rms_m: Some(left_m),
     })
 }
+/// What is known of cameras without a pose, in words, and does not count: whoever gave it must not hear that nothing is
+/// known.
+pub(crate) struct Lost(pub(crate) Option<String>);
+
+impl Lost {
+    /// `what` is missing, and why though something was given.
+    pub(crate) fn found(&self, what: &str) -> String {
+        let lost = self.0.as_ref();
+        lost.map_or_else(|| what.to_owned(), |lost| format!("{what}; {lost}"))
+    }
+
+    /// What to do: `otherwise`, where nothing was lost.
+    pub(crate) fn remedy(&self, otherwise: &str) -> String {
+        if self.0.is_none() {
+            return otherwise.to_owned();
+        }
+        format!("do first what is said of the camera without a pose, or {otherwise}")
+    }
+}

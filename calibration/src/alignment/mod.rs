@@ -18,6 +18,7 @@ mod sight;
 mod similarity;
 mod wand;
 
+pub(crate) use anchors::Lost;
 pub use anchors::{Alignment, Anchors, KnownDistance, KnownPoint};
 pub use click::Click;
 pub use clicked_file::{ClickedChange, ClickedFile};

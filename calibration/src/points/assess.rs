@@ -5,9 +5,8 @@ use super::halves::{Apart, halves};
 use super::over_time::knocked_at;
 use super::refine::{bounded, noise_px};
 use super::request::{PointCamera, PointRequest};
-use super::venue::Lost;
 use crate::adjustment::{CameraState, Covariance, Problem};
-use crate::alignment::{Alignment, Anchors};
+use crate::alignment::{Alignment, Anchors, Lost};
 use crate::report::{
     CameraReport, Cause, Finding, PictureCoverage, Report, empty_picture, finding,
     other_focal_length, uncertain_place,

@@ -23,7 +23,7 @@ pub(crate) use halves::{Apart, halves};
 pub(crate) use outcome::check_anchors;
 pub(crate) use over_time::knocked_at;
 pub(crate) use refine::freedom;
-pub(crate) use venue::{Laid, Lost, of_anchors};
+pub(crate) use venue::{Laid, of_anchors};
 
 pub use error::CalibrationError;
 pub use file::{Sighting, parse, parse_multicamselfcal};

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::assess::Found;
 use super::request::Timing;
 use crate::adjustment::CameraState;
-use crate::alignment::{Alignment, Anchors};
+use crate::alignment::{Alignment, Anchors, Lost};
 use crate::report::{CameraReport, Cause, Finding, finding};
 
 /// Distance of known places from where they were found that is doubtful: metres, and standard deviations of the places.
@@ -53,26 +53,6 @@ impl Laid<'_> {
             }
         }
         most
-    }
-}
-
-/// What is known of cameras without a pose, in words, and does not count: whoever gave it must not hear that nothing is
-/// known.
-pub(crate) struct Lost(pub(crate) Option<String>);
-
-impl Lost {
-    /// `what` is missing, and why though something was given.
-    pub(crate) fn found(&self, what: &str) -> String {
-        let lost = self.0.as_ref();
-        lost.map_or_else(|| what.to_owned(), |lost| format!("{what}; {lost}"))
-    }
-
-    /// What to do: `otherwise`, where nothing was lost.
-    pub(crate) fn remedy(&self, otherwise: &str) -> String {
-        if self.0.is_none() {
-            return otherwise.to_owned();
-        }
-        format!("do first what is said of the camera without a pose, or {otherwise}")
     }
 }
 

@@ -125,7 +125,7 @@ fn a_recording_is_no_file_of_poses_and_what_makes_one_of_it_is_said() {
     assert!(refused(&args).contains("or the folder of its truth.jsonl"));
 }
 
-/// Somebody who goes to and fro: 60 ticks of a hip, in units of which a metre has `scale`.
+/// Somebody who goes to and fro: 60 ticks of some joints, in units of which a metre has `scale`.
 fn swaying(late: i64, scale: f64) -> String {
     let line = |tick: i64| {
         let t = (tick - late) as f64;
@@ -133,8 +133,16 @@ fn swaying(late: i64, scale: f64) -> String {
             0.6 * scale * (0.1 * t).sin(),
             0.4 * scale * (0.17 * t).cos(),
         );
-        let line = LINE.replace(": 5", &format!(": {tick}"));
-        line.replace("[0, 0, 1]", &format!("[{x_m}, {y_m}, {scale}]"))
+        let joints = ["hip", "knee", "shoulder"].iter().enumerate();
+        let joints = joints.flat_map(|(i, joint)| {
+            let z_m = scale * (0.5 + 0.4 * i as f64);
+            [("left", 0.1), ("right", -0.1)].map(|(side, aside)| {
+                let x_m = x_m + aside * scale;
+                format!("\"{side}_{joint}\": [{x_m}, {y_m}, {z_m}]")
+            })
+        });
+        let joints = joints.collect::<Vec<String>>().join(", ");
+        format!("{{\"tick\": {tick}, \"person\": 1, \"joints\": {{{joints}}}}}\n")
     };
     (0..60).map(line).collect()
 }

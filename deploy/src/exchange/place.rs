@@ -267,7 +267,7 @@ mod tests {
             fs::write(folder.path().join(name), "").unwrap();
         }
         let error = Place::of(folder.path()).unwrap_err().to_string();
-        let remedy = format!("--out {} makes its files whole", folder.path().display());
+        let remedy = format!("--out {}` makes its files whole", folder.path().display());
         assert!(
             error.contains("its run was killed") && error.contains(&remedy),
             "{error}"

@@ -2,10 +2,10 @@
 //! length of a metre.
 
 use super::found::Found;
+use crate::alignment::Lost;
 use crate::people::plan::USUAL_STATURE_M;
 use crate::people::start::ground::LEAST_BODIES;
 use crate::people::venue::Scale;
-use crate::points::Lost;
 use crate::report::{Cause, Finding, finding};
 use farfield_proto::order_statistics::{percentile, upper_median};
 

@@ -222,7 +222,10 @@ fn what_is_wrong_with_the_command_is_told_before_any_picture_is_looked_at() {
             &["--at", "norht=0,0,3"],
             "--distance: unknown camera `norht`, expected one of east, north, west",
         ),
-        (&["--at", "north=0,0,nan"], "known place of `north`: found"),
+        (
+            &["--at", "north=0,0,3"],
+            "--at says twice where camera `north` stands",
+        ),
         (&["--distance", "north,suoth=3"], "unknown camera `suoth`"),
         (
             &["--distance", "north,north=3"],

@@ -12,6 +12,8 @@ const ALONG: f64 = 0.99;
 const UNIT_SHARE: f64 = 0.02;
 /// What rounding leaves of parts that change nothing: radians, and a share of a scale.
 const NOTHING: f64 = 1e-6;
+/// By how much a fit leaves a plain mirror askew, radians.
+const MIRROR_ASKEW_RAD: f64 = 0.05;
 /// What rounds to nothing at two decimals.
 const ROUNDED_AWAY: f64 = 0.005;
 
@@ -72,7 +74,7 @@ fn of_turn(turn: &Matrix3<f64>) -> Vec<String> {
     let mirrored = least.map(|(axis, rotation)| {
         let said = [
             Some(format!("mirrored along {axis}")),
-            of_rotation(&rotation),
+            of_rotation(&rotation).filter(|_| angle_rad(&rotation) > MIRROR_ASKEW_RAD),
         ];
         said.into_iter().flatten().collect()
     });
@@ -115,7 +117,8 @@ fn other_axes(rotation: &Matrix3<f64>) -> Option<String> {
         let sign = if row[at] < 0.0 { "-" } else { "" };
         names.push(format!("{sign}{}", AXES[at]));
     }
-    Some(names.join(", "))
+    let are_others = names != AXES;
+    are_others.then(|| names.join(", "))
 }
 
 fn of_shift(shift_m: Vector3<f64>) -> Option<String> {
