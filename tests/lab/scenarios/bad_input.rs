@@ -205,6 +205,33 @@ fn a_person_given_with_a_keypoint_that_the_network_does_not_know_is_refused() {
     );
 }
 
+#[test]
+fn pictures_in_which_nobody_can_be_found_are_refused() {
+    // Symptom: the run went through, found nobody, and asked whether the detector was the right one.
+    let Some(sample) = video_sample("no detector") else {
+        return;
+    };
+    is_refused(
+        &sample,
+        &[],
+        &["venue.toml", "`detector`", "[[person]]", "models/CARD.toml"],
+    );
+}
+
+#[test]
+fn one_viewpoint_alone_is_refused() {
+    let sample = SampleFolder::new();
+    for name in ["north-west", "south-west", "south-east"] {
+        let viewpoint = format!("[[viewpoint]]\nname = \"{name}\"\n");
+        sample.replace("venue.toml", &viewpoint, "");
+    }
+    is_refused(
+        &sample,
+        &[],
+        &["venue.toml", "there is one viewpoint", "[[viewpoint]]"],
+    );
+}
+
 /// A venue of four short videos with the small network of the tests, or `None` without ffmpeg.
 fn video_sample(scenario: &str) -> Option<SampleFolder> {
     let sample = SampleFolder::new();

@@ -78,9 +78,12 @@ fn the_demo_without_pixels_follows_four_players_and_says_how_well() {
         "   1.0 of 1.5 s   4 of 4 people tracked",
         "MPJPE",
         "identity: switches 0",
+        "skeletons over the pictures: ",
     ] {
         assert!(said.stdout.contains(words), "{words:?} in\n{}", said.stdout);
     }
+    // Nobody asked for it: of the middle tick.
+    assert!(out.join("overlay_north-east-1_22.png").is_file());
     // The venue that the demo made is one like any other, and the same run gives the same bytes.
     let again = dir.path().join("again");
     run(&out.join("venue/venue.toml"), &again, &[]);

@@ -3,6 +3,8 @@
 use std::fs;
 use std::process::Command;
 
+use serde_json::Value;
+
 use super::{lines, says};
 use crate::data::SampleFolder;
 use crate::farfield::FinishedCommand;
@@ -35,7 +37,7 @@ type Mistake<'a> = (&'a str, &'a str, &'a str, &'a str, &'a [&'a str]);
 #[test]
 fn mistakes_are_found_without_a_run() {
     let north_east = "path = \"north-east.jsonl\"";
-    let mistakes: [Mistake<'_>; 6] = [
+    let mistakes: [Mistake<'_>; 8] = [
         (
             "calibration.toml",
             "distortions = [-0.08, 0.02",
@@ -72,6 +74,20 @@ fn mistakes_are_found_without_a_run() {
             &["north-east", "distortion"],
         ),
         (
+            "calibration.toml",
+            "matrix = [[1050.0",
+            "matrix = [[1155.0",
+            "warning",
+            &["north-east", "fx is 1155 px and fy 1050 px", "`matrix`"],
+        ),
+        (
+            "venue.toml",
+            "[[viewpoint]]\nname = \"north-west\"\n",
+            "",
+            "warning",
+            &["`north-west`", "9.0 m from `north-east`", "[[viewpoint]]"],
+        ),
+        (
             "venue.toml",
             "calibration = \"calibration.toml\"",
             "calibration = \"calibration.toml\"\n[security]\ncertificates = \"certs\"",
@@ -91,6 +107,23 @@ fn mistakes_are_found_without_a_run() {
         );
         assert!(says(&said, verdict, words), "{to}: {said:#?}");
     }
+}
+
+#[test]
+fn a_venue_of_one_viewpoint_fails() {
+    let folder = SampleFolder::new();
+    for name in ["north-west", "south-west", "south-east"] {
+        let viewpoint = format!("[[viewpoint]]\nname = \"{name}\"\n");
+        folder.replace("venue.toml", &viewpoint, "");
+    }
+    let finished = check(&folder);
+    assert_eq!(finished.code, 1, "{}", finished.stderr);
+    let words = ["there is one viewpoint", "`[[viewpoint]]`"];
+    assert!(
+        says(&lines(&finished), "failed", &words),
+        "{}",
+        finished.stdout
+    );
 }
 
 #[test]
@@ -124,6 +157,37 @@ fn recordings_of_different_lengths_are_told_with_the_ticks_that_all_have() {
         "{}",
         finished.stdout
     );
+}
+
+/// As a tracker of half the rate leaves it: every frame is written twice.
+#[test]
+fn keypoints_that_are_held_are_told_of_by_a_check_and_a_run() {
+    let folder = SampleFolder::new();
+    let text = fs::read_to_string(folder.path("south-east.jsonl")).unwrap();
+    let frames: Vec<Value> = text
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let held = |tick: usize| {
+        let mut frame = frames[tick - tick % 2].clone();
+        frame["tick"] = tick.into();
+        format!("{frame}\n")
+    };
+    let held: String = (0..frames.len()).map(held).collect();
+    fs::write(folder.path("south-east.jsonl"), held).unwrap();
+    let told = "camera `south-east`: 60 of 120 lines";
+    let finished = check(&folder);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
+    let words = [told, "15.0 pictures per second, written at 30", "`rate_hz`"];
+    assert!(
+        says(&lines(&finished), "warning", &words),
+        "{}",
+        finished.stdout
+    );
+    let finished = folder.farfield(&["run", "venue.toml", "--out", "out", "--ticks", "0..5"]);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
+    let doubt = format!("doubtful: {told}");
+    assert!(finished.stderr.contains(&doubt), "{}", finished.stderr);
 }
 
 #[test]

@@ -80,6 +80,35 @@ fn an_onnx_runtime_that_is_not_there_or_is_none_is_found() {
 }
 
 #[test]
+fn a_temporary_folder_that_is_not_there_is_found_and_no_venue_is_blamed() {
+    let folder = tempfile::tempdir().unwrap();
+    let finished = doctor(
+        folder.path(),
+        |it| {
+            it.env("TMPDIR", "/nowhere");
+        },
+        &[],
+    );
+    assert_eq!(finished.code, 1);
+    let said = lines(&finished);
+    let words = ["no temporary folder", "/nowhere", "set TMPDIR"];
+    assert!(says(&said, "failed", &words), "{said:#?}");
+    assert!(!says(&said, "failed", &["correct `network`"]), "{said:#?}");
+}
+
+#[test]
+fn both_networks_are_run_and_timed() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = lines(&doctor(folder.path(), |_| (), &[]));
+    for words in [
+        ["network of the demo", "crops per second"],
+        ["detector of the demo", "ms per picture of"],
+    ] {
+        assert!(says(&said, "ok", &words), "{words:?}: {said:#?}");
+    }
+}
+
+#[test]
 fn a_search_path_without_ffmpeg_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let finished = doctor(
@@ -141,6 +170,14 @@ fn the_network_of_a_venue_that_is_not_there_is_found_and_a_venue_that_is_not_is_
         "{}",
         finished.stdout
     );
+    folder.replace("venue.toml", "network = ", "detector = ");
+    let finished = doctor(folder.folder(), |_| (), &["venue.toml"]);
+    assert_eq!(finished.code, 1);
+    let words = ["models/no.toml", "correct `detector`"];
+    let said = lines(&finished);
+    assert!(says(&said, "failed", &words), "{said:#?}");
+    // They were looked for meanwhile.
+    assert_eq!(said.last().unwrap()[0], "nodes", "{said:#?}");
     let finished = doctor(folder.folder(), |_| (), &["no.toml"]);
     assert_eq!(finished.code, 2, "{}", finished.stderr);
 }

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::data::SampleFolder;
+use crate::data::{SampleFolder, checkout};
 
 #[test]
 fn a_folder_of_recordings_and_a_calibration_become_a_venue_that_runs() {
@@ -83,6 +83,33 @@ fn what_is_missing_is_refused_with_the_flag_or_the_names() {
         &["--rate", "30"],
         &["no calibration is in .", "--calibration"],
     );
+}
+
+#[test]
+fn a_card_that_is_none_or_of_another_network_is_refused_before_a_file_is_written() {
+    let folder = SampleFolder::new();
+    fs::remove_file(folder.path("venue.toml")).unwrap();
+    let card = checkout().join("edge/testdata/hues17_128x96.toml");
+    let card = card.to_str().unwrap();
+    for (args, words) in [
+        (["--network", "no.toml"], ["the card", "no.toml"]),
+        (
+            ["--network", "calibration.toml"],
+            ["calibration.toml", "kind"],
+        ),
+        (["--detector", card], [card, "expected \"detector\""]),
+    ] {
+        let finished = folder.farfield(&[&["init", ".", "--rate", "30"], &args[..]].concat());
+        assert_eq!(finished.code, 2, "{}", finished.stdout);
+        for word in words {
+            assert!(
+                finished.stderr.contains(word),
+                "{word}: {}",
+                finished.stderr
+            );
+        }
+        assert!(!folder.path("venue.toml").exists());
+    }
 }
 
 #[test]

@@ -9,8 +9,10 @@
 mod cameras;
 mod clocks;
 mod edges;
+mod edits;
 mod fusion;
 mod hostile;
+mod joined;
 mod links;
 mod page;
 mod recording;

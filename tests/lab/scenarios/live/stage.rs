@@ -200,7 +200,12 @@ fn scene() -> Scene {
     Scene::parse(SCENE, Path::new("scene.toml"), &mut { clip }).unwrap()
 }
 
-fn write_venue(folder: &Path, failures: &[(usize, CameraFailure)], parameters: &str) -> PathBuf {
+/// Writes the venue, whose recordings repeat for ever; its file.
+pub(super) fn write_venue(
+    folder: &Path,
+    failures: &[(usize, CameraFailure)],
+    parameters: &str,
+) -> PathBuf {
     let scene = Arc::new(scene());
     let course = Course::new(&scene, &scene.ticks(), true);
     let crowd = Arc::new(SceneCrowd::new(Arc::clone(&scene)));

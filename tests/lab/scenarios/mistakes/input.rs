@@ -202,7 +202,7 @@ fn a_calibration_that_is_wrong_is_refused_by_file_and_field() {
     ]);
 }
 
-fn millimetres(folder: &Path) {
+pub(super) fn millimetres(folder: &Path) {
     let text = fs::read_to_string(folder.join("calibration.toml")).unwrap();
     let lines = text.lines().map(|line| {
         let Some(numbers) = line.strip_prefix("translation = [") else {

@@ -239,7 +239,12 @@ fn imports_and_exports_of_the_wrong_things_are_refused() {
         usage(
             "the person of another run",
             "export good --format csv --person 9",
-            &["found person 9", "[1, 2]"],
+            &["--person: found person 9", "[1, 2]"],
+        ),
+        usage(
+            "ticks of another run",
+            "export good --format csv --ticks 500..600",
+            &["--ticks: found ticks 500..600", "0..120"],
         ),
         usage(
             "a venue in place of a run",
@@ -249,7 +254,7 @@ fn imports_and_exports_of_the_wrong_things_are_refused() {
         usage(
             "marks where there is no place for them",
             "export good --format bvh --gaps mark",
-            &["bvh", "kept or filled"],
+            &["--gaps: bvh", "kept or filled"],
         ),
         usage(
             "a program that has no preset",
@@ -306,12 +311,12 @@ fn people_who_are_called_wrongly_are_refused() {
         usage(
             "a merge with oneself",
             "people good merge 1 --into 1",
-            &["expected another"],
+            &["merge 1 --into 1: found 1, expected another"],
         ),
         usage(
             "a merge of two who are both there",
             "people good merge 2 --into 1",
-            &["both at ticks 0 to 119"],
+            &["merge 2 --into 1: found persons", "both at ticks 0 to 119"],
         ),
         usage(
             "a split after the end",
@@ -321,7 +326,12 @@ fn people_who_are_called_wrongly_are_refused() {
         usage(
             "an undo of nothing",
             "people good undo",
-            &["no edit in force"],
+            &["undo: there is no edit in force"],
+        ),
+        usage(
+            "an undo of an edit that is not there",
+            "people good undo 4",
+            &["undo 4: found 4", "`farfield people RUN` lists edits"],
         ),
         usage(
             "a body without a name",
@@ -387,7 +397,18 @@ fn streams_pages_and_fisheyes_that_cannot_be_are_refused() {
         usage(
             "a page for everybody",
             "run venue.toml --out out --page=0.0.0.0:8080",
-            &["other machines", "farfield certs"],
+            &["--page=0.0.0.0:8080", "other machines", "farfield certs"],
+        ),
+        usage(
+            "a page of a fusion for everybody",
+            "fusion venue.toml --page=0.0.0.0:8080",
+            &["--page=0.0.0.0:8080", "other machines", "farfield certs"],
+        ),
+        made(
+            "a page at all addresses of a machine without a name",
+            |f| farfield(f, "certs venue.toml --out certs"),
+            "fusion venue.toml --certificates certs --page=0.0.0.0:8080",
+            &["--page=0.0.0.0:8080", "--page-name NAME"],
         ),
         usage(
             "a page at a port alone",

@@ -3,6 +3,7 @@
 use std::fs;
 
 use super::folder::{change_lines, change_ticks, keep_lines, nothing, write};
+use super::input::millimetres;
 use super::{Mistake, are_told};
 use crate::farfield::{command, finish};
 
@@ -65,6 +66,16 @@ fn a_command_line_that_is_wrong_is_refused_with_what_was_expected() {
             "a recording nowhere",
             "run venue.toml --out out --record no/such/a.mcap",
             &["no/such"],
+        ),
+        usage(
+            "a folder of recordings where a file is",
+            "run venue.toml --out out --record truth.jsonl/",
+            &["truth.jsonl is a file", "expected a folder"],
+        ),
+        usage(
+            "a drawing over the truth",
+            "evaluate good/poses.jsonl truth.jsonl --plot ./good/../truth.jsonl",
+            &["--plot", "truth.jsonl"],
         ),
         usage(
             "an endpoint without a protocol",
@@ -194,6 +205,38 @@ fn recordings_and_keys_that_are_asked_for_wrongly_are_refused() {
             "a parameter in words",
             "replay good/recording.mcap --out out --set smoothing.cutoff_hz=fast",
             &["smoothing.cutoff_hz", "fast"],
+        ),
+        usage(
+            "a fusion's folder of recordings where a file is",
+            "fusion venue.toml --record good/poses.jsonl/deeper/",
+            &["good/poses.jsonl is a file"],
+        ),
+        usage(
+            "a recorder's folder where a file is",
+            "record venue.toml --out good/poses.jsonl/",
+            &["good/poses.jsonl is a file"],
+        ),
+        usage(
+            "a picture of a tick that was not recorded",
+            "replay good/recording.mcap --overlay=500",
+            &["`--overlay` 500 is outside the ticks"],
+        ),
+        usage(
+            "a calibration that is not there",
+            "replay good/recording.mcap --out out --overlay --calibration no.toml",
+            &["no.toml"],
+        ),
+        Mistake {
+            what: "a calibration in millimetres",
+            make: millimetres,
+            words: "replay good/recording.mcap --out out --calibration calibration.toml",
+            code: 2,
+            told: &["calibration.toml", "millimetres"],
+        },
+        usage(
+            "a replay's page for everybody",
+            "replay good/recording.mcap --out out --page=0.0.0.0:8080",
+            &["--page", "this machine alone", "ssh -L"],
         ),
         usage(
             "a life that is not there",

@@ -8,20 +8,24 @@ use crate::farfield::{command, farfield, finish, run};
 
 /// What the C library is told, so that it takes the functions of a processor without fused multiply-add.
 const WITHOUT_FMA: (&str, &str) = ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-AVX2,-FMA");
-/// So many ticks that the last bit of a function of the C library has come to light in a published pose.
-const TICKS: &str = "0..300";
+/// Two people who dance: so many ticks that the last bit of a function of the C library has come to light in a published
+/// pose.
+const COUPLE: (&str, u32) = ("hug", 300);
+/// Five people: from four on also what is decided between them is decided on several threads.
+const FIVE: (&str, u32) = ("five", 90);
 
-/// Two people who dance, in maps, recorded.
-fn recorded(dir: &Path) -> (PathBuf, PathBuf) {
+/// A scene in maps, run over so many ticks and recorded: the recording, and the folder of the run.
+fn recorded(dir: &Path, (scene, ticks): (&str, u32)) -> (PathBuf, PathBuf) {
     let (venue, out) = (dir.join("venue"), dir.join("run"));
-    let scene = checkout().join("tests/scenes/hug.toml");
+    let scene = checkout().join(format!("tests/scenes/{scene}.toml"));
+    let ticks = format!("0..{ticks}");
     let made = farfield(&[
         "simulate".as_ref(),
         scene.as_os_str(),
         "--as".as_ref(),
         "maps".as_ref(),
         "--ticks".as_ref(),
-        TICKS.as_ref(),
+        ticks.as_ref(),
         "--out".as_ref(),
         venue.as_os_str(),
     ]);
@@ -30,17 +34,12 @@ fn recorded(dir: &Path) -> (PathBuf, PathBuf) {
     (out.join("recording.mcap"), out)
 }
 
-#[test]
-fn a_replay_has_the_same_bits_without_fma_and_on_any_number_of_threads() {
+/// Solves a scene's recording again with each of these settings: every tick has the bits that were published.
+fn replayed(scene: (&str, u32), settings: &[(&str, &str)]) {
     let dir = tempfile::tempdir().unwrap();
-    let (recording, out) = recorded(dir.path());
+    let (recording, out) = recorded(dir.path(), scene);
     let poses = |out: &Path| fs::read(out.join("poses.jsonl")).unwrap();
-    let settings = [
-        WITHOUT_FMA,
-        ("RAYON_NUM_THREADS", "1"),
-        ("RAYON_NUM_THREADS", "8"),
-    ];
-    for (index, (name, value)) in settings.into_iter().enumerate() {
+    for (index, (name, value)) in settings.iter().enumerate() {
         let again = dir.path().join(format!("again-{index}"));
         let mut replay = command();
         replay.arg("replay").arg(&recording).arg("--json");
@@ -49,10 +48,18 @@ fn a_replay_has_the_same_bits_without_fma_and_on_any_number_of_threads() {
         assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
         let said: serde_json::Value = serde_json::from_str(&finished.stdout).unwrap();
         let counts = ["same_ticks", "different_ticks"].map(|count| &said["replay"][count]);
-        assert_eq!(counts, [300, 0], "with {name}={value}");
+        assert_eq!(counts, [scene.1, 0], "{}: with {name}={value}", scene.0);
         assert!(
             poses(&again) == poses(&out),
-            "poses.jsonl differs with {name}={value}"
+            "{}: poses.jsonl differs with {name}={value}",
+            scene.0
         );
     }
+}
+
+#[test]
+fn a_replay_has_the_same_bits_without_fma_and_on_any_number_of_threads() {
+    replayed(COUPLE, &[WITHOUT_FMA, ("RAYON_NUM_THREADS", "8")]);
+    let threads = ["1", "2", "8"].map(|n| ("RAYON_NUM_THREADS", n));
+    replayed(FIVE, &threads);
 }
