@@ -46,7 +46,9 @@ impl AgreementReport {
             .map(|(name, camera)| {
                 let sighted = self.sighted.by_camera.get(name).copied().unwrap_or(0);
                 let is_compared = camera.is_known() && camera.keypoints > 0;
-                let is_told = self.disagreements.iter().any(|d| d.cameras.contains(name));
+                // What is told of all of them is told of each.
+                let is_told = |d: &Disagreement| d.cameras.is_empty() || d.cameras.contains(name);
+                let is_told = self.disagreements.iter().any(is_told);
                 let alone = if is_compared || is_told {
                     String::new()
                 } else if sighted == 0 {
