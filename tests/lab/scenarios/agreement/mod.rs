@@ -278,9 +278,14 @@ fn a_calibration_in_another_unit_is_told_by_the_size_of_people() {
             });
         lines.collect::<String>()
     };
-    MistakenSample::new()
-        .replace("calibration.toml", |text| scaled(text, 1.0 / 1.8))
-        .is_told(&["everybody is ", "m tall", "is the calibration in metres?"]);
+    for (factor, stature) in [
+        (1.0 / 1.6, "everybody is 1."),
+        (1.0 / 1.8, "everybody is 0.9"),
+    ] {
+        MistakenSample::new()
+            .replace("calibration.toml", |text| scaled(text, factor))
+            .is_told(&[stature, "m tall", "is the calibration in metres?"]);
+    }
     MistakenSample::new()
         .replace("calibration.toml", |text| scaled(text, 0.3))
         .is_told(&["nobody was found", "sizes that people do not have"]);

@@ -265,6 +265,33 @@ fn what_is_wrong_with_the_command_is_told_before_any_picture_is_looked_at() {
 }
 
 #[test]
+fn a_known_place_that_is_no_number_is_told_before_any_picture_is_looked_at() {
+    let recorded = tempfile::tempdir().unwrap();
+    let recordings = recorded.path().join("recordings");
+    for (name, _) in CAMERAS_M {
+        record_nothing(&recordings, name);
+    }
+    let place = workplace();
+    let words = words(&recordings, &[]).into_iter();
+    let words = words.map(|word| {
+        if word.starts_with("--at=north=") {
+            return "--at=north=0,0,nan".to_owned();
+        }
+        word
+    });
+    let mut calibrate = command();
+    calibrate.args(words).current_dir(place.path());
+    let refused = finish(&calibrate.output().unwrap());
+    assert_eq!(refused.code, 2, "{}", refused.stderr);
+    assert!(
+        refused.stderr.contains("known place of `north`: found"),
+        "{}",
+        refused.stderr
+    );
+    assert!(!place.path().join("seen").exists());
+}
+
+#[test]
 fn a_camera_that_saw_nothing_is_known_and_has_no_pose() {
     let recorded = tempfile::tempdir().unwrap();
     let recordings = recorded.path().join("recordings");

@@ -59,7 +59,7 @@ fn replayed(scene: (&str, u32), settings: &[(&str, &str)]) {
 
 #[test]
 fn a_replay_has_the_same_bits_without_fma_and_on_any_number_of_threads() {
-    replayed(COUPLE, &[WITHOUT_FMA, ("RAYON_NUM_THREADS", "8")]);
-    let threads = ["1", "2", "8"].map(|n| ("RAYON_NUM_THREADS", n));
-    replayed(FIVE, &threads);
+    let [one, two, eight] = ["1", "2", "8"].map(|n| ("RAYON_NUM_THREADS", n));
+    replayed(COUPLE, &[WITHOUT_FMA, one, eight]);
+    replayed(FIVE, &[one, two, eight]);
 }
