@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::export::Layout;
 use farfield_fusion::export::line::PoseLine;
-use farfield_fusion::node::{is_written_to, pose_layout, recorded_venue};
+use farfield_fusion::node::{pose_layout, recorded_venue, without_end};
 use farfield_fusion::pipeline::Pipeline;
 use farfield_fusion::recording::published::{Published, PublishedTicks, published};
 use farfield_node::process::say;
@@ -18,7 +18,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use tempfile::TempDir;
 
-use super::place::{POSES, SUMMARY, folder_of};
+use super::place::{POSES, SUMMARY};
 
 /// A recording, read through once.
 pub(crate) struct RecordedRun {
@@ -142,48 +142,9 @@ impl RecordedRun {
     }
 }
 
-/// Why the recording at `path` has no end, of which so many bytes can be read of so many that it has. Outside of the folder of a
-/// run nobody knows whether somebody writes to it.
-fn without_end(path: &Path, [read, all]: [u64; 2]) -> String {
-    if is_written_to(folder_of(path)) {
-        format!("its run goes on, and the recording with it: its first {read} bytes are read")
-    } else if read < all {
-        format!("the recording was cut off: {read} of its {all} bytes can be read")
-    } else {
-        format!(
-            "the recording has no end: it is still being written, or who wrote it was killed; all of its {all} bytes can be read"
-        )
-    }
-}
-
 fn read(path: &Path, visit: &mut dyn FnMut(PoseSet)) -> anyhow::Result<Published> {
     let shown = path.display();
     let file = File::open(path).with_context(|| format!("opening the recording {shown}"))?;
     let read = published(&mut BufReader::new(file), visit);
     read.map_err(|error| anyhow!("{shown}: {error}"))
-}
-
-#[cfg(test)]
-mod tests {
-    use farfield_fusion::node::FolderClaim;
-
-    use super::*;
-
-    #[test]
-    fn only_of_what_cannot_be_read_is_said_that_it_was_cut_off() {
-        let folder = tempfile::tempdir().unwrap();
-        let recording = folder.path().join("out/hall.mcap");
-        let told = |read| without_end(&recording, [read, 900]);
-        assert_eq!(
-            told(640),
-            "the recording was cut off: 640 of its 900 bytes can be read"
-        );
-        assert!(told(900).contains("it is still being written, or who wrote it was killed"));
-        let claim = FolderClaim::take(recording.parent(), "hall").unwrap();
-        for read in [640, 900] {
-            let told = told(read);
-            assert!(told.starts_with("its run goes on"), "{told}");
-        }
-        drop(claim);
-    }
 }

@@ -3,17 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
+use farfield_node::files::in_place_of_folder;
 
 /// Refuses a `folder`, which `option` names, that cannot be one: a file is there, or above it.
 ///
 /// # Errors
 /// Names the option and the file.
 pub(crate) fn check_folder(option: &str, folder: &Path) -> anyhow::Result<()> {
-    // Without a slash at its end, which would hide a file.
-    let folder: PathBuf = folder.components().collect();
-    let is_there = |it: &&Path| it.symlink_metadata().is_ok();
-    let there = folder.ancestors().find(is_there);
-    if let Some(file) = there.filter(|it| !it.is_dir()) {
+    if let Some(file) = in_place_of_folder(folder) {
         bail!(
             "{option} {}: {} is a file, expected a folder",
             folder.display(),

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{ExitStatus, Stdio};
 
 use anyhow::Context as _;
-use farfield_fusion::node::Report;
+use farfield_fusion::node::{OWN_RECORDING, Report};
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, BufReader};
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::sync::mpsc;
@@ -117,7 +117,7 @@ impl Children {
             command.arg("--live");
         }
         if let Some(record) = &plan.record {
-            let own = || out.join("recording.mcap");
+            let own = || out.join(OWN_RECORDING);
             // In one word: whatever it is called, it is the value.
             let mut word = OsString::from("--record=");
             word.push(record.clone().unwrap_or_else(own));

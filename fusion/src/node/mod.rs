@@ -32,7 +32,9 @@ pub use self::output::claim::{FolderClaim, check_folder, is_written_to, was_kill
 pub use self::output::exporter::layout as pose_layout;
 pub use self::output::progress::{Body, LinkProgress, Progress, Report};
 pub use self::recorder_node::{RecordArgs, main as record};
-pub use self::recording::{RecordingOnDemand, RecordingsOnDemand, check_place, is_for_many};
+pub use self::recording::{
+    OWN_RECORDING, RecordingOnDemand, RecordingsOnDemand, check_place, is_for_many, without_end,
+};
 pub use self::replay::{
     ReplayArgs, main as replay, of_values, open_recording, recorded_venue, with_values,
 };

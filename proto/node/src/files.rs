@@ -3,7 +3,7 @@
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read as _};
 use std::os::unix::fs::MetadataExt as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use farfield_proto::calibration::Calibration;
 use farfield_proto::toml_file::FileError;
@@ -41,6 +41,15 @@ pub fn read_bounded(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
 pub fn read_text_bounded(path: &Path, most_bytes: u64) -> io::Result<String> {
     let text = String::from_utf8(read_bounded(path, most_bytes)?);
     text.map_err(|error| io::Error::new(ErrorKind::InvalidData, error))
+}
+
+/// What keeps `folder` from being one, there or made anew: the first above it that is there, where that is no folder.
+pub fn in_place_of_folder(folder: &Path) -> Option<PathBuf> {
+    // Without a slash at its end, which would hide a file.
+    let folder: PathBuf = folder.components().collect();
+    let is_there = |it: &&Path| it.symlink_metadata().is_ok();
+    let there = folder.ancestors().find(is_there);
+    there.filter(|it| !it.is_dir()).map(Path::to_path_buf)
 }
 
 /// Reads the venue file at `path` and the calibration that it names.

@@ -13,7 +13,7 @@ use farfield_calibration::people::{
     Detection, Keypoint, MOST_KEYPOINTS, PeopleCamera, PeopleRequest, Thinning,
 };
 use farfield_calibration::points::Timing;
-use farfield_fusion::node::recorded_venue;
+use farfield_fusion::node::{recorded_venue, without_end};
 use farfield_fusion::pipeline::Pipeline;
 use farfield_fusion::recording::is_ours;
 use farfield_fusion::recording::reader::{AnySet, Recording};
@@ -79,10 +79,10 @@ impl PeopleRecording {
         let file = File::open(path).with_context(|| format!("opening the recording {shown}"))?;
         let opened = Recording::open(BufReader::new(file));
         let recording = opened.map_err(|error| anyhow!("{shown}: {error}"))?;
-        if !recording.end().whole {
-            say(format_args!(
-                "{shown}: the recording was cut off: what can be read is taken"
-            ));
+        let end = recording.end();
+        if !end.whole {
+            let why = without_end(path, [end.read_bytes, end.file_bytes]);
+            say(format_args!("{shown}: {why}"));
         }
         let longest = recording.sessions().first();
         let longest = longest.map(|it| (it.session, it.ticks[0]));

@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf, is_separator};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_node::clock;
+use farfield_node::files::in_place_of_folder;
 
 use crate::export::EDITS;
 use crate::node::output::made_folders::MadeFolders;
 
-/// The recording among the results of its run.
-const OWN_FILE: &str = "recording.mcap";
+/// The name of a recording among the results of its run.
+pub const OWN_RECORDING: &str = "recording.mcap";
 
 /// Whether a path is that of a folder for recordings, each a new file in it: the folder is there, or a slash at the end of its
 /// path says that it is to be made.
@@ -28,11 +29,7 @@ pub fn is_for_many(path: &Path) -> bool {
 pub fn check_place(path: &Path) -> anyhow::Result<()> {
     let shown = path.display();
     if is_for_many(path) {
-        // Without its slash, which would hide a file.
-        let folder: PathBuf = path.components().collect();
-        let is_there = |it: &&Path| it.symlink_metadata().is_ok();
-        let there = folder.ancestors().find(is_there);
-        if let Some(file) = there.filter(|it| !it.is_dir()) {
+        if let Some(file) = in_place_of_folder(path) {
             bail!(
                 "recordings in {shown}: {} is a file, expected a folder",
                 file.display()
@@ -80,7 +77,7 @@ impl RecordingPlace {
     /// The file, or the folder for many, of a run whose results lie in `results`.
     pub(in crate::node) fn path(&self, results: &Path) -> PathBuf {
         match self {
-            Self::Results => results.join(OWN_FILE),
+            Self::Results => results.join(OWN_RECORDING),
             Self::At(path) => path.clone(),
         }
     }

@@ -31,6 +31,7 @@ use super::listeners::{OpenListeners, ReplayedRecording};
 use super::output::claim::{FolderClaim, check_folder};
 use super::output::export_thread::{ExportThread, missing};
 use super::output::summary_file::SummaryFile;
+use super::recording::{OWN_RECORDING, without_end};
 use super::session::mode::RunMode;
 use super::subjects::{load_subjects, recorded_subjects};
 use crate::export::summary::EventCounts;
@@ -198,7 +199,7 @@ fn subjects_of(
 pub fn open_recording(path: &Path) -> anyhow::Result<File> {
     let shown = path.display();
     if path.is_dir() {
-        let inside = path.join("recording.mcap");
+        let inside = path.join(OWN_RECORDING);
         ensure!(
             !inside.is_file(),
             "{shown}: found a folder, expected a recording: the one in it is {}",
@@ -247,10 +248,8 @@ fn open(path: &Path) -> anyhow::Result<Recording<BufReader<File>>> {
     let recording = recording.map_err(|error| anyhow!("{shown}: {error}"))?;
     let end = recording.end();
     if !end.whole {
-        say(format_args!(
-            "{shown}: the recording was cut off: {} of its {} bytes can be read",
-            end.read_bytes, end.file_bytes
-        ));
+        let why = without_end(path, [end.read_bytes, end.file_bytes]);
+        say(format_args!("{shown}: {why}"));
     }
     for (count, what) in [
         (
