@@ -46,7 +46,7 @@ impl Calibration {
     /// [`FileError`] naming file, line, table and field: broken syntax, missing or impossible
     /// numbers, a lens model that folds, cameras too far apart for metres.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
-        let file = TomlFile::parse(text, path)?;
+        let file = TomlFile::parse(text, path).map_err(|error| of_another_format(error, path))?;
         let root: Table = file.read()?;
         let mut cameras = BTreeMap::new();
         let mut rotation_lengths_rad = BTreeMap::new();
@@ -324,6 +324,18 @@ impl Entry<'_> {
             })
             .collect()
     }
+}
+
+/// What is no TOML may be a calibration as another program writes it.
+fn of_another_format(error: FileError, path: &Path) -> FileError {
+    if path.extension().is_some_and(|is| is == "toml") {
+        return error;
+    }
+    let problem = format!(
+        "{}, expected a calibration in TOML; `farfield calibrate convert` makes one of those of other programs",
+        error.problem
+    );
+    FileError { problem, ..error }
 }
 
 fn rows_text(m: &Matrix3<f64>) -> String {

@@ -25,6 +25,12 @@ const WRONG_MARKS: f64 = 4.0;
 /// The z of a picture's upper edge below which a camera looks straight up or down, and says nothing of upright.
 const LEAST_UPRIGHT: f64 = 0.1;
 
+/// From how high above the floor on cameras look down at people, metres, and the sine of how far up one looks that does not.
+const OVER_HEADS_M: f64 = 1.5;
+const LOOKS_UP: f64 = 0.05;
+/// Known places whose heights differ by no more than that lie in a plane, metres.
+const LEVEL_M: f64 = 0.5;
+
 /// Cameras that were laid in their venue, and what is known of it: whatever they were calibrated from.
 pub(crate) struct Laid<'a> {
     /// Those that have a pose, in the world of the adjustment.
@@ -60,7 +66,7 @@ impl Laid<'_> {
 /// known places, distances and marks.
 pub(crate) fn of_anchors(laid: &Laid<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
     let mut findings = Vec::new();
-    findings.extend(upright(laid));
+    findings.extend(upright(laid).or_else(|| looking_up(laid)));
     findings.extend(known_places(laid, cameras));
     findings.extend(known_distances(laid));
     findings.extend(marks(laid));
@@ -152,6 +158,34 @@ fn upright(laid: &Laid<'_>) -> Option<Finding> {
             ),
             "cameras that stand upright",
             "look for two exchanged axes or a wrong sign in the known places, and for mirrored videos",
+        )
+    })
+}
+
+/// Cameras over people's heads look down. Where y was counted from below in all sights, cameras are upright in the mirror image
+/// of known places in a plane, too, and look up.
+fn looking_up(laid: &Laid<'_>) -> Option<Finding> {
+    let states = laid.states();
+    let looks_up = |state: &CameraState| {
+        let forward = state.camera_from_world.inverse() * Vector3::z();
+        state.center_w.z > OVER_HEADS_M && forward.z > LOOKS_UP
+    };
+    let is_floor_known = laid.alignment.has_floor && laid.alignment.has_scale;
+    let heights_m = laid.anchors.centers_m.iter().map(|(_, at_m)| at_m[2]);
+    let (low_m, high_m) = heights_m.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| {
+        (low.min(z), high.max(z))
+    });
+    let is_told_by_places = high_m - low_m > LEVEL_M;
+    (is_floor_known && states.len() >= 2 && states.iter().all(looks_up)).then(|| {
+        finding(
+            "",
+            Cause::Handedness,
+            !is_told_by_places,
+            "all cameras look up, from more than 1.5 m above the floor; known places that lie in a plane fit their mirror image"
+                .to_owned(),
+            "cameras that look down at people",
+            "look whether y is counted from below in what the cameras saw, or their videos are mirrored; if they really look up, \
+             say so by a camera whose height differs by a metre from that of the others",
         )
     })
 }

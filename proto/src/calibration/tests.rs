@@ -236,3 +236,13 @@ fn a_fisheye_that_folds_within_the_part_that_is_used_is_refused() {
     // Largest at 66 degrees: beyond what is used.
     with_lens("[-0.25, 0.0, 0.0, 0.0]").unwrap();
 }
+
+#[test]
+fn what_is_no_toml_is_taken_for_the_file_of_another_program() {
+    let refused = |name: &str| {
+        let parsed = Calibration::parse("%YAML:1.0\nnames: []\n", Path::new(name));
+        parsed.unwrap_err().to_string()
+    };
+    assert!(refused("hall.yml").contains("`farfield calibrate convert`"));
+    assert!(!refused("hall.toml").contains("convert"));
+}

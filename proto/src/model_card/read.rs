@@ -15,6 +15,13 @@ use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
 /// Largest side of a network's input, pixels.
 const MAX_INPUT_SIDE: u32 = 8192;
+/// Most that a crop is larger than the body: networks are trained with 1.25, and at 2 those that were tried find other people.
+const MAX_BOX_MARGIN: f64 = 2.0;
+/// Largest number that a pixel becomes: pixels themselves reach 255, and with mean and deviation of other pixels than the scale's,
+/// half a thousand.
+const MOST_GIVEN: f32 = 300.0;
+/// Least difference between black and white in the input: networks want about 1 to 5.
+const LEAST_CONTRAST: f32 = 0.1;
 
 pub(super) fn kind_of(file: &TomlFile<'_>) -> Result<String, FileError> {
     #[derive(Deserialize)]
@@ -89,7 +96,6 @@ pub(super) fn heatmap(file: &TomlFile<'_>) -> Result<HeatmapCard, FileError> {
     let raw: RawHeatmap = file.read()?;
     let input = input(file, raw.input)?;
     check_normalize(file, &raw.normalize)?;
-    let keypoints = keypoints(file, raw.output.keypoints)?;
     for (field, side) in [("width", raw.output.width), ("height", raw.output.height)] {
         if !(1..=MAX_SIDE as u32).contains(&side) {
             let place = Place::field("output").key(field);
@@ -103,22 +109,15 @@ pub(super) fn heatmap(file: &TomlFile<'_>) -> Result<HeatmapCard, FileError> {
         let place = Place::field("output").key("peak_sigma_cells");
         check_range(file, &place, sigma_cells, 0.1, MAX_SIDE as f64)?;
     }
-    let cells = Place::field("cell_to_input");
-    check_range(
+    check_cells(
         file,
-        &cells.key("scale"),
-        raw.cell_to_input.scale,
-        1e-3,
-        1e3,
+        raw.cell_to_input,
+        &input,
+        [raw.output.width, raw.output.height],
     )?;
-    check_range(
-        file,
-        &cells.key("offset"),
-        raw.cell_to_input.offset,
-        -1e3,
-        1e3,
-    )?;
-    check_range(file, &Place::field("box_margin"), raw.box_margin, 1.0, 4.0)?;
+    let margin = Place::field("box_margin");
+    check_range(file, &margin, raw.box_margin, 1.0, MAX_BOX_MARGIN)?;
+    let keypoints = keypoints(file, raw.output.keypoints)?;
     for (name, offset) in &raw.keypoint_offsets {
         let place = Place::field("keypoint_offsets").key(name);
         if keypoints.index_of(name).is_none() {
@@ -156,6 +155,34 @@ pub(super) fn detector(file: &TomlFile<'_>) -> Result<DetectorCard, FileError> {
         output: raw.output,
         decode: raw.decode,
     })
+}
+
+/// Refuses cells that do not lie in the input: with them every keypoint would be beside where it is, by one and the same rule in
+/// all cameras.
+fn check_cells(
+    file: &TomlFile<'_>,
+    cell_to_input: CellToInput,
+    input: &NetworkInput,
+    [columns, rows]: [u32; 2],
+) -> Result<(), FileError> {
+    let place = Place::field("cell_to_input");
+    let CellToInput { scale, offset } = cell_to_input;
+    check_range(file, &place.key("scale"), scale, 1e-3, 1e3)?;
+    let sides = [(columns, input.width, "wide"), (rows, input.height, "high")];
+    for (cells, input_px, way) in sides {
+        // As many cells as pixels over the scale, or from the first pixel to the last.
+        let reach_px = scale * f64::from(cells);
+        if (reach_px - f64::from(input_px)).abs() > scale.max(1.0) {
+            return Err(file.error(
+                &place.key("scale"),
+                format!(
+                    "found {scale}, with which {cells} cells are {reach_px} pixels {way}, expected {}: the input is {input_px} pixels {way}",
+                    f64::from(input_px) / f64::from(cells)
+                ),
+            ));
+        }
+    }
+    check_range(file, &place.key("offset"), offset, -scale, scale)
 }
 
 fn network_file(file: &TomlFile<'_>, name: &str) -> Result<PathBuf, FileError> {
@@ -243,6 +270,18 @@ fn check_normalize(file: &TomlFile<'_>, normalize: &Normalize) -> Result<(), Fil
     }
     for (i, &std) in normalize.std.iter().enumerate() {
         check_range(file, &place.key("std").index(i), std.into(), 1e-6, 1e6)?;
+    }
+    for (&mean, &std) in normalize.mean.iter().zip(&normalize.std) {
+        let given = |pixel: f32| (pixel * normalize.scale - mean) / std;
+        let [black, white] = [0.0, 255.0].map(given);
+        if black.abs().max(white.abs()) > MOST_GIVEN || (white - black).abs() < LEAST_CONTRAST {
+            return Err(file.error(
+                &place,
+                format!(
+                    "a black pixel becomes {black:.3} and a white one {white:.3}, expected numbers up to {MOST_GIVEN} that are {LEAST_CONTRAST} apart: `scale` is 1 where `mean` and `std` are of pixels from 0 to 255, and 1/255 where they are of pixels from 0 to 1"
+                ),
+            ));
+        }
     }
     Ok(())
 }

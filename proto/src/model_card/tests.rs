@@ -139,7 +139,7 @@ fn what_is_wrong_is_named_with_field_and_line() {
         HEATMAP,
         "1.25",
         "nan",
-        "7: `box_margin`: found NaN, expected a number from 1 to 4",
+        "7: `box_margin`: found NaN, expected a number from 1 to 2",
     );
     check(
         HEATMAP,
@@ -165,4 +165,51 @@ fn what_is_wrong_is_named_with_field_and_line() {
         "pad = 300",
         "4: `input.pad`: found integer `300`, expected u8",
     );
+}
+
+#[test]
+fn cells_that_do_not_lie_in_the_input_are_refused() {
+    let scale = |to| refusal(HEATMAP, "scale = 4.0", to);
+    assert_eq!(
+        scale("scale = 3.0"),
+        "models/card.toml:6: `cell_to_input.scale`: found 3, with which 48 cells are 144 pixels wide, expected 4: the input is 192 pixels wide"
+    );
+    let turned = refusal(
+        HEATMAP,
+        "width = 48, height = 64",
+        "width = 64, height = 48",
+    );
+    assert!(turned.contains("64 cells are 256 pixels wide"), "{turned}");
+    let offset = refusal(HEATMAP, "offset = 0.0", "offset = 8.0");
+    assert!(
+        offset.contains("found 8, expected a number from -4 to 4"),
+        "{offset}"
+    );
+    // From the first pixel's middle to the last's, and with half a cell more.
+    for (from, to) in [
+        ("scale = 4.0", "scale = 4.06"),
+        ("offset = 0.0", "offset = 1.5"),
+    ] {
+        parse(&HEATMAP.replace(from, to)).unwrap();
+    }
+}
+
+#[test]
+fn mean_and_deviation_of_other_pixels_than_the_scales_are_refused() {
+    let of_whole_pixels = "mean = [123.7, 116.3, 103.5], std = [58.4, 57.1, 57.4]";
+    let of_shares = "mean = [0.485, 0.456, 0.406], std = [0.229, 0.224, 0.225]";
+    let scale = |scale: &str| HEATMAP.replace("scale = 0.004", scale);
+    let both = |text: &str| text.replace(of_shares, of_whole_pixels);
+    parse(&both(&scale("scale = 1.0"))).unwrap();
+    for (text, white) in [
+        (scale("scale = 1.0"), "a white one 1111."),
+        (both(&scale("scale = 0.0039")), "a white one -2.101"),
+    ] {
+        let refused = parse(&text).unwrap_err().to_string();
+        assert!(
+            refused.starts_with("models/card.toml:4: `normalize`: a black pixel"),
+            "{refused}"
+        );
+        assert!(refused.contains(white), "{refused}");
+    }
 }

@@ -26,6 +26,8 @@ pub enum Cause {
     UpsideDown,
     /// A camera's picture is turned by about 90 degrees.
     Sideways,
+    /// All cameras hang above people and look up: the calibration is a mirror image.
+    LookUp,
     /// A rotation vector is longer than half a turn.
     LongRotation,
     /// The field of view is not one of a lens with the picture's size.
@@ -62,6 +64,7 @@ impl Cause {
             Self::Height => "height",
             Self::UpsideDown => "upside_down",
             Self::Sideways => "sideways",
+            Self::LookUp => "look_up",
             Self::LongRotation => "long_rotation",
             Self::FieldOfView => "field_of_view",
             Self::PixelShape => "pixel_shape",

@@ -1,6 +1,7 @@
 //! A hall that is as it should be, and one mistake after the other in it.
 
 mod lens;
+mod look_up;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -15,6 +15,11 @@ const AGREED: f64 = 0.75;
 /// Cosine of the angle between the views of two cameras that look from different sides.
 const SIDES: f64 = 0.5;
 
+/// From how high on cameras look down at people, metres above the floor, and the sine of how far up one looks that does not:
+/// 3 degrees.
+const OVER_HEADS_M: f64 = 1.5;
+const LOOKS_UP: f64 = 0.05;
+
 /// The directions that a world's up is written in, by the words for them.
 const AXES: [(&str, [f64; 3]); 5] = [
     ("-z", [0.0, 0.0, -1.0]),
@@ -56,7 +61,25 @@ pub(super) fn findings(sights: &[Sight], field: &Field) -> Vec<Finding> {
             return vec![no_agreement(sights)];
         }
     }
-    sights.iter().filter_map(rolled).collect()
+    let rolled = sights.iter().filter_map(rolled);
+    rolled.chain(looking_up(sights, field)).collect()
+}
+
+/// All cameras hang above people's heads and look up. Of places in a plane the mirror image fits as well, and from it cameras
+/// that are upright look at the other side of the horizon.
+fn looking_up(sights: &[Sight], field: &Field) -> Option<Finding> {
+    let above_m = |sight: &Sight| sight.center_m[2] - field.floor_m;
+    let looks_up = |sight: &Sight| above_m(sight) > OVER_HEADS_M && sight.forward[2] > LOOKS_UP;
+    (sights.len() >= 2 && sights.iter().all(looks_up)).then(|| Finding {
+        camera: None,
+        cause: Cause::LookUp,
+        severity: Severity::Doubtful,
+        found: "all cameras look up, from above where people stand".to_owned(),
+        expected: "cameras that look down at people".to_owned(),
+        remedy: "the calibration is a mirror image of the venue: was y counted from below in what it was made from, were the \
+                 pictures mirrored or the known places? If they really look up (at divers, at trapezes), all is well"
+            .to_owned(),
+    })
 }
 
 /// The world has `axis` up; `None` where it is rather the cameras that hang upside down.

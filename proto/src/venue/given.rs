@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::Vector3;
+
 use super::GivenPerson;
 use super::limits::{self, MAX_COORDINATE_M};
 use super::raw::RawPerson;
@@ -10,6 +12,10 @@ use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
 /// Least keypoints of a person given by hand: those of a trunk and one more.
 const MIN_GIVEN_KEYPOINTS: usize = 5;
+/// How far the keypoints of a body are apart that are farthest: from a child of whom the trunk alone is given to a giant with
+/// raised arms, metres.
+const LEAST_EXTENT_M: f64 = 0.15;
+const MOST_EXTENT_M: f64 = 3.0;
 
 pub(super) fn given_persons(
     file: &TomlFile<'_>,
@@ -45,7 +51,22 @@ fn check_given(
             return Err(file.error(&place.key(name), format!("found {wrong}, expected metres")));
         }
     }
-    check_shows_a_body(keypoints_m).map_err(|problem| file.error(place, problem))
+    let checked = check_shows_a_body(keypoints_m).and_then(|()| check_size(keypoints_m));
+    checked.map_err(|problem| file.error(place, problem))
+}
+
+/// Who is given in other units is followed by nobody, or is a ghost.
+fn check_size(keypoints_m: &BTreeMap<String, [f64; 3]>) -> Result<(), String> {
+    let places = || keypoints_m.values().map(|m| Vector3::from(*m));
+    let apart = places().flat_map(|a| places().map(move |b| (a - b).norm()));
+    let most_m = apart.fold(0.0, f64::max);
+    if (LEAST_EXTENT_M..=MOST_EXTENT_M).contains(&most_m) {
+        return Ok(());
+    }
+    Err(format!(
+        "found keypoints up to {most_m:.2} m apart, expected those of one body, {LEAST_EXTENT_M} to {MOST_EXTENT_M} m: metres, in the \
+         world of the calibration"
+    ))
 }
 
 /// A body cannot be fitted to less, and would be missing without a word.

@@ -28,7 +28,7 @@ fn mirror(camera: &mut PointCamera) {
 }
 
 /// What is planted, and a word of what must be said of it.
-const FAULTS: [(&str, &str, Plant); 21] = [
+const FAULTS: [(&str, &str, Plant); 22] = [
     ("one video is mirrored", "c2", |request, _| {
         mirror(&mut request.cameras[2]);
     }),
@@ -41,6 +41,18 @@ const FAULTS: [(&str, &str, Plant); 21] = [
         "mirror",
         |request, truth| {
             request.cameras.iter_mut().for_each(mirror);
+            know_centers(request, truth, |c| Vector3::new(c.x, c.y, 4.0));
+        },
+    ),
+    (
+        "y is counted from below in all sightings, and the known places lie in a plane",
+        "all cameras look up",
+        |request, truth| {
+            for camera in &mut request.cameras {
+                let height = f64::from(camera.size_px[1]);
+                let seen = camera.sightings.iter_mut();
+                seen.for_each(|sighting| sighting.px[1] = height - 1.0 - sighting.px[1]);
+            }
             know_centers(request, truth, |c| Vector3::new(c.x, c.y, 4.0));
         },
     ),

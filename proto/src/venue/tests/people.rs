@@ -32,3 +32,13 @@ fn without_a_network_the_names_given_by_hand_are_those_of_coco() {
         "venues/hall.toml:12: `person[0].keypoints_m.left_sholder`: unknown keypoint `left_sholder`, did you mean `left_shoulder`?"
     );
 }
+
+#[test]
+fn a_person_given_by_hand_has_the_size_of_a_body() {
+    // Symptom to prevent: somebody given in millimetres was followed by nobody, without a word.
+    check(
+        "[0.0, 0.3, 1.6]",
+        "[0.0, 0.3, 1600.0]",
+        "31: `person[0].keypoints_m`: found keypoints up to 1599.50 m apart, expected those of one body, 0.15 to 3 m: metres, in the world of the calibration",
+    );
+}
