@@ -5,6 +5,8 @@ use farfield_edge::source::{RepeatedFrames, SourceInfo};
 
 /// Rates that differ by a greater share are not those of one clock: 59.94 and 60 differ by 1e-3, two good clocks by 1e-4.
 const APART: f64 = 2e-4;
+/// A recording whose rate is less than this share of the others' has fewer pictures than it would have to: 30 among 60.
+const SLOWER: f64 = 0.98;
 
 /// A recording at another rate than the most.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,9 +37,21 @@ impl OddRate {
     /// What mends it.
     pub(crate) fn remedy(&self) -> String {
         format!(
-            "record all cameras at one rate, or bring it to that of the others: `ffmpeg -i IN -vf fps={:.6} OUT`",
-            self.others_hz
+            "record all cameras at one rate, or {}",
+            to_one_rate(self.rate_hz, self.others_hz)
         )
+    }
+}
+
+/// How a recording comes to the rate of the others, in words. What has fewer pictures cannot get more: it would show each twice,
+/// and people who stop at every other tick.
+pub(crate) fn to_one_rate(rate_hz: f64, others_hz: f64) -> String {
+    if rate_hz < SLOWER * others_hz {
+        format!(
+            "bring all others to its rate, and the venue: `ffmpeg -i IN -vf fps={rate_hz:.6} OUT`, `rate_hz = {rate_hz:.6}`"
+        )
+    } else {
+        format!("bring it to that of the others: `ffmpeg -i IN -vf fps={others_hz:.6} OUT`")
     }
 }
 

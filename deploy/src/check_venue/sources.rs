@@ -7,6 +7,7 @@ use farfield_proto::plausibility;
 use farfield_proto::venue::{Source, Venue, VenueCamera};
 
 use super::opened::OpenedSource;
+use crate::recorded_rates::to_one_rate;
 use crate::report_lines::ReportLines;
 
 /// The group of these lines.
@@ -60,8 +61,8 @@ fn look_at(camera: &VenueCamera, source: &OpenedSource, report: &mut ReportLines
         report.warn(
             SOURCES,
             format!("{words}, turned by half a turn when it is read, as its rotation tag says"),
-            "see the picture: if it is upside down, remove the tag (`ffmpeg -display_rotation 0 -i IN -c copy OUT`); \
-             calibrate with pictures that are turned alike",
+            "see the picture: if it is upside down, remove the tag (`ffmpeg -i IN -c copy -metadata:s:v rotate=0 OUT`, from \
+             ffmpeg 6 on `ffmpeg -display_rotation 0 -i IN -c copy OUT`); calibrate with pictures that are turned alike",
         );
     } else {
         report.ok(SOURCES, words);
@@ -90,7 +91,8 @@ fn remedy(error: &SourceError, camera: &VenueCamera) -> String {
             let off_s = 3600.0 * (found_hz / expected_hz - 1.0).abs();
             format!(
                 "it would be off by {off_s:.0} s after an hour; if all cameras have this rate, write `rate_hz = {found_hz:.6}`, \
-                 else bring it to that of the others: `ffmpeg -i IN -vf fps={expected_hz} OUT`"
+                 else {}",
+                to_one_rate(*found_hz, *expected_hz)
             )
         }
         SourceError::Cut { .. } | SourceError::Ended { .. } => {

@@ -268,7 +268,12 @@ fn network(args: &InitArgs, is_needed: bool) -> anyhow::Result<Option<PathBuf>> 
 }
 
 fn card(path: &Path) -> anyhow::Result<String> {
-    fs::read_to_string(path).with_context(|| format!("reading the card {}", path.display()))
+    let shown = path.display();
+    ensure!(
+        path.extension().is_none_or(|is| is != "onnx"),
+        "{shown}: found a network, expected its card: a TOML file beside it that says what goes in and comes out (docs/venue.md)"
+    );
+    fs::read_to_string(path).with_context(|| format!("reading the card {shown}"))
 }
 
 /// Writes a file that was not there; none is there where that fails.

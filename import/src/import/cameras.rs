@@ -218,7 +218,7 @@ fn places(
             RemarkKind::Doubtful,
             format!(
                 "no name of a camera is like one of the keypoints': they were taken in their order, as Pose2Sim does: {}; \
-                 where that is wrong nobody will be found: say `--camera NAME=FOLDER`",
+                 where that is wrong nobody will be found, or skeletons are wrong: say `--camera NAME=FOLDER`",
                 pairs(seen, &names)
             ),
         ));
