@@ -16,6 +16,7 @@ use std::process::ExitCode;
 use farfield_fusion::node::{FolderClaim, is_for_many};
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, NodeError, exit_code};
+use farfield_page::server::Token;
 use farfield_proto::tick::Tick;
 
 use self::play::{DemoScript, Play};
@@ -125,12 +126,17 @@ pub(crate) fn main(args: &DemoArgs) -> ExitCode {
 fn demo(args: &DemoArgs) -> Result<Ending, NodeError> {
     let script = DemoScript::choose(args).map_err(NodeError::Refused)?;
     let mut session = Session::open()?;
+    // Who has the address of one round has that of all: a page goes on from one to the next.
+    let listeners = ListenerArgs {
+        page_token: args.is_shown().then(Token::random).flatten(),
+        ..args.listeners.clone()
+    };
     if !args.is_endless() {
-        return show(args, &script, 1, &mut session);
+        return show(args, &listeners, (&script, 1), &mut session);
     }
     for round in 1.. {
         let script = script.of_round(round);
-        if show(args, &script, round, &mut session)? == Ending::Interrupted {
+        if show(args, &listeners, (&script, round), &mut session)? == Ending::Interrupted {
             break;
         }
     }
@@ -159,11 +165,11 @@ fn recording_of(file: &Path, round: u32) -> PathBuf {
     file.with_file_name(name)
 }
 
-/// Plays `script` once, as one `round` of many, and says how good it was.
+/// Plays `script` once, as one `round` of many, heard by `listeners`, and says how good it was.
 fn show(
     args: &DemoArgs,
-    script: &DemoScript,
-    round: u32,
+    listeners: &ListenerArgs,
+    (script, round): (&DemoScript, u32),
     session: &mut Session,
 ) -> Result<Ending, NodeError> {
     let out = args.out.as_deref().map(|out| out_of(out, round));
@@ -180,7 +186,7 @@ fn show(
         record,
         set: args.set.clone(),
         overlay: Some(args.overlay.clone().flatten()),
-        listeners: args.listeners.clone(),
+        listeners: listeners.clone(),
         strict: false,
         json: false,
     })?;

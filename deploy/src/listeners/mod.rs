@@ -8,6 +8,7 @@ mod drawn;
 mod names;
 mod names_tap;
 mod page;
+pub(crate) mod page_token;
 mod record_button;
 mod replayed;
 mod sheet;
@@ -27,7 +28,7 @@ use farfield_fusion::node::{
 };
 use farfield_node::process::{NodeError, exit_code, say};
 use farfield_page::PageState;
-use farfield_page::server::HasKeys;
+use farfield_page::server::{HasKeys, Token};
 use farfield_proto::transport::Identity;
 use farfield_streams::StreamSpec;
 
@@ -56,6 +57,9 @@ pub(crate) struct ListenerArgs {
     /// A name by which browsers call this machine, for the live page.
     #[arg(long, value_name = "NAME", requires = "page", hide_short_help = true)]
     pub(crate) page_name: Vec<String>,
+    /// The token of the page of a node that is started; `None`: the node makes one.
+    #[arg(skip)]
+    pub(crate) page_token: Option<Token>,
     /// Stream poses: qtm, vmc, websocket, lsl, ...
     ///
     /// qtm, vmc, websocket, foxglove, zenoh, ros2, psn or lsl: by the protocol of that name, to this machine or to ADDRESS: an IP
@@ -174,12 +178,12 @@ impl OpenListeners for ListenerArgs {
                 .page
                 .map(|address| page::PageOfRun::of(&run, address, &given));
             let page = page.transpose()?;
-            let names = self.page_name;
+            let (names, token) = (self.page_name, page_token::of_this_node()?);
             let facts = streams::facts(&run);
             let open = move || async move {
                 let (mut said, mut served) = (Vec::new(), Served::default());
                 if let Some(page) = page {
-                    let (state, server) = page.serve(&names).await?;
+                    let (state, server) = page.serve(&names, token).await?;
                     said.extend(server.said.iter().cloned());
                     served.page = Some(state);
                     served.server = Some(server);

@@ -12,7 +12,7 @@ use farfield_fusion::node::{
 };
 use farfield_node::process::NodeError;
 use farfield_page::qr::terminal_code;
-use farfield_page::server::{self, HasKeys, Keys, ServerError};
+use farfield_page::server::{self, HasKeys, Keys, ServerError, Token};
 use farfield_page::{
     Angle, AngleUnit, PageActions, PageOptions, PageState, Server, ServerOptions, Skeleton,
 };
@@ -75,7 +75,7 @@ pub(super) struct PageServer {
 
 impl PageServer {
     /// Serves `state` at `address` (`None`: the usual one), to browsers that call this machine by one of `names`; `option` is by what
-    /// the operator says where, up to the address.
+    /// the operator says where, up to the address. Without a token it has a new one.
     ///
     /// # Errors
     /// Keys that are missing or wrong, an address that cannot be had.
@@ -83,7 +83,7 @@ impl PageServer {
         state: Arc<PageState>,
         (option, address): (&str, Option<SocketAddr>),
         names: &[String],
-        keys: Option<Keys>,
+        (keys, token): (Option<Keys>, Option<Token>),
     ) -> Result<Self, NodeError> {
         let usual = ServerOptions::default();
         let address = address.unwrap_or(usual.address);
@@ -92,6 +92,7 @@ impl PageServer {
             address,
             names: names.to_vec(),
             keys: keys.filter(|_| !is_local),
+            token,
         };
         let server = Server::bind(state, options).await;
         let server = server.map_err(|error| told(error, option))?;
@@ -162,13 +163,15 @@ impl PageOfRun {
         })
     }
 
-    /// Serves it to browsers that call this machine by one of `names`.
+    /// Serves it to browsers that call this machine by one of `names`. Without a token it has a new one.
     pub(super) async fn serve(
         self,
         names: &[String],
+        token: Option<Token>,
     ) -> Result<(Arc<PageState>, PageServer), NodeError> {
         let state = Arc::clone(&self.state);
-        let server = PageServer::start(self.state, (PAGE, self.address), names, self.keys).await?;
+        let secrets = (self.keys, token);
+        let server = PageServer::start(self.state, (PAGE, self.address), names, secrets).await?;
         if let Some(recordings) = self.recordings {
             let told = record_button::tell(recordings, Arc::downgrade(&state));
             let until = server.stop.token().clone();

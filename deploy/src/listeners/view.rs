@@ -60,7 +60,7 @@ fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
         let mut signals = Signals::listen()
             .context("listening for signals")
             .map_err(NodeError::Failed)?;
-        let server = PageServer::start(state, (AT, args.at), &[], None).await?;
+        let server = PageServer::start(state, (AT, args.at), &[], (None, None)).await?;
         for line in &server.said {
             say(format_args!("{line}"));
         }

@@ -18,6 +18,7 @@ use tracing::debug;
 use super::check::{RunPace, RunPlan};
 use super::follow::ProgressDetail;
 use super::said::{LastWords, SaidDetail};
+use crate::listeners::page_token;
 
 /// Folder in that of the results for what edges keep on disk while a run lasts.
 pub(super) const RINGS: &str = "ring";
@@ -127,6 +128,7 @@ impl Children {
             command.arg("--report-bodies");
         }
         command.args(plan.listeners.words());
+        command.envs(plan.listeners.page_token.as_ref().map(page_token::for_node));
         command.stdout(Stdio::piped());
         self.start(FUSION, command)
     }

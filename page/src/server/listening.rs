@@ -45,7 +45,7 @@ pub(super) struct Listening {
 }
 
 impl Listening {
-    /// Listens, and makes a token.
+    /// Listens, and makes a token where none is given.
     pub(super) async fn bind(options: ServerOptions) -> Result<Self, ServerError> {
         let address = options.address;
         let keys = HasKeys::of(options.keys.as_ref());
@@ -54,7 +54,8 @@ impl Listening {
         let failed = |source| ServerError::Listen { address, source };
         let listener = TcpListener::bind(address).await.map_err(failed)?;
         let bound = listener.local_addr().map_err(failed)?;
-        let token = Token::random().ok_or(ServerError::NoRandomNumbers)?;
+        let token = options.token.or_else(Token::random);
+        let token = token.ok_or(ServerError::NoRandomNumbers)?;
         let access = Access::new(token, bound, options.names, tls.is_some());
         Ok(Self {
             listener,

@@ -49,6 +49,8 @@ pub struct ServerOptions {
     pub names: Vec<String>,
     /// Certificate and key; needed beyond the loopback.
     pub keys: Option<Keys>,
+    /// What says that somebody has the address; `None`: a token that is made anew.
+    pub token: Option<Token>,
 }
 
 impl Default for ServerOptions {
@@ -58,6 +60,7 @@ impl Default for ServerOptions {
             address: SocketAddr::from(([127, 0, 0, 1], 7460)),
             names: Vec::new(),
             keys: None,
+            token: None,
         }
     }
 }
@@ -141,7 +144,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens, and makes a token.
+    /// Listens, and makes a token where none is given.
     ///
     /// # Errors
     /// [`ServerError`]: keys that are missing or wrong, an address that cannot be had.

@@ -6,6 +6,8 @@ use ring::rand::{SecureRandom as _, SystemRandom};
 
 /// Bytes of a token.
 const BYTES: usize = 16;
+/// Digits of its text.
+const DIGITS: usize = 2 * BYTES;
 
 /// A token; its text is 32 hexadecimal digits.
 #[derive(Clone)]
@@ -13,14 +15,21 @@ pub struct Token(String);
 
 impl Token {
     /// A new one; `None` where the system has no random numbers.
-    pub(crate) fn random() -> Option<Self> {
+    pub fn random() -> Option<Self> {
         let mut bytes = [0; BYTES];
         SystemRandom::new().fill(&mut bytes).ok()?;
-        let mut text = String::with_capacity(2 * BYTES);
+        let mut text = String::with_capacity(DIGITS);
         for byte in bytes {
             write!(text, "{byte:02x}").ok()?;
         }
         Some(Self(text))
+    }
+
+    /// The one with this text; `None` where it is no token's.
+    pub fn of_text(text: &str) -> Option<Self> {
+        let is_digit = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
+        let is_token = text.len() == DIGITS && text.bytes().all(is_digit);
+        is_token.then(|| Self(text.to_owned()))
     }
 
     /// Its text.
@@ -56,5 +65,15 @@ mod tests {
         assert_eq!(a.text().len(), 32);
         assert!(a.is(a.text()) && !a.is(b.text()) && !a.is("") && !a.is(&a.text()[..31]));
         assert_eq!(format!("{a:?}"), "Token(..)");
+    }
+
+    #[test]
+    fn a_token_is_known_by_its_text_and_nothing_else_is_one() {
+        let token = Token::random().unwrap();
+        let text = token.text();
+        assert!(Token::of_text(text).unwrap().is(text));
+        for other in ["", "x", &text[1..], &format!("{text}0"), &"G".repeat(32)] {
+            assert!(Token::of_text(other).is_none(), "{other}");
+        }
     }
 }

@@ -27,7 +27,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::listening::requests;
-use super::{Keys, MAX_CLIENTS, Server, ServerError, ServerOptions};
+use super::{Keys, MAX_CLIENTS, Server, ServerError, ServerOptions, Token};
 use crate::actions::{Action, ActionKind, PageActions};
 use crate::protocol::camera_view::CameraView;
 use crate::protocol::chosen_angles::ChosenAngles;

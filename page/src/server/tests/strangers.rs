@@ -137,6 +137,7 @@ async fn beyond_the_loopback_there_is_no_server_without_keys_and_a_name() {
         address: SocketAddr::from(([0, 0, 0, 0], 0)),
         names: Vec::new(),
         keys,
+        token: None,
     };
     let refused = Server::bind(Arc::clone(&state), options(None))
         .await
@@ -178,6 +179,7 @@ async fn beyond_the_loopback_everything_is_secret_and_nothing_is_told_without_th
         address: SocketAddr::from(([0, 0, 0, 0], 0)),
         names: vec!["hall.local".to_owned()],
         keys: Some(keys),
+        token: None,
     };
     let server = Server::bind(state, options).await.unwrap();
     let (port, token) = (server.address().port(), server.token().text().to_owned());
@@ -315,4 +317,20 @@ fn keys() -> (Keys, CertificateDer<'static>) {
         key_pem: made.signing_key.serialize_pem().into_bytes(),
     };
     (keys, made.cert.der().clone())
+}
+
+/// Symptom: who had the address of a demo could record and name people until it began anew, and not afterwards.
+#[tokio::test]
+async fn a_server_that_is_given_a_token_is_the_same_to_who_has_the_address_of_the_one_before() {
+    let token = Token::random().unwrap();
+    let state = PageState::live(venue::venue(), venue::skeleton(), PageOptions::default()).unwrap();
+    for _ in 0..2 {
+        let options = ServerOptions {
+            address: SocketAddr::from(([127, 0, 0, 1], 0)),
+            token: Some(token.clone()),
+            ..ServerOptions::default()
+        };
+        let server = Server::bind(Arc::clone(&state), options).await.unwrap();
+        assert!(server.url().ends_with(token.text()), "{}", server.url());
+    }
 }
