@@ -149,7 +149,11 @@ impl PageOfRun {
         let mut venue = run.venue.clone();
         // Edges send pictures in live runs alone.
         venue.security.pictures &= run.is_live;
-        let state = PageState::live(venue, skeleton, options);
+        let state = if run.replays.is_some() {
+            PageState::replay(venue, skeleton, options)
+        } else {
+            PageState::live(venue, skeleton, options)
+        };
         let state = state
             .context("starting the page's thread")
             .map_err(NodeError::Failed)?;

@@ -7,14 +7,23 @@ use serde::Serialize;
 
 use super::PROTOCOL;
 
-/// Whether a server follows fusion or shows a recording.
+/// What a server shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
     /// It is fed by a running fusion.
     Live,
+    /// It is fed by a replay, which solves a recording again: with people and events alone.
+    Replay,
     /// It shows a file.
     Recording,
+}
+
+impl Mode {
+    /// Whether ticks come by themselves, so that the newest can be followed.
+    pub(crate) fn is_fed(self) -> bool {
+        self != Self::Recording
+    }
 }
 
 /// A kind of action, as pages know it.

@@ -21,7 +21,7 @@ use super::flow::{Allowance, Flow};
 use super::outgoing::{Left, answer, close, feed, in_time, send, text};
 use crate::playback::Cursor;
 use crate::protocol::request::{Action, RequestError, Wish, parse};
-use crate::protocol::text::{ActionKind, EventLine, Mode, Playback, TextMessage};
+use crate::protocol::text::{ActionKind, EventLine, Playback, TextMessage};
 use crate::state::Shared;
 use crate::state::known::frame::SharedFrame;
 use crate::state::past::Found;
@@ -91,7 +91,7 @@ impl Client {
     pub(super) fn new(serving: &Serving, may_act: bool, form: Form) -> Self {
         let shared = Arc::clone(serving.state.shared());
         shared.clients.fetch_add(1, Ordering::Relaxed);
-        let is_live = shared.mode == Mode::Live;
+        let is_fed = shared.mode.is_fed();
         Self {
             tasks: serving.tasks.clone(),
             stop: serving.stop.clone(),
@@ -106,8 +106,8 @@ impl Client {
             sent: None,
             is_due_again: false,
             due_tick: f64::NEG_INFINITY,
-            look_at: (!is_live).then(Instant::now),
-            is_loading: !is_live,
+            look_at: (!is_fed).then(Instant::now),
+            is_loading: !is_fed,
             sent_status: None,
             told_events: 0,
             told_playback: None,
@@ -137,7 +137,7 @@ impl Client {
     async fn greet(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
         let hello = TextMessage::hello(self.shared.mode, self.may_act, &self.shared.kinds);
         text(socket, hello.to_json()).await?;
-        if self.shared.mode == Mode::Recording {
+        if !self.shared.mode.is_fed() {
             // From the beginning, as soon as it is known where that is.
             self.cursor.play(Tick(i64::MIN), self.now(), 1.0, None);
         }
@@ -242,15 +242,15 @@ impl Client {
         let nothing = "there is nothing yet that could be gone to";
         let at = || here.ok_or(nothing);
         match wish {
-            Wish::Live => match (self.shared.mode, span) {
-                (Mode::Live, _) => {
-                    self.cursor.follow();
-                    self.newest.mark_changed();
-                    self.status.mark_changed();
-                }
-                (Mode::Recording, Some([_, last])) => self.cursor.stay(last),
-                (Mode::Recording, None) => return Err(nothing.to_owned()),
-            },
+            Wish::Live if self.shared.mode.is_fed() => {
+                self.cursor.follow();
+                self.newest.mark_changed();
+                self.status.mark_changed();
+            }
+            Wish::Live => {
+                let [_, last] = span.ok_or(nothing)?;
+                self.cursor.stay(last);
+            }
             Wish::Pause => self.cursor.stay(at()?),
             Wish::Seek(tick) => {
                 let [first, last] = span.ok_or(nothing)?;
@@ -331,7 +331,7 @@ impl Client {
     /// Sends the tick of the past that is due.
     async fn look(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
         let span = self.shared.past.span();
-        let can_follow = self.shared.mode == Mode::Live;
+        let can_follow = self.shared.mode.is_fed();
         let now = self.now();
         let due = span.map(|span| (span, self.cursor.due(now, span, can_follow)));
         let Some(([first, _], due)) = due else {

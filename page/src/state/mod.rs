@@ -97,8 +97,29 @@ impl PageState {
         skeleton: Skeleton,
         options: PageOptions,
     ) -> std::io::Result<Arc<Self>> {
+        Self::fed(venue, skeleton, options, Mode::Live)
+    }
+
+    /// The state of a recording that is solved again, to be fed with the poses and events that it comes to.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn replay(
+        venue: Venue,
+        skeleton: Skeleton,
+        options: PageOptions,
+    ) -> std::io::Result<Arc<Self>> {
+        Self::fed(venue, skeleton, options, Mode::Replay)
+    }
+
+    fn fed(
+        venue: Venue,
+        skeleton: Skeleton,
+        options: PageOptions,
+        mode: Mode,
+    ) -> std::io::Result<Arc<Self>> {
         let past = Past::live(options.history, venue.rate_hz);
-        let shared = Shared::new(venue, skeleton, options, Mode::Live, past);
+        let shared = Shared::new(venue, skeleton, options, mode, past);
         let feed = Feed::start(Arc::clone(&shared))?;
         Ok(Arc::new(Self {
             shared,

@@ -298,3 +298,19 @@ async fn a_recording_plays_from_its_beginning_and_is_gone_through() {
     tick_at(&mut socket, 1200).await;
     running.end().await;
 }
+
+/// Symptom: a recording that was solved again was shown as if it happened now, with links and cameras that nobody hears of.
+#[tokio::test]
+async fn a_replay_says_what_it_is_and_is_followed_like_a_run() {
+    let options = PageOptions::default();
+    let state = PageState::replay(venue::venue(), venue::skeleton(), options).unwrap();
+    let running = Running::serve(state).await;
+    let venue = running.get("/api/venue", "").await;
+    assert!(venue.contains("\"mode\":\"replay\""), "{venue}");
+    running.pass_and_wait([0, 40]).await;
+    let mut socket = running.open("/ws").await;
+    let hello = text(&mut socket, "hello", |_| true).await;
+    assert_eq!(hello["mode"], "replay");
+    assert!(tick_at(&mut socket, 39).await.is_live);
+    running.end().await;
+}
