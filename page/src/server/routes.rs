@@ -125,11 +125,12 @@ async fn thumbnail(
         return refused(refusal);
     }
     let thumbnails = &serving.state.shared().thumbnails;
+    if !thumbnails.has(CameraIndex(camera)) {
+        return plain(StatusCode::NOT_FOUND, "the venue has no such camera");
+    }
     let Some(newest) = thumbnails.newest(CameraIndex(camera), Instant::now()) else {
-        return plain(
-            StatusCode::NOT_FOUND,
-            "there is no picture of this camera now",
-        );
+        // No error: browsers write those into their consoles, once a second and camera.
+        return (StatusCode::NO_CONTENT, [(CACHE_CONTROL, "no-store")]).into_response();
     };
     let is_known = headers
         .get_all(IF_NONE_MATCH)

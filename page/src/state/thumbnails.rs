@@ -57,6 +57,11 @@ impl Thumbnails {
         true
     }
 
+    /// Whether the venue has a camera.
+    pub(crate) fn has(&self, camera: CameraIndex) -> bool {
+        usize::from(camera.0) < lock(&self.0).len()
+    }
+
     /// The newest of a camera, if it is new.
     pub(crate) fn newest(&self, camera: CameraIndex, now: Instant) -> Option<ShownThumbnail> {
         let slots = lock(&self.0);

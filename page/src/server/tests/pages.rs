@@ -214,7 +214,7 @@ async fn the_past_of_an_angle_is_told() {
 async fn the_newest_thumbnail_of_a_camera_is_given_once_to_who_has_it() {
     let running = Running::live().await;
     let path = "/api/thumbnail/1";
-    assert_eq!(code(&running.get(path, "").await), "404");
+    assert_eq!(code(&running.get(path, "").await), "204");
     running.state.thumbnail(&message(1, 60));
     running.state.thumbnail(&message(1, 120));
     let answer = running.get(path, "").await;
@@ -234,7 +234,7 @@ async fn the_newest_thumbnail_of_a_camera_is_given_once_to_who_has_it() {
     let newer = running.get(path, "If-None-Match: \"a-60\"\r\n").await;
     assert_eq!(code(&newer), "200");
     for (path, expected) in [
-        ("/api/thumbnail/0", "404"),
+        ("/api/thumbnail/0", "204"),
         ("/api/thumbnail/65535", "404"),
         ("/api/thumbnail/x", "400"),
         ("/api/thumbnail/", "404"),

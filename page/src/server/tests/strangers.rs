@@ -218,7 +218,7 @@ async fn beyond_the_loopback_everything_is_secret_and_nothing_is_told_without_th
         assert_eq!(code(&get(path, "").await), "401", "{path}");
     }
     assert_eq!(code(&get("/api/venue", &bearer).await), "200");
-    assert_eq!(code(&get("/api/thumbnail/0", &bearer).await), "404");
+    assert_eq!(code(&get("/api/thumbnail/0", &bearer).await), "204");
     let upgrade = "Connection: upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
     assert_eq!(code(&get("/ws", upgrade).await), "401");
     let plain = TcpStream::connect(("127.0.0.1", port)).await.unwrap();
