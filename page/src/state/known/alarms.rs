@@ -222,8 +222,8 @@ impl Found<'_> {
         }
         for (index, notice) in health.notices.iter().enumerate() {
             let key = format!("node/{name}/notice/{index}");
-            let remedy = "see `farfield status` and `farfield doctor`";
-            self.say(Severity::Warning, key, subject, notice.clone(), remedy);
+            let (text, remedy) = found_and_remedy(notice);
+            self.say(Severity::Warning, key, subject, text, remedy);
         }
     }
 
@@ -426,6 +426,12 @@ impl Found<'_> {
             self.say(Severity::Warning, "page".to_owned(), "page", text, remedy);
         }
     }
+}
+
+/// What a notice found and what mends it, in the words of the node: whatever it is about, it says so behind a semicolon.
+fn found_and_remedy(notice: &str) -> (&str, &str) {
+    let usual = "see `farfield status` and `farfield doctor`";
+    notice.split_once("; ").unwrap_or((notice, usual))
 }
 
 /// A node as people call it.

@@ -162,3 +162,38 @@ fn fusion_that_gives_up_has_failed_and_not_ended() {
     assert!(keys.contains(&"node/fusion".to_owned()), "{keys:?}");
     assert!(!keys.contains(&"run/ended".to_owned()), "{keys:?}");
 }
+
+/// What cameras disagree about is fusion's to say: a cause that the page has never heard of is told like any other.
+#[test]
+fn a_notice_is_told_in_its_own_words_with_its_own_remedy() {
+    let context = context();
+    let mut known = Known::new(Arc::clone(&context));
+    tell(&mut known, &context, [0, 61], |status| {
+        if status.node == "fusion" {
+            status.health.notice(
+                "camera ne-left stands in a new kind of fog; wipe it; then look again".to_owned(),
+            );
+            status.health.notice("the disk is slow".to_owned());
+        }
+        true
+    });
+    let alarms = status_of(&mut known).alarms;
+    let notices: Vec<_> = alarms
+        .iter()
+        .filter(|alarm| alarm.key.contains("/notice/"))
+        .map(|alarm| (alarm.text.as_str(), alarm.remedy.as_str()))
+        .collect();
+    assert_eq!(
+        notices,
+        [
+            (
+                "camera ne-left stands in a new kind of fog",
+                "wipe it; then look again"
+            ),
+            (
+                "the disk is slow",
+                "see `farfield status` and `farfield doctor`"
+            ),
+        ]
+    );
+}
