@@ -119,6 +119,8 @@ export class Page implements Actions {
       this.timeline.root,
       this.keyboard.overlay,
     );
+    const { root } = this.toolbar;
+    new ResizeObserver(() => this.scene.setTop(root.offsetTop + root.offsetHeight)).observe(root);
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "application");
     canvas.setAttribute("aria-label", "The field in 3D. Arrow keys turn the view, plus and minus come nearer.");

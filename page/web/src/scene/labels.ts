@@ -30,6 +30,8 @@ const NEARER_M = "0.4";
 const SCALE = 0.6;
 const NARROW_SCALE = 0.46;
 const NARROW_PX = 500;
+/** How near to the edges of the canvas a label may come, CSS pixels. */
+const MARGIN_PX = 4;
 
 const VERTEX = /* glsl */ `
   attribute vec4 place;   // xyz in the world, cell
@@ -37,6 +39,7 @@ const VERTEX = /* glsl */ `
   uniform vec2 canvas;    // half the size of the canvas, pixels
   uniform float scale;
   uniform float ratio;    // device pixels per CSS pixel
+  uniform float top;      // device pixels at the top of the canvas that something else covers
   varying vec2 vUv;
   varying float vOpacity;
   void main() {
@@ -44,11 +47,17 @@ const VERTEX = /* glsl */ `
     // A little nearer, so that nobody's own head or shoulder covers the name.
     inView.z += ${NEARER_M};
     vec4 centre = projectionMatrix * inView;
-    vec2 size = vec2(shape.x, ${CELL_HEIGHT_PX}.0) * scale;
+    vec2 reach = vec2(shape.x, ${CELL_HEIGHT_PX}.0) * scale / 2.0;
+    // In pixels from the middle of the canvas.
+    vec2 at = centre.xy / centre.w * canvas + vec2(0.0, ${ABOVE_PX}.0 * ratio);
+    // A label that the edge would cut off is moved in; one that would not be seen at all stays away.
+    if (centre.w > 0.0 && all(lessThan(abs(at), canvas + reach))) {
+      vec2 most = canvas - reach - ${MARGIN_PX}.0 * ratio;
+      at = clamp(at, -most, vec2(most.x, most.y - top));
+    }
     // Whole pixels keep the letters sharp.
-    vec2 ndc = centre.xy / centre.w;
-    ndc = floor(ndc * canvas + vec2(0.5, 0.5 + ${ABOVE_PX}.0 * ratio)) / canvas;
-    gl_Position = vec4((ndc + position.xy * size / (2.0 * canvas)) * centre.w, centre.zw);
+    at = floor(at + 0.5);
+    gl_Position = vec4((at + position.xy * reach) / canvas * centre.w, centre.zw);
     vec2 cell = vec2(mod(place.w, ${COLUMNS}.0), floor(place.w / ${COLUMNS}.0));
     vec2 uvInCell = vec2((position.x + 1.0) * 0.5 * shape.x / ${CELL_WIDTH_PX}.0, (1.0 - position.y) * 0.5);
     vUv = (cell + uvInCell) / vec2(${COLUMNS}.0, ${ROWS}.0);
@@ -108,7 +117,7 @@ export class Labels {
     this.material = new ShaderMaterial({
       vertexShader: VERTEX,
       fragmentShader: FRAGMENT,
-      uniforms: { texts: { value: this.texture }, canvas: { value: new Vector2(1, 1) }, scale: { value: SCALE }, ratio: { value: 1 } },
+      uniforms: { texts: { value: this.texture }, canvas: { value: new Vector2(1, 1) }, scale: { value: SCALE }, ratio: { value: 1 }, top: { value: 0 } },
       // Depth is kept, so that nearer labels cover farther ones in whatever order they are drawn.
       transparent: true,
     });
@@ -123,6 +132,12 @@ export class Labels {
     const { scale, ratio: perPixel } = this.material.uniforms;
     if (scale !== undefined) scale.value = (width_px / ratio < NARROW_PX ? NARROW_SCALE : SCALE) * ratio;
     if (perPixel !== undefined) perPixel.value = ratio;
+  }
+
+  /** What covers the top of the canvas is so high, device pixels. */
+  setTop(top_px: number): void {
+    const { top } = this.material.uniforms;
+    if (top !== undefined) top.value = top_px;
   }
 
   setTheme(text: string, ground: string): void {

@@ -76,6 +76,11 @@ export class FieldScene {
     this.labels.setTheme(css(colours.text), css(colours.background));
   }
 
+  /** Buttons cover so much of the top, CSS pixels: no label is put below them. */
+  setTop(top_px: number): void {
+    this.labels.setTop(top_px * this.pixelRatio);
+  }
+
   setNames(names: ReadonlyMap<number, string>): void {
     this.names = names;
     this.labelTexts.clear();
