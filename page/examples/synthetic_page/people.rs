@@ -147,15 +147,14 @@ pub(crate) fn pose(person: u32, tick: Tick) -> PersonPose {
         keypoints_m: keypoints(&joints),
         sigma_m: far.collect(),
         angles,
-        unobserved: if is_lost {
-            (1 << 40) - 1
-        } else {
-            1 << 24 | 1 << 25 | 1 << 38 | 1 << 39
-        },
+        unobserved: if is_lost { (1 << 40) - 1 } else { FEET },
         views: if is_lost { 0 } else { 3 + (person % 2) as u16 },
         joints_m: joints,
     }
 }
+
+/// The three angles of each foot, of which 17 keypoints tell nothing.
+const FEET: u64 = 0b111 << 23 | 0b111 << 37;
 
 /// Whether somebody is seen by nobody at a time: one after the other.
 pub(crate) fn is_lost(person: u32, s: f64) -> bool {

@@ -16,6 +16,7 @@ export interface Key {
 const SIGNS: readonly (readonly [string, string])[] = [
   ["✓ ! ✕", "works, warning, failed: lamps, and the cones of cameras in the same colours"],
   ["veiled body", "tentative (not confirmed yet) or coasting (not seen by two viewpoints at the moment)"],
+  ["grey, dashed", "nothing that is seen determines where this limb is: the body model carries it"],
   ["lines to cameras", "which cameras serve the followed person"],
   ["σ", "one standard deviation of a joint's place: how sure it is"],
   ["edge, fusion", "the computer at a viewpoint that reads its cameras; the one that makes skeletons of what all edges send"],

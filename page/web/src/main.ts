@@ -62,6 +62,10 @@ function exposeCounters(made: Page): void {
     get persons(): number {
       return made.scene.personsDrawn;
     },
+    /** Whether limbs are drawn that nothing determines. */
+    get guesses(): boolean {
+      return made.scene.areGuessesDrawn;
+    },
     get frames(): number {
       return made.counters.frames;
     },

@@ -110,7 +110,7 @@ export class Page implements Actions {
       { name: "Links", title: "Delay, links, nodes (3)", content: this.links.root },
       { name: "Events", title: "Who came, went, was lost and found (4)", content: this.events.root },
     ]);
-    const field = element("section", { class: "field", label: "The field" }, canvas, this.toolbar.root, this.toolbar.key, this.said);
+    const field = element("section", { class: "field", label: "The field" }, canvas, this.toolbar.root, this.toolbar.keys, this.said);
     document.body.replaceChildren(
       this.header.root,
       this.alarms.root,

@@ -15,6 +15,8 @@ export const SIGMA_LEAST_M = 0.005;
 export const SIGMA_MOST_M = 0.1;
 /** A joint of which nothing is known. */
 export const SIGMA_UNKNOWN_COLOUR = 0x8a8f98;
+/** A limb that nothing determines; it is dashed as well, since a person's colour may be a grey. */
+export const GUESS_COLOUR = SIGMA_UNKNOWN_COLOUR;
 
 const SIGMA_SPAN = Math.log(SIGMA_MOST_M / SIGMA_LEAST_M);
 

@@ -1,13 +1,17 @@
 // What a camera sees, drawn as lines, over a thumbnail where there is one. People are reprojected; of the open camera also
 // the boxes, keypoints and sightings that fusion and its edge work with.
 
-import { css, personColour } from "../palette.ts";
+import { Determined } from "../determined.ts";
+import { GUESS_COLOUR, css, personColour } from "../palette.ts";
 import { Chart, type ChartColours } from "../charts/pen.ts";
 import type { CameraView, InCamera, People } from "../protocol/ticks.ts";
 import type { Camera, Venue } from "../protocol/venue.ts";
 
 /** Nearer to the plane of the camera than this, metres, nothing is projected. */
 const NEAREST_M = 0.1;
+
+/** Dashes of bones that nothing determines. */
+const GUESS_DASHES_PX = [3, 3];
 
 /** How much of a thumbnail is seen: lines must stand out. */
 const PICTURE_ALPHA = 0.6;
@@ -28,6 +32,7 @@ export class CameraDrawing {
   private readonly a = new Float64Array(2);
   private readonly b = new Float64Array(2);
   private readonly outline: readonly (readonly [number, number])[];
+  private readonly determined: Determined;
   private scale = 1;
 
   constructor(
@@ -35,6 +40,7 @@ export class CameraDrawing {
     private readonly camera: Camera,
     className: string,
   ) {
+    this.determined = new Determined(venue);
     this.chart = new Chart(className, `What ${camera.name} sees, as lines`);
     this.chart.canvas.style.aspectRatio = `${camera.width_px} / ${camera.height_px}`;
     const [x1, y1] = venue.fieldMin_m;
@@ -51,11 +57,11 @@ export class CameraDrawing {
     this.outline = [...points, [x1, y1]];
   }
 
-  /** Draws people, those that the camera serves in colour, over the `picture` if there is one; `view` is of the open camera. */
+  /** Draws people, those that the camera serves in colour (`null`: everybody), over the `picture` if there is one; `view` is of the open camera. */
   draw(
     picture: ImageBitmap | null,
     people: People,
-    served: readonly number[],
+    served: readonly number[] | null,
     view: CameraView | null,
     followed: number | null,
     colours: ChartColours,
@@ -73,11 +79,15 @@ export class CameraDrawing {
     pen.lineCap = "round";
     for (let i = 0; i < people.count; i++) {
       const id = people.ids[i] ?? 0;
-      const isServed = served.includes(id);
+      const isServed = served === null || served.includes(id);
       pen.strokeStyle = isServed ? css(personColour(id)) : colours.faint;
       pen.globalAlpha = isServed ? 1 : 0.45;
       pen.lineWidth = id === followed ? 2.6 : isServed ? 1.6 : 1;
-      this.drawPerson(pen, people, i);
+      this.drawPerson(pen, people, i, false);
+      pen.strokeStyle = css(GUESS_COLOUR);
+      pen.setLineDash(GUESS_DASHES_PX);
+      this.drawPerson(pen, people, i, true);
+      pen.setLineDash([]);
     }
     pen.globalAlpha = 1;
     for (const entry of view?.entries ?? []) this.drawEntry(pen, entry, colours);
@@ -96,10 +106,13 @@ export class CameraDrawing {
     pen.stroke();
   }
 
-  private drawPerson(pen: CanvasRenderingContext2D, people: People, person: number): void {
+  /** The bones of somebody that something determines, or those that nothing does. */
+  private drawPerson(pen: CanvasRenderingContext2D, people: People, person: number, isGuess: boolean): void {
     const joints = people.joints_m;
     pen.beginPath();
     for (const bone of this.venue.bones) {
+      const isOfGuess = this.determined.isGuess(people, person, bone.from) || this.determined.isGuess(people, person, bone.to);
+      if (isOfGuess !== isGuess) continue;
       const from = 3 * (person * people.jointCount + bone.from);
       const to = 3 * (person * people.jointCount + bone.to);
       const isSeen =

@@ -1,6 +1,7 @@
 // One person: name, state and why, views, certainty per part of the body, angles that are not observed, angles over time.
 
-import { element, button, setHidden, setText } from "../dom.ts";
+import { Determined } from "../determined.ts";
+import { element, button, setClass, setHidden, setText } from "../dom.ts";
 import { css, personColour, sigmaColour, sigmaShare } from "../palette.ts";
 import { bitOf, type People } from "../protocol/ticks.ts";
 import { MOST_NAME_CHARACTERS } from "../protocol/text.ts";
@@ -29,6 +30,7 @@ class Part {
   constructor(
     name: string,
     private readonly joints: readonly number[],
+    private readonly determined: Determined,
   ) {
     this.root.append(element("span", { text: name }), element("div", { class: "part-bar" }, this.bar), this.value);
   }
@@ -39,6 +41,9 @@ class Part {
       const sigma_m = people.sigma_m[at * people.jointCount + joint] ?? NaN;
       if (!(worst_m >= sigma_m)) worst_m = sigma_m;
     }
+    const isGuess = this.joints.some((joint) => this.determined.isGuess(people, at, joint));
+    setClass(this.root, "guess", isGuess);
+    if (isGuess) return setText(this.value, "a guess");
     this.bar.style.width = Number.isFinite(worst_m) ? `${(4 + 96 * sigmaShare(worst_m)).toFixed(0)}%` : "0";
     this.bar.style.background = css(sigmaColour(worst_m));
     setText(this.value, Number.isFinite(worst_m) ? `${(1000 * worst_m).toFixed(0)} mm` : "unknown");
@@ -70,8 +75,9 @@ export class PersonPanel {
   ) {
     const indexOf = (name: string): number => state.venue.joints.findIndex((joint) => joint.name === name);
     const partList = element("div", { class: "parts" });
+    const determined = new Determined(state.venue);
     for (const [name, joints] of PARTS) {
-      const part = new Part(name, joints.map(indexOf).filter((joint) => joint >= 0));
+      const part = new Part(name, joints.map(indexOf).filter((joint) => joint >= 0), determined);
       this.parts.push(part);
       partList.append(part.root);
     }

@@ -11,7 +11,10 @@ const KEY_MARKS_MM = [5, 10, 20, 50, 100] as const;
 
 export class Toolbar {
   readonly root = element("div", { class: "toolbar", label: "View", attributes: { role: "toolbar" } });
-  readonly key = sigmaKey();
+  /** What colours and dashes mean, while there are any. */
+  readonly keys: HTMLElement;
+  private readonly sigmaKey = sigmaKey();
+  private readonly guessKey = guessKey();
   private readonly orbit: HTMLButtonElement;
   private readonly top: HTMLButtonElement;
   private readonly followed: HTMLButtonElement;
@@ -24,6 +27,7 @@ export class Toolbar {
     private readonly actions: Actions,
     state: PageState,
   ) {
+    this.keys = element("div", { class: "keys" }, this.guessKey, this.sigmaKey);
     this.orbit = button("Field", "Look at the whole field (F)", () => this.toField());
     this.top = button("Top", "Look from above (T)", () => this.toTop());
     this.followed = button("Following", "Stop following (Esc)", () => actions.follow(null), "following");
@@ -56,7 +60,8 @@ export class Toolbar {
     const through = view.through === null ? "" : `${view.through}`;
     if (this.cameras.value !== through) this.cameras.value = through;
     setPressed(this.sigma, this.scene.colouring === "sigma");
-    setHidden(this.key, this.scene.colouring !== "sigma");
+    setHidden(this.sigmaKey, this.scene.colouring !== "sigma");
+    setHidden(this.guessKey, !this.scene.areGuessesDrawn);
     for (const [what, made] of this.toggles) setPressed(made, this.scene.shown[what]);
   }
 
@@ -79,6 +84,12 @@ export class Toolbar {
     this.scene.shown[what] = !this.scene.shown[what];
     this.update();
   }
+}
+
+/** What a limb means that is drawn as a guess. */
+function guessKey(): HTMLElement {
+  const sign = element("i", { class: "guess-sign", attributes: { "aria-hidden": "true" } });
+  return element("div", { class: "guess-key" }, sign, "A guess: nothing seen determines it");
 }
 
 /** The key of the colours of certainty, logarithmic like these. */

@@ -6,7 +6,8 @@
 
 import { BufferAttribute, BufferGeometry, Color, Mesh, ShaderMaterial, Vector3 } from "three";
 import { COASTING, TENTATIVE, type People } from "../protocol/ticks.ts";
-import { mix, personColour, sigmaColour } from "../palette.ts";
+import type { Determined } from "../determined.ts";
+import { GUESS_COLOUR, mix, personColour, sigmaColour } from "../palette.ts";
 import type { Limb } from "./figure.ts";
 import { LimbTexture, LIMBS_PER_ROW, roomFor, TEXELS_PER_LIMB } from "./limb_texture.ts";
 
@@ -21,6 +22,8 @@ const MANY_PERSONS = 24;
 const MANY_FOR_SOFTWARE = 10;
 /** Thickness of limbs when bones are shown instead of bodies. */
 const BONE_SHARE = 0.3;
+/** Length of a dash with the gap behind it, metres: a foot has two. */
+const DASH_M = "0.1";
 
 export type Colouring = "person" | "sigma";
 
@@ -64,8 +67,10 @@ const BODY_VERTEX = /* glsl */ `
   varying vec4 vColour;
   varying vec3 vNormal;
   varying vec3 vToEye;
+  varying float vDashes;  // along the limb; 0 where it is not dashed
   void main() {
     Limb limb = limbOfCorner();
+    vDashes = limb.colours.w * limb.end * distance(limb.from.xyz, limb.to.xyz) / ${DASH_M};
     vec3 point = limbPoint(limb, vNormal);
     // Red, green and blue are 24 bits of one number.
     float packed = mix(limb.colours.x, limb.colours.y, limb.end);
@@ -82,7 +87,9 @@ const BODY_FRAGMENT = /* glsl */ `
   varying vec4 vColour;
   varying vec3 vNormal;
   varying vec3 vToEye;
+  varying float vDashes;
   void main() {
+    if (fract(vDashes) > 0.5) discard;
     // A veil of pixels instead of blending: no order of drawing to keep.
     if (vColour.a < 0.99) {
       vec2 cell = mod(floor(gl_FragCoord.xy), 2.0);
@@ -136,10 +143,12 @@ export class Bodies {
   private readonly flat = new Capsules(...FLAT);
   private readonly body: ShaderMaterial;
   private readonly ground: ShaderMaterial;
+  private guesses = 0;
 
   /** `isSoftwareDrawn`: there is no graphics processor. */
   constructor(
     private readonly limbs: readonly Limb[],
+    private readonly determined: Determined,
     floor_m: number,
     private readonly isSoftwareDrawn: boolean,
   ) {
@@ -176,8 +185,14 @@ export class Bodies {
     if (thickness !== undefined) thickness.value = isOn ? BONE_SHARE : 1;
   }
 
+  /** Whether a limb was dashed when people were drawn last. */
+  get areGuessesDrawn(): boolean {
+    return this.guesses > 0;
+  }
+
   /** Brings the meshes to these people; `followed` stands out. */
   update(people: People, followed: number | null): void {
+    this.guesses = 0;
     const isMany = people.count > MANY_PERSONS;
     const limbs = isMany ? this.fewLimbs : this.limbs;
     const count = people.count * limbs.length;
@@ -214,13 +229,16 @@ export class Bodies {
     numbers[firstNumber + 7] = limb.toRadius_m;
     numbers[firstNumber + 11] = limb.depth;
     const state = people.states[person] ?? 0;
-    const isBySigma = this.colouring === "sigma";
-    const plain = personColour(people.ids[person] ?? 0);
+    const isGuess = this.determined.isGuess(people, person, limb.from) || this.determined.isGuess(people, person, limb.to);
+    if (isGuess) this.guesses++;
+    const isBySigma = this.colouring === "sigma" && !isGuess;
+    const plain = isGuess ? GUESS_COLOUR : personColour(people.ids[person] ?? 0);
     const colourA = isBySigma ? sigmaColour(people.sigma_m[first + limb.from] ?? NaN) : plain;
     const colourB = isBySigma ? sigmaColour(people.sigma_m[first + limb.to] ?? NaN) : plain;
     numbers[firstNumber + 12] = isDimmed ? dimmed(colourA) : colourA;
     numbers[firstNumber + 13] = isDimmed ? dimmed(colourB) : colourB;
     numbers[firstNumber + 14] = state === TENTATIVE ? TENTATIVE_OPACITY : state === COASTING ? COASTING_OPACITY : 1;
+    numbers[firstNumber + 15] = isGuess ? 1 : 0;
   }
 }
 

@@ -17,7 +17,7 @@ export function roomFor(limbs: number): number {
 export class LimbTexture {
   /** What shaders read: it stays, whatever texture is in it. */
   readonly uniform: { value: DataTexture };
-  /** Limb by limb: from, radius; to, radius; direction of the width, depth; colours of both ends as 0xrrggbb, opacity, 0. */
+  /** Limb by limb: from, radius; to, radius; direction of the width, depth; colours of both ends as 0xrrggbb, opacity, 1 where it is dashed. */
   numbers: Float32Array;
   private room = FIRST_ROOM;
 

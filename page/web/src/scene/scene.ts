@@ -1,6 +1,7 @@
 // The field in 3D: what is drawn, and when.
 
 import { Scene, Vector3, WebGLRenderer } from "three";
+import { Determined } from "../determined.ts";
 import { css, personColour, type Level } from "../palette.ts";
 import { bitOf, type People } from "../protocol/ticks.ts";
 import type { Venue } from "../protocol/venue.ts";
@@ -61,7 +62,7 @@ export class FieldScene {
     const joint = (name: string): number => Math.max(0, venue.joints.findIndex((j) => j.name === name));
     [this.head, this.neck, this.pelvis] = [joint("head"), joint("neck"), joint("pelvis")];
     this.view = new View(venue, canvas);
-    this.bodies = new Bodies(figureOf(venue), venue.floor_m, isSoftware);
+    this.bodies = new Bodies(figureOf(venue), new Determined(venue), venue.floor_m, isSoftware);
     this.floor = new Floor(venue);
     this.frusta = new Frusta(venue);
     this.trails = new Trails(venue.floor_m, venue.rate_hz, this.pelvis);
@@ -96,6 +97,11 @@ export class FieldScene {
 
   get colouring(): Colouring {
     return this.bodies.colouring;
+  }
+
+  /** Whether limbs are drawn that nothing determines. */
+  get areGuessesDrawn(): boolean {
+    return this.bodies.areGuessesDrawn;
   }
 
   get personsDrawn(): number {
