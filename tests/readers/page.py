@@ -259,6 +259,19 @@ def refuses_strangers(url):
         connection.close()
 
 
+def scrubs_on_a_phone(visit, folder):
+    page, moment = visit.page, visit.page.locator(".time .place")
+    check("phone: which moment it is stands there", visit.until(moment.is_visible) is not None, moment.inner_text())
+    slider = page.locator(".time input")
+    slider.evaluate("it => { it.value = it.max - 120; it.dispatchEvent(new Event('input')); it.dispatchEvent(new Event('change')); }")
+    is_past = visit.until(lambda: re.match(r"−\d+:\d\d\.\d", moment.inner_text()) is not None)
+    check("phone: and of the past how long ago", is_past is not None, moment.inner_text())
+    box, line = moment.bounding_box(), slider.bounding_box()
+    fits = box and line and box["y"] + box["height"] <= line["y"] + 1 and box["y"] + box["height"] <= page.viewport_size["height"]
+    check("phone: above the slider", fits, f"{box} {line}")
+    visit.shot(folder, "phone-past")
+
+
 def looks(browser, url, folder):
     """Light, and a phone: seen by eye."""
     light = Visit(browser, url, viewport={"width": 1280, "height": 720}, color_scheme="light")
@@ -270,6 +283,8 @@ def looks(browser, url, folder):
         visit.shot(folder, name)
         wide = visit.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
         check(f"{name}: nothing sticks out to the side", wide <= 0, f"{wide} px")
+        if name == "phone":
+            scrubs_on_a_phone(visit, folder)
         check(f"{name}: no console errors", not visit.said, visit.said[:3] or "")
         visit.context.close()
 
