@@ -45,6 +45,11 @@ test("what is not the same stays apart: another severity, another text, no name"
   assert.equal(grouped(apart).length, apart.length);
 });
 
+test("what one node says of several cameras is said of each, whatever it is", () => {
+  const notice = (n: number): ReturnType<typeof alarm> => alarm(`node/fusion/notice/${n}`, `camera ${n} was moved by ${n}0 mm`);
+  assert.deepEqual(grouped([notice(3), notice(4)]).map(({ text }) => text), ["camera 3 was moved by 30 mm", "camera 4 was moved by 40 mm"]);
+});
+
 test("many names are counted, not listed", () => {
   const many = Array.from({ length: 20 }, (_, i) => alarm(`link/v${i}`, `link v${i} is over its budget`));
   assert.match(grouped(many)[0]?.text ?? "", /^20 links: v0, v1, .*, v7 and 12 more\. Link v0 is over/);

@@ -38,7 +38,9 @@ export function grouped(alarms: readonly Alarm[]): AlarmGroup[] {
   return [...alike].flatMap(([likeness, members]): AlarmGroup[] => {
     const [first] = members;
     if (first === undefined) return [];
-    if (members.length < LEAST_ALIKE) return [{ ...first, members: [] }];
+    // Of one node that says several such things each is said: "2 nodes: fusion, fusion" would be none of them.
+    const isOfMany = new Set(members.map(nameOf)).size === members.length;
+    if (members.length < LEAST_ALIKE || !isOfMany) return members.map((alarm) => ({ ...alarm, members: [] }));
     const kind = kindOf(first);
     const names = members.slice(0, MOST_NAMES).map(nameOf).join(", ");
     const rest = members.length > MOST_NAMES ? ` and ${members.length - MOST_NAMES} more` : "";

@@ -31,8 +31,14 @@ export function healthOfCamera(status: Status | null, camera: number, viewpoint:
   if (link?.state === "failed") {
     return ["failed", link.refused === null ? "nothing comes from its edge" : "its edge is refused"];
   }
-  if (said?.agreement?.verdict === "disagrees") return ["warning", "does not show what the others show"];
+  if (said?.agreement?.verdict === "disagrees") return ["warning", foundOf(status, said.name) ?? "does not show what the others show"];
   return [level, words];
+}
+
+/** What fusion found of a camera, in its own words: it knows causes that this page need not know. */
+function foundOf(status: Status | null, camera: string): string | null {
+  const isOf = (text: string): boolean => text.split(/[^\p{L}\p{N}_.-]+/u).some((word) => word.replace(/\.$/, "") === camera);
+  return status?.alarms.find((alarm) => alarm.key.startsWith("node/fusion/notice/") && isOf(alarm.text))?.text ?? null;
 }
 
 class Tile {
