@@ -17,6 +17,7 @@ import os
 import pathlib
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import threading
@@ -112,6 +113,14 @@ def follows(visit, folder):
     page.wait_for_timeout(1500)
     visit.shot(folder, "top")
     page.keyboard.press("f")
+
+
+def guesses(visit):
+    """What nothing determines must not look like what was seen: somebody whom nobody sees is a guess from head to toe."""
+    page = visit.page
+    key = page.locator(".guess-key")
+    is_drawn = visit.until(lambda: visit.counter("guesses") and key.is_visible()) is not None
+    check("limbs that nothing determines are drawn as guesses, with a key", is_drawn)
 
 
 def names(visit):
@@ -307,6 +316,11 @@ class Server:
         self.process.terminate()
         self.process.wait(timeout=20)
 
+    def end(self):
+        """As Ctrl-C does: who looks is told."""
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(timeout=20)
+
 
 def comes_back(browser, server, folder):
     """The server ends and is started again: another session, another token."""
@@ -325,9 +339,40 @@ def comes_back(browser, server, folder):
         is_back = visit.until(lambda: visit.counter("ticks") > ticks and pill.inner_text() != "Fusion is away")
         check("and comes back by itself", is_back is not None, f"after {is_back or 0:.1f} s")
         check("nothing could not be read", visit.counter("unreadable") == "", visit.counter("unreadable"))
+        again.end()
+        check("an end is told as one", visit.until(lambda: pill.inner_text() == "The run has ended") is not None, pill.inner_text())
+        check("and is no failure", visit.page.locator(".alarm.failed").count() == 0 and visit.page.locator(".alarm.note").count() == 1)
+        visit.page.wait_for_timeout(1000)
+        visit.shot(folder, "ended")
     finally:
         again.stop()
     visit.context.close()
+
+
+def replays(browser, command, folder):
+    """A recording that is solved again: with people and events, and nothing said of what nobody tells."""
+    server = Server(f"{command} --replay")
+    visit = Visit(browser, server.url, viewport={"width": 1280, "height": 720}, color_scheme="dark")
+    try:
+        page = visit.page
+        check("people of a replay are drawn", visit.until(lambda: (visit.counter("persons") or 0) > 0) is not None)
+        page.wait_for_timeout(1500)
+        pill, views = page.locator(".pill"), page.locator(".person .views")
+        check("a replay says what it is", pill.inner_text() == "Replay", pill.inner_text())
+        check("no viewpoint is struck out as gone", views.locator("i").count() == 0 and "viewpoint" in views.first.inner_text(), views.first.inner_text())
+        place = page.locator(".time .place")
+        check("its moments are times of the recording", re.match(r"\d+:\d\d\.\d ", place.inner_text()) is not None, place.inner_text())
+        visit.shot(folder, "replay")
+        page.keyboard.press("2")
+        check("no camera is said to be well or not", page.locator(".tile").count() > 0 and page.locator(".tile .lamp:visible").count() == 0)
+        page.wait_for_timeout(1500)
+        visit.shot(folder, "replay-cameras")
+        page.keyboard.press("3")
+        check("links are not told of", "farfield view" in page.locator("#panel-links").inner_text())
+        check("replay: no console errors", not visit.said, visit.said[:3] or "")
+    finally:
+        server.stop()
+        visit.context.close()
 
 
 def visit_all(url, folder, people, server=None):
@@ -339,6 +384,7 @@ def visit_all(url, folder, people, server=None):
         visit = Visit(browser, url, viewport={"width": 1280, "height": 720}, color_scheme="dark")
         people_are_drawn(visit, folder, people)
         follows(visit, folder)
+        guesses(visit)
         names(visit)
         looks_at_cameras(visit, folder, has_sheet=server is not None)
         alarm_comes_and_goes(visit, folder)
@@ -351,6 +397,7 @@ def visit_all(url, folder, people, server=None):
         looks(browser, url, folder)
         if server is not None:
             comes_back(browser, server, folder)
+            replays(browser, server.command, folder)
         browser.close()
 
 

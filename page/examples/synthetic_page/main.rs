@@ -1,6 +1,6 @@
 //! The page of a venue that is made up, for work on the page and for its tests: no fusion, no camera, no network.
 //!
-//! `cargo run -p farfield-page --example synthetic_page -- [--people 8] [--port 7460] [--seconds N] [--recording MINUTES]`
+//! `cargo run -p farfield-page --example synthetic_page -- [--people 8] [--port 7460] [--seconds N] [--recording MINUTES | --replay]`
 
 mod made_up;
 mod messages;
@@ -17,6 +17,7 @@ use farfield_page::{
     Action, ActionKind, CalibrationSheet, PageActions, PageOptions, PageState, Server,
     ServerOptions, ShownCalibration, qr,
 };
+use farfield_proto::key::Keys;
 use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
 use made_up::MadeUp;
@@ -32,6 +33,8 @@ struct Arguments {
     port: u16,
     seconds: Option<u64>,
     recording_minutes: Option<u32>,
+    /// Only what a replay tells: people and events.
+    is_replay: bool,
 }
 
 fn arguments() -> Result<Arguments, Failure> {
@@ -40,9 +43,14 @@ fn arguments() -> Result<Arguments, Failure> {
         port: 7460,
         seconds: None,
         recording_minutes: None,
+        is_replay: false,
     };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
+        if word == "--replay" {
+            found.is_replay = true;
+            continue;
+        }
         let value = words
             .next()
             .ok_or_else(|| format!("{word} needs a number"))?;
@@ -52,9 +60,10 @@ fn arguments() -> Result<Arguments, Failure> {
             "--seconds" => found.seconds = Some(value.parse()?),
             "--recording" => found.recording_minutes = Some(value.parse()?),
             _ => {
-                return Err(
-                    format!("{word}: expected --people, --port, --seconds or --recording").into(),
-                );
+                return Err(format!(
+                    "{word}: expected --people, --port, --seconds, --recording or --replay"
+                )
+                .into());
             }
         }
     }
@@ -109,13 +118,19 @@ fn calibration() -> ShownCalibration {
     }
 }
 
-/// Feeds tick after tick, each when it is; notes how long the page keeps whoever feeds it.
-async fn feed(state: Arc<PageState>, synthetic: Synthetic, held_ns: &Mutex<Vec<u64>>) {
+/// Feeds of tick after tick, each when it is, what `is_told`; notes how long the page keeps whoever feeds it.
+async fn feed(
+    state: Arc<PageState>,
+    synthetic: Synthetic,
+    is_told: impl Fn(&str) -> bool,
+    held_ns: &Mutex<Vec<u64>>,
+) {
     let began = Instant::now();
     for tick in 1.. {
         let tick = Tick(tick);
         sleep_until(began + Duration::from_secs_f64(tick.seconds(venue::RATE_HZ))).await;
-        for (key, bytes, at_us) in synthetic.messages(tick) {
+        let told = synthetic.messages(tick).into_iter();
+        for (key, bytes, at_us) in told.filter(|(key, ..)| is_told(key)) {
             let before = Instant::now();
             state.message(&key, &bytes, at_us);
             let held = u64::try_from(before.elapsed().as_nanos()).unwrap_or(u64::MAX);
@@ -148,7 +163,10 @@ async fn main() -> Result<(), Failure> {
         .with_writer(std::io::stderr)
         .init();
     let arguments = arguments()?;
-    let (venue, skeleton) = (venue::venue(), venue::skeleton());
+    let (mut venue, skeleton) = (venue::venue(), venue::skeleton());
+    // Of its cameras there are never any, which must be no error on a page that asks for them.
+    venue.security.pictures = true;
+    let keys = Keys::new(&venue.name);
     let epoch_us = i64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_micros())?;
     let synthetic = Synthetic::new(venue.clone(), arguments.people, epoch_us);
     let actions = Arc::new(Pretended::default());
@@ -163,8 +181,14 @@ async fn main() -> Result<(), Failure> {
         let made_up = MadeUp::new(synthetic, i64::from(minutes) * 3600);
         PageState::recording(venue, skeleton, Box::new(made_up), options)?
     } else {
-        let state = PageState::live(venue, skeleton, options)?;
-        feeding = Some(feed(Arc::clone(&state), synthetic, &held_ns));
+        let state = if arguments.is_replay {
+            PageState::replay(venue, skeleton, options)?
+        } else {
+            PageState::live(venue, skeleton, options)?
+        };
+        let of_replay = [keys.pose(), keys.event()];
+        let is_told = move |key: &str| !arguments.is_replay || of_replay.iter().any(|of| of == key);
+        feeding = Some(feed(Arc::clone(&state), synthetic, is_told, &held_ns));
         state
     };
     actions.0.get_or_init(|| Arc::downgrade(&state));

@@ -14,12 +14,15 @@ const LONGEST_RETRY_MS = 5000;
 const SILENT_MS = 5000;
 const CONNECTING_MS = 15_000;
 const HTTP_TIMEOUT_MS = 8000;
+/** With which code a server that stops closes its sockets (RFC 6455, 7.4.1: going away). */
+const STOPS = 1001;
 
 export type ConnectionState =
   | { kind: "connecting" }
   | { kind: "open" }
   | { kind: "asleep" }
-  | { kind: "away"; since_ms: number; reason: string }
+  /** `isEnded`: the server said that it stops; else nobody knows why nothing comes. */
+  | { kind: "away"; since_ms: number; reason: string; isEnded: boolean }
   | { kind: "refused"; reason: string };
 
 export interface Receiver {
@@ -40,6 +43,7 @@ export class Connection {
   private timer = 0;
   private lastMessage_ms = 0;
   private awaySince_ms = 0;
+  private hasStopped = false;
   private isAsleep = false;
   private nextRequest = 1;
   /** Of the attempts to connect the newest: what an older one finds out means nothing any more. */
@@ -70,7 +74,7 @@ export class Connection {
         return this.open();
       }
       if (response.status === 401) {
-        const reason = "This address needs the token that fusion printed when it started: open that address, or its QR code.";
+        const reason = "This address needs the token that was printed at the start: open that address, or its QR code.";
         this.receiver.state({ kind: "refused", reason });
         return;
       }
@@ -81,7 +85,7 @@ export class Connection {
       this.connect();
     } catch (error) {
       if (attempt !== this.attempt) return;
-      this.retryLater(error instanceof ProtocolError ? error.message : "fusion does not answer");
+      this.retryLater(error instanceof ProtocolError ? error.message : "it does not answer");
     }
   }
 
@@ -113,7 +117,7 @@ export class Connection {
 
   /** Sends a request; the promise is what the server says against it, `null` when it was done. */
   ask(request: Request): Promise<string | null> {
-    if (!this.isOpen) return Promise.resolve("fusion is away");
+    if (!this.isOpen) return Promise.resolve("nothing comes at the moment");
     const number = this.nextRequest++;
     return new Promise((resolve) => {
       this.waiting.set(number, resolve);
@@ -132,7 +136,7 @@ export class Connection {
   async thumbnail(camera: number, tag: string): Promise<{ picture: Blob; tag: string } | "same" | null> {
     const response = await this.get(`/api/thumbnail/${camera}`, tag === "" ? {} : { "If-None-Match": tag });
     if (response.status === 304) return "same";
-    if (response.status === 404) return null;
+    if (response.status === 204) return null;
     if (!response.ok) throw new Error(`the server answers ${response.status}`);
     return { picture: await response.blob(), tag: response.headers.get("ETag") ?? "" };
   }
@@ -167,13 +171,15 @@ export class Connection {
     socket.onopen = () => {
       this.retry_ms = FIRST_RETRY_MS;
       this.awaySince_ms = 0;
+      this.hasStopped = false;
       this.receiver.state({ kind: "open" });
     };
     socket.onmessage = (event: MessageEvent<ArrayBuffer | string>) => this.take(event.data);
-    socket.onclose = () => {
+    socket.onclose = (event) => {
       if (this.socket !== socket) return;
       this.socket = null;
-      if (!this.isAsleep) this.retryLater("the connection to fusion has ended");
+      this.hasStopped = event.code === STOPS;
+      if (!this.isAsleep) this.retryLater("the connection has ended");
     };
   }
 
@@ -198,11 +204,11 @@ export class Connection {
   }
 
   private retryLater(reason: string): void {
-    for (const resolve of this.waiting.values()) resolve("fusion is away");
+    for (const resolve of this.waiting.values()) resolve("the connection has ended");
     this.waiting.clear();
     this.pacer.clear();
     if (this.awaySince_ms === 0) this.awaySince_ms = Date.now();
-    this.receiver.state({ kind: "away", since_ms: this.awaySince_ms, reason });
+    this.receiver.state({ kind: "away", since_ms: this.awaySince_ms, reason, isEnded: this.hasStopped });
     this.timer = window.setTimeout(() => void this.open(), this.retry_ms);
     this.retry_ms = Math.min(LONGEST_RETRY_MS, this.retry_ms * 1.6);
   }
@@ -214,6 +220,6 @@ export class Connection {
     if (performance.now() - this.lastMessage_ms < patience_ms) return;
     this.socket = null;
     socket.close();
-    this.retryLater("fusion is silent");
+    this.retryLater("it is silent");
   }
 }

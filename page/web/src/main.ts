@@ -11,7 +11,7 @@ const SLEEP_AFTER_MS = 5000;
 
 const theme = new Theme();
 const canvas = element("canvas", { class: "scene" });
-const waiting = element("p", { class: "waiting", text: "Looking for fusion…", attributes: { role: "status" } });
+const waiting = element("p", { class: "waiting", text: "Looking for Farfield…", attributes: { role: "status" } });
 document.body.append(waiting);
 
 let page: Page | null = null;
@@ -41,7 +41,7 @@ function begin(venue: Venue): void {
 function tell(state: ConnectionState): void {
   if (page !== null) page.setConnection(state);
   else if (state.kind === "refused") setText(waiting, state.reason);
-  else if (state.kind === "away") setText(waiting, `Looking for fusion: ${state.reason}. Trying again…`);
+  else if (state.kind === "away") setText(waiting, `Looking for Farfield: ${state.reason}. Trying again…`);
 }
 
 /** The browser asks for no frames of a hidden page, so nothing is drawn then. */

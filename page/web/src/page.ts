@@ -21,6 +21,7 @@ import { Toolbar } from "./panels/toolbar.ts";
 import type { Level } from "./palette.ts";
 import { Player } from "./player.ts";
 import { ProtocolError } from "./protocol/checked.ts";
+import type { Status } from "./protocol/status.ts";
 import type { IdentityEvent, TextMessage } from "./protocol/text.ts";
 import {
   KIND_ANGLES,
@@ -35,7 +36,8 @@ import {
 } from "./protocol/ticks.ts";
 import type { Venue } from "./protocol/venue.ts";
 import { FieldScene } from "./scene/scene.ts";
-import { KEPT_EVENTS, eventsOf, isPast, nameOf, type Actions, type PageState } from "./state.ts";
+import { SOURCE_WORDS } from "./source_words.ts";
+import { KEPT_EVENTS, RUN_ENDED, eventsOf, isPast, nameOf, type Actions, type PageState } from "./state.ts";
 import type { Theme } from "./theme.ts";
 import { Thumbnails } from "./thumbnails.ts";
 
@@ -60,7 +62,7 @@ export class Page implements Actions {
   private readonly person: PersonPanel;
   private readonly angles: AnglePanel;
   private readonly cameras: CamerasPanel;
-  private readonly links = new LinksPanel();
+  private readonly links: LinksPanel;
   private readonly events: EventsPanel;
   private readonly side: Side;
   private readonly keyboard: Keyboard;
@@ -89,6 +91,7 @@ export class Page implements Actions {
         theme,
         showHelp: () => this.keyboard.toggle(),
         openTab: (at) => this.side.open(at),
+        newest: SOURCE_WORDS[venue.mode].newestKey,
         toggleRecording: venue.actions.has("record") ? () => void this.header.toggleRecording() : null,
         toolbar: () => this.toolbar,
         timeline: () => this.timeline,
@@ -103,6 +106,7 @@ export class Page implements Actions {
     this.people = new PeopleList(this, this.state);
     this.person = new PersonPanel(this.state, this, this.angles.all, this.angles.root);
     this.cameras = new CamerasPanel(this.state, new Thumbnails(this.state, connection), this);
+    this.links = new LinksPanel(venue.mode);
     this.events = new EventsPanel(this);
     this.side = new Side([
       { name: "People", title: "Who is there (1)", content: element("div", {}, this.person.root, this.people.root) },
@@ -143,6 +147,8 @@ export class Page implements Actions {
 
   /** After a new connection the server knows nothing of what was asked before. */
   private askAgain(): void {
+    this.state.hasRunEnded = false;
+    this.state.newestStatus = null;
     if (isNarrow()) this.send({ do: "rate", hz: PHONE_RATE_HZ });
     if (this.state.openCamera !== null) this.send({ do: "camera", camera: this.state.openCamera });
     if (this.state.playback?.state === "paused" && Number.isFinite(this.state.tick)) {
@@ -175,6 +181,7 @@ export class Page implements Actions {
       case "status":
         this.state.status = message.status;
         this.state.status_ms = performance.now();
+        this.takeNewest(message.status);
         this.links.take(message.status);
         this.scene.setCameraLevels(this.cameraLevels());
         break;
@@ -182,6 +189,14 @@ export class Page implements Actions {
         break;
     }
     if (message.type !== "events") this.updatePanels();
+  }
+
+  /** Who looks back gets statuses of then: of what goes on now, and of the end of the run, the newest tells. */
+  private takeNewest(status: Status): void {
+    const { state } = this;
+    if ((status.at_us ?? 0) < (state.newestStatus?.at_us ?? 0)) return;
+    state.newestStatus = status;
+    state.hasRunEnded = state.venue.mode === "live" && status.alarms.some((alarm) => alarm.key === RUN_ENDED);
   }
 
   takeBinary(view: DataView): void {
@@ -362,6 +377,8 @@ function emptyState(venue: Venue, blender: Blender): PageState {
     people: blender.people,
     tick: NaN,
     status: null,
+    newestStatus: null,
+    hasRunEnded: false,
     status_ms: 0,
     playback: null,
     names: new Map(),

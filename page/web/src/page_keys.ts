@@ -15,6 +15,8 @@ export interface KeyTargets {
   openTab(at: number): void;
   followNext(step: number): void;
   escape(): void;
+  /** To where the key of the newest moment goes. */
+  readonly newest: string;
   /** `null`: this server records nothing. */
   readonly toggleRecording: (() => void) | null;
   showHelp(): void;
@@ -52,7 +54,7 @@ export function pageKeys(page: KeyTargets): Key[] {
     key("4", "4", "Shown", "events", () => page.openTab(3)),
     key("d", "D", "Shown", "dark or light", () => page.theme.toggle()),
     key(" ", "space", "Time", "pause or play", () => page.timeline().togglePlay()),
-    key("l", "L", "Time", "live again", () => page.timeline().goLive()),
+    key("l", "L", "Time", page.newest, () => page.timeline().goLive()),
     key(",", ",", "Time", "one tick back", () => page.timeline().step(-1)),
     key(".", ".", "Time", "one tick on", () => page.timeline().step(1)),
     key("j", "J", "Time", "five seconds back", () => page.timeline().skip(-5)),

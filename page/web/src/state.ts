@@ -5,6 +5,7 @@ import type { People } from "./protocol/ticks.ts";
 import type { IdentityEvent, Playback, Request } from "./protocol/text.ts";
 import type { Status } from "./protocol/status.ts";
 import type { Venue } from "./protocol/venue.ts";
+import { SOURCE_WORDS, type SourceWords } from "./source_words.ts";
 
 /** Events that are kept: as many as the server sends to who comes new. */
 export const KEPT_EVENTS = 400;
@@ -17,6 +18,10 @@ export interface PageState {
   /** The drawn tick, with its fraction; NaN before the first. */
   tick: number;
   status: Status | null;
+  /** The newest of all statuses, also while one of then is shown: what can be done now is told by it. */
+  newestStatus: Status | null;
+  /** Whether the newest status, of whatever moment one looks at, said that the run is over. */
+  hasRunEnded: boolean;
   /** When the status came, as `performance.now()`. */
   status_ms: number;
   playback: Playback | null;
@@ -45,9 +50,35 @@ export interface Actions {
   say(text: string): void;
 }
 
-/** Whether a moment of a live venue is shown that is not now. */
+/** Key of the server's alarm that a run is over. */
+export const RUN_ENDED = "run/ended";
+
+/** Whether a moment is shown that is not the newest of those that come by themselves. */
 export function isPast(state: PageState): boolean {
-  return state.venue.mode === "live" && state.playback !== null && state.playback.state !== "live";
+  return state.venue.mode !== "recording" && state.playback !== null && state.playback.state !== "live";
+}
+
+/** Whether what is shown was some other time, so that what was wrong then need not be wrong now. */
+export function isOfThen(state: PageState): boolean {
+  return state.venue.mode === "recording" || isPast(state);
+}
+
+/** Whether nothing comes any more, as it should be: a run is over, or somebody has ended what serves the page. */
+export function hasEnded(state: PageState): boolean {
+  return state.connection.kind === "away" && (state.hasRunEnded || state.connection.isEnded);
+}
+
+/**
+ * How far in a recording `tick` is, seconds: from its first tick on; of a replay, which forgets the oldest in time, from the first tick of the
+ * run that was recorded.
+ */
+export function runTime_s(state: PageState, tick: number, first: number): number {
+  return (tick - (state.venue.mode === "recording" ? first : 0)) / state.venue.rate_hz;
+}
+
+/** How people call what the page shows. */
+export function wordsOf(state: PageState): SourceWords {
+  return SOURCE_WORDS[state.venue.mode];
 }
 
 /** The events of a session: its first ones come before its first tick. */

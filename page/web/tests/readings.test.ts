@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { readings } from "../src/angle_names.ts";
 import { AngleSeries } from "../src/charts/series.ts";
-import { labelPlaces } from "../src/charts/latency_chart.ts";
+import { delayText, labelPlaces } from "../src/charts/latency_chart.ts";
 import { roundStep } from "../src/charts/pen.ts";
 import { sigmaShare, viridis } from "../src/palette.ts";
 import { byteCount, clockTime, milliseconds, wholeSeconds } from "../src/units.ts";
@@ -62,4 +62,9 @@ test("times and sizes are short", () => {
   assert.equal(milliseconds(41_000), "41 ms");
   assert.equal(byteCount(125_000), "125 kB");
   assert.equal(roundStep(90, 5), 20);
+});
+
+test("delays at an axis have room for their unit", () => {
+  assert.equal(delayText(50_000, 200_000), "50 ms");
+  assert.equal(delayText(1_500_000, 2_000_000), "1.5 s");
 });

@@ -49,7 +49,7 @@ export class LatencyChart {
       pen.lineTo(width - 4, Math.round(y(us)) + 0.5);
       pen.stroke();
       pen.fillStyle = colours.faint;
-      pen.fillText(`${us / 1000} ms`, LEFT_PX - 5, y(us));
+      pen.fillText(delayText(us, top_us), LEFT_PX - 5, y(us));
     }
     pen.textBaseline = "bottom";
     pen.textAlign = "left";
@@ -80,6 +80,11 @@ export function labelPlaces(p99_y: number, p50_y: number, bottom: number): [numb
   if (!(alone - upper < LABEL_PX)) return [upper, alone];
   const lower = Math.max(p50_y + 2 + LABEL_PX, upper + LABEL_PX);
   return lower <= bottom ? [upper, lower] : [bottom - LABEL_PX, bottom];
+}
+
+/** A delay at the axis: in seconds where the axis reaches one, so that it has room. */
+export function delayText(us: number, top_us: number): string {
+  return top_us < 1e6 ? `${us / 1e3} ms` : `${us / 1e6} s`;
 }
 
 function drawLine(

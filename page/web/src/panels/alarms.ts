@@ -2,7 +2,7 @@
 
 import { KeyedChildren, button, element, setClass, setHidden, setText } from "../dom.ts";
 import { LEVEL_SIGNS } from "../palette.ts";
-import type { PageState } from "../state.ts";
+import { RUN_ENDED, hasEnded, wordsOf, type PageState } from "../state.ts";
 import { grouped, type Alarm, type AlarmGroup } from "./alarm_groups.ts";
 
 /** Alarms that are shown before somebody asks for all. */
@@ -10,6 +10,8 @@ const FIRST_FEW = 3;
 
 /** Keys of alarms that the page raises itself; the server has no such keys. */
 const OWN = "here/";
+/** What is told where alarms are, and is none: an end. */
+const ENDS = new Set([`${OWN}away`, RUN_ENDED]);
 
 class Row {
   readonly root = element("li", { class: "alarm" });
@@ -34,8 +36,10 @@ class Row {
       alarm.members.map((member) => member.key),
       (line, i) => setText(line.root, sentence(alarm.members[i]?.text ?? "")),
     );
+    const isNote = !alarm.isFailed && ENDS.has(alarm.key);
     setClass(this.root, "failed", alarm.isFailed);
-    setText(this.sign, alarm.isFailed ? LEVEL_SIGNS.failed : LEVEL_SIGNS.warning);
+    setClass(this.root, "note", isNote);
+    setText(this.sign, alarm.isFailed ? LEVEL_SIGNS.failed : isNote ? "■" : LEVEL_SIGNS.warning);
     setText(this.text, sentence(alarm.text));
     this.setRemedy(alarm.remedy === "" ? "" : sentence(alarm.remedy));
     setText(this.since, alarm.since_us === null ? "" : duration((now_us - alarm.since_us) / 1e6));
@@ -104,31 +108,35 @@ export class AlarmStrip {
 }
 
 /** Alarms of the server, and before them what only the page can know: that the server is away. */
-function alarmsOf(state: PageState): Alarm[] {
+export function alarmsOf(state: PageState): Alarm[] {
   const own: Alarm[] = [];
   const connection = state.connection;
   if (connection.kind === "away") {
+    const words = wordsOf(state);
+    const isEnd = hasEnded(state);
     own.push({
       key: `${OWN}away`,
-      isFailed: true,
-      text: `Nothing comes from fusion: ${connection.reason}`,
-      remedy: "What you see is the last that came. Look whether fusion runs (`farfield status`); this page comes back by itself.",
+      isFailed: !isEnd,
+      text: isEnd ? words.ended : `Nothing comes from ${words.name}: ${connection.reason}`,
+      remedy: isEnd ? words.afterEnd : words.remedy,
       since_us: connection.since_ms * 1000,
     });
   }
   if (connection.kind === "refused") {
-    own.push({ key: `${OWN}refused`, isFailed: true, text: "Fusion refuses this page", remedy: connection.reason, since_us: null });
+    own.push({ key: `${OWN}refused`, isFailed: true, text: "This page is refused", remedy: connection.reason, since_us: null });
   }
   if (state.unreadable > 0) {
     own.push({
       key: `${OWN}unreadable`,
       isFailed: false,
-      text: `${state.unreadable} messages of fusion could not be read: ${state.unreadableReason}`,
-      remedy: "Load the page again; if it stays, fusion and page are of different releases.",
+      text: `${state.unreadable} messages of ${wordsOf(state).name} could not be read: ${state.unreadableReason}`,
+      remedy: "Load the page again; if it stays, the page and what serves it are of different releases.",
       since_us: null,
     });
   }
-  const theirs = (state.status?.alarms ?? []).map((alarm) => ({
+  // Once the end is told by the page itself, since when nothing comes, it is not told twice.
+  const told = (state.status?.alarms ?? []).filter((alarm) => alarm.key !== RUN_ENDED || !hasEnded(state));
+  const theirs = told.map((alarm) => ({
     key: alarm.key,
     isFailed: alarm.severity === "failed",
     text: alarm.text,

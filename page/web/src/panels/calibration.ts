@@ -15,7 +15,7 @@ export class CalibrationPanel {
   private readonly agreements: HTMLElement[] = [];
 
   constructor(private readonly state: PageState) {
-    const head = element("tr", {}, ...["camera", "x", "y", "z, m"].map((text) => element("th", { text })), element("th", { class: "words", text: "agreement now" }));
+    const head = element("tr", {}, ...["camera", "x", "y", "z, m"].map((text) => element("th", { text })), element("th", { class: "words", text: "agreement" }));
     const table = element("table", {}, head);
     for (const camera of state.venue.cameras) {
       const agreement = element("td", { class: "words" });
@@ -42,7 +42,7 @@ export class CalibrationPanel {
   update(): void {
     this.agreements.forEach((cell, i) => {
       const agreement = this.state.status?.cameras.find((camera) => camera.camera === i)?.agreement ?? null;
-      setText(cell, agreementInWords(agreement) || "not told yet");
+      setText(cell, agreementInWords(agreement) || (this.state.venue.mode === "live" ? "not told yet" : "not told"));
     });
   }
 }

@@ -5,7 +5,8 @@ import { button, element, setClass, setHidden, setText } from "../dom.ts";
 import { LEVEL_SIGNS, type Level } from "../palette.ts";
 import type { CameraState, Status } from "../protocol/status.ts";
 import type { CameraView } from "../protocol/ticks.ts";
-import type { Camera } from "../protocol/venue.ts";
+import type { Camera, Venue } from "../protocol/venue.ts";
+import { REPLAY_TELLS } from "../source_words.ts";
 import { nameOf, type Actions, type PageState } from "../state.ts";
 import type { Thumbnails } from "../thumbnails.ts";
 import { count, fixed } from "../units.ts";
@@ -62,38 +63,61 @@ class Tile {
     open.addEventListener("click", () => actions.openCamera(page.openCamera === index ? null : index));
     const look = button("View", `See the field in 3D from ${camera.name}`, () => actions.lookThrough(index));
     const head = element("div", { class: "tile-head" }, this.lamp, element("b", { text: camera.name }));
+    // Of a replay nobody says how its cameras were.
+    setHidden(this.lamp, page.venue.mode === "replay");
     const said = element("div", {}, this.state, this.persons, this.rate);
     this.root.append(head, open, element("div", { class: "tile-foot" }, said, look));
   }
 
   update(): void {
     const status = this.page.status?.cameras.find((camera) => camera.camera === this.index);
+    setClass(this.root, "open", this.page.openCamera === this.index);
+    if (this.page.venue.mode === "replay") return;
     const [level, words] = healthOfCamera(this.page.status, this.index, this.camera.viewpoint);
     setText(this.lamp, LEVEL_SIGNS[level]);
-    for (const name of ["good", "warning", "failed", "unknown"]) setClass(this.lamp, name, name === level);
+    for (const name of ["good", "warning", "failed", "unknown"]) {
+      setClass(this.lamp, name, name === level);
+      setClass(this.state, name, name === level);
+    }
+    const isHeard = level !== "failed" && level !== "unknown";
     const rate_hz = fixed(status?.framesPerSecond ?? null, 0);
     const apart = agreementInWords(status?.agreement ?? null);
-    setText(this.rate, level === "failed" ? "" : `${rate_hz} frames/s${apart && ` · ${apart}`}`);
+    setText(this.rate, !isHeard ? "" : `${rate_hz} frames/s${apart && ` · ${apart}`}`);
     setText(this.state, level === "good" ? "" : words);
     this.state.title = status?.reason ?? words;
     setText(this.persons, this.personsText(status?.persons ?? [], level, status?.reason ?? null));
-    setClass(this.root, "open", this.page.openCamera === this.index);
     setClass(this.root, "red", level === "failed");
   }
 
   draw(view: CameraView | null, colours: ChartColours): void {
-    const served = this.page.status?.cameras.find((camera) => camera.camera === this.index)?.persons ?? [];
+    const status = this.page.status?.cameras.find((camera) => camera.camera === this.index);
+    const served = this.page.venue.mode === "replay" ? null : (status?.persons ?? []);
     const own = view !== null && view.camera === this.index && this.page.openCamera === this.index ? view : null;
     const picture = this.thumbnails.of(this.index);
     this.drawing.draw(picture, this.page.people, served, own, this.page.followed, colours);
   }
 
   private personsText(persons: readonly number[], level: Level, reason: string | null): string {
-    if (level === "failed" && reason !== null) return reason;
+    // Nothing that gives no pictures stands by, and of what is not heard of nobody knows.
+    if (level === "failed" || level === "unknown") return reason ?? "";
     if (persons.length === 0) return "Stands by";
     if (persons.length > 6) return `Serves ${count(persons.length, "person", "people")}`;
     return `Serves ${persons.map((id) => nameOf(this.page, id).replace("Person ", "")).join(", ")}`;
   }
+}
+
+function legendOf(venue: Venue): string {
+  const GUESSED = "Dashed grey lines: nothing determines where these limbs are.";
+  if (venue.mode === "replay") return `Lines, not pictures: a recording holds none. ${GUESSED} ${REPLAY_TELLS}`;
+  const pictures = venue.pictures
+    ? "Lines are of now, the small picture below them is a second old or more, and is not there where the link is full."
+    : venue.mode === "recording"
+      ? "Lines, not pictures: a recording holds none."
+      : "Lines, not pictures: no picture leaves an edge.";
+  return (
+    `${pictures} In colour: who is served by the camera; one that stands by sees people whom another of its viewpoint serves. ${GUESSED} Open a camera (click) for the ` +
+    "boxes that fusion predicts (solid: chosen; dashed: another camera was), keypoints (dots) and sightings (squares)."
+  );
 }
 
 export class CamerasPanel {
@@ -109,14 +133,7 @@ export class CamerasPanel {
     actions: Actions,
   ) {
     this.calibration = new CalibrationPanel(state);
-    const pictures = state.venue.pictures
-      ? "Lines are of now, the small picture below them is a second old or more, and is not there where the link is full."
-      : state.venue.mode === "recording"
-        ? "Lines, not pictures: a recording holds none."
-        : "Lines, not pictures: no picture leaves an edge.";
-    this.legend.textContent =
-      `${pictures} In colour: who is served by the camera; one that stands by sees people whom another of its viewpoint serves. Open a camera (click) for the ` +
-      "boxes that fusion predicts (solid: chosen; dashed: another camera was), keypoints (dots) and sightings (squares).";
+    setText(this.legend, legendOf(state.venue));
     for (const viewpoint of state.venue.viewpoints) {
       const row = element("div", { class: "tiles" });
       for (const index of viewpoint.cameras) {

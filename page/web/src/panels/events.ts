@@ -1,7 +1,7 @@
 // Who became who, newest first, each with its reason.
 
 import { element, setText } from "../dom.ts";
-import type { Actions, PageState } from "../state.ts";
+import { runTime_s, type Actions, type PageState } from "../state.ts";
 import { UNKNOWN, clockTime } from "../units.ts";
 
 const MOST_SHOWN = 80;
@@ -26,8 +26,8 @@ export class EventsPanel {
     this.list.replaceChildren(
       ...newest.map((event) => {
         const go = element("button", { attributes: { type: "button" } });
-        const isRecorded = state.venue.mode === "recording";
-        const time = isRecorded ? clockTime((event.tick - first) / state.venue.rate_hz) : timeOfDay(event.at_us);
+        const isLive = state.venue.mode === "live";
+        const time = isLive ? timeOfDay(event.at_us) : clockTime(runTime_s(state, event.tick, first));
         go.append(element("time", { text: time }), element("span", { text: event.text }));
         go.addEventListener("click", () => this.actions.send({ do: "seek", tick: event.tick }));
         return element("li", {}, go);

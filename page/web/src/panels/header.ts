@@ -3,7 +3,7 @@
 import { button, element, setClass, setHidden, setText } from "../dom.ts";
 import type { Status } from "../protocol/status.ts";
 import { COASTING, TENTATIVE } from "../protocol/ticks.ts";
-import { isPast, type Actions, type PageState } from "../state.ts";
+import { hasEnded, isOfThen, wordsOf, type Actions, type PageState } from "../state.ts";
 import type { Theme } from "../theme.ts";
 import { UNKNOWN, byteCount, count, fixed, milliseconds, wholeSeconds } from "../units.ts";
 
@@ -32,6 +32,7 @@ export class Header {
   private readonly worst = new Fact("P99", "From the picture to the pose: 99 of 100 are quicker");
   private readonly record = button("Record", "Start or stop a recording (R)", () => void this.toggleRecording(), "record");
   private isRecording = false;
+  private wasRunning = false;
 
   constructor(
     private readonly actions: Actions,
@@ -60,13 +61,29 @@ export class Header {
     const whole = state.status?.latency.find((stage) => stage.stage === "capture_to_pose");
     this.delay.set(milliseconds(whole?.p50_us ?? null));
     this.worst.set(milliseconds(whole?.p99_us ?? null));
-    this.isRecording = state.status?.recording?.isRunning ?? false;
+    // Poses of a replay come when they come, and have no delay.
+    for (const fact of [this.delay, this.worst]) setHidden(fact.root, state.venue.mode === "replay");
+    // Also of who looks back: what the button does is done now.
+    const now = state.newestStatus;
+    // A recording ends with its run.
+    this.isRecording = !hasEnded(state) && (now?.recording?.isRunning ?? false);
+    this.tellWhole(now);
     const may = state.actions.has("record");
     setHidden(this.record, !state.venue.actions.has("record") || (!may && !this.isRecording));
     this.record.disabled = !may || state.connection.kind !== "open";
     setClass(this.record, "on", this.isRecording);
-    setText(this.record, this.isRecording ? recordingText(state.status) : "Record");
-    this.record.title = recordingTitle(state.status);
+    setText(this.record, this.isRecording ? recordingText(now) : "Record");
+    this.record.title = recordingTitle(now);
+  }
+
+  /** Says where a recording is that this page has seen running, once it is whole. */
+  private tellWhole(status: Status | null): void {
+    const recording = status?.recording ?? null;
+    if (recording === null) return;
+    const isWhole = this.wasRunning && !recording.isRunning && recording.text !== null;
+    // What failed is an alarm.
+    if (isWhole && !recording.text.startsWith("failed")) this.actions.say(`Recorded: ${recording.text}`);
+    this.wasRunning = recording.isRunning;
   }
 
   async toggleRecording(): Promise<void> {
@@ -114,7 +131,8 @@ function peopleText(state: PageState): [string, string] {
   return [`${confirmed}`, others === 0 ? name : `${name}, ${others} unsure`];
 }
 
-function stateOf(state: PageState): [string, "good" | "warning" | "failed" | "past"] {
+/** How everything is, in a word, and how that is coloured. */
+export function stateOf(state: PageState): [string, "good" | "warning" | "failed" | "past"] {
   switch (state.connection.kind) {
     case "connecting":
       return ["Connecting", "past"];
@@ -123,14 +141,17 @@ function stateOf(state: PageState): [string, "good" | "warning" | "failed" | "pa
     case "refused":
       return ["Refused", "failed"];
     case "away":
-      return ["Fusion is away", "failed"];
+      return hasEnded(state) ? [wordsOf(state).ended, "past"] : [wordsOf(state).away, "failed"];
     case "open":
   }
+  // Nobody says of a replay whether all was well.
+  if (state.venue.mode === "replay") return ["Replay", "past"];
   const alarms = state.status?.alarms ?? [];
   const failed = alarms.filter((alarm) => alarm.severity === "failed").length;
   // Who looks back sees what was wrong then.
-  const then = isPast(state) ? "Then: " : "";
+  const then = isOfThen(state) ? "Then: " : "";
   if (failed > 0) return [`${then}✕ ${count(failed, "failure", "failures")}`, "failed"];
+  if (state.hasRunEnded && then === "") return [wordsOf(state).ended, "past"];
   if (alarms.length > 0) return [`${then}! ${count(alarms.length, "warning", "warnings")}`, "warning"];
   if (state.status === null) return ["Connected", "past"];
   return then === "" ? ["✓ All is well", "good"] : ["Then: ✓ all was well", "past"];

@@ -5,6 +5,8 @@ import { LEVEL_SIGNS, type Level } from "../palette.ts";
 import { LatencyChart, PARTS, WHOLE } from "../charts/latency_chart.ts";
 import type { ChartColours } from "../charts/pen.ts";
 import type { LinkStatus, NodeStatus, StageTime, State, Status } from "../protocol/status.ts";
+import type { Mode } from "../protocol/venue.ts";
+import { REPLAY_TELLS } from "../source_words.ts";
 import type { PageState } from "../state.ts";
 import { UNKNOWN, bytesPerSecond, fixed, milliseconds, words } from "../units.ts";
 
@@ -60,6 +62,7 @@ class LinkCard {
     const share = link.bytesPerSecond !== null && link.budgetBytesPerSecond ? link.bytesPerSecond / link.budgetBytesPerSecond : 0;
     this.used.style.width = `${Math.min(100, 100 * share).toFixed(0)}%`;
     setClass(this.budget, "full", share > 0.9);
+    setHidden(this.budget, link.budgetBytesPerSecond === null);
     const of = link.budgetBytesPerSecond === null ? "" : ` of ${bytesPerSecond(link.budgetBytesPerSecond)}`;
     this.bytes.set(`${bytesPerSecond(link.bytesPerSecond)}${of}`, share > 0.9);
     this.trip.set(milliseconds(link.roundTrip_us));
@@ -126,7 +129,11 @@ export class LinksPanel {
   private readonly nodes = new KeyedChildren(this.nodeList, () => new NodeRow());
   private readonly noLinks = element("p", { class: "hint", text: "No links: nothing is known of edges at this moment." });
 
-  constructor() {
+  constructor(mode: Mode) {
+    if (mode === "replay") {
+      this.root.append(element("p", { class: "hint", text: REPLAY_TELLS }));
+      return;
+    }
     this.root.append(
       element("h3", { text: "Delay from capture to pose" }),
       this.chart.chart.canvas,

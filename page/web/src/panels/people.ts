@@ -3,8 +3,8 @@
 import { KeyedChildren, element, setClass, setHidden, setText } from "../dom.ts";
 import { css, personColour, sigmaColour } from "../palette.ts";
 import { COASTING, TENTATIVE, bitOf, type People } from "../protocol/ticks.ts";
-import { nameOf, type Actions, type PageState } from "../state.ts";
-import { UNKNOWN } from "../units.ts";
+import { hasEnded, nameOf, wordsOf, type Actions, type PageState } from "../state.ts";
+import { UNKNOWN, count } from "../units.ts";
 
 export const STATE_WORDS: Readonly<Record<number, readonly [word: string, meaning: string]>> = {
   0: ["tentative", "not confirmed yet: more views must agree"],
@@ -25,6 +25,12 @@ export function meanSigma_m(people: People, person: number): number {
   return known === 0 ? NaN : sum / known;
 }
 
+/** How many viewpoints gave evidence, where it is not told which: a replay is made of what they sent, and does not say it again. */
+export function viewCount(state: PageState, at: number): string {
+  const seen = state.people.views[at] ?? 0;
+  return seen === 0 ? "seen by no viewpoint" : `seen by ${seen} of ${count(state.venue.viewpoints.length, "viewpoint", "viewpoints")}`;
+}
+
 class Row {
   readonly root = element("button", { class: "person", attributes: { type: "button" } });
   readonly views: HTMLElement[] = [];
@@ -37,8 +43,9 @@ class Row {
 
   constructor(actions: Actions, state: PageState) {
     this.root.addEventListener("click", () => actions.follow(state.followed === this.id ? null : this.id));
-    for (const viewpoint of state.venue.viewpoints) {
-      const chip = element("i", { text: viewpoint.name, title: viewpoint.name });
+    const named = state.venue.mode === "replay" ? [] : state.venue.viewpoints;
+    for (const viewpoint of named) {
+      const chip = element("i", { text: viewpoint.name });
       this.views.push(chip);
       this.viewList.append(chip);
     }
@@ -57,7 +64,12 @@ class Row {
     const sigma_m = meanSigma_m(people, at);
     setText(this.sigma, Number.isFinite(sigma_m) ? `σ ${(1000 * sigma_m).toFixed(0)} mm` : `σ ${UNKNOWN}`);
     this.sigma.style.borderColor = css(sigmaColour(sigma_m));
-    this.views.forEach((chip, v) => setClass(chip, "sees", bitOf(people.viewpoints, at, v)));
+    if (state.venue.mode === "replay") setText(this.viewList, viewCount(state, at));
+    this.views.forEach((chip, v) => {
+      const sees = bitOf(people.viewpoints, at, v);
+      setClass(chip, "sees", sees);
+      chip.title = `${chip.textContent} sends ${sees ? "maps" : "nothing"} of this person`;
+    });
     setClass(this.root, "chosen", state.followed === this.id);
     this.root.setAttribute("aria-pressed", state.followed === this.id ? "true" : "false");
   }
@@ -85,7 +97,8 @@ export class PeopleList {
 }
 
 function emptyText(state: PageState): string {
-  if (state.connection.kind !== "open") return "Nobody is shown, since nothing comes from fusion.";
-  if (state.tick < 0 || Number.isNaN(state.tick)) return "Fusion has not given any poses yet.";
-  return "Nobody is tracked. Somebody is, a second or so after two viewpoints have seen them.";
+  if (hasEnded(state)) return `${wordsOf(state).ended}: nobody was there any more.`;
+  if (state.connection.kind !== "open") return "Nobody is shown, since nothing comes.";
+  if (state.tick < 0 || Number.isNaN(state.tick)) return "There are no poses yet.";
+  return wordsOf(state).nobody;
 }

@@ -8,7 +8,7 @@ import { MOST_NAME_CHARACTERS } from "../protocol/text.ts";
 import { nameOf, type Actions, type PageState } from "../state.ts";
 import { clockTime } from "../units.ts";
 import type { AngleReading } from "../angle_names.ts";
-import { STATE_WORDS } from "./people.ts";
+import { STATE_WORDS, viewCount } from "./people.ts";
 
 /** Parts of the body whose certainty is shown, each the worst of its joints. */
 const PARTS: readonly (readonly [string, readonly string[]])[] = [
@@ -116,12 +116,14 @@ export class PersonPanel {
   }
 
   private viewsText(at: number): string {
+    // Maps of somebody may show nobody, as those of who is hidden do: who sends some is told apart from how many saw something.
+    const seenBy = capital(viewCount(this.state, at));
+    if (this.state.venue.mode === "replay") return `${seenBy}.`;
     const names = (sees: boolean): string[] =>
       this.state.venue.viewpoints.filter((_, v) => bitOf(this.state.people.viewpoints, at, v) === sees).map((v) => v.name);
-    const [seen, unseen] = [names(true), names(false)];
-    if (seen.length === 0) return "No viewpoint sends maps of this person at the moment.";
-    const rest = unseen.length === 0 ? "all viewpoints" : `${seen.join(", ")}; not by ${unseen.join(", ")}`;
-    return `Seen by ${rest}.`;
+    const [sends, silent] = [names(true), names(false)];
+    if (sends.length === 0) return "No viewpoint sends maps of this person at the moment.";
+    return `${seenBy}; maps come from ${silent.length === 0 ? "all" : `${sends.join(", ")}, not from ${silent.join(", ")}`}.`;
   }
 
   /** Angles that a prior carried are no evidence of anything: they are told by name. */

@@ -1,7 +1,7 @@
 // Time: back over the last minutes or through a recording, speed, steps, a loop, and live again.
 
 import { button, element, setHidden, setPressed, setText } from "../dom.ts";
-import type { Actions, PageState } from "../state.ts";
+import { hasEnded, runTime_s, wordsOf, type Actions, type PageState } from "../state.ts";
 import { clockTime } from "../units.ts";
 
 const SPEEDS = [-1, 0.1, 0.25, 0.5, 1, 2, 4] as const;
@@ -15,7 +15,7 @@ const MARKED = /^(confirm|recognise|lose|find|revive|step_back|drop)/;
 export class Timeline {
   readonly root = element("footer", { class: "time", label: "Time" });
   private readonly play = button("❚❚", "Pause or play (space)", () => this.togglePlay(), "icon play");
-  private readonly live = button("Live", "Follow what happens now (L)", () => this.goLive(), "live");
+  private readonly live: HTMLButtonElement;
   private readonly slider = element("input", {
     label: "Tick",
     attributes: { type: "range", min: "0", max: "0", step: "1" },
@@ -33,6 +33,8 @@ export class Timeline {
     private readonly actions: Actions,
     private readonly state: PageState,
   ) {
+    const words = wordsOf(state);
+    this.live = button(words.newest, words.goesToNewest, () => this.goLive(), "live");
     for (const speed of SPEEDS) {
       this.speed.append(element("option", { text: `${speed < 0 ? "−" : ""}${Math.abs(speed)}×`, attributes: { value: `${speed}` } }));
     }
@@ -44,17 +46,17 @@ export class Timeline {
     const on = button("▸", "One tick on (.)", () => this.step(1), "icon");
     const line = element("div", { class: "line" }, this.marks, this.slider);
     this.root.append(back, this.play, on, line, this.place, this.speed, this.loop, this.live);
-    if (state.venue.mode === "recording") setText(this.live, "End");
   }
 
   update(): void {
     const playback = this.state.playback;
     const [first, last] = [playback?.first ?? null, playback?.last ?? null];
-    const isUsable = first !== null && last !== null && last > first;
+    const isOpen = this.state.connection.kind === "open";
+    const isUsable = isOpen && first !== null && last !== null && last > first;
     for (const child of this.root.querySelectorAll<HTMLInputElement>("button, select, input")) child.disabled = !isUsable;
     if (playback === null || first === null || last === null) return setText(this.place, "");
     const isLive = playback.state === "live";
-    setPressed(this.live, isLive);
+    setPressed(this.live, isLive && isOpen);
     setText(this.play, playback.state === "paused" ? "▶" : "❚❚");
     setPressed(this.loop, playback.loop !== null);
     const tick = Number.isFinite(this.state.tick) ? this.state.tick : last;
@@ -63,7 +65,7 @@ export class Timeline {
     // Live, what is drawn is a few ticks behind the newest; nobody needs to see that here.
     if (!this.isDragged) this.slider.value = `${isLive ? last : Math.round(tick)}`;
     const shown = this.isDragged ? Number(this.slider.value) : tick;
-    const text = this.momentText(isLive, shown, first, last);
+    const text = momentText(this.state, isLive, shown, first, last);
     setText(this.place, `${text} · tick ${Math.round(shown)}`);
     this.slider.setAttribute("aria-valuetext", text);
     setHidden(this.live, false);
@@ -109,13 +111,6 @@ export class Timeline {
     this.actions.send(loop === null ? { do: "play", speed } : { do: "play", speed, loop });
   }
 
-  private momentText(isLive: boolean, tick: number, first: number, last: number): string {
-    const rate_hz = this.state.venue.rate_hz;
-    if (this.state.venue.mode === "recording") return clockTime((tick - first) / rate_hz);
-    if (isLive) return this.state.connection.kind === "open" ? "now" : "the last that came";
-    return clockTime((tick - last) / rate_hz);
-  }
-
   private drag(): void {
     this.isDragged = true;
     const now_ms = performance.now();
@@ -145,4 +140,12 @@ export class Timeline {
       pen.fillRect(x, 0, 2, this.marks.height);
     }
   }
+}
+
+/** Which moment `tick` is: how long ago, or how far in what was recorded. */
+export function momentText(state: PageState, isNewest: boolean, tick: number, first: number, last: number): string {
+  if (state.venue.mode !== "live") return clockTime(runTime_s(state, tick, first));
+  if (!isNewest) return clockTime((tick - last) / state.venue.rate_hz);
+  if (hasEnded(state) || state.hasRunEnded) return "the end";
+  return state.connection.kind === "open" ? "now" : "the last that came";
 }

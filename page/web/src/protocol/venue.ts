@@ -61,10 +61,14 @@ export interface Court {
   readonly lines: readonly PaintedLine[];
 }
 
+/** What the server shows: a running fusion; a recording that is solved again, of which only people and events are told; a recording. */
+export const MODES = ["replay", "recording", "live"] as const;
+export type Mode = (typeof MODES)[number];
+
 export interface Venue {
   readonly name: string;
   readonly release: string;
-  readonly mode: "live" | "recording";
+  readonly mode: Mode;
   readonly rate_hz: number;
   readonly fieldMin_m: Vector;
   readonly fieldMax_m: Vector;
@@ -97,7 +101,7 @@ export function readVenue(json: unknown): Venue {
   return {
     name: fields.text("venue"),
     release: fields.text("release"),
-    mode: fields.word("mode", ["recording", "live"]),
+    mode: fields.word("mode", MODES),
     rate_hz: fields.number("rate_hz", 0.1, 10_000),
     fieldMin_m: metres(field, "min_m"),
     fieldMax_m: metres(field, "max_m"),
