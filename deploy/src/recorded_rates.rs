@@ -138,6 +138,17 @@ pub(crate) fn are_apart(a_hz: f64, b_hz: f64) -> bool {
 mod tests {
     use super::*;
 
+    #[test]
+    fn what_has_fewer_pictures_is_not_brought_to_more() {
+        assert!(to_one_rate(59.94, 60.0).contains("-vf fps=60.000000"));
+        assert!(to_one_rate(120.0, 60.0).contains("-vf fps=60.000000"));
+        let slower = to_one_rate(30.0, 60.0);
+        assert!(
+            slower.contains("-vf fps=30.000000") && slower.contains("rate_hz = 30.0"),
+            "{slower}"
+        );
+    }
+
     fn infos(rates_hz: &[Option<f64>]) -> Vec<(String, SourceInfo)> {
         let info = |(i, rate_hz): (usize, &Option<f64>)| {
             let info = SourceInfo {
