@@ -4,6 +4,7 @@
 //! that are linked so is taken for right, and every other one is held to it: as it is, later, mirrored, turned, with the
 //! calibration of another.
 
+pub(super) mod exchanged;
 mod lateness;
 mod pictures;
 pub(super) mod sides;

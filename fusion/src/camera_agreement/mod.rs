@@ -44,14 +44,18 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use farfield_proto::venue::{Field, Venue};
 
-pub use self::report::{AgreementReport, Disagreement, DisagreementCause, SightedReport};
+pub use self::report::{
+    AgreementReport, Disagreement, DisagreementCause, KeypointExchange, SightedReport,
+};
 
 use self::geometry::SightLines;
+use self::judge::exchanged::ExchangeVotes;
 use self::judge::{Judge, sides};
 use self::pairs::Partners;
 use self::samples::Samples;
 use self::standing::Standing;
 use crate::align::TickGroup;
+use crate::body::observed::ObservedJoints;
 use crate::identity::track::Track;
 use crate::sightings::diagnosis::Diagnosed;
 
@@ -172,12 +176,18 @@ impl AgreementSamples {
     /// Judges them: for whoever has time to wait.
     pub fn report(&self) -> AgreementReport {
         let mut report = Judge::new(&self.cameras, &self.samples).report();
-        report.sighted = self.sighted();
-        self.tell_of_sides(&mut report);
+        let mut votes = ExchangeVotes::default();
+        report.sighted = self.sighted(&mut votes);
+        self.tell_of_all_keypoints(&votes, &mut report);
         // Where anything else is wrong people stand wherever that puts them.
         let is_alone = report.disagreements.is_empty();
         let floor = || self.standing.doubtful_floor().filter(|_| is_alone);
+        let are_exchanged = |told: &Disagreement| {
+            matches!(told.cause, DisagreementCause::ExchangedKeypoints { .. })
+        };
+        let is_whole = !report.disagreements.iter().any(are_exchanged);
         let scale = self.standing.doubtful_scale(factor_of_all(&report));
+        let scale = scale.filter(|_| is_whole);
         if let Some(cause) = scale.or_else(floor) {
             let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
             report.disagreements.push(Disagreement {
@@ -190,16 +200,20 @@ impl AgreementSamples {
         report
     }
 
-    /// Says that left and right are exchanged in all cameras, in the place of all that rests on poses, which no body fits then.
-    fn tell_of_sides(&self, report: &mut AgreementReport) {
+    /// Says which keypoints are exchanged in all cameras, in the place of all that rests on poses, which no body fits then.
+    fn tell_of_all_keypoints(&self, votes: &ExchangeVotes, report: &mut AgreementReport) {
         let cameras = &self.cameras;
-        if !sides::are_exchanged(&report.sighted.diagnosis) {
+        let exchange = votes.told().filter(|it| *it != KeypointExchange::AllSides);
+        let cause = if let Some(exchange) = exchange {
+            DisagreementCause::ExchangedKeypoints { exchange }
+        } else if sides::are_exchanged(&report.sighted.diagnosis) {
+            let partners = cameras.partners.iter().enumerate();
+            DisagreementCause::KeypointOrder {
+                moved: partners.filter(|(own, other)| own != *other).count(),
+                sides: true,
+            }
+        } else {
             return;
-        }
-        let partners = cameras.partners.iter().enumerate();
-        let cause = DisagreementCause::KeypointOrder {
-            moved: partners.filter(|(own, other)| own != *other).count(),
-            sides: true,
         };
         let (found, remedy) = words::of(&[], cause, cameras.rate_hz);
         let all = &mut report.disagreements;
@@ -241,8 +255,8 @@ impl AgreementSamples {
         shares.reduce(|far, share| [far[0].max(share[0]), far[1].max(share[1])])
     }
 
-    /// What detection passes found, and what became of it.
-    fn sighted(&self) -> SightedReport {
+    /// What detection passes found, and what became of it; asks all bodies for `votes`.
+    fn sighted(&self, votes: &mut ExchangeVotes) -> SightedReport {
         let AgreementCameras {
             all,
             models,
@@ -265,7 +279,9 @@ impl AgreementSamples {
             report.by_camera.insert(camera.name.clone(), *count);
         }
         for pass in &self.samples.passes {
-            diagnosed.count(&pass.sightings(), &mut report.diagnosis);
+            votes.begin_pass();
+            let ask = |body: &ObservedJoints| votes.ask(body);
+            diagnosed.count(&pass.sightings(), &mut report.diagnosis, ask);
         }
         report.reach = self.reach();
         let viewpoints: BTreeSet<ViewpointIndex> = all.iter().map(|c| c.viewpoint).collect();

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use farfield_proto::message::agreement::CameraAgreement;
 use serde::{Deserialize, Serialize};
 
+pub use super::judge::exchanged::KeypointExchange;
 use crate::sightings::diagnosis::SightingDiagnosis;
 
 /// How the cameras of a venue agree.
@@ -122,6 +123,11 @@ pub enum DisagreementCause {
         moved: usize,
         /// Whether left and right are exchanged, and nothing else.
         sides: bool,
+    },
+    /// Some keypoints are written in the place of others in all cameras alike, or all in the order of another program.
+    ExchangedKeypoints {
+        /// Which.
+        exchange: KeypointExchange,
     },
     /// The focal length is another than the calibration says: of one camera, or of several by one factor.
     FocalLength {

@@ -1,6 +1,6 @@
 //! What a disagreement is called, and what is to be done about it.
 
-use super::report::DisagreementCause;
+use super::report::{DisagreementCause, KeypointExchange};
 
 /// What was found of these cameras, and the remedy.
 pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> (String, String) {
@@ -57,6 +57,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             "write them in the order of the network's card (COCO: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the person's left before the right)"
                 .to_owned(),
         ),
+        DisagreementCause::ExchangedKeypoints { exchange } => exchanged(exchange),
         DisagreementCause::FocalLength { factor } => focal_length(cameras, factor),
         DisagreementCause::Distortion { k1_over } => distortion(cameras, k1_over),
         DisagreementCause::Turned { degrees } => (
@@ -79,6 +80,15 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
         DisagreementCause::Unexplained => unexplained(cameras),
     }
+}
+
+fn exchanged(exchange: KeypointExchange) -> (String, String) {
+    (
+        exchange.words(),
+        "write them in the order of the network's card (COCO: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the \
+         person's left before the right), or bring another program's files in by `farfield import`"
+            .to_owned(),
+    )
 }
 
 fn focal_length(cameras: &[String], factor: f64) -> (String, String) {

@@ -74,8 +74,13 @@ pub(crate) struct Diagnosed<'a> {
 }
 
 impl Diagnosed<'_> {
-    /// Counts what `sightings` of one tick show into `counts`.
-    pub(crate) fn count(&self, sightings: &[Sighting], counts: &mut SightingDiagnosis) {
+    /// Counts what `sightings` of one tick show into `counts`, and hands on every body.
+    pub(crate) fn count(
+        &self,
+        sightings: &[Sighting],
+        counts: &mut SightingDiagnosis,
+        mut with: impl FnMut(&ObservedJoints),
+    ) {
         let n_keypoints = self.keypoints.len();
         let all = witnesses(
             sightings,
@@ -92,12 +97,17 @@ impl Diagnosed<'_> {
         };
         let before = counts.noses_ahead + counts.noses_behind;
         for group in associate(&all, &free, &gates, |_| true) {
-            self.judge(&group, counts);
+            self.judge(&group, counts, &mut with);
         }
         counts.nose_passes += u64::from(counts.noses_ahead + counts.noses_behind > before);
     }
 
-    fn judge(&self, group: &Reconstruction, counts: &mut SightingDiagnosis) {
+    fn judge(
+        &self,
+        group: &Reconstruction,
+        counts: &mut SightingDiagnosis,
+        with: &mut impl FnMut(&ObservedJoints),
+    ) {
         let mut body = ObservedJoints::default();
         for (name, point) in self.keypoints.names().iter().zip(&group.keypoints_m) {
             if let (Some(joint), Some(point)) = (Joint::from_name(name), point) {
@@ -109,6 +119,7 @@ impl Diagnosed<'_> {
             return;
         };
         counts.bodies += 1;
+        with(&body);
         match has_the_nose_ahead(&body) {
             Some(true) => counts.noses_ahead += 1,
             Some(false) => counts.noses_behind += 1,
@@ -192,7 +203,7 @@ mod tests {
             field: &field,
             parameters: &hall.parameters,
         }
-        .count(&sightings, &mut counts);
+        .count(&sightings, &mut counts, |_| {});
         counts
     }
 
