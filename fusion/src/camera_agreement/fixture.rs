@@ -50,6 +50,8 @@ pub(super) struct Hall {
     /// Whether the cameras stand side by side, and how far beyond the people the place is at which they all look,
     /// metres.
     pub(super) row: Option<f64>,
+    /// How far beside the first camera the second hangs, which looks the same way then, metres.
+    pub(super) beside_m: Option<f64>,
     /// Whether nobody moves.
     pub(super) still: bool,
     /// Whether both walk the same way.
@@ -65,6 +67,7 @@ impl Default for Hall {
             floor_m: 0.0,
             narrow: false,
             row: None,
+            beside_m: None,
             still: false,
             one_way: false,
         }
@@ -89,6 +92,15 @@ impl Hall {
         }
         if let Some(beyond_m) = self.row {
             hall.cameras = cameras_in_a_row(beyond_m);
+        }
+        if let Some(beside_m) = self.beside_m {
+            let beside = looking_at(
+                "beside",
+                [-5.0, -4.0 + beside_m, 2.5],
+                [0.0, 0.0, 0.9],
+                1000.0,
+            );
+            hall.cameras[1].1 = beside;
         }
         let mut noise = Noise(5);
         let keypoints = KeypointSet::coco17();

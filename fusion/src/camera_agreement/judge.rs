@@ -6,21 +6,24 @@
 
 pub(super) mod exchanged;
 mod lateness;
+mod numbers;
 mod pictures;
 pub(super) mod sides;
 
 use std::collections::BTreeMap;
 
-use farfield_proto::message::agreement::{AgreementVerdict, CameraAgreement};
+use farfield_proto::message::agreement::AgreementVerdict;
 use farfield_proto::order_statistics::upper_median;
 
 use super::geometry::SightLines;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
 use super::report::{AgreementReport, Disagreement, DisagreementCause};
 use super::samples::{Burst, COMPARED, PassSample, Samples, SeenBody};
+use super::time_shift::by_burst::{Drift, drifts, shifts_by_burst};
+use super::time_shift::jumps::{Jump, jump};
 use super::time_shift::met::{PoseFit, pose_fits};
 use super::time_shift::pose_shift::{PoseShift, against_most};
-use super::time_shift::{KeypointHalf, Shift, drifts, shifts};
+use super::time_shift::{KeypointHalf, Shift, shifts};
 use super::words;
 use super::{AgreementCameras, JudgedCamera};
 
@@ -63,8 +66,10 @@ pub(super) struct Judge<'a> {
     pub(super) shifts: Vec<Option<Shift>>,
     /// The same from the odd and from the even keypoints alone.
     pub(super) halves: [Vec<Option<Shift>>; 2],
-    /// Per camera by how many ticks more it is late every minute, where that is sure.
-    drifts: Vec<Option<f64>>,
+    /// Per camera how it drifts.
+    pub(super) drifts: Vec<Option<Drift>>,
+    /// Per camera whether it is late in a part of the time.
+    jumps: Vec<Option<Jump>>,
     /// Per camera by how much its sightings are late.
     pub(super) pose_shifts: Vec<Option<PoseShift>>,
     /// Per camera what its sightings are beside where people are.
@@ -86,13 +91,19 @@ impl<'a> Judge<'a> {
         let lines = cameras.lines();
         let of = |half: KeypointHalf| shifts(&bursts, &lines, (cameras.rate_hz, half));
         let fits = pose_fits(samples, &lines, cameras.rate_hz);
+        let by_burst = shifts_by_burst(&bursts, &lines, cameras.rate_hz);
+        let of_poses: Vec<_> = fits.iter().map(|fit| fit.jump).collect();
+        let all = 0..lines.len();
         let mut judge = Self {
             cameras: &cameras.all,
             partners: &cameras.partners,
             rate_hz: cameras.rate_hz,
             shifts: of(KeypointHalf::All),
             halves: [of(KeypointHalf::Odd), of(KeypointHalf::Even)],
-            drifts: drifts(&bursts, &lines, cameras.rate_hz),
+            drifts: drifts(&by_burst, lines.len(), cameras.rate_hz),
+            jumps: all
+                .map(|camera| jump(&by_burst, &of_poses, (camera, cameras.rate_hz)))
+                .collect(),
             pose_shifts: against_most(fits.iter().map(|fit| fit.shift).collect(), &bursts),
             fits,
             lines,
@@ -156,6 +167,9 @@ impl<'a> Judge<'a> {
             report
                 .cameras
                 .insert(camera.name.clone(), self.numbers(index, verdict));
+            report
+                .details
+                .insert(camera.name.clone(), self.details(index));
         }
         report
     }
@@ -164,7 +178,9 @@ impl<'a> Judge<'a> {
     fn find_disagreements(&self, report: &mut AgreementReport, told: &mut [bool]) {
         self.find_same_pictures(report, told);
         self.find_frozen(&mut report.disagreements, told);
-        for group in self.groups() {
+        self.find_silent(&mut report.disagreements, told);
+        self.find_jumps(&mut report.disagreements, told);
+        for group in self.groups(told) {
             self.judge_group(&group, &mut report.disagreements, told);
         }
         self.find_what_agrees_by_chance(&mut report.disagreements, told);
@@ -172,8 +188,10 @@ impl<'a> Judge<'a> {
         let all_right = !told.contains(&true);
         for (camera, told) in told.iter_mut().enumerate() {
             let drift = || {
-                self.drifts[camera]
-                    .map(|ticks_per_minute| DisagreementCause::Drifts { ticks_per_minute })
+                let told = self.drifts[camera].filter(|drift| drift.is_told);
+                told.map(|drift| DisagreementCause::Drifts {
+                    ticks_per_minute: drift.ticks_per_minute,
+                })
             };
             let late = || {
                 let late = self
@@ -209,10 +227,12 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// The cameras that were compared, by groups that have nobody in common.
-    fn groups(&self) -> Vec<Vec<usize>> {
-        let compared = || self.pairs.keys().copied();
-        let sets = linked(self.cameras.len(), compared());
+    /// The cameras that were compared, by groups that have nobody in common. Those of which is told what is wrong with them are
+    /// left out: nobody else is held to them.
+    fn groups(&self, told: &[bool]) -> Vec<Vec<usize>> {
+        let compared = self.pairs.keys().copied();
+        let compared = compared.filter(|&(a, b)| !told[a] && !told[b]);
+        let sets = linked(self.cameras.len(), compared);
         sets.into_iter().filter(|set| set.len() > 1).collect()
     }
 
@@ -331,33 +351,6 @@ impl<'a> Judge<'a> {
         (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
     }
 
-    fn numbers(&self, camera: usize, verdict: AgreementVerdict) -> CameraAgreement {
-        let own = self
-            .pairs
-            .iter()
-            .filter(|((a, b), _)| *a == camera || *b == camera);
-        let keypoints = own.clone().map(|(_, pair)| pair.len() as u64).sum();
-        let medians = own.filter_map(|(&(a, b), pair)| {
-            let side = usize::from(b == camera);
-            let focal_px = [a, b].map(|of| self.focal_px(of));
-            Some((pair.median_m()?, pair.median_px(focal_px)?[side]))
-        });
-        let best = medians.min_by(|a, b| a.0.total_cmp(&b.0));
-        let best =
-            best.filter(|(m, px)| ((1000.0 * m) as f32).is_finite() && (*px as f32).is_finite());
-        CameraAgreement {
-            verdict,
-            keypoints,
-            distance_mm: best.map(|(m, _)| rounded(m * 1000.0) as f32),
-            distance_px: best.map(|(_, px)| rounded(px) as f32),
-            late_ticks: self
-                .late(camera)
-                .or_else(|| self.known_late(camera))
-                .map(|late| late as f32)
-                .filter(|late| late.is_finite()),
-        }
-    }
-
     pub(super) fn disagreement(&self, cameras: &[usize], cause: DisagreementCause) -> Disagreement {
         let names = cameras
             .iter()
@@ -425,4 +418,44 @@ fn same_pixels(one: &SeenBody, other: &SeenBody, within_px: f32) -> (usize, usiz
 /// To a tenth.
 pub(super) fn rounded(value: f64) -> f64 {
     (10.0 * value).round() / 10.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture::{Hall, Mistake};
+    use super::*;
+
+    #[test]
+    fn two_cameras_on_one_pole_may_show_the_same() {
+        let hall = Hall {
+            beside_m: Some(0.05),
+            ..Hall::default()
+        };
+        assert_eq!(hall.causes(), []);
+    }
+
+    /// A hall looks nearly the same from the camera opposite, so that a camera which was turned fits the calibration of that one
+    /// better than its own: it was said to show that one's pictures, which stand elsewhere in the picture all the same.
+    #[test]
+    fn a_camera_that_was_turned_by_five_degrees_does_not_show_the_pictures_of_the_one_opposite() {
+        for camera in 0..4 {
+            for turned_deg in [
+                [5.0, 0.0, 0.0],
+                [-5.0, 0.0, 0.0],
+                [0.0, 5.0, 0.0],
+                [0.0, -5.0, 0.0],
+            ] {
+                let mistake = Mistake {
+                    turned_deg,
+                    ..Mistake::default()
+                };
+                let causes = Hall::with(camera, mistake).causes();
+                let same = causes
+                    .iter()
+                    .find(|(_, cause)| *cause == DisagreementCause::SamePictures);
+                assert_eq!(same, None, "camera {camera} by {turned_deg:?}");
+                assert!(!causes.is_empty(), "camera {camera} by {turned_deg:?}");
+            }
+        }
+    }
 }

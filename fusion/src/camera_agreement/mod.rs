@@ -45,7 +45,8 @@ use farfield_proto::venue::parameters::BirthParameters;
 use farfield_proto::venue::{Field, Venue};
 
 pub use self::report::{
-    AgreementReport, Disagreement, DisagreementCause, KeypointExchange, SightedReport,
+    AgreementReport, CameraDetails, Disagreement, DisagreementCause, KeypointExchange,
+    SightedReport,
 };
 
 use self::geometry::SightLines;

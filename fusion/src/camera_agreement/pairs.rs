@@ -16,7 +16,7 @@ use super::geometry::{Meeting, SightLines, meeting};
 use super::samples::{COMPARED, MAX_BODIES, PassSample, SeenBody};
 
 /// Where the cost of a distance reaches one half, metres.
-const HALF_COST_M: f64 = 0.06;
+pub(super) const HALF_COST_M: f64 = 0.06;
 /// Share of the places where a person may be that a camera must see to speak against it.
 const IN_VIEW: f64 = 0.8;
 /// From the highest to the lowest keypoint of somebody who stands, metres.

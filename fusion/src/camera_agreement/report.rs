@@ -13,11 +13,38 @@ use crate::sightings::diagnosis::SightingDiagnosis;
 pub struct AgreementReport {
     /// By the name of the camera.
     pub cameras: BTreeMap<String, CameraAgreement>,
+    /// What else is known of them, by name.
+    #[serde(default)]
+    pub details: BTreeMap<String, CameraDetails>,
     /// What does not fit, the surest first.
     pub disagreements: Vec<Disagreement>,
     /// Whom detection passes found.
     #[serde(default)]
     pub sighted: SightedReport,
+}
+
+/// What is known of a camera beside its agreement.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct CameraDetails {
+    /// Which share of its sightings, those that are kept, is of people who are followed, 0 to 1; `None` where nobody is.
+    pub share_used: Option<f64>,
+    /// By how many ticks more its pictures are late every minute; `None` where too short a time tells.
+    pub drift_ticks_per_minute: Option<f64>,
+}
+
+impl CameraDetails {
+    /// It in a few words, to stand behind others.
+    fn words(&self) -> String {
+        let used = self.share_used.map_or_else(String::new, |share| {
+            format!(", {:.0} % of its sightings used", 100.0 * share)
+        });
+        let drift = self
+            .drift_ticks_per_minute
+            .map_or_else(String::new, |drift| {
+                format!(", drifts {drift:+.1} ticks a minute")
+            });
+        used + &drift
+    }
 }
 
 /// What detection passes found, and what became of it.
@@ -57,7 +84,9 @@ impl AgreementReport {
                 } else {
                     format!(": it sighted people {sighted} times, of whom cameras elsewhere show too few")
                 };
-                format!("camera {name:width$}  {}{alone}", camera.words())
+                let details = self.details.get(name).filter(|_| is_compared);
+                let details = details.map_or_else(String::new, CameraDetails::words);
+                format!("camera {name:width$}  {}{alone}{details}", camera.words())
             })
             .collect();
         lines.extend(self.warnings());
@@ -102,6 +131,15 @@ pub enum DisagreementCause {
         /// Ticks.
         ticks: f64,
     },
+    /// The pictures come late, or early, from some tick on, or until then.
+    LateInPart {
+        /// By how many ticks before it.
+        before_ticks: f64,
+        /// By how many from there on.
+        after_ticks: f64,
+        /// The tick, nearly.
+        since_tick: i64,
+    },
     /// The pictures come at another rate.
     Drifts {
         /// By how many ticks more per minute they are late.
@@ -143,6 +181,11 @@ pub enum DisagreementCause {
     Frozen {
         /// The tick since which they do, as far as is known.
         since_tick: i64,
+    },
+    /// The camera shows nobody while people are in its picture.
+    Silent {
+        /// The tick since which it does, as far as is known; `None` where it never showed anybody.
+        since_tick: Option<i64>,
     },
     /// The camera was turned since it was calibrated.
     Turned {

@@ -188,6 +188,10 @@ pub(super) struct Samples {
     pub(super) n_passes: u64,
     /// Per camera, whom they sighted.
     pub(super) n_sightings: Vec<u64>,
+    /// Per camera, when they sighted anybody last.
+    last_shown: Vec<Option<Tick>>,
+    /// Of kept passes, the cameras of viewpoints of which nothing came.
+    absent: VecDeque<(Tick, Vec<usize>)>,
 }
 
 impl Samples {
@@ -202,7 +206,20 @@ impl Samples {
             poses: VecDeque::new(),
             n_passes: 0,
             n_sightings: vec![0; n_cameras],
+            last_shown: vec![None; n_cameras],
+            absent: VecDeque::new(),
         }
+    }
+
+    /// Whether nothing came of the viewpoint of a camera in the pass at `tick`.
+    pub(super) fn is_absent(&self, camera: usize, tick: Tick) -> bool {
+        let of_pass = self.absent.iter().find(|(of, _)| *of == tick);
+        of_pass.is_some_and(|(_, absent)| absent.contains(&camera))
+    }
+
+    /// The last detection pass in which a camera sighted anybody, since the start.
+    pub(super) fn last_shown(&self, camera: usize) -> Option<Tick> {
+        self.last_shown.get(camera).copied().flatten()
     }
 
     /// Of the ticks every so many have their poses kept.
@@ -256,6 +273,7 @@ impl Samples {
         self.n_passes += u64::from(!all.is_empty());
         for sighting in &all {
             self.n_sightings[usize::from(sighting.camera.0)] += 1;
+            self.last_shown[usize::from(sighting.camera.0)] = Some(group.tick);
         }
         if all.is_empty() || !self.is_due(group.tick) {
             return;
@@ -278,7 +296,14 @@ impl Samples {
         }
         if self.passes.len() == MAX_PASSES {
             self.passes.pop_front();
+            self.absent.pop_front();
         }
+        let came = |camera: usize| {
+            let mut sets = group.sighting_sets.iter();
+            sets.any(|set| is_own(camera, set.viewpoint.0))
+        };
+        let absent = (0..self.n_cameras).filter(|&camera| !came(camera));
+        self.absent.push_back((group.tick, absent.collect()));
         self.passes.push_back(Arc::new(PassSample {
             tick: group.tick,
             of_camera,
@@ -305,7 +330,8 @@ impl Samples {
         if self.current.as_ref().is_some_and(|(n, _)| *n != number) {
             self.end_burst();
         }
-        let is_kept = number.is_multiple_of(ONE_BURST_IN);
+        // Of a short recording two: one may be late and the other not.
+        let is_kept = number.is_multiple_of(ONE_BURST_IN) || number == 1;
         if tick < first || !is_kept {
             return;
         }

@@ -9,8 +9,11 @@
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
 
+pub(super) mod by_burst;
+pub(super) mod jumps;
 pub(super) mod met;
 pub(super) mod pose_shift;
+pub(super) mod silent;
 
 use super::geometry::{SightLines, meeting};
 use super::pairs::cost;
@@ -40,8 +43,6 @@ pub(super) const LATE_TICKS: f64 = 0.6;
 const LATE_DIFFERENCE_TICKS: f64 = 0.5;
 /// The same as a share of the shift.
 const LATE_DIFFERENCE: f64 = 0.05;
-/// Least time between the first and the last burst that tells a rate, minutes.
-const LEAST_DRIFT_MINUTES: f64 = 0.08;
 
 /// Of two cameras: the mean cost by shift, from `-reach` to `reach` ticks; not a number where nothing is known.
 struct Curve {
@@ -406,45 +407,4 @@ impl Drawn {
 pub(super) fn is_same(first: f64, second: f64) -> bool {
     let most = LATE_DIFFERENCE_TICKS.max(LATE_DIFFERENCE * first.abs());
     (first - second).abs() <= most
-}
-
-/// Per camera by how many ticks more it is late every minute, where the bursts lie on a line and that is steep enough.
-pub(super) fn drifts(bursts: &[&Burst], lines: &[SightLines], rate_hz: f64) -> Vec<Option<f64>> {
-    let none = vec![None; lines.len()];
-    let (Some(first), Some(last)) = (bursts.first(), bursts.last()) else {
-        return none;
-    };
-    let minutes_at = |burst: &Burst| (burst.first - first.first) as f64 / rate_hz / 60.0;
-    let minutes = minutes_at(last);
-    if minutes < LEAST_DRIFT_MINUTES {
-        return none;
-    }
-    let of = |burst: &&Burst| {
-        let half = |half| shifts(&[burst], lines, (rate_hz, half));
-        (
-            minutes_at(burst),
-            half(KeypointHalf::Odd),
-            half(KeypointHalf::Even),
-        )
-    };
-    let all: Vec<_> = bursts.iter().map(of).collect();
-    let drift = |camera: usize| {
-        let told = all.iter().filter_map(|(at, odd, even)| {
-            let (odd, even) = (odd[camera]?, even[camera]?);
-            let is_told = odd.is_sharp && even.is_sharp && is_same(odd.late_ticks, even.late_ticks);
-            is_told.then_some((*at, 0.5 * (odd.late_ticks + even.late_ticks)))
-        });
-        let told: Vec<(f64, f64)> = told.collect();
-        let (&(from, before), &(to, after)) = (told.first()?, told.last()?);
-        let rate = (after - before) / (to - from);
-        let is_on_line = |&(at, late): &(f64, f64)| {
-            let expected = before + rate * (at - from);
-            (late - expected).abs() <= LATE_DIFFERENCE_TICKS
-        };
-        let is_drift = told.len() >= 3
-            && (after - before).abs() >= 2.0 * LATE_TICKS
-            && told.iter().all(is_on_line);
-        is_drift.then_some(rate)
-    };
-    (0..lines.len()).map(drift).collect()
 }

@@ -8,6 +8,11 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
     let second = cameras.get(1).map_or("", String::as_str);
     match cause {
         DisagreementCause::Late { ticks } => late(first, ticks, rate_hz),
+        DisagreementCause::LateInPart {
+            before_ticks,
+            after_ticks,
+            since_tick,
+        } => late_in_part(first, [before_ticks, after_ticks], (since_tick, rate_hz)),
         DisagreementCause::Drifts { ticks_per_minute } => (
             format!(
                 "camera {first} runs at another rate: it is {ticks_per_minute:.1} ticks later every minute"
@@ -64,14 +69,8 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             format!("camera {first} seems to have been turned by {degrees:.1} degrees since it was calibrated"),
             "calibrate where it stands again".to_owned(),
         ),
-        DisagreementCause::Frozen { since_tick } => (
-            format!(
-                "the pictures of camera {first} stand still since tick {since_tick} ({:.1} s) at the latest, while people move before it",
-                since_tick as f64 / rate_hz
-            ),
-            "look at its recording: does it stop before the others do, or repeat its last picture? Live: start the camera anew"
-                .to_owned(),
-        ),
+        DisagreementCause::Frozen { since_tick } => frozen(first, since_tick, rate_hz),
+        DisagreementCause::Silent { since_tick } => silent(first, since_tick, rate_hz),
         DisagreementCause::WorldScale { stature_m } => (
             format!("everybody is {stature_m:.2} m tall"),
             "is the calibration in metres? Scale its translations, or calibrate with an object of known size"
@@ -80,15 +79,6 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
         DisagreementCause::Unexplained => unexplained(cameras),
     }
-}
-
-fn exchanged(exchange: KeypointExchange) -> (String, String) {
-    (
-        exchange.words(),
-        "write them in the order of the network's card (COCO: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the \
-         person's left before the right), or bring another program's files in by `farfield import`"
-            .to_owned(),
-    )
 }
 
 fn focal_length(cameras: &[String], factor: f64) -> (String, String) {
@@ -162,6 +152,84 @@ fn floor_height(above_m: f64, floor_m: f64) -> (String, String) {
             "{first}set `[field] floor_m` of the venue to where people stand (`min_m` no higher); if it is right, look at the \
              origin of the calibration, and, where people are too large or too small as well, at the focal lengths"
         ),
+    )
+}
+
+fn exchanged(exchange: KeypointExchange) -> (String, String) {
+    (
+        exchange.words(),
+        "write them in the order of the network's card (COCO: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the \
+         person's left before the right), or bring another program's files in by `farfield import`"
+            .to_owned(),
+    )
+}
+
+fn frozen(camera: &str, since_tick: i64, rate_hz: f64) -> (String, String) {
+    (
+        format!(
+            "the pictures of camera {camera} stand still since tick {since_tick} ({:.1} s) at the latest, while people move before it",
+            since_tick as f64 / rate_hz
+        ),
+        "look at its recording: does it stop before the others do, or repeat its last picture? Live: start the camera anew"
+            .to_owned(),
+    )
+}
+
+fn late_in_part(
+    camera: &str,
+    [before, after]: [f64; 2],
+    (tick, rate_hz): (i64, f64),
+) -> (String, String) {
+    let word = |ticks: f64| {
+        if ticks.abs() < 0.05 {
+            return "on time".to_owned();
+        }
+        let side = if ticks > 0.0 { "late" } else { "early" };
+        format!("{:.1} ticks {side}", ticks.abs())
+    };
+    let at = format!("about tick {tick} ({:.1} s)", tick as f64 / rate_hz);
+    let found = if after.abs() < before.abs() {
+        format!(
+            "camera {camera} is {} until {at}, and {} from there on",
+            word(before),
+            word(after)
+        )
+    } else {
+        format!(
+            "camera {camera} is {} since {at}, and {} before",
+            word(after),
+            word(before)
+        )
+    };
+    let change = (after - before).abs();
+    // What is lost makes what comes after it come early.
+    let (why, mend) = if after < before {
+        ("lost frames there", "put in")
+    } else {
+        ("waited there, or holds frames twice", "take out")
+    };
+    (
+        found,
+        format!(
+            "its recording {why}: {mend} about {change:.0} frames at that place, or record it anew without gaps; live: look at the load of its box"
+        ),
+    )
+}
+
+fn silent(camera: &str, since_tick: Option<i64>, rate_hz: f64) -> (String, String) {
+    let found = match since_tick {
+        Some(tick) => format!(
+            "camera {camera} has shown nobody since tick {tick} ({:.1} s), although people are in its picture",
+            tick as f64 / rate_hz
+        ),
+        None => {
+            format!("camera {camera} has never shown anybody, although people are in its picture")
+        }
+    };
+    (
+        found,
+        "is it covered, dark, out of focus or turned away? Look at its recording; of a file of keypoints, whether it holds people to its end"
+            .to_owned(),
     )
 }
 

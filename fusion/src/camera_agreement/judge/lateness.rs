@@ -1,6 +1,7 @@
 //! Whether a camera is late, and by how much: by what crops show tick by tick, else by sightings and where people were.
 
 use super::{Judge, rounded};
+use crate::camera_agreement::report::{Disagreement, DisagreementCause};
 use crate::camera_agreement::time_shift::{LATE_TICKS, is_same};
 
 /// The same by sightings alone, which say nothing of when within a tick they were taken; and seconds, as poses are kept now
@@ -40,6 +41,22 @@ impl Judge<'_> {
             is_told.then_some((ticks, shift.ratio))
         };
         of_crops().or_else(of_poses)
+    }
+
+    /// Cameras that are late in a part of the time.
+    pub(super) fn find_jumps(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
+        for (camera, jump) in self.jumps.iter().enumerate() {
+            if let (false, Some(jump)) = (told[camera], jump) {
+                told[camera] = true;
+                let [before_ticks, after_ticks] = jump.late_ticks.map(rounded);
+                let cause = DisagreementCause::LateInPart {
+                    before_ticks,
+                    after_ticks,
+                    since_tick: jump.at.0,
+                };
+                all.push(self.disagreement(&[camera], cause));
+            }
+        }
     }
 
     /// Whether `camera` is late, and that explains most of what it is off.

@@ -1,10 +1,12 @@
 //! What is wrong with the pictures of cameras themselves: they stand still, or a lens is another than was calibrated.
 
+use super::super::JudgedCamera;
 use super::super::frozen::frozen_since;
 use super::super::lens::LensPoints;
 use super::super::lens::distortion::{DistortionFit, distortion};
 use super::super::lens::focal_lengths::{FocalLengths, focal_lengths};
 use super::super::report::{Disagreement, DisagreementCause};
+use super::super::time_shift::silent::silences;
 use super::Judge;
 
 /// Another k1 than this is no lens distortion: what is zoomed or was moved a little bends the middle of the picture as much.
@@ -21,6 +23,27 @@ impl Judge<'_> {
                     since_tick: since.0,
                 };
                 self.tell(&[camera], cause, (all, told));
+            }
+        }
+    }
+
+    /// Cameras that show nobody although people are in their pictures.
+    pub(super) fn find_silent(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
+        let of_viewpoint = |camera: &JudgedCamera| {
+            let of = |other: &&JudgedCamera| other.viewpoint == camera.viewpoint;
+            self.cameras.iter().filter(of).count()
+        };
+        let per_viewpoint: Vec<usize> = self.cameras.iter().map(of_viewpoint).collect();
+        let seen: Vec<_> = self.fits.iter().map(|fit| fit.seen.clone()).collect();
+        let found = silences(&seen, &per_viewpoint, self.samples, self.rate_hz);
+        for (camera, silence) in found.into_iter().enumerate() {
+            if let (false, Some(silence)) = (told[camera], silence) {
+                let since_tick = silence.since.map(|tick| tick.0);
+                self.tell(
+                    &[camera],
+                    DisagreementCause::Silent { since_tick },
+                    (all, told),
+                );
             }
         }
     }

@@ -7,7 +7,8 @@
 use super::super::geometry::SightLines;
 use super::super::samples::{MAX_BODIES, PassSample, PosedTick, Samples};
 use super::KeypointHalf;
-use super::pose_shift::{PoseShift, Projected, Search, Sighted};
+use super::pose_shift::{PoseJump, PoseShift, Projected, Search, Sighted};
+use super::silent::SeenPass;
 
 /// Least mean cost of a sighting that is nobody there.
 const ELSEWHERE: f64 = 0.5;
@@ -41,7 +42,7 @@ impl Met {
 }
 
 /// What sightings say of a camera beside the poses of all.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::camera_agreement) struct PoseFit {
     /// Its shift; `None` where people moved too little before it, or too few were sighted.
     pub(in crate::camera_agreement) shift: Option<PoseShift>,
@@ -49,6 +50,10 @@ pub(in crate::camera_agreement) struct PoseFit {
     pub(in crate::camera_agreement) cost_now: Option<f64>,
     /// Who is met.
     pub(in crate::camera_agreement) met: Met,
+    /// Whether it is late in a part of the time.
+    pub(in crate::camera_agreement) jump: Option<PoseJump>,
+    /// What it shows, by detection pass.
+    pub(in crate::camera_agreement) seen: Vec<SeenPass>,
 }
 
 /// That of every camera.
@@ -66,6 +71,8 @@ pub(in crate::camera_agreement) fn pose_fits(
             shift: search.shift(rate_hz),
             cost_now: search.cost_now(),
             met: search.met(),
+            jump: search.jump(rate_hz),
+            seen: search.seen_passes(),
         }
     };
     lines.iter().enumerate().map(of).collect()
@@ -104,7 +111,7 @@ impl Search<'_> {
         all
     }
 
-    fn is_in_picture(&self, person: &Projected) -> bool {
+    pub(super) fn is_in_picture(&self, person: &Projected) -> bool {
         let inside = person.keypoints.iter().flatten().filter(|(px, _)| {
             (0.0..self.size_px.x).contains(&px.x) && (0.0..self.size_px.y).contains(&px.y)
         });

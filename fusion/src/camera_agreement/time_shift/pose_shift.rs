@@ -9,27 +9,33 @@
 //! not in his crops, as boxes are where people are now; sightings are made without boxes. Poses follow all cameras, so that
 //! one that is a little late draws them to itself: of few ticks some are missing here, of many none.
 
+mod jump;
+mod sighted;
+
 use farfield_proto::order_statistics::upper_median;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
+
+pub(in crate::camera_agreement) use self::jump::PoseJump;
+pub(super) use self::sighted::{Projected, Sighted};
 
 use super::super::geometry::SightLines;
-use super::super::pairs::cost;
-use super::super::samples::{Burst, MAX_POSED, PassSample, PosedTick, SeenBody};
+use super::super::samples::{Burst, MAX_POSED, PassSample, PosedTick};
 use super::{KeypointHalf, vertex};
 
 /// Longest shift that is looked for, seconds.
 const LONGEST_S: f64 = 10.0;
 /// Keypoints that must have been compared at a shift.
 const MIN_COMPARED: usize = 120;
-/// Least keypoints of a sighting.
-const MIN_KEYPOINTS: usize = 5;
 /// By which factor most shifts cost more than the least.
 const STANDS_OUT: f64 = 1.25;
 /// By which factor any shift costs more that is so far from the least, seconds.
 const ALONE: f64 = 1.12;
 const ALONE_S: f64 = 0.5;
-/// Middles of bodies that are farther apart than this are not of one person, metres.
-const MIDDLES_M: f64 = 1.5;
+/// Of the shifts every so many are looked at at first; then those beside the least of these, as many as may be the least of all:
+/// so many, of which none costs more than the least by this factor.
+const COARSE: usize = 3;
+const TRIED: usize = 12;
+const MAY_BE_LEAST: f64 = 1.5;
 /// How far the halves of the keypoints look from the least cost of all, poses.
 const BESIDE: isize = 3;
 /// By how much they may differ: ticks, and a share of the shift.
@@ -51,13 +57,6 @@ pub(in crate::camera_agreement) struct PoseShift {
     pub(in crate::camera_agreement) ratio: f64,
     /// Whether both halves of the time say so.
     pub(in crate::camera_agreement) is_steady: bool,
-}
-
-/// A person at a kept tick, in a camera.
-pub(super) struct Projected {
-    middle_px: Vector2<f64>,
-    /// Per keypoint; with the depth, metres. `None` behind the camera.
-    pub(super) keypoints: Vec<Option<(Vector2<f64>, f64)>>,
 }
 
 /// The sightings of a camera, and everybody as it would see them.
@@ -93,9 +92,11 @@ impl<'a> Search<'a> {
         for posed in poses {
             let at = (number(posed) - first).unsigned_abs() as usize;
             people.resize_with(at, PosedPeople::default);
-            let bodies = posed.people.iter().map(|(_, body)| body);
+            let seen = posed.people.iter();
             people.push(PosedPeople {
-                seen: bodies.filter_map(|body| projected(body, lines)).collect(),
+                seen: seen
+                    .filter_map(|(person, body)| Projected::of(*person, body, lines))
+                    .collect(),
                 is_cut: posed.people.len() >= MAX_POSED,
             });
         }
@@ -113,13 +114,7 @@ impl<'a> Search<'a> {
     pub(super) fn shift(&self, rate_hz: f64) -> Option<PoseShift> {
         let per_pose_s = self.every as f64 / rate_hz;
         let reach = (LONGEST_S / per_pose_s).round() as isize;
-        let curve = self.curve(-reach..=reach, (KeypointHalf::All, self.passes));
-        let most = curve.iter().map(|(_, n)| *n).max()?;
-        let costs = curve.into_iter().map(|(sum, n)| {
-            let is_known = n >= MIN_COMPARED && 3 * n >= most;
-            if is_known { sum / n as f64 } else { f64::NAN }
-        });
-        let costs: Vec<f64> = costs.collect();
+        let costs = self.costs(reach)?;
         let known = || {
             costs
                 .iter()
@@ -128,7 +123,11 @@ impl<'a> Search<'a> {
                 .filter(|(_, c)| c.is_finite())
         };
         let (at, least) = known().min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let middle = upper_median(known().map(|(_, c)| c).collect())?;
+        let coarse = costs
+            .iter()
+            .skip(reach.cast_unsigned() % COARSE)
+            .step_by(COARSE);
+        let middle = upper_median(coarse.copied().filter(|c| c.is_finite()).collect())?;
         let alone = (ALONE_S / per_pose_s).ceil() as usize;
         let next = known().filter(|(other, _)| other.abs_diff(at) > alone);
         let next = next.map(|(_, c)| c).fold(f64::INFINITY, f64::min);
@@ -150,6 +149,70 @@ impl<'a> Search<'a> {
             ratio: least / before.unwrap_or(middle).max(least),
             is_steady: self.is_steady(own),
         })
+    }
+
+    /// The mean cost by shift, from `-reach` on; not a number where too little is known, or where it is not the least.
+    fn costs(&self, reach: isize) -> Option<Vec<f64>> {
+        let seen = self.sighted(KeypointHalf::All, self.passes);
+        let at = |shift: isize| self.cost_at(&seen, shift);
+        let mut costs = vec![f64::NAN; 2 * reach.cast_unsigned() + 1];
+        // With no shift among them.
+        let first = reach.cast_unsigned() % COARSE;
+        let coarse = (first..costs.len()).step_by(COARSE);
+        let coarse: Vec<(usize, (f64, usize))> = coarse
+            .map(|index| (index, at(index.cast_signed() - reach)))
+            .collect();
+        let most = coarse.iter().map(|(_, (_, n))| *n).max()?;
+        let mean = |(sum, n): (f64, usize)| {
+            let is_known = n >= MIN_COMPARED && 3 * n >= most;
+            if is_known { sum / n as f64 } else { f64::NAN }
+        };
+        for (index, compared) in coarse {
+            costs[index] = mean(compared);
+        }
+        let known = costs.iter().copied().enumerate();
+        let mut best: Vec<(usize, f64)> = known.filter(|(_, cost)| cost.is_finite()).collect();
+        best.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let least = best.first()?.1;
+        for (index, _) in best
+            .into_iter()
+            .take_while(|(_, cost)| *cost <= MAY_BE_LEAST * least)
+            .take(TRIED)
+        {
+            for beside in index.saturating_sub(COARSE - 1)..(index + COARSE).min(costs.len()) {
+                if costs[beside].is_nan() {
+                    costs[beside] = mean(at(beside.cast_signed() - reach));
+                }
+            }
+        }
+        Some(costs)
+    }
+
+    /// The sightings of passes that show enough of those keypoints.
+    fn sighted(
+        &self,
+        half: KeypointHalf,
+        passes: &[&'a PassSample],
+    ) -> Vec<(&'a PassSample, Sighted)> {
+        let of = |pass: &&'a PassSample| {
+            let pass = *pass;
+            let seen = pass.surest(self.camera).iter();
+            seen.filter_map(move |body| Some((pass, Sighted::of(body, half)?)))
+        };
+        passes.iter().flat_map(of).collect()
+    }
+
+    /// The summed cost at a shift, and of how many keypoints.
+    fn cost_at(&self, seen: &[(&PassSample, Sighted)], shift: isize) -> (f64, usize) {
+        let (mut sum, mut n) = (0.0, 0);
+        for (pass, seen) in seen {
+            let people = self.people_at(pass, shift);
+            if let Some(people) = people.filter(|people| !people.is_empty()) {
+                sum += seen.cost(people, self.focal_px) * seen.len() as f64;
+                n += seen.len();
+            }
+        }
+        (sum, n)
     }
 
     /// Where people were so many kept poses before a pass.
@@ -174,7 +237,7 @@ impl<'a> Search<'a> {
             let people = self.people_at(pass, own);
             people.is_some_and(|p| !p.is_empty()) && !pass.surest(self.camera).is_empty()
         };
-        let passes: Vec<&PassSample> = self.passes.iter().filter(is_compared).copied().collect();
+        let passes: Vec<&'a PassSample> = self.passes.iter().filter(is_compared).copied().collect();
         let bodies = |pass: &&PassSample| pass.surest(self.camera).len();
         let all: usize = passes.iter().map(bodies).sum();
         let mut shown = 0;
@@ -183,8 +246,9 @@ impl<'a> Search<'a> {
             2 * shown > all
         });
         let (first, second) = passes.split_at(middle.unwrap_or(0));
-        let explains = |half: &[&PassSample]| {
-            let at = |shift: isize| self.curve(shift..=shift, (KeypointHalf::All, half))[0];
+        let explains = |half: &[&'a PassSample]| {
+            let seen = self.sighted(KeypointHalf::All, half);
+            let at = |shift: isize| self.cost_at(&seen, shift);
             let ((there, n), (here, n_here)) = (at(own), at(0));
             let (there, here) = (there / n.max(1) as f64, here / n_here.max(1) as f64);
             // Before anybody was followed nothing is known of how it is.
@@ -213,10 +277,10 @@ impl<'a> Search<'a> {
 
     /// The least cost of some keypoints beside a shift, with the fraction of the parabola through it, poses.
     fn near(&self, own: isize, half: KeypointHalf) -> Option<f64> {
-        let curve = self.curve(own - BESIDE..=own + BESIDE, (half, self.passes));
+        let seen = self.sighted(half, self.passes);
+        let curve = (own - BESIDE..=own + BESIDE).map(|shift| self.cost_at(&seen, shift));
         let costs: Vec<f64> = curve
-            .iter()
-            .map(|&(sum, n)| {
+            .map(|(sum, n)| {
                 if n == 0 {
                     f64::INFINITY
                 } else {
@@ -237,96 +301,6 @@ impl<'a> Search<'a> {
             .iter()
             .map(|pass| pass.tick.0.rem_euclid(self.every) as f64);
         poses * self.every as f64 + off.sum::<f64>() / self.passes.len().max(1) as f64
-    }
-
-    /// Per shift the summed cost, and of how many keypoints.
-    fn curve(
-        &self,
-        shifts: std::ops::RangeInclusive<isize>,
-        (half, passes): (KeypointHalf, &[&PassSample]),
-    ) -> Vec<(f64, usize)> {
-        let mut curve = vec![(0.0, 0); shifts.clone().count()];
-        for pass in passes {
-            for body in pass.surest(self.camera) {
-                let Some(seen) = Sighted::of(body, half) else {
-                    continue;
-                };
-                for (shift, (sum, n)) in shifts.clone().zip(&mut curve) {
-                    let people = self.people_at(pass, shift);
-                    if let Some(people) = people.filter(|people| !people.is_empty()) {
-                        *sum += seen.cost(people, self.focal_px) * seen.len() as f64;
-                        *n += seen.len();
-                    }
-                }
-            }
-        }
-        curve
-    }
-}
-
-fn projected(body: &[[f32; 3]], lines: &SightLines) -> Option<Projected> {
-    let of = |m: &[f32; 3]| lines.project(&Vector3::from(m.map(f64::from)));
-    let keypoints: Vec<Option<(Vector2<f64>, f64)>> = body.iter().map(of).collect();
-    let seen = || keypoints.iter().flatten();
-    let n = seen().count();
-    let middle_px = seen().map(|(px, _)| px).sum::<Vector2<f64>>() / n.max(1) as f64;
-    (n >= MIN_KEYPOINTS).then_some(Projected {
-        middle_px,
-        keypoints,
-    })
-}
-
-/// A sighting, without what it does not show.
-pub(super) struct Sighted {
-    middle_px: Vector2<f64>,
-    keypoints: Vec<(usize, Vector2<f64>)>,
-}
-
-impl Sighted {
-    pub(super) fn of(body: &SeenBody, half: KeypointHalf) -> Option<Self> {
-        let all = body.iter().enumerate().filter_map(|(k, seen)| {
-            let pixel = seen.as_ref()?.pixel.map(f64::from);
-            Some((k, Vector2::from(pixel)))
-        });
-        let all: Vec<(usize, Vector2<f64>)> = all.collect();
-        if all.len() < MIN_KEYPOINTS {
-            return None;
-        }
-        let middle_px = all.iter().map(|(_, px)| px).sum::<Vector2<f64>>() / all.len() as f64;
-        let keypoints: Vec<_> = all.into_iter().filter(|(k, _)| half.has(*k)).collect();
-        (keypoints.len() * 3 >= MIN_KEYPOINTS).then_some(Self {
-            middle_px,
-            keypoints,
-        })
-    }
-
-    fn len(&self) -> usize {
-        self.keypoints.len()
-    }
-
-    /// That of the person whom it fits best; 1 where nobody is near.
-    pub(super) fn cost(&self, people: &[Projected], focal_px: f64) -> f64 {
-        self.cost_near(people, focal_px).unwrap_or(1.0)
-    }
-
-    /// The same; `None` where nobody is near.
-    fn cost_near(&self, people: &[Projected], focal_px: f64) -> Option<f64> {
-        let of = |person: &Projected| {
-            let depth_m = person.keypoints.iter().flatten().next()?.1;
-            let apart_m = (person.middle_px - self.middle_px).norm() * depth_m / focal_px;
-            if apart_m > MIDDLES_M {
-                return None;
-            }
-            let off_m = |(k, seen): &(usize, Vector2<f64>)| {
-                let at = person.keypoints.get(*k).copied().flatten();
-                at.map_or(f64::INFINITY, |(px, depth_m)| {
-                    (px - seen).norm() * depth_m / focal_px
-                })
-            };
-            let costs = self.keypoints.iter().map(|seen| cost(off_m(seen)));
-            Some(costs.sum::<f64>() / self.len() as f64)
-        };
-        people.iter().filter_map(of).min_by(f64::total_cmp)
     }
 }
 
