@@ -5,6 +5,7 @@
 //! calibration of another.
 
 pub(super) mod exchanged;
+mod held;
 mod lateness;
 mod numbers;
 mod pictures;

@@ -1,13 +1,18 @@
 //! What is wrong with the pictures of cameras themselves: they stand still, or a lens is another than was calibrated.
 
-use super::super::JudgedCamera;
 use super::super::frozen::frozen_since;
 use super::super::lens::LensPoints;
 use super::super::lens::distortion::{DistortionFit, distortion};
 use super::super::lens::focal_lengths::{FocalLengths, focal_lengths};
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use super::super::JudgedCamera;
 use super::super::report::{Disagreement, DisagreementCause};
+use super::super::samples::{Burst, Samples};
 use super::super::time_shift::silent::silences;
 use super::Judge;
+use super::held::held;
 
 /// Another k1 than this is no lens distortion: what is zoomed or was moved a little bends the middle of the picture as much.
 const MOST_K1_OVER: f64 = 0.75;
@@ -57,7 +62,9 @@ impl Judge<'_> {
         }
         let viewpoints: Vec<_> = self.cameras.iter().map(|camera| camera.viewpoint).collect();
         let cameras = (&self.lines[..], &viewpoints[..]);
-        let Some(points) = LensPoints::of(&self.bursts, self.samples, cameras) else {
+        let (samples, bursts) = self.without(&self.doubtful_witnesses());
+        let bursts: Vec<&Burst> = bursts.iter().map(AsRef::as_ref).collect();
+        let Some(points) = LensPoints::of(&bursts, &samples, cameras) else {
             return;
         };
         let scaled = focal_lengths(&points);
@@ -88,6 +95,40 @@ impl Judge<'_> {
             (None, Some(scaled)) => self.tell_focal_lengths(scaled, (all, told)),
             (None, None) => {}
         }
+    }
+
+    /// Cameras that say nothing of the lenses of others: those that hold frames, and fisheyes among other lenses, which may be none.
+    fn doubtful_witnesses(&self) -> Vec<usize> {
+        let n = self.cameras.len();
+        let held = held(&self.bursts, n);
+        let n_fisheyes = self.lines.iter().filter(|lines| lines.is_fisheye()).count();
+        let is_doubtful =
+            |&camera: &usize| held[camera] || 2 * n_fisheyes < n && self.lines[camera].is_fisheye();
+        (0..n).filter(is_doubtful).collect()
+    }
+
+    /// What is kept, without what these cameras showed.
+    fn without(&self, cameras: &[usize]) -> (Cow<'_, Samples>, Vec<Cow<'_, Burst>>) {
+        let bursts = self.bursts.iter();
+        if cameras.is_empty() {
+            let bursts = bursts.map(|burst| Cow::Borrowed(*burst)).collect();
+            return (Cow::Borrowed(self.samples), bursts);
+        }
+        let mut samples = self.samples.clone();
+        for pass in &mut samples.passes {
+            let pass = Arc::make_mut(pass);
+            for &camera in cameras {
+                pass.of_camera[camera].clear();
+            }
+        }
+        let left = bursts.map(|burst| {
+            let mut burst = (*burst).clone();
+            burst
+                .trails
+                .retain(|trail| !cameras.contains(&trail.camera));
+            Cow::Owned(burst)
+        });
+        (Cow::Owned(samples), left.collect())
     }
 
     fn tell_focal_lengths(&self, scaled: FocalLengths, to: (&mut Vec<Disagreement>, &mut [bool])) {
