@@ -1,5 +1,6 @@
 //! Cameras that are not what the venue says: the sample with real mistakes in it, and what a run says of each.
 
+mod in_part;
 mod scenes;
 mod shelf;
 mod treadmill;

@@ -47,6 +47,22 @@ impl Shelf {
         }
     }
 
+    /// Writes the recordings, of which `cam1` shows nobody from some line on.
+    fn write_black(&self, from_line: usize) {
+        self.write(0);
+        let path = self.dir.path().join("cam1.jsonl");
+        let text = fs::read_to_string(&path).unwrap();
+        let lines = text.lines().enumerate().map(|(index, line)| {
+            let mut line: Value = serde_json::from_str(line).unwrap();
+            if index >= from_line {
+                line["persons"] = Value::Array(Vec::new());
+            }
+            format!("{line}\n")
+        });
+        let lines = lines.collect::<String>();
+        fs::write(path, lines).unwrap();
+    }
+
     /// Gives a camera, or all, this `distortions`.
     fn distort(&self, camera: Option<&str>, distortions: &str) {
         let path = self.dir.path().join("calibration.toml");
@@ -117,5 +133,26 @@ fn lenses_that_are_not_as_calibrated_are_named() {
         assert_eq!(found[0]["cause"], "distortion", "{name}");
         let expected = camera.map_or(CAMERAS.to_vec(), |camera| vec![camera]);
         assert_eq!(found[0]["cameras"], serde_json::json!(expected), "{name}");
+    }
+}
+
+#[test]
+fn a_camera_that_goes_black_or_never_shows_anybody_is_named() {
+    let Some(shelf) = Shelf::new() else {
+        return;
+    };
+    for from_line in [0, 120] {
+        shelf.write_black(from_line);
+        let found = shelf.disagreements(&format!("black-{from_line}"));
+        assert_eq!(found.len(), 1, "{from_line}: {found:?}");
+        assert_eq!(found[0]["cause"], "silent", "{from_line}");
+        assert_eq!(found[0]["cameras"], serde_json::json!(["cam1"]));
+        let since = found[0]["since_tick"].as_i64();
+        // The first line is of tick 300, and a second passes between two detection passes.
+        let is_told = match since {
+            None => from_line == 0,
+            Some(tick) => (420..=440).contains(&tick),
+        };
+        assert!(is_told, "{from_line}: {since:?}");
     }
 }

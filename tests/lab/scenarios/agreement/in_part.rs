@@ -1,0 +1,105 @@
+//! Mistakes that are in a part of the keypoints of all cameras alike, or in a part of the time of one camera.
+
+use std::fs;
+
+use serde_json::{Value, json};
+
+use super::{CAMERAS, MistakenSample};
+
+/// The disagreements in the summary of a run of the sample with these mistakes.
+fn disagreements(sample: &MistakenSample) -> Vec<Value> {
+    sample.run(&[]);
+    let summary = fs::read_to_string(sample.path("out/summary.json")).unwrap();
+    let summary: Value = serde_json::from_str(&summary).unwrap();
+    let found = summary["agreement"]["disagreements"].as_array().unwrap();
+    for one in found {
+        println!("{}", one["found"].as_str().unwrap());
+    }
+    found.clone()
+}
+
+#[test]
+fn keypoints_that_are_exchanged_in_all_cameras_are_named() {
+    // COCO: 5 to 10 are shoulders, elbows and wrists, 11 to 16 hips, knees and ankles, left before right.
+    type Exchange = fn(usize) -> usize;
+    let cases: [(&str, Exchange); 5] = [
+        ("sides_of_legs", |k| match k {
+            11 | 13 | 15 => k + 1,
+            12 | 14 | 16 => k - 1,
+            _ => k,
+        }),
+        ("sides_of_arms", |k| match k {
+            5 | 7 | 9 => k + 1,
+            6 | 8 | 10 => k - 1,
+            _ => k,
+        }),
+        ("elbows_and_wrists", |k| match k {
+            7 | 8 => k + 2,
+            9 | 10 => k - 2,
+            _ => k,
+        }),
+        ("knees_and_ankles", |k| match k {
+            13 | 14 => k + 2,
+            15 | 16 => k - 2,
+            _ => k,
+        }),
+        ("hips_and_shoulders", |k| match k {
+            5 | 6 => k + 6,
+            11 | 12 => k - 6,
+            _ => k,
+        }),
+    ];
+    for (exchange, from) in cases {
+        let sample = MistakenSample::new().change(&CAMERAS, from, |pixel| pixel);
+        let found = disagreements(&sample);
+        assert_eq!(found.len(), 1, "{exchange}: {found:?}");
+        assert_eq!(found[0]["cause"], "exchanged_keypoints", "{exchange}");
+        assert_eq!(found[0]["exchange"], exchange);
+        assert_eq!(found[0]["cameras"], json!([]), "{exchange}");
+    }
+}
+
+#[test]
+fn the_order_of_another_program_is_named_where_it_is_taken_for_that_of_the_card() {
+    // The first 17 of BODY_25; its neck and the middle of its hips are at a shoulder and a hip here.
+    const BODY_25: [usize; 17] = [0, 6, 6, 8, 10, 5, 7, 9, 12, 12, 14, 16, 11, 13, 15, 2, 1];
+    let sample = MistakenSample::new().change(&CAMERAS, |k| BODY_25[k], |pixel| pixel);
+    sample.is_told(&["in the order of OpenPose's BODY_25", "farfield import"]);
+}
+
+#[test]
+fn frames_that_were_lost_or_doubled_in_the_middle_are_told_from_when_on() {
+    // From tick 60 on it shows what happens five ticks later, or earlier; or it does so until then.
+    let shown: [(&str, fn(usize) -> usize, [f64; 2]); 3] = [
+        ("lost", |t| if t < 60 { t } else { t + 5 }, [0.0, -5.0]),
+        (
+            "waited",
+            |t| if t < 60 { t } else { (t - 5).max(60) },
+            [0.0, 5.0],
+        ),
+        (
+            "late at first",
+            |t| if t < 60 { t.saturating_sub(4) } else { t },
+            [4.0, 0.0],
+        ),
+    ];
+    for (name, shown, late_ticks) in shown {
+        let mut sample = MistakenSample::new();
+        let lines = sample.lines.get_mut("north-west").unwrap();
+        let before = lines.clone();
+        for (tick, line) in lines.iter_mut().enumerate() {
+            let from = shown(tick).min(before.len() - 1);
+            line["persons"] = before[from]["persons"].clone();
+        }
+        let found = disagreements(&sample);
+        assert_eq!(found.len(), 1, "{name}: {found:?}");
+        assert_eq!(found[0]["cause"], "late_in_part", "{name}");
+        assert_eq!(found[0]["cameras"], json!(["north-west"]), "{name}");
+        let told = ["before_ticks", "after_ticks"].map(|at| found[0][at].as_f64().unwrap());
+        for (told, expected) in told.iter().zip(late_ticks) {
+            assert!((told - expected).abs() < 0.5, "{name}: {told}");
+        }
+        let since = found[0]["since_tick"].as_i64().unwrap();
+        assert!((since - 60).abs() <= 30, "{name}: {since}");
+    }
+}
