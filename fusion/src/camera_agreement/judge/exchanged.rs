@@ -71,14 +71,12 @@ pub enum KeypointExchange {
     OpenPoseCoco,
     /// Those of Human3.6M.
     Human36m,
-    /// Those of MPII.
-    Mpii,
 }
 
 use KeypointExchange as Exchange;
 
 impl KeypointExchange {
-    const ALL: [Self; 16] = [
+    const ALL: [Self; 15] = [
         Self::AllSides,
         Self::SidesOfLegs,
         Self::SidesOfArms,
@@ -94,7 +92,6 @@ impl KeypointExchange {
         Self::Body25,
         Self::OpenPoseCoco,
         Self::Human36m,
-        Self::Mpii,
     ];
 
     /// What is found, for people.
@@ -122,7 +119,6 @@ impl KeypointExchange {
             Self::Body25 => listed("OpenPose's BODY_25"),
             Self::OpenPoseCoco => listed("OpenPose's COCO (with a neck)"),
             Self::Human36m => listed("Human3.6M"),
-            Self::Mpii => listed("MPII"),
         }
     }
 
@@ -149,7 +145,6 @@ impl KeypointExchange {
                 listed([0, 15, 14, N, 16, 5, 2, 6, 3, 7, 4, 11, 8, 12, 9, 13, 10])
             }
             Self::Human36m => listed([9, N, N, N, N, 11, 14, 12, 15, 13, 16, 4, 1, 5, 2, 6, 3]),
-            Self::Mpii => listed([N, N, N, N, N, 13, 12, 14, 11, 15, 10, 3, 2, 4, 1, 5, 0]),
         }
     }
 }

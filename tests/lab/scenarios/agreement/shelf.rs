@@ -56,6 +56,10 @@ impl Shelf {
             let mut line: Value = serde_json::from_str(line).unwrap();
             if index >= from_line {
                 line["persons"] = Value::Array(Vec::new());
+                let peaks = line.get_mut("peaks").and_then(Value::as_array_mut);
+                for of_keypoint in peaks.into_iter().flatten() {
+                    *of_keypoint = Value::Array(Vec::new());
+                }
             }
             format!("{line}\n")
         });
