@@ -288,9 +288,8 @@ fn curve(
         let (mut sum, mut n) = (0.0, 0);
         for (first, second) in &pairs {
             gaps_m.resize_with(first.n_keypoints, Vec::new);
-            first.compare(second, (shift, every), &mut gaps_m);
-            let compared = gaps_m.iter_mut().enumerate().filter(|(k, _)| half.has(*k));
-            for (_, gaps_m) in compared {
+            first.compare(second, (shift, every, half), &mut gaps_m);
+            for gaps_m in &mut gaps_m {
                 let (cost, count) = cost_of_change(gaps_m);
                 sum += cost;
                 n += count;
@@ -359,8 +358,13 @@ impl Drawn {
         &self.directions[tick * self.n_keypoints..][..self.n_keypoints]
     }
 
-    /// Per keypoint the distances, with their sides, where `other` is looked up `shift` ticks after this.
-    fn compare(&self, other: &Self, (shift, every): (isize, usize), gaps_m: &mut [Vec<f64>]) {
+    /// Per keypoint of a half the distances, with their sides, where `other` is looked up `shift` ticks after this.
+    fn compare(
+        &self,
+        other: &Self,
+        (shift, every, half): (isize, usize, KeypointHalf),
+        gaps_m: &mut [Vec<f64>],
+    ) {
         gaps_m.iter_mut().for_each(Vec::clear);
         for tick in (0..self.late.len()).step_by(every) {
             let Some(late) = self.late[tick] else {
@@ -373,7 +377,8 @@ impl Drawn {
             let own = self.tick(tick);
             let first = other.tick(before);
             let second = other.tick(before + usize::from(share > 0.0));
-            for (k, direction) in own.iter().enumerate().take(other.n_keypoints) {
+            let compared = own.iter().enumerate().take(other.n_keypoints);
+            for (k, direction) in compared.filter(|(k, _)| half.has(*k)) {
                 let (p, q) = (&first[k], &second[k]);
                 if p.norm_squared() == 0.0 || q.norm_squared() == 0.0 {
                     continue;
