@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use farfield_proto::message::agreement::CameraAgreement;
 use serde::{Deserialize, Serialize};
 
-pub use super::judge::exchanged::KeypointExchange;
 use crate::sightings::diagnosis::SightingDiagnosis;
 
 /// How the cameras of a venue agree.
@@ -207,4 +206,40 @@ pub enum DisagreementCause {
     },
     /// None of these explains it.
     Unexplained,
+}
+
+/// What is in the place of what.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum KeypointExchange {
+    /// Left and right of everything.
+    AllSides,
+    /// Left and right of hips, knees and ankles.
+    SidesOfLegs,
+    /// Left and right of shoulders, elbows and wrists.
+    SidesOfArms,
+    /// Left and right of all but the face.
+    SidesOfLimbs,
+    /// Left and right of elbows and wrists.
+    SidesOfElbowsAndWrists,
+    /// Left and right of knees and ankles.
+    SidesOfKneesAndAnkles,
+    /// Left and right of the wrists.
+    SidesOfWrists,
+    /// Elbows and wrists.
+    ElbowsAndWrists,
+    /// Knees and ankles.
+    KneesAndAnkles,
+    /// Hips and shoulders.
+    HipsAndShoulders,
+    /// Shoulders and elbows.
+    ShouldersAndElbows,
+    /// Hips and knees.
+    HipsAndKnees,
+    /// The first keypoints of `OpenPose`'s `BODY_25`.
+    Body25,
+    /// Those of `OpenPose`'s model of COCO, with a neck.
+    OpenPoseCoco,
+    /// Those of Human3.6M.
+    Human36m,
 }

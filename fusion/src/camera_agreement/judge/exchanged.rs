@@ -13,8 +13,8 @@ use std::array::from_fn;
 
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 
+use super::super::report::KeypointExchange;
 use crate::body::observed::ObservedJoints;
 use crate::body::skeleton::Joint;
 
@@ -36,42 +36,6 @@ const TURNED: f64 = 0.25;
 const MIN_BONES: usize = 5;
 /// Least upward part of the direction of a trunk of whom the nose tells ahead from behind.
 const UPRIGHT: f64 = 0.75;
-
-/// What is in the place of what.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum KeypointExchange {
-    /// Left and right of everything.
-    AllSides,
-    /// Left and right of hips, knees and ankles.
-    SidesOfLegs,
-    /// Left and right of shoulders, elbows and wrists.
-    SidesOfArms,
-    /// Left and right of all but the face.
-    SidesOfLimbs,
-    /// Left and right of elbows and wrists.
-    SidesOfElbowsAndWrists,
-    /// Left and right of knees and ankles.
-    SidesOfKneesAndAnkles,
-    /// Left and right of the wrists.
-    SidesOfWrists,
-    /// Elbows and wrists.
-    ElbowsAndWrists,
-    /// Knees and ankles.
-    KneesAndAnkles,
-    /// Hips and shoulders.
-    HipsAndShoulders,
-    /// Shoulders and elbows.
-    ShouldersAndElbows,
-    /// Hips and knees.
-    HipsAndKnees,
-    /// The first keypoints of `OpenPose`'s `BODY_25`.
-    Body25,
-    /// Those of `OpenPose`'s model of COCO, with a neck.
-    OpenPoseCoco,
-    /// Those of Human3.6M.
-    Human36m,
-}
 
 use KeypointExchange as Exchange;
 
