@@ -1,9 +1,12 @@
 //! What would make a camera agree: the likely causes, weighed by how much each leaves of the cost.
 
+pub(super) mod displaced;
 mod keypoint_order;
 
+use self::displaced::displaced;
 use self::keypoint_order::{KeypointOrder, keypoint_order, shown_order};
 use super::judge::{Judge, rounded};
+use super::lens::LensPoints;
 use super::pairs::{CameraRays, PictureChange};
 use super::refit::{Refit, refit};
 use super::report::{Disagreement, DisagreementCause};
@@ -46,6 +49,7 @@ impl Judge<'_> {
         &self,
         camera: usize,
         (right, group, outside): (&[usize], &[usize], &[usize]),
+        points: Option<&LensPoints<'_>>,
         told: &mut [bool],
     ) -> Option<(Vec<usize>, DisagreementCause)> {
         let others: Vec<usize> = if right.is_empty() {
@@ -75,7 +79,11 @@ impl Judge<'_> {
             causes.push((ratio, vec![camera], DisagreementCause::Late { ticks }));
         }
         causes.extend(self.in_another_order(camera, &others, as_it_is));
-        causes.extend(self.refitted(camera, right));
+        let is_late = self.may_be_late(camera);
+        let points = points.filter(|_| !is_late);
+        let fitted = points.and_then(|points| displaced(&points.observed(camera, right)));
+        let fitted = fitted.map(|(ratio, cause)| (ratio, vec![camera], cause));
+        causes.extend(fitted.or_else(|| self.refitted(camera, right)));
         causes.sort_by(|a, b| a.0.total_cmp(&b.0));
         let second = causes.get(1).map_or(1.0, |(ratio, ..)| *ratio);
         let is_cause = |ratio: f64| {
@@ -173,6 +181,7 @@ impl Judge<'_> {
     /// too small for where the others see them, or beside it, or have left for right.
     pub(super) fn find_what_agrees_by_chance(
         &self,
+        points: Option<&LensPoints<'_>>,
         all: &mut Vec<Disagreement>,
         told: &mut [bool],
     ) {
@@ -181,7 +190,12 @@ impl Judge<'_> {
             let right: Vec<usize> = (0..told.len()).filter(left).collect();
             let causes = right.iter().filter_map(|&camera| {
                 let cause = self.certain_order(camera, &right);
-                let (ratio, cause) = cause.or_else(|| self.certain_refit(camera, &right))?;
+                // Where somebody moved more is known.
+                let refit = || {
+                    self.certain_refit(camera, &right)
+                        .filter(|_| points.is_none())
+                };
+                let (ratio, cause) = cause.or_else(refit)?;
                 Some((ratio, camera, cause))
             });
             let Some((_, camera, cause)) = causes.min_by(|a, b| a.0.total_cmp(&b.0)) else {

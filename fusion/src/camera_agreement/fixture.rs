@@ -2,7 +2,7 @@
 
 #![expect(clippy::cast_possible_wrap, reason = "a few hundred ticks")]
 
-use farfield_proto::camera::CameraModel;
+use farfield_proto::camera::{CameraModel, Distortion};
 use farfield_proto::frames::Point;
 use farfield_proto::id::{PersonId, SessionId};
 use farfield_proto::message::{PersonPose, PersonState};
@@ -34,6 +34,8 @@ pub(super) struct Mistake {
     pub(super) k1_over: f32,
     /// By what it was turned about its axes (right, down, ahead) since it was calibrated, degrees.
     pub(super) turned_deg: [f64; 3],
+    /// Where it was moved to since it was calibrated, from where it stood then, world, metres.
+    pub(super) moved_m: [f64; 3],
     /// Which of the two people the camera shows alone.
     pub(super) sees_only: Option<usize>,
 }
@@ -52,6 +54,8 @@ pub(super) struct Hall {
     pub(super) row: Option<f64>,
     /// How far beside the first camera the second hangs, which looks the same way then, metres.
     pub(super) beside_m: Option<f64>,
+    /// Two cameras that have each other's lenses in the calibration: the second zooms, and its sensor sits aside.
+    pub(super) lenses_of: Option<[usize; 2]>,
     /// Whether nobody moves.
     pub(super) still: bool,
     /// Whether both walk the same way.
@@ -68,6 +72,7 @@ impl Default for Hall {
             narrow: false,
             row: None,
             beside_m: None,
+            lenses_of: None,
             still: false,
             one_way: false,
         }
@@ -102,14 +107,18 @@ impl Hall {
             );
             hall.cameras[1].1 = beside;
         }
+        let mut calibrated = hall.cameras.clone();
+        if let Some([first, second]) = self.lenses_of {
+            hall.cameras[second].1 = zoomed_aside(&hall.cameras[second].1);
+            calibrated[first].1 = zoomed_aside(&hall.cameras[first].1);
+        }
         let mut noise = Noise(5);
         let keypoints = KeypointSet::coco17();
         let shape = [
             standing(0.0, 0.0, 1.7, &mut noise),
             standing(0.0, 0.0, 1.85, &mut noise),
         ];
-        let judged = hall
-            .cameras
+        let judged = calibrated
             .iter()
             .enumerate()
             .map(|(i, (viewpoint, model))| JudgedCamera {
@@ -122,7 +131,7 @@ impl Hall {
             all: judged.collect(),
             partners: partners(&keypoints),
             rate_hz: RATE_HZ,
-            models: hall.cameras.clone(),
+            models: calibrated.clone(),
             keypoints: keypoints.clone(),
             field: Field {
                 min_m: [-4.0, -3.0, -0.3],
@@ -153,7 +162,8 @@ impl Hall {
             }
             let seen: SeenBody = body
                 .iter()
-                .map(|p| pixel(&hall.cameras[whose].1, p, &mut noise))
+                .map(|p| p - Vector3::from(mistake.moved_m))
+                .map(|p| pixel(&hall.cameras[whose].1, &p, &mut noise))
                 .collect();
             changed(&seen, mistake, &partners)
         };
@@ -243,6 +253,22 @@ impl Hall {
         let disagreements = self.report().disagreements.into_iter();
         disagreements.map(|d| (d.cameras, d.cause)).collect()
     }
+}
+
+/// The camera with another lens.
+fn zoomed_aside(camera: &CameraModel) -> CameraModel {
+    let mut intrinsics = *camera.intrinsics();
+    intrinsics.fx_px *= 1.04;
+    intrinsics.fy_px *= 1.04;
+    intrinsics.cx_px += 25.0;
+    CameraModel::new(
+        camera.name(),
+        camera.size_px(),
+        intrinsics,
+        Distortion::default(),
+        *camera.camera_from_world(),
+    )
+    .unwrap()
 }
 
 /// Four cameras beside the field, of which two see the half of one person, and two that of the other.

@@ -7,16 +7,19 @@
 pub(super) mod exchanged;
 mod held;
 mod lateness;
+mod lenses_swapped;
 mod numbers;
 mod pictures;
 pub(super) mod sides;
 
 use std::collections::BTreeMap;
 
+use farfield_proto::camera::CameraModel;
 use farfield_proto::message::agreement::AgreementVerdict;
 use farfield_proto::order_statistics::upper_median;
 
 use super::geometry::SightLines;
+use super::lens::LensPoints;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
 use super::report::{AgreementReport, Disagreement, DisagreementCause};
 use super::samples::{Burst, COMPARED, PassSample, Samples, SeenBody};
@@ -56,6 +59,7 @@ const SAME_SHARE: f32 = 0.04;
 
 pub(super) struct Judge<'a> {
     pub(super) cameras: &'a [JudgedCamera],
+    models: Vec<&'a CameraModel>,
     pub(super) partners: &'a Partners,
     pub(super) rate_hz: f64,
     samples: &'a Samples,
@@ -97,6 +101,7 @@ impl<'a> Judge<'a> {
         let all = 0..lines.len();
         let mut judge = Self {
             cameras: &cameras.all,
+            models: cameras.models.iter().map(|(_, model)| model).collect(),
             partners: &cameras.partners,
             rate_hz: cameras.rate_hz,
             shifts: of(KeypointHalf::All),
@@ -181,10 +186,20 @@ impl<'a> Judge<'a> {
         self.find_frozen(&mut report.disagreements, told);
         self.find_silent(&mut report.disagreements, told);
         self.find_jumps(&mut report.disagreements, told);
-        for group in self.groups(told) {
-            self.judge_group(&group, &mut report.disagreements, told);
+        let (samples, bursts) = self.without(&self.doubtful_witnesses());
+        let bursts: Vec<&Burst> = bursts.iter().map(AsRef::as_ref).collect();
+        let points = self.lens_points(&bursts, &samples);
+        let points = points.as_ref();
+        if let Some(points) = points {
+            self.find_lenses_swapped(points, &mut report.disagreements, told);
         }
-        self.find_what_agrees_by_chance(&mut report.disagreements, told);
+        for group in self.groups(told) {
+            self.judge_group(&group, points, &mut report.disagreements, told);
+        }
+        if let Some(points) = points {
+            self.find_displaced(points, &mut report.disagreements, told);
+        }
+        self.find_what_agrees_by_chance(points, &mut report.disagreements, told);
         // Those who are held to a camera that is wrong seem a little late: they are told of once it is mended.
         let all_right = !told.contains(&true);
         for (camera, told) in told.iter_mut().enumerate() {
@@ -207,7 +222,9 @@ impl<'a> Judge<'a> {
             }
         }
         self.find_far_off(&mut report.disagreements, told);
-        self.find_other_lenses(&mut report.disagreements, told);
+        if let Some(points) = points {
+            self.find_other_lenses(points, &mut report.disagreements, told);
+        }
     }
 
     /// Cameras whose sightings are clearly elsewhere than where people are, or of others than are there, while those of the
@@ -228,6 +245,12 @@ impl<'a> Judge<'a> {
         }
     }
 
+    /// What tells of lenses, where somebody moved.
+    fn lens_points(&self, bursts: &[&Burst], samples: &Samples) -> Option<LensPoints<'_>> {
+        let viewpoints = self.cameras.iter().map(|camera| camera.viewpoint);
+        LensPoints::of(bursts, samples, (&self.lines, viewpoints.collect()))
+    }
+
     /// The cameras that were compared, by groups that have nobody in common. Those of which is told what is wrong with them are
     /// left out: nobody else is held to them.
     fn groups(&self, told: &[bool]) -> Vec<Vec<usize>> {
@@ -238,7 +261,13 @@ impl<'a> Judge<'a> {
     }
 
     /// Explains every camera of a group that is not among those which are taken for right.
-    fn judge_group(&self, group: &[usize], all: &mut Vec<Disagreement>, told: &mut [bool]) {
+    fn judge_group(
+        &self,
+        group: &[usize],
+        points: Option<&LensPoints<'_>>,
+        all: &mut Vec<Disagreement>,
+        told: &mut [bool],
+    ) {
         let right = self.taken_for_right(group);
         let outside = group
             .iter()
@@ -248,7 +277,7 @@ impl<'a> Judge<'a> {
         let (mut found, mut unexplained) = (Vec::new(), Vec::new());
         for &camera in &outside {
             if !told[camera] {
-                match self.explain(camera, (&right, group, &outside), told) {
+                match self.explain(camera, (&right, group, &outside), points, told) {
                     Some((cameras, cause)) => found.push(self.disagreement(&cameras, cause)),
                     None => unexplained.push(camera),
                 }
@@ -271,7 +300,10 @@ impl<'a> Judge<'a> {
     /// The largest set of cameras of a group that are linked by agreement; none where no two agree, or two sets are as
     /// large.
     fn taken_for_right(&self, group: &[usize]) -> Vec<usize> {
-        let own = self.pairs.iter().filter(|((a, _), _)| group.contains(a));
+        let own = self
+            .pairs
+            .iter()
+            .filter(|((a, b), _)| group.contains(a) && group.contains(b));
         let medians = own.filter_map(|(pair, agreement)| Some((*pair, agreement.median_m()?)));
         let medians: Vec<((usize, usize), f64)> = medians.collect();
         let least_m = medians

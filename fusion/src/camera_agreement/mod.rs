@@ -7,6 +7,7 @@
 //!   Pipeline::step -> AgreementWatch: keeps what cameras showed lately (`samples`), in bounded memory
 //!                      '-> AgreementSamples, now and then, to another thread -> judge -> AgreementReport
 //!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `lens` on what crops show tick by tick (`lens` on sightings, too),
+//!          `refit/resection` on both where somebody moved (which camera was moved, turned or zoomed);
 //!          `pose_shift` on sightings and poses, `frozen` on sightings -> a cause in `words`; `sides` on whom all sight alike;
 //!          `standing` on people, where all that fits
 //! ```
@@ -182,12 +183,18 @@ impl AgreementSamples {
         self.tell_of_all_keypoints(&votes, &mut report);
         // Where anything else is wrong people stand wherever that puts them.
         let is_alone = report.disagreements.is_empty();
-        let floor = || self.standing.doubtful_floor().filter(|_| is_alone);
+        let standing = &self.standing;
+        let of_floor = || {
+            standing
+                .doubtful_tilt()
+                .or_else(|| standing.doubtful_floor())
+        };
+        let floor = || of_floor().filter(|_| is_alone);
         let are_exchanged = |told: &Disagreement| {
             matches!(told.cause, DisagreementCause::ExchangedKeypoints { .. })
         };
         let is_whole = !report.disagreements.iter().any(are_exchanged);
-        let scale = self.standing.doubtful_scale(factor_of_all(&report));
+        let scale = standing.doubtful_scale(factor_of_all(&report));
         let scale = scale.filter(|_| is_whole);
         if let Some(cause) = scale.or_else(floor) {
             let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);

@@ -8,6 +8,8 @@
 //! v is the keypoint as the others triangulate it, seen through the calibration; u the one that is shown; c the principal
 //! point. Weighted least squares, weights after Geman and `McClure`, so that single keypoints do not count.
 
+pub(super) mod resection;
+
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Matrix4, Vector2, Vector3, Vector4};
 

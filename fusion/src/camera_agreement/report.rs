@@ -191,10 +191,24 @@ pub enum DisagreementCause {
         /// Degrees.
         degrees: f64,
     },
+    /// The camera was moved since it was calibrated, and turned with it.
+    Moved {
+        /// How far, metres.
+        distance_m: f64,
+        /// By what, degrees.
+        degrees: f64,
+    },
+    /// Two cameras have each other's lenses: the matrix and the distortions of the calibration, not where they stand.
+    LensesSwapped,
     /// People have sizes that people do not have: the unit of the calibration.
     WorldScale {
         /// Median stature of all people, metres.
         stature_m: f64,
+    },
+    /// The floor on which people stand is tilted, and so are they: z of the calibration is not up.
+    WorldTilted {
+        /// Degrees.
+        degrees: f64,
     },
     /// People stand under the floor, or nobody on it: the origin of the calibration, or the venue's `floor_m`.
     FloorHeight {

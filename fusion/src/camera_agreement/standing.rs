@@ -1,9 +1,14 @@
 //! How tall everybody is and how high everybody stands: what tells the unit of a calibration, and its floor, where all
 //! cameras agree with each other.
 
+mod tilt;
+
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::order_statistics::{mean_median, percentile, upper_median};
 
+use nalgebra::Vector3;
+
+use self::tilt::{Stance, tilt_rad};
 use super::report::DisagreementCause;
 use crate::body::observed::ObservedJoints;
 use crate::body::segment::stature_m;
@@ -13,13 +18,17 @@ use crate::identity::track::Track;
 
 /// Statures and heights that are kept, the newest.
 const MAX_KEPT: usize = 256;
+/// Places where somebody stood that are kept, the newest: of several people at an instant.
+const MAX_STANCES: usize = 1024;
 /// Least statures that tell the unit of a calibration.
 const MIN_STATURES: usize = 8;
 /// Median stature of everybody outside which the unit of the calibration is doubted, metres: school children are taller,
 /// and no team is.
 const STATURES_M: std::ops::RangeInclusive<f64> = 1.2..=2.15;
-/// Least instants that tell of the floor.
+/// Least instants that tell of the floor, and of one that is so far from everybody's feet, metres, that it is no jump.
 const MIN_INSTANTS: usize = 20;
+const FEW_INSTANTS: usize = 8;
+const FAR_FROM_FLOOR_M: f64 = 0.6;
 /// Viewpoints that must see an ankle: legs behind a desk are made up.
 const MIN_VIEWS: u16 = 2;
 /// Least downward part of the direction of thigh and shank of a leg on which somebody stands: within 40 degrees. Who sits,
@@ -52,6 +61,8 @@ pub(super) struct Standing {
     statures_m: Vec<f64>,
     /// Per instant how high the feet of those who stand are above the floor: of the lowest person, and of the highest.
     feet_m: Vec<[f64; 2]>,
+    /// Where they stood, and how they leant.
+    stances: Vec<Stance>,
 }
 
 impl Standing {
@@ -62,6 +73,7 @@ impl Standing {
             floor_m,
             statures_m: Vec::with_capacity(MAX_KEPT),
             feet_m: Vec::with_capacity(MAX_KEPT),
+            stances: Vec::with_capacity(MAX_STANCES),
         }
     }
 
@@ -86,17 +98,19 @@ impl Standing {
                 body.set(*joint, *position_m, 1.0);
             }
             if let Some(stature_m) = stature_m([&body]) {
-                keep(&mut self.statures_m, stature_m);
+                keep(&mut self.statures_m, stature_m, MAX_KEPT);
             }
             if sees_both(track.estimator(), &self.ankles)
-                && let Some(lowest_m) = feet_of_who_stands(joints_m)
+                && let Some(foot_m) = foot_of_who_stands(joints_m)
             {
-                let above_m = lowest_m - self.floor_m;
+                let stance = Stance::of(joints_m, foot_m);
+                keep(&mut self.stances, stance, MAX_STANCES);
+                let above_m = foot_m.z - self.floor_m;
                 range = [range[0].min(above_m), range[1].max(above_m)];
             }
         }
         if range.iter().all(|m| m.is_finite()) {
-            keep(&mut self.feet_m, range);
+            keep(&mut self.feet_m, range, MAX_KEPT);
         }
     }
 
@@ -116,7 +130,7 @@ impl Standing {
 
     /// That all who stand do so under the floor, or nobody on it.
     pub(super) fn doubtful_floor(&self) -> Option<DisagreementCause> {
-        if self.feet_m.len() < MIN_INSTANTS {
+        if self.feet_m.len() < FEW_INSTANTS {
             return None;
         }
         let sorted = |of: usize| {
@@ -132,15 +146,25 @@ impl Standing {
         } else {
             return None;
         };
-        Some(DisagreementCause::FloorHeight {
-            above_m: mean_median(&told_m)?,
+        let above_m = mean_median(&told_m)?;
+        let are_enough = told_m.len() >= MIN_INSTANTS || above_m.abs() >= FAR_FROM_FLOOR_M;
+        are_enough.then_some(DisagreementCause::FloorHeight {
+            above_m,
             floor_m: self.floor_m,
+        })
+    }
+
+    /// That the world is tilted.
+    pub(super) fn doubtful_tilt(&self) -> Option<DisagreementCause> {
+        let degrees = tilt_rad(&self.stances)?.to_degrees();
+        Some(DisagreementCause::WorldTilted {
+            degrees: (10.0 * degrees).round() / 10.0,
         })
     }
 }
 
-fn keep<T>(kept: &mut Vec<T>, new: T) {
-    if kept.len() == MAX_KEPT {
+fn keep<T>(kept: &mut Vec<T>, new: T, most: usize) {
+    if kept.len() == most {
         kept.remove(0);
     }
     kept.push(new);
@@ -154,8 +178,8 @@ fn sees_both(estimator: &Estimator, ankles: &[Option<usize>; 2]) -> bool {
     })
 }
 
-/// How high the lowest point of the feet is, world, metres; `None` of who stands on neither leg.
-fn feet_of_who_stands(joints_m: &Joints) -> Option<f64> {
+/// The lowest point of the feet, world, metres; `None` of who stands on neither leg.
+fn foot_of_who_stands(joints_m: &Joints) -> Option<Vector3<f64>> {
     let at = |joint: Joint| joints_m[joint.index()];
     let is_down = |from: Joint, to: Joint| {
         let along_m = at(to) - at(from);
@@ -163,9 +187,10 @@ fn feet_of_who_stands(joints_m: &Joints) -> Option<f64> {
     };
     let mut legs = LEGS.into_iter();
     let stands = legs.any(|[hip, knee, ankle]| is_down(hip, knee) && is_down(knee, ankle));
-    let heights_m = FEET.map(|joint| at(joint).z);
-    let lowest_m = heights_m.into_iter().fold(f64::INFINITY, f64::min);
-    (stands && lowest_m.is_finite()).then_some(lowest_m)
+    let feet_m = FEET.map(at).into_iter();
+    let lowest_m = feet_m.min_by(|a, b| a.z.total_cmp(&b.z))?;
+    let is_finite = lowest_m.iter().all(|m| m.is_finite());
+    (stands && is_finite).then_some(lowest_m)
 }
 
 #[cfg(test)]
@@ -205,7 +230,9 @@ mod tests {
         // Somebody is in the air for 60 % of the time.
         let jumps = (0..50).map(|i| [if i % 5 < 3 { 0.5 } else { 0.0 }; 2]);
         assert_eq!(above_m(jumps), None);
-        assert_eq!(above_m((0..19).map(|_| [-1.0; 2])), None);
+        assert_eq!(above_m((0..19).map(|_| [-0.4; 2])), None);
+        assert_eq!(above_m((0..7).map(|_| [-1.0; 2])), None);
+        assert!(above_m((0..9).map(|_| [-1.0; 2])).is_some());
     }
 
     #[test]
@@ -231,16 +258,16 @@ mod tests {
 
     #[test]
     fn the_feet_count_of_who_stands_and_not_of_who_sits_kneels_or_lies() {
-        let standing_m = feet_of_who_stands(&body(0.0, 0.0, 0.0, 0.96)).unwrap();
+        let standing_m = foot_of_who_stands(&body(0.0, 0.0, 0.0, 0.96)).unwrap().z;
         assert!(standing_m.abs() < 0.1, "{standing_m}");
-        assert!(feet_of_who_stands(&body(0.3, 0.4, 0.0, 0.9)).is_some());
+        assert!(foot_of_who_stands(&body(0.3, 0.4, 0.0, 0.9)).is_some());
         for (what, joints_m) in [
             ("sits", body(1.5, 1.5, 0.0, 0.5)),
             ("kneels", body(0.0, 1.5, 0.0, 0.5)),
             ("lies", body(0.0, 0.0, 1.57, 0.1)),
             ("stands on the hands", body(0.0, 0.0, 3.1, 1.1)),
         ] {
-            assert_eq!(feet_of_who_stands(&joints_m), None, "{what}");
+            assert_eq!(foot_of_who_stands(&joints_m), None, "{what}");
         }
     }
 }

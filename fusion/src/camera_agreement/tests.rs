@@ -1,5 +1,7 @@
 //! What is said of cameras that are not what the venue says.
 
+mod displaced;
+
 use farfield_proto::message::agreement::AgreementVerdict;
 
 use super::fixture::{Hall, Mistake, names};

@@ -65,10 +65,12 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::ExchangedKeypoints { exchange } => exchanged(exchange),
         DisagreementCause::FocalLength { factor } => focal_length(cameras, factor),
         DisagreementCause::Distortion { k1_over } => distortion(cameras, k1_over),
-        DisagreementCause::Turned { degrees } => (
-            format!("camera {first} seems to have been turned by {degrees:.1} degrees since it was calibrated"),
-            "calibrate where it stands again".to_owned(),
-        ),
+        DisagreementCause::Turned { degrees } => turned(first, degrees),
+        DisagreementCause::Moved {
+            distance_m,
+            degrees,
+        } => moved(first, distance_m, degrees),
+        DisagreementCause::LensesSwapped => lenses_swapped(first, second),
         DisagreementCause::Frozen { since_tick } => frozen(first, since_tick, rate_hz),
         DisagreementCause::Silent { since_tick } => silent(first, since_tick, rate_hz),
         DisagreementCause::WorldScale { stature_m } => (
@@ -76,9 +78,45 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             "is the calibration in metres? Scale its translations, or calibrate with an object of known size"
                 .to_owned(),
         ),
+        DisagreementCause::WorldTilted { degrees } => world_tilted(degrees),
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
         DisagreementCause::Unexplained => unexplained(cameras),
     }
+}
+
+fn turned(camera: &str, degrees: f64) -> (String, String) {
+    (
+        format!(
+            "camera {camera} seems to have been turned by {degrees:.1} degrees since it was calibrated"
+        ),
+        "calibrate where it stands again".to_owned(),
+    )
+}
+
+fn moved(camera: &str, distance_m: f64, degrees: f64) -> (String, String) {
+    (
+        format!(
+            "camera {camera} seems to have been moved by {distance_m:.2} m and turned by {degrees:.1} degrees since it was calibrated"
+        ),
+        "calibrate where it stands again".to_owned(),
+    )
+}
+
+fn lenses_swapped(first: &str, second: &str) -> (String, String) {
+    (
+        format!("cameras {first} and {second} seem to have each other's lenses"),
+        "exchange their `matrix` and `distortions` in the calibration".to_owned(),
+    )
+}
+
+fn world_tilted(degrees: f64) -> (String, String) {
+    (
+        format!(
+            "the floor on which people stand is tilted by {degrees:.1} degrees, and so are they: z of the calibration is not up"
+        ),
+        "align the calibration anew, with z up: by the floor or by places in `farfield calibrate ... --marks`"
+            .to_owned(),
+    )
 }
 
 fn focal_length(cameras: &[String], factor: f64) -> (String, String) {

@@ -65,6 +65,11 @@ impl Judge<'_> {
             .is_some_and(|(_, ratio)| ratio < FAR_EXPLAINS)
     }
 
+    /// Whether `camera` may be late, so that it says nothing of where anybody is.
+    pub(in crate::camera_agreement) fn may_be_late(&self, camera: usize) -> bool {
+        self.is_clearly_late(camera) || self.drifts[camera].is_some()
+    }
+
     /// By how many ticks `camera` is late, to a hundredth; `None` where nothing moved enough to tell, or the halves of the
     /// keypoints tell otherwise.
     pub(super) fn known_late(&self, camera: usize) -> Option<f64> {

@@ -1,5 +1,6 @@
 //! What is wrong with the pictures of cameras themselves: they stand still, or a lens is another than was calibrated.
 
+use super::super::explain::displaced::displaced;
 use super::super::frozen::frozen_since;
 use super::super::lens::LensPoints;
 use super::super::lens::distortion::{DistortionFit, distortion};
@@ -55,19 +56,17 @@ impl Judge<'_> {
 
     /// Other lenses, of one camera or of all. Only where nothing else is found: what is late or turned bends lines of sight,
     /// too. Where cameras only agree with nobody, other focal lengths of all may be why.
-    pub(super) fn find_other_lenses(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
+    pub(super) fn find_other_lenses(
+        &self,
+        points: &LensPoints<'_>,
+        all: &mut Vec<Disagreement>,
+        told: &mut [bool],
+    ) {
         let is_unexplained = |told: &Disagreement| told.cause == DisagreementCause::Unexplained;
         if !all.iter().all(is_unexplained) {
             return;
         }
-        let viewpoints: Vec<_> = self.cameras.iter().map(|camera| camera.viewpoint).collect();
-        let cameras = (&self.lines[..], &viewpoints[..]);
-        let (samples, bursts) = self.without(&self.doubtful_witnesses());
-        let bursts: Vec<&Burst> = bursts.iter().map(AsRef::as_ref).collect();
-        let Some(points) = LensPoints::of(&bursts, &samples, cameras) else {
-            return;
-        };
-        let scaled = focal_lengths(&points);
+        let scaled = focal_lengths(points);
         if !all.is_empty() {
             if let Some(scaled) = scaled.filter(FocalLengths::is_sure) {
                 // Of others the factor says nothing.
@@ -83,11 +82,11 @@ impl Judge<'_> {
                 .as_ref()
                 .is_none_or(|scaled| bent.ratio < scaled.ratio)
         };
-        match (distortion(&points).filter(explains_more), scaled) {
+        match (distortion(points).filter(explains_more), scaled) {
             (Some(bent), _) => {
                 let k1_over = (100.0 * bent.k1_over).round() / 100.0;
                 let cause = match bent.cameras[..] {
-                    [camera] if k1_over.abs() > MOST_K1_OVER => self.refitted_alone(camera),
+                    [camera] => self.bent_alone(points, (camera, k1_over)),
                     _ => DisagreementCause::Distortion { k1_over },
                 };
                 self.tell(&bent.cameras, cause, (all, told));
@@ -129,6 +128,24 @@ impl Judge<'_> {
             Cow::Owned(burst)
         });
         (Cow::Owned(samples), left.collect())
+    }
+
+    /// Why one camera alone seems to have another k1: what was moved, turned or zoomed a little bends pictures, too.
+    fn bent_alone(
+        &self,
+        points: &LensPoints<'_>,
+        (camera, k1_over): (usize, f64),
+    ) -> DisagreementCause {
+        let all: Vec<usize> = (0..self.cameras.len()).collect();
+        match displaced(&points.observed(camera, &all)) {
+            Some((_, DisagreementCause::Distortion { .. })) | None
+                if k1_over.abs() <= MOST_K1_OVER =>
+            {
+                DisagreementCause::Distortion { k1_over }
+            }
+            Some((_, cause)) => cause,
+            None => self.refitted_alone(camera),
+        }
     }
 
     fn tell_focal_lengths(&self, scaled: FocalLengths, to: (&mut Vec<Disagreement>, &mut [bool])) {

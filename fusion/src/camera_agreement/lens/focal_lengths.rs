@@ -90,7 +90,7 @@ impl LensPoints<'_> {
                 .iter()
                 .filter(|(camera, _)| self.known.contains(camera));
             let own: Point = own.copied().collect();
-            if !is_seen_widely(&own, self.viewpoints) {
+            if !is_seen_widely(&own, &self.viewpoints) {
                 return None;
             }
             let mut depths_m = vec![0.0; own.len()];

@@ -10,12 +10,15 @@ use farfield_proto::id::ViewpointIndex;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::geometry::SightLines;
+use super::refit::resection::{LEAST_DEPTH_M, Observed};
 use super::samples::{Burst, PosedTick, Samples, SeenBody};
 
 /// Of the ticks of a burst every so many are looked at.
 const EVERY_TICKS: usize = 4;
 /// Keypoints that are looked at, spread over all.
 const MAX_POINTS: usize = 1200;
+/// Of these so many of one camera are held to the others.
+const MAX_OBSERVED: usize = 500;
 /// Least keypoints that tell.
 const MIN_POINTS: usize = 150;
 /// Viewpoints that must show a keypoint: two lines of sight meet through many lenses, and those of one viewpoint say the
@@ -24,9 +27,12 @@ const MIN_VIEWPOINTS: usize = 3;
 /// How far somebody must have moved: of who stays at one place networks err always alike, which looks like another lens (a k
 /// of 0.5 on a treadmill, all of whose cameras are right).
 const MOVED_M: f64 = 1.2;
-/// Keypoints that tell whose a sighting is, and at which distance one costs a half, metres.
+/// Keypoints that tell whose a sighting is, and at which distance one costs a half, metres: a camera that was turned by two
+/// degrees shows people as far beside where they are.
 const MIN_COMMON: usize = 5;
-const NEAR_M: f64 = 0.15;
+const NEAR_M: f64 = 0.3;
+/// What the sighting that fits next must cost more.
+const CLEARLY: f64 = 1.5;
 /// Rounds of weighting.
 const ROUNDS: usize = 3;
 /// Distances at which a line of sight weighs a quarter, and costs one half, metres.
@@ -44,8 +50,10 @@ const REFINEMENTS: usize = 4;
 /// Keypoints that tell of lenses.
 pub(super) struct LensPoints<'a> {
     points: Vec<Point>,
+    /// Which keypoint of the network each of them is.
+    keypoints: Vec<usize>,
     lines: &'a [SightLines],
-    viewpoints: &'a [ViewpointIndex],
+    viewpoints: Vec<ViewpointIndex>,
     /// The cameras that show enough of them, fisheyes left out: these have other lenses.
     known: Vec<usize>,
 }
@@ -55,16 +63,16 @@ impl<'a> LensPoints<'a> {
     pub(super) fn of(
         bursts: &[&Burst],
         samples: &Samples,
-        (lines, viewpoints): (&'a [SightLines], &'a [ViewpointIndex]),
+        (lines, viewpoints): (&'a [SightLines], Vec<ViewpointIndex>),
     ) -> Option<Self> {
         if farthest_moved_m(samples) < MOVED_M {
             return None;
         }
-        let mut points = points(bursts, lines);
-        points.extend(sighted_points(samples, lines));
-        points.retain(|point| is_seen_widely(point, viewpoints));
-        let step = points.len().div_ceil(MAX_POINTS).max(1);
-        let points: Vec<Point> = points.into_iter().step_by(step).collect();
+        let mut all = points(bursts, lines);
+        all.extend(sighted_points(samples, lines));
+        all.retain(|(_, point)| is_seen_widely(point, &viewpoints));
+        let step = all.len().div_ceil(MAX_POINTS).max(1);
+        let (keypoints, points): (Vec<usize>, Vec<Point>) = all.into_iter().step_by(step).unzip();
         if points.len() < MIN_POINTS {
             return None;
         }
@@ -79,10 +87,43 @@ impl<'a> LensPoints<'a> {
             .collect();
         Some(Self {
             points,
+            keypoints,
             lines,
             viewpoints,
             known,
         })
+    }
+
+    /// What `camera` shows of them, beside where the cameras of other viewpoints that are `right` say it is.
+    pub(super) fn observed(&self, camera: usize, right: &[usize]) -> Vec<Observed> {
+        let lines = &self.lines[camera];
+        let all = self.points.iter().zip(&self.keypoints);
+        let observed = all.filter_map(|(point, &keypoint)| {
+            let (_, shown) = point.iter().find(|(of, _)| *of == camera)?;
+            let others = point.iter().filter(|(of, _)| {
+                right.contains(of) && self.viewpoints[*of] != self.viewpoints[camera]
+            });
+            let rays = others.map(|&(of, y)| {
+                let lines = &self.lines[of];
+                (lines.center_m, lines.world(y).normalize())
+            });
+            let rays: Vec<Ray> = rays.collect();
+            let mut in_camera_m = None;
+            let gaps_m = gaps_m(&rays, |_, place_m, gap_m| {
+                in_camera_m = Some(lines.in_camera(place_m));
+                gap_m
+            });
+            let is_met = rays.len() >= 2 && gaps_m.iter().all(|gap_m| gap_m.is_finite());
+            let place_m = in_camera_m.filter(|m| is_met && m.z >= LEAST_DEPTH_M)?;
+            Some(Observed {
+                place_m,
+                shown: *shown,
+                keypoint,
+            })
+        });
+        let observed: Vec<Observed> = observed.collect();
+        let step = observed.len().div_ceil(MAX_OBSERVED).max(1);
+        observed.into_iter().step_by(step).collect()
     }
 
     /// The cameras whose lenses they tell of.
@@ -166,8 +207,8 @@ fn farthest_moved_m(samples: &Samples) -> f64 {
     ways.fold(0.0, f64::max)
 }
 
-fn points(bursts: &[&Burst], lines: &[SightLines]) -> Vec<Point> {
-    let mut all: Vec<Point> = Vec::new();
+fn points(bursts: &[&Burst], lines: &[SightLines]) -> Vec<(usize, Point)> {
+    let mut all: Vec<(usize, Point)> = Vec::new();
     for burst in bursts {
         let mut people: Vec<u32> = burst.trails.iter().map(|trail| trail.person).collect();
         people.sort_unstable();
@@ -189,7 +230,7 @@ fn points(bursts: &[&Burst], lines: &[SightLines]) -> Vec<Point> {
                         }
                     }
                 }
-                all.extend(of_tick);
+                all.extend(of_tick.into_iter().enumerate());
             }
         }
     }
@@ -197,8 +238,8 @@ fn points(bursts: &[&Burst], lines: &[SightLines]) -> Vec<Point> {
 }
 
 /// Those of detection passes: whose a sighting is is told by where people were.
-fn sighted_points(samples: &Samples, lines: &[SightLines]) -> Vec<Point> {
-    let mut all: Vec<Point> = Vec::new();
+fn sighted_points(samples: &Samples, lines: &[SightLines]) -> Vec<(usize, Point)> {
+    let mut all: Vec<(usize, Point)> = Vec::new();
     for pass in &samples.passes {
         let off = |posed: &PosedTick| (posed.tick.0 - pass.tick.0).abs();
         let posed = samples.poses.iter().min_by_key(|posed| off(posed));
@@ -215,7 +256,7 @@ fn sighted_points(samples: &Samples, lines: &[SightLines]) -> Vec<Point> {
                     point.extend(seen.map(|seen| (camera, lines[camera].normalised(seen.pixel))));
                 }
             }
-            all.extend(of_person);
+            all.extend(of_person.into_iter().enumerate());
         }
     }
     all
@@ -240,8 +281,11 @@ fn shown_by<'a>(
         let mean = costs.iter().sum::<f64>() / costs.len().max(1) as f64;
         (costs.len() >= MIN_COMMON && mean < 0.5).then_some((mean, body))
     };
-    let best = bodies.iter().filter_map(cost_of);
-    Some(best.min_by(|a, b| a.0.total_cmp(&b.0))?.1)
+    let mut known: Vec<(f64, &SeenBody)> = bodies.iter().filter_map(cost_of).collect();
+    known.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (best, body) = *known.first()?;
+    let is_clear = known.get(1).is_none_or(|(next, _)| *next > CLEARLY * best);
+    is_clear.then_some(body)
 }
 
 /// How far each line of sight passes the point that is nearest to them all, metres; infinite where they are parallel.

@@ -1,0 +1,90 @@
+//! Whether two cameras have each other's lenses: matrix and distortions were exchanged in the calibration, and where they stand
+//! was not.
+
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::Pixel;
+use nalgebra::Vector2;
+
+use super::super::lens::LensPoints;
+use super::super::refit::resection::{Changed, Observed};
+use super::super::report::{Disagreement, DisagreementCause};
+use super::Judge;
+
+/// Keypoints that each must show.
+const MIN_OBSERVED: usize = 60;
+/// What the other's lens must leave of the median distance of each, and of both together.
+const EXPLAINS: f64 = 0.8;
+const EXPLAINS_BOTH: f64 = 0.65;
+/// By how much less than it is the distance must be of both together, metres.
+const LEAST_GAIN_M: f64 = 0.01;
+
+impl Judge<'_> {
+    /// Two cameras that have each other's lenses.
+    pub(super) fn find_lenses_swapped(
+        &self,
+        points: &LensPoints<'_>,
+        all: &mut Vec<Disagreement>,
+        told: &mut [bool],
+    ) {
+        let n = self.cameras.len();
+        let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
+        let pairs = pairs.filter(|&(a, b)| !told[a] && !told[b] && self.are_apart(a, b));
+        let weighed =
+            pairs.filter_map(|pair| Some((self.with_lenses_swapped(points, pair)?, pair)));
+        if let Some((_, (a, b))) = weighed.min_by(|one, other| one.0.total_cmp(&other.0)) {
+            told[a] = true;
+            told[b] = true;
+            all.push(self.disagreement(&[a, b], DisagreementCause::LensesSwapped));
+        }
+    }
+
+    /// What is left of the distances where two cameras have each other's lenses; `None` where that is no explanation.
+    fn with_lenses_swapped(&self, points: &LensPoints<'_>, (a, b): (usize, usize)) -> Option<f64> {
+        if !are_different(self.models.get(a)?, self.models.get(b)?) {
+            return None;
+        }
+        let others: Vec<usize> = (0..self.cameras.len())
+            .filter(|of| *of != a && *of != b)
+            .collect();
+        let (mut before_m, mut after_m) = (0.0, 0.0);
+        for (own, other) in [(a, b), (b, a)] {
+            let observed = points.observed(own, &others);
+            if observed.len() < MIN_OBSERVED {
+                return None;
+            }
+            let own_before_m = Changed::none().median_m(&observed)?;
+            let through_other = observed.iter().filter_map(|one| {
+                let shown = self.through_lens(one.shown, (own, other))?;
+                Some(Observed { shown, ..*one })
+            });
+            let through_other: Vec<Observed> = through_other.collect();
+            let own_after_m = Changed::none().median_m(&through_other)?;
+            if own_after_m >= EXPLAINS * own_before_m || through_other.len() < MIN_OBSERVED {
+                return None;
+            }
+            before_m += own_before_m;
+            after_m += own_after_m;
+        }
+        let ratio = after_m / before_m;
+        (ratio < EXPLAINS_BOTH && before_m - after_m >= LEAST_GAIN_M).then_some(ratio)
+    }
+
+    /// Where the `other` lens has what is by a camera's own at a place, both normalised and undistorted.
+    fn through_lens(&self, own: Vector2<f64>, (of, other): (usize, usize)) -> Option<Vector2<f64>> {
+        let (model, other) = (self.models.get(of)?, self.models.get(other)?);
+        let (lens, other_lens) = (model.intrinsics(), other.intrinsics());
+        let px = Pixel::new(
+            own.x * lens.fx_px + lens.cx_px,
+            own.y * lens.fy_px + lens.cy_px,
+        );
+        let undistorted = other.undistort(model.distort(px)?)?;
+        Some(Vector2::new(
+            (undistorted.x() - other_lens.cx_px) / other_lens.fx_px,
+            (undistorted.y() - other_lens.cy_px) / other_lens.fy_px,
+        ))
+    }
+}
+
+fn are_different(a: &CameraModel, b: &CameraModel) -> bool {
+    a.intrinsics() != b.intrinsics() || a.lens() != b.lens()
+}
