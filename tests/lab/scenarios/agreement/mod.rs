@@ -1,5 +1,6 @@
 //! Cameras that are not what the venue says: the sample with real mistakes in it, and what a run says of each.
 
+mod displaced;
 mod in_part;
 mod scenes;
 mod shelf;
@@ -321,25 +322,6 @@ fn focal_lengths_of_all_cameras_that_are_wrong_are_told_by_their_factor() {
                 told,
             ]);
     }
-}
-
-#[test]
-fn a_camera_that_was_moved_a_little_is_not_said_to_have_another_lens() {
-    // 10 cm along x.
-    let of_north_west = "[-1.7763568394002505e-15, 0.8695112311267446, 6.819380486447759]";
-    let moved = "[0.07071067811865284, 0.8877602322738497, 6.751065232242472]";
-    let finished = MistakenSample::new()
-        .replace("calibration.toml", |text| {
-            text.replace(of_north_west, moved)
-        })
-        .run(&[]);
-    let warning = finished
-        .stdout
-        .lines()
-        .find(|line| line.starts_with("warning: "));
-    let warning = warning.unwrap_or_else(|| panic!("nothing is said\n{}", finished.stdout));
-    assert!(warning.contains("camera north-west"), "{warning}");
-    assert!(!warning.contains("lens distortion"), "{warning}");
 }
 
 #[test]

@@ -160,3 +160,48 @@ fn a_camera_that_goes_black_or_never_shows_anybody_is_named() {
         assert!(is_told, "{from_line}: {since:?}");
     }
 }
+
+/// The text of a calibration in which two cameras have each other's matrix and distortions.
+fn with_lenses_swapped(text: &str, a: &str, b: &str) -> String {
+    let of = |camera: &str, field: &str| {
+        let own = text.split(&format!("[{camera}]\n")).nth(1).unwrap();
+        let mut lines = own.lines();
+        lines
+            .find(|line| line.starts_with(field))
+            .unwrap()
+            .to_owned()
+    };
+    let mut at = "";
+    let lines = text.lines().map(|line| {
+        if let Some(name) = line.strip_prefix('[').and_then(|it| it.strip_suffix(']')) {
+            at = name;
+        }
+        let other = match at {
+            _ if at == a => b,
+            _ if at == b => a,
+            _ => return format!("{line}\n"),
+        };
+        let field = ["matrix", "distortions"];
+        let field = field.into_iter().find(|field| line.starts_with(field));
+        field.map_or_else(|| format!("{line}\n"), |field| of(other, field) + "\n")
+    });
+    lines.collect()
+}
+
+#[test]
+fn lenses_that_two_cameras_exchanged_are_named() {
+    let Some(shelf) = Shelf::new() else {
+        return;
+    };
+    shelf.write(0);
+    let path = shelf.dir.path().join("calibration.toml");
+    let text = fs::read_to_string(shelf.folder.join("calibration.toml")).unwrap();
+    for (a, b) in [("cam1", "cam2"), ("cam0", "cam2"), ("cam2", "cam4")] {
+        fs::write(&path, with_lenses_swapped(&text, a, b)).unwrap();
+        let name = format!("lenses-{a}-{b}");
+        let found = shelf.disagreements(&name);
+        assert_eq!(found.len(), 1, "{name}: {found:?}");
+        assert_eq!(found[0]["cause"], "lenses_swapped", "{name}");
+        assert_eq!(found[0]["cameras"], serde_json::json!([a, b]), "{name}");
+    }
+}
