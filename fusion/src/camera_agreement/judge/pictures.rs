@@ -1,14 +1,14 @@
 //! What is wrong with the pictures of cameras themselves: they stand still, or a lens is another than was calibrated.
 
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use super::super::JudgedCamera;
 use super::super::explain::displaced::displaced;
 use super::super::frozen::frozen_since;
 use super::super::lens::LensPoints;
 use super::super::lens::distortion::{DistortionFit, distortion};
 use super::super::lens::focal_lengths::{FocalLengths, focal_lengths};
-use std::borrow::Cow;
-use std::sync::Arc;
-
-use super::super::JudgedCamera;
 use super::super::report::{Disagreement, DisagreementCause};
 use super::super::samples::{Burst, Samples};
 use super::super::time_shift::silent::silences;
@@ -97,7 +97,7 @@ impl Judge<'_> {
     }
 
     /// Cameras that say nothing of the lenses of others: those that hold frames, and fisheyes among other lenses, which may be none.
-    fn doubtful_witnesses(&self) -> Vec<usize> {
+    pub(super) fn doubtful_witnesses(&self) -> Vec<usize> {
         let n = self.cameras.len();
         let held = held(&self.bursts, n);
         let n_fisheyes = self.lines.iter().filter(|lines| lines.is_fisheye()).count();
@@ -107,7 +107,7 @@ impl Judge<'_> {
     }
 
     /// What is kept, without what these cameras showed.
-    fn without(&self, cameras: &[usize]) -> (Cow<'_, Samples>, Vec<Cow<'_, Burst>>) {
+    pub(super) fn without(&self, cameras: &[usize]) -> (Cow<'_, Samples>, Vec<Cow<'_, Burst>>) {
         let bursts = self.bursts.iter();
         if cameras.is_empty() {
             let bursts = bursts.map(|burst| Cow::Borrowed(*burst)).collect();
