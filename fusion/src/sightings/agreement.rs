@@ -138,6 +138,11 @@ fn within_field(body: &SightedBody, gates: &Gates) -> SightedBody {
     body
 }
 
+/// Whether two witnesses agree.
+pub(super) fn agree(a: &SightedBody, b: &SightedBody, gates: &Gates) -> bool {
+    a.viewpoint != b.viewpoint && may_agree(a, b, gates) && agreement_m(a, b, gates).is_some()
+}
+
 /// Whether two witnesses may agree, by their rays through the field. (What is left out here does not agree.)
 fn may_agree(a: &SightedBody, b: &SightedBody, gates: &Gates) -> bool {
     let mut left = a.in_common(b).count();

@@ -1,5 +1,7 @@
 //! New persons: bodies that several viewpoints see and that nobody tracks yet.
 
+mod outsiders;
+
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
@@ -145,7 +147,7 @@ impl PersonFinder {
         let free: Vec<usize> = (0..all.len()).filter(|&w| explained[w].is_none()).collect();
         let mut bodies = Vec::new();
         let groups = associate(all, &free, &self.gates, |group| {
-            let body = self.body_group(group, pass);
+            let body = self.body_group(group, pass, &self.gates);
             let is_person = body.as_ref().is_some_and(|body| body.is_person);
             bodies.extend(body);
             is_person
@@ -161,6 +163,7 @@ impl PersonFinder {
         groups
             .into_iter()
             .filter(is_new)
+            .filter_map(|group| self.without_outsiders(group, pass, &free))
             .map(SightedPerson::from)
             .collect()
     }
@@ -199,9 +202,14 @@ impl PersonFinder {
         (seen, missed)
     }
 
-    /// The body that a group is, inside the field; whether it is a person, by what the silence of the other viewpoints
-    /// is worth. Takes keypoints out of the group that do not fit the body.
-    fn body_group(&self, group: &mut Reconstruction, pass: &DetectionPass) -> Option<BodyGroup> {
+    /// The body that a group is, inside the field of `gates`; whether it is a person, by what the silence of the other
+    /// viewpoints is worth. Takes keypoints out of the group that do not fit the body.
+    fn body_group(
+        &self,
+        group: &mut Reconstruction,
+        pass: &DetectionPass,
+        gates: &Gates,
+    ) -> Option<BodyGroup> {
         let mut body = self.observed(&group.keypoints_m);
         let cut_before = body.count();
         if !is_plausible(&mut body) {
@@ -212,11 +220,11 @@ impl PersonFinder {
         }
         let points = group.keypoints_m.iter().flatten();
         let points: Vec<Vector3<f64>> = points.map(|k| k.position_m).collect();
-        if points.len() < self.gates.min_keypoints {
+        if points.len() < gates.min_keypoints {
             return None;
         }
         let middle = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
-        if !self.gates.inside(&middle, FIELD_SLACK_M) {
+        if !gates.inside(&middle, FIELD_SLACK_M) {
             return None;
         }
         let missed_by = missed_by(&self.cameras, group, &points, pass);
@@ -317,5 +325,4 @@ impl From<Reconstruction> for SightedPerson {
 }
 
 #[cfg(test)]
-#[path = "finder_tests.rs"]
 mod tests;

@@ -18,6 +18,15 @@ pub(crate) struct Gates {
 }
 
 impl Gates {
+    /// The same without a field: wherever cameras see.
+    pub(crate) fn anywhere(&self) -> Self {
+        Self {
+            field_min_m: Vector3::repeat(f64::NEG_INFINITY),
+            field_max_m: Vector3::repeat(f64::INFINITY),
+            ..*self
+        }
+    }
+
     /// Whether `point_m` is in the field grown by `slack_m`.
     pub(crate) fn inside(&self, point_m: &Vector3<f64>, slack_m: f64) -> bool {
         (0..3).all(|i| {

@@ -315,3 +315,33 @@ fn sightings_middle(hall: &TestHall, camera: u16, [x, y]: [f64; 2]) -> f64 {
     let pixel = model.project(farfield_proto::frames::Point::new(head));
     pixel.unwrap().x()
 }
+
+#[test]
+fn who_waits_beside_the_field_is_nobody_in_it() {
+    // Rays of two of them cross in the field, and so two of four viewpoints see a body there.
+    let (hall, mut noise) = (hall(), Noise(3));
+    for _ in 0..50 {
+        let mut waiting = |i: u32| {
+            let along = 2.0 * noise.uniform() - 1.0;
+            let (x, y) = (4.6 + noise.uniform(), 0.8 * f64::from(i) - 1.6 + along);
+            standing(x, y, 1.75, &mut noise)
+        };
+        let bodies: Vec<BodyPoints> = (0..5).map(&mut waiting).collect();
+        assert_eq!(find(&hall, &bodies, 2.0, &mut noise), []);
+    }
+}
+
+#[test]
+fn whom_three_viewpoints_see_is_found_before_those_who_wait() {
+    let (hall, mut noise) = (hall(), Noise(5));
+    for _ in 0..50 {
+        let waiting = [[5.2, -1.2], [5.4, 0.1], [5.1, 1.3]];
+        let waiting = waiting.map(|[x, y]| standing(x, y, 1.75, &mut noise));
+        let body = standing(2.0, 2.0 * noise.uniform() - 1.0, 1.7, &mut noise);
+        let mut sightings = hall.sightings(&waiting, 2.0, &mut noise);
+        for camera in [0, 2, 3] {
+            sightings.push(hall.sighting(camera, &body, 2.0, &mut noise));
+        }
+        check(&hall.finder().find(&sightings, &[]), &[body]).unwrap();
+    }
+}
