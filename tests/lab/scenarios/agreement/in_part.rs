@@ -67,10 +67,13 @@ fn the_order_of_another_program_is_named_where_it_is_taken_for_that_of_the_card(
     sample.is_told(&["in the order of OpenPose's BODY_25", "farfield import"]);
 }
 
+/// The line that is shown at a tick.
+type ShownAt = fn(usize) -> usize;
+
 #[test]
 fn frames_that_were_lost_or_doubled_in_the_middle_are_told_from_when_on() {
     // From tick 60 on it shows what happens five ticks later, or earlier; or it does so until then.
-    let shown: [(&str, fn(usize) -> usize, [f64; 2]); 3] = [
+    let shown: [(&str, ShownAt, [f64; 2]); 3] = [
         ("lost", |t| if t < 60 { t } else { t + 5 }, [0.0, -5.0]),
         (
             "waited",
