@@ -18,7 +18,7 @@ use crate::body::ik::relative_sigmas;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Pose, Proportions, Skeleton, sites_of};
 use crate::boxes::BoxShape;
-use crate::estimate::evidence::{View, bilinear};
+use crate::estimate::evidence::View;
 use crate::estimate::occlusion::BodyCapsules;
 use crate::method::Method;
 use crate::sightings::fixture::{TestHall, hall};
@@ -151,11 +151,7 @@ impl MeetingFixture {
 
 pub(crate) fn value_at(view: &View, keypoint: usize, at_m: Vector3<f64>) -> f64 {
     let h = view.cell_from_world(keypoint) * at_m.push(1.0);
-    bilinear(
-        view.cells(keypoint),
-        view.map_size(),
-        Vector2::new(h.x, h.y) / h.z,
-    )
+    view.map(keypoint).bilinear(Vector2::new(h.x, h.y) / h.z)
 }
 
 fn pixel_of(model: &CameraModel, at_m: Vector3<f64>) -> Vector2<f64> {

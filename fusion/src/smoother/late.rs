@@ -11,7 +11,6 @@
 //! several show, is not asked again: the search is near, and one view among several.
 
 use farfield_proto::message::{PersonPatch, PersonState};
-use farfield_proto::patch::Decoder;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::{Matrix3, Vector3};
@@ -20,7 +19,7 @@ use crate::body::ik::{IkSolver, JointSpread, Priors, Target};
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, Kinematics, Pose, Site, Skeleton};
 use crate::estimate::estimator::TickSnapshot;
-use crate::estimate::evidence::View;
+use crate::estimate::evidence::{PatchReader, View};
 use crate::estimate::keypoint_targets::aim_at_keypoints;
 use crate::estimate::lattice::LatticeSearch;
 use crate::estimate::uncertainty::{BodyObservation, MadeOf, weigh_views};
@@ -51,7 +50,7 @@ pub(super) struct LateBody<'a> {
 
 /// The buffers for late patches.
 pub(super) struct LateSearch {
-    decoder: Decoder,
+    reader: PatchReader,
     view: [View; 1],
     search: LatticeSearch,
     found: Vec<KeypointEstimate>,
@@ -65,7 +64,7 @@ pub(super) struct LateSearch {
 impl LateSearch {
     pub(super) fn new(method: &Method) -> Self {
         Self {
-            decoder: Decoder::new(),
+            reader: PatchReader::default(),
             view: [View::default()],
             search: LatticeSearch::new(&method.keypoints),
             found: Vec::new(),
@@ -88,9 +87,9 @@ impl LateSearch {
         if !method.takes(&late.patch.maps) {
             return false;
         }
-        let LateSearch { view, decoder, .. } = self;
+        let LateSearch { view, reader, .. } = self;
         let filled = view[0].fill(
-            decoder,
+            reader,
             late.patch,
             late.camera.viewpoint,
             &late.camera.model,

@@ -13,10 +13,9 @@ mod output;
 mod restart;
 mod stages;
 
-use farfield_proto::patch::Decoder;
 use nalgebra::Vector3;
 
-use super::evidence::View;
+use super::evidence::{PatchReader, View};
 use super::feet::Feet;
 use super::joint_filter::JointFilter;
 use super::lattice::LatticeSearch;
@@ -40,7 +39,7 @@ pub struct Evidence {
     views: Vec<View>,
     /// How many of `views` are of this tick.
     n_views: usize,
-    decoder: Decoder,
+    reader: PatchReader,
     swaps: LeftRightSwaps,
     search: LatticeSearch,
     /// Who may stand in front of the person in the view at hand.
@@ -57,7 +56,7 @@ impl Evidence {
         Self {
             views: Vec::new(),
             n_views: 0,
-            decoder: Decoder::new(),
+            reader: PatchReader::default(),
             swaps: LeftRightSwaps::new(&method.keypoints),
             search: LatticeSearch::new(&method.keypoints),
             in_the_way: Vec::new(),

@@ -54,7 +54,7 @@ impl Estimator {
         }
         let view = &mut self.evidence.views[self.evidence.n_views];
         let taken = view
-            .fill(&mut self.evidence.decoder, patch, viewpoint, camera)
+            .fill(&mut self.evidence.reader, patch, viewpoint, camera)
             .is_ok();
         view.peak_sigma_of_width = method.peak_sigma_of_width;
         self.evidence.n_views += usize::from(taken);

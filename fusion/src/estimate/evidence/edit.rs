@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use farfield_proto::patch::Written;
 use nalgebra::Vector2;
 
 use super::View;
@@ -28,7 +29,7 @@ pub(crate) struct Notch {
 impl View {
     /// Sigma of a peak in the maps, cells.
     pub(crate) fn peak_sigma_cells(&self) -> f64 {
-        self.maps.width() as f64 * self.peak_sigma_of_width
+        self.map_size().0 as f64 * self.peak_sigma_of_width
     }
 
     /// Whether two keypoints have their maps on one crop.
@@ -44,14 +45,21 @@ impl View {
     /// When the view has no such keypoint.
     pub(crate) fn highest_near(&self, keypoint: usize, cell: Vector2<f64>, reach: f64) -> f64 {
         let (width, height) = self.map_size();
-        let columns = span(cell.x, reach, width);
-        let cells = self.cells(keypoint);
-        // A fold over a slice is several cells at a time; an iterator over all rows is not.
-        let highest_of = |row: &[u8]| row.iter().fold(0u8, |most, &cell| most.max(cell));
-        let rows = span(cell.y, reach, height);
-        let highest = rows.fold(0u8, |most, y| {
-            most.max(highest_of(&cells[y * width..][columns.clone()]))
-        });
+        let map = self.map(keypoint);
+        let Written { rows, columns } = map.written();
+        let first = columns.start;
+        let columns = common(span(cell.x, reach, width), columns);
+        let rows = common(span(cell.y, reach, height), rows);
+        let highest = if columns.is_empty() {
+            0
+        } else {
+            let columns = columns.start - first..columns.end - first;
+            // A fold over a slice is several cells at a time; an iterator over all rows is not.
+            let highest_of = |row: &[u8]| row.iter().fold(0u8, |most, &cell| most.max(cell));
+            rows.fold(0u8, |most, y| {
+                most.max(highest_of(&map.row(y)[columns.clone()]))
+            })
+        };
         f64::from(highest) / 255.0
     }
 
@@ -75,12 +83,14 @@ impl View {
         let gauss = |r2: f64| libm::exp(-0.5 * r2 / (sigma * sigma));
         let (width, height) = self.map_size();
         let reach = NOTCH_END_SIGMAS * sigma;
-        let written = self.maps.written(keypoint).clone();
-        let columns = common(span(notch.at.x, reach, width), &written.columns);
-        let rows = common(span(notch.at.y, reach, height), &written.rows);
-        let cells = self.maps.cells_to_lower(keypoint);
-        disc([columns, rows], notch.at, reach, |[x, y], r2| {
-            let cell = &mut cells[y * width + x];
+        let (written, cells, stride) = self.maps.written_mut(keypoint);
+        let Written { rows, columns } = written;
+        let within = [
+            common(span(notch.at.x, reach, width), columns),
+            common(span(notch.at.y, reach, height), rows),
+        ];
+        disc(within, notch.at, reach, |[x, y], r2| {
+            let cell = &mut cells[(y - rows.start) * stride + x - columns.start];
             if *cell == 0 {
                 return;
             }

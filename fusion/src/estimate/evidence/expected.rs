@@ -3,7 +3,6 @@
 use farfield_proto::frames::{Pixel, Undistorted};
 use nalgebra::{Matrix3x4, Vector2, Vector3};
 
-use super::map_peaks::Map;
 use super::{MapPeaks, View};
 use crate::estimate::occlusion::SightCone;
 
@@ -87,13 +86,8 @@ impl View {
             if let Some(expected) = expected
                 && !peaks.are_found()
             {
-                let size = (self.maps.width(), self.maps.height());
                 let half_width_cells = half_width_m / expected.cell_m;
-                let map = Map {
-                    cells: self.maps.cells(keypoint),
-                    size,
-                    written: self.maps.written(keypoint),
-                };
+                let map = self.maps.map(keypoint);
                 peaks.find(&map, (expected.cell, half_width_cells));
             }
         }
@@ -105,12 +99,7 @@ impl View {
     /// # Panics
     /// When the view has no such keypoint.
     pub(crate) fn highest_peak(&self, keypoint: usize) -> Option<(Pixel<Undistorted>, f64)> {
-        let map = Map {
-            cells: self.maps.cells(keypoint),
-            size: (self.maps.width(), self.maps.height()),
-            written: self.maps.written(keypoint),
-        };
-        let peak = map.highest_peak()?;
+        let peak = self.map(keypoint).highest_peak()?;
         let pixel = || self.grid(keypoint).pixel(peak.cell.x, peak.cell.y);
         let is_seen = self.knows(keypoint, peak.cell);
         is_seen.then(|| (pixel(), peak.height))

@@ -6,16 +6,12 @@ use farfield_proto::patch::Written;
 use nalgebra::Vector2;
 
 use super::edit::{common, span};
+use super::packed_maps::{BLOCK, Block, PackedMap};
 
 /// Lowest peak that counts, as cells have it: 0.1.
 const LEAST_PEAK: u8 = 25;
 /// Most peaks of a map, the highest ones.
 const MAX_PEAKS: usize = 6;
-/// Cells of a row that are compared at once.
-const BLOCK: usize = 16;
-/// Cells of a row, side by side.
-type Block = [u8; BLOCK];
-
 /// A local maximum of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct MapPeak {
@@ -32,13 +28,6 @@ pub(crate) struct MapPeaks {
     n: u8,
     are_found: bool,
     highest: u8,
-}
-
-/// A map as it is searched: rows of `size.0` cells, which are zero outside what is `written`.
-pub(super) struct Map<'a> {
-    pub(super) cells: &'a [u8],
-    pub(super) size: (usize, usize),
-    pub(super) written: &'a Written,
 }
 
 impl MapPeaks {
@@ -58,38 +47,40 @@ impl MapPeaks {
     }
 
     /// Finds the peaks of a map within `half_width_cells` times the square root of two of `center` along both axes.
-    pub(super) fn find(&mut self, map: &Map<'_>, (center, half_width_cells): (Vector2<f64>, f64)) {
+    pub(super) fn find(
+        &mut self,
+        map: &PackedMap<'_>,
+        (center, half_width_cells): (Vector2<f64>, f64),
+    ) {
         *self = Self {
             are_found: true,
             ..Self::default()
         };
-        let (size, reach) = (map.size, half_width_cells * 2.0f64.sqrt());
-        let columns = common(span(center.x, reach, size.0), &map.written.columns);
-        let rows = common(span(center.y, reach, size.1), &map.written.rows);
-        let near_columns = span(center.x, half_width_cells, size.0);
-        let near_rows = span(center.y, half_width_cells, size.1);
-        let near_rows = common(near_rows, &rows);
-        for x in map.blocks(&columns) {
+        let (size, written) = (map.size(), map.written());
+        let reach = half_width_cells * 2.0f64.sqrt();
+        let columns = common(span(center.x, reach, size.0), &written.columns);
+        let rows = common(span(center.y, reach, size.1), &written.rows);
+        let near_columns = common(span(center.x, half_width_cells, size.0), &columns);
+        let near_rows = common(span(center.y, half_width_cells, size.1), &rows);
+        let first = written.columns.start;
+        for x in blocks(&columns, first) {
             let near = near_columns.start.max(x)..near_columns.end.clamp(x, x + BLOCK);
-            let highest = map.highest_of(x, near_rows.clone());
+            let highest = highest_of(map, x - first, near_rows.clone());
             let near = highest
                 .get(near.start - x..near.end - x)
                 .unwrap_or_default();
             self.highest = near.iter().fold(self.highest, |most, &cell| most.max(cell));
         }
         for y in rows {
-            // Blocks overlap at the end of a row.
-            let mut first = columns.start;
-            for x in map.blocks(&columns) {
-                let mut tops = map.tops(x, y);
+            for x in blocks(&columns, first) {
+                let mut tops = tops(map, x - first, y);
                 while tops != 0 {
                     let at = x + tops.trailing_zeros() as usize / 8;
                     tops &= tops - 1;
-                    if (first..columns.end).contains(&at) {
+                    if columns.contains(&at) {
                         self.take(map, at, y);
                     }
                 }
-                first = x + BLOCK;
             }
         }
     }
@@ -97,7 +88,7 @@ impl MapPeaks {
     /// Takes the peak whose highest cell this may be, if it is.
     // In its own function, so that nothing of it is made ready for every row.
     #[inline(never)]
-    fn take(&mut self, map: &Map<'_>, x: usize, y: usize) {
+    fn take(&mut self, map: &PackedMap<'_>, x: usize, y: usize) {
         if map.is_highest(x, y) {
             self.insert(MapPeak {
                 cell: map.top_of(x, y),
@@ -152,131 +143,60 @@ fn is_top(own: u8, before: u8, after: u8) -> u8 {
     is_high & is_higher & (1 - is_lower)
 }
 
-impl Map<'_> {
-    fn value(&self, x: usize, y: usize) -> u8 {
-        self.cells[y * self.size.0 + x]
-    }
+/// Where the blocks of a row begin that hold any of `columns`, the first block of all at `first`.
+fn blocks(columns: &Range<usize>, first: usize) -> impl Iterator<Item = usize> + use<> {
+    let start = columns.start - (columns.start.max(first) - first) % BLOCK;
+    (start..columns.end).step_by(BLOCK)
+}
 
-    /// Where the blocks of a row begin that hold `columns`. None reaches beyond the row, unless the row is shorter.
-    fn blocks(&self, columns: &Range<usize>) -> impl Iterator<Item = usize> + use<> {
-        let last = self.size.0.saturating_sub(BLOCK);
-        let firsts = (columns.start.min(last)..columns.end).step_by(BLOCK);
-        firsts.map(move |first| first.min(last))
+/// The highest cell of each column of the block from a column of the written part on, among those of `rows`.
+#[inline(never)]
+fn highest_of(map: &PackedMap<'_>, column: usize, rows: Range<usize>) -> Block {
+    let mut highest = [0; BLOCK];
+    for y in rows {
+        if let Some(block) = map.row(y)[column..].first_chunk::<BLOCK>() {
+            highest = std::array::from_fn(|i| highest[i].max(block[i]));
+        }
     }
+    highest
+}
 
-    /// The highest cell of each column of the block from column `x` on, among those of `rows`.
-    #[inline(never)]
-    fn highest_of(&self, x: usize, rows: Range<usize>) -> Block {
-        let mut highest = [0; BLOCK];
-        for row in self
-            .cells
-            .chunks_exact(self.size.0)
-            .take(rows.end)
-            .skip(rows.start)
-        {
-            match row[x..].first_chunk::<BLOCK>() {
-                Some(block) => highest = std::array::from_fn(|i| highest[i].max(block[i])),
-                None => {
-                    for (highest, &cell) in highest.iter_mut().zip(&row[x..]) {
-                        *highest = cell.max(*highest);
-                    }
-                }
-            }
+/// One byte per cell of the block from a column of the written part on, the first in the lowest: 1 where it is high
+/// enough and higher than its neighbours in the row and the column; of a plateau, where its first cell is.
+#[inline]
+fn tops(map: &PackedMap<'_>, column: usize, y: usize) -> u128 {
+    match map.neighbourhood(column, y) {
+        Some([own, left, right, above, below]) if !is_low(own) => {
+            u128::from_le_bytes(are_tops(own, [left, right], [above, below]))
         }
-        highest
+        _ => 0,
     }
+}
 
-    /// One byte per cell of the block from this one on, the first in the lowest: 1 where it is high enough and higher
-    /// than its neighbours in the row and the column; of a plateau, where its first cell is.
-    #[inline(never)]
-    fn tops(&self, x: usize, y: usize) -> u128 {
-        let (width, at) = (self.size.0, y * self.size.0 + x);
-        let block = |at: Option<usize>| self.cells.get(at?..)?.first_chunk::<BLOCK>();
-        let top = |i: usize| {
-            let top = if x + i < width { self.top(x + i, y) } else { 0 };
-            u128::from(top) << (8 * i)
-        };
-        if let Some(own) = block(Some(at))
-            && is_low(own)
-        {
-            return 0;
-        }
-        let around = [
-            at.checked_sub(1),
-            Some(at + 1),
-            at.checked_sub(width),
-            Some(at + width),
-        ];
-        let (Some(own), [Some(left), Some(right), Some(above), Some(below)]) =
-            (block(Some(at)), around.map(block))
-        else {
-            return (0..BLOCK).fold(0, |tops, i| tops | top(i));
-        };
-        let mut tops = u128::from_le_bytes(are_tops(own, [left, right], [above, below]));
-        // What lies before the first cell and after the last belongs to other rows.
-        let mut correct = |i: usize| tops = tops & !(0xff << (8 * i)) | top(i);
-        if x == 0 {
-            correct(0);
-        }
-        if width - x <= BLOCK {
-            correct(width - 1 - x);
-        }
-        tops
-    }
-
-    /// As [`is_top`], of any cell: beyond the map there is nothing.
-    fn top(&self, x: usize, y: usize) -> u8 {
-        let (width, height) = self.size;
-        if self.value(x, y) < LEAST_PEAK {
-            return 0;
-        }
-        let left = if x > 0 { self.value(x - 1, y) } else { 0 };
-        let right = if x + 1 < width {
-            self.value(x + 1, y)
-        } else {
-            0
-        };
-        let above = if y > 0 { self.value(x, y - 1) } else { 0 };
-        let below = if y + 1 < height {
-            self.value(x, y + 1)
-        } else {
-            0
-        };
-        is_top(self.value(x, y), left.max(above), right.max(below))
-    }
-
+impl PackedMap<'_> {
     /// Whether none of the neighbours in the rows above and below is higher; of a plateau, its first cell counts.
     fn is_highest(&self, x: usize, y: usize) -> bool {
-        let (width, height) = self.size;
         let own = self.value(x, y);
-        let columns = x.saturating_sub(1)..(x + 2).min(width);
-        let row = |y: usize| &self.cells[y * width..][columns.clone()];
-        let above = y == 0 || row(y - 1).iter().all(|&other| other < own);
-        above && (y + 1 == height || row(y + 1).iter().all(|&other| other <= own))
+        // Beyond the map there is nothing.
+        let around = |y: usize| [x.wrapping_sub(1), x, x + 1].map(|x| self.value(x, y));
+        around(y.wrapping_sub(1)).iter().all(|&other| other < own)
+            && around(y + 1).iter().all(|&other| other <= own)
     }
 
     /// The highest cell's peak, wherever it is; `None` where none is as high as the lowest peak that counts.
     pub(super) fn highest_peak(&self) -> Option<MapPeak> {
-        let Written { rows, columns } = self.written;
+        let Written { rows, columns } = self.written();
         let (mut most, mut highest_row) = (LEAST_PEAK - 1, None);
         for y in rows.clone() {
-            let row = &self.cells[y * self.size.0..][..self.size.0];
-            for x in self.blocks(columns) {
-                let block = &row[x..row.len().min(x + BLOCK)];
-                if block
-                    .first_chunk()
-                    .is_none_or(|block| is_any_above(block, most))
-                {
+            for block in self.row(y).as_chunks::<BLOCK>().0 {
+                if is_any_above(block, most) {
                     let highest = block.iter().fold(0, |highest, &cell| cell.max(highest));
-                    if highest > most {
-                        (most, highest_row) = (highest, Some(y));
-                    }
+                    (most, highest_row) = (highest, Some(y));
                 }
             }
         }
-        let (y, width) = (highest_row?, self.size.0);
-        let row = &self.cells[y * width..][..width];
-        let x = row.iter().position(|&cell| cell == most)?;
+        let y = highest_row?;
+        let x = columns.start + self.row(y).iter().position(|&cell| cell == most)?;
         Some(MapPeak {
             cell: self.top_of(x, y),
             height: f64::from(most) / 255.0,
@@ -285,7 +205,7 @@ impl Map<'_> {
 
     /// The top of the peak whose highest cell this is.
     fn top_of(&self, x: usize, y: usize) -> Vector2<f64> {
-        let (width, height) = self.size;
+        let (width, height) = self.size();
         let value = |x: usize, y: usize| f64::from(self.value(x, y));
         let shift = |before: f64, after: f64| {
             let bend = 2.0 * value(x, y) - before - after;
@@ -312,59 +232,39 @@ impl Map<'_> {
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::patch::Maps;
     use proptest::prelude::*;
 
+    use super::super::packed_maps::{PackedMaps, packed};
     use super::*;
 
     const SIZE: (usize, usize) = (12, 16);
 
-    fn whole() -> Written {
-        Written {
-            rows: 0..SIZE.1,
-            columns: 0..SIZE.0,
-        }
-    }
-
     fn found(cells: &[u8], center: [f64; 2], half_width_cells: f64) -> MapPeaks {
         let mut peaks = MapPeaks::default();
-        let map = Map {
-            cells,
-            size: SIZE,
-            written: &whole(),
-        };
-        peaks.find(&map, (center.into(), half_width_cells));
+        peaks.find(
+            &packed(cells, SIZE).map(0),
+            (center.into(), half_width_cells),
+        );
         peaks
     }
 
     #[test]
     fn the_highest_peak_of_a_map_is_found_wherever_it_is() {
         for at in [[3.0, 3.0], [8.0, 12.0], [9.0, 4.0]] {
-            let cells = gaussian(at, 0.8);
-            let map = Map {
-                cells: &cells,
-                size: SIZE,
-                written: &whole(),
-            };
-            let peak = map.highest_peak().unwrap();
+            let peak = packed(&gaussian(at, 0.8), SIZE)
+                .map(0)
+                .highest_peak()
+                .unwrap();
             let off = (peak.cell - Vector2::from(at)).norm();
             assert!(off < 0.1, "{at:?}: {:?}", peak.cell);
             assert!((peak.height - 0.8).abs() < 0.05);
         }
-        let nothing = vec![20; SIZE.0 * SIZE.1];
-        let map = Map {
-            cells: &nothing,
-            size: SIZE,
-            written: &whole(),
-        };
-        assert_eq!(map.highest_peak(), None);
-        assert_eq!(
-            Map {
-                written: &Written::default(),
-                ..map
-            }
-            .highest_peak(),
-            None
-        );
+        let low = vec![20; SIZE.0 * SIZE.1];
+        assert_eq!(packed(&low, SIZE).map(0).highest_peak(), None);
+        let mut nothing = PackedMaps::default();
+        nothing.pack(&Maps::new(SIZE.0, SIZE.1, 1));
+        assert_eq!(nothing.map(0).highest_peak(), None);
     }
 
     fn gaussian(at: [f64; 2], height: f64) -> Vec<u8> {

@@ -8,6 +8,7 @@
 mod edit;
 mod expected;
 mod map_peaks;
+mod packed_maps;
 mod seen_cells;
 #[cfg(test)]
 mod tests;
@@ -23,6 +24,10 @@ use nalgebra::{Matrix3, Matrix3x4, Vector2, Vector3};
 pub(crate) use self::edit::Notch;
 pub(crate) use self::expected::ExpectedKeypoint;
 pub(crate) use self::map_peaks::{MapPeak, MapPeaks};
+pub(crate) use self::packed_maps::PackedMap;
+use self::packed_maps::PackedMaps;
+#[cfg(test)]
+pub(crate) use self::packed_maps::packed;
 use self::seen_cells::SeenCells;
 
 /// Why a patch is no evidence.
@@ -58,8 +63,15 @@ struct Crop {
     cell_from_world: Matrix3x4<f64>,
 }
 
+/// Reads patches, with its buffers.
+#[derive(Debug, Clone, Default)]
+pub struct PatchReader {
+    decoder: Decoder,
+    maps: Maps,
+}
+
 /// One person in one camera at one tick, decoded. Reused from tick to tick: [`View::fill`]
-/// allocates only when maps grow.
+/// allocates only when what is written of the maps grows.
 #[derive(Debug, Clone)]
 pub struct View {
     /// Who sent it.
@@ -72,7 +84,7 @@ pub struct View {
     pub occlusion: Vec<f64>,
     /// Sigma of a peak as a share of the width of the maps. For the caller to set; a fill leaves it.
     pub peak_sigma_of_width: f64,
-    maps: Maps,
+    maps: PackedMaps,
     /// Per keypoint: where it is expected; `None` (as after a fill) where that is not known, or nothing is known
     /// there.
     expected: Vec<Option<ExpectedKeypoint>>,
@@ -93,7 +105,7 @@ impl Default for View {
             capture_offset_s: 0.0,
             occlusion: Vec::new(),
             peak_sigma_of_width: PEAK_SIGMA_OF_WIDTH,
-            maps: Maps::new(1, 1, 0),
+            maps: PackedMaps::default(),
             expected: Vec::new(),
             peaks: Vec::new(),
             crops: Vec::new(),
@@ -112,13 +124,14 @@ impl View {
     /// [`EvidenceError`]; the view is then not to be used until it is filled again.
     pub fn fill(
         &mut self,
-        decoder: &mut Decoder,
+        reader: &mut PatchReader,
         patch: &PersonPatch,
         viewpoint: ViewpointIndex,
         model: &CameraModel,
     ) -> Result<(), EvidenceError> {
-        decoder.decode(&patch.maps, &mut self.maps)?;
-        self.place(patch, viewpoint, model)
+        let PatchReader { decoder, maps } = reader;
+        decoder.decode(&patch.maps, maps)?;
+        self.place(maps, patch, (viewpoint, model))
     }
 
     /// A view of maps that are already decoded; `patch.maps` is not looked at.
@@ -126,28 +139,24 @@ impl View {
     /// # Errors
     /// As [`View::fill`], but for decoding.
     pub fn from_maps(
-        maps: Maps,
+        mut maps: Maps,
         patch: &PersonPatch,
         viewpoint: ViewpointIndex,
         model: &CameraModel,
     ) -> Result<Self, EvidenceError> {
-        let mut view = Self {
-            maps,
-            ..Self::default()
-        };
-        view.place(patch, viewpoint, model)?;
+        let mut view = Self::default();
+        view.place(&mut maps, patch, (viewpoint, model))?;
         Ok(view)
     }
 
     /// Lays the maps over the camera's image.
     fn place(
         &mut self,
+        maps: &mut Maps,
         patch: &PersonPatch,
-        viewpoint: ViewpointIndex,
-        model: &CameraModel,
+        (viewpoint, model): (ViewpointIndex, &CameraModel),
     ) -> Result<(), EvidenceError> {
-        let (width, height, keypoints) =
-            (self.maps.width(), self.maps.height(), self.maps.keypoints());
+        let (width, height, keypoints) = (maps.width(), maps.height(), maps.keypoints());
         for (crop, grid) in patch.crops.iter().enumerate() {
             if !grid.is_valid()
                 || usize::from(grid.width) != width
@@ -199,10 +208,11 @@ impl View {
         }
         for (keypoint, &crop) in self.crop_of_keypoint.iter().enumerate() {
             let seen = &self.crops[usize::from(crop)].seen;
-            if !seen.stands_for_itself(self.maps.written(keypoint)) {
-                seen.extend(self.maps.cells_mut(keypoint));
+            if !seen.stands_for_itself(maps.written(keypoint)) {
+                seen.extend(maps.cells_mut(keypoint));
             }
         }
+        self.maps.pack(maps);
         Ok(())
     }
 
@@ -213,7 +223,7 @@ impl View {
 
     /// Columns and rows of the maps.
     pub fn map_size(&self) -> (usize, usize) {
-        (self.maps.width(), self.maps.height())
+        self.maps.size()
     }
 
     /// World metres to homogeneous undistorted pixels of the camera, eq. (A.1).
@@ -239,13 +249,13 @@ impl View {
         &self.crop(keypoint).grid
     }
 
-    /// The map of `keypoint`, row by row, value = cell/255. Cells that the camera does not see hold
-    /// the value of the nearest cell that it sees.
+    /// The map of `keypoint`, value = cell/255. Cells that the camera does not see hold the value of the nearest cell
+    /// that it sees.
     ///
     /// # Panics
     /// When the view has no such keypoint.
-    pub fn cells(&self, keypoint: usize) -> &[u8] {
-        self.maps.cells(keypoint)
+    pub(crate) fn map(&self, keypoint: usize) -> PackedMap<'_> {
+        self.maps.map(keypoint)
     }
 
     /// World metres to homogeneous cells of the map of `keypoint`; the third row is the depth in
@@ -274,8 +284,8 @@ impl View {
     #[cfg(test)]
     pub(crate) fn draw_for_test(&mut self, keypoint: usize, value: impl Fn(f64, f64) -> f64) {
         self.peaks[keypoint] = MapPeaks::default();
-        let width = self.maps.width();
-        for (i, cell) in self.maps.cells_mut(keypoint).iter_mut().enumerate() {
+        let (width, mut cells) = (self.map_size().0, self.cells_for_test(keypoint));
+        for (i, cell) in cells.iter_mut().enumerate() {
             let new = value((i % width) as f64, (i / width) as f64);
             *cell = if new < 0.0 {
                 0
@@ -283,6 +293,15 @@ impl View {
                 (*cell).max((new * 255.0).round() as u8)
             };
         }
+        self.maps.replace_for_test(keypoint, &cells);
+    }
+
+    /// The map of `keypoint`, row by row.
+    #[cfg(test)]
+    pub(crate) fn cells_for_test(&self, keypoint: usize) -> Vec<u8> {
+        let mut cells = Vec::new();
+        self.map(keypoint).lay_out(&mut cells);
+        cells
     }
 
     fn crop(&self, keypoint: usize) -> &Crop {
@@ -307,19 +326,4 @@ fn cell_from_pixel(grid: &CellGrid) -> Matrix3<f64> {
         0.0,
         1.0,
     )
-}
-
-/// A map (rows of `size.0` cells) at a fractional cell, clamped to its border, 0 to 1.
-pub(crate) fn bilinear(cells: &[u8], size: (usize, usize), cell: Vector2<f64>) -> f64 {
-    let (width, height) = size;
-    let x = cell.x.max(0.0).min((width - 1) as f64);
-    let y = cell.y.max(0.0).min((height - 1) as f64);
-    // Plain casts round towards zero, and x and y are not negative.
-    let (x0, y0) = (x as usize, y as usize);
-    let (x1, y1) = ((x0 + 1).min(width - 1), (y0 + 1).min(height - 1));
-    let (fx, fy) = (x - x0 as f64, y - y0 as f64);
-    let at = |x: usize, y: usize| f64::from(cells[y * width + x]);
-    let upper = at(x0, y0) + fx * (at(x1, y0) - at(x0, y0));
-    let lower = at(x0, y1) + fx * (at(x1, y1) - at(x0, y1));
-    (upper + fy * (lower - upper)) * (1.0 / 255.0)
 }

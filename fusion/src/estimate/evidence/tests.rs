@@ -69,7 +69,7 @@ fn view(patch: &PersonPatch) -> Result<View, EvidenceError> {
 fn sample(view: &View, keypoint: usize, pixel: Pixel<Undistorted>) -> Option<f64> {
     let cell = view.grid(0).cell(pixel);
     view.knows(keypoint, cell)
-        .then(|| bilinear(view.cells(keypoint), view.map_size(), cell))
+        .then(|| view.map(keypoint).bilinear(cell))
 }
 
 proptest! {
@@ -103,7 +103,7 @@ proptest! {
             let patch = patch([100.0, 50.0], [1.0, 0.0]);
             let mut view = View::from_maps(maps, &patch, ViewpointIndex(2), &model()).unwrap();
             view.carve(1, &notch);
-            view.cells(1).to_vec()
+            view.cells_for_test(1)
         });
         prop_assert_eq!(decoded, whole);
     }
@@ -160,7 +160,7 @@ fn beyond_the_image_a_crop_knows_nothing_and_maps_go_on_with_their_last_value() 
     let view = view(&patch).unwrap();
     assert!(sample(&view, 1, Pixel::new(196.0, 25.0)).is_some());
     assert_eq!(sample(&view, 1, Pixel::new(203.0, 25.0)), None);
-    let row = &view.cells(1)[5 * 12..6 * 12];
+    let row = &view.cells_for_test(1)[5 * 12..6 * 12];
     let last_known = (0..12)
         .rev()
         .find(|&x| view.knows(1, Vector2::new(f64::from(x), 5.0)))

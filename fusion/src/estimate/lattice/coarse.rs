@@ -25,6 +25,8 @@ const TO_INTEGER: f32 = 8_388_608.0;
 pub(super) struct CoarsePass {
     /// F per point, x fastest.
     scores: Vec<f32>,
+    /// One map, row by row.
+    map: Vec<u8>,
     modes: LatticeModes,
 }
 
@@ -61,7 +63,7 @@ impl CoarsePass {
     fn add(&mut self, witness: &Witness, view: &View, keypoint: usize, (k, step_m): (usize, f64)) {
         let n = 2 * k + 1;
         let (width, height) = view.map_size();
-        let cells = view.cells(keypoint);
+        view.map(keypoint).lay_out(&mut self.map);
         let limits = ((width - 1) as f32, (height - 1) as f32);
         let weight = (witness.weight / 255.0) as f32;
         let m = &witness.cell_from_offset;
@@ -81,7 +83,7 @@ impl CoarsePass {
                 *at = line * width as u32 + column;
             }
             for (score, &at) in scores.iter_mut().zip(&at) {
-                *score += weight * f32::from(cells[at as usize]);
+                *score += weight * f32::from(self.map[at as usize]);
             }
         }
     }

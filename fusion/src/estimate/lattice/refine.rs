@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use super::symmetric::Symmetric;
 use super::witness::{Witness, Witnesses};
 use super::{KeypointPlace, LatticeMode};
+use crate::estimate::evidence::PackedMap;
 
 /// Most Newton steps that seek the maximum of F; three settle to a hundredth of a cell.
 pub(super) const PULLED_STEPS: usize = 3;
@@ -124,7 +125,7 @@ impl Surroundings {
         let x = (row(0) - row(2) * cell.x) * inverse;
         let y = (row(1) - row(2) * cell.y) * inverse;
         let view = &at.views[witness.view];
-        let hill = Hill::at(cell, view.cells(at.keypoint), view.map_size(), hill);
+        let hill = Hill::at(cell, view.map(at.keypoint), hill);
         let (value, gradient) = hill.read(cell);
         let weight = witness.weight * value.max(0.0);
         self.value += weight * value;
@@ -157,31 +158,21 @@ struct Hill {
 
 impl Hill {
     /// The one around a fractional cell: `known` where it is that.
-    fn at(
-        cell: Vector2<f64>,
-        cells: &[u8],
-        (width, height): (usize, usize),
-        known: &mut Option<Self>,
-    ) -> Self {
+    fn at(cell: Vector2<f64>, map: PackedMap<'_>, known: &mut Option<Self>) -> Self {
+        let (width, height) = map.size();
         // Plain casts take what is negative or not a number for 0.
         let nearest = |v: f64, size: usize| ((v + 0.5) as usize).min(size - 1);
         let middle = (nearest(cell.x, width), nearest(cell.y, height));
         if let Some(hill) = known.filter(|hill| hill.middle == middle) {
             return hill;
         }
-        *known.insert(Self::around(middle, cells, (width, height)))
+        *known.insert(Self::around(middle, map))
     }
 
-    fn around(
-        (column, row): (usize, usize),
-        cells: &[u8],
-        (width, height): (usize, usize),
-    ) -> Self {
-        let columns = [0, 1, 2, 3, 4].map(|i| (column + i).saturating_sub(2).min(width - 1));
+    fn around(middle: (usize, usize), map: PackedMap<'_>) -> Self {
         let (mut sum, mut su, mut sv, mut suu, mut svv, mut suv) = (0, 0, 0, 0, 0, 0);
-        for (j, v) in (-2i32..=2).enumerate() {
-            let from = &cells[(row + j).saturating_sub(2).min(height - 1) * width..][..width];
-            let [a, b, c, d, e] = columns.map(|x| i32::from(from[x]));
+        for (row, v) in map.square(middle).iter().zip(-2i32..) {
+            let [a, b, c, d, e] = row.map(i32::from);
             // The sums of the row: of the values, times u, and times u^2 - 2.
             let (all, by_u) = (a + b + c + d + e, 2 * (e - a) + (d - b));
             let by_uu = 2 * (a + e) - (b + d) - 2 * c;
@@ -195,7 +186,7 @@ impl Hill {
         let share = |sum: i32, of: f64| f64::from(sum) / (255.0 * of);
         let (huu, hvv, huv) = (share(suu, 35.0), share(svv, 35.0), share(suv, 100.0));
         Self {
-            middle: (column, row),
+            middle,
             // The mean of u^2 over the window is 2.
             value: share(sum, 25.0) - huu - hvv,
             slope: Vector2::new(share(su, 50.0), share(sv, 50.0)),
@@ -234,6 +225,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::estimate::evidence::packed;
 
     proptest! {
         #[test]
@@ -256,7 +248,8 @@ mod tests {
             let cells: Vec<u8> =
                 (0..256).map(|i| f(f64::from(i % 16) - 7.5, f64::from(i / 16) - 7.5).round() as u8).collect();
             let cell = Vector2::new(x, y);
-            let hill = Hill::at(cell, &cells, (16, 16), &mut None);
+            let packed = packed(&cells, (16, 16));
+            let hill = Hill::at(cell, packed.map(0), &mut None);
             let (value, gradient) = hill.read(cell);
             let (u, v) = (x - 7.5, y - 7.5);
             let slope = Vector2::new(-2.0 * a * u - c * v, -2.0 * b * v - c * u);

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3x4, Unit, Vector2, Vector3};
 
 use super::{KeypointPlace, prior};
 use crate::body::keypoint_estimate::KeypointEstimate;
-use crate::estimate::evidence::{ExpectedKeypoint, View, bilinear};
+use crate::estimate::evidence::{ExpectedKeypoint, View};
 
 /// Native pixels per map cell from which a crop counts fully. The usual networks have four input
 /// pixels per cell: below four native pixels the crop was enlarged, and the network saw a blur.
@@ -219,12 +219,8 @@ impl Witness {
 
     /// The view's map at an offset from the prediction, 0 to 1.
     pub(super) fn map_value(&self, views: &[View], keypoint: usize, offset_m: Vector3<f64>) -> f64 {
-        let view = &views[self.view];
-        bilinear(
-            view.cells(keypoint),
-            view.map_size(),
-            self.cell_at(&offset_m),
-        )
+        let map = views[self.view].map(keypoint);
+        map.bilinear(self.cell_at(&offset_m))
     }
 }
 

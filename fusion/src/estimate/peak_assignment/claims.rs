@@ -8,7 +8,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::groups::Groups;
 use crate::estimate::estimator::Estimator;
-use crate::estimate::evidence::{ExpectedKeypoint, bilinear};
+use crate::estimate::evidence::ExpectedKeypoint;
 use crate::estimate::occlusion::{BodyCapsules, SightCone};
 use crate::method::Method;
 
@@ -307,9 +307,8 @@ impl Claims {
             return far;
         }
         let view = &tracks[me.track].as_ref().views()[me.view];
-        let height = me.cell_of(nearest_m).map_or(0.0, |cell| {
-            bilinear(view.cells(me.keypoint), view.map_size(), cell)
-        });
+        let map = view.map(me.keypoint);
+        let height = me.cell_of(nearest_m).map_or(0.0, |cell| map.bilinear(cell));
         far + unlikely(height)
     }
 }

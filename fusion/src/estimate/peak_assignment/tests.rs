@@ -190,6 +190,6 @@ proptest! {
 fn cells(meeting: &MeetingFixture) -> Vec<Vec<u8>> {
     let views = meeting.tracks.iter().flat_map(Estimator::views);
     views
-        .flat_map(|view| (0..view.n_keypoints()).map(|k| view.cells(k).to_vec()))
+        .flat_map(|view| (0..view.n_keypoints()).map(|k| view.cells_for_test(k)))
         .collect()
 }

@@ -13,7 +13,7 @@
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::body::keypoint_estimate::KeypointEstimate;
-use crate::estimate::evidence::{View, bilinear};
+use crate::estimate::evidence::View;
 
 /// b: error of a network's limb keypoint in one view per axis of the image, metres at the person, where
 /// it is seen well. Networks err by some 0.4 of COCO's annotators in two dimensions (0.084 of a scale
@@ -65,7 +65,7 @@ fn told_by(view: &View, k: usize, offset_m: Vector3<f64>, relative: f64) -> Matr
     if h.z < LEAST_DEPTH_M || !view.knows(k, cell) {
         return none;
     }
-    let height = bilinear(view.cells(k), view.map_size(), cell);
+    let height = view.map(k).bilinear(cell);
     if height < LEAST_HEIGHT {
         return none;
     }
