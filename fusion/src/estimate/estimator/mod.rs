@@ -20,7 +20,7 @@ use super::feet::Feet;
 use super::joint_filter::JointFilter;
 use super::lattice::LatticeSearch;
 use super::left_right_swap::LeftRightSwaps;
-use super::occlusion::BodyCapsules;
+use super::occlusion::{BodyCapsules, CapsuleSet};
 use super::predict::Motion;
 use super::uncertainty::Uncertainty;
 use crate::body::ik::{IkSolver, Target};
@@ -42,8 +42,8 @@ pub struct Evidence {
     reader: PatchReader,
     swaps: LeftRightSwaps,
     search: LatticeSearch,
-    /// Who may stand in front of the person in the view at hand.
-    in_the_way: Vec<usize>,
+    /// Who may stand in front of the person in the view at hand, and with what.
+    in_the_way: Vec<(usize, CapsuleSet)>,
     /// Predicted keypoints at the tick, world, metres.
     predicted_m: Vec<Vector3<f64>>,
     /// What the lattice search found, by keypoint.

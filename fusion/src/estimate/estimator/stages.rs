@@ -89,8 +89,8 @@ impl Estimator {
             let sight = view.sight();
             in_the_way.clear();
             let others = bodies.iter().enumerate().filter(|(i, _)| *i != own);
-            let hiding = others.filter(|(_, body)| body.may_hide(&eye_m, &sight));
-            in_the_way.extend(hiding.map(|(i, _)| i));
+            let hiding = others.map(|(i, body)| (i, body.may_hide(&eye_m, &sight)));
+            in_the_way.extend(hiding.filter(|(_, capsules)| !capsules.is_empty()));
             if in_the_way.is_empty() {
                 continue;
             }
@@ -99,7 +99,9 @@ impl Estimator {
                     view.occlusion[k] = view_weight(
                         eye_m,
                         expected.position_m,
-                        in_the_way.iter().map(|&i| &bodies[i]),
+                        in_the_way
+                            .iter()
+                            .map(|&(i, capsules)| (&bodies[i], capsules)),
                         &method.parameters.occlusion,
                     );
                 }
