@@ -67,6 +67,8 @@ struct Claim {
     view: usize,
     keypoint: usize,
     expected: ExpectedKeypoint,
+    /// How far the corner of a face of its lattice is from its cell.
+    reach_cells: f64,
     /// Expected error of the prediction, metres.
     sigma_m: f64,
     eye_m: Vector3<f64>,
@@ -183,20 +185,18 @@ impl Claims {
             }
             member.claims = first..self.of_kind.len();
         }
-        // The corner of a face of the lattice.
-        let reach_m = method.parameters.lattice.half_width_m * 2.0f64.sqrt();
         self.groups.reset(self.of_kind.len());
         for member in &self.members {
             for b in member.claims.clone() {
                 for a in member.claims.start..b {
-                    compare(&mut self.of_kind, &mut self.groups, [a, b], reach_m);
+                    compare(&mut self.of_kind, &mut self.groups, [a, b]);
                 }
             }
         }
         for &[one, other] in &self.near {
             for a in self.members[one].claims.clone() {
                 for b in self.members[other].claims.clone() {
-                    compare(&mut self.of_kind, &mut self.groups, [a, b], reach_m);
+                    compare(&mut self.of_kind, &mut self.groups, [a, b]);
                 }
             }
         }
@@ -330,6 +330,7 @@ impl Claim {
         let view = &track.views()[member.view];
         let expected = view.expected(keypoint)?;
         let contact = &method.parameters.contact;
+        let reach_m = method.parameters.lattice.half_width_m * 2.0f64.sqrt();
         let seen = track
             .estimates()
             .get(keypoint)
@@ -339,6 +340,7 @@ impl Claim {
             view: member.view,
             keypoint,
             expected: *expected,
+            reach_cells: reach_m / expected.cell_m,
             sigma_m: if seen {
                 contact.seen_sigma_m
             } else {
@@ -373,13 +375,14 @@ impl Claim {
         Some(direction * direction.dot(&row(2)).signum())
     }
 
-    /// Whether the keypoint of `other` is seen within `reach_m` of this one, and whether the windows of both touch.
-    fn reaches(&self, other: &Self, reach_m: f64) -> [bool; 2] {
+    /// Whether the keypoint of `other` is seen within reach of this one, and whether the windows of both touch.
+    #[inline]
+    fn reaches(&self, other: &Self) -> [bool; 2] {
         let h = self.project(&other.expected.position_m);
         let cell = &self.expected.cell;
         // Cells times a depth that is positive: a division for each pair of a crowd would be most of the work.
         let apart = Vector2::new(h.x - cell.x * h.z, h.y - cell.y * h.z);
-        let reach = reach_m / self.expected.cell_m * h.z;
+        let reach = self.reach_cells * h.z;
         let touching = TOUCHING_REACHES * reach;
         [
             h.z > 0.0 && apart.norm_squared() < reach * reach,
@@ -388,13 +391,13 @@ impl Claim {
     }
 }
 
-/// Notes whether two claims come near each other, and whether their windows of `reach_m` touch: then they may show
-/// one peak.
-fn compare(claims: &mut [Claim], groups: &mut Groups, [a, b]: [usize; 2], reach_m: f64) {
-    let [one, other] = [
-        claims[a].reaches(&claims[b], reach_m),
-        claims[b].reaches(&claims[a], reach_m),
-    ];
+/// Notes whether two claims come near each other, and whether their windows touch: then they may show one peak.
+fn compare(claims: &mut [Claim], groups: &mut Groups, [a, b]: [usize; 2]) {
+    // In a crowd most has been said by others before.
+    if claims[a].meets && claims[b].meets && groups.are_linked(a, b) {
+        return;
+    }
+    let [one, other] = [claims[a].reaches(&claims[b]), claims[b].reaches(&claims[a])];
     if one[0] || other[0] {
         claims[a].meets = true;
         claims[b].meets = true;

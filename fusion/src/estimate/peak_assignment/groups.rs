@@ -26,6 +26,11 @@ impl Groups {
         self.before[a.max(b)] = a.min(b);
     }
 
+    /// Whether two things are of one group.
+    pub(super) fn are_linked(&mut self, a: usize, b: usize) -> bool {
+        self.first_of(a) == self.first_of(b)
+    }
+
     /// Numbers the groups in the order of their first things, of the things that are `kept`; returns how many there
     /// are.
     pub(super) fn number(&mut self, kept: impl Fn(usize) -> bool) -> usize {
@@ -79,6 +84,7 @@ mod tests {
         for [a, b] in [[5, 6], [0, 4], [4, 2], [6, 5]] {
             groups.link(a, b);
         }
+        assert!(groups.are_linked(0, 2) && !groups.are_linked(0, 5));
         assert_eq!(groups.number(|thing| thing != 0 && thing != 3), 3);
         let things = |groups: &Groups, group| groups.things(group).collect::<Vec<_>>();
         let of_groups = [0, 1, 2].map(|group| things(&groups, group));
