@@ -12,9 +12,11 @@
 //! rigid body algorithm (R. Featherstone, "Rigid Body Dynamics Algorithms", 2008, chapter 6) with information
 //! in place of mass. The work grows with the points, not with points times DoF squared.
 
-use std::ops::AddAssign;
+use std::ops::{AddAssign, Range};
 
 use nalgebra::{Matrix3, Vector3};
+
+use crate::body::skeleton::N_DOF;
 
 /// How a rigid body moves per unit of a DoF.
 #[derive(Debug, Clone, Copy, Default)]
@@ -51,6 +53,48 @@ impl Twist {
     /// What `push` does along this twist.
     pub(super) fn dot(&self, push: &Push) -> f64 {
         self.turn.dot(&push.moment) + self.shift_m.dot(&push.force)
+    }
+}
+
+/// The twists of all DoF, number by number: so that what a push does along several is vectors.
+#[derive(Debug, Clone)]
+pub(super) struct Motions {
+    turn: [[f64; N_DOF]; 3],
+    shift_m: [[f64; N_DOF]; 3],
+}
+
+impl Default for Motions {
+    fn default() -> Self {
+        Self {
+            turn: [[0.0; N_DOF]; 3],
+            shift_m: [[0.0; N_DOF]; 3],
+        }
+    }
+}
+
+impl Motions {
+    /// Takes over the twists.
+    pub(super) fn set(&mut self, twists: &[Twist; N_DOF]) {
+        let numbers = self.turn.iter_mut().zip(&mut self.shift_m);
+        for (axis, (turn, shift_m)) in numbers.enumerate() {
+            for (i, twist) in twists.iter().enumerate() {
+                turn[i] = twist.turn[axis];
+                shift_m[i] = twist.shift_m[axis];
+            }
+        }
+    }
+
+    /// [`Twist::dot`] of those of `dofs`, bit for bit.
+    #[inline]
+    pub(super) fn dot(&self, dofs: Range<usize>, push: &Push, into: &mut [f64]) {
+        let own = dofs.start..dofs.start + into.len();
+        let [a, b, c] = self.turn.each_ref().map(|turn| &turn[own.clone()]);
+        let [x, y, z] = self.shift_m.each_ref().map(|shift_m| &shift_m[own.clone()]);
+        let (moment, force) = (&push.moment, &push.force);
+        for (i, into) in into.iter_mut().enumerate() {
+            let turned = a[i] * moment.x + b[i] * moment.y + c[i] * moment.z;
+            *into = turned + (x[i] * force.x + y[i] * force.y + z[i] * force.z);
+        }
     }
 }
 
@@ -177,4 +221,33 @@ fn axial(m: &Matrix3<f64>) -> Vector3<f64> {
         m[(2, 0)] - m[(0, 2)],
         m[(0, 1)] - m[(1, 0)],
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn vector() -> impl Strategy<Value = Vector3<f64>> {
+        prop::array::uniform3(-3.0f64..3.0).prop_map(Vector3::from)
+    }
+
+    proptest! {
+        #[test]
+        fn of_several_twists_a_push_does_to_the_bit_what_it_does_of_each(
+            vectors in prop::collection::vec((vector(), vector()), N_DOF), moment in vector(), force in vector(),
+            first in 0..N_DOF, n in 0..=N_DOF,
+        ) {
+            let twists = std::array::from_fn(|i| Twist { turn: vectors[i].0, shift_m: vectors[i].1 });
+            let mut motions = Motions::default();
+            motions.set(&twists);
+            let (push, dofs) = (Push { moment, force }, first..(first + n).min(N_DOF));
+            let mut done = vec![0.0; dofs.len()];
+            motions.dot(dofs.clone(), &push, &mut done);
+            for (done, twist) in done.iter().zip(&twists[dofs]) {
+                prop_assert_eq!(done.to_bits(), twist.dot(&push).to_bits());
+            }
+        }
+    }
 }

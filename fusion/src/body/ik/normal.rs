@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::composite::{Composite, Twist};
+use super::composite::{Composite, Motions, Twist};
 use crate::body::skeleton::dof::{ANCESTORS, LINKS, MAX_CHAIN};
 use crate::body::skeleton::{Joint, Kinematics, Link, N_DOF, N_LINKS};
 
@@ -21,6 +21,8 @@ pub(super) struct NormalEquations {
     links: Box<[Composite; N_LINKS]>,
     /// Of each DoF, and where its axis passes, from the origin.
     twists: [Twist; N_DOF],
+    /// The same, number by number.
+    motions: Motions,
     centres_m: [Vector3<f64>; N_DOF],
     /// Whether H has the curvature of the targets' part, or only its first order.
     is_curved: bool,
@@ -34,6 +36,7 @@ impl NormalEquations {
             origin_m: Vector3::zeros(),
             links: Box::new([Composite::default(); N_LINKS]),
             twists: [Twist::default(); N_DOF],
+            motions: Motions::default(),
             centres_m: [Vector3::zeros(); N_DOF],
             is_curved: false,
             h: Box::new([[0.0; MAX_CHAIN]; N_DOF]),
@@ -79,6 +82,7 @@ impl NormalEquations {
         for (twist, axis) in self.twists.iter_mut().zip(&body.axes[..3]) {
             *twist = Twist::along(axis);
         }
+        self.motions.set(&self.twists);
         self.fill(is_curved);
     }
 
@@ -100,11 +104,12 @@ impl NormalEquations {
                 if is_curved {
                     resistance.turn_by(&composite.turned_moment(twist, &self.centres_m[i]));
                 }
-                let (row, ancestors) = (&mut self.h[i], ANCESTORS[i].dofs());
-                for (entry, &j) in row.iter_mut().zip(ancestors) {
-                    *entry = self.twists[j].dot(&resistance);
-                }
-                row[ancestors.len()] = twist.dot(&resistance);
+                let [front, limb] = ANCESTORS[i].runs();
+                let (of_front, rest) = self.h[i].split_at_mut(front.len());
+                let (of_limb, own) = rest.split_at_mut(limb.len());
+                self.motions.dot(front, &resistance, of_front);
+                self.motions.dot(limb, &resistance, of_limb);
+                own[0] = twist.dot(&resistance);
                 self.g[i] = twist.dot(&push);
             }
         }
