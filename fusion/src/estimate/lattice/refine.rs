@@ -128,6 +128,9 @@ impl Surroundings {
         let hill = Hill::at(cell, view.map(at.keypoint), hill);
         let (value, gradient) = hill.read(cell);
         let weight = witness.weight * value.max(0.0);
+        if weight <= 0.0 {
+            return;
+        }
         self.value += weight * value;
         self.gradient += (x * gradient.x + y * gradient.y) * weight;
         let round = hill.round;
