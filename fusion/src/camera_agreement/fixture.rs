@@ -44,6 +44,8 @@ pub(super) struct Mistake {
 pub(super) struct Hall {
     pub(super) shows: [(usize, Mistake); 4],
     pub(super) bursts: usize,
+    /// How long each of them is.
+    pub(super) burst_ticks: usize,
     pub(super) scale: f64,
     /// How high everybody's feet are, metres.
     pub(super) floor_m: f64,
@@ -67,6 +69,7 @@ impl Default for Hall {
         Self {
             shows: std::array::from_fn(|camera| (camera, Mistake::default())),
             bursts: 2,
+            burst_ticks: TICKS,
             scale: 1.0,
             floor_m: 0.0,
             narrow: false,
@@ -181,7 +184,7 @@ impl Hall {
             }
             let trails = (0..4).flat_map(|camera| (0..2).map(move |person| (camera, person)));
             let trails = trails.map(|(camera, person)| {
-                let bodies: Vec<SeenBody> = (0..TICKS)
+                let bodies: Vec<SeenBody> = (0..self.burst_ticks)
                     .map(|tick| see(camera, person, (burst, tick)))
                     .collect();
                 Trail::of(person as u32, camera, &bodies)

@@ -92,7 +92,7 @@ impl<'a> Judge<'a> {
         let n_passes = n_passes.max(LEAST_PASSES);
         let step = all.len().div_ceil(n_passes).max(1);
         let passes: Vec<&PassSample> = all.iter().rev().step_by(step).map(AsRef::as_ref).collect();
-        let bursts: Vec<&Burst> = samples.bursts.iter().map(AsRef::as_ref).collect();
+        let bursts = samples.telling_bursts();
         let lines = cameras.lines();
         let of = |half: KeypointHalf| shifts(&bursts, &lines, (cameras.rate_hz, half));
         let fits = pose_fits(samples, &lines, cameras.rate_hz);

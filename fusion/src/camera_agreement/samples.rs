@@ -29,6 +29,9 @@ const PASS_EVERY_S: f64 = 0.5;
 const FIRST_PASSES: usize = 6;
 /// Length of a burst, seconds: as long as the longest shift in time that is looked for, twice.
 const BURST_S: f64 = 2.0;
+/// Least length of all bursts together that tells, seconds: for half a second networks err to one side, and cameras of the treadmill
+/// that are right seemed a tick early, or turned by four degrees.
+const LEAST_BURSTS_S: f64 = 0.75;
 /// One burst in so many is kept: finding the highest peaks of whole maps takes some percent of a tick.
 const ONE_BURST_IN: u64 = 5;
 /// Bursts that are kept, the newest.
@@ -369,6 +372,15 @@ impl Samples {
             }
             self.bursts.push_back(Arc::new(burst));
         }
+    }
+
+    /// The bursts, where all together are long enough to tell anything.
+    pub(super) fn telling_bursts(&self) -> Vec<&Burst> {
+        let ticks = |burst: &Burst| burst.trails.iter().map(Trail::len).max().unwrap_or(0);
+        let all: usize = self.bursts.iter().map(|burst| ticks(burst)).sum();
+        let is_long = all as f64 >= LEAST_BURSTS_S * self.rate_hz;
+        let bursts = self.bursts.iter().filter(|_| is_long);
+        bursts.map(AsRef::as_ref).collect()
     }
 
     /// The same, with the burst under way as the last.

@@ -4,7 +4,7 @@ mod displaced;
 
 use farfield_proto::message::agreement::AgreementVerdict;
 
-use super::fixture::{Hall, Mistake, names};
+use super::fixture::{Hall, Mistake, TICKS, names};
 use super::*;
 
 #[test]
@@ -319,6 +319,21 @@ fn nothing_is_said_of_the_time_of_people_who_stand() {
             .values()
             .all(|camera| camera.late_ticks.is_none())
     );
+}
+
+#[test]
+fn half_a_second_tells_of_no_tick() {
+    let mistake = Mistake {
+        late_ticks: 1,
+        ..Mistake::default()
+    };
+    for (burst_ticks, is_told) in [(20, false), (TICKS, true)] {
+        let hall = Hall {
+            burst_ticks,
+            ..Hall::with(2, mistake)
+        };
+        assert_eq!(!hall.causes().is_empty(), is_told, "{burst_ticks}");
+    }
 }
 
 #[test]

@@ -187,41 +187,12 @@ impl Maps {
         cells
     }
 
-    /// As [`Self::cells_mut`], for whoever leaves all cells zero that are zero.
-    ///
-    /// # Panics
-    /// When there is no such keypoint.
-    pub fn cells_to_lower(&mut self, k: usize) -> &mut [u8] {
-        self.cells_and_written(k).0
-    }
-
     /// Where the cells of the map of keypoint `k` may be other than zero.
     ///
     /// # Panics
     /// When there is no such keypoint.
     pub fn written(&self, k: usize) -> &Written {
         &self.written[k]
-    }
-
-    /// Swaps the maps of two keypoints.
-    ///
-    /// # Panics
-    /// When there is no such keypoint.
-    pub fn swap(&mut self, a: usize, b: usize) {
-        let (low, high) = (a.min(b), a.max(b));
-        if low == high {
-            return;
-        }
-        let mut both = self.written[low].clone();
-        both.include(
-            self.written[high].rows.clone(),
-            self.written[high].columns.clone(),
-        );
-        let area = self.width * self.height;
-        let rows = both.rows.start * self.width..both.rows.end * self.width;
-        let (before, after) = self.cells.split_at_mut(high * area);
-        before[low * area..][rows.clone()].swap_with_slice(&mut after[rows]);
-        self.written.swap(low, high);
     }
 
     /// The map of keypoint `k`, and what of it is written: for whoever writes only some and adds it.
