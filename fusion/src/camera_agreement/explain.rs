@@ -25,6 +25,10 @@ const REFIT_HANDICAP: f64 = 1.3;
 /// real cameras that are right, 0.03 and 0.47 were seen.
 const CERTAIN_FOCAL_LENGTH: f64 = 0.06;
 const CERTAIN_REFIT: f64 = 0.42;
+/// What a focal length is changed by at most, as a factor: pictures of half the size, or twice. And those beyond which a change
+/// must leave as little as one that is certain: who shows somebody else seems zoomed, and fits a little better so.
+const ZOOMS: std::ops::RangeInclusive<f64> = 0.45..=2.25;
+const NEAR_ZOOMS: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 /// From which turn on, radians, that is told of such a camera: where all is right, a network that sees each person from one
 /// side only made 0.9 degrees of its own errors, and left 0.54 of the distance.
 const CERTAIN_TURN_RAD: f64 = 0.0175;
@@ -164,6 +168,10 @@ impl Judge<'_> {
         } else {
             turned(&refit)
         };
+        let is_far = !NEAR_ZOOMS.contains(&refit.focal_factor);
+        if !ZOOMS.contains(&refit.focal_factor) || is_far && refit.ratio >= CERTAIN_REFIT {
+            return None;
+        }
         let is_small = refit.turned_rad() <= MOST_TURNED_RAD;
         is_small.then(|| (REFIT_HANDICAP * refit.ratio, vec![camera], cause))
     }
@@ -228,7 +236,8 @@ impl Judge<'_> {
     fn certain_refit(&self, camera: usize, right: &[usize]) -> Option<(f64, DisagreementCause)> {
         let refit = refit(&self.bursts, &self.lines, (camera, right))?;
         let scaled = (refit.focal_factor - 1.0).abs();
-        let is_scaled = refit.ratio < CERTAIN_REFIT && scaled >= CERTAIN_FOCAL_LENGTH;
+        let is_zoom = ZOOMS.contains(&refit.focal_factor);
+        let is_scaled = is_zoom && refit.ratio < CERTAIN_REFIT && scaled >= CERTAIN_FOCAL_LENGTH;
         let is_aside = refit.ratio < CERTAIN_REFIT && refit.aside_rad >= CERTAIN_TURN_RAD;
         let is_rolled = refit.ratio < CERTAIN_ROLL && refit.rolled_rad >= CERTAIN_ROLL_RAD;
         // Where everybody goes one way, who is late shows them all aside.

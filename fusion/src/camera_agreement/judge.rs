@@ -190,9 +190,7 @@ impl<'a> Judge<'a> {
         let bursts: Vec<&Burst> = bursts.iter().map(AsRef::as_ref).collect();
         let points = self.lens_points(&bursts, &samples);
         let points = points.as_ref();
-        if let Some(points) = points {
-            self.find_lenses_swapped(points, &mut report.disagreements, told);
-        }
+        self.find_lenses_swapped(points, &mut report.disagreements, told);
         for group in self.groups(told) {
             self.judge_group(&group, points, &mut report.disagreements, told);
         }

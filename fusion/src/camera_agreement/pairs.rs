@@ -10,7 +10,7 @@
 use std::ops::Range;
 
 use farfield_proto::order_statistics::upper_median;
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 use super::geometry::{Meeting, SightLines, meeting};
 use super::samples::{COMPARED, MAX_BODIES, PassSample, SeenBody};
@@ -99,6 +99,25 @@ impl CameraRays {
             of_pass: self
                 .of_pass
                 .iter()
+                .map(|bodies| bodies.iter().map(body).collect())
+                .collect(),
+        }
+    }
+
+    /// The same where another lens has what is at a place, normalised, at the place `lens` of it; unseen where it has it nowhere.
+    pub(super) fn through(&self, lens: impl Fn(Vector2<f64>) -> Option<Vector2<f64>>) -> Self {
+        let ray = |direction: &Vector3<f64>| {
+            if direction.norm_squared() == 0.0 {
+                return Vector3::zeros();
+            }
+            let m = self.lines.in_camera(&(self.lines.center_m + direction));
+            lens(m.xy() / m.z).map_or_else(Vector3::zeros, |place| self.lines.world(place))
+        };
+        let body = |body: &Vec<Vector3<f64>>| body.iter().map(ray).collect();
+        let of_pass = self.of_pass.iter();
+        Self {
+            lines: self.lines.clone(),
+            of_pass: of_pass
                 .map(|bodies| bodies.iter().map(body).collect())
                 .collect(),
         }

@@ -23,6 +23,8 @@ const PER_NUMBER: f64 = 0.01;
 /// Least and most way of a camera that was moved, metres.
 const LEAST_MOVED_M: f64 = 0.02;
 const MOST_MOVED_M: f64 = 0.6;
+/// Least turn that is told, degrees: across a wide field the tenths of a tick by which cameras run freely look like two tenths.
+const LEAST_TURNED_DEG: f64 = 0.5;
 /// Least change of a focal length, as a share, and least and most one of a k1.
 const LEAST_ZOOM: f64 = 0.01;
 const LEAST_K1: f64 = 0.05;
@@ -57,7 +59,11 @@ pub(in crate::camera_agreement) fn displaced(
         Some((ratio * (1.0 + PER_NUMBER * numbers), (ratio, cause)))
     });
     let (_, best) = weighed.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    (before_m * (1.0 - best.0) >= LEAST_GAIN_M).then_some(best)
+    let is_told = match best.1 {
+        DisagreementCause::Turned { degrees } => degrees >= LEAST_TURNED_DEG,
+        _ => true,
+    };
+    (is_told && before_m * (1.0 - best.0) >= LEAST_GAIN_M).then_some(best)
 }
 
 /// What a change that was fitted to one half of the keypoints leaves of the other, both ways.
@@ -106,6 +112,16 @@ fn cause(change: Change, changed: &Changed) -> Option<DisagreementCause> {
 type Displaced = Vec<(usize, DisagreementCause)>;
 
 impl Judge<'_> {
+    /// Why one camera alone does not show what all others do.
+    pub(in crate::camera_agreement) fn displaced_alone(
+        &self,
+        points: &LensPoints<'_>,
+        camera: usize,
+    ) -> Option<DisagreementCause> {
+        let all: Vec<usize> = (0..self.lines.len()).collect();
+        displaced(&points.observed(camera, &all)).map(|(_, cause)| cause)
+    }
+
     /// Cameras that agree well enough, and of which one change explains what they show beside the others.
     ///
     /// One that is displaced draws what the others say with it, most of all for the one opposite. So where several are found

@@ -17,20 +17,38 @@ const EXPLAINS: f64 = 0.8;
 const EXPLAINS_BOTH: f64 = 0.65;
 /// By how much less than it is the distance must be of both together, metres.
 const LEAST_GAIN_M: f64 = 0.01;
+/// What the sightings of a camera cost against the others, as a factor of those of the best one, from which on they are tried
+/// through another lens: who shows people where nobody is has no keypoints that could be told from the others'.
+const DOUBTFUL: f64 = 1.5;
 
 impl Judge<'_> {
     /// Two cameras that have each other's lenses.
     pub(super) fn find_lenses_swapped(
         &self,
-        points: &LensPoints<'_>,
+        points: Option<&LensPoints<'_>>,
         all: &mut Vec<Disagreement>,
         told: &mut [bool],
     ) {
         let n = self.cameras.len();
         let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
         let pairs = pairs.filter(|&(a, b)| !told[a] && !told[b] && self.are_apart(a, b));
-        let weighed =
-            pairs.filter_map(|pair| Some((self.with_lenses_swapped(points, pair)?, pair)));
+        let costs: Vec<Option<f64>> = (0..n)
+            .map(|camera| {
+                let others: Vec<usize> = (0..n).filter(|of| *of != camera).collect();
+                self.cost_against(camera, &self.as_it_is[camera], &others)
+            })
+            .collect();
+        let least = costs.iter().flatten().copied().fold(1.0, f64::min);
+        let is_doubtful =
+            |camera: usize| costs[camera].is_some_and(|cost| cost >= DOUBTFUL * least);
+        let weighed = pairs.filter_map(|(a, b)| {
+            let by_points = points.and_then(|points| self.with_lenses_swapped(points, (a, b)));
+            let by_sightings = || {
+                let may_be = is_doubtful(a) && is_doubtful(b);
+                may_be.then(|| self.sighted_through((a, b))).flatten()
+            };
+            Some((by_points.or_else(by_sightings)?, (a, b)))
+        });
         if let Some((_, (a, b))) = weighed.min_by(|one, other| one.0.total_cmp(&other.0)) {
             told[a] = true;
             told[b] = true;
@@ -67,6 +85,31 @@ impl Judge<'_> {
         }
         let ratio = after_m / before_m;
         (ratio < EXPLAINS_BOTH && before_m - after_m >= LEAST_GAIN_M).then_some(ratio)
+    }
+
+    /// What is left of the cost of the sightings of two cameras where they have each other's lenses; `None` where that is no
+    /// explanation.
+    fn sighted_through(&self, (a, b): (usize, usize)) -> Option<f64> {
+        if !are_different(self.models.get(a)?, self.models.get(b)?) {
+            return None;
+        }
+        let others: Vec<usize> = (0..self.cameras.len())
+            .filter(|of| *of != a && *of != b)
+            .collect();
+        let (mut before, mut after) = (0.0, 0.0);
+        for (own, other) in [(a, b), (b, a)] {
+            let as_it_is = &self.as_it_is[own];
+            let through_other = as_it_is.through(|place| self.through_lens(place, (own, other)));
+            let own_before = self.cost_against(own, as_it_is, &others)?;
+            let own_after = self.cost_against(own, &through_other, &others)?;
+            if own_after >= EXPLAINS * own_before {
+                return None;
+            }
+            before += own_before;
+            after += own_after;
+        }
+        let ratio = after / before;
+        (ratio < EXPLAINS_BOTH).then_some(ratio)
     }
 
     /// Where the `other` lens has what is by a camera's own at a place, both normalised and undistorted.

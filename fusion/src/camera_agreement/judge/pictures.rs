@@ -4,7 +4,6 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::super::JudgedCamera;
-use super::super::explain::displaced::displaced;
 use super::super::frozen::frozen_since;
 use super::super::lens::LensPoints;
 use super::super::lens::distortion::{DistortionFit, distortion};
@@ -136,14 +135,11 @@ impl Judge<'_> {
         points: &LensPoints<'_>,
         (camera, k1_over): (usize, f64),
     ) -> DisagreementCause {
-        let all: Vec<usize> = (0..self.cameras.len()).collect();
-        match displaced(&points.observed(camera, &all)) {
-            Some((_, DisagreementCause::Distortion { .. })) | None
-                if k1_over.abs() <= MOST_K1_OVER =>
-            {
+        match self.displaced_alone(points, camera) {
+            Some(DisagreementCause::Distortion { .. }) | None if k1_over.abs() <= MOST_K1_OVER => {
                 DisagreementCause::Distortion { k1_over }
             }
-            Some((_, cause)) => cause,
+            Some(cause) => cause,
             None => self.refitted_alone(camera),
         }
     }
