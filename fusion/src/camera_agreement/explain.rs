@@ -85,7 +85,7 @@ impl Judge<'_> {
         causes.extend(self.in_another_order(camera, &others, as_it_is));
         let is_late = self.may_be_late(camera);
         let points = points.filter(|_| !is_late);
-        let fitted = points.and_then(|points| displaced(&points.observed(camera, right)));
+        let fitted = points.and_then(|points| displaced(points, camera, right));
         let fitted = fitted.map(|(ratio, cause)| (ratio, vec![camera], cause));
         causes.extend(fitted.or_else(|| self.refitted(camera, right)));
         causes.sort_by(|a, b| a.0.total_cmp(&b.0));

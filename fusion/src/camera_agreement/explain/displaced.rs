@@ -34,16 +34,21 @@ const ONE_IN: usize = 3;
 /// With so many of the surest it is tried which others are displaced, too.
 const TRIED_FIRST: usize = 3;
 
-/// The cause that explains best what a camera shows, and what it leaves of the median distance; `None` where none does.
-pub(in crate::camera_agreement) fn displaced(
-    observed: &[Observed],
+/// The cause that explains best what a camera shows beside the others that are `right`, and what it leaves of the median distance;
+/// `None` where none does.
+pub(super) fn displaced(
+    points: &LensPoints<'_>,
+    camera: usize,
+    right: &[usize],
 ) -> Option<(f64, DisagreementCause)> {
+    let observed = &points.observed(camera, right)[..];
+    let least_gain_m = LEAST_GAIN_M + points.blur_m();
     if observed.len() < MIN_OBSERVED {
         return None;
     }
     let before_m = Changed::none().median_m(observed)?;
     let is_worth_it =
-        |after_m: f64| after_m < WORTH_FITTING * before_m && before_m - after_m >= LEAST_GAIN_M;
+        |after_m: f64| after_m < WORTH_FITTING * before_m && before_m - after_m >= least_gain_m;
     let fullest = Changed::fitted(observed, Change::Moved)?.median_m(observed)?;
     let lens = || {
         let bent = Changed::fitted(observed, Change::Distortion)?;
@@ -63,7 +68,7 @@ pub(in crate::camera_agreement) fn displaced(
         DisagreementCause::Turned { degrees } => degrees >= LEAST_TURNED_DEG,
         _ => true,
     };
-    (is_told && before_m * (1.0 - best.0) >= LEAST_GAIN_M).then_some(best)
+    (is_told && before_m * (1.0 - best.0) >= least_gain_m).then_some(best)
 }
 
 /// What a change that was fitted to one half of the keypoints leaves of the other, both ways.
@@ -119,7 +124,7 @@ impl Judge<'_> {
         camera: usize,
     ) -> Option<DisagreementCause> {
         let all: Vec<usize> = (0..self.lines.len()).collect();
-        displaced(&points.observed(camera, &all)).map(|(_, cause)| cause)
+        displaced(points, camera, &all).map(|(_, cause)| cause)
     }
 
     /// Cameras that agree well enough, and of which one change explains what they show beside the others.
@@ -159,7 +164,7 @@ impl Judge<'_> {
 /// Those of the cameras that are `left` which are displaced for certain against the others, the surest first.
 fn surest(points: &LensPoints<'_>, left: &[usize]) -> Vec<(f64, usize, DisagreementCause)> {
     let causes = left.iter().filter_map(|&camera| {
-        let (ratio, cause) = displaced(&points.observed(camera, left))?;
+        let (ratio, cause) = displaced(points, camera, left)?;
         (ratio < CERTAIN).then_some((ratio, camera, cause))
     });
     let mut causes: Vec<_> = causes.collect();

@@ -84,7 +84,8 @@ impl Judge<'_> {
             after_m += own_after_m;
         }
         let ratio = after_m / before_m;
-        (ratio < EXPLAINS_BOTH && before_m - after_m >= LEAST_GAIN_M).then_some(ratio)
+        (ratio < EXPLAINS_BOTH && before_m - after_m >= LEAST_GAIN_M + points.blur_m())
+            .then_some(ratio)
     }
 
     /// What is left of the cost of the sightings of two cameras where they have each other's lenses; `None` where that is no

@@ -1,6 +1,7 @@
 //! Where keypoints are seen by cameras of three viewpoints or more, and how well the lines of sight meet through other
 //! lenses: `distortion` of one camera or of all, `focal_lengths` of all.
 
+mod blur;
 pub(super) mod distortion;
 pub(super) mod focal_lengths;
 
@@ -9,6 +10,7 @@ use std::collections::BTreeMap;
 use farfield_proto::id::ViewpointIndex;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
+use self::blur::blur_m;
 use super::geometry::SightLines;
 use super::refit::resection::{LEAST_DEPTH_M, Observed};
 use super::samples::{Burst, PosedTick, Samples, SeenBody};
@@ -56,6 +58,8 @@ pub(super) struct LensPoints<'a> {
     viewpoints: Vec<ViewpointIndex>,
     /// The cameras that show enough of them, fisheyes left out: these have other lenses.
     known: Vec<usize>,
+    /// How far people go between the pictures of a tick, metres.
+    blur_m: f64,
 }
 
 impl<'a> LensPoints<'a> {
@@ -91,6 +95,7 @@ impl<'a> LensPoints<'a> {
             lines,
             viewpoints,
             known,
+            blur_m: blur_m(bursts, samples),
         })
     }
 
@@ -124,6 +129,12 @@ impl<'a> LensPoints<'a> {
         let observed: Vec<Observed> = observed.collect();
         let step = observed.len().div_ceil(MAX_OBSERVED).max(1);
         observed.into_iter().step_by(step).collect()
+    }
+
+    /// How far people go in the median between the pictures that cameras take of a tick, metres: so much less than it is the
+    /// distance must be, beside all else, for a change to be told.
+    pub(super) fn blur_m(&self) -> f64 {
+        self.blur_m
     }
 
     /// The cameras whose lenses they tell of.
