@@ -1,6 +1,7 @@
 //! What speaks against how a calibration lies in its venue: its length, its floor, its handedness, its known places.
 
 use farfield_proto::order_statistics::upper_median;
+use farfield_proto::plausibility::looks_over_heads;
 use nalgebra::Vector3;
 
 use super::assess::Found;
@@ -25,9 +26,6 @@ const WRONG_MARKS: f64 = 4.0;
 /// The z of a picture's upper edge below which a camera looks straight up or down, and says nothing of upright.
 const LEAST_UPRIGHT: f64 = 0.1;
 
-/// From how high above the floor on cameras look down at people, metres, and the sine of how far up one looks that does not.
-const OVER_HEADS_M: f64 = 1.5;
-const LOOKS_UP: f64 = 0.05;
 /// Known places whose heights differ by no more than that lie in a plane, metres.
 const LEVEL_M: f64 = 0.5;
 
@@ -168,7 +166,7 @@ fn looking_up(laid: &Laid<'_>) -> Option<Finding> {
     let states = laid.states();
     let looks_up = |state: &CameraState| {
         let forward = state.camera_from_world.inverse() * Vector3::z();
-        state.center_w.z > OVER_HEADS_M && forward.z > LOOKS_UP
+        looks_over_heads(state.center_w.z, forward.z)
     };
     let is_floor_known = laid.alignment.has_floor && laid.alignment.has_scale;
     let heights_m = laid.anchors.centers_m.iter().map(|(_, at_m)| at_m[2]);

@@ -1,6 +1,7 @@
 //! The lengths of a body that keypoints show, and what they say about its stature.
 
 use farfield_proto::order_statistics::weighted_median;
+use nalgebra::Vector3;
 
 use super::observed::ObservedJoints;
 use crate::body::skeleton::Joint;
@@ -144,4 +145,26 @@ pub(crate) fn stature_m<'a>(ticks: impl IntoIterator<Item = &'a ObservedJoints>)
         }
     }
     weighted_median(votes)
+}
+/// Least upward part of the direction of a trunk of whom the nose tells ahead from behind: who crawls or lies on the saddle with
+/// the head raised has the nose behind.
+const UPRIGHT: f64 = 0.75;
+
+/// How far ahead of the shoulders the nose is, -1 to 1; `None` of who is not upright. All in the world, metres; left before right.
+///
+/// ```text
+///   f = u x (r - l)                  u: from the middle of the hips to that of the shoulders l and r
+///   cos(n - (l + r)/2, f)            n: the nose; f is ahead of who is right
+/// ```
+pub(crate) fn nose_ahead(
+    nose_m: Vector3<f64>,
+    [left_m, right_m]: [Vector3<f64>; 2],
+    hips_m: [Vector3<f64>; 2],
+) -> Option<f64> {
+    let shoulders_m = 0.5 * (left_m + right_m);
+    let up = shoulders_m - 0.5 * (hips_m[0] + hips_m[1]);
+    let ahead = up.cross(&(right_m - left_m));
+    let to_nose_m = nose_m - shoulders_m;
+    let part = to_nose_m.dot(&ahead) / (to_nose_m.norm() * ahead.norm());
+    (up.z >= UPRIGHT * up.norm() && part.is_finite()).then_some(part)
 }

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::{KeypointPeak, PoseSet, Sighting};
 use farfield_proto::tick::Tick;
+use nalgebra::Vector3;
 
 use crate::align::TickGroup;
 use crate::estimate::evidence::View;
@@ -107,6 +108,12 @@ pub(super) struct PosedTick {
     pub(super) tick: Tick,
     /// Per person the id, and the keypoints, world, metres.
     pub(super) people: Vec<(u32, Vec<[f32; 3]>)>,
+}
+
+/// The middle of the keypoints of somebody, world, metres.
+pub(super) fn middle_m(body: &[[f32; 3]]) -> Vector3<f32> {
+    let sum: Vector3<f32> = body.iter().map(|&m| Vector3::from(m)).sum();
+    sum / body.len().max(1) as f32
 }
 
 /// One person in one camera during a burst.

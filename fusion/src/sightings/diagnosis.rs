@@ -18,14 +18,11 @@ use super::plausibility::{STATURES_M, is_plausible};
 use super::rays::witnesses;
 use super::reconstruction::Reconstruction;
 use crate::body::observed::ObservedJoints;
-use crate::body::segment::stature_m;
+use crate::body::segment::{nose_ahead, stature_m};
 use crate::body::skeleton::Joint;
 
 /// How far below the floor the lowest point of a body may be, metres: an ankle is never there.
 const UNDER_FLOOR_M: f64 = 0.3;
-/// Least upward part of the direction of a trunk of whom the nose tells left from right: who crawls or lies on the saddle with the
-/// head raised has the nose behind.
-const UPRIGHT: f64 = 0.75;
 /// Least part of the way from the shoulders to the nose that is ahead or behind, to count: networks err.
 const CLEARLY: f64 = 0.1;
 /// How far everything is looked for, metres from the origin.
@@ -158,21 +155,12 @@ impl Diagnosed<'_> {
 }
 
 /// Whether the nose is ahead of the shoulders; `None` where that is not clear, or the trunk is not upright.
-///
-/// ```text
-///   f = u x (r - l)             u: from the middle of the hips to that of the shoulders l and r; f is ahead of who is right
-///   (n - (l + r)/2) . f > 0     n: the nose
-/// ```
 fn has_the_nose_ahead(body: &ObservedJoints) -> Option<bool> {
     let at_m = |joint: Joint| body.position_m(joint);
-    let [left_m, right_m] = [at_m(Joint::LeftShoulder)?, at_m(Joint::RightShoulder)?];
-    let shoulders_m = 0.5 * (left_m + right_m);
-    let up = shoulders_m - 0.5 * (at_m(Joint::LeftHip)? + at_m(Joint::RightHip)?);
-    let ahead = up.cross(&(right_m - left_m));
-    let to_nose_m = at_m(Joint::Nose)? - shoulders_m;
-    let part = to_nose_m.dot(&ahead) / (to_nose_m.norm() * ahead.norm());
-    let is_clear = up.z >= UPRIGHT * up.norm() && part.abs() >= CLEARLY;
-    is_clear.then_some(part > 0.0)
+    let shoulders_m = [at_m(Joint::LeftShoulder)?, at_m(Joint::RightShoulder)?];
+    let hips_m = [at_m(Joint::LeftHip)?, at_m(Joint::RightHip)?];
+    let ahead = nose_ahead(at_m(Joint::Nose)?, shoulders_m, hips_m)?;
+    (ahead.abs() >= CLEARLY).then_some(ahead > 0.0)
 }
 
 fn head_is_below_hips(body: &ObservedJoints) -> bool {

@@ -18,6 +18,7 @@ use crate::venue::{Field, Venue, VenueCamera};
 
 pub use self::coverage::{Coverage, coverage, of_viewpoints};
 pub use self::finding::{Cause, Finding, Severity};
+pub use self::upright::looks_over_heads;
 
 /// All that speaks against the calibration of `venue`, what is wrong first, then in the order of its cameras.
 pub fn of_venue(venue: &Venue) -> Vec<Finding> {

@@ -20,6 +20,12 @@ const SIDES: f64 = 0.5;
 const OVER_HEADS_M: f64 = 1.5;
 const LOOKS_UP: f64 = 0.05;
 
+/// Whether a camera, so high above the floor (metres) and with this z of the direction in which it looks (unit vector), hangs above
+/// people's heads and looks up: one that is right does not, where it films people.
+pub fn looks_over_heads(above_floor_m: f64, forward_z: f64) -> bool {
+    above_floor_m > OVER_HEADS_M && forward_z > LOOKS_UP
+}
+
 /// The directions that a world's up is written in, by the words for them.
 const AXES: [(&str, [f64; 3]); 5] = [
     ("-z", [0.0, 0.0, -1.0]),
@@ -68,8 +74,8 @@ pub(super) fn findings(sights: &[Sight], field: &Field) -> Vec<Finding> {
 /// All cameras hang above people's heads and look up. Of places in a plane the mirror image fits as well, and from it cameras
 /// that are upright look at the other side of the horizon.
 fn looking_up(sights: &[Sight], field: &Field) -> Option<Finding> {
-    let above_m = |sight: &Sight| sight.center_m[2] - field.floor_m;
-    let looks_up = |sight: &Sight| above_m(sight) > OVER_HEADS_M && sight.forward[2] > LOOKS_UP;
+    let looks_up =
+        |sight: &Sight| looks_over_heads(sight.center_m[2] - field.floor_m, sight.forward[2]);
     (sights.len() >= 2 && sights.iter().all(looks_up)).then(|| Finding {
         camera: None,
         cause: Cause::LookUp,

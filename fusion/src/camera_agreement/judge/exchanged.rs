@@ -16,6 +16,7 @@ use nalgebra::Vector3;
 
 use super::super::report::KeypointExchange;
 use crate::body::observed::ObservedJoints;
+use crate::body::segment::nose_ahead;
 use crate::body::skeleton::Joint;
 
 /// Least bodies that tell, and in how many detection passes.
@@ -34,8 +35,6 @@ const MOST_OFF: f64 = 0.7;
 const TURNED: f64 = 0.25;
 /// Bones that an order must show to be compared.
 const MIN_BONES: usize = 5;
-/// Least upward part of the direction of a trunk of whom the nose tells ahead from behind.
-const UPRIGHT: f64 = 0.75;
 
 use KeypointExchange as Exchange;
 
@@ -220,8 +219,7 @@ impl ExchangeVotes {
     /// Asks a body.
     pub(in crate::camera_agreement) fn ask(&mut self, body: &ObservedJoints) {
         let shown: Points = JOINTS.map(|joint| body.position_m(joint));
-        let as_named: Points = shown;
-        let Some(cost_of_names) = cost(&as_named) else {
+        let Some(cost_of_names) = cost(&shown) else {
             return;
         };
         self.passes += usize::from(std::mem::take(&mut self.is_pass_new));
@@ -282,19 +280,12 @@ fn cost(at_m: &Points) -> Option<f64> {
         let cosine = across(a)?.dot(&across(b)?);
         Some((-cosine).max(0.0))
     });
-    let behind = nose_ahead(at_m).map_or(0.0, |ahead| (-ahead).max(0.0));
+    let ahead = || {
+        let both = |left: usize| Some([at_m[left]?, at_m[left + 1]?]);
+        nose_ahead(at_m[NOSE]?, both(SHOULDERS)?, both(HIPS)?)
+    };
+    let behind = ahead().map_or(0.0, |ahead| (-ahead).max(0.0));
     Some(bones + TURNED * (pairs.sum::<f64>() + behind))
-}
-
-/// How far ahead of the shoulders the nose is, -1 to 1; `None` of who is not upright.
-fn nose_ahead(at_m: &Points) -> Option<f64> {
-    let middle = |left: usize| Some(0.5 * (at_m[left]? + at_m[left + 1]?));
-    let shoulders_m = middle(SHOULDERS)?;
-    let up = shoulders_m - middle(HIPS)?;
-    let ahead = up.cross(&(at_m[SHOULDERS + 1]? - at_m[SHOULDERS]?));
-    let to_nose_m = at_m[NOSE]? - shoulders_m;
-    let part = to_nose_m.dot(&ahead) / (to_nose_m.norm() * ahead.norm());
-    (up.z >= UPRIGHT * up.norm() && part.is_finite()).then_some(part)
 }
 
 #[cfg(test)]

@@ -56,53 +56,53 @@ impl Judge<'_> {
         }
     }
 
-    /// What is left of the distances where two cameras have each other's lenses; `None` where that is no explanation.
-    fn with_lenses_swapped(&self, points: &LensPoints<'_>, (a, b): (usize, usize)) -> Option<f64> {
-        if !are_different(self.models.get(a)?, self.models.get(b)?) {
-            return None;
-        }
-        let others: Vec<usize> = (0..self.cameras.len())
-            .filter(|of| *of != a && *of != b)
-            .collect();
-        let (mut before_m, mut after_m) = (0.0, 0.0);
-        for (own, other) in [(a, b), (b, a)] {
-            let observed = points.observed(own, &others);
-            if observed.len() < MIN_OBSERVED {
-                return None;
-            }
-            let own_before_m = Changed::none().median_m(&observed)?;
+    /// What is left of the distances of two cameras where they have each other's lenses; `None` where that is no explanation.
+    fn with_lenses_swapped(&self, points: &LensPoints<'_>, pair: (usize, usize)) -> Option<f64> {
+        let least_gain_m = LEAST_GAIN_M + points.blur_m();
+        self.left_of_both(pair, least_gain_m, |(own, other), others| {
+            let observed = points.observed(own, others);
             let through_other = observed.iter().filter_map(|one| {
                 let shown = self.through_lens(one.shown, (own, other))?;
                 Some(Observed { shown, ..*one })
             });
             let through_other: Vec<Observed> = through_other.collect();
-            let own_after_m = Changed::none().median_m(&through_other)?;
-            if own_after_m >= EXPLAINS * own_before_m || through_other.len() < MIN_OBSERVED {
-                return None;
-            }
-            before_m += own_before_m;
-            after_m += own_after_m;
-        }
-        let ratio = after_m / before_m;
-        (ratio < EXPLAINS_BOTH && before_m - after_m >= LEAST_GAIN_M + points.blur_m())
-            .then_some(ratio)
+            let median_m = |all: &[Observed]| {
+                (all.len() >= MIN_OBSERVED)
+                    .then(|| Changed::none().median_m(all))
+                    .flatten()
+            };
+            Some([median_m(&observed)?, median_m(&through_other)?])
+        })
     }
 
-    /// What is left of the cost of the sightings of two cameras where they have each other's lenses; `None` where that is no
-    /// explanation.
-    fn sighted_through(&self, (a, b): (usize, usize)) -> Option<f64> {
+    /// The same of the cost of their sightings.
+    fn sighted_through(&self, pair: (usize, usize)) -> Option<f64> {
+        self.left_of_both(pair, 0.0, |(own, other), others| {
+            let as_it_is = &self.as_it_is[own];
+            let through_other = as_it_is.through(|place| self.through_lens(place, (own, other)));
+            Some([
+                self.cost_against(own, as_it_is, others)?,
+                self.cost_against(own, &through_other, others)?,
+            ])
+        })
+    }
+
+    /// What the lenses of each other leave of two cameras together, by what `weighed` says of each, beside all others: as it is,
+    /// and through the lens of the other.
+    fn left_of_both(
+        &self,
+        (a, b): (usize, usize),
+        least_gain: f64,
+        weighed: impl Fn((usize, usize), &[usize]) -> Option<[f64; 2]>,
+    ) -> Option<f64> {
         if !are_different(self.models.get(a)?, self.models.get(b)?) {
             return None;
         }
-        let others: Vec<usize> = (0..self.cameras.len())
-            .filter(|of| *of != a && *of != b)
-            .collect();
+        let others = (0..self.cameras.len()).filter(|of| *of != a && *of != b);
+        let others: Vec<usize> = others.collect();
         let (mut before, mut after) = (0.0, 0.0);
-        for (own, other) in [(a, b), (b, a)] {
-            let as_it_is = &self.as_it_is[own];
-            let through_other = as_it_is.through(|place| self.through_lens(place, (own, other)));
-            let own_before = self.cost_against(own, as_it_is, &others)?;
-            let own_after = self.cost_against(own, &through_other, &others)?;
+        for pair in [(a, b), (b, a)] {
+            let [own_before, own_after] = weighed(pair, &others)?;
             if own_after >= EXPLAINS * own_before {
                 return None;
             }
@@ -110,7 +110,7 @@ impl Judge<'_> {
             after += own_after;
         }
         let ratio = after / before;
-        (ratio < EXPLAINS_BOTH).then_some(ratio)
+        (ratio < EXPLAINS_BOTH && before - after >= least_gain).then_some(ratio)
     }
 
     /// Where the `other` lens has what is by a camera's own at a place, both normalised and undistorted.

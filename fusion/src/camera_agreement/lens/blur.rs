@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 
 use farfield_proto::order_statistics::upper_median;
-use nalgebra::Vector3;
 
-use super::super::samples::{Burst, Samples};
+use super::super::samples::{Burst, Samples, middle_m};
 
 /// The way that people go in the median while the first and the last camera take their pictures of a tick, metres.
 pub(super) fn blur_m(bursts: &[&Burst], samples: &Samples) -> f64 {
@@ -23,16 +22,12 @@ pub(super) fn blur_m(bursts: &[&Burst], samples: &Samples) -> f64 {
 
 /// How far people go in a tick in the median, metres.
 fn way_per_tick_m(samples: &Samples) -> f64 {
-    let middle = |body: &[[f32; 3]]| {
-        let sum: Vector3<f32> = body.iter().map(|&m| Vector3::from(m)).sum();
-        sum / body.len().max(1) as f32
-    };
     let pairs = samples.poses.iter().zip(samples.poses.iter().skip(1));
     let ways_m = pairs.flat_map(|(before, after)| {
         let ticks = (after.tick - before.tick).max(1) as f64;
         after.people.iter().filter_map(move |(person, now)| {
             let (_, then) = before.people.iter().find(|(other, _)| other == person)?;
-            Some(f64::from((middle(now) - middle(then)).norm()) / ticks)
+            Some(f64::from((middle_m(now) - middle_m(then)).norm()) / ticks)
         })
     });
     upper_median(ways_m.collect()).unwrap_or(0.0)

@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use self::blur::blur_m;
 use super::geometry::SightLines;
 use super::refit::resection::{LEAST_DEPTH_M, Observed};
-use super::samples::{Burst, PosedTick, Samples, SeenBody};
+use super::samples::{Burst, PosedTick, Samples, SeenBody, middle_m};
 
 /// Of the ticks of a burst every so many are looked at.
 const EVERY_TICKS: usize = 4;
@@ -207,8 +207,7 @@ fn least(tried: &[f64], cost: impl Fn(f64) -> f64, before: f64) -> (f64, f64) {
 fn farthest_moved_m(samples: &Samples) -> f64 {
     let mut places: BTreeMap<u32, [Vector3<f32>; 2]> = BTreeMap::new();
     for (person, body) in samples.poses.iter().flat_map(|posed| &posed.people) {
-        let sum: Vector3<f32> = body.iter().map(|&m| Vector3::from(m)).sum();
-        let middle = sum / body.len().max(1) as f32;
+        let middle = middle_m(body);
         let range = places.entry(*person).or_insert([middle; 2]);
         *range = [range[0].inf(&middle), range[1].sup(&middle)];
     }
