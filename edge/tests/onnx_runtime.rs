@@ -24,13 +24,21 @@ fn refusal(card: &Path) -> String {
 
 /// The card of the good network with one thing changed, beside a copy of its model.
 fn changed(folder: &Path, from: &str, to: &str) -> PathBuf {
+    with_changes(folder, &[(from, to)])
+}
+
+/// The same with several things changed.
+fn with_changes(folder: &Path, changes: &[(&str, &str)]) -> PathBuf {
     let read = std::fs::read_to_string(hues::testdata("hues17_128x96.toml"));
-    let card = read.expect("the card is committed");
-    assert!(card.contains(from));
+    let mut card = read.expect("the card is committed");
+    for (from, to) in changes {
+        assert!(card.contains(from));
+        card = card.replace(from, to);
+    }
     let model = "hues17_128x96.onnx";
     std::fs::copy(hues::testdata(model), folder.join(model)).expect("the model is committed");
     let path = folder.join("card.toml");
-    std::fs::write(&path, card.replace(from, to)).expect("the folder is writable");
+    std::fs::write(&path, card).expect("the folder is writable");
     path
 }
 
@@ -46,17 +54,18 @@ fn a_network_with_14_maps_is_refused_by_name() {
 #[test]
 fn a_network_that_does_not_fit_its_card_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
-    for (from, to, word) in [
-        ("name = \"image\"", "name = \"picture\"", "`picture`"),
-        ("name = \"heatmaps\"", "name = \"maps\"", "`maps`"),
-        ("width = 96", "width = 192", "192 columns"),
-        (
-            "width = 24, height = 32",
-            "width = 24, height = 33",
-            "33 rows",
-        ),
+    // Twice as wide, and its cells with it: a card that is right in itself, of another network.
+    let twice = [("width = 96", "width = 192"), ("width = 24", "width = 48")];
+    let image = [("name = \"image\"", "name = \"picture\"")];
+    let maps = [("name = \"heatmaps\"", "name = \"maps\"")];
+    let rows = [("height = 32", "height = 33")];
+    for (changes, word) in [
+        (image.as_slice(), "`picture`"),
+        (&maps, "`maps`"),
+        (&twice, "192 columns"),
+        (&rows, "33 rows"),
     ] {
-        let error = refusal(&changed(folder.path(), from, to));
+        let error = refusal(&with_changes(folder.path(), changes));
         assert!(
             error.contains("hues17_128x96.onnx") && error.contains(word),
             "{error}"
