@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::io::{self, BufRead as _, BufReader, Read};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use serde_json::Value;
@@ -15,6 +15,8 @@ use super::vitals::Vitals;
 const KEPT_LINES: usize = 200;
 /// Between two looks at whether something has happened.
 const PAUSE: Duration = Duration::from_millis(10);
+/// How long the last words of a node that has ended are waited for: what it started may hold its output open.
+const LAST_WORDS: Duration = Duration::from_secs(10);
 
 /// A running node; killed when dropped.
 #[derive(Debug)]
@@ -22,6 +24,7 @@ pub struct NodeProcess {
     name: String,
     child: Child,
     heard: Arc<Mutex<NodeOutput>>,
+    listening: Vec<JoinHandle<()>>,
 }
 
 /// What a node has said.
@@ -48,16 +51,21 @@ impl NodeProcess {
             .stderr(Stdio::piped());
         let mut child = command.spawn()?;
         let heard = Arc::new(Mutex::new(NodeOutput::default()));
+        let mut listening = Vec::new();
         if let Some(stderr) = child.stderr.take() {
-            listen(stderr, Arc::clone(&heard), NodeOutput::said)?;
+            listening.push(listen(stderr, Arc::clone(&heard), NodeOutput::said)?);
         }
         if let Some(stdout) = child.stdout.take() {
-            listen(stdout, Arc::clone(&heard), |heard, line| {
+            listening.push(listen(stdout, Arc::clone(&heard), |heard, line| {
                 heard.reported(&line);
-            })?;
+            })?);
         }
-        let name = name.to_owned();
-        Ok(Self { name, child, heard })
+        Ok(Self {
+            name: name.to_owned(),
+            child,
+            heard,
+            listening,
+        })
     }
 
     /// Its name in the venue.
@@ -109,18 +117,29 @@ impl NodeProcess {
         drop(self.child.stdin.take());
     }
 
-    /// Waits until it ends by itself; `None` when it has not within `patience`.
+    /// Waits until it has ended by itself and all that it said is heard; `None` when it has not within `patience`.
     ///
     /// # Errors
     /// What the system says.
     pub fn wait(&mut self, patience: Duration) -> io::Result<Option<ExitStatus>> {
         for _ in 0..patience.as_millis() / PAUSE.as_millis() {
             if let Some(status) = self.child.try_wait()? {
+                self.hear_last_words();
                 return Ok(Some(status));
             }
             thread::sleep(PAUSE);
         }
         self.child.try_wait()
+    }
+
+    /// A process has ended before what it wrote last is read.
+    fn hear_last_words(&self) {
+        for _ in 0..LAST_WORDS.as_millis() / PAUSE.as_millis() {
+            if self.listening.iter().all(JoinHandle::is_finished) {
+                return;
+            }
+            thread::sleep(PAUSE);
+        }
     }
 
     fn heard(&self) -> MutexGuard<'_, NodeOutput> {
@@ -164,7 +183,7 @@ fn listen(
     from: impl Read + Send + 'static,
     heard: Arc<Mutex<NodeOutput>>,
     take: impl Fn(&mut NodeOutput, String) + Send + 'static,
-) -> io::Result<()> {
+) -> io::Result<JoinHandle<()>> {
     let lines = BufReader::new(from).lines();
     let work = move || {
         for line in lines.map_while(Result::ok) {
@@ -174,10 +193,7 @@ fn listen(
             );
         }
     };
-    thread::Builder::new()
-        .name("listen".to_owned())
-        .spawn(work)
-        .map(drop)
+    thread::Builder::new().name("listen".to_owned()).spawn(work)
 }
 
 #[cfg(test)]
@@ -207,6 +223,13 @@ mod tests {
         node.close();
         let status = node.wait(PATIENCE).unwrap().unwrap();
         assert_eq!(status.code(), Some(3));
+    }
+
+    #[test]
+    fn all_that_a_node_said_is_heard_once_it_has_ended() {
+        let mut node = shell("seq 150 >&2");
+        assert!(node.wait(PATIENCE).unwrap().unwrap().success());
+        assert!(node.said().ends_with("149\n150\n"), "{}", node.said());
     }
 
     #[test]
