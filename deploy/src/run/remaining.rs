@@ -1,4 +1,4 @@
-//! How long a run will still take, measured from what of it is done. Nothing is said before that can be known.
+//! How long a run will still take, measured from what of it was done lately. Nothing is said before that can be known.
 
 use std::time::Duration;
 
@@ -6,6 +6,8 @@ use tokio::time::Instant;
 
 /// For how long ticks must have passed: the first ones wait for caches, detection passes and each other.
 const KNOWN_AFTER: Duration = Duration::from_secs(3);
+/// What is longer ago than one or two of these does not count: the first ticks are slow, and so are those with many people.
+const LATELY: Duration = Duration::from_secs(15);
 
 /// From so many ticks on nobody waits for the end, a month also at 100 000 a second: recordings that repeat have more.
 const WITHOUT_END: i64 = 1 << 38;
@@ -18,13 +20,19 @@ pub(super) fn has_end(n_ticks: i64) -> bool {
 /// Watches ticks go by.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct TimeLeft {
-    /// When the first report came, and how many ticks were done then.
+    /// When what counts began, and how many ticks were done then.
     began: Option<(Instant, u64)>,
+    /// The same of what will count next.
+    next: Option<(Instant, u64)>,
 }
 
 impl TimeLeft {
     /// Takes in that `done` of `total` ticks are done at `now`; says how much time is left, once that is known.
     pub(crate) fn at(&mut self, now: Instant, done: u64, total: u64) -> Option<String> {
+        let next = *self.next.get_or_insert((now, done));
+        if now.duration_since(next.0) >= LATELY {
+            self.began = self.next.replace((now, done));
+        }
         let (began, before) = *self.began.get_or_insert((now, done));
         let elapsed = now.duration_since(began);
         let passed = done.saturating_sub(before);
@@ -61,6 +69,19 @@ mod tests {
         // 5 ticks a second, and 280 to go.
         assert_eq!(left.at(at(4), 21, 301).unwrap(), "about 60 s left");
         assert_eq!(left.at(at(60), 301, 301), None, "all is done");
+    }
+
+    #[test]
+    fn a_slow_start_is_forgotten() {
+        let start = Instant::now();
+        let mut left = TimeLeft::default();
+        // 30 s at 1 a second, then 10 a second: 2000 to go take 200 s.
+        let done = |s: u64| if s < 30 { s } else { 30 + 10 * (s - 30) };
+        let said = (0..=70).filter_map(|s| {
+            let (done, now) = (done(s), start + Duration::from_secs(s));
+            left.at(now, done, done + 2000)
+        });
+        assert_eq!(said.last().unwrap(), "about 4 min left");
     }
 
     #[test]
