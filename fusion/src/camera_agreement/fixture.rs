@@ -27,7 +27,7 @@ pub(super) struct Mistake {
     pub(super) mirrored: bool,
     pub(super) half_turned: bool,
     /// Per keypoint the one that is written in its place.
-    pub(super) order: Option<[usize; 17]>,
+    pub(super) order: Option<[u8; 17]>,
     /// Its focal length as a factor of the calibrated one; 0 is 1.
     pub(super) focal_factor: f32,
     /// By how much k1 of the calibration is larger than it should be.
@@ -36,6 +36,10 @@ pub(super) struct Mistake {
     pub(super) turned_deg: [f64; 3],
     /// Where it was moved to since it was calibrated, from where it stood then, world, metres.
     pub(super) moved_m: [f64; 3],
+    /// Where a keypoint of its picture is written.
+    pub(super) rewritten: Option<fn([f32; 2]) -> [f32; 2]>,
+    /// Which of the two people it shows alone changes from pass to pass, in an order of its own of this number.
+    pub(super) one_of_two: Option<usize>,
     /// Which of the two people the camera shows alone.
     pub(super) sees_only: Option<usize>,
 }
@@ -150,7 +154,9 @@ impl Hall {
             let in_burst = mistake.late_in_burst.is_none_or(|of| of == burst);
             let late =
                 mistake.late_ticks * i64::from(in_burst) + mistake.later_each_burst * burst as i64;
-            if mistake.sees_only.is_some_and(|only| only != person) {
+            let in_turn = |order: usize| ((4 * burst + tick / 30) >> order) & 1;
+            let only = mistake.one_of_two.map(in_turn).or(mistake.sees_only);
+            if only.is_some_and(|only| only != person) {
                 return vec![None; 17];
             }
             let at = (burst * 600 + tick) as f64 - late as f64;
@@ -175,6 +181,7 @@ impl Hall {
                 let bodies = |camera| {
                     (0..2)
                         .map(|person| see(camera, person, (burst, tick)))
+                        .filter(|body| body.iter().any(Option::is_some))
                         .collect()
                 };
                 samples.passes.push_back(Arc::new(PassSample {
@@ -322,7 +329,7 @@ fn pixel(model: &CameraModel, p: &Vector3<f64>, noise: &mut Noise) -> Option<See
 fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
     let of = |k: usize| {
         let from = if mistake.mirrored { partners[k] } else { k };
-        let from = mistake.order.map_or(from, |order| order[from]);
+        let from = mistake.order.map_or(from, |order| usize::from(order[from]));
         let mut keypoint = seen[from]?;
         if mistake.focal_factor > 0.0 {
             let middle = [959.5, 599.5];
@@ -335,6 +342,9 @@ fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
         }
         if mistake.turned_deg.iter().any(|deg| deg.abs() > 0.0) {
             keypoint.pixel = turned(keypoint.pixel, mistake.turned_deg);
+        }
+        if let Some(rewritten) = mistake.rewritten {
+            keypoint.pixel = rewritten(keypoint.pixel);
         }
         if mistake.mirrored != mistake.half_turned {
             keypoint.pixel[0] = 1919.0 - keypoint.pixel[0];

@@ -97,6 +97,11 @@ impl SightLines {
         0.5 * (self.focal_px.x + self.focal_px.y)
     }
 
+    /// Both focal lengths, pixels.
+    pub(super) fn focal_px(&self) -> Vector2<f64> {
+        self.focal_px
+    }
+
     /// Width and height of the picture, pixels.
     pub(super) fn size_px(&self) -> Vector2<f64> {
         self.size_px

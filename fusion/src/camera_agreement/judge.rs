@@ -5,16 +5,20 @@
 //! calibration of another.
 
 pub(super) mod exchanged;
+mod far_off;
 mod held;
 mod lateness;
 mod lenses_swapped;
 mod numbers;
+mod one_person_each;
 mod pictures;
+mod pictures_of_all;
 pub(super) mod sides;
 
 use std::collections::BTreeMap;
 
 use farfield_proto::camera::CameraModel;
+use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::agreement::AgreementVerdict;
 use farfield_proto::order_statistics::upper_median;
 
@@ -48,10 +52,6 @@ const AGREES_PX: f64 = 1.5;
 const AGREES_FACTOR: f64 = 2.5;
 /// No cameras agree whose lines pass farther from each other than this, metres, unless their pixels are as wide.
 const NEVER_AGREES_M: f64 = 0.11;
-/// What the sightings of a camera cost against poses that is told of whatever the cause, and as a factor of what those of most
-/// do. On real cameras that are right 0.24 and 1.3 were seen.
-const FAR_OFF: f64 = 0.5;
-const FAR_OFF_FACTOR: f64 = 2.5;
 /// Pixels by which the keypoints of two cameras differ at most that show the same picture: their crops are not the same.
 const SAME_PX: f32 = 6.0;
 /// The same, as a share of the width of a picture, where the lens of the one is taken for that of the other.
@@ -61,6 +61,7 @@ pub(super) struct Judge<'a> {
     pub(super) cameras: &'a [JudgedCamera],
     models: Vec<&'a CameraModel>,
     pub(super) partners: &'a Partners,
+    keypoints: &'a KeypointSet,
     pub(super) rate_hz: f64,
     samples: &'a Samples,
     passes: Vec<&'a PassSample>,
@@ -103,6 +104,7 @@ impl<'a> Judge<'a> {
             cameras: &cameras.all,
             models: cameras.models.iter().map(|(_, model)| model).collect(),
             partners: &cameras.partners,
+            keypoints: &cameras.keypoints,
             rate_hz: cameras.rate_hz,
             shifts: of(KeypointHalf::All),
             halves: [of(KeypointHalf::Odd), of(KeypointHalf::Even)],
@@ -223,24 +225,7 @@ impl<'a> Judge<'a> {
         if let Some(points) = points {
             self.find_other_lenses(points, &mut report.disagreements, told);
         }
-    }
-
-    /// Cameras whose sightings are clearly elsewhere than where people are, or of others than are there, while those of the
-    /// others are not: whatever the cause.
-    fn find_far_off(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
-        let known: Vec<f64> = self.fits.iter().filter_map(|fit| fit.cost_now).collect();
-        let many = known.len() >= 3;
-        let middle = upper_median(known).unwrap_or(1.0);
-        let showing = self.fits.iter().filter(|fit| fit.met.shows_them()).count();
-        for (camera, fit) in self.fits.iter().enumerate() {
-            let limit = FAR_OFF.max(FAR_OFF_FACTOR * middle);
-            let is_off = many && fit.cost_now.is_some_and(|cost| cost >= limit);
-            let shows_others = showing >= 2 && fit.met.shows_others();
-            if (is_off || shows_others) && !told[camera] {
-                told[camera] = true;
-                all.push(self.disagreement(&[camera], DisagreementCause::Unexplained));
-            }
-        }
+        self.find_poses_elsewhere(&mut report.disagreements);
     }
 
     /// What tells of lenses, where somebody moved.
@@ -298,29 +283,35 @@ impl<'a> Judge<'a> {
     /// The largest set of cameras of a group that are linked by agreement; none where no two agree, or two sets are as
     /// large.
     fn taken_for_right(&self, group: &[usize]) -> Vec<usize> {
-        let own = self
-            .pairs
-            .iter()
-            .filter(|((a, b), _)| group.contains(a) && group.contains(b));
-        let medians = own.filter_map(|(pair, agreement)| Some((*pair, agreement.median_m()?)));
-        let medians: Vec<((usize, usize), f64)> = medians.collect();
-        let least_m = medians
-            .iter()
-            .map(|(_, m)| *m)
-            .fold(f64::INFINITY, f64::min);
-        let limit_m = (AGREES_FACTOR * least_m).min(NEVER_AGREES_M);
-        let is_near = |(a, b): (usize, usize), median_m: f64| {
-            let pixel_m = self.pairs[&(a, b)].pixel_m([a, b].map(|c| self.focal_px(c)));
-            median_m <= limit_m.max(AGREES_M + AGREES_PX * pixel_m)
-        };
-        let near = medians.iter().filter(|(pair, m)| is_near(*pair, *m));
-        let sets = linked(self.cameras.len(), near.map(|(pair, _)| *pair));
+        let near = self.agreeing(&self.pairs, |camera| group.contains(&camera));
+        let sets = linked(self.cameras.len(), near.into_iter());
         let most = sets.iter().map(Vec::len).max().unwrap_or(0);
         let mut largest = sets.into_iter().filter(|set| set.len() == most);
         match (largest.next(), largest.next()) {
             (Some(set), None) if most >= 2 => set,
             _ => Vec::new(),
         }
+    }
+
+    /// Those of `pairs` of cameras in a group whose lines of sight pass each other about as near as they do anywhere in it.
+    fn agreeing(
+        &self,
+        pairs: &BTreeMap<(usize, usize), PairAgreement>,
+        is_in_group: impl Fn(usize) -> bool,
+    ) -> Vec<(usize, usize)> {
+        let own = |(a, b): &(usize, usize)| is_in_group(*a) && is_in_group(*b);
+        let own = pairs.iter().filter(|(pair, _)| own(pair));
+        let medians = own.filter_map(|(pair, agreement)| Some((*pair, agreement.median_m()?)));
+        let medians: Vec<((usize, usize), f64)> = medians.collect();
+        let least_m = medians.iter().map(|(_, m)| *m);
+        let least_m = least_m.fold(f64::INFINITY, f64::min);
+        let limit_m = (AGREES_FACTOR * least_m).min(NEVER_AGREES_M);
+        let is_near = |(a, b): (usize, usize), median_m: f64| {
+            let pixel_m = pairs[&(a, b)].pixel_m([a, b].map(|c| self.focal_px(c)));
+            median_m <= limit_m.max(AGREES_M + AGREES_PX * pixel_m)
+        };
+        let near = medians.iter().filter(|(pair, m)| is_near(*pair, *m));
+        near.map(|(pair, _)| *pair).collect()
     }
 
     fn focal_px(&self, camera: usize) -> f64 {

@@ -47,7 +47,7 @@ use farfield_proto::venue::{Field, Venue};
 
 pub use self::report::{
     AgreementReport, CameraDetails, Disagreement, DisagreementCause, KeypointExchange,
-    SightedReport,
+    PictureOfAll, SightedReport,
 };
 
 use self::geometry::SightLines;
@@ -177,10 +177,17 @@ impl AgreementWatch {
 impl AgreementSamples {
     /// Judges them: for whoever has time to wait.
     pub fn report(&self) -> AgreementReport {
-        let mut report = Judge::new(&self.cameras, &self.samples).report();
+        let judge = Judge::new(&self.cameras, &self.samples);
+        let mut report = judge.report();
         let mut votes = ExchangeVotes::default();
         report.sighted = self.sighted(&mut votes);
-        self.tell_of_all_keypoints(&votes, &mut report);
+        let of_all = judge
+            .picture_of_all()
+            .or_else(|| self.all_keypoints(&votes, &report))
+            .or_else(|| judge.one_person_each(&report));
+        if let Some(cause) = of_all {
+            self.tell_of_all(cause, &mut report);
+        }
         // Where anything else is wrong people stand wherever that puts them.
         let is_alone = report.disagreements.is_empty();
         let standing = &self.standing;
@@ -190,10 +197,14 @@ impl AgreementSamples {
                 .or_else(|| standing.doubtful_floor())
         };
         let floor = || of_floor().filter(|_| is_alone);
-        let are_exchanged = |told: &Disagreement| {
-            matches!(told.cause, DisagreementCause::ExchangedKeypoints { .. })
+        let is_of_all = |told: &Disagreement| {
+            matches!(
+                told.cause,
+                DisagreementCause::ExchangedKeypoints { .. }
+                    | DisagreementCause::PictureOfAll { .. }
+            )
         };
-        let is_whole = !report.disagreements.iter().any(are_exchanged);
+        let is_whole = !report.disagreements.iter().any(is_of_all);
         let scale = standing.doubtful_scale(factor_of_all(&report));
         let scale = scale.filter(|_| is_whole);
         if let Some(cause) = scale.or_else(floor) {
@@ -208,22 +219,26 @@ impl AgreementSamples {
         report
     }
 
-    /// Says which keypoints are exchanged in all cameras, in the place of all that rests on poses, which no body fits then.
-    fn tell_of_all_keypoints(&self, votes: &ExchangeVotes, report: &mut AgreementReport) {
-        let cameras = &self.cameras;
+    /// Which keypoints are exchanged in all cameras.
+    fn all_keypoints(
+        &self,
+        votes: &ExchangeVotes,
+        report: &AgreementReport,
+    ) -> Option<DisagreementCause> {
         let exchange = votes.told().filter(|it| *it != KeypointExchange::AllSides);
-        let cause = if let Some(exchange) = exchange {
-            DisagreementCause::ExchangedKeypoints { exchange }
-        } else if sides::are_exchanged(&report.sighted.diagnosis) {
-            let partners = cameras.partners.iter().enumerate();
-            DisagreementCause::KeypointOrder {
-                moved: partners.filter(|(own, other)| own != *other).count(),
-                sides: true,
-            }
-        } else {
-            return;
-        };
-        let (found, remedy) = words::of(&[], cause, cameras.rate_hz);
+        if let Some(exchange) = exchange {
+            return Some(DisagreementCause::ExchangedKeypoints { exchange });
+        }
+        let partners = self.cameras.partners.iter().enumerate();
+        sides::are_exchanged(&report.sighted.diagnosis).then(|| DisagreementCause::KeypointOrder {
+            moved: partners.filter(|(own, other)| own != *other).count(),
+            sides: true,
+        })
+    }
+
+    /// Says what is wrong with all cameras alike, in the place of all that rests on poses, which no body fits then.
+    fn tell_of_all(&self, cause: DisagreementCause, report: &mut AgreementReport) {
+        let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
         let all = &mut report.disagreements;
         all.retain(|told| {
             matches!(

@@ -20,11 +20,11 @@ pub(super) const HALF_COST_M: f64 = 0.06;
 /// Share of the places where a person may be that a camera must see to speak against it.
 const IN_VIEW: f64 = 0.8;
 /// From the highest to the lowest keypoint of somebody who stands, metres.
-const EXTENT_M: f64 = 1.5;
+pub(super) const EXTENT_M: f64 = 1.5;
 /// Depths at which somebody may be, as factors of the one at which the keypoints are so far apart.
 const DEPTHS: Range<f64> = 0.5..1.4;
 /// Mean cost below which two sightings are taken to be of one person, whatever else there is.
-const SAME_PERSON_COST: f64 = 0.5;
+pub(super) const SAME_PERSON_COST: f64 = 0.5;
 /// Least keypoints that two sightings must have in common.
 const MIN_COMMON: usize = 5;
 
@@ -148,6 +148,17 @@ impl PairAgreement {
         Self::where_it_counts(a, b, |(one, by), (other, other_by)| {
             must_be_seen((one, by), other_by) || must_be_seen((other, other_by), by)
         })
+    }
+
+    /// What it costs, 0 to 1, to take the first sighting of each for one person: of every pass in which enough is in both.
+    pub(super) fn of_single(a: &CameraRays, b: &CameraRays) -> Vec<f64> {
+        let n_passes = a.of_pass.len().min(b.of_pass.len());
+        let cost = |pass: usize| {
+            let (of_a, of_b) = (a.of_pass[pass].first()?, b.of_pass[pass].first()?);
+            let of_both = Self::of_bodies((&a.lines.center_m, of_a), (&b.lines.center_m, of_b))?;
+            Some(of_both.mean_cost())
+        };
+        (0..n_passes).filter_map(cost).collect()
     }
 
     fn where_it_counts(

@@ -166,6 +166,11 @@ pub enum DisagreementCause {
         /// Which.
         exchange: KeypointExchange,
     },
+    /// The keypoints of all cameras alike are elsewhere in the pictures: found in smaller ones, say.
+    PictureOfAll {
+        /// Where.
+        change: PictureOfAll,
+    },
     /// The focal length is another than the calibration says: of one camera, or of several by one factor.
     FocalLength {
         /// True length as a factor of the calibrated one.
@@ -218,6 +223,13 @@ pub enum DisagreementCause {
         /// Where the floor is, world z, metres.
         floor_m: f64,
     },
+    /// Every camera shows one person at a time, and not always the same one.
+    OnePersonEach,
+    /// People are followed beside where all cameras show them, which agree with each other.
+    PosesElsewhere {
+        /// What keypoints cost against poses, 0 to 1: one half where they are 6 cm apart.
+        cost: f64,
+    },
     /// None of these explains it.
     Unexplained,
 }
@@ -256,4 +268,27 @@ pub enum KeypointExchange {
     OpenPoseCoco,
     /// Those of Human3.6M.
     Human36m,
+}
+
+/// Where the keypoints of all cameras are.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PictureOfAll {
+    /// In pictures with left and right exchanged.
+    Mirrored,
+    /// With y counted from below.
+    FromBelow,
+    /// In pictures that stand on their heads.
+    HalfTurned,
+    /// With y in the place of x.
+    XAndYExchanged,
+    /// In pictures turned by a quarter.
+    QuarterTurned,
+    /// In pictures that were scaled or cut after they were calibrated, or before.
+    Resized {
+        /// What x and y of a keypoint must be multiplied by.
+        scale: [f64; 2],
+        /// What must be added to them then, as shares of the calibrated picture's width and height.
+        shift: [f64; 2],
+    },
 }

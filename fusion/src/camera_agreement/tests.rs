@@ -71,7 +71,7 @@ fn keypoints_in_another_order_are_named() {
     let by_limbs = [0, 5, 6, 8, 10, 7, 9, 12, 14, 16, 11, 13, 15, 2, 1, 4, 3];
     for (order, is_of_sides) in [(sides, true), (upwards, false), (by_limbs, false)] {
         let mistake = Mistake {
-            order: Some(order),
+            order: Some(order.map(|k: usize| k as u8)),
             ..Mistake::default()
         };
         match Hall::with(2, mistake).causes().as_slice() {

@@ -1,6 +1,6 @@
 //! What a disagreement is called, and what is to be done about it.
 
-use super::report::{DisagreementCause, KeypointExchange};
+use super::report::{DisagreementCause, KeypointExchange, PictureOfAll};
 
 /// What was found of these cameras, and the remedy.
 pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> (String, String) {
@@ -37,15 +37,8 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
                 "exchange their sources in the venue file, or their names in the calibration".to_owned(),
             )
         }
-        DisagreementCause::SamePictures => (
-            format!("cameras {first} and {second} seem to show the same pictures"),
-            "give each camera its own source in the venue file".to_owned(),
-        ),
-        DisagreementCause::OtherCalibration => (
-            format!("the pictures of camera {first} fit the calibration of camera {second} better than its own"),
-            "look whether the sources in the venue file and the names in the calibration belong together"
-                .to_owned(),
-        ),
+        DisagreementCause::SamePictures => same_pictures(first, second),
+        DisagreementCause::OtherCalibration => other_calibration(first, second),
         DisagreementCause::KeypointOrder { .. } if cameras.is_empty() => (
             "left and right are exchanged in everybody, as all cameras show them: noses are behind shoulders".to_owned(),
             "look at the order of keypoints in the network's card, or in the files (COCO: the person's left before the right); if it is right, all pictures are mirrored, or the calibration is"
@@ -63,6 +56,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
                 .to_owned(),
         ),
         DisagreementCause::ExchangedKeypoints { exchange } => exchanged(exchange),
+        DisagreementCause::PictureOfAll { change } => picture_of_all(change),
         DisagreementCause::FocalLength { factor } => focal_length(cameras, factor),
         DisagreementCause::Distortion { k1_over } => distortion(cameras, k1_over),
         DisagreementCause::Turned { degrees } => turned(first, degrees),
@@ -80,8 +74,27 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         ),
         DisagreementCause::WorldTilted { degrees } => world_tilted(degrees),
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
+        DisagreementCause::OnePersonEach => one_person_each(),
+        DisagreementCause::PosesElsewhere { .. } => poses_elsewhere(),
         DisagreementCause::Unexplained => unexplained(cameras),
     }
+}
+
+fn same_pictures(camera: &str, other: &str) -> (String, String) {
+    (
+        format!("cameras {camera} and {other} seem to show the same pictures"),
+        "give each camera its own source in the venue file".to_owned(),
+    )
+}
+
+fn other_calibration(camera: &str, other: &str) -> (String, String) {
+    (
+        format!(
+            "the pictures of camera {camera} fit the calibration of camera {other} better than its own"
+        ),
+        "look whether the sources in the venue file and the names in the calibration belong together"
+            .to_owned(),
+    )
 }
 
 fn turned(camera: &str, degrees: f64) -> (String, String) {
@@ -200,6 +213,62 @@ fn exchanged(exchange: KeypointExchange) -> (String, String) {
          person's left before the right), or bring another program's files in by `farfield import`"
             .to_owned(),
     )
+}
+
+fn picture_of_all(change: PictureOfAll) -> (String, String) {
+    let found = match change {
+        PictureOfAll::Mirrored => "left and right of the pictures are exchanged".to_owned(),
+        PictureOfAll::FromBelow => "y is counted from below".to_owned(),
+        PictureOfAll::HalfTurned => "the pictures stand on their heads".to_owned(),
+        PictureOfAll::XAndYExchanged => "x and y are exchanged".to_owned(),
+        PictureOfAll::QuarterTurned => "the pictures are turned by a quarter".to_owned(),
+        PictureOfAll::Resized { scale, shift } => resized(scale, shift),
+    };
+    (
+        format!(
+            "the keypoints of all cameras are not where the calibration has them, all alike: {found}"
+        ),
+        "give keypoints in pixels of the pictures that were calibrated, from their top left corner, or calibrate in pictures as the \
+         keypoints were found in"
+            .to_owned(),
+    )
+}
+
+fn resized([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
+    let mut words = Vec::new();
+    if (x - y).abs() < 0.05 * x.max(y) && (x - 1.0).abs() > 0.04 {
+        words.push(format!("{:.2} times", 0.5 * (x + y)));
+    } else if (x - 1.0).abs() > 0.04 || (y - 1.0).abs() > 0.04 {
+        words.push(format!("x {x:.2} times and y {y:.2} times"));
+    }
+    let moved = |share: f64, side: &str| format!("{:+.0} % of the {side}", 100.0 * share);
+    if right.abs() >= 0.02 || down.abs() >= 0.02 {
+        words.push(format!(
+            "moved by {} and {}",
+            moved(right, "width"),
+            moved(down, "height")
+        ));
+    }
+    format!(
+        "they agree {}, so they were found in pictures that were made smaller, larger, or cut",
+        words.join(", ")
+    )
+}
+
+fn one_person_each() -> (String, String) {
+    (
+            "every camera shows one person at a time, and often not the same one".to_owned(),
+            "keypoints seem to come of a program that follows one person in each recording: let it write everybody in the picture"
+                .to_owned(),
+        )
+}
+
+fn poses_elsewhere() -> (String, String) {
+    (
+            "people are followed beside where cameras show them, although these agree with each other".to_owned(),
+            "look at what the venue file and `--set` say of parameters (`farfield parameters` lists what is usual), at `rate_hz`, and at what `--overlay` draws"
+                .to_owned(),
+        )
 }
 
 fn frozen(camera: &str, since_tick: i64, rate_hz: f64) -> (String, String) {

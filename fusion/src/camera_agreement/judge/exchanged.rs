@@ -302,7 +302,7 @@ mod tests {
             ..Hall::default()
         };
         for (_, mistake) in &mut hall.shows {
-            mistake.order = Some(from);
+            mistake.order = Some(from.map(|k| k as u8));
         }
         hall.causes()
     }

@@ -30,7 +30,7 @@ mod tests {
         let mut hall = Hall::default();
         for &camera in cameras {
             hall.shows[camera].1 = Mistake {
-                order: Some(EXCHANGED),
+                order: Some(EXCHANGED.map(|k: usize| k as u8)),
                 ..Mistake::default()
             };
         }

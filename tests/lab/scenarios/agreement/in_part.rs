@@ -1,4 +1,4 @@
-//! Mistakes that are in a part of the keypoints of all cameras alike, or in a part of the time of one camera.
+//! Mistakes that are in all cameras alike, or in a part of the time of one camera.
 
 use std::fs;
 
@@ -65,6 +65,62 @@ fn the_order_of_another_program_is_named_where_it_is_taken_for_that_of_the_card(
     const BODY_25: [usize; 17] = [0, 6, 6, 8, 10, 5, 7, 9, 12, 12, 14, 16, 11, 13, 15, 2, 1];
     let sample = MistakenSample::new().change(&CAMERAS, |k| BODY_25[k], |pixel| pixel);
     sample.is_told(&["in the order of OpenPose's BODY_25", "farfield import"]);
+}
+
+/// Where a keypoint is written, pixels.
+type Written = fn([f64; 2]) -> [f64; 2];
+
+#[test]
+fn keypoints_that_all_cameras_have_elsewhere_in_their_pictures_are_named() {
+    // The pictures of the sample are 1920 x 1200.
+    let cases: [(Written, Value); 7] = [
+        (|[x, y]| [x / 2.0, y / 2.0], json!([2.0, 2.0])),
+        (|[x, y]| [x / 3.0, y / 1.875], json!([3.0, 1.875])),
+        (|[x, y]| [x - 240.0, y], json!([1.0, 1.0])),
+        (|[x, y]| [x / 3.0, y / 3.0 + 120.0], json!([3.0, 3.0])),
+        (|[x, y]| [x, 1199.0 - y], json!("from_below")),
+        (|[x, y]| [1919.0 - x, y], json!("mirrored")),
+        (|[x, y]| [y, x], json!("x_and_y_exchanged")),
+    ];
+    for (written, change) in cases {
+        let sample = MistakenSample::new().change(&CAMERAS, |k| k, written);
+        let found = disagreements(&sample);
+        assert_eq!(found.len(), 1, "{change}: {found:?}");
+        assert_eq!(found[0]["cause"], "picture_of_all", "{change}");
+        assert_eq!(found[0]["cameras"], json!([]), "{change}");
+        let told = &found[0]["change"];
+        let Some(scale) = told["resized"]["scale"].as_array() else {
+            assert_eq!(told, &change);
+            continue;
+        };
+        for (scale, expected) in scale.iter().zip(change.as_array().unwrap()) {
+            let ratio = scale.as_f64().unwrap() / expected.as_f64().unwrap();
+            assert!((ratio - 1.0).abs() < 0.05, "{change}: {told}");
+        }
+    }
+}
+
+#[test]
+fn files_of_a_program_that_follows_one_person_are_told_where_there_are_two() {
+    let mut sample = MistakenSample::new();
+    // The one who is largest in the picture.
+    let height = |person: &Value| {
+        let keypoints = person["keypoints"].as_array().unwrap().iter();
+        let ys = keypoints.filter_map(|keypoint| keypoint[1].as_f64());
+        let ys: Vec<f64> = ys.collect();
+        let most = ys.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        most - ys.iter().copied().fold(f64::INFINITY, f64::min)
+    };
+    for lines in sample.lines.values_mut() {
+        for line in lines {
+            let persons = line["persons"].as_array().unwrap().iter();
+            let largest = persons.max_by(|a, b| height(a).total_cmp(&height(b)));
+            line["persons"] = largest.cloned().into_iter().collect();
+        }
+    }
+    let found = disagreements(&sample);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(found[0]["cause"], "one_person_each");
 }
 
 /// The line that is shown at a tick.
