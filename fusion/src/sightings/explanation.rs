@@ -3,8 +3,9 @@
 use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
-use crate::sightings::rays::{COSINE_ROUNDING, SightedBody};
+use crate::sightings::rays::{COSINE_ROUNDING, PARALLEL_FROM, SightedBody};
 use crate::sightings::reconstruction::Reconstruction;
 
 /// Least keypoints that a witness shares with a body to be explained by it.
@@ -17,15 +18,33 @@ pub struct KnownBody {
     pub keypoints_m: Vec<Vector3<f64>>,
 }
 
-/// Per witness, which of the `tracked` bodies it sees, if any. In one viewpoint each body explains one witness, the
-/// nearest: somebody new who stands close to a tracked person is not mistaken for it.
-pub(crate) fn explained(
+/// Bodies that are known, and which of the witnesses of a pass each explains.
+#[derive(Debug, Clone)]
+pub(crate) struct Explanation {
+    /// The bodies.
+    pub(crate) bodies: Vec<KnownBody>,
+    /// Per witness, which of the bodies it sees, if any.
+    pub(crate) by: Vec<Option<usize>>,
+}
+
+impl Explanation {
+    /// What these `bodies` explain of `witnesses`. In one viewpoint each body explains one witness, the nearest: somebody new
+    /// who stands close to a tracked person is not mistaken for it.
+    pub(crate) fn of(witnesses: &[SightedBody], bodies: Vec<KnownBody>, explained_m: f64) -> Self {
+        Self {
+            by: explained(witnesses, &bodies, explained_m),
+            bodies,
+        }
+    }
+}
+
+fn explained(
     witnesses: &[SightedBody],
     tracked: &[KnownBody],
     explained_m: f64,
 ) -> Vec<Option<usize>> {
-    let (mut pairs, mut distances) = (Vec::new(), Vec::new());
-    for (t, body) in tracked.iter().enumerate() {
+    let seen_of = |(t, body): (usize, &KnownBody)| {
+        let (mut pairs, mut distances) = (Vec::new(), Vec::new());
         let mut ball = BodyBall::around(body, explained_m);
         for (w, witness) in witnesses.iter().enumerate() {
             if ball.is_out_of_reach(witness) {
@@ -34,7 +53,15 @@ pub(crate) fn explained(
             let distance = distance_below(explained_m, witness, body, &mut distances);
             pairs.extend(distance.map(|d| (d, t, w)));
         }
-    }
+        pairs
+    };
+    // Whoever asks, the pairs are in the order of the bodies.
+    let mut pairs: Vec<(f64, usize, usize)> = if witnesses.len() < PARALLEL_FROM {
+        tracked.iter().enumerate().flat_map(seen_of).collect()
+    } else {
+        let bodies = tracked.par_iter().enumerate();
+        bodies.flat_map_iter(seen_of).collect()
+    };
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut explained = vec![None; witnesses.len()];
     let mut used = BTreeSet::new();
@@ -159,8 +186,48 @@ mod tests {
 
     use super::*;
     use crate::body::fixture::{Noise, standing};
-    use crate::sightings::fixture::hall;
+    use crate::sightings::fixture::{hall, hall_of_sixteen};
     use crate::sightings::rays::witnesses;
+
+    #[test]
+    fn many_sightings_are_explained_as_those_of_each_viewpoint_alone() {
+        let (hall, mut noise) = (hall_of_sixteen(), Noise(3));
+        let places_m: Vec<[f64; 2]> = (0..10)
+            .map(|_| [6.0 * noise.uniform() - 3.0, 4.0 * noise.uniform() - 2.0])
+            .collect();
+        let bodies = places_m
+            .iter()
+            .map(|&[x, y]| standing(x, y, 1.7, &mut noise));
+        let bodies: Vec<Vec<Vector3<f64>>> = bodies.collect();
+        let sightings = hall.sightings(&bodies, 5.0, &mut noise);
+        let all = witnesses(&sightings, &hall.cameras, 17, 0.1);
+        assert!(all.len() >= PARALLEL_FROM, "{}", all.len());
+        let known: Vec<KnownBody> = bodies[..8]
+            .iter()
+            .map(|body| KnownBody {
+                keypoints_m: body.clone(),
+            })
+            .collect();
+        let mut alone = Vec::new();
+        for (viewpoint, _) in &hall.cameras {
+            let own: Vec<_> = sightings
+                .iter()
+                .filter(|sighting| hall.cameras[usize::from(sighting.camera.0)].0 == *viewpoint)
+                .cloned()
+                .collect();
+            let own = witnesses(&own, &hall.cameras, 17, 0.1);
+            alone.extend(Explanation::of(&own, known.clone(), 0.3).by);
+        }
+        assert!(alone.iter().flatten().count() > PARALLEL_FROM / 2);
+        for threads in [1, 2, 8] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            let together = pool.unwrap().install(|| {
+                let all = witnesses(&sightings, &hall.cameras, 17, 0.1);
+                Explanation::of(&all, known.clone(), 0.3).by
+            });
+            assert_eq!(together, alone, "{threads} threads");
+        }
+    }
 
     proptest! {
         #[test]

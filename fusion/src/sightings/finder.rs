@@ -22,7 +22,7 @@ use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::observed::ObservedJoints;
 use crate::body::skeleton::{Joint, Site};
 pub use crate::sightings::explanation::KnownBody;
-use crate::sightings::explanation::{body_distance_m, explained};
+use crate::sightings::explanation::{Explanation, body_distance_m};
 use crate::sightings::rays::{SightedBody, witnesses};
 use crate::sightings::reconstruction::Reconstruction;
 pub use crate::sightings::reconstruction::SightedKeypoint;
@@ -131,19 +131,28 @@ impl PersonFinder {
     /// the best supported first.
     pub fn find(&mut self, sightings: &[Sighting], tracked: &[KnownBody]) -> Vec<SightedPerson> {
         let pass = self.detection_pass(sightings, vec![true; self.cameras.len()]);
-        self.find_in(&pass, tracked, tracked.len())
+        let tracked = self.explain(&pass, tracked.to_vec());
+        self.find_in(&pass, &tracked, tracked.bodies.len())
     }
 
-    /// As [`Self::find`]. The first `n_people` of `tracked` are people; what silence is worth is not learnt from the
-    /// others, which hang on walls.
+    /// What `bodies` explain of a pass.
+    pub(crate) fn explain(&self, pass: &DetectionPass, bodies: Vec<KnownBody>) -> Explanation {
+        Explanation::of(&pass.witnesses, bodies, self.explained_m)
+    }
+
+    /// As [`Self::find`]. The first `n_people` of those who explain sightings are people; what silence is worth is not learnt from
+    /// the others, which hang on walls.
     pub(crate) fn find_in(
         &mut self,
         pass: &DetectionPass,
-        tracked: &[KnownBody],
+        explanation: &Explanation,
         n_people: usize,
     ) -> Vec<SightedPerson> {
         let all = &pass.witnesses;
-        let explained = explained(all, tracked, self.explained_m);
+        let Explanation {
+            bodies: tracked,
+            by: explained,
+        } = explanation;
         let free: Vec<usize> = (0..all.len()).filter(|&w| explained[w].is_none()).collect();
         let mut bodies = Vec::new();
         let groups = associate(all, &free, &self.gates, |group| {
@@ -154,7 +163,7 @@ impl PersonFinder {
         });
         bodies.retain(|body| !body.is_person || groups.iter().any(|g| g.members == body.members));
         let people = &tracked[..n_people.min(tracked.len())];
-        self.learn(pass, people, &explained, bodies);
+        self.learn(pass, people, explained, bodies);
         let is_new = |group: &Reconstruction| {
             !tracked
                 .iter()
@@ -168,13 +177,13 @@ impl PersonFinder {
             .collect()
     }
 
-    /// Who is seen well by a viewpoint, but is none of `bodies`.
+    /// Who is seen well by a viewpoint, but is explained by nobody.
     pub(crate) fn unexplained<'a>(
         &self,
         pass: &'a DetectionPass,
-        bodies: &[KnownBody],
+        explanation: &'a Explanation,
     ) -> impl Iterator<Item = &'a SightedBody> {
-        let explained = explained(&pass.witnesses, bodies, self.explained_m);
+        let explained = &explanation.by;
         let min_keypoints = self.gates.min_keypoints;
         let seen_well = move |w: &SightedBody| w.rays.iter().flatten().count() >= min_keypoints;
         let witnesses = pass.witnesses.iter().zip(explained);
@@ -184,14 +193,10 @@ impl PersonFinder {
     /// What the viewpoints that see anybody say about a tentative `body`: how many of them see it, and
     /// how many should and do not, each by what its silence is worth.
     pub(crate) fn verdicts(&self, pass: &DetectionPass, body: &KnownBody) -> (u32, f64) {
-        let explained = explained(
-            &pass.witnesses,
-            std::slice::from_ref(body),
-            self.explained_m,
-        );
+        let explanation = self.explain(pass, vec![body.clone()]);
         let (mut seen, mut missed_by) = (0, Vec::new());
         for &viewpoint in pass.viewpoints() {
-            let mut own = pass.witnesses.iter().zip(&explained);
+            let mut own = pass.witnesses.iter().zip(&explanation.by);
             if own.any(|(w, by)| by.is_some() && w.viewpoint == viewpoint) {
                 seen += 1;
             } else if pass.is_missed_by(viewpoint, &self.cameras, &body.keypoints_m) {

@@ -11,6 +11,7 @@ use farfield_proto::frames::{Pixel, Undistorted};
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::Sighting;
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 /// Sightings of two cameras of one viewpoint may show the same person when their rays differ by less
 /// than this share of the body's angular size. The cameras stand some decimetres apart and a body is
@@ -23,6 +24,9 @@ const SAME_SIGHTING_SHARE: f64 = 0.04;
 
 /// Least keypoints in common for two sightings of one viewpoint to be compared.
 const SAME_PERSON_KEYPOINTS: usize = 4;
+
+/// Sightings, or witnesses, from which on a pass is looked at in parallel: fewer are done sooner than threads wake up.
+pub(super) const PARALLEL_FROM: usize = 128;
 
 /// Far more than what rounding makes of the cosine between two unit vectors.
 pub(crate) const COSINE_ROUNDING: f64 = 1e-9;
@@ -142,14 +146,20 @@ impl SightedBody {
 
     /// Widest angle between the middle ray and the others, doubled: the body's angular size.
     fn angular_size_rad(&self) -> f64 {
-        let sum: Vector3<f64> = self.rays.iter().flatten().map(|ray| ray.direction).sum();
-        let widest = self
-            .rays
-            .iter()
-            .flatten()
-            .map(|ray| ray.direction.angle(&sum))
-            .fold(0.0, f64::max);
-        2.0 * widest
+        let rays = self.rays.iter().flatten();
+        let sum: Vector3<f64> = rays.clone().map(|ray| ray.direction).sum();
+        let length = sum.norm();
+        // The widest angle has the least cosine.
+        let cosine = |ray: &SightedRay| {
+            let lengths = ray.direction.norm() * length;
+            if lengths == 0.0 {
+                1.0
+            } else {
+                ray.direction.dot(&sum) / lengths
+            }
+        };
+        let least = rays.map(cosine).fold(1.0, f64::min);
+        2.0 * libm::acos(least.clamp(-1.0, 1.0))
     }
 }
 
@@ -165,17 +175,39 @@ fn sighted_ray(model: &CameraModel, pixel: Pixel<Undistorted>, score: f64) -> Si
 
 /// The witnesses among `sightings`: one per viewpoint and person, the best seen of its sightings.
 ///
-/// The order follows that of `sightings`.
+/// The order follows that of `sightings`. Of many sightings viewpoints are looked at in parallel: none says anything of another.
 pub(crate) fn witnesses(
     sightings: &[Sighting],
     cameras: &[(ViewpointIndex, CameraModel)],
     n_keypoints: usize,
     min_score: f64,
 ) -> Vec<SightedBody> {
-    let all: Vec<SightedBody> = sightings
-        .iter()
-        .filter_map(|s| SightedBody::new(s, cameras, n_keypoints, min_score))
-        .collect();
+    let mut of_viewpoint: BTreeMap<ViewpointIndex, Vec<usize>> = BTreeMap::new();
+    for (index, sighting) in sightings.iter().enumerate() {
+        if let Some((viewpoint, _)) = cameras.get(usize::from(sighting.camera.0)) {
+            of_viewpoint.entry(*viewpoint).or_default().push(index);
+        }
+    }
+    let best = |own: Vec<usize>| {
+        let body = |&index: &usize| {
+            let body = SightedBody::new(&sightings[index], cameras, n_keypoints, min_score);
+            body.map(|body| (index, body))
+        };
+        best_of(own.iter().filter_map(body).collect())
+    };
+    let viewpoints: Vec<Vec<usize>> = of_viewpoint.into_values().collect();
+    let mut all: Vec<(usize, SightedBody)> = if sightings.len() < PARALLEL_FROM {
+        viewpoints.into_iter().flat_map(best).collect()
+    } else {
+        let viewpoints = viewpoints.into_par_iter();
+        viewpoints.flat_map_iter(best).collect()
+    };
+    all.sort_by_key(|(index, _)| *index);
+    all.into_iter().map(|(_, body)| body).collect()
+}
+
+/// One per person of the sightings of a viewpoint, each with its number.
+fn best_of(all: Vec<(usize, SightedBody)>) -> Vec<(usize, SightedBody)> {
     let mut same = same_person_pairs(&all);
     same.sort_by(|x, y| x.0.total_cmp(&y.0));
     // The body that each sighting shows. The surest pairs join first; sightings of one camera that
@@ -185,9 +217,9 @@ pub(crate) fn witnesses(
         let (into, from) = (body_of[a], body_of[b]);
         let cameras_of = |body: usize| -> BTreeSet<usize> {
             let members = all.iter().zip(&body_of).filter(|&(_, &of)| of == body);
-            members.map(|(witness, _)| witness.camera).collect()
+            members.map(|((_, witness), _)| witness.camera).collect()
         };
-        let copies = all[a].camera == all[b].camera && share < SAME_SIGHTING_SHARE;
+        let copies = all[a].1.camera == all[b].1.camera && share < SAME_SIGHTING_SHARE;
         if copies || cameras_of(into).is_disjoint(&cameras_of(from)) {
             for body in body_of.iter_mut().filter(|body| **body == from) {
                 *body = into;
@@ -196,7 +228,7 @@ pub(crate) fn witnesses(
     }
     // Per body, the best seen sighting; of several the first.
     let mut best: Vec<Option<(f64, usize)>> = vec![None; all.len()];
-    for (w, witness) in all.iter().enumerate() {
+    for (w, (_, witness)) in all.iter().enumerate() {
         let (best, worth) = (&mut best[body_of[w]], witness.worth());
         if best.is_none_or(|(most, _)| worth.total_cmp(&most).is_gt()) {
             *best = Some((worth, w));
@@ -204,23 +236,20 @@ pub(crate) fn witnesses(
     }
     let all = all.into_iter().enumerate();
     all.filter(|&(w, _)| best[body_of[w]].is_some_and(|(_, best)| best == w))
-        .map(|(_, body)| body)
+        .map(|(_, own)| own)
         .collect()
 }
 
 /// Pairs of sightings of one viewpoint that may show the same person, with how much they differ as
 /// a share of the body's angular size.
-fn same_person_pairs(all: &[SightedBody]) -> Vec<(f64, usize, usize)> {
-    let sizes_rad: Vec<f64> = all.iter().map(SightedBody::angular_size_rad).collect();
-    let mut of_viewpoint: BTreeMap<ViewpointIndex, Vec<usize>> = BTreeMap::new();
-    for (index, body) in all.iter().enumerate() {
-        of_viewpoint.entry(body.viewpoint).or_default().push(index);
-    }
+fn same_person_pairs(all: &[(usize, SightedBody)]) -> Vec<(f64, usize, usize)> {
+    let sizes_rad: Vec<f64> = all
+        .iter()
+        .map(|(_, body)| body.angular_size_rad())
+        .collect();
     let (mut pairs, mut angles) = (Vec::new(), Vec::new());
-    for (a, first) in all.iter().enumerate() {
-        let own = &of_viewpoint[&first.viewpoint];
-        for &b in &own[own.partition_point(|&b| b <= a)..] {
-            let second = &all[b];
+    for (a, (_, first)) in all.iter().enumerate() {
+        for (b, (_, second)) in all.iter().enumerate().skip(a + 1) {
             let limit = if first.camera == second.camera {
                 SAME_SIGHTING_SHARE
             } else {
@@ -242,13 +271,17 @@ fn same_person_pairs(all: &[SightedBody]) -> Vec<(f64, usize, usize)> {
 fn are_apart(a: &SightedBody, b: &SightedBody, limit_rad: f64) -> bool {
     // An angle is larger than the limit where its cosine is less than 1 - limit²/2, which is never above the limit's.
     let apart = 1.0 - 0.5 * limit_rad * limit_rad - COSINE_ROUNDING;
-    let (mut common, mut larger) = (0, 0);
-    for (p, q) in a.in_common(b) {
-        common += 1;
-        larger += usize::from(p.direction.dot(&q.direction) < apart);
-    }
+    let common = a.in_common(b).count();
     // The upper median is the one after the first half.
-    larger >= common - common / 2
+    let mut left = common - common / 2;
+    let mut pairs = a.in_common(b);
+    while left > 0 {
+        let Some((p, q)) = pairs.next() else {
+            return false;
+        };
+        left -= usize::from(p.direction.dot(&q.direction) < apart);
+    }
+    true
 }
 
 /// Median angle between the rays of two sightings of one viewpoint; `None` with too few keypoints in common. `angles`

@@ -41,9 +41,9 @@ impl Registry {
         self.finds_people |= !pass.witnesses.is_empty();
         // Who may be elsewhere by now explains nothing.
         let explains = |track: &Track| !track.identity.phase.is_lost() && !track.is_awaited();
-        let bodies = self.bodies(explains);
+        let explanation = self.finder.explain(&pass, self.bodies(explains));
         let n_people = self.tracks.iter().filter(|track| explains(track)).count();
-        let found = self.finder.find_in(&pass, &bodies, n_people);
+        let found = self.finder.find_in(&pass, &explanation, n_people);
         let found = self.reinitiate(found, tick, method);
         for track in self.tracks.iter_mut().filter(|t| t.is_tentative()) {
             let body = KnownBody {
@@ -55,8 +55,14 @@ impl Registry {
         for person in self.revive(found, tick, method) {
             self.initiate(&person, tick, method);
         }
-        let bodies = self.bodies(|_| true);
-        let unexplained = self.finder.unexplained(&pass, &bodies);
+        let everybody = self.bodies(|_| true);
+        // At most passes they are the same.
+        let explanation = if everybody == explanation.bodies {
+            explanation
+        } else {
+            self.finder.explain(&pass, everybody)
+        };
+        let unexplained = self.finder.unexplained(&pass, &explanation);
         self.scheduler.keep(tick, unexplained);
         unusable
     }

@@ -138,8 +138,10 @@ fn who_is_tracked_is_not_found_again_but_the_newcomer_beside_is() {
     )
     .unwrap();
     let unexplained = |bodies: &[KnownBody]| {
-        let pass = hall.finder().detection_pass(&sightings, vec![true; 4]);
-        hall.finder().unexplained(&pass, bodies).count()
+        let finder = hall.finder();
+        let pass = finder.detection_pass(&sightings, vec![true; 4]);
+        let explanation = finder.explain(&pass, bodies.to_vec());
+        finder.unexplained(&pass, &explanation).count()
     };
     assert_eq!(unexplained(&tracked), 4);
     let both = [tracked[0].clone(), KnownBody { keypoints_m: new }];
@@ -270,7 +272,8 @@ fn cameras_that_did_not_look_do_not_contradict() {
     let found = |detected: Vec<bool>| {
         let mut finder = hall.finder();
         let pass = finder.detection_pass(&sightings, detected);
-        finder.find_in(&pass, &[], 0).len()
+        let nobody = finder.explain(&pass, Vec::new());
+        finder.find_in(&pass, &nobody, 0).len()
     };
     assert_eq!(found(vec![true; 4]), 1, "two see it and two do not");
     assert_eq!(found(vec![true, true, false, false]), 2);
