@@ -11,9 +11,8 @@ use crate::estimate::occlusion::SightCone;
 pub(crate) struct ExpectedKeypoint {
     /// World, metres, at the view's capture instant.
     pub(crate) position_m: Vector3<f64>,
-    /// Offset from there (metres, homogeneous) to homogeneous cells of the keypoint's map; the third row is the
-    /// depth in metres.
-    pub(crate) cell_from_offset: Matrix3x4<f64>,
+    /// The homogeneous cell of its map; the third number is the depth in metres.
+    pub(crate) homogeneous_cell: Vector3<f64>,
     /// Its cell.
     pub(crate) cell: Vector2<f64>,
     /// Metres per cell there, of both axes the mean.
@@ -23,7 +22,7 @@ pub(crate) struct ExpectedKeypoint {
 impl ExpectedKeypoint {
     /// Depth in front of the camera, metres: positive.
     pub(crate) fn depth_m(&self) -> f64 {
-        self.cell_from_offset.m34
+        self.homogeneous_cell.z
     }
 }
 
@@ -41,6 +40,21 @@ impl View {
     /// Where `keypoint` is expected; `None` where nothing is, or the view knows nothing there.
     pub(crate) fn expected(&self, keypoint: usize) -> Option<&ExpectedKeypoint> {
         self.expected.get(keypoint)?.as_ref()
+    }
+
+    /// Offset from where `keypoint` is `expected` (metres, homogeneous) to homogeneous cells of its map; the third row is the
+    /// depth in metres.
+    ///
+    /// # Panics
+    /// When the view has no such keypoint.
+    pub(crate) fn cell_from_offset(
+        &self,
+        keypoint: usize,
+        expected: &ExpectedKeypoint,
+    ) -> Matrix3x4<f64> {
+        let mut cell_from_offset = *self.cell_from_world(keypoint);
+        cell_from_offset.set_column(3, &expected.homogeneous_cell);
+        cell_from_offset
     }
 
     /// The cone that holds all places where keypoints are expected.
@@ -64,15 +78,13 @@ impl View {
         if !(h.z > 0.0 && cell.iter().all(|v| v.is_finite()) && self.knows(keypoint, cell)) {
             return None;
         }
-        let mut cell_from_offset = *cell_from_world;
-        cell_from_offset.set_column(3, &h);
         let focal_cells = cell_from_world.fixed_view::<2, 3>(0, 0)
             - cell * cell_from_world.fixed_view::<1, 3>(2, 0);
         // Mean of the two axes' cells per radian.
         let cells_per_m = focal_cells.norm() / 2.0f64.sqrt() / h.z;
         Some(ExpectedKeypoint {
             position_m,
-            cell_from_offset,
+            homogeneous_cell: h,
             cell,
             cell_m: 1.0 / cells_per_m,
         })

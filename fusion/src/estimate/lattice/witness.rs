@@ -74,7 +74,7 @@ impl Witnesses {
                     weight: 0.0,
                     vote: 0.0,
                     responds: view.peaks(keypoint).highest() >= LEAST_RESPONSE,
-                    cell_from_offset: expected.cell_from_offset,
+                    cell_from_offset: view.cell_from_offset(keypoint, expected),
                     ray: Unit::new_normalize(expected.position_m - view.center_m()),
                 });
                 self.cell_m = self.cell_m.min(expected.cell_m);

@@ -6,9 +6,9 @@ use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
 use nalgebra::{Vector2, Vector3};
 
+use super::claim::{Claim, Claimant};
 use super::groups::Groups;
 use crate::estimate::estimator::Estimator;
-use crate::estimate::evidence::ExpectedKeypoint;
 use crate::estimate::occlusion::{BodyCapsules, SightCone};
 use crate::method::Method;
 
@@ -16,9 +16,6 @@ use crate::method::Method;
 const SIDED: [&str; 6] = ["shoulder", "elbow", "wrist", "hip", "knee", "ankle"];
 /// Least height that a cost is made of: a map may miss what is there.
 const LEAST_HEIGHT: f64 = 0.1;
-/// Claims whose predictions are farther apart than so many windows' reaches show no peak in common: two, and a little
-/// for what is one place.
-const TOUCHING_REACHES: f64 = 2.25;
 /// Peaks of two maps closer than this are one, cells.
 const ONE_PLACE_CELLS: f64 = 1.5;
 
@@ -47,33 +44,6 @@ impl JointKind {
         }
         kinds.into_iter().map(|(_, kind)| kind).collect()
     }
-}
-
-/// Somebody who is in the view.
-#[derive(Debug, Clone)]
-struct Claimant {
-    track: usize,
-    view: usize,
-    /// Whether anybody else comes near in the view.
-    crowded: bool,
-    /// Their claims of the kind at hand.
-    claims: Range<usize>,
-}
-
-/// One keypoint of one person.
-#[derive(Debug, Clone)]
-struct Claim {
-    track: usize,
-    view: usize,
-    keypoint: usize,
-    expected: ExpectedKeypoint,
-    /// How far the corner of a face of its lattice is from its cell.
-    reach_cells: f64,
-    /// Expected error of the prediction, metres.
-    sigma_m: f64,
-    eye_m: Vector3<f64>,
-    /// Whether another's prediction is in reach, or this in another's.
-    meets: bool,
 }
 
 /// A claim of the group at hand.
@@ -318,81 +288,11 @@ fn unlikely(height: f64) -> f64 {
     -libm::log(height.clamp(LEAST_HEIGHT, 1.0))
 }
 
-impl Claim {
-    /// `None` where the view knows nothing about the keypoint.
-    fn new(
-        member: &Claimant,
-        keypoint: usize,
-        tracks: &[impl AsRef<Estimator>],
-        method: &Method,
-    ) -> Option<Self> {
-        let track = tracks[member.track].as_ref();
-        let view = &track.views()[member.view];
-        let expected = view.expected(keypoint)?;
-        let contact = &method.parameters.contact;
-        let reach_m = method.parameters.lattice.half_width_m * 2.0f64.sqrt();
-        let seen = track
-            .estimates()
-            .get(keypoint)
-            .is_some_and(|e| e.views >= 2);
-        Some(Self {
-            track: member.track,
-            view: member.view,
-            keypoint,
-            expected: *expected,
-            reach_cells: reach_m / expected.cell_m,
-            sigma_m: if seen {
-                contact.seen_sigma_m
-            } else {
-                contact.unseen_sigma_m
-            },
-            eye_m: view.center_m(),
-            meets: false,
-        })
-    }
-
-    /// Where a point (world, metres) is in the map, homogeneous.
-    fn project(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
-        let offset_m = point_m - self.expected.position_m;
-        self.expected.cell_from_offset * offset_m.push(1.0)
-    }
-
-    /// Where a point (world, metres) is in the map; `None` behind the camera.
-    fn cell_of(&self, point_m: Vector3<f64>) -> Option<Vector2<f64>> {
-        let h = self.project(&point_m);
-        (h.z > 0.0).then(|| Vector2::new(h.x, h.y) / h.z)
-    }
-
-    /// The direction, world, unit, in which a cell of the map lies.
-    fn direction_of(&self, cell: Vector2<f64>) -> Option<Vector3<f64>> {
-        // The rows of a pinhole's matrix are what a ray is at right angles to: cell x is where
-        // (row 0 - x row 2) vanishes, and y likewise.
-        let m = &self.expected.cell_from_offset;
-        let row = |i: usize| Vector3::new(m[(i, 0)], m[(i, 1)], m[(i, 2)]);
-        let across = row(0) - row(2) * cell.x;
-        let down = row(1) - row(2) * cell.y;
-        let direction = across.cross(&down).try_normalize(f64::MIN_POSITIVE)?;
-        Some(direction * direction.dot(&row(2)).signum())
-    }
-
-    /// Whether the keypoint of `other` is seen within reach of this one, and whether the windows of both touch.
-    #[inline]
-    fn reaches(&self, other: &Self) -> [bool; 2] {
-        let h = self.project(&other.expected.position_m);
-        let cell = &self.expected.cell;
-        // Cells times a depth that is positive: a division for each pair of a crowd would be most of the work.
-        let apart = Vector2::new(h.x - cell.x * h.z, h.y - cell.y * h.z);
-        let reach = self.reach_cells * h.z;
-        let touching = TOUCHING_REACHES * reach;
-        [
-            h.z > 0.0 && apart.norm_squared() < reach * reach,
-            h.z > 0.0 && apart.x.abs() < touching && apart.y.abs() < touching,
-        ]
-    }
-}
-
 /// Notes whether two claims come near each other, and whether their windows touch: then they may show one peak.
 fn compare(claims: &mut [Claim], groups: &mut Groups, [a, b]: [usize; 2]) {
+    if claims[a].is_far_from(&claims[b]) {
+        return;
+    }
     // In a crowd most has been said by others before.
     if claims[a].meets && claims[b].meets && groups.are_linked(a, b) {
         return;
@@ -433,9 +333,6 @@ impl ClaimedPlace {
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
-
-    use super::super::super::meeting_fixture::{LEFT_WRIST, MeetingFixture};
     use super::*;
 
     #[test]
@@ -443,31 +340,5 @@ mod tests {
         let kinds = JointKind::of(&KeypointSet::coco17());
         let sided = kinds.iter().filter(|kind| kind.keypoints.len() == 2);
         assert_eq!((kinds.len(), sided.count()), (11, 6));
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(32))]
-
-        /// The ray of a point's cell goes through the point, whichever camera looks.
-        #[test]
-        fn the_ray_of_a_cell_is_projection_undone(
-            camera in 0usize..4, off in prop::array::uniform3(-0.5f64..0.5),
-        ) {
-            let mut meeting = MeetingFixture::of(&[[0.3, -0.2, 0.8]]);
-            meeting.begin();
-            let drawn = meeting.as_they_are(0);
-            meeting.show(0, camera, &drawn);
-            meeting.place();
-            let member = Claimant { track: 0, view: 0, crowded: true, claims: 0..0 };
-            let claim = Claim::new(&member, LEFT_WRIST, &meeting.tracks, &meeting.method).unwrap();
-            let point_m = claim.expected.position_m + Vector3::from(off);
-            let direction = claim.direction_of(claim.cell_of(point_m).unwrap()).unwrap();
-            let from_eye_m = point_m - claim.eye_m;
-            prop_assert!((from_eye_m - direction * from_eye_m.norm()).norm() < 1e-9);
-            // A cell is as wide as it is said to be, across the line of sight.
-            let beside_m = claim.expected.position_m + direction.cross(&Vector3::z()).normalize() * 0.01;
-            let cells = (claim.cell_of(beside_m).unwrap() - claim.expected.cell).norm();
-            prop_assert!((cells * claim.expected.cell_m - 0.01).abs() < 0.001);
-        }
     }
 }
