@@ -186,7 +186,8 @@ impl Region {
         rotation_rad: f64,
         margin: f64,
     ) -> Option<Self> {
-        if seen.n_in_front() < LEAST_JOINTS_IN_FRONT {
+        let n_in_front = seen.n_in_front();
+        if n_in_front < LEAST_JOINTS_IN_FRONT {
             return None;
         }
         let to_box = Rotation2::new(-rotation_rad);
@@ -216,7 +217,9 @@ impl Region {
                 body.add(cube.middle);
             }
             // Where a link crosses the near plane, the body goes on to the crossing.
-            if let Some(px) = seen.crossing(joint) {
+            if n_in_front < N_JOINTS
+                && let Some(px) = seen.crossing(joint)
+            {
                 body.add(place(px));
             }
         }

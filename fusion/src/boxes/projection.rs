@@ -77,17 +77,11 @@ impl Cube {
     /// Its projected corners around a point that projects to the homogeneous pixel `h`; corners behind the near
     /// plane are left out.
     pub(super) fn corners(&self, h: Vector3<f64>) -> impl Iterator<Item = Vector2<f64>> {
-        let sides = self.sides;
-        (0..8).filter_map(move |corner| {
-            let signed = |i: usize| {
-                if corner >> i & 1 == 0 {
-                    sides[i]
-                } else {
-                    -sides[i]
-                }
-            };
-            in_front(h + signed(0) + signed(1) + signed(2))
-        })
+        let [first, second, third] = self.sides;
+        let both = |h: Vector3<f64>, side: Vector3<f64>| [h + side, h - side];
+        let edges = both(h, first).map(|h| both(h, second));
+        let corners = edges.map(|edges| edges.map(|h| both(h, third)));
+        corners.into_iter().flatten().flatten().filter_map(in_front)
     }
 
     /// How far no corner's projection is from that of its middle, to the side and up, pixels; not finite or negative
