@@ -82,7 +82,7 @@ impl Judge<'_> {
         if let Some((ticks, ratio)) = self.lateness(camera) {
             causes.push((ratio, vec![camera], DisagreementCause::Late { ticks }));
         }
-        causes.extend(self.in_another_order(camera, &others, as_it_is));
+        causes.extend(self.in_another_order(camera, &others, || Some(as_it_is)));
         let is_late = self.may_be_late(camera);
         let points = points.filter(|_| !is_late);
         let fitted = points.and_then(|points| displaced(points, camera, right));
@@ -145,8 +145,13 @@ impl Judge<'_> {
         Some((cost / before, cameras, cause))
     }
 
-    /// What another order of the keypoints leaves of the cost `as_it_is`.
-    fn in_another_order(&self, camera: usize, others: &[usize], as_it_is: f64) -> Option<Weighed> {
+    /// What another order of the keypoints leaves of the cost `as_it_is`, which is asked for where there is one.
+    fn in_another_order(
+        &self,
+        camera: usize,
+        others: &[usize],
+        as_it_is: impl FnOnce() -> Option<f64>,
+    ) -> Option<Weighed> {
         let own = &self.as_it_is[camera];
         let elsewhere = others
             .iter()
@@ -155,7 +160,7 @@ impl Judge<'_> {
         let order = keypoint_order(own, &elsewhere, self.partners)?;
         let cost = self.cost_against(camera, &own.reordered(&order.of), others)?;
         let cause = order_cause(&order);
-        let ratio = ORDER_HANDICAP * cost / as_it_is;
+        let ratio = ORDER_HANDICAP * cost / as_it_is()?;
         // Not in part: of people who seem to stand on their heads networks take left for right.
         (ratio < EXPLAINS).then(|| (ratio, vec![camera], cause))
     }
@@ -221,7 +226,7 @@ impl Judge<'_> {
         let shown = shown_order(&self.bursts, &self.lines, of, self.partners);
         let shown = shown.map(|(ratio, order)| (ratio, order_cause(&order)));
         let sighted = || {
-            let as_it_is = self.cost_against(camera, &self.as_it_is[camera], right)?;
+            let as_it_is = || self.cost_against(camera, &self.as_it_is[camera], right);
             let (ratio, _, cause) = self.in_another_order(camera, right, as_it_is)?;
             Some((ratio, cause))
         };

@@ -93,11 +93,15 @@ impl Hall {
         hall
     }
 
+    pub(super) fn report(&self) -> AgreementReport {
+        self.samples().report()
+    }
+
     #[expect(
         clippy::too_many_lines,
-        reason = "one hall, from its cameras to its report"
+        reason = "one hall, from its cameras to what they show"
     )]
-    pub(super) fn report(&self) -> AgreementReport {
+    pub(super) fn samples(&self) -> AgreementSamples {
         let mut hall = hall();
         if self.narrow {
             hall.cameras = narrow_cameras();
@@ -210,7 +214,6 @@ impl Hall {
             samples,
             standing: Standing::of(vec![self.stature_m(); 20], vec![[self.floor_m; 2]; 20]),
         }
-        .report()
     }
 
     /// How tall people seem: smaller where all focal lengths are.

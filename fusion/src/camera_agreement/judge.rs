@@ -4,6 +4,7 @@
 //! that are linked so is taken for right, and every other one is held to it: as it is, later, mirrored, turned, with the
 //! calibration of another.
 
+pub(super) mod before;
 pub(super) mod exchanged;
 mod far_off;
 mod held;
@@ -14,6 +15,8 @@ mod one_person_each;
 mod pictures;
 mod pictures_of_all;
 pub(super) mod sides;
+#[cfg(test)]
+mod tests;
 
 use std::collections::BTreeMap;
 
@@ -22,12 +25,14 @@ use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::agreement::AgreementVerdict;
 use farfield_proto::order_statistics::upper_median;
 
+use self::before::JudgedBefore;
 use super::geometry::SightLines;
 use super::lens::LensPoints;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
 use super::report::{AgreementReport, Disagreement, DisagreementCause};
 use super::samples::{Burst, COMPARED, PassSample, Samples, SeenBody};
 use super::time_shift::by_burst::{Drift, drifts, shifts_by_burst};
+use super::time_shift::curves::ShiftCosts;
 use super::time_shift::jumps::{Jump, jump};
 use super::time_shift::met::{PoseFit, pose_fits};
 use super::time_shift::pose_shift::{PoseShift, against_most};
@@ -83,7 +88,12 @@ pub(super) struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    pub(super) fn new(cameras: &'a AgreementCameras, samples: &'a Samples) -> Self {
+    /// What was found `before` is not looked at again.
+    pub(super) fn new(
+        cameras: &'a AgreementCameras,
+        samples: &'a Samples,
+        before: &mut JudgedBefore,
+    ) -> Self {
         let all = &samples.passes;
         let most_shown = all
             .iter()
@@ -95,9 +105,14 @@ impl<'a> Judge<'a> {
         let passes: Vec<&PassSample> = all.iter().rev().step_by(step).map(AsRef::as_ref).collect();
         let bursts = samples.telling_bursts();
         let lines = cameras.lines();
-        let of = |half: KeypointHalf| shifts(&bursts, &lines, (cameras.rate_hz, half));
+        let mut costs = ShiftCosts::of(&bursts, &lines, cameras.rate_hz, &mut before.costs);
+        let by_half = [KeypointHalf::All, KeypointHalf::Odd, KeypointHalf::Even]
+            .map(|half| shifts(&mut costs, half));
+        let [shifts, odd, even] = by_half;
+        let by_burst = shifts_by_burst(&mut costs);
+        before.costs = costs.into_found();
+        let bursts: Vec<&Burst> = bursts.into_iter().map(AsRef::as_ref).collect();
         let fits = pose_fits(samples, &lines, cameras.rate_hz);
-        let by_burst = shifts_by_burst(&bursts, &lines, cameras.rate_hz);
         let of_poses: Vec<_> = fits.iter().map(|fit| fit.jump).collect();
         let all = 0..lines.len();
         let mut judge = Self {
@@ -106,8 +121,8 @@ impl<'a> Judge<'a> {
             partners: &cameras.partners,
             keypoints: &cameras.keypoints,
             rate_hz: cameras.rate_hz,
-            shifts: of(KeypointHalf::All),
-            halves: [of(KeypointHalf::Odd), of(KeypointHalf::Even)],
+            shifts,
+            halves: [odd, even],
             drifts: drifts(&by_burst, lines.len(), cameras.rate_hz),
             jumps: all
                 .map(|camera| jump(&by_burst, &of_poses, (camera, cameras.rate_hz)))
@@ -440,44 +455,4 @@ fn same_pixels(one: &SeenBody, other: &SeenBody, within_px: f32) -> (usize, usiz
 /// To a tenth.
 pub(super) fn rounded(value: f64) -> f64 {
     (10.0 * value).round() / 10.0
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::fixture::{Hall, Mistake};
-    use super::*;
-
-    #[test]
-    fn two_cameras_on_one_pole_may_show_the_same() {
-        let hall = Hall {
-            beside_m: Some(0.05),
-            ..Hall::default()
-        };
-        assert_eq!(hall.causes(), []);
-    }
-
-    /// A hall looks nearly the same from the camera opposite, so that a camera which was turned fits the calibration of that one
-    /// better than its own: it was said to show that one's pictures, which stand elsewhere in the picture all the same.
-    #[test]
-    fn a_camera_that_was_turned_by_five_degrees_does_not_show_the_pictures_of_the_one_opposite() {
-        for camera in 0..4 {
-            for turned_deg in [
-                [5.0, 0.0, 0.0],
-                [-5.0, 0.0, 0.0],
-                [0.0, 5.0, 0.0],
-                [0.0, -5.0, 0.0],
-            ] {
-                let mistake = Mistake {
-                    turned_deg,
-                    ..Mistake::default()
-                };
-                let causes = Hall::with(camera, mistake).causes();
-                let same = causes
-                    .iter()
-                    .find(|(_, cause)| *cause == DisagreementCause::SamePictures);
-                assert_eq!(same, None, "camera {camera} by {turned_deg:?}");
-                assert!(!causes.is_empty(), "camera {camera} by {turned_deg:?}");
-            }
-        }
-    }
 }

@@ -12,8 +12,8 @@
 //!          `standing` on people, where all that fits
 //! ```
 //!
-//! Nothing here moves a pose. A report takes up to some hundred milliseconds, and is made beside the loop, or at the end of
-//! a run.
+//! Nothing here moves a pose. A report of a large venue takes up to a second, and is made beside the loop, or at the end of a run.
+//! Who judges again and again hands in what was found before ([`JudgedBefore`]).
 
 mod explain;
 #[cfg(test)]
@@ -45,6 +45,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use farfield_proto::venue::{Field, Venue};
 
+pub use self::judge::before::JudgedBefore;
 pub use self::report::{
     AgreementReport, CameraDetails, Disagreement, DisagreementCause, KeypointExchange,
     PictureOfAll, SightedReport,
@@ -57,7 +58,6 @@ use self::pairs::Partners;
 use self::samples::Samples;
 use self::standing::Standing;
 use crate::align::TickGroup;
-use crate::body::observed::ObservedJoints;
 use crate::identity::track::Track;
 use crate::sightings::diagnosis::Diagnosed;
 
@@ -177,10 +177,15 @@ impl AgreementWatch {
 impl AgreementSamples {
     /// Judges them: for whoever has time to wait.
     pub fn report(&self) -> AgreementReport {
-        let judge = Judge::new(&self.cameras, &self.samples);
+        self.report_after(&mut JudgedBefore::default())
+    }
+
+    /// The same where others of the venue were judged `before`: what was kept then already is not looked at again.
+    pub fn report_after(&self, before: &mut JudgedBefore) -> AgreementReport {
+        let judge = Judge::new(&self.cameras, &self.samples, before);
         let mut report = judge.report();
         let mut votes = ExchangeVotes::default();
-        report.sighted = self.sighted(&mut votes);
+        report.sighted = self.sighted(&mut votes, before);
         let of_all = judge
             .picture_of_all()
             .or_else(|| self.all_keypoints(&votes, &report))
@@ -279,7 +284,7 @@ impl AgreementSamples {
     }
 
     /// What detection passes found, and what became of it; asks all bodies for `votes`.
-    fn sighted(&self, votes: &mut ExchangeVotes) -> SightedReport {
+    fn sighted(&self, votes: &mut ExchangeVotes, before: &mut JudgedBefore) -> SightedReport {
         let AgreementCameras {
             all,
             models,
@@ -301,11 +306,14 @@ impl AgreementSamples {
         for (camera, count) in all.iter().zip(&self.samples.n_sightings) {
             report.by_camera.insert(camera.name.clone(), *count);
         }
-        for pass in &self.samples.passes {
+        let bodies = self.samples.passes.iter().map(|pass| {
+            let known = before.bodies.take(pass);
+            let bodies = known.unwrap_or_else(|| diagnosed.bodies(&pass.sightings()));
             votes.begin_pass();
-            let ask = |body: &ObservedJoints| votes.ask(body);
-            diagnosed.count(&pass.sightings(), &mut report.diagnosis, ask);
-        }
+            diagnosed.count(&bodies, &mut report.diagnosis, |body| votes.ask(body));
+            (Arc::clone(pass), bodies)
+        });
+        before.bodies = bodies.collect();
         report.reach = self.reach();
         let viewpoints: BTreeSet<ViewpointIndex> = all.iter().map(|c| c.viewpoint).collect();
         report.viewpoints = viewpoints.len() as u64;

@@ -153,12 +153,13 @@ impl PairAgreement {
     /// What it costs, 0 to 1, to take the first sighting of each for one person: of every pass in which enough is in both.
     pub(super) fn of_single(a: &CameraRays, b: &CameraRays) -> Vec<f64> {
         let n_passes = a.of_pass.len().min(b.of_pass.len());
-        let cost = |pass: usize| {
+        let of_pass = |pass: usize| {
             let (of_a, of_b) = (a.of_pass[pass].first()?, b.of_pass[pass].first()?);
-            let of_both = Self::of_bodies((&a.lines.center_m, of_a), (&b.lines.center_m, of_b))?;
-            Some(of_both.mean_cost())
+            let costs = meetings((a, b), [of_a, of_b]).map(|met| cost(met.gap_m));
+            let costs: Vec<f64> = costs.collect();
+            (costs.len() >= MIN_COMMON).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
         };
-        (0..n_passes).filter_map(cost).collect()
+        (0..n_passes).filter_map(of_pass).collect()
     }
 
     fn where_it_counts(
@@ -168,9 +169,6 @@ impl PairAgreement {
     ) -> Self {
         let mut all = Self::default();
         for (of_a, of_b) in a.of_pass.iter().zip(&b.of_pass) {
-            let compare = |one: &Vec<Vector3<f64>>, other: &Vec<Vector3<f64>>| {
-                Self::of_bodies((&a.lines.center_m, one), (&b.lines.center_m, other))
-            };
             // Each of those of whom there are fewer has one among the others.
             let a_has_fewer = of_a.len() <= of_b.len();
             let (few, many) = if a_has_fewer {
@@ -182,44 +180,32 @@ impl PairAgreement {
             // Of more than are kept nobody knows who is missing.
             let is_whole = many.len() < MAX_BODIES;
             for one in few.iter().take(COMPARED) {
-                let fits = many.iter().filter_map(|other| {
-                    let agreement = if a_has_fewer {
-                        compare(one, other)
+                let in_order = |other| {
+                    if a_has_fewer {
+                        [one, other]
                     } else {
-                        compare(other, one)
-                    };
-                    Some((agreement?, other))
+                        [other, one]
+                    }
+                };
+                let fits = many.iter().filter_map(|other| {
+                    let meetings = || meetings((a, b), in_order(other));
+                    let (sum, n) = meetings().fold((0.0, 0), |(sum, n): (f64, usize), met| {
+                        (sum + cost(met.gap_m), n + 1)
+                    });
+                    (n >= MIN_COMMON).then(|| (sum / n as f64, sum, other))
                 });
-                let best = fits.min_by(|p, q| p.0.mean_cost().total_cmp(&q.0.mean_cost()));
-                let counted = best.filter(|(agreement, other)| {
-                    agreement.mean_cost() < SAME_PERSON_COST
+                let best = fits.min_by(|p, q| p.0.total_cmp(&q.0));
+                let counted = best.filter(|(mean, _, other)| {
+                    *mean < SAME_PERSON_COST
                         || is_whole && counts((one, &few_by.lines), (other, &many_by.lines))
                 });
-                all.add(counted.map(|(agreement, _)| agreement));
+                if let Some((_, sum, other)) = counted {
+                    all.cost_sum += sum;
+                    all.meetings.extend(meetings((a, b), in_order(other)));
+                }
             }
         }
         all
-    }
-
-    fn of_bodies(
-        (a_m, a): (&Vector3<f64>, &[Vector3<f64>]),
-        (b_m, b): (&Vector3<f64>, &[Vector3<f64>]),
-    ) -> Option<Self> {
-        let rays = a.iter().zip(b);
-        let meetings: Vec<Meeting> = rays
-            .filter_map(|(p, q)| meeting((a_m, p), (b_m, q)))
-            .collect();
-        (meetings.len() >= MIN_COMMON).then(|| Self {
-            cost_sum: meetings.iter().map(|met| cost(met.gap_m)).sum(),
-            meetings,
-        })
-    }
-
-    fn add(&mut self, other: Option<Self>) {
-        if let Some(other) = other {
-            self.cost_sum += other.cost_sum;
-            self.meetings.extend(other.meetings);
-        }
     }
 
     /// How many keypoints were compared.
@@ -257,6 +243,16 @@ impl PairAgreement {
         };
         Some([of(0)?, of(1)?])
     }
+}
+
+/// Where the lines of sight meet of what two cameras show of somebody.
+fn meetings<'a>(
+    (a, b): (&'a CameraRays, &'a CameraRays),
+    [of_a, of_b]: [&'a Vec<Vector3<f64>>; 2],
+) -> impl Iterator<Item = Meeting> + 'a {
+    let (a_m, b_m) = (&a.lines.center_m, &b.lines.center_m);
+    let rays = of_a.iter().zip(of_b);
+    rays.filter_map(move |(p, q)| meeting((a_m, p), (b_m, q)))
 }
 
 /// Whether a camera sees nearly all places where `body`, which another shows, may be, by the size that it has.

@@ -5,6 +5,8 @@
 //! sightings that are seconds late. All are kept in bounded
 //! memory, and shared when they are handed to whoever judges them.
 
+pub(super) mod found;
+
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -382,12 +384,11 @@ impl Samples {
     }
 
     /// The bursts, where all together are long enough to tell anything.
-    pub(super) fn telling_bursts(&self) -> Vec<&Burst> {
+    pub(super) fn telling_bursts(&self) -> Vec<&Arc<Burst>> {
         let ticks = |burst: &Burst| burst.trails.iter().map(Trail::len).max().unwrap_or(0);
         let all: usize = self.bursts.iter().map(|burst| ticks(burst)).sum();
         let is_long = all as f64 >= LEAST_BURSTS_S * self.rate_hz;
-        let bursts = self.bursts.iter().filter(|_| is_long);
-        bursts.map(AsRef::as_ref).collect()
+        self.bursts.iter().filter(|_| is_long).collect()
     }
 
     /// The same, with the burst under way as the last.

@@ -7,26 +7,18 @@
 //! cost gives the fraction of a tick.
 
 use farfield_proto::order_statistics::upper_median;
-use nalgebra::Vector3;
 
 pub(super) mod by_burst;
+pub(super) mod curves;
 pub(super) mod jumps;
 pub(super) mod met;
 pub(super) mod pose_shift;
 pub(super) mod silent;
 
-use super::geometry::{SightLines, meeting};
-use super::pairs::cost;
-use super::samples::{Burst, Trail};
+use self::curves::{Curve, CurvePart, ShiftCosts};
 
 /// Longest shift that is looked for, seconds.
 const LONGEST_S: f64 = 1.0;
-/// Keypoints that must have been compared at a shift.
-const MIN_COMPARED: usize = 60;
-/// Of the ticks of a burst every so many are compared at first; later, near the least cost, all.
-const COARSE_TICKS: usize = 3;
-/// Other cameras that one is compared with.
-const MAX_PARTNERS: usize = 5;
 /// So many ticks beside the least cost it must be larger by this factor for the shift to be known.
 const SHARP_TICKS: usize = 4;
 const SHARP: f64 = 1.03;
@@ -43,13 +35,6 @@ pub(super) const LATE_TICKS: f64 = 0.6;
 const LATE_DIFFERENCE_TICKS: f64 = 0.5;
 /// The same as a share of the shift.
 const LATE_DIFFERENCE: f64 = 0.05;
-
-/// Of two cameras: the mean cost by shift, from `-reach` to `reach` ticks; not a number where nothing is known.
-struct Curve {
-    a: usize,
-    b: usize,
-    costs: Vec<f64>,
-}
 
 /// What is known of a camera's time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -81,17 +66,18 @@ impl KeypointHalf {
     }
 }
 
-/// Per camera its shift; `None` where too little moved before it, or too few others saw the same.
-pub(super) fn shifts(
-    bursts: &[&Burst],
-    lines: &[SightLines],
-    (rate_hz, half): (f64, KeypointHalf),
-) -> Vec<Option<Shift>> {
-    let reach = (LONGEST_S * rate_hz).round().max(1.0) as usize;
-    let curves = curves(bursts, lines, (reach, half));
-    let mut ticks = vec![0_isize; lines.len()];
+/// Per camera its shift, by a half of the keypoints; `None` where too little moved before it, or too few others saw the same.
+pub(super) fn shifts(costs: &mut ShiftCosts<'_>, half: KeypointHalf) -> Vec<Option<Shift>> {
+    shifts_of(costs, CurvePart { half, burst: None })
+}
+
+/// The same of a part of what was kept.
+fn shifts_of(costs: &mut ShiftCosts<'_>, part: CurvePart) -> Vec<Option<Shift>> {
+    let (reach, n_cameras) = (costs.reach, costs.n_cameras());
+    let curves = costs.curves(part);
+    let mut ticks = vec![0_isize; n_cameras];
     for _ in 0..MAX_ROUNDS {
-        let moves = (0..lines.len()).filter_map(|camera| {
+        let moves = (0..n_cameras).filter_map(|camera| {
             let sums = sums(&curves, &ticks, camera, reach)?;
             let now = sums[index(ticks[camera], reach)];
             let (at, least) = least(&sums)?;
@@ -105,7 +91,7 @@ pub(super) fn shifts(
     }
     take_most_for_right(&mut ticks);
     let fractions = fractions(&curves, &ticks, reach);
-    (0..lines.len())
+    (0..n_cameras)
         .map(|camera| {
             let sums = sums(&curves, &ticks, camera, reach)?;
             let n = curves
@@ -236,176 +222,6 @@ fn sums(curves: &[Curve], ticks: &[isize], camera: usize, reach: usize) -> Optio
         }
     }
     (n > 0).then_some(sums)
-}
-
-fn curves(
-    bursts: &[&Burst],
-    lines: &[SightLines],
-    (reach, half): (usize, KeypointHalf),
-) -> Vec<Curve> {
-    let mut curves: Vec<Curve> = Vec::new();
-    for a in 0..lines.len() {
-        let compared = curves.iter().filter(|c| c.b == a).count();
-        let mut left = MAX_PARTNERS.saturating_sub(compared);
-        for b in a + 1..lines.len() {
-            if left == 0 {
-                break;
-            }
-            if let Some(costs) = curve(bursts, lines, (a, b), (reach, half)) {
-                curves.push(Curve { a, b, costs });
-                left -= 1;
-            }
-        }
-    }
-    curves
-}
-
-/// The mean cost between two cameras over the shift of the second against the first.
-fn curve(
-    bursts: &[&Burst],
-    lines: &[SightLines],
-    (a, b): (usize, usize),
-    (reach, half): (usize, KeypointHalf),
-) -> Option<Vec<f64>> {
-    if (lines[a].center_m - lines[b].center_m).norm() < 1e-6 {
-        return None;
-    }
-    let pairs: Vec<(Drawn, Drawn)> = bursts
-        .iter()
-        .flat_map(|burst| {
-            let of = |camera: usize| burst.trails.iter().filter(move |t| t.camera == camera);
-            of(a).filter_map(move |first| {
-                let second = of(b).find(|second| second.person == first.person)?;
-                Some((Drawn::of(first, &lines[a]), Drawn::of(second, &lines[b])))
-            })
-        })
-        .collect();
-    if pairs.is_empty() {
-        return None;
-    }
-    let mut gaps_m: Vec<Vec<f64>> = Vec::new();
-    let mut mean = |shift: isize, every: usize| {
-        let (mut sum, mut n) = (0.0, 0);
-        for (first, second) in &pairs {
-            gaps_m.resize_with(first.n_keypoints, Vec::new);
-            first.compare(second, (shift, every, half), &mut gaps_m);
-            for gaps_m in &mut gaps_m {
-                let (cost, count) = cost_of_change(gaps_m);
-                sum += cost;
-                n += count;
-            }
-        }
-        if n >= MIN_COMPARED {
-            sum / n as f64
-        } else {
-            f64::NAN
-        }
-    };
-    let all = -reach.cast_signed()..=reach.cast_signed();
-    let mut costs: Vec<f64> = all.map(|shift| mean(shift, COARSE_TICKS)).collect();
-    let near = least(&costs)?.0.cast_signed() - reach.cast_signed();
-    for shift in (near - 2..=near + 2).chain(-2..=2) {
-        if shift.unsigned_abs() <= reach {
-            costs[index(shift, reach)] = mean(shift, 1);
-        }
-    }
-    Some(costs)
-}
-
-/// What the distances of one keypoint cost beyond what stays the same, summed, and how many they are. Sorts them.
-fn cost_of_change(gaps_m: &mut [f64]) -> (f64, usize) {
-    gaps_m.sort_by(f64::total_cmp);
-    let Some(&middle_m) = gaps_m.get(gaps_m.len() / 2) else {
-        return (0.0, 0);
-    };
-    let costs = gaps_m.iter().map(|gap_m| cost(gap_m - middle_m));
-    (costs.sum(), gaps_m.len())
-}
-
-/// The lines of sight of a trail.
-struct Drawn {
-    center_m: Vector3<f64>,
-    /// Per tick: when its picture was taken, ticks after it.
-    late: Vec<Option<f64>>,
-    n_keypoints: usize,
-    /// Per tick all keypoints; zero of what is not seen.
-    directions: Vec<Vector3<f64>>,
-}
-
-impl Drawn {
-    fn of(trail: &Trail, lines: &SightLines) -> Self {
-        let ticks = (0..trail.len()).map(|tick| trail.at(tick));
-        let n_keypoints = ticks.clone().flatten().map(|(_, seen)| seen.len()).next();
-        let n_keypoints = n_keypoints.unwrap_or(0);
-        let mut directions = Vec::with_capacity(trail.len() * n_keypoints);
-        for seen in ticks.clone() {
-            let of = |k: usize| {
-                let seen = seen.and_then(|(_, seen)| seen.get(k));
-                let seen = seen.filter(|seen| seen.score > 0.0);
-                seen.map_or_else(Vector3::zeros, |seen| lines.direction(seen.pixel))
-            };
-            directions.extend((0..n_keypoints).map(of));
-        }
-        Self {
-            center_m: lines.center_m,
-            late: ticks.map(|tick| tick.map(|(late, _)| late)).collect(),
-            n_keypoints,
-            directions,
-        }
-    }
-
-    fn tick(&self, tick: usize) -> &[Vector3<f64>] {
-        &self.directions[tick * self.n_keypoints..][..self.n_keypoints]
-    }
-
-    /// Per keypoint of a half the distances, with their sides, where `other` is looked up `shift` ticks after this.
-    fn compare(
-        &self,
-        other: &Self,
-        (shift, every, half): (isize, usize, KeypointHalf),
-        gaps_m: &mut [Vec<f64>],
-    ) {
-        gaps_m.iter_mut().for_each(Vec::clear);
-        for tick in (0..self.late.len()).step_by(every) {
-            let Some(late) = self.late[tick] else {
-                continue;
-            };
-            let at = tick.cast_signed() + shift;
-            let Some((before, share)) = other.around(at, late) else {
-                continue;
-            };
-            let own = self.tick(tick);
-            let first = other.tick(before);
-            let second = other.tick(before + usize::from(share > 0.0));
-            let compared = own.iter().enumerate().take(other.n_keypoints);
-            for (k, direction) in compared.filter(|(k, _)| half.has(*k)) {
-                let (p, q) = (&first[k], &second[k]);
-                if p.norm_squared() == 0.0 || q.norm_squared() == 0.0 {
-                    continue;
-                }
-                let between = p + (q - p) * share;
-                let met = meeting((&self.center_m, direction), (&other.center_m, &between));
-                gaps_m[k].extend(met.map(|met| met.signed_gap_m));
-            }
-        }
-    }
-
-    /// The tick before the instant `late` ticks after `at`, and the share of the way to the next.
-    fn around(&self, at: isize, late: f64) -> Option<(usize, f64)> {
-        let at = usize::try_from(at).ok()?;
-        let own = (*self.late.get(at)?)?;
-        // How far the own picture of that tick is from the instant.
-        let ahead = late - own;
-        let whole = ahead.floor();
-        let before = usize::try_from(at.cast_signed() + whole as isize).ok()?;
-        let share = ahead - whole;
-        self.late.get(before).copied().flatten()?;
-        if share < 1e-3 {
-            return Some((before, 0.0));
-        }
-        self.late.get(before + 1).copied().flatten()?;
-        Some((before, share))
-    }
 }
 
 /// Whether the halves of the keypoints tell the same shift.

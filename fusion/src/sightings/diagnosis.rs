@@ -71,13 +71,8 @@ pub(crate) struct Diagnosed<'a> {
 }
 
 impl Diagnosed<'_> {
-    /// Counts what `sightings` of one tick show into `counts`, and hands on every body.
-    pub(crate) fn count(
-        &self,
-        sightings: &[Sighting],
-        counts: &mut SightingDiagnosis,
-        mut with: impl FnMut(&ObservedJoints),
-    ) {
+    /// The bodies on which rays of `sightings` of one tick meet.
+    pub(crate) fn bodies(&self, sightings: &[Sighting]) -> Vec<Reconstruction> {
         let n_keypoints = self.keypoints.len();
         let all = witnesses(
             sightings,
@@ -92,9 +87,19 @@ impl Diagnosed<'_> {
             field_min_m: Vector3::repeat(-ANYWHERE_M),
             field_max_m: Vector3::repeat(ANYWHERE_M),
         };
+        associate(&all, &free, &gates, |_| true)
+    }
+
+    /// Counts those `bodies` of one tick into `counts`, and hands on every one.
+    pub(crate) fn count(
+        &self,
+        bodies: &[Reconstruction],
+        counts: &mut SightingDiagnosis,
+        mut with: impl FnMut(&ObservedJoints),
+    ) {
         let before = counts.noses_ahead + counts.noses_behind;
-        for group in associate(&all, &free, &gates, |_| true) {
-            self.judge(&group, counts, &mut with);
+        for body in bodies {
+            self.judge(body, counts, &mut with);
         }
         counts.nose_passes += u64::from(counts.noses_ahead + counts.noses_behind > before);
     }
@@ -185,13 +190,13 @@ mod tests {
         let mut noise = Noise(3);
         let sightings = hall.sightings(&[body.to_vec()], 1.0, &mut noise);
         let mut counts = SightingDiagnosis::default();
-        Diagnosed {
+        let diagnosed = Diagnosed {
             cameras: &hall.cameras,
             keypoints: &KeypointSet::coco17(),
             field: &field,
             parameters: &hall.parameters,
-        }
-        .count(&sightings, &mut counts, |_| {});
+        };
+        diagnosed.count(&diagnosed.bodies(&sightings), &mut counts, |_| {});
         counts
     }
 

@@ -22,4 +22,4 @@ mod gates;
 mod growth;
 mod plausibility;
 pub(crate) mod rays;
-mod reconstruction;
+pub(crate) mod reconstruction;

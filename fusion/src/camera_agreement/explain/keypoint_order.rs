@@ -75,9 +75,17 @@ pub(super) fn keypoint_order(
     let mut costs = Costs::none(partners.len());
     for other in others {
         for (bodies, theirs) in own.of_pass.iter().zip(&other.of_pass) {
+            let middles: Vec<Vector3<f64>> = theirs.iter().map(|body| middle(body)).collect();
             for body in bodies.iter().take(COMPARED) {
-                let gap_m = |them: &Vec<Vector3<f64>>| middles_gap_m((own, body), (other, them));
-                let nearest = theirs.iter().min_by(|a, b| gap_m(a).total_cmp(&gap_m(b)));
+                let middle = middle(body);
+                // Whatever the order, a middle is one.
+                let gap_m = |them: &Vector3<f64>| {
+                    let met = meeting((own.center_m(), &middle), (other.center_m(), them));
+                    met.map_or(f64::INFINITY, |met| met.gap_m)
+                };
+                let gaps_m = theirs.iter().zip(middles.iter().map(gap_m));
+                let nearest = gaps_m.min_by(|a, b| a.1.total_cmp(&b.1));
+                let nearest = nearest.map(|(body, _)| body);
                 for (keypoint, direction) in nearest.into_iter().flatten().enumerate() {
                     for (place, shown) in body.iter().enumerate() {
                         let met = meeting((other.center_m(), direction), (own.center_m(), shown));
@@ -147,15 +155,8 @@ impl Costs {
     }
 }
 
-/// How far the lines of sight of the middles of two bodies pass each other, metres: whatever the order, a middle is one.
-fn middles_gap_m(
-    (a, of_a): (&CameraRays, &[Vector3<f64>]),
-    (b, of_b): (&CameraRays, &[Vector3<f64>]),
-) -> f64 {
-    let middle = |body: &[Vector3<f64>]| -> Vector3<f64> {
-        let seen = body.iter().filter(|ray| ray.norm_squared() > 0.0);
-        seen.map(Vector3::normalize).sum()
-    };
-    meeting((a.center_m(), &middle(of_a)), (b.center_m(), &middle(of_b)))
-        .map_or(f64::INFINITY, |met| met.gap_m)
+/// Where the middle of a body is seen.
+fn middle(body: &[Vector3<f64>]) -> Vector3<f64> {
+    let seen = body.iter().filter(|ray| ray.norm_squared() > 0.0);
+    seen.map(Vector3::normalize).sum()
 }

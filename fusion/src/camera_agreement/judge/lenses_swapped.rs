@@ -22,7 +22,7 @@ const LEAST_GAIN_M: f64 = 0.01;
 const DOUBTFUL: f64 = 1.5;
 
 impl Judge<'_> {
-    /// Two cameras that have each other's lenses.
+    /// Two cameras that have each other's lenses: of cameras with one lens nobody could tell.
     pub(super) fn find_lenses_swapped(
         &self,
         points: Option<&LensPoints<'_>>,
@@ -32,6 +32,12 @@ impl Judge<'_> {
         let n = self.cameras.len();
         let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
         let pairs = pairs.filter(|&(a, b)| !told[a] && !told[b] && self.are_apart(a, b));
+        let pairs: Vec<(usize, usize)> = pairs
+            .filter(|&(a, b)| are_different(self.models[a], self.models[b]))
+            .collect();
+        if pairs.is_empty() {
+            return;
+        }
         let costs: Vec<Option<f64>> = (0..n)
             .map(|camera| {
                 let others: Vec<usize> = (0..n).filter(|of| *of != camera).collect();
@@ -41,7 +47,7 @@ impl Judge<'_> {
         let least = costs.iter().flatten().copied().fold(1.0, f64::min);
         let is_doubtful =
             |camera: usize| costs[camera].is_some_and(|cost| cost >= DOUBTFUL * least);
-        let weighed = pairs.filter_map(|(a, b)| {
+        let weighed = pairs.into_iter().filter_map(|(a, b)| {
             let by_points = points.and_then(|points| self.with_lenses_swapped(points, (a, b)));
             let by_sightings = || {
                 let may_be = is_doubtful(a) && is_doubtful(b);
@@ -95,9 +101,6 @@ impl Judge<'_> {
         least_gain: f64,
         weighed: impl Fn((usize, usize), &[usize]) -> Option<[f64; 2]>,
     ) -> Option<f64> {
-        if !are_different(self.models.get(a)?, self.models.get(b)?) {
-            return None;
-        }
         let others = (0..self.cameras.len()).filter(|of| *of != a && *of != b);
         let others: Vec<usize> = others.collect();
         let (mut before, mut after) = (0.0, 0.0);

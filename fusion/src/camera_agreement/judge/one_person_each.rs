@@ -6,7 +6,7 @@ use super::super::report::{AgreementReport, DisagreementCause};
 use super::Judge;
 
 /// Detection passes in which two cameras show somebody, of which some tell.
-const MIN_PASSES: usize = 8;
+const MIN_PASSES: usize = 6;
 /// Mean cost of two sightings that are of two people.
 const OTHER_PERSON_COST: f64 = 0.8;
 /// Which share of them must be of one person, and which of two.

@@ -31,15 +31,16 @@ pub(in crate::camera_agreement) struct DistortionFit {
 
 /// The distortion with which lines of sight meet best, where that is sure.
 pub(in crate::camera_agreement) fn distortion(points: &LensPoints<'_>) -> Option<DistortionFit> {
-    let before = points.mean_cost(|_, y| y);
+    let calibrated = points.lines_of_sight();
+    let before = points.mean_cost(&calibrated, |_, _| None);
     let known = points.known();
     let alone = known.iter().map(|&camera| vec![camera]);
     let together = Some(known.to_vec()).filter(|known| known.len() > 1);
     let fits = together.into_iter().chain(alone).map(|cameras| {
         let cost = |k: f64| {
-            points.mean_cost(|of, y| {
-                let k = if cameras.contains(&of) { k } else { 0.0 };
-                y * (1.0 + k * y.norm_squared())
+            points.mean_cost(&calibrated, |of, y| {
+                let is_changed = cameras.contains(&of);
+                is_changed.then(|| y * (1.0 + k * y.norm_squared()))
             })
         };
         let (k1_over, least) = least(&TRIED, cost, before);

@@ -102,19 +102,17 @@ impl<'a> LensPoints<'a> {
     /// What `camera` shows of them, beside where the cameras of other viewpoints that are `right` say it is.
     pub(super) fn observed(&self, camera: usize, right: &[usize]) -> Vec<Observed> {
         let lines = &self.lines[camera];
+        let (mut rays, mut gaps_m): (Vec<Ray>, Vec<f64>) = (Vec::new(), Vec::new());
         let all = self.points.iter().zip(&self.keypoints);
         let observed = all.filter_map(|(point, &keypoint)| {
             let (_, shown) = point.iter().find(|(of, _)| *of == camera)?;
             let others = point.iter().filter(|(of, _)| {
                 right.contains(of) && self.viewpoints[*of] != self.viewpoints[camera]
             });
-            let rays = others.map(|&(of, y)| {
-                let lines = &self.lines[of];
-                (lines.center_m, lines.world(y).normalize())
-            });
-            let rays: Vec<Ray> = rays.collect();
+            rays.clear();
+            rays.extend(others.map(|&(of, y)| self.ray(of, y)));
             let mut in_camera_m = None;
-            let gaps_m = gaps_m(&rays, |_, place_m, gap_m| {
+            find_gaps_m(&rays, &mut gaps_m, |_, place_m, gap_m| {
                 in_camera_m = Some(lines.in_camera(place_m));
                 gap_m
             });
@@ -142,17 +140,34 @@ impl<'a> LensPoints<'a> {
         &self.known
     }
 
+    /// The lines of sight of every point, as they are calibrated.
+    fn lines_of_sight(&self) -> Vec<Vec<Ray>> {
+        let ray = |&(camera, y): &(usize, Vector2<f64>)| self.ray(camera, y);
+        let of = |point: &Point| point.iter().map(ray).collect();
+        self.points.iter().map(of).collect()
+    }
+
+    fn ray(&self, camera: usize, y: Vector2<f64>) -> Ray {
+        let lines = &self.lines[camera];
+        (lines.center_m, lines.world(y).normalize())
+    }
+
     /// What the lines of sight cost, 0 to 1, where a place `y` in the picture of a camera is by another lens at
-    /// `changed(camera, y)`.
-    fn mean_cost(&self, changed: impl Fn(usize, Vector2<f64>) -> Vector2<f64>) -> f64 {
+    /// `changed(camera, y)`; `None` where it has the one that is calibrated, whose lines of sight these are.
+    fn mean_cost(
+        &self,
+        calibrated: &[Vec<Ray>],
+        changed: impl Fn(usize, Vector2<f64>) -> Option<Vector2<f64>>,
+    ) -> f64 {
         let (mut sum, mut n) = (0.0, 0);
-        for point in &self.points {
-            let rays = point.iter().map(|&(camera, y)| {
-                let lines = &self.lines[camera];
-                (lines.center_m, lines.world(changed(camera, y)).normalize())
-            });
-            let rays: Vec<Ray> = rays.collect();
-            for gap_m in gaps_m(&rays, |_, _, gap_m| gap_m) {
+        let (mut rays, mut gaps_m): (Vec<Ray>, Vec<f64>) = (Vec::new(), Vec::new());
+        for (point, calibrated) in self.points.iter().zip(calibrated) {
+            rays.clear();
+            rays.extend(point.iter().zip(calibrated).map(|(&(camera, y), known)| {
+                changed(camera, y).map_or(*known, |place| self.ray(camera, place))
+            }));
+            find_gaps_m(&rays, &mut gaps_m, |_, _, gap_m| gap_m);
+            for &gap_m in &gaps_m {
                 sum += cost(gap_m);
                 n += 1;
             }
@@ -300,11 +315,23 @@ fn shown_by<'a>(
 
 /// How far each line of sight passes the point that is nearest to them all, metres; infinite where they are parallel.
 /// `counted(ray, place_m, gap_m)` is what the distance to that point, world, counts as.
-fn gaps_m(rays: &[Ray], mut counted: impl FnMut(usize, &Vector3<f64>, f64) -> f64) -> Vec<f64> {
-    let mut gaps_m = vec![0.0; rays.len()];
+fn gaps_m(rays: &[Ray], counted: impl FnMut(usize, &Vector3<f64>, f64) -> f64) -> Vec<f64> {
+    let mut gaps_m = Vec::new();
+    find_gaps_m(rays, &mut gaps_m, counted);
+    gaps_m
+}
+
+/// The same into `gaps_m`, which is overwritten.
+fn find_gaps_m(
+    rays: &[Ray],
+    gaps_m: &mut Vec<f64>,
+    mut counted: impl FnMut(usize, &Vector3<f64>, f64) -> f64,
+) {
+    gaps_m.clear();
+    gaps_m.resize(rays.len(), 0.0);
     for _ in 0..=ROUNDS {
         let (mut matrix, mut vector) = (Matrix3::zeros(), Vector3::zeros());
-        for ((origin_m, unit), gap_m) in rays.iter().zip(&gaps_m) {
+        for ((origin_m, unit), gap_m) in rays.iter().zip(gaps_m.iter()) {
             let off: f64 = gap_m / WEIGHT_M;
             let weight = 1.0 / ((1.0 + off * off) * (1.0 + off * off));
             let across = weight * (Matrix3::identity() - unit * unit.transpose());
@@ -312,13 +339,13 @@ fn gaps_m(rays: &[Ray], mut counted: impl FnMut(usize, &Vector3<f64>, f64) -> f6
             vector += across * origin_m;
         }
         let Some(place_m) = matrix.try_inverse().map(|inverse| inverse * vector) else {
-            return vec![f64::INFINITY; rays.len()];
+            gaps_m.fill(f64::INFINITY);
+            return;
         };
-        for (index, ((origin_m, unit), gap_m)) in rays.iter().zip(&mut gaps_m).enumerate() {
+        for (index, ((origin_m, unit), gap_m)) in rays.iter().zip(gaps_m.iter_mut()).enumerate() {
             let to_m = place_m - origin_m;
             let off_m = (to_m - unit * unit.dot(&to_m)).norm();
             *gap_m = counted(index, &place_m, off_m);
         }
     }
-    gaps_m
 }

@@ -2,9 +2,9 @@
 
 use farfield_proto::tick::Tick;
 
-use super::super::geometry::SightLines;
 use super::super::samples::{Burst, Trail};
-use super::{KeypointHalf, LATE_DIFFERENCE_TICKS, LATE_TICKS, Shift, is_same, shifts};
+use super::curves::{CurvePart, ShiftCosts};
+use super::{KeypointHalf, LATE_DIFFERENCE_TICKS, LATE_TICKS, Shift, is_same, shifts_of};
 
 /// Least time between the first and the last burst that tells a rate, minutes.
 const LEAST_DRIFT_MINUTES: f64 = 0.08;
@@ -27,13 +27,18 @@ impl BurstShifts {
 }
 
 /// Those of all bursts.
-pub(in crate::camera_agreement) fn shifts_by_burst(
-    bursts: &[&Burst],
-    lines: &[SightLines],
-    rate_hz: f64,
-) -> Vec<BurstShifts> {
-    let of = |burst: &&Burst| {
-        let half = |half| shifts(&[burst], lines, (rate_hz, half));
+pub(in crate::camera_agreement) fn shifts_by_burst(costs: &mut ShiftCosts<'_>) -> Vec<BurstShifts> {
+    let bursts: Vec<_> = costs.bursts().enumerate().collect();
+    let of = |(index, burst): (usize, &Burst)| {
+        let mut half = |half| {
+            shifts_of(
+                costs,
+                CurvePart {
+                    half,
+                    burst: Some(index),
+                },
+            )
+        };
         let n_ticks = burst.trails.iter().map(Trail::len).max().unwrap_or(0);
         BurstShifts {
             ticks: [burst.first, burst.first + n_ticks.cast_signed() as i64],
@@ -41,7 +46,7 @@ pub(in crate::camera_agreement) fn shifts_by_burst(
             even: half(KeypointHalf::Even),
         }
     };
-    bursts.iter().map(of).collect()
+    bursts.into_iter().map(of).collect()
 }
 
 /// How a camera drifts.
