@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{Estimator, joints_of};
-use crate::body::skeleton::{Pose, Skeleton};
+use crate::body::skeleton::{Kinematics, Pose, Skeleton};
 use crate::estimate::predict::Motion;
 use crate::estimate::uncertainty::UncertaintySnapshot;
 use crate::method::Method;
@@ -33,6 +33,16 @@ impl Estimator {
         estimate.motion = Motion::at_rest(joints_m);
         estimate.filter.reset(&joints_m);
         estimate.measured_m = joints_m;
+    }
+
+    /// Whether a search within `half_width_m` of where the keypoints are finds them in another `pose`.
+    pub(crate) fn reaches(&self, pose: &Pose, half_width_m: f64) -> bool {
+        let mut there = Kinematics::default();
+        self.body.skeleton.forward(pose, &mut there);
+        let sites = self.body.sites.iter().flatten();
+        let mut off_m =
+            sites.map(|site| there.site_m(site) - self.estimate.kinematics.site_m(site));
+        off_m.all(|off_m| off_m.amax() < half_width_m)
     }
 
     /// Moves the whole body at `velocity_m_s` (world) from here.

@@ -22,8 +22,8 @@ use crate::method::Method;
 use crate::sightings::contradiction::DetectionPass;
 use crate::sightings::finder::{KnownBody, SightedPerson};
 
-/// A person that is sighted this near to where it is carried is there already, metres: the lattice
-/// finds it by itself.
+/// A person that is sighted this near to where it is carried is there already, metres, where its limbs are, too: the
+/// lattice finds it by itself.
 const IN_PLACE_M: f64 = 0.1;
 /// Longest absence after which the way back tells the speed, seconds: later people have turned.
 const STRAIGHT_S: f64 = 1.5;
@@ -255,7 +255,8 @@ impl Track {
             return false;
         };
         estimator.evidence.estimates = person.estimates();
-        if (pose.root_m - estimator.pose().root_m).norm() < IN_PLACE_M {
+        let is_near = (pose.root_m - estimator.pose().root_m).norm() < IN_PLACE_M;
+        if is_near && estimator.reaches(&pose, method.parameters.lattice.half_width_m) {
             estimator.update_uncertainty(method.dt_s, method);
             return true;
         }

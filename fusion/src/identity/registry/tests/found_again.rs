@@ -3,7 +3,7 @@
 use super::*;
 use crate::body::skeleton::N_JOINTS;
 use crate::identity::phase::Phase;
-use crate::sightings::finder::SightedPerson;
+use crate::sightings::finder::{SightedKeypoint, SightedPerson};
 
 const STATURE_M: f64 = 1.75;
 
@@ -106,6 +106,31 @@ fn who_is_taken_back_says_how_sure_it_is_at_every_tick() {
         last_m = unsure_m(&stage.registry.published()[0]);
     }
     assert!(last_m < carried_m, "{carried_m} m, {last_m} m");
+}
+
+#[test]
+fn who_comes_back_in_its_place_with_an_arm_raised_has_it_raised_at_once() {
+    const SHOULDER_ELBOW_WRIST: [usize; 3] = [5, 7, 9];
+    let mut stage = just_found();
+    let mut body = person(0.0, 0.0, STATURE_M);
+    let [shoulder, elbow, wrist] = SHOULDER_ELBOW_WRIST;
+    let lengths_m = [(shoulder, elbow), (elbow, wrist)].map(|(a, b)| (body[a] - body[b]).norm());
+    body[elbow] = body[shoulder] + Vector3::z() * lengths_m[0];
+    body[wrist] = body[elbow] + Vector3::z() * lengths_m[1];
+    let sighted = |position_m: &Vector3<f64>| SightedKeypoint {
+        position_m: *position_m,
+        score: 1.0,
+        views: 4,
+    };
+    let raised = SightedPerson {
+        keypoints_m: body.iter().map(|point_m| Some(sighted(point_m))).collect(),
+        views: 4,
+    };
+    let (tick, method) = (stage.tick, stage.method.clone());
+    let track = &mut stage.registry.tracks_mut()[0];
+    assert!(track.take_back(&raised, tick, &method));
+    let off_m = (track.estimator.keypoints_m()[wrist] - body[wrist]).norm();
+    assert!(off_m < 0.1, "{off_m} m");
 }
 
 #[test]
