@@ -20,6 +20,11 @@ impl Estimator {
         self.estimate.uncertainty.adrift_m()
     }
 
+    /// How far, per axis, the person is from where it is carried since nothing shows it, metres: one standard deviation.
+    pub fn carried_off_m(&self) -> f64 {
+        self.estimate.uncertainty.carried_off_m()
+    }
+
     /// Low-pass filter on the innovation, paper (13). Without evidence the person coasts, and so does a
     /// limb.
     pub fn smooth(&mut self, method: &Method) {

@@ -118,6 +118,8 @@ pub struct Uncertainty {
     made_of: MadeOf,
     /// How far the body as a whole may at most be from where it is carried.
     at_most_m2: f64,
+    /// How far it is from there: the variance.
+    carried_off_m2: f64,
     /// Of the pelvis, when the person was last seen.
     speed_m_s: f64,
 }
@@ -135,6 +137,7 @@ impl Default for Uncertainty {
             variance_factor: 1.0,
             made_of: MadeOf::Views,
             at_most_m2: 0.0,
+            carried_off_m2: 0.0,
             speed_m_s: 0.0,
         }
     }
@@ -165,6 +168,15 @@ impl Uncertainty {
     pub fn adrift_m(&self) -> f64 {
         match self.made_of {
             MadeOf::Motion => self.at_most_m2.sqrt(),
+            MadeOf::Views | MadeOf::OneView => 0.0,
+        }
+    }
+
+    /// How far, per axis, the body as a whole is from where it is carried since nothing shows it, metres: one standard
+    /// deviation.
+    pub fn carried_off_m(&self) -> f64 {
+        match self.made_of {
+            MadeOf::Motion => self.carried_off_m2.sqrt(),
             MadeOf::Views | MadeOf::OneView => 0.0,
         }
     }
@@ -209,6 +221,8 @@ impl Uncertainty {
 
     fn coast(&mut self, coast_decay_s: f64) {
         let seen = [&self.by_two, &self.by_any].map(|seen| (seen, seen.body_m2(coast_decay_s)));
+        let [(_, by_two_m2), (_, by_any_m2)] = seen;
+        self.carried_off_m2 = by_two_m2.min(by_any_m2);
         for joint in Joint::ALL {
             let [by_two_m2, by_any_m2] =
                 seen.map(|(seen, body_m2)| seen.ahead_m2(joint, body_m2, self.speed_m_s));

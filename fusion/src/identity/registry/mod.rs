@@ -34,6 +34,10 @@ use crate::body::observed::ObservedJoints;
 use crate::method::Method;
 use crate::sightings::finder::PersonFinder;
 
+/// How far, per axis, whom nothing shows may be from where it is carried to have a pose, metres: half a metre on the
+/// floor. Farther off is where the next one may stand.
+const CARRIED_OFF_M: f64 = 0.35;
+
 /// What became of everybody after a tick.
 pub struct Outcome {
     /// The tentative ticks of those who are confirmed now, but for the tick itself.
@@ -162,9 +166,11 @@ impl Registry {
         self.scheduler.look_ahead(ticks);
     }
 
-    /// The poses of those who are confirmed, by id.
+    /// The poses of those who are confirmed, by id; without those whom nothing has shown for so long that they may be
+    /// anywhere.
     pub fn published(&self) -> Vec<PersonPose> {
         let confirmed = self.tracks.iter().filter(|track| !track.is_tentative());
+        let confirmed = confirmed.filter(|track| track.estimator.carried_off_m() < CARRIED_OFF_M);
         let mut poses: Vec<PersonPose> = confirmed.map(Track::published).collect();
         // Who was recognised has an older id than its place.
         poses.sort_by_key(|pose| pose.person);

@@ -134,6 +134,25 @@ fn who_comes_back_in_its_place_with_an_arm_raised_has_it_raised_at_once() {
 }
 
 #[test]
+fn who_runs_and_is_lost_has_no_pose_once_it_may_be_half_a_metre_off_and_is_carried_on() {
+    const SPEED_M_S: f64 = 3.0;
+    let mut stage = HallFixture::new();
+    let ticks = (2.0 * RATE_HZ) as u32;
+    for i in 0..ticks {
+        let x_m = -3.0 + SPEED_M_S * f64::from(i) / RATE_HZ;
+        stage.step(&[person(x_m, 0.0, STATURE_M)]);
+    }
+    let mut carried = 0;
+    while !stage.registry.published().is_empty() {
+        stage.step_seen_by(&[], &[]);
+        carried += 1;
+    }
+    let carried_s = f64::from(carried) / RATE_HZ;
+    assert!((0.3..0.8).contains(&carried_s), "{carried_s} s");
+    assert_eq!(stage.registry.tracks().len(), 1, "it may be found again");
+}
+
+#[test]
 fn a_sighting_that_gives_no_pose_revives_nobody() {
     let mut stage = just_found();
     let method = stage.method.clone();
