@@ -12,6 +12,24 @@ use toml::Value;
 
 use crate::output;
 
+/// What to do about parameters that are set far from their defaults.
+pub(crate) const FAR_REMEDY: &str = "take them out of the venue file, or of `--set`, unless they are meant: `farfield parameters` says what each does";
+
+/// Which parameters are set far from their defaults, in a line; `None` where none is.
+pub(crate) fn far_parameters(parameters: &Parameters) -> Option<String> {
+    let far: Vec<String> = parameters
+        .far_from_defaults()
+        .iter()
+        .map(ToString::to_string)
+        .collect();
+    let sets = if far.len() == 1 {
+        "a parameter is set"
+    } else {
+        "parameters are set"
+    };
+    (!far.is_empty()).then(|| format!("{sets} far from the default: {}", far.join(", ")))
+}
+
 /// Arguments of `farfield parameters`.
 #[derive(Debug, Args)]
 pub(crate) struct ParametersArgs {
@@ -157,6 +175,19 @@ mod tests {
             );
         }
         assert_eq!(text.lines().count(), PARAMETERS.len() + 5);
+    }
+
+    #[test]
+    fn parameters_that_are_far_from_their_defaults_are_one_line() {
+        let mut parameters = Parameters::default();
+        assert_eq!(far_parameters(&parameters), None);
+        parameters.ik.change_sigma_rad = 100.0;
+        parameters.smoothing.cutoff_hz = 0.01;
+        assert_eq!(
+            far_parameters(&parameters).unwrap(),
+            "parameters are set far from the default: [tuning] ik.change_sigma_rad is 100.0 rad, the default 0.25, \
+             [tuning] smoothing.cutoff_hz is 0.01 Hz, the default 1.5"
+        );
     }
 
     #[test]

@@ -23,6 +23,7 @@ use farfield_sim::simulated::VenueSources;
 
 use crate::keys::look_at_keys;
 use crate::listeners::wanted::look_at_streams;
+use crate::parameters::{FAR_REMEDY, far_parameters};
 use crate::report_lines::{ReportForm, ReportLines, Verdict};
 
 use self::opened::open_all;
@@ -111,6 +112,9 @@ fn look_at_venue(venue: &Venue, path: &Path, report: &mut ReportLines) {
             error.to_string(),
             "give the viewpoint another `name`",
         ),
+    }
+    if let Some(words) = far_parameters(&venue.parameters) {
+        report.warn("venue", words, FAR_REMEDY);
     }
 }
 

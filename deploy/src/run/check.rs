@@ -25,6 +25,7 @@ use super::place::ListenPlace;
 use super::values::changed_venue;
 use crate::listeners::{ListenerArgs, wanted};
 use crate::overlay::overlay_ticks;
+use crate::parameters::{FAR_REMEDY, far_parameters};
 use crate::recorded_rates::{held_keypoints, odd_rates};
 
 /// How far apart recordings of different rates may be at the end of a run, ticks.
@@ -123,6 +124,9 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     }
     check_viewpoints(&venue, &args.venue).map_err(NodeError::refused)?;
     check_calibration(&venue, &venue.calibration_path)?;
+    if let Some(words) = far_parameters(&venue.parameters) {
+        say(format_args!("doubtful: {words}; {FAR_REMEDY}"));
+    }
     let infos = probe_sources(&sources, &venue, &venue.cameras).map_err(NodeError::refused)?;
     let pace = if args.live {
         RunPace::Live

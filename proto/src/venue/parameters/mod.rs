@@ -6,12 +6,14 @@
 
 mod choices;
 mod declare;
+mod far;
 mod sample;
 mod table;
 
 use std::fmt;
 
 pub use choices::{CameraChoice, Predictor};
+pub use far::FarParameter;
 pub use sample::sample;
 pub(super) use table::ParameterTables;
 pub use table::*;
