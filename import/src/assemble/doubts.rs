@@ -74,6 +74,11 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Re
         };
         points().filter(is_outside).count() as f64 / points().count().max(1) as f64
     };
+    if camera.frames.len() == 1 {
+        doubt(format!(
+            "all its {n_people} people are in one frame: has each picture a number of its own (COCO: `image_id`)?"
+        ));
+    }
     let share = outside(width, height);
     if share > MANY_OUTSIDE {
         let turned = if outside(height, width) <= MANY_OUTSIDE {
@@ -192,6 +197,19 @@ mod tests {
         assert!(swapped.contains("swapped"), "{swapped}");
         let upside_down = said(&camera([640, 640], |x, y| (x, 640.0 - y)));
         assert!(upside_down.contains("on their heads"), "{upside_down}");
+    }
+
+    #[test]
+    fn people_who_are_all_in_one_frame_are_doubted() {
+        let mut camera = camera([640, 640], |x, y| (x, y));
+        let people: Vec<Person> = std::mem::take(&mut camera.frames)
+            .into_values()
+            .flatten()
+            .collect();
+        camera.frames.insert(0, people);
+        assert!(said(&camera).contains("all its 20 people are in one frame"));
+        camera.frames.entry(0).or_default().truncate(9);
+        assert_eq!(said(&camera), "");
     }
 
     #[test]
