@@ -212,7 +212,8 @@ impl Hall {
         AgreementSamples {
             cameras: Arc::new(cameras),
             samples,
-            standing: Standing::of(vec![self.stature_m(); 20], vec![[self.floor_m; 2]; 20]),
+            standing: Standing::of(&[self.stature_m(); 2], vec![[self.floor_m; 2]; 20]),
+            given: GivenPeople::nobody(),
         }
     }
 

@@ -39,6 +39,15 @@ impl SightLines {
         }
     }
 
+    /// The same lens where the other camera stands.
+    pub(super) fn standing_as(&self, other: &Self) -> Self {
+        Self {
+            center_m: other.center_m,
+            world_from_camera: other.world_from_camera,
+            ..self.clone()
+        }
+    }
+
     /// Where the undistorted pixel (x, y) points, world; as long as it takes to come one metre deeper.
     pub(super) fn direction(&self, pixel: [f32; 2]) -> Vector3<f64> {
         self.world(self.normalised(pixel))

@@ -8,12 +8,15 @@ pub(super) mod before;
 pub(super) mod exchanged;
 mod far_off;
 mod held;
+mod kind_of_lens;
 mod lateness;
 mod lenses_swapped;
 mod numbers;
 mod one_person_each;
+mod permuted;
 mod pictures;
 mod pictures_of_all;
+mod places_swapped;
 pub(super) mod sides;
 #[cfg(test)]
 mod tests;
@@ -203,11 +206,14 @@ impl<'a> Judge<'a> {
         self.find_frozen(&mut report.disagreements, told);
         self.find_silent(&mut report.disagreements, told);
         self.find_jumps(&mut report.disagreements, told);
+        self.find_no_fisheyes(&mut report.disagreements, told);
         let (samples, bursts) = self.without(&self.doubtful_witnesses());
         let bursts: Vec<&Burst> = bursts.iter().map(AsRef::as_ref).collect();
         let points = self.lens_points(&bursts, &samples);
         let points = points.as_ref();
+        self.find_permuted(&mut report.disagreements, told);
         self.find_lenses_swapped(points, &mut report.disagreements, told);
+        self.find_places_swapped(&mut report.disagreements, told);
         for group in self.groups(told) {
             self.judge_group(&group, points, &mut report.disagreements, told);
         }

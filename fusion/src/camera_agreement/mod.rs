@@ -41,6 +41,7 @@ use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
 use farfield_proto::message::agreement::{AgreementVerdict, CameraAgreement};
+use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use farfield_proto::venue::{Field, Venue};
@@ -54,6 +55,7 @@ pub use self::report::{
 use self::geometry::SightLines;
 use self::judge::exchanged::ExchangeVotes;
 use self::judge::{Judge, sides};
+use self::nobody::given::GivenPeople;
 use self::pairs::Partners;
 use self::samples::Samples;
 use self::standing::Standing;
@@ -97,6 +99,7 @@ pub struct AgreementWatch {
     cameras: Arc<AgreementCameras>,
     samples: Samples,
     standing: Standing,
+    given: GivenPeople,
 }
 
 /// What was kept, for whoever judges it.
@@ -105,6 +108,7 @@ pub struct AgreementSamples {
     cameras: Arc<AgreementCameras>,
     samples: Samples,
     standing: Standing,
+    given: GivenPeople,
 }
 
 impl AgreementWatch {
@@ -135,13 +139,19 @@ impl AgreementWatch {
                 field: venue.field,
                 births: venue.parameters.births.clone(),
             }),
-            standing: Standing::new(keypoints, venue.field.floor_m),
+            standing: Standing::new(keypoints, venue),
+            given: GivenPeople::of(venue),
         }
     }
 
     /// Keeps what crops show of the people who are followed at `tick`; before their peaks are assigned.
     pub(crate) fn note_views(&mut self, tick: Tick, tracks: &[Track]) {
         self.samples.note_views(tick, tracks);
+    }
+
+    /// Keeps what became of those who are given by hand.
+    pub(crate) fn note_given(&mut self, tick: Tick, events: &[IdentityEvent], tracks: &[Track]) {
+        self.given.note(tick, events, tracks);
     }
 
     /// Keeps whom a detection pass found, where people are, and now and then how tall those are who are followed, and how
@@ -170,6 +180,7 @@ impl AgreementWatch {
             cameras: Arc::clone(&self.cameras),
             samples: self.samples.so_far(),
             standing: self.standing.clone(),
+            given: self.given.clone(),
         }
     }
 }
@@ -210,18 +221,26 @@ impl AgreementSamples {
             )
         };
         let is_whole = !report.disagreements.iter().any(is_of_all);
-        let scale = standing.doubtful_scale(factor_of_all(&report));
+        let factor = factor_of_all(&report);
+        let is_of_lenses = is_alone || factor.is_some() && report.disagreements.len() == 1;
+        let scale = standing.doubtful_scale(factor.unwrap_or(1.0), is_of_lenses);
         let scale = scale.filter(|_| is_whole);
-        if let Some(cause) = scale.or_else(floor) {
-            let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
-            report.disagreements.push(Disagreement {
-                cameras: Vec::new(),
-                cause,
-                found,
-                remedy,
-            });
+        let of_people = scale.or_else(floor).into_iter();
+        for cause in of_people.chain(self.given.unseen()) {
+            report.disagreements.push(self.of_all(cause));
         }
         report
+    }
+
+    /// Something that no camera is named for.
+    fn of_all(&self, cause: DisagreementCause) -> Disagreement {
+        let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
+        Disagreement {
+            cameras: Vec::new(),
+            cause,
+            found,
+            remedy,
+        }
     }
 
     /// Which keypoints are exchanged in all cameras.
@@ -257,15 +276,7 @@ impl AgreementSamples {
                 *camera = CameraAgreement::default();
             }
         }
-        all.insert(
-            0,
-            Disagreement {
-                cameras: Vec::new(),
-                cause,
-                found,
-                remedy,
-            },
-        );
+        all.insert(0, self.of_all(cause));
     }
 
     /// How far right and down keypoints are in the pictures, as shares of these.
@@ -321,13 +332,13 @@ impl AgreementSamples {
     }
 }
 
-/// By how much people seem larger for the focal lengths of several cameras: 1 where nothing is told of them.
-fn factor_of_all(report: &AgreementReport) -> f64 {
+/// By how much people seem larger for the focal lengths of several cameras, where something is told of these.
+fn factor_of_all(report: &AgreementReport) -> Option<f64> {
     let factor = |told: &Disagreement| match told.cause {
         DisagreementCause::FocalLength { factor } if told.cameras.len() > 1 => Some(factor),
         _ => None,
     };
-    report.disagreements.iter().find_map(factor).unwrap_or(1.0)
+    report.disagreements.iter().find_map(factor)
 }
 
 /// Per keypoint the one on the other side of the body; itself where there is none.

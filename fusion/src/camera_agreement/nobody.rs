@@ -1,5 +1,7 @@
 //! Why nobody was found, or not all, in words.
 
+pub(super) mod given;
+
 use std::cmp::Reverse;
 
 use super::report::{AgreementReport, SightedReport};
@@ -79,7 +81,7 @@ impl SightedReport {
         let counts = counts.collect::<Vec<_>>().join(", ");
         if seeing.is_empty() {
             return vec![
-                "no camera sighted anybody: is the detector the right one, are people in the pictures, and at least 48 px tall there?"
+                "no camera sighted anybody: is the detector the right one, with the `person_class` and the `normalize` of its card as it was trained, are people in the pictures, and at least 48 px tall there?"
                     .to_owned(),
             ];
         }

@@ -150,6 +150,8 @@ pub enum DisagreementCause {
     HalfTurned,
     /// Two cameras have each other's pictures, or each other's calibration.
     Swapped,
+    /// Three cameras or more have each other's pictures: each fits the calibration of the next, the last that of the first.
+    Permuted,
     /// Two cameras show the same picture.
     SamePictures,
     /// The pictures fit the calibration of another camera.
@@ -205,10 +207,21 @@ pub enum DisagreementCause {
     },
     /// Two cameras have each other's lenses: the matrix and the distortions of the calibration, not where they stand.
     LensesSwapped,
-    /// People have sizes that people do not have: the unit of the calibration.
+    /// Two cameras have each other's places: rotation and translation of the calibration, not the lenses.
+    PlacesSwapped,
+    /// Lenses are of the other kind than calibrated: of one camera, or of all that are called that kind.
+    LensKind {
+        /// Whether they seem to be fisheyes, and are not called so.
+        fisheye: bool,
+    },
+    /// People have sizes that people do not have: the unit of the calibration, or its scale.
     WorldScale {
         /// Median stature of all people, metres.
         stature_m: f64,
+        /// How many were measured.
+        people: usize,
+        /// The shortest and the tallest of them, metres.
+        range_m: [f64; 2],
     },
     /// The floor on which people stand is tilted, and so are they: z of the calibration is not up.
     WorldTilted {
@@ -229,6 +242,13 @@ pub enum DisagreementCause {
     PosesElsewhere {
         /// What keypoints cost against poses, 0 to 1: one half where they are 6 cm apart.
         cost: f64,
+    },
+    /// Somebody is given by hand where no two viewpoints saw anybody then.
+    GivenUnseen {
+        /// When.
+        tick: i64,
+        /// Where: the middle of the keypoints, world x and y, metres.
+        at_m: [f64; 2],
     },
     /// None of these explains it.
     Unexplained,

@@ -1,30 +1,27 @@
 //! How tall everybody is and how high everybody stands: what tells the unit of a calibration, and its floor, where all
 //! cameras agree with each other.
 
+mod ankles;
+mod statures;
 mod tilt;
 
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::order_statistics::{mean_median, percentile, upper_median};
-
+use farfield_proto::order_statistics::{mean_median, percentile};
+use farfield_proto::venue::Venue;
 use nalgebra::Vector3;
 
+use self::ankles::AnkleHeights;
+use self::statures::Statures;
 use self::tilt::{Stance, tilt_rad};
 use super::report::DisagreementCause;
-use crate::body::observed::ObservedJoints;
-use crate::body::segment::stature_m;
 use crate::body::skeleton::{Joint, Joints};
 use crate::estimate::estimator::Estimator;
 use crate::identity::track::Track;
 
-/// Statures and heights that are kept, the newest.
+/// Heights that are kept, the newest.
 const MAX_KEPT: usize = 256;
 /// Places where somebody stood that are kept, the newest: of several people at an instant.
 const MAX_STANCES: usize = 1024;
-/// Least statures that tell the unit of a calibration.
-const MIN_STATURES: usize = 8;
-/// Median stature of everybody outside which the unit of the calibration is doubted, metres: school children are taller,
-/// and no team is.
-const STATURES_M: std::ops::RangeInclusive<f64> = 1.2..=2.15;
 /// Least instants that tell of the floor, and of one that is so far from everybody's feet, metres, that it is no jump.
 const MIN_INSTANTS: usize = 20;
 const FEW_INSTANTS: usize = 8;
@@ -58,51 +55,53 @@ pub(super) struct Standing {
     /// The keypoints at the ankles, where the network knows them.
     ankles: [Option<usize>; 2],
     floor_m: f64,
-    statures_m: Vec<f64>,
+    statures: Statures,
     /// Per instant how high the feet of those who stand are above the floor: of the lowest person, and of the highest.
     feet_m: Vec<[f64; 2]>,
     /// Where they stood, and how they leant.
     stances: Vec<Stance>,
+    ankle_heights: AnkleHeights,
 }
 
 impl Standing {
-    /// Nobody yet, above a floor at `floor_m`.
-    pub(super) fn new(keypoints: &KeypointSet, floor_m: f64) -> Self {
+    /// Nobody yet in the `venue`.
+    pub(super) fn new(keypoints: &KeypointSet, venue: &Venue) -> Self {
+        let statures = Statures::expecting(&venue.subjects);
+        Self::with(keypoints, venue.field.floor_m, statures)
+    }
+
+    fn with(keypoints: &KeypointSet, floor_m: f64, statures: Statures) -> Self {
         Self {
             ankles: ["left_ankle", "right_ankle"].map(|name| keypoints.index_of(name)),
             floor_m,
-            statures_m: Vec::with_capacity(MAX_KEPT),
+            statures,
             feet_m: Vec::with_capacity(MAX_KEPT),
             stances: Vec::with_capacity(MAX_STANCES),
+            ankle_heights: AnkleHeights::default(),
         }
     }
 
     /// People of these statures, whose feet are so high.
     #[cfg(test)]
-    pub(super) fn of(statures_m: Vec<f64>, feet_m: Vec<[f64; 2]>) -> Self {
+    pub(super) fn of(statures_m: &[f64], feet_m: Vec<[f64; 2]>) -> Self {
         Self {
-            statures_m,
             feet_m,
-            ..Self::new(&KeypointSet::coco17(), 0.0)
+            ..Self::with(&KeypointSet::coco17(), 0.0, Statures::of(statures_m))
         }
     }
 
     /// Keeps what the `tracks` are now.
     pub(super) fn note(&mut self, tracks: &[Track]) {
+        self.statures.begin();
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         let seen = tracks.iter().filter(|track| !track.is_tentative());
         for track in seen.filter(|track| track.estimator().n_views() >= MIN_VIEWS) {
             let joints_m = track.estimator().joints_m();
-            let mut body = ObservedJoints::default();
-            for (joint, position_m) in Joint::ALL.iter().zip(joints_m) {
-                body.set(*joint, *position_m, 1.0);
-            }
-            if let Some(stature_m) = stature_m([&body]) {
-                keep(&mut self.statures_m, stature_m, MAX_KEPT);
-            }
+            self.statures.note(track.id(), joints_m);
             if sees_both(track.estimator(), &self.ankles)
                 && let Some(foot_m) = foot_of_who_stands(joints_m)
             {
+                self.ankle_heights.note(track.id(), joints_m, self.floor_m);
                 let stance = Stance::of(joints_m, foot_m);
                 keep(&mut self.stances, stance, MAX_STANCES);
                 let above_m = foot_m.z - self.floor_m;
@@ -115,21 +114,24 @@ impl Standing {
     }
 
     /// That people have sizes which people do not have, also where they seem so many times as large as they are for what is known
-    /// already (or do not: beside each other cameras show them deeper instead).
-    pub(super) fn doubtful_scale(&self, larger: f64) -> Option<DisagreementCause> {
-        if self.statures_m.len() < MIN_STATURES {
-            return None;
-        }
-        let stature_m = upper_median(self.statures_m.clone())?;
-        let both_m = [stature_m, stature_m / larger];
-        let (low_m, high_m) = (*STATURES_M.start(), *STATURES_M.end());
-        let is_doubted = both_m.iter().all(|m| *m < low_m) || both_m.iter().all(|m| *m > high_m);
-        let cause = DisagreementCause::WorldScale { stature_m };
-        is_doubted.then_some(cause)
+    /// already.
+    pub(super) fn doubtful_scale(&self, larger: f64, is_alone: bool) -> Option<DisagreementCause> {
+        self.statures.doubtful_scale(larger, is_alone)
     }
 
     /// That all who stand do so under the floor, or nobody on it.
     pub(super) fn doubtful_floor(&self) -> Option<DisagreementCause> {
+        let above_m = self
+            .far_from_floor_m()
+            .or_else(|| self.ankle_heights.elsewhere_m())?;
+        Some(DisagreementCause::FloorHeight {
+            above_m,
+            floor_m: self.floor_m,
+        })
+    }
+
+    /// How high the feet of those who stand are above the floor, by the lowest points of all of them, metres.
+    fn far_from_floor_m(&self) -> Option<f64> {
         if self.feet_m.len() < FEW_INSTANTS {
             return None;
         }
@@ -148,10 +150,7 @@ impl Standing {
         };
         let above_m = mean_median(&told_m)?;
         let are_enough = told_m.len() >= MIN_INSTANTS || above_m.abs() >= FAR_FROM_FLOOR_M;
-        are_enough.then_some(DisagreementCause::FloorHeight {
-            above_m,
-            floor_m: self.floor_m,
-        })
+        are_enough.then_some(above_m)
     }
 
     /// That the world is tilted.
@@ -203,7 +202,7 @@ mod tests {
 
     /// What is found of people whose feet are so high, all at once.
     fn above_m(feet_m: impl Iterator<Item = [f64; 2]>) -> Option<f64> {
-        match Standing::of(Vec::new(), feet_m.collect()).doubtful_floor()? {
+        match Standing::of(&[], feet_m.collect()).doubtful_floor()? {
             DisagreementCause::FloorHeight { above_m, .. } => Some(above_m),
             other => panic!("{other:?}"),
         }
@@ -233,14 +232,6 @@ mod tests {
         assert_eq!(above_m((0..19).map(|_| [-0.4; 2])), None);
         assert_eq!(above_m((0..7).map(|_| [-1.0; 2])), None);
         assert!(above_m((0..9).map(|_| [-1.0; 2])).is_some());
-    }
-
-    #[test]
-    fn a_stature_is_doubted_beside_what_makes_people_seem_larger() {
-        let of = |stature_m: f64| Standing::of(vec![stature_m; 20], Vec::new());
-        assert!(of(1.17).doubtful_scale(1.0).is_some());
-        assert_eq!(of(1.17).doubtful_scale(0.67), None);
-        assert!(of(0.9).doubtful_scale(0.9).is_some());
     }
 
     /// The joints of a body of 1.8 m with these bends of both hips and knees, radians, turned so and with its pelvis so high.

@@ -200,7 +200,7 @@ fn people_of_half_their_size_tell_of_the_unit_of_the_calibration() {
     match report.disagreements.as_slice() {
         [
             Disagreement {
-                cause: DisagreementCause::WorldScale { stature_m },
+                cause: DisagreementCause::WorldScale { stature_m, .. },
                 found,
                 ..
             },

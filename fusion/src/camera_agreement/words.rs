@@ -37,6 +37,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
                 "exchange their sources in the venue file, or their names in the calibration".to_owned(),
             )
         }
+        DisagreementCause::Permuted => permuted(cameras),
         DisagreementCause::SamePictures => same_pictures(first, second),
         DisagreementCause::OtherCalibration => other_calibration(first, second),
         DisagreementCause::KeypointOrder { .. } if cameras.is_empty() => (
@@ -67,15 +68,28 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::LensesSwapped => lenses_swapped(first, second),
         DisagreementCause::Frozen { since_tick } => frozen(first, since_tick, rate_hz),
         DisagreementCause::Silent { since_tick } => silent(first, since_tick, rate_hz),
-        DisagreementCause::WorldScale { stature_m } => (
-            format!("everybody is {stature_m:.2} m tall"),
-            "is the calibration in metres? Scale its translations, or calibrate with an object of known size"
-                .to_owned(),
+        DisagreementCause::PlacesSwapped => (
+            format!("cameras {first} and {second} seem to have each other's places in the calibration"),
+            "exchange their `rotation` and `translation` there".to_owned(),
         ),
+        DisagreementCause::LensKind { fisheye } => lens_kind(cameras, fisheye),
+        DisagreementCause::WorldScale {
+            stature_m,
+            people,
+            range_m,
+        } => world_scale(stature_m, people, range_m),
         DisagreementCause::WorldTilted { degrees } => world_tilted(degrees),
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
         DisagreementCause::OnePersonEach => one_person_each(),
         DisagreementCause::PosesElsewhere { .. } => poses_elsewhere(),
+        DisagreementCause::GivenUnseen { tick, at_m: [x, y] } => (
+            format!(
+                "the person given at ({x:.2}, {y:.2}) m at tick {tick} was not seen there by two viewpoints: these poses are nobody's"
+            ),
+            "give in `[[person]]` where somebody stands at that tick, in metres of the calibration's world, or take it out where a \
+             detector finds people"
+                .to_owned(),
+        ),
         DisagreementCause::Unexplained => unexplained(cameras),
     }
 }
@@ -94,6 +108,19 @@ fn other_calibration(camera: &str, other: &str) -> (String, String) {
         ),
         "look whether the sources in the venue file and the names in the calibration belong together"
             .to_owned(),
+    )
+}
+
+fn permuted(cameras: &[String]) -> (String, String) {
+    let fits = cameras.iter().zip(cameras.iter().cycle().skip(1));
+    let fits = fits.map(|(camera, next)| format!("{camera} fits the calibration of {next}"));
+    (
+        format!(
+            "cameras {} have each other's pictures: {}",
+            cameras.join(", "),
+            fits.collect::<Vec<String>>().join(", ")
+        ),
+        "exchange their sources in the venue file, or their names in the calibration, so that each has its own".to_owned(),
     )
 }
 
@@ -122,6 +149,33 @@ fn lenses_swapped(first: &str, second: &str) -> (String, String) {
     )
 }
 
+/// What adults are tall on average, metres.
+const ADULT_M: f64 = 1.7;
+
+fn world_scale(stature_m: f64, people: usize, [low_m, high_m]: [f64; 2]) -> (String, String) {
+    let found = if people == 1 {
+        format!("the one person who was measured is {stature_m:.2} m tall")
+    } else if high_m - low_m < 0.01 {
+        format!("everybody is {stature_m:.2} m tall")
+    } else {
+        format!("everybody is {low_m:.2} to {high_m:.2} m tall ({people} people)")
+    };
+    let unless = match (stature_m < ADULT_M, people) {
+        (true, 1) => "unless this is a child",
+        (true, _) => "unless all of them are children",
+        (false, 1) => "unless this person is",
+        (false, _) => "unless all of them are",
+    };
+    (
+        found,
+        format!(
+            "{unless}: is the calibration in metres? Scale its translations (of adults by about {:.2}), or calibrate with an object of \
+             known size; who is to come can be said by `[[subject]]` with `stature_m`",
+            ADULT_M / stature_m.max(0.01)
+        ),
+    )
+}
+
 fn world_tilted(degrees: f64) -> (String, String) {
     (
         format!(
@@ -130,6 +184,33 @@ fn world_tilted(degrees: f64) -> (String, String) {
         "align the calibration anew, with z up: by the floor or by places in `farfield calibrate ... --marks`"
             .to_owned(),
     )
+}
+
+fn lens_kind(cameras: &[String], fisheye: bool) -> (String, String) {
+    let (of, seems, fisheyes) = match cameras {
+        [camera] => (format!("the lens of camera {camera}"), "seems", "fisheye"),
+        _ => {
+            let cameras = cameras.join(", ");
+            (
+                format!("the lenses of cameras {cameras}"),
+                "seem",
+                "fisheyes",
+            )
+        }
+    };
+    let (found, remedy) = if fisheye {
+        let a = if cameras.len() == 1 { "a " } else { "" };
+        (
+            format!("{of} {seems} to be {a}{fisheyes}, and the calibration does not say so"),
+            "with coefficients of OpenCV's fisheye model (k1 k2 k3 k4) say `fisheye = true` in the calibration, else calibrate with it",
+        )
+    } else {
+        (
+            format!("{of} {seems} to be no {fisheyes}, although the calibration says so"),
+            "with coefficients of an ordinary lens (k1 k2 p1 p2 k3) say `fisheye = false` in the calibration, else calibrate anew",
+        )
+    };
+    (found, remedy.to_owned())
 }
 
 fn focal_length(cameras: &[String], factor: f64) -> (String, String) {

@@ -59,10 +59,12 @@ pub(super) fn venue(
         tuning: raw.tuning,
     });
     parameters.check(file)?;
+    let tracked = field(file, raw.field.as_ref(), &cameras)?;
+    let around = (&tracked, parameters.births.outside_field_m);
     Ok(Venue {
-        field: field(file, raw.field.as_ref(), &cameras)?,
         court: court(file, raw.field.as_ref())?,
-        given_persons: given_persons(file, raw.person, raw.network.is_some())?,
+        given_persons: given_persons(file, raw.person, raw.network.is_some(), around)?,
+        field: tracked,
         streams: streams(file, raw.stream)?,
         subjects: subjects(file, raw.subject)?,
         endpoints: endpoints(file, raw.fusion)?,

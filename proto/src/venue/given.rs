@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use super::GivenPerson;
 use super::limits::{self, MAX_COORDINATE_M};
 use super::raw::RawPerson;
+use super::{Field, GivenPerson};
 use crate::keypoints::COCO17;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
@@ -17,10 +17,19 @@ const MIN_GIVEN_KEYPOINTS: usize = 5;
 const LEAST_EXTENT_M: f64 = 0.15;
 const MOST_EXTENT_M: f64 = 3.0;
 
+impl GivenPerson {
+    /// The middle of the keypoints, world, metres.
+    pub fn middle_m(&self) -> Vector3<f64> {
+        let sum_m: Vector3<f64> = self.keypoints_m.values().map(|m| Vector3::from(*m)).sum();
+        sum_m / self.keypoints_m.len().max(1) as f64
+    }
+}
+
 pub(super) fn given_persons(
     file: &TomlFile<'_>,
     raw: Vec<RawPerson>,
     has_network: bool,
+    (field, margin_m): (&Field, f64),
 ) -> Result<Vec<GivenPerson>, FileError> {
     let mut persons = Vec::new();
     for (i, RawPerson { tick, keypoints_m }) in raw.into_iter().enumerate() {
@@ -28,9 +37,26 @@ pub(super) fn given_persons(
         let tick = limits::tick(file, &person.key("tick"), tick)?;
         let place = person.key("keypoints_m");
         check_given(file, &place, &keypoints_m, has_network)?;
-        persons.push(GivenPerson { tick, keypoints_m });
+        let given = GivenPerson { tick, keypoints_m };
+        let inside = check_inside(&given.middle_m(), field, margin_m);
+        inside.map_err(|problem| file.error(&place, problem))?;
+        persons.push(given);
     }
     Ok(persons)
+}
+
+/// Who is given farther outside the field than people are followed is let go at once.
+fn check_inside(middle_m: &Vector3<f64>, field: &Field, margin_m: f64) -> Result<(), String> {
+    let Field { min_m, max_m, .. } = field;
+    let is_inside = |i: usize| (min_m[i] - margin_m..=max_m[i] + margin_m).contains(&middle_m[i]);
+    if (0..3).all(is_inside) {
+        return Ok(());
+    }
+    let [x, y, z]: [f64; 3] = (*middle_m).into();
+    Err(format!(
+        "found a body around ({x:.2}, {y:.2}, {z:.2}) m, expected one inside the field, {min_m:?} to {max_m:?}, or up to {margin_m} m \
+         outside it (`births.outside_field_m`)"
+    ))
 }
 
 fn check_given(

@@ -132,6 +132,7 @@ impl Judge<'_> {
     }
 }
 
-fn are_different(a: &CameraModel, b: &CameraModel) -> bool {
+/// Whether their lenses are not alike.
+pub(super) fn are_different(a: &CameraModel, b: &CameraModel) -> bool {
     a.intrinsics() != b.intrinsics() || a.lens() != b.lens()
 }

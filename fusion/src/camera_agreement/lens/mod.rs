@@ -1,9 +1,10 @@
 //! Where keypoints are seen by cameras of three viewpoints or more, and how well the lines of sight meet through other
-//! lenses: `distortion` of one camera or of all, `focal_lengths` of all.
+//! lenses: `distortion` of one camera or of all, `focal_lengths` of all, lenses of the other `kind`.
 
 mod blur;
 pub(super) mod distortion;
 pub(super) mod focal_lengths;
+pub(super) mod kind;
 
 use std::collections::BTreeMap;
 
@@ -150,6 +151,15 @@ impl<'a> LensPoints<'a> {
     fn ray(&self, camera: usize, y: Vector2<f64>) -> Ray {
         let lines = &self.lines[camera];
         (lines.center_m, lines.world(y).normalize())
+    }
+
+    /// How many of them each of `n` cameras shows.
+    fn counts(&self, n: usize) -> Vec<usize> {
+        let shows = |camera: usize| {
+            let own = |point: &&Point| point.iter().any(|(of, _)| *of == camera);
+            self.points.iter().filter(own).count()
+        };
+        (0..n).map(shows).collect()
     }
 
     /// What the lines of sight cost, 0 to 1, where a place `y` in the picture of a camera is by another lens at

@@ -42,3 +42,19 @@ fn a_person_given_by_hand_has_the_size_of_a_body() {
         "31: `person[0].keypoints_m`: found keypoints up to 1599.50 m apart, expected those of one body, 0.15 to 3 m: metres, in the world of the calibration",
     );
 }
+
+#[test]
+fn a_person_given_by_hand_stands_in_the_field_or_near_it() {
+    // Symptom to prevent: somebody given elsewhere was let go at the first tick, without a word.
+    let at = |y: &str, nose_y: &str| {
+        let moved = VENUE.replace(", 0.2, ", &format!(", {y}, "));
+        parse(&moved.replace("0.3, 1.6]", &format!("{nose_y}, 1.6]")))
+    };
+    let refused = at("50.2", "50.3").unwrap_err().to_string();
+    assert_eq!(
+        refused,
+        "venues/hall.toml:31: `person[0].keypoints_m`: found a body around (-0.02, 50.22, 1.16) m, expected one inside the field, \
+         [-12.0, -8.0, 0.0] to [12.0, 8.0, 2.5], or up to 1 m outside it (`births.outside_field_m`)"
+    );
+    assert!(at("8.5", "8.6").is_ok());
+}

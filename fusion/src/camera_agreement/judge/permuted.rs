@@ -1,0 +1,180 @@
+//! Whether three cameras or more have the sources of each other, all round: each fits the calibration of the next.
+//!
+//! Where none of them has its own calibration no camera is right that the others could be held to. So all orders of their
+//! calibrations are tried, and the one with which lines of sight meet best is taken, if it is clearly the best. Of cameras
+//! that stand symmetrically, and were exchanged as the symmetry says, nothing is wrong that could be seen: the world is turned.
+
+use std::collections::BTreeMap;
+
+use super::super::pairs::{CameraRays, PairAgreement, PictureChange};
+use super::super::report::{Disagreement, DisagreementCause};
+use super::{Judge, MIN_KEYPOINTS};
+
+/// Cameras that are tried: of so many there are 120 orders.
+const MOST: usize = 5;
+const LEAST: usize = 3;
+const BY_CHANCE: usize = 2;
+/// What the best order leaves of the cost, and what it leaves of that of the next best.
+const EXPLAINS: f64 = 0.5;
+const STANDS_OUT: f64 = 0.8;
+
+/// A camera, and whose calibration it is given.
+type Given = (usize, usize);
+
+impl Judge<'_> {
+    /// Cameras that have the sources of each other.
+    pub(super) fn find_permuted(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
+        for group in self.groups(told) {
+            let mut right = self.taken_for_right(&group);
+            if group.len() < LEAST + right.len() {
+                continue;
+            }
+            // Two may agree by chance.
+            if right.len() <= BY_CHANCE && group.len() <= MOST {
+                right.clear();
+            }
+            let outside = group.iter().filter(|camera| !right.contains(camera));
+            let outside: Vec<usize> = outside.copied().collect();
+            if outside.len() > MOST {
+                continue;
+            }
+            for cycle in self.cycles(&outside, &right) {
+                for &camera in &cycle {
+                    told[camera] = true;
+                }
+                let cause = if cycle.len() == 2 {
+                    DisagreementCause::Swapped
+                } else {
+                    DisagreementCause::Permuted
+                };
+                all.push(self.disagreement(&cycle, cause));
+            }
+        }
+    }
+
+    /// The cameras by whose calibrations each other's pictures fit, all round; none where no order is clearly the best.
+    fn cycles(&self, outside: &[usize], right: &[usize]) -> Vec<Vec<usize>> {
+        let table = CostTable::of(self, outside, right);
+        let own = table.cost(outside);
+        let mut costs: Vec<(f64, Vec<usize>)> = Vec::new();
+        permute(&mut outside.to_vec(), 0, &mut |order: &[usize]| {
+            if order != outside
+                && let Some(cost) = table.cost(order)
+            {
+                costs.push((cost, order.to_vec()));
+            }
+        });
+        costs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (Some(own), [(best, order), (next, _), ..]) = (own, &costs[..]) else {
+            return Vec::new();
+        };
+        let moved = outside.iter().zip(order).filter(|(a, b)| a != b).count();
+        if moved < LEAST || *best >= EXPLAINS * own || *best >= STANDS_OUT * next {
+            return Vec::new();
+        }
+        let fits: BTreeMap<usize, usize> =
+            outside.iter().copied().zip(order.iter().copied()).collect();
+        cycles_of(&fits)
+    }
+}
+
+/// What cameras cost beside each other with the calibrations of each other.
+struct CostTable {
+    outside: Vec<usize>,
+    right: Vec<usize>,
+    pairs: BTreeMap<(Given, Given), Option<f64>>,
+}
+
+impl CostTable {
+    fn of(judge: &Judge<'_>, outside: &[usize], right: &[usize]) -> Self {
+        let rays =
+            |(camera, calibrated): Given| judge.rays(camera, calibrated, PictureChange::AsItIs);
+        let both = outside
+            .iter()
+            .flat_map(|&a| outside.iter().map(move |&b| (a, b)));
+        let moved: Vec<(Given, CameraRays)> = both.map(|given| (given, rays(given))).collect();
+        let mut pairs = BTreeMap::new();
+        let cost = |one: &(Given, CameraRays), other: (Given, &CameraRays)| {
+            let is_apart = judge.are_apart(one.0.1, other.0.1) && one.0.0 != other.0.0;
+            let pair = is_apart.then(|| PairAgreement::of(&one.1, other.1));
+            pair.filter(|pair| pair.len() >= MIN_KEYPOINTS)
+                .map(|pair| pair.mean_cost())
+        };
+        for (index, one) in moved.iter().enumerate() {
+            for other in &moved[index + 1..] {
+                pairs.insert((one.0, other.0), cost(one, (other.0, &other.1)));
+            }
+            for &fixed in right {
+                let given = (fixed, fixed);
+                pairs.insert((one.0, given), cost(one, (given, &judge.as_it_is[fixed])));
+            }
+        }
+        Self {
+            outside: outside.to_vec(),
+            right: right.to_vec(),
+            pairs,
+        }
+    }
+
+    /// The mean over all pairs where the cameras have the calibrations of `order`; `None` where none can be compared.
+    fn cost(&self, order: &[usize]) -> Option<f64> {
+        let given: Vec<Given> = self
+            .outside
+            .iter()
+            .copied()
+            .zip(order.iter().copied())
+            .collect();
+        let among = given.iter().enumerate().flat_map(|(index, one)| {
+            let later = given[index + 1..].iter();
+            later.map(move |other| (*one, *other))
+        });
+        let fixed = given
+            .iter()
+            .flat_map(|one| self.right.iter().map(move |&right| (*one, (right, right))));
+        let costs = among.chain(fixed);
+        let costs = costs.filter_map(|pair| self.pairs.get(&pair).copied().flatten());
+        let costs: Vec<f64> = costs.collect();
+        (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
+    }
+}
+
+/// Tells every order of `all` from `from` on.
+fn permute(all: &mut Vec<usize>, from: usize, tell: &mut impl FnMut(&[usize])) {
+    if from == all.len() {
+        tell(&all[..]);
+        return;
+    }
+    for next in from..all.len() {
+        all.swap(from, next);
+        permute(all, from + 1, tell);
+        all.swap(from, next);
+    }
+}
+
+/// The rounds of who fits what: each fits the next, the last the first. Who fits itself is in none.
+fn cycles_of(fits: &BTreeMap<usize, usize>) -> Vec<Vec<usize>> {
+    let mut left = fits.clone();
+    let mut cycles = Vec::new();
+    while let Some((first, mut next)) = left.pop_first() {
+        let mut cycle = vec![first];
+        while let Some(after) = left.remove(&next) {
+            cycle.push(next);
+            next = after;
+        }
+        if cycle.len() > 1 {
+            cycles.push(cycle);
+        }
+    }
+    cycles
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounds_are_told_from_the_first_camera_on() {
+        let fits = [(0, 2), (1, 1), (2, 4), (3, 5), (4, 0), (5, 3)].into();
+        assert_eq!(cycles_of(&fits), [vec![0, 2, 4], vec![3, 5]]);
+    }
+}
