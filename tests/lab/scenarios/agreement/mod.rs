@@ -2,6 +2,7 @@
 
 mod displaced;
 mod in_part;
+mod people;
 mod scenes;
 mod shelf;
 mod treadmill;

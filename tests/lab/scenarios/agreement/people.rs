@@ -1,0 +1,172 @@
+//! What only people tell: the scale of a calibration, its floor, lenses that are called fisheyes, somebody given by hand who is
+//! not there.
+
+use std::fmt::Write as _;
+use std::fs;
+
+use serde_json::{Value, json};
+
+use super::{MistakenSample, warnings};
+use crate::farfield::{command, finish};
+
+/// The disagreements in the summary of a run with these mistakes.
+fn disagreements(sample: &MistakenSample) -> Vec<Value> {
+    sample.run(&[]);
+    let summary = fs::read_to_string(sample.path("out/summary.json")).unwrap();
+    let summary: Value = serde_json::from_str(&summary).unwrap();
+    let found = summary["agreement"]["disagreements"].as_array().unwrap();
+    for one in found {
+        println!("{}", one["found"].as_str().unwrap());
+    }
+    found.clone()
+}
+
+/// The text of a calibration in a world that is so many times as large.
+fn scaled(text: &str, factor: f64) -> String {
+    let lines = text.lines().map(|line| {
+        let Some(numbers) = line.strip_prefix("translation = ") else {
+            return format!("{line}\n");
+        };
+        let numbers: Vec<f64> = serde_json::from_str(numbers).unwrap();
+        let numbers: Vec<f64> = numbers.iter().map(|m| m * factor).collect();
+        format!("translation = {numbers:?}\n")
+    });
+    lines.collect()
+}
+
+#[test]
+fn a_scale_that_is_a_fifth_off_is_told_by_the_statures_of_everybody() {
+    for factor in [0.8, 1.2] {
+        let sample = MistakenSample::new().replace("calibration.toml", |text| scaled(text, factor));
+        let found = disagreements(&sample);
+        assert_eq!(found.len(), 1, "{factor}: {found:?}");
+        assert_eq!(found[0]["cause"], "world_scale", "{factor}");
+        assert_eq!(found[0]["people"], 2, "{factor}");
+        let remedy = found[0]["remedy"].as_str().unwrap();
+        let unless = if factor < 1.0 {
+            "unless all of them are children"
+        } else {
+            "unless all of them are"
+        };
+        assert!(remedy.starts_with(unless), "{factor}: {remedy}");
+    }
+    // Who is to come is known: nobody is surprised.
+    let expected = MistakenSample::new()
+        .replace("calibration.toml", |text| scaled(text, 0.8))
+        .replace("venue.toml", |text| {
+            text.to_owned() + "\n[[subject]]\nname = \"Ida\"\nstature_m = 1.35\n"
+        });
+    assert_eq!(disagreements(&expected), [] as [Value; 0]);
+}
+
+#[test]
+fn a_floor_that_is_a_hands_breadth_off_is_told_by_ankles() {
+    for floor_m in [0.13, 0.2, -0.16, -0.2] {
+        let sample = MistakenSample::new().replace("venue.toml", |text| {
+            text.replace("2.4]", &format!("2.4]\nfloor_m = {floor_m}"))
+        });
+        let found = disagreements(&sample);
+        assert_eq!(found.len(), 1, "{floor_m}: {found:?}");
+        assert_eq!(found[0]["cause"], "floor_height", "{floor_m}");
+        let above_m = found[0]["above_m"].as_f64().unwrap();
+        assert!((above_m + floor_m).abs() < 0.06, "{floor_m}: {above_m}");
+    }
+}
+
+#[test]
+fn lenses_that_are_called_fisheyes_are_named_alone_and_together() {
+    let all = MistakenSample::new().replace("calibration.toml", |text| {
+        text.replace("0.0, 0.0, 0.0]\nrotation", "0.0, 0.0]\nrotation")
+            .replace("fisheye = false", "fisheye = true")
+    });
+    let found = disagreements(&all);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(found[0]["cause"], "lens_kind");
+    assert_eq!(found[0]["fisheye"], false);
+    assert_eq!(found[0]["cameras"].as_array().unwrap().len(), 4);
+    let one = MistakenSample::new().replace("calibration.toml", |text| {
+        let (first, others) = text.split_once("\n\n").unwrap();
+        let first = first
+            .replace("0.0, 0.0, 0.0]\nrotation", "0.0, 0.0]\nrotation")
+            .replace("fisheye = false", "fisheye = true");
+        format!("{first}\n\n{others}")
+    });
+    let found = disagreements(&one);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(found[0]["cause"], "lens_kind");
+    assert_eq!(found[0]["cameras"], json!(["north-east"]));
+}
+
+/// The first person of the sample at its first tick, so far beside, as a venue gives it.
+fn given(sample: &MistakenSample, beside_m: [f64; 2]) -> String {
+    let truth = fs::read_to_string(sample.path("truth.jsonl")).unwrap();
+    let first: Value = serde_json::from_str(truth.lines().next().unwrap()).unwrap();
+    let tick = first["tick"].as_i64().unwrap();
+    let mut text = format!("\n[[person]]\ntick = {tick}\n[person.keypoints_m]\n");
+    for (name, at) in first["keypoints"].as_object().unwrap() {
+        let at: Vec<f64> = (0..3).map(|axis| at[axis].as_f64().unwrap()).collect();
+        let at = [at[0] + beside_m[0], at[1] + beside_m[1], at[2]];
+        writeln!(text, "{name} = {at:?}").unwrap();
+    }
+    text
+}
+
+#[test]
+fn somebody_given_where_nobody_is_is_told_of() {
+    for (beside_m, is_told) in [([0.0, 0.0], false), ([-2.0, 1.2], true)] {
+        let sample = MistakenSample::new();
+        let given = given(&sample, beside_m);
+        let sample = sample.replace("venue.toml", |text| text.to_owned() + &given);
+        let found = disagreements(&sample);
+        let causes: Vec<&Value> = found.iter().map(|one| &one["cause"]).collect();
+        let expected = if is_told {
+            vec!["given_unseen"]
+        } else {
+            vec![]
+        };
+        assert_eq!(causes, expected, "{beside_m:?}");
+    }
+}
+
+#[test]
+fn somebody_given_beside_the_field_is_refused() {
+    let sample = MistakenSample::new();
+    let given = given(&sample, [30.0, 0.0]);
+    let sample = sample.replace("venue.toml", |text| text.to_owned() + &given);
+    sample.write();
+    let mut run = command();
+    run.arg("run").arg(sample.path("venue.toml"));
+    let said = finish(&run.arg("--out").arg(sample.path("out")).output().unwrap());
+    assert_eq!(said.code, 2, "{}", said.stderr);
+    for words in [
+        "person[0].keypoints_m",
+        "found a body around (30.",
+        "inside the field",
+    ] {
+        assert!(said.stderr.contains(words), "{}", said.stderr);
+    }
+}
+
+#[test]
+fn parameters_that_are_far_from_their_defaults_are_told_before_a_run() {
+    let sample = MistakenSample::new();
+    let finished = sample.run(&["--set", "ik.change_sigma_rad=100", "--ticks", "0..10"]);
+    let line = "doubtful: a parameter is set far from the default: [tuning] ik.change_sigma_rad is 100.0 rad, the default 0.25;";
+    assert!(finished.stderr.contains(line), "{}", finished.stderr);
+    let sample = sample.replace("venue.toml", |text| {
+        text.to_owned() + "\n[tuning]\nlattice.min_support = 1.0\n"
+    });
+    let mut check = command();
+    check.arg("check").arg(sample.path("venue.toml"));
+    let said = finish(
+        &check
+            .arg("--out")
+            .arg(sample.path("pictures"))
+            .output()
+            .unwrap(),
+    );
+    assert_eq!(said.code, 0, "{}", said.stdout);
+    let line = "[tuning] lattice.min_support is 1.0, the default 0.08";
+    assert!(said.stdout.contains(line), "{}", said.stdout);
+    assert_eq!(warnings(&finished.stdout), [""; 0], "{}", finished.stdout);
+}
