@@ -262,7 +262,6 @@ impl AgreementSamples {
 
     /// Says what is wrong with all cameras alike, in the place of all that rests on poses, which no body fits then.
     fn tell_of_all(&self, cause: DisagreementCause, report: &mut AgreementReport) {
-        let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
         let all = &mut report.disagreements;
         all.retain(|told| {
             matches!(

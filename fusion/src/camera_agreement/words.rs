@@ -20,15 +20,8 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             "give the true rate of its video: convert it to the rate of the venue, or record all cameras at one rate"
                 .to_owned(),
         ),
-        DisagreementCause::Mirrored => (
-            format!("the pictures of camera {first} seem to be mirrored"),
-            "switch mirroring off in the camera, or flip the video back (ffmpeg -vf hflip)".to_owned(),
-        ),
-        DisagreementCause::HalfTurned => (
-            format!("the pictures of camera {first} seem to stand on their heads"),
-            "turn the video by 180 degrees (ffmpeg -vf hflip,vflip), or calibrate the camera as it hangs"
-                .to_owned(),
-        ),
+        DisagreementCause::Mirrored => mirrored(first),
+        DisagreementCause::HalfTurned => half_turned(first),
         DisagreementCause::Swapped => {
             let pairs = cameras.chunks(2).map(|pair| pair.join(" and "));
             let pairs = pairs.collect::<Vec<String>>().join(", or else ");
@@ -68,10 +61,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::LensesSwapped => lenses_swapped(first, second),
         DisagreementCause::Frozen { since_tick } => frozen(first, since_tick, rate_hz),
         DisagreementCause::Silent { since_tick } => silent(first, since_tick, rate_hz),
-        DisagreementCause::PlacesSwapped => (
-            format!("cameras {first} and {second} seem to have each other's places in the calibration"),
-            "exchange their `rotation` and `translation` there".to_owned(),
-        ),
+        DisagreementCause::PlacesSwapped => places_swapped(first, second),
         DisagreementCause::LensKind { fisheye } => lens_kind(cameras, fisheye),
         DisagreementCause::WorldScale {
             stature_m,
@@ -82,14 +72,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
         DisagreementCause::OnePersonEach => one_person_each(),
         DisagreementCause::PosesElsewhere { .. } => poses_elsewhere(),
-        DisagreementCause::GivenUnseen { tick, at_m: [x, y] } => (
-            format!(
-                "the person given at ({x:.2}, {y:.2}) m at tick {tick} was not seen there by two viewpoints: these poses are nobody's"
-            ),
-            "give in `[[person]]` where somebody stands at that tick, in metres of the calibration's world, or take it out where a \
-             detector finds people"
-                .to_owned(),
-        ),
+        DisagreementCause::GivenUnseen { tick, at_m: [x, y] } => given_unseen(tick, [x, y]),
         DisagreementCause::Unexplained => unexplained(cameras),
     }
 }
@@ -122,6 +105,39 @@ fn permuted(cameras: &[String]) -> (String, String) {
         ),
         "exchange their sources in the venue file, or their names in the calibration, so that each has its own".to_owned(),
     )
+}
+
+fn mirrored(first: &str) -> (String, String) {
+    (
+        format!("the pictures of camera {first} seem to be mirrored"),
+        "switch mirroring off in the camera, or flip the video back (ffmpeg -vf hflip)".to_owned(),
+    )
+}
+
+fn half_turned(first: &str) -> (String, String) {
+    (
+            format!("the pictures of camera {first} seem to stand on their heads"),
+            "turn the video by 180 degrees (ffmpeg -vf hflip,vflip), or calibrate the camera as it hangs"
+                .to_owned(),
+        )
+}
+
+fn places_swapped(first: &str, second: &str) -> (String, String) {
+    (
+        format!("cameras {first} and {second} seem to have each other's places in the calibration"),
+        "exchange their `rotation` and `translation` there".to_owned(),
+    )
+}
+
+fn given_unseen(tick: i64, [x, y]: [f64; 2]) -> (String, String) {
+    (
+            format!(
+                "the person given at ({x:.2}, {y:.2}) m at tick {tick} was not seen there by two viewpoints: these poses are nobody's"
+            ),
+            "give in `[[person]]` where somebody stands at that tick, in metres of the calibration's world, or take it out where a \
+             detector finds people"
+                .to_owned(),
+        )
 }
 
 fn turned(camera: &str, degrees: f64) -> (String, String) {
@@ -187,16 +203,15 @@ fn world_tilted(degrees: f64) -> (String, String) {
 }
 
 fn lens_kind(cameras: &[String], fisheye: bool) -> (String, String) {
-    let (of, seems, fisheyes) = match cameras {
-        [camera] => (format!("the lens of camera {camera}"), "seems", "fisheye"),
-        _ => {
-            let cameras = cameras.join(", ");
-            (
-                format!("the lenses of cameras {cameras}"),
-                "seem",
-                "fisheyes",
-            )
-        }
+    let (of, seems, fisheyes) = if let [camera] = cameras {
+        (format!("the lens of camera {camera}"), "seems", "fisheye")
+    } else {
+        let cameras = cameras.join(", ");
+        (
+            format!("the lenses of cameras {cameras}"),
+            "seem",
+            "fisheyes",
+        )
     };
     let (found, remedy) = if fisheye {
         let a = if cameras.len() == 1 { "a " } else { "" };
