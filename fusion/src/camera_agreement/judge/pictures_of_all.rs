@@ -92,14 +92,7 @@ impl Judge<'_> {
         Compared {
             cameras: self.cameras,
             models: &self.models,
-            above: [
-                &["left_shoulder", "right_shoulder"],
-                &["left_ankle", "right_ankle"],
-            ]
-            .map(|names: &[&str; 2]| {
-                let indices = names.iter().map(|name| self.keypoints.index_of(name));
-                indices.flatten().collect()
-            }),
+            keypoints: self.keypoints,
             pairs: pairs.iter().copied().step_by(step).collect(),
             passes: passes.collect(),
         }

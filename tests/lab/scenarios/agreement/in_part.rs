@@ -1,22 +1,8 @@
 //! Mistakes that are in all cameras alike, or in a part of the time of one camera.
 
-use std::fs;
-
 use serde_json::{Value, json};
 
 use super::{CAMERAS, MistakenSample};
-
-/// The disagreements in the summary of a run of the sample with these mistakes.
-fn disagreements(sample: &MistakenSample) -> Vec<Value> {
-    sample.run(&[]);
-    let summary = fs::read_to_string(sample.path("out/summary.json")).unwrap();
-    let summary: Value = serde_json::from_str(&summary).unwrap();
-    let found = summary["agreement"]["disagreements"].as_array().unwrap();
-    for one in found {
-        println!("{}", one["found"].as_str().unwrap());
-    }
-    found.clone()
-}
 
 #[test]
 fn keypoints_that_are_exchanged_in_all_cameras_are_named() {
@@ -51,7 +37,7 @@ fn keypoints_that_are_exchanged_in_all_cameras_are_named() {
     ];
     for (exchange, from) in cases {
         let sample = MistakenSample::new().change(&CAMERAS, from, |pixel| pixel);
-        let found = disagreements(&sample);
+        let found = sample.disagreements();
         assert_eq!(found.len(), 1, "{exchange}: {found:?}");
         assert_eq!(found[0]["cause"], "exchanged_keypoints", "{exchange}");
         assert_eq!(found[0]["exchange"], exchange);
@@ -84,7 +70,7 @@ fn keypoints_that_all_cameras_have_elsewhere_in_their_pictures_are_named() {
     ];
     for (written, change) in cases {
         let sample = MistakenSample::new().change(&CAMERAS, |k| k, written);
-        let found = disagreements(&sample);
+        let found = sample.disagreements();
         assert_eq!(found.len(), 1, "{change}: {found:?}");
         assert_eq!(found[0]["cause"], "picture_of_all", "{change}");
         assert_eq!(found[0]["cameras"], json!([]), "{change}");
@@ -118,7 +104,7 @@ fn files_of_a_program_that_follows_one_person_are_told_where_there_are_two() {
             line["persons"] = largest.cloned().into_iter().collect();
         }
     }
-    let found = disagreements(&sample);
+    let found = sample.disagreements();
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(found[0]["cause"], "one_person_each");
 }
@@ -150,7 +136,7 @@ fn frames_that_were_lost_or_doubled_in_the_middle_are_told_from_when_on() {
             let from = shown(tick).min(before.len() - 1);
             line["persons"] = before[from]["persons"].clone();
         }
-        let found = disagreements(&sample);
+        let found = sample.disagreements();
         assert_eq!(found.len(), 1, "{name}: {found:?}");
         assert_eq!(found[0]["cause"], "late_in_part", "{name}");
         assert_eq!(found[0]["cameras"], json!(["north-west"]), "{name}");

@@ -114,6 +114,18 @@ impl MistakenSample {
         run(&self.path("venue.toml"), &self.path("out"), more)
     }
 
+    /// The disagreements in the summary of a run with these mistakes.
+    fn disagreements(&self) -> Vec<Value> {
+        self.run(&[]);
+        let summary = fs::read_to_string(self.path("out/summary.json")).unwrap();
+        let summary: Value = serde_json::from_str(&summary).unwrap();
+        let found = summary["agreement"]["disagreements"].as_array().unwrap();
+        for one in found {
+            println!("{}", one["found"].as_str().unwrap());
+        }
+        found.clone()
+    }
+
     fn is_told(&self, words: &[&str]) {
         let finished = self.run(&[]);
         for word in words {
@@ -195,6 +207,23 @@ fn swapped_sources_are_named_and_fail_strictly() {
         "{}",
         strict.stderr
     );
+}
+
+#[test]
+fn whichever_two_sources_are_swapped_they_are_named() {
+    // Two that stand opposite each other show a mirrored hall, in which everything meets.
+    for (index, a) in CAMERAS.into_iter().enumerate() {
+        for b in CAMERAS.into_iter().skip(index + 1) {
+            let sample = MistakenSample::new().swap(a, b);
+            let found = sample.disagreements();
+            assert_eq!(found[0]["cause"], "swapped", "{a} {b}: {found:?}");
+            let named = found[0]["cameras"].as_array().unwrap();
+            assert!(
+                named.contains(&json!(a)) && named.contains(&json!(b)),
+                "{found:?}"
+            );
+        }
+    }
 }
 
 #[test]

@@ -9,18 +9,6 @@ use serde_json::{Value, json};
 use super::{MistakenSample, warnings};
 use crate::farfield::{command, finish};
 
-/// The disagreements in the summary of a run with these mistakes.
-fn disagreements(sample: &MistakenSample) -> Vec<Value> {
-    sample.run(&[]);
-    let summary = fs::read_to_string(sample.path("out/summary.json")).unwrap();
-    let summary: Value = serde_json::from_str(&summary).unwrap();
-    let found = summary["agreement"]["disagreements"].as_array().unwrap();
-    for one in found {
-        println!("{}", one["found"].as_str().unwrap());
-    }
-    found.clone()
-}
-
 /// The text of a calibration in a world that is so many times as large.
 fn scaled(text: &str, factor: f64) -> String {
     let lines = text.lines().map(|line| {
@@ -38,7 +26,7 @@ fn scaled(text: &str, factor: f64) -> String {
 fn a_scale_that_is_a_fifth_off_is_told_by_the_statures_of_everybody() {
     for factor in [0.8, 1.2] {
         let sample = MistakenSample::new().replace("calibration.toml", |text| scaled(text, factor));
-        let found = disagreements(&sample);
+        let found = sample.disagreements();
         assert_eq!(found.len(), 1, "{factor}: {found:?}");
         assert_eq!(found[0]["cause"], "world_scale", "{factor}");
         assert_eq!(found[0]["people"], 2, "{factor}");
@@ -56,7 +44,7 @@ fn a_scale_that_is_a_fifth_off_is_told_by_the_statures_of_everybody() {
         .replace("venue.toml", |text| {
             text.to_owned() + "\n[[subject]]\nname = \"Ida\"\nstature_m = 1.35\n"
         });
-    assert_eq!(disagreements(&expected), [] as [Value; 0]);
+    assert_eq!(expected.disagreements(), [] as [Value; 0]);
 }
 
 #[test]
@@ -65,7 +53,7 @@ fn a_floor_that_is_a_hands_breadth_off_is_told_by_ankles() {
         let sample = MistakenSample::new().replace("venue.toml", |text| {
             text.replace("2.4]", &format!("2.4]\nfloor_m = {floor_m}"))
         });
-        let found = disagreements(&sample);
+        let found = sample.disagreements();
         assert_eq!(found.len(), 1, "{floor_m}: {found:?}");
         assert_eq!(found[0]["cause"], "floor_height", "{floor_m}");
         let above_m = found[0]["above_m"].as_f64().unwrap();
@@ -79,7 +67,7 @@ fn lenses_that_are_called_fisheyes_are_named_alone_and_together() {
         text.replace("0.0, 0.0, 0.0]\nrotation", "0.0, 0.0]\nrotation")
             .replace("fisheye = false", "fisheye = true")
     });
-    let found = disagreements(&all);
+    let found = all.disagreements();
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(found[0]["cause"], "lens_kind");
     assert_eq!(found[0]["fisheye"], false);
@@ -91,7 +79,7 @@ fn lenses_that_are_called_fisheyes_are_named_alone_and_together() {
             .replace("fisheye = false", "fisheye = true");
         format!("{first}\n\n{others}")
     });
-    let found = disagreements(&one);
+    let found = one.disagreements();
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(found[0]["cause"], "lens_kind");
     assert_eq!(found[0]["cameras"], json!(["north-east"]));
@@ -117,7 +105,7 @@ fn somebody_given_where_nobody_is_is_told_of() {
         let sample = MistakenSample::new();
         let given = given(&sample, beside_m);
         let sample = sample.replace("venue.toml", |text| text.to_owned() + &given);
-        let found = disagreements(&sample);
+        let found = sample.disagreements();
         let causes: Vec<&Value> = found.iter().map(|one| &one["cause"]).collect();
         let expected = if is_told {
             vec!["given_unseen"]

@@ -2,14 +2,16 @@
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Pixel;
+use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Vector2, Vector3};
 
 use super::super::super::JudgedCamera;
-use super::super::super::geometry::{SightLines, meeting};
-use super::super::super::pairs::{EXTENT_M, HALF_COST_M};
+use super::super::super::geometry::{SightLines, meeting, nearest_point_m};
+use super::super::super::pairs::{EXTENT_M, HALF_COST_M, SAME_PERSON_COST};
 use super::super::super::samples::SeenBody;
 use super::change::{Change, Deed, tried};
+use crate::body::segment::nose_ahead;
 
 /// Of the keypoints every so many are, at first.
 const EVERY_KEYPOINTS: usize = 3;
@@ -24,6 +26,10 @@ const SHORTER: f64 = 0.8;
 /// By which factor less a mixture of deeds must cost than one.
 const MIXED_HANDICAP: f64 = 1.3;
 
+/// Noses that must be ahead of the shoulders, and how many times as many as are behind.
+const MIN_NOSES: usize = 3;
+const NOSES_AHEAD: usize = 2;
+
 /// Whom a camera shows in a pass.
 pub(super) type Bodies<'a> = Vec<&'a SeenBody>;
 
@@ -34,8 +40,7 @@ type BodyRays = (Vec<Vector3<f64>>, f64);
 pub(super) struct Compared<'a> {
     pub(super) cameras: &'a [JudgedCamera],
     pub(super) models: &'a [&'a CameraModel],
-    /// Keypoints that are above others of people who stand, and these.
-    pub(super) above: [Vec<usize>; 2],
+    pub(super) keypoints: &'a KeypointSet,
     pub(super) pairs: Vec<(usize, usize)>,
     /// Per pass and camera.
     pub(super) passes: Vec<Vec<Bodies<'a>>>,
@@ -84,7 +89,8 @@ impl Compared<'_> {
         };
         let refined = Deed::ALL.into_iter().flat_map(of_deed);
         let refined = refined.filter_map(|change| self.refined(change));
-        let refined = refined.filter(|(change, _)| self.are_upright(change));
+        let refined =
+            refined.filter(|(change, _)| self.are_upright(change) && self.are_ahead(change));
         let (one, of_one) = refined.min_by(|a, b| a.1.total_cmp(&b.1))?;
         // Lines of sight say little of one number beside another: what is simple is likely.
         let mut mixed = one;
@@ -98,18 +104,18 @@ impl Compared<'_> {
     fn are_upright(&self, change: &Change) -> bool {
         let (mut upright, mut all) = (0, 0);
         for pass in &self.passes {
-            for (rays, _) in self
-                .rays(pass, (change, Closeness::COARSE))
-                .iter()
-                .flatten()
-            {
-                let [shoulders, ankles] = self.above.each_ref().map(|keypoints| {
-                    let seen = keypoints
-                        .iter()
-                        .filter_map(|&k| rays.get(k)?.try_normalize(0.0));
-                    let seen: Vec<f64> = seen.map(|ray| ray.z).collect();
-                    (!seen.is_empty()).then(|| seen.iter().sum::<f64>() / seen.len() as f64)
-                });
+            let rays = self.rays(pass, (change, Closeness::COARSE));
+            for (rays, _) in rays.iter().flatten() {
+                let middle = |names: [&str; 2]| {
+                    let known = names.into_iter().filter_map(|name| {
+                        let ray = rays.get(self.keypoints.index_of(name)?)?;
+                        Some(ray.try_normalize(0.0)?.z)
+                    });
+                    let known: Vec<f64> = known.collect();
+                    (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+                };
+                let shoulders = middle(["left_shoulder", "right_shoulder"]);
+                let ankles = middle(["left_ankle", "right_ankle"]);
                 if let (Some(shoulders), Some(ankles)) = (shoulders, ankles) {
                     all += 1;
                     upright += usize::from(shoulders > ankles);
@@ -117,6 +123,60 @@ impl Compared<'_> {
             }
         }
         2 * upright >= all
+    }
+
+    /// Whether noses are ahead of shoulders, where it makes mirror images: two cameras that have each other's pictures show a mirrored
+    /// world, too, where all stand symmetrically.
+    fn are_ahead(&self, change: &Change) -> bool {
+        if !change.is_reflection() {
+            return true;
+        }
+        let (mut ahead, mut behind) = (0, 0);
+        for (centers_m, bodies) in self.met(change) {
+            let place_m = |name: &str| {
+                let keypoint = self.keypoints.index_of(name)?;
+                let rays = bodies.each_ref().map(|(rays, _)| rays[keypoint]);
+                let is_seen = rays.iter().all(|ray| ray.norm_squared() > 0.0);
+                let lines = centers_m.into_iter().zip(rays).filter(|_| is_seen);
+                nearest_point_m(lines)
+            };
+            let both = |left: &str, right: &str| Some([place_m(left)?, place_m(right)?]);
+            let part = || {
+                let shoulders_m = both("left_shoulder", "right_shoulder")?;
+                nose_ahead(
+                    place_m("nose")?,
+                    shoulders_m,
+                    both("left_hip", "right_hip")?,
+                )
+            };
+            match part() {
+                Some(part) if part > 0.0 => ahead += 1,
+                Some(_) => behind += 1,
+                None => {}
+            }
+        }
+        ahead >= MIN_NOSES.max(NOSES_AHEAD * behind)
+    }
+
+    /// Whom two cameras show, and where these are, world, metres: each sighting of the one with the one of the other that fits it.
+    fn met(&self, change: &Change) -> Vec<([&Vector3<f64>; 2], [BodyRays; 2])> {
+        let closeness = Closeness::of(HALF_COST_M);
+        let mut all = Vec::new();
+        for pass in &self.passes {
+            let rays = self.rays(pass, (change, closeness));
+            for &(a, b) in &self.pairs {
+                let centers_m = [a, b].map(|camera| &self.cameras[camera].lines.center_m);
+                for one in &rays[a] {
+                    let others = rays[b].iter().filter_map(|other| {
+                        Some((cost_of(centers_m, [one, other], closeness)?, other))
+                    });
+                    let best = others.min_by(|p, q| p.0.total_cmp(&q.0));
+                    let best = best.filter(|(cost, _)| *cost < SAME_PERSON_COST);
+                    all.extend(best.map(|(_, other)| (centers_m, [one.clone(), other.clone()])));
+                }
+            }
+        }
+        all
     }
 
     /// With as much of its deed as leaves the least.
@@ -184,23 +244,11 @@ impl Compared<'_> {
 
     /// How far people extend, by every two cameras that show them, metres.
     pub(super) fn extents_m(&self, change: &Change) -> Vec<f64> {
-        let mut all = Vec::new();
-        let closeness = Closeness::of(HALF_COST_M);
-        for pass in &self.passes {
-            let rays = self.rays(pass, (change, closeness));
-            for &(a, b) in &self.pairs {
-                let centers_m = [a, b].map(|camera| &self.cameras[camera].lines.center_m);
-                for one in &rays[a] {
-                    let others = rays[b].iter().filter_map(|other| {
-                        let cost = cost_of(centers_m, [one, other], closeness)?;
-                        Some((cost, extent_m(centers_m, [one, other])?))
-                    });
-                    let best = others.min_by(|p, q| p.0.total_cmp(&q.0));
-                    all.extend(best.map(|(_, extent_m)| extent_m));
-                }
-            }
-        }
-        all
+        let met = self.met(change);
+        let extents = met
+            .iter()
+            .filter_map(|(centers_m, [one, other])| extent_m(*centers_m, [one, other]));
+        extents.collect()
     }
 }
 
