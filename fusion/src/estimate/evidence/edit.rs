@@ -5,7 +5,7 @@ use std::ops::Range;
 use farfield_proto::patch::Written;
 use nalgebra::Vector2;
 
-use super::{MapPeaks, View};
+use super::View;
 
 /// Up to here, in sigmas of a peak, a notch is as deep as it gets...
 const NOTCH_FLOOR_SIGMAS: f64 = 2.0;
@@ -107,12 +107,6 @@ impl View {
             // As `round`, which is a call for each cell.
             *cell = (f64::from(*cell) * keep + 0.5) as u8;
         });
-    }
-
-    /// The maps are of somebody else: the view says nothing of this person.
-    pub(crate) fn show_nobody(&mut self) {
-        self.expected.fill(None);
-        self.peaks.fill(MapPeaks::default());
     }
 }
 

@@ -3,7 +3,7 @@
 use farfield_proto::frames::{Pixel, Undistorted};
 use nalgebra::{Matrix3x4, Vector2, Vector3};
 
-use super::{MapPeak, MapPeaks, View};
+use super::{MapPeaks, View};
 use crate::estimate::occlusion::SightCone;
 
 /// Where a view expects a keypoint.
@@ -103,14 +103,6 @@ impl View {
                 peaks.find(&map, (expected.cell, half_width_cells));
             }
         }
-    }
-
-    /// The highest peak in the whole map of `keypoint`, wherever it is expected; `None` where no peak counts.
-    ///
-    /// # Panics
-    /// When the view has no such keypoint.
-    pub(crate) fn highest_of_map(&self, keypoint: usize) -> Option<MapPeak> {
-        self.map(keypoint).highest_peak()
     }
 
     /// The undistorted pixel of the highest peak in the whole map of `keypoint`, wherever it is expected, and its

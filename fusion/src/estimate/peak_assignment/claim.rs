@@ -21,8 +21,6 @@ pub(super) struct Claimant {
     pub(super) view: usize,
     /// Whether anybody else comes near in the view.
     pub(super) crowded: bool,
-    /// Whether the crop shows somebody else.
-    pub(super) shows_another: bool,
     /// Their claims of the kind at hand.
     pub(super) claims: Range<usize>,
 }
@@ -175,7 +173,7 @@ mod tests {
             let drawn = meeting.as_they_are(0);
             meeting.show(0, camera, &drawn);
             meeting.place();
-            let member = Claimant { track: 0, view: 0, crowded: true, shows_another: false, claims: 0..0 };
+            let member = Claimant { track: 0, view: 0, crowded: true, claims: 0..0 };
             let claim = Claim::new(&member, LEFT_WRIST, &meeting.tracks, &meeting.method).unwrap();
             let point_m = claim.expected.position_m + Vector3::from(off);
             let direction = claim.direction_of(claim.cell_of(point_m).unwrap()).unwrap();
@@ -200,7 +198,7 @@ mod tests {
             }
             meeting.place();
             let claims = |track: usize| {
-                let member = Claimant { track, view: 0, crowded: true, shows_another: false, claims: 0..0 };
+                let member = Claimant { track, view: 0, crowded: true, claims: 0..0 };
                 let of = |k| Claim::new(&member, k, &meeting.tracks, &meeting.method);
                 (0..17).filter_map(of).collect::<Vec<Claim>>()
             };

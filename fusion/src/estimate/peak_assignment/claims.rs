@@ -7,7 +7,6 @@ use farfield_proto::keypoints::KeypointSet;
 use nalgebra::{Vector2, Vector3};
 
 use super::claim::{Claim, Claimant};
-use super::crop_owner::shows_another;
 use super::groups::Groups;
 use crate::estimate::estimator::Estimator;
 use crate::estimate::occlusion::{BodyCapsules, SightCone};
@@ -117,7 +116,6 @@ impl Claims {
                 track,
                 view,
                 crowded: false,
-                shows_another: false,
                 claims: 0..0,
             });
         }
@@ -136,26 +134,6 @@ impl Claims {
         }
     }
 
-    /// Finds whose crops show somebody who is near in the view, and leaves them out of all that follows: tells track and
-    /// view of each.
-    pub(super) fn leave_out_others(
-        &mut self,
-        tracks: &[impl AsRef<Estimator>],
-        method: &Method,
-        mut tell: impl FnMut(usize, usize),
-    ) {
-        for index in 0..self.members.len() {
-            let Claimant { track, view, .. } = self.members[index];
-            let pairs = self.near.iter().filter(|pair| pair.contains(&index));
-            let others = pairs.map(|&[a, b]| a + b - index);
-            let others = others.map(|other| tracks[self.members[other].track].as_ref());
-            if shows_another((tracks[track].as_ref(), view), others, method) {
-                self.members[index].shows_another = true;
-                tell(track, view);
-            }
-        }
-    }
-
     /// Gathers the claims of `kind` that come near another, in groups that have no peak in common; returns how
     /// many groups.
     pub(super) fn gather(
@@ -167,7 +145,7 @@ impl Claims {
         self.of_kind.clear();
         for member in &mut self.members {
             let first = self.of_kind.len();
-            if !member.shows_another && (member.crowded || kind.keypoints.len() >= 2) {
+            if member.crowded || kind.keypoints.len() >= 2 {
                 for &keypoint in &kind.keypoints {
                     // Pushed one by one: an iterator copies each several times.
                     if let Some(claim) = Claim::new(member, keypoint, tracks, method) {

@@ -27,7 +27,6 @@
 
 mod claim;
 mod claims;
-mod crop_owner;
 mod groups;
 #[cfg(test)]
 mod tests;
@@ -80,7 +79,7 @@ impl PeakAssignment {
         let kinds = &self.kinds;
         if method.parameters.contact.yield_share <= 0.0 {
             for assignment in &mut self.viewpoints {
-                assignment.clear();
+                assignment.notches.clear();
             }
         } else if tracks.len() < PARALLEL_FROM {
             for assignment in &mut self.viewpoints {
@@ -97,9 +96,6 @@ impl PeakAssignment {
     /// decided on.
     pub fn carve(&self, index: usize, track: &mut Estimator) {
         for assignment in &self.viewpoints {
-            for &(_, view) in assignment.others.iter().filter(|(of, _)| *of == index) {
-                track.views_mut()[view].show_nobody();
-            }
             for lost in assignment.notches.iter().filter(|lost| lost.track == index) {
                 track.views_mut()[lost.view].carve(lost.keypoint, &lost.notch);
             }
@@ -131,8 +127,6 @@ struct ViewpointAssignment {
     /// Cost per claim and place, claim by claim.
     costs: Vec<f64>,
     notches: Vec<LostPeak>,
-    /// Tracks and views whose crops show somebody else.
-    others: Vec<(usize, usize)>,
 }
 
 impl ViewpointAssignment {
@@ -143,13 +137,7 @@ impl ViewpointAssignment {
             assigner: Assigner::default(),
             costs: Vec::new(),
             notches: Vec::new(),
-            others: Vec::new(),
         }
-    }
-
-    fn clear(&mut self) {
-        self.notches.clear();
-        self.others.clear();
     }
 
     fn decide(
@@ -159,11 +147,8 @@ impl ViewpointAssignment {
         bodies: &[BodyCapsules],
         method: &Method,
     ) {
-        self.clear();
+        self.notches.clear();
         self.claims.meet(self.viewpoint, tracks, bodies, method);
-        let others = &mut self.others;
-        self.claims
-            .leave_out_others(tracks, method, |track, view| others.push((track, view)));
         for kind in kinds {
             for group in 0..self.claims.gather(kind, tracks, method) {
                 self.claims.take(group, tracks);

@@ -6,7 +6,6 @@ use proptest::prelude::*;
 
 use super::super::meeting_fixture::{Drawn, LEFT_WRIST, MeetingFixture, RIGHT_WRIST};
 use super::*;
-use crate::estimate::evidence::View;
 
 /// What is left of a peak of 0.9 that somebody loses beyond doubt, with a little for the grid.
 const LOST: f64 = 0.9 * 0.25;
@@ -79,30 +78,6 @@ fn a_peak_that_leaks_into_anothers_map_goes_and_the_own_one_stays() {
 #[test]
 fn a_leaked_peak_goes_also_where_nothing_else_is_seen() {
     goes_to_its_owner(two(), LEFT_WRIST, 0);
-}
-
-/// A tick at which the second of two is seen where it is, and all crops of the first show person `of`.
-fn all_crops_show(mut meeting: MeetingFixture, of: usize) -> MeetingFixture {
-    meeting.begin();
-    let [shown, clean] = [of, 1].map(|person| meeting.as_they_are(person));
-    for camera in 0..4 {
-        meeting.show(0, camera, &shown);
-        meeting.show(1, camera, &clean);
-    }
-    place_and_settle(&mut meeting);
-    meeting
-}
-
-#[test]
-fn a_crop_that_shows_the_neighbour_says_nothing_of_whom_it_was_cut_for() {
-    let takes_part = |of| {
-        let apart = MeetingFixture::of(&[[0.0, 0.0, 0.675], [0.6, 0.0, 0.675]]);
-        let meeting = all_crops_show(apart, of);
-        let views = meeting.tracks[0].views().iter();
-        let expects = |view: &View| (0..view.n_keypoints()).any(|k| view.expected(k).is_some());
-        views.filter(|view| expects(view)).count()
-    };
-    assert_eq!((takes_part(0), takes_part(1)), (4, 0));
 }
 
 #[test]
