@@ -161,6 +161,22 @@ impl<'a> Judge<'a> {
         self.cameras[a].viewpoint != self.cameras[b].viewpoint && apart_m >= APART_M
     }
 
+    /// The cameras that show anybody.
+    fn showing(&self) -> Vec<usize> {
+        let shows = |camera: &usize| {
+            let mut passes = self.passes.iter();
+            passes.any(|pass| !pass.of_camera[*camera].is_empty())
+        };
+        (0..self.cameras.len()).filter(shows).collect()
+    }
+
+    /// Pairs of them that stand apart.
+    fn pairs_of(&self, cameras: &[usize]) -> Vec<(usize, usize)> {
+        let all = cameras.iter().enumerate();
+        let pairs = all.flat_map(|(i, &a)| cameras[i + 1..].iter().map(move |&b| (a, b)));
+        pairs.filter(|&(a, b)| self.are_apart(a, b)).collect()
+    }
+
     /// The sightings of `camera` changed so, seen with the calibration of `calibrated`.
     pub(super) fn rays(
         &self,

@@ -8,7 +8,8 @@
 //!                      '-> AgreementSamples, now and then, to another thread -> judge -> AgreementReport
 //!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `lens` on what crops show tick by tick (`lens` on sightings, too),
 //!          `refit/resection` on both where somebody moved (which camera was moved, turned or zoomed);
-//!          `pose_shift` on sightings and poses, `frozen` on sightings -> a cause in `words`; `sides`, `exchanged` on whom all sight alike;
+//!          `pose_shift` on sightings and poses, `frozen` on sightings -> a cause in `words`; `sides`, `exchanged`,
+//!          `pictures_of_all` on whom all sight alike;
 //!          `standing` on people, where all that fits
 //! ```
 //!

@@ -333,9 +333,9 @@ fn picture_of_all(change: PictureOfAll) -> (String, String) {
 fn resized([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
     let mut words = Vec::new();
     if (x - y).abs() < 0.05 * x.max(y) && (x - 1.0).abs() > 0.04 {
-        words.push(format!("{:.2} times", 0.5 * (x + y)));
+        words.push(format!("multiplied by {:.2}", 0.5 * (x + y)));
     } else if (x - 1.0).abs() > 0.04 || (y - 1.0).abs() > 0.04 {
-        words.push(format!("x {x:.2} times and y {y:.2} times"));
+        words.push(format!("multiplied by {x:.2} in x and {y:.2} in y"));
     }
     let moved = |share: f64, side: &str| format!("{:+.0} % of the {side}", 100.0 * share);
     if right.abs() >= 0.02 || down.abs() >= 0.02 {
@@ -346,7 +346,7 @@ fn resized([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
         ));
     }
     format!(
-        "they agree {}, so they were found in pictures that were made smaller, larger, or cut",
+        "they agree once they are {}, so they were found in pictures that were made smaller, larger, or cut",
         words.join(", ")
     )
 }

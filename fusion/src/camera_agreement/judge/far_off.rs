@@ -9,18 +9,21 @@ use super::Judge;
 /// do. On real cameras that are right 0.24 and 1.3 were seen.
 const FAR_OFF: f64 = 0.5;
 const FAR_OFF_FACTOR: f64 = 2.5;
+/// Cameras whose costs tell what is usual.
+const MIN_CAMERAS: usize = 3;
 
 impl Judge<'_> {
     /// Cameras whose sightings are clearly elsewhere than where people are, or of others than are there, while those of the
     /// others are not: whatever the cause.
     pub(super) fn find_far_off(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
-        let known: Vec<f64> = self.fits.iter().filter_map(|fit| fit.cost_now).collect();
-        let many = known.len() >= 3;
-        let middle = upper_median(known).unwrap_or(1.0);
+        let limit = self
+            .usual_cost()
+            .map(|usual| FAR_OFF.max(FAR_OFF_FACTOR * usual));
         let showing = self.fits.iter().filter(|fit| fit.met.shows_them()).count();
         for (camera, fit) in self.fits.iter().enumerate() {
-            let limit = FAR_OFF.max(FAR_OFF_FACTOR * middle);
-            let is_off = many && fit.cost_now.is_some_and(|cost| cost >= limit);
+            let is_off = limit
+                .zip(fit.cost_now)
+                .is_some_and(|(limit, cost)| cost >= limit);
             let shows_others = showing >= 2 && fit.met.shows_others();
             if (is_off || shows_others) && !told[camera] {
                 told[camera] = true;
@@ -31,14 +34,18 @@ impl Judge<'_> {
 
     /// Poses that are elsewhere than most cameras show people, where nothing else is wrong.
     pub(super) fn find_poses_elsewhere(&self, all: &mut Vec<Disagreement>) {
-        let known: Vec<f64> = self.fits.iter().filter_map(|fit| fit.cost_now).collect();
-        let many = known.len() >= 3;
-        let middle = upper_median(known).unwrap_or(0.0);
-        if all.is_empty() && many && middle >= FAR_OFF {
-            let cause = DisagreementCause::PosesElsewhere {
-                cost: (100.0 * middle).round() / 100.0,
-            };
-            all.push(self.disagreement(&[], cause));
+        let far_off = self.usual_cost().filter(|usual| *usual >= FAR_OFF);
+        if let (true, Some(usual)) = (all.is_empty(), far_off) {
+            let cost = (100.0 * usual).round() / 100.0;
+            all.push(self.disagreement(&[], DisagreementCause::PosesElsewhere { cost }));
         }
+    }
+
+    /// The median of what sightings cost against poses; `None` of fewer than three cameras.
+    fn usual_cost(&self) -> Option<f64> {
+        let known: Vec<f64> = self.fits.iter().filter_map(|fit| fit.cost_now).collect();
+        (known.len() >= MIN_CAMERAS)
+            .then(|| upper_median(known))
+            .flatten()
     }
 }

@@ -11,6 +11,8 @@
 mod change;
 mod compared;
 
+use std::collections::BTreeSet;
+
 use farfield_proto::order_statistics::upper_median;
 
 use self::change::Change;
@@ -37,7 +39,7 @@ impl Judge<'_> {
     /// What is wrong with the keypoints of all cameras alike, where hardly any two agree and nearly all would.
     pub(in crate::camera_agreement) fn picture_of_all(&self) -> Option<DisagreementCause> {
         let showing = self.showing();
-        let viewpoints: std::collections::BTreeSet<_> = showing
+        let viewpoints: BTreeSet<_> = showing
             .iter()
             .map(|&camera| self.cameras[camera].viewpoint)
             .collect();
@@ -63,21 +65,6 @@ impl Judge<'_> {
                 change: change_name,
             },
         )
-    }
-
-    /// The cameras that show anybody.
-    pub(super) fn showing(&self) -> Vec<usize> {
-        let shows = |camera: &usize| {
-            let mut passes = self.passes.iter();
-            passes.any(|pass| !pass.of_camera[*camera].is_empty())
-        };
-        (0..self.cameras.len()).filter(shows).collect()
-    }
-
-    pub(super) fn pairs_of(&self, cameras: &[usize]) -> Vec<(usize, usize)> {
-        let all = cameras.iter().enumerate();
-        let pairs = all.flat_map(|(i, &a)| cameras[i + 1..].iter().map(move |&b| (a, b)));
-        pairs.filter(|&(a, b)| self.are_apart(a, b)).collect()
     }
 
     fn compared(&self, pairs: &[(usize, usize)]) -> Compared<'_> {
