@@ -36,7 +36,7 @@ pub use self::recording::{
     OWN_RECORDING, RecordingOnDemand, RecordingsOnDemand, check_place, is_for_many, without_end,
 };
 pub use self::replay::{
-    ReplayArgs, main as replay, of_values, open_recording, recorded_venue, with_values,
+    RecordedRun, ReplayArgs, main as replay, of_values, open_recording, recorded_venue, with_values,
 };
 pub use self::run::{main, main_with};
 pub use self::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};

@@ -2,6 +2,7 @@
 
 use std::io::{Read, Seek};
 
+use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::decision::{Decision, UsedSet};
 use farfield_proto::message::{BoxSet, PoseSet};
 use farfield_proto::tick::Tick;
@@ -60,6 +61,14 @@ pub struct ReplayTally {
     pub far: u64,
 }
 
+/// What fusion got at a tick.
+pub struct RecordedTick {
+    /// The sets that are used.
+    pub group: TickGroup,
+    /// How many ticks ahead the boxes of each viewpoint were made for, if that was recorded.
+    horizons_ticks: Vec<f64>,
+}
+
 /// Why a recording cannot be solved.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
@@ -101,7 +110,7 @@ impl<R: Read + Seek> Replay<R> {
     pub fn new(
         recording: Recording<R>,
         mut part: SessionPart,
-        mut pipeline: Pipeline,
+        pipeline: Pipeline,
         choice: Choice,
         names: PatchOwners,
     ) -> Result<Self, ReplayError> {
@@ -111,42 +120,74 @@ impl<R: Read + Seek> Replay<R> {
             choice
         };
         let far = leave_out_far(&mut part);
-        let mut to_do = ticks(&part)?;
-        // People who are told by place may be met in the middle of a run, whose beginning is nothing to them.
-        let first = part.decisions.first().map(|decision| match names {
-            PatchOwners::AsRecorded => decision.first,
-            PatchOwners::ByPlace => decision.tick,
-        });
-        let boxes = first.or(to_do.first().copied());
-        let boxes = boxes.map(|first| {
-            pipeline.expect(&part.expected, first);
-            pipeline.first_boxes(first)
-        });
-        to_do.reverse();
-        Ok(Self {
+        let mut replay = Self {
             recording,
             part,
-            n_viewpoints: boxes.as_ref().map_or(0, Vec::len),
-            boxes: boxes.unwrap_or_default(),
+            n_viewpoints: 0,
+            boxes: Vec::new(),
             pipeline,
             choice,
             renumber: (names == PatchOwners::ByPlace).then(Renumber::default),
-            to_do,
+            to_do: Vec::new(),
             tally: ReplayTally {
                 far,
                 ..ReplayTally::default()
             },
-        })
+        };
+        replay.begin()?;
+        Ok(replay)
     }
 
-    /// Computes the next tick; `None` when there is none. `mark` is told after each stage.
+    /// Goes back to before the first tick. `pipeline` must be new, and of the part's session.
+    ///
+    /// # Errors
+    /// [`ReplayError::Span`].
+    pub fn rewind(&mut self, pipeline: Pipeline) -> Result<(), ReplayError> {
+        self.pipeline = pipeline;
+        self.tally = ReplayTally {
+            far: self.tally.far,
+            ..ReplayTally::default()
+        };
+        if let Some(renumber) = &mut self.renumber {
+            *renumber = Renumber::default();
+        }
+        self.begin()
+    }
+
+    fn begin(&mut self) -> Result<(), ReplayError> {
+        self.to_do = ticks(&self.part)?;
+        // People who are told by place may be met in the middle of a run, whose beginning is nothing to them.
+        let decision = self.part.decisions.first();
+        let first = decision.map(|decision| match self.renumber {
+            None => decision.first,
+            Some(_) => decision.tick,
+        });
+        let first = first.or(self.to_do.first().copied());
+        self.boxes = first.map_or_else(Vec::new, |first| {
+            self.pipeline.expect(&self.part.expected, first);
+            self.pipeline.first_boxes(first)
+        });
+        self.n_viewpoints = self.boxes.len();
+        self.to_do.reverse();
+        Ok(())
+    }
+
+    /// Computes the next tick; `None` when there is none.
     ///
     /// # Errors
     /// When the file cannot be read any more.
-    pub fn step(
-        &mut self,
-        mark: &mut dyn FnMut(Stage),
-    ) -> Result<Option<StepOutput>, RecordingError> {
+    pub fn step(&mut self) -> Result<Option<StepOutput>, RecordingError> {
+        let Some(recorded) = self.read()? else {
+            return Ok(None);
+        };
+        self.solve(&recorded, &mut |_| {}).map(Some)
+    }
+
+    /// What fusion got at the next tick; `None` when there is none.
+    ///
+    /// # Errors
+    /// When the file cannot be read any more.
+    pub fn read(&mut self) -> Result<Option<RecordedTick>, RecordingError> {
         let Some(tick) = self.to_do.pop() else {
             return Ok(None);
         };
@@ -154,19 +195,37 @@ impl<R: Read + Seek> Replay<R> {
         let is_undecided = decision.is_none() && self.choice == Choice::Decided;
         self.tally.undecided += u64::from(is_undecided);
         let mut group = self.group(tick, decision.as_ref())?;
-        if let Some(decision) = decision.filter(|_| self.renumber.is_none())
-            && !decision.horizons_ticks.is_empty()
-        {
-            // They say for which ticks every edge was asked for a detection pass.
-            self.pipeline.set_horizons(&decision.horizons_ticks);
-        }
         if let Some(renumber) = &mut self.renumber {
             self.tally.nobodys += renumber.apply(&mut group, &self.boxes);
         }
-        let output = self.pipeline.step(&group, mark);
+        let decision = decision.filter(|_| self.renumber.is_none());
+        Ok(Some(RecordedTick {
+            group,
+            horizons_ticks: decision.map_or_else(Vec::new, |decision| decision.horizons_ticks),
+        }))
+    }
+
+    /// Computes the tick that was read last. `mark` is told after each stage.
+    ///
+    /// # Errors
+    /// When the file cannot be read any more.
+    pub fn solve(
+        &mut self,
+        recorded: &RecordedTick,
+        mark: &mut dyn FnMut(Stage),
+    ) -> Result<StepOutput, RecordingError> {
+        let RecordedTick {
+            group,
+            horizons_ticks,
+        } = recorded;
+        if !horizons_ticks.is_empty() {
+            // They say for which ticks every edge was asked for a detection pass.
+            self.pipeline.set_horizons(horizons_ticks);
+        }
+        let output = self.pipeline.step(group, mark);
         self.boxes.clone_from(&output.boxes);
         self.tally.ticks += 1;
-        if let Some(published) = self.recording.poses(self.part.session, tick)? {
+        if let Some(published) = self.recording.poses(self.part.session, group.tick)? {
             let count = if published == output.poses {
                 &mut self.tally.same
             } else {
@@ -174,7 +233,12 @@ impl<R: Read + Seek> Replay<R> {
             };
             *count += 1;
         }
-        Ok(Some(output))
+        Ok(output)
+    }
+
+    /// The keypoints of the poses.
+    pub fn keypoints(&self) -> &KeypointSet {
+        self.pipeline.keypoints()
     }
 
     /// What tells whether the cameras agree, as far as it is kept.
