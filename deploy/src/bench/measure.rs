@@ -1,111 +1,141 @@
-//! The steps of fusion over a recorded venue, timed.
-
-use std::time::Duration;
+//! The steps of fusion over recorded ticks, timed.
 
 use anyhow::Context as _;
 use farfield_fusion::pipeline::Stage;
-use farfield_node::clock;
 use farfield_proto::order_statistics::{mean_median, percentile};
-use farfield_sim::recorded_venue::{RecordedVenue, VenueSize};
 use rayon::ThreadPoolBuilder;
 
 use super::report::{BenchRun, StageMedian};
+use super::stopwatch::Stopwatch;
+use super::ticks::{BenchTick, BenchTicks};
 
 /// Ticks at the start of a round that are not measured: people are being found.
 pub(super) const LEFT_OUT: usize = 30;
 /// Ticks that are measured at least, in as many rounds as that takes: three lie above the 99th percentile.
 const AT_LEAST: usize = 300;
+/// Rounds at least: what disturbs a tick in two of them is not at its median.
+const FEWEST_ROUNDS: usize = 5;
 
-/// How long ticks and their stages took, milliseconds and microseconds.
+/// How long ticks and their stages took.
 #[derive(Default)]
 struct Times {
-    ticks_ms: Vec<f64>,
+    /// By tick that is measured, a time of each round, milliseconds.
+    ticks_ms: Vec<Vec<f64>>,
+    /// Microseconds.
     stages_us: [Vec<f64>; Stage::ALL.len()],
+    rounds: usize,
     with_detection: usize,
+    /// People with a pose at the last tick.
     tracked: usize,
-    /// What all ticks took together, and of that what keeps for whether the cameras agree, microseconds.
-    all_us: f64,
-    agreement_us: f64,
+    /// Most people with a pose at a tick.
+    most_tracked: usize,
 }
 
-/// Times fusion on `threads` threads over `venue`, which is of `size`.
+/// Times fusion on `threads` threads over `ticks`, of so many `viewpoints` and, where that is known, `people`. `None` when
+/// there are no more ticks than are left out.
 ///
 /// # Errors
-/// When the threads do not start.
+/// When the threads do not start, or a tick cannot be read.
 pub(super) fn measure(
-    venue: &RecordedVenue,
-    size: VenueSize,
+    ticks: &mut dyn BenchTicks,
+    viewpoints: usize,
+    people: Option<usize>,
     threads: usize,
-) -> anyhow::Result<BenchRun> {
+) -> anyhow::Result<Option<BenchRun>> {
     let pool = ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.with_context(|| format!("starting {threads} threads"))?;
-    let measured = venue.groups().len().saturating_sub(LEFT_OUT).max(1);
     let mut times = Times::default();
     pool.install(|| {
-        for _ in 0..AT_LEAST.div_ceil(measured) {
-            times.round(venue);
+        while times.is_to_go_on() {
+            times.round(ticks)?;
         }
-    });
-    Ok(times.run(size, threads))
+        anyhow::Ok(())
+    })?;
+    if times.ticks_ms.is_empty() {
+        return Ok(None);
+    }
+    let people = people.unwrap_or(times.most_tracked);
+    Ok(Some(times.run(viewpoints, people, threads)))
 }
 
 impl Times {
-    /// Steps once through all ticks with a fresh fusion.
-    fn round(&mut self, venue: &RecordedVenue) {
-        let mut fusion = venue.fusion();
-        for (index, group) in venue.groups().iter().enumerate() {
-            let is_measured = index >= LEFT_OUT;
-            let start = clock::now();
-            let mut lap_start = start;
-            let output = fusion.step(group, &mut |stage| {
-                let now = clock::now();
-                if is_measured {
-                    let lap_us = 1e6 * seconds(now - lap_start);
-                    self.stages_us[stage as usize].push(lap_us);
-                    self.all_us += lap_us;
-                    if matches!(stage, Stage::AgreementViews | Stage::AgreementFound) {
-                        self.agreement_us += lap_us;
-                    }
-                }
-                lap_start = now;
-            });
-            let tick_ms = 1e3 * seconds(clock::now() - start);
-            self.tracked = output.poses.persons.len();
-            if is_measured {
-                self.ticks_ms.push(tick_ms);
-                self.with_detection += usize::from(!group.sighting_sets.is_empty());
-            }
-        }
+    fn is_to_go_on(&self) -> bool {
+        let measured = self.rounds * self.ticks_ms.len();
+        self.rounds == 0
+            || !self.ticks_ms.is_empty() && (self.rounds < FEWEST_ROUNDS || measured < AT_LEAST)
     }
 
-    fn run(mut self, size: VenueSize, threads: usize) -> BenchRun {
-        self.ticks_ms.sort_by(f64::total_cmp);
-        let of_ticks = |share| percentile(&self.ticks_ms, share).unwrap_or_default();
-        let stages = Stage::ALL.iter().zip(&mut self.stages_us);
+    /// Steps once through all ticks with a fresh fusion.
+    fn round(&mut self, ticks: &mut dyn BenchTicks) -> anyhow::Result<()> {
+        ticks.rewind()?;
+        let mut watch = Stopwatch::new();
+        let mut index = 0_usize;
+        while let Some(tick) = ticks.step(&mut watch)? {
+            if let Some(measured) = index.checked_sub(LEFT_OUT) {
+                self.note(measured, &tick, &watch);
+            }
+            index += 1;
+        }
+        self.rounds += 1;
+        Ok(())
+    }
+
+    fn note(&mut self, index: usize, tick: &BenchTick, watch: &Stopwatch) {
+        for (times_us, lap_us) in self.stages_us.iter_mut().zip(watch.laps_us) {
+            times_us.push(lap_us);
+        }
+        if index == self.ticks_ms.len() {
+            self.ticks_ms.push(Vec::new());
+        }
+        if let Some(of_tick) = self.ticks_ms.get_mut(index) {
+            of_tick.push(1e-3 * watch.laps_us.iter().sum::<f64>());
+        }
+        self.with_detection += usize::from(tick.has_detection);
+        self.tracked = tick.tracked;
+        self.most_tracked = self.most_tracked.max(tick.tracked);
+    }
+
+    fn run(mut self, viewpoints: usize, people: usize, threads: usize) -> BenchRun {
+        let mut all_ms: Vec<f64> = self.ticks_ms.iter().flatten().copied().collect();
+        all_ms.sort_by(f64::total_cmp);
+        let of_ticks = |share| percentile(&all_ms, share).unwrap_or_default();
+        let mut typical_ms: Vec<f64> = self.ticks_ms.iter_mut().map(|it| median(it)).collect();
+        typical_ms.sort_by(f64::total_cmp);
         BenchRun {
-            viewpoints: size.viewpoints,
-            people: size.people,
+            viewpoints,
+            people,
             threads,
-            ticks: self.ticks_ms.len(),
+            ticks: all_ms.len(),
+            rounds: self.rounds,
             ticks_with_detection: self.with_detection,
             p50_ms: of_ticks(0.5),
             p99_ms: of_ticks(0.99),
+            typical_p99_ms: percentile(&typical_ms, 0.99).unwrap_or_default(),
             max_ms: of_ticks(1.0),
-            agreement_share: self.agreement_us / self.all_us.max(f64::MIN_POSITIVE),
-            stages: stages
-                .map(|(stage, times_us)| {
-                    times_us.sort_by(f64::total_cmp);
-                    StageMedian {
-                        stage: stage.name(),
-                        p50_us: mean_median(times_us).unwrap_or_default(),
-                    }
+            agreement_share: self.agreement_share(),
+            stages: Stage::ALL
+                .iter()
+                .zip(&mut self.stages_us)
+                .map(|(stage, times_us)| StageMedian {
+                    stage: stage.name(),
+                    p50_us: median(times_us),
                 })
                 .collect(),
             tracked: self.tracked,
         }
     }
+
+    /// What keeping for whether the cameras agree took of all time.
+    fn agreement_share(&self) -> f64 {
+        let sum_us = |stage: Stage| self.stages_us[stage as usize].iter().sum::<f64>();
+        let all_us: f64 = Stage::ALL.iter().map(|&stage| sum_us(stage)).sum();
+        let agreement_us = sum_us(Stage::AgreementViews) + sum_us(Stage::AgreementFound);
+        agreement_us / all_us.max(f64::MIN_POSITIVE)
+    }
 }
 
-fn seconds(span: Duration) -> f64 {
-    span.as_secs_f64()
+/// Sorts `times` on the way.
+fn median(times: &mut [f64]) -> f64 {
+    times.sort_by(f64::total_cmp);
+    mean_median(times).unwrap_or_default()
 }

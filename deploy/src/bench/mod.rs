@@ -1,19 +1,23 @@
 //! `farfield bench`: how many people and viewpoints fusion carries on this machine, and at which rate.
 //!
 //! What is measured is the whole step of fusion's core: the patches and sightings of a tick in; poses, boxes and
-//! events out, ticks with detection passes among them. Network, disk and simulator are not in the number: the
-//! venue is recorded in memory before ([`RecordedVenue`]), and stepped over again.
+//! events out, ticks with detection passes among them. Network, disk and simulator are not in the number: a
+//! venue is recorded in memory before ([`RecordedVenue`]), and stepped over again; of a recording a tick is read before
+//! its time begins.
 
 mod measure;
 mod report;
 mod scaling;
+mod stopwatch;
+mod ticks;
 
 use std::io::{IsTerminal as _, stderr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::thread;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use farfield_fusion::export::unfinished::write_whole;
+use farfield_fusion::node::{RecordedRun, ReplayArgs};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::patch::CompressionLevel;
 use farfield_sim::recorded_venue::{RATE_HZ, RecordedVenue, VenueSize};
@@ -22,6 +26,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use self::measure::{LEFT_OUT, measure};
 use self::report::BenchReport;
+use self::ticks::CrowdTicks;
 use crate::output;
 
 /// What is measured when no size is asked for: viewpoints, people.
@@ -36,6 +41,11 @@ const MOST_THREADS: usize = 256;
 /// What `farfield bench` is told.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct BenchArgs {
+    /// A recording of your own (.mcap) instead of simulated crowds.
+    ///
+    /// As `--record` leaves it; what its ticks cost on this machine.
+    #[arg(value_name = "RECORDING", conflicts_with_all = ["viewpoints", "people", "ticks", "lossless", "scaling"])]
+    recording: Option<PathBuf>,
     /// Viewpoints of one camera each, 2 to 64.
     ///
     /// Default: 4 with 5 people, 4 with 8 and 12 with 22.
@@ -74,7 +84,10 @@ pub(crate) struct BenchArgs {
 /// # Errors
 /// When a venue cannot be recorded, no thread starts, or the result cannot be printed.
 pub(crate) fn bench(args: &BenchArgs) -> Result<(), NodeError> {
-    let report = measured(args).map_err(NodeError::Failed)?;
+    let report = match &args.recording {
+        Some(file) => recording_measured(args, file)?,
+        None => crowds_measured(args).map_err(NodeError::Failed)?,
+    };
     let text = if args.json {
         serde_json::to_string_pretty(&report).map_err(NodeError::failed)? + "\n"
     } else {
@@ -90,14 +103,53 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<(), NodeError> {
         .map_err(NodeError::Failed)
 }
 
-fn measured(args: &BenchArgs) -> anyhow::Result<BenchReport> {
+/// What the ticks of a recording cost.
+fn recording_measured(args: &BenchArgs, file: &Path) -> Result<BenchReport, NodeError> {
+    let replayed = ReplayArgs {
+        file: file.to_owned(),
+        out: None,
+        venue: None,
+        calibration: None,
+        set: Vec::new(),
+        late: false,
+        smooth: false,
+        session: None,
+        json: args.json,
+    };
+    let mut run = RecordedRun::open(&replayed)?;
+    let (viewpoints, rate_hz) = (run.venue().viewpoints.len(), run.venue().rate_hz);
+    let cores = cores();
+    let mut report = BenchReport::new(rate_hz, cores, None);
+    for threads in args.threads(cores) {
+        say(format_args!(
+            "{}: measuring, threads: {threads}",
+            file.display()
+        ));
+        let measured = measure(&mut run, viewpoints, None, threads).map_err(NodeError::Failed)?;
+        let measured = measured.ok_or_else(|| {
+            NodeError::Refused(anyhow!(
+                "{}: found at most {LEFT_OUT} ticks, expected more: the first {LEFT_OUT} are not measured, people are being \
+                 found then",
+                file.display()
+            ))
+        })?;
+        report.runs.push(measured);
+    }
+    Ok(report)
+}
+
+fn cores() -> usize {
+    thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+fn crowds_measured(args: &BenchArgs) -> anyhow::Result<BenchReport> {
     let level = if args.lossless {
         CompressionLevel::LOSSLESS
     } else {
         CompressionLevel::DEFAULT
     };
-    let cores = thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let mut report = BenchReport::new(cores, level);
+    let cores = cores();
+    let mut report = BenchReport::new(RATE_HZ, cores, Some(level));
     for size in args.sizes() {
         let VenueSize { viewpoints, people } = size;
         say(format_args!(
@@ -112,7 +164,9 @@ fn measured(args: &BenchArgs) -> anyhow::Result<BenchReport> {
             say(format_args!(
                 "{viewpoints} viewpoints x {people} people: measuring, threads: {threads}"
             ));
-            report.runs.push(measure(&venue, size, threads)?);
+            let mut ticks = CrowdTicks::of(&venue);
+            let measured = measure(&mut ticks, viewpoints, Some(people), threads)?;
+            report.runs.extend(measured);
         }
     }
     if args.scaling.is_some() {
@@ -221,16 +275,19 @@ mod tests {
         refused("--people 4", "--viewpoints");
         refused("--threads 0", "from 1 to 256");
         refused("--ticks 89", "from 90 to 3600");
+        refused("a.mcap --ticks 90", "cannot be used with");
+        refused("a.mcap --viewpoints 4 --people 5", "cannot be used with");
     }
 
     #[test]
     fn a_small_venue_is_measured_and_its_people_are_found() {
         let args = parsed("--viewpoints 3 --people 2 --threads 1 --ticks 90").unwrap();
-        let report = measured(&args).unwrap();
+        let report = crowds_measured(&args).unwrap();
         let [run] = &report.runs[..] else { panic!() };
         assert_eq!(run.tracked, 2);
         assert!(run.ticks >= 300 && run.ticks_with_detection > 0);
         assert!(run.p50_ms > 0.0 && run.p50_ms <= run.p99_ms && run.p99_ms <= run.max_ms);
+        assert!(run.rounds >= 5 && run.typical_p99_ms <= run.max_ms);
         let text = report.to_string();
         assert!(text.contains("3 viewpoints x 2 people: "), "{text}");
     }

@@ -2,6 +2,7 @@
 
 mod old_versions;
 mod same_bits;
+mod timed;
 
 use std::collections::BTreeSet;
 use std::fs;
