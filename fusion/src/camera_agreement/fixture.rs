@@ -24,6 +24,8 @@ pub(super) struct Mistake {
     pub(super) later_each_burst: i64,
     /// The ticks of this burst alone are late.
     pub(super) late_in_burst: Option<usize>,
+    /// The first and the last burst in which anything is wrong; in all where there are none.
+    pub(super) in_bursts: Option<[usize; 2]>,
     pub(super) mirrored: bool,
     pub(super) half_turned: bool,
     /// Per keypoint the one that is written in its place.
@@ -155,6 +157,12 @@ impl Hall {
         let mut samples = Samples::new(RATE_HZ, 4);
         let mut see = |camera: usize, person: usize, (burst, tick): (usize, usize)| -> SeenBody {
             let (whose, mistake) = self.shows[camera];
+            let is_wrong = |[first, last]: [usize; 2]| (first..=last).contains(&burst);
+            let mistake = if mistake.in_bursts.is_none_or(is_wrong) {
+                mistake
+            } else {
+                Mistake::default()
+            };
             let in_burst = mistake.late_in_burst.is_none_or(|of| of == burst);
             let late =
                 mistake.late_ticks * i64::from(in_burst) + mistake.later_each_burst * burst as i64;

@@ -5,6 +5,7 @@
 //! calibration of another.
 
 pub(super) mod before;
+pub(super) mod changed;
 pub(super) mod exchanged;
 mod far_off;
 mod held;
@@ -419,6 +420,7 @@ impl<'a> Judge<'a> {
         Disagreement {
             cameras: names,
             cause,
+            part_ticks: None,
             found,
             remedy,
         }
@@ -453,6 +455,7 @@ fn merge_swaps(all: &mut Vec<Disagreement>, rate_hz: f64) {
             Disagreement {
                 cameras,
                 cause,
+                part_ticks: None,
                 found,
                 remedy,
             },

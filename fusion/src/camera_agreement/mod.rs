@@ -54,6 +54,7 @@ pub use self::report::{
 };
 
 use self::geometry::SightLines;
+use self::judge::changed::tell_of_changes;
 use self::judge::exchanged::ExchangeVotes;
 use self::judge::{Judge, sides};
 use self::nobody::given::GivenPeople;
@@ -230,6 +231,7 @@ impl AgreementSamples {
         for cause in of_people.chain(self.given.unseen()) {
             report.disagreements.push(self.of_all(cause));
         }
+        tell_of_changes(&self.cameras, &self.samples, &mut report);
         report
     }
 
@@ -239,6 +241,7 @@ impl AgreementSamples {
         Disagreement {
             cameras: Vec::new(),
             cause,
+            part_ticks: None,
             found,
             remedy,
         }

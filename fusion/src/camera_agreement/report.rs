@@ -107,6 +107,9 @@ pub struct Disagreement {
     /// The likely cause.
     #[serde(flatten)]
     pub cause: DisagreementCause,
+    /// Where it is so in a part of the time and not in the rest: the first and the last tick of which it was told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part_ticks: Option<[i64; 2]>,
     /// What was found, in words.
     pub found: String,
     /// What to do about it, in words.

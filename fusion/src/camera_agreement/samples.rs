@@ -391,6 +391,21 @@ impl Samples {
         self.bursts.iter().filter(|_| is_long).collect()
     }
 
+    /// What is kept of the ticks from `from` on and before `end`: of bursts those that lie whole in them.
+    pub(super) fn between(&self, from: Tick, end: Tick) -> Self {
+        let is_in = |tick: Tick| from <= tick && tick < end;
+        let mut part = self.clone();
+        part.passes.retain(|pass| is_in(pass.tick));
+        part.absent.retain(|(tick, _)| is_in(*tick));
+        part.poses.retain(|posed| is_in(posed.tick));
+        part.bursts.retain(|burst| {
+            let ticks = burst.trails.iter().map(Trail::len).max().unwrap_or(0);
+            is_in(burst.first) && burst.first + ticks.cast_signed() as i64 <= end
+        });
+        part.current = None;
+        part
+    }
+
     /// The same, with the burst under way as the last.
     pub(super) fn so_far(&self) -> Self {
         let mut samples = self.clone();

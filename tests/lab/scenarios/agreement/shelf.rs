@@ -67,6 +67,25 @@ impl Shelf {
         fs::write(path, lines).unwrap();
     }
 
+    /// Writes the recordings, of which `cam1` has its keypoints elsewhere from some line on.
+    fn write_changed(&self, from_line: usize, changed: fn([f64; 2]) -> [f64; 2]) {
+        self.write(0);
+        let path = self.dir.path().join("cam1.jsonl");
+        let text = fs::read_to_string(&path).unwrap();
+        let lines = text.lines().enumerate().map(|(index, line)| {
+            let mut line: Value = serde_json::from_str(line).unwrap();
+            if index >= from_line {
+                points_of(&mut line, &mut |point| {
+                    let [x, y] = changed([0, 1].map(|axis| point[axis].as_f64().unwrap()));
+                    (point[0], point[1]) = (x.into(), y.into());
+                });
+            }
+            format!("{line}\n")
+        });
+        let lines = lines.collect::<String>();
+        fs::write(path, lines).unwrap();
+    }
+
     /// Gives a camera, or all, this `distortions`.
     fn distort(&self, camera: Option<&str>, distortions: &str) {
         let path = self.dir.path().join("calibration.toml");
@@ -95,6 +114,18 @@ impl Shelf {
             println!("Shelf, {name}: {}", one["found"].as_str().unwrap());
         }
         found.clone()
+    }
+}
+
+/// Does something with every point of a line: `[x, y, score]`, however deep it lies.
+fn points_of(value: &mut Value, each: &mut impl FnMut(&mut Vec<Value>)) {
+    match value {
+        Value::Array(point) if point.len() == 3 && point.iter().all(Value::is_number) => {
+            each(point);
+        }
+        Value::Array(all) => all.iter_mut().for_each(|value| points_of(value, each)),
+        Value::Object(all) => all.values_mut().for_each(|value| points_of(value, each)),
+        _ => {}
     }
 }
 
@@ -158,6 +189,29 @@ fn a_camera_that_goes_black_or_never_shows_anybody_is_named() {
             Some(tick) => (420..=440).contains(&tick),
         };
         assert!(is_told, "{from_line}: {since:?}");
+    }
+}
+
+#[test]
+fn a_camera_that_is_knocked_or_zoomed_meanwhile_is_named_from_there_on() {
+    let Some(shelf) = Shelf::new() else {
+        return;
+    };
+    // Its focal length is 1,098 pixels, the middle of its picture [516, 388]; the first line is of tick 300.
+    let turned: fn([f64; 2]) -> [f64; 2] = |[x, y]| [x + 28.0, y + 10.0];
+    let zoomed: fn([f64; 2]) -> [f64; 2] =
+        |[x, y]| [516.0 + 1.12 * (x - 516.0), 388.0 + 1.12 * (y - 388.0)];
+    for (cause, changed) in [("turned", turned), ("focal_length", zoomed)] {
+        for from_line in [150, 180] {
+            shelf.write_changed(from_line, changed);
+            let name = format!("{cause}-{from_line}");
+            let found = shelf.disagreements(&name);
+            assert_eq!(found.len(), 1, "{name}: {found:?}");
+            assert_eq!(found[0]["cause"], cause, "{name}");
+            assert_eq!(found[0]["cameras"], serde_json::json!(["cam1"]), "{name}");
+            let from = found[0]["part_ticks"][0].as_i64().unwrap();
+            assert!((440..=480).contains(&from), "{name}: {from}");
+        }
     }
 }
 

@@ -1,0 +1,79 @@
+//! A camera that is right in a part of the time.
+
+use super::super::super::fixture::{Hall, Mistake};
+use super::*;
+
+/// Four bursts of ten seconds, in which the second camera has `mistake`.
+fn hall(mistake: Mistake) -> Hall {
+    let mut hall = Hall::with(1, mistake);
+    hall.bursts = 4;
+    hall
+}
+
+fn turned(in_bursts: [usize; 2]) -> Mistake {
+    Mistake {
+        turned_deg: [0.0, 2.5, 0.0],
+        in_bursts: Some(in_bursts),
+        ..Mistake::default()
+    }
+}
+
+#[test]
+fn a_camera_that_is_turned_while_people_walk_is_named_with_its_part_of_the_time() {
+    for (in_bursts, part_ticks, words) in [
+        (
+            [2, 3],
+            [1200, 1890],
+            "from about tick 1200 on, and not before, camera cam1",
+        ),
+        (
+            [0, 1],
+            [0, 690],
+            "up to about tick 690, and not after, camera cam1",
+        ),
+    ] {
+        let report = hall(turned(in_bursts)).report();
+        let [told] = &report.disagreements[..] else {
+            panic!("{:?}", report.disagreements);
+        };
+        assert_eq!(told.cameras, ["cam1"]);
+        assert!(
+            matches!(told.cause, DisagreementCause::Turned { degrees } if (1.5..3.5).contains(&degrees)),
+            "{told:?}"
+        );
+        assert_eq!(told.part_ticks, Some(part_ticks));
+        assert!(told.found.starts_with(words), "{}", told.found);
+        assert!(report.cameras["cam1"].distance_mm > report.cameras["cam0"].distance_mm);
+    }
+}
+
+#[test]
+fn a_camera_that_zooms_while_people_walk_is_named_from_there_on() {
+    let zoomed = Mistake {
+        focal_factor: 1.08,
+        in_bursts: Some([2, 3]),
+        ..Mistake::default()
+    };
+    let report = hall(zoomed).report();
+    let [told] = &report.disagreements[..] else {
+        panic!("{:?}", report.disagreements);
+    };
+    assert_eq!(told.cameras, ["cam1"]);
+    assert_eq!(told.part_ticks, Some([1200, 1890]));
+}
+
+#[test]
+fn what_is_wrong_all_the_time_or_never_is_told_of_no_part() {
+    let always = hall(turned([0, 3])).report();
+    assert!(!always.disagreements.is_empty());
+    assert!(always.disagreements.iter().all(|d| d.part_ticks.is_none()));
+    assert_eq!(hall(Mistake::default()).report().disagreements, []);
+}
+
+#[test]
+fn of_a_short_time_no_part_is_told() {
+    let mut short = hall(turned([1, 1]));
+    short.bursts = 2;
+    let report = short.report();
+    assert!(report.disagreements.iter().all(|d| d.part_ticks.is_none()));
+}
