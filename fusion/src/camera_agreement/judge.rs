@@ -6,6 +6,7 @@
 
 pub(super) mod before;
 pub(super) mod changed;
+mod doubled;
 pub(super) mod exchanged;
 mod far_off;
 mod held;
@@ -358,10 +359,14 @@ impl<'a> Judge<'a> {
 
     /// Two cameras whose keypoints stand in the same pixels at every pass.
     fn find_same_pictures(&self, report: &mut AgreementReport, told: &mut [bool]) {
+        let all: Vec<usize> = (0..self.cameras.len()).collect();
+        // Of people who stand in a ring opposite cameras show the same; but their lines of sight meet those of the others.
+        let right = self.taken_for_right(&all);
+        let are_right = |a, b| right.len() > 2 && right.contains(&a) && right.contains(&b);
         for a in 0..self.cameras.len() {
             for b in a + 1..self.cameras.len() {
                 // Two cameras on one pole may look the same way.
-                if self.are_apart(a, b) && self.show_the_same(a, b, SAME_PX) {
+                if self.are_apart(a, b) && !are_right(a, b) && self.show_the_same(a, b, SAME_PX) {
                     told[a] = true;
                     told[b] = true;
                     report

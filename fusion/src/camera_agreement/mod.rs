@@ -203,8 +203,9 @@ impl AgreementSamples {
             .picture_of_all()
             .or_else(|| self.all_keypoints(&votes, &report))
             .or_else(|| judge.one_person_each(&report));
-        if let Some(cause) = of_all {
-            self.tell_of_all(cause, &mut report);
+        match of_all {
+            Some(cause) => self.tell_of_all(cause, &mut report),
+            None => judge.tell_of_doubled(&mut report),
         }
         // Where anything else is wrong people stand wherever that puts them.
         let is_alone = report.disagreements.is_empty();

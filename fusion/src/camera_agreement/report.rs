@@ -225,6 +225,9 @@ pub enum DisagreementCause {
         people: usize,
         /// The shortest and the tallest of them, metres.
         range_m: [f64; 2],
+        /// The shortest and the tallest whom the venue names with a stature, metres.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        expected_m: Option<[f64; 2]>,
     },
     /// The floor on which people stand is tilted, and so are they: z of the calibration is not up.
     WorldTilted {
@@ -241,6 +244,11 @@ pub enum DisagreementCause {
     },
     /// Every camera shows one person at a time, and not always the same one.
     OnePersonEach,
+    /// Everybody is followed twice: these cameras show them at another place than the others do.
+    Doubled {
+        /// How far apart the two places are, metres, the median of those who tell.
+        apart_m: f64,
+    },
     /// People are followed beside where all cameras show them, which agree with each other.
     PosesElsewhere {
         /// What keypoints cost against poses, 0 to 1: one half where they are 6 cm apart.

@@ -1,5 +1,8 @@
 //! What a disagreement is called, and what is to be done about it.
 
+mod standing;
+
+use self::standing::{floor_height, scale_of_subjects, world_scale, world_tilted};
 use super::report::{DisagreementCause, KeypointExchange, PictureOfAll};
 
 /// What was found of these cameras, and the remedy.
@@ -67,10 +70,18 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             stature_m,
             people,
             range_m,
+            expected_m: None,
         } => world_scale(stature_m, people, range_m),
+        DisagreementCause::WorldScale {
+            stature_m,
+            range_m,
+            expected_m: Some(expected_m),
+            ..
+        } => scale_of_subjects(stature_m, range_m, expected_m),
         DisagreementCause::WorldTilted { degrees } => world_tilted(degrees),
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
         DisagreementCause::OnePersonEach => one_person_each(),
+        DisagreementCause::Doubled { apart_m } => doubled(cameras, apart_m),
         DisagreementCause::PosesElsewhere { .. } => poses_elsewhere(),
         DisagreementCause::GivenUnseen { tick, at_m: [x, y] } => given_unseen(tick, [x, y]),
         DisagreementCause::Unexplained => unexplained(cameras),
@@ -165,43 +176,6 @@ fn lenses_swapped(first: &str, second: &str) -> (String, String) {
     )
 }
 
-/// What adults are tall on average, metres.
-const ADULT_M: f64 = 1.7;
-
-fn world_scale(stature_m: f64, people: usize, [low_m, high_m]: [f64; 2]) -> (String, String) {
-    let found = if people == 1 {
-        format!("the one person who was measured is {stature_m:.2} m tall")
-    } else if high_m - low_m < 0.01 {
-        format!("everybody is {stature_m:.2} m tall")
-    } else {
-        format!("everybody is {low_m:.2} to {high_m:.2} m tall ({people} people)")
-    };
-    let unless = match (stature_m < ADULT_M, people) {
-        (true, 1) => "unless this is a child",
-        (true, _) => "unless all of them are children",
-        (false, 1) => "unless this person is",
-        (false, _) => "unless all of them are",
-    };
-    (
-        found,
-        format!(
-            "{unless}: is the calibration in metres? Scale its translations (of adults by about {:.2}), or calibrate with an object of \
-             known size; who is to come can be said by `[[subject]]` with `stature_m`",
-            ADULT_M / stature_m.max(0.01)
-        ),
-    )
-}
-
-fn world_tilted(degrees: f64) -> (String, String) {
-    (
-        format!(
-            "the floor on which people stand is tilted by {degrees:.1} degrees, and so are they: z of the calibration is not up"
-        ),
-        "align the calibration anew, with z up: by the floor or by places in `farfield calibrate ... --marks`"
-            .to_owned(),
-    )
-}
-
 fn lens_kind(cameras: &[String], fisheye: bool) -> (String, String) {
     let (of, seems, fisheyes) = if let [camera] = cameras {
         (format!("the lens of camera {camera}"), "seems", "fisheye")
@@ -281,27 +255,6 @@ fn distortion(cameras: &[String], k1_over: f64) -> (String, String) {
     )
 }
 
-fn floor_height(above_m: f64, floor_m: f64) -> (String, String) {
-    let feet_m = floor_m + above_m;
-    let (found, first) = if above_m < 0.0 {
-        let found = format!("everybody who stands is {:.2} m under the floor", -above_m);
-        (found, "")
-    } else {
-        let found = format!("nobody stands on the floor: all feet are {above_m:.2} m above it");
-        (
-            found,
-            "if people stand on a stage or a treadmill, hang or jump, that is so; else ",
-        )
-    };
-    (
-        format!("{found} (at z = {feet_m:.2} m, `floor_m` is {floor_m:.2} m)"),
-        format!(
-            "{first}set `[field] floor_m` of the venue to where people stand (`min_m` no higher); if it is right, look at the \
-             origin of the calibration, and, where people are too large or too small as well, at the focal lengths"
-        ),
-    )
-}
-
 fn exchanged(exchange: KeypointExchange) -> (String, String) {
     (
         exchange.words(),
@@ -357,6 +310,18 @@ fn one_person_each() -> (String, String) {
             "keypoints seem to come of a program that follows one person in each recording: let it write everybody in the picture"
                 .to_owned(),
         )
+}
+
+fn doubled(cameras: &[String], apart_m: f64) -> (String, String) {
+    (
+        format!(
+            "everybody is followed twice: cameras {} show people {apart_m:.2} m from where the others do",
+            cameras.join(", ")
+        ),
+        "the two groups were calibrated with other origins, or a direction was measured too short, or their recorders began at \
+         two instants: calibrate all together, or cut their videos alike"
+            .to_owned(),
+    )
 }
 
 fn poses_elsewhere() -> (String, String) {

@@ -134,6 +134,7 @@ impl Statures {
             stature_m: rounded(median_m),
             people: sorted_m.len(),
             range_m: [*sorted_m.first()?, *sorted_m.last()?].map(rounded),
+            expected_m: self.expected_m,
         })
     }
 
@@ -160,10 +161,17 @@ impl Statures {
             && lowest_m > FARTHEST_M[1];
         let is_short = highest_m < all_m[0] || are_many[0] && most_are_short;
         let is_tall = lowest_m > all_m[1] || are_many[1] && most_are_tall;
-        let [shortest_m, tallest_m] = self.expected_m.unwrap_or([f64::INFINITY, 0.0]);
-        if is_short && mean_m < (1.0 - OF_SUBJECTS) * shortest_m {
+        // Who comes is known: then nobody is as short, or as tall, as all of these.
+        let (is_short, is_tall) = match self.expected_m {
+            Some([shortest_m, tallest_m]) => (
+                highest_m < shortest_m && mean_m < (1.0 - OF_SUBJECTS) * shortest_m,
+                lowest_m > tallest_m && mean_m > (1.0 + OF_SUBJECTS) * tallest_m,
+            ),
+            None => (is_short, is_tall),
+        };
+        if is_short {
             Some(Side::Short)
-        } else if is_tall && mean_m > (1.0 + OF_SUBJECTS) * tallest_m {
+        } else if is_tall {
             Some(Side::Tall)
         } else {
             None
@@ -212,6 +220,22 @@ mod tests {
         }
         assert!(is_doubted(&[1.85 * 1.2]));
         assert!(is_doubted(&[1.6 * 0.8]));
+    }
+
+    #[test]
+    fn where_it_is_known_who_comes_a_scale_that_is_a_tenth_off_is_doubted() {
+        let are_doubted = |statures_m: &[f64]| {
+            let mut all = Statures::of(statures_m);
+            all.expected_m = Some([1.62, 1.71]);
+            all.doubtful_scale(1.0, true).is_some()
+        };
+        assert!(!are_doubted(&[1.62, 1.71]));
+        assert!(!are_doubted(&scaled(&[1.62, 1.71], 1.05)));
+        for factor in [0.85, 1.18] {
+            assert!(are_doubted(&scaled(&[1.62, 1.71], factor)), "{factor}");
+        }
+        // Others are there, too.
+        assert!(!are_doubted(&[1.7, 1.95, 1.98]));
     }
 
     #[test]
