@@ -222,6 +222,21 @@ impl<'a> Comparison<'a> {
         pairs
     }
 
+    /// The pairs of the truth as it stands at the ticks that a reading at other ticks compares: at those of the truth, and at those
+    /// of the poses.
+    pub(super) fn as_it_is_where(&self, ticks: TickMap) -> [Vec<BodyPair<'a>>; 2] {
+        let read = |tick: &Tick| self.poses.people_at(ticks.of(*tick)).is_some();
+        let of_truth: Vec<Tick> = self.ticks.iter().copied().filter(read).collect();
+        let of_poses = of_truth.iter().map(|&tick| ticks.of(tick)).collect();
+        [of_truth, of_poses].map(|ticks| {
+            let there = Self {
+                ticks,
+                ..self.clone()
+            };
+            there.pairs(&Reading::as_it_is())
+        })
+    }
+
     /// Each person of the truth with each of the poses, those first who are there together for longest.
     pub(super) fn tracks(&self) -> Vec<Vec<BodyPair<'a>>> {
         let mut tracks: BTreeMap<[u32; 2], Vec<BodyPair<'a>>> = BTreeMap::new();

@@ -11,6 +11,8 @@ use crate::pairing::GATE_M;
 
 /// How far ticks are looked for, either way.
 const MOST_TICKS_APART: i64 = 10;
+/// The same where a file began later than the other: four seconds at 30 Hz.
+const FAR_TICKS_APART: i64 = 120;
 /// What a reading must leave at most of the distance without it: no noise, and no bias of single joints, goes that far.
 const LEFT: f64 = 0.5;
 /// A reading that leaves more is none, metres: poses of the people of this truth are nearer. With two changes or more it is to
@@ -40,7 +42,7 @@ pub(super) struct Misfit {
 
 /// What would mend `truth`, if anything would.
 ///
-/// Cost: some 60 to 300 matchings of at most 200 ticks, whatever the length of the files.
+/// Cost: some 300 to 550 matchings of at most 200 ticks, whatever the length of the files.
 pub(super) fn misfit(poses: &PoseLines, truth: &PoseLines) -> Option<Misfit> {
     Search::new(Comparison::of(poses, truth)?)?.found()
 }
@@ -52,6 +54,25 @@ struct Candidate {
     /// How many things it changes.
     changes: usize,
     apart: Apart,
+}
+
+impl Candidate {
+    /// By how many ticks it is later or earlier, if it changes just these.
+    fn ticks_apart(&self) -> Option<u64> {
+        match self.reading.ticks {
+            TickMap::After(0) | TickMap::TwoToOne(_) | TickMap::OneToTwo(_) => None,
+            TickMap::After(ticks) => Some(ticks.unsigned_abs()),
+        }
+    }
+
+    fn is_near_in_time(&self) -> bool {
+        let ticks = self.ticks_apart();
+        ticks.is_some_and(|ticks| ticks <= MOST_TICKS_APART.unsigned_abs())
+    }
+
+    fn is_far_in_time(&self) -> bool {
+        self.ticks_apart().is_some() && !self.is_near_in_time()
+    }
 }
 
 /// Whether so many changes may be told of a truth, by what they leave, metres.
@@ -89,6 +110,7 @@ impl<'a> Search<'a> {
 
     fn found(&self) -> Option<Misfit> {
         let mut read: Vec<Candidate> = self.in_time().into_iter().collect();
+        read.extend(self.far_in_time());
         for sides in [Sides::AsNamed, Sides::Exchanged] {
             for hand in [Handedness::Kept, Handedness::Mirrored] {
                 read.extend(self.in_space(sides, hand));
@@ -101,6 +123,10 @@ impl<'a> Search<'a> {
         read.retain(|it| is_mended(it.changes, it.apart.near_m));
         let fewest = read.iter().map(|it| it.changes).min()?;
         read.retain(|it| it.changes == fewest);
+        // What recurs is as near many ticks later as it is a few ticks earlier.
+        if read.iter().any(Candidate::is_near_in_time) {
+            read.retain(|it| !it.is_far_in_time());
+        }
         read.sort_by(|a, b| a.apart.most_m.total_cmp(&b.apart.most_m));
         read.truncate(MOST_TOLD);
         Some(Misfit {
@@ -126,6 +152,47 @@ impl<'a> Search<'a> {
             self.judged(reading, 1)
         });
         read.min_by(|a, b| a.apart.most_m.total_cmp(&b.apart.most_m))
+    }
+
+    /// Of those that are many ticks later or earlier, and as near as any of them, the one with the fewest ticks.
+    fn far_in_time(&self) -> Option<Candidate> {
+        let of_side = |side: i64| {
+            let ticks = MOST_TICKS_APART + 1..=FAR_TICKS_APART;
+            let judged = ticks.map(|ticks| {
+                let reading = Reading {
+                    ticks: TickMap::After(side * ticks),
+                    ..Reading::as_it_is()
+                };
+                self.judged(reading, 1)
+            });
+            let judged: Vec<Option<Candidate>> = judged.collect();
+            let most_m = |i: usize| judged.get(i)?.map(|it| it.apart.most_m);
+            // On both sides of the right tick people are farther off, as they are a few ticks beside a wrong one that is better
+            // than its neighbours.
+            let is_lowest = |i: &usize| {
+                let beside = [i.checked_sub(1), Some(i + 1)].into_iter().flatten();
+                let mut beside_m = beside.filter_map(most_m);
+                most_m(*i).is_some_and(|own_m| beside_m.all(|m| own_m < m))
+            };
+            let lowest = (0..judged.len()).filter(is_lowest);
+            lowest.filter_map(|i| judged[i]).collect::<Vec<_>>()
+        };
+        let mut found = [of_side(-1), of_side(1)].concat();
+        found.retain(|it| self.is_of_same_ticks(it));
+        let best_m = found.iter().map(|it| it.apart.most_m);
+        let alike_m = ALIKE * best_m.min_by(f64::total_cmp)? + ALIKE_M;
+        found.retain(|it| it.apart.most_m <= alike_m);
+        found.into_iter().min_by_key(Candidate::ticks_apart)
+    }
+
+    /// Whether a reading at other ticks is better than the truth as it stands at the same ticks of the one file and of the other,
+    /// too: those that it leaves out may be the bad ones.
+    fn is_of_same_ticks(&self, candidate: &Candidate) -> bool {
+        let of_both = self.comparison.as_it_is_where(candidate.reading.ticks);
+        of_both.iter().all(|as_it_is| {
+            let apart = Apart::of(as_it_is);
+            apart.is_some_and(|it| candidate.apart.most_m < LEFT * it.most_m)
+        })
     }
 
     /// Those with the sides and the hand, for every choice of parts.

@@ -1,5 +1,7 @@
 //! People who walk about, poses of them with the noise that poses have, and truths that are right or that one number would mend.
 
+mod many_ticks;
+
 use std::collections::BTreeMap;
 use std::ops::Range;
 
