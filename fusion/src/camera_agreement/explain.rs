@@ -3,7 +3,7 @@
 pub(super) mod displaced;
 mod keypoint_order;
 
-use self::displaced::displaced;
+use self::displaced::{Displacement, displaced};
 use self::keypoint_order::{KeypointOrder, keypoint_order, shown_order};
 use super::judge::{Judge, rounded};
 use super::lens::LensPoints;
@@ -85,8 +85,9 @@ impl Judge<'_> {
         causes.extend(self.in_another_order(camera, &others, || Some(as_it_is)));
         let is_late = self.may_be_late(camera);
         let points = points.filter(|_| !is_late);
-        let fitted = points.and_then(|points| displaced(points, camera, right));
-        let fitted = fitted.map(|(ratio, cause)| (ratio, vec![camera], cause));
+        let displaced = points.and_then(|points| displaced(points, camera, right));
+        let fitted = displaced.filter(|it| it.is_gain);
+        let fitted = fitted.map(|it| (it.ratio, vec![camera], it.cause));
         causes.extend(fitted.or_else(|| self.refitted(camera, right)));
         causes.sort_by(|a, b| a.0.total_cmp(&b.0));
         let second = causes.get(1).map_or(1.0, |(ratio, ..)| *ratio);
@@ -94,7 +95,10 @@ impl Judge<'_> {
             ratio < EXPLAINS || ratio < EXPLAINS_IN_PART && ratio < STANDS_OUT * second
         };
         let best = causes.into_iter().next();
-        let (_, cameras, cause) = best.filter(|(ratio, ..)| is_cause(*ratio))?;
+        let best = best.filter(|(ratio, ..)| is_cause(*ratio));
+        let certain = displaced.filter(Displacement::is_certain);
+        let certain = || certain.map(|it| (it.ratio, vec![camera], it.cause));
+        let (_, cameras, cause) = best.or_else(certain)?;
         if cause == DisagreementCause::Swapped {
             for &camera in &cameras {
                 told[camera] = true;
@@ -238,7 +242,11 @@ impl Judge<'_> {
 
     /// Another focal length, or a turn: two cameras whose lines of sight meet say nothing of one that was turned to the
     /// side, a third does.
-    fn certain_refit(&self, camera: usize, right: &[usize]) -> Option<(f64, DisagreementCause)> {
+    pub(super) fn certain_refit(
+        &self,
+        camera: usize,
+        right: &[usize],
+    ) -> Option<(f64, DisagreementCause)> {
         let refit = refit(&self.bursts, &self.lines, (camera, right))?;
         let scaled = (refit.focal_factor - 1.0).abs();
         let is_zoom = ZOOMS.contains(&refit.focal_factor);

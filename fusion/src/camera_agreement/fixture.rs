@@ -44,6 +44,8 @@ pub(super) struct Mistake {
     pub(super) one_of_two: Option<usize>,
     /// Which of the two people the camera shows alone.
     pub(super) sees_only: Option<usize>,
+    /// Whether its crops of the first show the second, and it has none of the second.
+    pub(super) crops_of_the_other: bool,
 }
 
 /// The hall, what each camera shows (whose pictures, and what is wrong with them), and by how much all is scaled.
@@ -203,9 +205,13 @@ impl Hall {
             }
             let trails = (0..4).flat_map(|camera| (0..2).map(move |person| (camera, person)));
             let trails = trails.map(|(camera, person)| {
-                let bodies: Vec<SeenBody> = (0..self.burst_ticks)
-                    .map(|tick| see(camera, person, (burst, tick)))
-                    .collect();
+                let is_of_the_other = self.shows[camera].1.crops_of_the_other;
+                let bodies = (0..self.burst_ticks).map(|tick| match (is_of_the_other, person) {
+                    (true, 0) => see(camera, 1, (burst, tick)),
+                    (true, _) => vec![None; 17],
+                    (false, _) => see(camera, person, (burst, tick)),
+                });
+                let bodies: Vec<SeenBody> = bodies.collect();
                 Trail::of(person as u32, camera, &bodies)
             });
             let trails = trails.collect();

@@ -48,6 +48,22 @@ impl SightLines {
         }
     }
 
+    /// Those of a camera that has at `turn p + shift_m` what this one has at p (right, down, ahead, metres), with focal lengths
+    /// that are so many times as long.
+    pub(super) fn displaced(
+        &self,
+        (turn, shift_m): (&Matrix3<f64>, &Vector3<f64>),
+        focal_factor: f64,
+    ) -> Self {
+        let world_from_camera = self.world_from_camera * turn.transpose();
+        Self {
+            center_m: self.center_m - world_from_camera * shift_m,
+            world_from_camera,
+            focal_px: self.focal_px * focal_factor,
+            ..self.clone()
+        }
+    }
+
     /// Where the undistorted pixel (x, y) points, world; as long as it takes to come one metre deeper.
     pub(super) fn direction(&self, pixel: [f32; 2]) -> Vector3<f64> {
         self.world(self.normalised(pixel))

@@ -186,14 +186,19 @@ impl<'a> Judge<'a> {
         calibrated: usize,
         change: PictureChange,
     ) -> CameraRays {
+        self.rays_through(camera, &self.lines[calibrated], change)
+    }
+
+    /// The same through any lines of sight.
+    pub(super) fn rays_through(
+        &self,
+        camera: usize,
+        lines: &SightLines,
+        change: PictureChange,
+    ) -> CameraRays {
         let size_px = self.cameras[camera].size_px;
-        let lines = &self.lines[calibrated];
-        CameraRays::of(
-            &self.passes,
-            (camera, size_px),
-            lines,
-            (change, self.partners),
-        )
+        let change = (change, self.partners);
+        CameraRays::of(&self.passes, (camera, size_px), lines, change)
     }
 
     pub(super) fn report(&self) -> AgreementReport {

@@ -202,14 +202,22 @@ fn lens_kind(cameras: &[String], fisheye: bool) -> (String, String) {
     (found, remedy.to_owned())
 }
 
+/// From which change of a focal length on, as a share, it is no camera that was moved by a few decimetres.
+const MOST_NEARER: f64 = 0.06;
+
 fn focal_length(cameras: &[String], factor: f64) -> (String, String) {
     if let [camera] = cameras {
+        // Who came nearer shows people larger, too: by a tenth where they are ten times as far.
+        let remedy = if (factor - 1.0).abs() < MOST_NEARER {
+            "was it zoomed, calibrated at another resolution, or moved straight ahead or back? Calibrate its lens, and where it stands, again"
+        } else {
+            "was it zoomed, or calibrated at another resolution? Calibrate its lens again"
+        };
         (
             format!(
                 "the focal length of camera {camera} seems to be {factor:.2} times the calibrated one"
             ),
-            "was it zoomed, or calibrated at another resolution? Calibrate its lens again"
-                .to_owned(),
+            remedy.to_owned(),
         )
     } else {
         (

@@ -20,6 +20,8 @@ const LEAST_GAIN_M: f64 = 0.01;
 /// What the sightings of a camera cost against the others, as a factor of those of the best one, from which on they are tried
 /// through another lens: who shows people where nobody is has no keypoints that could be told from the others'.
 const DOUBTFUL: f64 = 1.5;
+/// From which factor between focal lengths on people are larger by more than networks err on how large they are.
+const ZOOMED_APART: f64 = 1.03;
 
 impl Judge<'_> {
     /// Two cameras that have each other's lenses: of cameras with one lens nobody could tell.
@@ -51,6 +53,8 @@ impl Judge<'_> {
             let by_points = points.and_then(|points| self.with_lenses_swapped(points, (a, b)));
             let by_sightings = || {
                 let may_be = is_doubtful(a) && is_doubtful(b);
+                // Of who stays at one place nobody knows another principal point from a turn, of one of them alone, say.
+                let may_be = may_be && (points.is_some() || self.are_zoomed_apart((a, b)));
                 may_be.then(|| self.sighted_through((a, b))).flatten()
             };
             Some((by_points.or_else(by_sightings)?, (a, b)))
@@ -60,6 +64,12 @@ impl Judge<'_> {
             told[b] = true;
             all.push(self.disagreement(&[a, b], DisagreementCause::LensesSwapped));
         }
+    }
+
+    /// Whether the focal lengths of two cameras are so different that people seem larger through the lens of the other.
+    fn are_zoomed_apart(&self, (a, b): (usize, usize)) -> bool {
+        let factor = self.focal_px(a) / self.focal_px(b);
+        factor.max(factor.recip()) >= ZOOMED_APART
     }
 
     /// What is left of the distances of two cameras where they have each other's lenses; `None` where that is no explanation.

@@ -16,6 +16,8 @@ use std::ops::Range;
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Rotation3, SMatrix, SVector, Vector2, Vector3};
 
+use super::super::geometry::SightLines;
+
 /// ω (right, down, ahead), t (the same), log s, k.
 const N_NUMBERS: usize = 8;
 /// How large each is held to be: radians, metres, as a share, k1.
@@ -154,6 +156,41 @@ impl Changed {
             })
         };
         upper_median(all.iter().map(off_m).collect())
+    }
+
+    /// What it costs, 0 to 1, that it shows them beside where they are; at `half_m` from there it is a half. Unlike the median it
+    /// tells a little that all are off from a lot that some are.
+    pub(in crate::camera_agreement) fn mean_cost(&self, all: &[Observed], half_m: f64) -> f64 {
+        let cost = |one: &Observed| {
+            let at = self.linear(&one.place_m);
+            at.map_or(1.0, |(y, _)| {
+                let off = (y - one.shown).norm() * one.place_m.z / half_m;
+                off * off / (1.0 + off * off)
+            })
+        };
+        all.iter().map(cost).sum::<f64>() / all.len().max(1) as f64
+    }
+
+    /// How far beside where the calibrated camera does it shows them in the median, metres where they are.
+    pub(in crate::camera_agreement) fn aside_m(&self, all: &[Observed]) -> Option<f64> {
+        let aside_m = |one: &Observed| {
+            let (y, _) = self.linear(&one.place_m)?;
+            let calibrated = one.place_m.xy() / one.place_m.z;
+            Some((y - calibrated).norm() * one.place_m.z)
+        };
+        upper_median(all.iter().filter_map(aside_m).collect())
+    }
+
+    /// Its lines of sight, but for a distortion, beside those that are calibrated.
+    pub(in crate::camera_agreement) fn lines(&self, calibrated: &SightLines) -> SightLines {
+        let turn = Rotation3::from_scaled_axis(self.0.fixed_rows::<3>(0).into_owned());
+        let shift_m = self.0.fixed_rows::<3>(3).into_owned();
+        calibrated.displaced((turn.matrix(), &shift_m), self.focal_factor())
+    }
+
+    /// Where a camera without another distortion shows what this one shows at `y`, both normalised.
+    pub(in crate::camera_agreement) fn straightened(&self, y: Vector2<f64>) -> Vector2<f64> {
+        y * (1.0 + self.k1_over() * y.norm_squared())
     }
 
     /// By what it is turned, radians.

@@ -32,6 +32,40 @@ fn a_camera_that_was_moved_by_some_centimetres_is_told_to_a_third() {
 }
 
 #[test]
+fn a_camera_that_was_moved_by_a_hand_s_breadth_has_no_other_lens() {
+    for moved_m in [[0.05, 0.0, 0.0], [0.0, 0.05, 0.0], [0.0, 0.0, -0.05]] {
+        let mistake = Mistake {
+            moved_m,
+            ..Mistake::default()
+        };
+        for camera in 0..4 {
+            let causes = Hall::with(camera, mistake).causes();
+            let [(cameras, cause)] = &causes[..] else {
+                panic!("camera {camera} by {moved_m:?}: {causes:?}");
+            };
+            assert_eq!(*cameras, names(&[camera]), "{moved_m:?}: {cause:?}");
+            let is_rigid = matches!(
+                cause,
+                DisagreementCause::Moved { .. } | DisagreementCause::Turned { .. }
+            );
+            assert!(is_rigid, "camera {camera} by {moved_m:?}: {cause:?}");
+        }
+    }
+}
+
+#[test]
+fn crops_that_show_somebody_else_turn_no_camera_whose_sightings_meet_those_of_the_others() {
+    let mistake = Mistake {
+        crops_of_the_other: true,
+        ..Mistake::default()
+    };
+    for camera in 0..4 {
+        let causes = Hall::with(camera, mistake).causes();
+        assert!(causes.is_empty(), "camera {camera}: {causes:?}");
+    }
+}
+
+#[test]
 fn a_camera_that_was_knocked_is_told_by_both() {
     let mistake = Mistake {
         moved_m: [0.06, -0.05, 0.02],
