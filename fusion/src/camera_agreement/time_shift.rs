@@ -89,7 +89,7 @@ fn shifts_of(costs: &mut ShiftCosts<'_>, part: CurvePart) -> Vec<Option<Shift>> 
         };
         ticks[camera] = to;
     }
-    take_most_for_right(&mut ticks);
+    take_most_for_right(&mut ticks, &curves);
     let fractions = fractions(&curves, &ticks, reach);
     (0..n_cameras)
         .map(|camera| {
@@ -153,23 +153,30 @@ fn fractions(curves: &[Curve], ticks: &[isize], reach: usize) -> Vec<f64> {
     fractions.iter().map(|fraction| fraction - middle).collect()
 }
 
-/// Only differences between cameras are seen: the time that most of them have is taken for right.
-fn take_most_for_right(ticks: &mut [isize]) {
+/// Only differences between cameras are seen: the time that most of those have that are compared is taken for right; where two
+/// groups are as large, that of the first camera, so that all who look find the same.
+fn take_most_for_right(ticks: &mut [isize], curves: &[Curve]) {
+    let is_compared = |camera: usize| curves.iter().any(|c| c.a == camera || c.b == camera);
+    let compared: Vec<isize> = (0..ticks.len())
+        .filter(|&camera| is_compared(camera))
+        .map(|camera| ticks[camera])
+        .collect();
     let near = |of: isize| {
-        ticks
-            .iter()
-            .filter(|other| (*other - of).abs() <= 1)
-            .count()
+        let others = compared.iter();
+        others.filter(|other| (*other - of).abs() <= 1).count()
     };
-    let best = ticks
-        .iter()
-        .copied()
-        .max_by_key(|&of| (near(of), -of.abs()));
-    let Some(best) = best.filter(|&best| near(best) > near(0)) else {
-        return;
-    };
+    let most = compared.iter().map(|&of| near(of)).max().unwrap_or(0);
+    let first = compared.iter().copied().find(|&of| near(of) == most);
+    // Of those beside each other the one that most have.
+    let own = |of: isize| compared.iter().filter(|other| **other == of).count();
+    let beside = first.into_iter().flat_map(|of| [of, of - 1, of + 1]);
+    let best = beside
+        .filter(|of| near(*of) == most)
+        .max_by_key(|&of| own(of));
+    // A tick is what cameras may be off beside each other.
+    let best = best.filter(|_| first.is_some_and(|of| of.abs() > 1));
     for tick in ticks {
-        *tick -= best;
+        *tick -= best.unwrap_or(0);
     }
 }
 

@@ -16,13 +16,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             after_ticks,
             since_tick,
         } => late_in_part(first, [before_ticks, after_ticks], (since_tick, rate_hz)),
-        DisagreementCause::Drifts { ticks_per_minute } => (
-            format!(
-                "camera {first} runs at another rate: it is {ticks_per_minute:.1} ticks later every minute"
-            ),
-            "give the true rate of its video: convert it to the rate of the venue, or record all cameras at one rate"
-                .to_owned(),
-        ),
+        DisagreementCause::Drifts { ticks_per_minute } => drifts(first, ticks_per_minute),
         DisagreementCause::Mirrored => mirrored(first),
         DisagreementCause::HalfTurned => half_turned(first),
         DisagreementCause::Swapped => {
@@ -86,6 +80,14 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::GivenUnseen { tick, at_m: [x, y] } => given_unseen(tick, [x, y]),
         DisagreementCause::Unexplained => unexplained(cameras),
     }
+}
+
+fn drifts(camera: &str, ticks_per_minute: f64) -> (String, String) {
+    (
+        format!("camera {camera} runs at another rate: it is {ticks_per_minute:.1} ticks later every minute"),
+        "give the true rate of its video: convert it to the rate of the venue, or record all cameras at one rate"
+            .to_owned(),
+    )
 }
 
 fn same_pictures(camera: &str, other: &str) -> (String, String) {

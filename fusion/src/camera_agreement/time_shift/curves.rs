@@ -17,6 +17,8 @@ use super::{KeypointHalf, LONGEST_S, index, least};
 
 /// Keypoints that must have been compared at a shift.
 const MIN_COMPARED: usize = 60;
+/// One in so many of those that are compared at most shifts must be compared at one for it to tell.
+const OVERLAP: usize = 2;
 /// Of the ticks of a burst every so many are compared at first; later, near the least cost, all.
 const COARSE_TICKS: usize = 3;
 /// So many shifts beside the least cost, and beside none, are looked at again.
@@ -52,6 +54,11 @@ impl SummedCost {
             self.sums[half] += other.sums[half];
             self.compared[half] += other.compared[half];
         }
+    }
+
+    /// How many keypoints were compared.
+    fn compared(&self) -> usize {
+        self.compared[0] + self.compared[1]
     }
 
     /// Not a number where too little is known.
@@ -162,7 +169,17 @@ impl<'a> ShiftCosts<'a> {
                 sum.add(own);
             }
         }
-        let mut costs: Vec<f64> = sums.iter().map(|sum| sum.mean(part.half)).collect();
+        let most = sums.iter().map(SummedCost::compared).max().unwrap_or(0);
+        // Of a few ticks little is left once what stays the same is left out, whatever they show.
+        let is_known = |sum: &SummedCost| OVERLAP * sum.compared() >= most;
+        let means = sums.iter().map(|sum| {
+            if is_known(sum) {
+                sum.mean(part.half)
+            } else {
+                f64::NAN
+            }
+        });
+        let mut costs: Vec<f64> = means.collect();
         let near = least(&costs)?.0.cast_signed() - reach.cast_signed();
         for shift in (near - BESIDE..=near + BESIDE).chain(-BESIDE..=BESIDE) {
             if shift.unsigned_abs() <= reach {

@@ -220,7 +220,7 @@ fn apart_if_alike_m(one: &[[f32; 3]], other: &[[f32; 3]]) -> Option<f64> {
     };
     let mean = between().sum::<Vector3<f32>>() / n.max(1) as f32;
     let apart_m = f64::from(mean.norm());
-    let is_apart = apart_m >= APART_M[0] && apart_m <= APART_M[1];
+    let is_apart = (APART_M[0]..=APART_M[1]).contains(&apart_m);
     if n == 0 || !is_apart {
         return None;
     }
