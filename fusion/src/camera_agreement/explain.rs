@@ -3,7 +3,7 @@
 pub(super) mod displaced;
 mod keypoint_order;
 
-use self::displaced::{Displacement, displaced};
+use self::displaced::displaced;
 use self::keypoint_order::{KeypointOrder, keypoint_order, shown_order};
 use super::judge::{Judge, rounded};
 use super::lens::LensPoints;
@@ -96,7 +96,8 @@ impl Judge<'_> {
         };
         let best = causes.into_iter().next();
         let best = best.filter(|(ratio, ..)| is_cause(*ratio));
-        let certain = displaced.filter(Displacement::is_certain);
+        let certain = displaced
+            .filter(|it| it.is_certain() && self.fits_sightings(camera, &it.changed, right));
         let certain = || certain.map(|it| (it.ratio, vec![camera], it.cause));
         let (_, cameras, cause) = best.or_else(certain)?;
         if cause == DisagreementCause::Swapped {

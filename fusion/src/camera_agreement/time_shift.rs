@@ -89,7 +89,10 @@ fn shifts_of(costs: &mut ShiftCosts<'_>, part: CurvePart) -> Vec<Option<Shift>> 
         };
         ticks[camera] = to;
     }
-    take_most_for_right(&mut ticks, &curves);
+    take_most_for_right(&mut ticks);
+    if part.burst.is_none() {
+        take_first_of_two(&mut ticks, &curves);
+    }
     let fractions = fractions(&curves, &ticks, reach);
     (0..n_cameras)
         .map(|camera| {
@@ -153,30 +156,41 @@ fn fractions(curves: &[Curve], ticks: &[isize], reach: usize) -> Vec<f64> {
     fractions.iter().map(|fraction| fraction - middle).collect()
 }
 
-/// Only differences between cameras are seen: the time that most of those have that are compared is taken for right; where two
-/// groups are as large, that of the first camera, so that all who look find the same.
-fn take_most_for_right(ticks: &mut [isize], curves: &[Curve]) {
-    let is_compared = |camera: usize| curves.iter().any(|c| c.a == camera || c.b == camera);
-    let compared: Vec<isize> = (0..ticks.len())
-        .filter(|&camera| is_compared(camera))
-        .map(|camera| ticks[camera])
-        .collect();
+/// Only differences between cameras are seen: the time that most of them have is taken for right.
+fn take_most_for_right(ticks: &mut [isize]) {
     let near = |of: isize| {
-        let others = compared.iter();
-        others.filter(|other| (*other - of).abs() <= 1).count()
+        ticks
+            .iter()
+            .filter(|other| (*other - of).abs() <= 1)
+            .count()
     };
-    let most = compared.iter().map(|&of| near(of)).max().unwrap_or(0);
-    let first = compared.iter().copied().find(|&of| near(of) == most);
-    // Of those beside each other the one that most have.
-    let own = |of: isize| compared.iter().filter(|other| **other == of).count();
-    let beside = first.into_iter().flat_map(|of| [of, of - 1, of + 1]);
-    let best = beside
-        .filter(|of| near(*of) == most)
-        .max_by_key(|&of| own(of));
-    // A tick is what cameras may be off beside each other.
-    let best = best.filter(|_| first.is_some_and(|of| of.abs() > 1));
+    let all = ticks.iter().copied();
+    let best = all.max_by_key(|&of| (near(of), -of.abs()));
+    let Some(best) = best.filter(|&best| near(best) > near(0)) else {
+        return;
+    };
     for tick in ticks {
-        *tick -= best.unwrap_or(0);
+        *tick -= best;
+    }
+}
+
+/// Where two groups of cameras that are compared are as large (of two recorders each has half of them) takes the time of the
+/// first camera for right, so that both halves of the keypoints do.
+fn take_first_of_two(ticks: &mut [isize], curves: &[Curve]) {
+    let is_compared = |camera: usize| curves.iter().any(|c| c.a == camera || c.b == camera);
+    let compared = (0..ticks.len()).filter(|&camera| is_compared(camera));
+    let compared: Vec<isize> = compared.map(|camera| ticks[camera]).collect();
+    let near = |of: isize| {
+        compared
+            .iter()
+            .filter(|other| (**other - of).abs() <= 1)
+            .count()
+    };
+    let first = compared.first().copied().unwrap_or(0);
+    if first.abs() > 1 && near(first) == near(0) {
+        for tick in ticks {
+            *tick -= first;
+        }
     }
 }
 
@@ -235,4 +249,39 @@ fn sums(curves: &[Curve], ticks: &[isize], camera: usize, reach: usize) -> Optio
 pub(super) fn is_same(first: f64, second: f64) -> bool {
     let most = LATE_DIFFERENCE_TICKS.max(LATE_DIFFERENCE * first.abs());
     (first - second).abs() <= most
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cameras that are all compared with the next.
+    fn curves(n: usize) -> Vec<Curve> {
+        let curve = |a| Curve {
+            a,
+            b: a + 1,
+            costs: Vec::new(),
+        };
+        (0..n - 1).map(curve).collect()
+    }
+
+    #[test]
+    fn of_two_recorders_that_of_the_first_camera_is_right_whichever_was_moved() {
+        for late in [[0, 0, -5, -5], [5, 5, 0, 0]] {
+            let mut ticks = late;
+            take_most_for_right(&mut ticks);
+            take_first_of_two(&mut ticks, &curves(4));
+            assert_eq!(ticks, [0, 0, -5, -5]);
+        }
+    }
+
+    #[test]
+    fn the_time_that_most_cameras_have_is_right_whoever_is_first() {
+        for (late, right) in [([7, 0, 0, 0], [7, 0, 0, 0]), ([0, 4, 4, 4], [-4, 0, 0, 0])] {
+            let mut ticks = late;
+            take_most_for_right(&mut ticks);
+            take_first_of_two(&mut ticks, &curves(4));
+            assert_eq!(ticks, right);
+        }
+    }
 }

@@ -325,7 +325,7 @@ fn one_person_each() -> (String, String) {
 fn doubled(cameras: &[String], apart_m: f64) -> (String, String) {
     (
         format!(
-            "everybody is followed twice: cameras {} show people {apart_m:.2} m from where the others do",
+            "people are followed twice: cameras {} show them {apart_m:.2} m from where the others do",
             cameras.join(", ")
         ),
         "the two groups were calibrated with other origins, or a direction was measured too short, or their recorders began at \

@@ -48,7 +48,7 @@ const TRIED_FIRST: usize = 3;
 pub(super) struct Displacement {
     pub(super) cause: DisagreementCause,
     /// The camera as it is then.
-    changed: Changed,
+    pub(super) changed: Changed,
     /// What it leaves of the median distance.
     pub(super) ratio: f64,
     /// What it leaves of the cost of all distances.
@@ -233,7 +233,12 @@ impl Judge<'_> {
     ///
     /// A crop is cut for somebody, and where a camera sees that person badly it shows another: beside somebody whom few cameras
     /// see, always the same one. Sightings are of whoever is there.
-    fn fits_sightings(&self, camera: usize, changed: &Changed, others: &[usize]) -> bool {
+    pub(super) fn fits_sightings(
+        &self,
+        camera: usize,
+        changed: &Changed,
+        others: &[usize],
+    ) -> bool {
         let lines = changed.lines(&self.lines[camera]);
         let rays = self.rays_through(camera, &lines, PictureChange::AsItIs);
         let rays = rays.through(|y| Some(changed.straightened(y)));

@@ -38,7 +38,7 @@ pub(super) struct Statures {
     people: Vec<Measured>,
     /// Instants so far.
     instants: u64,
-    /// The shortest and the tallest whom the venue names with a stature, metres.
+    /// The shortest and the tallest whom the venue names, metres, where it gives the statures of all.
     expected_m: Option<[f64; 2]>,
 }
 
@@ -55,8 +55,12 @@ struct Measured {
 impl Statures {
     /// Nobody yet, where these people may come.
     pub(super) fn expecting(subjects: &[VenueSubject]) -> Self {
+        let are_all_known = subjects
+            .iter()
+            .all(|subject| matches!(subject.known_by, KnownBy::Stature { .. }));
         let known = subjects
             .iter()
+            .filter(|_| are_all_known)
             .filter_map(|subject| match &subject.known_by {
                 KnownBy::Stature { stature_m, .. } => Some([*stature_m; 2]),
                 KnownBy::Profile(_) => None,
@@ -161,12 +165,17 @@ impl Statures {
             && lowest_m > FARTHEST_M[1];
         let is_short = highest_m < all_m[0] || are_many[0] && most_are_short;
         let is_tall = lowest_m > all_m[1] || are_many[1] && most_are_tall;
-        // Who comes is known: then nobody is as short, or as tall, as all of these.
         let (is_short, is_tall) = match self.expected_m {
-            Some([shortest_m, tallest_m]) => (
-                highest_m < shortest_m && mean_m < (1.0 - OF_SUBJECTS) * shortest_m,
-                lowest_m > tallest_m && mean_m > (1.0 + OF_SUBJECTS) * tallest_m,
-            ),
+            Some([shortest_m, tallest_m]) => {
+                // Of several one at least is named; one alone may be a guest.
+                let are_several = sorted_m.len() > 1;
+                let are_shorter = highest_m < shortest_m && are_several;
+                let are_taller = lowest_m > tallest_m && are_several;
+                (
+                    (is_short || are_shorter) && mean_m < (1.0 - OF_SUBJECTS) * shortest_m,
+                    (is_tall || are_taller) && mean_m > (1.0 + OF_SUBJECTS) * tallest_m,
+                )
+            }
             None => (is_short, is_tall),
         };
         if is_short {
@@ -223,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn where_it_is_known_who_comes_a_scale_that_is_a_tenth_off_is_doubted() {
+    fn where_it_is_known_who_comes_all_who_are_a_tenth_beyond_them_are_doubted() {
         let are_doubted = |statures_m: &[f64]| {
             let mut all = Statures::of(statures_m);
             all.expected_m = Some([1.62, 1.71]);
@@ -234,8 +243,9 @@ mod tests {
         for factor in [0.85, 1.18] {
             assert!(are_doubted(&scaled(&[1.62, 1.71], factor)), "{factor}");
         }
-        // Others are there, too.
+        // Others are there, too; or one of them alone.
         assert!(!are_doubted(&[1.7, 1.95, 1.98]));
+        assert!(!are_doubted(&[1.95]));
     }
 
     #[test]

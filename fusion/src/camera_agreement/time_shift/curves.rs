@@ -17,7 +17,7 @@ use super::{KeypointHalf, LONGEST_S, index, least};
 
 /// Keypoints that must have been compared at a shift.
 const MIN_COMPARED: usize = 60;
-/// One in so many of those that are compared at most shifts must be compared at one for it to tell.
+/// One in so many of the keypoints that are compared where most are must be compared at a shift for it to tell.
 const OVERLAP: usize = 2;
 /// Of the ticks of a burst every so many are compared at first; later, near the least cost, all.
 const COARSE_TICKS: usize = 3;

@@ -7,6 +7,9 @@
 #[cfg(test)]
 mod tests;
 
+use std::mem::discriminant;
+
+use farfield_proto::message::agreement::AgreementVerdict;
 use farfield_proto::tick::Tick;
 
 use super::super::AgreementCameras;
@@ -27,11 +30,13 @@ pub(in crate::camera_agreement) fn tell_of_changes(
 ) {
     // What comes over a camera meanwhile may look like these, all the time together.
     let may_be_in_part = |d: &Disagreement| {
-        let is_alike = matches!(
+        let is_like_it = matches!(
             d.cause,
-            DisagreementCause::Distortion { .. } | DisagreementCause::LateInPart { .. }
+            DisagreementCause::Distortion { .. }
+                | DisagreementCause::LateInPart { .. }
+                | DisagreementCause::Unexplained
         );
-        may_begin(d) || is_alike
+        may_begin(d) || is_like_it
     };
     if !report.disagreements.iter().all(may_be_in_part) {
         return;
@@ -41,26 +46,32 @@ pub(in crate::camera_agreement) fn tell_of_changes(
     };
     let judged = |half: &Samples| Judge::new(cameras, half, &mut JudgedBefore::default()).report();
     let by_half = [judged(&first), judged(&second)];
-    let (wrong, half, is_second) = match by_half {
-        [first_half, second_half] if first_half.disagreements.is_empty() => {
-            (second_half, second, true)
-        }
-        [first_half, second_half] if second_half.disagreements.is_empty() => {
-            (first_half, first, false)
-        }
+    let (wrong, right, half, is_second) = match by_half {
+        [right, wrong] if right.disagreements.is_empty() => (wrong, right, second, true),
+        [wrong, right] if right.disagreements.is_empty() => (wrong, right, first, false),
         _ => return,
     };
-    let told = &wrong.disagreements;
-    let is_known = |d: &Disagreement| told.iter().any(|of_half| of_half.cameras == d.cameras);
-    let is_explained = report.disagreements.iter().all(is_known);
-    if told.is_empty() || !told.iter().all(may_begin) || !is_explained {
+    let [told] = &wrong.disagreements[..] else {
+        return;
+    };
+    // Where the other half shows nobody to hold the camera to, or too little moves in it, it may be so there, too.
+    let is_right = |name: &String| {
+        let camera = right.cameras.get(name);
+        camera.is_some_and(|camera| camera.verdict == AgreementVerdict::Agrees)
+    };
+    let is_other = |d: &Disagreement| {
+        let is_alike = discriminant(&d.cause) == discriminant(&told.cause);
+        d.cameras == told.cameras && !is_alike
+    };
+    let is_explained = report.disagreements.iter().all(is_other);
+    if !may_begin(told) || !is_explained || !told.cameras.iter().all(is_right) {
         return;
     }
     let Some(ticks) = span(&half) else {
         return;
     };
-    report.disagreements = told.iter().map(|d| d.in_part(ticks, is_second)).collect();
-    for name in told.iter().flat_map(|d| &d.cameras) {
+    report.disagreements = vec![told.in_part(ticks, is_second)];
+    for name in &told.cameras {
         if let Some(own) = wrong.cameras.get(name) {
             report.cameras.insert(name.clone(), *own);
         }
@@ -82,7 +93,6 @@ fn may_begin(told: &Disagreement) -> bool {
             | DisagreementCause::FocalLength { .. }
             | DisagreementCause::HalfTurned
             | DisagreementCause::Mirrored
-            | DisagreementCause::Unexplained
     )
 }
 
@@ -111,26 +121,22 @@ fn span(samples: &Samples) -> Option<[Tick; 2]> {
 impl Disagreement {
     /// The same as it is told of these ticks, the second half of the time or the first.
     fn in_part(&self, [from, to]: [Tick; 2], is_second: bool) -> Self {
-        let found = &self.found;
-        let (found, remedy) = if is_second {
-            (
-                format!("from about tick {from} on, and not before, {found}"),
-                "fasten it, lock its zoom, focus and stabilisation, and calibrate it again; of this run leave it out from \
-                 there on (`run --ticks`, or a venue file without it)",
-            )
+        let (half, other) = if is_second {
+            ("second", "first")
         } else {
-            (
-                format!("up to about tick {to}, and not after, {found}"),
-                "fasten it, lock its zoom, focus and stabilisation; of this run leave it out up to there (`run --ticks`, or \
-                 a venue file without it)",
-            )
+            ("first", "second")
         };
         Self {
             cameras: self.cameras.clone(),
             cause: self.cause,
             part_ticks: Some([from.0, to.0]),
-            found,
-            remedy: remedy.to_owned(),
+            found: format!(
+                "in the {half} half of what is judged (ticks {from} to {to}), and not in the {other}, {}",
+                self.found
+            ),
+            remedy: "somebody touched it meanwhile, or its zoom, focus or stabilisation works by itself: fasten and lock these, and \
+                     leave it out of that part (`run --ticks`, or a venue file without it)"
+                .to_owned(),
         }
     }
 }

@@ -24,12 +24,12 @@ fn a_camera_that_is_turned_while_people_walk_is_named_with_its_part_of_the_time(
         (
             [2, 3],
             [1200, 1890],
-            "from about tick 1200 on, and not before, camera cam1",
+            "in the second half of what is judged (ticks 1200 to 1890), and not in the first, camera cam1",
         ),
         (
             [0, 1],
             [0, 690],
-            "up to about tick 690, and not after, camera cam1",
+            "in the first half of what is judged (ticks 0 to 690), and not in the second, camera cam1",
         ),
     ] {
         let report = hall(turned(in_bursts)).report();

@@ -7,7 +7,7 @@
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use farfield_proto::message::agreement::AgreementVerdict;
 use farfield_proto::order_statistics::upper_median;
@@ -16,7 +16,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::super::geometry::SightLines;
 use super::super::report::{AgreementReport, Disagreement, DisagreementCause};
-use super::super::samples::{MAX_POSED, PosedTick, SeenBody};
+use super::super::samples::{PosedTick, SeenBody, middle_m};
 use super::Judge;
 
 /// How far keypoints of the same movement may be from each other once the one body is laid on the other, metres, the mean of
@@ -27,8 +27,13 @@ const APART_M: [f64; 2] = [0.08, 2.0];
 /// followed badly.
 const MIN_POSES: usize = 24;
 const ALIKE: f64 = 0.5;
-/// Which share of what a camera shows must be the one, for it to be of his side.
+/// Which share of what a camera shows must be the one, for it to be of his side; and of what all show, which must be of cameras
+/// of a side.
 const MOSTLY: f64 = 0.8;
+/// How far they must have gone together, metres: people who stand in a row are as alike.
+const GONE_M: f32 = 1.0;
+/// One in so many of those who are followed must be one of two.
+const MANY: usize = 3;
 /// How far apart two must be before a camera for it to tell which of them it shows, metres; how near the sighting must be
 /// to him, and as a share of how far it is from the other.
 const TOLD_APART_M: f64 = 0.12;
@@ -54,25 +59,46 @@ struct Telling {
 }
 
 impl Judge<'_> {
-    /// Says it in the place of what it looks like for single cameras.
+    /// Says that people are followed twice, in the place of what that looks like for single cameras.
     pub(in crate::camera_agreement) fn tell_of_doubled(&self, report: &mut AgreementReport) {
-        let Some((cameras, apart_m)) = self.doubled() else {
+        let Some((sides, apart_m)) = self.doubled() else {
             return;
         };
+        let name = |camera: &usize| &self.cameras[*camera].name;
+        let is_late = |camera: &usize| {
+            let mut told = report.disagreements.iter();
+            told.any(|d| {
+                matches!(d.cause, DisagreementCause::Late { .. })
+                    && d.cameras.contains(name(camera))
+            })
+        };
+        // Then it is told by how much.
+        if sides.iter().any(|side| side.iter().all(is_late)) {
+            return;
+        }
         let is_kept = |told: &Disagreement| {
-            matches!(
+            let is_of_pictures = matches!(
                 told.cause,
                 DisagreementCause::Frozen { .. }
                     | DisagreementCause::SamePictures
                     | DisagreementCause::Silent { .. }
-            )
+            );
+            let mut of_sides = sides.iter().flatten().map(name);
+            let is_elsewhere =
+                !told.cameras.is_empty() && of_sides.all(|camera| !told.cameras.contains(camera));
+            is_of_pictures || is_elsewhere
         };
         report.disagreements.retain(is_kept);
+        let fewer = sides
+            .iter()
+            .min_by_key(|side| (side.len(), (*side).clone()));
+        let cameras = fewer.cloned().unwrap_or_default();
         let told = self.disagreement(&cameras, DisagreementCause::Doubled { apart_m });
         report.disagreements.insert(0, told);
         Self::set_verdicts(report);
     }
 
+    /// Those agree of whom nothing is told any more.
     fn set_verdicts(report: &mut AgreementReport) {
         for (name, camera) in &mut report.cameras {
             let is_told = report
@@ -87,23 +113,23 @@ impl Judge<'_> {
         }
     }
 
-    /// The cameras that show everybody elsewhere than the others do, the fewer, and how far from there, metres.
-    fn doubled(&self) -> Option<(Vec<usize>, f64)> {
+    /// The cameras that show people at the one place, and those that do at the other, and how far apart these are, metres.
+    fn doubled(&self) -> Option<([Vec<usize>; 2], f64)> {
         let poses: Vec<&PosedTick> = self.samples.poses.iter().map(AsRef::as_ref).collect();
         let mut all = Telling::default();
-        let mut apart_m = Vec::new();
+        let (mut apart_m, mut twice) = (Vec::new(), BTreeSet::new());
         for (pair, of_pair_m) in alike(&poses) {
             let telling = self.telling(pair, &poses);
             if telling.is_one_person(self) {
                 all.add(&telling);
                 apart_m.push(of_pair_m);
+                twice.extend([pair.0, pair.1]);
             }
         }
-        let sides = all.sides();
-        let fewer = sides
-            .into_iter()
-            .min_by_key(|side| (side.len(), side.clone()));
-        Some((fewer?, (100.0 * upper_median(apart_m)?).round() / 100.0))
+        // A few who are so are people; all pairs together tell of the same cameras.
+        let is_common = MANY * twice.len() >= followed(&poses);
+        let apart_m = upper_median(apart_m).filter(|_| is_common && all.is_one_person(self))?;
+        Some((all.sides(), (100.0 * apart_m).round() / 100.0))
     }
 
     /// Whom of a pair the cameras show in detection passes.
@@ -149,6 +175,9 @@ impl Telling {
     fn is_one_person(&self, judge: &Judge<'_>) -> bool {
         let singles: usize = self.shown.values().flatten().sum();
         let few = |n: usize, share: f64| n as f64 <= share * singles as f64;
+        let of_sides = self.sides().into_iter().flatten();
+        let of_sides = of_sides.filter_map(|camera| self.shown.get(&camera));
+        let of_sides: usize = of_sides.flatten().sum();
         let viewpoints = self.sides().map(|cameras| {
             let of = cameras
                 .iter()
@@ -161,6 +190,7 @@ impl Telling {
         singles >= MIN_TELLING
             && few(self.both, BOTH)
             && few(self.neither, NEITHER)
+            && of_sides as f64 >= MOSTLY * singles as f64
             && viewpoints.iter().all(|n| *n >= MIN_VIEWPOINTS)
     }
 
@@ -176,9 +206,9 @@ impl Telling {
 
     /// Adds what is told of another pair, of which either may be called the one.
     fn add(&mut self, other: &Self) {
-        let alike = |[one, other]: [usize; 2]| one as f64 - other as f64;
+        let lean = |[one, other]: [usize; 2]| one as f64 - other as f64;
         let sum: f64 = (other.shown.iter())
-            .filter_map(|(camera, shown)| Some(alike(*shown) * alike(*self.shown.get(camera)?)))
+            .filter_map(|(camera, shown)| Some(lean(*shown) * lean(*self.shown.get(camera)?)))
             .sum();
         for (camera, &[one, two]) in &other.shown {
             let own = self.shown.entry(*camera).or_default();
@@ -191,24 +221,68 @@ impl Telling {
     }
 }
 
+/// How many people were followed for long enough to be told of.
+fn followed(poses: &[&PosedTick]) -> usize {
+    let mut n_poses: BTreeMap<u32, usize> = BTreeMap::new();
+    for (id, _) in poses.iter().flat_map(|posed| &posed.people) {
+        *n_poses.entry(*id).or_default() += 1;
+    }
+    n_poses.values().filter(|n| **n >= MIN_POSES).count()
+}
+
+/// What is known of two who are followed at the same time.
+#[derive(Default)]
+struct Together {
+    n_poses: usize,
+    /// How far apart they were in one posture, metres.
+    alike_m: Vec<f64>,
+    /// Where the one was then: the lowest and the highest x and y, world, metres.
+    reach_m: Option<[[f32; 2]; 2]>,
+}
+
+impl Together {
+    fn note(&mut self, one: &[[f32; 3]], other: &[[f32; 3]]) {
+        self.n_poses += 1;
+        let Some(apart_m) = apart_if_alike_m(one, other) else {
+            return;
+        };
+        self.alike_m.push(apart_m);
+        let middle_m = middle_m(one);
+        let [low, high] = self.reach_m.get_or_insert([[middle_m.x, middle_m.y]; 2]);
+        for axis in 0..2 {
+            low[axis] = low[axis].min(middle_m[axis]);
+            high[axis] = high[axis].max(middle_m[axis]);
+        }
+    }
+
+    /// How far apart they are, metres, where they make the same movements.
+    fn apart_m(self) -> Option<f64> {
+        let [low, high] = self.reach_m?;
+        let gone_m = (0..2).map(|axis| high[axis] - low[axis]);
+        let is_alike = self.n_poses >= MIN_POSES
+            && self.alike_m.len() as f64 >= ALIKE * self.n_poses as f64
+            && gone_m.fold(0.0, f32::max) >= GONE_M;
+        upper_median(self.alike_m).filter(|_| is_alike)
+    }
+}
+
 /// Pairs of people who make the same movements at one distance, and that distance, metres.
 fn alike(poses: &[&PosedTick]) -> Vec<(Pair, f64)> {
-    let mut of_pairs: BTreeMap<Pair, (usize, Vec<f64>)> = BTreeMap::new();
+    let mut of_pairs: BTreeMap<Pair, Together> = BTreeMap::new();
     for posed in poses {
-        let people = posed.people.iter().take(MAX_POSED).enumerate();
-        for (index, (one, own)) in people {
+        for (index, (one, own)) in posed.people.iter().enumerate() {
             for (other, theirs) in &posed.people[index + 1..] {
-                let (n, alike_m) = of_pairs.entry((*one, *other)).or_default();
-                *n += 1;
-                alike_m.extend(apart_if_alike_m(own, theirs));
+                of_pairs
+                    .entry((*one, *other))
+                    .or_default()
+                    .note(own, theirs);
             }
         }
     }
-    let mostly = of_pairs.into_iter().filter_map(|(pair, (n, alike_m))| {
-        let is_alike = n >= MIN_POSES && alike_m.len() as f64 >= ALIKE * n as f64;
-        Some((pair, upper_median(alike_m).filter(|_| is_alike)?))
-    });
-    mostly.collect()
+    let alike = of_pairs.into_iter();
+    alike
+        .filter_map(|(pair, together)| Some((pair, together.apart_m()?)))
+        .collect()
 }
 
 /// How far apart two bodies are that are in one posture, metres.
