@@ -90,9 +90,7 @@ fn shifts_of(costs: &mut ShiftCosts<'_>, part: CurvePart) -> Vec<Option<Shift>> 
         ticks[camera] = to;
     }
     take_most_for_right(&mut ticks);
-    if part.burst.is_none() {
-        take_first_of_two(&mut ticks, &curves);
-    }
+    take_first_of_two(&mut ticks, &curves);
     let fractions = fractions(&curves, &ticks, reach);
     (0..n_cameras)
         .map(|camera| {
@@ -175,7 +173,7 @@ fn take_most_for_right(ticks: &mut [isize]) {
 }
 
 /// Where two groups of cameras that are compared are as large (of two recorders each has half of them) takes the time of the
-/// first camera for right, so that both halves of the keypoints do.
+/// first camera for right, so that both halves of the keypoints do, and all bursts.
 fn take_first_of_two(ticks: &mut [isize], curves: &[Curve]) {
     let is_compared = |camera: usize| curves.iter().any(|c| c.a == camera || c.b == camera);
     let compared = (0..ticks.len()).filter(|&camera| is_compared(camera));
