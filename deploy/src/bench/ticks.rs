@@ -68,7 +68,7 @@ impl BenchTicks for CrowdTicks<'_> {
 
 impl BenchTicks for RecordedRun {
     fn rewind(&mut self) -> anyhow::Result<()> {
-        Ok(Self::rewind(self)?)
+        Ok(RecordedRun::rewind(self)?)
     }
 
     fn step(&mut self, watch: &mut Stopwatch) -> anyhow::Result<Option<BenchTick>> {

@@ -391,7 +391,8 @@ impl Samples {
         self.bursts.iter().filter(|_| is_long).collect()
     }
 
-    /// What is kept of the ticks from `from` on and before `end`: of bursts those that lie whole in them.
+    /// What is kept of the ticks from `from` on and before `end`: of bursts those that lie whole in them. What is counted since the
+    /// start stays so.
     pub(super) fn between(&self, from: Tick, end: Tick) -> Self {
         let is_in = |tick: Tick| from <= tick && tick < end;
         let mut part = self.clone();

@@ -2,6 +2,17 @@
 
 /// What adults are tall on average, metres.
 const ADULT_M: f64 = 1.7;
+/// Statures that differ by less are written as one, metres.
+const SAME_M: f64 = 0.01;
+
+/// The lowest and the highest of some statures.
+fn between([low_m, high_m]: [f64; 2]) -> String {
+    if high_m - low_m < SAME_M {
+        format!("{low_m:.2} m")
+    } else {
+        format!("{low_m:.2} to {high_m:.2} m")
+    }
+}
 
 pub(super) fn world_scale(
     stature_m: f64,
@@ -10,10 +21,11 @@ pub(super) fn world_scale(
 ) -> (String, String) {
     let found = if people == 1 {
         format!("the one person who was measured is {stature_m:.2} m tall")
-    } else if high_m - low_m < 0.01 {
+    } else if high_m - low_m < SAME_M {
         format!("everybody is {stature_m:.2} m tall")
     } else {
-        format!("everybody is {low_m:.2} to {high_m:.2} m tall ({people} people)")
+        let statures = between([low_m, high_m]);
+        format!("everybody is {statures} tall ({people} people)")
     };
     let unless = match (stature_m < ADULT_M, people) {
         (true, 1) => "unless this is a child",
@@ -33,14 +45,13 @@ pub(super) fn world_scale(
 
 pub(super) fn scale_of_subjects(
     stature_m: f64,
-    [low_m, high_m]: [f64; 2],
+    range_m: [f64; 2],
     expected_m: [f64; 2],
 ) -> (String, String) {
     let [short_m, tall_m] = expected_m;
+    let [found, named] = [range_m, expected_m].map(between);
     (
-        format!(
-            "everybody is {low_m:.2} to {high_m:.2} m tall, and those whom the venue names {short_m:.2} to {tall_m:.2} m"
-        ),
+        format!("everybody is {found} tall, and those whom the venue names are {named}"),
         format!(
             "if they are the ones, scale the translations of the calibration by about {:.2}; else mend `stature_m` of each `[[subject]]`",
             0.5 * (short_m + tall_m) / stature_m.max(0.01)
@@ -77,4 +88,24 @@ pub(super) fn floor_height(above_m: f64, floor_m: f64) -> (String, String) {
              origin of the calibration, and, where people are too large or too small as well, at the focal lengths"
         ),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_stature_is_not_written_as_two() {
+        let (found, remedy) = scale_of_subjects(1.76, [1.76, 1.76], [1.5, 1.5]);
+        assert_eq!(
+            found,
+            "everybody is 1.76 m tall, and those whom the venue names are 1.50 m"
+        );
+        assert!(remedy.contains("by about 0.85"), "{remedy}");
+        let (found, _) = scale_of_subjects(1.76, [1.7, 1.8], [1.5, 1.55]);
+        assert_eq!(
+            found,
+            "everybody is 1.70 to 1.80 m tall, and those whom the venue names are 1.50 to 1.55 m"
+        );
+    }
 }

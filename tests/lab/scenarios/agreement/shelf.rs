@@ -47,19 +47,15 @@ impl Shelf {
         }
     }
 
-    /// Writes the recordings, of which `cam1` shows nobody from some line on.
-    fn write_black(&self, from_line: usize) {
+    /// Writes the recordings, of which `cam1` has its lines `changed` from some line on.
+    fn write_changed(&self, from_line: usize, changed: impl Fn(&mut Value)) {
         self.write(0);
         let path = self.dir.path().join("cam1.jsonl");
         let text = fs::read_to_string(&path).unwrap();
         let lines = text.lines().enumerate().map(|(index, line)| {
             let mut line: Value = serde_json::from_str(line).unwrap();
             if index >= from_line {
-                line["persons"] = Value::Array(Vec::new());
-                let peaks = line.get_mut("peaks").and_then(Value::as_array_mut);
-                for of_keypoint in peaks.into_iter().flatten() {
-                    *of_keypoint = Value::Array(Vec::new());
-                }
+                changed(&mut line);
             }
             format!("{line}\n")
         });
@@ -67,23 +63,25 @@ impl Shelf {
         fs::write(path, lines).unwrap();
     }
 
-    /// Writes the recordings, of which `cam1` has its keypoints elsewhere from some line on.
-    fn write_changed(&self, from_line: usize, changed: fn([f64; 2]) -> [f64; 2]) {
-        self.write(0);
-        let path = self.dir.path().join("cam1.jsonl");
-        let text = fs::read_to_string(&path).unwrap();
-        let lines = text.lines().enumerate().map(|(index, line)| {
-            let mut line: Value = serde_json::from_str(line).unwrap();
-            if index >= from_line {
-                points_of(&mut line, &mut |point| {
-                    let [x, y] = changed([0, 1].map(|axis| point[axis].as_f64().unwrap()));
-                    (point[0], point[1]) = (x.into(), y.into());
-                });
+    /// Writes the recordings, of which `cam1` shows nobody from some line on.
+    fn write_black(&self, from_line: usize) {
+        self.write_changed(from_line, |line| {
+            line["persons"] = Value::Array(Vec::new());
+            let peaks = line.get_mut("peaks").and_then(Value::as_array_mut);
+            for of_keypoint in peaks.into_iter().flatten() {
+                *of_keypoint = Value::Array(Vec::new());
             }
-            format!("{line}\n")
         });
-        let lines = lines.collect::<String>();
-        fs::write(path, lines).unwrap();
+    }
+
+    /// Writes the recordings, of which `cam1` has its keypoints elsewhere from some line on.
+    fn write_moved(&self, from_line: usize, moved: fn([f64; 2]) -> [f64; 2]) {
+        self.write_changed(from_line, |line| {
+            points_of(line, &mut |point| {
+                let [x, y] = moved([0, 1].map(|axis| point[axis].as_f64().unwrap()));
+                (point[0], point[1]) = (x.into(), y.into());
+            });
+        });
     }
 
     /// Gives a camera, or all, this `distortions`.
@@ -193,7 +191,7 @@ fn a_camera_that_goes_black_or_never_shows_anybody_is_named() {
 }
 
 #[test]
-fn a_camera_that_is_knocked_or_zoomed_meanwhile_is_named_from_there_on() {
+fn a_camera_that_is_knocked_or_zoomed_meanwhile_is_named_with_its_half_of_the_time() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -201,9 +199,9 @@ fn a_camera_that_is_knocked_or_zoomed_meanwhile_is_named_from_there_on() {
     let turned: fn([f64; 2]) -> [f64; 2] = |[x, y]| [x + 28.0, y + 10.0];
     let zoomed: fn([f64; 2]) -> [f64; 2] =
         |[x, y]| [516.0 + 1.12 * (x - 516.0), 388.0 + 1.12 * (y - 388.0)];
-    for (cause, changed) in [("turned", turned), ("focal_length", zoomed)] {
+    for (cause, moved) in [("turned", turned), ("focal_length", zoomed)] {
         for from_line in [150, 180] {
-            shelf.write_changed(from_line, changed);
+            shelf.write_moved(from_line, moved);
             let name = format!("{cause}-{from_line}");
             let found = shelf.disagreements(&name);
             assert_eq!(found.len(), 1, "{name}: {found:?}");

@@ -48,7 +48,7 @@ fn a_camera_that_is_turned_while_people_walk_is_named_with_its_part_of_the_time(
 }
 
 #[test]
-fn a_camera_that_zooms_while_people_walk_is_named_from_there_on() {
+fn a_camera_that_zooms_while_people_walk_is_named_with_its_half_of_the_time() {
     let zoomed = Mistake {
         focal_factor: 1.08,
         in_bursts: Some([2, 3]),
@@ -71,9 +71,9 @@ fn what_is_wrong_all_the_time_or_never_is_told_of_no_part() {
 }
 
 #[test]
-fn of_a_short_time_no_part_is_told() {
-    let mut short = hall(turned([1, 1]));
-    short.bursts = 2;
-    let report = short.report();
+fn of_few_detection_passes_no_part_is_told() {
+    let mut few = hall(turned([1, 1]));
+    few.bursts = 2;
+    let report = few.report();
     assert!(report.disagreements.iter().all(|d| d.part_ticks.is_none()));
 }
