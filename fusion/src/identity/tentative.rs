@@ -1,17 +1,48 @@
 //! What is seen and said of a tentative person until it is confirmed.
 
 use farfield_proto::tick::Tick;
+use nalgebra::Vector3;
 
 use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::observed::ObservedJoints;
+use crate::body::skeleton::Joint;
 
 /// Detection passes before contradictions can end a tentative track: detectors miss people now and then.
 const MIN_PASSES: u32 = 3;
+/// Over how long the hips must have been seen to tell a velocity, seconds: of two points 50 mm off each that is one
+/// within 0.7 m/s, and there are more than two.
+const LEAST_WAY_S: f64 = 0.1;
 
 /// The keypoint positions of one tick of a tentative person.
 #[derive(Debug, Clone)]
 pub(crate) struct TentativeTick {
     pub(crate) tick: Tick,
     pub(crate) estimates: Vec<KeypointEstimate>,
+}
+
+/// How fast somebody moves whom `seen` shows (when, seconds, and what), world, metres per second: the slope of the line
+/// through the middles of the hips, by least squares. A filter that began without a velocity has half of it by then.
+pub(crate) fn velocity_m_s(seen: &[(f64, ObservedJoints)]) -> Option<Vector3<f64>> {
+    let hips = [Joint::LeftHip, Joint::RightHip];
+    let middles = seen
+        .iter()
+        .filter_map(|(at_s, joints)| Some((*at_s, joints.middle_m(hips)?)));
+    let (first, last) = (middles.clone().next()?, middles.clone().next_back()?);
+    if last.0 - first.0 < LEAST_WAY_S {
+        return None;
+    }
+    // From the first on, so that no digits are lost far from the origin and late in a run.
+    let way = middles.map(|(at_s, middle_m)| (at_s - first.0, middle_m - first.1));
+    let (mut n, mut t, mut t2) = (0.0, 0.0, 0.0);
+    let (mut x, mut xt) = (Vector3::zeros(), Vector3::zeros());
+    for (at_s, way_m) in way {
+        n += 1.0;
+        t += at_s;
+        t2 += at_s * at_s;
+        x += way_m;
+        xt += way_m * at_s;
+    }
+    Some((xt * n - x * t) / (t2 * n - t * t))
 }
 
 /// What the detection passes since an initiation said of a body.
@@ -60,6 +91,27 @@ mod tests {
             votes.count((2, 1.0));
         }
         assert!(!votes.are_against());
+    }
+
+    #[test]
+    fn who_runs_is_as_fast_as_its_hips_and_who_was_seen_once_may_be_anything() {
+        let hips = |at_s: f64| {
+            let x_m = 4.0 * at_s;
+            let points = [
+                ("left_hip", [x_m, 0.1, 0.9]),
+                ("right_hip", [x_m, -0.1, 0.9]),
+            ];
+            (at_s, ObservedJoints::from_named(points))
+        };
+        let seen: Vec<_> = (0..12)
+            .map(|tick| hips(1e3 + f64::from(tick) / 60.0))
+            .collect();
+        let velocity_m_s = velocity_m_s(&seen).unwrap();
+        assert!((velocity_m_s - Vector3::new(4.0, 0.0, 0.0)).norm() < 1e-6);
+        assert_eq!(super::velocity_m_s(&seen[..6]), None);
+        assert_eq!(super::velocity_m_s(&[]), None);
+        let nothing = |at_s| (at_s, ObservedJoints::from_named([]));
+        assert_eq!(super::velocity_m_s(&[nothing(0.0), nothing(1.0)]), None);
     }
 
     #[test]

@@ -26,6 +26,7 @@ use super::memory::{Candidate, Memory};
 use super::poster::Posters;
 use super::recognise::{Appearance, Lengths};
 use super::subjects::Subjects;
+use super::tentative::velocity_m_s;
 use super::track::Track;
 use super::whereabouts::Whereabouts;
 use crate::align::TickGroup;
@@ -379,11 +380,16 @@ impl Registry {
 /// A newcomer as its tentative ticks show it, and its first tick.
 fn newcomer(track: &Track, method: &Method) -> (Appearance, Tick) {
     let record = &track.identity.tentative;
-    let ticks: Vec<ObservedJoints> = record
+    let seen: Vec<(f64, ObservedJoints)> = record
         .ticks
         .iter()
-        .map(|t| ObservedJoints::from_estimates(&t.estimates, &method.sites))
+        .map(|t| {
+            let joints = ObservedJoints::from_estimates(&t.estimates, &method.sites);
+            (t.tick.0 as f64 * method.dt_s, joints)
+        })
         .collect();
+    let velocity_m_s = velocity_m_s(&seen);
+    let ticks: Vec<ObservedJoints> = seen.into_iter().map(|(_, joints)| joints).collect();
     let fitted = fit(&ticks, &method.parameters.ik, None);
     let skeleton = fitted.map_or_else(
         |_| track.estimator.body.skeleton.clone(),
@@ -391,13 +397,13 @@ fn newcomer(track: &Track, method: &Method) -> (Appearance, Tick) {
     );
     let seconds = record.ticks.len() as f64 * method.dt_s;
     let since = record.ticks.first().map_or(Tick::default(), |t| t.tick);
+    let whereabouts = Whereabouts {
+        place_m: record.place_m,
+        ..track.whereabouts()
+    };
     let appearance = Appearance {
         lengths: Lengths::of(&skeleton, seconds),
-        // Its velocity takes the filter some ticks: meanwhile people turn little.
-        whereabouts: Whereabouts {
-            place_m: record.place_m,
-            ..track.whereabouts()
-        },
+        whereabouts: velocity_m_s.map_or(whereabouts, |v_m_s| whereabouts.moving(&v_m_s)),
     };
     (appearance, since)
 }
