@@ -41,22 +41,30 @@ impl TickMap {
     }
 }
 
-/// Which side a name stands for.
+/// The parts of [`LIMB_POINTS`], left and right of each, in their order.
+pub(super) const PARTS: [&str; LIMB_POINTS.len() / 2] =
+    ["shoulders", "elbows", "wrists", "hips", "knees", "ankles"];
+
+/// What a name stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Sides {
-    AsNamed,
-    Exchanged,
+pub(super) enum Names {
+    AsTheyAre,
+    SidesExchanged,
+    /// Two of [`PARTS`], on both sides.
+    PartsExchanged([usize; 2]),
 }
 
-impl Sides {
+impl Names {
     /// The slot at which the truth has the point of `slot`.
     fn of(self, slot: usize) -> usize {
         // The limb points come in pairs, left and right; a head has no side.
         let is_paired = slot < LIMB_POINTS.len();
-        if self == Self::Exchanged && is_paired {
-            slot ^ 1
-        } else {
-            slot
+        let (part, side) = (slot / 2, slot % 2);
+        match self {
+            Self::SidesExchanged if is_paired => slot ^ 1,
+            Self::PartsExchanged([one, other]) if part == one => 2 * other + side,
+            Self::PartsExchanged([one, other]) if part == other => 2 * one + side,
+            _ => slot,
         }
     }
 }
@@ -65,7 +73,7 @@ impl Sides {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Reading {
     pub(super) ticks: TickMap,
-    pub(super) sides: Sides,
+    pub(super) names: Names,
     pub(super) place: Similarity,
 }
 
@@ -74,13 +82,13 @@ impl Reading {
     pub(super) fn as_it_is() -> Self {
         Self {
             ticks: TickMap::After(0),
-            sides: Sides::AsNamed,
+            names: Names::AsTheyAre,
             place: Similarity::identity(),
         }
     }
 
     fn of(&self, truth: &ScoredBody) -> ScoredBody {
-        let point = |slot: usize| truth.points_m[self.sides.of(slot)];
+        let point = |slot: usize| truth.points_m[self.names.of(slot)];
         ScoredBody {
             points_m: std::array::from_fn(|slot| point(slot).map(|at_m| self.place.of(at_m))),
             ..ScoredBody::default()
@@ -98,22 +106,22 @@ pub(super) struct BodyPair<'a> {
 }
 
 /// The points that both bodies of the pairs know, of the truth and of the poses.
-pub(super) fn points_of(pairs: &[BodyPair<'_>], sides: Sides) -> Vec<[Vector3<f64>; 2]> {
+pub(super) fn points_of(pairs: &[BodyPair<'_>], names: Names) -> Vec<[Vector3<f64>; 2]> {
     let of_pair = |pair: &BodyPair<'_>| {
         let (truth, pose) = (pair.truth.points_m, pair.pose.points_m);
         let known = pose.into_iter().enumerate();
-        let known = known.filter_map(|(slot, p)| Some([truth[sides.of(slot)]?, p?]));
+        let known = known.filter_map(|(slot, p)| Some([truth[names.of(slot)]?, p?]));
         known.collect::<Vec<_>>()
     };
     pairs.iter().flat_map(of_pair).collect()
 }
 
 /// How many joints or keypoints both bodies of the pairs know: of one the points of all ticks tell hardly more than one does.
-pub(super) fn kinds(pairs: &[BodyPair<'_>], sides: Sides) -> usize {
+pub(super) fn kinds(pairs: &[BodyPair<'_>], names: Names) -> usize {
     let is_known = |slot: &usize| {
         let mut pairs = pairs.iter();
         pairs.any(|pair| {
-            pair.truth.points_m[sides.of(*slot)].is_some() && pair.pose.points_m[*slot].is_some()
+            pair.truth.points_m[names.of(*slot)].is_some() && pair.pose.points_m[*slot].is_some()
         })
     };
     (0..N_POINTS).filter(is_known).count()

@@ -3,7 +3,7 @@
 use farfield_proto::tick::Tick;
 
 use super::comparison::{
-    Apart, BodyPair, Comparison, Reading, Sides, TickMap, kinds, nearest, points_of,
+    Apart, BodyPair, Comparison, Names, PARTS, Reading, TickMap, kinds, nearest, points_of,
 };
 use super::similarity::{Freedom, Handedness, Similarity};
 use crate::lines::PoseLines;
@@ -42,7 +42,7 @@ pub(super) struct Misfit {
 
 /// What would mend `truth`, if anything would.
 ///
-/// Cost: some 300 to 550 matchings of at most 200 ticks, whatever the length of the files.
+/// Cost: some 315 to 565 matchings of at most 200 ticks, whatever the length of the files.
 pub(super) fn misfit(poses: &PoseLines, truth: &PoseLines) -> Option<Misfit> {
     Search::new(Comparison::of(poses, truth)?)?.found()
 }
@@ -111,9 +111,10 @@ impl<'a> Search<'a> {
     fn found(&self) -> Option<Misfit> {
         let mut read: Vec<Candidate> = self.in_time().into_iter().collect();
         read.extend(self.far_in_time());
-        for sides in [Sides::AsNamed, Sides::Exchanged] {
+        read.extend(self.in_parts());
+        for names in [Names::AsTheyAre, Names::SidesExchanged] {
             for hand in [Handedness::Kept, Handedness::Mirrored] {
-                read.extend(self.in_space(sides, hand));
+                read.extend(self.in_space(names, hand));
             }
         }
         read.retain(|it| it.apart.most_m < LEFT * self.as_it_is.most_m);
@@ -195,20 +196,32 @@ impl<'a> Search<'a> {
         })
     }
 
+    /// Those with two parts of the body exchanged.
+    fn in_parts(&self) -> impl Iterator<Item = Candidate> {
+        let pairs = (0..PARTS.len()).flat_map(|one| (0..one).map(move |other| [other, one]));
+        pairs.filter_map(|parts| {
+            let reading = Reading {
+                names: Names::PartsExchanged(parts),
+                ..Reading::as_it_is()
+            };
+            self.judged(reading, 1)
+        })
+    }
+
     /// Those with the sides and the hand, for every choice of parts.
-    fn in_space(&self, sides: Sides, hand: Handedness) -> Vec<Candidate> {
+    fn in_space(&self, names: Names, hand: Handedness) -> Vec<Candidate> {
         let settled = self
             .seeds
             .iter()
-            .filter_map(|seed| self.settled(seed, sides, hand))
-            .filter(|(pairs, _)| kinds(pairs, sides) >= LEAST_KINDS);
+            .filter_map(|seed| self.settled(seed, names, hand))
+            .filter(|(pairs, _)| kinds(pairs, names) >= LEAST_KINDS);
         let best = settled.min_by(|a, b| a.1.total_cmp(&b.1));
         let Some((pairs, _)) = best else {
             return Vec::new();
         };
-        let points = points_of(&pairs, sides);
+        let points = points_of(&pairs, names);
         let is_mirrored = hand == Handedness::Mirrored;
-        let more = usize::from(sides == Sides::Exchanged) + usize::from(is_mirrored);
+        let more = usize::from(names == Names::SidesExchanged) + usize::from(is_mirrored);
         let of_parts = |free: Freedom| {
             let changes = free.count() + more;
             if changes == 0 || is_mirrored && !free.turn {
@@ -216,7 +229,7 @@ impl<'a> Search<'a> {
             }
             let reading = Reading {
                 ticks: TickMap::After(0),
-                sides,
+                names,
                 place: Similarity::between(&points, free, hand)?,
             };
             self.judged(reading, changes)
@@ -231,15 +244,15 @@ impl<'a> Search<'a> {
     fn settled(
         &self,
         seed: &[BodyPair<'a>],
-        sides: Sides,
+        names: Names,
         hand: Handedness,
     ) -> Option<(Vec<BodyPair<'a>>, f64)> {
         let (mut pairs, mut most_m) = (seed.to_vec(), f64::INFINITY);
         for _ in 0..ROUNDS {
             let reading = Reading {
                 ticks: TickMap::After(0),
-                sides,
-                place: Similarity::between(&points_of(&pairs, sides), Freedom::ALL, hand)?,
+                names,
+                place: Similarity::between(&points_of(&pairs, names), Freedom::ALL, hand)?,
             };
             let found = self.comparison.pairs(&reading);
             most_m = Apart::of(&found)?.most_m;

@@ -2,7 +2,7 @@
 //!
 //! A score is told for whatever truth is given, and a truth that is a few ticks late looks like poses that are bad. So where the
 //! mean error is large the truth is read in other ways (later or earlier, at another rate, elsewhere, of another size, turned,
-//! mirrored, with left and right exchanged), and if one of these leaves less than half of the error, that is said. A doubt
+//! mirrored, with left and right or two parts of the body exchanged), and if one of these leaves less than half of the error, that is said. A doubt
 //! changes no score: nobody here knows which of the two files is wrong.
 
 mod comparison;
@@ -13,7 +13,7 @@ mod words;
 
 use serde::Serialize;
 
-use self::comparison::{Reading, Sides, TickMap};
+use self::comparison::{Names, Reading, TickMap};
 use self::misfit::misfit;
 use self::partial::partial;
 use self::words::in_words;
@@ -31,6 +31,8 @@ pub enum DoubtCause {
     OtherTicks,
     /// Left is right in it.
     SidesExchanged,
+    /// Two parts of the body have each other's names in it.
+    PartsExchanged,
     /// It is a mirror image.
     Mirrored,
     /// It is shifted, turned or scaled, in another unit or with other axes.
@@ -82,10 +84,12 @@ fn cause_of(reading: &Reading) -> DoubtCause {
         DoubtCause::OtherTicks
     } else if reading.place.turn.determinant() < 0.0 {
         DoubtCause::Mirrored
-    } else if reading.sides == Sides::Exchanged {
-        DoubtCause::SidesExchanged
     } else {
-        DoubtCause::OtherCoordinates
+        match reading.names {
+            Names::AsTheyAre => DoubtCause::OtherCoordinates,
+            Names::SidesExchanged => DoubtCause::SidesExchanged,
+            Names::PartsExchanged(_) => DoubtCause::PartsExchanged,
+        }
     }
 }
 

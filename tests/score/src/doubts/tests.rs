@@ -274,6 +274,23 @@ fn left_and_right_that_are_exchanged_are_told() {
     );
 }
 
+#[test]
+fn parts_that_are_exchanged_are_told_by_name() {
+    for (one, other, words) in [
+        (4, 5, "to have knees and ankles exchanged"),
+        (0, 3, "to have shoulders and hips exchanged"),
+        (1, 2, "to have elbows and wrists exchanged"),
+    ] {
+        check(DoubtCause::PartsExchanged, words, |tick, person| {
+            let mut body = walker(tick, person);
+            for side in 0..2 {
+                body.points_m.swap(2 * one + side, 2 * other + side);
+            }
+            body
+        });
+    }
+}
+
 /// That the truth whose points are moved so is told in these words.
 fn check_place(cause: DoubtCause, words: &str, to: impl Fn(Vector3<f64>) -> Vector3<f64>) {
     check(cause, words, |tick, person| {

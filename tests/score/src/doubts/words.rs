@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::comparison::{Reading, Sides, TickMap};
+use super::comparison::{Names, PARTS, Reading, TickMap};
 use super::similarity::Similarity;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -20,14 +20,23 @@ const ROUNDED_AWAY: f64 = 0.005;
 /// Words that follow "the truth seems".
 pub(super) fn in_words(reading: &Reading) -> String {
     let mut said: Vec<String> = of_ticks(reading.ticks).into_iter().collect();
-    if reading.sides == Sides::Exchanged {
-        said.push("to have left and right exchanged".to_owned());
-    }
+    said.extend(of_names(reading.names));
     let place = of_place(&reading.place);
     if !place.is_empty() {
         said.push(format!("to be {}", listed(&place)));
     }
     listed(&said)
+}
+
+fn of_names(names: Names) -> Option<String> {
+    match names {
+        Names::AsTheyAre => None,
+        Names::SidesExchanged => Some("to have left and right exchanged".to_owned()),
+        Names::PartsExchanged(parts) => {
+            let [one, other] = parts.map(|part| PARTS[part]);
+            Some(format!("to have {one} and {other} exchanged"))
+        }
+    }
 }
 
 fn of_ticks(ticks: TickMap) -> Option<String> {
@@ -224,14 +233,14 @@ mod tests {
 
     #[test]
     fn ticks_and_sides_are_told_in_the_words_of_the_files() {
-        let said = |ticks, sides| {
+        let said = |ticks, names| {
             in_words(&Reading {
                 ticks,
-                sides,
+                names,
                 ..Reading::as_it_is()
             })
         };
-        let (named, exchanged) = (Sides::AsNamed, Sides::Exchanged);
+        let (named, exchanged) = (Names::AsTheyAre, Names::SidesExchanged);
         assert_eq!(said(TickMap::After(-5), named), "to be 5 ticks later");
         assert_eq!(said(TickMap::After(1), named), "to be 1 tick earlier");
         assert_eq!(
