@@ -41,7 +41,7 @@ use super::time_shift::curves::ShiftCosts;
 use super::time_shift::jumps::{Jump, jump};
 use super::time_shift::met::{PoseFit, pose_fits};
 use super::time_shift::pose_shift::{PoseShift, against_most};
-use super::time_shift::{KeypointHalf, Shift, shifts};
+use super::time_shift::{Shift, shifts_by_half};
 use super::words;
 use super::{AgreementCameras, JudgedCamera};
 
@@ -111,10 +111,8 @@ impl<'a> Judge<'a> {
         let bursts = samples.telling_bursts();
         let lines = cameras.lines();
         let mut costs = ShiftCosts::of(&bursts, &lines, cameras.rate_hz, &mut before.costs);
-        let by_half = [KeypointHalf::All, KeypointHalf::Odd, KeypointHalf::Even]
-            .map(|half| shifts(&mut costs, half));
-        let [shifts, odd, even] = by_half;
-        let by_burst = shifts_by_burst(&mut costs);
+        let [shifts, odd, even] = shifts_by_half(&mut costs);
+        let by_burst = shifts_by_burst(&mut costs, &shifts);
         before.costs = costs.into_found();
         let bursts: Vec<&Burst> = bursts.into_iter().map(AsRef::as_ref).collect();
         let fits = pose_fits(samples, &lines, cameras.rate_hz);

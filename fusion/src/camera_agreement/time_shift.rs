@@ -67,11 +67,20 @@ impl KeypointHalf {
 }
 
 /// Per camera its shift, by a half of the keypoints; `None` where too little moved before it, or too few others saw the same.
-pub(super) fn shifts(costs: &mut ShiftCosts<'_>, half: KeypointHalf) -> Vec<Option<Shift>> {
+fn shifts(costs: &mut ShiftCosts<'_>, half: KeypointHalf) -> Vec<Option<Shift>> {
     shifts_of(costs, CurvePart { half, burst: None })
 }
 
-/// The same of a part of what was kept.
+/// By all keypoints, and by either half of them, beside that.
+pub(super) fn shifts_by_half(costs: &mut ShiftCosts<'_>) -> [Vec<Option<Shift>>; 3] {
+    let halves = [KeypointHalf::All, KeypointHalf::Odd, KeypointHalf::Even];
+    let [all, mut odd, mut even] = halves.map(|half| shifts(costs, half));
+    put_beside(&mut odd, &all);
+    put_beside(&mut even, &all);
+    [all, odd, even]
+}
+
+/// Per camera its shift, of a part of what was kept.
 fn shifts_of(costs: &mut ShiftCosts<'_>, part: CurvePart) -> Vec<Option<Shift>> {
     let (reach, n_cameras) = (costs.reach, costs.n_cameras());
     let curves = costs.curves(part);
@@ -89,9 +98,16 @@ fn shifts_of(costs: &mut ShiftCosts<'_>, part: CurvePart) -> Vec<Option<Shift>> 
         };
         ticks[camera] = to;
     }
-    take_most_for_right(&mut ticks);
-    take_first_of_two(&mut ticks, &curves);
+    let is_compared = |camera: &usize| curves.iter().any(|c| c.a == *camera || c.b == *camera);
+    let compared: Vec<usize> = (0..n_cameras).filter(is_compared).collect();
     let fractions = fractions(&curves, &ticks, reach);
+    let right = taken_for_right(&compared, &ticks).into_iter();
+    let right = right.map(|camera| ticks[camera] as f64 + fractions[camera]);
+    let right_ticks = upper_median(right.collect()).unwrap_or(0.0);
+    for tick in &mut ticks {
+        *tick -= right_ticks.round() as isize;
+    }
+    let beside = right_ticks - right_ticks.round();
     (0..n_cameras)
         .map(|camera| {
             let sums = sums(&curves, &ticks, camera, reach)?;
@@ -100,13 +116,13 @@ fn shifts_of(costs: &mut ShiftCosts<'_>, part: CurvePart) -> Vec<Option<Shift>> 
                 .filter(|c| c.a == camera || c.b == camera)
                 .count() as f64;
             let at = index(ticks[camera], reach);
-            let beside = [at.checked_sub(SHARP_TICKS), Some(at + SHARP_TICKS)];
-            let beside = beside.into_iter().flatten().filter_map(|at| sums.get(at));
+            let others = [at.checked_sub(SHARP_TICKS), Some(at + SHARP_TICKS)];
+            let others = others.into_iter().flatten().filter_map(|at| sums.get(at));
             Some(Shift {
-                late_ticks: ticks[camera] as f64 + fractions[camera],
+                late_ticks: ticks[camera] as f64 + fractions[camera] - beside,
                 cost_before: sums[reach] / n,
                 cost_after: sums[at] / n,
-                is_sharp: beside.fold(stands_out(&sums, at), |is, sum| {
+                is_sharp: others.fold(stands_out(&sums, at), |is, sum| {
                     is && sum / sums[at] >= SHARP
                 }),
             })
@@ -150,46 +166,22 @@ fn fractions(curves: &[Curve], ticks: &[isize], reach: usize) -> Vec<f64> {
             }
         }
     }
-    let middle = upper_median(fractions.clone()).unwrap_or(0.0);
-    fractions.iter().map(|fraction| fraction - middle).collect()
+    fractions
 }
 
-/// Only differences between cameras are seen: the time that most of them have is taken for right.
-fn take_most_for_right(ticks: &mut [isize]) {
+/// Only differences between cameras are seen: of those that are `compared` the ones that have the time which most have, to a tick.
+///
+/// Where two groups are as large (of two recorders each has half of the cameras) it is that of the first camera, so that both
+/// halves of the keypoints say so, and all bursts.
+fn taken_for_right(compared: &[usize], ticks: &[isize]) -> Vec<usize> {
     let near = |of: isize| {
-        ticks
-            .iter()
-            .filter(|other| (*other - of).abs() <= 1)
-            .count()
+        let near = compared.iter().copied();
+        near.filter(move |&camera| (ticks[camera] - of).abs() <= 1)
     };
-    let all = ticks.iter().copied();
-    let best = all.max_by_key(|&of| (near(of), -of.abs()));
-    let Some(best) = best.filter(|&best| near(best) > near(0)) else {
-        return;
-    };
-    for tick in ticks {
-        *tick -= best;
-    }
-}
-
-/// Where two groups of cameras that are compared are as large (of two recorders each has half of them) takes the time of the
-/// first camera for right, so that both halves of the keypoints do, and all bursts.
-fn take_first_of_two(ticks: &mut [isize], curves: &[Curve]) {
-    let is_compared = |camera: usize| curves.iter().any(|c| c.a == camera || c.b == camera);
-    let compared = (0..ticks.len()).filter(|&camera| is_compared(camera));
-    let compared: Vec<isize> = compared.map(|camera| ticks[camera]).collect();
-    let near = |of: isize| {
-        compared
-            .iter()
-            .filter(|other| (**other - of).abs() <= 1)
-            .count()
-    };
-    let first = compared.first().copied().unwrap_or(0);
-    if first.abs() > 1 && near(first) == near(0) {
-        for tick in ticks {
-            *tick -= first;
-        }
-    }
+    let all = compared.iter().map(|&camera| ticks[camera]);
+    let most = all.clone().map(|of| near(of).count()).max().unwrap_or(0);
+    let mut largest = all.filter(|&of| near(of).count() == most);
+    largest.next().map_or(Vec::new(), |of| near(of).collect())
 }
 
 fn index(ticks: isize, reach: usize) -> usize {
@@ -243,6 +235,25 @@ fn sums(curves: &[Curve], ticks: &[isize], camera: usize, reach: usize) -> Optio
     (n > 0).then_some(sums)
 }
 
+/// Puts shifts that were found of a part of what is known in the place that `others` have for most cameras: only differences
+/// between cameras are seen, and of two groups of cameras each part may take the other for right.
+fn put_beside(shifts: &mut [Option<Shift>], others: &[Option<Shift>]) {
+    let pairs = shifts.iter().zip(others);
+    let apart = pairs
+        .filter_map(|(own, other)| Some(own.as_ref()?.late_ticks - other.as_ref()?.late_ticks));
+    let apart: Vec<f64> = apart.collect();
+    let alike = |of: f64| {
+        let alike = apart.iter().filter(|apart| is_same(of, **apart));
+        alike.count()
+    };
+    let most = apart.iter().copied().max_by_key(|&of| alike(of));
+    if let Some(most) = most.filter(|&most| alike(most) > alike(0.0)) {
+        for shift in shifts.iter_mut().flatten() {
+            shift.late_ticks -= most;
+        }
+    }
+}
+
 /// Whether the halves of the keypoints tell the same shift.
 pub(super) fn is_same(first: f64, second: f64) -> bool {
     let most = LATE_DIFFERENCE_TICKS.max(LATE_DIFFERENCE * first.abs());
@@ -253,33 +264,48 @@ pub(super) fn is_same(first: f64, second: f64) -> bool {
 mod tests {
     use super::*;
 
-    /// Cameras that are all compared with the next.
-    fn curves(n: usize) -> Vec<Curve> {
-        let curve = |a| Curve {
-            a,
-            b: a + 1,
-            costs: Vec::new(),
-        };
-        (0..n - 1).map(curve).collect()
-    }
-
     #[test]
     fn of_two_recorders_that_of_the_first_camera_is_right_whichever_was_moved() {
         for late in [[0, 0, -5, -5], [5, 5, 0, 0]] {
-            let mut ticks = late;
-            take_most_for_right(&mut ticks);
-            take_first_of_two(&mut ticks, &curves(4));
-            assert_eq!(ticks, [0, 0, -5, -5]);
+            assert_eq!(taken_for_right(&[0, 1, 2, 3], &late), [0, 1]);
         }
     }
 
     #[test]
     fn the_time_that_most_cameras_have_is_right_whoever_is_first() {
-        for (late, right) in [([7, 0, 0, 0], [7, 0, 0, 0]), ([0, 4, 4, 4], [-4, 0, 0, 0])] {
-            let mut ticks = late;
-            take_most_for_right(&mut ticks);
-            take_first_of_two(&mut ticks, &curves(4));
-            assert_eq!(ticks, right);
+        for late in [[7, 0, 0, 1], [0, 4, 4, 4]] {
+            assert_eq!(taken_for_right(&[0, 1, 2, 3], &late), [1, 2, 3]);
         }
+    }
+
+    #[test]
+    fn cameras_that_were_not_compared_say_nothing_of_the_right_time() {
+        assert_eq!(taken_for_right(&[0, 1, 4], &[6, 6, 0, 0, 0]), [0, 1]);
+    }
+
+    fn shifts(late_ticks: &[f64]) -> Vec<Option<Shift>> {
+        let shift = |late_ticks: &f64| Shift {
+            late_ticks: *late_ticks,
+            ..Shift::default()
+        };
+        late_ticks.iter().map(|late| Some(shift(late))).collect()
+    }
+
+    #[test]
+    fn halves_that_take_either_of_two_recorders_for_right_say_the_same() {
+        let all = shifts(&[0.0, 0.1, -15.0, -15.2]);
+        let mut half = shifts(&[15.1, 15.2, 0.1, -0.3]);
+        put_beside(&mut half, &all);
+        for (own, other) in half.iter().zip(&all) {
+            assert!(is_same(own.unwrap().late_ticks, other.unwrap().late_ticks));
+        }
+    }
+
+    #[test]
+    fn a_half_that_says_otherwise_of_one_camera_says_so() {
+        let all = shifts(&[0.0, 0.1, -3.3]);
+        let mut half = shifts(&[0.0, 0.1, -0.5]);
+        put_beside(&mut half, &all);
+        assert_eq!(half, shifts(&[0.0, 0.1, -0.5]));
     }
 }

@@ -75,9 +75,15 @@ impl Judge<'_> {
     pub(super) fn known_late(&self, camera: usize) -> Option<f64> {
         let shift = self.shifts[camera].filter(|shift| shift.is_sharp)?;
         let halves = [&self.halves[0], &self.halves[1]].map(|half| half[camera]);
-        let [first, second] = [halves[0]?.late_ticks, halves[1]?.late_ticks];
-        is_same(first, second).then_some((100.0 * shift.late_ticks).round() / 100.0)
+        let halves = [halves[0]?.late_ticks, halves[1]?.late_ticks];
+        is_told_by(halves, shift.late_ticks).then_some((100.0 * shift.late_ticks).round() / 100.0)
     }
+}
+
+/// Whether both halves of the keypoints tell the shift that all together do: where few people move little, a few keypoints that
+/// are off decide where the least cost of all is.
+fn is_told_by([first, second]: [f64; 2], all: f64) -> bool {
+    is_same(first, second) && is_same(all, 0.5 * (first + second))
 }
 
 /// Whether a shift in time that leaves `ratio` of the cost is no chance.
@@ -88,4 +94,16 @@ fn explains(ticks: f64, ratio: f64) -> bool {
         FAR_EXPLAINS
     };
     ratio < most
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shift_that_neither_half_of_the_keypoints_tells_is_none() {
+        assert!(is_told_by([3.1, 3.4], 3.3));
+        assert!(!is_told_by([-0.5, -0.8], -3.3));
+        assert!(!is_told_by([0.0, -3.3], -3.3));
+    }
 }

@@ -4,7 +4,9 @@ use farfield_proto::tick::Tick;
 
 use super::super::samples::{Burst, Trail};
 use super::curves::{CurvePart, ShiftCosts};
-use super::{KeypointHalf, LATE_DIFFERENCE_TICKS, LATE_TICKS, Shift, is_same, shifts_of};
+use super::{
+    KeypointHalf, LATE_DIFFERENCE_TICKS, LATE_TICKS, Shift, is_same, put_beside, shifts_of,
+};
 
 /// Least time between the first and the last burst that tells a rate, minutes.
 const LEAST_DRIFT_MINUTES: f64 = 0.08;
@@ -26,18 +28,18 @@ impl BurstShifts {
     }
 }
 
-/// Those of all bursts.
-pub(in crate::camera_agreement) fn shifts_by_burst(costs: &mut ShiftCosts<'_>) -> Vec<BurstShifts> {
+/// Those of all bursts, beside the shifts of `all` of the time.
+pub(in crate::camera_agreement) fn shifts_by_burst(
+    costs: &mut ShiftCosts<'_>,
+    all: &[Option<Shift>],
+) -> Vec<BurstShifts> {
     let bursts: Vec<_> = costs.bursts().enumerate().collect();
     let of = |(index, burst): (usize, &Burst)| {
         let mut half = |half| {
-            shifts_of(
-                costs,
-                CurvePart {
-                    half,
-                    burst: Some(index),
-                },
-            )
+            let burst = Some(index);
+            let mut shifts = shifts_of(costs, CurvePart { half, burst });
+            put_beside(&mut shifts, all);
+            shifts
         };
         let n_ticks = burst.trails.iter().map(Trail::len).max().unwrap_or(0);
         BurstShifts {
