@@ -46,6 +46,8 @@ pub(super) struct Mistake {
     pub(super) sees_only: Option<usize>,
     /// Whether its crops of the first show the second, and it has none of the second.
     pub(super) crops_of_the_other: bool,
+    /// The camera whose pictures it shows.
+    pub(super) of_camera: Option<usize>,
 }
 
 /// The hall, what each camera shows (whose pictures, and what is wrong with them), and by how much all is scaled.
@@ -165,6 +167,7 @@ impl Hall {
             } else {
                 Mistake::default()
             };
+            let whose = mistake.of_camera.unwrap_or(whose);
             let in_burst = mistake.late_in_burst.is_none_or(|of| of == burst);
             let late =
                 mistake.late_ticks * i64::from(in_burst) + mistake.later_each_burst * burst as i64;

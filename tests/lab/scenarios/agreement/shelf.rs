@@ -28,15 +28,18 @@ impl Shelf {
         Some(Self { folder, dir })
     }
 
+    /// The lines of a recording as it is.
+    fn lines(&self, camera: &str) -> Vec<Value> {
+        let text = fs::read_to_string(self.folder.join(format!("{camera}.jsonl"))).unwrap();
+        let lines = text.lines().map(|line| serde_json::from_str(line).unwrap());
+        lines.collect()
+    }
+
     /// Writes the recordings, of which `cam1` is so many ticks late.
     fn write(&self, late_ticks: usize) {
         for camera in CAMERAS {
             let file = format!("{camera}.jsonl");
-            let text = fs::read_to_string(self.folder.join(&file)).unwrap();
-            let lines: Vec<Value> = text
-                .lines()
-                .map(|line| serde_json::from_str(line).unwrap())
-                .collect();
+            let lines = self.lines(camera);
             let late = if camera == "cam1" { late_ticks } else { 0 };
             let shown = lines.iter().enumerate().map(|(i, line)| {
                 let mut line = line.clone();
@@ -61,6 +64,19 @@ impl Shelf {
         });
         let lines = lines.collect::<String>();
         fs::write(path, lines).unwrap();
+    }
+
+    /// Writes the recordings, of which two have each other's people from some line on.
+    fn write_exchanged(&self, [a, b]: [&str; 2], from_line: usize) {
+        self.write(0);
+        for (own, other) in [(a, b), (b, a)] {
+            let (own_lines, other_lines) = (self.lines(own), self.lines(other));
+            let pieces = own_lines.iter().take(from_line);
+            let pieces = pieces.chain(other_lines.iter().skip(from_line));
+            let lines = pieces.map(|line| format!("{line}\n"));
+            let path = self.dir.path().join(format!("{own}.jsonl"));
+            fs::write(path, lines.collect::<String>()).unwrap();
+        }
     }
 
     /// Writes the recordings, of which `cam1` shows nobody from some line on.
@@ -211,6 +227,20 @@ fn a_camera_that_is_knocked_or_zoomed_meanwhile_is_named_with_its_half_of_the_ti
             assert!((440..=480).contains(&from), "{name}: {from}");
         }
     }
+}
+
+#[test]
+fn two_cameras_that_were_exchanged_meanwhile_are_named_with_their_half_of_the_time() {
+    let Some(shelf) = Shelf::new() else {
+        return;
+    };
+    shelf.write_exchanged(["cam0", "cam2"], 150);
+    let found = shelf.disagreements("exchanged");
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(found[0]["cause"], "swapped");
+    assert_eq!(found[0]["cameras"], serde_json::json!(["cam0", "cam2"]));
+    let from = found[0]["part_ticks"][0].as_i64().unwrap();
+    assert!((440..=480).contains(&from), "{from}");
 }
 
 /// The text of a calibration in which two cameras have each other's matrix and distortions.

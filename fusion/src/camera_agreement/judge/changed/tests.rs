@@ -71,6 +71,45 @@ fn what_is_wrong_all_the_time_or_never_is_told_of_no_part() {
 }
 
 #[test]
+fn of_five_detection_passes_a_part_is_told_even_where_no_crops_say_what_changed() {
+    let zoomed = Mistake {
+        focal_factor: 1.1,
+        in_bursts: Some([2, 3]),
+        ..Mistake::default()
+    };
+    for mistake in [turned([2, 3]), zoomed] {
+        let mut kept = hall(mistake).samples();
+        kept.samples.passes.truncate(13);
+        kept.samples.bursts.truncate(2);
+        let report = kept.report();
+        let [told] = &report.disagreements[..] else {
+            panic!("{:?}", report.disagreements);
+        };
+        assert_eq!(told.cameras, ["cam1"]);
+        assert_eq!(told.part_ticks, Some([1200, 1800]), "{told:?}");
+    }
+}
+
+#[test]
+fn two_cameras_that_were_exchanged_meanwhile_are_named_with_their_half_of_the_time() {
+    let shows = |of_camera| Mistake {
+        of_camera: Some(of_camera),
+        in_bursts: Some([2, 3]),
+        ..Mistake::default()
+    };
+    let mut hall = hall(shows(2));
+    hall.shows[2].1 = shows(1);
+    let report = hall.report();
+    let [told] = &report.disagreements[..] else {
+        panic!("{:?}", report.disagreements);
+    };
+    assert_eq!(told.cause, DisagreementCause::Swapped);
+    assert_eq!(told.cameras, ["cam1", "cam2"]);
+    assert_eq!(told.part_ticks, Some([1200, 1890]));
+    assert!(told.remedy.contains("put together each one's own pieces"));
+}
+
+#[test]
 fn of_few_detection_passes_no_part_is_told() {
     let mut few = hall(turned([1, 1]));
     few.bursts = 2;
