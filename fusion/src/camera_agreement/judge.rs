@@ -38,7 +38,7 @@ use super::report::{AgreementReport, Disagreement, DisagreementCause};
 use super::samples::{Burst, COMPARED, PassSample, Samples, SeenBody};
 use super::time_shift::by_burst::{Drift, drifts, shifts_by_burst};
 use super::time_shift::curves::ShiftCosts;
-use super::time_shift::jumps::{Jump, jump};
+use super::time_shift::jumps::{Jump, jumps};
 use super::time_shift::met::{PoseFit, pose_fits};
 use super::time_shift::pose_shift::{PoseShift, against_most};
 use super::time_shift::{Shift, shifts_by_half};
@@ -86,6 +86,8 @@ pub(super) struct Judge<'a> {
     pub(super) drifts: Vec<Option<Drift>>,
     /// Per camera whether it is late in a part of the time.
     jumps: Vec<Option<Jump>>,
+    /// The same beside some others.
+    apart: Vec<Option<Jump>>,
     /// Per camera by how much its sightings are late.
     pub(super) pose_shifts: Vec<Option<PoseShift>>,
     /// Per camera what its sightings are beside where people are.
@@ -116,8 +118,8 @@ impl<'a> Judge<'a> {
         before.costs = costs.into_found();
         let bursts: Vec<&Burst> = bursts.into_iter().map(AsRef::as_ref).collect();
         let fits = pose_fits(samples, &lines, cameras.rate_hz);
-        let of_poses: Vec<_> = fits.iter().map(|fit| fit.jump).collect();
-        let all = 0..lines.len();
+        let by_pose = |of: fn(&PoseFit) -> _| jumps(&by_burst, &fits, of, cameras.rate_hz);
+        let (jumps, apart) = (by_pose(|fit| fit.jump), by_pose(|fit| fit.apart));
         let mut judge = Self {
             cameras: &cameras.all,
             models: cameras.models.iter().map(|(_, model)| model).collect(),
@@ -127,9 +129,8 @@ impl<'a> Judge<'a> {
             shifts,
             halves: [odd, even],
             drifts: drifts(&by_burst, lines.len(), cameras.rate_hz),
-            jumps: all
-                .map(|camera| jump(&by_burst, &of_poses, (camera, cameras.rate_hz)))
-                .collect(),
+            jumps,
+            apart,
             pose_shifts: against_most(fits.iter().map(|fit| fit.shift).collect(), &bursts),
             fits,
             lines,
@@ -226,7 +227,7 @@ impl<'a> Judge<'a> {
         self.find_same_pictures(report, told);
         self.find_frozen(&mut report.disagreements, told);
         self.find_silent(&mut report.disagreements, told);
-        self.find_jumps(&mut report.disagreements, told);
+        self.find_jumps(&self.jumps, &mut report.disagreements, told);
         self.find_no_fisheyes(&mut report.disagreements, told);
         let (samples, bursts) = self.without(&self.doubtful_witnesses());
         let bursts: Vec<&Burst> = bursts.iter().map(AsRef::as_ref).collect();
@@ -263,6 +264,7 @@ impl<'a> Judge<'a> {
                 report.disagreements.push(disagreement);
             }
         }
+        self.find_apart(&mut report.disagreements, told);
         self.find_far_off(&mut report.disagreements, told);
         if let Some(points) = points {
             self.find_other_lenses(points, &mut report.disagreements, told);

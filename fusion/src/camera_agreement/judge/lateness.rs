@@ -1,7 +1,10 @@
 //! Whether a camera is late, and by how much: by what crops show tick by tick, else by sightings and where people were.
 
+use farfield_proto::tick::Tick;
+
 use super::{Judge, rounded};
 use crate::camera_agreement::report::{Disagreement, DisagreementCause};
+use crate::camera_agreement::time_shift::jumps::Jump;
 use crate::camera_agreement::time_shift::{LATE_TICKS, is_same};
 
 /// The same by sightings alone, which say nothing of when within a tick they were taken; and seconds, as poses are kept now
@@ -44,18 +47,42 @@ impl Judge<'_> {
     }
 
     /// Cameras that are late in a part of the time.
-    pub(super) fn find_jumps(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
-        for (camera, jump) in self.jumps.iter().enumerate() {
+    pub(super) fn find_jumps(
+        &self,
+        jumps: &[Option<Jump>],
+        all: &mut Vec<Disagreement>,
+        told: &mut [bool],
+    ) {
+        for (camera, jump) in jumps.iter().enumerate() {
             if let (false, Some(jump)) = (told[camera], jump) {
                 told[camera] = true;
                 let [before_ticks, after_ticks] = jump.late_ticks.map(rounded);
-                let cause = DisagreementCause::LateInPart {
-                    before_ticks,
-                    after_ticks,
-                    since_tick: jump.at.0,
-                };
-                all.push(self.disagreement(&[camera], cause));
+                all.push(if let Some(until) = jump.until {
+                    let ticks = after_ticks;
+                    let late = self.disagreement(&[camera], DisagreementCause::Late { ticks });
+                    late.between([jump.at, until], self.rate_hz)
+                } else {
+                    let cause = DisagreementCause::LateInPart {
+                        before_ticks,
+                        after_ticks,
+                        since_tick: jump.at.0,
+                    };
+                    self.disagreement(&[camera], cause)
+                });
             }
+        }
+    }
+
+    /// Cameras that are late for some passes beside others that are not. Who is late all the time is so, too, where poses follow
+    /// now these cameras and now those.
+    pub(super) fn find_apart(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
+        let is_in_part = |d: &Disagreement| {
+            let is_late = matches!(d.cause, DisagreementCause::Late { .. });
+            let is_jump = matches!(d.cause, DisagreementCause::LateInPart { .. });
+            is_jump || is_late && d.part_ticks.is_some()
+        };
+        if all.iter().all(is_in_part) {
+            self.find_jumps(&self.apart, all, told);
         }
     }
 
@@ -77,6 +104,26 @@ impl Judge<'_> {
         let halves = [&self.halves[0], &self.halves[1]].map(|half| half[camera]);
         let halves = [halves[0]?.late_ticks, halves[1]?.late_ticks];
         is_told_by(halves, shift.late_ticks).then_some((100.0 * shift.late_ticks).round() / 100.0)
+    }
+}
+
+impl Disagreement {
+    /// The same of a camera that is late between these ticks alone.
+    fn between(self, [from, to]: [Tick; 2], rate_hz: f64) -> Self {
+        let at = |tick: Tick| format!("{} ({:.1} s)", tick.0, tick.0 as f64 / rate_hz);
+        Self {
+            part_ticks: Some([from.0, to.0]),
+            found: format!(
+                "between about ticks {} and {}, and not before or after, {}",
+                at(from),
+                at(to),
+                self.found
+            ),
+            remedy: "recordings lost frames, or hold some twice, at moments of their own, this one at either of these: write them with \
+                     their time stamps (`ffmpeg -fps_mode cfr`) or record anew without gaps; live: look at the load of the boxes"
+                .to_owned(),
+            ..self
+        }
     }
 }
 

@@ -7,7 +7,7 @@
 use super::super::geometry::SightLines;
 use super::super::samples::{MAX_BODIES, PassSample, PosedTick, Samples};
 use super::KeypointHalf;
-use super::pose_shift::{PoseJump, PoseShift, Projected, Search, Sighted};
+use super::pose_shift::{PoseJump, PoseShift, Projected, Search, Sighted, jumps_apart};
 use super::silent::SeenPass;
 
 /// Least mean cost of a sighting that is nobody there.
@@ -52,6 +52,8 @@ pub(in crate::camera_agreement) struct PoseFit {
     pub(in crate::camera_agreement) met: Met,
     /// Whether it is late in a part of the time.
     pub(in crate::camera_agreement) jump: Option<PoseJump>,
+    /// Whether it is late with others at some passes, and as many others are not.
+    pub(in crate::camera_agreement) apart: Option<PoseJump>,
     /// What it shows, by detection pass.
     pub(in crate::camera_agreement) seen: Vec<SeenPass>,
 }
@@ -67,15 +69,22 @@ pub(in crate::camera_agreement) fn pose_fits(
     let every = samples.pose_every_ticks();
     let of = |(camera, lines): (usize, &SightLines)| {
         let search = Search::of((camera, lines), &poses, (&passes, every));
-        PoseFit {
+        let costs = search.pass_costs(rate_hz);
+        let fit = PoseFit {
             shift: search.shift(rate_hz),
             cost_now: search.cost_now(),
             met: search.met(),
-            jump: search.jump(rate_hz),
+            jump: search.jump(&costs),
+            apart: None,
             seen: search.seen_passes(),
-        }
+        };
+        (fit, costs)
     };
-    lines.iter().enumerate().map(of).collect()
+    let (mut fits, costs): (Vec<PoseFit>, Vec<_>) = lines.iter().enumerate().map(of).unzip();
+    for (fit, apart) in fits.iter_mut().zip(jumps_apart(&costs, every)) {
+        fit.apart = apart;
+    }
+    fits
 }
 
 impl Search<'_> {

@@ -10,12 +10,14 @@
 //! one that is a little late draws them to itself: of few ticks some are missing here, of many none.
 
 mod jump;
+mod moments;
 mod sighted;
 
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector2;
 
 pub(in crate::camera_agreement) use self::jump::PoseJump;
+pub(super) use self::moments::jumps_apart;
 pub(super) use self::sighted::{Projected, Sighted};
 
 use super::super::geometry::SightLines;
