@@ -38,6 +38,7 @@ use super::report::{AgreementReport, Disagreement, DisagreementCause};
 use super::samples::{Burst, COMPARED, PassSample, Samples, SeenBody};
 use super::time_shift::by_burst::{Drift, drifts, shifts_by_burst};
 use super::time_shift::curves::ShiftCosts;
+use super::time_shift::groups::{LateGroup, late_group};
 use super::time_shift::jumps::{Jump, jumps};
 use super::time_shift::met::{PoseFit, pose_fits};
 use super::time_shift::pose_shift::{PoseShift, against_most};
@@ -82,6 +83,8 @@ pub(super) struct Judge<'a> {
     pub(super) shifts: Vec<Option<Shift>>,
     /// The same from the odd and from the even keypoints alone.
     pub(super) halves: [Vec<Option<Shift>>; 2],
+    /// Those that are late by the same time, where they are several.
+    late_group: Option<LateGroup>,
     /// Per camera how it drifts.
     pub(super) drifts: Vec<Option<Drift>>,
     /// Per camera whether it is late in a part of the time.
@@ -114,6 +117,7 @@ impl<'a> Judge<'a> {
         let lines = cameras.lines();
         let mut costs = ShiftCosts::of(&bursts, &lines, cameras.rate_hz, &mut before.costs);
         let [shifts, odd, even] = shifts_by_half(&mut costs);
+        let late_group = late_group(&mut costs, &shifts);
         let by_burst = shifts_by_burst(&mut costs, &shifts);
         before.costs = costs.into_found();
         let bursts: Vec<&Burst> = bursts.into_iter().map(AsRef::as_ref).collect();
@@ -128,6 +132,7 @@ impl<'a> Judge<'a> {
             rate_hz: cameras.rate_hz,
             shifts,
             halves: [odd, even],
+            late_group,
             drifts: drifts(&by_burst, lines.len(), cameras.rate_hz),
             jumps,
             apart,

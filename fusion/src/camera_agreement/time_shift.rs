@@ -10,6 +10,7 @@ use farfield_proto::order_statistics::upper_median;
 
 pub(super) mod by_burst;
 pub(super) mod curves;
+pub(super) mod groups;
 pub(super) mod jumps;
 pub(super) mod met;
 pub(super) mod pose_shift;

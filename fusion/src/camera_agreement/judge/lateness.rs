@@ -43,7 +43,19 @@ impl Judge<'_> {
             let is_told = ticks.abs() >= least && !is_known && is_sure;
             is_told.then_some((ticks, shift.ratio))
         };
-        of_crops().or_else(of_poses)
+        of_crops()
+            .or_else(|| self.late_with_others(camera))
+            .or_else(of_poses)
+    }
+
+    /// The same of one of several that are late by one time, by what all of them show.
+    fn late_with_others(&self, camera: usize) -> Option<(f64, f64)> {
+        let group = self.late_group.as_ref()?;
+        let ticks = rounded(group.late_ticks);
+        group
+            .cameras
+            .contains(&camera)
+            .then_some((ticks, group.ratio))
     }
 
     /// Cameras that are late in a part of the time.

@@ -79,6 +79,21 @@ impl Shelf {
         }
     }
 
+    /// Writes the recordings, of which these are so many ticks late, with all that a line holds.
+    fn write_late(&self, cameras: &[&str], late_ticks: usize) {
+        self.write(0);
+        for camera in cameras {
+            let lines = self.lines(camera);
+            let shown = lines.iter().enumerate().map(|(index, line)| {
+                let mut late = lines[index.saturating_sub(late_ticks)].clone();
+                late["tick"] = line["tick"].clone();
+                format!("{late}\n")
+            });
+            let path = self.dir.path().join(format!("{camera}.jsonl"));
+            fs::write(path, shown.collect::<String>()).unwrap();
+        }
+    }
+
     /// Writes the recordings, of which `cam1` shows nobody from some line on.
     fn write_black(&self, from_line: usize) {
         self.write_changed(from_line, |line| {
@@ -241,6 +256,23 @@ fn two_cameras_that_were_exchanged_meanwhile_are_named_with_their_half_of_the_ti
     assert_eq!(found[0]["cameras"], serde_json::json!(["cam0", "cam2"]));
     let from = found[0]["part_ticks"][0].as_i64().unwrap();
     assert!((440..=480).contains(&from), "{from}");
+}
+
+#[test]
+fn two_of_five_cameras_that_are_late_by_one_time_are_both_named() {
+    let Some(shelf) = Shelf::new() else {
+        return;
+    };
+    let late = ["cam1", "cam3"];
+    shelf.write_late(&late, 15);
+    let found = shelf.disagreements("two-late");
+    assert_eq!(found.len(), 2, "{found:?}");
+    for (one, camera) in found.iter().zip(late) {
+        assert_eq!(one["cause"], "late");
+        assert_eq!(one["cameras"], serde_json::json!([camera]));
+        let ticks = one["ticks"].as_f64().unwrap();
+        assert!((ticks - 15.0).abs() < 1.5, "{ticks}");
+    }
 }
 
 /// The text of a calibration in which two cameras have each other's matrix and distortions.

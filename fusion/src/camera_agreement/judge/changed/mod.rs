@@ -1,4 +1,4 @@
-//! Cameras that are right in one half of the time and not in the other: knocked, zoomed or refocused while people were
+//! Cameras that are right in one half of the time and not in the other: knocked, zoomed, refocused or exchanged while people were
 //! followed.
 //!
 //! All of the time together is what such a camera fits worse than others, and no cause alone explains it. So each half is
