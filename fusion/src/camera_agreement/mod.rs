@@ -259,9 +259,17 @@ impl AgreementSamples {
             return Some(DisagreementCause::ExchangedKeypoints { exchange });
         }
         let partners = self.cameras.partners.iter().enumerate();
-        sides::are_exchanged(&report.sighted.diagnosis).then(|| DisagreementCause::KeypointOrder {
-            moved: partners.filter(|(own, other)| own != *other).count(),
-            sides: true,
+        let always = sides::are_exchanged(&report.sighted.diagnosis).then(|| {
+            DisagreementCause::KeypointOrder {
+                moved: partners.filter(|(own, other)| own != *other).count(),
+                sides: true,
+            }
+        });
+        // Where cameras do not agree bodies are put together of several people.
+        let is_of_no_camera = |told: &Disagreement| told.cameras.is_empty();
+        always.or_else(|| {
+            let at_times = sides::are_exchanged_at_times(votes);
+            at_times.filter(|_| report.disagreements.iter().all(is_of_no_camera))
         })
     }
 

@@ -171,6 +171,11 @@ pub enum DisagreementCause {
         /// Which.
         exchange: KeypointExchange,
     },
+    /// Left and right are exchanged in the keypoints of all cameras alike for some of the time.
+    SidesAtTimes {
+        /// For which share of it, 0 to 1.
+        share: f64,
+    },
     /// The keypoints of all cameras alike are elsewhere in the pictures: found in smaller ones, say.
     PictureOfAll {
         /// Where.
@@ -283,10 +288,20 @@ pub enum KeypointExchange {
     SidesOfKneesAndAnkles,
     /// Left and right of the wrists.
     SidesOfWrists,
+    /// Left and right of the hips.
+    SidesOfHips,
     /// Elbows and wrists.
     ElbowsAndWrists,
     /// Knees and ankles.
     KneesAndAnkles,
+    /// Elbow and wrist of the left arm.
+    LeftElbowAndWrist,
+    /// Elbow and wrist of the right arm.
+    RightElbowAndWrist,
+    /// Knee and ankle of the left leg.
+    LeftKneeAndAnkle,
+    /// Knee and ankle of the right leg.
+    RightKneeAndAnkle,
     /// Hips and shoulders.
     HipsAndShoulders,
     /// Shoulders and elbows.

@@ -1,9 +1,11 @@
 //! What a disagreement is called, and what is to be done about it.
 
+mod keypoints;
 mod standing;
 
+use self::keypoints::{exchanged, picture_of_all, sides_at_times};
 use self::standing::{floor_height, scale_of_subjects, world_scale, world_tilted};
-use super::report::{DisagreementCause, KeypointExchange, PictureOfAll};
+use super::report::DisagreementCause;
 
 /// What was found of these cameras, and the remedy.
 pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> (String, String) {
@@ -47,6 +49,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
                 .to_owned(),
         ),
         DisagreementCause::ExchangedKeypoints { exchange } => exchanged(exchange),
+        DisagreementCause::SidesAtTimes { share } => sides_at_times(share),
         DisagreementCause::PictureOfAll { change } => picture_of_all(change),
         DisagreementCause::FocalLength { factor } => focal_length(cameras, factor),
         DisagreementCause::Distortion { k1_over } => distortion(cameras, k1_over),
@@ -262,55 +265,6 @@ fn distortion(cameras: &[String], k1_over: f64) -> (String, String) {
                 "these cameras"
             }
         ),
-    )
-}
-
-fn exchanged(exchange: KeypointExchange) -> (String, String) {
-    (
-        exchange.words(),
-        "write them in the order of the network's card (COCO: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the \
-         person's left before the right), or bring another program's files in by `farfield import`"
-            .to_owned(),
-    )
-}
-
-fn picture_of_all(change: PictureOfAll) -> (String, String) {
-    let found = match change {
-        PictureOfAll::Mirrored => "left and right of the pictures are exchanged".to_owned(),
-        PictureOfAll::FromBelow => "y is counted from below".to_owned(),
-        PictureOfAll::HalfTurned => "the pictures stand on their heads".to_owned(),
-        PictureOfAll::XAndYExchanged => "x and y are exchanged".to_owned(),
-        PictureOfAll::QuarterTurned => "the pictures are turned by a quarter".to_owned(),
-        PictureOfAll::Resized { scale, shift } => resized(scale, shift),
-    };
-    (
-        format!(
-            "the keypoints of all cameras are not where the calibration has them, all alike: {found}"
-        ),
-        "give keypoints in pixels of the pictures that were calibrated, from their top left corner, or calibrate in pictures as the \
-         keypoints were found in"
-            .to_owned(),
-    )
-}
-
-fn resized([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
-    let mut words = Vec::new();
-    if (x - y).abs() < 0.05 * x.max(y) && (x - 1.0).abs() > 0.04 {
-        words.push(format!("multiplied by {:.2}", 0.5 * (x + y)));
-    } else if (x - 1.0).abs() > 0.04 || (y - 1.0).abs() > 0.04 {
-        words.push(format!("multiplied by {x:.2} in x and {y:.2} in y"));
-    }
-    let moved = |share: f64, side: &str| format!("{:+.0} % of the {side}", 100.0 * share);
-    if right.abs() >= 0.02 || down.abs() >= 0.02 {
-        words.push(format!(
-            "moved by {} and {}",
-            moved(right, "width"),
-            moved(down, "height")
-        ));
-    }
-    format!(
-        "they agree once they are {}, so they were found in pictures that were made smaller, larger, or cut",
-        words.join(", ")
     )
 }
 

@@ -39,7 +39,7 @@ const MIN_BONES: usize = 5;
 use KeypointExchange as Exchange;
 
 impl KeypointExchange {
-    const ALL: [Self; 15] = [
+    const ALL: [Self; 20] = [
         Self::AllSides,
         Self::SidesOfLegs,
         Self::SidesOfArms,
@@ -47,8 +47,13 @@ impl KeypointExchange {
         Self::SidesOfElbowsAndWrists,
         Self::SidesOfKneesAndAnkles,
         Self::SidesOfWrists,
+        Self::SidesOfHips,
         Self::ElbowsAndWrists,
         Self::KneesAndAnkles,
+        Self::LeftElbowAndWrist,
+        Self::RightElbowAndWrist,
+        Self::LeftKneeAndAnkle,
+        Self::RightKneeAndAnkle,
         Self::HipsAndShoulders,
         Self::ShouldersAndElbows,
         Self::HipsAndKnees,
@@ -56,6 +61,35 @@ impl KeypointExchange {
         Self::OpenPoseCoco,
         Self::Human36m,
     ];
+
+    /// Whether keypoints of one side alone are moved: one bone is wrong then where it is two of both sides.
+    fn is_of_one_side(self) -> bool {
+        matches!(
+            self,
+            Self::LeftElbowAndWrist
+                | Self::RightElbowAndWrist
+                | Self::LeftKneeAndAnkle
+                | Self::RightKneeAndAnkle
+        )
+    }
+
+    /// By how much an order must cost less than another for a body to have it.
+    fn better(self) -> f64 {
+        if self.is_of_one_side() {
+            0.5 * BETTER
+        } else {
+            BETTER
+        }
+    }
+
+    /// What the order may leave of the cost of all bodies.
+    fn leaves(self) -> f64 {
+        if self.is_of_one_side() {
+            1.0 - 0.5 * (1.0 - LEAVES)
+        } else {
+            LEAVES
+        }
+    }
 
     /// What is found, for people.
     pub(in crate::camera_agreement) fn words(self) -> String {
@@ -74,8 +108,13 @@ impl KeypointExchange {
             Self::SidesOfElbowsAndWrists => exchanged("left and right of elbows and wrists"),
             Self::SidesOfKneesAndAnkles => exchanged("left and right of knees and ankles"),
             Self::SidesOfWrists => exchanged("left and right of the wrists"),
+            Self::SidesOfHips => exchanged("left and right of the hips"),
             Self::ElbowsAndWrists => exchanged("elbows and wrists"),
             Self::KneesAndAnkles => exchanged("knees and ankles"),
+            Self::LeftElbowAndWrist => exchanged("elbow and wrist of the left arm"),
+            Self::RightElbowAndWrist => exchanged("elbow and wrist of the right arm"),
+            Self::LeftKneeAndAnkle => exchanged("knee and ankle of the left leg"),
+            Self::RightKneeAndAnkle => exchanged("knee and ankle of the right leg"),
             Self::HipsAndShoulders => exchanged("hips and shoulders"),
             Self::ShouldersAndElbows => exchanged("shoulders and elbows"),
             Self::HipsAndKnees => exchanged("hips and knees"),
@@ -98,8 +137,13 @@ impl KeypointExchange {
             Self::SidesOfElbowsAndWrists => sides(&[ELBOWS, WRISTS]),
             Self::SidesOfKneesAndAnkles => sides(&[KNEES, ANKLES]),
             Self::SidesOfWrists => sides(&[WRISTS]),
+            Self::SidesOfHips => sides(&[HIPS]),
             Self::ElbowsAndWrists => parts(ELBOWS, WRISTS),
             Self::KneesAndAnkles => parts(KNEES, ANKLES),
+            Self::LeftElbowAndWrist => exchange([(ELBOWS, WRISTS)].into_iter()),
+            Self::RightElbowAndWrist => exchange([(ELBOWS + 1, WRISTS + 1)].into_iter()),
+            Self::LeftKneeAndAnkle => exchange([(KNEES, ANKLES)].into_iter()),
+            Self::RightKneeAndAnkle => exchange([(KNEES + 1, ANKLES + 1)].into_iter()),
             Self::HipsAndShoulders => parts(HIPS, SHOULDERS),
             Self::ShouldersAndElbows => parts(SHOULDERS, ELBOWS),
             Self::HipsAndKnees => parts(HIPS, KNEES),
@@ -184,7 +228,9 @@ fn exchange(pairs: impl Iterator<Item = (usize, usize)>) -> Places {
 #[derive(Debug, Clone)]
 pub(in crate::camera_agreement) struct ExchangeVotes {
     /// Per order of [`Exchange::ALL`].
-    orders: Vec<(Places, Votes)>,
+    orders: Vec<(Exchange, Places, Votes)>,
+    /// Per pass that tells of sides, of how many left and right are exchanged, and of how many they are not.
+    sides_of_passes: Vec<[usize; 2]>,
     passes: usize,
     is_pass_new: bool,
 }
@@ -201,9 +247,10 @@ struct Votes {
 
 impl Default for ExchangeVotes {
     fn default() -> Self {
-        let order = |exchange: Exchange| (exchange.places(), Votes::default());
+        let order = |exchange: Exchange| (exchange, exchange.places(), Votes::default());
         Self {
             orders: Exchange::ALL.into_iter().map(order).collect(),
+            sides_of_passes: Vec::new(),
             passes: 0,
             is_pass_new: false,
         }
@@ -222,29 +269,48 @@ impl ExchangeVotes {
         let Some(cost_of_names) = cost(&shown) else {
             return;
         };
-        self.passes += usize::from(std::mem::take(&mut self.is_pass_new));
-        for (places, votes) in &mut self.orders {
+        if std::mem::take(&mut self.is_pass_new) {
+            self.passes += 1;
+            self.sides_of_passes.push([0; 2]);
+        }
+        for (exchange, places, votes) in &mut self.orders {
             if let Some(cost) = cost(&places.map(|place| shown[place?])) {
+                let by = exchange.better();
+                let is_better = cost + by < cost_of_names;
+                let is_worse = cost_of_names + by < cost;
                 votes.bodies += 1;
-                votes.better += usize::from(cost + BETTER < cost_of_names);
-                votes.worse += usize::from(cost_of_names + BETTER < cost);
+                votes.better += usize::from(is_better);
+                votes.worse += usize::from(is_worse);
                 votes.cost += cost;
                 votes.cost_of_names += cost_of_names;
+                // Who fits neither is nobody's body.
+                if *exchange == Exchange::AllSides
+                    && cost.min(cost_of_names) < FITS
+                    && let Some([exchanged, right]) = self.sides_of_passes.last_mut()
+                {
+                    *exchanged += usize::from(is_better);
+                    *right += usize::from(is_worse);
+                }
             }
         }
     }
 
+    /// Of each detection pass of how many bodies left and right are exchanged, and of how many they are not.
+    pub(super) fn sides_of_passes(&self) -> &[[usize; 2]] {
+        &self.sides_of_passes
+    }
+
     /// The order that clearly most bodies have, where it is not that of the names.
     pub(in crate::camera_agreement) fn told(&self) -> Option<Exchange> {
-        let known = Exchange::ALL.into_iter().zip(&self.orders);
-        let known = known.map(|(exchange, (_, votes))| (exchange, votes));
+        let known = self.orders.iter();
+        let known = known.map(|(exchange, _, votes)| (*exchange, votes));
         let known = known.filter(|(_, votes)| votes.bodies >= MIN_BODIES);
         // What an order does not show costs nothing: so it is weighed by what it leaves of that of the names.
         let (exchange, votes) = known.min_by(|a, b| a.1.left().total_cmp(&b.1.left()))?;
         let is_told = self.passes >= MIN_PASSES
             && votes.better as f64 >= MOST * (votes.better + votes.worse) as f64
             && votes.better as f64 >= MANY * votes.bodies as f64
-            && votes.left() < LEAVES
+            && votes.left() < exchange.leaves()
             && votes.cost / (votes.bodies as f64) < FITS;
         is_told.then_some(exchange)
     }
@@ -317,7 +383,7 @@ mod tests {
 
     #[test]
     fn parts_that_are_exchanged_in_all_cameras_are_named() {
-        let cases: [(&[(usize, usize)], Exchange); 7] = [
+        let cases: [(&[(usize, usize)], Exchange); 11] = [
             (&[(11, 12), (13, 14), (15, 16)], Exchange::SidesOfLegs),
             (&[(5, 6), (7, 8), (9, 10)], Exchange::SidesOfArms),
             (&[(7, 9), (8, 10)], Exchange::ElbowsAndWrists),
@@ -325,6 +391,10 @@ mod tests {
             (&[(5, 11), (6, 12)], Exchange::HipsAndShoulders),
             (&[(7, 8), (9, 10)], Exchange::SidesOfElbowsAndWrists),
             (&[(13, 14), (15, 16)], Exchange::SidesOfKneesAndAnkles),
+            (&[(7, 9)], Exchange::LeftElbowAndWrist),
+            (&[(8, 10)], Exchange::RightElbowAndWrist),
+            (&[(13, 15)], Exchange::LeftKneeAndAnkle),
+            (&[(14, 16)], Exchange::RightKneeAndAnkle),
         ];
         for (pairs, exchange) in cases {
             let cause = DisagreementCause::ExchangedKeypoints { exchange };

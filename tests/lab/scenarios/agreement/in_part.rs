@@ -2,13 +2,13 @@
 
 use serde_json::{Value, json};
 
-use super::{CAMERAS, MistakenSample};
+use super::{CAMERAS, MistakenSample, OTHER_SIDE};
 
 #[test]
 fn keypoints_that_are_exchanged_in_all_cameras_are_named() {
     // COCO: 5 to 10 are shoulders, elbows and wrists, 11 to 16 hips, knees and ankles, left before right.
     type Exchange = fn(usize) -> usize;
-    let cases: [(&str, Exchange); 5] = [
+    let cases: [(&str, Exchange); 7] = [
         ("sides_of_legs", |k| match k {
             11 | 13 | 15 => k + 1,
             12 | 14 | 16 => k - 1,
@@ -27,6 +27,16 @@ fn keypoints_that_are_exchanged_in_all_cameras_are_named() {
         ("knees_and_ankles", |k| match k {
             13 | 14 => k + 2,
             15 | 16 => k - 2,
+            _ => k,
+        }),
+        ("left_elbow_and_wrist", |k| match k {
+            7 => 9,
+            9 => 7,
+            _ => k,
+        }),
+        ("right_knee_and_ankle", |k| match k {
+            14 => 16,
+            16 => 14,
             _ => k,
         }),
         ("hips_and_shoulders", |k| match k {
@@ -84,6 +94,25 @@ fn keypoints_that_all_cameras_have_elsewhere_in_their_pictures_are_named() {
             assert!((ratio - 1.0).abs() < 0.05, "{change}: {told}");
         }
     }
+}
+
+#[test]
+fn sides_that_are_exchanged_in_all_cameras_every_other_second_are_told() {
+    let mut sample = MistakenSample::new();
+    for lines in sample.lines.values_mut() {
+        // The sample has 30 frames per second.
+        let odd = lines.iter_mut().enumerate();
+        let odd = odd.filter(|(tick, _)| tick / 30 % 2 == 1);
+        for person in odd.flat_map(|(_, line)| line["persons"].as_array_mut().unwrap()) {
+            let own = person["keypoints"].as_array().unwrap().clone();
+            person["keypoints"] = OTHER_SIDE.iter().map(|&k| own[k].clone()).collect();
+        }
+    }
+    let found = sample.disagreements();
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(found[0]["cause"], "sides_at_times");
+    let share = found[0]["share"].as_f64().unwrap();
+    assert!((0.3..0.7).contains(&share), "{share}");
 }
 
 #[test]

@@ -1,0 +1,64 @@
+//! What the keypoints of all cameras alike have that they should not.
+
+use super::super::report::{KeypointExchange, PictureOfAll};
+
+pub(super) fn exchanged(exchange: KeypointExchange) -> (String, String) {
+    (
+        exchange.words(),
+        "write them in the order of the network's card (COCO: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the \
+         person's left before the right), or bring another program's files in by `farfield import`"
+            .to_owned(),
+    )
+}
+
+pub(super) fn picture_of_all(change: PictureOfAll) -> (String, String) {
+    let found = match change {
+        PictureOfAll::Mirrored => "left and right of the pictures are exchanged".to_owned(),
+        PictureOfAll::FromBelow => "y is counted from below".to_owned(),
+        PictureOfAll::HalfTurned => "the pictures stand on their heads".to_owned(),
+        PictureOfAll::XAndYExchanged => "x and y are exchanged".to_owned(),
+        PictureOfAll::QuarterTurned => "the pictures are turned by a quarter".to_owned(),
+        PictureOfAll::Resized { scale, shift } => resized(scale, shift),
+    };
+    (
+        format!(
+            "the keypoints of all cameras are not where the calibration has them, all alike: {found}"
+        ),
+        "give keypoints in pixels of the pictures that were calibrated, from their top left corner, or calibrate in pictures as the \
+         keypoints were found in"
+            .to_owned(),
+    )
+}
+
+fn resized([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
+    let mut words = Vec::new();
+    if (x - y).abs() < 0.05 * x.max(y) && (x - 1.0).abs() > 0.04 {
+        words.push(format!("multiplied by {:.2}", 0.5 * (x + y)));
+    } else if (x - 1.0).abs() > 0.04 || (y - 1.0).abs() > 0.04 {
+        words.push(format!("multiplied by {x:.2} in x and {y:.2} in y"));
+    }
+    let moved = |share: f64, side: &str| format!("{:+.0} % of the {side}", 100.0 * share);
+    if right.abs() >= 0.02 || down.abs() >= 0.02 {
+        words.push(format!(
+            "moved by {} and {}",
+            moved(right, "width"),
+            moved(down, "height")
+        ));
+    }
+    format!(
+        "they agree once they are {}, so they were found in pictures that were made smaller, larger, or cut",
+        words.join(", ")
+    )
+}
+
+pub(super) fn sides_at_times(share: f64) -> (String, String) {
+    (
+        format!(
+            "left and right are exchanged in everybody for {:.0} % of the time, as all cameras show them: noses are behind shoulders then",
+            100.0 * share
+        ),
+        "look at the program that wrote the keypoints: does a step after the network (tracking, smoothing, pictures mirrored for it) \
+         exchange the sides of all cameras at times? Write what the network found"
+            .to_owned(),
+    )
+}
