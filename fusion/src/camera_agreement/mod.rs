@@ -200,7 +200,7 @@ impl AgreementSamples {
         let mut votes = ExchangeVotes::default();
         report.sighted = self.sighted(&mut votes, before);
         let of_all = judge
-            .picture_of_all()
+            .picture_of_all(&report)
             .or_else(|| self.all_keypoints(&votes, &report))
             .or_else(|| judge.one_person_each(&report));
         match of_all {
@@ -347,7 +347,7 @@ impl AgreementSamples {
 /// By how much people seem larger for the focal lengths of several cameras, where something is told of these.
 fn factor_of_all(report: &AgreementReport) -> Option<f64> {
     let factor = |told: &Disagreement| match told.cause {
-        DisagreementCause::FocalLength { factor } if told.cameras.len() > 1 => Some(factor),
+        DisagreementCause::FocalLength { factor } if told.cameras.len() != 1 => Some(factor),
         _ => None,
     };
     report.disagreements.iter().find_map(factor)

@@ -10,6 +10,7 @@
 
 mod change;
 mod compared;
+mod slight;
 
 use std::collections::BTreeSet;
 
@@ -18,7 +19,7 @@ use farfield_proto::order_statistics::upper_median;
 use self::change::Change;
 use self::compared::{Closeness, Compared, meant};
 use super::super::pairs::{CameraRays, HALF_COST_M, PairAgreement};
-use super::super::report::DisagreementCause;
+use super::super::report::{AgreementReport, DisagreementCause};
 use super::{Judge, MIN_KEYPOINTS};
 
 /// Cameras of so many viewpoints tell: lines of two meet through many changes.
@@ -36,8 +37,11 @@ const PAIRS: usize = 12;
 const PEOPLE: usize = 3;
 
 impl Judge<'_> {
-    /// What is wrong with the keypoints of all cameras alike, where hardly any two agree and nearly all would.
-    pub(in crate::camera_agreement) fn picture_of_all(&self) -> Option<DisagreementCause> {
+    /// What is wrong with the pictures of all cameras alike: at large, or by some percent where most agree well enough.
+    pub(in crate::camera_agreement) fn picture_of_all(
+        &self,
+        report: &AgreementReport,
+    ) -> Option<DisagreementCause> {
         let showing = self.showing();
         let viewpoints: BTreeSet<_> = showing
             .iter()
@@ -47,11 +51,17 @@ impl Judge<'_> {
             return None;
         }
         let pairs = self.pairs_of(&showing);
+        self.changed_at_large(&pairs)
+            .or_else(|| self.changed_slightly(&pairs, report))
+    }
+
+    /// Where hardly any two agree, and nearly all would.
+    fn changed_at_large(&self, pairs: &[(usize, usize)]) -> Option<DisagreementCause> {
         let agreeing = self.agreeing(&self.pairs, |_| true).len() as f64;
         if agreeing >= AGREE_BEFORE * self.pairs.len() as f64 && !self.pairs.is_empty() {
             return None;
         }
-        let compared = self.compared(&pairs);
+        let compared = self.compared(pairs, (PAIRS, PEOPLE));
         let before = compared.mean_cost(&Change::NONE, Closeness::of(HALF_COST_M))?;
         let (change, after) = compared.best()?;
         if after > LEAVES * before {
@@ -60,22 +70,25 @@ impl Judge<'_> {
         let change_name = change.name()?;
         let extent_m = upper_median(compared.extents_m(&change))?;
         let are_people = EXTENTS_M.contains(&extent_m);
-        (are_people && self.agree_with(&change, &pairs)).then_some(
-            DisagreementCause::PictureOfAll {
-                change: change_name,
-            },
-        )
+        (are_people && self.agree_with(&change, pairs)).then_some(DisagreementCause::PictureOfAll {
+            change: change_name,
+        })
     }
 
-    fn compared(&self, pairs: &[(usize, usize)]) -> Compared<'_> {
+    /// Some passes of so many of these pairs of cameras, and so many people of each.
+    fn compared(
+        &self,
+        pairs: &[(usize, usize)],
+        (most_pairs, most_people): (usize, usize),
+    ) -> Compared<'_> {
         let step = self.passes.len().div_ceil(PASSES).max(1);
         let passes = self.passes.iter().step_by(step).map(|pass| {
             let cameras = (0..self.cameras.len()).map(|camera| pass.surest(camera));
             cameras
-                .map(|bodies| bodies.iter().take(PEOPLE).collect())
+                .map(|bodies| bodies.iter().take(most_people).collect())
                 .collect()
         });
-        let step = pairs.len().div_ceil(PAIRS).max(1);
+        let step = pairs.len().div_ceil(most_pairs).max(1);
         Compared {
             cameras: self.cameras,
             models: &self.models,
@@ -109,7 +122,7 @@ impl Judge<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::fixture::Hall;
+    use super::super::super::fixture::{Hall, Mistake, names};
     use super::super::super::report::PictureOfAll;
     use super::*;
 
@@ -166,5 +179,42 @@ mod tests {
                 assert!((shift[axis] - moved[axis]).abs() < 0.05, "{told:?}");
             }
         }
+    }
+
+    #[test]
+    fn pictures_that_were_all_cut_by_two_percent_are_named_though_most_cameras_agree() {
+        let cases: [(Written, [f64; 2]); 3] = [
+            (|[x, y]| [x - 40.0, y], [0.02, 0.0]),
+            (|[x, y]| [x + 40.0, y], [-0.02, 0.0]),
+            (|[x, y]| [x, y - 36.0], [0.0, 0.03]),
+        ];
+        for (rewritten, moved) in cases {
+            let told = told(rewritten);
+            let [(cameras, DisagreementCause::PictureOfAll { change })] = &told[..] else {
+                panic!("{moved:?}: {told:?}");
+            };
+            let PictureOfAll::Resized { scale, shift } = change else {
+                panic!("{moved:?}: {told:?}");
+            };
+            assert!(cameras.is_empty());
+            for axis in 0..2 {
+                assert!((scale[axis] - 1.0).abs() < 0.01, "{told:?}");
+                assert!((shift[axis] - moved[axis]).abs() < 0.011, "{told:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_picture_that_was_cut_in_one_camera_alone_is_none_of_all() {
+        let hall = Hall::with(
+            2,
+            Mistake {
+                rewritten: Some(|[x, y]| [x - 40.0, y]),
+                ..Mistake::default()
+            },
+        );
+        let causes = hall.causes();
+        assert_eq!(causes.len(), 1, "{causes:?}");
+        assert_eq!(causes[0].0, names(&[2]), "{causes:?}");
     }
 }

@@ -38,17 +38,19 @@ fn resized([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
         words.push(format!("multiplied by {x:.2} in x and {y:.2} in y"));
     }
     let moved = |share: f64, side: &str| format!("{:+.0} % of the {side}", 100.0 * share);
-    if right.abs() >= 0.02 || down.abs() >= 0.02 {
+    let why = if words.is_empty() {
+        "so they were found in pictures that were cut, or the principal points (cx, cy of `matrix`) are that far off"
+    } else {
+        "so they were found in pictures that were made smaller, larger, or cut"
+    };
+    if right.abs() > 0.01 || down.abs() > 0.01 {
         words.push(format!(
             "moved by {} and {}",
             moved(right, "width"),
             moved(down, "height")
         ));
     }
-    format!(
-        "they agree once they are {}, so they were found in pictures that were made smaller, larger, or cut",
-        words.join(", ")
-    )
+    format!("they agree once they are {}, {why}", words.join(", "))
 }
 
 pub(super) fn sides_at_times(share: f64) -> (String, String) {

@@ -97,6 +97,33 @@ fn keypoints_that_all_cameras_have_elsewhere_in_their_pictures_are_named() {
 }
 
 #[test]
+fn pictures_that_were_all_cut_or_zoomed_by_little_are_no_single_cameras() {
+    let cut: [(Written, [f64; 2]); 2] = [
+        (|[x, y]| [x - 40.0, y], [0.02, 0.0]),
+        (|[x, y]| [x, y - 60.0], [0.0, 0.05]),
+    ];
+    for (written, moved) in cut {
+        let sample = MistakenSample::new().change(&CAMERAS, |k| k, written);
+        let found = sample.disagreements();
+        assert_eq!(found.len(), 1, "{moved:?}: {found:?}");
+        assert_eq!(found[0]["cause"], "picture_of_all", "{moved:?}");
+        let shift = &found[0]["change"]["resized"]["shift"];
+        for axis in 0..2 {
+            let told = shift[axis].as_f64().unwrap();
+            assert!((told - moved[axis]).abs() < 0.011, "{moved:?}: {shift}");
+        }
+    }
+    // Cut all around, and made as large as they were.
+    let zoomed: Written = |[x, y]| [959.5 + 1.15 * (x - 959.5), 599.5 + 1.15 * (y - 599.5)];
+    let found = MistakenSample::new()
+        .change(&CAMERAS, |k| k, zoomed)
+        .disagreements();
+    assert_eq!(found[0]["cause"], "focal_length", "{found:?}");
+    let factor = found[0]["factor"].as_f64().unwrap();
+    assert!((factor - 1.15).abs() < 0.03, "{found:?}");
+}
+
+#[test]
 fn sides_that_are_exchanged_in_all_cameras_every_other_second_are_told() {
     let mut sample = MistakenSample::new();
     for lines in sample.lines.values_mut() {

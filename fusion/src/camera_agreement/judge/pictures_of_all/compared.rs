@@ -34,7 +34,7 @@ const NOSES_AHEAD: usize = 2;
 pub(super) type Bodies<'a> = Vec<&'a SeenBody>;
 
 /// Their lines of sight by keypoint, zero where it is not seen, and how far they extend one metre away, metres.
-type BodyRays = (Vec<Vector3<f64>>, f64);
+pub(super) type BodyRays = (Vec<Vector3<f64>>, f64);
 
 /// What is compared.
 pub(super) struct Compared<'a> {
@@ -228,7 +228,7 @@ impl Compared<'_> {
         (n > 0).then(|| sum / f64::from(n))
     }
 
-    fn rays(
+    pub(super) fn rays(
         &self,
         pass: &[Bodies<'_>],
         (change, closeness): (&Change, Closeness),
@@ -300,7 +300,7 @@ fn extent_m(centers_m: [&Vector3<f64>; 2], [a, b]: [&BodyRays; 2]) -> Option<f64
 }
 
 /// What two sightings cost that are of one person; `None` where too few keypoints are in both.
-fn cost_of(
+pub(super) fn cost_of(
     centers_m: [&Vector3<f64>; 2],
     [a, b]: [&BodyRays; 2],
     closeness: Closeness,

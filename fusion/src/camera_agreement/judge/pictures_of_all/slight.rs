@@ -1,0 +1,212 @@
+//! Pictures that were all zoomed or cut by some percent: most cameras agree well enough then, and single ones seem to be turned
+//! or moved.
+//!
+//! ```text
+//!   u = s (u' - c) + c   or   u = u' + t        u': shown, u: meant, pixels; c: the middle of the picture
+//! ```
+//!
+//! What one camera has wrong moves neither s nor t: a fault of one camera is none of the others.
+
+use std::collections::BTreeMap;
+
+use super::super::super::pairs::HALF_COST_M;
+use super::super::super::report::{AgreementReport, DisagreementCause};
+use super::super::super::samples::COMPARED;
+use super::super::Judge;
+use super::change::{Change, Deed, LEAST_CUT};
+use super::compared::{BodyRays, Closeness, Compared, cost_of};
+
+/// Pairs of cameras that are compared.
+const PAIRS: usize = 24;
+/// Sightings that cost more than this are of two people.
+const ONE_PERSON_COST: f64 = 0.75;
+/// Least pairs of sightings that tell, and of how many pairs of cameras.
+const MIN_MATCHES: usize = 20;
+const MIN_PAIRS: usize = 3;
+/// First steps: shifts as shares of the picture, logarithms of the scale. Where none of them leaves less nothing is looked for.
+const FIRST_STEP: f64 = 0.03;
+const ROUNDS: usize = 14;
+const SHORTER: f64 = 0.7;
+/// Most that is little, as shares and as a logarithm: cameras side by side tell nothing of some shifts, however far.
+const MOST: f64 = 0.2;
+/// What right cameras leave of the cost is 0.99 at least, and of theirs a zoom of 0.005 at most.
+const LEAVES: f64 = 0.82;
+const LEAST_ZOOM: f64 = 0.05;
+/// What the one change must leave as a share of what the other leaves, which explains a part of it.
+const STANDS_OUT: f64 = 0.9;
+/// The same of pictures that were cut, where other focal lengths of several cameras are told of, which explain a part of it, too.
+const STANDS_OUT_OF_LENSES: f64 = 0.5;
+/// Of so many pairs of cameras the cost must be less.
+const MOST_PAIRS: f64 = 0.75;
+
+/// Two sightings that are of one person: the pass, the two cameras, and which sighting of each.
+struct Match {
+    pass: usize,
+    cameras: (usize, usize),
+    bodies: [usize; 2],
+}
+
+/// What a change leaves.
+struct Fit {
+    change: Change,
+    /// Of the cost of all.
+    ratio: f64,
+    /// In which share of the pairs of cameras it leaves less.
+    better: f64,
+}
+
+impl Judge<'_> {
+    /// What was done to all pictures alike, by little. Where other lenses of several cameras are told of already that is it, but that
+    /// pictures which were cut may look zoomed.
+    pub(super) fn changed_slightly(
+        &self,
+        pairs: &[(usize, usize)],
+        report: &AgreementReport,
+    ) -> Option<DisagreementCause> {
+        let is_told_of_several = |is: fn(&DisagreementCause) -> bool| {
+            let mut told = report.disagreements.iter();
+            told.any(|told| told.cameras.len() > 1 && is(&told.cause))
+        };
+        if is_told_of_several(|cause| {
+            matches!(
+                cause,
+                DisagreementCause::Distortion { .. } | DisagreementCause::LensKind { .. }
+            )
+        }) {
+            return None;
+        }
+        let compared = self.compared(pairs, (PAIRS, COMPARED));
+        let matches = compared.matches();
+        if matches.len() < MIN_MATCHES {
+            return None;
+        }
+        let [cut, zoomed] = [Deed::Cut, Deed::Zoomed].map(|deed| compared.fitted(deed, &matches));
+        let left = |fit: &Option<Fit>| fit.as_ref().map_or(1.0, |fit| fit.ratio);
+        let (of_cut, of_zoomed) = (left(&cut), left(&zoomed));
+        let is_told = |fit: &Fit| fit.ratio < LEAVES && fit.better >= MOST_PAIRS;
+        let aside = |fit: &Fit| {
+            let [x, y] = fit.change.shift.map(f64::abs);
+            x.max(y)
+        };
+        let are_lenses_told =
+            is_told_of_several(|cause| matches!(cause, DisagreementCause::FocalLength { .. }));
+        let stands_out = if are_lenses_told {
+            STANDS_OUT_OF_LENSES
+        } else {
+            STANDS_OUT
+        };
+        if of_cut < stands_out * of_zoomed {
+            let is_cut = |fit: &Fit| is_told(fit) && (LEAST_CUT..=MOST).contains(&aside(fit));
+            let fit = cut.filter(is_cut)?;
+            let change = fit.change.name()?;
+            return Some(DisagreementCause::PictureOfAll { change });
+        }
+        if are_lenses_told {
+            return None;
+        }
+        let zoom = |fit: &Fit| libm::log(fit.change.scale[0]).abs();
+        let is_zoom = |fit: &Fit| is_told(fit) && (LEAST_ZOOM..=MOST).contains(&zoom(fit));
+        let fit = zoomed.filter(|fit| of_zoomed < STANDS_OUT * of_cut && is_zoom(fit))?;
+        // Who shows keypoints too far out has a longer lens.
+        let factor = (1000.0 / fit.change.scale[0]).round() / 1000.0;
+        Some(DisagreementCause::FocalLength { factor })
+    }
+}
+
+impl Compared<'_> {
+    /// Each sighting with the one of the other camera that fits it best as all is.
+    fn matches(&self) -> Vec<Match> {
+        let closeness = Closeness::of(HALF_COST_M);
+        let mut all = Vec::new();
+        for (index, pass) in self.passes.iter().enumerate() {
+            let rays = self.rays(pass, (&Change::NONE, closeness));
+            for &(a, b) in &self.pairs {
+                let (few, many) = if rays[a].len() <= rays[b].len() {
+                    (a, b)
+                } else {
+                    (b, a)
+                };
+                for (own, one) in rays[few].iter().enumerate() {
+                    let others = rays[many].iter().enumerate().filter_map(|(index, other)| {
+                        Some((self.cost((few, many), [one, other])?, index))
+                    });
+                    let best = others.min_by(|p, q| p.0.total_cmp(&q.0));
+                    let best = best.filter(|(cost, _)| *cost < ONE_PERSON_COST);
+                    all.extend(best.map(|(_, other)| Match {
+                        pass: index,
+                        cameras: (few, many),
+                        bodies: [own, other],
+                    }));
+                }
+            }
+        }
+        all
+    }
+
+    fn cost(&self, (a, b): (usize, usize), bodies: [&BodyRays; 2]) -> Option<f64> {
+        let centers_m = [a, b].map(|camera| &self.cameras[camera].lines.center_m);
+        cost_of(centers_m, bodies, Closeness::of(HALF_COST_M))
+    }
+
+    /// The mean cost of each pair of cameras with all pictures changed so, and how many sightings it is of.
+    fn costs(&self, change: &Change, matches: &[Match]) -> BTreeMap<(usize, usize), (f64, usize)> {
+        let closeness = Closeness::of(HALF_COST_M);
+        let passes = self.passes.iter();
+        let rays: Vec<_> = passes
+            .map(|pass| self.rays(pass, (change, closeness)))
+            .collect();
+        let mut costs: BTreeMap<(usize, usize), (f64, usize)> = BTreeMap::new();
+        for of in matches {
+            let (a, b) = of.cameras;
+            let rays = &rays[of.pass];
+            let bodies = [&rays[a][of.bodies[0]], &rays[b][of.bodies[1]]];
+            // What a change makes impossible is no better.
+            let cost = self.cost(of.cameras, bodies).unwrap_or(1.0);
+            let (sum, n) = costs.entry((a.min(b), a.max(b))).or_default();
+            *sum += cost;
+            *n += 1;
+        }
+        costs
+    }
+
+    /// With as much of a deed as leaves the least; `None` where nothing is less with a little of it.
+    fn fitted(&self, deed: Deed, matches: &[Match]) -> Option<Fit> {
+        let mean = |change: &Change| {
+            let costs = self.costs(change, matches);
+            costs.values().map(|(sum, _)| sum).sum::<f64>() / matches.len() as f64
+        };
+        let none = Change::nothing_of(deed);
+        let before = mean(&none).max(f64::MIN_POSITIVE);
+        let (mut change, mut cost) = (none, before);
+        let mut step = FIRST_STEP;
+        for round in 0..ROUNDS {
+            let unchanged = change;
+            for axis in deed.axes() {
+                for by in [step, -step] {
+                    let tried = change.with(axis, by);
+                    let of_tried = mean(&tried);
+                    if of_tried < cost {
+                        (change, cost) = (tried, of_tried);
+                    }
+                }
+            }
+            if round == 0 && change == none {
+                return None;
+            }
+            if change == unchanged {
+                step *= SHORTER;
+            }
+        }
+        let (before_by_pair, by_pair) = (self.costs(&none, matches), self.costs(&change, matches));
+        let pairs = before_by_pair.iter().zip(&by_pair);
+        let better = pairs
+            .filter(|((_, (before, _)), (_, (after, _)))| after < before)
+            .count();
+        let n_pairs = by_pair.len();
+        (n_pairs >= MIN_PAIRS).then(|| Fit {
+            change,
+            ratio: cost / before,
+            better: better as f64 / n_pairs as f64,
+        })
+    }
+}
