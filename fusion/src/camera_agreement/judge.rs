@@ -15,6 +15,7 @@ mod lateness;
 mod lenses_swapped;
 mod numbers;
 mod one_person_each;
+mod one_world;
 mod permuted;
 mod pictures;
 mod pictures_of_all;

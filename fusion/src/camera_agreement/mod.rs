@@ -205,6 +205,7 @@ impl AgreementSamples {
             .or_else(|| judge.one_person_each(&report));
         match of_all {
             Some(cause) => self.tell_of_all(cause, &mut report),
+            None if judge.tell_of_worlds(&mut report) => {}
             None => judge.tell_of_doubled(&mut report),
         }
         // Where anything else is wrong people stand wherever that puts them.

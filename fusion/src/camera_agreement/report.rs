@@ -254,6 +254,17 @@ pub enum DisagreementCause {
         /// How far apart the two places are, metres, the median of those who tell.
         apart_m: f64,
     },
+    /// Lengths along x and along y have not the same scale in the calibration: where cameras stand in one direction was measured
+    /// too short.
+    AxisScale {
+        /// What a length along x is as a factor of what it should be beside one along y.
+        x_over_y: f64,
+    },
+    /// These cameras were calibrated with another origin than the others: all of them show people beside where those do.
+    TwoOrigins {
+        /// How far apart the two origins are, metres.
+        apart_m: f64,
+    },
     /// People are followed beside where all cameras show them, which agree with each other.
     PosesElsewhere {
         /// What keypoints cost against poses, 0 to 1: one half where they are 6 cm apart.

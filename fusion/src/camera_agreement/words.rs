@@ -2,9 +2,11 @@
 
 mod keypoints;
 mod standing;
+mod worlds;
 
 use self::keypoints::{exchanged, picture_of_all, sides_at_times};
 use self::standing::{floor_height, scale_of_subjects, world_scale, world_tilted};
+use self::worlds::{axis_scale, doubled, two_origins};
 use super::report::DisagreementCause;
 
 /// What was found of these cameras, and the remedy.
@@ -79,6 +81,8 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
         DisagreementCause::OnePersonEach => one_person_each(),
         DisagreementCause::Doubled { apart_m } => doubled(cameras, apart_m),
+        DisagreementCause::AxisScale { x_over_y } => axis_scale(x_over_y),
+        DisagreementCause::TwoOrigins { apart_m } => two_origins(cameras, apart_m),
         DisagreementCause::PosesElsewhere { .. } => poses_elsewhere(),
         DisagreementCause::GivenUnseen { tick, at_m: [x, y] } => given_unseen(tick, [x, y]),
         DisagreementCause::Unexplained => unexplained(cameras),
@@ -278,18 +282,6 @@ fn one_person_each() -> (String, String) {
             "keypoints seem to come of a program that follows one person in each recording: let it write everybody in the picture"
                 .to_owned(),
         )
-}
-
-fn doubled(cameras: &[String], apart_m: f64) -> (String, String) {
-    (
-        format!(
-            "people are followed twice: cameras {} show them {apart_m:.2} m from where the others do",
-            cameras.join(", ")
-        ),
-        "the two groups were calibrated with other origins, or a direction was measured too short, or their recorders began at \
-         two instants: calibrate all together, or cut their videos alike"
-            .to_owned(),
-    )
 }
 
 fn poses_elsewhere() -> (String, String) {

@@ -112,3 +112,42 @@ fn a_world_that_is_tilted_is_told_by_how_much_to_a_degree() {
         assert!((degrees - 5.0).abs() < 1.0, "{degrees}");
     }
 }
+
+#[test]
+fn half_of_the_cameras_with_another_origin_are_told_with_how_far_it_is() {
+    for by_m in [[0.1, 0.0, 0.0], [0.07, -0.07, 0.0]] {
+        let moved = Translation3::from(-Vector3::from(by_m));
+        let found = said(|name, camera_from_world| {
+            if name.starts_with("south") {
+                camera_from_world * moved
+            } else {
+                camera_from_world
+            }
+        });
+        assert_eq!(found.len(), 1, "{by_m:?}: {found:?}");
+        assert_eq!(found[0]["cause"], "two_origins", "{by_m:?}: {found:?}");
+        let apart_m = found[0]["apart_m"].as_f64().unwrap();
+        let expected_m = Vector3::from(by_m).norm();
+        assert!((apart_m - expected_m).abs() < 0.02, "{by_m:?}: {apart_m}");
+        assert_eq!(found[0]["cameras"].as_array().unwrap().len(), 2);
+    }
+}
+
+#[test]
+fn a_direction_that_was_measured_too_short_is_told_by_how_much() {
+    for scale in [[0.9, 1.0], [1.0, 0.95]] {
+        let found = said(|_, camera_from_world| {
+            let center_m = camera_from_world.inverse().translation.vector;
+            let moved = Vector3::new(scale[0] * center_m.x, scale[1] * center_m.y, center_m.z);
+            let rotation = camera_from_world.rotation;
+            Isometry3::from_parts(Translation3::from(-(rotation * moved)), rotation)
+        });
+        assert_eq!(found.len(), 1, "{scale:?}: {found:?}");
+        assert_eq!(found[0]["cause"], "axis_scale", "{scale:?}: {found:?}");
+        let told = found[0]["x_over_y"].as_f64().unwrap();
+        assert!(
+            (told - scale[0] / scale[1]).abs() < 0.011,
+            "{scale:?}: {told}"
+        );
+    }
+}

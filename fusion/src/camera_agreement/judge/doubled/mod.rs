@@ -99,7 +99,7 @@ impl Judge<'_> {
     }
 
     /// Those agree of whom nothing is told any more.
-    fn set_verdicts(report: &mut AgreementReport) {
+    pub(super) fn set_verdicts(report: &mut AgreementReport) {
         for (name, camera) in &mut report.cameras {
             let is_told = report
                 .disagreements

@@ -46,7 +46,12 @@ fn followed_twice(hall: &Hall, apart_m: [f64; 3]) -> AgreementSamples {
 #[test]
 fn people_whom_two_cameras_show_here_and_two_there_are_one() {
     for apart_m in [[0.5, 0.3, 0.0], [0.0, 0.3, 0.1]] {
-        let report = followed_twice(&hall(apart_m), apart_m).report();
+        // Two origins are told of as such, so nothing but this rule is asked.
+        let samples = followed_twice(&hall(apart_m), apart_m);
+        let before = &mut JudgedBefore::default();
+        let judge = Judge::new(&samples.cameras, &samples.samples, before);
+        let mut report = judge.report();
+        judge.tell_of_doubled(&mut report);
         let [told] = &report.disagreements[..] else {
             panic!("{:?}", report.disagreements);
         };
