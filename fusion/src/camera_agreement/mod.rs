@@ -277,19 +277,9 @@ impl AgreementSamples {
     /// Says what is wrong with all cameras alike, in the place of all that rests on poses, which no body fits then.
     fn tell_of_all(&self, cause: DisagreementCause, report: &mut AgreementReport) {
         let all = &mut report.disagreements;
-        all.retain(|told| {
-            matches!(
-                told.cause,
-                DisagreementCause::Frozen { .. } | DisagreementCause::SamePictures
-            )
-        });
-        for (name, camera) in &mut report.cameras {
-            let is_told = all.iter().any(|told| told.cameras.contains(name));
-            if camera.verdict == AgreementVerdict::Disagrees && !is_told {
-                *camera = CameraAgreement::default();
-            }
-        }
-        all.insert(0, self.of_all(cause));
+        all.retain(|told| told.cause.is_of_pictures());
+        forget_who_disagrees(report);
+        report.disagreements.insert(0, self.of_all(cause));
     }
 
     /// How far right and down keypoints are in the pictures, as shares of these.
@@ -342,6 +332,17 @@ impl AgreementSamples {
         let viewpoints: BTreeSet<ViewpointIndex> = all.iter().map(|c| c.viewpoint).collect();
         report.viewpoints = viewpoints.len() as u64;
         report
+    }
+}
+
+/// Knows nothing any more of cameras that disagree, but for those of which something is told.
+fn forget_who_disagrees(report: &mut AgreementReport) {
+    let all = &report.disagreements;
+    for (name, camera) in &mut report.cameras {
+        let is_told = all.iter().any(|told| told.cameras.contains(name));
+        if camera.verdict == AgreementVerdict::Disagrees && !is_told {
+            *camera = CameraAgreement::default();
+        }
     }
 }
 

@@ -117,10 +117,22 @@ pub struct Disagreement {
 }
 
 impl Disagreement {
-    /// The cause and the cameras, without numbers: the same for as long as it is the same disagreement.
+    /// The cause and the cameras, without numbers, and whether it is of a part of the time: the same for as long as it is the same
+    /// disagreement.
     pub fn name(&self) -> String {
         let cause = std::mem::discriminant(&self.cause);
-        format!("{cause:?} {}", self.cameras.join(" "))
+        let part = self.part_ticks.map_or("", |_| "in part ");
+        format!("{cause:?} {part}{}", self.cameras.join(" "))
+    }
+}
+
+impl DisagreementCause {
+    /// Whether it is of what a camera shows at all, wherever that is: no other calibration makes it so.
+    pub(super) fn is_of_pictures(&self) -> bool {
+        matches!(
+            self,
+            Self::Frozen { .. } | Self::SamePictures | Self::Silent { .. }
+        )
     }
 }
 

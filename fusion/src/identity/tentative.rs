@@ -11,7 +11,7 @@ use crate::body::skeleton::Joint;
 const MIN_PASSES: u32 = 3;
 /// Over how long the hips must have been seen to tell a velocity, seconds: of two points 50 mm off each that is one
 /// within 0.7 m/s, and there are more than two.
-const LEAST_WAY_S: f64 = 0.1;
+const LEAST_TIME_S: f64 = 0.1;
 
 /// The keypoint positions of one tick of a tentative person.
 #[derive(Debug, Clone)]
@@ -28,7 +28,7 @@ pub(crate) fn velocity_m_s(seen: &[(f64, ObservedJoints)]) -> Option<Vector3<f64
         .iter()
         .filter_map(|(at_s, joints)| Some((*at_s, joints.middle_m(hips)?)));
     let (first, last) = (middles.clone().next()?, middles.clone().next_back()?);
-    if last.0 - first.0 < LEAST_WAY_S {
+    if last.0 - first.0 < LEAST_TIME_S {
         return None;
     }
     // From the first on, so that no digits are lost far from the origin and late in a run.

@@ -280,7 +280,8 @@ fn is_tangential(pair: [f64; 2]) -> bool {
     pair.iter().all(|p| p.abs() <= USUAL_TANGENTIAL)
 }
 
-/// In which other order coefficients of which these are no tangential ones may stand, for the end of a clause.
+/// In which other order coefficients of which these are no tangential ones may stand, for the end of a clause. Of four numbers
+/// the fifth is zero, and a lens has no p1 without a p2.
 fn likely_order(lens: &Distortion) -> String {
     let Distortion {
         k1, k2, p1, p2, k3, ..
@@ -288,7 +289,7 @@ fn likely_order(lens: &Distortion) -> String {
     let is_rational = [lens.k4, lens.k5, lens.k6].iter().any(|k| *k != 0.0);
     if is_rational {
         String::new()
-    } else if is_tangential([p2, k3]) {
+    } else if is_tangential([p2, k3]) && (k3 != 0.0 || p2 == 0.0) {
         format!(
             ", and these look like k1 k2 k3 p1 p2: then write `distortions = [{k1:?}, {k2:?}, {p2:?}, {k3:?}, {p1:?}]`"
         )

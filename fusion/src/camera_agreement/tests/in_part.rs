@@ -15,7 +15,7 @@ fn late_in_the_middle() -> Hall {
     hall
 }
 
-fn is_told(hall: &Hall) {
+fn assert_told(hall: &Hall) {
     let report = hall.report();
     let [told] = &report.disagreements[..] else {
         panic!("{:?}", report.disagreements);
@@ -37,7 +37,7 @@ fn is_told(hall: &Hall) {
 
 #[test]
 fn a_camera_that_lost_frames_before_all_others_did_is_named_with_both_moments() {
-    is_told(&late_in_the_middle());
+    assert_told(&late_in_the_middle());
 }
 
 #[test]
@@ -45,5 +45,5 @@ fn sightings_alone_tell_it_too() {
     let mut hall = late_in_the_middle();
     // Too short together to tell anything.
     hall.burst_ticks = 10;
-    is_told(&hall);
+    assert_told(&hall);
 }

@@ -106,7 +106,7 @@ fn split(told: &[([Tick; 2], f64)]) -> Option<([Tick; 2], [f64; 2])> {
     parts.next_back()
 }
 
-/// From and until when a camera was late by another time than before and after, by bursts in which it is equally late.
+/// From and until when a camera was late that is on time before and after, by bursts in which it is equally late.
 fn in_the_middle(told: &[([Tick; 2], f64)]) -> Option<Jump> {
     let ends = |from: usize| (from + 1..told.len()).map(move |to| [from, to]);
     let mut parts = (1..told.len()).flat_map(ends).filter_map(|[from, to]| {
@@ -115,7 +115,9 @@ fn in_the_middle(told: &[([Tick; 2], f64)]) -> Option<Jump> {
         let middle = |part: &[([Tick; 2], f64)]| upper_median(part.iter().map(|it| it.1).collect());
         let late_ticks = [middle(&outside)?, middle(inside)?];
         let are_steady = is_steady(&outside, late_ticks[0]) && is_steady(inside, late_ticks[1]);
-        let is_told = are_steady && (late_ticks[1] - late_ticks[0]).abs() >= LEAST_TICKS;
+        let is_on_time = late_ticks[0].abs() < LATE_TICKS;
+        let is_apart = (late_ticks[1] - late_ticks[0]).abs() >= LEAST_TICKS;
+        let is_told = are_steady && is_on_time && is_apart;
         is_told.then(|| Jump {
             late_ticks,
             at: self::middle([told[from - 1].0[1], told[from].0[0]]),
@@ -154,11 +156,11 @@ mod tests {
             let told: Vec<_> = late.iter().enumerate().map(burst).collect();
             in_the_middle(&told).map(|jump| (jump.at.0, jump.until.map(|at| at.0), jump.late_ticks))
         };
-        let told = Some((360, Some(1560), [0.1, 6.0]));
-        assert_eq!(
-            found(&[0.1, 6.0, 6.1, 0.0]).map(|it| (it.0, it.1)),
-            told.map(|it| (it.0, it.1))
-        );
+        let told = Some((360, Some(1560), [0.1, 6.1]));
+        assert_eq!(found(&[0.1, 6.0, 6.1, 0.0]), told);
+        // Late before and after, too: that is said of all the time.
+        assert_eq!(found(&[6.0, 0.0, 0.0, 6.0]), None);
+        assert_eq!(found(&[3.0, 6.0, 6.0, 3.0]), None);
         assert_eq!(found(&[0.0, 6.0, 3.0, 0.0]), None);
         assert_eq!(found(&[0.0, 6.0, 6.0]), None);
         assert_eq!(found(&[0.0, 6.0, 0.0, 3.0]), None);

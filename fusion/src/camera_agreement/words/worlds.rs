@@ -30,6 +30,6 @@ pub(super) fn two_origins(cameras: &[String], apart_m: f64) -> (String, String) 
             "cameras {} show everybody {apart_m:.2} m from where the others do, all alike",
             cameras.join(", ")
         ),
-        "the two groups were calibrated with other origins: calibrate all together, or move the translations of one group".to_owned(),
+        "the two groups were calibrated with other origins: calibrate all together".to_owned(),
     )
 }

@@ -223,6 +223,9 @@ fn the_order_that_coefficients_seem_to_stand_in_is_named_with_what_to_write() {
     for words in ["p1 p2 k1 k2", "[-0.08, 0.02, 0.0004, -0.0003, 0.0]"] {
         assert!(text.contains(words), "{words}: {text}");
     }
+    // Four numbers, whose last would be p1 alone.
+    let text = of_lens([-0.3, 0.1, 0.011, 0.0005]);
+    assert!(!text.contains("look like"), "{text}");
     // In no order are these those of a lens.
     let text = of_lens([-0.1, 0.12, -0.06, 0.05, 0.02]);
     assert!(!text.contains("look like"), "{text}");

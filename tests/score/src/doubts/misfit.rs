@@ -199,9 +199,16 @@ impl<'a> Search<'a> {
     /// Those with two parts of the body exchanged.
     fn in_parts(&self) -> impl Iterator<Item = Candidate> {
         let pairs = (0..PARTS.len()).flat_map(|one| (0..one).map(move |other| [other, one]));
-        pairs.filter_map(|parts| {
+        let known = |names| kinds(&self.seeds[0], names);
+        let n_known = known(Names::AsTheyAre);
+        pairs.filter_map(move |parts| {
+            let names = Names::PartsExchanged(parts);
+            // What a reading leaves out cannot be far off.
+            if n_known < LEAST_KINDS || known(names) < n_known {
+                return None;
+            }
             let reading = Reading {
-                names: Names::PartsExchanged(parts),
+                names,
                 ..Reading::as_it_is()
             };
             self.judged(reading, 1)

@@ -19,6 +19,7 @@ use std::collections::BTreeSet;
 use nalgebra::Vector3;
 
 use self::places::Fit;
+use super::super::forget_who_disagrees;
 use super::super::report::{AgreementReport, DisagreementCause};
 use super::Judge;
 
@@ -32,6 +33,8 @@ const EXPLAINS: f64 = 0.6;
 const AS_WELL: f64 = 1.15;
 /// Least difference between the scales of x and y, as a share: what a tape measures wrong. Of right cameras 0.003 was seen.
 const LEAST_AXIS: f64 = 0.02;
+/// The most, as a logarithm: beyond that bodies are none, and cameras in a line tell nothing of the one axis.
+const MOST_AXIS: f64 = 0.3;
 /// Least distance of two origins, metres: of right cameras of the Shelf single viewpoints moved by 0.02.
 const LEAST_APART_M: f64 = 0.06;
 /// How far keypoints must be spread over the floor, metres: of who stays at one place networks err always alike, which looks as if
@@ -49,22 +52,24 @@ impl Judge<'_> {
         let Some((cameras, cause)) = self.worlds() else {
             return false;
         };
-        report.disagreements.retain(|told| {
-            matches!(
-                told.cause,
-                DisagreementCause::Frozen { .. }
-                    | DisagreementCause::SamePictures
-                    | DisagreementCause::Silent { .. }
-            )
-        });
+        report
+            .disagreements
+            .retain(|told| told.cause.is_of_pictures());
         let told = self.disagreement(&cameras, cause);
         report.disagreements.insert(0, told);
-        Self::set_verdicts(report);
+        if cameras.is_empty() {
+            forget_who_disagrees(report);
+        } else {
+            Self::set_verdicts(report);
+        }
         true
     }
 
     /// Whether cameras of several viewpoints are late: where everybody goes one way they show all of them aside.
-    fn are_several_late(&self, report: &AgreementReport) -> bool {
+    pub(in crate::camera_agreement::judge) fn are_several_late(
+        &self,
+        report: &AgreementReport,
+    ) -> bool {
         let is_of_time = |cause: &DisagreementCause| {
             matches!(
                 cause,
@@ -93,8 +98,10 @@ impl Judge<'_> {
         }
         let is_as_good = |fit: &Fit| fit.cost <= AS_WELL * free.cost;
         let axis = places.fitted(&[places.along_axes()]);
-        let x_over_y = libm::exp(-2.0 * axis.amounts[0]);
-        if is_as_good(&axis) && (x_over_y - 1.0).abs() >= LEAST_AXIS {
+        let ratio = -2.0 * axis.amounts[0];
+        let x_over_y = libm::exp(ratio);
+        let is_axis = (x_over_y - 1.0).abs() >= LEAST_AXIS && ratio.abs() <= MOST_AXIS;
+        if is_as_good(&axis) && is_axis {
             let x_over_y = (100.0 * x_over_y).round() / 100.0;
             return Some((Vec::new(), DisagreementCause::AxisScale { x_over_y }));
         }

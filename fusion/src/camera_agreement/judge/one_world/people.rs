@@ -24,6 +24,8 @@ const MIN_PEOPLE: usize = 6;
 const MIN_POINTS: usize = 100;
 const MAX_POINTS: usize = 500;
 const MIN_OF_VIEWPOINT: usize = 40;
+/// Most viewpoints by which one keypoint is told: more tell little more, and each is held against each.
+const MOST_SIGHTS: usize = 12;
 
 /// A sighting: the camera, and which of those that it has in a pass.
 type Shown = (usize, usize);
@@ -49,7 +51,8 @@ impl Judge<'_> {
             }
         }
         let step = points.len().div_ceil(MAX_POINTS).max(1);
-        let points: Vec<Vec<Sight>> = points.into_iter().step_by(step).collect();
+        let points = points.into_iter().step_by(step).enumerate();
+        let points: Vec<Vec<Sight>> = points.map(|(at, point)| few_of(point, at)).collect();
         if people < MIN_PEOPLE || points.len() < MIN_POINTS {
             return None;
         }
@@ -138,4 +141,11 @@ impl Judge<'_> {
         };
         (0..n_keypoints).filter_map(of_keypoint).collect()
     }
+}
+
+/// Those of a keypoint's sights that count, other ones of each keypoint: `at` is its number.
+fn few_of(point: Vec<Sight>, at: usize) -> Vec<Sight> {
+    let step = point.len().div_ceil(MOST_SIGHTS).max(1);
+    let first = at % step;
+    point.into_iter().skip(first).step_by(step).collect()
 }

@@ -242,6 +242,16 @@ impl Compared<'_> {
         pass.iter().enumerate().map(of_camera).collect()
     }
 
+    /// The same of one sighting: of a pass, a camera, and which of those that it has there.
+    pub(super) fn rays_of(
+        &self,
+        [pass, camera, body]: [usize; 3],
+        by: (&Change, Closeness),
+    ) -> BodyRays {
+        let of = (&self.cameras[camera].lines, self.models[camera]);
+        body_rays(self.passes[pass][camera][body], of, by)
+    }
+
     /// How far people extend, by every two cameras that show them, metres.
     pub(super) fn extents_m(&self, change: &Change) -> Vec<f64> {
         let met = self.met(change);

@@ -22,6 +22,8 @@ const PAIRS: usize = 24;
 const ONE_PERSON_COST: f64 = 0.75;
 /// Least pairs of sightings that tell, and of how many pairs of cameras.
 const MIN_MATCHES: usize = 20;
+/// So many are looked at: each is tried with some eighty changes.
+const MOST_MATCHES: usize = 360;
 const MIN_PAIRS: usize = 3;
 /// First steps: shifts as shares of the picture, logarithms of the scale. Where none of them leaves less nothing is looked for.
 const FIRST_STEP: f64 = 0.03;
@@ -36,14 +38,24 @@ const LEAST_ZOOM: f64 = 0.05;
 const STANDS_OUT: f64 = 0.9;
 /// The same of pictures that were cut, where other focal lengths of several cameras are told of, which explain a part of it, too.
 const STANDS_OUT_OF_LENSES: f64 = 0.5;
-/// Of so many pairs of cameras the cost must be less.
+/// Of so many pairs of cameras the cost must be less, each by more than chance has it.
 const MOST_PAIRS: f64 = 0.75;
+const LEAVES_OF_PAIR: f64 = 0.95;
 
 /// Two sightings that are of one person: the pass, the two cameras, and which sighting of each.
 struct Match {
     pass: usize,
     cameras: (usize, usize),
     bodies: [usize; 2],
+}
+
+impl Match {
+    /// Of each the pass, the camera, and which of those that it has there.
+    fn sightings(&self) -> [[usize; 3]; 2] {
+        let (a, b) = self.cameras;
+        let [one, other] = self.bodies;
+        [[self.pass, a, one], [self.pass, b, other]]
+    }
 }
 
 /// What a change leaves.
@@ -72,11 +84,14 @@ impl Judge<'_> {
                 cause,
                 DisagreementCause::Distortion { .. } | DisagreementCause::LensKind { .. }
             )
-        }) {
+        }) || self.are_several_late(report)
+        {
             return None;
         }
         let compared = self.compared(pairs, (PAIRS, COMPARED));
         let matches = compared.matches();
+        let step = matches.len().div_ceil(MOST_MATCHES).max(1);
+        let matches: Vec<Match> = matches.into_iter().step_by(step).collect();
         if matches.len() < MIN_MATCHES {
             return None;
         }
@@ -151,15 +166,15 @@ impl Compared<'_> {
     /// The mean cost of each pair of cameras with all pictures changed so, and how many sightings it is of.
     fn costs(&self, change: &Change, matches: &[Match]) -> BTreeMap<(usize, usize), (f64, usize)> {
         let closeness = Closeness::of(HALF_COST_M);
-        let passes = self.passes.iter();
-        let rays: Vec<_> = passes
-            .map(|pass| self.rays(pass, (change, closeness)))
-            .collect();
+        let mut rays: BTreeMap<[usize; 3], BodyRays> = BTreeMap::new();
+        for shown in matches.iter().flat_map(Match::sightings) {
+            let of = || self.rays_of(shown, (change, closeness));
+            rays.entry(shown).or_insert_with(of);
+        }
         let mut costs: BTreeMap<(usize, usize), (f64, usize)> = BTreeMap::new();
         for of in matches {
             let (a, b) = of.cameras;
-            let rays = &rays[of.pass];
-            let bodies = [&rays[a][of.bodies[0]], &rays[b][of.bodies[1]]];
+            let bodies = of.sightings().map(|shown| &rays[&shown]);
             // What a change makes impossible is no better.
             let cost = self.cost(of.cameras, bodies).unwrap_or(1.0);
             let (sum, n) = costs.entry((a.min(b), a.max(b))).or_default();
@@ -200,7 +215,7 @@ impl Compared<'_> {
         let (before_by_pair, by_pair) = (self.costs(&none, matches), self.costs(&change, matches));
         let pairs = before_by_pair.iter().zip(&by_pair);
         let better = pairs
-            .filter(|((_, (before, _)), (_, (after, _)))| after < before)
+            .filter(|((_, (before, _)), (_, (after, _)))| *after < LEAVES_OF_PAIR * before)
             .count();
         let n_pairs = by_pair.len();
         (n_pairs >= MIN_PAIRS).then(|| Fit {

@@ -7,7 +7,8 @@ use farfield_proto::tick::Tick;
 
 use super::jump::{EXPLAINS, FITS, PassCosts, PoseJump};
 
-/// Fewest cameras that are apart at a pass, and keypoints of each.
+/// Fewest cameras that are apart at a pass, and keypoints of each. With these nothing is told of 91 windows of right recordings (the
+/// sample, the Shelf and 13 simulated scenes), most of them of 90 or 120 ticks.
 const MIN_CAMERAS: usize = 2;
 const MIN_COMPARED: usize = 25;
 /// Passes at which a camera that is apart at others shows the time of the poses.
