@@ -27,6 +27,24 @@ const DEPTHS: Range<f64> = 0.5..1.4;
 pub(super) const SAME_PERSON_COST: f64 = 0.5;
 /// Least keypoints that two sightings must have in common.
 const MIN_COMMON: usize = 5;
+/// Two sightings that cost more are of two people, whoever else there is.
+const ONE_PERSON_COST: f64 = 0.75;
+
+/// Each of the sightings of the camera that has fewer with that of the other which costs least with it, where that may be of one
+/// person; `cost` is of one of the fewer and one of the more, 0 to 1.
+pub(super) fn best_matches(
+    n_few: usize,
+    n_many: usize,
+    cost: impl Fn(usize, usize) -> Option<f64>,
+) -> Vec<[usize; 2]> {
+    let best = |own: usize| {
+        let costs = (0..n_many).filter_map(|other| Some((cost(own, other)?, other)));
+        let best = costs.min_by(|a, b| a.0.total_cmp(&b.0));
+        let best = best.filter(|(cost, _)| *cost < ONE_PERSON_COST);
+        best.map(|(_, other)| [own, other])
+    };
+    (0..n_few).filter_map(best).collect()
+}
 
 /// What a distance between two lines of sight costs, 0 to 1.
 pub(super) fn cost(gap_m: f64) -> f64 {

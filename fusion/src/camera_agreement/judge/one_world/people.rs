@@ -6,13 +6,11 @@ use farfield_proto::id::ViewpointIndex;
 use nalgebra::Vector3;
 
 use super::super::super::geometry::meeting;
-use super::super::super::pairs::cost;
+use super::super::super::pairs::{best_matches, cost};
 use super::super::super::samples::COMPARED;
 use super::super::Judge;
 use super::places::{Places, Sight};
 
-/// Sightings that cost more than this are of two people.
-const ONE_PERSON_COST: f64 = 0.75;
 /// Keypoints that two must have in common.
 const MIN_COMMON: usize = 5;
 /// Pairs of cameras in a pass that are compared, all passes together.
@@ -68,19 +66,19 @@ impl Judge<'_> {
     fn people_of(&self, pass: usize, pairs: &[(usize, usize)]) -> Vec<Vec<Shown>> {
         let mut fitting: BTreeMap<Shown, Vec<Shown>> = BTreeMap::new();
         for &(a, b) in pairs {
-            let n = [a, b].map(|camera| self.bodies(pass, camera).len());
-            let (few, many) = if n[0] <= n[1] { (a, b) } else { (b, a) };
-            for (own, one) in self.bodies(pass, few).iter().enumerate() {
-                let others = self.bodies(pass, many).iter().enumerate();
-                let costs = others.filter_map(|(other, body)| {
-                    Some((self.cost_of((few, one), (many, body))?, other))
-                });
-                let best = costs.min_by(|p, q| p.0.total_cmp(&q.0));
-                if let Some((_, other)) = best.filter(|(cost, _)| *cost < ONE_PERSON_COST) {
-                    let both = [(few, own), (many, other)];
-                    fitting.entry(both[0]).or_default().push(both[1]);
-                    fitting.entry(both[1]).or_default().push(both[0]);
-                }
+            let of = |camera: usize| self.bodies(pass, camera);
+            let (few, many) = if of(a).len() <= of(b).len() {
+                (a, b)
+            } else {
+                (b, a)
+            };
+            let of_two = |own: usize, other: usize| {
+                self.cost_of((few, &of(few)[own]), (many, &of(many)[other]))
+            };
+            for [own, other] in best_matches(of(few).len(), of(many).len(), of_two) {
+                let both = [(few, own), (many, other)];
+                fitting.entry(both[0]).or_default().push(both[1]);
+                fitting.entry(both[1]).or_default().push(both[0]);
             }
         }
         let mut people = Vec::new();

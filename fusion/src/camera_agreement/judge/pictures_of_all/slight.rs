@@ -9,7 +9,7 @@
 
 use std::collections::BTreeMap;
 
-use super::super::super::pairs::HALF_COST_M;
+use super::super::super::pairs::{HALF_COST_M, best_matches};
 use super::super::super::report::{AgreementReport, DisagreementCause};
 use super::super::super::samples::COMPARED;
 use super::super::Judge;
@@ -18,8 +18,6 @@ use super::compared::{BodyRays, Closeness, Compared, cost_of};
 
 /// Pairs of cameras that are compared.
 const PAIRS: usize = 24;
-/// Sightings that cost more than this are of two people.
-const ONE_PERSON_COST: f64 = 0.75;
 /// Least pairs of sightings that tell, and of how many pairs of cameras.
 const MIN_MATCHES: usize = 20;
 /// So many are looked at: each is tried with some eighty changes.
@@ -141,18 +139,15 @@ impl Compared<'_> {
                 } else {
                     (b, a)
                 };
-                for (own, one) in rays[few].iter().enumerate() {
-                    let others = rays[many].iter().enumerate().filter_map(|(index, other)| {
-                        Some((self.cost((few, many), [one, other])?, index))
-                    });
-                    let best = others.min_by(|p, q| p.0.total_cmp(&q.0));
-                    let best = best.filter(|(cost, _)| *cost < ONE_PERSON_COST);
-                    all.extend(best.map(|(_, other)| Match {
-                        pass: index,
-                        cameras: (few, many),
-                        bodies: [own, other],
-                    }));
-                }
+                let cost = |own: usize, other: usize| {
+                    self.cost((few, many), [&rays[few][own], &rays[many][other]])
+                };
+                let best = best_matches(rays[few].len(), rays[many].len(), cost);
+                all.extend(best.into_iter().map(|bodies| Match {
+                    pass: index,
+                    cameras: (few, many),
+                    bodies,
+                }));
             }
         }
         all
