@@ -75,3 +75,21 @@ fn one_camera_that_was_moved_or_is_late_is_no_other_world() {
     // All that is larger or elsewhere alike is nothing that lines of sight tell.
     assert_eq!(told(|at_m| at_m.map(|m| 0.02 * m)), []);
 }
+
+#[test]
+fn whichever_camera_was_moved_along_whichever_axis_nothing_is_told_of_all() {
+    for camera in 0..hall().cameras.len() {
+        for axis in 0..3 {
+            let mut mistake = Mistake::default();
+            mistake.moved_m[axis] = 0.15;
+            let causes = Hall::with(camera, mistake).causes();
+            let is_of_several =
+                |(cameras, _): &(Vec<String>, DisagreementCause)| cameras.len() != 1;
+            assert!(
+                !causes.iter().any(is_of_several),
+                "{camera} {axis}: {causes:?}"
+            );
+            assert!(!causes.is_empty(), "{camera} {axis}");
+        }
+    }
+}
