@@ -1,6 +1,6 @@
 //! Whether left and right are exchanged in the keypoints of all cameras: a network's card, or a program that wrote keypoints,
-//! in another order, for all of the time or at times. All lines of sight meet as well as before, so only the people themselves tell: with the left shoulder
-//! taken for the right one everybody has the nose behind the shoulders.
+//! in another order, for all of the time or at times. All lines of sight meet as well as before, so only the people themselves
+//! tell: with the left shoulder taken for the right one everybody has the nose behind the shoulders.
 
 use super::super::report::DisagreementCause;
 use super::exchanged::ExchangeVotes;

@@ -37,18 +37,21 @@ fn resized([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
     } else if (x - 1.0).abs() > 0.04 || (y - 1.0).abs() > 0.04 {
         words.push(format!("multiplied by {x:.2} in x and {y:.2} in y"));
     }
-    let moved = |share: f64, side: &str| format!("{:+.0} % of the {side}", 100.0 * share);
+    let moved = |(share, side): (f64, &str)| {
+        let percent = (100.0 * share).round();
+        (percent != 0.0).then(|| format!("{percent:+} % of the {side}"))
+    };
+    let moved = [(right, "width"), (down, "height")]
+        .into_iter()
+        .filter_map(moved);
     let why = if words.is_empty() {
         "so they were found in pictures that were cut, or the principal points (cx, cy of `matrix`) are that far off"
     } else {
         "so they were found in pictures that were made smaller, larger, or cut"
     };
     if right.abs() > 0.01 || down.abs() > 0.01 {
-        words.push(format!(
-            "moved by {} and {}",
-            moved(right, "width"),
-            moved(down, "height")
-        ));
+        let moved: Vec<String> = moved.collect();
+        words.push(format!("moved by {}", moved.join(" and ")));
     }
     format!("they agree once they are {}, {why}", words.join(", "))
 }
@@ -63,4 +66,20 @@ pub(super) fn sides_at_times(share: f64) -> (String, String) {
          exchange the sides of all cameras at times? Write what the network found"
             .to_owned(),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::resized;
+
+    #[test]
+    fn pictures_that_were_moved_are_told_along_the_sides_that_they_were_moved_along() {
+        let told = resized([1.0; 2], [0.021, -0.002]);
+        assert!(told.contains("moved by +2 % of the width, so"), "{told}");
+        let told = resized([1.0; 2], [0.021, -0.034]);
+        assert!(
+            told.contains("+2 % of the width and -3 % of the height"),
+            "{told}"
+        );
+    }
 }
