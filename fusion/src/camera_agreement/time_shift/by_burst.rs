@@ -37,7 +37,7 @@ pub(in crate::camera_agreement) fn shifts_by_burst(
     let of = |(index, burst): (usize, &Burst)| {
         let mut half = |half| {
             let burst = Some(index);
-            let mut shifts = shifts_of(costs, CurvePart { half, burst });
+            let mut shifts = shifts_of(costs, CurvePart { half, burst }, all);
             put_beside(&mut shifts, all);
             shifts
         };
