@@ -44,6 +44,8 @@ const BESIDE: isize = 3;
 const DIFFERENCE_TICKS: f64 = 0.6;
 const DIFFERENCE: f64 = 0.03;
 
+/// Fewest moments, apart from each other, at which passes must tell.
+const MIN_MOMENTS: usize = 3;
 /// Fewest keypoints of either half of the time that tell, what the shift must leave of the cost in each, and the cost up to
 /// which it fits at all: what fits by chance does not do so twice. Shelf: 0.66 and 0.31 at the most, where a camera is late.
 const MIN_COMPARED_IN_HALF: usize = 50;
@@ -233,13 +235,17 @@ impl<'a> Search<'a> {
         self.people.get(at)
     }
 
-    /// Whether the shift explains what is shown in the first half of the time, and in the second.
+    /// Whether the shift explains what is shown in the first half of the time, and in the second. Passes in a row tell as much as one:
+    /// before anybody is followed they fit the first poses best.
     fn is_steady(&self, own: isize) -> bool {
         let is_compared = |pass: &&&PassSample| {
             let people = self.people_at(pass, own);
             people.is_some_and(|p| !p.is_empty()) && !pass.surest(self.camera).is_empty()
         };
         let passes: Vec<&'a PassSample> = self.passes.iter().filter(is_compared).copied().collect();
+        if self.moments(passes.iter().map(|pass| &pass.tick)) < MIN_MOMENTS {
+            return false;
+        }
         let bodies = |pass: &&PassSample| pass.surest(self.camera).len();
         let all: usize = passes.iter().map(bodies).sum();
         let mut shown = 0;
@@ -337,7 +343,49 @@ pub(in crate::camera_agreement) fn against_most(
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::tick::Tick;
+    use nalgebra::Vector3;
+
+    use super::super::super::samples::SeenKeypoint;
     use super::*;
+    use crate::sightings::fixture::hall;
+
+    /// Somebody who walks through the hall, at a tick: 17 keypoints, metres.
+    fn walking(tick: i64) -> Vec<[f32; 3]> {
+        let x = 0.03 * tick as f32 - 2.0;
+        let place = |k: u8| [x + 0.02 * f32::from(k), 0.5, 0.1 * f32::from(k)];
+        (0..17).map(place).collect()
+    }
+
+    /// Whether a camera that shows at these passes what others show four ticks later is steadily so.
+    fn is_steady(passes: impl Iterator<Item = i64>) -> bool {
+        let lines = SightLines::of(&hall().cameras[0].1);
+        let posed: Vec<PosedTick> = (0..120)
+            .map(|tick| PosedTick {
+                tick: Tick(tick),
+                people: vec![(1, walking(tick))],
+            })
+            .collect();
+        let seen = |m: [f32; 3]| {
+            let (px, _) = lines.project(&Vector3::from(m.map(f64::from)))?;
+            let pixel = [px.x as f32, px.y as f32];
+            Some(SeenKeypoint { pixel, score: 0.9 })
+        };
+        let shown: Vec<PassSample> = passes
+            .map(|tick| PassSample {
+                tick: Tick(tick),
+                of_camera: vec![vec![walking(tick + 4).into_iter().map(seen).collect()]],
+            })
+            .collect();
+        let (posed, shown): (Vec<_>, Vec<_>) = (posed.iter().collect(), shown.iter().collect());
+        Search::of((0, &lines), &posed, (&shown, 1)).is_steady(-4)
+    }
+
+    #[test]
+    fn passes_in_a_row_tell_of_no_shift_that_lasts() {
+        assert!(is_steady((0..8).map(|pass| 12 * pass)));
+        assert!(!is_steady(0..8));
+    }
 
     fn late(known: &[Option<f64>]) -> Vec<Option<f64>> {
         let shift = |late_ticks: f64| PoseShift {

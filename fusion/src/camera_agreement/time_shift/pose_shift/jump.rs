@@ -96,7 +96,7 @@ impl Search<'_> {
     }
 
     /// How many of these ticks are so far from each other that poses between them tell more than one of them.
-    fn moments<'t>(&self, ticks: impl Iterator<Item = &'t Tick>) -> usize {
+    pub(super) fn moments<'t>(&self, ticks: impl Iterator<Item = &'t Tick>) -> usize {
         let mut moments: Vec<Tick> = Vec::new();
         for &tick in ticks {
             if moments
