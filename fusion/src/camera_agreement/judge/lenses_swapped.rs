@@ -17,9 +17,11 @@ const EXPLAINS: f64 = 0.8;
 const EXPLAINS_BOTH: f64 = 0.65;
 /// By how much less than it is the distance must be of both together, metres.
 const LEAST_GAIN_M: f64 = 0.01;
-/// What the sightings of a camera cost against the others, as a factor of those of the best one, from which on they are tried
+/// What the sightings of a camera cost against the others, as a factor of those of a good one, from which on they are tried
 /// through another lens: who shows people where nobody is has no keypoints that could be told from the others'.
 const DOUBTFUL: f64 = 1.5;
+/// Of so many cameras one may cost less than a good one: the best of many is better than most that are right.
+const ONE_BETTER_IN: usize = 4;
 /// From which factor between focal lengths on people are larger by more than networks err on how large they are.
 const ZOOMED_APART: f64 = 1.03;
 
@@ -46,9 +48,11 @@ impl Judge<'_> {
                 self.cost_against(camera, &self.as_it_is[camera], &others)
             })
             .collect();
-        let least = costs.iter().flatten().copied().fold(1.0, f64::min);
-        let is_doubtful =
-            |camera: usize| costs[camera].is_some_and(|cost| cost >= DOUBTFUL * least);
+        let mut by_cost: Vec<f64> = costs.iter().flatten().copied().collect();
+        by_cost.sort_by(f64::total_cmp);
+        let better = by_cost.len().saturating_sub(1) / ONE_BETTER_IN;
+        let good = by_cost.get(better).map_or(1.0, |cost| cost.min(1.0));
+        let is_doubtful = |camera: usize| costs[camera].is_some_and(|cost| cost >= DOUBTFUL * good);
         let weighed = pairs.into_iter().filter_map(|(a, b)| {
             let by_points = points.and_then(|points| self.with_lenses_swapped(points, (a, b)));
             let by_sightings = || {
