@@ -27,7 +27,6 @@ mod tests;
 use std::collections::BTreeMap;
 
 use farfield_proto::camera::CameraModel;
-use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::agreement::AgreementVerdict;
 use farfield_proto::order_statistics::upper_median;
 
@@ -73,7 +72,7 @@ pub(super) struct Judge<'a> {
     pub(super) cameras: &'a [JudgedCamera],
     models: Vec<&'a CameraModel>,
     pub(super) partners: &'a Partners,
-    keypoints: &'a KeypointSet,
+    venue: &'a AgreementCameras,
     pub(super) rate_hz: f64,
     samples: &'a Samples,
     passes: Vec<&'a PassSample>,
@@ -129,7 +128,7 @@ impl<'a> Judge<'a> {
             cameras: &cameras.all,
             models: cameras.models.iter().map(|(_, model)| model).collect(),
             partners: &cameras.partners,
-            keypoints: &cameras.keypoints,
+            venue: cameras,
             rate_hz: cameras.rate_hz,
             shifts,
             halves: [odd, even],

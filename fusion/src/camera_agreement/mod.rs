@@ -49,7 +49,7 @@ use farfield_proto::venue::{Field, Venue};
 
 pub use self::judge::before::JudgedBefore;
 pub use self::report::{
-    AgreementReport, CameraDetails, Disagreement, DisagreementCause, KeypointExchange,
+    AgreementReport, CameraDetails, Disagreement, DisagreementCause, FloorAxis, KeypointExchange,
     PictureOfAll, SightedReport,
 };
 

@@ -271,6 +271,9 @@ pub enum DisagreementCause {
     AxisScale {
         /// What a length along x is as a factor of what it should be beside one along y.
         x_over_y: f64,
+        /// The axis along which lengths are wrong; `None` where it is only known that they are not alike.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        wrong: Option<FloorAxis>,
     },
     /// These cameras were calibrated with another origin than the others: all of them show people beside where those do.
     TwoOrigins {
@@ -291,6 +294,16 @@ pub enum DisagreementCause {
     },
     /// None of these explains it.
     Unexplained,
+}
+
+/// An axis of the world along the floor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FloorAxis {
+    /// Of x.
+    X,
+    /// Of y.
+    Y,
 }
 
 /// What is in the place of what.

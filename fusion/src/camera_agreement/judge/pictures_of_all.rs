@@ -92,7 +92,7 @@ impl Judge<'_> {
         Compared {
             cameras: self.cameras,
             models: &self.models,
-            keypoints: self.keypoints,
+            keypoints: &self.venue.keypoints,
             pairs: pairs.iter().copied().step_by(step).collect(),
             passes: passes.collect(),
         }

@@ -134,8 +134,8 @@ fn half_of_the_cameras_with_another_origin_are_told_with_how_far_it_is() {
 }
 
 #[test]
-fn a_direction_that_was_measured_too_short_is_told_by_how_much() {
-    for scale in [[0.9, 1.0], [1.0, 0.95]] {
+fn a_direction_that_was_measured_too_short_is_told_by_how_much_and_which_it_is() {
+    for (scale, axis) in [([0.9, 1.0], "x"), ([1.0, 0.95], "y")] {
         let found = said(|_, camera_from_world| {
             let center_m = camera_from_world.inverse().translation.vector;
             let moved = Vector3::new(scale[0] * center_m.x, scale[1] * center_m.y, center_m.z);
@@ -149,5 +149,6 @@ fn a_direction_that_was_measured_too_short_is_told_by_how_much() {
             (told - scale[0] / scale[1]).abs() < 0.011,
             "{scale:?}: {told}"
         );
+        assert_eq!(found[0]["wrong"], axis, "{scale:?}: {found:?}");
     }
 }

@@ -6,6 +6,9 @@
 //!   t_v = d/2 or -d/2              two origins that are d apart
 //! ```
 //!
+//! Lines of sight tell the ratio of the two scales alone. Which of them is wrong is told by feet: with the other one mended all is
+//! larger or smaller, and feet are above the floor or under it.
+//!
 //! Any two cameras agree with each other then, or nearly so, and only three do not. So all viewpoints are let move (`places`), and
 //! where that makes lines of sight meet it is asked whether one of the two moves them as well.
 
@@ -18,9 +21,9 @@ use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
 
-use self::places::Fit;
+use self::places::{Fit, Places};
 use super::super::forget_who_disagrees;
-use super::super::report::{AgreementReport, DisagreementCause};
+use super::super::report::{AgreementReport, DisagreementCause, FloorAxis};
 use super::Judge;
 
 /// What lines of sight cost at most of which nothing is asked, 0 to 1: of right cameras 0.15 to 0.27, where half of them are 0.1 m
@@ -37,6 +40,11 @@ const LEAST_AXIS: f64 = 0.02;
 const MOST_AXIS: f64 = 0.3;
 /// Least distance of two origins, metres: of right cameras of the Shelf single viewpoints moved by 0.02.
 const LEAST_APART_M: f64 = 0.06;
+/// How high the ankle of a foot that stands is, metres: in simulated scenes 0.05 to 0.105.
+const ANKLE_M: f64 = 0.07;
+/// How far from the floor feet of right cameras may be, metres (up to 0.08 on the Shelf and on a treadmill), and how much farther
+/// they must be with the other axis mended, so that no axis that is right is told.
+const ON_FLOOR_M: f64 = 0.1;
 /// How far keypoints must be spread over the floor, metres: of who stays at one place networks err always alike, which looks as if
 /// cameras stood elsewhere.
 const SPREAD_M: f64 = 1.5;
@@ -86,6 +94,16 @@ impl Judge<'_> {
         viewpoints.len() >= MIN_OF_ORIGIN
     }
 
+    /// Which of two axes has a wrong scale, by where feet are with the one and with the other mended; `None` where that is not told.
+    fn wrong_axis(&self, places: &Places, x_over_y: f64) -> Option<FloorAxis> {
+        let above_m =
+            |factors| Some(places.ankles_m(factors)? - ANKLE_M - self.venue.field.floor_m);
+        told_by_feet(
+            above_m([1.0 / x_over_y, 1.0, 1.0])?,
+            above_m([1.0, x_over_y, 1.0])?,
+        )
+    }
+
     fn worlds(&self) -> Option<(Vec<usize>, DisagreementCause)> {
         let places = self.places().filter(|it| it.spread_m() >= SPREAD_M)?;
         let before = places.cost_as_calibrated();
@@ -102,8 +120,9 @@ impl Judge<'_> {
         let x_over_y = libm::exp(ratio);
         let is_axis = (x_over_y - 1.0).abs() >= LEAST_AXIS && ratio.abs() <= MOST_AXIS;
         if is_as_good(&axis) && is_axis {
+            let wrong = self.wrong_axis(&places, x_over_y);
             let x_over_y = (100.0 * x_over_y).round() / 100.0;
-            return Some((Vec::new(), DisagreementCause::AxisScale { x_over_y }));
+            return Some((Vec::new(), DisagreementCause::AxisScale { x_over_y, wrong }));
         }
         let fewer = fewer_of_two(&free.moved_m)?;
         let apart = places.fitted(&places.apart(&fewer));
@@ -119,6 +138,20 @@ impl Judge<'_> {
         let apart_m = (100.0 * apart_m).round() / 100.0;
         let cause = DisagreementCause::TwoOrigins { apart_m };
         Some((cameras.filter(is_of_fewer).collect(), cause))
+    }
+}
+
+/// The one of which feet are on the floor once it is mended, by how high they are then and once the other is, metres.
+fn told_by_feet(along_x_m: f64, along_y_m: f64) -> Option<FloorAxis> {
+    let stand = |own_m: f64, other_m: f64| {
+        own_m.abs() <= ON_FLOOR_M && other_m.abs() >= own_m.abs() + ON_FLOOR_M
+    };
+    if stand(along_x_m, along_y_m) {
+        Some(FloorAxis::X)
+    } else if stand(along_y_m, along_x_m) {
+        Some(FloorAxis::Y)
+    } else {
+        None
     }
 }
 

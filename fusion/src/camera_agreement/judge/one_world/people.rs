@@ -40,17 +40,19 @@ impl Judge<'_> {
             .map(|camera| self.cameras[camera].viewpoint)
             .collect();
         let viewpoints: Vec<ViewpointIndex> = viewpoints.into_iter().collect();
-        let (mut points, mut people) = (Vec::new(), 0);
+        let (mut points, mut ankles, mut people) = (Vec::new(), Vec::new(), 0);
+        let names = self.venue.keypoints.names();
+        let is_ankle = |keypoint: usize| names[keypoint].ends_with("_ankle");
         for pass in (0..self.passes.len()).step_by(step) {
             for person in self.people_of(pass, &pairs) {
                 let of_person = self.points_of(pass, &person, &viewpoints);
                 people += usize::from(!of_person.is_empty());
-                points.extend(of_person);
+                let own = of_person.iter().filter(|(keypoint, _)| is_ankle(*keypoint));
+                ankles.extend(own.map(|(_, point)| point.clone()));
+                points.extend(of_person.into_iter().map(|(_, point)| point));
             }
         }
-        let step = points.len().div_ceil(MAX_POINTS).max(1);
-        let points = points.into_iter().step_by(step).enumerate();
-        let points: Vec<Vec<Sight>> = points.map(|(at, point)| few_of(point, at)).collect();
+        let points = most_of(points);
         if people < MIN_PEOPLE || points.len() < MIN_POINTS {
             return None;
         }
@@ -59,7 +61,7 @@ impl Judge<'_> {
             points.iter().filter(of).count()
         };
         let are_shown = (0..viewpoints.len()).all(|of| shown(of) >= MIN_OF_VIEWPOINT);
-        are_shown.then(|| Places::new(points, viewpoints))
+        are_shown.then(|| Places::new((points, most_of(ankles)), viewpoints))
     }
 
     /// Sightings of one pass that are of one person, each of another camera.
@@ -117,13 +119,13 @@ impl Judge<'_> {
         (n >= MIN_COMMON).then(|| sum / n as f64)
     }
 
-    /// The lines of sight of each keypoint of somebody whom three viewpoints show.
+    /// The lines of sight of each keypoint of somebody whom three viewpoints show, with which keypoint it is.
     fn points_of(
         &self,
         pass: usize,
         person: &[Shown],
         viewpoints: &[ViewpointIndex],
-    ) -> Vec<Vec<Sight>> {
+    ) -> Vec<(usize, Vec<Sight>)> {
         let n_keypoints = self.partners.len();
         let of_keypoint = |keypoint: usize| {
             let sights = person.iter().filter_map(|&(camera, body)| {
@@ -135,10 +137,17 @@ impl Judge<'_> {
             });
             let sights: Vec<Sight> = sights.collect();
             let seen: BTreeSet<usize> = sights.iter().map(|sight| sight.viewpoint).collect();
-            (seen.len() >= MIN_VIEWPOINTS).then_some(sights)
+            (seen.len() >= MIN_VIEWPOINTS).then_some((keypoint, sights))
         };
         (0..n_keypoints).filter_map(of_keypoint).collect()
     }
+}
+
+/// Those of all keypoints that count, spread over them.
+fn most_of(points: Vec<Vec<Sight>>) -> Vec<Vec<Sight>> {
+    let step = points.len().div_ceil(MAX_POINTS).max(1);
+    let points = points.into_iter().step_by(step).enumerate();
+    points.map(|(at, point)| few_of(point, at)).collect()
 }
 
 /// Those of a keypoint's sights that count, other ones of each keypoint: `at` is its number.

@@ -21,6 +21,10 @@ const POINT_ROUNDS: usize = 3;
 const COST_M: f64 = 0.03;
 /// What is added to the diagonal of the normal equations, as a share of it: what nothing tells stays as it is.
 const DAMPING: f64 = 1e-6;
+/// Which share of ankles is lower than that of a foot which stands: who walks and plays has it there in a quarter of all instants.
+const STANDING: f64 = 0.25;
+/// Least ankles by which it is told how high they are.
+const MIN_ANKLES: usize = 12;
 /// Ways that are shorter are made of others.
 const LEAST_WAY: f64 = 1e-6;
 
@@ -60,6 +64,8 @@ pub(super) struct Fit {
 /// Keypoints that three viewpoints show, and these.
 pub(super) struct Places {
     points: Vec<Vec<Sight>>,
+    /// Those of ankles alone.
+    ankles: Vec<Vec<Sight>>,
     viewpoints: Vec<ViewpointIndex>,
     /// Where they stand, from the middle of all, metres.
     centers_m: Vec<Vector3<f64>>,
@@ -75,7 +81,11 @@ struct Met {
 }
 
 impl Places {
-    pub(super) fn new(points: Vec<Vec<Sight>>, viewpoints: Vec<ViewpointIndex>) -> Self {
+    /// Of these keypoints, of which `ankles` are kept beside.
+    pub(super) fn new(
+        (points, ankles): (Vec<Vec<Sight>>, Vec<Vec<Sight>>),
+        viewpoints: Vec<ViewpointIndex>,
+    ) -> Self {
         let center_m = |viewpoint: usize| {
             let own = points
                 .iter()
@@ -90,6 +100,7 @@ impl Places {
         let middle_m = centers_m.iter().sum::<Vector3<f64>>() / centers_m.len().max(1) as f64;
         Self {
             points,
+            ankles,
             viewpoints,
             centers_m: centers_m.into_iter().map(|it| it - middle_m).collect(),
         }
@@ -148,6 +159,22 @@ impl Places {
             let center_m = self.centers_m[viewpoint];
             Vector3::new(center_m.x, -center_m.y, 0.0)
         }))
+    }
+
+    /// How high the ankles of feet that stand are, world z, metres, once all viewpoints are so much farther from the middle along x, y
+    /// and z; `None` where too few tell.
+    pub(super) fn ankles_m(&self, factors: [f64; 3]) -> Option<f64> {
+        let moved = self.way(|viewpoint| {
+            let farther = Vector3::from(factors).add_scalar(-1.0);
+            self.centers_m[viewpoint].component_mul(&farther)
+        });
+        let weight_m = WEIGHTS_M[WEIGHTS_M.len() - 1];
+        let ankles = self.ankles.iter();
+        let met = ankles.filter_map(|point| met(point, &moved, weight_m));
+        let mut heights_m: Vec<f64> = met.map(|met| met.place_m.z).collect();
+        heights_m.sort_by(f64::total_cmp);
+        let standing = percentile(&heights_m, STANDING);
+        standing.filter(|_| heights_m.len() >= MIN_ANKLES)
     }
 
     /// Those of one group against the others, along each axis, metres.

@@ -1,7 +1,8 @@
 //! Halls whose cameras are of two worlds, or of one that is too short along an axis.
 
 use super::super::super::fixture::{Hall, Mistake, names};
-use super::super::super::report::DisagreementCause;
+use super::super::super::report::{DisagreementCause, FloorAxis};
+use super::told_by_feet;
 use crate::sightings::fixture::hall;
 
 /// What is said of the hall where each camera stands so far from where it is calibrated, by where that is, metres.
@@ -22,11 +23,33 @@ fn told(moved_m: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<(Vec<String>, Disagreemen
 fn a_direction_that_was_measured_too_short_is_named_with_how_much() {
     for (x, y) in [(0.9, 1.0), (1.0, 0.9), (1.0, 0.95), (1.05, 1.0)] {
         let told = told(|[at_x, at_y, _]| [at_x * (1.0 / x - 1.0), at_y * (1.0 / y - 1.0), 0.0]);
-        let [(cameras, DisagreementCause::AxisScale { x_over_y })] = &told[..] else {
+        let [(cameras, DisagreementCause::AxisScale { x_over_y, wrong })] = &told[..] else {
             panic!("{x} {y}: {told:?}");
         };
         assert!(cameras.is_empty());
         assert!((x_over_y - x / y).abs() < 0.015, "{x} {y}: {told:?}");
+        // By cameras 2.5 m high feet are 0.25 m off where a tenth is mended along the wrong axis, and half of it where it is a twentieth.
+        let expected = if (x - 1.0_f64).abs() > 0.0 {
+            FloorAxis::X
+        } else {
+            FloorAxis::Y
+        };
+        let is_tenth = x.min(y) < 0.91;
+        assert!(wrong.is_some() || !is_tenth, "{x} {y}: {told:?}");
+        assert!(wrong.is_none_or(|it| it == expected), "{x} {y}: {told:?}");
+    }
+}
+
+#[test]
+fn the_axis_is_wrong_with_which_feet_are_on_the_floor() {
+    assert_eq!(told_by_feet(0.02, 0.15), Some(FloorAxis::X));
+    assert_eq!(told_by_feet(-0.3, -0.08), Some(FloorAxis::Y));
+    for of_nobody in [(0.05, -0.12), (0.0, 0.0), (0.3, 0.6), (0.25, -0.2)] {
+        assert_eq!(
+            told_by_feet(of_nobody.0, of_nobody.1),
+            None,
+            "{of_nobody:?}"
+        );
     }
 }
 
