@@ -40,6 +40,8 @@ pub(super) struct Mistake {
     pub(super) moved_m: [f64; 3],
     /// Where a keypoint of its picture is written.
     pub(super) rewritten: Option<fn([f32; 2]) -> [f32; 2]>,
+    /// What its scores are written as: too low to count.
+    pub(super) scores_written: Option<fn(f32) -> f32>,
     /// Which of the two people it shows alone changes from pass to pass, in an order of its own of this number.
     pub(super) one_of_two: Option<usize>,
     /// Which of the two people the camera shows alone.
@@ -201,10 +203,10 @@ impl Hall {
                         .filter(|body| body.iter().any(Option::is_some))
                         .collect()
                 };
-                samples.passes.push_back(Arc::new(PassSample {
-                    tick: Tick((burst * 600 + tick) as i64),
-                    of_camera: (0..4).map(bodies).collect(),
-                }));
+                let shown: Vec<Vec<SeenBody>> = (0..4).map(bodies).collect();
+                samples
+                    .passes
+                    .push_back(Arc::new(self.pass(burst, tick, shown)));
             }
             let trails = (0..4).flat_map(|camera| (0..2).map(move |person| (camera, person)));
             let trails = trails.map(|(camera, person)| {
@@ -212,6 +214,7 @@ impl Hall {
                 let bodies = (0..self.burst_ticks).map(|tick| match (is_of_the_other, person) {
                     (true, 0) => see(camera, 1, (burst, tick)),
                     (true, _) => vec![None; 17],
+                    (false, _) if self.shows[camera].1.scores_written.is_some() => vec![None; 17],
                     (false, _) => see(camera, person, (burst, tick)),
                 });
                 let bodies: Vec<SeenBody> = bodies.collect();
@@ -232,6 +235,24 @@ impl Hall {
             standing: Standing::of(&[self.stature_m(); 2], vec![[self.floor_m; 2]; 20]),
             given: GivenPeople::nobody(),
         }
+    }
+
+    /// A detection pass in which cameras show these.
+    fn pass(&self, burst: usize, tick: usize, shown: Vec<Vec<SeenBody>>) -> PassSample {
+        let mut pass = PassSample {
+            tick: Tick((burst * 600 + tick) as i64),
+            unsure: vec![Vec::new(); shown.len()],
+            of_camera: shown,
+        };
+        for (camera, (_, mistake)) in self.shows.iter().enumerate() {
+            if let Some(written) = mistake.scores_written {
+                let none = vec![vec![None; 17]; pass.of_camera[camera].len()];
+                pass.unsure[camera] = std::mem::replace(&mut pass.of_camera[camera], none);
+                let all = pass.unsure[camera].iter_mut().flatten().flatten();
+                all.for_each(|seen| seen.score = written(seen.score));
+            }
+        }
+        pass
     }
 
     /// How tall people seem: smaller where all focal lengths are.

@@ -125,6 +125,7 @@ mod tests {
             samples.passes.push_back(Arc::new(PassSample {
                 tick,
                 of_camera: vec![bodies],
+                unsure: vec![Vec::new()],
             }));
             let at_m = -1.5 + speed_m_s * 0.5 * f64::from(pass);
             samples.poses.push_back(Arc::new(PosedTick {

@@ -229,6 +229,7 @@ impl<'a> Judge<'a> {
 
     /// What does not fit, and of which cameras.
     fn find_disagreements(&self, report: &mut AgreementReport, told: &mut [bool]) {
+        self.find_low_scores(&mut report.disagreements, told);
         self.find_same_pictures(report, told);
         self.find_frozen(&mut report.disagreements, told);
         self.find_silent(&mut report.disagreements, told);

@@ -197,6 +197,13 @@ impl AgreementSamples {
     pub fn report_after(&self, before: &mut JudgedBefore) -> AgreementReport {
         let judge = Judge::new(&self.cameras, &self.samples, before);
         let mut report = judge.report();
+        if report
+            .disagreements
+            .iter()
+            .any(|told| told.cameras.is_empty())
+        {
+            forget_who_disagrees(&mut report);
+        }
         let mut votes = ExchangeVotes::default();
         report.sighted = self.sighted(&mut votes, before);
         let of_all = judge

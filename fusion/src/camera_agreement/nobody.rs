@@ -4,7 +4,7 @@ pub(super) mod given;
 
 use std::cmp::Reverse;
 
-use super::report::{AgreementReport, SightedReport};
+use super::report::{AgreementReport, DisagreementCause, SightedReport};
 use super::samples::MIN_SCORE;
 use crate::sightings::diagnosis::SightingDiagnosis;
 
@@ -22,7 +22,12 @@ impl AgreementReport {
     /// the field or under its floor, where nothing else is wrong.
     pub fn lines_on_people(&self, found: usize) -> Vec<String> {
         if found == 0 {
+            // Where it is told of keypoints that they do not count, nothing else is known of them.
+            let mut told = self.disagreements.iter();
+            let is_known =
+                told.any(|told| matches!(told.cause, DisagreementCause::LowScores { .. }));
             let reasons = self.sighted.why_nobody().into_iter();
+            let reasons = reasons.filter(|_| !is_known);
             let reasons = reasons.map(|reason| format!("  {reason}"));
             return ["nobody was found".to_owned()]
                 .into_iter()

@@ -323,6 +323,7 @@ mod tests {
                 shown(&cameras[0].1, (0..n).take(kept)),
                 shown(&cameras[1].1, (0..n).rev().take(kept)),
             ],
+            unsure: vec![Vec::new(); 2],
         };
         let partners: Partners = (0..17).collect();
         let rays = |camera: usize, of: usize| {

@@ -131,7 +131,7 @@ impl DisagreementCause {
     pub(super) fn is_of_pictures(&self) -> bool {
         matches!(
             self,
-            Self::Frozen { .. } | Self::SamePictures | Self::Silent { .. }
+            Self::Frozen { .. } | Self::SamePictures | Self::Silent { .. } | Self::LowScores { .. }
         )
     }
 }
@@ -186,6 +186,11 @@ pub enum DisagreementCause {
     /// Left and right are exchanged in the keypoints of all cameras alike for some of the time.
     SidesAtTimes {
         /// For which share of it, 0 to 1.
+        share: f64,
+    },
+    /// The keypoints are where people are, and have scores that are too low to count: of some cameras, or of all.
+    LowScores {
+        /// Which share of them, of those bodies of which most are so, 0 to 1.
         share: f64,
     },
     /// The keypoints of all cameras alike are elsewhere in the pictures: found in smaller ones, say.

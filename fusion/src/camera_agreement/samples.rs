@@ -75,6 +75,8 @@ pub(super) type SeenBody = Vec<Option<SeenKeypoint>>;
 pub(super) struct PassSample {
     pub(super) tick: Tick,
     pub(super) of_camera: Vec<Vec<SeenBody>>,
+    /// Those of them most of whose keypoints have scores that are too low to count, with all keypoints.
+    pub(super) unsure: Vec<Vec<SeenBody>>,
 }
 
 impl PassSample {
@@ -292,18 +294,18 @@ impl Samples {
         }
         all.sort_by(|a, b| b.score.total_cmp(&a.score));
         let mut of_camera = vec![Vec::new(); self.n_cameras];
+        let mut unsure = of_camera.clone();
         for sighting in all {
-            let bodies: &mut Vec<SeenBody> = &mut of_camera[usize::from(sighting.camera.0)];
+            let camera = usize::from(sighting.camera.0);
+            let bodies: &mut Vec<SeenBody> = &mut of_camera[camera];
             if bodies.len() < MAX_BODIES {
-                let seen = |peak: &Option<KeypointPeak>| {
-                    let peak = peak.as_ref()?;
-                    let is_number = peak.position_px.iter().all(|v| v.is_finite());
-                    (peak.score >= MIN_SCORE && is_number).then_some(SeenKeypoint {
-                        pixel: peak.position_px,
-                        score: peak.score,
-                    })
-                };
-                bodies.push(sighting.keypoints.iter().map(seen).collect());
+                let body = seen_body(&sighting.keypoints, MIN_SCORE);
+                let at_any_score = seen_body(&sighting.keypoints, 0.0);
+                let count = |body: &SeenBody| body.iter().flatten().count();
+                if 2 * count(&body) < count(&at_any_score) {
+                    unsure[camera].push(at_any_score);
+                }
+                bodies.push(body);
             }
         }
         if self.passes.len() == MAX_PASSES {
@@ -319,6 +321,7 @@ impl Samples {
         self.passes.push_back(Arc::new(PassSample {
             tick: group.tick,
             of_camera,
+            unsure,
         }));
     }
 
@@ -413,6 +416,19 @@ impl Samples {
         samples.end_burst();
         samples
     }
+}
+
+/// The keypoints of a sighting that have this score at the least.
+fn seen_body(keypoints: &[Option<KeypointPeak>], least_score: f32) -> SeenBody {
+    let seen = |peak: &Option<KeypointPeak>| {
+        let peak = peak.as_ref()?;
+        let is_number = peak.position_px.iter().all(|v| v.is_finite());
+        (peak.score >= least_score && is_number).then_some(SeenKeypoint {
+            pixel: peak.position_px,
+            score: peak.score,
+        })
+    };
+    keypoints.iter().map(seen).collect()
 }
 
 impl Burst {

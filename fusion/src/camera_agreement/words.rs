@@ -4,7 +4,7 @@ mod keypoints;
 mod standing;
 mod worlds;
 
-use self::keypoints::{exchanged, picture_of_all, sides_at_times};
+use self::keypoints::{exchanged, low_scores, picture_of_all, sides_at_times};
 use self::standing::{floor_height, scale_of_subjects, world_scale, world_tilted};
 use self::worlds::{axis_scale, doubled, two_origins};
 use super::report::DisagreementCause;
@@ -52,6 +52,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         ),
         DisagreementCause::ExchangedKeypoints { exchange } => exchanged(exchange),
         DisagreementCause::SidesAtTimes { share } => sides_at_times(share),
+        DisagreementCause::LowScores { share } => low_scores(cameras, share),
         DisagreementCause::PictureOfAll { change } => picture_of_all(change),
         DisagreementCause::FocalLength { factor } => focal_length(cameras, factor),
         DisagreementCause::Distortion { k1_over } => distortion(cameras, k1_over),

@@ -169,6 +169,7 @@ mod tests {
             .map(|tick| PassSample {
                 tick,
                 of_camera: vec![shown_m.iter().map(seen).collect()],
+                unsure: vec![Vec::new()],
             })
             .collect();
         let posed: Vec<&PosedTick> = posed.iter().collect();

@@ -375,6 +375,7 @@ mod tests {
             .map(|tick| PassSample {
                 tick: Tick(tick),
                 of_camera: vec![vec![walking(tick + 4).into_iter().map(seen).collect()]],
+                unsure: vec![Vec::new()],
             })
             .collect();
         let (posed, shown): (Vec<_>, Vec<_>) = (posed.iter().collect(), shown.iter().collect());

@@ -266,6 +266,7 @@ mod tests {
                 PassSample {
                     tick: Tick(15 * at.cast_signed() as i64),
                     of_camera: vec![Vec::new(); 4],
+                    unsure: vec![Vec::new(); 4],
                 }
                 .into(),
             );

@@ -1,6 +1,7 @@
 //! What the keypoints of all cameras alike have that they should not.
 
 use super::super::report::{KeypointExchange, PictureOfAll};
+use super::super::samples::MIN_SCORE;
 
 pub(super) fn exchanged(exchange: KeypointExchange) -> (String, String) {
     (
@@ -68,9 +69,39 @@ pub(super) fn sides_at_times(share: f64) -> (String, String) {
     )
 }
 
+pub(super) fn low_scores(cameras: &[String], share: f64) -> (String, String) {
+    let of = match cameras {
+        [] => "all cameras".to_owned(),
+        [camera] => format!("camera {camera}"),
+        several => format!("cameras {}", several.join(", ")),
+    };
+    (
+        format!(
+            "the keypoints of {of} are where people are, but {:.0} % of them have scores below {MIN_SCORE}, with which they do not count",
+            100.0 * share
+        ),
+        "look at what wrote them: a score is 0 to 1, and 1 is sure; is it 1 - score, or in another unit? If a network is so unsure, people \
+         are too small or too dark for it"
+            .to_owned(),
+    )
+}
+
 #[cfg(test)]
 mod tests {
-    use super::resized;
+    use super::{low_scores, resized};
+
+    #[test]
+    fn of_which_cameras_scores_are_too_low_is_said_and_of_which_share_of_keypoints() {
+        for (cameras, of) in [
+            (vec![], "of all cameras are"),
+            (vec!["a"], "of camera a are"),
+            (vec!["a", "b"], "of cameras a, b are"),
+        ] {
+            let cameras: Vec<String> = cameras.into_iter().map(str::to_owned).collect();
+            let (found, _) = low_scores(&cameras, 0.86);
+            assert!(found.contains(of) && found.contains("86 %"), "{found}");
+        }
+    }
 
     #[test]
     fn pictures_that_were_moved_are_told_along_the_sides_that_they_were_moved_along() {

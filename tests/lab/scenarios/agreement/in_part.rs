@@ -124,6 +124,30 @@ fn pictures_that_were_all_cut_or_zoomed_by_little_are_no_single_cameras() {
 }
 
 #[test]
+fn scores_that_are_one_less_what_they_should_be_are_told_of_one_camera_and_of_all() {
+    for (cameras, named) in [
+        (&CAMERAS[1..2], json!([CAMERAS[1]])),
+        (&CAMERAS[..], json!([])),
+    ] {
+        let mut sample = MistakenSample::new();
+        for camera in cameras {
+            let lines = sample.lines.get_mut(camera).unwrap().iter_mut();
+            let people = lines.flat_map(|line| line["persons"].as_array_mut().unwrap());
+            let keypoints = people.flat_map(|it| it["keypoints"].as_array_mut().unwrap());
+            for point in keypoints.filter_map(Value::as_array_mut) {
+                point[2] = json!(1.0 - point[2].as_f64().unwrap());
+            }
+        }
+        let found = sample.disagreements();
+        assert_eq!(found.len(), 1, "{named}: {found:?}");
+        assert_eq!(found[0]["cause"], "low_scores", "{named}: {found:?}");
+        assert_eq!(found[0]["cameras"], named);
+        let remedy = found[0]["remedy"].as_str().unwrap();
+        assert!(remedy.contains("is it 1 - score"), "{remedy}");
+    }
+}
+
+#[test]
 fn sides_that_are_exchanged_in_all_cameras_every_other_second_are_told() {
     let mut sample = MistakenSample::new();
     for lines in sample.lines.values_mut() {
