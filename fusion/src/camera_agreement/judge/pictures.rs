@@ -10,14 +10,19 @@ use super::super::frozen::frozen_since;
 use super::super::lens::LensPoints;
 use super::super::lens::distortion::{DistortionFit, distortion};
 use super::super::lens::focal_lengths::{FocalLengths, focal_lengths};
+use super::super::pairs::{CameraRays, PairAgreement};
 use super::super::report::{Disagreement, DisagreementCause};
 use super::super::samples::{Burst, Samples};
 use super::super::time_shift::silent::silences;
-use super::Judge;
 use super::held::held;
+use super::{Judge, MIN_KEYPOINTS};
 
 /// Another k1 than this is no lens distortion: what is zoomed or was moved a little bends the middle of the picture as much.
 const MOST_K1_OVER: f64 = 0.75;
+
+/// What the focal lengths of others leave at most of what a camera costs beside these that has the same: where all were 0.9 to 1.2 times
+/// as long lines of sight would pass each other by as much less.
+const SCALED_LEAVES: f64 = 0.5;
 
 impl Judge<'_> {
     /// Cameras whose pictures stand still.
@@ -69,7 +74,8 @@ impl Judge<'_> {
         }
         let scaled = focal_lengths(points);
         if !all.is_empty() {
-            if let Some(scaled) = scaled.filter(FocalLengths::is_sure) {
+            if let Some(mut scaled) = scaled.filter(FocalLengths::is_sure) {
+                scaled.cameras = self.scaled_alike(&scaled);
                 // Of others the factor says nothing.
                 let names = scaled.cameras.iter().map(|&of| &self.cameras[of].name);
                 let explained: Vec<&String> = names.collect();
@@ -146,6 +152,32 @@ impl Judge<'_> {
         }
     }
 
+    /// Those cameras, and all that agree with them much better once they have such focal lengths, too: crops of somebody come of one
+    /// camera of a viewpoint.
+    fn scaled_alike(&self, scaled: &FocalLengths) -> Vec<usize> {
+        let all = self.as_it_is.iter();
+        let changed = all.map(|rays| rays.through(|place| Some(place / scaled.factor)));
+        let changed: Vec<CameraRays> = changed.collect();
+        let is_alike = |&camera: &usize| {
+            let known = scaled.cameras.iter();
+            let others: Vec<usize> = known
+                .copied()
+                .filter(|&of| self.are_apart(camera, of))
+                .collect();
+            let cost = |rays: &[CameraRays]| {
+                let pairs = others.iter();
+                let pairs = pairs.map(|&of| PairAgreement::of(&rays[camera], &rays[of]));
+                let costs = pairs.filter(|pair| pair.len() >= MIN_KEYPOINTS);
+                let costs: Vec<f64> = costs.map(|pair| pair.mean_cost()).collect();
+                (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
+            };
+            let costs = cost(&self.as_it_is).zip(cost(&changed));
+            scaled.cameras.contains(&camera)
+                || costs.is_some_and(|(before, after)| after < SCALED_LEAVES * before)
+        };
+        (0..self.cameras.len()).filter(is_alike).collect()
+    }
+
     fn tell_focal_lengths(&self, scaled: FocalLengths, to: (&mut Vec<Disagreement>, &mut [bool])) {
         let FocalLengths {
             cameras, factor, ..
@@ -164,5 +196,38 @@ impl Judge<'_> {
             told[camera] = true;
         }
         all.push(self.disagreement(cameras, cause));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::fixture::{Hall, Mistake};
+    use super::super::before::JudgedBefore;
+    use super::*;
+
+    /// Those that are scaled as the first and the third are, in a hall whose cameras all are but for this one.
+    fn alike(but: Option<usize>) -> Vec<usize> {
+        let mut hall = Hall::default();
+        for (camera, (_, mistake)) in hall.shows.iter_mut().enumerate() {
+            let focal_factor = if but == Some(camera) { 1.0 } else { 1.15 };
+            *mistake = Mistake {
+                focal_factor,
+                ..Mistake::default()
+            };
+        }
+        let samples = hall.samples();
+        let mut before = JudgedBefore::default();
+        let judge = Judge::new(&samples.cameras, &samples.samples, &mut before);
+        judge.scaled_alike(&FocalLengths {
+            cameras: vec![0, 2],
+            factor: 1.15,
+            ratio: 0.5,
+        })
+    }
+
+    #[test]
+    fn cameras_of_which_crops_tell_nothing_are_told_with_those_whose_focal_lengths_they_share() {
+        assert_eq!(alike(None), [0, 1, 2, 3]);
+        assert_eq!(alike(Some(1)), [0, 2, 3]);
     }
 }
