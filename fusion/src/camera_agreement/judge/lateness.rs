@@ -74,14 +74,17 @@ impl Judge<'_> {
             .then_some((ticks, group.ratio))
     }
 
-    /// Cameras that are late in a part of the time.
+    /// Cameras that are late in a part of the time. Where several are late by one time all the time, poses follow now these and now
+    /// the others, and say nothing of it.
     pub(super) fn find_jumps(
         &self,
         jumps: &[Option<Jump>],
         all: &mut Vec<Disagreement>,
         told: &mut [bool],
     ) {
+        let is_known = |jump: &&Jump| self.late_group.is_none() || !jump.is_of_poses;
         for (camera, jump) in jumps.iter().enumerate() {
+            let jump = jump.as_ref().filter(is_known);
             if let (false, Some(jump)) = (told[camera], jump) {
                 told[camera] = true;
                 let [before_ticks, after_ticks] = jump.late_ticks.map(rounded);
@@ -174,6 +177,36 @@ fn explains(ticks: f64, ratio: f64, few: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera_agreement::fixture::Hall;
+    use crate::camera_agreement::judge::before::JudgedBefore;
+    use crate::camera_agreement::time_shift::groups::LateGroup;
+
+    #[test]
+    fn of_a_jump_that_only_poses_tell_nothing_is_said_where_several_are_late_by_one_time() {
+        let samples = Hall::default().samples();
+        let mut before = JudgedBefore::default();
+        let mut judge = Judge::new(&samples.cameras, &samples.samples, &mut before);
+        let jump = |is_of_poses| Jump {
+            late_ticks: [-12.0, 0.0],
+            at: Tick(16),
+            until: None,
+            is_of_poses,
+        };
+        let n_told = |judge: &Judge<'_>, is_of_poses| {
+            let jumps = [Some(jump(is_of_poses)), None, None, None];
+            let (mut all, mut told) = (Vec::new(), vec![false; 4]);
+            judge.find_jumps(&jumps, &mut all, &mut told);
+            all.len()
+        };
+        assert_eq!(n_told(&judge, true), 1);
+        judge.late_group = Some(LateGroup {
+            cameras: vec![2, 3],
+            late_ticks: -15.0,
+            ratio: 0.5,
+        });
+        assert_eq!(n_told(&judge, true), 0);
+        assert_eq!(n_told(&judge, false), 1);
+    }
 
     #[test]
     fn a_shift_of_one_tick_that_explains_little_is_told_of_long_recordings_alone() {

@@ -21,6 +21,8 @@ pub(in crate::camera_agreement) struct Jump {
     pub(in crate::camera_agreement) at: Tick,
     /// When it is again as it was before; `None` where it is not.
     pub(in crate::camera_agreement) until: Option<Tick>,
+    /// Whether sightings and poses alone tell it.
+    pub(in crate::camera_agreement) is_of_poses: bool,
 }
 
 /// Per camera its jump, by what crops show burst by burst, else by that `of` its sightings and poses.
@@ -62,6 +64,7 @@ fn jump(
             late_ticks,
             at: middle(between),
             until: None,
+            is_of_poses: false,
         });
     }
     if let Some(jump) = in_the_middle(&told) {
@@ -84,6 +87,7 @@ fn jump(
         late_ticks,
         at: middle(jump.between),
         until: jump.until.map(middle),
+        is_of_poses: true,
     })
 }
 
@@ -122,6 +126,7 @@ fn in_the_middle(told: &[([Tick; 2], f64)]) -> Option<Jump> {
             late_ticks,
             at: self::middle([told[from - 1].0[1], told[from].0[0]]),
             until: Some(self::middle([told[to - 1].0[1], told[to].0[0]])),
+            is_of_poses: false,
         })
     });
     parts.next()
