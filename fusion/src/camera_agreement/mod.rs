@@ -13,7 +13,7 @@
 //!          `standing` on people, where all that fits
 //! ```
 //!
-//! Nothing here moves a pose. A report of a large venue takes up to a second, and is made beside the loop, or at the end of a run.
+//! Nothing here moves a pose. A report of 28 viewpoints takes some seconds, and is made beside the loop, or at the end of a run.
 //! Who judges again and again hands in what was found before ([`JudgedBefore`]).
 
 mod explain;
