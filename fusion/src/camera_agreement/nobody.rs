@@ -22,10 +22,11 @@ impl AgreementReport {
     /// the field or under its floor, where nothing else is wrong.
     pub fn lines_on_people(&self, found: usize) -> Vec<String> {
         if found == 0 {
-            // Where it is told of keypoints that they do not count, nothing else is known of them.
+            // Where it is told of the keypoints of all that they do not count, nothing else is known of them.
             let mut told = self.disagreements.iter();
-            let is_known =
-                told.any(|told| matches!(told.cause, DisagreementCause::LowScores { .. }));
+            let is_known = told.any(|told| {
+                told.cameras.is_empty() && matches!(told.cause, DisagreementCause::LowScores { .. })
+            });
             let reasons = self.sighted.why_nobody().into_iter();
             let reasons = reasons.filter(|_| !is_known);
             let reasons = reasons.map(|reason| format!("  {reason}"));

@@ -77,16 +77,10 @@ impl Judge<'_> {
             return;
         }
         let is_kept = |told: &Disagreement| {
-            let is_of_pictures = matches!(
-                told.cause,
-                DisagreementCause::Frozen { .. }
-                    | DisagreementCause::SamePictures
-                    | DisagreementCause::Silent { .. }
-            );
             let mut of_sides = sides.iter().flatten().map(name);
             let is_elsewhere =
                 !told.cameras.is_empty() && of_sides.all(|camera| !told.cameras.contains(camera));
-            is_of_pictures || is_elsewhere
+            told.cause.is_of_pictures() || is_elsewhere
         };
         report.disagreements.retain(is_kept);
         let fewer = sides

@@ -11,8 +11,11 @@ use super::super::{Judge, MIN_KEYPOINTS};
 /// Which share of the bodies of a camera has mostly scores that are too low. Of right cameras of the Shelf 0.03 had, of the sample and
 /// four simulated scenes none.
 const MOST: f64 = 0.7;
-/// Least of these.
+/// Least of these, and least time from the first to the last, seconds: who steps into a picture is half in it for a moment.
 const MIN_BODIES: usize = 6;
+const LEAST_S: f64 = 1.0;
+/// Least share of their keypoints that is too low: somebody whose legs are hidden has guessed ones for half of his.
+const LEAST_SHARE: f64 = 0.66;
 /// Which share of the cameras with which it was compared must agree with one by keypoints of any score.
 const MOST_OTHERS: f64 = 0.5;
 
@@ -27,11 +30,12 @@ impl Judge<'_> {
         }
         let agreeing = self.agreeing_at_any_score(&unsure);
         let found: Vec<usize> = unsure.into_iter().filter(|of| agreeing(*of)).collect();
+        let is_all = found.len() == self.cameras.len();
         if found.is_empty() {
             return;
         }
         let share = self.share_of_low(&found);
-        let of_all: &[usize] = if found == showing { &[] } else { &found };
+        let of_all: &[usize] = if is_all { &[] } else { &found };
         all.push(self.disagreement(of_all, DisagreementCause::LowScores { share }));
         for camera in found {
             told[camera] = true;
@@ -42,7 +46,18 @@ impl Judge<'_> {
         let unsure = self.passes.iter().map(|pass| pass.unsure[camera].len());
         let all = self.passes.iter().map(|pass| pass.of_camera[camera].len());
         let (unsure, all): (usize, usize) = (unsure.sum(), all.sum());
-        unsure >= MIN_BODIES && unsure as f64 >= MOST * all as f64
+        let is_mostly = unsure >= MIN_BODIES && unsure as f64 >= MOST * all as f64;
+        let shown = self
+            .passes
+            .iter()
+            .filter(|pass| !pass.unsure[camera].is_empty());
+        let ticks = || shown.clone().map(|pass| pass.tick);
+        let span = ticks()
+            .max()
+            .zip(ticks().min())
+            .map_or(0, |(last, first)| last - first);
+        let lasts = span as f64 >= LEAST_S * self.rate_hz;
+        is_mostly && lasts && self.share_of_low(&[camera]) >= LEAST_SHARE
     }
 
     /// Whether one of these cameras agrees with most others, once all its keypoints count.
@@ -79,10 +94,11 @@ impl Judge<'_> {
 
     /// Which share of the keypoints of these cameras is too low, to a hundredth: of those bodies of which most are.
     fn share_of_low(&self, cameras: &[usize]) -> f64 {
-        let bodies = self.passes.iter().flat_map(|pass| &pass.unsure).enumerate();
-        let n = self.cameras.len();
-        let bodies = bodies.filter(|(at, _)| cameras.contains(&(at % n)));
-        let seen = bodies.flat_map(|(_, bodies)| bodies.iter().flatten().flatten());
+        let of_pass = |pass: &'_ &PassSample| {
+            let bodies = cameras.iter().flat_map(|&camera| &pass.unsure[camera]);
+            bodies.flatten().flatten().copied().collect::<Vec<_>>()
+        };
+        let seen = self.passes.iter().flat_map(of_pass);
         let (low, all) = seen.fold((0_u32, 0_u32), |(low, all), seen| {
             (low + u32::from(seen.score < MIN_SCORE), all + 1)
         });
