@@ -278,7 +278,7 @@ pub enum DisagreementCause {
         x_over_y: f64,
         /// The axis along which lengths are wrong; `None` where it is only known that they are not alike.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        wrong: Option<FloorAxis>,
+        axis: Option<FloorAxis>,
     },
     /// These cameras were calibrated with another origin than the others: all of them show people beside where those do.
     TwoOrigins {
@@ -305,9 +305,9 @@ pub enum DisagreementCause {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FloorAxis {
-    /// Of x.
+    /// That of world x.
     X,
-    /// Of y.
+    /// That of world y.
     Y,
 }
 

@@ -82,7 +82,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
         DisagreementCause::OnePersonEach => one_person_each(),
         DisagreementCause::Doubled { apart_m } => doubled(cameras, apart_m),
-        DisagreementCause::AxisScale { x_over_y, wrong } => axis_scale(x_over_y, wrong),
+        DisagreementCause::AxisScale { x_over_y, axis } => axis_scale(x_over_y, axis),
         DisagreementCause::TwoOrigins { apart_m } => two_origins(cameras, apart_m),
         DisagreementCause::PosesElsewhere { .. } => poses_elsewhere(),
         DisagreementCause::GivenUnseen { tick, at_m: [x, y] } => given_unseen(tick, [x, y]),

@@ -149,6 +149,6 @@ fn a_direction_that_was_measured_too_short_is_told_by_how_much_and_which_it_is()
             (told - scale[0] / scale[1]).abs() < 0.011,
             "{scale:?}: {told}"
         );
-        assert_eq!(found[0]["wrong"], axis, "{scale:?}: {found:?}");
+        assert_eq!(found[0]["axis"], axis, "{scale:?}: {found:?}");
     }
 }

@@ -120,9 +120,9 @@ impl Judge<'_> {
         let x_over_y = libm::exp(ratio);
         let is_axis = (x_over_y - 1.0).abs() >= LEAST_AXIS && ratio.abs() <= MOST_AXIS;
         if is_as_good(&axis) && is_axis {
-            let wrong = self.wrong_axis(&places, x_over_y);
+            let axis = self.wrong_axis(&places, x_over_y);
             let x_over_y = (100.0 * x_over_y).round() / 100.0;
-            return Some((Vec::new(), DisagreementCause::AxisScale { x_over_y, wrong }));
+            return Some((Vec::new(), DisagreementCause::AxisScale { x_over_y, axis }));
         }
         let fewer = fewer_of_two(&free.moved_m)?;
         let apart = places.fitted(&places.apart(&fewer));

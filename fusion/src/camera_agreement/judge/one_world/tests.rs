@@ -23,7 +23,7 @@ fn told(moved_m: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<(Vec<String>, Disagreemen
 fn a_direction_that_was_measured_too_short_is_named_with_how_much() {
     for (x, y) in [(0.9, 1.0), (1.0, 0.9), (1.0, 0.95), (1.05, 1.0)] {
         let told = told(|[at_x, at_y, _]| [at_x * (1.0 / x - 1.0), at_y * (1.0 / y - 1.0), 0.0]);
-        let [(cameras, DisagreementCause::AxisScale { x_over_y, wrong })] = &told[..] else {
+        let [(cameras, DisagreementCause::AxisScale { x_over_y, axis })] = &told[..] else {
             panic!("{x} {y}: {told:?}");
         };
         assert!(cameras.is_empty());
@@ -35,8 +35,8 @@ fn a_direction_that_was_measured_too_short_is_named_with_how_much() {
             FloorAxis::Y
         };
         let is_tenth = x.min(y) < 0.91;
-        assert!(wrong.is_some() || !is_tenth, "{x} {y}: {told:?}");
-        assert!(wrong.is_none_or(|it| it == expected), "{x} {y}: {told:?}");
+        assert!(axis.is_some() || !is_tenth, "{x} {y}: {told:?}");
+        assert!(axis.is_none_or(|it| it == expected), "{x} {y}: {told:?}");
     }
 }
 
