@@ -98,13 +98,14 @@ fn shifts_of(
     let known = all
         .iter()
         .map(|shift| shift.map_or(0.0, |it| it.late_ticks.round()) as isize);
-    let mut ticks: Vec<isize> = known.collect();
+    let known: Vec<isize> = known.collect();
+    let mut ticks = known.clone();
     for _ in 0..MAX_ROUNDS {
         let moves = (0..n_cameras).filter_map(|camera| {
             let sums = sums(&curves, &ticks, camera, reach)?;
             let now = sums[index(ticks[camera], reach)];
             let (at, least) = match part.burst {
-                Some(_) => least_near(&sums, index(ticks[camera], reach))?,
+                Some(_) => least_near(&sums, index(known[camera], reach))?,
                 None => least(&sums)?,
             };
             let gain = now - least;
@@ -216,11 +217,11 @@ fn least(sums: &[f64]) -> Option<(usize, f64)> {
     known.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// The least cost; near `now`, where none farther away is clearly less.
-fn least_near(sums: &[f64], now: usize) -> Option<(usize, f64)> {
+/// The least cost; near that of all the time, where none farther away is clearly less.
+fn least_near(sums: &[f64], all: usize) -> Option<(usize, f64)> {
     let near = (ANOTHER_STEP * (sums.len() / 2) as f64) as usize;
-    let from = now.saturating_sub(near);
-    let nearest = least(&sums[from..(now + near + 1).min(sums.len())]);
+    let from = all.saturating_sub(near);
+    let nearest = least(&sums[from..(all + near + 1).min(sums.len())]);
     let of_all = least(sums)?;
     match nearest {
         Some((at, cost)) if cost < ANOTHER_STEP_COST * of_all.1 => Some((from + at, cost)),

@@ -12,8 +12,8 @@ use crate::camera_agreement::time_shift::{LATE_TICKS, is_same};
 /// and then.
 const POSE_LATE_TICKS: f64 = 1.2;
 const POSE_LATE_S: f64 = 0.05;
-/// What it must leave of the cost; and where fewer seconds are known, as networks err to one side for a while. In right windows of 50
-/// to 120 ticks of scenes shifts of 0.8 ticks left 0.958 to 0.976.
+/// What it must leave of the cost; and where fewer seconds are known, as networks err to one side for a while: in a right second of a
+/// scene 0.8 ticks left 0.958.
 const LATE_EXPLAINS: f64 = 0.96;
 const SHORT_S: f64 = 1.5;
 const SHORT_EXPLAINS: f64 = 0.9;
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_of_one_tick_that_explains_little_is_told_of_long_recordings_alone() {
+    fn in_a_short_recording_a_shift_of_a_tick_must_explain_more() {
         assert!(explains(0.8, 0.95, LATE_EXPLAINS));
         assert!(!explains(0.8, 0.95, SHORT_EXPLAINS));
         assert!(explains(3.0, 0.6, SHORT_EXPLAINS));

@@ -10,6 +10,9 @@ use super::{
     KeypointHalf, SHARP, SHARP_TICKS, STANDS_OUT, Shift, index, least, stands_out, vertex,
 };
 
+/// Fewest bursts, as many as ten seconds have: in three or four seconds of the Shelf in which people hardly move, right cameras seem
+/// to be of two recorders.
+const MIN_BURSTS: usize = 3;
 /// Fewest cameras of either group.
 const MIN_CAMERAS: usize = 2;
 /// Up to so many ticks a camera is on time.
@@ -32,6 +35,9 @@ pub(in crate::camera_agreement) fn late_group(
     costs: &mut ShiftCosts<'_>,
     shifts: &[Option<Shift>],
 ) -> Option<LateGroup> {
+    if costs.bursts().len() < MIN_BURSTS {
+        return None;
+    }
     let cameras = beside_the_right(shifts)?;
     let reach = costs.reach;
     let mut of = |half| {

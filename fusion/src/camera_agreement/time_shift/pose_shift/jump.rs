@@ -12,7 +12,7 @@ const LONGEST_S: f64 = 1.0;
 /// Fewest passes and keypoints of either part.
 const MIN_PASSES: usize = 3;
 const MIN_COMPARED: usize = 50;
-/// Passes of the middle tell of a moment each where there are so many kept poses from one to the next: half a second.
+/// Passes tell of a moment each where there are so many kept poses from one to the next: half a second.
 const MOMENT_POSES: i64 = 12;
 /// What the shift of a part must leave of the cost that the other's has there, and the cost up to which it fits at all.
 pub(super) const EXPLAINS: f64 = 0.7;
@@ -65,14 +65,14 @@ impl Search<'_> {
             let best = all.min_by(|a, b| a.cost.total_cmp(&b.cost));
             best.filter(|it| it.is_sure)
         };
-        let to_the_end = best(&mut (1..n).map(|from| [from, n]));
+        let are_apart = |[from, to]: &[usize; 2]| {
+            let outside = ticks[..*from].iter().chain(&ticks[*to..]);
+            let inside = ticks[*from..*to].iter();
+            self.moments(outside) >= MIN_PASSES && self.moments(inside) >= MIN_PASSES
+        };
+        let to_the_end = best(&mut (1..n).map(|from| [from, n]).filter(are_apart));
         let in_the_middle = || {
             let ends = |from: usize| (from + 1..n).map(move |to| [from, to]);
-            let are_apart = |[from, to]: &[usize; 2]| {
-                let outside = ticks[..*from].iter().chain(&ticks[*to..]);
-                let inside = ticks[*from..*to].iter();
-                self.moments(outside) >= MIN_PASSES && self.moments(inside) >= MIN_PASSES
-            };
             let found = best(&mut (1..n).flat_map(ends).filter(are_apart))?;
             let [outside, inside] = found
                 .shifts
