@@ -419,12 +419,8 @@ impl<'a> Judge<'a> {
         let others = others
             .iter()
             .filter(|&&other| self.are_apart(camera, other));
-        let pairs = others.map(|&other| PairAgreement::of(rays, &self.as_it_is[other]));
-        let costs: Vec<f64> = pairs
-            .filter(|pair| pair.len() >= MIN_KEYPOINTS)
-            .map(|pair| pair.mean_cost())
-            .collect();
-        (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
+        let others = others.map(|&other| &self.as_it_is[other]);
+        PairAgreement::mean_cost_of(rays, others, MIN_KEYPOINTS)
     }
 
     pub(super) fn disagreement(&self, cameras: &[usize], cause: DisagreementCause) -> Disagreement {

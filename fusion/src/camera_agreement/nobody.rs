@@ -200,6 +200,7 @@ impl SightingDiagnosis {
 
 #[cfg(test)]
 mod tests {
+    use super::super::report::Disagreement;
     use super::*;
 
     #[test]
@@ -229,6 +230,25 @@ mod tests {
             "{lines:?}"
         );
         assert!(report.lines_on_people(2).is_empty());
+    }
+
+    #[test]
+    fn where_the_keypoints_of_all_do_not_count_no_other_reason_is_given_and_where_those_of_one_do_not_others_are()
+     {
+        for (cameras, n_lines) in [(vec![], 1), (vec!["a".to_owned()], 2)] {
+            let told = Disagreement {
+                cameras,
+                cause: DisagreementCause::LowScores { share: 0.9 },
+                part_ticks: None,
+                found: String::new(),
+                remedy: String::new(),
+            };
+            let report = AgreementReport {
+                disagreements: vec![told],
+                ..AgreementReport::default()
+            };
+            assert_eq!(report.lines_on_people(0).len(), n_lines);
+        }
     }
 
     #[test]

@@ -180,6 +180,18 @@ impl PairAgreement {
         (0..n_passes).filter_map(of_pass).collect()
     }
 
+    /// The mean of what each of these others costs beside one camera, of those that have enough keypoints in common with it.
+    pub(super) fn mean_cost_of<'r>(
+        own: &CameraRays,
+        others: impl Iterator<Item = &'r CameraRays>,
+        min_keypoints: usize,
+    ) -> Option<f64> {
+        let pairs = others.map(|other| Self::of(own, other));
+        let costs = pairs.filter(|pair| pair.len() >= min_keypoints);
+        let costs: Vec<f64> = costs.map(|pair| pair.mean_cost()).collect();
+        (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
+    }
+
     fn where_it_counts(
         a: &CameraRays,
         b: &CameraRays,

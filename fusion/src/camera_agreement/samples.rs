@@ -388,8 +388,7 @@ impl Samples {
 
     /// The bursts, where all together are long enough to tell anything.
     pub(super) fn telling_bursts(&self) -> Vec<&Arc<Burst>> {
-        let ticks = |burst: &Burst| burst.trails.iter().map(Trail::len).max().unwrap_or(0);
-        let all: usize = self.bursts.iter().map(|burst| ticks(burst)).sum();
+        let all: usize = self.bursts.iter().map(|burst| burst.n_ticks()).sum();
         let is_long = all as f64 >= LEAST_BURSTS_S * self.rate_hz;
         self.bursts.iter().filter(|_| is_long).collect()
     }
@@ -403,8 +402,7 @@ impl Samples {
         part.absent.retain(|(tick, _)| is_in(*tick));
         part.poses.retain(|posed| is_in(posed.tick));
         part.bursts.retain(|burst| {
-            let ticks = burst.trails.iter().map(Trail::len).max().unwrap_or(0);
-            is_in(burst.first) && burst.first + ticks.cast_signed() as i64 <= end
+            is_in(burst.first) && burst.first + burst.n_ticks().cast_signed() as i64 <= end
         });
         part.current = None;
         part
@@ -432,6 +430,11 @@ fn seen_body(keypoints: &[Option<KeypointPeak>], least_score: f32) -> SeenBody {
 }
 
 impl Burst {
+    /// How many ticks it has.
+    pub(super) fn n_ticks(&self) -> usize {
+        self.trails.iter().map(Trail::len).max().unwrap_or(0)
+    }
+
     /// The trail of a person in a camera, made if there is none; `None` where there are too many.
     fn trail(&mut self, view: &View, person: u32, n_ticks: usize) -> Option<&mut Trail> {
         let camera = usize::from(view.camera.0);

@@ -1,7 +1,7 @@
 //! How tall everybody is and how high everybody stands: what tells the unit of a calibration, and its floor, where all
 //! cameras agree with each other.
 
-mod ankles;
+pub(super) mod ankles;
 mod statures;
 mod tilt;
 

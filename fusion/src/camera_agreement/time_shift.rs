@@ -29,7 +29,7 @@ const EDGE_TICKS: usize = 2;
 const STANDS_OUT: f64 = 1.25;
 /// A shift of one burst that is farther than this share of the longest from that of all the time must cost less by this factor than
 /// any nearer one: who walks shows nearly the same again after two steps, and right cameras of a crowd then cost 1.22 times as much
-/// at no shift. Of all the time far shifts must explain as much.
+/// at no shift. Far shifts of all the time must explain about as much.
 const ANOTHER_STEP: f64 = 0.25;
 const ANOTHER_STEP_COST: f64 = 1.5;
 /// Rounds in which all cameras are moved.

@@ -20,8 +20,8 @@ use super::{Judge, MIN_KEYPOINTS};
 /// Another k1 than this is no lens distortion: what is zoomed or was moved a little bends the middle of the picture as much.
 const MOST_K1_OVER: f64 = 0.75;
 
-/// What the focal lengths of others leave at most of what a camera costs beside these that has the same: where all were 0.9 to 1.2 times
-/// as long lines of sight would pass each other by as much less.
+/// What the focal lengths of others leave at most of what a camera costs beside these that has the same: half, as one that is right
+/// costs more with them.
 const SCALED_LEAVES: f64 = 0.5;
 
 impl Judge<'_> {
@@ -165,11 +165,8 @@ impl Judge<'_> {
                 .filter(|&of| self.are_apart(camera, of))
                 .collect();
             let cost = |rays: &[CameraRays]| {
-                let pairs = others.iter();
-                let pairs = pairs.map(|&of| PairAgreement::of(&rays[camera], &rays[of]));
-                let costs = pairs.filter(|pair| pair.len() >= MIN_KEYPOINTS);
-                let costs: Vec<f64> = costs.map(|pair| pair.mean_cost()).collect();
-                (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
+                let others = others.iter().map(|&of| &rays[of]);
+                PairAgreement::mean_cost_of(&rays[camera], others, MIN_KEYPOINTS)
             };
             let costs = cost(&self.as_it_is).zip(cost(&changed));
             scaled.cameras.contains(&camera)

@@ -2,7 +2,7 @@
 
 use farfield_proto::tick::Tick;
 
-use super::super::samples::{Burst, Trail};
+use super::super::samples::Burst;
 use super::curves::{CurvePart, ShiftCosts};
 use super::{
     KeypointHalf, LATE_DIFFERENCE_TICKS, LATE_TICKS, Shift, is_same, put_beside, shifts_of,
@@ -41,9 +41,11 @@ pub(in crate::camera_agreement) fn shifts_by_burst(
             put_beside(&mut shifts, all);
             shifts
         };
-        let n_ticks = burst.trails.iter().map(Trail::len).max().unwrap_or(0);
         BurstShifts {
-            ticks: [burst.first, burst.first + n_ticks.cast_signed() as i64],
+            ticks: [
+                burst.first,
+                burst.first + burst.n_ticks().cast_signed() as i64,
+            ],
             odd: half(KeypointHalf::Odd),
             even: half(KeypointHalf::Even),
         }

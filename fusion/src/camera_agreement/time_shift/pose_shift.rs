@@ -16,6 +16,7 @@ mod sighted;
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector2;
 
+use self::jump::MIN_MOMENTS;
 pub(in crate::camera_agreement) use self::jump::PoseJump;
 pub(super) use self::moments::jumps_apart;
 pub(super) use self::sighted::{Projected, Sighted};
@@ -44,8 +45,6 @@ const BESIDE: isize = 3;
 const DIFFERENCE_TICKS: f64 = 0.6;
 const DIFFERENCE: f64 = 0.03;
 
-/// Fewest moments, apart from each other, at which passes must tell.
-const MIN_MOMENTS: usize = 3;
 /// Fewest keypoints of either half of the time that tell, what the shift must leave of the cost in each, and the cost up to
 /// which it fits at all: what fits by chance does not do so twice. Shelf: 0.66 and 0.31 at the most, where a camera is late.
 const MIN_COMPARED_IN_HALF: usize = 50;

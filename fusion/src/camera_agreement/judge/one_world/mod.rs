@@ -24,6 +24,7 @@ use nalgebra::Vector3;
 use self::places::{Fit, Places};
 use super::super::forget_who_disagrees;
 use super::super::report::{AgreementReport, DisagreementCause, FloorAxis};
+use super::super::standing::ankles::ANKLE_M;
 use super::Judge;
 
 /// What lines of sight cost at most of which nothing is asked, 0 to 1: of right cameras 0.15 to 0.27, where half of them are 0.1 m
@@ -40,8 +41,6 @@ const LEAST_AXIS: f64 = 0.02;
 const MOST_AXIS: f64 = 0.3;
 /// Least distance of two origins, metres: of right cameras of the Shelf single viewpoints moved by 0.02.
 const LEAST_APART_M: f64 = 0.06;
-/// How high the ankle of a foot that stands is, metres: in simulated scenes 0.05 to 0.105.
-const ANKLE_M: f64 = 0.07;
 /// How far from the floor feet of right cameras may be, metres (up to 0.08 on the Shelf and on a treadmill), and how much farther
 /// they must be with the other axis mended, so that no axis that is right is told.
 const ON_FLOOR_M: f64 = 0.1;

@@ -21,7 +21,7 @@ const POINT_ROUNDS: usize = 3;
 const COST_M: f64 = 0.03;
 /// What is added to the diagonal of the normal equations, as a share of it: what nothing tells stays as it is.
 const DAMPING: f64 = 1e-6;
-/// Which share of ankles is lower than that of a foot which stands: who walks and plays has it there in a quarter of all instants.
+/// Which share of all ankles, of whichever foot, is taken to be of feet that stand.
 const STANDING: f64 = 0.25;
 /// Least ankles by which it is told how high they are.
 const MIN_ANKLES: usize = 12;

@@ -1,5 +1,5 @@
 //! Cameras whose keypoints are where people are, and have scores as if they were nowhere: written as one less the score, say, or in
-//! another unit. Nearly nothing of such a camera counts, so nothing else is found of it.
+//! another unit. Little of such a camera counts, so nothing else is asked of it.
 
 use std::collections::BTreeMap;
 
@@ -22,19 +22,18 @@ const MOST_OTHERS: f64 = 0.5;
 impl Judge<'_> {
     /// Cameras that agree with others once keypoints count whatever their scores are, most of which are too low to count.
     pub(in super::super) fn find_low_scores(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
-        let showing = self.showing();
-        let mostly = showing.iter().copied().filter(|&of| self.is_unsure(of));
-        let unsure: Vec<usize> = mostly.collect();
+        let showing = self.showing().into_iter();
+        let unsure: Vec<usize> = showing.filter(|&of| self.is_unsure(of)).collect();
         if unsure.is_empty() {
             return;
         }
         let agreeing = self.agreeing_at_any_score(&unsure);
         let found: Vec<usize> = unsure.into_iter().filter(|of| agreeing(*of)).collect();
-        let is_all = found.len() == self.cameras.len();
         if found.is_empty() {
             return;
         }
         let share = self.share_of_low(&found);
+        let is_all = found.len() == self.cameras.len();
         let of_all: &[usize] = if is_all { &[] } else { &found };
         all.push(self.disagreement(of_all, DisagreementCause::LowScores { share }));
         for camera in found {
@@ -47,15 +46,13 @@ impl Judge<'_> {
         let all = self.passes.iter().map(|pass| pass.of_camera[camera].len());
         let (unsure, all): (usize, usize) = (unsure.sum(), all.sum());
         let is_mostly = unsure >= MIN_BODIES && unsure as f64 >= MOST * all as f64;
-        let shown = self
-            .passes
-            .iter()
-            .filter(|pass| !pass.unsure[camera].is_empty());
-        let ticks = || shown.clone().map(|pass| pass.tick);
-        let span = ticks()
-            .max()
-            .zip(ticks().min())
-            .map_or(0, |(last, first)| last - first);
+        // The newest first.
+        let shown = self.passes.iter();
+        let mut shown = shown.filter(|pass| !pass.unsure[camera].is_empty());
+        let last = shown.next();
+        let span = last
+            .zip(shown.next_back())
+            .map_or(0, |(last, first)| last.tick - first.tick);
         let lasts = span as f64 >= LEAST_S * self.rate_hz;
         is_mostly && lasts && self.share_of_low(&[camera]) >= LEAST_SHARE
     }
@@ -94,11 +91,9 @@ impl Judge<'_> {
 
     /// Which share of the keypoints of these cameras is too low, to a hundredth: of those bodies of which most are.
     fn share_of_low(&self, cameras: &[usize]) -> f64 {
-        let of_pass = |pass: &'_ &PassSample| {
-            let bodies = cameras.iter().flat_map(|&camera| &pass.unsure[camera]);
-            bodies.flatten().flatten().copied().collect::<Vec<_>>()
-        };
-        let seen = self.passes.iter().flat_map(of_pass);
+        let passes = self.passes.iter();
+        let bodies = passes.flat_map(|pass| cameras.iter().flat_map(|&of| &pass.unsure[of]));
+        let seen = bodies.flatten().flatten();
         let (low, all) = seen.fold((0_u32, 0_u32), |(low, all), seen| {
             (low + u32::from(seen.score < MIN_SCORE), all + 1)
         });

@@ -9,8 +9,8 @@ use crate::camera_agreement::samples::PassSample;
 
 /// Longest shift that is looked for, seconds.
 const LONGEST_S: f64 = 1.0;
-/// Fewest passes and keypoints of either part.
-const MIN_PASSES: usize = 3;
+/// Fewest moments, apart from each other, at which passes must tell, and keypoints of either part.
+pub(super) const MIN_MOMENTS: usize = 3;
 const MIN_COMPARED: usize = 50;
 /// Passes tell of a moment each where there are so many kept poses from one to the next: half a second.
 const MOMENT_POSES: i64 = 12;
@@ -55,8 +55,9 @@ impl Search<'_> {
         let sums = sums(costs);
         let n = ticks.len();
         let is_part = |[from, to]: &[usize; 2]| {
-            let inside = to - from;
-            inside >= MIN_PASSES && n - inside >= MIN_PASSES
+            let outside = ticks[..*from].iter().chain(&ticks[*to..]);
+            let inside = ticks[*from..*to].iter();
+            self.moments(outside) >= MIN_MOMENTS && self.moments(inside) >= MIN_MOMENTS
         };
         let best = |parts: &mut dyn Iterator<Item = [usize; 2]>| {
             let all = parts
@@ -65,15 +66,10 @@ impl Search<'_> {
             let best = all.min_by(|a, b| a.cost.total_cmp(&b.cost));
             best.filter(|it| it.is_sure)
         };
-        let are_apart = |[from, to]: &[usize; 2]| {
-            let outside = ticks[..*from].iter().chain(&ticks[*to..]);
-            let inside = ticks[*from..*to].iter();
-            self.moments(outside) >= MIN_PASSES && self.moments(inside) >= MIN_PASSES
-        };
-        let to_the_end = best(&mut (1..n).map(|from| [from, n]).filter(are_apart));
+        let to_the_end = best(&mut (1..n).map(|from| [from, n]));
         let in_the_middle = || {
             let ends = |from: usize| (from + 1..n).map(move |to| [from, to]);
-            let found = best(&mut (1..n).flat_map(ends).filter(are_apart))?;
+            let found = best(&mut (1..n).flat_map(ends))?;
             let [outside, inside] = found
                 .shifts
                 .map(|index| index.abs_diff(reach.cast_unsigned()));
