@@ -18,7 +18,7 @@ use crate::formats::gltf::{Container, GltfPerson, GltfWriter};
 use crate::formats::osim::write_model;
 use crate::formats::parquet::ParquetWriter;
 use crate::formats::table::{TidyWriter, WideWriter, point_names};
-use crate::formats::trc_mot::{MotWriter, TrcWriter};
+use crate::formats::trc_mot::{MotWriter, TrcWriter, has_angles};
 use crate::options::{ExportRequest, Format, Options};
 use crate::profile::SubjectProfile;
 use crate::run::line::for_each_pose;
@@ -318,7 +318,7 @@ impl<'a> Run<'a> {
                 // The head counts the rows, and absent frames have none.
                 let mut n_rows = 0;
                 self.for_each_frame(person, |frame| {
-                    n_rows += u64::from(frame.pose.is_some());
+                    n_rows += u64::from(has_angles(&frame, &subject));
                     Ok(())
                 })?;
                 let mut writer = MotWriter::new(file, subject, n_rows).map_err(error)?;

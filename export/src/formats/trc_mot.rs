@@ -99,6 +99,16 @@ impl<'a, W: Write> TrcWriter<'a, W> {
     }
 }
 
+/// Whether a frame has a row among the angles.
+pub fn has_angles(frame: &Frame, subject: &Subject<'_>) -> bool {
+    told_pose(frame, subject).is_some()
+}
+
+fn told_pose(frame: &Frame, subject: &Subject<'_>) -> Option<PersonPose> {
+    let (sample, _) = frame.pose.as_ref()?;
+    Some(pose_of(sample, subject)).filter(mot::has_row)
+}
+
 /// Writes one person's angles.
 #[derive(Debug)]
 pub struct MotWriter<'a, W> {
@@ -109,7 +119,7 @@ pub struct MotWriter<'a, W> {
 }
 
 impl<'a, W: Write> MotWriter<'a, W> {
-    /// Writes the head of a file with `n_rows` frames that have a pose.
+    /// Writes the head of a file with `n_rows` frames that have angles.
     ///
     /// # Errors
     /// Those of `out`.
@@ -125,15 +135,14 @@ impl<'a, W: Write> MotWriter<'a, W> {
         })
     }
 
-    /// Writes a frame; one without a pose has no row.
+    /// Writes a frame; one without a pose, or of whom nothing is known, has no row.
     ///
     /// # Errors
     /// Those of the writer.
     pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
-        let Some((sample, _)) = &frame.pose else {
+        let Some(pose) = told_pose(frame, &self.subject) else {
             return Ok(());
         };
-        let pose = pose_of(sample, &self.subject);
         let row = self.rows.row(&self.layout, frame.time_s, &pose);
         self.out.write_all(row.as_bytes())
     }

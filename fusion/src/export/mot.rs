@@ -1,7 +1,8 @@
 //! MOT, OpenSim's motion file: the reported angles over time.
 //!
 //! Degrees, the root's translations metres, in the frame of the TRC file (y up). Time starts at 0 with
-//! the run's first tick, as in all files of a run. A tick without a pose has no row: OpenSim's `Storage` stops reading
+//! the run's first tick, as in all files of a run. A tick without a pose has no row, nor has one at which nobody saw the
+//! person for so long that no place is known ([`has_row`]): OpenSim's `Storage` stops reading
 //! at a `NaN`, and interpolates over time that is missing. For the same reason an angle that the keypoints say nothing
 //! of has no column: the head names it, and those that are known only together. Who turns round and round has angles of
 //! the pelvis beyond 180. All others stay in their ranges, so that left and right compare: an arm that crosses the other
@@ -16,7 +17,7 @@ use farfield_proto::message::PersonPose;
 use super::rounding::{draw_in, round, round_inward};
 use super::trc::TIME_DECIMALS;
 use super::{AngleColumn, AngleUnit, Layout, MOST_ROWS};
-use crate::body::determined::AngleEvidence;
+use crate::body::determined::{AngleEvidence, UNKNOWN_M};
 
 /// Decimals of angles in degrees, and of translations in metres.
 const DECIMALS: u32 = 6;
@@ -93,6 +94,13 @@ pub fn with_rows(head: &str, n_rows: u64) -> Option<String> {
     let spaces = " ".repeat((head.len() + 1).checked_sub(length)?);
     lines[padding] = &spaces;
     Some(lines.join("\n"))
+}
+
+/// Whether a pose tells of angles: some joint of it is known well enough to be a marker of the TRC file. Where none is,
+/// the model was carried on unseen, its angles are those of nobody, and no cell of a file of numbers could say so.
+pub fn has_row(pose: &PersonPose) -> bool {
+    let mut sigmas_m = pose.sigma_m.iter();
+    pose.sigma_m.is_empty() || sigmas_m.any(|sigma_m| *sigma_m <= UNKNOWN_M)
 }
 
 /// The rows of one file, one after the other.
@@ -185,6 +193,18 @@ mod tests {
         let end = lines.iter().position(|&line| line == "endheader").unwrap();
         assert_eq!(lines[end + 1], "time\tpelvis_tilt\tpelvis_tx\tknee_angle_l");
         assert_eq!(lines[end + 2], "0.050000\t30.000001\t2.500000\t23.491269");
+    }
+
+    #[test]
+    fn a_pose_of_which_no_joint_is_known_has_no_row() {
+        let mut pose = fixture::pose(1, PersonState::Coasting);
+        assert!(has_row(&pose));
+        pose.sigma_m = vec![0.13, 0.09];
+        assert!(has_row(&pose), "one joint is known");
+        pose.sigma_m = vec![0.13, 0.2];
+        assert!(!has_row(&pose));
+        pose.sigma_m.clear();
+        assert!(has_row(&pose), "of which nobody said how sure it is");
     }
 
     #[test]

@@ -96,6 +96,7 @@ struct PersonFiles {
     mot: Unfinished,
     mot_head: String,
     mot_rows: MotRows,
+    n_mot_rows: u64,
     presence: Presence,
 }
 
@@ -232,8 +233,11 @@ impl PoseFiles {
         }
         let seconds = clock.seconds(tick);
         files.add_row(&trc::row(&self.layout, tick, seconds, Some(pose)))?;
-        let row = files.mot_rows.row(&self.layout, seconds, pose);
-        append(&mut files.mot, &row)?;
+        if mot::has_row(pose) {
+            let row = files.mot_rows.row(&self.layout, seconds, pose);
+            append(&mut files.mot, &row)?;
+            files.n_mot_rows += 1;
+        }
         let presence = &mut files.presence;
         presence.last_tick = tick;
         presence.ticks += 1;
@@ -259,6 +263,7 @@ impl PoseFiles {
             mot: create(self.folder.join(format!("angles_{person}.mot")), &self.disk)?,
             mot_head: mot::header(&self.layout),
             mot_rows: MotRows::default(),
+            n_mot_rows: 0,
             presence: Presence {
                 person,
                 first_tick: tick,
@@ -348,13 +353,13 @@ impl PoseFiles {
                 let seconds = self.clock.seconds(gap);
                 files.add_row(&trc::row(&self.layout, gap, seconds, None))
             });
-            let ticks = files.presence.ticks;
+            let n_mot_rows = files.n_mot_rows;
             note(match is_filled {
                 Ok(()) => name(files.trc, trc::with_rows(&files.trc_head, files.trc_rows)),
                 // All poses are in it.
                 Err(_) => cut(files.trc, Kind::Trc).map(drop),
             });
-            note(name(files.mot, mot::with_rows(&files.mot_head, ticks)));
+            note(name(files.mot, mot::with_rows(&files.mot_head, n_mot_rows)));
         }
         failure
     }
