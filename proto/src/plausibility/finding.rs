@@ -48,6 +48,8 @@ pub enum Cause {
     LooksAway,
     /// Little of the field is seen from two viewpoints.
     FieldUnseen,
+    /// The field is too low, too narrow or too wide for people.
+    FieldSize,
     /// There is one viewpoint alone.
     OneViewpoint,
     /// Pictures of another size than the calibration's.
@@ -75,6 +77,7 @@ impl Cause {
             Self::ViewpointApart => "viewpoint_apart",
             Self::LooksAway => "looks_away",
             Self::FieldUnseen => "field_unseen",
+            Self::FieldSize => "field_size",
             Self::OneViewpoint => "one_viewpoint",
             Self::PictureSize => "picture_size",
         }

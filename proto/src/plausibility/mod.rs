@@ -6,6 +6,7 @@
 //! of two cameras swapped, one that is late, a camera that was moved) is not looked for here.
 
 mod coverage;
+mod field;
 mod finding;
 mod lens;
 mod places;
@@ -39,6 +40,7 @@ pub fn of_venue(venue: &Venue) -> Vec<Finding> {
         stand.push(finding);
     }
     findings.extend(stand);
+    findings.extend(field::findings(venue));
     findings.sort_by_key(|finding| finding.severity != Severity::Wrong);
     findings
 }
@@ -71,7 +73,8 @@ pub fn of_picture_size(camera: &CameraModel, found_px: [u32; 2]) -> Option<Findi
         u64::from(found_px[0]) * u64::from(height) == u64::from(found_px[1]) * u64::from(width);
     let remedy = if found_px == [height, width] {
         "the pictures are turned by 90 degrees: calibrate with pictures that are turned as these are, or turn these \
-         (`ffmpeg -i IN -vf transpose=1 OUT`; `transpose=2` the other way)"
+         (`ffmpeg -i IN -vf transpose=1 OUT`; `transpose=2` the other way); if a rotation tag alone turns them, take it away \
+         (`ffmpeg -i IN -c copy -metadata:s:v rotate=0 OUT`, from ffmpeg 6 on `ffmpeg -display_rotation 0 -i IN -c copy OUT`)"
             .to_owned()
     } else if same_shape {
         let factor = f64::from(found_px[0]) / f64::from(width);

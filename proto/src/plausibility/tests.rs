@@ -1,5 +1,6 @@
 //! A hall that is as it should be, and one mistake after the other in it.
 
+mod field;
 mod lens;
 mod look_up;
 

@@ -1,0 +1,64 @@
+//! Whether people fit into the field: nobody new is followed whose middle is outside it.
+
+use crate::venue::Venue;
+
+use super::{Cause, Finding, Severity};
+
+/// The middle of a body, hips and shoulders, stands at 0.9 to 1.2 m. A field that ends below, above its floor, leaves the tall
+/// out, metres; and one that ends here leaves out everybody who does not lie.
+const LOW_M: f64 = 1.2;
+const LOWEST_M: f64 = 0.5;
+/// A step is longer than half of this, metres.
+const NARROW_M: f64 = 0.5;
+/// No field is wider, metres: a stadium with its stands is 300.
+const WIDE_M: f64 = 500.0;
+
+/// What speaks against the extent of the venue's field.
+pub(super) fn findings(venue: &Venue) -> Vec<Finding> {
+    let field = &venue.field;
+    let of = |severity, found, expected: &str, remedy: &str| Finding {
+        camera: None,
+        cause: Cause::FieldSize,
+        severity,
+        found,
+        expected: expected.to_owned(),
+        remedy: remedy.to_owned(),
+    };
+    let mut findings = Vec::new();
+    let [length_m, width_m] = [0, 1].map(|axis| field.max_m[axis] - field.min_m[axis]);
+    if length_m.max(width_m) > WIDE_M {
+        findings.push(of(
+            Severity::Doubtful,
+            format!("`[field]` is {length_m:.0} m by {width_m:.0} m"),
+            "at most 500 m",
+            "`min_m` and `max_m` are in metres: multiply centimetres by 0.01, millimetres by 0.001",
+        ));
+    } else if length_m.min(width_m) < NARROW_M {
+        findings.push(of(
+            Severity::Doubtful,
+            format!("`[field]` is {length_m:.2} m by {width_m:.2} m"),
+            "more than a step, 0.5 m, both ways",
+            "set `[field]` min_m and max_m to where people are, in metres",
+        ));
+    }
+    let top_m = field.max_m[2] - field.floor_m;
+    if top_m < LOW_M {
+        // Who is given by hand is followed from there.
+        let severity = if top_m < LOWEST_M && venue.given_persons.is_empty() {
+            Severity::Wrong
+        } else {
+            Severity::Doubtful
+        };
+        findings.push(of(
+            severity,
+            format!(
+                "`[field]` ends {top_m:.2} m above its floor (z = {:.2} m), at max_m[2] = {:.2} m",
+                field.floor_m, field.max_m[2]
+            ),
+            "room for people who stand, 2 m or more",
+            "set `[field]` floor_m to the height of the floor in the calibration (0 in most), min_m[2] a little below it and \
+             max_m[2] 2.5 m above it",
+        ));
+    }
+    findings
+}
