@@ -4,6 +4,7 @@
 //! [`TomlFile::error`] does the same for what a later check finds.
 
 use std::fmt;
+use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -70,6 +71,16 @@ impl fmt::Display for FileError {
 }
 
 impl std::error::Error for FileError {}
+
+/// Why a text file could not be read, where `expected` says what it should be: the system's words for a folder or for bytes that are
+/// no text do not say what was wrong with the name that was given.
+pub fn unread(error: &io::Error, expected: &str) -> String {
+    match error.kind() {
+        io::ErrorKind::InvalidData => format!("found bytes that are no text, expected {expected}"),
+        io::ErrorKind::IsADirectory => format!("found a folder, expected {expected}"),
+        _ => error.to_string(),
+    }
+}
 
 /// One step from a value to a value inside it.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -22,6 +22,7 @@ use farfield_node::log::start_log;
 use farfield_node::process::{NodeError, Told, exit_code_told};
 use farfield_proto::calibration::Calibration;
 use farfield_proto::model_card::{DetectorCard, HeatmapCard};
+use farfield_proto::toml_file::unread;
 use farfield_proto::venue::Venue;
 
 use crate::check_venue::check;
@@ -190,8 +191,10 @@ fn parsed(text: &str, out: &Path, calibration: &Calibration) -> anyhow::Result<V
 /// The calibration that was named, else the only one in the folder.
 fn find_calibration(args: &InitArgs) -> anyhow::Result<(PathBuf, Calibration)> {
     let read = |path: &Path| -> anyhow::Result<Calibration> {
-        let text =
-            std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
+        let text = std::fs::read_to_string(path).map_err(|error| {
+            let problem = unread(&error, "a calibration in TOML");
+            anyhow!("reading {}: {problem}", path.display())
+        })?;
         Ok(Calibration::parse(&text, path)?)
     };
     if let Some(path) = &args.calibration {

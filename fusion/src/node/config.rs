@@ -4,13 +4,14 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::anyhow;
 use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError, say};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::plausibility::{self, Finding, Severity};
 use farfield_proto::tick::{Tick, parse_range};
+use farfield_proto::toml_file::unread;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 
@@ -256,7 +257,13 @@ pub fn load_card(venue: &Venue) -> anyhow::Result<Option<HeatmapCard>> {
     let Some(path) = &venue.network else {
         return Ok(None);
     };
-    let text = std::fs::read_to_string(path)
-        .with_context(|| format!("reading the network's card {}", path.display()))?;
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        let card = "the network's card, a TOML file beside it (docs/venue.md)";
+        anyhow!(
+            "reading the network's card {}: {}",
+            path.display(),
+            unread(&error, card)
+        )
+    })?;
     Ok(Some(HeatmapCard::parse(&text, path)?))
 }

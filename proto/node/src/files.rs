@@ -6,7 +6,7 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use farfield_proto::calibration::Calibration;
-use farfield_proto::toml_file::FileError;
+use farfield_proto::toml_file::{FileError, unread};
 use farfield_proto::transport::{GENERATIONS_FILE, Generations, Identity};
 use farfield_proto::venue::{Venue, VenueFile};
 
@@ -58,8 +58,10 @@ pub fn in_place_of_folder(folder: &Path) -> Option<PathBuf> {
 /// [`FileError`] when a file cannot be read, and as [`VenueFile::parse`],
 /// [`VenueFile::venue`] and [`Calibration::parse`].
 pub fn load_venue(path: &Path) -> Result<Venue, FileError> {
-    let text = fs::read_to_string(path)
-        .map_err(|error| FileError::new(path, format!("cannot read the venue file: {error}")))?;
+    let text = fs::read_to_string(path).map_err(|error| {
+        let problem = unread(&error, "the venue file in it, such as venue.toml");
+        FileError::new(path, format!("cannot read the venue file: {problem}"))
+    })?;
     parse_venue(&text, path)
 }
 
@@ -72,8 +74,9 @@ pub fn parse_venue(text: &str, path: &Path) -> Result<Venue, FileError> {
     let calibration_path = file.calibration_path();
     let calibration_text = fs::read_to_string(&calibration_path).map_err(|error| {
         file.calibration_error(format!(
-            "cannot read {}: {error}",
-            calibration_path.display()
+            "cannot read {}: {}",
+            calibration_path.display(),
+            unread(&error, "a calibration in TOML")
         ))
     })?;
     file.venue(Calibration::parse(&calibration_text, &calibration_path)?)
@@ -219,6 +222,12 @@ mod tests {
             .to_string();
         assert!(
             refused.starts_with("no/such/venue.toml: cannot read the venue file"),
+            "{refused}"
+        );
+        let folder = tempfile::tempdir().unwrap();
+        let refused = load_venue(folder.path()).unwrap_err().to_string();
+        assert!(
+            refused.contains("found a folder, expected the venue file in it"),
             "{refused}"
         );
     }

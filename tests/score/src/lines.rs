@@ -249,7 +249,7 @@ fn parse_line(
 ) -> Result<ParsedLine, LineFault> {
     let value: Value = serde_json::from_str(text).map_err(|e| LineFault {
         field: None,
-        problem: format!("not JSON: {e}"),
+        problem: format!("not JSON: {e}; expected a line per tick and person, as in poses.jsonl"),
     })?;
     let object = value.as_object().ok_or_else(|| LineFault {
         field: None,

@@ -331,7 +331,7 @@ fn what_is_no_venue_is_refused_by_name() {
         of(
             "a folder in place of the venue",
             "run . --out out",
-            &["directory"],
+            &["found a folder", "expected the venue file"],
         ),
         of(
             "a venue that is misspelt",
