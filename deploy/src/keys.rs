@@ -112,14 +112,18 @@ fn look_at_node(
         );
         return;
     }
-    if let Some(notice) = ending_notice(node, validity.until_s, now_s) {
-        let verdict = if now_s > validity.until_s {
+    let notice = ending_notice(node, validity.until_s, now_s);
+    let has_ended = now_s > validity.until_s;
+    if let Some(notice) = &notice {
+        let verdict = if has_ended {
             Verdict::Failed
         } else {
             Verdict::Warning
         };
         let notice = notice.split(": ").next().unwrap_or_default();
         report.push(KEYS, verdict, notice, renew);
+    }
+    if has_ended {
         return;
     }
     let key = &identity.key;
@@ -143,6 +147,9 @@ fn look_at_node(
         let remedy =
             format!("copy ca.pem, {node}.pem and {node}.key of this venue here, or: {renew}");
         report.fail(KEYS, misfit.to_string(), remedy);
+        return;
+    }
+    if notice.is_some() {
         return;
     }
     let days = (validity.until_s - now_s) / 86_400;

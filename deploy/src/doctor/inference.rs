@@ -17,10 +17,9 @@ use image::RgbImage;
 use crate::report_lines::ReportLines;
 
 const INFERENCE: &str = "inference";
-const INSTALL: &str = "pip install onnxruntime, or set ORT_DYLIB_PATH to the library";
+const INSTALL: &str = "pip install --upgrade onnxruntime, or set ORT_DYLIB_PATH to the library";
 /// What mends a library that does not run here.
-const LIBRARY: &str =
-    "unset ORT_DYLIB_PATH, or set it to a libonnxruntime.so of the Python package `onnxruntime`";
+const LIBRARY: &str = "pip install --upgrade onnxruntime, then unset ORT_DYLIB_PATH, or set it to a libonnxruntime.so of that package";
 /// What mends a network that the venue file names.
 const NETWORK: &str = "correct `network` in the venue file, or its card";
 const DETECTOR: &str = "correct `detector` in the venue file, or its card";

@@ -33,6 +33,7 @@ use crate::keys::look_at_keys;
 use crate::report_lines::{ReportForm, ReportLines};
 
 use self::disk::DiskNeed;
+use self::ports::VenueRuns;
 use self::programs::ProgramNeed;
 
 /// Arguments of `farfield doctor`.
@@ -81,7 +82,7 @@ fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {
     check_folder("--out", folder).map_err(NodeError::Refused)?;
     let mut report = ReportLines::default();
     machine::look_at_machine(&machine::facts(), &mut report);
-    let of_nodes = look_at_inference_and_nodes(venue, &args.connect, &mut report);
+    let (of_nodes, runs) = look_at_inference_and_nodes(venue, &args.connect, &mut report);
     let path = std::env::var_os("PATH").unwrap_or_default();
     programs::look_at_programs(&path, program_need(venue), &mut report);
     disk::look_at_disk(folder, DiskNeed::of(venue), &mut report);
@@ -91,7 +92,7 @@ fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {
         venue,
         &mut report,
     );
-    ports::look_at_ports(venue, &mut report);
+    ports::look_at_ports(venue, runs, &mut report);
     if let (Some(venue), Some(path)) = (venue, &args.venue) {
         look_at_keys(venue, path, node_clock::unix_s(), &mut report);
     }
@@ -100,19 +101,17 @@ fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {
 }
 
 /// Runs networks, and meanwhile joins `venue`, if there is one, which is waiting for the most part; what is said of its nodes
-/// comes last, and is returned. Both are done before ports are tried: who joins must not meet them.
+/// comes last, and is returned, with whether it runs. Both are done before ports are tried: who joins must not meet them.
 fn look_at_inference_and_nodes(
     venue: Option<&Venue>,
     connect: &[String],
     report: &mut ReportLines,
-) -> ReportLines {
+) -> (ReportLines, VenueRuns) {
     std::thread::scope(|scope| {
         let joining = scope.spawn(|| {
             let mut of_nodes = ReportLines::default();
-            if let Some(venue) = venue {
-                nodes::look_at_nodes(venue, connect, &mut of_nodes);
-            }
-            of_nodes
+            let runs = venue.map(|venue| nodes::look_at_nodes(venue, connect, &mut of_nodes));
+            (of_nodes, runs.unwrap_or(VenueRuns::No))
         });
         inference::look_at_inference(venue, report);
         joining.join().unwrap_or_else(|_| nodes::not_looked_at())

@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
+use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 
+use super::ports::VenueRuns;
 use crate::report_lines::ReportLines;
 use crate::status::{NodeInShort, join_for_a_moment};
 
@@ -11,10 +13,23 @@ const NODES: &str = "nodes";
 /// How long fusion may take to answer: who waits for a diagnosis does not wait for a venue that does not run.
 const ANSWER: Duration = Duration::from_millis(1500);
 
+/// What mends a venue that cannot be joined, where it has keys, and where it has none.
+const WITH_KEYS: &str = "mend what is said of the keys; a machine that has those of another node alone: farfield status VENUE --node NAME";
+const WITHOUT_KEYS: &str = "farfield certs VENUE --out certs, then `[security] certificates = \"certs\"` and quic/ in `[fusion]`";
+
 /// Joins `venue` for a moment as somebody who only listens, at `connect` or where the venue file says.
-pub(super) fn look_at_nodes(venue: &Venue, connect: &[String], report: &mut ReportLines) {
+pub(super) fn look_at_nodes(
+    venue: &Venue,
+    connect: &[String],
+    report: &mut ReportLines,
+) -> VenueRuns {
     match join_for_a_moment(venue, connect, ANSWER) {
-        Ok(Some(nodes)) => judge_nodes(&venue.name, &nodes, report),
+        Ok(Some(nodes)) => {
+            judge_nodes(&venue.name, &nodes, report);
+            if connect.is_empty() && nodes.iter().any(|node| node.name == FUSION) {
+                return VenueRuns::Now;
+            }
+        }
         Ok(None) if !connect.is_empty() => report.warn(
             NODES,
             format!("nobody answers at {}", connect.join(", ")),
@@ -30,17 +45,22 @@ pub(super) fn look_at_nodes(venue: &Venue, connect: &[String], report: &mut Repo
         Err(error) => report.warn(
             NODES,
             format!("not looked at: {error}"),
-            "farfield status VENUE --node NAME, with a node whose keys this machine has",
+            if venue.security.certificates.is_some() {
+                WITH_KEYS
+            } else {
+                WITHOUT_KEYS
+            },
         ),
     }
+    VenueRuns::No
 }
 
 /// What is said where looking did not come to its end.
-pub(super) fn not_looked_at() -> ReportLines {
+pub(super) fn not_looked_at() -> (ReportLines, VenueRuns) {
     let mut report = ReportLines::default();
     let text = "not looked at: it has failed inside this program";
     report.warn(NODES, text, "farfield status VENUE");
-    report
+    (report, VenueRuns::No)
 }
 
 /// Holds what every node runs to what this machine runs.

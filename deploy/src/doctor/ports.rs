@@ -14,8 +14,17 @@ const PORTS: &str = "ports";
 /// What a fusion is called by the kernel.
 const OURS: [&str; 2] = ["farfield", "farfield-fusion"];
 
+/// Whether the venue that is looked at runs now: its fusion has its ports then, and that is as it should be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum VenueRuns {
+    /// Its fusion answered where the venue file says that it listens.
+    Now,
+    /// Nobody answered, or nobody was asked.
+    No,
+}
+
 /// Binds every endpoint of fusion for a moment.
-pub(super) fn look_at_ports(venue: Option<&Venue>, report: &mut ReportLines) {
+pub(super) fn look_at_ports(venue: Option<&Venue>, runs: VenueRuns, report: &mut ReportLines) {
     let known = venue.map_or(&[][..], |venue| &venue.endpoints.listen);
     let endpoints = match exposure(venue).choose(Vec::new(), known) {
         Ok(endpoints) => endpoints,
@@ -25,11 +34,11 @@ pub(super) fn look_at_ports(venue: Option<&Venue>, report: &mut ReportLines) {
         }
     };
     for endpoint in &endpoints {
-        look_at(endpoint, report);
+        look_at(endpoint, runs, report);
     }
 }
 
-fn look_at(endpoint: &str, report: &mut ReportLines) {
+fn look_at(endpoint: &str, runs: VenueRuns, report: &mut ReportLines) {
     let Some(port) = port(endpoint) else {
         report.fail(
             PORTS,
@@ -55,6 +64,9 @@ fn look_at(endpoint: &str, report: &mut ReportLines) {
     };
     match bound {
         Ok(()) => report.ok(PORTS, format!("{endpoint} is free")),
+        Err(error) if error.kind() == ErrorKind::AddrInUse && runs == VenueRuns::Now => {
+            report.ok(PORTS, format!("{endpoint} is where this venue's fusion listens"));
+        }
         Err(error) if error.kind() == ErrorKind::AddrInUse => taken(endpoint, address, is_datagram, report),
         Err(error) if error.kind() == ErrorKind::AddrNotAvailable => report.warn(
             PORTS,

@@ -1,7 +1,9 @@
 //! The programs that decode video.
 
 use std::ffi::OsStr;
-use std::process::{Command, Stdio};
+use std::io;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use crate::report_lines::{ReportLines, Verdict};
 
@@ -9,6 +11,10 @@ const PROGRAMS: &str = "programs";
 const INSTALL: &str = "apt install ffmpeg (Fedora: dnf install ffmpeg; macOS: brew install ffmpeg)";
 /// The first version that knows `-fps_mode`.
 const LEAST_VERSION: (u32, u32) = (5, 1);
+/// A program that says its version later than this hangs, on a network drive for one: who waits for a diagnosis waits for
+/// both of them.
+const PATIENCE: Duration = Duration::from_secs(1);
+const LOOKED_AT_EVERY: Duration = Duration::from_millis(5);
 
 /// What the programs are needed for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,8 +48,17 @@ fn look_at(program: &str, path: &OsStr) -> (Verdict, String) {
         .arg("-version")
         .env("PATH", path)
         .stdin(Stdio::null());
-    let output = match command.output() {
-        Ok(output) => output,
+    let output = match answer(&mut command) {
+        Ok(Some(output)) => output,
+        Ok(None) => {
+            return (
+                Verdict::Failed,
+                format!(
+                    "`{program} -version` gives no answer within {} s",
+                    PATIENCE.as_secs()
+                ),
+            );
+        }
         Err(error) => {
             return (
                 Verdict::Failed,
@@ -77,6 +92,25 @@ fn look_at(program: &str, path: &OsStr) -> (Verdict, String) {
         ),
         _ => (Verdict::Ok, format!("{program} {version}")),
     }
+}
+
+/// What the program says and how it ends; `None` where it does not end, and is ended.
+fn answer(command: &mut Command) -> io::Result<Option<Output>> {
+    let mut child = command
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()?;
+    let asked = Instant::now();
+    // What it says fits into its pipe many times.
+    while child.try_wait()?.is_none() {
+        if asked.elapsed() > PATIENCE {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        std::thread::sleep(LOOKED_AT_EVERY);
+    }
+    child.wait_with_output().map(Some)
 }
 
 /// The first two numbers of a version; `None` of one by date or commit, which is rather new.

@@ -4,6 +4,7 @@
 use std::ffi::OsString;
 use std::net::{TcpListener, UdpSocket};
 use std::os::unix::fs::PermissionsExt as _;
+use std::time::Instant;
 
 use farfield_proto::message::health::SystemClock;
 
@@ -39,6 +40,13 @@ fn program(folder: &Path, name: &str, said: &str, code: i32) {
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
 }
 
+/// A program of that name that never says anything.
+fn hangs(folder: &Path, name: &str) {
+    let path = folder.join(name);
+    std::fs::write(&path, "#!/bin/sh\nexec /bin/sleep 60\n").unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+}
+
 /// What is said of the programs in `folder`.
 fn programs_in(folder: &Path) -> ReportLines {
     let mut report = ReportLines::default();
@@ -54,10 +62,15 @@ fn clock_said(clock: SystemClock, now_s: i64) -> ReportLines {
 
 /// What is said of the ports of a venue where fusion listens at `endpoint`.
 fn ports_said(endpoint: &str, more: &str) -> ReportLines {
+    ports_said_while(VenueRuns::No, endpoint, more)
+}
+
+fn ports_said_while(runs: VenueRuns, endpoint: &str, more: &str) -> ReportLines {
     let folder = tempfile::tempdir().unwrap();
     let text = format!("[fusion]\nlisten = [\"{endpoint}\"]\n{more}");
     let mut report = ReportLines::default();
-    ports::look_at_ports(Some(&venue(folder.path(), &text)), &mut report);
+    let venue = venue(folder.path(), &text);
+    ports::look_at_ports(Some(&venue), runs, &mut report);
     report
 }
 
@@ -114,6 +127,11 @@ fn programs_that_are_missing_old_or_broken_are_found() {
         path
     };
     let (none, one, old, broken) = (at("none"), at("one"), at("old"), at("broken"));
+    let hanging = at("hanging");
+    hangs(&hanging, "ffmpeg");
+    let asked = Instant::now();
+    let of_hanging = programs_in(&hanging);
+    assert!(asked.elapsed().as_secs() < 4, "all of it is done in five");
     program(&one, "ffmpeg", "ffmpeg version 6.0 Copyright", 0);
     for name in ["ffmpeg", "ffprobe"] {
         program(
@@ -145,6 +163,11 @@ fn programs_that_are_missing_old_or_broken_are_found() {
             "a broken ffmpeg",
             programs_in(&broken),
             (Failed, "no version", mend),
+        ),
+        (
+            "an ffmpeg that hangs",
+            of_hanging,
+            (Failed, "`ffmpeg -version` gives no answer within 1 s", mend),
         ),
     ]);
 }
@@ -250,6 +273,17 @@ fn places_where_fusion_cannot_listen_are_found() {
             (Failed, "not encrypted", "farfield certs"),
         ),
     ]);
+}
+
+#[test]
+fn the_port_of_a_venue_that_runs_is_no_fault() {
+    let tcp = TcpListener::bind("127.0.0.1:0").unwrap();
+    let endpoint = format!("tcp/{}", tcp.local_addr().unwrap());
+    let said = ports_said_while(VenueRuns::Now, &endpoint, "");
+    let lines: Vec<_> = said.lines().iter().collect();
+    assert_eq!(lines.len(), 1, "{lines:#?}");
+    assert_eq!(lines[0].verdict, Verdict::Ok, "{lines:#?}");
+    assert!(lines[0].text.contains("this venue's fusion listens"));
 }
 
 #[test]

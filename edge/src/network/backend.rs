@@ -115,7 +115,12 @@ impl InferenceBackend {
 
     fn onnx_runtime(path: &Path) -> Result<Self, String> {
         if !path.is_file() {
-            return Err("there is no such file".to_owned());
+            let problem = if path.is_dir() {
+                "it is a folder, expected the library in it"
+            } else {
+                "there is no such file"
+            };
+            return Err(problem.to_owned());
         }
         let library = ort::init_from(path).map_err(|e| e.to_string())?;
         let environment = library

@@ -110,6 +110,11 @@ fn keys_that_do_not_hold_or_are_not_safe_are_found() {
             (Failed, "found mode 0644", "chmod 600"),
         ),
         (
+            "ends soon, and others may read it",
+            keys_said([-100, 9], open_to_all),
+            (Failed, "found mode 0644", "chmod 600"),
+        ),
+        (
             "an older generation",
             keys_said(fine, generations("[generation]\nfusion = 2\n")),
             (Failed, "2 is the newest of fusion", "copy the newest"),
