@@ -13,6 +13,9 @@ use crate::sightings::diagnosis::SightingDiagnosis;
 const MIN_BEYOND: u64 = 2;
 const BEYOND_ONE_IN: u64 = 10;
 
+/// What people are tall, metres: a scale that is wrong is told by it.
+const USUAL_STATURE_M: f64 = 1.7;
+
 /// Keypoints of pictures of half the size or less reach no farther, right and down, in those that were calibrated. People in
 /// all pictures of a venue are not in one corner of them.
 const HALF_REACH: f64 = 0.52;
@@ -87,7 +90,7 @@ impl SightedReport {
         let counts = counts.collect::<Vec<_>>().join(", ");
         if seeing.is_empty() {
             return vec![
-                "no camera sighted anybody: is the detector the right one, with the `person_class` and the `normalize` of its card as it was trained, are people in the pictures, and at least 48 px tall there?"
+                "no camera sighted anybody: of files of keypoints, do their lines hold `persons`; of pictures, is the detector the right one, with the `person_class` and the `normalize` of its card as it was trained, are people in the pictures, and at least 48 px tall there?"
                     .to_owned(),
             ];
         }
@@ -150,12 +153,13 @@ impl SightingDiagnosis {
         let wrong = bodies.too_small + bodies.too_large;
         let of_all = |count: u64| format!("{count} of {} bodies", bodies.bodies);
         let mean_m = bodies.wrong_statures_m / wrong.max(1) as f64;
+        let times = mean_m / USUAL_STATURE_M;
         let [x, y, z] = bodies.outside_at_m;
         [
             (
                 wrong,
                 format!(
-                    "{} on which lines of sight met have sizes that people do not have ({mean_m:.2} m on average): is the calibration in metres, and are the keypoints in the order of the network's card?",
+                    "{} on which lines of sight met have sizes that people do not have ({mean_m:.2} m on average, {times:.2} times those of people): is the calibration in metres (a foot is 0.305, an inch 0.0254), and are the keypoints in the order of the network's card?",
                     of_all(wrong)
                 ),
             ),
@@ -190,7 +194,7 @@ impl SightingDiagnosis {
             (
                 bodies.people,
                 format!(
-                    "{} are people in the field, but were not seen for long enough to be sure: give the run more ticks",
+                    "{} are people in the field, but were not seen for long enough to be sure: give the run more ticks (`--ticks`), or record for longer; is `rate_hz` that of the recordings?",
                     of_all(bodies.people)
                 ),
             ),
