@@ -6,6 +6,10 @@ use tokio::time::Instant;
 
 /// For how long ticks must have passed: the first ones wait for caches, detection passes and each other.
 const KNOWN_AFTER: Duration = Duration::from_secs(3);
+/// As many must have passed, or it takes very long: the first tick of all has a detection pass of every camera in it, and told by
+/// that alone a run of a minute seems to take ten.
+const KNOWN_AFTER_TICKS: u64 = 10;
+const KNOWN_AT_LAST: Duration = Duration::from_secs(30);
 /// What is longer ago than one or two of these does not count: the first ticks are slow, and so are those with many people.
 const LATELY: Duration = Duration::from_secs(15);
 
@@ -20,6 +24,8 @@ pub(super) fn has_end(n_ticks: i64) -> bool {
 /// Watches ticks go by.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct TimeLeft {
+    /// When the first tick was told of.
+    first: Option<Instant>,
     /// When what counts began, and how many ticks were done then.
     began: Option<(Instant, u64)>,
     /// The same of what will count next.
@@ -29,6 +35,7 @@ pub(crate) struct TimeLeft {
 impl TimeLeft {
     /// Takes in that `done` of `total` ticks are done at `now`; says how much time is left, once that is known.
     pub(crate) fn at(&mut self, now: Instant, done: u64, total: u64) -> Option<String> {
+        self.first.get_or_insert(now);
         let next = *self.next.get_or_insert((now, done));
         if now.duration_since(next.0) >= LATELY {
             self.began = self.next.replace((now, done));
@@ -37,6 +44,10 @@ impl TimeLeft {
         let elapsed = now.duration_since(began);
         let passed = done.saturating_sub(before);
         if elapsed < KNOWN_AFTER || passed == 0 || done >= total {
+            return None;
+        }
+        let since_first = now.duration_since(self.first.unwrap_or(now));
+        if passed < KNOWN_AFTER_TICKS && since_first < KNOWN_AT_LAST {
             return None;
         }
         let left_s = elapsed.as_secs_f64() / passed as f64 * (total - done) as f64;
@@ -69,6 +80,19 @@ mod tests {
         // 5 ticks a second, and 280 to go.
         assert_eq!(left.at(at(4), 21, 301).unwrap(), "about 60 s left");
         assert_eq!(left.at(at(60), 301, 301), None, "all is done");
+    }
+
+    #[test]
+    fn a_few_slow_ticks_are_no_measure_and_where_all_are_slow_it_is_told_at_last() {
+        let start = Instant::now();
+        let at = |s: u64| start + Duration::from_secs(s);
+        let mut left = TimeLeft::default();
+        // Two ticks in ten seconds, and from there on two a second: 90 take a minute, not seven.
+        let said = [(0, 1), (5, 2), (10, 3), (13, 9)].map(|(s, done)| left.at(at(s), done, 90));
+        assert_eq!(said, [const { None }; 4]);
+        let mut left = TimeLeft::default();
+        let slow = (0..=40).step_by(10).map(|s| left.at(at(s), s / 10 + 1, 90));
+        assert!(slow.last().flatten().is_some(), "a tick in ten seconds");
     }
 
     #[test]
