@@ -107,9 +107,9 @@ pub enum SourceError {
     },
     /// Frames are missing or doubled in time, so the n-th frame is not the n-th tick.
     #[error(
-        "{at}: variable frame rate: {} s between frames {before} and {}, expected {} s; \
-         make it constant first (`ffmpeg -i IN -fps_mode cfr -r RATE OUT`)",
-        rounded(*gap_s, 4), before + 1, rounded(*period_s, 4)
+        "{at}: variable frame rate, or frames were lost: {} s between frames {before} and {}, expected {} s; \
+         make it constant first ({})",
+        rounded(*gap_s, 4), before + 1, rounded(*period_s, 4), made_constant(*period_s)
     )]
     VariableRate {
         /// Which source.
@@ -118,6 +118,23 @@ pub enum SourceError {
         before: usize,
         /// The interval found.
         gap_s: f64,
+        /// The interval of the venue's rate.
+        period_s: f64,
+    },
+    /// No interval is odd, and frames still come long before or after their ticks.
+    #[error(
+        "{at}: variable frame rate: frame {frame} is {} s {} than it would be at an even rate, expected at most {} s; \
+         make it constant first ({})",
+        rounded(late_s.abs(), 4), if *late_s > 0.0 { "later" } else { "earlier" }, rounded(*period_s, 4),
+        made_constant(*period_s)
+    )]
+    UnevenRate {
+        /// Which source.
+        at: SourceOrigin,
+        /// The frame that is farthest off, counted from 0.
+        frame: usize,
+        /// By how much it is late, seconds.
+        late_s: f64,
         /// The interval of the venue's rate.
         period_s: f64,
     },
@@ -271,6 +288,14 @@ fn turned(found_px: [u32; 2], expected_px: [u32; 2]) -> &'static str {
     } else {
         ""
     }
+}
+
+/// The command that gives a recording the rate with this period, by the times of its own frames: what was lost is
+/// shown twice, and all else stays where it was.
+fn made_constant(period_s: f64) -> String {
+    let rate_hz = rounded(period_s.recip(), 6);
+    let rate_hz = rate_hz.trim_end_matches('0').trim_end_matches('.');
+    format!("`ffmpeg -i IN -fps_mode cfr -r {rate_hz} OUT`")
 }
 
 /// `value` with so many decimals, and in few digits where it is beyond all measure.

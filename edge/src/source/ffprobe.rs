@@ -87,9 +87,15 @@ pub(super) fn read_stream(path: &Path, at: &SourceOrigin) -> Result<VideoStream,
             .nth(1)
             .and_then(|rest| rest.split(';').next());
         let detail = detail.map(|d| format!(" ({d})")).unwrap_or_default();
+        // What MP4 and MOV keep for the end of a recording.
+        let cause = if messages.contains("moov atom not found") {
+            ": it has no index: either its recording was cut off, or it is no video"
+        } else {
+            ""
+        };
         return Err(SourceError::Unreadable {
             at: at.clone(),
-            problem: format!("{problem}{detail}"),
+            problem: format!("{problem}{detail}{cause}"),
         });
     }
     let unreadable = |problem: String| SourceError::Unreadable {

@@ -4,6 +4,7 @@
 //! Lines name their own ticks (the venue's `first_tick` does not move them); they are sorted and
 //! without gaps. Unknown fields are ignored, for other tools write these files too.
 
+mod contents;
 mod repeats;
 
 use std::fs::File;
@@ -16,6 +17,7 @@ use farfield_proto::keypoints::COCO17;
 use farfield_proto::tick::Tick;
 use serde_json::Value;
 
+pub use self::contents::{KeypointContents, KeypointDoubt};
 use self::repeats::RepeatCounter;
 use super::{
     ExpectedSource, Frame, FrameContent, FrameSource, KeypointCandidate, KeypointFrame, MAX_TICK,
@@ -29,11 +31,6 @@ const MAX_LINE_BYTES: u64 = 1 << 22;
 /// another scale.
 const MAX_SCORE: f64 = 1.25;
 
-/// Keypoints of which none is farther from the corner than this are shares of the picture's size, not pixels ...
-const SHARE_OF_PICTURE: f64 = 1.5;
-/// ... when there are as many as two people have.
-const FEWEST_POINTS: usize = 2 * COCO17.len();
-
 /// No pixel is farther from zero; keeps sums of them exact.
 const MAX_PX: f64 = 1e12;
 
@@ -46,52 +43,22 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
         });
     };
     let mut last = first;
-    let (mut reach, mut repeats) = (Reach::default(), RepeatCounter::default());
-    reach.add(&frame);
+    let mut contents = KeypointContents::of(expected.size_px);
+    let mut repeats = RepeatCounter::default();
+    contents.add(&frame);
     repeats.add(frame);
     while let Some((tick, frame)) = lines.next()? {
         last = tick;
-        reach.add(&frame);
+        contents.add(&frame);
         repeats.add(frame);
     }
-    reach.check(expected)?;
+    contents.check(expected)?;
     Ok(SourceInfo {
         ticks: Some(first..last + 1),
         repeats: repeats.found(),
+        contents: Some(contents),
         ..SourceInfo::default()
     })
-}
-
-/// How far the keypoints of a file reach.
-#[derive(Debug, Default)]
-struct Reach {
-    n_points: usize,
-    largest_px: f64,
-}
-
-impl Reach {
-    fn add(&mut self, frame: &KeypointFrame) {
-        for point in frame.peaks.iter().flatten() {
-            let at = point.position.vector_px();
-            self.n_points += 1;
-            self.largest_px = self.largest_px.max(at.amax());
-        }
-    }
-
-    /// Refuses what is no file of pixels: nobody would be found, and nothing would say why.
-    fn check(&self, expected: &ExpectedSource) -> Result<(), SourceError> {
-        if self.n_points >= FEWEST_POINTS && self.largest_px <= SHARE_OF_PICTURE {
-            return Err(SourceError::Unreadable {
-                at: expected.at.clone(),
-                problem: format!(
-                    "all {} keypoints lie within {:.2} pixels of the corner, as shares of a picture do; expected pixels of \
-                     {} x {}",
-                    self.n_points, self.largest_px, expected.size_px[0], expected.size_px[1]
-                ),
-            });
-        }
-        Ok(())
-    }
 }
 
 pub(super) fn open(
@@ -184,7 +151,11 @@ impl KeypointLines {
                 continue;
             }
             let parsed = std::str::from_utf8(&self.text)
-                .map_err(|problem| FieldError::new("", problem.to_string()))
+                .map_err(|problem| {
+                    let what =
+                        "a line of JSON: is it a video (`kind = \"video\"`) or another file?";
+                    FieldError::new("", format!("not text ({problem}), expected {what}"))
+                })
                 .and_then(parse_line)
                 .and_then(|(tick, frame)| self.follow(tick).map(|()| (tick, frame)));
             return match parsed {

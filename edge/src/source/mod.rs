@@ -34,6 +34,7 @@ use farfield_proto::venue::{Source, TickFrom, Venue, VenueCamera};
 use image::RgbImage;
 
 pub use error::{SourceError, SourceOrigin};
+pub use keypoints::{KeypointContents, KeypointDoubt};
 pub use painted::{MapCrop, MapPainter};
 pub use sources::{RecordedSources, Sources};
 pub use ticks::common_ticks;
@@ -122,6 +123,8 @@ pub struct SourceInfo {
     pub labels: RecordingLabels,
     /// Frames of a keypoint file that are the one before once more, where these are too many to be of its rate.
     pub repeats: Option<RepeatedFrames>,
+    /// What a keypoint file holds.
+    pub contents: Option<KeypointContents>,
 }
 
 /// Frames that equal the one before to the last digit, all people in them: keypoints of a lower rate, each written until

@@ -4,6 +4,8 @@
 //! rate, so a recording of another rate than the venue's, or of a variable one, is refused. Where the venue goes
 //! by timecode, the first frame's says which tick it is.
 
+mod even;
+
 use std::borrow::Cow;
 use std::io::BufReader;
 use std::path::Path;
@@ -13,6 +15,7 @@ use std::time::Duration;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::TickFrom;
 
+use self::even::{OddGap, farthest_off, mean_period_s, odd_gap};
 use super::ffmpeg::{self, Ffmpeg, PictureError, Wanted, read_picture};
 use super::ffprobe::{self, VideoStream};
 use super::frame_times::FrameTimes;
@@ -25,21 +28,21 @@ use crate::live::timecode::Timecode;
 /// Largest relative difference between a recording's rate and the venue's: 59.94 is as good as 60.
 const RATE_TOLERANCE: f64 = 0.005;
 
+/// Of the last frames of a file that was cut some may be missing between others: they are not stored in the order in which they are
+/// shown.
+const REORDERED: usize = 32;
+
 /// A live source that gives no picture for so long hangs, and is closed: it is opened again then.
 const SILENCE: Duration = Duration::from_secs(2);
 /// The same for its first picture, which has connections and key frames to wait for.
 const FIRST_SILENCE: Duration = Duration::from_secs(10);
 
-/// Time between two frames, in periods, outside which one was lost or doubled.
-const GAP_PERIODS: std::ops::Range<f64> = 0.5..1.5;
+/// A recording whose mean rate is off the venue's by less than this share, and whose frames come unevenly, has lost frames or varies;
+/// one that is farther off is of another rate.
+const VARIES: f64 = 0.3;
 
 pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
-    if let Err(problem) = std::fs::File::open(path) {
-        return Err(SourceError::NotThere {
-            at: expected.at.clone(),
-            problem: problem.to_string(),
-        });
-    }
+    check_file(path, &expected.at)?;
     let stream = ffprobe::read_stream(path, &expected.at)?;
     check(&stream, expected)?;
     let expected = by_timecode(&stream, expected)?;
@@ -48,7 +51,7 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
         size_px: Some(stream.size_px),
         rate_hz: stream.rate_hz,
         labels: stream.labels,
-        repeats: None,
+        ..SourceInfo::default()
     })
 }
 
@@ -73,12 +76,30 @@ fn by_timecode<'a>(
     Ok(Cow::Owned(expected))
 }
 
+/// Whether there is a file with something in it: what ffprobe says of others needs a reader who knows containers.
+fn check_file(path: &Path, at: &SourceOrigin) -> Result<(), SourceError> {
+    let found = std::fs::File::open(path).and_then(|file| file.metadata());
+    let at = at.clone();
+    match found {
+        Err(problem) => Err(SourceError::NotThere {
+            at,
+            problem: problem.to_string(),
+        }),
+        Ok(found) if found.is_file() && found.len() == 0 => Err(SourceError::Unreadable {
+            at,
+            problem: "the file is empty (0 bytes)".to_owned(),
+        }),
+        Ok(_) => Ok(()),
+    }
+}
+
 /// Whether the recording is whole.
 fn check_whole(stream: &VideoStream, at: &SourceOrigin) -> Result<(), SourceError> {
     let at = || at.clone();
     if let Some(announced) = stream
         .announced
         .filter(|&announced| stream.packets < announced)
+        .filter(|_| stream.is_counted || !loses_frames(stream))
     {
         let said = stream.said.clone();
         return Err(SourceError::Cut {
@@ -95,30 +116,50 @@ fn check_whole(stream: &VideoStream, at: &SourceOrigin) -> Result<(), SourceErro
     Ok(())
 }
 
+/// Whether frames are missing before the end of a recording: its duration does not say how many there are then.
+fn loses_frames(stream: &VideoStream) -> bool {
+    let n_sure = stream.times_s.len().saturating_sub(REORDERED);
+    let period_s = stream.rate_hz.map(f64::recip);
+    period_s.is_some_and(|period_s| odd_gap(&stream.times_s[..n_sure], period_s).is_some())
+}
+
 /// Whether the recording is whole and fits the calibration and the venue.
 fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceError> {
     let at = || expected.at.clone();
     check_whole(stream, &expected.at)?;
     expected.check_size(stream.size_px)?;
+    let period_s = expected.rate_hz.recip();
+    let varies = |OddGap { before, gap_s }| SourceError::VariableRate {
+        at: at(),
+        before,
+        gap_s,
+        period_s,
+    };
     if let Some(found_hz) = stream.rate_hz
         && (found_hz / expected.rate_hz - 1.0).abs() > RATE_TOLERANCE
     {
-        return Err(SourceError::Rate {
-            at: at(),
-            found_hz,
-            expected_hz: expected.rate_hz,
+        // Without the frames that it has lost it would have the venue's rate, and another rate would mend nothing.
+        let own_s = mean_period_s(&stream.times_s).filter(|own_s| {
+            (own_s / period_s - 1.0).abs() < VARIES && odd_gap(&stream.times_s, *own_s).is_some()
         });
+        let gap = own_s.and_then(|_| odd_gap(&stream.times_s, period_s));
+        return Err(gap.map_or_else(
+            || SourceError::Rate {
+                at: at(),
+                found_hz,
+                expected_hz: expected.rate_hz,
+            },
+            varies,
+        ));
     }
-    let period_s = expected.rate_hz.recip();
-    let gaps_s = stream.times_s.windows(2).map(|pair| pair[1] - pair[0]);
-    match gaps_s
-        .enumerate()
-        .find(|(_, gap_s)| !GAP_PERIODS.contains(&(gap_s / period_s)))
-    {
-        Some((before, gap_s)) => Err(SourceError::VariableRate {
+    if let Some(gap) = odd_gap(&stream.times_s, period_s) {
+        return Err(varies(gap));
+    }
+    match farthest_off(&stream.times_s) {
+        Some((frame, late_s)) => Err(SourceError::UnevenRate {
             at: at(),
-            before,
-            gap_s,
+            frame,
+            late_s,
             period_s,
         }),
         None => Ok(()),
@@ -154,10 +195,7 @@ pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), Sourc
         camera: name.to_string_lossy().into_owned(),
         place: path.display().to_string(),
     };
-    if let Err(problem) = std::fs::File::open(path) {
-        let problem = problem.to_string();
-        return Err(SourceError::NotThere { at, problem });
-    }
+    check_file(path, &at)?;
     let mut stream = ffprobe::read_stream(path, &at)?;
     // At a variable rate a duration does not say how many frames there are.
     stream.announced = stream.announced.filter(|_| stream.is_counted);
@@ -176,7 +214,7 @@ pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), Sourc
         size_px: Some(stream.size_px),
         rate_hz: stream.shown_hz.or(stream.rate_hz),
         labels: stream.labels,
-        repeats: None,
+        ..SourceInfo::default()
     };
     Ok((info, open_ticks(path, expected, ticks.start, &ticks)?))
 }

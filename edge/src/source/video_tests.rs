@@ -284,6 +284,22 @@ fn a_variable_rate_is_refused_with_the_frame() {
 }
 
 #[test]
+fn lost_frames_are_told_neither_as_another_rate_nor_as_a_file_that_was_cut() {
+    let Some(studio) = studio() else { return };
+    let record = |times: &str, name: &str| {
+        let args = format!(
+            "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 80 -vf setpts=({times})/30/TB -fps_mode passthrough"
+        );
+        refusal(&studio.record(&args, name))
+    };
+    // Ten of ninety are gone: 27 frames per second, and none of the others should be brought to that.
+    let said = record("N+10*gt(N\\,29)", "lost.mkv");
+    for words in ["frames were lost", "between frames 29 and 30", "-r 30 OUT"] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+}
+
+#[test]
 fn a_rate_that_falls_does_not_make_a_recording_look_cut() {
     let Some(studio) = studio() else { return };
     // Twenty frames at 30 Hz and four of half a second each, as of a phone in the dark.
@@ -320,6 +336,8 @@ fn files_that_hold_no_video_are_refused_by_name() {
         std::fs::write(&path, bytes).unwrap();
         assert!(refusal(&path).contains("cannot be read"));
     }
+    std::fs::write(&path, b"").unwrap();
+    assert!(refusal(&path).contains("the file is empty"));
     let sound = studio.record("-f lavfi -i sine=duration=0.2", "sound.wav");
     assert!(refusal(&sound).contains("no video stream"));
     assert!(refusal(studio.0.path()).contains("cannot be read"));

@@ -1,0 +1,161 @@
+//! What the keypoints of a file are as a whole: whether anybody is in them, and whether they lie in the camera's picture.
+//!
+//! A file that fails here is well-formed, and read line by line nothing is wrong with it: nobody would be found, and nothing
+//! would say why.
+
+use crate::source::{ExpectedSource, KeypointFrame, SourceError};
+
+/// Keypoints of which none is farther from the corner than this are shares of the picture's size, not pixels ...
+const SHARE_OF_PICTURE: f64 = 1.5;
+/// ... when there are as many as two people have.
+const FEWEST_POINTS: u64 = 34;
+/// How far outside its picture a network may put what it cannot see, by the picture's width and height.
+const MARGIN: f64 = 0.1;
+/// Share of the keypoints beyond that from which on they are of another picture: of people at its edge a few are.
+const TOLD_SHARE: f64 = 0.1;
+
+/// What a keypoint file holds.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct KeypointContents {
+    /// Its lines.
+    pub lines: u64,
+    /// Keypoints in all of them.
+    pub points: u64,
+    /// Those that lie clearly outside the picture.
+    pub outside: u64,
+    /// Width and height of the picture that was calibrated.
+    pub size_px: [u32; 2],
+    /// The farthest that a keypoint lies right and down, and the farthest along either axis, pixels.
+    farthest_px: [f64; 2],
+    largest_px: f64,
+}
+
+/// What speaks against a keypoint file, and what mends it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KeypointDoubt {
+    /// What is wrong with it.
+    pub problem: String,
+    /// What to do.
+    pub remedy: String,
+}
+
+impl KeypointContents {
+    /// Nothing yet, of a camera whose pictures have `size_px`.
+    pub(super) fn of(size_px: [u32; 2]) -> Self {
+        Self {
+            size_px,
+            farthest_px: [f64::NEG_INFINITY; 2],
+            ..Self::default()
+        }
+    }
+
+    /// Counts the next frame of a file.
+    pub(super) fn add(&mut self, frame: &KeypointFrame) {
+        self.lines += 1;
+        for point in frame.peaks.iter().flatten() {
+            let at = point.position.vector_px();
+            self.points += 1;
+            self.largest_px = self.largest_px.max(at.amax());
+            let mut is_outside = false;
+            for axis in 0..2 {
+                let size = f64::from(self.size_px[axis]);
+                is_outside |= !(-MARGIN * size..=(1.0 + MARGIN) * size).contains(&at[axis]);
+                self.farthest_px[axis] = self.farthest_px[axis].max(at[axis]);
+            }
+            self.outside += u64::from(is_outside);
+        }
+    }
+
+    /// Refuses what is no file of pixels.
+    pub(super) fn check(&self, expected: &ExpectedSource) -> Result<(), SourceError> {
+        if self.points >= FEWEST_POINTS && self.largest_px <= SHARE_OF_PICTURE {
+            return Err(SourceError::Unreadable {
+                at: expected.at.clone(),
+                problem: format!(
+                    "all {} keypoints lie within {:.2} pixels of the corner, as shares of a picture do; expected pixels of \
+                     {} x {}",
+                    self.points, self.largest_px, expected.size_px[0], expected.size_px[1]
+                ),
+            });
+        }
+        Ok(())
+    }
+
+    /// What speaks against the file, if anything does.
+    pub fn doubt(&self) -> Option<KeypointDoubt> {
+        let [width, height] = self.size_px;
+        if self.points == 0 {
+            return Some(KeypointDoubt {
+                problem: format!("none of its {} lines holds anybody", self.lines),
+                remedy: "look whether what wrote it found people in this camera's pictures: a line holds them under `persons` \
+                         (docs/venue.md)"
+                    .to_owned(),
+            });
+        }
+        let share = self.outside as f64 / self.points as f64;
+        let is_told = self.points >= FEWEST_POINTS && share > TOLD_SHARE;
+        is_told.then(|| KeypointDoubt {
+            problem: format!(
+                "{} of its {} keypoints ({:.0} %) lie outside its picture of {width} x {height}, as far as x = {:.0}, y = {:.0}",
+                self.outside,
+                self.points,
+                100.0 * share,
+                self.farthest_px[0],
+                self.farthest_px[1]
+            ),
+            remedy: "were they found in pictures of another size, or of another camera? Give them in pixels of the pictures that \
+                     were calibrated, from their top left corner"
+                .to_owned(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::frames::Pixel;
+
+    use super::*;
+    use crate::source::KeypointCandidate;
+
+    /// A file of 100 x 50 pixels with a line per point.
+    fn contents(points: impl IntoIterator<Item = [f64; 2]>) -> KeypointContents {
+        let mut contents = KeypointContents::of([100, 50]);
+        for [x, y] in points {
+            let position = Pixel::new(x, y);
+            let seen = KeypointCandidate {
+                position,
+                score: 0.8,
+            };
+            contents.add(&KeypointFrame {
+                persons: Vec::new(),
+                peaks: vec![vec![seen]],
+            });
+        }
+        contents
+    }
+
+    #[test]
+    fn a_file_without_anybody_is_doubted() {
+        let mut nobody = KeypointContents::of([100, 50]);
+        nobody.add(&KeypointFrame::default());
+        let doubt = nobody.doubt().unwrap();
+        assert_eq!(doubt.problem, "none of its 1 lines holds anybody");
+    }
+
+    #[test]
+    fn keypoints_of_larger_pictures_are_doubted_with_how_far_they_reach() {
+        let of_double_size = contents((0..40).map(|i| [5.0 * f64::from(i), 2.5 * f64::from(i)]));
+        let doubt = of_double_size.doubt().unwrap();
+        for words in ["100 x 50", "x = 195, y = 98", "(42 %)"] {
+            assert!(doubt.problem.contains(words), "{words}: {doubt:?}");
+        }
+    }
+
+    #[test]
+    fn feet_that_a_network_guesses_below_the_picture_are_nothing_to_speak_of() {
+        let cut_off = contents((0..40).map(|i| [50.0, if i % 12 == 0 { 70.0 } else { 48.0 }]));
+        assert_eq!((cut_off.outside, cut_off.doubt()), (4, None));
+        let a_little = contents((0..40).map(|_| [109.0, 54.0]));
+        assert_eq!(a_little.doubt(), None);
+    }
+}

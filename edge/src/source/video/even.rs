@@ -1,0 +1,86 @@
+//! Whether the frames of a recording come at even times: then the n-th is the n-th tick.
+//!
+//! Phones stretch their intervals in poor light, and capture programs drop frames. The mean rate of such a recording may be
+//! right, no interval odd, and its frames are still ticks away from those of the other cameras.
+
+use std::ops::Range;
+
+/// Time between two frames, in periods, outside which one was lost or doubled.
+const GAP_PERIODS: Range<f64> = 0.5..1.5;
+/// By how much a frame may be off even times, in periods. Containers round times to milliseconds, and clocks wander less.
+const MOST_OFF_PERIODS: f64 = 1.0;
+
+/// The first interval that is no single period.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct OddGap {
+    /// The frame before it, from 0.
+    pub(super) before: usize,
+    /// How long it is.
+    pub(super) gap_s: f64,
+}
+
+/// The first odd gap between frames at `times_s`, which rise, of a recording with such a period.
+pub(super) fn odd_gap(times_s: &[f64], period_s: f64) -> Option<OddGap> {
+    let gaps_s = times_s.windows(2).map(|pair| pair[1] - pair[0]);
+    let mut odd = gaps_s
+        .enumerate()
+        .filter(|(_, gap_s)| !GAP_PERIODS.contains(&(gap_s / period_s)));
+    odd.next().map(|(before, gap_s)| OddGap { before, gap_s })
+}
+
+/// The mean time between two frames; `None` of fewer than two.
+pub(super) fn mean_period_s(times_s: &[f64]) -> Option<f64> {
+    let (first, last) = (times_s.first()?, times_s.last()?);
+    let n_gaps = times_s.len() - 1;
+    (n_gaps > 0 && last > first).then(|| (last - first) / n_gaps as f64)
+}
+
+/// The frame that is farthest from where it would be at an even rate, with by how much it is late, seconds; `None` where all
+/// are near.
+pub(super) fn farthest_off(times_s: &[f64]) -> Option<(usize, f64)> {
+    let period_s = mean_period_s(times_s)?;
+    let first_s = times_s[0];
+    let late = times_s.iter().enumerate();
+    let late = late.map(|(n, at_s)| (n, at_s - first_s - n as f64 * period_s));
+    late.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
+        .filter(|(_, late_s)| late_s.abs() > MOST_OFF_PERIODS * period_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HZ: f64 = 60.0;
+
+    fn times_s(n: usize, off_s: impl Fn(f64) -> f64) -> Vec<f64> {
+        (0..n).map(|n| n as f64 / HZ + off_s(n as f64)).collect()
+    }
+
+    #[test]
+    fn a_rate_that_rises_and_falls_is_told_by_the_frame_that_is_farthest_off() {
+        // As in a phone: no interval is half a period off, and the mean is right.
+        let off_s = |n: f64| (0.05 - 5e-5 * n) * (n * std::f64::consts::PI / 100.0).sin();
+        let phone = times_s(201, off_s);
+        assert_eq!(odd_gap(&phone, 1.0 / HZ), None);
+        let (frame, late_s) = farthest_off(&phone).unwrap();
+        assert!((40..=60).contains(&frame) && (late_s - 0.0475).abs() < 1e-3);
+    }
+
+    #[test]
+    fn times_in_whole_milliseconds_and_a_rate_a_little_off_are_even() {
+        let rounded: Vec<f64> = times_s(5000, |n| n * 1e-5)
+            .iter()
+            .map(|at_s| (at_s * 1e3).round() / 1e3)
+            .collect();
+        assert_eq!(farthest_off(&rounded), None);
+        assert_eq!(farthest_off(&[]), None);
+        assert_eq!(farthest_off(&[1.0, 1.0]), None);
+    }
+
+    #[test]
+    fn a_lost_frame_is_an_odd_gap() {
+        let lost = times_s(100, |n| if n < 30.0 { 0.0 } else { 2.0 / HZ });
+        let gap = odd_gap(&lost, 1.0 / HZ).unwrap();
+        assert!(gap.before == 29 && (gap.gap_s - 3.0 / HZ).abs() < 1e-9);
+    }
+}
