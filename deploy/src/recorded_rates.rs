@@ -8,6 +8,22 @@ const APART: f64 = 2e-4;
 /// A recording whose rate is less than this share of the others' has fewer pictures than it would have to: 30 among 60.
 const SLOWER: f64 = 0.98;
 
+/// Who is seen for less than this may be a chance, seconds: people are told of once they were seen for some tenths of it.
+const SURE_AFTER_S: f64 = 0.25;
+/// What mends a recording that is over before that.
+pub(crate) const LONGER: &str =
+    "record for longer, or run more ticks; and see whether `rate_hz` is that of the recordings";
+
+/// That so many ticks are over before it is sure that somebody is there.
+pub(crate) fn too_short(n_ticks: i64, rate_hz: f64) -> Option<String> {
+    let span_s = n_ticks as f64 / rate_hz;
+    (span_s < SURE_AFTER_S).then(|| {
+        format!(
+            "{n_ticks} ticks at {rate_hz} a second are {span_s:.2} s, expected {SURE_AFTER_S} s or more: nobody may be found in less"
+        )
+    })
+}
+
 /// A recording at another rate than the most.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct OddRate {
@@ -189,6 +205,14 @@ mod tests {
             assert!(said.contains(words), "{words}: {said}");
         }
         assert!(held[0].remedy().contains("about 30.0"));
+    }
+
+    #[test]
+    fn what_is_over_before_anybody_is_found_is_told() {
+        let said = too_short(3, 30.0).unwrap();
+        assert!(said.contains("3 ticks at 30 a second are 0.10 s"), "{said}");
+        assert!(too_short(120, 1000.0).is_some(), "a rate that is none");
+        assert_eq!(too_short(15, 60.0), None);
     }
 
     #[test]

@@ -21,6 +21,8 @@ pub(super) struct OpenedSource {
     pub(super) first: Option<Result<FrameContent, String>>,
     /// What tells its first frames from another camera's; `None` of what is the same in any: nobody, or one colour.
     pub(super) content: Option<u64>,
+    /// The brightest value of its first pictures, 0 to 255; `None` where there are none.
+    pub(super) brightest: Option<u8>,
 }
 
 /// Opens the sources of all cameras, in the venue's order.
@@ -36,6 +38,7 @@ pub(super) fn open_all(sources: &dyn Sources, venue: &Venue) -> Vec<OpenedSource
                 info: Ok(SourceInfo::default()),
                 first: Some(Err("reading it has failed inside this program".to_owned())),
                 content: None,
+                brightest: None,
             };
             let ends = threads
                 .into_iter()
@@ -54,19 +57,32 @@ fn open(sources: &dyn Sources, venue: &Venue, camera: &VenueCamera) -> OpenedSou
                 info: Err(error),
                 first: None,
                 content: None,
+                brightest: None,
             };
         }
     };
     let from = info.ticks.as_ref().map_or(Tick(0), |ticks| ticks.start);
-    let (first, content) = match frames(sources, venue, camera, from) {
-        Ok((first, content)) => (Ok(first), content),
-        Err(problem) => (Err(problem), None),
-    };
-    OpenedSource {
-        info: Ok(info),
-        first: Some(first),
-        content,
+    match frames(sources, venue, camera, from) {
+        Ok(seen) => OpenedSource {
+            info: Ok(info),
+            first: Some(Ok(seen.first)),
+            content: seen.content,
+            brightest: seen.brightest,
+        },
+        Err(problem) => OpenedSource {
+            info: Ok(info),
+            first: Some(Err(problem)),
+            content: None,
+            brightest: None,
+        },
     }
+}
+
+/// The first frames of a source.
+struct SeenFrames {
+    first: FrameContent,
+    content: Option<u64>,
+    brightest: Option<u8>,
 }
 
 fn frames(
@@ -74,13 +90,14 @@ fn frames(
     venue: &Venue,
     camera: &VenueCamera,
     from: Tick,
-) -> Result<(FrameContent, Option<u64>), String> {
+) -> Result<SeenFrames, String> {
     let mut source = sources
         .open(camera, venue, from)
         .map_err(|it| it.to_string())?;
     let mut first = None;
     let mut hash = DefaultHasher::new();
     let mut tells = false;
+    let mut brightest = None;
     for read in 0..KEYPOINT_FRAMES {
         let frame = match source.next_frame() {
             Ok(Some(frame)) => frame,
@@ -91,6 +108,7 @@ fn frames(
         let is_done = match &frame.content {
             FrameContent::Image(image) => {
                 image.as_raw().hash(&mut hash);
+                brightest = brightest.max(image.as_raw().iter().copied().max());
                 tells |= image.pixels().any(|it| it != image.get_pixel(0, 0));
                 read + 1 >= FRAMES || camera.source.is_live()
             }
@@ -107,5 +125,9 @@ fn frames(
         }
     }
     let first = first.ok_or_else(|| "it has no frame".to_owned())?;
-    Ok((first, tells.then(|| hash.finish())))
+    Ok(SeenFrames {
+        first,
+        content: tells.then(|| hash.finish()),
+        brightest,
+    })
 }

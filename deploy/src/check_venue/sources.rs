@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use farfield_edge::source::SourceError;
+use farfield_edge::source::{SourceError, SourceOrigin};
 use farfield_proto::plausibility;
 use farfield_proto::venue::{Source, Venue, VenueCamera};
 
@@ -12,6 +12,9 @@ use crate::report_lines::ReportLines;
 
 /// The group of these lines.
 const SOURCES: &str = "sources";
+
+/// Pictures of which no value reaches this are black: a sensor's noise in the dark does not, 0 to 255.
+const BLACK: u8 = 24;
 
 /// Looks at what was opened, one line per camera, and for sources that two cameras share.
 pub(super) fn look_at_sources(venue: &Venue, opened: &[OpenedSource], report: &mut ReportLines) {
@@ -56,6 +59,27 @@ fn look_at(camera: &VenueCamera, source: &OpenedSource, report: &mut ReportLines
     }
     let turned_deg = info.labels.rotation_deg.rem_euclid(360.0);
     let words = words.join(", ");
+    if let Some(doubt) = info.contents.and_then(|contents| contents.doubt()) {
+        report.warn(
+            SOURCES,
+            format!(
+                "camera `{name}`: {}: {}",
+                place(&camera.source),
+                doubt.problem
+            ),
+            doubt.remedy,
+        );
+        return;
+    }
+    if source.brightest.is_some_and(|value| value < BLACK) {
+        report.warn(
+            SOURCES,
+            format!("{words}: its first pictures are black"),
+            "see whether a cap is on the lens, light is on and a signal comes; a recording that begins with black: cut all \
+             recordings alike",
+        );
+        return;
+    }
     // After a quarter turn the size tells; after half a turn nothing does.
     if (turned_deg - 180.0).abs() < 1.0 {
         report.warn(
@@ -104,7 +128,28 @@ fn remedy(error: &SourceError, camera: &VenueCamera) -> String {
         SourceError::Line { .. } => {
             "write the file again: docs/venue.md says what a line holds".to_owned()
         }
+        SourceError::VariableRate { .. } | SourceError::UnevenRate { .. } => {
+            "run the command that stands there, and name its OUT in `source`: it goes by the times of the frames, and what was \
+             lost is shown twice"
+                .to_owned()
+        }
+        SourceError::Unreadable { at, .. } => unreadable_remedy(at, camera),
         _ => format!("look at `source` of camera `{name}`"),
+    }
+}
+
+/// What may mend a source that is there and is not what it should be.
+fn unreadable_remedy(at: &SourceOrigin, camera: &VenueCamera) -> String {
+    match &camera.source {
+        Source::Video { .. } => format!(
+            "see whether it plays (`ffplay {}`); if not, copy it from the camera again, or correct `source` of camera `{}`",
+            at.place,
+            camera.model.name()
+        ),
+        Source::Keypoints { .. } => {
+            "write the file again: docs/venue.md says what a line holds".to_owned()
+        }
+        _ => format!("look at `source` of camera `{}`", camera.model.name()),
     }
 }
 

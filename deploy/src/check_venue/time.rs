@@ -10,7 +10,9 @@ use farfield_proto::venue::{TickFrom, Venue};
 use time::{Date, Month, PrimitiveDateTime, Time};
 
 use super::opened::OpenedSource;
-use crate::recorded_rates::{are_apart, held_keypoints, odd_rates, usual_rate_hz};
+use crate::recorded_rates::{
+    LONGER, are_apart, held_keypoints, odd_rates, too_short, usual_rate_hz,
+};
 use crate::report_lines::ReportLines;
 
 /// The group of these lines.
@@ -37,13 +39,23 @@ pub(super) fn look_at_time(
     if let Err(error) = check_live_or_recorded(venue, path) {
         report.warn(TIME, error.to_string(), "run recordings without `--live`");
     }
-    look_at_rates(venue, &infos, report);
-    look_at_lengths(venue, path, &infos, report);
+    let all = match opened.len() - infos.len() {
+        0 => "all recordings",
+        _ => "the other recordings",
+    };
+    look_at_rates(venue, &infos, all, report);
+    look_at_lengths(venue, path, (&infos, all), report);
     look_at_creation(&infos, report);
     look_at_timecodes(venue, opened, report);
 }
 
-fn look_at_rates(venue: &Venue, infos: &[(String, SourceInfo)], report: &mut ReportLines) {
+/// `all` is what the recordings of `infos` are called together.
+fn look_at_rates(
+    venue: &Venue,
+    infos: &[(String, SourceInfo)],
+    all: &str,
+    report: &mut ReportLines,
+) {
     let odd = odd_rates(infos);
     for rate in &odd {
         report.fail(TIME, rate.problem(), rate.remedy());
@@ -67,7 +79,7 @@ fn look_at_rates(venue: &Venue, infos: &[(String, SourceInfo)], report: &mut Rep
     } else if odd.is_empty() {
         report.ok(
             TIME,
-            format!("all recordings that say their rate have {usual_hz:.3} frames per second"),
+            format!("{all} that say their rate have {usual_hz:.3} frames per second"),
         );
     }
 }
@@ -75,7 +87,7 @@ fn look_at_rates(venue: &Venue, infos: &[(String, SourceInfo)], report: &mut Rep
 fn look_at_lengths(
     venue: &Venue,
     path: &Path,
-    infos: &[(String, SourceInfo)],
+    (infos, all): (&[(String, SourceInfo)], &str),
     report: &mut ReportLines,
 ) {
     if infos.is_empty() {
@@ -122,10 +134,13 @@ fn look_at_lengths(
         );
     }
     let frames = ticks.end - ticks.start;
+    if let Some(words) = too_short(frames, venue.rate_hz) {
+        report.warn(TIME, words, LONGER);
+    }
     report.ok(
         TIME,
         format!(
-            "all recordings hold ticks {}..{}: {frames} frames, {:.1} s",
+            "{all} hold ticks {}..{}: {frames} frames, {:.1} s",
             ticks.start,
             ticks.end,
             frames as f64 / venue.rate_hz

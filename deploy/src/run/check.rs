@@ -26,7 +26,7 @@ use super::values::changed_venue;
 use crate::listeners::{ListenerArgs, wanted};
 use crate::overlay::overlay_ticks;
 use crate::parameters::{FAR_REMEDY, far_parameters};
-use crate::recorded_rates::{held_keypoints, odd_rates};
+use crate::recorded_rates::{LONGER, held_keypoints, odd_rates, too_short};
 
 /// How far apart recordings of different rates may be at the end of a run, ticks.
 const MAX_DRIFT_TICKS: f64 = 0.5;
@@ -137,6 +137,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
         Err(SourceError::Endless) if pace == RunPace::Live => None,
         ticks => Some(ticks.map_err(NodeError::refused)?),
     };
+    doubt_keypoints(&infos);
     if let Some(ticks) = &ticks {
         check_rates(&venue, &infos, ticks)?;
         check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
@@ -195,12 +196,28 @@ fn check_own_recordings(venue: &Venue, path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses recordings of different rates that would be half a tick apart before the end, and says which rates are doubtful.
+/// Says which files of keypoints are doubtful as a whole.
+fn doubt_keypoints(infos: &[(String, SourceInfo)]) {
+    for (camera, info) in infos {
+        if let Some(doubt) = info.contents.and_then(|contents| contents.doubt()) {
+            let (problem, remedy) = (doubt.problem, doubt.remedy);
+            say(format_args!(
+                "doubtful: camera `{camera}`: {problem}; {remedy}"
+            ));
+        }
+    }
+}
+
+/// Refuses recordings of different rates that would be half a tick apart before the end, and says which rates are doubtful, and what is
+/// too short.
 fn check_rates(
     venue: &Venue,
     infos: &[(String, SourceInfo)],
     ticks: &Range<Tick>,
 ) -> Result<(), NodeError> {
+    if let Some(words) = too_short(ticks.end - ticks.start, venue.rate_hz) {
+        say(format_args!("doubtful: {words}; {LONGER}"));
+    }
     for rate in odd_rates(infos) {
         if rate.drift_ticks(ticks.end - ticks.start) > MAX_DRIFT_TICKS {
             let (problem, remedy) = (rate.problem(), rate.remedy());

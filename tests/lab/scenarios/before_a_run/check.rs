@@ -190,6 +190,81 @@ fn keypoints_that_are_held_are_told_of_by_a_check_and_a_run() {
     assert!(finished.stderr.contains(&doubt), "{}", finished.stderr);
 }
 
+/// Files in which every line is well-formed.
+#[test]
+fn keypoint_files_without_anybody_and_of_larger_pictures_are_told_of_by_a_check_and_a_run() {
+    let twice_as_large = |line: &str| {
+        let mut frame: Value = serde_json::from_str(line).unwrap();
+        let persons = frame["persons"].as_array_mut().unwrap().iter_mut();
+        for point in persons.flat_map(|it| it["keypoints"].as_array_mut().unwrap()) {
+            for axis in 0..2 {
+                if let Some(at_px) = point.get(axis).and_then(Value::as_f64) {
+                    point[axis] = (2.0 * at_px).into();
+                }
+            }
+        }
+        format!("{frame}\n")
+    };
+    let without_anybody = |line: &str| {
+        let mut frame: Value = serde_json::from_str(line).unwrap();
+        frame["persons"] = Value::Array(Vec::new());
+        format!("{frame}\n")
+    };
+    let folder = SampleFolder::new();
+    let spoil = |name: &str, spoilt: &dyn Fn(&str) -> String| {
+        let text = fs::read_to_string(folder.path(name)).unwrap();
+        let text: String = text.lines().map(spoilt).collect();
+        fs::write(folder.path(name), text).unwrap();
+    };
+    spoil("north-east.jsonl", &twice_as_large);
+    spoil("south-west.jsonl", &without_anybody);
+    let finished = check(&folder);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
+    let said = lines(&finished);
+    let larger = ["camera `north-east`", "outside its picture of 1920 x 1200"];
+    let nobody = ["camera `south-west`", "none of its 120 lines holds anybody"];
+    assert!(says(&said, "warning", &larger), "{said:#?}");
+    assert!(says(&said, "warning", &nobody), "{said:#?}");
+    let finished = folder.farfield(&["run", "venue.toml", "--out", "out", "--ticks", "0..5"]);
+    for words in larger.iter().chain(&nobody) {
+        assert!(
+            finished.stderr.contains(words),
+            "{words}: {}",
+            finished.stderr
+        );
+    }
+    // Three ticks are over before anybody can be found.
+    let finished = folder.farfield(&["run", "venue.toml", "--out", "short", "--ticks", "0..3"]);
+    let short = "doubtful: 3 ticks at 30 a second are 0.10 s";
+    assert!(finished.stderr.contains(short), "{}", finished.stderr);
+}
+
+#[test]
+fn a_field_under_peoples_feet_is_refused_by_a_run_and_failed_by_a_check() {
+    let folder = SampleFolder::new();
+    folder.replace(
+        "venue.toml",
+        "max_m = [4.0, 4.0, 2.4]",
+        "max_m = [4.0, 4.0, 0.2]",
+    );
+    let finished = check(&folder);
+    assert_eq!(finished.code, 1, "{}", finished.stderr);
+    let words = [
+        "`[field]` ends 0.20 m above its floor",
+        "expected room for people who stand",
+        "max_m[2] 2.5 m above it",
+    ];
+    assert!(
+        says(&lines(&finished), "failed", &words),
+        "{}",
+        finished.stdout
+    );
+    let finished = folder.farfield(&["run", "venue.toml", "--out", "out"]);
+    assert_eq!(finished.code, 2, "{}", finished.stderr);
+    assert!(finished.stderr.contains(words[0]), "{}", finished.stderr);
+    assert!(!folder.path("out").exists());
+}
+
 #[test]
 fn a_venue_file_that_cannot_be_read_is_refused() {
     let folder = SampleFolder::new();
@@ -295,4 +370,29 @@ fn videos_of_another_rate_another_size_and_the_same_content_are_named() {
     ] {
         assert!(says(&said, "failed", &words), "{words:?}: {said:#?}");
     }
+}
+
+#[test]
+fn a_video_that_is_black_is_told_of() {
+    let folder = SampleFolder::new();
+    if !video(
+        &folder,
+        "north-east.mp4",
+        "color=black:size=1920x1200:rate=30",
+    ) {
+        return;
+    }
+    folder.replace(
+        "venue.toml",
+        "kind = \"keypoints\", path = \"north-east.jsonl\"",
+        "kind = \"video\", path = \"north-east.mp4\"",
+    );
+    folder.replace(
+        "venue.toml",
+        "rate_hz = 30.0",
+        "rate_hz = 30.0\nnetwork = \"no.toml\"",
+    );
+    let said = lines(&check(&folder));
+    let words = ["camera `north-east`", "its first pictures are black", "cap"];
+    assert!(says(&said, "warning", &words), "{said:#?}");
 }
