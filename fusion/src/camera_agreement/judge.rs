@@ -121,7 +121,7 @@ impl<'a> Judge<'a> {
         let by_burst = shifts_by_burst(&mut costs, &shifts);
         before.costs = costs.into_found();
         let bursts: Vec<&Burst> = bursts.into_iter().map(AsRef::as_ref).collect();
-        let fits = pose_fits(samples, &lines, cameras.rate_hz);
+        let fits = pose_fits(samples, (&lines, &shifts), cameras.rate_hz);
         let by_pose = |of: fn(&PoseFit) -> _| jumps(&by_burst, &fits, of, cameras.rate_hz);
         let (jumps, apart) = (by_pose(|fit| fit.jump), by_pose(|fit| fit.apart));
         let mut judge = Self {

@@ -34,7 +34,7 @@ const FIRST_PASSES: usize = 6;
 const BURST_S: f64 = 2.0;
 /// Least length of all bursts together that tells, seconds: for half a second networks err to one side, and cameras of the treadmill
 /// that are right seemed a tick early, or turned by four degrees.
-const LEAST_BURSTS_S: f64 = 0.75;
+pub(super) const LEAST_BURSTS_S: f64 = 0.75;
 /// One burst in so many is kept: finding the highest peaks of whole maps takes some percent of a tick.
 const ONE_BURST_IN: u64 = 5;
 /// Bursts that are kept, the newest.
@@ -433,6 +433,17 @@ impl Burst {
     /// How many ticks it has.
     pub(super) fn n_ticks(&self) -> usize {
         self.trails.iter().map(Trail::len).max().unwrap_or(0)
+    }
+
+    /// At how many of them a camera shows somebody, by the person of whom it shows most.
+    pub(super) fn n_shown(&self, camera: usize) -> usize {
+        let own = self.trails.iter().filter(|trail| trail.camera == camera);
+        let shown = own.map(|trail| {
+            (0..trail.len())
+                .filter(|&at| trail.at(at).is_some())
+                .count()
+        });
+        shown.max().unwrap_or(0)
     }
 
     /// The trail of a person in a camera, made if there is none; `None` where there are too many.

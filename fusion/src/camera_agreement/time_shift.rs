@@ -52,6 +52,8 @@ pub(super) struct Shift {
     pub(super) cost_after: f64,
     /// Whether some ticks more or less would be clearly worse: something moved.
     pub(super) is_sharp: bool,
+    /// Whether it fits without a shift, too, and clearly better than some ticks earlier or later.
+    pub(super) fits_now: bool,
 }
 
 /// Which keypoints are compared: the halves have different ones, so that one can confirm the other.
@@ -134,15 +136,17 @@ fn shifts_of(
                 .filter(|c| c.a == camera || c.b == camera)
                 .count() as f64;
             let at = index(ticks[camera], reach);
-            let others = [at.checked_sub(SHARP_TICKS), Some(at + SHARP_TICKS)];
-            let others = others.into_iter().flatten().filter_map(|at| sums.get(at));
+            let is_sharp = |at: usize, factor: f64| {
+                let beside = [at.checked_sub(SHARP_TICKS), Some(at + SHARP_TICKS)];
+                let mut beside = beside.into_iter().flatten().filter_map(|at| sums.get(at));
+                beside.all(|sum| sum / sums[at] >= factor)
+            };
             Some(Shift {
                 late_ticks: ticks[camera] as f64 + fractions[camera] - beside,
                 cost_before: sums[reach] / n,
                 cost_after: sums[at] / n,
-                is_sharp: others.fold(stands_out(&sums, at), |is, sum| {
-                    is && sum / sums[at] >= SHARP
-                }),
+                is_sharp: stands_out(&sums, at) && is_sharp(at, SHARP),
+                fits_now: is_sharp(reach, STANDS_OUT),
             })
         })
         .collect()

@@ -4,8 +4,9 @@ use farfield_proto::tick::Tick;
 
 use super::{Judge, rounded};
 use crate::camera_agreement::report::{Disagreement, DisagreementCause};
+use crate::camera_agreement::samples::LEAST_BURSTS_S;
 use crate::camera_agreement::time_shift::jumps::Jump;
-use crate::camera_agreement::time_shift::{LATE_TICKS, is_same};
+use crate::camera_agreement::time_shift::{LATE_TICKS, Shift, is_same};
 
 /// The same by sightings alone, which say nothing of when within a tick they were taken; and seconds, as poses are kept now
 /// and then.
@@ -18,6 +19,9 @@ const SHORT_S: f64 = 1.5;
 const SHORT_EXPLAINS: f64 = 0.9;
 /// Shifts from so many ticks on are looked for among so many that one of them explains something by chance.
 const FAR_TICKS: f64 = 8.0;
+/// By which factor sightings must cost more beside where people were by such a shift than beside where they are to speak against it:
+/// of who moves on the spot both cost alike.
+const ELSEWHERE_THEN: f64 = 1.2;
 /// What they must leave.
 const FAR_EXPLAINS: f64 = 0.7;
 
@@ -32,7 +36,7 @@ impl Judge<'_> {
         let of_crops = || {
             let shift = self.shifts[camera]?;
             let ratio = shift.cost_after / shift.cost_before;
-            let is_sure = explains(shift.late_ticks, ratio, self.few_ticks_explain());
+            let is_sure = explains(shift.late_ticks, ratio, self.few_ticks_explain(camera));
             let is_told = shift.late_ticks.abs() >= LATE_TICKS && is_sure;
             let ticks = self.known_late(camera).filter(|_| is_told)?;
             Some((ticks, ratio))
@@ -52,14 +56,34 @@ impl Judge<'_> {
             .or_else(of_poses)
     }
 
+    /// Whether the crops of `camera` may only seem late: its sightings show people where they are, by poses that follow the cameras
+    /// which are on time, as these are most; or they tell nothing, and as they are taken its crops fit better than a little earlier or
+    /// later.
+    fn is_another_step(&self, camera: usize) -> bool {
+        let is_far = |shift: &&Shift| shift.late_ticks.abs() >= FAR_TICKS;
+        let known = self.shifts.iter().flatten();
+        let (far, near): (Vec<&Shift>, Vec<&Shift>) = known.partition(is_far);
+        let Some(shift) = self.shifts[camera].as_ref().filter(is_far) else {
+            return false;
+        };
+        let seems = self.fits[camera].late_by_crops;
+        let seems = seems.map_or(shift.fits_now, |factor| factor > ELSEWHERE_THEN);
+        seems && near.len() > far.len()
+    }
+
     /// What a shift of a few ticks must leave of the cost, by how much is known.
-    fn few_ticks_explain(&self) -> f64 {
-        let ticks: usize = self.bursts.iter().map(|burst| burst.n_ticks()).sum();
-        if (ticks as f64) < SHORT_S * self.rate_hz {
+    fn few_ticks_explain(&self, camera: usize) -> f64 {
+        if self.shown_s(camera) < SHORT_S {
             SHORT_EXPLAINS
         } else {
             LATE_EXPLAINS
         }
+    }
+
+    /// For how many seconds crops of `camera` show somebody.
+    fn shown_s(&self, camera: usize) -> f64 {
+        let ticks = self.bursts.iter().map(|burst| burst.n_shown(camera));
+        ticks.sum::<usize>() as f64 / self.rate_hz
     }
 
     /// The same of one of several that are late by one time, by what all of them show.
@@ -130,6 +154,9 @@ impl Judge<'_> {
     /// keypoints tell otherwise.
     pub(super) fn known_late(&self, camera: usize) -> Option<f64> {
         let shift = self.shifts[camera].filter(|shift| shift.is_sharp)?;
+        if self.is_another_step(camera) || self.shown_s(camera) < LEAST_BURSTS_S {
+            return None;
+        }
         let halves = [&self.halves[0], &self.halves[1]].map(|half| half[camera]);
         let halves = [halves[0]?.late_ticks, halves[1]?.late_ticks];
         is_told_by(halves, shift.late_ticks).then_some((100.0 * shift.late_ticks).round() / 100.0)
@@ -207,15 +234,52 @@ mod tests {
     }
 
     #[test]
-    fn in_a_short_recording_a_shift_of_a_tick_must_explain_more() {
+    fn of_a_camera_that_shows_somebody_for_a_second_a_shift_of_a_tick_must_explain_more_and_less_tells_nothing()
+     {
         let samples = Hall::default().samples();
         let mut before = JudgedBefore::default();
         let mut judge = Judge::new(&samples.cameras, &samples.samples, &mut before);
-        assert!(explains(0.8, 0.95, judge.few_ticks_explain()));
+        assert!(explains(0.8, 0.95, judge.few_ticks_explain(1)));
+        assert!(judge.known_late(1).is_some());
         judge.bursts.truncate(1);
-        judge.rate_hz = judge.bursts[0].n_ticks() as f64 / 1.4;
-        assert!(!explains(0.8, 0.95, judge.few_ticks_explain()));
-        assert!(explains(3.0, 0.6, judge.few_ticks_explain()));
+        let shown = judge.bursts[0].n_shown(1) as f64;
+        judge.rate_hz = shown / 1.4;
+        assert!(!explains(0.8, 0.95, judge.few_ticks_explain(1)));
+        assert!(explains(3.0, 0.6, judge.few_ticks_explain(1)));
+        assert!(judge.known_late(1).is_some());
+        judge.rate_hz = shown / 0.7;
+        assert_eq!(judge.known_late(1), None);
+    }
+
+    #[test]
+    fn a_camera_whose_sightings_are_where_people_are_is_not_two_steps_late() {
+        let samples = Hall::default().samples();
+        let mut before = JudgedBefore::default();
+        let mut judge = Judge::new(&samples.cameras, &samples.samples, &mut before);
+        let late = |ticks: f64| {
+            Some(Shift {
+                late_ticks: ticks,
+                cost_before: 0.17,
+                cost_after: 0.11,
+                is_sharp: true,
+                fits_now: true,
+            })
+        };
+        let set = |judge: &mut Judge<'_>, camera: usize, ticks: f64| {
+            judge.shifts[camera] = late(ticks);
+            for half in &mut judge.halves {
+                half[camera] = late(ticks);
+            }
+        };
+        set(&mut judge, 2, 51.0);
+        for (by_sightings, expected) in [(Some(0.9), Some(51.0)), (Some(1.5), None), (None, None)] {
+            judge.fits[2].late_by_crops = by_sightings;
+            let told = (judge.late(2), judge.known_late(2));
+            assert_eq!(told, (expected, expected), "{by_sightings:?}");
+        }
+        // Where as many are late, poses may follow these.
+        set(&mut judge, 3, 51.0);
+        assert_eq!(judge.late(2), Some(51.0));
     }
 
     #[test]

@@ -6,9 +6,9 @@
 
 use super::super::geometry::SightLines;
 use super::super::samples::{MAX_BODIES, PassSample, PosedTick, Samples};
-use super::KeypointHalf;
 use super::pose_shift::{PoseJump, PoseShift, Projected, Search, Sighted, jumps_apart};
 use super::silent::SeenPass;
+use super::{KeypointHalf, Shift};
 
 /// Least mean cost of a sighting that is nobody there.
 const ELSEWHERE: f64 = 0.5;
@@ -54,20 +54,24 @@ pub(in crate::camera_agreement) struct PoseFit {
     pub(in crate::camera_agreement) jump: Option<PoseJump>,
     /// Whether it is late with others at some passes, and as many others are not.
     pub(in crate::camera_agreement) apart: Option<PoseJump>,
+    /// What its sightings cost beside where people were by the shift that its crops tell, as a factor of what they do beside where
+    /// people are: who walks shows nearly the same again after two steps, but elsewhere.
+    pub(in crate::camera_agreement) late_by_crops: Option<f64>,
     /// What it shows, by detection pass.
     pub(in crate::camera_agreement) seen: Vec<SeenPass>,
 }
 
-/// That of every camera.
+/// That of every camera; `by_crops` is by how much each is late by what crops show.
 pub(in crate::camera_agreement) fn pose_fits(
     samples: &Samples,
-    lines: &[SightLines],
+    (lines, by_crops): (&[SightLines], &[Option<Shift>]),
     rate_hz: f64,
 ) -> Vec<PoseFit> {
     let poses: Vec<&PosedTick> = samples.poses.iter().map(AsRef::as_ref).collect();
     let passes: Vec<&PassSample> = samples.passes.iter().map(AsRef::as_ref).collect();
     let every = samples.pose_every_ticks();
     let of = |(camera, lines): (usize, &SightLines)| {
+        let late = by_crops.get(camera).copied().flatten();
         let search = Search::of((camera, lines), &poses, (&passes, every));
         let costs = search.pass_costs(rate_hz);
         let fit = PoseFit {
@@ -76,6 +80,7 @@ pub(in crate::camera_agreement) fn pose_fits(
             met: search.met(),
             jump: search.jump(&costs),
             apart: None,
+            late_by_crops: late.and_then(|late| search.cost_of_shift(late.late_ticks)),
             seen: search.seen_passes(),
         };
         (fit, costs)

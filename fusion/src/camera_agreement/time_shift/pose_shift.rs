@@ -154,6 +154,16 @@ impl<'a> Search<'a> {
         })
     }
 
+    /// What sightings cost beside where people were so many ticks before, as a factor of what they do beside where people are.
+    pub(super) fn cost_of_shift(&self, late_ticks: f64) -> Option<f64> {
+        let seen = self.sighted(KeypointHalf::All, self.passes);
+        let poses = (late_ticks / self.every as f64).round() as isize;
+        let [(now, n_now), (then, n_then)] = [0, poses].map(|shift| self.cost_at(&seen, shift));
+        let is_known = n_now.min(n_then) >= MIN_COMPARED_IN_HALF;
+        let now = (now / n_now as f64).max(f64::MIN_POSITIVE);
+        is_known.then(|| then / n_then as f64 / now)
+    }
+
     /// The mean cost by shift, from `-reach` on; not a number where too little is known, or where it is not the least.
     fn costs(&self, reach: isize) -> Option<Vec<f64>> {
         let seen = self.sighted(KeypointHalf::All, self.passes);
@@ -356,13 +366,17 @@ mod tests {
         (0..17).map(place).collect()
     }
 
-    /// Whether a camera that shows at these passes what others show four ticks later is steadily so.
-    fn is_steady(passes: impl Iterator<Item = i64>) -> bool {
+    /// What a camera tells that shows at these passes where somebody is, so many ticks later, among 120 ticks of poses.
+    fn told<T>(
+        at: impl Fn(i64) -> Vec<[f32; 3]>,
+        (passes, later): (impl Iterator<Item = i64>, i64),
+        of: impl Fn(&Search<'_>) -> T,
+    ) -> T {
         let lines = SightLines::of(&hall().cameras[0].1);
         let posed: Vec<PosedTick> = (0..120)
             .map(|tick| PosedTick {
                 tick: Tick(tick),
-                people: vec![(1, walking(tick))],
+                people: vec![(1, at(tick))],
             })
             .collect();
         let seen = |m: [f32; 3]| {
@@ -373,18 +387,44 @@ mod tests {
         let shown: Vec<PassSample> = passes
             .map(|tick| PassSample {
                 tick: Tick(tick),
-                of_camera: vec![vec![walking(tick + 4).into_iter().map(seen).collect()]],
+                of_camera: vec![vec![at(tick + later).into_iter().map(seen).collect()]],
                 unsure: vec![Vec::new()],
             })
             .collect();
         let (posed, shown): (Vec<_>, Vec<_>) = (posed.iter().collect(), shown.iter().collect());
-        Search::of((0, &lines), &posed, (&shown, 1)).is_steady(-4)
+        of(&Search::of((0, &lines), &posed, (&shown, 1)))
+    }
+
+    /// Whether a camera that shows at these passes what others show four ticks later is steadily so.
+    fn is_steady(passes: impl Iterator<Item = i64>) -> bool {
+        told(walking, (passes, 4), |search| search.is_steady(-4))
     }
 
     #[test]
     fn passes_in_a_row_tell_of_no_shift_that_lasts() {
         assert!(is_steady((0..8).map(|pass| 12 * pass)));
         assert!(!is_steady(0..8));
+    }
+
+    #[test]
+    fn sightings_speak_against_a_shift_by_which_somebody_was_elsewhere() {
+        let passes = || (0..8).map(|pass| 50 + 8 * pass);
+        let against = |late: i64| {
+            let seen = |search: &Search<'_>| search.cost_of_shift(40.0);
+            told(walking, (passes(), -late), seen)
+        };
+        assert!(against(0).is_some_and(|factor| factor > 2.0));
+        assert!(against(40).is_some_and(|factor| factor < 0.5));
+        // Who walks on the spot was nowhere else.
+        let on_the_spot = |tick: i64| walking(tick.rem_euclid(2));
+        let seen = |search: &Search<'_>| search.cost_of_shift(40.0);
+        let factor = told(on_the_spot, (passes(), 0), seen);
+        assert!(
+            factor.is_some_and(|factor| (factor - 1.0).abs() < 0.1),
+            "{factor:?}"
+        );
+        // At most passes nobody was followed yet.
+        assert_eq!(told(walking, ((0..4).map(|pass| 11 * pass), 0), seen), None);
     }
 
     fn late(known: &[Option<f64>]) -> Vec<Option<f64>> {
