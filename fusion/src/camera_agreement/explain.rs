@@ -36,6 +36,9 @@ const CERTAIN_TURN_RAD: f64 = 0.0175;
 /// much on, radians, with so much left.
 const CERTAIN_ROLL_RAD: f64 = 0.06;
 const CERTAIN_ROLL: f64 = 0.72;
+/// What its sightings may cost then, as a factor of what they do as it is calibrated: two windows of right data cost 4.6 and 6 times
+/// as much.
+const CERTAIN_SIGHTINGS: f64 = 1.5;
 /// What another order of keypoints must leave to be told of such a camera.
 const CERTAIN_ORDER: f64 = 0.5;
 /// How much less than what any other leaves.
@@ -263,7 +266,15 @@ impl Judge<'_> {
         } else {
             return None;
         };
-        (refit.turned_rad() <= MOST_TURNED_RAD).then_some((refit.ratio, cause))
+        // Of a second or less crops show a few places, where networks err to one side.
+        let is_met = || {
+            let own = &self.as_it_is[camera];
+            let rays = own.through(|shown| Some(refit.straightened(shown)));
+            let ratio = self.sightings_cost(camera, &rays, right);
+            ratio.is_some_and(|ratio| ratio < CERTAIN_SIGHTINGS)
+        };
+        let is_certain = refit.turned_rad() <= MOST_TURNED_RAD && is_met();
+        is_certain.then_some((refit.ratio, cause))
     }
 }
 

@@ -50,6 +50,8 @@ use super::{AgreementCameras, JudgedCamera};
 /// the least.
 const PASSES: usize = 16;
 const LEAST_PASSES: usize = 4;
+/// Passes of so little time, seconds, show one moment.
+const MOMENT_S: f64 = 0.4;
 /// Two cameras that are nearer to each other than this, metres, agree whatever they show: all lines of sight from one place
 /// meet.
 const APART_M: f64 = 0.1;
@@ -307,11 +309,14 @@ impl<'a> Judge<'a> {
             .copied()
             .filter(|camera| !right.contains(camera));
         let outside: Vec<usize> = outside.collect();
+        // What hides somebody from some cameras at one moment is no disagreement.
+        let is_of_a_moment = self.samples.passes_last_s() < MOMENT_S;
         let (mut found, mut unexplained) = (Vec::new(), Vec::new());
         for &camera in &outside {
             if !told[camera] {
                 match self.explain(camera, (&right, group, &outside), points, told) {
                     Some((cameras, cause)) => found.push(self.disagreement(&cameras, cause)),
+                    None if is_of_a_moment => continue,
                     None => unexplained.push(camera),
                 }
             }

@@ -35,12 +35,23 @@ pub(super) struct Refit {
     pub(super) rolled_rad: f64,
     /// What is left of the median distance in the picture, as a share of what it is without.
     pub(super) ratio: f64,
+    /// s R and t, pixels.
+    similarity: Vector4<f64>,
+    focal_px: f64,
 }
 
 impl Refit {
     /// The larger of both turns, radians.
     pub(super) fn turned_rad(&self) -> f64 {
         self.aside_rad.max(self.rolled_rad)
+    }
+
+    /// Where the calibration expects what is shown at this place, both normalised.
+    pub(super) fn straightened(&self, shown: Vector2<f64>) -> Vector2<f64> {
+        let [a, b, x, y] = self.similarity.into();
+        let u = self.focal_px * shown - Vector2::new(x, y);
+        let v = Vector2::new(a * u.x + b * u.y, a * u.y - b * u.x);
+        v / ((a * a + b * b) * self.focal_px)
     }
 }
 
@@ -87,6 +98,8 @@ pub(super) fn refit(
         aside_rad: ray(applied(&similarity, &middle)).angle(&ray(middle)),
         rolled_rad: libm::atan2(b, a).abs(),
         ratio: after_px / before_px.max(f64::MIN_POSITIVE),
+        similarity,
+        focal_px: own.mean_focal_px(),
     })
 }
 
@@ -149,6 +162,38 @@ pub(super) fn for_each_body(
                 let shown: Vec<_> = seen.iter().map(|s| is_seen(s).then(|| pixel(s))).collect();
                 with(&expected_px, &shown);
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn what_a_similarity_shows_is_straightened_back(
+            scale in 0.5..2.0_f64,
+            turn_rad in -1.0..1.0_f64,
+            shift_px in prop::array::uniform2(-300.0..300.0_f64),
+            place in prop::array::uniform2(-0.8..0.8_f64),
+        ) {
+            let focal_px = 900.0;
+            let (a, b) = (scale * turn_rad.cos(), scale * turn_rad.sin());
+            let similarity = Vector4::new(a, b, shift_px[0], shift_px[1]);
+            let refit = Refit {
+                focal_factor: scale,
+                aside_rad: 0.0,
+                rolled_rad: turn_rad.abs(),
+                ratio: 0.0,
+                similarity,
+                focal_px,
+            };
+            let place = Vector2::from(place);
+            let shown = applied(&similarity, &(focal_px * place)) / focal_px;
+            prop_assert!((refit.straightened(shown) - place).norm() < 1e-9);
         }
     }
 }

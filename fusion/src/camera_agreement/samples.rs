@@ -331,6 +331,14 @@ impl Samples {
         is_later || self.passes.len() < FIRST_PASSES && last.is_none_or(|last| tick > last)
     }
 
+    /// From the first to the last pass that is kept, seconds.
+    pub(super) fn passes_last_s(&self) -> f64 {
+        let both = self.passes.front().zip(self.passes.back());
+        both.map_or(0.0, |(first, last)| {
+            (last.tick.0 - first.tick.0) as f64 / self.rate_hz
+        })
+    }
+
     /// Keeps what the views of `tick` show of some people, when a burst is under way.
     pub(super) fn note_views(&mut self, tick: Tick, tracks: &[Track]) {
         let is_anybody_seen = tracks

@@ -6,7 +6,7 @@
 use super::super::judge::Judge;
 use super::super::lens::LensPoints;
 use super::super::lens::focal_lengths::{FocalLengths, focal_lengths};
-use super::super::pairs::PictureChange;
+use super::super::pairs::{CameraRays, PictureChange};
 use super::super::refit::resection::{Change, Changed, Observed};
 use super::super::report::{Disagreement, DisagreementCause};
 use super::MOST_TURNED_RAD;
@@ -242,10 +242,22 @@ impl Judge<'_> {
         let lines = changed.lines(&self.lines[camera]);
         let rays = self.rays_through(camera, &lines, PictureChange::AsItIs);
         let rays = rays.through(|y| Some(changed.straightened(y)));
+        self.sightings_cost(camera, &rays, others)
+            .is_some_and(|ratio| ratio <= 1.0)
+    }
+
+    /// What the sightings of a camera cost against the others with these lines of sight, as a share of what they cost as it is
+    /// calibrated; `None` where they have too little in common.
+    pub(super) fn sightings_cost(
+        &self,
+        camera: usize,
+        rays: &CameraRays,
+        others: &[usize],
+    ) -> Option<f64> {
         let others: Vec<usize> = others.iter().copied().filter(|of| *of != camera).collect();
         let before = self.cost_against(camera, &self.as_it_is[camera], &others);
-        let after = self.cost_against(camera, &rays, &others);
-        before.is_none_or(|before| after.is_some_and(|after| after <= before))
+        let after = self.cost_against(camera, rays, &others);
+        Some(after? / before?.max(f64::MIN_POSITIVE))
     }
 
     /// Begun with this camera, those that are displaced, each held to the cameras that are left after those before it.

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::super::fixture::{Hall, Mistake, names};
+use super::super::samples::PassSample;
 use super::*;
 
 #[test]
@@ -63,6 +64,56 @@ fn crops_that_show_somebody_else_turn_no_camera_whose_sightings_meet_those_of_th
         let causes = Hall::with(camera, mistake).causes();
         assert!(causes.is_empty(), "camera {camera}: {causes:?}");
     }
+}
+
+/// A hall in which nobody moves, of whose second camera crops and sightings say this.
+fn still(crops: Mistake, sightings: Mistake) -> AgreementReport {
+    let samples = |mistake: Mistake| {
+        let mut hall = Hall::with(1, mistake);
+        hall.still = true;
+        hall.samples()
+    };
+    let mut all = samples(crops);
+    all.samples.passes = samples(sightings).samples.passes;
+    all.report()
+}
+
+#[test]
+fn where_nobody_moves_a_zoom_that_only_crops_show_is_not_told() {
+    let zoomed = Mistake {
+        focal_factor: 0.8,
+        ..Mistake::default()
+    };
+    let both = still(zoomed, zoomed).disagreements;
+    assert!(
+        matches!(&both[..], [told] if matches!(told.cause, DisagreementCause::FocalLength { .. })),
+        "{both:?}"
+    );
+    assert_eq!(still(zoomed, Mistake::default()).disagreements, []);
+}
+
+#[test]
+fn a_camera_that_shows_somebody_else_is_told_of_unless_all_is_of_one_moment() {
+    let mut hall = Hall {
+        still: true,
+        ..Hall::default()
+    };
+    for (camera, (_, mistake)) in hall.shows.iter_mut().enumerate() {
+        mistake.sees_only = Some(usize::from(camera == 2));
+    }
+    let mut samples = hall.samples();
+    let told = samples.report().disagreements;
+    assert!(
+        matches!(&told[..], [told] if told.cameras == names(&[2])),
+        "{told:?}"
+    );
+    for (tick, pass) in (0..).zip(&mut samples.samples.passes) {
+        *pass = Arc::new(PassSample {
+            tick: Tick(tick),
+            ..PassSample::clone(pass)
+        });
+    }
+    assert_eq!(samples.report().disagreements, []);
 }
 
 #[test]
