@@ -18,6 +18,8 @@ pub enum Cause {
     WorldAxes,
     /// The file takes camera to world.
     Backwards,
+    /// The file's cameras have y up and z backward.
+    CameraAxes,
     /// A camera stands below the floor.
     UnderFloor,
     /// A camera hangs higher, or stands lower, than cameras do.
@@ -62,6 +64,7 @@ impl Cause {
         match self {
             Self::WorldAxes => "world_axes",
             Self::Backwards => "backwards",
+            Self::CameraAxes => "camera_axes",
             Self::UnderFloor => "under_floor",
             Self::Height => "height",
             Self::UpsideDown => "upside_down",

@@ -5,6 +5,7 @@
 //! where there are halls in which it is as it says, it is [`Severity::Doubtful`], and said. What only people show (videos
 //! of two cameras swapped, one that is late, a camera that was moved) is not looked for here.
 
+mod conventions;
 mod coverage;
 mod field;
 mod finding;
@@ -14,7 +15,7 @@ mod upright;
 
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
-use crate::frames::{Pixel, Transform};
+use crate::frames::Pixel;
 use crate::venue::{Field, Venue, VenueCamera};
 
 pub use self::coverage::{Coverage, coverage, of_viewpoints};
@@ -34,10 +35,12 @@ pub fn of_venue(venue: &Venue) -> Vec<Finding> {
     );
     let mut stand = standing(&sights, &venue.field);
     stand.extend(coverage::findings(venue, &seen));
-    if let Some(finding) = backwards(venue, &stand) {
+    if let Some(finding) = conventions::of_all(venue, &stand) {
         // One cause; what follows from it would only hide it.
         stand.clear();
         stand.push(finding);
+    } else {
+        conventions::of_single(venue, &seen, &mut stand);
     }
     findings.extend(stand);
     findings.extend(field::findings(venue));
@@ -153,47 +156,6 @@ fn standing(sights: &[Sight], field: &Field) -> Vec<Finding> {
     }
     findings.extend(places::distances(sights));
     findings
-}
-
-/// Whether everything would be well if the file took camera to world instead of world to camera: what most programs call
-/// a camera's pose.
-fn backwards(venue: &Venue, findings: &[Finding]) -> Option<Finding> {
-    let is_bad = |finding: &&Finding| {
-        finding.severity == Severity::Wrong
-            || matches!(finding.cause, Cause::LooksAway | Cause::UnderFloor)
-    };
-    if venue.cameras.len() < 2 || !findings.iter().any(|it| is_bad(&it)) {
-        return None;
-    }
-    let mut turned = venue.clone();
-    for camera in &mut turned.cameras {
-        let inverse = camera.model.camera_from_world().isometry().inverse();
-        let model = &camera.model;
-        camera.model = CameraModel::new(
-            model.name(),
-            model.size_px(),
-            *model.intrinsics(),
-            *model.lens(),
-            Transform::new(inverse),
-        )
-        .ok()?;
-    }
-    let sights: Vec<Sight> = turned.cameras.iter().map(Sight::of).collect();
-    turned.field = places::around(&sights, &venue.field);
-    let seen = coverage(&turned);
-    let all_is_well = standing(&sights, &turned.field).is_empty()
-        && coverage::findings(&turned, &seen).is_empty();
-    all_is_well.then(|| Finding {
-        camera: None,
-        cause: Cause::Backwards,
-        severity: Severity::Wrong,
-        found: format!(
-            "as written, {}; read the other way round (camera to world) all cameras stand upright around the field",
-            findings.iter().find(is_bad).map_or("nothing fits", |it| it.found.as_str())
-        ),
-        expected: "`rotation` and `translation` that take world coordinates to the camera's".to_owned(),
-        remedy: "write the inverse of each: R' and -R' t".to_owned(),
-    })
 }
 
 #[cfg(test)]

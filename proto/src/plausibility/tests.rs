@@ -1,5 +1,6 @@
 //! A hall that is as it should be, and one mistake after the other in it.
 
+mod conventions;
 mod field;
 mod lens;
 mod look_up;
@@ -12,6 +13,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 
 use super::*;
 use crate::camera::{Distortion, Intrinsics, LensModel};
+use crate::frames::Transform;
 use crate::tick::Tick;
 use crate::venue::GivenPerson;
 
