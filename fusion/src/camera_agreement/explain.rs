@@ -86,6 +86,11 @@ impl Judge<'_> {
             causes.push((ratio, vec![camera], DisagreementCause::Late { ticks }));
         }
         causes.extend(self.in_another_order(camera, &others, || Some(as_it_is)));
+        let of_picture = self.picture_of_one(camera, &others, as_it_is);
+        causes.extend(of_picture.map(|(ratio, change)| {
+            let cause = DisagreementCause::OtherPicture { change };
+            (ratio, vec![camera], cause)
+        }));
         let is_late = self.may_be_late(camera);
         let points = points.filter(|_| !is_late);
         let displaced = points.and_then(|points| displaced(points, camera, right));

@@ -198,6 +198,11 @@ pub enum DisagreementCause {
         /// Where.
         change: PictureOfAll,
     },
+    /// The keypoints of one camera are elsewhere in its pictures.
+    OtherPicture {
+        /// Where.
+        change: PictureOfAll,
+    },
     /// The focal length is another than the calibration says: of one camera, or of several by one factor.
     FocalLength {
         /// True length as a factor of the calibrated one.
@@ -357,7 +362,7 @@ pub enum KeypointExchange {
     Human36m,
 }
 
-/// Where the keypoints of all cameras are.
+/// Where the keypoints of all cameras are, or of one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PictureOfAll {

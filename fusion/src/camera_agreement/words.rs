@@ -4,7 +4,7 @@ mod keypoints;
 mod standing;
 mod worlds;
 
-use self::keypoints::{exchanged, low_scores, picture_of_all, sides_at_times};
+use self::keypoints::{exchanged, low_scores, other_picture, picture_of_all, sides_at_times};
 use self::standing::{floor_height, scale_of_subjects, world_scale, world_tilted};
 use self::worlds::{axis_scale, doubled, two_origins};
 use super::report::DisagreementCause;
@@ -54,6 +54,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::SidesAtTimes { share } => sides_at_times(share),
         DisagreementCause::LowScores { share } => low_scores(cameras, share),
         DisagreementCause::PictureOfAll { change } => picture_of_all(change),
+        DisagreementCause::OtherPicture { change } => other_picture(first, change),
         DisagreementCause::FocalLength { factor } => focal_length(cameras, factor),
         DisagreementCause::Distortion { k1_over } => distortion(cameras, k1_over),
         DisagreementCause::Turned { degrees } => turned(first, degrees),
@@ -288,7 +289,7 @@ fn one_person_each() -> (String, String) {
 fn poses_elsewhere() -> (String, String) {
     (
             "people are followed beside where cameras show them, although these agree with each other".to_owned(),
-            "look at what the venue file and `--set` say of parameters (`farfield parameters` lists what is usual), at `rate_hz`, and at what `--overlay` draws"
+            "look at what the venue file and `--set` say of parameters (`farfield parameters` lists what is usual), at `rate_hz`, at who is given by hand (`[[person]]`), and at what `--overlay` draws"
                 .to_owned(),
         )
 }

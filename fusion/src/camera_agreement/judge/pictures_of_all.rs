@@ -10,6 +10,7 @@
 
 mod change;
 mod compared;
+mod of_one;
 mod slight;
 
 use std::collections::BTreeSet;
@@ -100,14 +101,10 @@ impl Judge<'_> {
 
     /// Whether nearly all pairs that can be compared agree with all their keypoints changed so.
     fn agree_with(&self, change: &Change, pairs: &[(usize, usize)]) -> bool {
-        let changed = |camera: usize| {
-            let (lines, model) = (&self.lines[camera], self.models[camera]);
-            self.as_it_is[camera].through(|place| {
-                let px = place.component_mul(&lines.focal_px()) + lines.principal_px();
-                Some(lines.normalised(meant([px.x, px.y], (model, &lines.size_px()), change)?))
-            })
-        };
-        let rays: Vec<CameraRays> = (0..self.cameras.len()).map(changed).collect();
+        let cameras = 0..self.cameras.len();
+        let rays: Vec<CameraRays> = cameras
+            .map(|camera| self.rays_changed(camera, change))
+            .collect();
         let all = pairs.iter().map(|&(a, b)| {
             let pair = PairAgreement::of_common(&rays[a], &rays[b]);
             ((a, b), pair)
@@ -117,6 +114,15 @@ impl Judge<'_> {
             .collect();
         let agreeing = self.agreeing(&all, |_| true).len();
         agreeing >= MIN_VIEWPOINTS && agreeing as f64 >= AGREE_AFTER * all.len() as f64
+    }
+
+    /// The sightings of a camera, with its pictures changed so.
+    fn rays_changed(&self, camera: usize, change: &Change) -> CameraRays {
+        let (lines, model) = (&self.lines[camera], self.models[camera]);
+        self.as_it_is[camera].through(|place| {
+            let px = place.component_mul(&lines.focal_px()) + lines.principal_px();
+            Some(lines.normalised(meant([px.x, px.y], (model, &lines.size_px()), change)?))
+        })
     }
 }
 

@@ -13,22 +13,38 @@ pub(super) fn exchanged(exchange: KeypointExchange) -> (String, String) {
 }
 
 pub(super) fn picture_of_all(change: PictureOfAll) -> (String, String) {
-    let found = match change {
+    (
+        format!(
+            "the keypoints of all cameras are not where the calibration has them, all alike: {}",
+            where_they_are(change)
+        ),
+        "give keypoints in pixels of the pictures that were calibrated, from their top left corner, or calibrate in pictures as the \
+         keypoints were found in"
+            .to_owned(),
+    )
+}
+
+pub(super) fn other_picture(camera: &str, change: PictureOfAll) -> (String, String) {
+    (
+        format!(
+            "the keypoints of camera {camera} are not where its calibration has them: {}",
+            where_they_are(change)
+        ),
+        "give its keypoints in pixels of the pictures that were calibrated, from their top left corner, as those of the others are, or look \
+         whether its `matrix` is of pictures of another size"
+            .to_owned(),
+    )
+}
+
+fn where_they_are(change: PictureOfAll) -> String {
+    match change {
         PictureOfAll::Mirrored => "left and right of the pictures are exchanged".to_owned(),
         PictureOfAll::FromBelow => "y is counted from below".to_owned(),
         PictureOfAll::HalfTurned => "the pictures stand on their heads".to_owned(),
         PictureOfAll::XAndYExchanged => "x and y are exchanged".to_owned(),
         PictureOfAll::QuarterTurned => "the pictures are turned by a quarter".to_owned(),
         PictureOfAll::Resized { scale, shift } => resized(scale, shift),
-    };
-    (
-        format!(
-            "the keypoints of all cameras are not where the calibration has them, all alike: {found}"
-        ),
-        "give keypoints in pixels of the pictures that were calibrated, from their top left corner, or calibrate in pictures as the \
-         keypoints were found in"
-            .to_owned(),
-    )
+    }
 }
 
 fn resized([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {

@@ -277,6 +277,25 @@ fn mirrored_and_upside_down_sources_are_named() {
 }
 
 #[test]
+fn a_file_of_keypoints_that_are_elsewhere_in_their_picture_is_named_with_where() {
+    let exchanged: fn([f64; 2]) -> [f64; 2] = |[x, y]| [y, x];
+    let halved: fn([f64; 2]) -> [f64; 2] = |[x, y]| [0.5 * x, 0.5 * y];
+    let below: fn([f64; 2]) -> [f64; 2] = |[x, y]| [x, SIZE_PX[1] - 1.0 - y];
+    for (written, told) in [
+        (exchanged, "x and y are exchanged"),
+        (halved, "multiplied by 2.00"),
+        (below, "y is counted from below"),
+    ] {
+        MistakenSample::new()
+            .change(&["north-west"], |k| k, written)
+            .is_told(&[
+                "the keypoints of camera north-west are not where its calibration has them",
+                told,
+            ]);
+    }
+}
+
+#[test]
 fn a_file_with_its_keypoints_in_another_order_is_named() {
     MistakenSample::new()
         .change(&["south-east"], |k| OTHER_SIDE[k], |pixel| pixel)

@@ -18,6 +18,18 @@ const WIDE_SCALE_STEP: f64 = 0.1;
 /// Shifts that are tried: up to so large a share of a picture, and how far apart.
 const FARTHEST_SHIFT: f64 = 0.42;
 const SHIFT_STEP: f64 = 0.06;
+/// How many times as tall pictures are as others in which keypoints are found: of 2160, 1440, 1200, 1080, 720, 540 and 480 rows.
+const SIZES: [f64; 9] = [
+    2160.0 / 1440.0,
+    2.0,
+    3.0,
+    4.0,
+    2.25,
+    1200.0 / 720.0,
+    4.0 / 3.0,
+    2.5,
+    2160.0 / 1200.0,
+];
 
 /// What was done to pictures, or to what was written of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -157,23 +169,7 @@ impl Change {
 /// The changes that are tried first: what people do with pictures before they look for keypoints in them. `lines` are those of one
 /// of the cameras.
 pub(super) fn tried(lines: &SightLines) -> Vec<Change> {
-    let mut all = Vec::new();
-    for (transposed, x, y) in [
-        (false, true, false),
-        (false, false, true),
-        (false, true, true),
-        (true, false, false),
-        (true, true, false),
-        (true, false, true),
-        (true, true, true),
-    ] {
-        all.push(Change {
-            deed: Deed::Turned,
-            transposed,
-            flipped: [x, y],
-            ..Change::NONE
-        });
-    }
+    let mut all = turned();
     let steps = |(from, to): (f64, f64), step: f64| {
         let n = ((to - from) / step) as usize;
         (0..=n).map(move |i| from + step * i as f64)
@@ -214,4 +210,41 @@ pub(super) fn tried(lines: &SightLines) -> Vec<Change> {
         }
     }
     all
+}
+
+/// Turns by quarters, and reflections.
+fn turned() -> Vec<Change> {
+    let all = [
+        (false, true, false),
+        (false, false, true),
+        (false, true, true),
+        (true, false, false),
+        (true, true, false),
+        (true, false, true),
+        (true, true, true),
+    ];
+    let turned = |(transposed, x, y)| Change {
+        deed: Deed::Turned,
+        transposed,
+        flipped: [x, y],
+        ..Change::NONE
+    };
+    all.map(turned).to_vec()
+}
+
+/// The changes of one camera's pictures that are tried, but for what has a name of its own.
+pub(super) fn tried_of_one() -> Vec<Change> {
+    let turned = turned();
+    let is_another = |change: &Change| change.name() != Some(PictureOfAll::HalfTurned);
+    let scaled = SIZES.into_iter().flat_map(|size| [size, 1.0 / size]);
+    let scaled = scaled.map(|scale| Change {
+        deed: Deed::Scaled,
+        scale: [scale; 2],
+        ..Change::NONE
+    });
+    turned
+        .into_iter()
+        .filter(is_another)
+        .chain(scaled)
+        .collect()
 }
