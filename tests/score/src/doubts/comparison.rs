@@ -198,6 +198,22 @@ impl<'a> Comparison<'a> {
         })
     }
 
+    /// The same of the first half of the ticks and of the second; `None` where these are too few.
+    pub(super) fn halves(&self) -> Option<[Self; 2]> {
+        let (first, second) = self.ticks.split_at(self.ticks.len() / 2);
+        (first.len() >= LEAST_TICKS).then(|| {
+            [first, second].map(|ticks| Self {
+                ticks: ticks.to_vec(),
+                ..self.clone()
+            })
+        })
+    }
+
+    /// The first and the last tick that are compared.
+    pub(super) fn ends(&self) -> Option<[i64; 2]> {
+        Some([self.ticks.first()?.0, self.ticks.last()?.0])
+    }
+
     /// The first tick of the truth, and that of the poses.
     pub(super) fn first_ticks(&self) -> Option<[Tick; 2]> {
         Some([self.truth.ticks().next()?, self.poses.ticks().next()?])

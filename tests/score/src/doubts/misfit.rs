@@ -47,6 +47,30 @@ pub(super) fn misfit(poses: &PoseLines, truth: &PoseLines) -> Option<Misfit> {
     Search::new(Comparison::of(poses, truth)?)?.found()
 }
 
+/// By how many ticks a truth is off.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TicksApart {
+    /// Ticks, of the poses after the truth.
+    pub(super) ticks: i64,
+    /// Mean distance that is left with them, metres.
+    pub(super) rest_m: f64,
+}
+
+/// By how many ticks the truth of a part of the time is off, if that alone mends it.
+pub(super) fn ticks_apart(part: Comparison<'_>) -> Option<TicksApart> {
+    let search = Search::new(part)?;
+    let best = search.in_time()?;
+    let TickMap::After(ticks) = best.reading.ticks else {
+        return None;
+    };
+    let rest_m = best
+        .apart
+        .near_m
+        .filter(|_| best.apart.most_m < LEFT * search.as_it_is.most_m)?;
+    // As little as of several changes: that it is of a part is one more.
+    (rest_m <= MOST_REST_OF_SEVERAL_M).then_some(TicksApart { ticks, rest_m })
+}
+
 /// A reading, and what it comes to.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {

@@ -6,6 +6,7 @@
 //! changes no score: nobody here knows which of the two files is wrong.
 
 mod comparison;
+mod in_part;
 mod misfit;
 mod partial;
 mod similarity;
@@ -14,6 +15,7 @@ mod words;
 use serde::Serialize;
 
 use self::comparison::{Names, Reading, TickMap};
+use self::in_part::in_part;
 use self::misfit::misfit;
 use self::partial::partial;
 use self::words::in_words;
@@ -27,7 +29,7 @@ const GOOD_MM: f64 = 30.0;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DoubtCause {
-    /// The truth is some ticks later or earlier than the poses, or counts them at another rate.
+    /// The truth is some ticks later or earlier than the poses, also in a half of the time, or counts them at another rate.
     OtherTicks,
     /// Left is right in it.
     SidesExchanged,
@@ -66,7 +68,12 @@ pub fn doubts(poses: &PoseLines, truth: &PoseLines, scores: &Scores) -> Vec<Doub
 
 /// How `truth` would have to be read to be near the poses, if that is clear; without the mean error (millimetres) nothing was near.
 pub fn misread(poses: &PoseLines, truth: &PoseLines, error_mm: Option<f64>) -> Option<Doubt> {
-    let misfit = misfit(poses, truth)?;
+    let Some(misfit) = misfit(poses, truth) else {
+        return in_part(poses, truth).map(|found| Doubt {
+            cause: DoubtCause::OtherTicks,
+            found,
+        });
+    };
     let ways: Vec<String> = misfit.readings.iter().map(in_words).collect();
     let now = error_mm.map_or_else(String::new, |mm| format!(" instead of {mm:.0}"));
     Some(Doubt {

@@ -1,5 +1,6 @@
 //! People who walk about, poses of them with the noise that poses have, and truths that are right or that one number would mend.
 
+mod in_part;
 mod many_ticks;
 
 use std::collections::BTreeMap;
