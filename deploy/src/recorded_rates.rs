@@ -1,7 +1,11 @@
 //! Whether the recordings of a venue run at one rate: a camera at 59.94 among others at 60 is 3.6 seconds off after an
-//! hour, and nothing looks wrong at the start. And whether keypoints are of the rate at which they were written.
+//! hour, and nothing looks wrong at the start. And whether keypoints are of the rate at which they were written, and in order.
+
+mod line_order;
 
 use farfield_edge::source::{RepeatedFrames, SourceInfo};
+
+pub(crate) use self::line_order::{LeapingKeypoints, leaping_keypoints};
 
 /// Rates that differ by a greater share are not those of one clock: 59.94 and 60 differ by 1e-3, two good clocks by 1e-4.
 const APART: f64 = 2e-4;

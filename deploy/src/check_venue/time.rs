@@ -11,7 +11,8 @@ use time::{Date, Month, PrimitiveDateTime, Time};
 
 use super::opened::OpenedSource;
 use crate::recorded_rates::{
-    LONGER, are_apart, held_keypoints, odd_rates, too_short, usual_rate_hz,
+    LONGER, LeapingKeypoints, are_apart, held_keypoints, leaping_keypoints, odd_rates, too_short,
+    usual_rate_hz,
 };
 use crate::report_lines::ReportLines;
 
@@ -62,6 +63,9 @@ fn look_at_rates(
     }
     for held in held_keypoints(infos, venue.rate_hz) {
         report.warn(TIME, held.problem(), held.remedy());
+    }
+    if let Some(leaping) = leaping_keypoints(infos) {
+        report.warn(TIME, leaping.problem(), LeapingKeypoints::REMEDY);
     }
     let Some(usual_hz) = usual_rate_hz(infos) else {
         return;

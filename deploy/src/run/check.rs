@@ -26,7 +26,9 @@ use super::values::changed_venue;
 use crate::listeners::{ListenerArgs, wanted};
 use crate::overlay::overlay_ticks;
 use crate::parameters::{FAR_REMEDY, far_parameters};
-use crate::recorded_rates::{LONGER, held_keypoints, odd_rates, too_short};
+use crate::recorded_rates::{
+    LONGER, LeapingKeypoints, held_keypoints, leaping_keypoints, odd_rates, too_short,
+};
 
 /// How far apart recordings of different rates may be at the end of a run, ticks.
 const MAX_DRIFT_TICKS: f64 = 0.5;
@@ -231,6 +233,10 @@ fn check_rates(
             held.problem(),
             held.remedy()
         ));
+    }
+    if let Some(leaping) = leaping_keypoints(infos) {
+        let (problem, remedy) = (leaping.problem(), LeapingKeypoints::REMEDY);
+        say(format_args!("doubtful: {problem}; {remedy}"));
     }
     Ok(())
 }

@@ -5,6 +5,7 @@
 //! without gaps. Unknown fields are ignored, for other tools write these files too.
 
 mod contents;
+mod leaps;
 mod repeats;
 
 use std::fs::File;
@@ -18,6 +19,7 @@ use farfield_proto::tick::Tick;
 use serde_json::Value;
 
 pub use self::contents::{KeypointContents, KeypointDoubt};
+use self::leaps::LeapCounter;
 use self::repeats::RepeatCounter;
 use super::{
     ExpectedSource, Frame, FrameContent, FrameSource, KeypointCandidate, KeypointFrame, MAX_TICK,
@@ -44,19 +46,23 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
     };
     let mut last = first;
     let mut contents = KeypointContents::of(expected.size_px);
-    let mut repeats = RepeatCounter::default();
-    contents.add(&frame);
-    repeats.add(frame);
+    let (mut leaps, mut repeats) = (LeapCounter::default(), RepeatCounter::default());
+    let mut add = |frame: KeypointFrame| {
+        contents.add(&frame);
+        leaps.add(&frame);
+        repeats.add(frame);
+    };
+    add(frame);
     while let Some((tick, frame)) = lines.next()? {
         last = tick;
-        contents.add(&frame);
-        repeats.add(frame);
+        add(frame);
     }
     contents.check(expected)?;
     Ok(SourceInfo {
         ticks: Some(first..last + 1),
         repeats: repeats.found(),
         contents: Some(contents),
+        leaps: leaps.found(),
         ..SourceInfo::default()
     })
 }

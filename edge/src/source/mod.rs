@@ -125,6 +125,9 @@ pub struct SourceInfo {
     pub repeats: Option<RepeatedFrames>,
     /// What a keypoint file holds.
     pub contents: Option<KeypointContents>,
+    /// Frames of a keypoint file in which everybody is suddenly elsewhere, where these are too many to be in the order of its
+    /// pictures.
+    pub leaps: Option<LeapingFrames>,
 }
 
 /// Frames that equal the one before to the last digit, all people in them: keypoints of a lower rate, each written until
@@ -143,6 +146,15 @@ impl RepeatedFrames {
     pub fn repeated_share(self) -> f64 {
         self.repeated as f64 / self.frames.max(1) as f64
     }
+}
+
+/// Frames in which nobody goes on who was in the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LeapingFrames {
+    /// How many these are.
+    pub leaps: u64,
+    /// How many frames hold people, as the one before does.
+    pub frames: u64,
 }
 
 /// What the container of a video says of its making; cameras and editing programs write what they like.

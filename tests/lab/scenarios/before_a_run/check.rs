@@ -265,6 +265,38 @@ fn a_field_under_peoples_feet_is_refused_by_a_run_and_failed_by_a_check() {
     assert!(!folder.path("out").exists());
 }
 
+/// As a program leaves them that reads pictures 1, 10, 100 and 2 in this order.
+#[test]
+fn keypoints_whose_lines_are_sorted_by_the_names_of_pictures_are_told_of_by_a_check_and_a_run() {
+    let folder = SampleFolder::new();
+    for camera in ["north-east", "north-west", "south-east", "south-west"] {
+        let file = folder.path(&format!("{camera}.jsonl"));
+        let text = fs::read_to_string(&file).unwrap();
+        let mut frames: Vec<&str> = text.lines().collect();
+        let mut by_name: Vec<usize> = (0..frames.len()).collect();
+        by_name.sort_by_key(usize::to_string);
+        frames = by_name.iter().map(|&i| frames[i]).collect();
+        let lines = frames.iter().enumerate().map(|(tick, line)| {
+            let mut frame: Value = serde_json::from_str(line).unwrap();
+            frame["tick"] = tick.into();
+            format!("{frame}\n")
+        });
+        fs::write(file, lines.collect::<String>()).unwrap();
+    }
+    let finished = check(&folder);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
+    let words = ["`north-east`: at ", "`south-west`: at ", "1, 10, 100, 2"];
+    assert!(
+        says(&lines(&finished), "warning", &words),
+        "{}",
+        finished.stdout
+    );
+    let finished = folder.farfield(&["run", "venue.toml", "--out", "out", "--ticks", "0..5"]);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
+    let doubt = "doubtful: camera `north-east`: at ";
+    assert!(finished.stderr.contains(doubt), "{}", finished.stderr);
+}
+
 #[test]
 fn a_venue_file_that_cannot_be_read_is_refused() {
     let folder = SampleFolder::new();

@@ -1,0 +1,180 @@
+//! Whether the lines of a keypoint file are in the order of its pictures: sorted by the names of files (1, 10, 100, 2), or
+//! of two cameras by turns, they show everybody leap from one place to another.
+//!
+//! In the files of all cameras alike, nothing else says so: lines of sight meet, and people are followed who leap.
+//! Somebody always goes on where they were, or as they went, while anybody of the frame before is in the picture; only who
+//! comes in while the last one leaves does not.
+
+use std::mem;
+
+use farfield_proto::order_statistics::upper_median;
+use nalgebra::Vector2;
+
+use crate::source::{KeypointCandidate, KeypointFrame, LeapingFrames};
+
+/// How far somebody is carried on at most from one frame to the next, against where they went: a share of their extent in
+/// the picture, and pixels.
+const CARRIED_SHARE: f64 = 0.1;
+const CARRIED_PX: f64 = 8.0;
+/// Keypoints that two frames must have of somebody to be compared.
+const FEWEST_COMMON: usize = 5;
+/// How many leaps are told, of which share of the frames with people. Of the Shelf, the sample and simulated scenes no frame
+/// leaps; where the files of a hundred pictures are sorted by their names, one of six.
+const FEWEST_LEAPS: u64 = 5;
+const TOLD_SHARE: f64 = 0.02;
+
+type Person = Vec<Option<KeypointCandidate>>;
+
+/// Counts frames in which everybody is elsewhere.
+#[derive(Debug, Default)]
+pub(super) struct LeapCounter {
+    before: Vec<Person>,
+    before_that: Vec<Person>,
+    counted: LeapingFrames,
+}
+
+impl LeapCounter {
+    /// Counts the next frame of a file.
+    pub(super) fn add(&mut self, frame: &KeypointFrame) {
+        let now = &frame.persons;
+        if !now.is_empty() && !self.before.is_empty() {
+            self.counted.frames += 1;
+            let goes_on = |person: &Person| {
+                let at = |now: &Person| self.carries_on(person, now);
+                now.iter().any(at)
+            };
+            self.counted.leaps += u64::from(!self.before.iter().any(goes_on));
+        }
+        mem::swap(&mut self.before_that, &mut self.before);
+        self.before.clone_from(now);
+    }
+
+    /// Whether somebody of the frame before is where they were, or where they would be had they gone on.
+    fn carries_on(&self, person: &Person, now: &Person) -> bool {
+        let Some(moved) = moved_px(person, now) else {
+            // Nobody knows.
+            return true;
+        };
+        let most_px = CARRIED_PX.max(CARRIED_SHARE * extent_px(person));
+        let came = || {
+            let ways = self.before_that.iter();
+            ways.filter_map(|earlier| moved_px(earlier, person))
+                .min_by(|a, b| a.norm().total_cmp(&b.norm()))
+        };
+        moved.norm() <= most_px || came().is_some_and(|came| (moved - came).norm() <= most_px)
+    }
+
+    /// What was counted, where it speaks against the file's order.
+    pub(super) fn found(&self) -> Option<LeapingFrames> {
+        let LeapingFrames { leaps, frames } = self.counted;
+        let is_told = leaps >= FEWEST_LEAPS && leaps as f64 >= TOLD_SHARE * frames as f64;
+        is_told.then_some(self.counted)
+    }
+}
+
+/// By how much most keypoints have moved, pixels; sides that a network exchanges now and then move to both sides alike.
+fn moved_px(before: &Person, now: &Person) -> Option<Vector2<f64>> {
+    let both = before.iter().zip(now);
+    let both = both.filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?)));
+    let moved = both.map(|(a, b)| b.position.vector_px() - a.position.vector_px());
+    let moved: Vec<Vector2<f64>> = moved.collect();
+    if moved.len() < FEWEST_COMMON {
+        return None;
+    }
+    let along = |axis: usize| upper_median(moved.iter().map(|by| by[axis]).collect());
+    Some(Vector2::new(along(0)?, along(1)?))
+}
+
+/// The longer side of the box around somebody's keypoints, pixels.
+fn extent_px(person: &Person) -> f64 {
+    let seen = person.iter().flatten().map(|it| it.position.vector_px());
+    let corners = seen.fold(None, |corners, at| {
+        let (least, most) = corners.unwrap_or((at, at));
+        Some((least.inf(&at), most.sup(&at)))
+    });
+    corners.map_or(0.0, |(least, most)| (most - least).amax())
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::frames::Pixel;
+
+    use super::*;
+
+    /// Somebody 170 px tall, at `x_px`.
+    fn person(x_px: f64) -> Person {
+        let seen = |k: usize| KeypointCandidate {
+            position: Pixel::new(x_px + (k % 3) as f64, 300.0 - 10.0 * k as f64),
+            score: 0.8,
+        };
+        (0..17).map(|k| Some(seen(k))).collect()
+    }
+
+    fn found(frames: impl IntoIterator<Item = Vec<Person>>) -> Option<LeapingFrames> {
+        let mut counter = LeapCounter::default();
+        for persons in frames {
+            let peaks = Vec::new();
+            counter.add(&KeypointFrame { persons, peaks });
+        }
+        counter.found()
+    }
+
+    /// Two people who walk, as picture `i` shows them.
+    fn walking(i: usize) -> Vec<Person> {
+        vec![person(4.0 * i as f64), person(1500.0 - 5.0 * i as f64)]
+    }
+
+    #[test]
+    fn lines_that_are_sorted_by_the_names_of_their_pictures_leap() {
+        let mut names: Vec<String> = (0..120).map(|i: usize| i.to_string()).collect();
+        names.sort();
+        let numbers = names.iter().map(|name| name.parse().unwrap());
+        let told = found(numbers.map(walking)).unwrap();
+        assert_eq!(told.frames, 119);
+        assert!((15..30).contains(&told.leaps), "{told:?}");
+    }
+
+    #[test]
+    fn lines_of_two_cameras_by_turns_leap_at_each() {
+        let turns = (0..60).map(|i| match i % 2 {
+            0 => vec![person(4.0 * f64::from(i))],
+            _ => vec![person(900.0 - 4.0 * f64::from(i))],
+        });
+        let told = found(turns).unwrap();
+        assert!(told.leaps > 40, "{told:?}");
+    }
+
+    #[test]
+    fn who_walks_runs_turns_or_comes_in_does_not_leap() {
+        assert_eq!(found((0..120).map(walking)), None);
+        // Up to a third of their height a frame, and back.
+        let there_and_back = |i: i32| vec![person(600.0 * (0.1 * f64::from(i)).sin())];
+        assert_eq!(found((0..120).map(there_and_back)), None);
+        // One leaves as another comes in, every thirty frames.
+        let by_turns = |i: usize| vec![person(700.0 * (i / 30 % 2) as f64 + 3.0 * i as f64)];
+        assert_eq!(found((0..140).map(by_turns)), None);
+    }
+
+    #[test]
+    fn sides_that_are_exchanged_now_and_then_do_not_leap() {
+        let from_in_front = |i: usize| {
+            let mut seen = person(400.0);
+            for (k, at) in seen.iter_mut().flatten().enumerate().skip(1) {
+                let side = if k.is_multiple_of(2) == i.is_multiple_of(3) {
+                    1.0
+                } else {
+                    -1.0
+                };
+                at.position = Pixel::new(400.0 + 30.0 * side, at.position.vector_px().y);
+            }
+            vec![seen]
+        };
+        assert_eq!(found((0..120).map(from_in_front)), None);
+    }
+
+    #[test]
+    fn frames_between_which_nobody_is_shown_say_nothing() {
+        let apart = (0..60).flat_map(|i| [vec![person(300.0 * f64::from(i % 4))], Vec::new()]);
+        assert_eq!(found(apart), None);
+    }
+}
