@@ -3,17 +3,21 @@
 use std::ffi::OsStr;
 use std::io;
 use std::process::{Command, Output, Stdio};
-use std::time::{Duration, Instant};
+use std::thread;
+use std::time::Duration;
+
+use farfield_node::clock;
 
 use crate::report_lines::{ReportLines, Verdict};
 
-const PROGRAMS: &str = "programs";
+/// The group of these lines.
+const GROUP: &str = "programs";
+const PROGRAMS: [&str; 2] = ["ffmpeg", "ffprobe"];
 const INSTALL: &str = "apt install ffmpeg (Fedora: dnf install ffmpeg; macOS: brew install ffmpeg)";
 /// The first version that knows `-fps_mode`.
 const LEAST_VERSION: (u32, u32) = (5, 1);
-/// A program that says its version later than this hangs, on a network drive for one: who waits for a diagnosis waits for
-/// both of them.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// A program that says its version later than this hangs, on a network drive for one.
+const PATIENCE: Duration = Duration::from_secs(2);
 const LOOKED_AT_EVERY: Duration = Duration::from_millis(5);
 
 /// What the programs are needed for.
@@ -27,8 +31,16 @@ pub(super) enum ProgramNeed {
 
 /// Asks `ffmpeg` and `ffprobe` on the search path `path` for their versions.
 pub(super) fn look_at_programs(path: &OsStr, need: ProgramNeed, report: &mut ReportLines) {
-    for program in ["ffmpeg", "ffprobe"] {
-        let (verdict, text) = look_at(program, path);
+    // Both at once: who waits for a diagnosis waits for the slower.
+    let said = thread::scope(|scope| {
+        let asked = PROGRAMS.map(|program| scope.spawn(move || look_at(program, path)));
+        asked.map(|asked| {
+            asked
+                .join()
+                .unwrap_or_else(|_| (Verdict::Failed, "asking for its version failed".to_owned()))
+        })
+    });
+    for (verdict, text) in said {
         let is_needed = need == ProgramNeed::Video;
         let (verdict, text) = match verdict {
             Verdict::Failed if !is_needed => (
@@ -38,7 +50,7 @@ pub(super) fn look_at_programs(path: &OsStr, need: ProgramNeed, report: &mut Rep
             verdict => (verdict, text),
         };
         let remedy = if verdict == Verdict::Ok { "" } else { INSTALL };
-        report.push(PROGRAMS, verdict, text, remedy);
+        report.push(GROUP, verdict, text, remedy);
     }
 }
 
@@ -100,15 +112,15 @@ fn answer(command: &mut Command) -> io::Result<Option<Output>> {
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()?;
-    let asked = Instant::now();
+    let asked = clock::now();
     // What it says fits into its pipe many times.
     while child.try_wait()?.is_none() {
-        if asked.elapsed() > PATIENCE {
+        if clock::now().duration_since(asked) > PATIENCE {
             child.kill()?;
             child.wait()?;
             return Ok(None);
         }
-        std::thread::sleep(LOOKED_AT_EVERY);
+        thread::sleep(LOOKED_AT_EVERY);
     }
     child.wait_with_output().map(Some)
 }

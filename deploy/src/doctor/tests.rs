@@ -4,7 +4,6 @@
 use std::ffi::OsString;
 use std::net::{TcpListener, UdpSocket};
 use std::os::unix::fs::PermissionsExt as _;
-use std::time::Instant;
 
 use farfield_proto::message::health::SystemClock;
 
@@ -129,9 +128,7 @@ fn programs_that_are_missing_old_or_broken_are_found() {
     let (none, one, old, broken) = (at("none"), at("one"), at("old"), at("broken"));
     let hanging = at("hanging");
     hangs(&hanging, "ffmpeg");
-    let asked = Instant::now();
     let of_hanging = programs_in(&hanging);
-    assert!(asked.elapsed().as_secs() < 4, "all of it is done in five");
     program(&one, "ffmpeg", "ffmpeg version 6.0 Copyright", 0);
     for name in ["ffmpeg", "ffprobe"] {
         program(
