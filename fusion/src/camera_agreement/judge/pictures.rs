@@ -1,6 +1,7 @@
 //! What is wrong with the pictures of cameras themselves: they stand still, or a lens is another than was calibrated.
 
 mod low_scores;
+mod same;
 
 use std::borrow::Cow;
 use std::sync::Arc;
