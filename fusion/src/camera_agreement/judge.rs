@@ -50,7 +50,7 @@ use super::{AgreementCameras, JudgedCamera};
 /// the least.
 const PASSES: usize = 16;
 const LEAST_PASSES: usize = 4;
-/// Passes of so little time, seconds, show one moment.
+/// Passes of so little time, seconds, show one moment: in as much poses count as one, too.
 const MOMENT_S: f64 = 0.4;
 /// Two cameras that are nearer to each other than this, metres, agree whatever they show: all lines of sight from one place
 /// meet.
@@ -208,11 +208,15 @@ impl<'a> Judge<'a> {
         self.find_disagreements(&mut report, &mut told);
         let is_compared =
             |camera: usize| self.pairs.keys().any(|&(a, b)| a == camera || b == camera);
+        let disagreements = report.disagreements.iter();
+        let named: Vec<Vec<String>> = disagreements.map(|told| told.cameras.clone()).collect();
         for (index, camera) in self.cameras.iter().enumerate() {
+            let mut named = named.iter();
+            let is_named = named.any(|all| all.is_empty() || all.contains(&camera.name));
             let verdict = match (told[index], is_compared(index)) {
-                (true, _) => AgreementVerdict::Disagrees,
+                (true, _) if is_named => AgreementVerdict::Disagrees,
                 (false, true) => AgreementVerdict::Agrees,
-                (false, false) => AgreementVerdict::Unknown,
+                _ => AgreementVerdict::Unknown,
             };
             report
                 .cameras
@@ -304,14 +308,14 @@ impl<'a> Judge<'a> {
             .copied()
             .filter(|camera| !right.contains(camera));
         let outside: Vec<usize> = outside.collect();
-        // What hides somebody from some cameras at one moment is no disagreement.
+        // What hides somebody from some cameras at one moment is no disagreement; nor are others held to these cameras.
         let is_of_a_moment = self.samples.passes_last_s() < MOMENT_S;
         let (mut found, mut unexplained) = (Vec::new(), Vec::new());
         for &camera in &outside {
             if !told[camera] {
                 match self.explain(camera, (&right, group, &outside), points, told) {
                     Some((cameras, cause)) => found.push(self.disagreement(&cameras, cause)),
-                    None if is_of_a_moment => continue,
+                    None if is_of_a_moment => {}
                     None => unexplained.push(camera),
                 }
             }

@@ -231,6 +231,8 @@ impl Judge<'_> {
 
     /// Whether the sightings of a camera that is changed so meet those of the others no worse than as it is calibrated.
     ///
+    /// Not of a camera that has too few sightings in common with them, as in a second: crops of so little time err to one side.
+    ///
     /// A crop is cut for somebody, and where a camera sees that person badly it shows another: beside somebody whom few cameras
     /// see, always the same one. Sightings are of whoever is there.
     pub(super) fn fits_sightings(

@@ -19,11 +19,11 @@ const SHORT_S: f64 = 1.5;
 const SHORT_EXPLAINS: f64 = 0.9;
 /// Shifts from so many ticks on are looked for among so many that one of them explains something by chance.
 const FAR_TICKS: f64 = 8.0;
+/// What they must leave.
+const FAR_EXPLAINS: f64 = 0.7;
 /// By which factor sightings must cost more beside where people were by such a shift than beside where they are to speak against it:
 /// of who moves on the spot both cost alike.
 const ELSEWHERE_THEN: f64 = 1.2;
-/// What they must leave.
-const FAR_EXPLAINS: f64 = 0.7;
 
 impl Judge<'_> {
     /// By how many ticks `camera` is late, when that is sure and worth a word.
@@ -272,7 +272,13 @@ mod tests {
             }
         };
         set(&mut judge, 2, 51.0);
-        for (by_sightings, expected) in [(Some(0.9), Some(51.0)), (Some(1.5), None), (None, None)] {
+        for (fits_now, by_sightings, expected) in [
+            (true, Some(0.9), Some(51.0)),
+            (true, Some(1.5), None),
+            (true, None, None),
+            (false, None, Some(51.0)),
+        ] {
+            judge.shifts[2].as_mut().unwrap().fits_now = fits_now;
             judge.fits[2].late_by_crops = by_sightings;
             let told = (judge.late(2), judge.known_late(2));
             assert_eq!(told, (expected, expected), "{by_sightings:?}");

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::super::fixture::{Hall, Mistake, names};
 use super::super::samples::PassSample;
+use super::AgreementVerdict::{Agrees, Unknown};
 use super::*;
 
 #[test]
@@ -113,7 +114,13 @@ fn a_camera_that_shows_somebody_else_is_told_of_unless_all_is_of_one_moment() {
             ..PassSample::clone(pass)
         });
     }
-    assert_eq!(samples.report().disagreements, []);
+    let of_a_moment = samples.report();
+    assert_eq!(of_a_moment.disagreements, []);
+    let verdicts = of_a_moment.cameras.values().map(|of| of.verdict);
+    assert_eq!(
+        verdicts.collect::<Vec<_>>(),
+        [Agrees, Agrees, Unknown, Agrees]
+    );
 }
 
 #[test]

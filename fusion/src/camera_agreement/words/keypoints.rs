@@ -27,11 +27,11 @@ pub(super) fn picture_of_all(change: PictureOfAll) -> (String, String) {
 pub(super) fn other_picture(camera: &str, change: PictureOfAll) -> (String, String) {
     (
         format!(
-            "the keypoints of camera {camera} are not where its calibration has them: {}",
+            "what camera {camera} shows is not where its calibration has it: {}",
             where_they_are(change)
         ),
-        "give its keypoints in pixels of the pictures that were calibrated, from their top left corner, as those of the others are, or look \
-         whether its `matrix` is of pictures of another size"
+        "give its video or keypoints as the pictures were that were calibrated, in their pixels from the top left corner (a turned video: \
+         `ffmpeg -vf transpose`), or look whether its `matrix` is of pictures of another size"
             .to_owned(),
     )
 }

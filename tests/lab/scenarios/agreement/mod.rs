@@ -289,7 +289,7 @@ fn a_file_of_keypoints_that_are_elsewhere_in_their_picture_is_named_with_where()
         MistakenSample::new()
             .change(&["north-west"], |k| k, written)
             .is_told(&[
-                "the keypoints of camera north-west are not where its calibration has them",
+                "what camera north-west shows is not where its calibration has it",
                 told,
             ]);
     }

@@ -18,7 +18,8 @@ const WIDE_SCALE_STEP: f64 = 0.1;
 /// Shifts that are tried: up to so large a share of a picture, and how far apart.
 const FARTHEST_SHIFT: f64 = 0.42;
 const SHIFT_STEP: f64 = 0.06;
-/// How many times as tall pictures are as others in which keypoints are found: of 2160, 1440, 1200, 1080, 720, 540 and 480 rows.
+/// How many times as tall pictures are as others in which keypoints are found: the usual ones of 2160, 1440, 1200, 1080, 720, 540 and 480
+/// rows that are a third apart or more.
 const SIZES: [f64; 9] = [
     2160.0 / 1440.0,
     2.0,
@@ -232,7 +233,7 @@ fn turned() -> Vec<Change> {
     all.map(turned).to_vec()
 }
 
-/// The changes of one camera's pictures that are tried, but for what has a name of its own.
+/// The changes of one camera's pictures that are tried: reflected, turned by a quarter, or of another size.
 pub(super) fn tried_of_one() -> Vec<Change> {
     let turned = turned();
     let is_another = |change: &Change| change.name() != Some(PictureOfAll::HalfTurned);
