@@ -46,7 +46,7 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
     };
     let mut last = first;
     let mut contents = KeypointContents::of(expected.size_px);
-    let (mut leaps, mut repeats) = (LeapCounter::default(), RepeatCounter::default());
+    let (mut leaps, mut repeats) = (LeapCounter::of(expected.rate_hz), RepeatCounter::default());
     let mut add = |frame: KeypointFrame| {
         contents.add(&frame);
         leaps.add(&frame);

@@ -15,7 +15,7 @@ use std::time::Duration;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::TickFrom;
 
-use self::even::{OddGap, farthest_off, mean_period_s, odd_gap};
+use self::even::{OddGap, farthest_off, odd_gap, usual_gap_s};
 use super::ffmpeg::{self, Ffmpeg, PictureError, Wanted, read_picture};
 use super::ffprobe::{self, VideoStream};
 use super::frame_times::FrameTimes;
@@ -37,9 +37,9 @@ const SILENCE: Duration = Duration::from_secs(2);
 /// The same for its first picture, which has connections and key frames to wait for.
 const FIRST_SILENCE: Duration = Duration::from_secs(10);
 
-/// A recording whose mean rate is off the venue's by less than this share, and whose frames come unevenly, has lost frames or varies;
-/// one that is farther off is of another rate.
-const VARIES: f64 = 0.3;
+/// A recording most of whose frames are as far apart as the venue's, to this share (containers round times to milliseconds), has its
+/// rate, and has lost frames where the mean is another.
+const SAME_PERIOD: f64 = 0.1;
 
 pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
     check_file(path, &expected.at)?;
@@ -139,10 +139,9 @@ fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceEr
         && (found_hz / expected.rate_hz - 1.0).abs() > RATE_TOLERANCE
     {
         // Without the frames that it has lost it would have the venue's rate, and another rate would mend nothing.
-        let own_s = mean_period_s(&stream.times_s).filter(|own_s| {
-            (own_s / period_s - 1.0).abs() < VARIES && odd_gap(&stream.times_s, *own_s).is_some()
-        });
-        let gap = own_s.and_then(|_| odd_gap(&stream.times_s, period_s));
+        let usual_s = usual_gap_s(&stream.times_s);
+        let usual_s = usual_s.filter(|usual_s| (usual_s / period_s - 1.0).abs() < SAME_PERIOD);
+        let gap = usual_s.and_then(|_| odd_gap(&stream.times_s, period_s));
         return Err(gap.map_or_else(
             || SourceError::Rate {
                 at: at(),

@@ -286,17 +286,20 @@ fn a_variable_rate_is_refused_with_the_frame() {
 #[test]
 fn lost_frames_are_told_neither_as_another_rate_nor_as_a_file_that_was_cut() {
     let Some(studio) = studio() else { return };
-    let record = |times: &str, name: &str| {
+    let record = |rate: u8, lost: u8, name: &str| {
         let args = format!(
-            "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 80 -vf setpts=({times})/30/TB -fps_mode passthrough"
+            "-f lavfi -i testsrc2=size=96x64:rate={rate} -frames:v 80 -vf setpts=(N+{lost}*gt(N\\,29))/{rate}/TB -fps_mode passthrough"
         );
         refusal(&studio.record(&args, name))
     };
     // Ten of ninety are gone: 27 frames per second, and none of the others should be brought to that.
-    let said = record("N+10*gt(N\\,29)", "lost.mkv");
+    let said = record(30, 10, "lost.mkv");
     for words in ["frames were lost", "between frames 29 and 30", "-r 30 OUT"] {
         assert!(said.contains(words), "{words}: {said}");
     }
+    // One of 25 per second has that rate, whatever it lost.
+    let said = record(25, 1, "slower.mkv");
+    assert!(said.contains("25.000") && !said.contains("lost"), "{said}");
 }
 
 #[test]

@@ -9,6 +9,8 @@ use crate::source::{ExpectedSource, KeypointFrame, SourceError};
 const SHARE_OF_PICTURE: f64 = 1.5;
 /// ... when there are as many as two people have.
 const FEWEST_POINTS: u64 = 34;
+/// Score from which on a network is sure of a keypoint: what a picture cuts off is guessed, with less.
+const SURE: f64 = 0.3;
 /// How far outside its picture a network may put what it cannot see, by the picture's width and height.
 const MARGIN: f64 = 0.1;
 /// Share of the keypoints beyond that from which on they are of another picture: of people at its edge a few are.
@@ -21,12 +23,17 @@ pub struct KeypointContents {
     pub lines: u64,
     /// Keypoints in all of them.
     pub points: u64,
-    /// Those that lie clearly outside the picture.
+    /// Those of which the network was sure.
+    pub sure: u64,
+    /// Those of these that lie clearly outside the picture.
     pub outside: u64,
     /// Width and height of the picture that was calibrated.
     pub size_px: [u32; 2],
-    /// The farthest that a keypoint lies right and down, and the farthest along either axis, pixels.
+    /// The one of these that is farthest outside, pixels.
     farthest_px: [f64; 2],
+    /// How far that is, by the picture's width or height.
+    farthest: f64,
+    /// The farthest that any keypoint lies along either axis, pixels.
     largest_px: f64,
 }
 
@@ -44,7 +51,6 @@ impl KeypointContents {
     pub(super) fn of(size_px: [u32; 2]) -> Self {
         Self {
             size_px,
-            farthest_px: [f64::NEG_INFINITY; 2],
             ..Self::default()
         }
     }
@@ -56,13 +62,19 @@ impl KeypointContents {
             let at = point.position.vector_px();
             self.points += 1;
             self.largest_px = self.largest_px.max(at.amax());
-            let mut is_outside = false;
-            for axis in 0..2 {
-                let size = f64::from(self.size_px[axis]);
-                is_outside |= !(-MARGIN * size..=(1.0 + MARGIN) * size).contains(&at[axis]);
-                self.farthest_px[axis] = self.farthest_px[axis].max(at[axis]);
+            if f64::from(point.score) < SURE {
+                continue;
             }
-            self.outside += u64::from(is_outside);
+            self.sure += 1;
+            let outside = |axis: usize| {
+                let size = f64::from(self.size_px[axis].max(1));
+                (-at[axis]).max(at[axis] - size) / size
+            };
+            let farthest = outside(0).max(outside(1));
+            self.outside += u64::from(farthest > MARGIN);
+            if farthest > self.farthest {
+                (self.farthest, self.farthest_px) = (farthest, [at[0], at[1]]);
+            }
         }
     }
 
@@ -92,13 +104,13 @@ impl KeypointContents {
                     .to_owned(),
             });
         }
-        let share = self.outside as f64 / self.points as f64;
-        let is_told = self.points >= FEWEST_POINTS && share > TOLD_SHARE;
+        let share = self.outside as f64 / self.sure.max(1) as f64;
+        let is_told = self.sure >= FEWEST_POINTS && share > TOLD_SHARE;
         is_told.then(|| KeypointDoubt {
             problem: format!(
                 "{} of its {} keypoints ({:.0} %) lie outside its picture of {width} x {height}, as far as x = {:.0}, y = {:.0}",
                 self.outside,
-                self.points,
+                self.sure,
                 100.0 * share,
                 self.farthest_px[0],
                 self.farthest_px[1]
@@ -119,13 +131,15 @@ mod tests {
 
     /// A file of 100 x 50 pixels with a line per point.
     fn contents(points: impl IntoIterator<Item = [f64; 2]>) -> KeypointContents {
+        scored(points.into_iter().map(|at| (at, 0.8)))
+    }
+
+    /// The same with scores.
+    fn scored(points: impl IntoIterator<Item = ([f64; 2], f32)>) -> KeypointContents {
         let mut contents = KeypointContents::of([100, 50]);
-        for [x, y] in points {
+        for ([x, y], score) in points {
             let position = Pixel::new(x, y);
-            let seen = KeypointCandidate {
-                position,
-                score: 0.8,
-            };
+            let seen = KeypointCandidate { position, score };
             contents.add(&KeypointFrame {
                 persons: Vec::new(),
                 peaks: vec![vec![seen]],
@@ -157,5 +171,16 @@ mod tests {
         assert_eq!((cut_off.outside, cut_off.doubt()), (4, None));
         let a_little = contents((0..40).map(|_| [109.0, 54.0]));
         assert_eq!(a_little.doubt(), None);
+        // Half of the body is below the picture, and guessed.
+        let guessed = (0..40).map(|i| {
+            (
+                [50.0, 25.0 + 2.0 * f64::from(i)],
+                if i < 13 { 0.8 } else { 0.1 },
+            )
+        });
+        assert_eq!(scored(guessed).doubt(), None);
+        let from_the_middle = contents((0..40).map(|i| [f64::from(i) - 40.0, f64::from(i) - 20.0]));
+        let doubt = from_the_middle.doubt().unwrap();
+        assert!(doubt.problem.contains("x = -40, y = -20"), "{doubt:?}");
     }
 }

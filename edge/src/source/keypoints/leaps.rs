@@ -16,6 +16,12 @@ use crate::source::{KeypointCandidate, KeypointFrame, LeapingFrames};
 /// the picture, and pixels.
 const CARRIED_SHARE: f64 = 0.1;
 const CARRIED_PX: f64 = 8.0;
+/// The same at lower rates is so many times as much as this rate is higher, squared: who turns or stops leaves the way they went.
+const CARRIED_HZ: f64 = 10.0;
+/// People of a frame who are compared.
+const MOST_PEOPLE: usize = 16;
+/// Least score of a keypoint that is compared: what is not seen is written anywhere.
+const SURE: f64 = 0.3;
 /// Keypoints that two frames must have of somebody to be compared.
 const FEWEST_COMMON: usize = 5;
 /// How many leaps are told, of which share of the frames with people. Of the Shelf, the sample and simulated scenes no frame
@@ -26,42 +32,54 @@ const TOLD_SHARE: f64 = 0.02;
 type Person = Vec<Option<KeypointCandidate>>;
 
 /// Counts frames in which everybody is elsewhere.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct LeapCounter {
+    /// How far somebody is carried on at most, as a share of their extent.
+    carried_share: f64,
     before: Vec<Person>,
     before_that: Vec<Person>,
     counted: LeapingFrames,
 }
 
 impl LeapCounter {
+    /// Nothing yet, of a file with so many lines a second.
+    pub(super) fn of(rate_hz: f64) -> Self {
+        let slower = (CARRIED_HZ / rate_hz).max(1.0);
+        Self {
+            carried_share: CARRIED_SHARE * slower * slower,
+            before: Vec::new(),
+            before_that: Vec::new(),
+            counted: LeapingFrames::default(),
+        }
+    }
+
     /// Counts the next frame of a file.
     pub(super) fn add(&mut self, frame: &KeypointFrame) {
         let now = &frame.persons;
         if !now.is_empty() && !self.before.is_empty() {
             self.counted.frames += 1;
-            let goes_on = |person: &Person| {
-                let at = |now: &Person| self.carries_on(person, now);
-                now.iter().any(at)
-            };
+            let goes_on = |person: &Person| self.goes_on(person, now);
             self.counted.leaps += u64::from(!self.before.iter().any(goes_on));
         }
         mem::swap(&mut self.before_that, &mut self.before);
-        self.before.clone_from(now);
+        self.before.clear();
+        self.before.extend(now.iter().take(MOST_PEOPLE).cloned());
     }
 
     /// Whether somebody of the frame before is where they were, or where they would be had they gone on.
-    fn carries_on(&self, person: &Person, now: &Person) -> bool {
-        let Some(moved) = moved_px(person, now) else {
-            // Nobody knows.
-            return true;
-        };
-        let most_px = CARRIED_PX.max(CARRIED_SHARE * extent_px(person));
-        let came = || {
-            let ways = self.before_that.iter();
-            ways.filter_map(|earlier| moved_px(earlier, person))
-                .min_by(|a, b| a.norm().total_cmp(&b.norm()))
-        };
-        moved.norm() <= most_px || came().is_some_and(|came| (moved - came).norm() <= most_px)
+    fn goes_on(&self, person: &Person, now: &[Person]) -> bool {
+        let most_px = CARRIED_PX.max(self.carried_share * extent_px(person));
+        let ways = self.before_that.iter();
+        let came = ways
+            .filter_map(|earlier| moved_px(earlier, person))
+            .min_by(|a, b| a.norm().total_cmp(&b.norm()));
+        now.iter().take(MOST_PEOPLE).any(|now| {
+            // Where too few keypoints are in both, nobody knows.
+            moved_px(person, now).is_none_or(|moved| {
+                let is_near = |from: Vector2<f64>| (moved - from).norm() <= most_px;
+                is_near(Vector2::zeros()) || came.is_some_and(is_near)
+            })
+        })
     }
 
     /// What was counted, where it speaks against the file's order.
@@ -75,7 +93,8 @@ impl LeapCounter {
 /// By how much most keypoints have moved, pixels; sides that a network exchanges now and then move to both sides alike.
 fn moved_px(before: &Person, now: &Person) -> Option<Vector2<f64>> {
     let both = before.iter().zip(now);
-    let both = both.filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?)));
+    let sure = |of: &'_ Option<KeypointCandidate>| of.filter(|it| f64::from(it.score) >= SURE);
+    let both = both.filter_map(|(a, b)| Some((sure(a)?, sure(b)?)));
     let moved = both.map(|(a, b)| b.position.vector_px() - a.position.vector_px());
     let moved: Vec<Vector2<f64>> = moved.collect();
     if moved.len() < FEWEST_COMMON {
@@ -111,7 +130,7 @@ mod tests {
     }
 
     fn found(frames: impl IntoIterator<Item = Vec<Person>>) -> Option<LeapingFrames> {
-        let mut counter = LeapCounter::default();
+        let mut counter = LeapCounter::of(30.0);
         for persons in frames {
             let peaks = Vec::new();
             counter.add(&KeypointFrame { persons, peaks });

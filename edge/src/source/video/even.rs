@@ -5,10 +5,14 @@
 
 use std::ops::Range;
 
+use farfield_proto::order_statistics::upper_median;
+
 /// Time between two frames, in periods, outside which one was lost or doubled.
 const GAP_PERIODS: Range<f64> = 0.5..1.5;
-/// By how much a frame may be off even times, in periods. Containers round times to milliseconds, and clocks wander less.
+/// By how much a frame may be off even times: periods, as containers round times to milliseconds, and a share of the recording's length,
+/// as the clock of a camera that warms up wanders.
 const MOST_OFF_PERIODS: f64 = 1.0;
+const WANDERS: f64 = 1e-4;
 
 /// The first interval that is no single period.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,8 +32,14 @@ pub(super) fn odd_gap(times_s: &[f64], period_s: f64) -> Option<OddGap> {
     odd.next().map(|(before, gap_s)| OddGap { before, gap_s })
 }
 
+/// The median time between two frames; `None` of fewer than two.
+pub(super) fn usual_gap_s(times_s: &[f64]) -> Option<f64> {
+    let gaps_s = times_s.windows(2).map(|pair| pair[1] - pair[0]);
+    upper_median(gaps_s.collect())
+}
+
 /// The mean time between two frames; `None` of fewer than two.
-pub(super) fn mean_period_s(times_s: &[f64]) -> Option<f64> {
+fn mean_period_s(times_s: &[f64]) -> Option<f64> {
     let (first, last) = (times_s.first()?, times_s.last()?);
     let n_gaps = times_s.len() - 1;
     (n_gaps > 0 && last > first).then(|| (last - first) / n_gaps as f64)
@@ -40,10 +50,11 @@ pub(super) fn mean_period_s(times_s: &[f64]) -> Option<f64> {
 pub(super) fn farthest_off(times_s: &[f64]) -> Option<(usize, f64)> {
     let period_s = mean_period_s(times_s)?;
     let first_s = times_s[0];
+    let most_s = MOST_OFF_PERIODS * period_s + WANDERS * (times_s[times_s.len() - 1] - first_s);
     let late = times_s.iter().enumerate();
     let late = late.map(|(n, at_s)| (n, at_s - first_s - n as f64 * period_s));
     late.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
-        .filter(|(_, late_s)| late_s.abs() > MOST_OFF_PERIODS * period_s)
+        .filter(|(_, late_s)| late_s.abs() > most_s)
 }
 
 #[cfg(test)]
@@ -75,6 +86,20 @@ mod tests {
         assert_eq!(farthest_off(&rounded), None);
         assert_eq!(farthest_off(&[]), None);
         assert_eq!(farthest_off(&[1.0, 1.0]), None);
+    }
+
+    #[test]
+    fn the_clock_of_a_camera_that_warms_up_for_an_hour_is_even() {
+        let n = 3600.0 * HZ;
+        let warming = times_s(3600 * 60, |at| 4e-5 * (at / HZ) * (1.0 - at / n));
+        assert_eq!(farthest_off(&warming), None);
+    }
+
+    #[test]
+    fn the_usual_gap_is_that_of_most_frames_whatever_was_lost() {
+        let lost = times_s(100, |n| 8.0 / HZ * (n / 25.0).floor());
+        assert!((usual_gap_s(&lost).unwrap() - 1.0 / HZ).abs() < 1e-9);
+        assert_eq!(usual_gap_s(&[1.0]), None);
     }
 
     #[test]
