@@ -12,7 +12,7 @@ const APART: f64 = 2e-4;
 /// A recording whose rate is less than this share of the others' has fewer pictures than it would have to: 30 among 60.
 const SLOWER: f64 = 0.98;
 
-/// Who is seen for less than this may be a chance, seconds: people are told of once they were seen for some tenths of it.
+/// Who is seen for less than this may be a chance, seconds: nobody is told of who was not seen again and again.
 const SURE_AFTER_S: f64 = 0.25;
 /// What mends a recording that is over before that.
 pub(crate) const LONGER: &str =

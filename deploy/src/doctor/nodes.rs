@@ -17,6 +17,9 @@ const ANSWER: Duration = Duration::from_millis(1500);
 const WITH_KEYS: &str = "mend what is said of the keys; a machine that has those of another node alone: farfield status VENUE --node NAME";
 const WITHOUT_KEYS: &str = "farfield certs VENUE --out certs, then `[security] certificates = \"certs\"` and quic/ in `[fusion]`";
 
+/// The same where endpoints are given.
+const GIVEN: &str = "look at `--connect`: it is PROTOCOL/HOST:PORT, as in `[fusion] listen`";
+
 /// Joins `venue` for a moment as somebody who only listens, at `connect` or where the venue file says.
 pub(super) fn look_at_nodes(
     venue: &Venue,
@@ -45,10 +48,10 @@ pub(super) fn look_at_nodes(
         Err(error) => report.warn(
             NODES,
             format!("not looked at: {error}"),
-            if venue.security.certificates.is_some() {
-                WITH_KEYS
-            } else {
-                WITHOUT_KEYS
+            match (venue.security.certificates.is_some(), connect.is_empty()) {
+                (_, false) => GIVEN,
+                (true, true) => WITH_KEYS,
+                (false, true) => WITHOUT_KEYS,
             },
         ),
     }

@@ -64,10 +64,9 @@ fn look_at(endpoint: &str, runs: VenueRuns, report: &mut ReportLines) {
     };
     match bound {
         Ok(()) => report.ok(PORTS, format!("{endpoint} is free")),
-        Err(error) if error.kind() == ErrorKind::AddrInUse && runs == VenueRuns::Now => {
-            report.ok(PORTS, format!("{endpoint} is where this venue's fusion listens"));
+        Err(error) if error.kind() == ErrorKind::AddrInUse => {
+            taken(endpoint, (address, is_datagram), runs, report);
         }
-        Err(error) if error.kind() == ErrorKind::AddrInUse => taken(endpoint, address, is_datagram, report),
         Err(error) if error.kind() == ErrorKind::AddrNotAvailable => report.warn(
             PORTS,
             format!("{endpoint} is not an address of this machine"),
@@ -81,17 +80,31 @@ fn look_at(endpoint: &str, runs: VenueRuns, report: &mut ReportLines) {
     }
 }
 
-fn taken(endpoint: &str, address: SocketAddr, is_datagram: bool, report: &mut ReportLines) {
+fn taken(
+    endpoint: &str,
+    (address, is_datagram): (SocketAddr, bool),
+    runs: VenueRuns,
+    report: &mut ReportLines,
+) {
     let owner = owner(Path::new("/proc"), address.port(), is_datagram);
+    let is_ours = |(_, name): &(u32, String)| OURS.contains(&name.as_str());
+    // Only its own user and root are told whose it is; and builds have names of their own.
+    let may_be_ours = owner
+        .as_ref()
+        .is_none_or(|(_, name)| name.starts_with(OURS[0]));
+    if runs == VenueRuns::Now && may_be_ours {
+        report.ok(
+            PORTS,
+            format!("{endpoint} is where this venue's fusion listens"),
+        );
+        return;
+    }
     let by = owner.as_ref().map_or_else(
         || "another program".to_owned(),
         |(id, name)| format!("`{name}` (process {id})"),
     );
     let text = format!("{endpoint} is taken by {by}");
-    let is_ours = owner
-        .as_ref()
-        .is_some_and(|(_, name)| OURS.contains(&name.as_str()));
-    if is_ours {
+    if owner.as_ref().is_some_and(is_ours) {
         report.warn(PORTS, text, "end that run first, if it is not this venue's");
     } else {
         let end = owner.map_or_else(|| "end it".to_owned(), |(id, _)| format!("kill {id}"));

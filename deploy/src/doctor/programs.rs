@@ -17,7 +17,7 @@ const INSTALL: &str = "apt install ffmpeg (Fedora: dnf install ffmpeg; macOS: br
 /// The first version that knows `-fps_mode`.
 const LEAST_VERSION: (u32, u32) = (5, 1);
 /// A program that says its version later than this hangs, on a network drive for one.
-const PATIENCE: Duration = Duration::from_secs(2);
+const PATIENCE: Duration = Duration::from_secs(1);
 const LOOKED_AT_EVERY: Duration = Duration::from_millis(5);
 
 /// What the programs are needed for.

@@ -75,12 +75,13 @@ impl Convention {
 
     fn remedy(self) -> &'static str {
         match self {
-            Self::Pose => "write the inverse of each: R' and -R' t",
+            Self::Pose => "write the inverse: R' and -R' t",
             Self::TurnedAxes => {
-                "negate the second and third row of each rotation matrix, and the second and third number of `translation`"
+                "negate the second and third row of the rotation matrix (of a rotation vector: of its matrix, as `cv2.Rodrigues` gives it), and the \
+                 second and third number of `translation`"
             }
             Self::PoseOfTurnedAxes => {
-                "write the inverse of each, R' and -R' t, with its second and third row and number negated"
+                "write the inverse, R' and -R' t, with its second and third row and number negated (of a rotation vector: of its matrix)"
             }
         }
     }

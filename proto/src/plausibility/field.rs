@@ -5,11 +5,10 @@ use crate::venue::Venue;
 use super::{Cause, Finding, Severity};
 
 /// The middle of a body, hips and shoulders, stands at 0.9 to 1.2 m. A field that ends below, above its floor, leaves the tall
-/// out, metres; and one that ends here leaves out everybody who does not lie.
+/// out, metres; only who sits, kneels or lies is found then.
 const LOW_M: f64 = 1.2;
-const LOWEST_M: f64 = 0.5;
-/// A step is longer than half of this, metres.
-const NARROW_M: f64 = 0.5;
+/// No field in metres is narrower: a treadmill has 0.45.
+const NARROW_M: f64 = 0.4;
 /// No field is wider, metres: a stadium with its stands is 300.
 const WIDE_M: f64 = 500.0;
 
@@ -37,20 +36,14 @@ pub(super) fn findings(venue: &Venue) -> Vec<Finding> {
         findings.push(of(
             Severity::Doubtful,
             format!("`[field]` is {length_m:.2} m by {width_m:.2} m"),
-            "more than a step, 0.5 m, both ways",
+            "0.4 m or more both ways",
             "set `[field]` min_m and max_m to where people are, in metres",
         ));
     }
     let top_m = field.max_m[2] - field.floor_m;
     if top_m < LOW_M {
-        // Who is given by hand is followed from there.
-        let severity = if top_m < LOWEST_M && venue.given_persons.is_empty() {
-            Severity::Wrong
-        } else {
-            Severity::Doubtful
-        };
         findings.push(of(
-            severity,
+            Severity::Doubtful,
             format!(
                 "`[field]` ends {top_m:.2} m above its floor (z = {:.2} m), at max_m[2] = {:.2} m",
                 field.floor_m, field.max_m[2]

@@ -71,6 +71,7 @@ fn a_camera_that_is_hung_upside_down_or_looks_away_is_none_of_another_program() 
     let away = said(&with(|it| {
         it.rotation = looking(it.center_m, it.center_m * 2.0);
     }));
+    assert!(!hung.is_empty() && !away.is_empty(), "{hung:?} {away:?}");
     for finding in hung.iter().chain(&away) {
         assert!(
             !matches!(finding.cause, Cause::CameraAxes | Cause::Backwards),

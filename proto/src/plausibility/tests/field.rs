@@ -12,17 +12,17 @@ fn with_field(min_m: [f64; 3], max_m: [f64; 3]) -> Vec<Finding> {
 }
 
 #[test]
-fn a_field_that_ends_under_peoples_hips_is_wrong_and_one_that_leaves_out_the_tall_is_doubted() {
+fn a_field_that_ends_under_peoples_hips_or_leaves_out_the_tall_is_doubted() {
     let cases = [
         // Under the floor, a typing mistake, as high as hips, above heads.
         (
             [-3.3, -1.0],
-            Severity::Wrong,
+            Severity::Doubtful,
             "0.00 m above its floor (z = -1.00 m)",
         ),
         (
             [-0.3, 0.25],
-            Severity::Wrong,
+            Severity::Doubtful,
             "0.25 m above its floor (z = 0.00 m), at max_m[2] = 0.25 m",
         ),
         ([-0.3, 1.0], Severity::Doubtful, "1.00 m above its floor"),
@@ -42,32 +42,19 @@ fn a_field_that_ends_under_peoples_hips_is_wrong_and_one_that_leaves_out_the_tal
 }
 
 #[test]
-fn a_field_in_millimetres_and_one_no_wider_than_a_step_are_doubted() {
+fn a_field_in_millimetres_and_a_narrow_one_are_doubted() {
     let wide = with_field([-4000.0, -3000.0, -300.0], [4000.0, 3000.0, 2400.0]);
     assert_eq!(wide.len(), 1, "{wide:?}");
     assert!(wide[0].found.contains("8000 m by 6000 m"), "{wide:?}");
     assert!(wide[0].remedy.contains("millimetres by 0.001"), "{wide:?}");
-    let narrow = with_field([-0.2, -3.0, -0.3], [0.2, 3.0, 2.4]);
+    let narrow = with_field([-0.15, -3.0, -0.3], [0.15, 3.0, 2.4]);
     assert_eq!(narrow.len(), 1, "{narrow:?}");
-    assert!(narrow[0].found.contains("0.40 m by 6.00 m"), "{narrow:?}");
+    assert!(narrow[0].found.contains("0.30 m by 6.00 m"), "{narrow:?}");
 }
 
 #[test]
 fn fields_of_a_treadmill_a_stage_and_a_stadium_give_no_word() {
-    assert_eq!(with_field([-0.5, -1.0, -0.1], [0.5, 1.0, 2.2]), []);
+    assert_eq!(with_field([-0.225, -1.0, -0.1], [0.225, 1.0, 2.2]), []);
     assert_eq!(with_field([-5.0, -3.0, 0.9], [5.0, 3.0, 3.5]), []);
     assert_eq!(with_field([-150.0, -110.0, -0.5], [150.0, 110.0, 2.6]), []);
-}
-
-#[test]
-fn a_low_field_is_only_doubted_where_somebody_is_given_by_hand() {
-    let mut venue = venue(&hall(), 4);
-    venue.field.max_m[2] = 0.3;
-    venue.given_persons.push(GivenPerson {
-        tick: Tick(0),
-        keypoints_m: BTreeMap::new(),
-    });
-    let findings = of_venue(&venue);
-    let low = findings.iter().find(|it| it.cause == Cause::FieldSize);
-    assert_eq!(low.map(|it| it.severity), Some(Severity::Doubtful));
 }

@@ -240,7 +240,7 @@ fn keypoint_files_without_anybody_and_of_larger_pictures_are_told_of_by_a_check_
 }
 
 #[test]
-fn a_field_under_peoples_feet_is_refused_by_a_run_and_failed_by_a_check() {
+fn a_field_under_peoples_hips_is_told_of_by_a_check_and_a_run() {
     let folder = SampleFolder::new();
     folder.replace(
         "venue.toml",
@@ -248,21 +248,20 @@ fn a_field_under_peoples_feet_is_refused_by_a_run_and_failed_by_a_check() {
         "max_m = [4.0, 4.0, 0.2]",
     );
     let finished = check(&folder);
-    assert_eq!(finished.code, 1, "{}", finished.stderr);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
     let words = [
         "`[field]` ends 0.20 m above its floor",
         "expected room for people who stand",
         "max_m[2] 2.5 m above it",
     ];
     assert!(
-        says(&lines(&finished), "failed", &words),
+        says(&lines(&finished), "warning", &words),
         "{}",
         finished.stdout
     );
-    let finished = folder.farfield(&["run", "venue.toml", "--out", "out"]);
-    assert_eq!(finished.code, 2, "{}", finished.stderr);
+    let finished = folder.farfield(&["run", "venue.toml", "--out", "out", "--ticks", "0..5"]);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
     assert!(finished.stderr.contains(words[0]), "{}", finished.stderr);
-    assert!(!folder.path("out").exists());
 }
 
 /// As a program leaves them that reads pictures 1, 10, 100 and 2 in this order.

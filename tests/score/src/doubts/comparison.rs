@@ -15,6 +15,8 @@ use crate::points::{LIMB_POINTS, N_POINTS, ScoredBody};
 /// Ticks that are looked at: what one number would mend shows at few.
 const LEAST_TICKS: usize = 5;
 const MOST_TICKS: usize = 200;
+/// Of half of the time there must be more: a shift of a tick or two explains something of any few.
+const LEAST_HALF_TICKS: usize = 20;
 /// Most pairs of a truth and a pose over all ticks, so that a crowd takes no longer.
 const MOST_PAIRS: usize = 4000;
 /// Most pairs of a person of the truth and one of the poses that are told apart.
@@ -201,7 +203,7 @@ impl<'a> Comparison<'a> {
     /// The same of the first half of the ticks and of the second; `None` where these are too few.
     pub(super) fn halves(&self) -> Option<[Self; 2]> {
         let (first, second) = self.ticks.split_at(self.ticks.len() / 2);
-        (first.len() >= LEAST_TICKS).then(|| {
+        (first.len() >= LEAST_HALF_TICKS).then(|| {
             [first, second].map(|ticks| Self {
                 ticks: ticks.to_vec(),
                 ..self.clone()
