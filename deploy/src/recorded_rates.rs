@@ -4,6 +4,7 @@
 mod line_order;
 
 use farfield_edge::source::{RepeatedFrames, SourceInfo};
+use farfield_proto::venue::GivenPerson;
 
 pub(crate) use self::line_order::{LeapingKeypoints, leaping_keypoints};
 
@@ -18,10 +19,11 @@ const SURE_AFTER_S: f64 = 0.25;
 pub(crate) const LONGER: &str =
     "record for longer, or run more ticks; and see whether `rate_hz` is that of the recordings";
 
-/// That so many ticks are over before it is sure that somebody is there.
-pub(crate) fn too_short(n_ticks: i64, rate_hz: f64) -> Option<String> {
+/// That so many ticks are over before it is sure that somebody is there. Who is given by hand is followed from the first tick on.
+pub(crate) fn too_short(n_ticks: i64, rate_hz: f64, given: &[GivenPerson]) -> Option<String> {
     let span_s = n_ticks as f64 / rate_hz;
-    (span_s < SURE_AFTER_S).then(|| {
+    let is_short = span_s < SURE_AFTER_S && given.is_empty();
+    is_short.then(|| {
         format!(
             "{n_ticks} ticks at {rate_hz} a second are {span_s:.2} s, expected {SURE_AFTER_S} s or more: nobody may be found in less"
         )
@@ -156,6 +158,10 @@ pub(crate) fn are_apart(a_hz: f64, b_hz: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
+    use farfield_proto::tick::Tick;
+
     use super::*;
 
     #[test]
@@ -213,10 +219,15 @@ mod tests {
 
     #[test]
     fn what_is_over_before_anybody_is_found_is_told() {
-        let said = too_short(3, 30.0).unwrap();
+        let said = too_short(3, 30.0, &[]).unwrap();
         assert!(said.contains("3 ticks at 30 a second are 0.10 s"), "{said}");
-        assert!(too_short(120, 1000.0).is_some(), "a rate that is none");
-        assert_eq!(too_short(15, 60.0), None);
+        assert!(too_short(120, 1000.0, &[]).is_some(), "a rate that is none");
+        assert_eq!(too_short(15, 60.0, &[]), None);
+        let given = GivenPerson {
+            tick: Tick(0),
+            keypoints_m: BTreeMap::new(),
+        };
+        assert_eq!(too_short(3, 30.0, &[given]), None);
     }
 
     #[test]

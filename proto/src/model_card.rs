@@ -20,6 +20,9 @@ pub enum ModelCard {
     Detector(DetectorCard),
 }
 
+/// What a card is, for whoever has named another file in its place.
+pub const EXPECTED_CARD: &str = "the network's card, a TOML file beside it (docs/venue.md)";
+
 /// Card of a keypoint network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeatmapCard {

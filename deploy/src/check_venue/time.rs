@@ -138,7 +138,7 @@ fn look_at_lengths(
         );
     }
     let frames = ticks.end - ticks.start;
-    if let Some(words) = too_short(frames, venue.rate_hz) {
+    if let Some(words) = too_short(frames, venue.rate_hz, &venue.given_persons) {
         report.warn(TIME, words, LONGER);
     }
     report.ok(

@@ -217,9 +217,7 @@ fn check_rates(
     infos: &[(String, SourceInfo)],
     ticks: &Range<Tick>,
 ) -> Result<(), NodeError> {
-    // Who is given by hand is followed from the first tick on.
-    let short = too_short(ticks.end - ticks.start, venue.rate_hz);
-    if let Some(words) = short.filter(|_| venue.given_persons.is_empty()) {
+    if let Some(words) = too_short(ticks.end - ticks.start, venue.rate_hz, &venue.given_persons) {
         say(format_args!("doubtful: {words}; {LONGER}"));
     }
     for rate in odd_rates(infos) {

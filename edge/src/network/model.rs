@@ -4,7 +4,7 @@ use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-use farfield_proto::model_card::NetworkInput;
+use farfield_proto::model_card::{EXPECTED_CARD, NetworkInput};
 use farfield_proto::toml_file::{FileError, unread};
 use ort::session::Session;
 use ort::session::builder::GraphOptimizationLevel;
@@ -51,13 +51,10 @@ pub(crate) struct OnnxModel {
     batch: Option<usize>,
 }
 
-/// What a card is, for whoever has named the network in its place.
-const CARD: &str = "the network's card, a TOML file beside it (docs/venue.md)";
-
 /// Reads the text of a model card.
 pub(crate) fn read_card(path: &Path) -> Result<String, NetworkError> {
     std::fs::read_to_string(path).map_err(|error| {
-        let problem = unread(&error, CARD);
+        let problem = unread(&error, EXPECTED_CARD);
         FileError::new(path, format!("the model card cannot be read: {problem}")).into()
     })
 }

@@ -125,7 +125,7 @@ pub enum SourceError {
     #[error(
         "{at}: variable frame rate: frame {frame} is {} s {} than it would be at an even rate, expected at most {} s; \
          make it constant first ({})",
-        rounded(late_s.abs(), 4), if *late_s > 0.0 { "later" } else { "earlier" }, rounded(*period_s, 4),
+        rounded(late_s.abs(), 4), if *late_s > 0.0 { "later" } else { "earlier" }, rounded(*most_s, 4),
         made_constant(*period_s)
     )]
     UnevenRate {
@@ -135,6 +135,8 @@ pub enum SourceError {
         frame: usize,
         /// By how much it is late, seconds.
         late_s: f64,
+        /// How late or early it may be.
+        most_s: f64,
         /// The interval of the venue's rate.
         period_s: f64,
     },

@@ -33,6 +33,9 @@ const MAX_LINE_BYTES: u64 = 1 << 22;
 /// another scale.
 const MAX_SCORE: f64 = 1.25;
 
+/// Score from which on a network is sure of a keypoint: what is cut off or not seen is guessed, or written anywhere, with less.
+const SURE: f64 = 0.3;
+
 /// No pixel is farther from zero; keeps sums of them exact.
 const MAX_PX: f64 = 1e12;
 

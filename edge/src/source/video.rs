@@ -4,7 +4,7 @@
 //! rate, so a recording of another rate than the venue's, or of a variable one, is refused. Where the venue goes
 //! by timecode, the first frame's says which tick it is.
 
-mod even;
+mod frame_spacing;
 
 use std::borrow::Cow;
 use std::io::BufReader;
@@ -15,7 +15,7 @@ use std::time::Duration;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::TickFrom;
 
-use self::even::{OddGap, farthest_off, odd_gap, usual_gap_s};
+use self::frame_spacing::{FarOff, OddGap, farthest_off, odd_gap, usual_gap_s};
 use super::ffmpeg::{self, Ffmpeg, PictureError, Wanted, read_picture};
 use super::ffprobe::{self, VideoStream};
 use super::frame_times::FrameTimes;
@@ -155,10 +155,15 @@ fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceEr
         return Err(varies(gap));
     }
     match farthest_off(&stream.times_s) {
-        Some((frame, late_s)) => Err(SourceError::UnevenRate {
+        Some(FarOff {
+            frame,
+            late_s,
+            most_s,
+        }) => Err(SourceError::UnevenRate {
             at: at(),
             frame,
             late_s,
+            most_s,
             period_s,
         }),
         None => Ok(()),

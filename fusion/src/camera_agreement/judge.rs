@@ -65,6 +65,7 @@ const AGREES_PX: f64 = 1.5;
 const AGREES_FACTOR: f64 = 2.5;
 /// No cameras agree whose lines pass farther from each other than this, metres, unless their pixels are as wide.
 const NEVER_AGREES_M: f64 = 0.11;
+
 pub(super) struct Judge<'a> {
     pub(super) cameras: &'a [JudgedCamera],
     models: Vec<&'a CameraModel>,

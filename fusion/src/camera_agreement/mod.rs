@@ -9,7 +9,7 @@
 //!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `lens` on what crops show tick by tick (`lens` on sightings, too),
 //!          `refit/resection` on both where somebody moved (which camera was moved, turned or zoomed);
 //!          `pose_shift` on sightings and poses, `frozen` on sightings -> a cause in `words`; `sides`, `exchanged`,
-//!          `pictures_of_all` on whom all sight alike;
+//!          `pictures_of_all` on whom all sight alike, or one camera in a picture of its own;
 //!          `standing` on people, where all that fits
 //! ```
 //!

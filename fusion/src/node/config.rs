@@ -8,7 +8,7 @@ use anyhow::anyhow;
 use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError, say};
-use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::model_card::{EXPECTED_CARD, HeatmapCard};
 use farfield_proto::plausibility::{self, Finding, Severity};
 use farfield_proto::tick::{Tick, parse_range};
 use farfield_proto::toml_file::unread;
@@ -258,11 +258,10 @@ pub fn load_card(venue: &Venue) -> anyhow::Result<Option<HeatmapCard>> {
         return Ok(None);
     };
     let text = std::fs::read_to_string(path).map_err(|error| {
-        let card = "the network's card, a TOML file beside it (docs/venue.md)";
         anyhow!(
             "reading the network's card {}: {}",
             path.display(),
-            unread(&error, card)
+            unread(&error, EXPECTED_CARD)
         )
     })?;
     Ok(Some(HeatmapCard::parse(&text, path)?))

@@ -15,10 +15,10 @@ const WIDE_M: f64 = 500.0;
 /// What speaks against the extent of the venue's field.
 pub(super) fn findings(venue: &Venue) -> Vec<Finding> {
     let field = &venue.field;
-    let of = |severity, found, expected: &str, remedy: &str| Finding {
+    let of = |found, expected: &str, remedy: &str| Finding {
         camera: None,
         cause: Cause::FieldSize,
-        severity,
+        severity: Severity::Doubtful,
         found,
         expected: expected.to_owned(),
         remedy: remedy.to_owned(),
@@ -27,14 +27,12 @@ pub(super) fn findings(venue: &Venue) -> Vec<Finding> {
     let [length_m, width_m] = [0, 1].map(|axis| field.max_m[axis] - field.min_m[axis]);
     if length_m.max(width_m) > WIDE_M {
         findings.push(of(
-            Severity::Doubtful,
             format!("`[field]` is {length_m:.0} m by {width_m:.0} m"),
             "at most 500 m",
             "`min_m` and `max_m` are in metres: multiply centimetres by 0.01, millimetres by 0.001",
         ));
     } else if length_m.min(width_m) < NARROW_M {
         findings.push(of(
-            Severity::Doubtful,
             format!("`[field]` is {length_m:.2} m by {width_m:.2} m"),
             "0.4 m or more both ways",
             "set `[field]` min_m and max_m to where people are, in metres",
@@ -43,7 +41,6 @@ pub(super) fn findings(venue: &Venue) -> Vec<Finding> {
     let top_m = field.max_m[2] - field.floor_m;
     if top_m < LOW_M {
         findings.push(of(
-            Severity::Doubtful,
             format!(
                 "`[field]` ends {top_m:.2} m above its floor (z = {:.2} m), at max_m[2] = {:.2} m",
                 field.floor_m, field.max_m[2]

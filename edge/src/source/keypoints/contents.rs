@@ -3,14 +3,15 @@
 //! A file that fails here is well-formed, and read line by line nothing is wrong with it: nobody would be found, and nothing
 //! would say why.
 
+use farfield_proto::keypoints::COCO17;
+
+use super::SURE;
 use crate::source::{ExpectedSource, KeypointFrame, SourceError};
 
 /// Keypoints of which none is farther from the corner than this are shares of the picture's size, not pixels ...
 const SHARE_OF_PICTURE: f64 = 1.5;
 /// ... when there are as many as two people have.
-const FEWEST_POINTS: u64 = 34;
-/// Score from which on a network is sure of a keypoint: what a picture cuts off is guessed, with less.
-const SURE: f64 = 0.3;
+const FEWEST_POINTS: u64 = 2 * COCO17.len() as u64;
 /// How far outside its picture a network may put what it cannot see, by the picture's width and height.
 const MARGIN: f64 = 0.1;
 /// Share of the keypoints beyond that from which on they are of another picture: of people at its edge a few are.

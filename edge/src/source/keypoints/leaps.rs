@@ -10,6 +10,7 @@ use std::mem;
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector2;
 
+use super::SURE;
 use crate::source::{KeypointCandidate, KeypointFrame, LeapingFrames};
 
 /// How far somebody is carried on at most from one frame to the next, against where they went: a share of their extent in
@@ -20,8 +21,6 @@ const CARRIED_PX: f64 = 8.0;
 const CARRIED_HZ: f64 = 10.0;
 /// People of a frame who are compared.
 const MOST_PEOPLE: usize = 16;
-/// Least score of a keypoint that is compared: what is not seen is written anywhere.
-const SURE: f64 = 0.3;
 /// Keypoints that two frames must have of somebody to be compared.
 const FEWEST_COMMON: usize = 5;
 /// How many leaps are told, of which share of the frames with people. Of the Shelf, the sample and simulated scenes no frame

@@ -10,7 +10,7 @@
 
 mod change;
 mod compared;
-mod of_one;
+mod one_camera;
 mod slight;
 
 use std::collections::BTreeSet;

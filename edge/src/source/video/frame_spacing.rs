@@ -45,16 +45,29 @@ fn mean_period_s(times_s: &[f64]) -> Option<f64> {
     (n_gaps > 0 && last > first).then(|| (last - first) / n_gaps as f64)
 }
 
-/// The frame that is farthest from where it would be at an even rate, with by how much it is late, seconds; `None` where all
-/// are near.
-pub(super) fn farthest_off(times_s: &[f64]) -> Option<(usize, f64)> {
+/// The frame that is farthest from where it would be at an even rate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct FarOff {
+    /// Which, from 0.
+    pub(super) frame: usize,
+    /// By how much it is late, seconds, and how much would be near.
+    pub(super) late_s: f64,
+    pub(super) most_s: f64,
+}
+
+/// The frame that is farthest off; `None` where all are near.
+pub(super) fn farthest_off(times_s: &[f64]) -> Option<FarOff> {
     let period_s = mean_period_s(times_s)?;
     let first_s = times_s[0];
     let most_s = MOST_OFF_PERIODS * period_s + WANDERS * (times_s[times_s.len() - 1] - first_s);
     let late = times_s.iter().enumerate();
     let late = late.map(|(n, at_s)| (n, at_s - first_s - n as f64 * period_s));
-    late.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
-        .filter(|(_, late_s)| late_s.abs() > most_s)
+    let (frame, late_s) = late.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+    (late_s.abs() > most_s).then_some(FarOff {
+        frame,
+        late_s,
+        most_s,
+    })
 }
 
 #[cfg(test)]
@@ -73,7 +86,7 @@ mod tests {
         let off_s = |n: f64| (0.05 - 5e-5 * n) * (n * std::f64::consts::PI / 100.0).sin();
         let phone = times_s(201, off_s);
         assert_eq!(odd_gap(&phone, 1.0 / HZ), None);
-        let (frame, late_s) = farthest_off(&phone).unwrap();
+        let FarOff { frame, late_s, .. } = farthest_off(&phone).unwrap();
         assert!((40..=60).contains(&frame) && (late_s - 0.0475).abs() < 1e-3);
     }
 
