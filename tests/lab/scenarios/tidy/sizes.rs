@@ -1,7 +1,7 @@
 //! How long things are, and how many lie together.
 
 use farfield_lab::reading::figures::{
-    MAX_FILE_LINES, MAX_FILES_OF_FOLDER, MAX_FUNCTION_LINES, grown_folders,
+    MAX_FILE_LINES, MAX_FILES_OF_FOLDER, MAX_FUNCTION_LINES, full_folders,
 };
 use farfield_lab::reading::modules::tree::Role;
 use farfield_lab::reading::syntax::code_file::CodeFile;
@@ -43,7 +43,7 @@ fn no_folder_has_more_files_than_can_be_kept_in_mind() {
     let told = |(folder, files): (String, usize)| {
         format!("{folder}: {files} files of Rust, at most {MAX_FILES_OF_FOLDER}")
     };
-    let full = grown_folders(workspace());
+    let full = full_folders(workspace());
     check(&full.into_iter().map(told).collect::<Vec<_>>());
 }
 
