@@ -28,6 +28,8 @@ use super::{
 
 /// Longest line that is read, bytes: 100 people with 17 candidates each take 60 kB.
 const MAX_LINE_BYTES: u64 = 1 << 22;
+/// UTF-8 text may begin with this mark; editors on Windows write it.
+const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 
 /// Scores above 1 that are taken for 1: `OpenPose` overshoots by a few percent. A higher one is on
 /// another scale.
@@ -189,6 +191,9 @@ impl KeypointLines {
         if n as u64 == MAX_LINE_BYTES {
             let problem = format!("the line is longer than {MAX_LINE_BYTES} bytes");
             return Err(self.at_line(FieldError::new("", problem)));
+        }
+        if self.line == 1 && self.text.starts_with(BYTE_ORDER_MARK) {
+            self.text.drain(..BYTE_ORDER_MARK.len());
         }
         Ok(n > 0)
     }

@@ -85,6 +85,13 @@ fn frames_that_are_held_are_told_before_the_first_tick() {
 }
 
 #[test]
+fn a_byte_order_mark_and_windows_line_ends_are_read() {
+    let text = format!("\u{feff}{}\r\n{}\r\n", line(0), line(1));
+    let file = file(text.as_bytes());
+    assert!(probe(file.path(), &expected()).is_ok());
+}
+
+#[test]
 fn absent_peaks_are_those_of_the_persons() {
     let (_, frame) = parse_line(&line(0)).unwrap();
     let nose = KeypointCandidate {

@@ -47,6 +47,17 @@ impl MadeFolders {
                 Ok(true)
             }
             Err(error) if error.kind() == ErrorKind::AlreadyExists => Ok(false),
+            Err(error) if error.kind() == ErrorKind::NotADirectory => {
+                let is_file = |it: &&Path| it.is_file();
+                let file = folder.ancestors().find(is_file).unwrap_or(folder);
+                Err(error).with_context(|| {
+                    format!(
+                        "making folder {}: {} is a file: rename it, or write elsewhere with `--out`",
+                        folder.display(),
+                        file.display()
+                    )
+                })
+            }
             Err(error) => Err(error).with_context(|| format!("making folder {}", folder.display())),
         }
     }
@@ -86,6 +97,16 @@ mod tests {
         assert!(at("a/file").is_file() && !at("a/b").exists());
         MadeFolders::with_parents(&at("kept/b")).unwrap().keep();
         assert!(at("kept/b").is_dir());
+    }
+
+    #[test]
+    fn a_file_in_the_place_of_a_folder_is_reported_as_one() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("results");
+        fs::write(&file, "").unwrap();
+        let refused = MadeFolders::with_parents(&file.join("run-1")).unwrap_err();
+        let is_file = format!("{} is a file", file.display());
+        assert!(refused.to_string().contains(&is_file), "{refused}");
     }
 
     #[test]
