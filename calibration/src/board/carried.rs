@@ -1,9 +1,13 @@
 //! Whether pictures of boards carry the camera that was fitted to them.
 
+use std::collections::BTreeMap;
+
 use farfield_proto::camera::{CameraError, CameraModel, Intrinsics};
 use farfield_proto::frames::Transform;
 use nalgebra::{DMatrix, Isometry3, Vector2};
 
+use super::BoardView;
+use super::charuco::Print;
 use super::coverage::Coverage;
 use super::found::{BoardError, LARGEST_COEFFICIENT, PictureFit};
 use super::projection::Optics;
@@ -145,8 +149,9 @@ pub(super) fn remarks(
     coverage: &Coverage,
     corner_sigma_px: f64,
     pictures: &[PictureFit],
+    views: &[&BoardView],
 ) -> Vec<String> {
-    let mut said = Vec::new();
+    let mut said = prints(views);
     if corner_sigma_px > CORNER_PX || coverage.radius < REACHED {
         said.push(format!(
             "the boards reach {:.0} % of the way to the picture's corners, where the lens is known to {corner_sigma_px:.1} px: \
@@ -166,4 +171,22 @@ pub(super) fn remarks(
         ));
     }
     said
+}
+
+/// How the board is printed, where that is unusual, or differs from picture to picture.
+fn prints(views: &[&BoardView]) -> Vec<String> {
+    let mut counts: BTreeMap<Print, usize> = BTreeMap::new();
+    for view in views {
+        *counts.entry(view.print).or_default() += 1;
+    }
+    let each = counts.iter().filter_map(|(print, count)| {
+        let words = print.in_words()?;
+        Some(if *count == views.len() {
+            format!("the board is printed {words}")
+        } else {
+            let of = views.len();
+            format!("the board is printed {words} in {count} of {of} pictures, otherwise in the rest: use one board")
+        })
+    });
+    each.collect()
 }

@@ -1,9 +1,5 @@
-//! Corners of chessboards and `ChArUco` boards in grey pictures, by the crates `calib-targets-*` and `chess-corners`.
+//! Corners of chessboards in grey pictures, by the crates `calib-targets-*` and `chess-corners`.
 
-use calib_targets_charuco::{
-    CharucoBoardSpec, CharucoCorner, CharucoDetector, CharucoParams, Dictionary, MarkerLayout,
-    resolve_dictionary,
-};
 use calib_targets_chessboard::{
     ChessboardDetection, ChessboardDetector, ChessboardParams, DetectorConfig, GrayImageView,
     default_chess_config, detect_corners,
@@ -13,6 +9,7 @@ use chess_corners::UpscaleConfig;
 use nalgebra::Vector2;
 
 use super::BoardView;
+use super::charuco::Print;
 use super::picture::GrayPicture;
 use super::refine::refined;
 
@@ -28,20 +25,6 @@ pub struct Chessboard {
     pub corners: [u32; 2],
     /// Side of a square, metres.
     pub square_m: f64,
-}
-
-/// A `ChArUco` board with `OpenCV`'s layout since 4.6: a marker in every white square, the first square black; or its
-/// negative.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Charuco {
-    /// Squares along a row and along a column.
-    pub squares: [u32; 2],
-    /// Side of a square, metres.
-    pub square_m: f64,
-    /// Side of a marker, metres.
-    pub marker_m: f64,
-    /// Its dictionary as `OpenCV` calls it: `DICT_4X4_50`.
-    pub dictionary: String,
 }
 
 /// Why a picture gives no corners.
@@ -74,7 +57,7 @@ pub enum DetectError {
 }
 
 /// `picture` as the crates have it.
-fn view<'a>(picture: &GrayPicture<'a>) -> Result<GrayImageView<'a>, DetectError> {
+pub(super) fn view<'a>(picture: &GrayPicture<'a>) -> Result<GrayImageView<'a>, DetectError> {
     let (width, height) = (picture.width as usize, picture.height as usize);
     let count = width
         .checked_mul(height)
@@ -95,13 +78,13 @@ fn view<'a>(picture: &GrayPicture<'a>) -> Result<GrayImageView<'a>, DetectError>
 
 /// How the picture is looked at, one after the other until the whole board is found: as it is, coarse to fine for large
 /// squares out of focus, and enlarged for small ones.
-fn looks() -> [DetectorConfig; 3] {
+pub(super) fn looks() -> [DetectorConfig; 3] {
     let usual = default_chess_config();
     let coarse = usual.with_multiscale(DetectorConfig::chess_multiscale().multiscale);
     [usual, coarse, usual.with_upscale(UpscaleConfig::fixed(2))]
 }
 
-fn check_board(squares: [u32; 2], square_m: f64) -> Result<(), DetectError> {
+pub(super) fn check_board(squares: [u32; 2], square_m: f64) -> Result<(), DetectError> {
     if squares.iter().any(|s| !(2..=MOST_SQUARES).contains(s)) {
         return Err(DetectError::Board(format!(
             "a board of {squares:?}: expected 2 to {MOST_SQUARES} each way"
@@ -175,6 +158,7 @@ pub fn detect_chessboard(
                 pixels: corners
                     .map(|corner| place(picture, corner.position, reach_px))
                     .collect(),
+                print: Print::default(),
             })
         }
         (None, Some((found, _))) => Err(DetectError::OtherBoard {
@@ -189,18 +173,13 @@ pub fn detect_chessboard(
 const REACH: f64 = 0.35;
 
 /// Where a corner is, distorted pixels.
-fn place(picture: &GrayPicture<'_>, found: nalgebra::Point2<f32>, reach_px: f64) -> [f64; 2] {
+pub(super) fn place(
+    picture: &GrayPicture<'_>,
+    found: nalgebra::Point2<f32>,
+    reach_px: f64,
+) -> [f64; 2] {
     let start = Vector2::new(f64::from(found.x), f64::from(found.y));
     refined(picture, start, reach_px).into()
-}
-
-/// Distance of the two nearest corners, pixels.
-fn spacing(corners: &[CharucoCorner]) -> f64 {
-    let pairs = corners.iter().enumerate().flat_map(|(i, a)| {
-        let others = corners.iter().skip(i + 1);
-        others.map(move |b| f64::from((a.position - b.position).norm()))
-    });
-    pairs.min_by(f64::total_cmp).unwrap_or(0.0)
 }
 
 /// Corners along both sides.
@@ -216,109 +195,4 @@ fn extent(found: &ChessboardDetection) -> [u32; 2] {
 fn fits(found: [u32; 2], board: [u32; 2]) -> bool {
     let [a, b] = board;
     (found[0] <= a && found[1] <= b) || (found[0] <= b && found[1] <= a)
-}
-
-/// The inner corners of a `ChArUco` board in a picture, each by its markers' numbers: the same corner has the same coordinates
-/// in every picture.
-///
-/// The board may be printed white on black (Caliscope's `inverted`): where not all of it is found as it is, the negative is
-/// looked at, too, and whichever shows more of it is taken.
-///
-/// # Errors
-/// [`DetectError`] where the bytes are not those of a picture, the board or its dictionary cannot be, or nothing is found.
-pub fn detect_charuco(
-    name: &str,
-    picture: &GrayPicture<'_>,
-    board: &Charuco,
-) -> Result<BoardView, DetectError> {
-    check_board(board.squares, board.square_m)?;
-    view(picture)?;
-    let share = board.marker_m / board.square_m;
-    if !(share > 0.0 && share < 1.0) {
-        return Err(DetectError::Board(format!(
-            "markers of {} m in squares of {} m: expected smaller ones",
-            board.marker_m, board.square_m
-        )));
-    }
-    let dictionary: Dictionary = resolve_dictionary(&board.dictionary).ok_or_else(|| {
-        DetectError::Board(format!(
-            "unknown dictionary `{}`, expected one of OpenCV's, for example DICT_4X4_50",
-            board.dictionary
-        ))
-    })?;
-    let [columns, rows] = board.squares;
-    let spec = CharucoBoardSpec::new(
-        rows,
-        columns,
-        board.square_m as f32,
-        share as f32,
-        dictionary,
-    )
-    .with_marker_layout(MarkerLayout::OpenCvCharuco);
-    let detector = CharucoDetector::new(CharucoParams::for_board(spec))
-        .map_err(|error| DetectError::Board(error.to_string()))?;
-    let best = most_of_charuco(name, picture, board, &detector)?;
-    let full = ((columns - 1) * (rows - 1)) as usize;
-    if best.pixels.len() >= full {
-        return Ok(best);
-    }
-    let negative: Vec<u8> = picture.pixels.iter().map(|level| !level).collect();
-    let negative = GrayPicture {
-        pixels: &negative,
-        ..*picture
-    };
-    let other = most_of_charuco(name, &negative, board, &detector)?;
-    let best = if other.pixels.len() > best.pixels.len() {
-        other
-    } else {
-        best
-    };
-    if best.pixels.is_empty() {
-        return Err(DetectError::NotFound);
-    }
-    Ok(best)
-}
-
-/// As much of the board as one of the [`looks`] finds, perhaps nothing.
-fn most_of_charuco(
-    name: &str,
-    picture: &GrayPicture<'_>,
-    board: &Charuco,
-    detector: &CharucoDetector,
-) -> Result<BoardView, DetectError> {
-    let view = view(picture)?;
-    let [columns, rows] = board.squares;
-    let share = board.marker_m / board.square_m;
-    let full = ((columns - 1) * (rows - 1)) as usize;
-    let mut best = BoardView {
-        name: name.to_owned(),
-        board_m: Vec::new(),
-        pixels: Vec::new(),
-    };
-    for look in looks() {
-        let corners = detect_corners(&view, &look);
-        let Ok(found) = detector.detect_with_corners(&view, &corners) else {
-            continue;
-        };
-        if found.corners.len() > best.pixels.len() {
-            let inner = columns - 1;
-            // OpenCV numbers inner corners row by row, from the board's upper left.
-            let on_board =
-                |id: u32| [id % inner + 1, id / inner + 1].map(|i| f64::from(i) * board.square_m);
-            best.board_m = found
-                .corners
-                .iter()
-                .map(|corner| on_board(corner.id))
-                .collect();
-            let reach_px = 0.5 * (1.0 - share) * spacing(&found.corners);
-            let corners = found.corners.iter();
-            best.pixels = corners
-                .map(|corner| place(picture, corner.position, reach_px))
-                .collect();
-        }
-        if best.pixels.len() >= full {
-            break;
-        }
-    }
-    Ok(best)
 }

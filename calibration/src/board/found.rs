@@ -53,7 +53,7 @@ pub struct BoardCalibration {
     /// How far off the lens may draw a given ray at the worst corner of the picture, standard deviation, pixels: an upper
     /// bound, as the cameras' poses make up for a part of it.
     pub corner_sigma_px: f64,
-    /// What to do next, in sentences; empty where nothing is to be said.
+    /// What is unusual about the board, and what to do next, in sentences.
     pub remarks: Vec<String>,
 }
 

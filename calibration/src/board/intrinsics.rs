@@ -67,7 +67,7 @@ pub fn calibrate(
     let coverage = Coverage::of(size_px, sightings.iter().flat_map(|s| &s.pixels));
     let corner_sigma_px = corner_sigma_px(size_px, &state.optics, &covariance);
     Ok(BoardCalibration {
-        remarks: remarks(&coverage, corner_sigma_px, &pictures),
+        remarks: remarks(&coverage, corner_sigma_px, &pictures, &used),
         corner_sigma_px,
         size_px,
         intrinsics: state.optics.intrinsics(),

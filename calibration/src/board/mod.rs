@@ -5,6 +5,7 @@
 
 mod adjust;
 mod carried;
+mod charuco;
 mod coverage;
 mod detect;
 mod found;
@@ -21,8 +22,9 @@ mod turned;
 use nalgebra::{Vector2, Vector3};
 
 use self::adjust::Sighting;
+pub use self::charuco::{Charuco, Print, detect_charuco};
 pub use self::coverage::Coverage;
-pub use self::detect::{Charuco, Chessboard, DetectError, detect_charuco, detect_chessboard};
+pub use self::detect::{Chessboard, DetectError, detect_chessboard};
 pub use self::found::{BoardCalibration, BoardError, PictureFit};
 pub use self::intrinsics::calibrate;
 pub use self::picture::GrayPicture;
@@ -42,6 +44,8 @@ pub struct BoardView {
     pub board_m: Vec<[f64; 2]>,
     /// Where each was seen, distorted pixels; (0, 0) is the centre of the first.
     pub pixels: Vec<[f64; 2]>,
+    /// How the board is printed.
+    pub print: Print,
 }
 
 impl BoardView {
@@ -57,5 +61,7 @@ impl BoardView {
     }
 }
 
+#[cfg(test)]
+mod charuco_tests;
 #[cfg(test)]
 mod tests;

@@ -71,6 +71,7 @@ fn extent(view: &BoardView, square_m: f64) -> [u32; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::board::Print;
 
     fn view([across, down]: [u32; 2]) -> BoardView {
         let corners = (0..across).flat_map(|x| (0..down).map(move |y| [x, y]));
@@ -79,6 +80,7 @@ mod tests {
             name: String::new(),
             pixels: board_m.clone(),
             board_m,
+            print: Print::default(),
         }
     }
 

@@ -69,6 +69,7 @@ pub(super) fn views(optics: &Optics, count: usize, tilt_rad: f64, sigma_px: f64)
                 name: format!("{i:02}"),
                 board_m: Vec::new(),
                 pixels: Vec::new(),
+                print: Print::default(),
             };
             for (u, v) in (0..9).flat_map(|u| (0..6).map(move |v| (u, v))) {
                 let board = [0.05 * f64::from(u) - 0.2, 0.05 * f64::from(v) - 0.125];

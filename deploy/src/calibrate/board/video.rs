@@ -193,6 +193,8 @@ fn outermost(view: &BoardView) -> [[f64; 2]; 4] {
 
 #[cfg(test)]
 mod tests {
+    use farfield_calibration::board::Print;
+
     use super::*;
 
     fn view(left: f64, size: f64) -> BoardView {
@@ -202,6 +204,7 @@ mod tests {
             name: format!("{left}"),
             pixels: pixels.collect(),
             board_m,
+            print: Print::default(),
         }
     }
 
