@@ -1,7 +1,8 @@
 //! How well the cameras are known: the inverse of the reduced matrix, with the seven free directions taken out.
 //!
 //! The result is what remains after the found camera centres have been laid on the true ones by a similarity: the
-//! displacements of the centres have no mean, no turn and no stretch about their middle (Umeyama 1991, linearised). So it
+//! displacements of the centres have no mean, no turn and no stretch about their middle (Umeyama 1991, linearised; of centres on a line cameras do not turn about it
+//! on average). So it
 //! can be compared with a truth, and does not depend on which camera happened to be the first.
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -13,6 +14,9 @@ use super::projection::TIME;
 
 /// Least eigenvalue of the scaled matrix over which a direction counts as determined.
 const LEAST_EIGENVALUE: f64 = 1e-9;
+
+/// Share of the spread of the centres that lies off their main line below which they lie on a line.
+const ON_A_LINE: f64 = 1e-6;
 
 /// Least share that a camera has in an undetermined direction to be named.
 const LEAST_SHARE: f64 = 0.05;
@@ -135,7 +139,7 @@ fn gauge(problem: &Problem, columns: &Columns, scale: &[f64]) -> DMatrix<f64> {
         })
         .collect();
     let n = columns.count;
-    let mut conditions = DMatrix::zeros(n, 8);
+    let mut conditions = DMatrix::zeros(n, 9);
     // Fixed cameras hold the frame themselves.
     if posed.len() == problem.cameras.len() && posed.len() > 1 {
         let middle = posed
@@ -156,6 +160,9 @@ fn gauge(problem: &Problem, columns: &Columns, scale: &[f64]) -> DMatrix<f64> {
                 conditions[(row, 6)] = s * arm[axis];
             }
         }
+        if let Some(line) = line(&posed, &middle) {
+            hold_about(&mut conditions, problem, columns, scale, &line);
+        }
     }
     let clocks: Vec<usize> = columns
         .of_camera
@@ -169,6 +176,33 @@ fn gauge(problem: &Problem, columns: &Columns, scale: &[f64]) -> DMatrix<f64> {
         }
     }
     conditions
+}
+
+/// The line on which all centres lie, if they do.
+fn line(posed: &[(usize, Vector3<f64>)], middle: &Vector3<f64>) -> Option<Vector3<f64>> {
+    let spread = posed.iter().fold(Matrix3::zeros(), |spread, (_, center)| {
+        spread + (center - middle) * (center - middle).transpose()
+    });
+    let eigen = spread.symmetric_eigen();
+    let most = eigen.eigenvalues.imax();
+    let off_line = spread.trace() - eigen.eigenvalues[most];
+    (off_line < ON_A_LINE * spread.trace()).then(|| eigen.eigenvectors.column(most).into_owned())
+}
+
+/// Adds the condition that cameras do not turn about `line` on average: their centres on it do not show such a turn of the world.
+fn hold_about(
+    conditions: &mut DMatrix<f64>,
+    problem: &Problem,
+    columns: &Columns,
+    scale: &[f64],
+    line: &Vector3<f64>,
+) {
+    for (camera, own) in problem.cameras.iter().zip(&columns.of_camera) {
+        let about_c = camera.state.camera_from_world * line;
+        for &(parameter, column, _) in own.iter().filter(|(p, _, _)| *p < 3) {
+            conditions[(column, 8)] = scale[column] * about_c[parameter];
+        }
+    }
 }
 
 /// An orthonormal basis of what is orthogonal to the columns of `conditions`.
