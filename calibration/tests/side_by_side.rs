@@ -69,6 +69,7 @@ fn problem() -> Problem {
                     frame: point as f64,
                     px: [px.x + scale * within(1.0), px.y + scale * within(1.0)],
                     sigma_px: NOISE_PX,
+                    velocity: [0.0; 2],
                 });
             }
         }

@@ -93,4 +93,7 @@ pub struct Observation {
     pub px: [f64; 2],
     /// Standard deviation of each coordinate, pixels.
     pub sigma_px: f64,
+    /// How fast the point moves across the picture, pixels per second of the camera's clock, where the path is a set of points:
+    /// what a clock that moves would have seen. Zero where that is not known, and along a curve.
+    pub velocity: [f64; 2],
 }

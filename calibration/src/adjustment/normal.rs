@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2};
 use super::band::Band;
 use super::camera_state::Observation;
 use super::path::{Path, Support, sum};
-use super::problem::Problem;
+use super::problem::{AdjustedCamera, Problem};
 use super::projection::{PARAMETERS, TIME};
 
 /// Residual of a sight that has no projection (behind the camera, beyond the lens, off the path), standard deviations.
@@ -53,10 +53,18 @@ pub(super) fn residual(
     observation: &Observation,
     folds: &[f64],
 ) -> Option<Vector2<f64>> {
-    let camera = &problem.cameras.get(observation.camera)?.state;
-    let point = problem.path.place(observation, camera)?;
-    let px = camera.project(&point, *folds.get(observation.camera)?)?;
-    Some((px - Vector2::from(observation.px)) / observation.sigma_px)
+    let camera = problem.cameras.get(observation.camera)?;
+    let point = problem.path.place(observation, &camera.state)?;
+    let px = camera
+        .state
+        .project(&point, *folds.get(observation.camera)?)?;
+    Some((px - seen_px(observation, camera)) / observation.sigma_px)
+}
+
+/// Where the point was seen, moved to when the clock says now that the frame was taken.
+fn seen_px(observation: &Observation, camera: &AdjustedCamera) -> Vector2<f64> {
+    let later_s = camera.state.pivot_s - camera.start.pivot_s;
+    Vector2::from(observation.px) - Vector2::from(observation.velocity) * later_s
 }
 
 pub(super) fn fold_radii(problem: &Problem) -> Vec<f64> {
@@ -126,19 +134,20 @@ impl Normal {
         columns: &Columns,
         folds: &[f64],
     ) -> Option<()> {
-        let camera = &problem.cameras.get(observation.camera)?.state;
+        let adjusted = problem.cameras.get(observation.camera)?;
+        let camera = &adjusted.state;
         let support = problem.path.support(observation, camera)?;
         let nodes = problem.path.nodes();
         let point = sum(nodes, &support, &support.weights);
         let mut drawn = camera.project_with_derivatives(&point, *folds.get(observation.camera)?)?;
         let velocity = sum(nodes, &support, &support.slopes);
-        let by_time = drawn.by_point * velocity;
+        let by_time = drawn.by_point * velocity + Vector2::from(observation.velocity);
         drawn.by_camera.set_column(TIME, &by_time);
         let since_pivot_s = (observation.frame - camera.pivot_frame) * camera.period_s;
         drawn
             .by_camera
             .set_column(TIME + 1, &(by_time * since_pivot_s));
-        let r = (drawn.px - Vector2::from(observation.px)) / observation.sigma_px;
+        let r = (drawn.px - seen_px(observation, adjusted)) / observation.sigma_px;
         let weight = problem.loss.value_and_weight(r.norm_squared()).1;
         let scale = weight.sqrt() / observation.sigma_px;
         let own = columns.of_camera.get(observation.camera)?;

@@ -69,6 +69,7 @@ fn scene(noise_px: f64, seed: u64) -> Problem {
                 frame: 5.0 * point as f64,
                 px: [px.x + scale * noise[0], px.y + scale * noise[1]],
                 sigma_px: 1.0,
+                velocity: [0.0; 2],
             });
         }
     }

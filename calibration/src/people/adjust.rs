@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::associate::{Person, persons};
 use super::plan::{KEYPOINT_M, KEYPOINT_PX};
+use super::start::clocks::velocity_px;
 use super::view::View;
 use crate::adjustment::{
     AdjustedCamera, Block, CameraState, Free, Limits, Loss, Observation, Path, Problem, adjust,
@@ -245,6 +246,7 @@ fn problem(
                     frame: person.tick as f64,
                     px: seen.px,
                     sigma_px: libm::hypot(on_body_px, KEYPOINT_PX) * noise[*camera] / sure,
+                    velocity: [0.0; 2],
                 })
             });
             let own: Vec<Observation> = own.collect();
@@ -296,6 +298,24 @@ fn noise_ratios(problem: &Problem) -> Vec<f64> {
 }
 
 impl Adjusted {
+    /// Fills in how fast keypoints move in the pictures, pixels per tick, by what each camera saw up to so many ticks before and
+    /// after.
+    pub(super) fn measure_velocities(&mut self, views: &[View], reaches: &[i64]) {
+        for observation in &mut self.problem.observations {
+            let of = self.points.get(observation.point);
+            let of = of.and_then(|of| Some((of.keypoint, self.persons.get(of.person)?)));
+            let (Some((keypoint, person)), Some(index)) = (of, self.posed.get(observation.camera))
+            else {
+                continue;
+            };
+            let member = person.members.iter().find(|(camera, _)| camera == index);
+            let velocity = member.zip(views.get(*index)).and_then(|((_, body), view)| {
+                velocity_px(view, person.tick, *body, keypoint, *reaches.get(*index)?)
+            });
+            observation.velocity = velocity.unwrap_or_default().into();
+        }
+    }
+
     /// Where the keypoints of each person are, the world of the problem.
     pub(super) fn bodies(&self, keypoints: usize) -> Vec<Vec<Option<Vector3<f64>>>> {
         let mut bodies = vec![vec![None; keypoints]; self.persons.len()];

@@ -38,6 +38,8 @@ const MOST_TICKS_HZ: f64 = 10.0;
 /// Most rounds of putting clocks right, and the change at which they are, seconds.
 const CLOCK_ROUNDS: usize = 10;
 const CLOCK_S: f64 = 5e-4;
+/// Time before and after by which a keypoint's velocity is taken, seconds: farther away legs turn.
+const VELOCITY_REACH_S: f64 = 0.1;
 /// What the pairs of a camera are worth in a mirror, over what they are without, from which it is mirrored.
 const MIRROR_GAIN: f64 = 1.5;
 
@@ -121,8 +123,9 @@ pub fn calibrate(
         }
     }
     let adjusted = settle(&views, &mut settling, request.lenses, &Round::LAST);
-    let adjusted = adjusted.ok_or_else(|| nothing_agrees(request, &pairs))?;
+    let mut adjusted = adjusted.ok_or_else(|| nothing_agrees(request, &pairs))?;
     progress(PeopleStage::Report);
+    adjusted.measure_velocities(&views, &velocity_reaches(&clocks, ticks_hz));
     let contradictions = contradictions(request, &views, &adjusted, plan.count);
     let doubted = doubted(&adjusted, &contradictions, views.len());
     let walkers = walkers(&views, &grounds, &plan, stature_m);
@@ -135,6 +138,14 @@ pub fn calibrate(
         clocks,
     };
     finish(request, &plan, ticks_hz, told, adjusted)
+}
+
+/// Per camera how many ticks before and after a keypoint's velocity is taken: at least to the next frame that was looked at.
+fn velocity_reaches(clocks: &[Clock], ticks_hz: f64) -> Vec<i64> {
+    let reach_s = |clock: &Clock| VELOCITY_REACH_S.max(1.0 / clock.looks_hz);
+    let each = clocks.iter();
+    each.map(|it| (reach_s(it) * ticks_hz).round().max(1.0) as i64)
+        .collect()
 }
 
 /// Frames of synchronised cameras are moments by their number: one between two numbers belongs to no moment.

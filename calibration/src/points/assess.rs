@@ -1,6 +1,7 @@
 //! What speaks for and against a calibration that was found.
 
-use super::chain::Chain;
+use super::chain::{Chain, Pair};
+use super::freed::{Bars, ClockUnit, suspects};
 use super::halves::{Apart, halves};
 use super::over_time::knocked_at;
 use super::refine::{bounded, noise_px};
@@ -24,6 +25,10 @@ const WRONG_HALVES_PX: f64 = 3.0;
 /// Noise that is doubtful, and wrong, pixels: not a share of the gate, which a user widens at will.
 const DOUBTFUL_NOISE_PX: f64 = 1.5;
 const WRONG_NOISE_PX: f64 = 3.0;
+
+/// How late a synchronised camera is that is doubtful, and wrong, frames; and the share by which its focal length is off.
+const LATE_FRAMES: [f64; 2] = [0.25, 0.75];
+const FOCAL: [f64; 2] = [0.03, 0.06];
 
 /// All that a report is made of.
 pub(super) struct Found<'a> {
@@ -51,9 +56,11 @@ pub(super) fn assess(found: &Found<'_>) -> Report {
     }
     findings.extend(degenerate(found));
     findings.extend(knocked(found, &cameras));
+    findings.extend(suspicious(found));
     Report {
         cameras,
         anchors_rms_m: found.alignment.rms_m,
+        people: None,
         field: None,
         findings,
     }
@@ -142,7 +149,12 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
                 let other = if pair.first == index { pair.second } else { pair.first };
                 let name = found.request.cameras.get(other).map_or("", |c| c.name.as_str());
                 let (percent, common) = (100.0 * pair.share(), pair.common);
-                if pair.is_sound() {
+                if pair.is_sound() && found.chain.has_no_scale(index) {
+                    format!(
+                        "it agrees with `{name}` ({percent:.0} % of {common} common moments), but no point is seen by it and \
+                         two other cameras: nothing links the distance between it and `{name}` to those between the others"
+                    )
+                } else if pair.is_sound() {
                     format!(
                         "it agrees with `{name}` ({percent:.0} % of {common} common moments), but not with where the \
                          others together put the point"
@@ -155,14 +167,26 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
             },
         );
         let lost = Lost(found.request.anchors.lost(|name| name != camera.name));
+        let is_sound = best.is_some_and(Pair::is_sound);
+        let (expected, remedy) = if is_sound && found.chain.has_no_scale(index) {
+            (
+                "moments that three cameras share, ten or more of each camera",
+                "carry the point where three cameras see it at once",
+            )
+        } else {
+            (
+                "one pose that fits them all, on 40 % of 15 common moments or more",
+                "carry the point where it and another camera both see it; or its video is of another camera, mirrored or late, \
+                 or its lens is wrong",
+            )
+        };
         finding(
             &camera.name,
             Cause::NotConnected,
             true,
             lost.found(&said),
-            "one pose that fits them all, on 40 % of 15 common moments or more",
-            "carry the point where it and another camera both see it; or its video is of another camera, mirrored or late, \
-             or its lens is wrong",
+            expected,
+            remedy,
         )
     });
     each.collect()
@@ -237,6 +261,23 @@ fn of_halves(report: &CameraReport) -> Option<Finding> {
             "it was moved on the way, its clock wanders, or its lens is not as given",
         )
     })
+}
+
+/// Cameras that fit better with another clock or focal length.
+fn suspicious(found: &Found<'_>) -> Vec<Finding> {
+    let bars = Bars {
+        late: LATE_FRAMES,
+        focal: FOCAL,
+    };
+    let unit = ClockUnit {
+        hz: None,
+        is_frame: true,
+    };
+    let name = |index: usize| asked(found, index).map_or("", |it| it.name.as_str());
+    let each = suspects(&found.problem, bars);
+    each.iter()
+        .map(|it| it.finding(name(it.camera), bars, unit))
+        .collect()
 }
 
 /// Cameras that fit at some times only.

@@ -65,6 +65,16 @@ impl Pair {
 pub(super) struct Chain {
     pub(super) cameras: Vec<Option<CameraState>>,
     pub(super) pairs: Vec<Pair>,
+    /// Per camera the moments that it and two others with a pose saw: only these tell how far it is from one against the other.
+    pub(super) shared_with_two: Vec<usize>,
+}
+
+impl Chain {
+    /// Whether a camera shares too few moments with two others for its distance to one to be comparable with that to the other.
+    pub(super) fn has_no_scale(&self, index: usize) -> bool {
+        let shared = self.shared_with_two.get(index).copied();
+        shared.unwrap_or(0) < LEAST_POINTS
+    }
 }
 
 impl Chain {
@@ -81,6 +91,7 @@ pub(super) fn chain(views: &[View], gate_px: f64, seed: u64) -> Chain {
     let mut best = Chain {
         cameras: vec![None; views.len()],
         pairs: Vec::new(),
+        shared_with_two: Vec::new(),
     };
     for start in starts.into_iter().take(STARTS) {
         let grown = grow(views, start, gate_px, seed);
@@ -92,7 +103,30 @@ pub(super) fn chain(views: &[View], gate_px: f64, seed: u64) -> Chain {
         }
     }
     best.pairs = pairs;
+    best.shared_with_two = shared_with_two(views, &best.cameras);
     best
+}
+
+fn shared_with_two(views: &[View], cameras: &[Option<CameraState>]) -> Vec<usize> {
+    let mut posed: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (index, (view, _)) in views
+        .iter()
+        .zip(cameras)
+        .enumerate()
+        .filter(|(_, (_, it))| it.is_some())
+    {
+        for tick in view.seen.keys() {
+            posed.entry(*tick).or_default().push(index);
+        }
+    }
+    let each = views.iter().enumerate().map(|(index, view)| {
+        let has_two = |tick: &&usize| {
+            let others = posed.get(tick).into_iter().flatten();
+            others.filter(|other| **other != index).count() >= 2
+        };
+        view.seen.keys().filter(has_two).count()
+    });
+    each.collect()
 }
 
 fn all_pairs(views: &[View], gate_px: f64, seed: u64) -> Vec<Pair> {
@@ -245,6 +279,15 @@ pub(super) fn settle(
     }
 }
 
+/// How fast the point moves across the picture by the frames before and after, pixels per frame; zero where one is missing.
+fn velocity(view: &View, tick: usize) -> [f64; 2] {
+    let px = |tick: Option<usize>| view.seen.get(&tick?).map(|it| it.px);
+    let around = px(tick.checked_sub(1)).zip(px(tick.checked_add(1)));
+    around.map_or([0.0; 2], |(before, after)| {
+        [0, 1].map(|axis| (after[axis] - before[axis]) / 2.0)
+    })
+}
+
 /// The posed cameras and what they saw together, with the indices of the cameras among all.
 pub(super) fn problem(
     views: &[View],
@@ -268,6 +311,7 @@ pub(super) fn problem(
                 frame: seen.frame,
                 px: seen.px,
                 sigma_px: gate_px / 3.0,
+                velocity: velocity(view, *tick),
             });
         }
         adjusted.push(AdjustedCamera::new(*state, free));

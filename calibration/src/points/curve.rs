@@ -120,6 +120,7 @@ fn start(
                 frame: seen.frame,
                 px: seen.px,
                 sigma_px: gate_px / 3.0,
+                velocity: [0.0; 2],
             });
         }
     }

@@ -10,6 +10,7 @@ mod clocks;
 mod curve;
 mod error;
 mod file;
+mod freed;
 mod halves;
 mod outcome;
 mod over_time;
@@ -19,6 +20,7 @@ mod timing;
 mod venue;
 mod view;
 
+pub(crate) use freed::{Bars, ClockUnit, suspects};
 pub(crate) use halves::{Apart, halves};
 pub(crate) use outcome::check_anchors;
 pub(crate) use over_time::knocked_at;

@@ -41,6 +41,8 @@ pub enum Cause {
     Feet,
     /// Too few people were seen for too short a time.
     TooFewPeople,
+    /// The clock of a camera is not as given.
+    Clock,
     /// A part of the field is seen by too few cameras, or most of a picture saw nothing.
     Coverage,
     /// People come out larger or smaller than they are.

@@ -14,6 +14,9 @@ pub(crate) use finding::finding;
 pub use finding::{Cause, Finding};
 pub(crate) use of_camera::{empty_picture, other_focal_length, uncertain_place};
 
+/// A standard deviation of an angle beyond which nothing is known of it, degrees.
+const HALF_TURN_DEG: f64 = 180.0;
+
 /// What is said of one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraReport {
@@ -49,11 +52,30 @@ pub struct CameraReport {
     pub coverage: PictureCoverage,
 }
 
+impl CameraReport {
+    /// Standard deviation of its rotation, degrees; `None` where the sights do not determine it: beyond half a turn nothing is
+    /// known.
+    pub fn determined_rotation_deg(&self) -> Option<f64> {
+        Some(self.rotation_sigma_deg).filter(|deg| *deg <= HALF_TURN_DEG)
+    }
+}
+
+/// What is said of the people.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PeopleReport {
+    /// Their median stature, metres, shoes included.
+    pub stature_m: f64,
+    /// The factor on all distances that would make it the given one, or that of usual adults.
+    pub world_scale: f64,
+}
+
 /// What is said of all cameras.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Report {
     /// Per camera that has a pose.
     pub cameras: Vec<CameraReport>,
+    /// How tall people come out; `None` where there were none.
+    pub people: Option<PeopleReport>,
     /// Distance of the known places to where they were found, root mean square, metres.
     pub anchors_rms_m: Option<f64>,
     /// How well which part of the field is known; `None` where nothing says how long a metre is or where the floor is.

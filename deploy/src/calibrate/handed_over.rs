@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use farfield_calibration::points::PointCalibration;
-use farfield_calibration::report::{CameraReport, FieldReport, PictureEdge};
+use farfield_calibration::report::{CameraReport, FieldReport, PeopleReport, PictureEdge};
 use farfield_node::process::{EXIT_FAILED, NodeError, say};
 use serde::Serialize;
 
-use super::judged::{JudgedCalibration, halves};
+use super::judged::{JudgedCalibration, NOT_DETERMINED, halves, people_in_words};
 use super::{Judged, refuse_existing, sheet, write};
 use crate::output;
 
@@ -58,6 +58,8 @@ struct Found<'a> {
     cameras: Vec<Camera<'a>>,
     without_pose: Vec<&'a str>,
     known_places_rms_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    people: Option<People>,
     field: Option<Field>,
     findings: Vec<FindingLine<'a>>,
     /// Why a run would not take it.
@@ -76,7 +78,8 @@ struct Camera<'a> {
     used_share: f64,
     rms_px: f64,
     position_sigma_mm: f64,
-    rotation_sigma_deg: f64,
+    /// `None` where it is not determined.
+    rotation_sigma_deg: Option<f64>,
     halves_mm: f64,
     halves_deg: f64,
     /// How far the halves draw apart what it saw, 95 % of it by less; and in the field.
@@ -91,6 +94,22 @@ struct Camera<'a> {
     offset_s: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     rate_hz: Option<f64>,
+}
+
+/// How tall people come out, and the factor on all distances that would make them as tall as they are, or as usual.
+#[derive(Debug, Serialize)]
+struct People {
+    stature_m: f64,
+    world_scale: f64,
+}
+
+impl People {
+    fn of(found: PeopleReport) -> Self {
+        Self {
+            stature_m: found.stature_m,
+            world_scale: found.world_scale,
+        }
+    }
 }
 
 /// The map of the field.
@@ -211,7 +230,7 @@ fn json(
         used_share: it.used_share,
         rms_px: it.rms_px,
         position_sigma_mm: 1000.0 * it.position_sigma_m,
-        rotation_sigma_deg: it.rotation_sigma_deg,
+        rotation_sigma_deg: it.determined_rotation_deg(),
         halves_mm: 1000.0 * it.halves_m,
         halves_deg: it.halves_deg,
         halves_px: it.halves_px,
@@ -243,6 +262,7 @@ fn json(
         cameras: cameras.collect(),
         without_pose: without_pose(judged.found, &asked.names),
         known_places_rms_m: report.anchors_rms_m,
+        people: report.people.map(People::of),
         field: report.field.as_ref().map(Field::of),
         findings: findings.collect(),
         refused: &judged.refusals,
@@ -272,6 +292,9 @@ fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -
         )
         .ok();
     }
+    if let Some(people) = &report.people {
+        writeln!(text, "{}", people_in_words(people)).ok();
+    }
     if let Some(field) = &report.field {
         writeln!(text, "{}", sheet::in_words(field)).ok();
     }
@@ -292,14 +315,24 @@ fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -
     text
 }
 
+/// How far noise alone moves a camera.
+fn by_noise(camera: &CameraReport) -> String {
+    camera.determined_rotation_deg().map_or_else(
+        || format!("how far noise alone moves it is {NOT_DETERMINED}"),
+        |deg| {
+            let mm = 1000.0 * camera.position_sigma_m;
+            format!("noise alone moves it by {mm:.1} mm and {deg:.3} degrees")
+        },
+    )
+}
+
 fn in_words(camera: &CameraReport) -> String {
     format!(
-        "{:.2} px over {} sights, {:.0} % used; noise alone moves it by {:.1} mm and {:.3} degrees; halves of the data {}",
+        "{:.2} px over {} sights, {:.0} % used; {}; halves of the data {}",
         camera.rms_px,
         camera.sights,
         100.0 * camera.used_share,
-        1000.0 * camera.position_sigma_m,
-        camera.rotation_sigma_deg,
+        by_noise(camera),
         halves(camera)
     )
 }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use farfield_calibration::points::PointCalibration;
-use farfield_calibration::report::CameraReport;
+use farfield_calibration::report::{CameraReport, PeopleReport};
 use farfield_proto::calibration::Calibration;
 use farfield_proto::plausibility::{self, Severity};
 use farfield_proto::venue::Venue;
@@ -68,6 +68,18 @@ fn venue_of_all(found: &PointCalibration, text: &str, path: &Path) -> Result<Ven
         .ok();
     }
     Venue::parse(&venue, path, calibration).map_err(|error| error.to_string())
+}
+
+/// What stands in place of a number that the sights do not tell.
+pub(super) const NOT_DETERMINED: &str = "not determined";
+
+/// How tall people come out.
+pub(super) fn people_in_words(people: &PeopleReport) -> String {
+    format!(
+        "People come out {:.2} m tall at the median (world_scale {:.3}: the factor that would make them as tall as given, or as usual \
+         adults).",
+        people.stature_m, people.world_scale
+    )
 }
 
 /// How far the halves of the data are apart, and what of that is seen, where both could be solved.

@@ -3,8 +3,9 @@
 
 use farfield_proto::order_statistics::upper_median;
 
-use super::findings::of_all;
+use super::findings::{of_all, people_report};
 pub(in crate::people) use super::found::{Found, Told};
+use super::suspects::of_suspects;
 use crate::adjustment::Observation;
 use crate::points::{Apart, Laid, halves, knocked_at, of_anchors};
 use crate::report::{
@@ -40,6 +41,7 @@ pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
     let sights = sights(found);
     let mut cameras = camera_reports(found, &apart, &sights);
     let mut findings = of_all(found);
+    findings.extend(of_suspects(found));
     // Before they are widened by what halves are apart: then hardly any could be too far.
     let halves_px = cameras.iter().map(|it| it.halves_px);
     let usual_px = upper_median(halves_px.filter(|px| px.is_finite()).collect()).unwrap_or(0.0);
@@ -66,6 +68,7 @@ pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
     Report {
         cameras,
         anchors_rms_m: found.alignment.rms_m,
+        people: people_report(found),
         field: None,
         findings,
     }

@@ -6,7 +6,7 @@ use crate::alignment::Lost;
 use crate::people::plan::USUAL_STATURE_M;
 use crate::people::start::ground::LEAST_BODIES;
 use crate::people::venue::Scale;
-use crate::report::{Cause, Finding, finding};
+use crate::report::{Cause, Finding, PeopleReport, finding};
 use farfield_proto::order_statistics::{percentile, upper_median};
 
 /// Seconds of a person that two cameras see, summed over persons: less is doubtful, and wrong.
@@ -30,8 +30,9 @@ const DOUBTFUL_FLOOR_M: f64 = 0.10;
 const WRONG_FLOOR_M: f64 = 0.20;
 const DOUBTFUL_TILT_DEG: f64 = 1.5;
 const WRONG_TILT_DEG: f64 = 3.0;
-/// Statures that are believed of a mean, metres.
-const STATURES_M: [f64; 2] = [1.2, 2.1];
+/// Median statures that are doubtful, metres: adults are within; and those that are wrong.
+const DOUBTFUL_STATURES_M: [f64; 2] = [1.5, 2.0];
+const WRONG_STATURES_M: [f64; 2] = [1.2, 2.1];
 /// Difference of given and found stature that is doubtful.
 const DOUBTFUL_STATURE: f64 = 0.05;
 
@@ -311,25 +312,40 @@ fn metres(found: &Found<'_>) -> Vec<Finding> {
     findings
 }
 
+/// How tall people come out.
+pub(super) fn people_report(found: &Found<'_>) -> Option<PeopleReport> {
+    let stature_m = found.alignment.venue_from_found.scale * found.standing.stature()?;
+    let expected_m = found.request.stature_m.unwrap_or(USUAL_STATURE_M);
+    Some(PeopleReport {
+        stature_m,
+        world_scale: expected_m / stature_m,
+    })
+}
+
 /// How tall people come out where metres were measured.
 fn statures(found: &Found<'_>) -> Option<Finding> {
-    let scale = found.alignment.venue_from_found.scale;
-    let here_m = scale * found.standing.stature()?;
-    let given_m = found.request.stature_m.unwrap_or(here_m);
-    let is_wrong = !(STATURES_M[0]..=STATURES_M[1]).contains(&here_m);
-    let is_off = (here_m / given_m - 1.0).abs() > DOUBTFUL_STATURE;
-    (is_wrong || is_off).then(|| {
-        let said = found.request.stature_m.map_or_else(
-            || format!("{:.1} to {:.1} m", STATURES_M[0], STATURES_M[1]),
-            |given_m| format!("{given_m:.2} m, as given"),
-        );
+    let PeopleReport {
+        stature_m: here_m,
+        world_scale,
+    } = people_report(found)?;
+    let is_beyond = |[least, most]: [f64; 2]| !(least..=most).contains(&here_m);
+    let is_wrong = is_beyond(WRONG_STATURES_M);
+    let given_m = found.request.stature_m;
+    let is_off = given_m.is_some() && (world_scale - 1.0).abs() > DOUBTFUL_STATURE;
+    (is_wrong || is_off || (given_m.is_none() && is_beyond(DOUBTFUL_STATURES_M))).then(|| {
+        let [least, most] = DOUBTFUL_STATURES_M;
+        let (expected, of) = match given_m {
+            Some(given_m) => (format!("{given_m:.2} m, as given"), given_m),
+            None => (format!("{least:.1} to {most:.1} m of adults"), USUAL_STATURE_M),
+        };
         finding(
             "",
             Cause::Stature,
             is_wrong,
-            format!("people come out {here_m:.2} m tall"),
-            &said,
-            "look for a wrong unit or number among the known distances and places, and at the focal lengths",
+            format!("people come out {here_m:.2} m tall: all distances times {world_scale:.2} would make them {of:.2} m"),
+            &expected,
+            "look for a wrong unit or number among the known distances and places, and at the focal lengths; give the \
+             stature of children (--stature-m)",
         )
     })
 }

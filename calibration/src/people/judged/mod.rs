@@ -4,3 +4,4 @@ pub(super) mod assess;
 pub(super) mod contradiction;
 mod findings;
 mod found;
+mod suspects;

@@ -11,8 +11,9 @@ use nalgebra::Vector2;
 use super::super::associate::persons;
 use super::super::view::{Clock, Joint, Tracks, View};
 use super::*;
-use crate::alignment::Similarity;
+use crate::alignment::{KnownDistance, Similarity};
 use crate::geometry::{Sight, triangulate};
+use crate::report::Cause;
 
 /// People of unknown stature; the scale is taken out of all that is compared.
 const STATURE_M: f64 = 1.75;
@@ -170,4 +171,89 @@ fn shelf_is_found_from_people_alone() {
             .iter()
             .all(|(m, degrees)| *m < 0.045 && *degrees < 1.1)
     );
+}
+
+/// What `spoil` makes of all that the cameras saw, with their known distance.
+fn spoilt(folder: &Path, spoil: impl Fn(&mut PeopleRequest)) -> PeopleRequest {
+    let mut request = request(folder, &(300..601));
+    request.stature_m = None;
+    request.anchors.distances = vec![KnownDistance {
+        first: "cam0".to_owned(),
+        second: "cam3".to_owned(),
+        distance_m: 6.09,
+    }];
+    spoil(&mut request);
+    request
+}
+
+/// The causes that are reported of a clock or a focal length, with the camera.
+fn suspects(found: &PointCalibration) -> Vec<(&str, Cause)> {
+    let of = found.report.findings.iter();
+    let of = of.filter(|it| matches!(it.cause, Cause::Clock | Cause::Focal));
+    of.map(|it| (it.camera.as_deref().unwrap_or(""), it.cause))
+        .collect()
+}
+
+fn late_by(request: &mut PeopleRequest, frames: f64) {
+    for frame in &mut request.cameras[2].frames {
+        frame.frame += frames;
+    }
+}
+
+/// Symptom: a camera that was 100 ms late, and one whose focal length was given 5 % too long, passed without a word.
+#[test]
+fn a_late_camera_and_a_wrong_focal_length_are_named_and_a_right_one_is_not() {
+    let Some(folder) = folder() else { return };
+    let longer = |by: f64| {
+        move |it: &mut PeopleRequest| {
+            it.cameras[2].intrinsics.fx_px *= by;
+            it.cameras[2].intrinsics.fy_px *= by;
+        }
+    };
+    let right = quiet(&spoilt(&folder, |_| ())).unwrap();
+    say(&right);
+    assert_eq!(suspects(&right), []);
+    let people = right.report.people.unwrap();
+    assert!((1.6..1.9).contains(&people.stature_m), "{people:?}");
+    for frames in [2.0, -1.0, -3.0] {
+        let late = quiet(&spoilt(&folder, |it| late_by(it, frames))).unwrap();
+        println!("late by {frames}");
+        say(&late);
+        assert_eq!(suspects(&late), [("cam2", Cause::Clock)], "{frames}");
+        let mut findings = late.report.findings.iter();
+        let said = findings.find(|it| it.cause == Cause::Clock).unwrap();
+        let found = said
+            .found
+            .split(['(', ' '])
+            .filter_map(|it| it.parse().ok());
+        let frames_found = found.last().unwrap_or(0.0_f64);
+        assert!((frames_found / frames.abs() - 1.0).abs() < 0.3, "{said}");
+        assert_eq!(said.is_wrong, frames.abs() > 1.5, "{said}");
+    }
+    // One that is 5 % too short gains less than right ones do.
+    let lens = quiet(&spoilt(&folder, longer(1.05))).unwrap();
+    println!("focal length 5 % too long");
+    say(&lens);
+    assert_eq!(suspects(&lens), [("cam2", Cause::Focal)]);
+    assert!(!lens.report.passes());
+    // What is advised of a late camera takes the delay out.
+    let mut unknown = spoilt(&folder, |it| late_by(it, 2.0));
+    unknown.timing = Timing::Unknown;
+    let found = quiet(&unknown).unwrap();
+    println!("late, clocks unknown");
+    say(&found);
+    assert_eq!(suspects(&found), []);
+}
+
+/// Symptom: a distance a quarter too short gave people of 1.33 m without a word.
+#[test]
+fn a_distance_that_makes_people_small_is_named_with_its_factor() {
+    let Some(folder) = folder() else { return };
+    let short = spoilt(&folder, |it| it.anchors.distances[0].distance_m = 4.6);
+    let found = quiet(&short).unwrap();
+    let people = found.report.people.unwrap();
+    println!("{people:?}");
+    let mut findings = found.report.findings.iter();
+    let said = findings.find(|it| it.cause == Cause::Stature).unwrap();
+    assert!(said.found.contains("all distances times 1.2"), "{said}");
 }

@@ -14,7 +14,7 @@ pub(super) use field::in_words;
 
 use field::STRIPES;
 
-use super::judged::{JudgedCalibration, halves};
+use super::judged::{JudgedCalibration, NOT_DETERMINED, halves, people_in_words};
 use crate::sheet_fingerprint;
 
 /// How the page looks, in the light and in the dark.
@@ -89,16 +89,18 @@ fn table(page: &mut String, found: &PointCalibration, facts: &SheetFacts<'_>) {
     }
     page.push_str("</tr>\n");
     for it in &found.report.cameras {
+        let rotation = it.determined_rotation_deg();
+        let rotation = rotation.map_or(NOT_DETERMINED.to_owned(), |deg| format!("{deg:.3}&deg;"));
         write!(
             page,
-            "<tr><td>{}</td><td>{}</td><td>{:.0} %</td><td>{:.2} px</td><td>{:.1} mm</td><td>{:.3}&deg;</td>\
+            "<tr><td>{}</td><td>{}</td><td>{:.0} %</td><td>{:.2} px</td><td>{:.1} mm</td><td>{}</td>\
              <td class=\"words\">{}</td><td>&times; {:.4}</td>",
             escaped(&it.name),
             it.sights,
             100.0 * it.used_share,
             it.rms_px,
             1000.0 * it.position_sigma_m,
-            it.rotation_sigma_deg,
+            rotation,
             halves(it),
             it.focal_ratio
         )
@@ -114,6 +116,9 @@ fn table(page: &mut String, found: &PointCalibration, facts: &SheetFacts<'_>) {
         page.push_str("</tr>\n");
     }
     page.push_str("</table></div>\n");
+    if let Some(people) = &found.report.people {
+        writeln!(page, "<p>{}</p>", people_in_words(people)).ok();
+    }
     if let Some(rms_m) = found.report.anchors_rms_m {
         writeln!(
             page,
