@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use calib_targets_charuco::{
     CharucoBoardSpec, CharucoCorner, CharucoDetector, CharucoParams, Dictionary, resolve_dictionary,
 };
-use calib_targets_chessboard::detect_corners;
+use calib_targets_chessboard::{DetectorConfig, detect_corners};
 
 use super::BoardView;
 use super::detect::{DetectError, check_board, looks, place, view};
@@ -62,14 +62,14 @@ pub fn detect_charuco(
     check_board(board.squares, board.square_m)?;
     view(picture)?;
     let layouts = layouts(board)?;
-    let mut best = most_of(name, picture, board, &layouts, false)?;
+    let mut best = most_of(name, picture, board, &layouts, false, &looks())?;
     if !best.is_whole(board) {
         let negative: Vec<u8> = picture.pixels.iter().map(|level| !level).collect();
         let negative = GrayPicture {
             pixels: &negative,
             ..*picture
         };
-        let other = most_of(name, &negative, board, &layouts, true)?;
+        let other = most_of(name, &negative, board, &layouts, true, &looks())?;
         if other.rank() > best.rank() {
             best = other;
         }
@@ -78,6 +78,15 @@ pub fn detect_charuco(
         return Err(DetectError::NotFound);
     }
     Ok(best.view)
+}
+
+/// How many markers of `board` are found in a picture at first sight, black on white.
+pub(super) fn markers_of(picture: &GrayPicture<'_>, board: &Charuco) -> usize {
+    let seen = layouts(board).and_then(|layouts| {
+        let first = &looks()[..1];
+        most_of("", picture, board, &layouts, false, first)
+    });
+    seen.map_or(0, |part| part.markers)
 }
 
 /// A part of a board, and how many markers say that it is one.
@@ -170,6 +179,7 @@ fn most_of(
     board: &Charuco,
     layouts: &[Layout],
     is_negative: bool,
+    looks: &[DetectorConfig],
 ) -> Result<Part, DetectError> {
     let grey = view(picture)?;
     let mut best = Part {
@@ -181,8 +191,8 @@ fn most_of(
         },
         markers: 0,
     };
-    for look in looks() {
-        let seen = detect_corners(&grey, &look);
+    for look in looks {
+        let seen = detect_corners(&grey, look);
         for Layout {
             detector,
             is_legacy,

@@ -209,3 +209,61 @@ fn the_print_of_a_board_is_reported() {
         assert!(word.is_empty() || said, "{:?}", found.remarks);
     }
 }
+
+/// Symptom: a wrong word on the board was answered with advice to take other pictures.
+#[test]
+fn a_wrong_description_of_a_board_is_corrected() {
+    let right = board([8, 6]);
+    let pictures: Vec<Vec<u8>> = (0..3)
+        .map(|i| drawn(&right, Print::default(), &pose(&right, i, [0.0, 0.0])))
+        .collect();
+    let mirrored: Vec<Vec<u8>> = pictures
+        .iter()
+        .map(|it| {
+            let rows = it.chunks(SIZE[0] as usize);
+            rows.flat_map(|row| row.iter().rev().copied()).collect()
+        })
+        .collect();
+    let other = |pictures: &[Vec<u8>], given: &Charuco| {
+        let count = pictures
+            .iter()
+            .filter(|it| detected(given, it).is_ok())
+            .count();
+        println!("{given:?}: found in {count}");
+        let pictures = pictures.iter().map(|pixels| GrayPicture {
+            width: SIZE[0],
+            height: SIZE[1],
+            pixels,
+        });
+        other_charuco(&pictures.collect::<Vec<_>>(), given)
+    };
+    for squares in [[7, 5], [6, 8], [5, 7]] {
+        let given = Charuco {
+            squares,
+            ..right.clone()
+        };
+        assert_eq!(
+            other(&pictures, &given),
+            Some(OtherCharuco::Squares([8, 6])),
+            "{squares:?}"
+        );
+    }
+    let given = Charuco {
+        dictionary: "DICT_5X5_50".to_owned(),
+        ..right.clone()
+    };
+    let found = Some(OtherCharuco::Dictionary("DICT_4X4_1000".to_owned()));
+    assert_eq!(other(&pictures, &given), found);
+    let given = Charuco {
+        marker_m: 0.018,
+        ..right.clone()
+    };
+    let found = other(&pictures, &given);
+    assert!(
+        matches!(found, Some(OtherCharuco::Marker(m)) if (m - 0.03).abs() < 0.003),
+        "{found:?}"
+    );
+    assert_eq!(other(&mirrored, &right), Some(OtherCharuco::Mirrored));
+    let nothing = vec![vec![128; (SIZE[0] * SIZE[1]) as usize]];
+    assert_eq!(other(&nothing, &right), None);
+}

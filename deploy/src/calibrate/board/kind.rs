@@ -3,8 +3,8 @@
 use anyhow::{Context as _, bail};
 use clap::Args;
 use farfield_calibration::board::{
-    BoardError, BoardView, Charuco, Chessboard, Coefficients, DetectError, GrayPicture, check_size,
-    detect_charuco, detect_chessboard,
+    BoardError, BoardView, Charuco, Chessboard, Coefficients, DetectError, GrayPicture,
+    OtherCharuco, check_size, detect_charuco, detect_chessboard, other_charuco,
 };
 use image::GrayImage;
 
@@ -121,19 +121,32 @@ impl Board {
         }
     }
 
+    /// What it may be instead, by pictures of it; `None` where nothing is found.
+    pub(super) fn other(&self, pictures: &[GrayImage]) -> Option<OtherCharuco> {
+        let Self::Charuco(board) = self else {
+            return None;
+        };
+        let pictures: Vec<GrayPicture<'_>> = pictures.iter().map(grey).collect();
+        other_charuco(&pictures, board)
+    }
+
     /// Its corners in a picture.
     ///
     /// # Errors
     /// [`DetectError`] where there are none, or the board cannot be.
     pub(super) fn detect(&self, name: &str, picture: &GrayImage) -> Result<BoardView, DetectError> {
-        let grey = GrayPicture {
-            width: picture.width(),
-            height: picture.height(),
-            pixels: picture.as_raw(),
-        };
+        let grey = grey(picture);
         match self {
             Self::Chess(board) => detect_chessboard(name, &grey, board),
             Self::Charuco(board) => detect_charuco(name, &grey, board),
         }
+    }
+}
+
+fn grey(picture: &GrayImage) -> GrayPicture<'_> {
+    GrayPicture {
+        width: picture.width(),
+        height: picture.height(),
+        pixels: picture.as_raw(),
     }
 }

@@ -9,6 +9,7 @@ use farfield_calibration::board::{
 };
 use farfield_edge::source::open_video_alone;
 use farfield_node::process::say;
+use image::GrayImage;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 use super::kind::Board;
@@ -17,6 +18,9 @@ use crate::init::recordings::{is_picture, is_video};
 
 /// Most pictures of one camera.
 const MAX_PICTURES: usize = 2000;
+
+/// Pictures in which another board is looked for where this one is not found.
+const SAMPLES: usize = 3;
 
 /// A picture in which it was looked for.
 struct LookedAt {
@@ -56,6 +60,7 @@ pub(super) fn found(
         gathered.shown.extend(filmed.shown);
         gathered.used.extend(filmed.used);
         gathered.larger.extend(filmed.larger);
+        gathered.blank.extend(filmed.blank);
     }
     for it in looked {
         gathered.is_as_large(&it.name, it.size_px)?;
@@ -81,12 +86,26 @@ pub(super) fn found(
     let calibrated = calibrate(size_px, &gathered.used, coefficients);
     let (shown, looked) = (gathered.shown.len(), gathered.looked);
     let mut found = calibrated.map_err(|error| {
+        // A wrong word about the board is no matter of more pictures.
+        let other = board.other(&samples(&paths, gathered.blank));
+        let other = other.map_or_else(String::new, |it| format!("; {it}"));
         anyhow!(
-            "{error} (the board was found in {shown} of the {looked} pictures that were looked at)"
+            "{error} (the board was found in {shown} of the {looked} pictures that were looked at){other}"
         )
     })?;
     found.left_out.extend(gathered.unseen);
     Ok(found)
+}
+
+/// Some pictures of a camera, evenly spread, in which another board is looked for.
+fn samples(paths: &[PathBuf], filmed: Vec<GrayImage>) -> Vec<GrayImage> {
+    let step = paths.len().div_ceil(SAMPLES).max(1);
+    let read = paths
+        .iter()
+        .step_by(step)
+        .filter_map(|path| image::open(path).ok());
+    let read = read.map(image::DynamicImage::into_luma8);
+    read.chain(filmed).take(SAMPLES).collect()
 }
 
 /// What pictures and videos of one camera gave.
@@ -101,6 +120,8 @@ struct Gathered {
     unseen: Vec<(String, String)>,
     /// Corners along the sides of boards that are larger than the one that is looked for.
     larger: Vec<[u32; 2]>,
+    /// Some pictures of videos that do not show the board.
+    blank: Vec<GrayImage>,
     looked: usize,
 }
 

@@ -19,6 +19,8 @@ const MOST_USED: usize = 40;
 const TOGETHER: usize = 8;
 /// Corners that are nearer to those of another picture, in pixels, are the same view: a board that was held still.
 const SAME_PX: f64 = 8.0;
+/// Pictures without the board that are kept, in which another one is looked for.
+const MOST_BLANK: usize = 3;
 /// Rows and columns that are skipped where sharpness is measured.
 const SPARSE: usize = 3;
 
@@ -31,6 +33,8 @@ pub(super) struct Filmed {
     pub(super) used: Vec<BoardView>,
     /// Corners along the sides of boards in it that are larger than the one that is looked for.
     pub(super) larger: Vec<[u32; 2]>,
+    /// Some pictures that do not show the board.
+    pub(super) blank: Vec<GrayImage>,
     /// Pictures that there were.
     pub(super) pictures: usize,
     /// Pictures that were looked at.
@@ -81,6 +85,7 @@ pub(super) fn look(
         pictures,
         looked: looked.pictures,
         larger: looked.larger,
+        blank: looked.blank,
         used: different(looked.views.clone(), MOST_USED),
         shown: looked.views,
     })
@@ -97,6 +102,7 @@ struct Looked {
     pictures: usize,
     views: Vec<BoardView>,
     larger: Vec<[u32; 2]>,
+    blank: Vec<GrayImage>,
 }
 
 impl Looked {
@@ -111,14 +117,16 @@ impl Looked {
             .par_iter()
             .map(|(name, picture)| detect(name, picture))
             .collect();
-        waiting.clear();
-        for view in found {
+        for (view, (_, picture)) in found.into_iter().zip(waiting.drain(..)) {
             match view {
                 Ok(view) => self.views.push(view),
                 Err(error @ (DetectError::Board(_) | DetectError::Bytes { .. })) => {
                     return Err(error.into());
                 }
                 Err(DetectError::OtherBoard { found, .. }) => self.larger.push(found),
+                Err(DetectError::NotFound) if self.blank.len() < MOST_BLANK => {
+                    self.blank.push(picture);
+                }
                 Err(DetectError::NotFound) => (),
             }
         }
