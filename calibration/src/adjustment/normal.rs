@@ -109,7 +109,7 @@ pub(super) struct Normal {
 
 impl Normal {
     pub(super) fn of(problem: &Problem, columns: &Columns) -> Self {
-        let rows = 3 * problem.path.nodes().len();
+        let rows = 3 * problem.path.node_count();
         let mut normal = Self {
             nodes: Band::zeros(rows, 3 * problem.path.reach() + 2),
             coupling: vec![0.0; rows * columns.count],
@@ -138,7 +138,7 @@ impl Normal {
         let camera = &adjusted.state;
         let support = problem.path.support(observation, camera)?;
         let nodes = problem.path.nodes();
-        let point = sum(nodes, &support, &support.weights);
+        let point = problem.path.place(observation, camera)?;
         let mut drawn = camera.project_with_derivatives(&point, *folds.get(observation.camera)?)?;
         let velocity = sum(nodes, &support, &support.slopes);
         let by_time = drawn.by_point * velocity + Vector2::from(observation.velocity);
@@ -185,30 +185,26 @@ impl Normal {
         own: &[(usize, usize, f64)],
         r: &Vector2<f64>,
     ) {
-        let square = by_point.transpose() * by_point;
-        let gradient = by_point.transpose() * r;
-        let coupled = by_point.transpose() * by_camera;
         for i in 0..support.count {
             let row = 3 * (support.first + i);
-            let weight = support.weights[i];
+            let by_node = by_point * support.by_node(i);
+            let gradient = by_node.transpose() * r;
+            let coupled = by_node.transpose() * by_camera;
             for axis in 0..3 {
-                self.node_gradient[row + axis] += weight * gradient[axis];
+                self.node_gradient[row + axis] += gradient[axis];
                 let start = (row + axis) * self.columns;
                 for &(parameter, column, _) in own {
-                    self.coupling[start + column] += weight * coupled[(axis, parameter)];
+                    self.coupling[start + column] += coupled[(axis, parameter)];
                 }
             }
             for j in 0..=i {
                 let earlier = 3 * (support.first + j);
-                let product = weight * support.weights[j];
+                let square = by_node.transpose() * by_point * support.by_node(j);
                 for axis in 0..3 {
                     let last = if i == j { axis + 1 } else { 3 };
                     for other in 0..last {
-                        self.nodes.add(
-                            row + axis,
-                            earlier + other,
-                            product * square[(axis, other)],
-                        );
+                        let value = square[(axis, other)];
+                        self.nodes.add(row + axis, earlier + other, value);
                     }
                 }
             }

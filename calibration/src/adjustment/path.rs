@@ -1,6 +1,6 @@
-//! Where the seen points are: each for itself, or along a smooth curve in time.
+//! Where the seen points are: each for itself, along a smooth curve in time, or on a rigid body.
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 
 use super::camera_state::{CameraState, Observation};
 
@@ -20,6 +20,34 @@ pub struct Spline {
     pub stiffness: f64,
 }
 
+/// One rigid body, somewhere else at each moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bodies {
+    /// Per moment the world from the body.
+    pub poses: Vec<Isometry3<f64>>,
+    /// The points of the body, in its own axes.
+    pub shape: Vec<Vector3<f64>>,
+}
+
+impl Bodies {
+    /// The [`Observation::point`] of a point of the shape at a moment.
+    pub fn point(&self, moment: usize, of_shape: usize) -> usize {
+        moment * self.shape.len() + of_shape
+    }
+
+    /// The moment of an observation's point.
+    pub fn moment(&self, point: usize) -> usize {
+        point / self.shape.len().max(1)
+    }
+
+    /// The turned arm of a point, and the pose that it belongs to.
+    fn arm(&self, point: usize) -> Option<(Vector3<f64>, &Isometry3<f64>)> {
+        let pose = self.poses.get(self.moment(point))?;
+        let shape = self.shape.get(point % self.shape.len().max(1))?;
+        Some((pose.rotation * shape, pose))
+    }
+}
+
 /// What was seen.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Path {
@@ -27,6 +55,8 @@ pub enum Path {
     Points(Vec<Vector3<f64>>),
     /// One curve, by the times of the frames.
     Curve(Spline),
+    /// Points of a rigid body. Its nodes are a turn (radians, world axes) and a shift for each moment.
+    Bodies(Bodies),
 }
 
 /// The nodes that a place on the path depends on.
@@ -37,6 +67,18 @@ pub(super) struct Support {
     pub(super) weights: [f64; 4],
     /// Derivatives of the weights by time, 1/s.
     pub(super) slopes: [f64; 4],
+    /// Of a body, from its origin to the point: its first node turns it.
+    arm: Option<Vector3<f64>>,
+}
+
+impl Support {
+    /// The place by the `i`-th of the nodes.
+    pub(super) fn by_node(&self, i: usize) -> Matrix3<f64> {
+        match self.arm {
+            Some(arm) if i == 0 => -arm.cross_matrix(),
+            _ => Matrix3::from_diagonal_element(self.weights[i]),
+        }
+    }
 }
 
 impl Spline {
@@ -83,29 +125,60 @@ impl Spline {
             count: 4,
             weights: weights.map(|w| w / 6.0),
             slopes: slopes.map(|w| w / (6.0 * self.spacing_s)),
+            arm: None,
         })
     }
 }
 
 impl Path {
-    /// The points or controls.
+    /// The points or controls; none of bodies.
     pub fn nodes(&self) -> &[Vector3<f64>] {
         match self {
             Self::Points(points) => points,
             Self::Curve(spline) => &spline.controls,
+            Self::Bodies(_) => &[],
         }
     }
 
-    /// The points or controls, to be moved.
+    /// The points or controls, to be moved; none of bodies.
     pub fn nodes_mut(&mut self) -> &mut [Vector3<f64>] {
         match self {
             Self::Points(points) => points,
             Self::Curve(spline) => &mut spline.controls,
+            Self::Bodies(_) => &mut [],
+        }
+    }
+
+    /// How many nodes of three numbers move.
+    pub fn node_count(&self) -> usize {
+        match self {
+            Self::Points(_) | Self::Curve(_) => self.nodes().len(),
+            Self::Bodies(bodies) => 2 * bodies.poses.len(),
+        }
+    }
+
+    /// Moves all nodes.
+    pub(super) fn step(&mut self, by: &[f64]) {
+        let by: Vec<Vector3<f64>> = by.chunks_exact(3).map(Vector3::from_column_slice).collect();
+        for (node, by) in self.nodes_mut().iter_mut().zip(&by) {
+            *node += by;
+        }
+        if let Self::Bodies(bodies) = self {
+            for (pose, by) in bodies.poses.iter_mut().zip(by.chunks_exact(2)) {
+                let mut rotation = UnitQuaternion::from_scaled_axis(by[0]) * pose.rotation;
+                rotation.renormalize();
+                let shift = Translation3::from(pose.translation.vector + by[1]);
+                *pose = Isometry3::from_parts(shift, rotation);
+            }
         }
     }
 
     /// Where the point was that `observation` saw; `None` when the path does not reach there.
     pub fn place(&self, observation: &Observation, camera: &CameraState) -> Option<Vector3<f64>> {
+        if let Self::Bodies(bodies) = self {
+            let (arm, pose) = bodies.arm(observation.point)?;
+            return Some(pose.translation.vector + arm);
+        }
         let support = self.support(observation, camera)?;
         Some(sum(self.nodes(), &support, &support.weights))
     }
@@ -121,6 +194,14 @@ impl Path {
                 count: 1,
                 weights: [1.0, 0.0, 0.0, 0.0],
                 slopes: [0.0; 4],
+                arm: None,
+            }),
+            Self::Bodies(bodies) => bodies.arm(observation.point).map(|(arm, _)| Support {
+                first: 2 * bodies.moment(observation.point),
+                count: 2,
+                weights: [0.0, 1.0, 0.0, 0.0],
+                slopes: [0.0; 4],
+                arm: Some(arm),
             }),
             Self::Curve(spline) => spline.support(camera.time_s(observation.frame)),
         }
@@ -131,6 +212,7 @@ impl Path {
         match self {
             Self::Points(_) => 0,
             Self::Curve(_) => 3,
+            Self::Bodies(_) => 1,
         }
     }
 }

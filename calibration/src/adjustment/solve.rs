@@ -120,16 +120,7 @@ fn moved(problem: &Problem, columns: &Columns, step: &Step) -> Problem {
         }
         camera.state = camera.state.moved(&by);
     }
-    for (node, by) in moved
-        .path
-        .nodes_mut()
-        .iter_mut()
-        .zip(step.nodes.chunks_exact(3))
-    {
-        for axis in 0..3 {
-            node[axis] += by[axis];
-        }
-    }
+    moved.path.step(&step.nodes);
     moved
 }
 

@@ -29,6 +29,8 @@ const WRONG_NOISE_PX: f64 = 3.0;
 /// How late a synchronised camera is that is doubtful, and wrong, frames; and the share by which its focal length is off.
 const LATE_FRAMES: [f64; 2] = [0.25, 0.75];
 const FOCAL: [f64; 2] = [0.03, 0.06];
+/// Instants of a board by which a camera should hang on another.
+const USUAL_INSTANTS: usize = 15;
 
 /// All that a report is made of.
 pub(super) struct Found<'a> {
@@ -56,6 +58,7 @@ pub(super) fn assess(found: &Found<'_>) -> Report {
     }
     findings.extend(degenerate(found));
     findings.extend(knocked(found, &cameras));
+    findings.extend(weak_links(found));
     findings.extend(suspicious(found));
     Report {
         cameras,
@@ -171,7 +174,7 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
         let (expected, remedy) = if is_sound && found.chain.has_no_scale(index) {
             (
                 "moments that three cameras share, ten or more of each camera",
-                "carry the point where three cameras see it at once",
+                "carry the point where three cameras see it at once; corners of a board may be given as one body (--charuco)",
             )
         } else {
             (
@@ -278,6 +281,33 @@ fn suspicious(found: &Found<'_>) -> Vec<Finding> {
     each.iter()
         .map(|it| it.finding(name(it.camera), bars, unit))
         .collect()
+}
+
+/// Cameras that hang on the others by few instants of a board.
+fn weak_links(found: &Found<'_>) -> Vec<Finding> {
+    if found.request.board.is_none() {
+        return Vec::new();
+    }
+    let is_posed =
+        |pair: &&Pair| found.posed.contains(&pair.first) && found.posed.contains(&pair.second);
+    let each = found.posed.iter().filter_map(|index| {
+        let own = found.chain.pairs.iter().filter(is_posed);
+        let own = own.filter(|it| it.first == *index || it.second == *index);
+        let best = own.max_by_key(|it| it.agreeing)?;
+        let other = if best.first == *index { best.second } else { best.first };
+        let name = |index: usize| found.request.cameras.get(index).map_or("", |it| it.name.as_str());
+        (best.agreeing < USUAL_INSTANTS).then(|| {
+            finding(
+                name(*index),
+                Cause::Uncertain,
+                false,
+                format!("it hangs on the others by the board at {} instants, with `{}`", best.agreeing, name(other)),
+                &format!("{USUAL_INSTANTS} instants or more"),
+                "show the board longer where it and another camera both see it, near and far, tilted each way",
+            )
+        })
+    });
+    each.collect()
 }
 
 /// Cameras that fit at some times only.

@@ -37,13 +37,14 @@ pub(super) struct Pair {
     pub(super) second: usize,
     /// Moments that were compared.
     pub(super) common: usize,
+    /// Those of them that agree.
+    pub(super) agreeing: usize,
     pub(super) pose: Option<RelativePose>,
 }
 
 impl Pair {
     pub(super) fn share(&self) -> f64 {
-        let agreeing = self.pose.as_ref().map_or(0, |p| p.inliers.len());
-        agreeing as f64 / self.common.max(1) as f64
+        self.agreeing as f64 / self.common.max(1) as f64
     }
 
     /// Whether enough of it agrees for one pose.
@@ -158,6 +159,7 @@ fn pair(views: &[View], first: usize, second: usize, gate_px: f64, seed: u64) ->
         first,
         second,
         common,
+        agreeing: pose.as_ref().map_or(0, |p| p.inliers.len()),
         pose,
     }
 }

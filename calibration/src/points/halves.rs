@@ -33,11 +33,7 @@ fn seen(problem: &Problem) -> Vec<Vec<([f64; 2], f64)>> {
         let Some(camera) = problem.cameras.get(it.camera) else {
             continue;
         };
-        let point = match &problem.path {
-            Path::Points(points) => points.get(it.point).copied(),
-            Path::Curve(spline) => spline.at(camera.state.time_s(it.frame)),
-        };
-        if let Some(point) = point {
+        if let Some(point) = problem.path.place(it, &camera.state) {
             let at = camera.state.camera_from_world * (point - camera.state.center_w);
             seen[it.camera].push((it.px, at.z));
         }
@@ -142,6 +138,7 @@ fn drawn_apart(first: &CameraState, second: &CameraState, seen: &[([f64; 2], f64
 fn moment(problem: &Problem, observation: &crate::adjustment::Observation) -> f64 {
     match &problem.path {
         Path::Points(_) => observation.point as f64,
+        Path::Bodies(bodies) => bodies.moment(observation.point) as f64,
         Path::Curve(_) => {
             let camera = problem.cameras.get(observation.camera);
             camera.map_or(0.0, |camera| camera.state.time_s(observation.frame))

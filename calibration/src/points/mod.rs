@@ -5,6 +5,7 @@
 //! says how good it is and what speaks against it ([`crate::report::Report`]).
 
 mod assess;
+mod board;
 mod chain;
 mod clocks;
 mod curve;
@@ -27,6 +28,7 @@ pub(crate) use over_time::knocked_at;
 pub(crate) use refine::freedom;
 pub(crate) use venue::{Laid, of_anchors};
 
+pub use board::{CORNERS_PER_INSTANT, RigidBoard};
 pub use error::CalibrationError;
 pub use file::{Sighting, parse, parse_multicamselfcal};
 pub use outcome::{FoundCamera, PathPoint, PointCalibration, Stage, calibrate, check_request};

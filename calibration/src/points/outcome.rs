@@ -7,6 +7,7 @@ use farfield_proto::frames::Transform;
 use nalgebra::{Isometry3, Translation3};
 
 use super::assess::{Found, assess};
+use super::board::{CORNERS_PER_INSTANT, RigidBoard, by_board};
 use super::chain::{Chain, chain};
 use super::clocks::{at_common_moments, join_clocks, set_own_clock};
 use super::curve::{Clocks, refine_curve};
@@ -199,6 +200,9 @@ pub fn check_request(request: &PointRequest) -> Result<(), CalibrationError> {
     }
     check_gate(request.gate_px)?;
     check_frames(request)?;
+    if let Some(board) = &request.board {
+        check_board(board, request)?;
+    }
     check_anchors(&request.anchors)?;
     let clocks = request
         .cameras
@@ -251,6 +255,42 @@ fn check_frames(request: &PointRequest) -> Result<(), CalibrationError> {
     Ok(())
 }
 
+/// A board that can be one, of sights that have the numbers of its corners.
+fn check_board(board: &RigidBoard, request: &PointRequest) -> Result<(), CalibrationError> {
+    let refuse = |text: String| Err(CalibrationError::Request(text));
+    let RigidBoard { squares, square_m } = board;
+    if request.timing != Timing::Synchronised {
+        return refuse(
+            "a board is one body of synchronised cameras only: found clocks that are given or unknown; leave out the board, or --clocks"
+                .to_owned(),
+        );
+    }
+    let is_square = square_m.is_finite() && *square_m > 0.0;
+    let count = board.corner_count();
+    if !is_square || !(4..=CORNERS_PER_INSTANT).contains(&count) {
+        return refuse(format!(
+            "a board of {} x {} squares of {square_m} m: expected 4 to {CORNERS_PER_INSTANT} inner corners, and a side above 0",
+            squares[0], squares[1]
+        ));
+    }
+    for camera in &request.cameras {
+        let number = |frame: f64| frame.round() as usize % CORNERS_PER_INSTANT;
+        let beyond = camera.sightings.iter().find(|it| number(it.frame) >= count);
+        if let Some(found) = beyond {
+            return refuse(format!(
+                "camera `{}`: found number {}, which is corner {}, expected corners below {count} of a board of {} x {} squares: a number is \
+                 {CORNERS_PER_INSTANT} times the instant, plus the corner",
+                camera.name,
+                found.frame,
+                number(found.frame),
+                squares[0],
+                squares[1]
+            ));
+        }
+    }
+    Ok(())
+}
+
 pub(crate) fn check_anchors(anchors: &Anchors) -> Result<(), CalibrationError> {
     let refuse = |text: String| Err(CalibrationError::Request(text));
     let places = anchors.centers_m.iter().map(|(name, at)| (name, at));
@@ -294,6 +334,11 @@ fn synchronised(
 ) -> Result<(Chain, Refined), CalibrationError> {
     progress(Stage::Poses);
     let views: Vec<View> = tracks.iter().map(Track::by_frame).collect();
+    if let Some(board) = &request.board {
+        let (chain, refined) = by_board(&views, board, request.lenses, request.gate_px);
+        check_chain(&chain, request)?;
+        return Ok((chain, refined));
+    }
     let chain = chain(&views, request.gate_px, request.seed);
     check_chain(&chain, request)?;
     progress(Stage::Adjustment);
@@ -379,7 +424,9 @@ fn finish(
         .map(|camera| camera.name.as_str())
         .collect();
     let anchors = request.anchors.without(&without);
-    let alignment = anchors.align(&named).map_err(CalibrationError::Alignment)?;
+    let mut alignment = anchors.align(&named).map_err(CalibrationError::Alignment)?;
+    // Else metres are those of the squares.
+    alignment.has_scale |= request.board.is_some();
     let found = Found {
         request,
         chain,
@@ -421,6 +468,7 @@ fn path(problem: &Problem, venue: &Similarity) -> Vec<PathPoint> {
         };
         let (moment, time_s) = match &problem.path {
             Path::Points(_) => (observation.point, observation.frame),
+            Path::Bodies(bodies) => (bodies.moment(observation.point), observation.frame),
             Path::Curve(spline) => {
                 let time_s = camera.state.time_s(observation.frame);
                 let span = (time_s - spline.start_s) / spline.spacing_s;
@@ -436,6 +484,7 @@ fn path(problem: &Problem, venue: &Similarity) -> Vec<PathPoint> {
     let points = several.filter_map(|(moment, (time_s, cameras))| {
         let point = match &problem.path {
             Path::Points(points) => *points.get(moment)?,
+            Path::Bodies(bodies) => bodies.poses.get(moment)?.translation.vector,
             Path::Curve(spline) => spline.at(time_s)?,
         };
         Some(PathPoint {

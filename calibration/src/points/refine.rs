@@ -148,7 +148,7 @@ pub(super) fn noise_px(problem: &Problem) -> Vec<f64> {
         }
     }
     let coordinates = 2.0 * problem.observations.len() as f64;
-    let unknowns = 3.0 * problem.path.nodes().len() as f64;
+    let unknowns = 3.0 * problem.path.node_count() as f64;
     let raise = (coordinates / (coordinates - unknowns).max(0.2 * coordinates)).sqrt();
     let sigma = |lengths: Vec<f64>| {
         let median = upper_median(lengths).unwrap_or(1.0);

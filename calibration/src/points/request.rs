@@ -2,6 +2,7 @@
 
 use farfield_proto::camera::{Intrinsics, LensModel};
 
+use super::board::RigidBoard;
 use super::file::Sighting;
 use crate::alignment::Anchors;
 
@@ -63,6 +64,9 @@ pub struct PointRequest {
     pub seed: u64,
     /// What is known of the venue.
     pub anchors: Anchors,
+    /// The board whose corners the cameras saw, where they saw one: the number of a sight is [`super::CORNERS_PER_INSTANT`] times
+    /// the instant, plus the corner's number.
+    pub board: Option<RigidBoard>,
 }
 
 impl PointRequest {
@@ -75,6 +79,7 @@ impl PointRequest {
             gate_px: 3.0,
             seed: 1,
             anchors: Anchors::default(),
+            board: None,
         }
     }
 }

@@ -114,6 +114,7 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
         },
         cameras,
     ));
+    findings.extend(squares(found));
     let two = found.problem.cameras.len() == 2;
     if two && found.request.timing == Timing::Unknown {
         findings.push(finding(
@@ -126,6 +127,26 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
         ));
     }
     findings
+}
+
+/// The squares of a board as known places and distances have them.
+fn squares(found: &Found<'_>) -> Option<Finding> {
+    let board = found.request.board?;
+    let scale = found.alignment.venue_from_found.scale;
+    let mm = 1000.0 * board.square_m;
+    ((scale - 1.0).abs() > WRONG_DISTANCE).then(|| {
+        finding(
+            "",
+            Cause::Anchors,
+            true,
+            format!(
+                "by the known places and distances a square of the board is {:.1} mm",
+                scale * mm
+            ),
+            &format!("{mm:.1} mm, as given, to 2 %"),
+            "measure a square of the printed board, and the distances, again",
+        )
+    })
 }
 
 /// Cameras stand upright. Where the known places lie in a plane their mirror image fits them as well, and what then stands

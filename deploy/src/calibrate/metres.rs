@@ -3,12 +3,14 @@
 use farfield_calibration::alignment::{Anchors, Known, KnownMark};
 
 /// What else says how long a metre is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Otherwise {
     /// Nothing.
     Nothing,
     /// The people's mean stature.
     Stature,
+    /// The squares of a board that is one body.
+    Board { square_mm: f64 },
 }
 
 /// Where metres come from and what checks them, in sentences. What is known of the cameras `without_pose` tells nothing, and
@@ -55,6 +57,13 @@ pub(super) fn metres(anchors: &Anchors, without_pose: &[&str], otherwise: Otherw
              of 5 m or more."
                 .to_owned()
         }
+        ([], Otherwise::Board { square_mm }) => format!(
+            "Metres come from the squares of the board, {square_mm:.1} mm, and nothing checks them: measure a distance of 5 m or more."
+        ),
+        (all, Otherwise::Board { square_mm }) => format!(
+            "Metres come from {}, which are held against the squares of the board, {square_mm:.1} mm.",
+            all.join(" and ")
+        ),
         ([only], _) if only.starts_with("one ") => {
             format!("Metres come from {only}, and nothing checks it: measure another one.")
         }
@@ -63,6 +72,9 @@ pub(super) fn metres(anchors: &Anchors, without_pose: &[&str], otherwise: Otherw
             all.join(" and ")
         ),
     };
+    if matches!(otherwise, Otherwise::Board { .. }) {
+        return said + &lost;
+    }
     format!(
         "{said}{lost} Boards tell lenses and no metres: a wrong size of their squares changes nothing here."
     )

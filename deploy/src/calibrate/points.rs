@@ -6,10 +6,11 @@ use std::path::PathBuf;
 use anyhow::ensure;
 use clap::{Args, ValueEnum};
 use farfield_calibration::points::{
-    Lenses, PointCamera, PointRequest, Stage, Timing, calibrate, check_request, parse,
+    Lenses, PointCamera, PointRequest, RigidBoard, Stage, Timing, calibrate, check_request, parse,
 };
 use farfield_node::process::{NodeError, say};
 
+use super::convert::size;
 use super::handed_over::{Asked, FoundArgs, hand_over, without_pose};
 use super::known::KnownArgs;
 use super::lenses::{Lens, lens_of};
@@ -28,6 +29,15 @@ pub(super) struct PointsArgs {
     seen: Vec<PathBuf>,
     #[command(flatten)]
     asked: AskedArgs,
+    /// The points are corners of a Charuco board: squares across and down.
+    ///
+    /// It is taken as one rigid body: the number of a sight is 1000 times the instant, plus the number of the corner, counted row
+    /// by row as OpenCV does. Cameras then hang together though each corner is seen by two of them only, and metres come from the squares.
+    #[arg(long, value_name = "AxB", value_parser = size, requires = "square_mm", hide_short_help = true)]
+    charuco: Option<[u32; 2]>,
+    /// Side of a square of that board, millimetres.
+    #[arg(long, value_name = "MM", requires = "charuco", hide_short_help = true)]
+    square_mm: Option<f64>,
     #[command(flatten)]
     pub(super) found: FoundArgs,
 }
@@ -78,11 +88,27 @@ pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
         let request = args
             .asked
             .request(&names, |name| lens_of(&lenses, name).cloned())?;
+        let request = PointRequest {
+            board: args.board(),
+            ..request
+        };
+        check_request(&request)?;
         Ok((request, files))
     };
     let (request, files) = prepared().map_err(NodeError::Refused)?;
     args.found.refuse_existing()?;
     solve(request, &files, &args.found)
+}
+
+impl PointsArgs {
+    /// The board whose corners were seen.
+    fn board(&self) -> Option<RigidBoard> {
+        let (squares, square_mm) = self.charuco.zip(self.square_mm)?;
+        Some(RigidBoard {
+            squares,
+            square_m: square_mm / 1000.0,
+        })
+    }
 }
 
 /// The same for `request`, with what each of its cameras saw in `files`; one without a file saw nothing.
@@ -111,8 +137,13 @@ pub(super) fn solve(
     };
     let found = calibrate(&request, progress).map_err(NodeError::refused)?;
     let without = without_pose(&found, &names);
+    let otherwise = request
+        .board
+        .map_or(Otherwise::Nothing, |board| Otherwise::Board {
+            square_mm: 1000.0 * board.square_m,
+        });
     let asked = Asked {
-        metres: metres(&known, &without, Otherwise::Nothing),
+        metres: metres(&known, &without, otherwise),
         has_clocks: request.timing != Timing::Synchronised,
         names,
     };

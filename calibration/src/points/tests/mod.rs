@@ -1,5 +1,6 @@
 //! From sightings to cameras, on simulated fields.
 
+mod board;
 mod faults;
 mod pictures;
 mod real;
