@@ -292,14 +292,39 @@ pub fn unknown_name(kind: &str, name: &str, known: &[&str]) -> String {
     }
 }
 
-/// The one of `known` that `name` can be a misspelling of.
+/// Letters of a name for each that may be wrong in it: one in a name of four, three in one of nine.
+const LETTERS_PER_SLIP: usize = 3;
+
+/// The one of `known` that `name` can stand for: the same letters with other signs or capitals, a name with a whole word more or
+/// less (`rate` for `rate_hz`), or a misspelling.
 pub fn nearest<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
     known
         .iter()
-        .map(|k| (strsim::damerau_levenshtein(k, name), *k))
+        .filter_map(|k| Some((distance(name, k)?, *k)))
         .min()
-        .filter(|(distance, _)| *distance <= 2.max(name.len() / 3))
         .map(|(_, nearest)| nearest)
+}
+
+/// How far `known` is from `name`: the kind of difference, then its size. `None` where they have nothing to do with each other.
+fn distance(name: &str, known: &str) -> Option<(u8, usize)> {
+    let plain = |text: &str| -> String {
+        let letters = text.chars().filter(|c| c.is_alphanumeric());
+        letters.flat_map(char::to_lowercase).collect()
+    };
+    if plain(name) == plain(known) {
+        return Some((0, 0));
+    }
+    let words = |text: &str| -> Vec<String> {
+        let words = text.split(|c: char| !c.is_alphanumeric());
+        words.map(str::to_lowercase).collect()
+    };
+    let (given, right) = (words(name), words(known));
+    let apart = strsim::damerau_levenshtein(name, known);
+    if right.starts_with(&given) || given.starts_with(&right) {
+        return Some((1, apart));
+    }
+    let letters = name.chars().count();
+    (apart <= 1.max(letters / LETTERS_PER_SLIP) && apart < letters).then_some((2, apart))
 }
 
 /// The names between backquotes in one of serde's messages.

@@ -38,8 +38,34 @@ fn an_unknown_field_is_answered_with_the_nearest_name() {
     let message = refusal("\nrate = 60\n");
     assert_eq!(
         message,
-        "hall.toml:2: `rate`: unknown field `rate`, expected one of `rate_hz`, `room`"
+        "hall.toml:2: `rate`: unknown field `rate`, did you mean `rate_hz`?"
     );
+    let message = refusal("\nspeed = 60\n");
+    assert_eq!(
+        message,
+        "hall.toml:2: `speed`: unknown field `speed`, expected one of `rate_hz`, `room`"
+    );
+}
+
+#[test]
+fn a_name_is_answered_with_one_that_it_can_stand_for_and_with_no_other() {
+    let venue = ["name", "rate_hz", "calibration", "field", "first_tick"];
+    for (name, expected) in [
+        ("rate", Some("rate_hz")),
+        ("Rate-Hz", Some("rate_hz")),
+        ("rate_herz", Some("rate_hz")),
+        ("first", Some("first_tick")),
+        ("calibration_file", Some("calibration")),
+        ("nmae", Some("name")),
+        ("fiel", Some("field")),
+        ("tick", None),
+        ("game", Some("name")),
+        ("fps", None),
+        ("x", None),
+        ("", None),
+    ] {
+        assert_eq!(nearest(name, &venue), expected, "{name}");
+    }
 }
 
 #[test]
