@@ -3,6 +3,11 @@
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Read as _, Write};
 use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+use farfield_calibration::formats::TextFile;
+use farfield_proto::calibration::text_of;
+use time::OffsetDateTime;
 
 use crate::error::ImportError;
 
@@ -92,16 +97,36 @@ pub(crate) fn head(path: &Path, length: u64) -> Result<Vec<u8>, ImportError> {
     Ok(bytes)
 }
 
+/// Largest file that is read as a text, bytes.
+const LARGEST_TEXT: u64 = 32 << 20;
+
 /// The text of a small file.
 pub(crate) fn read_text(path: &Path) -> Result<String, ImportError> {
-    const LARGEST_TEXT: u64 = 32 << 20;
-    let bytes = read(path, LARGEST_TEXT)?;
-    String::from_utf8(bytes).map_err(|_| {
-        ImportError::refused(format!(
-            "{}: found bytes that are no UTF-8 text",
-            path.display()
-        ))
+    String::from_utf8(read(path, LARGEST_TEXT)?).map_err(|_| {
+        let problem = format!("{}: found bytes that are no text", path.display());
+        ImportError::refused(problem)
     })
+}
+
+/// The text of a file that the user calls a calibration.
+pub(crate) fn read_calibration(path: &Path) -> Result<TextFile, ImportError> {
+    Ok(TextFile {
+        path: path.to_owned(),
+        text: text_of(read(path, LARGEST_TEXT)?, path)?,
+    })
+}
+
+/// When a file was written last: `2026-03-01 09:30 UTC`.
+pub(crate) fn date(path: &Path) -> Option<String> {
+    let written = path.metadata().ok()?.modified().ok()?;
+    let unix_s = written.duration_since(UNIX_EPOCH).ok()?.as_secs();
+    let at = OffsetDateTime::from_unix_timestamp(i64::try_from(unix_s).ok()?).ok()?;
+    let (year, month, day) = at.to_calendar_date();
+    let (hour, minute) = (at.hour(), at.minute());
+    let month = u8::from(month);
+    Some(format!(
+        "{year}-{month:02}-{day:02} {hour:02}:{minute:02} UTC"
+    ))
 }
 
 /// A folder that gets its name when it is whole, and is taken away again unless it does.

@@ -1,4 +1,4 @@
-//! What of a folder is what: which files are one camera's keypoints, which may be a calibration. Pure: names in, names out.
+//! What of a folder is what: which files are one camera's keypoints. Pure: names in, names out.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -105,47 +105,6 @@ pub(crate) fn camera_name(path: &Path, is_folder: bool) -> String {
     stem.to_owned()
 }
 
-/// Which files may be a calibration, in groups of one calibration each.
-pub(crate) fn calibrations(files: &[PathBuf]) -> Vec<Vec<PathBuf>> {
-    let name = |path: &Path| {
-        let name = path.file_name().unwrap_or_default();
-        name.to_string_lossy().to_lowercase()
-    };
-    let beside = |path: &Path, other: &str| {
-        let other = path.with_file_name(other);
-        files.contains(&other).then_some(other)
-    };
-    let mut found = Vec::new();
-    for path in files {
-        let name = name(path);
-        let is = |of: &str| ending(path) == of;
-        let is_toml = is("toml")
-            && !matches!(
-                name.as_str(),
-                "config.toml" | "venue.toml" | "calib_scene.toml"
-            );
-        let group = match name.as_str() {
-            "intri.yml" => beside(path, "extri.yml").map(|other| vec![path.clone(), other]),
-            "cameras.txt" => beside(path, "images.txt").map(|other| vec![path.clone(), other]),
-            _ if is_toml
-                || name.ends_with(".qca.txt")
-                || is("xcp")
-                || (name.contains("camchain") && is("yaml")) =>
-            {
-                Some(vec![path.clone()])
-            }
-            _ => None,
-        };
-        found.extend(group);
-    }
-    found
-}
-
-/// Whether a TOML file has tables of cameras.
-pub(crate) fn is_toml_of_cameras(text: &str) -> bool {
-    text.contains("distortions") && text.contains("translation") && text.contains("matrix")
-}
-
 /// A file's ending, in lower case.
 pub(crate) fn ending(path: &Path) -> String {
     let ending = path.extension().unwrap_or_default();
@@ -222,24 +181,5 @@ mod tests {
         ] {
             assert_eq!(camera_name(Path::new(path), is_folder), name);
         }
-    }
-
-    #[test]
-    fn calibrations_are_told_by_their_names() {
-        let files = paths(&[
-            "Config.toml",
-            "calibration/Calib_scene.toml",
-            "calibration/Calib.toml",
-            "calibration/hall.qca.txt",
-            "extri.yml",
-            "intri.yml",
-            "notes.txt",
-        ]);
-        let expected = [
-            vec![files[2].clone()],
-            vec![files[3].clone()],
-            vec![files[5].clone(), files[4].clone()],
-        ];
-        assert_eq!(calibrations(&files), expected);
     }
 }

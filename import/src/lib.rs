@@ -9,6 +9,7 @@
 //! counted as the files count them; a frame is a tick of the venue.
 
 pub mod assemble;
+pub mod calibrations;
 mod error;
 mod files;
 mod folder;

@@ -44,14 +44,6 @@ impl Settings {
             model: model.and_then(Model::from_name),
         })
     }
-
-    /// What `self` does not say, from the level above.
-    pub(crate) fn or(self, above: Self) -> Self {
-        Self {
-            rate_hz: self.rate_hz.or(above.rate_hz),
-            model: self.model.or(above.model),
-        }
-    }
 }
 
 #[cfg(test)]

@@ -6,6 +6,8 @@
 //! its video files. Fields and tables that are not a camera's are ignored. Where a camera of either says
 //! `fisheye = true`, its four distortions are k1 to k4 of OpenCV's fisheye model.
 
+mod file_text;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -15,6 +17,8 @@ use toml::{Table, Value};
 use crate::camera::{CameraError, CameraModel, Distortion, Intrinsics, LensModel};
 use crate::frames::Transform;
 use crate::toml_file::{FileError, Place, TomlFile};
+
+pub use self::file_text::{FORMATS_READ, text_of};
 
 /// Two cameras of one venue are at most this far apart, metres; more means other units.
 pub const MAX_DISTANCE_M: f64 = 500.0;

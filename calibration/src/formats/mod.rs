@@ -8,11 +8,14 @@
 mod axes;
 mod camera;
 mod colmap;
+mod compare;
 mod easymocap;
+mod films;
 mod kalibr;
 mod losses;
 mod opencv;
 mod qualisys;
+mod recognise;
 mod toml_tables;
 mod tree;
 mod vicon;
@@ -22,12 +25,15 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::path::PathBuf;
 
+use farfield_proto::calibration::FORMATS_READ;
 use farfield_proto::toml_file::FileError;
 use nalgebra::Isometry3;
 
 pub use self::axes::{CameraAxes, PoseMeaning, WorldAxis};
 pub use self::camera::{CameraRecord, LensModel, Remark, RemarkKind};
+pub use self::compare::difference;
 pub use self::losses::losses;
+pub use self::recognise::{Candidate, candidates, may_be_calibration};
 use self::tree::{Node, Source};
 
 /// Longest text that is read, bytes: no calibration has a hundredth of it.
@@ -310,10 +316,8 @@ fn guess(sources: &[Source<'_>]) -> Result<Format, FileError> {
     if text.starts_with("%YAML") || opencv::value(first).is_ok_and(|value| value.is_object()) {
         return Ok(Format::OpenCvYaml);
     }
-    let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();
     Err(first.error(format!(
-        "its content is of no known format, expected one of {}; if it is one, name it and its syntax error will be said",
-        names.join(", ")
+        "its content is of no known format, expected one of {FORMATS_READ}; if it is one, name it and its syntax error will be said"
     )))
 }
 

@@ -3,16 +3,19 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use farfield_proto::camera::Intrinsics;
 use farfield_proto::toml_file::FileError;
 use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
 
-use super::camera::{CameraRecord, FileUnit, RawCamera, RawPose, RawSet, UnsaidFour};
+use super::camera::{
+    CameraRecord, FileUnit, RawCamera, RawPose, RawSet, Remark, RemarkKind, UnsaidFour,
+};
 use super::toml_tables::lens;
 use super::tree::{Node, Source, whole_size};
 use super::{Format, ImportOptions, TextFile};
 
-const MATRIX: [&str; 10] = [
+pub(super) const MATRIX: [&str; 10] = [
     "camera_matrix",
     "cameraMatrix",
     "K-matrix",
@@ -24,7 +27,7 @@ const MATRIX: [&str; 10] = [
     "Camera_Matrix",
     "matrix",
 ];
-const DISTORTION: [&str; 11] = [
+pub(super) const DISTORTION: [&str; 11] = [
     "distortion_coefficients",
     "distCoeffs",
     "distCoeff",
@@ -108,6 +111,7 @@ fn without_bare_nan(text: &str) -> String {
 pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<RawSet, FileError> {
     let mut cameras = Vec::new();
     let mut unsaid = UnsaidFour::default();
+    let mut remarks = Vec::new();
     let values = sources.iter().map(value).collect::<Result<Vec<_>, _>>()?;
     let roots: Vec<Node<'_>> = sources
         .iter()
@@ -119,13 +123,16 @@ pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<Ra
     }
     for (root, source) in roots.iter().zip(sources) {
         for (name, table) in tables(root, source.path) {
-            cameras.push(camera(name, &table, options, &mut unsaid)?);
+            let mut camera = camera(name, &table, options, &mut unsaid)?;
+            remarks.extend(height_first(&mut camera));
+            cameras.push(camera);
         }
     }
+    remarks.extend(unsaid.remark());
     Ok(RawSet {
         cameras,
         unit: FileUnit::Metres,
-        remarks: unsaid.remark().into_iter().collect(),
+        remarks,
     })
 }
 
@@ -237,6 +244,28 @@ fn camera(
         unsaid.note(&camera, &coefficients);
     }
     Ok(camera)
+}
+
+/// Turns a size round that Python has as rows and columns: its principal point is nowhere near the middle of the picture, and in
+/// the middle of the turned one.
+fn height_first(camera: &mut RawCamera) -> Option<Remark> {
+    /// Distance of a principal point from the middle that no lens has, and that most have, of the picture's side.
+    const ABSURD: f64 = 0.25;
+    const USUAL: f64 = 0.1;
+    let [width, height] = camera.size_px?;
+    let Intrinsics { cx_px, cy_px, .. } = camera.intrinsics;
+    let off = |width: u32, height: u32| {
+        let [x, y] = [cx_px / f64::from(width), cy_px / f64::from(height)];
+        (x - 0.5).abs().max((y - 0.5).abs())
+    };
+    if off(width, height) < ABSURD || off(height, width) > USUAL {
+        return None;
+    }
+    camera.size_px = Some([height, width]);
+    let text = format!(
+        "its size has the height first: taken as {height} x {width} pixels, with the principal point in the middle"
+    );
+    Some(Remark::of_camera(RemarkKind::Corrected, &camera.name, text))
 }
 
 fn size(table: &Node<'_>) -> Result<Option<[u32; 2]>, FileError> {

@@ -14,6 +14,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::camera::{
     CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind, all_zero,
 };
+use super::films::{Films, taken, words};
 use super::tree::{Source, orthonormal, whole_size};
 use super::xml::{Element, escaped, parse};
 use super::{ExportError, Format, placed};
@@ -49,38 +50,78 @@ pub(super) fn read(source: &Source<'_>, format: Format) -> Result<RawSet, FileEr
         node: document.root_element(),
     };
     let mut remarks = Vec::new();
-    let all = root.need_child("cameras")?.children("camera");
-    let films = |camera: &Element<'_, '_>| {
-        let model = camera.text("model").unwrap_or("none").to_lowercase();
-        model.contains("video") || model.contains("none") || model.is_empty()
-    };
-    let some_film = all.iter().any(films);
+    let is_off =
+        |it: &Element<'_, '_>| it.text("active").is_some_and(|active| active.trim() == "0");
+    let all = root.need_child("cameras")?.children("camera").into_iter();
+    let (off, on): (Vec<_>, Vec<_>) = all.partition(is_off);
+    for element in &off {
+        let text = "the file says that it is not active: left out";
+        remarks.push(Remark::of_camera(
+            RemarkKind::Assumed,
+            element.need_text("serial")?,
+            text,
+        ));
+    }
+    let mut described = Vec::new();
+    for element in &on {
+        let model = element.text("model").unwrap_or_default();
+        described.push((
+            element.need_text("serial")?,
+            model.to_owned(),
+            films(element)?,
+        ));
+    }
+    let taken = taken(&described, &mut remarks);
     let mut cameras = Vec::new();
-    for element in &all {
-        let name = element.need_text("serial")?.to_owned();
-        if element
-            .text("active")
-            .is_some_and(|active| active.trim() == "0")
-        {
-            remarks.push(Remark::of_camera(
-                RemarkKind::Assumed,
-                &name,
-                "the file says that it is not active: left out",
-            ));
-        } else if some_film && !films(element) {
-            remarks.push(Remark::of_camera(
-                RemarkKind::Assumed,
-                &name,
-                "it sees markers and films no video: left out",
-            ));
-        } else {
-            cameras.push(camera(name, element, format, &mut remarks)?);
+    for ((element, (name, ..)), is_taken) in on.iter().zip(described).zip(taken) {
+        if is_taken {
+            cameras.push(camera(name.to_owned(), element, format, &mut remarks)?);
         }
     }
     Ok(RawSet {
         cameras,
         unit: FileUnit::Millimetres,
         remarks,
+    })
+}
+
+/// By what the file says of its video; where it says nothing, by its model.
+fn films(camera: &Element<'_, '_>) -> Result<Films, FileError> {
+    let says_video = |name: &str| {
+        camera
+            .text(name)
+            .is_some_and(|text| text.starts_with(|c: char| c.is_ascii_digit()))
+    };
+    if let Some(view) = camera.child("fov_video") {
+        let is_empty = view.number("right")? <= view.number("left")?
+            || view.number("bottom")? <= view.number("top")?;
+        if is_empty {
+            return Ok(Films::Never);
+        }
+    }
+    let model = camera.text("model").unwrap_or_default().to_lowercase();
+    let words = words(&model);
+    let has = |word: &str| words.iter().any(|it| it == word);
+    // Hybrids film and see markers; an Oqus whose number ends in c films in colour.
+    let is_colour = |word: &String| {
+        word.strip_suffix('c')
+            .is_some_and(|number| number.parse::<u32>().is_ok())
+    };
+    let is_miqus = |word: &String| {
+        ["m1", "m3", "m5"]
+            .iter()
+            .any(|it| word.trim_end_matches('u') == *it)
+    };
+    let video = model.contains("video")
+        || model.contains("hybrid")
+        || has("oqus") && words.iter().any(is_colour);
+    Ok(match model.trim() {
+        "" | "none" => Films::Known,
+        _ if video || says_video("videoresolution") => Films::Known,
+        _ if has("arqus") || has("oqus") || has("proreflex") || words.iter().any(is_miqus) => {
+            Films::Never
+        }
+        _ => Films::Perhaps,
     })
 }
 

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-fn file(path: &str, text: impl Into<String>) -> TextFile {
+pub(super) fn file(path: &str, text: impl Into<String>) -> TextFile {
     TextFile {
         path: path.into(),
         text: text.into(),
@@ -42,7 +42,7 @@ fn looking(name: &str, center: [f64; 3], up: Vector3<f64>, lens: LensModel) -> C
     }
 }
 
-fn ring(up: Vector3<f64>, lens: LensModel) -> Vec<CameraRecord> {
+pub(super) fn ring(up: Vector3<f64>, lens: LensModel) -> Vec<CameraRecord> {
     let corners = [
         [4.0, 3.0, 2.5],
         [-4.0, 3.5, 2.0],

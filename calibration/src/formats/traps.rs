@@ -182,6 +182,26 @@ fn easymocap_says_its_rotation_twice_and_both_must_agree() {
     );
 }
 
+#[test]
+fn what_the_lines_of_python_write_of_a_pickle_is_read() {
+    // json.dump of a dictionary of NumPy arrays, as OpenCap pickles it: columns are lists of lists, the size is rows and columns.
+    let json = r#"{"distortion": [[0.1, -0.2, 0.0, 0.0, 0.05]], "intrinsicMat": [[1600.0, 0.0, 640.0], [0.0, 1600.0, 360.0],
+        [0.0, 0.0, 1.0]], "imageSize": [[720.0], [1280.0]], "rotation": [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]],
+        "translation": [[100.0], [800.0], [3500.0]]}"#;
+    let read = read(&[("cam0.json", json.to_owned())]).expect("a camera");
+    let camera = &read.cameras[0];
+    assert_eq!(camera.size_px, [1280, 720]);
+    let at_mm = camera.camera_from_world.expect("placed").translation.vector * 1e3;
+    assert!((at_mm - nalgebra::Vector3::new(100.0, 800.0, 3500.0)).norm() < 1e-9);
+    let said: Vec<&str> = read.remarks.iter().map(|r| r.text.as_str()).collect();
+    assert!(
+        said.iter()
+            .any(|it| it.contains("height first: taken as 1280 x 720")),
+        "{said:?}"
+    );
+    assert!(said.iter().any(|it| it.contains("millimetres")), "{said:?}");
+}
+
 /// One camera of a `.qca.txt` whose view begins at (100, 50); with Qualisys' root or Theia's.
 fn qca(root: &str) -> String {
     format!(
@@ -229,6 +249,84 @@ fn qualisys_counts_from_the_sensor_in_64ths_and_has_positions_and_theia_has_moti
         said.iter().any(|s| s.contains("turned by 90"))
             && said.iter().any(|s| s.contains("no video")),
         "{said:?}"
+    );
+}
+
+/// Which cameras are taken of a `.qca.txt` with cameras of these models, and what is said.
+fn taken_of(models: &[&str], change: impl Fn(String) -> String) -> (Vec<String>, String) {
+    let whole = qca(" qtm-version=\"2021\"");
+    let begin = whole.find("<camera ").expect("a camera");
+    let end = whole.find("</camera>").expect("its end") + "</camera>\n".len();
+    let cameras: String = models
+        .iter()
+        .enumerate()
+        .map(|(i, model)| {
+            let camera = whole[begin..end].replace("Miqus Video", model);
+            camera.replace("serial=\"7\"", &format!("serial=\"cam{i}\""))
+        })
+        .collect();
+    let tail = whole.find("</cameras>").expect("the end");
+    let text = change([&whole[..begin], &cameras, &whole[tail..]].concat());
+    let read = read(&[("a.qca.txt", text)]).expect("Qualisys");
+    let said: Vec<String> = read.remarks.iter().map(ToString::to_string).collect();
+    (
+        read.cameras.into_iter().map(|it| it.name).collect(),
+        said.join("\n"),
+    )
+}
+
+#[test]
+fn of_qualisys_cameras_those_that_only_see_markers_are_left_out_and_unknown_ones_taken() {
+    let same = |text: String| text;
+    let (taken, said) = taken_of(&["Miqus Hybrid", "Miqus Video", "Miqus Video"], same);
+    assert_eq!(taken, ["cam0", "cam1", "cam2"]);
+    assert!(!said.contains("model"), "{said}");
+    let (taken, said) = taken_of(&["Miqus Hybrid", "Miqus Hybrid", "Miqus M3"], same);
+    assert_eq!(taken, ["cam0", "cam1"]);
+    assert!(
+        said.contains("camera `cam2`: model `Miqus M3` sees markers and films no video: left out"),
+        "{said}"
+    );
+    let models = [
+        "Miqus Ultra 9",
+        "Oqus 7+",
+        "Oqus 210c",
+        "Arqus A12",
+        "Miqus M5u",
+        "M1",
+    ];
+    let (taken, said) = taken_of(&models, same);
+    assert_eq!(taken, ["cam0", "cam2"]);
+    assert!(
+        said.contains("camera `cam0`: model `Miqus Ultra 9` is not known: taken"),
+        "{said}"
+    );
+    assert!(!said.contains("camera `cam2`: model"), "{said}");
+    // Nothing is left out where nothing would be left.
+    let (taken, said) = taken_of(&["Oqus 7+", "Oqus 5+"], same);
+    assert_eq!(taken, ["cam0", "cam1"]);
+    assert!(said.contains("like all others: taken"), "{said}");
+}
+
+#[test]
+fn what_a_qualisys_file_says_of_video_counts_more_than_the_model() {
+    let films = |text: String| {
+        text.replace(
+            "model=\"Oqus 7+\"",
+            "model=\"Oqus 7+\" videoresolution=\"1080p\"",
+        )
+    };
+    assert_eq!(
+        taken_of(&["Miqus Video", "Oqus 7+"], films).0,
+        ["cam0", "cam1"]
+    );
+    let empty = |text: String| {
+        let view = "left=\"100\" top=\"50\" right=\"739\" bottom=\"529\"";
+        text.replacen(view, "left=\"0\" top=\"0\" right=\"0\" bottom=\"0\"", 1)
+    };
+    assert_eq!(
+        taken_of(&["Miqus Ultra 9", "Miqus Video"], empty).0,
+        ["cam1"]
     );
 }
 

@@ -14,6 +14,7 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use super::camera::{
     CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind, all_zero,
 };
+use super::films::{Films, taken, words};
 use super::tree::{Source, whole_size};
 use super::xml::{Element, escaped, parse};
 use super::{ExportError, Format, ImportOptions, placed};
@@ -34,22 +35,24 @@ pub(super) fn read(source: &Source<'_>, options: &ImportOptions) -> Result<RawSe
     let mut remarks = Vec::new();
     let mut cameras = Vec::new();
     let all = root.children("Camera");
-    let films = |camera: &Element<'_, '_>| {
-        let kind = ["TYPE", "DISPLAY_TYPE"]
-            .map(|name| camera.text(name).unwrap_or_default().to_lowercase());
-        kind.iter()
-            .any(|kind| kind.contains("video") || kind.contains("vue"))
-    };
-    let some_film = all.iter().any(films);
+    let mut described = Vec::new();
     for element in &all {
-        let name = element.need_text("DEVICEID")?.to_owned();
+        let kind = ["TYPE", "DISPLAY_TYPE"].map(|name| element.text(name).unwrap_or_default());
+        let films = films(&kind.join(" "));
+        described.push((element.need_text("DEVICEID")?, kind.join(" "), films));
+    }
+    let taken = taken(&described, &mut remarks);
+    for ((element, (name, ..)), is_taken) in all.iter().zip(described).zip(taken) {
+        if !is_taken {
+            continue;
+        }
         let frames = element
             .child("KeyFrames")
             .map(|frames| frames.children("KeyFrame"));
         let Some(key) = frames.as_ref().and_then(|frames| frames.first()) else {
             remarks.push(Remark::of_camera(
                 RemarkKind::Assumed,
-                &name,
+                name,
                 "it has no calibration in this file: left out",
             ));
             continue;
@@ -57,25 +60,49 @@ pub(super) fn read(source: &Source<'_>, options: &ImportOptions) -> Result<RawSe
         if frames.as_ref().is_some_and(|frames| frames.len() > 1) {
             remarks.push(Remark::of_camera(
                 RemarkKind::Doubtful,
-                &name,
+                name,
                 "it moves (several key frames): the first was taken",
             ));
         }
-        if some_film && !films(element) {
-            remarks.push(Remark::of_camera(
-                RemarkKind::Assumed,
-                &name,
-                "it sees markers and films no video: left out",
-            ));
-        } else {
-            cameras.push(camera(name, element, key, options, &mut remarks)?);
-        }
+        cameras.push(camera(
+            name.to_owned(),
+            element,
+            key,
+            options,
+            &mut remarks,
+        )?);
     }
     Ok(RawSet {
         cameras,
         unit: FileUnit::Millimetres,
         remarks,
     })
+}
+
+/// By its type. Vicon writes `VideoCamera` or `Vue` for what films, and the model of what sees markers.
+fn films(kind: &str) -> Films {
+    const MARKERS: [&str; 7] = ["vero", "vantage", "valkyrie", "bonita", "viper", "mx", "t"];
+    let words = words(kind);
+    let is_of = |word: &String, model: &str| {
+        let rest = word
+            .strip_prefix(model)
+            .map(|rest| rest.trim_end_matches("camera"));
+        rest.is_some_and(|rest| {
+            rest.chars().all(|c| c.is_ascii_digit()) && (model.len() > 1 || !rest.is_empty())
+        })
+    };
+    let is_marker = |word: &String| MARKERS.iter().any(|model| is_of(word, model));
+    if kind.trim().is_empty()
+        || words
+            .iter()
+            .any(|word| word.contains("video") || word.contains("vue"))
+    {
+        Films::Known
+    } else if words.iter().any(is_marker) {
+        Films::Never
+    } else {
+        Films::Perhaps
+    }
 }
 
 fn camera(

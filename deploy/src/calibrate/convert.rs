@@ -13,7 +13,7 @@ use farfield_node::process::NodeError;
 use farfield_proto::calibration::Calibration;
 use serde::Serialize;
 
-use super::{read, refuse_existing, write};
+use super::{read_calibration, refuse_existing, write};
 use crate::exchange::target::check_folder;
 use crate::output;
 
@@ -153,7 +153,7 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
     let files: Vec<TextFile> = args
         .files
         .iter()
-        .map(|path| read(path))
+        .map(|path| read_calibration(path))
         .collect::<Result<_, _>>()
         .map_err(NodeError::Refused)?;
     let mut imported = import(&files, &options(args)).map_err(NodeError::refused)?;

@@ -9,7 +9,7 @@ use farfield_node::process::say;
 use farfield_proto::camera::{Intrinsics, LensModel};
 use nalgebra::Isometry3;
 
-use super::read;
+use super::read_calibration;
 
 /// `[NAME=]FILE`, as on the command line.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -139,7 +139,7 @@ pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens
     };
     let mut all = BTreeMap::new();
     for file in files {
-        let imported = import(&[read(&file.path)?], &options)?;
+        let imported = import(&[read_calibration(&file.path)?], &options)?;
         for remark in &imported.remarks {
             say(format_args!(
                 "{}: {}: {remark}",

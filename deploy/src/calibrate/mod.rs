@@ -31,6 +31,7 @@ use clap::{Arg, Args, Subcommand};
 use farfield_calibration::formats::TextFile;
 use farfield_fusion::export::unfinished::write_whole_again;
 use farfield_node::process::{EXIT_FAILED, NodeError, Told, exit_code_told};
+use farfield_proto::calibration::text_of;
 
 /// Largest file that is read as text, bytes.
 const MAX_TEXT_BYTES: u64 = 64 << 20;
@@ -135,19 +136,32 @@ pub(crate) fn main(args: &CalibrateArgs) -> ExitCode {
 
 /// All of a text file of a sensible size.
 fn read(path: &Path) -> anyhow::Result<TextFile> {
-    let named = || path.display().to_string();
-    let bytes = fs::metadata(path).with_context(named)?.len();
-    if bytes > MAX_TEXT_BYTES {
-        return Err(anyhow!(
-            "{}: found {bytes} bytes, expected at most {MAX_TEXT_BYTES}",
-            named()
-        ));
-    }
-    let text = fs::read_to_string(path).with_context(named)?;
+    let text = String::from_utf8(read_bytes(path)?);
+    let text = text.map_err(|_| anyhow!("{}: found bytes that are no text", path.display()))?;
     Ok(TextFile {
         path: path.to_owned(),
         text,
     })
+}
+
+/// The same of a file that the user calls a calibration.
+fn read_calibration(path: &Path) -> anyhow::Result<TextFile> {
+    Ok(TextFile {
+        path: path.to_owned(),
+        text: text_of(read_bytes(path)?, path)?,
+    })
+}
+
+fn read_bytes(path: &Path) -> anyhow::Result<Vec<u8>> {
+    let named = || path.display().to_string();
+    let length = fs::metadata(path).with_context(named)?.len();
+    if length > MAX_TEXT_BYTES {
+        return Err(anyhow!(
+            "{}: found {length} bytes, expected at most {MAX_TEXT_BYTES}",
+            named()
+        ));
+    }
+    fs::read(path).with_context(named)
 }
 
 /// Refuses to write over what is there.

@@ -25,7 +25,7 @@ pub(crate) struct ImportArgs {
     /// The calibration, of any program that has one.
     ///
     /// The file, or the files where its format has several: `--calibration intri.yml --calibration extri.yml`. Default: the
-    /// only one in the folder, beside it, or up to three levels above. `farfield calibrate convert --help` lists the formats.
+    /// only one in the folder, by its content. `farfield calibrate convert --help` lists the formats.
     #[arg(long, value_name = "FILE")]
     calibration: Vec<PathBuf>,
     /// Frames per second.

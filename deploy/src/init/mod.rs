@@ -18,9 +18,11 @@ use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use clap::Args;
+use farfield_calibration::formats::Format;
+use farfield_import::calibrations::{self, Choice, FoundCalibration};
 use farfield_node::log::start_log;
-use farfield_node::process::{NodeError, Told, exit_code_told};
-use farfield_proto::calibration::Calibration;
+use farfield_node::process::{NodeError, Told, exit_code_told, say};
+use farfield_proto::calibration::{Calibration, text_of};
 use farfield_proto::model_card::{DetectorCard, HeatmapCard};
 use farfield_proto::toml_file::unread;
 use farfield_proto::venue::Venue;
@@ -188,51 +190,53 @@ fn parsed(text: &str, out: &Path, calibration: &Calibration) -> anyhow::Result<V
         .context("the venue file that would be written is none")
 }
 
-/// The calibration that was named, else the only one in the folder.
+/// The calibration that was named, else the only one in the folder, by what is in its files.
 fn find_calibration(args: &InitArgs) -> anyhow::Result<(PathBuf, Calibration)> {
     let read = |path: &Path| -> anyhow::Result<Calibration> {
-        let text = std::fs::read_to_string(path).map_err(|error| {
+        let bytes = fs::read(path).map_err(|error| {
             let problem = unread(&error, "a calibration in TOML");
             anyhow!("reading {}: {problem}", path.display())
         })?;
-        Ok(Calibration::parse(&text, path)?)
+        Ok(Calibration::parse(&text_of(bytes, path)?, path)?)
     };
     if let Some(path) = &args.calibration {
         return Ok((path.clone(), read(path)?));
     }
-    let mut found: Vec<PathBuf> = recordings::entries(&args.folder)?
-        .into_iter()
-        .filter(|path| path.extension().is_some_and(|it| it == "toml"))
-        // A venue file or a card has none of a camera's tables.
-        .filter(|path| std::fs::read_to_string(path).is_ok_and(|text| text.contains("distortions")))
-        .collect();
-    match (found.pop(), found.is_empty()) {
-        (Some(path), true) => {
-            let calibration = read(&path)?;
-            Ok((path, calibration))
-        }
-        (last, _) => {
-            let names: Vec<String> = found
-                .iter()
-                .chain(&last)
-                .map(|it| it.display().to_string())
-                .collect();
-            let what = if names.is_empty() {
-                "no calibration is".to_owned()
-            } else {
-                format!("{} are", names.join(", "))
-            };
-            let question = format!(
-                "{what} in {}. Which file is the calibration?",
-                args.folder.display()
-            );
-            match answer(&question)? {
-                Some(path) => Ok((PathBuf::from(&path), read(Path::new(&path))?)),
-                None => bail!(
-                    "{what} in {}: name the calibration with `--calibration FILE`",
-                    args.folder.display()
-                ),
+    let shown = args.folder.display();
+    let what = match calibrations::among(&recordings::entries(&args.folder)?).choice() {
+        Choice::One(one, others) => {
+            for other in others {
+                say(format_args!("found and not taken: {other}"));
             }
+            let path = as_venues_have_it(&one)?;
+            let calibration = read(&path)?;
+            return Ok((path, calibration));
+        }
+        Choice::Several(all) => format!("several calibrations that differ are in {shown}: {all}"),
+        Choice::None(unusable) if unusable.is_empty() => format!("no calibration is in {shown}"),
+        Choice::None(unusable) => {
+            let reasons = unusable.join("; ");
+            format!("no calibration is in {shown} that can be used: {reasons}")
+        }
+    };
+    match answer(&format!("{what}. Which file is the calibration?"))? {
+        Some(path) => Ok((PathBuf::from(&path), read(Path::new(&path))?)),
+        None => bail!("{what}: name the calibration with `--calibration FILE`"),
+    }
+}
+
+/// The file of a calibration that a venue can name: TOML, in metres.
+fn as_venues_have_it(found: &FoundCalibration) -> anyhow::Result<PathBuf> {
+    let paths = found.paths();
+    match (paths.as_slice(), found.imported.format) {
+        ([path], Format::Farfield | Format::Caliscope) => Ok(path.clone()),
+        _ => {
+            let files: Vec<String> = paths.iter().map(|it| it.display().to_string()).collect();
+            bail!(
+                "found {}, and a venue needs TOML in metres: `farfield calibrate convert {} --out DIR` writes it",
+                found.shown(),
+                files.join(" ")
+            )
         }
     }
 }

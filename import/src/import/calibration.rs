@@ -1,20 +1,22 @@
-//! The calibration of an import: the one that was named, else the only one in the folder, or above it.
+//! The calibration of an import: the one that was named, else the only one in the folder.
 
 use std::path::{Path, PathBuf};
 
-use farfield_calibration::formats::{Format, ImportOptions, Imported, TextFile, export, import};
-use farfield_proto::calibration::Calibration;
+use farfield_calibration::formats::{
+    Format, ImportOptions, Imported, RemarkKind, TextFile, export, import,
+};
+use farfield_proto::calibration::{Calibration, FORMATS_READ};
 use farfield_proto::camera::CameraModel;
 
 use crate::assemble::CameraFrames;
+use crate::calibrations::{self, Choice};
 use crate::error::ImportError;
 use crate::files;
-use crate::folder;
 use crate::report::RemarkReport;
 
 use super::ImportRequest;
 
-/// Levels above a folder that are looked at: Caliscope's is three above the points of one tracker.
+/// Levels above a folder in which calibrations are searched for, to be named: Caliscope's is three above the points of one tracker.
 const LEVELS_ABOVE: usize = 3;
 /// Nearer than this two cameras are one: radians and metres, far below what any calibration knows.
 const SAME_CAMERA: f64 = 1e-9;
@@ -27,108 +29,98 @@ pub(super) struct FoundCalibration {
     texts: Vec<TextFile>,
 }
 
-/// Finds it and reads it.
+/// Finds it and reads it; what else was found is in `remarks`.
 pub(super) fn find(
     request: &ImportRequest,
     listed: &[PathBuf],
+    remarks: &mut Vec<RemarkReport>,
 ) -> Result<FoundCalibration, ImportError> {
+    let within = calibrations::among(listed);
     if !request.calibration.is_empty() {
-        return read(request.calibration.clone());
+        let read = read(request.calibration.clone())?;
+        let others = within.whole.iter().filter(|it| !is_named(it, request));
+        remarks.extend(others.map(|it| not_taken(&it.compared_with(&read.imported))));
+        return Ok(read);
     }
-    let mut places = vec![listed.to_vec()];
-    let full = files::full(&request.folder)?;
-    // Pose2Sim and Caliscope keep it beside or above the recordings.
-    for level in full.ancestors().skip(1).take(LEVELS_ABOVE) {
-        places.push(around(level));
-    }
-    for place in &places {
-        let found = readable(folder::calibrations(place));
-        match chosen(found) {
-            Ok(Some(files)) => return read(files),
-            Ok(None) => {}
-            Err(several) => {
-                let names: Vec<String> = several
-                    .iter()
-                    .filter_map(|files| files.first())
-                    .map(|it| it.display().to_string())
-                    .collect();
-                return Err(ImportError::refused(format!(
-                    "found several calibrations: {}; name one with `--calibration FILE`",
-                    names.join(", ")
-                )));
-            }
+    match within.choice() {
+        Choice::One(one, others) => {
+            remarks.extend(others.iter().map(|it| not_taken(it)));
+            Ok(FoundCalibration {
+                files: one.paths(),
+                imported: one.imported,
+                texts: one.candidate.files,
+            })
         }
+        Choice::Several(all) => Err(ImportError::refused(format!(
+            "found several calibrations that differ: {all}. Name the right one with `--calibration FILE`"
+        ))),
+        Choice::None(unusable) => Err(none(request, &unusable)?),
     }
-    Err(ImportError::refused(format!(
-        "no calibration is in {} or beside it: name it with `--calibration FILE`; `farfield calibrate convert --help` lists \
-         the formats",
-        request.folder.display()
-    )))
 }
 
-/// The files of a level above, and of its folders of calibrations. What cannot be read there is nobody's business.
-fn around(level: &Path) -> Vec<PathBuf> {
+/// Why there is none: what looks like one and cannot be used, and what lies outside the folder, which is taken when it is named.
+fn none(request: &ImportRequest, unusable: &[String]) -> Result<ImportError, ImportError> {
+    let mut text = format!("no calibration is in {}", request.folder.display());
+    let full = files::full(&request.folder)?;
+    let outside: Vec<PathBuf> = full
+        .ancestors()
+        .skip(1)
+        .take(LEVELS_ABOVE)
+        .flat_map(|level| around(level, &full))
+        .collect();
+    let outside = calibrations::among(&outside).whole;
+    let outside: Vec<String> = outside
+        .iter()
+        .map(calibrations::FoundCalibration::shown)
+        .collect();
+    if !outside.is_empty() {
+        let outside = outside.join("; ");
+        text += &format!(", and nothing outside of it is taken unasked. Found there: {outside}");
+    }
+    if !unusable.is_empty() {
+        text += &format!(". Not usable: {}", unusable.join("; "));
+    }
+    text += &format!(
+        ". Name the calibration with `--calibration FILE`; these formats are read: {FORMATS_READ}"
+    );
+    Ok(ImportError::refused(text))
+}
+
+/// The files of a level above the folder `within`, and of its folders of calibrations.
+fn around(level: &Path, within: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
+    // What cannot be read cannot be named either.
     for path in files::entries(level).unwrap_or_default() {
-        let name = path
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .to_lowercase();
-        if files::is_file(&path) {
-            found.push(path);
-        } else if name.contains("calib") {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let is_calibrations = name.to_lowercase().contains("calib") && path != within;
+        if is_calibrations && files::is_folder(&path) {
             found.extend(files::entries(&path).unwrap_or_default());
+        } else {
+            found.push(path);
         }
     }
     found.sort();
     found
 }
 
-/// Those that are calibrations by their content, too. What cannot be read is none.
-fn readable(groups: Vec<Vec<PathBuf>>) -> Vec<Vec<PathBuf>> {
-    let is_one = |group: &Vec<PathBuf>| match group.as_slice() {
-        [path] if folder::ending(path) == "toml" => {
-            files::read_text(path).is_ok_and(|text| folder::is_toml_of_cameras(&text))
-        }
-        _ => true,
-    };
-    groups.into_iter().filter(is_one).collect()
+/// Whether the user has named a calibration, under whatever name of its files.
+fn is_named(found: &calibrations::FoundCalibration, request: &ImportRequest) -> bool {
+    let full = |path: &PathBuf| files::full(path).ok();
+    let named: Vec<_> = request.calibration.iter().filter_map(full).collect();
+    let paths = found.paths();
+    paths
+        .iter()
+        .filter_map(full)
+        .any(|path| named.contains(&path))
 }
 
-/// The only one; else the only one in TOML, into which other tools convert; else Caliscope's own beside its copies.
-fn chosen(mut found: Vec<Vec<PathBuf>>) -> Result<Option<Vec<PathBuf>>, Vec<Vec<PathBuf>>> {
-    if found.len() > 1 {
-        let is_caliscope = |group: &Vec<PathBuf>| {
-            group
-                .iter()
-                .any(|path| path.file_name().is_some_and(|it| it == "camera_array.toml"))
-        };
-        let is_toml =
-            |group: &Vec<PathBuf>| group.iter().all(|path| folder::ending(path) == "toml");
-        let only = |is: &dyn Fn(&Vec<PathBuf>) -> bool| {
-            let mut those = found.iter().filter(|it| is(it));
-            match (those.next(), those.next()) {
-                (Some(one), None) => Some(one.clone()),
-                _ => None,
-            }
-        };
-        return match only(&is_caliscope).or_else(|| only(&is_toml)) {
-            Some(one) => Ok(Some(one)),
-            None => Err(found),
-        };
-    }
-    Ok(found.pop())
+fn not_taken(what: &str) -> RemarkReport {
+    RemarkReport::of_all(RemarkKind::Assumed, format!("found and not taken: {what}"))
 }
 
 fn read(paths: Vec<PathBuf>) -> Result<FoundCalibration, ImportError> {
-    let mut texts = Vec::new();
-    for path in &paths {
-        texts.push(TextFile {
-            path: path.clone(),
-            text: files::read_text(path)?,
-        });
-    }
+    let texts = paths.iter().map(|path| files::read_calibration(path));
+    let texts: Vec<TextFile> = texts.collect::<Result<_, _>>()?;
     let imported = import(&texts, &ImportOptions::default())?;
     Ok(FoundCalibration {
         files: paths,

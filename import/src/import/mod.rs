@@ -31,13 +31,16 @@ const CALIBRATION: &str = "calibration.toml";
 const KEYPOINTS: &str = "keypoints";
 /// Where it goes, in the folder that is imported.
 const FOLDER: &str = "farfield";
+/// Pose2Sim's settings, and in how many levels above a trial it keeps those of a session and of a participant.
+const SETTINGS: &str = "Config.toml";
+const LEVELS_OF_SETTINGS: usize = 2;
 
 /// What is asked for. All but the folder may be left to what the files say.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ImportRequest {
     /// The folder of the other program.
     pub folder: PathBuf,
-    /// The files of the calibration; none: looked for in the folder and above it.
+    /// The files of the calibration; none: searched for in the folder.
     pub calibration: Vec<PathBuf>,
     /// Frames per second.
     pub rate_hz: Option<f64>,
@@ -69,13 +72,14 @@ pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
     let settings = settings(&request.folder)?;
     let rate_hz = rate_hz(request, settings)?;
     let files = files::list(&request.folder)?;
-    let calibration = calibration::find(request, &files)?;
+    let mut remarks = Vec::new();
+    let calibration = calibration::find(request, &files, &mut remarks)?;
     let options = ParseOptions {
         format: request.format,
         model: request.model,
         model_hint: settings.model,
     };
-    let mut remarks = calibration.remarks();
+    remarks.extend(calibration.remarks());
     let (sources, unsynchronised) = if request.cameras.is_empty() {
         let names = calibration.imported.cameras.iter();
         let names: Vec<&str> = names.map(|it| it.name.as_str()).collect();
@@ -121,25 +125,41 @@ pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
     ))
 }
 
-/// What Pose2Sim's settings say, in the folder and the two levels above it.
+/// What Pose2Sim's settings in a folder say.
 fn settings(folder: &Path) -> Result<Settings, ImportError> {
-    let mut settings = Settings::default();
-    let full = files::full(folder)?;
-    for level in full.ancestors().take(3) {
-        let path = level.join("Config.toml");
-        if files::is_file(&path) {
-            settings = settings.or(Settings::parse(&files::read_text(&path)?, &path)?);
-        }
+    let path = folder.join(SETTINGS);
+    if files::is_file(&path) {
+        return Ok(Settings::parse(&files::read_text(&path)?, &path)?);
     }
-    Ok(settings)
+    Ok(Settings::default())
+}
+
+/// Which options would say what Pose2Sim's settings in the two levels above a folder say: these are not taken unasked.
+fn settings_above(folder: &Path) -> Option<String> {
+    let full = files::full(folder).ok()?;
+    let mut above = full.ancestors().skip(1).take(LEVELS_OF_SETTINGS);
+    above.find_map(|level| {
+        let settings = settings(level).ok()?;
+        let rate = settings
+            .rate_hz
+            .map(|rate_hz| format!("`--rate {rate_hz}`"));
+        let model = settings
+            .model
+            .map(|model| format!("`--keypoints {}`", model.name()));
+        let options: Vec<String> = rate.into_iter().chain(model).collect();
+        let path = level.join(SETTINGS);
+        (!options.is_empty()).then(|| format!("{} says {}", path.display(), options.join(" ")))
+    })
 }
 
 fn rate_hz(request: &ImportRequest, settings: Settings) -> Result<f64, ImportError> {
     let rate_hz = request.rate_hz.or(settings.rate_hz).ok_or_else(|| {
-        ImportError::refused(
-            "keypoints do not say how many frames per second they have, and no `frame_rate` in a Config.toml does: say so \
-             with `--rate HZ`",
-        )
+        let above = settings_above(&request.folder);
+        let above = above.map_or_else(String::new, |it| format!("; outside of it {it}, which is not taken unasked"));
+        ImportError::refused(format!(
+            "keypoints do not say how many frames per second they have, and no `frame_rate` in a Config.toml of the folder \
+             does: say so with `--rate HZ`{above}"
+        ))
     })?;
     if rate_hz.is_finite() && rate_hz > 0.0 {
         Ok(rate_hz)
@@ -277,6 +297,8 @@ fn report(
     }
 }
 
+#[cfg(test)]
+mod found_calibrations;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

@@ -234,24 +234,6 @@ fn cameras_without_a_name_in_common_are_taken_in_order_and_doubted() {
 }
 
 #[test]
-fn several_calibrations_and_none_are_refused() {
-    let folder = pose2sim(
-        &[("cam01", &frames(0..20)), ("cam02", &frames(0..20))],
-        TWO_CAMERAS,
-    );
-    let second = folder.path().join("calibration/Calib_old.toml");
-    fs::write(&second, TWO_CAMERAS).unwrap();
-    let refused = import(&request(folder.path())).unwrap_err().to_string();
-    assert!(
-        refused.contains("Calib_old.toml") && refused.contains("--calibration FILE"),
-        "{refused}"
-    );
-    fs::remove_dir_all(folder.path().join("calibration")).unwrap();
-    let refused = import(&request(folder.path())).unwrap_err().to_string();
-    assert!(refused.contains("no calibration is in"), "{refused}");
-}
-
-#[test]
 fn a_broken_file_among_many_is_named() {
     let folder = pose2sim(
         &[("cam01", &frames(0..20)), ("cam02", &frames(0..20))],
@@ -313,6 +295,7 @@ fn caliscopes_and_freemocaps_folders_are_read_with_their_calibrations() {
     );
     let walk = ImportRequest {
         rate_hz: rate,
+        calibration: vec![at("camera_array.toml")],
         ..request(&at("recordings/walk/POSE"))
     };
     let report = import(&walk).unwrap();

@@ -5,7 +5,7 @@ use std::io::{self, ErrorKind, Read as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
-use farfield_proto::calibration::Calibration;
+use farfield_proto::calibration::{Calibration, text_of};
 use farfield_proto::toml_file::{FileError, unread};
 use farfield_proto::transport::{GENERATIONS_FILE, Generations, Identity};
 use farfield_proto::venue::{Venue, VenueFile};
@@ -72,13 +72,19 @@ pub fn load_venue(path: &Path) -> Result<Venue, FileError> {
 pub fn parse_venue(text: &str, path: &Path) -> Result<Venue, FileError> {
     let file = VenueFile::parse(text, path)?;
     let calibration_path = file.calibration_path();
-    let calibration_text = fs::read_to_string(&calibration_path).map_err(|error| {
+    let bytes = fs::read(&calibration_path).map_err(|error| {
         file.calibration_error(format!(
             "cannot read {}: {}",
             calibration_path.display(),
             unread(&error, "a calibration in TOML")
         ))
     })?;
+    let calibration_text = text_of(bytes.clone(), &calibration_path)?;
+    // Nodes hand the file on, and record it, as it is.
+    if calibration_text.as_bytes() != bytes {
+        let problem = "found text that is not UTF-8, expected TOML: `farfield calibrate convert` writes it anew";
+        return Err(FileError::new(calibration_path, problem));
+    }
     file.venue(Calibration::parse(&calibration_text, &calibration_path)?)
 }
 

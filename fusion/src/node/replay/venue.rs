@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_node::files::load_venue;
-use farfield_proto::calibration::Calibration;
+use farfield_proto::calibration::{Calibration, text_of};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::toml_file::{FileError, unknown_name};
 use farfield_proto::venue::Venue;
@@ -56,7 +56,7 @@ pub(super) fn replay_venue(
     let text = with_values(&text, changes.set)?;
     let path = changes.venue.unwrap_or(&recorded.path);
     let calibration = match (changes.calibration, changes.venue) {
-        (Some(path), _) => Calibration::parse(&read(path)?, path)?,
+        (Some(path), _) => read_calibration(path)?,
         (None, Some(path)) => own_calibration(path)?,
         (None, None) => recorded.calibration,
     };
@@ -143,8 +143,12 @@ fn recorded_card(
 }
 
 fn own_calibration(venue: &Path) -> anyhow::Result<Calibration> {
-    let path = load_venue(venue)?.calibration_path;
-    Ok(Calibration::parse(&read(&path)?, &path)?)
+    read_calibration(&load_venue(venue)?.calibration_path)
+}
+
+fn read_calibration(path: &Path) -> anyhow::Result<Calibration> {
+    let bytes = fs::read(path).with_context(|| format!("reading {}", path.display()))?;
+    Ok(Calibration::parse(&text_of(bytes, path)?, path)?)
 }
 
 fn read(path: &Path) -> anyhow::Result<String> {

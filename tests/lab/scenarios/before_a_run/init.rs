@@ -79,6 +79,24 @@ fn what_is_missing_is_refused_with_the_flag_or_the_names() {
         folder.path("calibration.txt"),
     )
     .unwrap();
+    // Its content makes it a calibration; the recordings are still in the way.
+    refused(&["--rate", "30"], &["`south` is of no camera"]);
+    let text = fs::read_to_string(folder.path("calibration.txt")).unwrap();
+    let place = "translation = [1.7763568394002505e-15,";
+    assert!(text.contains(place));
+    let moved = text.replace(place, "translation = [0.5,");
+    fs::write(folder.path("older.toml"), moved).unwrap();
+    refused(
+        &["--rate", "30"],
+        &[
+            "several calibrations that differ are in .",
+            "./calibration.txt (20",
+            "it places camera north-east 0.500 m away",
+            "--calibration FILE",
+        ],
+    );
+    fs::remove_file(folder.path("older.toml")).unwrap();
+    fs::remove_file(folder.path("calibration.txt")).unwrap();
     refused(
         &["--rate", "30"],
         &["no calibration is in .", "--calibration"],
