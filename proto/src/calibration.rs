@@ -7,6 +7,7 @@
 //! `fisheye = true`, its four distortions are k1 to k4 of OpenCV's fisheye model.
 
 mod file_text;
+mod surveyed;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,7 +15,9 @@ use std::path::Path;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use toml::{Table, Value};
 
-use crate::camera::{CameraError, CameraModel, Distortion, Intrinsics, LensModel};
+use crate::camera::{
+    CameraError, CameraModel, Distortion, Intrinsics, LensModel, MAX_TRANSLATION_M,
+};
 use crate::frames::Transform;
 use crate::toml_file::{FileError, Place, TomlFile};
 
@@ -54,15 +57,19 @@ impl Calibration {
         let root: Table = file.read()?;
         let mut cameras = BTreeMap::new();
         let mut rotation_lengths_rad = BTreeMap::new();
+        let mut entries = Vec::new();
         for (place, name, table) in camera_tables(&root) {
             let entry = Entry {
                 file: &file,
                 table,
                 place,
             };
-            if entry.flag("ignore")? {
-                continue;
+            if !entry.flag("ignore")? {
+                entries.push((name, entry));
             }
+        }
+        check_origin(&entries)?;
+        for (name, entry) in entries {
             let model = entry.camera(&name)?;
             if let Some(length_rad) = entry.rotation_length_rad()? {
                 rotation_lengths_rad.insert(model.name().to_owned(), length_rad);
@@ -327,6 +334,27 @@ impl Entry<'_> {
                 other => Err(wrong(other.type_str())),
             })
             .collect()
+    }
+}
+
+/// Refuses cameras that stand together, farther from the origin than a camera may.
+fn check_origin(entries: &[(String, Entry<'_>)]) -> Result<(), FileError> {
+    let mut far = None;
+    let mut centers_m = Vec::new();
+    for (_, entry) in entries {
+        // What is wrong in these is said when the camera is read.
+        let (Ok(rotation), Ok(translation)) = (entry.rotation(), entry.numbers("translation"))
+        else {
+            return Ok(());
+        };
+        if translation.iter().any(|it| it.abs() > MAX_TRANSLATION_M) {
+            far = far.or(Some(entry));
+        }
+        centers_m.push(-(rotation.inverse() * Vector3::from(translation)));
+    }
+    match (far, surveyed::place(&centers_m)) {
+        (Some(entry), Some(place)) => Err(entry.error("translation", surveyed::refusal(place))),
+        _ => Ok(()),
     }
 }
 

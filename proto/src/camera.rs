@@ -36,7 +36,7 @@ const MAX_PRINCIPAL_PX: f64 = 1e6;
 
 /// Largest coordinate of a translation, metres. Sums of squares stay exact to micrometres; a hall given in millimetres
 /// still passes here, and is recognised by its size later.
-const MAX_TRANSLATION_M: f64 = 1e5;
+pub(crate) const MAX_TRANSLATION_M: f64 = 1e5;
 
 /// Points per image edge at which a model is checked for folds.
 const EDGE_POINTS: u32 = 32;

@@ -2,6 +2,7 @@
 //! doubtful of the world that comes out is said, also where somebody has stated how the file's is ([`doubts`]).
 
 mod doubts;
+mod origin;
 
 use farfield_proto::calibration::MAX_DISTANCE_M;
 use farfield_proto::camera::Intrinsics;
@@ -9,6 +10,7 @@ use farfield_proto::toml_file::FileError;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use self::doubts::{look_at_directions, look_at_size, look_at_up};
+pub use self::origin::Origin;
 use super::ImportOptions;
 use super::camera::{
     CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind,
@@ -97,6 +99,14 @@ pub enum CameraAxes {
     OpenGl,
 }
 
+/// Cameras in metres, right-handed.
+pub(super) struct Settled {
+    pub(super) cameras: Vec<CameraRecord>,
+    /// What was subtracted from every place.
+    pub(super) origin_m: Option<[f64; 3]>,
+    pub(super) remarks: Vec<Remark>,
+}
+
 /// `raw` in metres, right-handed, z up where the options say how; with all that is to be said of it.
 ///
 /// # Errors
@@ -105,7 +115,7 @@ pub(super) fn settle(
     raw: RawSet,
     options: &ImportOptions,
     source: &Source<'_>,
-) -> Result<(Vec<CameraRecord>, Vec<Remark>), FileError> {
+) -> Result<Settled, FileError> {
     let mut remarks = raw.remarks;
     let mut cameras = raw.cameras;
     for camera in &mut cameras {
@@ -122,6 +132,7 @@ pub(super) fn settle(
             pose.rotation *= turn_up(up);
         }
     }
+    let origin_m = origin::move_to(options.origin, &mut cameras, &mut remarks);
     look_at_directions(&cameras, &mut remarks);
     if options.metres_per_unit.is_some() {
         look_at_size(&cameras, metres, &mut remarks);
@@ -130,8 +141,12 @@ pub(super) fn settle(
     let records = cameras
         .into_iter()
         .map(|camera| record(camera, &mut remarks));
-    let records = records.collect();
-    Ok((records, remarks))
+    let cameras = records.collect();
+    Ok(Settled {
+        cameras,
+        origin_m,
+        remarks,
+    })
 }
 
 /// A lens with a focal length of 0, or a number that is none, draws nothing; some programs write 0 where they do not know.

@@ -1,11 +1,12 @@
 //! One camera as every format can say it, and what an import says beside it.
 
+use std::f64::consts::FRAC_PI_2;
 use std::fmt;
 
 pub use farfield_proto::camera::LensModel;
-use farfield_proto::camera::{CameraError, CameraModel, Intrinsics};
+use farfield_proto::camera::{CameraError, CameraModel, Distortion, Intrinsics};
 use farfield_proto::frames::Transform;
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 
 /// Whether no coefficient does anything.
 pub(super) fn all_zero(coefficients: &[f64]) -> bool {
@@ -26,6 +27,41 @@ pub struct CameraRecord {
     pub lens: LensModel,
     /// World metres to camera metres; `None` in a file of intrinsics alone.
     pub camera_from_world: Option<Isometry3<f64>>,
+}
+
+impl CameraRecord {
+    /// The camera of the same pictures after so many clockwise turns by 90 degrees: its lens and its place are turned with them.
+    #[must_use]
+    pub fn turned(&self, quarters: u32) -> Self {
+        (0..quarters % 4).fold(self.clone(), |camera, _| camera.turned_once())
+    }
+
+    /// What was to the right is below: (x, y) becomes (-y, x) from the principal point.
+    fn turned_once(self) -> Self {
+        let [width, height] = self.size_px;
+        let k = self.intrinsics;
+        let quarter = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2);
+        let turn = Isometry3::from_parts(Translation3::identity(), quarter);
+        Self {
+            size_px: [height, width],
+            intrinsics: Intrinsics {
+                fx_px: k.fy_px,
+                fy_px: k.fx_px,
+                cx_px: f64::from(height) - 1.0 - k.cy_px,
+                cy_px: k.cx_px,
+            },
+            lens: match self.lens {
+                LensModel::Rational(d) => LensModel::Rational(Distortion {
+                    p1: d.p2,
+                    p2: -d.p1,
+                    ..d
+                }),
+                same_around_its_axis @ LensModel::KannalaBrandt(_) => same_around_its_axis,
+            },
+            camera_from_world: self.camera_from_world.map(|pose| turn * pose),
+            name: self.name,
+        }
+    }
 }
 
 /// How sure a remark of an import is.
@@ -180,5 +216,71 @@ impl UnsaidFour {
             );
             Remark::of_all(RemarkKind::Assumed, text)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use farfield_proto::frames::Point;
+    use nalgebra::Point3;
+
+    use super::*;
+
+    fn model(record: &CameraRecord) -> CameraModel {
+        let pose = Transform::new(record.camera_from_world.unwrap());
+        CameraModel::new("a", record.size_px, record.intrinsics, record.lens, pose).unwrap()
+    }
+
+    #[test]
+    fn a_turned_camera_draws_what_the_turned_picture_shows() {
+        let camera = CameraRecord {
+            name: "a".to_owned(),
+            size_px: [1280, 720],
+            intrinsics: Intrinsics {
+                fx_px: 900.0,
+                fy_px: 910.0,
+                cx_px: 650.0,
+                cy_px: 350.0,
+            },
+            lens: LensModel::Rational(Distortion {
+                k1: -0.1,
+                k2: 0.02,
+                p1: 0.003,
+                p2: -0.002,
+                ..Distortion::default()
+            }),
+            camera_from_world: Some(Isometry3::new(
+                Vector3::new(0.2, -0.1, 4.0),
+                Vector3::new(0.6 * PI, 0.1, 0.2),
+            )),
+        };
+        let drawn = |camera: &CameraRecord, at: Point3<f64>| {
+            let model = model(camera);
+            let pixel = model
+                .distort(model.project(Point::new(at)).unwrap())
+                .unwrap();
+            [pixel.x(), pixel.y()]
+        };
+        let places = [[0.0, 0.0, 0.0], [1.0, 0.3, 0.5], [-0.8, 0.6, -0.4]];
+        for at in places.map(Point3::from) {
+            let [x, y] = drawn(&camera, at);
+            let expected = [
+                (0, [x, y]),
+                (1, [719.0 - y, x]),
+                (2, [1279.0 - x, 719.0 - y]),
+                (3, [y, 1279.0 - x]),
+                (4, [x, y]),
+            ];
+            for (quarters, pixel) in expected {
+                let turned = drawn(&camera.turned(quarters), at);
+                let apart_px = (turned[0] - pixel[0]).hypot(turned[1] - pixel[1]);
+                assert!(
+                    apart_px < 1e-6,
+                    "{quarters}: {turned:?}, expected {pixel:?}"
+                );
+            }
+        }
     }
 }

@@ -29,7 +29,7 @@ use farfield_proto::calibration::FORMATS_READ;
 use farfield_proto::toml_file::FileError;
 use nalgebra::Isometry3;
 
-pub use self::axes::{CameraAxes, PoseMeaning, WorldAxis};
+pub use self::axes::{CameraAxes, Origin, PoseMeaning, WorldAxis};
 pub use self::camera::{CameraRecord, LensModel, Remark, RemarkKind};
 pub use self::compare::difference;
 pub use self::losses::losses;
@@ -134,6 +134,8 @@ pub struct ImportOptions {
     pub metres_per_unit: Option<f64>,
     /// Which axis of the file's world points up; it becomes z. `None`: the world is left as it is.
     pub up: Option<WorldAxis>,
+    /// Which point of the file's world becomes the origin; `None`: the file's own stays.
+    pub origin: Option<Origin>,
     /// Which axis of a left-handed world is turned round.
     pub mirrored: Option<WorldAxis>,
     /// Which way the poses of the file go.
@@ -155,6 +157,8 @@ pub struct Imported {
     pub format: Format,
     /// The cameras in the order of the files; at least one, names all different.
     pub cameras: Vec<CameraRecord>,
+    /// The point of the file's world that is the origin of these cameras, metres; `None`: the file's own.
+    pub origin_m: Option<[f64; 3]>,
     /// What was assumed, put right, or is doubtful.
     pub remarks: Vec<Remark>,
 }
@@ -233,10 +237,15 @@ pub fn import(files: &[TextFile], options: &ImportOptions) -> Result<Imported, F
     {
         return Err(first.error(format!("two cameras are called `{}`", twice.name)));
     }
-    let (cameras, remarks) = axes::settle(raw, options, first)?;
+    let axes::Settled {
+        cameras,
+        origin_m,
+        remarks,
+    } = axes::settle(raw, options, first)?;
     Ok(Imported {
         format,
         cameras,
+        origin_m,
         remarks,
     })
 }

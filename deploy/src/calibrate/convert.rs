@@ -3,17 +3,18 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::anyhow;
+use anyhow::{anyhow, bail};
 use clap::Args;
 use farfield_calibration::formats::{
-    CameraAxes, Format, ImportOptions, Imported, PoseMeaning, Remark, TextFile, WorldAxis, export,
-    import, losses,
+    CameraAxes, CameraRecord, Format, ImportOptions, Imported, Origin, PoseMeaning, Remark,
+    TextFile, WorldAxis, export, import, losses,
 };
 use farfield_node::process::NodeError;
 use farfield_proto::calibration::Calibration;
+use farfield_proto::toml_file::unknown_name;
 use serde::Serialize;
 
-use super::{read_calibration, refuse_existing, write};
+use super::{named, read_calibration, refuse_existing, write};
 use crate::exchange::target::check_folder;
 use crate::output;
 
@@ -45,6 +46,17 @@ pub(super) struct ConvertArgs {
     /// It becomes z.
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
     up: Option<WorldAxis>,
+    /// Point of the file's world that becomes the origin: X,Y,Z, or auto.
+    ///
+    /// Metres, z up: it is subtracted from where the cameras stand, and written as `origin_m` into `[metadata]`. Surveyed
+    /// coordinates need it; auto takes a round place on the floor between the cameras.
+    #[arg(long, value_name = "X,Y,Z", value_parser = origin, allow_hyphen_values = true)]
+    origin: Option<Origin>,
+    /// Turn a camera clockwise by 90, 180 or -90 degrees, with its pictures: `cam1=-90`.
+    ///
+    /// The pictures are turned by ffmpeg: `-vf transpose=1` by 90, `transpose=2` by -90, `hflip,vflip` by 180.
+    #[arg(long, value_name = "CAMERA=DEGREES", value_parser = turn)]
+    turn: Vec<(String, u32)>,
     /// Axis of a left-handed world to turn round.
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
     mirrored: Option<WorldAxis>,
@@ -79,6 +91,32 @@ pub(super) fn format(word: &str) -> Result<Format, String> {
 fn axis(word: &str) -> Result<WorldAxis, String> {
     let named = WorldAxis::from_name(word.trim_start_matches('+'));
     named.ok_or_else(|| format!("`{word}` is not one of x, -x, y, -y, z, -z"))
+}
+
+/// `500000,5000000,120`, or `auto`.
+fn origin(word: &str) -> Result<Origin, String> {
+    if word == "auto" {
+        return Ok(Origin::Auto);
+    }
+    let numbers: Result<Vec<f64>, _> = word.split(',').map(|it| it.trim().parse()).collect();
+    let point = numbers.ok().and_then(|it| <[f64; 3]>::try_from(it).ok());
+    let point = point.filter(|it| it.iter().all(|v| v.is_finite()));
+    point.map(Origin::At).ok_or_else(|| {
+        format!("found `{word}`, expected three numbers, for example 500000,5000000,120, or auto")
+    })
+}
+
+/// `cam1=-90`: the camera, and how many quarters it is turned clockwise.
+fn turn(word: &str) -> Result<(String, u32), String> {
+    let (camera, degrees): (String, i32) = named(word, "CAMERA=DEGREES, for example cam1=-90")?;
+    match degrees {
+        90 => Ok((camera, 1)),
+        180 | -180 => Ok((camera, 2)),
+        -90 | 270 => Ok((camera, 3)),
+        _ => Err(format!(
+            "`{word}`: found {degrees} degrees, expected 90, 180 or -90"
+        )),
+    }
 }
 
 fn poses(word: &str) -> Result<PoseMeaning, String> {
@@ -123,6 +161,7 @@ struct Converted<'a> {
     from: &'static str,
     to: &'static str,
     cameras: Vec<&'a str>,
+    origin_m: Option<[f64; 3]>,
     remarks: Vec<RemarkLine<'a>>,
     files: Vec<PathBuf>,
 }
@@ -157,6 +196,9 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
         .collect::<Result<_, _>>()
         .map_err(NodeError::Refused)?;
     let mut imported = import(&files, &options(args)).map_err(NodeError::refused)?;
+    for (name, quarters) in &args.turn {
+        turn_camera(&mut imported.cameras, name, *quarters).map_err(NodeError::Refused)?;
+    }
     let texts = export(&imported.cameras, args.to).map_err(NodeError::refused)?;
     let lost = losses(&imported.cameras, args.to);
     imported.remarks.extend(lost);
@@ -164,7 +206,11 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
         .into_iter()
         .map(|file| TextFile {
             path: args.out.join(&file.path),
-            text: file.text,
+            text: match imported.origin_m.filter(|_| args.to == Format::Farfield) {
+                // Behind the table `[metadata]`, with which the file ends.
+                Some(origin_m) => format!("{}origin_m = {origin_m:?}\n", file.text),
+                None => file.text,
+            },
         })
         .collect();
     for file in &texts {
@@ -187,11 +233,25 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
     output::print(&said).map_err(NodeError::Failed)
 }
 
+fn turn_camera(cameras: &mut [CameraRecord], name: &str, quarters: u32) -> anyhow::Result<()> {
+    let known: Vec<String> = cameras.iter().map(|it| it.name.clone()).collect();
+    let Some(camera) = cameras.iter_mut().find(|it| it.name == name) else {
+        let known: Vec<&str> = known.iter().map(String::as_str).collect();
+        bail!(
+            "--turn: {}",
+            unknown_name("camera of the calibration", name, &known)
+        );
+    };
+    *camera = camera.turned(quarters);
+    Ok(())
+}
+
 fn options(args: &ConvertArgs) -> ImportOptions {
     ImportOptions {
         format: args.from,
         metres_per_unit: args.metres_per_unit,
         up: args.up,
+        origin: args.origin,
         mirrored: args.mirrored,
         pose: args.poses,
         camera_axes: args.camera_axes,
@@ -206,6 +266,7 @@ fn json(imported: &Imported, to: Format, texts: &[TextFile]) -> Result<String, N
         from: imported.format.name(),
         to: to.name(),
         cameras: imported.cameras.iter().map(|it| it.name.as_str()).collect(),
+        origin_m: imported.origin_m,
         remarks: imported.remarks.iter().map(RemarkLine::of).collect(),
         files: texts.iter().map(|file| file.path.clone()).collect(),
     };

@@ -70,11 +70,13 @@ pub(crate) fn check(
         Ok(venue) => venue,
         // The calibration is a file of its own: another tool's.
         Err(error) if error.path != path => {
-            report.fail(
-                "calibration",
-                error.to_string(),
-                "mend it there, or calibrate again",
-            );
+            let names_command = error.problem.contains("`farfield calibrate convert");
+            let remedy = if names_command {
+                "run that command, and name the file that it writes in the venue file"
+            } else {
+                "fix it there, or calibrate again"
+            };
+            report.fail("calibration", error.to_string(), remedy);
             return Ok(());
         }
         Err(error) => return Err(NodeError::refused(error)),

@@ -97,19 +97,22 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Re
              after the calibration?"
         ));
     }
-    if let Some(text) = posture(people()) {
+    // A camera that the calibration has on its side shows people so.
+    let as_calibrated = posture(people(), camera.down);
+    if let Some(text) = posture(people(), [0.0, 1.0]).filter(|_| as_calibrated.is_some()) {
         doubt(text.to_owned());
     }
     Ok(())
 }
 
-/// Whether people stand as people do.
-fn posture<'a>(people: impl Iterator<Item = &'a Person>) -> Option<&'static str> {
+/// Whether people stand as people do, where `down` is down in the picture.
+fn posture<'a>(people: impl Iterator<Item = &'a Person>, down: [f64; 2]) -> Option<&'static str> {
     let (mut seen, mut lying, mut upside_down) = (0usize, 0usize, 0usize);
     for person in people {
         let Some((dx, dy)) = shoulders_to_ankles(person) else {
             continue;
         };
+        let (dx, dy) = (dx * down[1] - dy * down[0], dx * down[0] + dy * down[1]);
         seen += 1;
         lying += usize::from(dx.abs() > 2.0 * dy.abs());
         upside_down += usize::from(dy < 0.0 && dy.abs() > 2.0 * dx.abs());
@@ -164,6 +167,7 @@ mod tests {
         CameraFrames {
             name: "a".to_owned(),
             size_px,
+            down: [0.0, 1.0],
             source: "folder".to_owned(),
             frames: (0..20).map(|at| (at, vec![person])).collect(),
         }

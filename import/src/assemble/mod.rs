@@ -22,6 +22,8 @@ pub struct CameraFrames {
     pub name: String,
     /// Width and height of the calibration's pictures, pixels.
     pub size_px: [u32; 2],
+    /// Where the calibration has the world's -z point in the pictures, a unit vector: (0, 1) of a camera that is not rolled.
+    pub down: [f64; 2],
     /// Where the keypoints came from.
     pub source: String,
     /// They.
@@ -206,6 +208,7 @@ mod tests {
         CameraFrames {
             name: name.to_owned(),
             size_px: [1920, 1080],
+            down: [0.0, 1.0],
             source: name.to_owned(),
             frames: frames
                 .iter()

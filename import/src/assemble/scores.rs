@@ -87,6 +87,7 @@ mod tests {
         let camera = CameraFrames {
             name: "a".to_owned(),
             size_px: [2, 2],
+            down: [0.0, 1.0],
             source: "a".to_owned(),
             frames: [(0, scores.iter().map(person).collect())].into(),
         };

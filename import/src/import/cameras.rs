@@ -78,11 +78,30 @@ pub(super) fn matched(
         cameras.push(CameraFrames {
             name: record.name.clone(),
             size_px: record.size_px,
+            down: down(record),
             source: seen.from,
             frames: seen.frames,
         });
     }
     Ok(cameras)
+}
+
+/// Where the world's -z points in a camera's pictures; (0, 1) where the camera looks along it, or is not placed.
+fn down(record: &CameraRecord) -> [f64; 2] {
+    /// Length in the picture that a direction has at least, of 1: more than 20 degrees from where the camera looks.
+    const SHOWN: f64 = 0.34;
+    let Some(pose) = record.camera_from_world else {
+        return [0.0, 1.0];
+    };
+    // The third column of the rotation is the world's z in the camera's axes.
+    let up = pose.rotation.to_rotation_matrix();
+    let (x, y) = (-up[(0, 2)], -up[(1, 2)]);
+    let length = x.hypot(y);
+    if length < SHOWN {
+        [0.0, 1.0]
+    } else {
+        [x / length, y / length]
+    }
 }
 
 /// Keypoints that were left out, since Pose2Sim has synchronised other cameras only.

@@ -246,3 +246,37 @@ fn what_is_no_toml_is_taken_for_the_file_of_another_program() {
     assert!(refused("hall.yml").contains("`farfield calibrate convert`"));
     assert!(!refused("hall.toml").contains("convert"));
 }
+
+/// [`CAMERA`] at `center_m` under the name `name`.
+fn camera_at(name: &str, center_m: [f64; 3]) -> String {
+    let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(1.2, -0.3, 0.4));
+    let translation = -(rotation * Vector3::from(center_m));
+    let camera = CAMERA.replace("name = \"a\"", &format!("name = \"{name}\""));
+    let [x, y, z]: [f64; 3] = translation.into();
+    let camera = camera.replace("[0.5, 1.0, 3.0]", &format!("[{x:?}, {y:?}, {z:?}]"));
+    format!("[{name}]{camera}")
+}
+
+#[test]
+fn surveyed_coordinates_are_refused_by_where_the_cameras_stand_and_what_to_subtract() {
+    let surveyed = camera_at("a", [500_003.0, 5_000_004.0, 122.0])
+        + &camera_at("b", [499_996.0, 4_999_997.0, 122.0]);
+    let said = parse(&surveyed).unwrap_err().to_string();
+    assert!(
+        said.starts_with(
+            "cal.toml:7: `a.translation`: the cameras stand at about (500000, 5000000, 120) m"
+        ),
+        "{said}"
+    );
+    assert!(
+        said.contains("`farfield calibrate convert FILE --origin 500000,5000000,120 --out DIR`"),
+        "{said}"
+    );
+    // Scattered cameras are in another unit.
+    let scattered = camera_at("a", [500_003.0, 0.0, 0.0]) + &camera_at("b", [0.0, 400_000.0, 0.0]);
+    let said = parse(&scattered).unwrap_err().to_string();
+    assert!(
+        said.contains("expected metres from -100000 to 100000"),
+        "{said}"
+    );
+}

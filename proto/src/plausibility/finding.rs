@@ -42,6 +42,8 @@ pub enum Cause {
     Distortion,
     /// All cameras are very near each other, or very far apart: another unit of length.
     Units,
+    /// All cameras stand so far from the origin that poses are coarse.
+    FarOrigin,
     /// Two cameras stand at the same place.
     SamePlace,
     /// Cameras of one viewpoint stand far from each other.
@@ -76,6 +78,7 @@ impl Cause {
             Self::PrincipalPoint => "principal_point",
             Self::Distortion => "distortion",
             Self::Units => "units",
+            Self::FarOrigin => "far_origin",
             Self::SamePlace => "same_place",
             Self::ViewpointApart => "viewpoint_apart",
             Self::LooksAway => "looks_away",

@@ -16,10 +16,11 @@ mod upright;
 use crate::calibration::Calibration;
 use crate::camera::CameraModel;
 use crate::frames::Pixel;
-use crate::venue::{Field, Venue, VenueCamera};
+use crate::venue::{Field, Source, Venue, VenueCamera};
 
 pub use self::coverage::{Coverage, coverage, of_viewpoints};
 pub use self::finding::{Cause, Finding, Severity};
+pub use self::places::{FAR_ORIGIN_M, pose_step_mm};
 pub use self::upright::looks_over_heads;
 
 /// All that speaks against the calibration of `venue`, what is wrong first, then in the order of its cameras.
@@ -75,8 +76,9 @@ pub fn of_picture_size(camera: &CameraModel, found_px: [u32; 2]) -> Option<Findi
     let same_shape =
         u64::from(found_px[0]) * u64::from(height) == u64::from(found_px[1]) * u64::from(width);
     let remedy = if found_px == [height, width] {
-        "the pictures are turned by 90 degrees: calibrate with pictures that are turned as these are, or turn these \
-         (`ffmpeg -i IN -vf transpose=1 OUT`; `transpose=2` the other way); if a rotation tag alone turns them, take it away \
+        "the pictures are turned by 90 degrees: turn the calibration clockwise by 90 or -90 as these are (`farfield calibrate \
+         convert FILE --turn CAMERA=90 --out DIR`), or turn these \
+         (`ffmpeg -i IN -vf transpose=1 OUT` clockwise, `transpose=2` the other way); if a rotation tag alone turns them, take it away \
          (`ffmpeg -i IN -c copy -metadata:s:v rotate=0 OUT`, from ffmpeg 6 on `ffmpeg -display_rotation 0 -i IN -c copy OUT`)"
             .to_owned()
     } else if same_shape {
@@ -114,6 +116,8 @@ pub fn used_share(camera: &CameraModel) -> f64 {
 #[derive(Debug, Clone)]
 struct Sight {
     name: String,
+    /// Whether a network looks at its pictures.
+    has_pictures: bool,
     viewpoint: usize,
     center_m: [f64; 3],
     /// Where the picture's right, its upper edge and its middle point, unit vectors.
@@ -124,7 +128,10 @@ struct Sight {
 
 impl Sight {
     fn of(camera: &VenueCamera) -> Self {
-        Self::of_model(&camera.model, usize::from(camera.viewpoint.0))
+        Self {
+            has_pictures: !matches!(camera.source, Source::Keypoints { .. }),
+            ..Self::of_model(&camera.model, usize::from(camera.viewpoint.0))
+        }
     }
 
     fn of_model(model: &CameraModel, viewpoint: usize) -> Self {
@@ -138,6 +145,7 @@ impl Sight {
         let center = model.center().coordinates_m();
         Self {
             name: model.name().to_owned(),
+            has_pictures: true,
             viewpoint,
             center_m: [center.x, center.y, center.z],
             right: row(0),
@@ -155,6 +163,7 @@ fn standing(sights: &[Sight], field: &Field) -> Vec<Finding> {
         findings.extend(places::heights(sights, field));
     }
     findings.extend(places::distances(sights));
+    findings.extend(places::origin(sights));
     findings
 }
 

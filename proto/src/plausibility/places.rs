@@ -34,6 +34,42 @@ const ALIKE: f64 = 0.999_99;
 /// How far the field reaches beyond the cameras when nobody has said how far, metres.
 const MARGIN_M: f64 = 5.0;
 
+/// From here on poses, whose numbers have 32 bits, have steps of 1 mm, metres.
+pub const FAR_ORIGIN_M: f64 = 8192.0;
+
+/// The steps of poses so far from the origin, millimetres: a number of 32 bits has 24 for its value.
+pub fn pose_step_mm(away_m: f64) -> f64 {
+    libm::exp2(libm::floor(libm::log2(away_m.max(1.0))) - 23.0) * 1e3
+}
+
+/// Whether all cameras stand far from the origin.
+pub(super) fn origin(sights: &[Sight]) -> Option<Finding> {
+    let away_m = |sight: &Sight| {
+        let [x, y, z] = sight.center_m;
+        (x * x + y * y + z * z).sqrt()
+    };
+    let nearest_m = sights.iter().map(away_m).fold(f64::INFINITY, f64::min);
+    let at = sights
+        .first()?
+        .center_m
+        .map(|it| (it / 10.0).round() * 10.0);
+    (nearest_m > FAR_ORIGIN_M).then(|| Finding {
+        camera: None,
+        cause: Cause::FarOrigin,
+        severity: Severity::Doubtful,
+        found: format!(
+            "the cameras stand {:.0} km from the origin: poses come in steps of {:.1} mm there",
+            nearest_m / 1e3,
+            pose_step_mm(nearest_m)
+        ),
+        expected: "an origin near the cameras".to_owned(),
+        remedy: format!(
+            "subtract one, z being the height of the floor: `farfield calibrate convert FILE --origin {:.0},{:.0},{:.0} --out DIR`, and from `[field]` as well",
+            at[0], at[1], at[2]
+        ),
+    })
+}
+
 fn of_camera(sight: &Sight, cause: Cause, severity: Severity, found: String) -> Finding {
     let (expected, remedy) = match cause {
         Cause::UnderFloor => (
@@ -42,7 +78,8 @@ fn of_camera(sight: &Sight, cause: Cause, severity: Severity, found: String) -> 
         ),
         _ => (
             "0.2 to 60 m",
-            "`translation` is in metres, world to camera: the camera stands at -R' t",
+            "`translation` is in metres, world to camera: the camera stands at -R' t; a height above the sea is subtracted by \
+             `farfield calibrate convert FILE --origin 0,0,Z --out DIR`",
         ),
     };
     Finding {

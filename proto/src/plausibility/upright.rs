@@ -155,18 +155,37 @@ fn rolled(sight: &Sight) -> Option<Finding> {
     }
     // The vertical as the picture shows it: its angle to the picture's upper edge.
     let roll_deg = libm::atan2(dot(sight.right, Z), dot(sight.up, Z)).to_degrees();
-    let (cause, found, remedy) = match roll_deg.abs() {
+    // Pictures that show up to the right were turned clockwise, and are turned back the other way.
+    let (cause, found, turn_deg, filter) = match roll_deg.abs() {
         135.0.. => (
             Cause::UpsideDown,
             "its picture is upside down".to_owned(),
-            "turn the pictures (`ffmpeg -i IN -vf hflip,vflip OUT`) and calibrate with those: networks read people who stand",
+            180,
+            "hflip,vflip",
         ),
-        45.0.. => (
-            Cause::Sideways,
-            format!("its picture is turned by {roll_deg:.0} degrees"),
-            "turn the pictures (`ffmpeg -i IN -vf transpose=1 OUT`) and calibrate with those: networks read people who stand",
-        ),
+        45.0.. => {
+            let (way, turn_deg, filter) = if roll_deg > 0.0 {
+                ("clockwise", -90, "transpose=2")
+            } else {
+                ("counterclockwise", 90, "transpose=1")
+            };
+            let found = format!(
+                "its picture is turned {way} by {:.0} degrees",
+                roll_deg.abs()
+            );
+            (Cause::Sideways, found, turn_deg, filter)
+        }
         _ => return None,
+    };
+    let name = &sight.name;
+    let remedy = if sight.has_pictures {
+        format!(
+            "networks read people who stand: turn the pictures (`ffmpeg -i IN -vf {filter} OUT`) and the calibration with them \
+             (`farfield calibrate convert FILE --turn {name}={turn_deg} --out DIR`), which then is of the turned pictures"
+        )
+    } else {
+        "if the camera hangs like this, nothing has to be turned: its keypoints come from a file; else its `rotation` is wrong"
+            .to_owned()
     };
     Some(Finding {
         camera: Some(sight.name.clone()),
@@ -174,6 +193,6 @@ fn rolled(sight: &Sight) -> Option<Finding> {
         severity: Severity::Doubtful,
         found,
         expected: "one in which people stand".to_owned(),
-        remedy: remedy.to_owned(),
+        remedy,
     })
 }

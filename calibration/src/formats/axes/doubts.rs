@@ -17,9 +17,8 @@ const CLEARLY_MORE: f64 = 0.3;
 /// say nothing against a stated axis.
 const LOOKS_DOWN: f64 = FRAC_1_SQRT_2;
 
-/// How well cameras look at one place: the share that has it in front, and how far their axes pass it, by the mean distance
-/// to it. `None` where all look along one direction.
-fn convergence(poses: &[RawPose]) -> Option<(f64, f64)> {
+/// Where the axes of cameras come nearest to each other. `None` where all look along one direction.
+pub(super) fn meeting_place(poses: &[RawPose]) -> Option<Vector3<f64>> {
     let mut normal = Matrix3::zeros();
     let mut right = Vector3::zeros();
     for pose in poses {
@@ -32,7 +31,13 @@ fn convergence(poses: &[RawPose]) -> Option<(f64, f64)> {
     if eigenvalues.min() < 0.02 * eigenvalues.max() {
         return None;
     }
-    let place = normal.cholesky()?.solve(&right);
+    Some(normal.cholesky()?.solve(&right))
+}
+
+/// How well cameras look at one place: the share that has it in front, and how far their axes pass it, by the mean distance
+/// to it. `None` where all look along one direction.
+fn convergence(poses: &[RawPose]) -> Option<(f64, f64)> {
+    let place = meeting_place(poses)?;
     let n = poses.len() as f64;
     let mut in_front = 0.0;
     let mut passed = 0.0;

@@ -3,6 +3,7 @@
 mod check;
 mod doctor;
 mod init;
+mod moved_calibrations;
 mod plausible;
 
 use std::path::Path;
