@@ -1,5 +1,20 @@
 //! Medians and percentiles: each definition once. They differ in which of two neighbours they take.
 
+/// Fewer values than this decide nothing, however large they are, where there are twice as many.
+pub const FEWEST_REACHING: usize = 5;
+
+/// The value that a `share` (0 to 1) of all `values` reaches, and at least [`FEWEST_REACHING`] of them, or half where they
+/// are few; `None` of nothing. What is no number does not count.
+///
+/// Scales, extents and clocks are taken from it: a largest value is decided by one outlier.
+pub fn reached_by(values: impl IntoIterator<Item = f64>, share: f64) -> Option<f64> {
+    let mut values: Vec<f64> = values.into_iter().filter(|it| !it.is_nan()).collect();
+    let reaching = ((share * values.len() as f64).ceil() as usize).max(FEWEST_REACHING);
+    let from_top = reaching.min(values.len().div_ceil(2)).checked_sub(1)?;
+    let (_, reached, _) = values.select_nth_unstable_by(from_top, |a, b| b.total_cmp(a));
+    Some(*reached)
+}
+
 /// The index among `count` sorted values of the one that a `share` (0 to 1) of all is not above: the nearest
 /// rank.
 pub fn nearest_rank(share: f64, count: usize) -> usize {
@@ -86,6 +101,21 @@ mod tests {
         assert_eq!(upper_median(vec![3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(mean_median(&[1.0, 2.0, 3.0]), Some(2.0));
         assert_eq!((upper_median(Vec::new()), mean_median(&[])), (None, None));
+    }
+
+    #[test]
+    fn a_few_outliers_do_not_move_what_is_reached_by_many() {
+        let with = |outliers: &[f64]| {
+            let usual = (0..100).map(|i| 0.01 * f64::from(i));
+            reached_by(usual.chain(outliers.iter().copied()), 0.05).unwrap()
+        };
+        assert!((with(&[]) - 0.95).abs() < 1e-12);
+        for outlier in [1e9, f64::INFINITY, f64::NAN, -1e9] {
+            assert!((with(&[outlier; 4]) - 0.95).abs() <= 0.04, "{outlier}");
+        }
+        assert_eq!(reached_by([8.0, 4.0], 0.05), Some(8.0));
+        assert_eq!(reached_by([1.0, 900.0, 2.0], 0.05), Some(2.0));
+        assert_eq!(reached_by([f64::NAN], 0.05), None);
     }
 
     #[test]

@@ -64,8 +64,16 @@ fn shares_of_the_picture_in_place_of_pixels_are_refused() {
     let file_of = |scale: f64| format!("{}\n{}", line(0, scale), line(1, scale));
     let said = refusal(&file_of(1.0));
     assert!(
-        said.contains("34 keypoints lie within 0.70 pixels"),
+        said.contains("34 of 34 keypoints lie within 1.5 pixels"),
         "{said}"
+    );
+    // One keypoint that is far away, and many that were not found, do not make pixels of them.
+    let lines: Vec<String> = (0..8).map(|tick| line(tick, 1.0)).collect();
+    let with_one_far = lines.join("\n").replacen("[0.4,0.7,", "[300,200,", 1);
+    let said_of_most = refusal(&with_one_far.replacen("[0.4,0.7,0.9]", "[0,0,0]", 50));
+    assert!(
+        said_of_most.contains("85 of 86 keypoints"),
+        "{said_of_most}"
     );
     assert!(said.contains("expected pixels of 640 x 480"), "{said}");
     assert!(probe(file(file_of(400.0).as_bytes()).path(), &expected()).is_ok());

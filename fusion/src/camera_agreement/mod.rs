@@ -43,6 +43,7 @@ use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
 use farfield_proto::message::agreement::{AgreementVerdict, CameraAgreement};
 use farfield_proto::message::identity_event::IdentityEvent;
+use farfield_proto::order_statistics::reached_by;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use farfield_proto::venue::{Field, Venue};
@@ -67,6 +68,8 @@ use crate::sightings::diagnosis::Diagnosed;
 
 /// Time between two instants at which it is kept how tall people are and how high they stand, seconds.
 const STANDING_EVERY_S: f64 = 0.1;
+/// How far keypoints reach in pictures is how far this share of them does.
+const REACHING_SHARE: f64 = 0.01;
 
 /// A camera as it is judged.
 #[derive(Debug)]
@@ -289,7 +292,7 @@ impl AgreementSamples {
         report.disagreements.insert(0, self.of_all(cause));
     }
 
-    /// How far right and down keypoints are in the pictures, as shares of these.
+    /// How far right and down keypoints are in the pictures, as shares of these; one in a hundred may be farther.
     fn reach(&self) -> Option<[f64; 2]> {
         let passes = self.samples.passes.iter();
         let by_camera = passes.flat_map(|pass| pass.of_camera.iter().zip(&self.cameras.all));
@@ -301,7 +304,12 @@ impl AgreementSamples {
                 [x / size_px[0], y / size_px[1]]
             })
         });
-        shares.reduce(|far, share| [far[0].max(share[0]), far[1].max(share[1])])
+        let shares: Vec<[f64; 2]> = shares.collect();
+        let along = |axis: usize| {
+            let shares = shares.iter().map(|share| share[axis]);
+            reached_by(shares, REACHING_SHARE)
+        };
+        Some([along(0)?, along(1)?])
     }
 
     /// What detection passes found, and what became of it; asks all bodies for `votes`.

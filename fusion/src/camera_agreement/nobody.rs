@@ -117,7 +117,7 @@ impl SightedReport {
         }
         if let Some([right, down]) = self.reach.filter(is_corner) {
             reasons.push(format!(
-                "no keypoint is farther right than {:.0} % of the width of its picture or farther down than {:.0} % of its height: were people detected in smaller pictures than were calibrated? Both must be of one size",
+                "hardly any keypoint is farther right than {:.0} % of the width of its picture or farther down than {:.0} % of its height: were people detected in smaller pictures than were calibrated? Both must be of one size",
                 100.0 * right,
                 100.0 * down
             ));

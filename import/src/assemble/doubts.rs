@@ -3,6 +3,7 @@
 
 use farfield_calibration::formats::RemarkKind;
 use farfield_proto::keypoints::COCO17;
+use farfield_proto::order_statistics::reached_by;
 
 use super::CameraFrames;
 use crate::person::{Candidate, Person};
@@ -10,12 +11,14 @@ use crate::report::RemarkReport;
 
 /// Fewer people than this say nothing of a camera.
 const FEWEST_PEOPLE: usize = 10;
-/// Keypoints of which none is farther from the corner than this are shares of a picture, not pixels ...
+/// Keypoints of which nearly none is farther from the corner than this are shares of a picture, not pixels ...
 ///
 /// This and the next are those of the edge's `source/keypoints.rs`, so that what is imported is what a run takes.
 const SHARE_OF_PICTURE: f64 = 1.5;
 /// ... when there are as many as two people have.
 const FEWEST_POINTS: usize = 2 * COCO17.len();
+/// How far keypoints reach is how far this share of them does.
+const REACHING_SHARE: f64 = 0.01;
 /// Networks guess a little beyond the edges: this share of a side does not count.
 const EDGE: f64 = 0.05;
 /// More keypoints outside than this share are said.
@@ -33,12 +36,10 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Re
     let people = || camera.frames.values().flatten();
     let points = || people().flatten().flatten();
     let [width, height] = camera.size_px.map(f64::from);
-    let farthest_px = points()
-        .map(|it| it.x_px.abs().max(it.y_px.abs()))
-        .fold(0.0, f64::max);
+    let farthest_px = reached(points().map(|it| it.x_px.abs().max(it.y_px.abs())));
     if points().count() >= FEWEST_POINTS && farthest_px <= SHARE_OF_PICTURE {
         return Err(format!(
-            "camera `{}` ({}): all keypoints lie within {farthest_px:.2} pixels of the corner, as shares of a picture do; \
+            "camera `{}` ({}): nearly all keypoints lie within {farthest_px:.2} pixels of the corner, as shares of a picture do; \
              expected pixels of {width} x {height}",
             camera.name, camera.source,
         ));
@@ -55,8 +56,8 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Re
         }
         return Ok(());
     }
-    let least = |side: fn(&Candidate) -> f64| points().map(side).fold(f64::INFINITY, f64::min);
-    let most = |side: fn(&Candidate) -> f64| points().map(side).fold(f64::NEG_INFINITY, f64::max);
+    let least = |side: fn(&Candidate) -> f64| -reached(points().map(|it| -side(it)));
+    let most = |side: fn(&Candidate) -> f64| reached(points().map(side));
     let (left, top) = (least(|it| it.x_px), least(|it| it.y_px));
     let (right, bottom) = (most(|it| it.x_px), most(|it| it.y_px));
     let mut doubt = |text: String| {
@@ -103,6 +104,11 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Re
         doubt(text.to_owned());
     }
     Ok(())
+}
+
+/// How far `values` reach; a few that are farther do not count.
+fn reached(values: impl Iterator<Item = f64>) -> f64 {
+    reached_by(values, REACHING_SHARE).unwrap_or(0.0)
 }
 
 /// Whether people stand as people do, where `down` is down in the picture.
@@ -193,6 +199,14 @@ mod tests {
         assert!(turned.contains("turned by a quarter"), "{turned}");
         let small = said(&camera([1920, 1080], |x, y| (x, y)));
         assert!(small.contains("made smaller"), "{small}");
+        let mut with_one_far = camera([1920, 1080], |x, y| (x, y));
+        let far = Candidate {
+            x_px: 1900.0,
+            y_px: 1000.0,
+            score: 0.9,
+        };
+        with_one_far.frames.get_mut(&3).unwrap()[0][0] = Some(far);
+        assert!(said(&with_one_far).contains("made smaller"));
     }
 
     #[test]
@@ -221,6 +235,15 @@ mod tests {
         let camera = camera([640, 640], |x, y| (x / 640.0, y / 640.0));
         let refused = look(&camera, &mut Vec::new()).unwrap_err();
         assert!(refused.contains("shares of a picture"), "{refused}");
+        let mut with_one_far = camera.clone();
+        let far = Candidate {
+            x_px: 5000.0,
+            y_px: 5000.0,
+            score: 0.9,
+        };
+        with_one_far.frames.get_mut(&3).unwrap()[0][0] = Some(far);
+        let refused = look(&with_one_far, &mut Vec::new()).unwrap_err();
+        assert!(refused.contains("within 0.78 pixels"), "{refused}");
         // Two people are enough, as for the edge; one is not.
         let mut few = camera;
         few.frames.retain(|at, _| *at < 2);

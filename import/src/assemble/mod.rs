@@ -9,6 +9,7 @@ use std::io::{self, Write};
 use std::ops::Range;
 
 use farfield_calibration::formats::RemarkKind;
+use farfield_proto::order_statistics::{FEWEST_REACHING, reached_by};
 
 use crate::person::{Frames, Person, span};
 use crate::report::RemarkReport;
@@ -35,29 +36,71 @@ pub struct CameraFrames {
 pub struct Assembled {
     /// Ticks of every keypoint file.
     pub ticks: Range<i64>,
-    /// What scores are divided by.
-    pub scale: ScoreScale,
+    /// What the scores of each camera are divided by.
+    pub scales: Vec<ScoreScale>,
     /// What was assumed, and what is doubtful.
     pub remarks: Vec<RemarkReport>,
 }
 
-/// Looks at all cameras together.
+/// Frames outside what [`FRAMES_SHARE`] of all reach are strays from so many frames on, or its whole length where that
+/// is more: a file of another recording, a number that is a date.
+const STRAY_FRAMES: f64 = 1000.0;
+const FRAMES_SHARE: f64 = 0.01;
+/// Of fewer frames none is a stray.
+const FEWEST_FRAMES: usize = 2 * FEWEST_REACHING;
+
+/// Looks at all cameras together, and leaves out frames far from all others.
 ///
 /// # Errors
 /// A sentence where nobody was found, where frames are too many, where keypoints are no pixels.
-pub fn assemble(cameras: &[CameraFrames]) -> Result<Assembled, String> {
-    let ticks = ticks(cameras)?;
+pub fn assemble(cameras: &mut [CameraFrames]) -> Result<Assembled, String> {
     let mut remarks = Vec::new();
+    leave_out_strays(cameras, &mut remarks);
+    let ticks = ticks(cameras)?;
     frames_said(cameras, &ticks, &mut remarks);
-    let scale = ScoreScale::of(cameras, &mut remarks);
-    for camera in cameras {
+    let scales = ScoreScale::of(cameras, &mut remarks);
+    for camera in cameras.iter() {
         doubts::look(camera, &mut remarks)?;
     }
     Ok(Assembled {
         ticks,
-        scale,
+        scales,
         remarks,
     })
+}
+
+/// Takes out frames whose numbers are far from those of all others, so that one number does not decide how long a run is.
+fn leave_out_strays(cameras: &mut [CameraFrames], remarks: &mut Vec<RemarkReport>) {
+    let numbers = || {
+        let frames = cameras.iter().flat_map(|it| it.frames.keys());
+        frames.map(|frame| *frame as f64)
+    };
+    let last = reached_by(numbers(), FRAMES_SHARE);
+    let first = reached_by(numbers().map(|it| -it), FRAMES_SHARE);
+    let (Some(first), Some(last)) = (first.map(|it| -it), last) else {
+        return;
+    };
+    if numbers().count() < FEWEST_FRAMES {
+        return;
+    }
+    let beyond = STRAY_FRAMES.max(last - first);
+    let is_near = |frame: i64| (first - beyond..=last + beyond).contains(&(frame as f64));
+    for camera in cameras {
+        let Some(stray) = camera.frames.keys().copied().find(|it| !is_near(*it)) else {
+            continue;
+        };
+        let before = camera.frames.len();
+        camera.frames.retain(|frame, _| is_near(*frame));
+        let text = format!(
+            "{} frames were left out: frame {stray} is far from nearly all others, which are from about {first} to {last}",
+            before - camera.frames.len()
+        );
+        remarks.push(RemarkReport::of_camera(
+            RemarkKind::Doubtful,
+            &camera.name,
+            text,
+        ));
+    }
 }
 
 /// From the first frame of any camera to the last of any.
@@ -219,8 +262,8 @@ mod tests {
 
     #[test]
     fn cameras_share_one_range_and_what_is_missing_is_empty_and_said() {
-        let cameras = [camera("a", &[5, 6, 8]), camera("b", &[4, 5, 6, 7, 8])];
-        let assembled = assemble(&cameras).unwrap();
+        let mut cameras = [camera("a", &[5, 6, 8]), camera("b", &[4, 5, 6, 7, 8])];
+        let assembled = assemble(&mut cameras).unwrap();
         assert_eq!(assembled.ticks, 4..9);
         let said: Vec<String> = assembled.remarks.iter().map(|it| it.text.clone()).collect();
         let said = said.join("\n");
@@ -231,7 +274,7 @@ mod tests {
         write_lines(
             &cameras[0].frames,
             &assembled.ticks,
-            assembled.scale,
+            assembled.scales[0],
             &mut lines,
         )
         .unwrap();
@@ -262,7 +305,7 @@ mod tests {
             camera.frames.insert(0, people);
             let mut line = Vec::new();
             let scale = ScoreScale::of(std::slice::from_ref(&camera), &mut Vec::new());
-            write_lines(&camera.frames, &(0..1), scale, &mut line).unwrap();
+            write_lines(&camera.frames, &(0..1), scale[0], &mut line).unwrap();
             assert!(line.len() < LONGEST_LINE_BYTES, "{}", line.len());
             let read: serde_json::Value = serde_json::from_slice(&line).unwrap();
             let x_px = read["persons"][7]["keypoints"][3][0].as_f64().unwrap();
@@ -271,14 +314,33 @@ mod tests {
     }
 
     #[test]
+    fn one_number_far_from_all_others_does_not_make_a_run_longer() {
+        let count: Vec<i64> = (0..40).collect();
+        for stray in [100_000, -5000] {
+            let with_stray: Vec<i64> = count.iter().copied().chain([stray]).collect();
+            let mut cameras = [camera("a", &count), camera("b", &with_stray)];
+            let assembled = assemble(&mut cameras).unwrap();
+            assert_eq!(assembled.ticks, 0..40);
+            let [remark] = &assembled.remarks[..] else {
+                panic!("{:?}", assembled.remarks)
+            };
+            assert_eq!(remark.camera.as_deref(), Some("b"));
+            assert!(remark.text.contains(&format!("frame {stray} is far")));
+        }
+        // A camera that began earlier, and a pause, are no strays.
+        let mut cameras = [camera("a", &count), camera("b", &[-600, -599, 0, 900])];
+        assert_eq!(assemble(&mut cameras).unwrap().ticks, -600..901);
+    }
+
+    #[test]
     fn numbers_that_count_no_frames_are_refused() {
-        let said = assemble(&[camera("a", &[0, 20_240_501_120_000])]).unwrap_err();
+        let said = assemble(&mut [camera("a", &[0, 20_240_501_120_000])]).unwrap_err();
         assert!(said.contains("something else than frames"), "{said}");
-        let said = assemble(&[camera("a", &[i64::MIN, i64::MAX])]).unwrap_err();
+        let said = assemble(&mut [camera("a", &[i64::MIN, i64::MAX])]).unwrap_err();
         assert!(said.contains("something else than frames"), "{said}");
         let mut empty = camera("a", &[0]);
         empty.frames.insert(0, Vec::new());
-        assert!(assemble(&[empty]).unwrap_err().contains("nobody"));
-        assert!(assemble(&[]).is_err());
+        assert!(assemble(&mut [empty]).unwrap_err().contains("nobody"));
+        assert!(assemble(&mut []).is_err());
     }
 }

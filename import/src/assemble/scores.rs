@@ -1,65 +1,72 @@
 //! On which scale scores are. Ours go to 1.
+//!
+//! Each camera has its scale, for they may come from several programs. What most scores are decides it, never a single one.
 
 use farfield_calibration::formats::RemarkKind;
+use farfield_proto::order_statistics::reached_by;
 
 use super::CameraFrames;
 use crate::report::RemarkReport;
 
-/// Scores so little above 1 are those of networks that overshoot, as `OpenPose` by a few percent: they are taken for 1.
+/// The scale is that of the score that this share of all reach: those above it are taken for 1. Networks whose scores are
+/// no probabilities give 0.8 to 1.3, two in a hundred more, and now and then one near 10.
+const DECIDING_SHARE: f64 = 0.05;
+/// Scores up to here need no word: `OpenPose` overshoots by a few percent.
 const OVERSHOOT: f64 = 1.25;
-/// Scores that fewer than this share of all exceed are the exceptions of a network whose scores are no probabilities, as
-/// those of `RTMPose` are: they are taken for 1.
-const EXCEPTIONS: f64 = 0.01;
-/// Largest scores from here up to 100 are percent.
-const LEAST_PERCENT: f64 = 20.0;
+/// A deciding score up to here is on the usual scale, 0 to 1: `RTMPose` gives up to 1.3.
+const MOST_USUAL: f64 = 1.5;
+/// Deciding scores from the first up to the second are percent, those up to the third are bytes.
+const PERCENT_AND_BYTES: [f64; 3] = [20.0, 105.0, 256.0];
 
 /// What scores are divided by before they are cut at 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScoreScale(f64);
 
-impl Default for ScoreScale {
-    fn default() -> Self {
-        Self(1.0)
-    }
-}
-
 impl ScoreScale {
-    /// The scale of all cameras together; what is not the usual one is said.
-    pub(super) fn of(cameras: &[CameraFrames], remarks: &mut Vec<RemarkReport>) -> Self {
-        let scores = || {
-            let people = cameras.iter().flat_map(|it| it.frames.values().flatten());
-            people.flatten().flatten().map(|it| it.score)
+    /// The scale of each camera. What is not the usual one is a remark. All cameras that are not on the usual scale have
+    /// the same one.
+    pub(super) fn of(cameras: &[CameraFrames], remarks: &mut Vec<RemarkReport>) -> Vec<Self> {
+        let is_usual = |it: &CameraFrames| {
+            reached_by(scores(it), DECIDING_SHARE).is_none_or(|score| score <= MOST_USUAL)
         };
-        let largest = scores().fold(0.0, f64::max);
-        if largest <= OVERSHOOT {
-            return Self::default();
+        let usual: Vec<bool> = cameras.iter().map(is_usual).collect();
+        let group = |of_usual: bool| {
+            let both = cameras.iter().zip(&usual);
+            both.filter(move |(_, is_usual)| **is_usual == of_usual)
+                .map(|(camera, _)| camera)
+        };
+        let decides = reached_by(group(false).flat_map(scores), DECIDING_SHARE);
+        let (other, kind, what) =
+            decides.map_or((1.0, RemarkKind::Assumed, String::new()), meaning);
+        if let Some(score) = decides {
+            let share = 100.0 * DECIDING_SHARE;
+            let text = format!("{share:.0} in a hundred scores reach {score:.2}: {what}");
+            if usual.contains(&true) {
+                let of_camera = |it: &CameraFrames| {
+                    let text = format!("{text}; other cameras have scores up to 1");
+                    RemarkReport::of_camera(kind, &it.name, text)
+                };
+                remarks.extend(group(false).map(of_camera));
+            } else {
+                remarks.push(RemarkReport::of_all(kind, text));
+            }
         }
-        let above = scores().filter(|score| *score > OVERSHOOT).count();
-        let share = above as f64 / scores().count().max(1) as f64;
-        let (by, kind, text) = if share < EXCEPTIONS {
-            (
-                1.0,
-                RemarkKind::Assumed,
-                format!("{above} scores are above 1, the largest {largest}: they were taken for 1"),
-            )
-        } else if (LEAST_PERCENT..=100.0).contains(&largest) {
-            (
-                100.0,
-                RemarkKind::Assumed,
-                format!("scores go up to {largest}: they were taken for percent"),
-            )
-        } else {
-            (
-                largest,
-                RemarkKind::Doubtful,
-                format!(
-                    "scores go up to {largest}, on a scale that is not known: they were divided by that, and what is \
-                     certain and what is not may differ from what the network meant"
-                ),
-            )
-        };
-        remarks.push(RemarkReport::of_all(kind, text));
-        Self(by)
+        let above = group(true)
+            .flat_map(scores)
+            .filter(|score| *score > OVERSHOOT);
+        let (count, largest) = above.fold((0usize, 0.0), |(count, largest), score| {
+            (count + 1, score.max(largest))
+        });
+        if count > 0 {
+            let text = format!(
+                "{count} scores are above {OVERSHOOT}, the largest {largest:?}: they were taken for 1"
+            );
+            remarks.push(RemarkReport::of_all(RemarkKind::Assumed, text));
+        }
+        let by = usual
+            .iter()
+            .map(|is_usual| if *is_usual { 1.0 } else { other });
+        by.map(Self).collect()
     }
 
     /// A score of the file on our scale.
@@ -68,13 +75,36 @@ impl ScoreScale {
     }
 }
 
+fn scores(camera: &CameraFrames) -> impl Iterator<Item = f64> {
+    let keypoints = camera.frames.values().flatten().flatten().flatten();
+    keypoints.map(|it| it.score)
+}
+
+/// What scores that go up to `score` are divided by, and what is remarked.
+fn meaning(score: f64) -> (f64, RemarkKind, String) {
+    let [percent, bytes, most] = PERCENT_AND_BYTES;
+    let (by, word) = if (percent..bytes).contains(&score) {
+        (100.0, "percent")
+    } else if (bytes..most).contains(&score) {
+        (255.0, "numbers up to 255")
+    } else {
+        let text = "the scale is not known, and they were divided by that; what is certain and what is not may differ from \
+                    what the network meant";
+        return (score, RemarkKind::Doubtful, text.to_owned());
+    };
+    (
+        by,
+        RemarkKind::Assumed,
+        format!("they were taken for {word}"),
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::person::Candidate;
 
-    /// The scale of one camera's scores, and what is said of it.
-    fn scale(scores: &[f64]) -> (ScoreScale, String) {
+    fn camera(name: &str, scores: &[f64]) -> CameraFrames {
         let person = |score: &f64| {
             let mut person = [None; 17];
             person[0] = Some(Candidate {
@@ -84,47 +114,74 @@ mod tests {
             });
             person
         };
-        let camera = CameraFrames {
-            name: "a".to_owned(),
+        CameraFrames {
+            name: name.to_owned(),
             size_px: [2, 2],
             down: [0.0, 1.0],
-            source: "a".to_owned(),
+            source: name.to_owned(),
             frames: [(0, scores.iter().map(person).collect())].into(),
-        };
+        }
+    }
+
+    /// The scale of one camera's scores, and what is remarked.
+    fn scale(scores: &[f64]) -> (ScoreScale, String) {
         let mut remarks = Vec::new();
-        let scale = ScoreScale::of(&[camera], &mut remarks);
-        (
-            scale,
-            remarks
-                .first()
-                .map_or_else(String::new, |it| it.text.clone()),
-        )
+        let scales = ScoreScale::of(&[camera("a", scores)], &mut remarks);
+        let texts: Vec<String> = remarks.into_iter().map(|it| it.text).collect();
+        (scales[0], texts.join("; "))
+    }
+
+    /// 200 scores of 0.70 to 0.95.
+    fn usual() -> Vec<f64> {
+        (0..200).map(|i| 0.70 + 0.05 * f64::from(i % 6)).collect()
     }
 
     #[test]
     fn probabilities_stay_and_a_small_overshoot_is_cut() {
-        let (scale, said) = scale(&[0.5, 1.05]);
-        assert_eq!(said, "");
+        let (scale, remarked) = scale(&[0.5, 1.05]);
+        assert_eq!(remarked, "");
         assert!(scale.applied(0.5).to_bits() == 0.5f64.to_bits());
         assert!(scale.applied(1.05).to_bits() == 1.0f64.to_bits());
     }
 
     #[test]
-    fn percent_and_unknown_scales_are_divided_and_said() {
-        let (percent, said) = scale(&[98.0, 12.0]);
-        assert!(said.contains("percent"), "{said}");
-        assert!((percent.applied(98.0) - 0.98).abs() < 1e-12);
-        let (unknown, said) = scale(&[8.0, 4.0]);
-        assert!(said.contains("not known"), "{said}");
-        assert!((unknown.applied(4.0) - 0.5).abs() < 1e-12);
+    fn percent_bytes_and_unknown_scales_are_divided_and_remarked() {
+        for (by, word) in [
+            (100.0, "percent"),
+            (255.0, "up to 255"),
+            (8.0, "not known"),
+            (1000.0, "not known"),
+        ] {
+            let scores: Vec<f64> = usual().iter().map(|it| it * by).collect();
+            let (divided, remarked) = scale(&scores);
+            assert!(remarked.contains(word), "{by}: {remarked}");
+            let middle = divided.applied(0.8 * by);
+            assert!((0.75..0.95).contains(&middle), "{by}: {middle}");
+        }
     }
 
     #[test]
-    fn few_exceptions_do_not_make_a_scale() {
-        let mut scores = vec![0.8; 300];
-        scores.push(3.0);
-        let (exceptions, said) = scale(&scores);
-        assert!(said.contains("1 scores are above 1"), "{said}");
-        assert!(exceptions.applied(0.8).to_bits() == 0.8f64.to_bits());
+    fn a_few_scores_decide_no_scale_whatever_they_are() {
+        for wild in [1.3, 9.7, 1e9, f64::MAX, 100.0] {
+            let mut scores = usual();
+            scores.extend([wild, 1.3, 1.3, 1.3]);
+            let (usual, remarked) = scale(&scores);
+            assert!(remarked.contains("4 scores are above 1.25"), "{remarked}");
+            assert!(usual.applied(0.8).to_bits() == 0.8f64.to_bits());
+            assert!(usual.applied(wild).to_bits() == 1.0f64.to_bits());
+        }
+    }
+
+    #[test]
+    fn a_camera_with_percent_does_not_decide_over_one_with_fractions() {
+        let percent: Vec<f64> = usual().iter().map(|it| it * 100.0).collect();
+        let mut remarks = Vec::new();
+        let cameras = [camera("a", &usual()), camera("b", &percent)];
+        let scales = ScoreScale::of(&cameras, &mut remarks);
+        let ours = [scales[0].applied(0.8), scales[1].applied(80.0)];
+        assert!(ours.iter().all(|it| (it - 0.8).abs() < 1e-9), "{ours:?}");
+        assert_eq!(remarks.len(), 1);
+        assert_eq!(remarks[0].camera.as_deref(), Some("b"));
+        assert!(remarks[0].text.contains("percent"), "{remarks:?}");
     }
 }

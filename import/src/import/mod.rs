@@ -101,8 +101,8 @@ pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
         .first()
         .map_or(Format::OpenPose, |it| it.parsed.format);
     let left = &unsynchronised;
-    let cameras = cameras::matched(sources, left, &calibration.imported, &mut remarks)?;
-    let assembled = assemble(&cameras).map_err(ImportError::Refused)?;
+    let mut cameras = cameras::matched(sources, left, &calibration.imported, &mut remarks)?;
+    let assembled = assemble(&mut cameras).map_err(ImportError::Refused)?;
     remarks.extend(assembled.remarks.iter().cloned());
     let folder = Folder {
         name: key_chunk(&name_of(&request.folder)),
@@ -232,8 +232,8 @@ impl Folder {
         folder.write(Path::new(CALIBRATION), |file| {
             file.write_all(self.calibration.as_bytes())
         })?;
-        let Assembled { ticks, scale, .. } = &self.assembled;
-        for (camera, file) in self.cameras.iter().zip(&self.files) {
+        let Assembled { ticks, scales, .. } = &self.assembled;
+        for ((camera, file), scale) in self.cameras.iter().zip(&self.files).zip(scales) {
             folder.write(Path::new(file), |out| {
                 write_lines(&camera.frames, ticks, *scale, out)
             })?;
