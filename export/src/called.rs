@@ -6,9 +6,7 @@ use std::ops::Range;
 use crate::error::{ExportError, OptionField};
 use crate::options::{Format, Options};
 use crate::run::{PersonSurvey, Survey};
-
-/// Most characters of a name that go into the name of a file.
-const MOST_WORD_CHARACTERS: usize = 64;
+use crate::target_names::file_word;
 
 /// What a person is called.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -129,18 +127,6 @@ fn counted(texts: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
 fn free(person: u32, numbered: impl Fn(u64) -> String, is_taken: impl Fn(&str) -> bool) -> String {
     let mut texts = (u64::from(person)..).map(numbered);
     texts.find(|text| !is_taken(text)).unwrap_or_default()
-}
-
-/// `name` as a part of a file's name: what is no letter, digit, `-` or `_` becomes `_`.
-fn file_word(name: &str) -> String {
-    let safe = |c: char| {
-        if c.is_alphanumeric() || c == '-' {
-            c
-        } else {
-            '_'
-        }
-    };
-    name.chars().take(MOST_WORD_CHARACTERS).map(safe).collect()
 }
 
 #[cfg(test)]

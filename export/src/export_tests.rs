@@ -243,7 +243,7 @@ fn names_are_checked_and_kept_as_they_were_given() {
             .unwrap()
             .contains(",1,Ada & L.,joint,pelvis,")
     );
-    assert!(text(1).contains("\"person_Ada &amp; L.\""));
+    assert!(text(1).contains("\"person_Ada_&amp;_L.\""));
     assert!(text(2).contains("Ada & L."));
     request.existing = Existing::Replace;
     let mut refused = |person: u32, name: &str| {
@@ -256,7 +256,6 @@ fn names_are_checked_and_kept_as_they_were_given() {
         refused(777, "Ada").starts_with("found a name for person 777, expected one of [1, 2, 5]")
     );
     assert!(refused(1, "a\tb").contains("as the name of person 1"));
-    assert!(refused(1, &"x".repeat(200)).contains("the name of person 1 has 200 bytes"));
 }
 
 #[test]

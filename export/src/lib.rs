@@ -27,6 +27,7 @@ mod profile;
 pub mod run;
 pub mod skeleton;
 mod subject;
+mod target_names;
 pub mod timeline;
 mod together;
 

@@ -4,20 +4,17 @@ use std::collections::BTreeMap;
 
 use farfield_fusion::body::determined::{UNKNOWN_M, determined_joints};
 use farfield_fusion::body::skeleton::{Joint, sites_of};
+use farfield_fusion::export::marker_names::point_names;
 use farfield_proto::keypoints::KeypointSet;
 use nalgebra::Vector3;
 
 use crate::run::Sample;
 use crate::skeleton::RestPose;
 
-/// What points are called, as in our TRC files: a keypoint that is called like a joint is `keypoint_<name>`.
+/// What points are called, as in our TRC files: names that `OpenSim` takes, each once.
 pub(crate) fn names(keypoints: &[String]) -> Vec<String> {
-    let joints = Joint::ALL.iter().map(|joint| joint.name().to_owned());
-    let keypoints = keypoints.iter().map(|name| match Joint::from_name(name) {
-        Some(_) => format!("keypoint_{name}"),
-        None => name.clone(),
-    });
-    joints.chain(keypoints).collect()
+    let joints = Joint::ALL.map(|joint| joint.name().to_owned());
+    point_names(&joints, keypoints)
 }
 
 /// Per point, in the order of [`names`], whether these keypoints tell where it is at all: markers of our TRC files are

@@ -6,6 +6,7 @@
 
 pub mod full_disk;
 pub mod line;
+pub mod marker_names;
 pub mod mot;
 pub mod pose_files;
 pub mod rounding;
@@ -106,22 +107,15 @@ impl Layout {
         }
     }
 
-    /// The markers of a TRC file: the joints that are determined, then the keypoints, each name once. A keypoint
-    /// that is called like a joint is `keypoint_<name>`: the two differ where the network means another
-    /// point than the anatomical centre.
+    /// The markers of a TRC file: the joints that are determined, then the keypoints, as [`marker_names`] call them. The
+    /// two differ where the network means another point than the anatomical centre.
     pub fn markers(&self) -> Vec<String> {
-        let joints = self.joints.iter().zip(&self.is_marker);
-        let joints = joints.filter(|(_, is_marker)| **is_marker);
-        let keypoints = self.keypoints.iter().map(|name| {
-            if self.joints.contains(name) {
-                format!("keypoint_{name}")
-            } else {
-                name.clone()
-            }
-        });
-        joints
-            .map(|(name, _)| name.clone())
-            .chain(keypoints)
+        let names = marker_names::point_names(&self.joints, &self.keypoints);
+        let is_marker = self.is_marker.iter().copied();
+        let is_marker = is_marker.chain(std::iter::repeat(true));
+        let markers = names.into_iter().zip(is_marker);
+        markers
+            .filter_map(|(name, is_marker)| is_marker.then_some(name))
             .collect()
     }
 

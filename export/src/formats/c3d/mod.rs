@@ -15,10 +15,11 @@ mod parameters;
 
 use std::io::{self, Write};
 
-use self::parameters::{LONGEST, Parameters};
+use self::parameters::Parameters;
 use super::points::{Point, determined, names, points};
 use crate::axes::{Axes, Orientation, Unit};
 use crate::subject::Subject;
+use crate::target_names::{c3d_labels, c3d_text};
 use crate::timeline::{Frame, Origin};
 
 const DEFAULT_AXES: Axes = Axes {
@@ -62,18 +63,11 @@ impl<'a, W: Write> C3dWriter<'a, W> {
         let is_marker = determined(subject.keypoints);
         let labels = names(subject.keypoints).into_iter().zip(&is_marker);
         let labels = labels.filter_map(|(name, is_marker)| is_marker.then_some(name));
-        let labels: Vec<String> = labels.collect();
+        let labels = c3d_labels(labels.collect());
         if labels.len() > MOST_POINTS {
             return Err(refused(format!(
                 "{} points, a C3D file has room for {MOST_POINTS}",
                 labels.len()
-            )));
-        }
-        if subject.name.len() > LONGEST {
-            return Err(refused(format!(
-                "the name of person {} has {} bytes, a C3D file has room for {LONGEST}",
-                subject.id,
-                subject.name.len()
             )));
         }
         let n_frames = u32::try_from(subject.clock.n_frames())
@@ -220,7 +214,7 @@ fn parameters_of(
     p.group("SUBJECTS");
     p.integer("USED", 1)?;
     p.integer("IS_STATIC", 0)?;
-    p.texts("NAMES", &own(subject.name))?;
+    p.texts("NAMES", &own(c3d_text(subject.name)))?;
     p.texts("LABEL_PREFIXES", &own(""))?;
     p.group("MANUFACTURER");
     p.text("COMPANY", "Farfield")?;

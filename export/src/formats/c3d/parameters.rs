@@ -3,9 +3,8 @@
 use std::io;
 
 use super::BLOCK;
+use crate::target_names::C3D_BYTES;
 
-/// Longest name and text: their lengths are a byte, and some readers take it for signed.
-pub(super) const LONGEST: usize = 127;
 /// Intel's byte order and floating-point numbers.
 const INTEL: u8 = 84;
 
@@ -101,7 +100,7 @@ impl Parameters {
         if matches!(kind, Kind::Text)
             && dimensions
                 .first()
-                .is_some_and(|n| usize::from(*n) > LONGEST)
+                .is_some_and(|n| usize::from(*n) > C3D_BYTES)
         {
             return Err(too_long());
         }

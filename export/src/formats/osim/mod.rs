@@ -12,6 +12,7 @@ use std::io::{self, Write};
 
 use farfield_fusion::body::skeleton::angles::is_translation;
 use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
+use farfield_fusion::export::marker_names::opensim_name;
 use nalgebra::Vector3;
 
 use self::segments::{Coordinate, SEGMENTS, Segment, segment_of};
@@ -39,7 +40,7 @@ pub fn write_model(mut out: impl Write, subject: &Subject<'_>) -> io::Result<()>
     let offsets = &subject.survey.offsets;
     let mut xml = Xml::default();
     xml.open(&format!("OpenSimDocument Version=\"{VERSION}\""));
-    xml.open_named("Model", &format!("person_{}", subject.name));
+    xml.open_named("Model", &opensim_name(&format!("person_{}", subject.name)));
     xml.leaf(
         "credits",
         "Written by Farfield. Masses are guesses from the stature.",
