@@ -12,7 +12,7 @@
 //! port for as long as it is in the roster. Who is not there is not sent.
 
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 
 use farfield_export::axes::{Axes, Preset};
 use farfield_export::skeleton::{Bone, BoneNames};
@@ -26,25 +26,63 @@ use crate::shell::Shell;
 use crate::spec::VMC_PORTS;
 use crate::udp::{any_address, send_all};
 
-/// Messages of one datagram: below 1,500 bytes, as the specification asks.
-const MESSAGES_PER_BUNDLE: usize = 12;
+/// Largest datagram on this machine, bytes: what UDP over IPv4 carries. A frame has 1,696, and is one bundle.
+pub const LOOPBACK_BYTES: usize = 65_507;
+/// Largest datagram over a network, bytes: below 1,500, as the specification asks, with room for tunnels.
+pub const NETWORK_BYTES: usize = 1_400;
+/// What a bundle has before its first message, and before each of them its size, bytes (OSC 1.0).
+const BUNDLE_HEAD: usize = 16;
+const MESSAGE_HEAD: usize = 4;
 
-/// The datagrams of one person of a frame, each a bundle; `None` where OSC cannot encode them, which no frame causes.
-pub fn datagrams(frame: &Frame, person: &PersonFrame) -> Option<Vec<Vec<u8>>> {
-    let axes = Axes::of_points(Preset::Unity);
-    let root_m = Vector3::new(person.motion.root_m.x, person.motion.root_m.y, 0.0);
-    let mut messages = vec![
+/// The largest datagram that the path to `to` takes whole.
+pub fn most_bytes(to: IpAddr) -> usize {
+    if to.to_canonical().is_loopback() {
+        LOOPBACK_BYTES
+    } else {
+        NETWORK_BYTES
+    }
+}
+
+/// The datagrams of one person of a frame, each a bundle of at most `most_bytes`, in as few as will do. Each has the state
+/// and the time, for receivers take a bundle for a frame. `None` where OSC cannot encode them, which no frame causes.
+pub fn datagrams(frame: &Frame, person: &PersonFrame, most_bytes: usize) -> Option<Vec<Vec<u8>>> {
+    let state = vec![
         // A model is loaded; it is calibrated; the normal mode; tracked.
         message("/VMC/Ext/OK", [1, 3, 0, 1].map(OscType::Int).to_vec()),
         message("/VMC/Ext/T", vec![OscType::Float(frame.elapsed_s as f32)]),
-        posed(
-            "/VMC/Ext/Root/Pos",
-            "root",
-            &axes.point(&root_m),
-            &UnitQuaternion::identity(),
-        ),
     ];
-    messages.extend(Bone::ALL.map(|bone| {
+    let empty_bytes = BUNDLE_HEAD + sizes(&state)?.iter().sum::<usize>();
+    let poses = poses(person);
+    let (mut parts, mut bytes) = (vec![state.clone()], empty_bytes);
+    for (pose, size) in poses.iter().zip(sizes(&poses)?) {
+        if bytes + size > most_bytes && bytes > empty_bytes {
+            parts.push(state.clone());
+            bytes = empty_bytes;
+        }
+        parts.last_mut()?.push(pose.clone());
+        bytes += size;
+    }
+    // "Immediately": the time is in the messages.
+    let timetag = OscTime {
+        seconds: 0,
+        fractional: 1,
+    };
+    let bundle = |content| OscPacket::Bundle(OscBundle { timetag, content });
+    let parts = parts.into_iter().map(bundle);
+    parts.map(|part| encoder::encode(&part).ok()).collect()
+}
+
+/// Root and bones.
+fn poses(person: &PersonFrame) -> Vec<OscPacket> {
+    let axes = Axes::of_points(Preset::Unity);
+    let root_m = Vector3::new(person.motion.root_m.x, person.motion.root_m.y, 0.0);
+    let mut poses = vec![posed(
+        "/VMC/Ext/Root/Pos",
+        "root",
+        &axes.point(&root_m),
+        &UnitQuaternion::identity(),
+    )];
+    poses.extend(Bone::ALL.map(|bone| {
         let i = bone.index();
         let at_m = match bone.parent() {
             None => person.motion.root_m - root_m,
@@ -57,16 +95,13 @@ pub fn datagrams(frame: &Frame, person: &PersonFrame) -> Option<Vec<Vec<u8>>> {
             &axes.rotation(&person.motion.rotations[i]),
         )
     }));
-    let bundles = messages.chunks(MESSAGES_PER_BUNDLE).map(|content| {
-        // "Immediately": the time is in the messages.
-        let timetag = OscTime {
-            seconds: 0,
-            fractional: 1,
-        };
-        let content = content.to_vec();
-        encoder::encode(&OscPacket::Bundle(OscBundle { timetag, content })).ok()
-    });
-    bundles.collect()
+    poses
+}
+
+/// What each message takes in a bundle, bytes.
+fn sizes(messages: &[OscPacket]) -> Option<Vec<usize>> {
+    let size = |it| Some(MESSAGE_HEAD + encoder::encode(it).ok()?.len());
+    messages.iter().map(size).collect()
 }
 
 fn message(address: &str, args: Vec<OscType>) -> OscPacket {
@@ -98,7 +133,7 @@ pub(crate) async fn send(first: SocketAddr, shell: Shell) -> io::Result<SocketAd
                     continue;
                 };
                 let to = SocketAddr::new(first.ip(), first.port().saturating_add(port));
-                let sent = match datagrams(&frame, person) {
+                let sent = match datagrams(&frame, person, most_bytes(to.ip())) {
                     Some(all) => send_all(&socket, &all, to).await,
                     None => Err(io::Error::other("cannot be encoded")),
                 };
@@ -123,22 +158,66 @@ mod tests {
     use crate::frame::FrameMaker;
     use crate::synthetic;
 
+    /// The messages of a bundle.
+    fn content(datagram: &[u8]) -> Vec<OscMessage> {
+        let (_, packet) = rosc::decoder::decode_udp(datagram).unwrap();
+        let OscPacket::Bundle(bundle) = packet else {
+            panic!("no bundle")
+        };
+        let messages = bundle.content.into_iter().map(|packet| match packet {
+            OscPacket::Message(message) => message,
+            OscPacket::Bundle(_) => panic!("no message"),
+        });
+        messages.collect()
+    }
+
     fn messages(frame: &Frame, person: &PersonFrame) -> Vec<OscMessage> {
+        let [whole] = &datagrams(frame, person, LOOPBACK_BYTES).unwrap()[..] else {
+            panic!("several datagrams")
+        };
+        content(whole)
+    }
+
+    /// What comes to a real socket, whatever the path is said to take.
+    async fn received(most_bytes: usize) -> Vec<Vec<u8>> {
+        let frame = synthetic::frame(77);
+        let sent = datagrams(&frame, &frame.persons[1], most_bytes).unwrap();
+        let receiver = UdpSocket::bind("127.0.0.1:0").await.unwrap();
+        let sender = UdpSocket::bind("127.0.0.1:0").await.unwrap();
+        let to = receiver.local_addr().unwrap();
+        send_all(&sender, &sent, to).await.unwrap();
         let mut all = Vec::new();
-        for datagram in datagrams(frame, person).unwrap() {
-            assert!(datagram.len() < 1500, "{} bytes", datagram.len());
-            let (_, packet) = rosc::decoder::decode_udp(&datagram).unwrap();
-            let OscPacket::Bundle(bundle) = packet else {
-                panic!("no bundle")
-            };
-            for packet in bundle.content {
-                let OscPacket::Message(message) = packet else {
-                    panic!("no message")
-                };
-                all.push(message);
-            }
+        for _ in &sent {
+            let mut bytes = vec![0; LOOPBACK_BYTES];
+            let length = receiver.recv(&mut bytes).await.unwrap();
+            all.push(bytes[..length].to_vec());
         }
         all
+    }
+
+    #[tokio::test]
+    async fn every_datagram_has_state_and_time_and_on_this_machine_one_holds_all_bones() {
+        let here = "127.0.0.1".parse().unwrap();
+        let afar = "192.168.1.20".parse().unwrap();
+        for (path, parts) in [(here, 1), (afar, 2)] {
+            let most_bytes = most_bytes(path);
+            let datagrams = received(most_bytes).await;
+            assert_eq!(datagrams.len(), parts);
+            let mut bones = 0;
+            for datagram in &datagrams {
+                assert!(datagram.len() <= most_bytes, "{} bytes", datagram.len());
+                let content = content(datagram);
+                let [ok, time] = [&content[0], &content[1]];
+                assert_eq!([&*ok.addr, &*time.addr], ["/VMC/Ext/OK", "/VMC/Ext/T"]);
+                let of_bones = content.iter().filter(|it| it.addr == "/VMC/Ext/Bone/Pos");
+                bones += of_bones.count();
+            }
+            assert_eq!(bones, Bone::ALL.len());
+        }
+        assert_eq!(received(LOOPBACK_BYTES).await[0].len(), 1696);
+        for ip in ["::1", "::ffff:127.0.0.1", "127.0.0.2"] {
+            assert_eq!(most_bytes(ip.parse().unwrap()), LOOPBACK_BYTES, "{ip}");
+        }
     }
 
     /// Position and rotation of a message.
