@@ -23,6 +23,7 @@ pub mod order_statistics;
 pub mod patch;
 pub mod person_name;
 pub mod plausibility;
+pub mod printed;
 pub mod subject;
 pub mod tick;
 pub mod toml_file;

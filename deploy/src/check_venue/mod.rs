@@ -18,6 +18,7 @@ use farfield_node::log::start_log;
 use farfield_node::process::{NodeError, Told, exit_code_told};
 use farfield_proto::calibration::Calibration;
 use farfield_proto::plausibility::{self, Cause, Finding, Severity};
+use farfield_proto::printed::fixed;
 use farfield_proto::venue::Venue;
 use farfield_sim::simulated::VenueSources;
 
@@ -163,10 +164,11 @@ fn look_at_calibration(venue: &Venue, report: &mut ReportLines) {
     let seen = plausibility::coverage(venue);
     let [x0, y0, _] = venue.field.min_m;
     let [x1, y1, _] = venue.field.max_m;
+    let [x0, x1, y0, y1] = [x0, x1, y0, y1].map(|v| fixed(v, 1));
     report.ok(
         "calibration",
         format!(
-            "two viewpoints or more see {:.0} % of the field, x {x0:.1} to {x1:.1} m, y {y0:.1} to {y1:.1} m, from its floor to 2 m",
+            "two viewpoints or more see {:.0} % of the field, x {x0} to {x1} m, y {y0} to {y1} m, from its floor to 2 m",
             100.0 * seen.by_two
         ),
     );

@@ -4,6 +4,7 @@
 use super::state::{CameraState, ClockState, Mark, NodeState, PatchState, VenueState};
 use farfield_proto::message::agreement::CameraAgreement;
 use farfield_proto::message::live::CameraHealth;
+use farfield_proto::printed::signed;
 
 /// The columns, from the left; behind them stands what is not as it should be.
 const HEAD: [&str; 11] = [
@@ -234,7 +235,7 @@ fn patches(patches: &PatchState) -> String {
 }
 
 fn clock(clock: &ClockState) -> String {
-    let offset = clock.offset_ms.map(|ms| format!("{ms:+.1}"));
+    let offset = clock.offset_ms.map(|ms| signed(ms, 1));
     let bound = clock.uncertainty_ms.map(|ms| format!("±{ms:.1}"));
     let kept = match clock.synchronised {
         Some(true) => Some("kept".to_owned()),

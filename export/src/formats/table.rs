@@ -12,6 +12,7 @@ use std::io::{self, Write};
 use farfield_fusion::body::skeleton::ANGLE_NAMES;
 use farfield_fusion::body::skeleton::angles::is_translation;
 use farfield_proto::message::PersonState;
+use farfield_proto::printed::fixed;
 
 use super::points::{Point, determined, names, points};
 use crate::axes::{Axes, Unit};
@@ -57,15 +58,6 @@ impl Style {
             .sigma_m
             .map(|sigma_m| self.length(sigma_m * self.axes.unit.per_metre()));
         sigma.unwrap_or_default()
-    }
-}
-
-fn fixed(value: f64, decimals: usize) -> String {
-    let text = format!("{value:.decimals$}");
-    // Rounded to zero from below it would read -0.
-    match text.strip_prefix('-') {
-        Some(rest) if rest.bytes().all(|b| b == b'0' || b == b'.') => rest.to_owned(),
-        _ => text,
     }
 }
 
@@ -280,15 +272,4 @@ impl<W: Write> TidyWriter<W> {
 /// What the points of these keypoints are called in tables, joints first.
 pub fn point_names(keypoints: &[String]) -> Vec<String> {
     names(keypoints)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn zero_has_no_sign() {
-        assert_eq!(fixed(-1e-9, 5), "0.00000");
-        assert_eq!(fixed(-0.5, 1), "-0.5");
-    }
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use farfield_proto::message::agreement::CameraAgreement;
+use farfield_proto::printed::signed;
 use serde::{Deserialize, Serialize};
 
 use crate::sightings::diagnosis::SightingDiagnosis;
@@ -40,7 +41,7 @@ impl CameraDetails {
         let drift = self
             .drift_ticks_per_minute
             .map_or_else(String::new, |drift| {
-                format!(", drifts {drift:+.1} ticks a minute")
+                format!(", drifts {} ticks a minute", signed(drift, 1))
             });
         used + &drift
     }
@@ -383,4 +384,22 @@ pub enum PictureOfAll {
         /// What must be added to them then, as shares of the calibrated picture's width and height.
         shift: [f64; 2],
     },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drift_that_rounds_to_nothing_has_no_minus() {
+        let words = |drift: f64| {
+            let details = CameraDetails {
+                drift_ticks_per_minute: Some(drift),
+                ..CameraDetails::default()
+            };
+            details.words()
+        };
+        assert_eq!(words(-0.04), ", drifts +0.0 ticks a minute");
+        assert_eq!(words(-0.16), ", drifts -0.2 ticks a minute");
+    }
 }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::live::MAX_EDGES;
 use crate::id::CameraIndex;
+use crate::printed::signed;
 use crate::wire::MAX_CAMERAS;
 
 /// Most cameras in one status: all that a venue may have.
@@ -69,7 +70,9 @@ impl CameraAgreement {
             _ => String::new(),
         };
         let late = self.late_ticks.filter(|late| late.abs() >= 0.05);
-        let late = late.map_or_else(String::new, |late| format!(", {late:+.1} ticks late"));
+        let late = late.map_or_else(String::new, |late| {
+            format!(", {} ticks late", signed(f64::from(late), 1))
+        });
         format!("{verdict}{apart}{late}")
     }
 }

@@ -5,6 +5,7 @@ use farfield_calibration::alignment::{
     drawn_marks, fit_one_camera,
 };
 use farfield_proto::court::Court;
+use farfield_proto::printed::fixed;
 use serde::Serialize;
 
 use super::pictures::MarkedPicture;
@@ -190,9 +191,10 @@ fn in_words(fitted: &OneCameraFit, court: Option<&Court>) -> String {
         })
         .collect();
     let [x, y, z]: [f64; 3] = fitted.state.center_w.into();
+    let [x, y, z] = [x, y, z].map(|v| fixed(v, 1));
     let fits = fitted.residuals.len() - off.len();
     let place = format!(
-        "{fits} clicks fit to {:.1} px; the camera stands at ({x:.1}, {y:.1}, {z:.1}) m",
+        "{fits} clicks fit to {:.1} px; the camera stands at ({x}, {y}, {z}) m",
         fitted.rms_px
     );
     match off.as_slice() {
