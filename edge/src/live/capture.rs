@@ -120,6 +120,11 @@ impl FramePlacer {
         self.delivery.is_distrusted()
     }
 
+    /// By how much the clock of the time stamps was set ahead since the last call, microseconds, if it was set.
+    pub fn take_step_us(&mut self) -> Option<Micros> {
+        self.delivery.take_step_us()
+    }
+
     /// Capture by the own clock: the time stamp where there is one, carried over by the quickest delivery.
     fn captured_us(&mut self, frame: Arrived) -> Micros {
         let quickest_us = frame.stamp_us.map_or(frame.now_us, |stamp_us| {

@@ -7,6 +7,9 @@
 //!
 //! What coding, network and decoding take beyond the quickest is jitter, and falls out. The stamps must be those of a clock:
 //! some streams only count frames as if they came at a fixed rate. So stamps count while they go as fast as time does.
+//!
+//! A stamp that no delivery explains (the picture came before it was captured, or before the one before it) is wrong: its
+//! picture is taken to be of when it came. Where such stamps agree for a while, the clock was set, and times begin anew.
 
 use super::{Micros, SECOND_US};
 
@@ -25,6 +28,11 @@ const APART_US: Micros = 100_000;
 /// When for the whole of such a time everything came later than the quickest by more, microseconds, that was of another clock or path.
 const SHIFT_US: Micros = 10_000;
 
+/// Stamps that no delivery explains are of a clock that was set when so many in a row agree to [`APART_US`], for so long,
+/// microseconds: pictures that a network held up come in a burst, whose stamps do not go as time does.
+const FEWEST_AFTER_STEP: u32 = 5;
+const STEP_LASTS_US: Micros = 200_000;
+
 /// What is known of one camera's deliveries.
 #[derive(Debug, Clone, Default)]
 pub struct Delivery {
@@ -37,6 +45,21 @@ pub struct Delivery {
     /// Stamp and arrival where that over a longer time began.
     since_long: Option<[Micros; 2]>,
     long: Comparison,
+    /// The last stamp that a delivery explained.
+    last_stamp_us: Option<Micros>,
+    unexplained: Option<Unexplained>,
+    /// By how much the clock of the stamps was set, until that is taken.
+    step_us: Option<Micros>,
+}
+
+/// Stamps in a row that no delivery explains, and that agree: how many, arrival less stamp and arrival of the first, and
+/// the least difference since.
+#[derive(Debug, Clone, Copy)]
+struct Unexplained {
+    count: u32,
+    took_us: Micros,
+    from_us: Micros,
+    least_us: Micros,
 }
 
 /// How stamps and arrivals compared last.
@@ -76,6 +99,11 @@ impl Delivery {
     /// `now_us` where its stamp says nothing.
     pub fn captured_us(&mut self, stamp_us: Micros, now_us: Micros) -> Micros {
         let took_us = now_us.saturating_sub(stamp_us);
+        if !self.is_explained(stamp_us, took_us) && !self.is_set(took_us, now_us) {
+            return now_us;
+        }
+        self.unexplained = None;
+        self.last_stamp_us = Some(stamp_us);
         self.compare(stamp_us, now_us, took_us);
         if self.is_distrusted() {
             return now_us;
@@ -89,6 +117,47 @@ impl Delivery {
         self.quickest_us[0] = Some(newest_us);
         let quickest_us = self.quickest_us[1].map_or(newest_us, |least| least.min(newest_us));
         stamp_us.saturating_add(quickest_us)
+    }
+
+    /// By how much the clock of the stamps was set ahead since the last call, microseconds, if it was set.
+    pub fn take_step_us(&mut self) -> Option<Micros> {
+        self.step_us.take()
+    }
+
+    /// The quickest delivery of the last minute.
+    fn quickest_of_all_us(&self) -> Option<Micros> {
+        self.quickest_us.iter().flatten().min().copied()
+    }
+
+    /// Whether pictures that come in order can have such a stamp.
+    fn is_explained(&self, stamp_us: Micros, took_us: Micros) -> bool {
+        let is_ahead = |quickest_us: Micros| took_us < quickest_us.saturating_sub(APART_US);
+        let is_back = |last_us: Micros| stamp_us < last_us.saturating_sub(APART_US);
+        !self.quickest_of_all_us().is_some_and(is_ahead) && !self.last_stamp_us.is_some_and(is_back)
+    }
+
+    /// Counts a stamp that no delivery explains; says whether the clock was set. Then all begins anew.
+    fn is_set(&mut self, took_us: Micros, now_us: Micros) -> bool {
+        let first = Unexplained {
+            count: 0,
+            took_us,
+            from_us: now_us,
+            least_us: took_us,
+        };
+        let agrees = |it: &Unexplained| took_us.abs_diff(it.took_us) <= APART_US.unsigned_abs();
+        let mut row = self.unexplained.filter(agrees).unwrap_or(first);
+        row.count += 1;
+        row.least_us = row.least_us.min(took_us);
+        let is_set = row.count >= FEWEST_AFTER_STEP && now_us - row.from_us >= STEP_LASTS_US;
+        self.unexplained = Some(row);
+        if is_set {
+            self.step_us = self
+                .quickest_of_all_us()
+                .map(|it| it.saturating_sub(row.least_us));
+            self.quickest_us = [Some(row.least_us), None];
+            (self.turned_at_us, self.since, self.since_long) = (None, None, None);
+        }
+        is_set
     }
 
     /// Whether the stamps do not go as time does.
@@ -126,9 +195,8 @@ impl Delivery {
             self.since_long = Some([stamp_us, now_us]);
         }
         let is_distrusted = self.is_distrusted();
-        let kept_us = self.quickest_us.iter().flatten().min();
-        let is_shifted =
-            kept_us.is_some_and(|kept_us| least_us.saturating_sub(*kept_us) > SHIFT_US);
+        let kept_us = self.quickest_of_all_us();
+        let is_shifted = kept_us.is_some_and(|kept_us| least_us.saturating_sub(kept_us) > SHIFT_US);
         if is_distrusted || was_distrusted || is_shifted {
             self.quickest_us = [(!is_distrusted).then_some(least_us), None];
             self.turned_at_us = None;
@@ -260,6 +328,80 @@ mod tests {
                 late.iter().all(|us| us.abs() < 5_000),
                 "{jump_us}: {late:?}"
             );
+        }
+    }
+
+    /// Errors of the placed captures, and steps that were reported, of a camera whose stamps are `wrong_us` off.
+    fn placed(wrong_us: impl Fn(usize) -> Micros) -> (Vec<Micros>, Vec<Micros>) {
+        let mut delivery = Delivery::default();
+        let (mut errors, mut steps) = (Vec::new(), Vec::new());
+        for (n, captured_us) in captures(20).enumerate() {
+            let now_us = captured_us + jitter(captured_us);
+            let stamp_us = captured_us + wrong_us(n);
+            errors.push(delivery.captured_us(stamp_us, now_us) - captured_us);
+            steps.extend(delivery.take_step_us());
+        }
+        assert!(!delivery.is_distrusted());
+        (errors, steps)
+    }
+
+    #[test]
+    fn one_stamp_that_is_hours_off_costs_one_picture_at_most() {
+        const HOURS_US: Micros = 3 * 3600 * SECOND_US;
+        for wrong_us in [HOURS_US, -HOURS_US, i64::MAX / 2, i64::MIN / 2, 500_000] {
+            // At each place between two comparisons.
+            for at in 300..420 {
+                let (errors, steps) = placed(|n| if n == at { wrong_us } else { 0 });
+                let worst = errors[100..].iter().map(|us| us.abs()).max();
+                assert!(worst <= Some(40_000), "{wrong_us} at {at}: {worst:?}");
+                let off = errors[100..].iter().filter(|us| us.abs() > 5_000).count();
+                assert!(off <= 1 && steps.is_empty(), "{wrong_us} at {at}: {off}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_clock_that_is_set_is_a_new_beginning_and_reported_once() {
+        for step_us in [10, -10, 3 * 3600, -3 * 3600].map(|s| s * SECOND_US) {
+            let (errors, steps) = placed(|n| if n >= 400 { step_us } else { 0 });
+            let [reported_us] = steps[..] else {
+                panic!("{step_us}: {steps:?}")
+            };
+            assert!((reported_us - step_us).abs() < 50_000, "{reported_us}");
+            // Until then a picture is of when it came.
+            assert!(errors[100..].iter().all(|us| us.abs() <= 40_000));
+            assert!(errors[450..].iter().all(|us| us.abs() < 5_000));
+        }
+    }
+
+    #[test]
+    fn a_wrong_first_stamp_and_stamps_that_are_there_twice_do_no_harm() {
+        let (errors, _) = placed(|n| if n == 0 { 3600 * SECOND_US } else { 0 });
+        assert!(errors[50..].iter().all(|us| us.abs() < 5_000));
+        // Every tenth stamp is that of the picture before.
+        let (errors, steps) = placed(|n| if n % 10 == 9 { -20_000 } else { 0 });
+        assert!(errors[100..].iter().all(|us| us.abs() <= 25_000));
+        assert!(steps.is_empty());
+    }
+
+    #[test]
+    fn pictures_that_were_held_up_for_long_are_of_when_they_were_captured() {
+        let mut delivery = Delivery::default();
+        for (n, captured_us) in captures(40).enumerate() {
+            // They come within a fifth of a second then.
+            let held_until_us = 30_000_000 + 200 * (n as Micros - 400).max(0);
+            let is_held = (9_000_000..30_000_000).contains(&captured_us);
+            let now_us = if is_held {
+                held_until_us
+            } else {
+                captured_us + 300_000
+            };
+            let placed_us = delivery.captured_us(captured_us, now_us.max(captured_us));
+            assert!(delivery.take_step_us().is_none(), "{captured_us}");
+            if captured_us < 29_000_000 {
+                let error_us = placed_us - captured_us - 300_000;
+                assert!(error_us.abs() < 5_000, "{captured_us}: {error_us}");
+            }
         }
     }
 

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use farfield_node::process::say;
 use farfield_proto::id::CameraIndex;
+use farfield_proto::printed::signed;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 
@@ -191,6 +192,13 @@ impl LiveCamera {
                 say(format_args!(
                     "camera `{}`: the times in its stream do not go as time does; its pictures are taken to be of the time at which they come",
                     camera.model.name()
+                ));
+            }
+            if let Some(step_us) = placer.take_step_us() {
+                say(format_args!(
+                    "camera `{}`: the clock of its stream was set by {} s against that of this machine; its times begin anew",
+                    camera.model.name(),
+                    signed(step_us as f64 / 1e6, 1)
                 ));
             }
             let misplaced = placed.err();
