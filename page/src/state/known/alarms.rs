@@ -271,20 +271,8 @@ impl Found<'_> {
             if let Some(edge) = nodes.edge_live(viewpoint).filter(|_| link.live) {
                 self.load(name, &subject, edge);
             }
-            let missing = nodes
-                .get(None)
-                .and_then(|fusion| fusion.losses_per_s(index)[1]);
-            if let Some(missing) = missing.filter(|missing| link.live && *missing >= MISSING_PER_S)
-            {
-                let text = format!("of {missing:.0} ticks a second nothing comes from {name}");
-                let remedy = "the link loses messages: look at its cable or radio; give it more room or fewer people";
-                self.say(
-                    Severity::Warning,
-                    format!("{key}/missing"),
-                    &subject,
-                    text,
-                    remedy,
-                );
+            if link.live {
+                self.missing((index, viewpoint), name, &subject);
             }
             let lost = format!("{key}/dropped");
             if self.growth.has_grown(&lost, health.dropped, self.of.now_us) {
@@ -297,6 +285,51 @@ impl Found<'_> {
             }
             self.clock(name, link.clock_offset_us, health.clock_uncertainty_us);
         }
+    }
+
+    /// That ticks of a viewpoint are missing at fusion, by what most of them are lost to: nodes count what they do not do,
+    /// and what is left was lost on the way.
+    fn missing(&mut self, (link, viewpoint): (usize, ViewpointIndex), name: &str, subject: &str) {
+        let (context, nodes) = (self.of.context, self.of.nodes);
+        let Some(fusion) = nodes.get(None) else {
+            return;
+        };
+        let [late, missing] = fusion.losses_per_s(link).map(Option::unwrap_or_default);
+        if missing < MISSING_PER_S {
+            return;
+        }
+        let not_done = nodes.get(Some(viewpoint));
+        let not_done = not_done.and_then(HeardNode::missed_per_s).unwrap_or(0.0);
+        let every_nth = nodes.edge_live(viewpoint).map_or(1, |it| it.every_nth_tick);
+        let left_out = context.venue.rate_hz * (1.0 - 1.0 / f64::from(every_nth.max(1)));
+        let dropped = fusion.dropped_per_s(link).unwrap_or(0.0);
+        let lost = missing - late - not_done - left_out - dropped;
+        let most = [late, not_done, left_out, dropped, lost]
+            .into_iter()
+            .fold(0.0, f64::max);
+        let is_most = |cause: f64| cause >= most;
+        let (why, remedy) = if is_most(left_out) || is_most(dropped) {
+            // Alarms of their own say so.
+            return;
+        } else if is_most(not_done) {
+            (
+                ", which it did not work on",
+                "its processor is too busy: end other programs there, give it fewer cameras or a smaller network: `farfield bench`",
+            )
+        } else if is_most(late) {
+            (
+                " in time",
+                "none is lost: its processor is too busy, or its link too slow: `farfield status` has its stages and round trip",
+            )
+        } else {
+            (
+                "",
+                "the link loses messages: look at its cable or radio; give it more room or fewer people",
+            )
+        };
+        let text = format!("of {missing:.0} ticks a second nothing comes from {name}{why}");
+        let key = format!("link/{name}/missing");
+        self.say(Severity::Warning, key, subject, text, remedy);
     }
 
     /// What an edge leaves out because its link carries no more.

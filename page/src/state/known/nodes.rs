@@ -42,8 +42,12 @@ pub(super) struct HeardNode {
 #[derive(Debug, Clone)]
 struct Counts {
     tick: Option<i64>,
+    /// Ticks that the node did not work on.
+    missed: Option<u64>,
     /// Late and missing sets, by link.
     links: Vec<[u64; 2]>,
+    /// Messages that found no place at fusion, by link.
+    dropped: Vec<u64>,
 }
 
 impl Counts {
@@ -51,7 +55,9 @@ impl Counts {
         let edges = status.live.iter().flat_map(|live| &live.edges);
         Self {
             tick: status.tick.map(|tick| tick.0),
+            missed: status.live.as_ref().map(|live| live.missed_ticks),
             links: edges.map(|edge| [edge.late, edge.missing]).collect(),
+            dropped: status.health.links.iter().map(|it| it.dropped).collect(),
         }
     }
 }
@@ -75,24 +81,33 @@ impl HeardNode {
         self.rate(self.status.tick?.0, before.tick?, *before_us)
     }
 
+    /// By how much a counter grows a second.
+    fn grown_per_s(&self, count: impl Fn(&Counts) -> Option<u64>) -> Option<f64> {
+        let (before, before_us) = self.before.as_ref()?;
+        let now = count(&Counts::of(&self.status))?;
+        self.rate(
+            i64::try_from(now).ok()?,
+            i64::try_from(count(before)?).ok()?,
+            *before_us,
+        )
+    }
+
     /// Late and missing sets a second of a link.
     pub(super) fn losses_per_s(&self, link: usize) -> [Option<f64>; 2] {
-        let now = self.live().and_then(|live| live.edges.get(link));
-        let before = self.before.as_ref();
-        let (Some(now), Some((before, before_us))) = (now, before) else {
-            return [None; 2];
+        let of_link = |which: usize| {
+            self.grown_per_s(|counts| counts.links.get(link).map(|losses| losses[which]))
         };
-        let Some(before) = before.links.get(link) else {
-            return [None; 2];
-        };
-        let rate = |now: u64, before: u64| {
-            self.rate(
-                i64::try_from(now).ok()?,
-                i64::try_from(before).ok()?,
-                *before_us,
-            )
-        };
-        [rate(now.late, before[0]), rate(now.missing, before[1])]
+        [of_link(0), of_link(1)]
+    }
+
+    /// Messages of a link a second that found no place at fusion.
+    pub(super) fn dropped_per_s(&self, link: usize) -> Option<f64> {
+        self.grown_per_s(|counts| counts.dropped.get(link).copied())
+    }
+
+    /// Ticks a second that the node did not work on, though they were due.
+    pub(super) fn missed_per_s(&self) -> Option<f64> {
+        self.grown_per_s(|counts| counts.missed)
     }
 }
 

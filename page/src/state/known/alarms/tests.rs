@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::Status;
 use farfield_proto::message::live::CameraHealth;
 use farfield_proto::tick::Tick;
@@ -196,4 +197,60 @@ fn a_notice_is_told_in_its_own_words_with_its_own_remedy() {
             ),
         ]
     );
+}
+
+/// Symptom: wherever ticks of a viewpoint were missing, the link was said to lose messages, also where the processor was busy.
+#[test]
+fn missing_ticks_are_blamed_on_what_loses_most_of_them() {
+    /// What of fusion's link and of the edge grows by so many a second.
+    #[derive(Default)]
+    struct Grows {
+        late: u64,
+        missing: u64,
+        missed_ticks: u64,
+    }
+    let alarm = |grows: Grows| {
+        let context = context();
+        let mut known = Known::new(Arc::clone(&context));
+        let viewpoint = context.node_name(Some(ViewpointIndex(0))).to_owned();
+        tell(&mut known, &context, [0, 301], |status| {
+            let s = status.tick.map_or(0, |tick| tick.0.unsigned_abs() / 60);
+            let is_edge = status.node == viewpoint;
+            let Some(live) = &mut status.live else {
+                return true;
+            };
+            if is_edge {
+                live.missed_ticks = s * grows.missed_ticks;
+            } else if let Some(link) = live.edges.first_mut() {
+                (link.late, link.missing) = (s * grows.late, s * grows.missing);
+            }
+            true
+        });
+        let key = format!("link/{viewpoint}/missing");
+        let alarms = status_of(&mut known).alarms;
+        alarms.into_iter().find(|alarm| alarm.key == key)
+    };
+    let with_missing = |late: u64, missed_ticks: u64| Grows {
+        late,
+        missing: 10,
+        missed_ticks,
+    };
+    for (grows, why, remedy) in [
+        (with_missing(0, 0), "north-east", "the link loses messages"),
+        (with_missing(1, 2), "north-east", "the link loses messages"),
+        (
+            with_missing(0, 9),
+            "did not work on",
+            "processor is too busy",
+        ),
+        (with_missing(8, 1), "in time", "none is lost"),
+    ] {
+        let alarm = alarm(grows).unwrap();
+        assert!(alarm.text.starts_with("of 10 ticks a second"), "{alarm:?}");
+        assert!(
+            alarm.text.contains(why) && alarm.remedy.contains(remedy),
+            "{alarm:?}"
+        );
+    }
+    assert_eq!(alarm(Grows::default()), None);
 }
