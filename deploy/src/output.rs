@@ -3,6 +3,10 @@
 use std::io::{self, ErrorKind, Write as _, stdout};
 
 use anyhow::Context as _;
+use farfield_proto::plain_text;
+
+/// Empties the terminal and begins at its top.
+const CLEAR: &str = "\u{1b}[H\u{1b}[2J";
 
 /// Whether somebody reads standard output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,7 +17,7 @@ pub enum Reader {
     Gone,
 }
 
-/// Prints `text` as it is. A reader that has gone wants no more, which is no error.
+/// Prints `text`. Text of others may stand in it: see [`plain_text`]. A reader that has gone wants no more, which is no error.
 ///
 /// # Errors
 /// When the text cannot be written, for example because the disk behind standard output is full.
@@ -26,6 +30,18 @@ pub fn print(text: &str) -> anyhow::Result<()> {
 /// # Errors
 /// As [`print()`].
 pub fn print_while_read(text: &str) -> anyhow::Result<Reader> {
+    write(&plain_text::lines(text))
+}
+
+/// [`print_while_read`] of a picture that takes the place of the one before on the terminal.
+///
+/// # Errors
+/// As [`print()`].
+pub fn print_over(text: &str) -> anyhow::Result<Reader> {
+    write(&(CLEAR.to_owned() + &plain_text::lines(text)))
+}
+
+fn write(text: &str) -> anyhow::Result<Reader> {
     let mut out = stdout().lock();
     reader_after(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
         .context("writing to standard output")

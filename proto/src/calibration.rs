@@ -19,12 +19,17 @@ use crate::camera::{
     CameraError, CameraModel, Distortion, Intrinsics, LensModel, MAX_TRANSLATION_M,
 };
 use crate::frames::Transform;
+use crate::plain_text::is_plain;
 use crate::toml_file::{FileError, Place, TomlFile};
 
 pub use self::file_text::{FORMATS_READ, text_of};
 
 /// Two cameras of one venue are at most this far apart, metres; more means other units.
 pub const MAX_DISTANCE_M: f64 = 500.0;
+
+/// Longest name of a camera: with a prefix, a tick and an ending it fits the 255 bytes of a file's name, also where every
+/// byte of it is written as `%2F`.
+const MOST_CAMERA_NAME_BYTES: usize = 64;
 
 /// How far R R' of a 3 x 3 rotation may be from the identity: files keep six digits or more.
 const ROTATION_TOLERANCE: f64 = 1e-3;
@@ -70,6 +75,7 @@ impl Calibration {
         }
         check_origin(&entries)?;
         for (name, entry) in entries {
+            check_camera_name(&name).map_err(|problem| entry.error("name", problem))?;
             let model = entry.camera(&name)?;
             if let Some(length_rad) = entry.rotation_length_rad()? {
                 rotation_lengths_rad.insert(model.name().to_owned(), length_rad);
@@ -91,6 +97,22 @@ impl Calibration {
             rotation_lengths_rad,
         })
     }
+}
+
+/// Terminals show the names of cameras, and files are called after them.
+fn check_camera_name(name: &str) -> Result<(), String> {
+    if name.len() > MOST_CAMERA_NAME_BYTES {
+        let n = name.len();
+        return Err(format!(
+            "found a name of {n} bytes, expected at most {MOST_CAMERA_NAME_BYTES}: shorten it here and in the venue file"
+        ));
+    }
+    if name.trim().is_empty() || !name.chars().all(is_plain) {
+        return Err(format!(
+            "found {name:?}, expected a name without control characters and marks of direction: rename the camera here and in the venue file"
+        ));
+    }
+    Ok(())
 }
 
 /// Every table that describes a camera, with its place and the name it has there.

@@ -22,6 +22,7 @@ pub mod model_card;
 pub mod order_statistics;
 pub mod patch;
 pub mod person_name;
+pub mod plain_text;
 pub mod plausibility;
 pub mod printed;
 pub mod subject;

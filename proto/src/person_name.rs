@@ -1,20 +1,16 @@
 //! What people may be called: by operators on the page, in edits, in profiles and in venue files.
 
+use crate::plain_text::is_plain;
+
 /// Most characters of a name.
 pub const MOST_NAME_CHARACTERS: usize = 64;
-/// Characters that are not seen and turn the text around them, or end its line: a name with them shows as another.
-const TURNS_TEXT: [char; 14] = [
-    '\u{61c}', '\u{200e}', '\u{200f}', '\u{2028}', '\u{2029}', '\u{202a}', '\u{202b}', '\u{202c}',
-    '\u{202d}', '\u{202e}', '\u{2066}', '\u{2067}', '\u{2068}', '\u{2069}',
-];
-
 /// Why nobody can be called `name` from now on, if nobody can. An empty name is no fault here: it takes a name away.
 ///
 /// # Errors
 /// What was found and what is expected.
 pub fn check_name(name: &str) -> Result<(), String> {
     check_stored_name(name)?;
-    if name.chars().any(|c| TURNS_TEXT.contains(&c)) {
+    if !name.chars().all(is_plain) {
         return Err(format!(
             "found {name:?}, expected a name without characters that are not seen and turn the text around them"
         ));

@@ -3,7 +3,7 @@
 //! [`TomlFile::read`] turns the text into a typed value and explains what serde found wrong;
 //! [`TomlFile::error`] does the same for what a later check finds.
 
-use std::fmt;
+use std::fmt::{self, Write as _};
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
+
+use crate::plain_text;
 
 /// What is wrong in a file, and where.
 ///
@@ -59,14 +61,16 @@ impl FileError {
 
 impl fmt::Display for FileError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.path.display())?;
+        let mut text = self.path.display().to_string();
         if let Some(line) = self.line {
-            write!(f, ":{line}")?;
+            write!(text, ":{line}")?;
         }
         if let Some(field) = &self.field {
-            write!(f, ": `{field}`")?;
+            write!(text, ": `{field}`")?;
         }
-        write!(f, ": {}", self.problem)
+        write!(text, ": {}", self.problem)?;
+        // The file may quote anything.
+        f.write_str(&plain_text::one_line(&text))
     }
 }
 

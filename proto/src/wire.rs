@@ -1,7 +1,7 @@
 //! Messages as bytes: a version byte, then `postcard`, bounded in size and checked.
 //!
 //! This is where bytes from a stranger enter: [`decode`] is the only way to a message. A decoded message is valid in its
-//! form: counts, grids, boxes and numbers. Whether it makes sense (a camera that exists, a session that lives) is for
+//! form: counts, grids, boxes, numbers and texts. Whether it makes sense (a camera that exists, a session that lives) is for
 //! the node to decide.
 
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -47,6 +47,9 @@ pub trait Message: Serialize + DeserializeOwned {
     /// # Errors
     /// What is wrong, in a few words.
     fn check(&self) -> Result<(), &'static str>;
+
+    /// Writes out what is not plain ([`crate::plain_text`]) in the texts that are for people to read.
+    fn make_plain(&mut self) {}
 
     /// Appends the message to `bytes` in the form of `version`, [`OLDEST_WRITTEN`] to [`VERSION`].
     ///
@@ -191,13 +194,14 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, WireError> {
     if !(OLDEST_READ..=VERSION).contains(&version) {
         return Err(WireError::Version { got: version });
     }
-    let (message, rest) = M::read(version, body).map_err(|error| WireError::Unreadable {
+    let (mut message, rest) = M::read(version, body).map_err(|error| WireError::Unreadable {
         problem: error.to_string(),
     })?;
     if !rest.is_empty() {
         return Err(WireError::LeftOver { left: rest.len() });
     }
     message.check().map_err(WireError::Invalid)?;
+    message.make_plain();
     Ok(message)
 }
 

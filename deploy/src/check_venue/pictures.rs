@@ -4,6 +4,7 @@ use std::path::Path;
 
 use farfield_edge::source::FrameContent;
 use farfield_fusion::export::unfinished::write_whole;
+use farfield_proto::plain_text::file_stem;
 use farfield_proto::venue::Venue;
 use image::ImageFormat;
 
@@ -54,7 +55,7 @@ fn draw_all(venue: &Venue, opened: &[OpenedSource], out: &Path) -> anyhow::Resul
         };
         let mut image = background(content, &camera.model);
         draw_place(&mut image, venue, i);
-        let path = out.join(format!("check_{}.png", camera.model.name()));
+        let path = out.join(format!("check_{}.png", file_stem(camera.model.name())));
         let mut bytes = std::io::Cursor::new(Vec::new());
         image
             .write_to(&mut bytes, ImageFormat::Png)

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use anyhow::{Context as _, bail};
+use farfield_proto::plain_text::one_line;
 
 use super::recordings::{Recording, RecordingKind};
 
@@ -50,7 +51,7 @@ fn asked(path: &Path) -> anyhow::Result<(String, String)> {
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     Ok((
         said,
-        String::from_utf8_lossy(&output.stderr).trim().to_owned(),
+        one_line(String::from_utf8_lossy(&output.stderr).trim()),
     ))
 }
 

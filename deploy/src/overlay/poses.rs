@@ -11,6 +11,7 @@ use farfield_fusion::body::skeleton::{Joint, sites_of};
 use farfield_fusion::export::unfinished::write_whole;
 use farfield_proto::id::PersonId;
 use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::plain_text::file_stem;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 use image::{ImageFormat, RgbImage};
@@ -45,7 +46,8 @@ pub(crate) fn draw_poses(
     for &tick in ticks {
         let persons = recorded.get(&tick).map_or(&[][..], Vec::as_slice);
         for camera in &venue.cameras {
-            let path = out.join(format!("overlay_{}_{tick}.png", camera.model.name()));
+            let name = file_stem(camera.model.name());
+            let path = out.join(format!("overlay_{name}_{tick}.png"));
             let image = picture(camera, tick, persons)?;
             let bytes = png(&image).with_context(|| format!("encoding {}", path.display()))?;
             write_whole(path.clone(), &bytes)

@@ -7,6 +7,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use anyhow::{Context as _, bail};
 use farfield_edge::source::{FrameContent, FrameSource as _};
 use farfield_node::process::Ending;
+use farfield_proto::plain_text::one_line;
 use farfield_proto::venue::SimulatedContent;
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
@@ -152,7 +153,7 @@ impl VideoEncoder {
         if words.is_empty() {
             String::new()
         } else {
-            format!("; ffmpeg: {words}")
+            format!("; ffmpeg: {}", one_line(words))
         }
     }
 }

@@ -34,8 +34,6 @@ const LISTEN: Duration = Duration::from_millis(2300);
 const SETTLED: Duration = Duration::from_millis(400);
 /// How often a table that is watched is drawn.
 const DRAW_EVERY: Duration = Duration::from_secs(1);
-/// Clears a terminal, and begins at its top.
-const CLEAR: &str = "\u{1b}[H\u{1b}[2J";
 
 /// Arguments of `farfield status`.
 #[derive(Debug, Args)]
@@ -206,22 +204,16 @@ fn draw(args: &StatusArgs, state: &VenueState) -> anyhow::Result<Reader> {
         let json = serde_json::to_string(state).context("writing the status as JSON")?;
         return output::print_while_read(&(json + "\n"));
     }
-    let clear = if args.watch && stdout().is_terminal() {
-        CLEAR
-    } else {
-        ""
-    };
-    let gap = if args.watch && clear.is_empty() {
-        "\n"
-    } else {
-        ""
-    };
     // What is piped is read by programs: all of it, however long.
     let table = match output::columns() {
         Some(columns) => table::text_within(state, columns),
         None => table::text(state),
     };
-    output::print_while_read(&format!("{clear}{table}{gap}"))
+    match (args.watch, stdout().is_terminal()) {
+        (false, _) => output::print_while_read(&table),
+        (true, true) => output::print_over(&table),
+        (true, false) => output::print_while_read(&(table + "\n")),
+    }
 }
 
 /// What was tried, and what to look at.

@@ -4,6 +4,7 @@
 use super::state::{CameraState, ClockState, Mark, NodeState, PatchState, VenueState};
 use farfield_proto::message::agreement::CameraAgreement;
 use farfield_proto::message::live::CameraHealth;
+use farfield_proto::plain_text::one_line;
 use farfield_proto::printed::signed;
 
 /// The columns, from the left; behind them stands what is not as it should be.
@@ -184,8 +185,6 @@ fn row(node: &NodeState) -> Row {
     }
     notices.extend(cameras_in_words(&node.cameras));
     let known = |text: Option<String>| text.unwrap_or_else(|| NOTHING.to_owned());
-    // One line that commands no terminal, whatever a node has said.
-    let harmless = |text: String| text.replace(char::is_control, " ");
     let cells = [
         node.node.clone(),
         mark.to_owned(),
@@ -203,8 +202,8 @@ fn row(node: &NodeState) -> Row {
         known(node.certificate_days.map(|days| format!("{days} days"))),
     ];
     Row {
-        cells: cells.map(harmless),
-        notices: harmless(notices.join("; ")),
+        cells: cells.map(|text| one_line(&text)),
+        notices: one_line(&notices.join("; ")),
     }
 }
 

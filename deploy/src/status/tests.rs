@@ -275,7 +275,7 @@ fn notices_and_keys_that_end_soon_are_warnings_on_one_line() {
     let text = table::text(&state);
     assert_eq!(text.lines().count(), 4, "{text}");
     assert!(
-        text.contains("9 days") && text.contains("one [2J two"),
+        text.contains("9 days") && text.contains("one\\u001b[2J\\ntwo"),
         "{text}"
     );
     assert_eq!(
@@ -297,7 +297,7 @@ fn what_a_node_says_of_its_release_and_its_failure_commands_no_terminal() {
         !text.contains(|c: char| c.is_control() && c != '\n'),
         "{text:?}"
     );
-    assert!(text.contains("out ]0;of  memory"), "{text:?}");
+    assert!(text.contains("out\\u001b]0;of\\u0007\\nmemory"), "{text:?}");
 }
 
 /// Symptom: while fusion waited for an edge it was shown as live and well, and the cameras of all others as failed.

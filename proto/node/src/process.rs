@@ -4,6 +4,7 @@ use std::fmt;
 use std::io::{Read as _, Write as _, stderr, stdout};
 use std::process::ExitCode;
 
+use farfield_proto::plain_text;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -102,26 +103,21 @@ pub fn exit_code_told(outcome: Result<Ending, NodeError>, told: Told) -> ExitCod
 pub fn say_json(error: &str, exit_code: u8) {
     let text = serde_json::json!({ "error": error, "exit_code": exit_code });
     // A reader that has gone wants no more.
-    drop(writeln!(stdout(), "{text}"));
+    drop(writeln!(
+        stdout(),
+        "{}",
+        plain_text::lines(&text.to_string())
+    ));
 }
 
-/// Says a line to whoever reads standard error. What other nodes have said may stand in it: what would command a
-/// terminal is written out (`\u{1b}`).
+/// Says a line to whoever reads standard error. Text of others may stand in it: see [`plain_text`].
 pub fn say(line: fmt::Arguments<'_>) {
     // `eprintln!` would panic when nobody reads any more, or the disk behind it is full.
-    drop(writeln!(stderr(), "{}", harmless(&line.to_string())));
-}
-
-fn harmless(line: &str) -> String {
-    let mut text = String::with_capacity(line.len());
-    for c in line.chars() {
-        if c.is_control() && c != '\n' && c != '\t' {
-            text.extend(c.escape_unicode());
-        } else {
-            text.push(c);
-        }
-    }
-    text
+    drop(writeln!(
+        stderr(),
+        "{}",
+        plain_text::lines(&line.to_string())
+    ));
 }
 
 /// Cancels `stop` at SIGINT or SIGTERM, and with `managed` when standard input closes: the parent has
@@ -172,17 +168,4 @@ fn watch_parent(stop: CancellationToken) -> std::io::Result<()> {
         .name("parent".to_owned())
         .spawn(watch)
         .map(drop)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_another_node_says_commands_no_terminal() {
-        assert_eq!(
-            harmless("a\u{1b}[2Jb\r\u{9b}c\td\n"),
-            "a\\u{1b}[2Jb\\u{d}\\u{9b}c\td\n"
-        );
-    }
 }

@@ -14,6 +14,7 @@ use super::{
 use crate::grid::CellGrid;
 use crate::key::is_key_chunk;
 use crate::patch::MAX_KEYPOINTS;
+use crate::plain_text::one_line;
 use crate::wire::{
     MAX_CAMERAS, MAX_HASH_BYTES, MAX_JOINTS, MAX_PARTS, MAX_REASON_BYTES, MAX_TEXT_BYTES, Message,
 };
@@ -226,6 +227,29 @@ impl Message for Status {
                 };
                 Ok((status, rest))
             }
+        }
+    }
+
+    fn make_plain(&mut self) {
+        let texts = [
+            &mut self.node,
+            &mut self.release,
+            &mut self.venue_hash,
+            &mut self.calibration_hash,
+            &mut self.network_hash,
+            &mut self.backend,
+        ];
+        let live = self.live.as_mut();
+        let of_live = live.into_iter().flat_map(|live| {
+            let cameras = live.cameras.iter_mut().flat_map(|it| &mut it.reason);
+            let edges = live.edges.iter_mut();
+            let edges = edges.flat_map(|it| [&mut it.viewpoint].into_iter().chain(&mut it.refused));
+            cameras.chain(edges).chain(&mut live.recording_failure)
+        });
+        let all = texts.into_iter().chain(&mut self.failure).chain(of_live);
+        let all = all.chain(self.stages.iter_mut().map(|it| &mut it.stage));
+        for text in all.chain(&mut self.health.notices) {
+            *text = one_line(text);
         }
     }
 
