@@ -49,6 +49,13 @@ const OPEN_TIMEOUT: Duration = Duration::from_secs(3);
 const WAIT_BEFORE_CLOSE: Duration = Duration::from_mins(1);
 /// Largest message that is put together from fragments, bytes: twice what [`crate::wire`] reads.
 const MAX_ASSEMBLED_BYTES: usize = 2 << 20;
+/// Connections with strangers that are opening at once; beyond, new ones are closed. As many again may be in their TLS
+/// handshake (`vendor/tls-listener`).
+const MOST_OPENING: usize = 128;
+/// Sessions at once: every edge of the largest venue, and as many nodes that read.
+const MOST_SESSIONS: usize = 512;
+/// Handles that a node's sessions take at most, over `tls/` or `tcp/`: those of `quic/` and `udp/` share one.
+pub const MOST_LINK_HANDLES: usize = MOST_SESSIONS + 2 * MOST_OPENING;
 /// Send buffer of a TCP or TLS link in the kernel, bytes: what waits there is late, and cannot be dropped any more.
 const SEND_BUFFER_BYTES: u32 = 64 << 10;
 
@@ -143,6 +150,12 @@ impl FusionTransport<'_> {
         settings.extend(pairs([
             ("listen/endpoints", list(&completed(self.listen))),
             ("listen/exit_on_failure", "true".to_owned()),
+            ("transport/unicast/max_sessions", MOST_SESSIONS.to_string()),
+            ("transport/unicast/accept_pending", MOST_OPENING.to_string()),
+            (
+                "transport/unicast/accept_timeout",
+                OPEN_TIMEOUT.as_millis().to_string(),
+            ),
         ]));
         if let Some(identity) = self.identity {
             settings.push(tls(identity));

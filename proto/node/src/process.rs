@@ -5,9 +5,12 @@ use std::io::{Read as _, Write as _, stderr, stdout};
 use std::process::ExitCode;
 
 use farfield_proto::plain_text;
+use farfield_proto::transport::MOST_LINK_HANDLES;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
+use tracing::debug;
 
 /// Exit code of a run that was interrupted: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
@@ -15,6 +18,12 @@ pub const EXIT_INTERRUPTED: u8 = 130;
 pub const EXIT_FAILED: u8 = 1;
 /// Exit code for wrong input or usage.
 pub const EXIT_REFUSED: u8 = 2;
+
+/// Handles that a process asks for at most: more than any venue needs, and few enough for programs that it starts and that
+/// go through all of them.
+const MOST_HANDLES: u64 = 1 << 16;
+/// Handles of a node that are enough whatever strangers do: those of its links, and 256 for files, pages and cameras.
+const ENOUGH_HANDLES: u64 = MOST_LINK_HANDLES as u64 + 256;
 
 /// How a node ended when nothing went wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -118,6 +127,26 @@ pub fn say(line: fmt::Arguments<'_>) {
         "{}",
         plain_text::lines(&line.to_string())
     ));
+}
+
+/// Raises this process's limit of open handles (sockets, files) to what the system allows it; prints where that may be too
+/// little.
+pub(crate) fn raise_handle_limit() {
+    let limit = getrlimit(Resource::Nofile);
+    let most = limit.maximum.unwrap_or(MOST_HANDLES).min(MOST_HANDLES);
+    let now = limit.current.unwrap_or(most);
+    let raised = Rlimit {
+        current: Some(most),
+        ..limit
+    };
+    if now < most && setrlimit(Resource::Nofile, raised).is_err() {
+        debug!(now, most, "the limit of open handles stays");
+    }
+    if now.max(most) < ENOUGH_HANDLES {
+        say(format_args!(
+            "this process may open {most} handles, {ENOUGH_HANDLES} are recommended: `ulimit -Hn {ENOUGH_HANDLES}`, or `LimitNOFILE={ENOUGH_HANDLES}` in its unit"
+        ));
+    }
 }
 
 /// Cancels `stop` at SIGINT or SIGTERM, and with `managed` when standard input closes: the parent has

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 
-use crate::process::NodeError;
+use crate::process::{NodeError, raise_handle_limit};
 
 /// How long threads of the runtime that still wait for something may take when all is done.
 const SHUTDOWN: Duration = Duration::from_millis(200);
@@ -18,6 +18,7 @@ pub fn block_on<T>(
     threads: usize,
     work: impl Future<Output = Result<T, NodeError>>,
 ) -> Result<T, NodeError> {
+    raise_handle_limit();
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(threads)
         .enable_all()

@@ -49,7 +49,7 @@ struct Fault {
 }
 
 /// All of them, in the order in which they are driven.
-const FAULTS: [Fault; 14] = [
+const FAULTS: [Fault; 15] = [
     Fault {
         name: "lopsided-link",
         about: "a link that is 30 ms long one way and 10 ms the other, before a clock that NTP keeps right",
@@ -121,6 +121,12 @@ const FAULTS: [Fault; 14] = [
         about: "garbage and silent connections before a door of tls/ while a node joins",
         is_quick: false,
         drive: strangers::garbage_tls,
+    },
+    Fault {
+        name: "few-handles",
+        about: "1,100 silent connections before a door of tls/ of a fusion that may open 1,024 handles",
+        is_quick: true,
+        drive: strangers::few_handles,
     },
     Fault {
         name: "disk-full",

@@ -26,10 +26,19 @@ const JOIN_PATIENCE_MS: &str = "15000";
 /// Threads that say garbage, and how long each waits between two of its goes: about three thousand in half a minute.
 const STRANGERS: u64 = 4;
 const STRANGER_PAUSE: Duration = Duration::from_millis(20);
-/// Connections that are open and silent.
-const SILENT: usize = 400;
+/// Connections that are open and silent: more than [`FEW_HANDLES`].
+const SILENT: usize = 1100;
+/// Handles that fusion may open, as many systems have it.
+const FEW_HANDLES: usize = 1024;
+/// The beginning of a TLS handshake, after which nothing comes.
+const HALF_A_HELLO: [u8; 4] = [0x16, 3, 1, 2];
+/// How long a venue may take to give its first poses.
+const BEGINS_WITHIN: Duration = Duration::from_mins(1);
 /// Bytes of a go: what a first QUIC datagram has at least.
 const GARBAGE_BYTES: usize = 1200;
+
+/// Ticks that may be missing while strangers come, seconds of them.
+const MISSING_TICKS_S: f64 = 0.5;
 
 /// A door of fusion, open to who has a key.
 struct Door {
@@ -50,28 +59,80 @@ pub(super) fn garbage_quic(field: &Field) -> anyhow::Result<Driven> {
 pub(super) fn garbage_tls(field: &Field) -> anyhow::Result<Driven> {
     let free = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?.local_addr()?;
     let door = open(field, "tls", free)?;
-    drive(field, &door, connections, || {
-        (0..SILENT)
-            .filter_map(|_| TcpStream::connect(free).ok())
-            .collect()
-    })
+    drive(field, &door, connections, || silent(&door))
+}
+
+/// More silent connections than fusion has handles, while it works.
+pub(super) fn few_handles(field: &Field) -> anyhow::Result<Driven> {
+    let free = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?.local_addr()?;
+    let door = open(field, "tls", free)?;
+    let _edges = edges(field, &door)?;
+    let from = clock::now();
+    while door.fusion.newest().is_none_or(|(_, persons)| persons == 0) {
+        ensure!(
+            clock::now().duration_since(from) < BEGINS_WITHIN,
+            "no poses come\n{}",
+            door.fusion.said()
+        );
+        thread::sleep(STRANGER_PAUSE);
+    }
+    let held = silent(&door);
+    thread::sleep(STRANGER_PAUSE * 50);
+    let newest = || door.fusion.newest().map_or(0, |(tick, _)| tick);
+    let (from, span_s) = (newest(), field.either(15.0, 5.0));
+    thread::sleep(Duration::from_secs_f64(span_s));
+    let rate_hz = farfield_node::files::load_venue(&field.maps.venue)?.rate_hz;
+    let missing_s = span_s - (newest() - from) as f64 / rate_hz;
+    let slowest_s = (0..3).map(|_| join(&door).unwrap_or(f64::INFINITY));
+    let slowest_s = slowest_s.fold(0.0, f64::max);
+    let said = door.fusion.said();
+    let complaints = said.lines().filter(|line| line.contains("open files"));
+    let vitals = door.fusion.vitals();
+    let vitals = vitals.with_context(|| format!("fusion has ended\n{said}"))?;
+    Ok(Driven::Measured(vec![
+        Measure::barred("ticks that are missing, s", missing_s, MISSING_TICKS_S),
+        Measure::barred("slowest of three joins, s", slowest_s, JOIN_S),
+        Measure::barred("times it lacked a handle", complaints.count() as f64, 0.0),
+        Measure::told("silent connections", held.len() as f64),
+        Measure::told("fusion's handles meanwhile", f64::from(vitals.handles)),
+    ]))
+}
+
+/// Connections that begin a handshake and go no further.
+fn silent(door: &Door) -> Vec<TcpStream> {
+    let connect = || -> std::io::Result<TcpStream> {
+        let mut connection = TcpStream::connect(door.address)?;
+        connection.write_all(&HALF_A_HELLO)?;
+        Ok(connection)
+    };
+    (0..SILENT).filter_map(|_| connect().ok()).collect()
+}
+
+/// All edges of the venue, with their keys.
+fn edges(field: &Field, door: &Door) -> anyhow::Result<Vec<NodeProcess>> {
+    let venue = farfield_node::files::load_venue(&field.maps.venue)?;
+    let start = |name: &str| {
+        let mut command = Command::new(&field.maps.program);
+        command.arg("edge").arg(&field.maps.venue);
+        command.args(["--managed", "--viewpoint", name, "--connect"]);
+        command.args([door.endpoint.as_str(), "--certificates"]);
+        command.arg(&door.keys).arg("--ring");
+        command.arg(door.keys.with_file_name("rings").join(name));
+        NodeProcess::start(name, command)
+    };
+    let edges = venue.viewpoints.iter().map(|it| start(&it.name));
+    Ok(edges.collect::<std::io::Result<_>>()?)
 }
 
 /// Makes keys, and starts fusion behind them.
 fn open(field: &Field, scheme: &str, address: SocketAddr) -> anyhow::Result<Door> {
     let folder = field.folder(&format!("garbage-{scheme}"))?;
-    let keys = folder.join("certs");
+    let keys = make_keys(field, &folder)?;
     let (program, venue_path) = (&field.maps.program, &field.maps.venue);
-    let made = Command::new(program)
-        .arg("certs")
-        .arg(venue_path)
-        .arg("--out")
-        .arg(&keys)
-        .output()?;
-    let said = String::from_utf8_lossy(&made.stderr);
-    ensure!(made.status.success(), "making keys: {said}");
     let endpoint = format!("{scheme}/{address}");
-    let mut command = Command::new(program);
+    let mut command = Command::new("sh");
+    let limited = format!("ulimit -n {FEW_HANDLES}; exec \"$@\"");
+    command.args(["-c", limited.as_str(), "sh"]).arg(program);
     command
         .arg("fusion")
         .arg(venue_path)
@@ -89,6 +150,20 @@ fn open(field: &Field, scheme: &str, address: SocketAddr) -> anyhow::Result<Door
         venue: venue.name,
         fusion: NodeProcess::start("fusion", command)?,
     })
+}
+
+/// Keys of the venue's nodes, in a folder below `folder`.
+pub(super) fn make_keys(field: &Field, folder: &Path) -> anyhow::Result<PathBuf> {
+    let keys = folder.join("certs");
+    let made = Command::new(&field.maps.program)
+        .arg("certs")
+        .arg(&field.maps.venue)
+        .arg("--out")
+        .arg(&keys)
+        .output()?;
+    let said = String::from_utf8_lossy(&made.stderr);
+    ensure!(made.status.success(), "making keys: {said}");
+    Ok(keys)
 }
 
 fn made_folder(folder: &Path) -> std::io::Result<PathBuf> {
