@@ -43,6 +43,11 @@ const DRAIN: Duration = Duration::from_secs(5);
 const TRIES: u32 = 20;
 const TRY_AGAIN: Duration = Duration::from_millis(250);
 
+/// How long a session stays open that is not needed, so that nodes that are just connecting have done so: where Zenoh closes
+/// a session while a peer opens one with it, that peer's link stays, and with it the socket, until the process ends. Two
+/// fusions that are started at the same moment find each other within the same millisecond.
+const SETTLE: Duration = Duration::from_millis(500);
+
 /// Runs a fusion node to its end and says on standard error what went wrong.
 pub fn main(args: FusionArgs) -> ExitCode {
     main_with(args, Box::new(NoListeners))
@@ -314,6 +319,7 @@ async fn listen_alone(
         if steps_back == Some(false) {
             return Ok(Some((link, senders)));
         }
+        sleep(SETTLE).await;
         link.close_unused().await;
         if steps_back.is_none() || others.be_the_only_one(config.mode, stop).await?.is_none() {
             return Ok(None);

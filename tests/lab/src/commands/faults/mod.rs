@@ -12,6 +12,7 @@ mod nodes;
 mod stage;
 mod strangers;
 mod table;
+mod two_fusions;
 
 use std::path::Path;
 
@@ -49,7 +50,7 @@ struct Fault {
 }
 
 /// All of them, in the order in which they are driven.
-const FAULTS: [Fault; 15] = [
+const FAULTS: [Fault; 16] = [
     Fault {
         name: "lopsided-link",
         about: "a link that is 30 ms long one way and 10 ms the other, before a clock that NTP keeps right",
@@ -127,6 +128,12 @@ const FAULTS: [Fault; 15] = [
         about: "1,100 silent connections before a door of tls/ of a fusion that may open 1,024 handles",
         is_quick: true,
         drive: strangers::few_handles,
+    },
+    Fault {
+        name: "two-fusions",
+        about: "two fusions that are started at the same moment, and the first dies",
+        is_quick: false,
+        drive: two_fusions::two_fusions,
     },
     Fault {
         name: "disk-full",

@@ -1,0 +1,96 @@
+//! Two fusions of one venue that are started at the same moment: one works, one waits; then the first dies.
+
+use std::net::{Ipv4Addr, UdpSocket};
+use std::process::Command;
+use std::thread;
+use std::time::Duration;
+
+use anyhow::ensure;
+use farfield_node::clock;
+
+use super::field::Field;
+use super::strangers::make_keys;
+use super::table::{Driven, Measure};
+use crate::live_venue::NodeProcess;
+
+/// How often they are started.
+const ROUNDS: u32 = 10;
+/// How soon the one that waits must listen once the other was killed, seconds: the lease of its link, within which it
+/// knows, and the time in which its old socket is free.
+const TAKES_OVER_S: f64 = 8.0;
+/// How long anything is waited for, seconds.
+const PATIENCE_S: f64 = 30.0;
+/// Between two checks.
+const PAUSE: Duration = Duration::from_millis(20);
+
+pub(super) fn two_fusions(field: &Field) -> anyhow::Result<Driven> {
+    let folder = field.folder("two-fusions")?;
+    let keys = make_keys(field, &folder)?;
+    let (mut slowest_s, mut left, mut began) = (0.0_f64, 0, 0);
+    for round in 0..ROUNDS {
+        let [one, other] = [free_endpoint()?, free_endpoint()?];
+        let venue = field.maps.venue.with_file_name("two.toml");
+        let text = std::fs::read_to_string(&field.maps.venue)?;
+        std::fs::write(
+            &venue,
+            format!("{text}\n[fusion]\nconnect = [\"{one}\", \"{other}\"]\n"),
+        )?;
+        let start = |endpoint: &str| {
+            let mut command = Command::new(&field.maps.program);
+            command.arg("fusion").arg(&venue).args(["--live", "--out"]);
+            command.arg(folder.join(format!("{round}-{}", endpoint.replace('/', "-"))));
+            command.args(["--listen", endpoint, "--certificates"]);
+            command.arg(&keys);
+            NodeProcess::start(endpoint, command)
+        };
+        let both = [start(&one)?, start(&other)?];
+        let waits = |node: &NodeProcess| node.said().contains("this one waits");
+        wait(&both, |both| both.iter().any(waits))?;
+        let [one, other] = both;
+        let (first, mut second) = if waits(&other) {
+            (one, other)
+        } else {
+            (other, one)
+        };
+        // Both may have begun to listen before one stepped back.
+        began += usize::from(second.said().contains("fusion listens on"));
+        first.kill()?;
+        let from = clock::now();
+        let listens = |node: &NodeProcess| node.said().contains("fusion listens on");
+        match wait(std::slice::from_ref(&second), |it| listens(&it[0])) {
+            Ok(()) => {
+                slowest_s = slowest_s.max(clock::now().duration_since(from).as_secs_f64());
+            }
+            Err(_) => left += 1,
+        }
+        ensure!(
+            second.wait(PAUSE)?.is_none() || left > 0,
+            "{}",
+            second.said()
+        );
+    }
+    Ok(Driven::Measured(vec![
+        Measure::barred("times none took over", f64::from(left), 0.0),
+        Measure::barred("slowest takeover, s", slowest_s, TAKES_OVER_S),
+        Measure::barred("times both worked", began as f64, 0.0),
+        Measure::told("times two were started", f64::from(ROUNDS)),
+    ]))
+}
+
+/// An endpoint of this machine where none listens.
+fn free_endpoint() -> anyhow::Result<String> {
+    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+    Ok(format!("quic/{}", socket.local_addr()?))
+}
+
+/// Waits until `nodes` are so.
+fn wait(nodes: &[NodeProcess], is_so: impl Fn(&[NodeProcess]) -> bool) -> anyhow::Result<()> {
+    let from = clock::now();
+    while !is_so(nodes) {
+        let waited_s = clock::now().duration_since(from).as_secs_f64();
+        let said: String = nodes.iter().map(NodeProcess::said).collect();
+        ensure!(waited_s < PATIENCE_S, "not within {PATIENCE_S} s\n{said}");
+        thread::sleep(PAUSE);
+    }
+    Ok(())
+}
