@@ -101,7 +101,7 @@ async fn run(
         return Ok(Ending::Interrupted);
     };
     hand_out(config, &link, &tasks, &leave);
-    reporter.listening(link.locators().await);
+    reporter.listening(&config.reach.endpoints, link.locators().await);
     let on_demand = on_demand(config, session, (&pipeline, claim.folder()));
     let run = (&pipeline, claim.folder(), on_demand.as_ref());
     let listeners = open_listeners(config, run, listeners, &reporter).await?;

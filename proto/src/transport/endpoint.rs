@@ -1,5 +1,7 @@
 //! Where a node listens or connects to, as text: `tcp/127.0.0.1:7447`.
 
+use std::net::IpAddr;
+
 /// The protocols that nodes may use; Zenoh is built with these alone.
 const SCHEMES: [&str; 4] = ["tcp", "udp", "tls", "quic"];
 
@@ -31,6 +33,12 @@ pub fn host(endpoint: &str) -> &str {
         .strip_prefix('[')
         .and_then(|host| host.strip_suffix(']'));
     bare.unwrap_or(host)
+}
+
+/// Whether an endpoint stands for all addresses of a machine.
+pub fn is_any_address(endpoint: &str) -> bool {
+    let address = host(endpoint).parse::<IpAddr>();
+    address.is_ok_and(|address| address.is_unspecified())
 }
 
 /// The port of an endpoint.

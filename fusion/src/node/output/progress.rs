@@ -8,6 +8,7 @@ use farfield_node::process::{Managed, say};
 use farfield_proto::message::live::EdgeLink;
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::endpoint::{is_any_address, port, scheme};
 use serde::{Deserialize, Serialize};
 
 use super::tally::PassedBytes;
@@ -87,6 +88,25 @@ pub(in crate::node) enum Detail {
     Bodies,
 }
 
+/// Where fusion listens, in words: an endpoint of all addresses that gives none is reached from this machine alone.
+fn places(asked: &[String], endpoints: Vec<String>) -> String {
+    let is_given = |asked: &str| {
+        let mut endpoints = endpoints.iter();
+        endpoints.any(|it| (scheme(it), port(it)) == (scheme(asked), port(asked)))
+    };
+    let unseen = asked
+        .iter()
+        .filter(|it| is_any_address(it) && !is_given(it));
+    let unseen: Vec<String> = unseen
+        .map(|it| format!("{it}: this machine alone, no other address is up"))
+        .collect();
+    endpoints
+        .into_iter()
+        .chain(unseen)
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
 /// How often a node started by hand says how far it is.
 const EVERY: Duration = Duration::from_secs(5);
 
@@ -108,10 +128,14 @@ impl Reporter {
         }
     }
 
-    pub(in crate::node) fn listening(&self, endpoints: Vec<String>) {
+    /// Fusion listens at `endpoints`, because it was `asked` to.
+    pub(in crate::node) fn listening(&self, asked: &[String], endpoints: Vec<String>) {
         match self.managed {
             Managed::Yes => send(&Report::Listening(endpoints)),
-            Managed::No => say(format_args!("fusion listens on {}", endpoints.join(", "))),
+            Managed::No => say(format_args!(
+                "fusion listens on {}",
+                places(asked, endpoints)
+            )),
         }
     }
 
@@ -188,5 +212,34 @@ fn send(report: &Report) {
     // A parent that has gone reads nothing more; its closed standard input ends the node.
     if let Ok(line) = serde_json::to_string(report) {
         drop(writeln!(std::io::stdout().lock(), "{line}"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Symptom: on a machine whose network was off, "fusion listens on " and nothing more.
+    #[test]
+    fn an_endpoint_of_all_addresses_without_any_is_named_with_who_reaches_it() {
+        let listening = |asked: &[&str], given: &[&str]| {
+            let [asked, given] = [asked, given].map(|all| all.iter().map(|it| (*it).to_owned()));
+            places(&asked.collect::<Vec<_>>(), given.collect())
+        };
+        assert_eq!(
+            listening(&["tcp/[::]:7511"], &[]),
+            "tcp/[::]:7511: this machine alone, no other address is up"
+        );
+        assert_eq!(
+            listening(
+                &["quic/0.0.0.0:7447", "tcp/127.0.0.1:1"],
+                &["tcp/127.0.0.1:1"]
+            ),
+            "tcp/127.0.0.1:1, quic/0.0.0.0:7447: this machine alone, no other address is up"
+        );
+        assert_eq!(
+            listening(&["quic/0.0.0.0:7447"], &["quic/10.0.0.7:7447"]),
+            "quic/10.0.0.7:7447"
+        );
     }
 }
