@@ -18,8 +18,11 @@ const ENDS_SOON_S: i64 = 30 * 86_400;
 const DAY_S: i64 = 86_400;
 /// An edge of which more ticks are missing a second is badly seen.
 const MISSING_PER_S: f64 = 2.0;
-/// Nodes of a venue are started one after another: how long after fusion was first heard nobody is missed, microseconds.
-const STARTING_US: Micros = 10 * SECOND_US;
+/// How long after fusion was first heard a venue is starting, microseconds: its nodes are started one after another, and a
+/// busy machine opens a network for half a minute. No node that was not heard yet is missed until then.
+const STARTING_US: Micros = 60 * SECOND_US;
+/// After this long a node that was not heard yet is named, microseconds.
+const NAMED_AFTER_US: Micros = 10 * SECOND_US;
 
 /// What alarms are found from.
 pub(super) struct Circumstances<'a> {
@@ -88,23 +91,7 @@ impl Found<'_> {
         let subject = subject(context, node);
         let key = format!("node/{name}");
         let Some(heard) = nodes.get(node) else {
-            let is_missed = nodes.get(None).is_some_and(|fusion| {
-                !nodes.has_ended()
-                    && fusion.status.live.is_some()
-                    && now_us.saturating_sub(fusion.first_us) >= STARTING_US
-            });
-            if is_missed {
-                let remedy = format!(
-                    "start it: `farfield edge VENUE --viewpoint {name}`; look at its power and network"
-                );
-                self.say(
-                    Severity::Failed,
-                    key,
-                    &subject,
-                    format!("{subject} has not been heard of yet"),
-                    remedy,
-                );
-            }
+            self.never_heard(name, key, &subject);
             return;
         };
         let status = &heard.status;
@@ -155,6 +142,24 @@ impl Found<'_> {
         self.health(node, &subject);
     }
 
+    /// A node that has not been heard of yet: while the venue is starting it is only named, by who waits for it if fusion does.
+    fn never_heard(&mut self, name: &str, key: String, subject: &str) {
+        let nodes = self.of.nodes;
+        let fusion = nodes.get(None);
+        let fusion = fusion.filter(|it| !nodes.has_ended() && it.status.live.is_some());
+        let us = fusion.map_or(0, |it| self.of.now_us.saturating_sub(it.first_us));
+        let (severity, starting) = match us {
+            STARTING_US.. => (Severity::Failed, ""),
+            NAMED_AFTER_US.. if !nodes.fusion_waits() => (Severity::Warning, "starting: "),
+            _ => return,
+        };
+        let text = format!("{starting}{subject} has not been heard of yet");
+        let remedy = format!(
+            "start it: `farfield edge VENUE --viewpoint {name}`; look at its power and network"
+        );
+        self.say(severity, key, subject, text, remedy);
+    }
+
     /// That no more ticks come, in the place of all that is silent because of it.
     fn ended(&mut self) {
         let remedy = "nothing is wrong: fusion that starts anew, as that of a demo does, is shown again by itself";
@@ -173,7 +178,12 @@ impl Found<'_> {
         let missing = nodes.not_ready(self.of.context);
         let waited_us = self.of.now_us.saturating_sub(fusion.first_us);
         if nodes.fusion_waits() && !missing.is_empty() && waited_us >= SILENT_US {
-            let text = format!("fusion waits for {}", missing.join(", "));
+            let starting = if waited_us < STARTING_US {
+                "starting: "
+            } else {
+                ""
+            };
+            let text = format!("{starting}fusion waits for {}", missing.join(", "));
             let remedy = "start who is missing (`farfield edge VENUE --viewpoint NAME`), or wait: 20 s after the first is ready \
                           fusion begins without the others";
             let key = "node/fusion/waiting".to_owned();
@@ -243,7 +253,7 @@ impl Found<'_> {
             let name = &link.viewpoint;
             let subject = format!("link to {name}");
             let key = format!("link/{name}");
-            let is_heard = nodes.get(Some(viewpoint)).is_some();
+            let is_expected = nodes.expects_link(viewpoint, self.of.now_us);
             if let Some(refused) = &link.refused {
                 let severity = if link.live {
                     Severity::Warning
@@ -258,7 +268,7 @@ impl Found<'_> {
                     format!("{name} is refused: {refused}"),
                     remedy,
                 );
-            } else if !link.live && is_heard && !self.has_failed(Some(viewpoint)) {
+            } else if !link.live && is_expected && !self.has_failed(Some(viewpoint)) {
                 let remedy = "look at its network and its log; the others go on";
                 self.say(
                     Severity::Failed,

@@ -352,7 +352,7 @@ impl Known {
             tick: newest.map(|frame| frame.tick),
             at_us: self.now_us,
             nodes: nodes.collect(),
-            links: self.nodes.link_lines(context, link_state),
+            links: self.nodes.link_lines(context, link_state, self.now_us),
             cameras: self.nodes.camera_lines(context, newest, self.now_us),
             latency: self.latency.lines(self.now_us),
             people: People {

@@ -191,9 +191,21 @@ impl Nodes {
     /// Whether a camera that gives no pictures has failed. What is recorded or simulated is played from fusion's first tick
     /// on, and takes its time to begin.
     pub(super) fn expects_pictures(&self, source: &Source, now_us: Micros) -> bool {
+        !self.has_ended() && (source.is_live() || self.have_ticks_begun(now_us))
+    }
+
+    /// Whether ticks have been under way for long enough that everybody has begun.
+    fn have_ticks_begun(&self, now_us: Micros) -> bool {
         let since_us = self.get(None).and_then(|fusion| fusion.ticks_since_us);
-        let is_played = since_us.is_some_and(|us| now_us.saturating_sub(us) >= SILENT_US);
-        !self.has_ended() && (source.is_live() || is_played)
+        since_us.is_some_and(|us| now_us.saturating_sub(us) >= SILENT_US)
+    }
+
+    /// Whether something must come from a viewpoint: its edge was heard, and both it and the ticks have had their time to
+    /// begin.
+    pub(super) fn expects_link(&self, viewpoint: ViewpointIndex, now_us: Micros) -> bool {
+        let edge = self.get(Some(viewpoint));
+        let is_up = edge.is_some_and(|edge| now_us.saturating_sub(edge.first_us) >= SILENT_US);
+        is_up && self.have_ticks_begun(now_us)
     }
 
     /// How a camera agrees with the others, as fusion finds it; `None` where nothing is known.
@@ -280,6 +292,7 @@ impl Nodes {
         &self,
         context: &Context,
         state: impl Fn(ViewpointIndex) -> Condition,
+        now_us: Micros,
     ) -> Vec<LinkLine> {
         let lines = self.links(context).map(|(index, viewpoint, link, health)| {
             let edge = self.edge_live(viewpoint);
@@ -291,7 +304,7 @@ impl Nodes {
                 name: link.viewpoint.clone(),
                 state: match state(viewpoint) {
                     Condition::Failed => Condition::Failed,
-                    _ if !link.live && self.get(Some(viewpoint)).is_none() => Condition::Unknown,
+                    _ if !link.live && !self.expects_link(viewpoint, now_us) => Condition::Unknown,
                     // The alarm may be the edge's.
                     _ if !link.live => Condition::Failed,
                     state => state,

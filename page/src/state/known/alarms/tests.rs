@@ -88,11 +88,67 @@ fn while_fusion_waits_for_an_edge_that_is_said_and_no_recording_has_failed() {
         [(
             Severity::Warning,
             "node/fusion/waiting",
-            "fusion waits for south-east"
+            "starting: fusion waits for south-east"
         )]
     );
     assert_eq!(status.nodes[0].state, Condition::Warning);
     assert!(status.cameras.iter().all(|it| it.state == "unknown"));
+}
+
+/// Symptom: the first half minute of a demo was red, while the demo started its own edges.
+#[test]
+fn a_venue_that_is_starting_has_no_failure_and_one_that_should_have_started_has() {
+    let context = context();
+    for waits in [true, false] {
+        let mut known = Known::new(Arc::clone(&context));
+        let alone = |status: &mut Status| {
+            let live = status.live.as_mut().unwrap();
+            live.edges.clear();
+            live.epoch_us = live.epoch_us.filter(|_| !waits);
+            status.health.links.clear();
+            status.node == "fusion"
+        };
+        let about_nodes = |known: &mut Known| -> Vec<_> {
+            let alarms = status_of(known).alarms.into_iter();
+            let of_nodes = alarms.filter(|alarm| alarm.key.starts_with("node/"));
+            of_nodes.map(|alarm| (alarm.severity, alarm.text)).collect()
+        };
+        tell(&mut known, &context, [0, 60 * 30], alone);
+        let alarms = about_nodes(&mut known);
+        assert!(!alarms.is_empty());
+        for (severity, text) in alarms {
+            assert_eq!(severity, Severity::Warning, "{text}");
+            assert!(text.starts_with("starting: "), "{text}");
+        }
+        tell(&mut known, &context, [60 * 61, 60 * 62], alone);
+        let alarms = about_nodes(&mut known);
+        let failed = alarms.iter().filter(|it| it.0 == Severity::Failed);
+        assert_eq!(failed.count(), context.venue.viewpoints.len(), "{alarms:?}");
+    }
+}
+
+/// Symptom: as soon as ticks began, and before any edge could have sent something, all links were red.
+#[test]
+fn links_have_a_moment_to_begin_once_the_ticks_do() {
+    let context = context();
+    let mut known = Known::new(Arc::clone(&context));
+    let dumb = |status: &mut Status| {
+        let edges = status.live.iter_mut().flat_map(|live| &mut live.edges);
+        edges.for_each(|edge| edge.live = false);
+        true
+    };
+    let n_red = |known: &mut Known| {
+        let links = status_of(known).links;
+        links
+            .iter()
+            .filter(|it| it.state == Condition::Failed)
+            .count()
+    };
+    tell(&mut known, &context, [0, 60 * 2], dumb);
+    assert_eq!(n_red(&mut known), 0);
+    assert!(!keys_of(&mut known).iter().any(|it| it.starts_with("link/")));
+    tell(&mut known, &context, [60 * 2, 60 * 5], dumb);
+    assert_eq!(n_red(&mut known), context.venue.viewpoints.len());
 }
 
 #[test]
