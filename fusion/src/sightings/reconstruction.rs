@@ -17,6 +17,12 @@ const MIN_GAP_SINE: f64 = 1e-3;
 /// More than rounding takes from a distance, as a factor.
 const ROUNDING: f64 = 1.0 - 1e-9;
 
+/// Share of the best support that rays which meet at another place may have: with more, neither place is known.
+const MAX_RIVAL: f64 = 0.8;
+
+/// Distance up to which two meetings are one place, in gates: rays of one keypoint do not all meet at one point.
+const SAME_PLACE_GATES: f64 = 2.0;
+
 /// A keypoint in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SightedKeypoint {
@@ -191,26 +197,79 @@ impl<'a> RayBundle<'a> {
     }
 
     /// The point that at least two rays of `members` agree on; of more than two, the ray without which the
-    /// others agree best is dropped until all pass within `gate_m`.
+    /// others agree best is dropped until all pass within `gate_m`. Where no more are kept than dropped, the rays may
+    /// meet at another place as well: see [`Self::best_supported`].
     fn agreed_point(&self, members: &[usize], gate_m: f64) -> Option<SightedKeypoint> {
-        let mut kept: Vec<usize> = (0..self.rays.len())
+        let all: Vec<usize> = (0..self.rays.len())
             .filter(|&r| members.contains(&self.of[r]))
             .collect();
+        let mut kept = all.clone();
         let mut best = self.meeting(&kept, self.most(&kept, |pair| pair.sine))?;
         while best.worst_m > gate_m {
             if kept.len() == 2 {
-                return None;
+                break;
             }
             let (meeting, dropped) = self.best_without_one(&kept)?;
             best = meeting;
             kept.remove(dropped);
         }
+        if 2 * kept.len() <= all.len() {
+            return self.best_supported(&all, gate_m);
+        }
+        (best.worst_m <= gate_m).then(|| self.keypoint(&kept, &best))
+    }
+
+    fn keypoint(&self, kept: &[usize], meeting: &RayMeeting) -> SightedKeypoint {
         let score = kept.iter().map(|&r| self.rays[r].score).sum::<f64>() / kept.len() as f64;
-        Some(SightedKeypoint {
-            position_m: best.point_m,
+        SightedKeypoint {
+            position_m: meeting.point_m,
             score,
             views: kept.len() as u16,
-        })
+        }
+    }
+
+    /// Of all places where two rays of `all` meet, the one with the best supported rays within `gate_m`; `None` where
+    /// another place that is not near has nearly as much. Squares of scores are summed: a network that is unsure is
+    /// wrong more often.
+    fn best_supported(&self, all: &[usize], gate_m: f64) -> Option<SightedKeypoint> {
+        let (mut best, mut second): (Option<(f64, SightedKeypoint)>, f64) = (None, 0.0);
+        let mut kept = Vec::with_capacity(all.len());
+        for (n, &r) in all.iter().enumerate() {
+            for &other in &all[..n] {
+                let pair = self.pairs[r][other];
+                let Some(pair_m) = self.meeting(&[other, r], pair.sine) else {
+                    continue;
+                };
+                if pair_m.worst_m > gate_m {
+                    continue;
+                }
+                let passes = |&r: &usize| self.rays[r].distance_m(&pair_m.point_m) <= gate_m;
+                kept.clear();
+                kept.extend(all.iter().copied().filter(passes));
+                let Some(meeting) = self.meeting(&kept, self.most(&kept, |pair| pair.sine)) else {
+                    continue;
+                };
+                let support: f64 = kept.iter().map(|&r| self.rays[r].score.powi(2)).sum();
+                let place_m = meeting.point_m;
+                let is_same = |(_, known): &(f64, SightedKeypoint)| {
+                    (known.position_m - place_m).norm() <= SAME_PLACE_GATES * gate_m
+                };
+                let is_better = best.as_ref().is_none_or(|(most, _)| support > *most);
+                if best.as_ref().is_some_and(is_same) && !is_better {
+                    continue;
+                }
+                if is_better {
+                    let known = best.replace((support, self.keypoint(&kept, &meeting)));
+                    second = known
+                        .filter(|known| !is_same(known))
+                        .map_or(second, |known| known.0);
+                } else {
+                    second = second.max(support);
+                }
+            }
+        }
+        best.filter(|(most, _)| second <= MAX_RIVAL * most)
+            .map(|(_, keypoint)| keypoint)
     }
 
     /// Where the rays `kept` meet with the least doubt when one is left out, and the place of that one; of several the
@@ -332,7 +391,7 @@ mod tests {
 
     use super::*;
     use crate::body::fixture::{Noise, standing};
-    use crate::sightings::fixture::hall_of_sixteen;
+    use crate::sightings::fixture::{hall, hall_of_sixteen};
     use crate::sightings::rays::witnesses;
 
     proptest! {
@@ -364,5 +423,35 @@ mod tests {
             };
             prop_assert_eq!(bundle.best_without_one(&kept).map(bits), expected.map(bits));
         }
+    }
+
+    #[test]
+    fn of_two_pairs_of_views_that_contradict_each_other_the_surer_pair_is_believed_and_of_equal_ones_neither()
+     {
+        const KNEE: usize = 13;
+        let (hall, mut noise) = (hall(), Noise(3));
+        let standing = standing(0.5, -0.3, 1.7, &mut noise);
+        let mut sitting = standing.clone();
+        sitting[KNEE] += Vector3::new(0.4, 0.1, 0.35);
+        let mut knee_m = |scores: [f32; 2]| {
+            let sighting = |camera: usize| {
+                let body = [&sitting, &standing][camera % 2];
+                let mut sighting = hall.sighting(camera, body, 1.0, &mut noise);
+                if let Some(peak) = &mut sighting.keypoints[KNEE] {
+                    peak.score = scores[camera % 2];
+                }
+                sighting
+            };
+            let sightings: Vec<_> = (0..4).map(sighting).collect();
+            let all = witnesses(&sightings, &hall.cameras, 17, 0.1);
+            let members: Vec<usize> = (0..all.len()).collect();
+            let found = reconstruct(&all, &members, 0.06, 4).unwrap();
+            found.keypoints_m[KNEE].map(|found| found.position_m)
+        };
+        for (scores, knee) in [([0.9, 0.6], sitting[KNEE]), ([0.6, 0.9], standing[KNEE])] {
+            let found_m = knee_m(scores).unwrap();
+            assert!((found_m - knee).norm() < 0.05, "{scores:?}: {found_m}");
+        }
+        assert_eq!(knee_m([0.8, 0.8]), None);
     }
 }
