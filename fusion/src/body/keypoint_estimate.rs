@@ -20,6 +20,8 @@ pub struct KeypointEstimate {
     pub ray: Option<Unit<Vector3<f64>>>,
     /// Inverse covariance of the position, 1/m², zero until the views were asked: how sure the position is, not what it weighs.
     pub information: Matrix3<f64>,
+    /// By what the variance per axis is larger because views show the keypoint elsewhere, m²; it is in `information` already.
+    pub split_m2: f64,
 }
 
 impl KeypointEstimate {
@@ -32,6 +34,7 @@ impl KeypointEstimate {
             views: 0,
             ray: None,
             information: Matrix3::zeros(),
+            split_m2: 0.0,
         }
     }
 }

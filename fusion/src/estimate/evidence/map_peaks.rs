@@ -184,7 +184,7 @@ impl PackedMap<'_> {
     }
 
     /// The highest cell's peak, wherever it is; `None` where none is as high as the lowest peak that counts.
-    pub(super) fn highest_peak(&self) -> Option<MapPeak> {
+    pub(crate) fn highest_peak(&self) -> Option<MapPeak> {
         let Written { rows, columns } = self.written();
         let (mut most, mut highest_row) = (LEAST_PEAK - 1, None);
         for y in rows.clone() {

@@ -17,7 +17,7 @@ use super::views::variance_m2;
 /// q up to which views fit.
 const FITS: f64 = 2.0;
 /// Occlusion weight from which on a keypoint tells: a hidden one's peak is somebody else's.
-const IN_SIGHT: f64 = 0.99;
+pub(super) const IN_SIGHT: f64 = 0.99;
 /// Least height of a peak that tells.
 const LEAST_HEIGHT: f64 = 0.3;
 /// Least keypoints of a view that tell.

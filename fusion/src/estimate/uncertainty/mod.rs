@@ -12,7 +12,8 @@
 //!   taken where it is less. It grows limb by limb, and with the whole body while fewer than two views
 //!   show the person: from when two views did, or, where nothing does, from when any did, whichever is
 //!   less. Who flickers between one view and none is as unsure as with one view;
-//! * what its views show elsewhere (`disagreement`): cameras that do not agree make nobody sure;
+//! * what its views show elsewhere (`disagreement`): cameras that do not agree make nobody sure. Where they show single
+//!   keypoints elsewhere, these are as unsure as the places are apart (`split`);
 //! * how far off the pose was a moment ago: the filter takes its time to come back, and so does this.
 //!
 //! Errors of a network last for seconds, so a tick does not become surer by the ticks before it: this
@@ -26,11 +27,13 @@ mod known;
 mod last_seen;
 mod lasting;
 mod observation;
+mod split;
 mod views;
 
 pub(crate) use disagreement::SeenPose;
 pub use known::UncertaintySnapshot;
 pub(crate) use observation::BodyObservation;
+pub(crate) use split::with_error;
 pub use views::weigh_views;
 
 use self::last_seen::LastSeen;
@@ -257,6 +260,21 @@ impl Uncertainty {
             self.variance_m2[i] = seen_m2[i].min(ahead_m2).max(self.variance_m2[i] * lag);
             if seen_m2[i] <= ahead_m2 && tick.made_of == MadeOf::Views {
                 self.by_two.see(joint, self.variance_m2[i]);
+            }
+        }
+        self.split(tick);
+    }
+
+    /// Where views show a keypoint at two places, what was known before may be of the wrong one.
+    fn split(&mut self, tick: &TickEvidence<'_>) {
+        for (estimate, site) in tick.estimates.iter().zip(tick.sites) {
+            let Some(site) = site.filter(|_| estimate.split_m2 > 0.0) else {
+                continue;
+            };
+            let foot = observation::FEET.iter().find(|foot| foot[0] == site.joint);
+            for joint in foot.map_or(std::slice::from_ref(&site.joint), |foot| &foot[..]) {
+                let variance_m2 = &mut self.variance_m2[joint.index()];
+                *variance_m2 = variance_m2.max(estimate.split_m2);
             }
         }
     }

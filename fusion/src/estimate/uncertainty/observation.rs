@@ -18,7 +18,7 @@ const FOOT_SHARE: f64 = 0.55;
 pub(super) const ONE_VIEW_M2: f64 = 4.0;
 
 /// Ankle, heel and toe of a side.
-const FEET: [[Joint; 3]; 2] = [
+pub(super) const FEET: [[Joint; 3]; 2] = [
     [Joint::LeftAnkle, Joint::LeftHeel, Joint::LeftToe],
     [Joint::RightAnkle, Joint::RightHeel, Joint::RightToe],
 ];

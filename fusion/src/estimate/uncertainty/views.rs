@@ -12,6 +12,7 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
+use super::split::{split_m2, with_error};
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::estimate::evidence::View;
 
@@ -36,13 +37,17 @@ pub fn weigh_views(
 ) {
     let known = predicted_m.iter().zip(relative_sigmas);
     for (k, (estimate, (expected_m, relative))) in estimates.iter_mut().zip(known).enumerate() {
-        estimate.information = Matrix3::zeros();
+        (estimate.information, estimate.split_m2) = (Matrix3::zeros(), 0.0);
         if estimate.weight <= 0.0 {
             continue;
         }
         let offset_m = estimate.position_m - expected_m;
         for view in views {
             estimate.information += told_by(view, k, offset_m, *relative);
+        }
+        estimate.split_m2 = split_m2(views, k, offset_m, *relative);
+        if estimate.split_m2 > 0.0 {
+            estimate.information = with_error(&estimate.information, estimate.split_m2);
         }
     }
 }
