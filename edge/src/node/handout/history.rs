@@ -10,6 +10,7 @@ use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use farfield_node::process::say;
 use farfield_proto::message::handout::FileList;
 use farfield_proto::toml_file::FileError;
 
@@ -27,33 +28,51 @@ pub(super) struct HandoutHistory {
 }
 
 impl HandoutHistory {
-    /// That of the edge whose venue file is at `venue`; empty where nothing was handed out yet.
+    /// That of the edge whose venue file is at `venue`; empty where nothing was handed out yet. Lines that cannot be read, as a
+    /// power cut may leave them, are left out: the file as it was is set aside, which is reported.
     ///
     /// # Errors
-    /// When the file cannot be read: names it, and the line that is none of ours.
+    /// When the file cannot be read: names it.
     pub(super) fn read(venue: &Path) -> Result<Self, FileError> {
         let mut name = venue.file_name().unwrap_or_default().to_owned();
         name.push(".handouts");
         let path = venue.with_file_name(name);
-        let text = match fs::read_to_string(&path) {
-            Ok(text) => text,
+        let text = match fs::read(&path) {
+            Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
             Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
             Err(error) => {
                 let problem = format!("cannot read what fusion has handed out so far: {error}");
                 return Err(FileError::new(path, problem));
             }
         };
-        let mut sets = Vec::new();
-        for (i, line) in text.lines().enumerate() {
-            let set = line
-                .split_once(' ')
-                .and_then(|(hash, at_s)| Some((hash.parse().ok()?, at_s.parse().ok()?)));
-            sets.push(set.ok_or_else(|| {
-                let problem = "expected the hash of a set of files and when it came; delete the file to forget what fusion has handed out so far";
-                FileError::new(&path, problem).at_line(i + 1)
-            })?);
+        let read = |line: &str| {
+            let (hash, at_s) = line.split_once(' ')?;
+            Some((hash.parse().ok()?, at_s.parse().ok()?))
+        };
+        let sets: Vec<_> = text.lines().map(read).collect();
+        let torn = sets.iter().position(Option::is_none);
+        let sets = sets.into_iter().flatten().collect();
+        let this = Self { path, sets };
+        if let Some(index) = torn {
+            this.set_aside(index + 1);
         }
-        Ok(Self { path, sets })
+        Ok(this)
+    }
+
+    /// Keeps the damaged file under another name, and what can be read of it under its own.
+    fn set_aside(&self, line: usize) {
+        let mut aside = self.path.clone().into_os_string();
+        aside.push(".damaged");
+        let kept = fs::rename(&self.path, &aside).map_err(anyhow::Error::from);
+        let kept = kept.and_then(|()| self.write());
+        let (path, n) = (self.path.display(), self.sets.len());
+        let what = match kept {
+            Ok(()) => format!("it is set aside as {}", Path::new(&aside).display()),
+            Err(error) => format!("it cannot be set aside: {error:#}"),
+        };
+        say(format_args!(
+            "{path}:{line}: expected the hash of a set of files and when it came; {what}; of what fusion has handed out so far {n} sets are known: older files than these would not be noticed"
+        ));
     }
 
     /// Refuses a set that was here before the one in force; `now_s`: Unix time in seconds.
@@ -88,22 +107,24 @@ impl HandoutHistory {
             return Ok(());
         }
         self.sets.push((set, now_s));
+        self.write()
+            .with_context(|| format!("writing {}", self.path.display()))
+    }
+
+    fn write(&self) -> anyhow::Result<()> {
         let from = self.sets.len().saturating_sub(MAX_SETS);
         let mut text = String::new();
         for (hash, at_s) in &self.sets[from..] {
-            // Writing to a String cannot fail.
-            let _infallible = writeln!(text, "{} {at_s}", hash.to_hex());
+            writeln!(text, "{} {at_s}", hash.to_hex())?;
         }
         let mut new = self.path.clone().into_os_string();
         // Edges may fetch into one folder.
         new.push(format!(".{}.part", std::process::id()));
-        let write = || {
-            let mut file = File::create(&new)?;
-            file.write_all(text.as_bytes())?;
-            file.sync_all()?;
-            fs::rename(&new, &self.path)
-        };
-        write().with_context(|| format!("writing {}", self.path.display()))
+        let mut file = File::create(&new)?;
+        file.write_all(text.as_bytes())?;
+        file.sync_all()?;
+        fs::rename(&new, &self.path)?;
+        Ok(())
     }
 }
 
@@ -181,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_remembered_has_a_bound_and_what_is_damaged_is_named_by_its_line() {
+    fn what_is_remembered_has_a_bound() {
         let folder = tempfile::tempdir().unwrap();
         let venue = folder.path().join("venue.toml");
         let mut history = HandoutHistory::read(&venue).unwrap();
@@ -190,8 +211,28 @@ mod tests {
         history.note(&list(2), NOW_S).unwrap();
         let history = HandoutHistory::read(&venue).unwrap();
         assert_eq!(history.sets.len(), MAX_SETS);
-        fs::write(&history.path, "hello\n").unwrap();
-        let refused = HandoutHistory::read(&venue).unwrap_err().to_string();
-        assert!(refused.contains("venue.toml.handouts:1"), "{refused}");
+    }
+
+    #[test]
+    fn a_torn_file_is_set_aside_and_what_can_be_read_of_it_counts() {
+        // Symptom: after a power cut the unit did not start any more.
+        let folder = tempfile::tempdir().unwrap();
+        let venue = folder.path().join("venue.toml");
+        for calibration in [2, 3] {
+            let mut history = HandoutHistory::read(&venue).unwrap();
+            history.note(&list(calibration), NOW_S).unwrap();
+        }
+        let path = folder.path().join("venue.toml.handouts");
+        let whole = fs::read(&path).unwrap();
+        for torn in [&b"0a1b2c"[..], &[0; 40], b"\xff\xfe 7\n"] {
+            let torn = [&whole, torn].concat();
+            fs::write(&path, &torn).unwrap();
+            let history = HandoutHistory::read(&venue).unwrap();
+            let refused = history.check(&list(2), NOW_S).unwrap_err().to_string();
+            assert!(refused.contains("older files"), "{refused}");
+            assert_eq!(fs::read(&path).unwrap(), whole);
+            let aside = folder.path().join("venue.toml.handouts.damaged");
+            assert_eq!(fs::read(aside).unwrap(), torn);
+        }
     }
 }
