@@ -41,9 +41,9 @@ use crate::live::queue::{Next, TickQueue, Waiting};
 use crate::live::target_latency::{LongestWaits, TargetLatency};
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
+use crate::node::output::disk_watch::DiskWatch;
 use crate::node::output::summary::Lost;
 use crate::node::output::tally::Tally;
-use crate::node::output::wait_for_disk_room::WaitForDiskRoom;
 use crate::node::session::interceptor::Interceptor;
 use crate::node::session::link::FusionEnds;
 use crate::node::session::messages::FusionOutgoing;
@@ -126,7 +126,7 @@ pub(super) struct LiveFusion<'a> {
     /// What of them does not fit, in words.
     pub(super) disagreements: Vec<String>,
     /// Those that something is written to.
-    pub(super) disks: Vec<Arc<WaitForDiskRoom>>,
+    pub(super) disks: Vec<Arc<DiskWatch>>,
     pub(super) common_clock: CommonClock,
     pub(super) is_own_clock_suspected: bool,
     /// Who looks for another fusion of the venue, and whether one was told.
@@ -333,11 +333,12 @@ impl<'a> LiveFusion<'a> {
             late: std::mem::take(&mut self.late),
             horizons,
         };
-        self.interceptor.wiretap.decided(CopiedStep {
+        let step = CopiedStep {
             group: &job.group,
             late: &job.late,
             horizons: &job.horizons,
-        });
+        };
+        self.interceptor.decided(self.session, step);
         let decision = Decision {
             horizons_ticks: job.horizons.clone(),
             ..job.group.decision(self.session, self.first)

@@ -112,11 +112,12 @@ impl<'a> LockStepFusion<'a> {
                     if self.deadline.is_some() && self.gather.is_complete() {
                         self.deadline = None;
                         let group = self.gather.take();
-                        self.interceptor.wiretap.decided(CopiedStep {
+                        let step = CopiedStep {
                             group: &group,
                             late: &[],
                             horizons: &[],
-                        });
+                        };
+                        self.interceptor.decided(self.session, step);
                         let decision = group.decision(self.session, self.ticks.start);
                         send(ends, FusionOutgoing::Decision(wire::encode(&decision)))?;
                         worker.step(group)?;

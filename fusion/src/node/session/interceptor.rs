@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use farfield_node::clock::VenueClock;
-use farfield_proto::id::ViewpointIndex;
+use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::Status;
 use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::venue::Venue;
@@ -11,7 +11,8 @@ use farfield_proto::wire::{SpokenVersion, VERSION};
 
 use super::messages::Arrival;
 use super::quota::Quota;
-use super::wiretap::{CopiedMessage, WiretapHandle};
+use super::recorded_sets::{RecordedSets, SetMessage};
+use super::wiretap::{CopiedMessage, CopiedStep, WiretapHandle};
 
 /// Who sends: the viewpoints, by their index, and behind them all others as one.
 #[derive(Debug, Clone)]
@@ -71,6 +72,7 @@ pub(in crate::node) struct Interceptor {
     venue_hash: Arc<str>,
     /// Whose each camera is.
     cameras: Arc<[ViewpointIndex]>,
+    sets: Arc<RecordedSets>,
 }
 
 impl Interceptor {
@@ -86,6 +88,7 @@ impl Interceptor {
                 .map(|_| SpokenVersion::default())
                 .collect(),
             venue_hash: venue.hashes.venue.as_str().into(),
+            sets: Arc::new(RecordedSets::new(venue.viewpoints.len(), venue.rate_hz)),
             cameras: venue
                 .cameras
                 .iter()
@@ -158,15 +161,35 @@ impl Interceptor {
         self.wiretap.received(CopiedMessage { key, bytes, at_us });
     }
 
+    /// Notes a message of a set: one that comes again, or of another time or session, as what cannot be read.
+    pub(super) fn received_set(
+        &self,
+        key: &str,
+        bytes: &[u8],
+        (set, arrival): (&SetMessage, Arrival),
+    ) {
+        if self.sets.is_new(set) {
+            self.received(key, bytes, arrival);
+        } else {
+            self.received_unusable(key, bytes, arrival);
+        }
+    }
+
+    /// Notes that the core steps a tick of `session`.
+    pub(in crate::node) fn decided(&self, session: SessionId, step: CopiedStep<'_>) {
+        self.sets.worked_on(session, step.group.tick);
+        self.wiretap.decided(step);
+    }
+
     /// Passes a thumbnail on to who looks at such.
     pub(super) fn showed(&self, key: &str, bytes: &[u8], Arrival { at_us, .. }: Arrival) {
         self.wiretap.thumbnail(CopiedMessage { key, bytes, at_us });
     }
 
-    /// Notes a message that has come and cannot be read: of each node one a second.
-    pub(super) fn received_unreadable(&self, key: &str, bytes: &[u8], arrival: Arrival) {
+    /// Notes a message that has come and is of no use: of each node one a second.
+    pub(super) fn received_unusable(&self, key: &str, bytes: &[u8], arrival: Arrival) {
         let quota = self.senders.quotas.get(self.senders.index(key));
-        if quota.is_some_and(|quota| quota.records_unreadable(arrival.at_us)) {
+        if quota.is_some_and(|quota| quota.records_unusable(arrival.at_us)) {
             self.received(key, bytes, arrival);
         }
     }

@@ -10,5 +10,6 @@ pub(super) mod mode;
 pub(super) mod other_fusion;
 mod publishers;
 mod quota;
+mod recorded_sets;
 mod subscribers;
 pub(super) mod wiretap;

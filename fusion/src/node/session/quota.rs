@@ -14,8 +14,8 @@ const MOST_BYTES_PER_S: f64 = (32 << 20) as f64;
 const OVER_BUDGET: f64 = 2.0;
 /// What may come at once, seconds of the rate.
 const BURST_S: f64 = 1.0;
-/// Messages that cannot be read are recorded once in so long, of each node: enough to see what they are.
-const UNREADABLE_EVERY_US: i64 = 1_000_000;
+/// Messages that cannot be read, or come again, are recorded once in so long, of each node: enough to see what they are.
+const UNUSABLE_EVERY_US: i64 = 1_000_000;
 
 /// What may come from one node, and what did not pass.
 #[derive(Debug)]
@@ -32,7 +32,7 @@ pub(super) struct Quota {
 struct Bucket {
     bytes: f64,
     filled_us: Option<i64>,
-    unreadable_us: Option<i64>,
+    unusable_us: Option<i64>,
 }
 
 impl Quota {
@@ -48,7 +48,7 @@ impl Quota {
             bucket: Mutex::new(Bucket {
                 bytes: bytes_per_s * BURST_S,
                 filled_us: None,
-                unreadable_us: None,
+                unusable_us: None,
             }),
             refused: AtomicU64::new(0),
             lost: AtomicU64::new(0),
@@ -74,14 +74,14 @@ impl Quota {
         is_admitted
     }
 
-    /// Whether a message that cannot be read is recorded at `now_us`.
-    pub(super) fn records_unreadable(&self, now_us: i64) -> bool {
+    /// Whether a message that is of no use is recorded at `now_us`.
+    pub(super) fn records_unusable(&self, now_us: i64) -> bool {
         let mut bucket = self.bucket.lock().unwrap_or_else(PoisonError::into_inner);
         let is_due = bucket
-            .unreadable_us
-            .is_none_or(|at_us| now_us.saturating_sub(at_us) >= UNREADABLE_EVERY_US);
+            .unusable_us
+            .is_none_or(|at_us| now_us.saturating_sub(at_us) >= UNUSABLE_EVERY_US);
         if is_due {
-            bucket.unreadable_us = Some(now_us);
+            bucket.unusable_us = Some(now_us);
         }
         is_due
     }
@@ -125,9 +125,9 @@ mod tests {
     }
 
     #[test]
-    fn of_what_cannot_be_read_one_a_second_is_recorded() {
+    fn of_what_is_of_no_use_one_a_second_is_recorded() {
         let quota = Quota::new(0.0);
-        let recorded = (0..100).filter(|i| quota.records_unreadable(i * 100_000));
+        let recorded = (0..100).filter(|i| quota.records_unusable(i * 100_000));
         assert_eq!(recorded.count(), 10);
     }
 }

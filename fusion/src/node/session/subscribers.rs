@@ -7,6 +7,7 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use farfield_node::session::{self, FifoSubscriber, zenoh_error};
 use farfield_proto::key::Keys;
+use farfield_proto::message::fill::SetKind;
 use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::message::{PatchSet, SightingSet};
 use farfield_proto::wire::{self, WireError};
@@ -22,6 +23,7 @@ use super::inbox::Inbox;
 use super::interceptor::{Interceptor, Senders};
 use super::messages::{FusionIncoming, Liveliness};
 use super::mode::RunMode;
+use super::recorded_sets::SetMessage;
 
 /// Messages that wait: in lock-step of one subscription, and when it is full Zenoh stops reading, and the edges wait; live
 /// of each node of one subscription, and its oldest are lost, as a thread of Zenoh's that waits would hold up everybody.
@@ -243,13 +245,37 @@ fn read(topic: FusionTopic, sample: &Sample, interceptor: &Interceptor) -> Fusio
     };
     match incoming {
         Ok(incoming) => {
-            interceptor.received(key, &payload, arrival);
+            match set_message(&incoming) {
+                Some(set) => interceptor.received_set(key, &payload, (&set, arrival)),
+                None => interceptor.received(key, &payload, arrival),
+            }
             incoming
         }
         Err(error) => {
             debug!(%key, %error, "message not readable");
-            interceptor.received_unreadable(key, &payload, arrival);
+            interceptor.received_unusable(key, &payload, arrival);
             FusionIncoming::Unreadable(key.to_owned(), error)
         }
+    }
+}
+
+/// Which message of a set it is.
+fn set_message(incoming: &FusionIncoming) -> Option<SetMessage> {
+    match incoming {
+        FusionIncoming::Patches(set, _) => Some(SetMessage {
+            session: set.session,
+            viewpoint: set.viewpoint,
+            tick: set.tick,
+            kind: SetKind::Patches,
+            part: set.part,
+        }),
+        FusionIncoming::Sightings(set, _) => Some(SetMessage {
+            session: set.session,
+            viewpoint: set.viewpoint,
+            tick: set.tick,
+            kind: SetKind::Sightings,
+            part: set.part,
+        }),
+        _ => None,
     }
 }
