@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use farfield_proto::message::fill::{FillRequest, Filled, StoredSet};
 use tracing::warn;
 
-use crate::ring::index::{RecordLocation, RingIndex};
+use crate::ring::index::RingIndex;
 use crate::ring::record::{
     Label, RECORD_HEAD_BYTES, SEGMENT_HEAD_BYTES, put_record, record_at, records, segment_head,
     segment_number,
@@ -156,12 +156,7 @@ impl Ring {
         };
         let (found, end) = records(&content);
         for record in &found {
-            let place = RecordLocation {
-                segment: index,
-                at: record.at as u64,
-                len: record.message.len(),
-            };
-            self.index.add(record.label, place);
+            self.index.add(record.label, index, record.message.len());
         }
         if end < content.len() {
             self.torn += 1;
@@ -194,12 +189,8 @@ impl Ring {
         segment.file.write_all_at(record, at)?;
         segment.bytes += len;
         segment.records += 1;
-        let place = RecordLocation {
-            segment: current,
-            at,
-            len: record.len() - RECORD_HEAD_BYTES,
-        };
-        self.index.add(label, place);
+        self.index
+            .add(label, current, record.len() - RECORD_HEAD_BYTES);
         Ok(Stored::Kept)
     }
 
@@ -223,7 +214,12 @@ fn path(folder: &Path, segment: usize) -> PathBuf {
     folder.join(format!("ring-{segment}.seg"))
 }
 
+/// Opens a file of the ring, or makes it; what a symbolic link leads to is none of the ring's.
 fn open_file(path: &Path) -> io::Result<File> {
+    if path.is_symlink() {
+        let words = format!("{} is a symbolic link: remove it", path.display());
+        return Err(io::Error::other(words));
+    }
     let mut options = OpenOptions::new();
     options
         .read(true)
@@ -323,6 +319,22 @@ mod tests {
         assert_eq!(ring.len(), 0);
         ring.store(label(1), &message(1)).unwrap();
         assert_eq!(stored(&mut ring, 0, 9).len(), 1);
+    }
+
+    #[test]
+    fn a_link_in_the_place_of_a_segment_is_named_and_what_it_leads_to_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let theirs = dir.path().join("theirs");
+        fs::write(&theirs, [7; 5000]).unwrap();
+        let ring = dir.path().join("ring");
+        fs::create_dir(&ring).unwrap();
+        std::os::unix::fs::symlink(&theirs, path(&ring, 3)).unwrap();
+        let refused = Ring::open(&ring, 64 << 10).err().unwrap().to_string();
+        assert!(
+            refused.contains("ring-3.seg is a symbolic link"),
+            "{refused}"
+        );
+        assert_eq!(fs::read(&theirs).unwrap(), [7; 5000]);
     }
 
     #[test]
