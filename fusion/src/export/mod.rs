@@ -4,10 +4,13 @@
 //! file; [`pose_files`] alone writes, each file under a temporary name until it is whole, and [`salvage`]
 //! makes whole what a process has left that was killed. [`summary`] is what a run says of itself.
 
-pub mod full_disk;
+pub mod disk_policy;
+#[cfg(test)]
+pub(crate) mod failing_disk;
 pub mod line;
 pub mod marker_names;
 pub mod mot;
+mod part_file;
 pub mod pose_files;
 pub mod rounding;
 pub mod run_clock;

@@ -5,20 +5,22 @@
 //! so far is whole.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::io;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use farfield_proto::id::PersonId;
 use farfield_proto::message::{PersonPose, PoseSet};
 use farfield_proto::tick::Tick;
 
-use super::full_disk::FullDisk;
+use super::disk_policy::DiskPolicy;
 use super::line::PoseLine;
 use super::mot::{self, MotRows};
+use super::part_file::{Ended, PartFile, io_error};
 use super::run_clock::{RunClock, RunEnd};
-use super::unfinished::{Unfinished, sync_folder_of};
-use super::whole::{Kind, Whole, make_whole};
+use super::summary::Refusal;
+use super::unfinished::sync_folder_of;
+use super::whole::Kind;
 use super::{Layout, trc};
 use crate::body::stature::stature_m;
 
@@ -67,6 +69,8 @@ pub struct Written {
     pub unwritten_ticks: u64,
     /// Why not, or why a file has not got its name.
     pub failure: Option<WriteError>,
+    /// The files that the system refused while they were written.
+    pub refusals: Vec<Refusal>,
 }
 
 /// The growing files of one run.
@@ -75,11 +79,11 @@ pub struct PoseFiles {
     folder: PathBuf,
     layout: Layout,
     clock: RunClock,
-    disk: Arc<dyn FullDisk>,
-    lines: Unfinished,
+    disk: Arc<dyn DiskPolicy>,
+    lines: PartFile,
     persons: BTreeMap<PersonId, PersonFiles>,
     last: Option<Tick>,
-    /// The first thing that went wrong; nothing is written after it.
+    /// What went wrong where nothing can go on; nothing is written after it.
     failure: Option<WriteError>,
     /// Per tick with lines that the system may not have yet: where they end.
     unsettled: VecDeque<u64>,
@@ -89,25 +93,14 @@ pub struct PoseFiles {
 
 #[derive(Debug)]
 struct PersonFiles {
-    trc: Unfinished,
-    trc_rows: u64,
-    /// Room for it is kept at the beginning of the file, and of [`Self::mot_head`] in the other.
-    trc_head: String,
-    mot: Unfinished,
-    mot_head: String,
+    trc: PartFile,
+    mot: PartFile,
     mot_rows: MotRows,
-    n_mot_rows: u64,
     presence: Presence,
 }
 
 impl PersonFiles {
-    fn add_row(&mut self, row: &str) -> Result<(), WriteError> {
-        append(&mut self.trc, row)?;
-        self.trc_rows += 1;
-        Ok(())
-    }
-
-    fn both(&mut self) -> [&mut Unfinished; 2] {
+    fn both(&mut self) -> [&mut PartFile; 2] {
         [&mut self.trc, &mut self.mot]
     }
 }
@@ -123,10 +116,15 @@ impl PoseFiles {
         layout: Layout,
         rate_hz: f64,
         end: RunEnd,
-        disk: Arc<dyn FullDisk>,
+        disk: Arc<dyn DiskPolicy>,
     ) -> Result<Self, WriteError> {
         let folder = folder.into();
-        let lines = create(folder.join("poses.jsonl"), &disk)?;
+        let lines = PartFile::create(
+            folder.join("poses.jsonl"),
+            Kind::Lines,
+            String::new(),
+            &disk,
+        )?;
         Ok(Self {
             folder,
             layout,
@@ -203,13 +201,15 @@ impl PoseFiles {
                 pose,
                 layout: &self.layout,
             };
-            line.write_to(&mut self.lines)
-                .map_err(|e| io_error(self.lines.path(), e))?;
+            let mut row = Vec::new();
+            line.write_to(&mut row)
+                .map_err(|error| io_error(self.lines.path(), error))?;
+            self.lines.add_row(&row)?;
             self.write_person(poses.tick, pose)?;
         }
         for files in self.persons.values_mut() {
             if files.presence.last_tick != poses.tick {
-                each(files.both(), Unfinished::rest)?;
+                each(files.both(), PartFile::rest)?;
             }
         }
         Ok(())
@@ -229,14 +229,15 @@ impl PoseFiles {
             .blank(files.presence.last_tick.0 + 1..tick.0)
             .map(Tick)
         {
-            files.add_row(&trc::row(&self.layout, gap, clock.seconds(gap), None))?;
+            let row = trc::row(&self.layout, gap, clock.seconds(gap), None);
+            files.trc.add_row(row.as_bytes())?;
         }
         let seconds = clock.seconds(tick);
-        files.add_row(&trc::row(&self.layout, tick, seconds, Some(pose)))?;
+        let row = trc::row(&self.layout, tick, seconds, Some(pose));
+        files.trc.add_row(row.as_bytes())?;
         if mot::has_row(pose) {
             let row = files.mot_rows.row(&self.layout, seconds, pose);
-            append(&mut files.mot, &row)?;
-            files.n_mot_rows += 1;
+            files.mot.add_row(row.as_bytes())?;
         }
         let presence = &mut files.presence;
         presence.last_tick = tick;
@@ -256,14 +257,14 @@ impl PoseFiles {
             rate_hz,
             first: first_row,
         };
-        let mut files = PersonFiles {
-            trc: create(self.folder.join(&name), &self.disk)?,
-            trc_rows: 0,
-            trc_head: trc::header(&self.layout, &name, rate_hz, original),
-            mot: create(self.folder.join(format!("angles_{person}.mot")), &self.disk)?,
-            mot_head: mot::header(&self.layout),
+        let head = trc::header(&self.layout, &name, rate_hz, original);
+        let trc = PartFile::create(self.folder.join(&name), Kind::Trc, head, &self.disk)?;
+        let path = self.folder.join(format!("angles_{person}.mot"));
+        let mot = PartFile::create(path, Kind::Mot, mot::header(&self.layout), &self.disk)?;
+        Ok(PersonFiles {
+            trc,
+            mot,
             mot_rows: MotRows::default(),
-            n_mot_rows: 0,
             presence: Presence {
                 person,
                 first_tick: tick,
@@ -271,10 +272,7 @@ impl PoseFiles {
                 ticks: 0,
                 stature_m: None,
             },
-        };
-        append(&mut files.trc, &files.trc_head)?;
-        append(&mut files.mot, &files.mot_head)?;
-        Ok(files)
+        })
     }
 
     /// Waits until the disk has `poses.jsonl` as it is so far.
@@ -282,7 +280,7 @@ impl PoseFiles {
     /// # Errors
     /// [`WriteError::Io`]; nothing is written any more then.
     pub fn sync_lines(&mut self) -> Result<(), &WriteError> {
-        self.sync_with(|files| each([&mut files.lines], Unfinished::sync))
+        self.sync_with(|files| files.lines.sync())
     }
 
     /// Waits until the disk has the files of persons as they are so far. Those who are not there at present
@@ -295,13 +293,14 @@ impl PoseFiles {
             let last = files.last;
             for person in files.persons.values_mut() {
                 let is_there = Some(person.presence.last_tick) == last;
-                each(person.both(), Unfinished::sync)?;
+                each(person.both(), PartFile::sync)?;
                 if !is_there {
-                    each(person.both(), Unfinished::rest)?;
+                    each(person.both(), PartFile::rest)?;
                 }
             }
-            // The names of files that were begun since.
-            sync_folder_of(files.lines.path()).map_err(|e| io_error(&files.folder, e))
+            // The names of files that were begun since. Where the disk refuses that, it is asked for them again.
+            drop(sync_folder_of(files.lines.path()));
+            Ok(())
         })
     }
 
@@ -323,99 +322,70 @@ impl PoseFiles {
     pub fn finish(mut self) -> Written {
         let is_synced = self.sync_lines().is_ok() && self.sync_persons().is_ok();
         let people = self.persons.values().map(|files| files.presence).collect();
-        let folder = self.lines.path().to_owned();
-        let (unwritten_ticks, failure) = if is_synced {
-            (0, self.name_all())
-        } else {
-            let failure = self.failure.take();
-            (self.cut_all(), failure)
-        };
-        let synced = sync_folder_of(&folder).map_err(|e| io_error(&folder, e));
-        Written {
+        let path = self.lines.path().to_owned();
+        let mut written = Written {
             people,
-            unwritten_ticks,
-            failure: failure.or(synced.err()),
+            failure: self.failure.take(),
+            ..Written::default()
+        };
+        if is_synced {
+            self.name_all(&mut written);
+        } else {
+            self.cut_all(&mut written);
         }
+        let synced = sync_folder_of(&path).map_err(|e| io_error(&path, e));
+        written.failure = written.failure.or(synced.err());
+        written
     }
 
     /// All of it is on the disk. One file that gets no name keeps no other from it.
-    fn name_all(self) -> Option<WriteError> {
-        let mut failure = None;
-        let mut note = |done: Result<(), WriteError>| {
-            failure = failure.take().or(done.err());
-        };
-        note(name(self.lines, None));
+    fn name_all(self, written: &mut Written) {
+        let lines = self.lines.finish();
+        written.unwritten_ticks = lines.n_lost;
+        written.add(lines);
         for mut files in self.persons.into_values() {
             let until = self.last.filter(|_| self.clock.end == RunEnd::Known);
             let left = files.presence.last_tick;
             let absence = left.0 + 1..until.unwrap_or(left).0 + 1;
             let is_filled = self.clock.blank(absence).map(Tick).try_for_each(|gap| {
                 let seconds = self.clock.seconds(gap);
-                files.add_row(&trc::row(&self.layout, gap, seconds, None))
+                let row = trc::row(&self.layout, gap, seconds, None);
+                files.trc.add_row(row.as_bytes())
             });
-            let n_mot_rows = files.n_mot_rows;
-            note(match is_filled {
-                Ok(()) => name(files.trc, trc::with_rows(&files.trc_head, files.trc_rows)),
+            written.add(match is_filled {
+                Ok(()) => files.trc.finish(),
                 // All poses are in it.
-                Err(_) => cut(files.trc, Kind::Trc).map(drop),
+                Err(_) => files.trc.cut(),
             });
-            note(name(files.mot, mot::with_rows(&files.mot_head, n_mot_rows)));
+            written.add(files.mot.finish());
         }
-        failure
     }
 
-    /// Keeps what the system has taken; returns how many ticks are not in it.
-    fn cut_all(self) -> u64 {
+    /// Keeps what the system has taken, and counts the ticks that are not in it.
+    fn cut_all(self, written: &mut Written) {
         for files in self.persons.into_values() {
-            // The failure is known already; what stays has a name that says what it is.
-            drop((cut(files.trc, Kind::Trc), cut(files.mot, Kind::Mot)));
+            written.add(files.trc.cut());
+            written.add(files.mot.cut());
         }
-        let lines = cut(self.lines, Kind::Lines).ok().flatten();
-        let bytes = lines.map_or(0, |whole| whole.bytes);
-        let torn = self.unsettled.iter().filter(|&&end| end > bytes).count();
-        self.refused_ticks + torn as u64
+        let lines = self.lines.cut();
+        let torn = self.unsettled.iter().filter(|&&end| end > lines.bytes);
+        written.unwritten_ticks = self.refused_ticks + torn.count() as u64 + lines.n_lost;
+        written.add(lines);
     }
 }
 
-/// Cuts a file after its last whole line, and gives it its name.
-fn cut(mut file: Unfinished, kind: Kind) -> Result<Option<Whole>, WriteError> {
-    // There may be a little room by now.
-    drop(file.rest());
-    let path = file.leave();
-    make_whole(&path, kind).map_err(|e| io_error(&path, e))
-}
-
-/// Gives a file its name, and before that its head, where it has one.
-fn name(mut file: Unfinished, head: Option<String>) -> Result<(), WriteError> {
-    let head = head.map_or(Ok(()), |head| file.overwrite_head(head.as_bytes()));
-    head.and_then(|()| file.give_name())
-        .map_err(|e| io_error(file.path(), e))
+impl Written {
+    fn add(&mut self, ended: Ended) {
+        self.refusals.extend(ended.refusals);
+        self.failure = self.failure.take().or(ended.failure);
+    }
 }
 
 fn each<const N: usize>(
-    files: [&mut Unfinished; N],
-    mut work: impl FnMut(&mut Unfinished) -> io::Result<()>,
+    files: [&mut PartFile; N],
+    work: impl FnMut(&mut PartFile) -> Result<(), WriteError>,
 ) -> Result<(), WriteError> {
-    files
-        .into_iter()
-        .try_for_each(|file| work(file).map_err(|e| io_error(file.path(), e)))
-}
-
-fn io_error(path: &Path, source: io::Error) -> WriteError {
-    WriteError::Io {
-        path: path.to_owned(),
-        source,
-    }
-}
-
-fn create(path: PathBuf, disk: &Arc<dyn FullDisk>) -> Result<Unfinished, WriteError> {
-    let made = Unfinished::create_on(&path, Arc::clone(disk));
-    made.map_err(|source| WriteError::Io { path, source })
-}
-
-fn append(file: &mut Unfinished, text: &str) -> Result<(), WriteError> {
-    file.write_all(text.as_bytes())
-        .map_err(|source| io_error(file.path(), source))
+    files.into_iter().try_for_each(work)
 }
 
 #[cfg(test)]

@@ -4,8 +4,9 @@ use std::fs;
 
 use farfield_proto::message::PersonState::Tracked;
 
+use super::super::disk_policy::GiveUp;
+use super::super::failing_disk;
 use super::super::fixture;
-use super::super::full_disk::GiveUp;
 use super::*;
 
 fn written(ticks: &[(i64, &[u32])]) -> (tempfile::TempDir, Vec<Presence>) {
@@ -155,4 +156,116 @@ fn ticks_out_of_order_are_refused() {
     files.write(&fixture::poses(5, &[])).unwrap();
     let error = files.write(&fixture::poses(5, &[])).unwrap_err();
     assert_eq!(error.to_string(), "tick 5 came after tick 5");
+}
+
+/// Writes so many ticks of two people, all synced every `sync_every` ticks, while the disk fails from tick 50 on; the
+/// files by name.
+fn written_while(
+    n_ticks: i64,
+    sync_every: i64,
+    fail: impl Fn(),
+) -> (BTreeMap<String, String>, Written) {
+    let folder = tempfile::tempdir().unwrap();
+    let (layout, disk) = (fixture::layout(), Arc::new(GiveUp));
+    let mut files = PoseFiles::create(folder.path(), layout, 50.0, RunEnd::Known, disk).unwrap();
+    for tick in 0..n_ticks {
+        if tick == 50 {
+            fail();
+        }
+        let people = [(1, Tracked), (2, Tracked)];
+        files.write(&fixture::poses(tick, &people)).unwrap();
+        if tick % sync_every == 0 {
+            files.sync_lines().unwrap();
+            files.sync_persons().unwrap();
+        }
+    }
+    let written = files.finish();
+    failing_disk::fail("", failing_disk::Work::Write, 0);
+    let entries = fs::read_dir(folder.path()).unwrap().map(Result::unwrap);
+    let texts = entries.map(|entry| {
+        let name = entry.file_name().into_string().unwrap();
+        (name, fs::read_to_string(entry.path()).unwrap())
+    });
+    (texts.collect(), written)
+}
+
+#[test]
+fn an_error_of_the_disk_costs_no_row_of_any_file_and_is_reported_by_name() {
+    // Symptom: one EIO, of a write or a sync, also on one person's TRC, ended all pose files of a run.
+    use failing_disk::Work::{Sync, Write};
+    let (sound, written) = written_while(400, 7, || ());
+    assert!(written.refusals.is_empty() && written.failure.is_none());
+    assert_eq!(sound.len(), 5);
+    for (name, part) in [
+        ("poses.jsonl", "poses-2.jsonl"),
+        ("poses_2.trc", "poses_2-2.trc"),
+        ("angles_1.mot", "angles_1-2.mot"),
+    ] {
+        for work in [Write, Sync] {
+            for sync_every in [7, 30] {
+                let fail = || failing_disk::fail(name, work, 1);
+                let (files, written) = written_while(400, sync_every, fail);
+                assert_eq!(
+                    (written.failure.is_none(), written.unwritten_ticks),
+                    (true, 0)
+                );
+                assert!(files == sound, "{name} {work:?} {:?}", files.keys());
+                let [refusal] = &written.refusals[..] else {
+                    panic!("{:?}", written.refusals);
+                };
+                assert_eq!(refusal.file, name);
+                assert_eq!(refusal.goes_on_in.as_deref(), Some(part));
+                assert!(
+                    refusal.failure.contains("os error 5"),
+                    "{}",
+                    refusal.failure
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_disk_that_confirms_nothing_is_reported_once_and_has_all_rows() {
+    let (sound, _) = written_while(200, 7, || ());
+    let fail = || failing_disk::fail("poses", failing_disk::Work::Sync, u32::MAX);
+    let (files, written) = written_while(200, 7, fail);
+    assert!(files == sound, "{:?}", files.keys());
+    assert_eq!(written.unwritten_ticks, 0);
+    let unconfirmed = written.refusals.iter().filter(|it| it.goes_on_in.is_none());
+    assert_eq!(unconfirmed.count(), 3, "{:?}", written.refusals);
+    assert_eq!(written.refusals.len(), 6);
+}
+
+#[test]
+fn parts_that_cannot_be_joined_keep_their_own_names_and_each_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let (layout, disk) = (fixture::layout(), Arc::new(GiveUp));
+    let mut files = PoseFiles::create(folder.path(), layout, 50.0, RunEnd::Known, disk).unwrap();
+    for tick in 0..90 {
+        files.write(&fixture::poses(tick, &[(1, Tracked)])).unwrap();
+        if tick % 20 == 10 {
+            files.sync_persons().unwrap();
+        }
+        if tick == 40 {
+            failing_disk::fail("poses_1", failing_disk::Work::Sync, 1);
+            files.sync_persons().unwrap();
+        }
+    }
+    failing_disk::fail("poses_1", failing_disk::Work::Join, 2);
+    let written = files.finish();
+    assert!(written.failure.is_none(), "{:?}", written.failure);
+    let rows = ["poses_1.trc", "poses_1-2.trc"].map(|name| {
+        let text = fs::read_to_string(folder.path().join(name)).unwrap();
+        let rows: Vec<i64> = text.lines().skip(5).map(first_number).collect();
+        let counted = format!("50\t50\t{}\t3\tm\t50\t0\t", rows.len());
+        assert!(text.contains(&counted), "{text}");
+        rows
+    });
+    assert_eq!(rows[0], (0..31).collect::<Vec<i64>>());
+    assert_eq!(rows[1], (31..90).collect::<Vec<i64>>());
+}
+
+fn first_number(row: &str) -> i64 {
+    row.split('\t').next().unwrap().parse().unwrap()
 }

@@ -20,8 +20,18 @@ pub const SMOOTH: &str = "smooth";
 pub fn salvage(folder: &Path) -> Result<Vec<PathBuf>, WriteError> {
     let mut named = Vec::new();
     let mut failed = None;
-    for folder in [folder.to_owned(), folder.join(SMOOTH)] {
-        let left = match unfinished_in(&folder) {
+    let smooth = folder.join(SMOOTH);
+    for folder in [folder.to_owned(), smooth.clone()] {
+        // What a link leads to is not this run's, except where the folder itself was named by one.
+        let is_link = folder == smooth && folder.is_symlink();
+        let left = if is_link {
+            Err(io::Error::other(
+                "found a symbolic link, expected a folder: it is left as it is; remove it",
+            ))
+        } else {
+            unfinished_in(&folder)
+        };
+        let left = match left {
             Ok(left) => left,
             Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
             Err(source) => {
@@ -70,8 +80,8 @@ mod tests {
 
     use farfield_proto::message::PersonState::Tracked;
 
+    use super::super::disk_policy::GiveUp;
     use super::super::fixture;
-    use super::super::full_disk::GiveUp;
     use super::super::pose_files::PoseFiles;
     use super::super::run_clock::RunEnd;
     use super::super::summary::Summary;
@@ -159,6 +169,31 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn what_links_lead_to_is_left_alone_and_the_link_is_named() {
+        use std::os::unix::fs::symlink;
+        let (folder, outside) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let theirs = outside.path().join("poses.jsonl.tmp");
+        fs::write(&theirs, "{}\n{\"ti").unwrap();
+        fs::write(folder.path().join("poses_1-2.trc.tmp"), "").unwrap();
+        symlink(&theirs, folder.path().join("poses.jsonl.tmp")).unwrap();
+        let refused = salvage(folder.path()).unwrap_err().to_string();
+        let words = ["poses.jsonl.tmp", "a symbolic link", "remove it"];
+        assert!(words.iter().all(|word| refused.contains(word)), "{refused}");
+        assert!(
+            !folder.path().join("poses_1-2.trc.tmp").exists(),
+            "others are made whole"
+        );
+        fs::remove_file(folder.path().join("poses.jsonl.tmp")).unwrap();
+        symlink(outside.path(), folder.path().join(SMOOTH)).unwrap();
+        let refused = salvage(folder.path()).unwrap_err().to_string();
+        assert!(
+            refused.contains("smooth: found a symbolic link"),
+            "{refused}"
+        );
+        assert_eq!(fs::read_to_string(&theirs).unwrap(), "{}\n{\"ti");
     }
 
     #[test]

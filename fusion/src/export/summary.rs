@@ -4,6 +4,7 @@
 //! socket or another process has a say in belongs there.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::PathBuf;
 
 use farfield_proto::message::identity_event::IdentityEvent;
@@ -214,8 +215,40 @@ pub struct PosesSummary {
     pub unwritten_ticks: u64,
     /// The same of the smoothed poses.
     pub unwritten_smoothed_ticks: u64,
-    /// What the system said; `None`: the disk was too slow.
+    /// The system's error; `None`: the disk was too slow, or nothing is missing.
     pub failure: Option<String>,
+    /// Files that the system refused while they were written: nothing is missing where they go on in another part.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub refused: Vec<Refusal>,
+}
+
+impl PosesSummary {
+    /// Whether all poses are in the files.
+    pub fn is_whole(&self) -> bool {
+        self.failure.is_none() && self.unwritten_ticks + self.unwritten_smoothed_ticks == 0
+    }
+}
+
+/// A file that the system refused.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Refusal {
+    /// Its name.
+    pub file: String,
+    /// The system's error.
+    pub failure: String,
+    /// The part in which it went on; joined to it at the end of the run where the disk takes that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub goes_on_in: Option<String>,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.file, self.failure)?;
+        match &self.goes_on_in {
+            Some(part) => write!(f, "; it goes on in {part}"),
+            None => Ok(()),
+        }
+    }
 }
 
 /// What a recording came to.

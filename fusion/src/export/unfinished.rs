@@ -2,12 +2,13 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::hash::{BuildHasher as _, DefaultHasher, Hash as _, Hasher as _, RandomState};
-use std::io::{self, BufWriter, ErrorKind, Seek as _, SeekFrom, Write};
+use std::io::{self, BufWriter, ErrorKind, Read as _, Seek as _, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::full_disk::{FullDisk, GiveUp, patiently};
+use super::disk_policy::{DiskPolicy, GiveUp, is_full, patiently};
 
 /// What a file is called until it is whole: its own name with this behind it.
 pub(super) const SUFFIX: &str = ".tmp";
@@ -21,7 +22,7 @@ const LEFT_FOR: Duration = Duration::from_hours(1);
 #[derive(Debug)]
 pub struct Unfinished {
     path: PathBuf,
-    disk: Arc<dyn FullDisk>,
+    disk: Arc<dyn DiskPolicy>,
     /// `None` while it rests.
     writer: Option<BufWriter<PatientFile>>,
     /// Bytes that were written, buffered ones among them.
@@ -46,10 +47,10 @@ impl Unfinished {
     ///
     /// # Errors
     /// As [`Self::create`].
-    pub fn create_on(path: impl Into<PathBuf>, disk: Arc<dyn FullDisk>) -> io::Result<Self> {
+    pub fn create_on(path: impl Into<PathBuf>, disk: Arc<dyn DiskPolicy>) -> io::Result<Self> {
         let path = path.into();
         let making = || File::create_new(temporary(&path));
-        let file = patiently(&*disk, &path, making)?;
+        let file = patiently(&*disk, &path, is_full, making)?;
         let file = PatientFile::new(file, &path, Arc::clone(&disk));
         Ok(Self {
             path,
@@ -134,11 +135,47 @@ impl Unfinished {
         overwrite(&temporary(&self.path), head)
     }
 
+    /// What was written from byte `from` to byte `until`, also what is still buffered.
+    ///
+    /// # Errors
+    /// When the system does not give back what it has taken.
+    pub(super) fn read_back(&self, from: u64, until: u64) -> io::Result<Vec<u8>> {
+        let handed_over = self.handed_over();
+        let mut bytes = Vec::new();
+        if from < handed_over {
+            let mut file = open_own(OpenOptions::new().read(true), &temporary(&self.path))?;
+            file.seek(SeekFrom::Start(from))?;
+            file.take(until.min(handed_over) - from)
+                .read_to_end(&mut bytes)?;
+        }
+        if let Some(writer) = &self.writer {
+            let buffered = writer.buffer();
+            let from = from.saturating_sub(handed_over) as usize;
+            let until = until.saturating_sub(handed_over) as usize;
+            bytes.extend_from_slice(buffered.get(from..until).unwrap_or_default());
+        }
+        if bytes.len() as u64 == until.saturating_sub(from) {
+            Ok(bytes)
+        } else {
+            Err(ErrorKind::UnexpectedEof.into())
+        }
+    }
+
     /// Leaves the temporary file as the system has it, without what is buffered; returns its path.
     pub(super) fn leave(mut self) -> PathBuf {
         self.forget_buffered();
         self.settled = true;
         temporary(&self.path)
+    }
+
+    /// Leaves the temporary file with all that was written, for who names it; returns the name that it would have got.
+    ///
+    /// # Errors
+    /// When the buffered bytes cannot be written.
+    pub(super) fn leave_in_place(&mut self) -> io::Result<PathBuf> {
+        self.rest()?;
+        self.settled = true;
+        Ok(self.path.clone())
     }
 
     /// Dropped, a buffer would try once more.
@@ -152,8 +189,7 @@ impl Unfinished {
         let writer = if let Some(writer) = self.writer.take() {
             writer
         } else {
-            let mut append = OpenOptions::new();
-            let file = append.append(true).open(temporary(&self.path))?;
+            let file = open_own(OpenOptions::new().append(true), &temporary(&self.path))?;
             let disk = Arc::clone(&self.disk);
             BufWriter::new(PatientFile::new(file, &self.path, disk))
         };
@@ -190,12 +226,12 @@ pub struct PatientFile {
     file: File,
     /// What it is called when it finds no room.
     path: PathBuf,
-    disk: Arc<dyn FullDisk>,
+    disk: Arc<dyn DiskPolicy>,
 }
 
 impl PatientFile {
     /// Writes to `file`, which is or will be `path`.
-    pub fn new(file: File, path: impl Into<PathBuf>, disk: Arc<dyn FullDisk>) -> Self {
+    pub fn new(file: File, path: impl Into<PathBuf>, disk: Arc<dyn DiskPolicy>) -> Self {
         let path = path.into();
         Self { file, path, disk }
     }
@@ -204,12 +240,23 @@ impl PatientFile {
 impl Write for PatientFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let Self { file, path, disk } = self;
-        patiently(&**disk, path, || file.write(bytes))
+        // Buffers do that themselves.
+        let may_pass = |error: &io::Error| error.kind() != ErrorKind::Interrupted;
+        patiently(&**disk, path, may_pass, || {
+            #[cfg(test)]
+            super::failing_disk::check(path, super::failing_disk::Work::Write)?;
+            file.write(bytes)
+        })
     }
 
     fn flush(&mut self) -> io::Result<()> {
         let Self { file, path, disk } = self;
-        patiently(&**disk, path, || sync(file))
+        // A second sync would say that all is well: the system reports once what it could not write.
+        patiently(&**disk, path, is_full, || {
+            #[cfg(test)]
+            super::failing_disk::check(path, super::failing_disk::Work::Sync)?;
+            sync(file)
+        })
     }
 }
 
@@ -230,17 +277,41 @@ fn sync(file: &File) -> io::Result<()> {
 
 /// Writes `head` over the first bytes of `file`.
 pub(super) fn overwrite(file: &Path, head: &[u8]) -> io::Result<()> {
-    let mut file = OpenOptions::new().write(true).open(file)?;
+    let mut file = open_own(OpenOptions::new().write(true), file)?;
     file.seek(SeekFrom::Start(0))?;
     file.write_all(head)
+}
+
+/// Opens a file that a run has made, to read or to change it: a symbolic link, or anything else in its place, is left alone.
+///
+/// # Errors
+/// When it is no file, or cannot be opened.
+pub fn open_own(options: &OpenOptions, path: &Path) -> io::Result<File> {
+    let found = fs::symlink_metadata(path)?;
+    if !found.is_file() {
+        let what = if found.is_symlink() {
+            "a symbolic link"
+        } else {
+            "no file"
+        };
+        let words = format!("found {what}, expected a file: it is left as it is; remove it");
+        return Err(io::Error::new(ErrorKind::InvalidInput, words));
+    }
+    let file = options.open(path)?;
+    let opened = file.metadata()?;
+    // A link that takes its place between the two calls leads to another file.
+    if (opened.dev(), opened.ino()) != (found.dev(), found.ino()) {
+        return Err(io::Error::other("it was replaced while it was opened"));
+    }
+    Ok(file)
 }
 
 /// Makes `folder` and those above it, where `disk` says what is done when there is no room.
 ///
 /// # Errors
 /// When it cannot be made.
-pub fn create_folder_on(folder: &Path, disk: &dyn FullDisk) -> io::Result<()> {
-    patiently(disk, folder, || fs::create_dir_all(folder))
+pub fn create_folder_on(folder: &Path, disk: &dyn DiskPolicy) -> io::Result<()> {
+    patiently(disk, folder, is_full, || fs::create_dir_all(folder))
 }
 
 /// Waits until the names in the folder of `path` are on the disk.

@@ -3,13 +3,13 @@
 //! It is cut after its last whole line, its head gets the number of rows, and it gets its name. One without
 //! any row goes.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 
 use serde::de::IgnoredAny;
 
-use super::unfinished::{SUFFIX, overwrite};
+use super::unfinished::{SUFFIX, open_own, overwrite};
 use super::{mot, trc};
 
 /// Bytes of a line, far above any that a run writes: what is longer is none.
@@ -34,7 +34,7 @@ pub(super) enum Kind {
 impl Kind {
     pub(super) fn of(name: &str) -> Option<Self> {
         match name.split_once('.')? {
-            ("poses", "jsonl") => Some(Self::Lines),
+            (stem, "jsonl") if stem == "poses" || stem.starts_with("poses-") => Some(Self::Lines),
             ("summary", "json") => Some(Self::Summary),
             (stem, "trc") if stem.starts_with("poses_") => Some(Self::Trc),
             (stem, "mot") if stem.starts_with("angles_") => Some(Self::Mot),
@@ -90,7 +90,10 @@ pub(super) fn make_whole(path: &Path, kind: Kind) -> io::Result<Option<Whole>> {
     let (head, bytes) = if kind == Kind::Summary {
         (String::new(), summary_bytes(path)?)
     } else {
-        let lines = WholeLines::read(BufReader::new(File::open(path)?), kind)?;
+        let lines = WholeLines::read(
+            BufReader::new(open_own(OpenOptions::new().read(true), path)?),
+            kind,
+        )?;
         match kind.with_rows(&lines.head, lines.n_rows) {
             _ if lines.is_foreign => return Ok(None),
             Some(head) if lines.n_rows > 0 => (head, lines.bytes),
@@ -102,7 +105,7 @@ pub(super) fn make_whole(path: &Path, kind: Kind) -> io::Result<Option<Whole>> {
         fs::remove_file(path)?;
         return Ok(None);
     }
-    let file = OpenOptions::new().write(true).open(path)?;
+    let file = open_own(OpenOptions::new().write(true), path)?;
     file.set_len(bytes)?;
     overwrite(path, head.as_bytes())?;
     file.sync_all()?;
@@ -114,7 +117,7 @@ pub(super) fn make_whole(path: &Path, kind: Kind) -> io::Result<Option<Whole>> {
 /// Bytes of the summary at the beginning of `path`, with room kept behind it; 0: there is none.
 fn summary_bytes(path: &Path) -> io::Result<u64> {
     let mut text = Vec::new();
-    File::open(path)?
+    open_own(OpenOptions::new().read(true), path)?
         .take(LONGEST_LINE)
         .read_to_end(&mut text)?;
     let end = text.trim_ascii_end().len();

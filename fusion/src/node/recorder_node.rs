@@ -171,7 +171,7 @@ async fn listen(
     let mut agreement = Agreement::default();
     let mut tell = tokio::time::interval(TELL_EVERY);
     let (mut n_messages, mut n_waits) = (0u64, 0u32);
-    let disk = recording.disk_room();
+    let disk = recording.disk_watch();
     loop {
         let sample: Sample = tokio::select! {
             () = stop.cancelled() => return Ok(()),

@@ -30,9 +30,9 @@ pub(super) use self::handover::names_place;
 
 use self::run::LiveFusion;
 use self::start::clock_start;
+use super::output::disk_watch::DiskWatch;
 use super::output::export_thread::{ExportThread, missing};
 use super::output::summary::{RunFacts, summarize};
-use super::output::wait_for_disk_room::WaitForDiskRoom;
 use super::recording::RecordingThread;
 use super::session::mode::RunMode;
 use super::worker::FusionWorker;
@@ -120,7 +120,7 @@ pub(super) async fn live(
     };
     let summary = summarize(venue, &facts);
     context.summary.put(summary).map_err(NodeError::Failed)?;
-    match &finished.exported.missing {
+    match finished.exported.missing() {
         Some(poses) => Err(NodeError::Failed(missing(poses))),
         None => outcome.map_err(NodeError::Failed),
     }
@@ -144,12 +144,9 @@ async fn fill_recording(
 }
 
 /// Those that the run writes to.
-fn disks(
-    exporter: &ExportThread,
-    recording: Option<&RecordingThread>,
-) -> Vec<Arc<WaitForDiskRoom>> {
-    let recording = recording.map(RecordingThread::disk_room);
-    std::iter::once(exporter.disk_room())
+fn disks(exporter: &ExportThread, recording: Option<&RecordingThread>) -> Vec<Arc<DiskWatch>> {
+    let recording = recording.map(RecordingThread::disk_watch);
+    std::iter::once(exporter.disk_watch())
         .chain(recording)
         .collect()
 }

@@ -124,7 +124,7 @@ impl Begin<'_> {
         };
         let summary = summarize(venue, &facts);
         self.summary.put(summary).map_err(NodeError::Failed)?;
-        match &finished.exported.missing {
+        match finished.exported.missing() {
             Some(poses) => Err(NodeError::Failed(missing(poses))),
             None => outcome,
         }

@@ -1,8 +1,8 @@
 //! The thread that writes the files of poses: a disk that hangs, or is full, holds up nobody else.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -13,10 +13,10 @@ use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
 use farfield_proto::venue::Venue;
 
+use super::disk_watch::DiskWatch;
 use super::exporter::{Exported, Exporter};
 use super::pose_queue::{FinalPoses, PoseQueue, Taken};
-use super::wait_for_disk_room::WaitForDiskRoom;
-use crate::export::full_disk::FullDisk;
+use crate::export::disk_policy::DiskPolicy;
 use crate::export::run_clock::RunEnd;
 use crate::export::summary::PosesSummary;
 use crate::node::session::mode::RunMode;
@@ -41,13 +41,15 @@ pub(in crate::node) struct ExportThread {
 }
 
 /// What handle and thread know of each other.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Shared {
     queue: PoseQueue,
     has_failed: AtomicBool,
     /// Whether the files are not wanted after all.
     is_discarded: AtomicBool,
-    room: Arc<WaitForDiskRoom>,
+    /// Ticks that found no place in the queue.
+    refused: Arc<AtomicU64>,
+    disk: Arc<DiskWatch>,
 }
 
 impl ExportThread {
@@ -61,21 +63,30 @@ impl ExportThread {
         keypoints: &KeypointSet,
         mode: RunMode,
     ) -> anyhow::Result<Self> {
-        let shared = Arc::<Shared>::default();
-        let room = Arc::clone(&shared.room) as Arc<dyn FullDisk>;
+        let refused = Arc::<AtomicU64>::default();
+        let disk = Arc::new(DiskWatch::of_queue("ticks", Arc::clone(&refused)));
+        let shared = Arc::new(Shared {
+            queue: PoseQueue::default(),
+            has_failed: AtomicBool::new(false),
+            is_discarded: AtomicBool::new(false),
+            refused,
+            disk: Arc::clone(&disk),
+        });
         let end = match mode {
             RunMode::Live => RunEnd::Open,
             RunMode::LockStep => RunEnd::Known,
         };
-        let exporter = Exporter::create(folder, venue, keypoints, end, room)?;
+        let exporter =
+            Exporter::create(folder, venue, keypoints, end, disk as Arc<dyn DiskPolicy>)?;
         let work = ExportWork {
             exporter,
+            folder: folder.to_owned(),
             mode,
             chunk: Duration::try_from_secs_f64(venue.parameters.recording.chunk_s)?,
             shared: Arc::clone(&shared),
         };
         if mode == RunMode::Live {
-            shared.room.start();
+            shared.disk.start();
         }
         let thread = std::thread::Builder::new().name("exporter".to_owned());
         let thread = thread.spawn(move || work.run());
@@ -113,6 +124,7 @@ impl ExportThread {
                 "error: the disk does not take the poses in time: some ticks will be missing from the files"
             ));
         }
+        self.shared.refused.fetch_add(1, Ordering::Relaxed);
         match refused {
             FinalPoses::Live(_) => self.refused += 1,
             FinalPoses::Smoothed(_) => self.refused_smoothed += 1,
@@ -120,8 +132,8 @@ impl ExportThread {
     }
 
     /// Whether the files wait for room on their disk.
-    pub(in crate::node) fn disk_room(&self) -> Arc<WaitForDiskRoom> {
-        Arc::clone(&self.shared.room)
+    pub(in crate::node) fn disk_watch(&self) -> Arc<DiskWatch> {
+        Arc::clone(&self.shared.disk)
     }
 
     /// Whether nothing is written any more.
@@ -140,13 +152,13 @@ impl ExportThread {
         smoothed: Vec<PoseSet>,
     ) -> anyhow::Result<Exported> {
         // A full disk is not waited for any more, and so there will be a place for everything.
-        self.shared.room.stop();
+        self.shared.disk.stop();
         self.mode = RunMode::LockStep;
         self.write(finished, smoothed);
         let (refused, refused_smoothed) = (self.refused, self.refused_smoothed);
         let mut exported = self.join()?;
         if refused + refused_smoothed > 0 {
-            let missing = exported.missing.get_or_insert_default();
+            let missing = exported.poses.get_or_insert_default();
             missing.unwritten_ticks += refused;
             missing.unwritten_smoothed_ticks += refused_smoothed;
         }
@@ -163,7 +175,7 @@ impl ExportThread {
     }
 
     fn join(&mut self) -> anyhow::Result<Exported> {
-        self.shared.room.stop();
+        self.shared.disk.stop();
         self.shared.queue.end();
         let joined = self.thread.take().map(JoinHandle::join);
         let joined = joined.unwrap_or_else(|| Ok(Exported::default()));
@@ -199,6 +211,7 @@ pub(in crate::node) fn missing(poses: &PosesSummary) -> anyhow::Error {
 /// What the thread owns.
 struct ExportWork {
     exporter: Exporter,
+    folder: PathBuf,
     mode: RunMode,
     /// How often lines go to the disk.
     chunk: Duration,
@@ -226,6 +239,7 @@ impl ExportWork {
         loop {
             match shared.queue.take(lines_at.min(persons_at)) {
                 Taken::Poses(poses) => {
+                    let _writing = shared.disk.writing(&self.folder);
                     let written = self.exporter.write(&poses);
                     self.note(written);
                 }
@@ -234,11 +248,13 @@ impl ExportWork {
             }
             let now = clock::now();
             if now >= lines_at {
+                let _writing = shared.disk.writing(&self.folder);
                 let synced = self.exporter.sync_lines();
                 self.note(synced);
                 lines_at = clock::now() + self.chunk;
             }
             if now >= persons_at {
+                let _writing = shared.disk.writing(&self.folder);
                 let synced = self.exporter.sync_persons();
                 self.note(synced);
                 persons_at = clock::now() + SYNC_PERSONS;

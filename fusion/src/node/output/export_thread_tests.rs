@@ -165,7 +165,7 @@ fn live_a_full_disk_is_waited_out_and_nothing_is_lost_when_there_is_room_again()
     };
     let mut exporter = start(&disk, RunMode::Live);
     let longest = hand_over(&mut exporter, 0..TICKS, Duration::ZERO);
-    wait_until(|| exporter.shared.room.notice().is_some());
+    wait_until(|| exporter.shared.disk.notice().is_some());
     let while_full = hand_over(&mut exporter, TICKS..TICKS + 60, Duration::ZERO);
     assert!(
         longest.max(while_full) < AT_ONCE,
@@ -178,9 +178,9 @@ fn live_a_full_disk_is_waited_out_and_nothing_is_lost_when_there_is_room_again()
             .arg(&disk.at),
     )
     .unwrap();
-    wait_until(|| exporter.shared.room.notice().is_none());
+    wait_until(|| exporter.shared.disk.notice().is_none());
     let exported = exporter.finish(Vec::new(), Vec::new()).unwrap();
-    assert_eq!(exported.missing, None);
+    assert_eq!(exported.poses, None);
     assert_eq!(whole_ticks(&disk), TICKS as u64 + 60);
 }
 
@@ -195,14 +195,14 @@ fn what_was_written_until_the_disk_was_full_is_whole_and_the_summary_says_what_i
         let mut exporter = start(&disk, mode);
         hand_over(&mut exporter, 0..TICKS, Duration::ZERO);
         match mode {
-            RunMode::Live => wait_until(|| exporter.shared.room.notice().is_some()),
+            RunMode::Live => wait_until(|| exporter.shared.disk.notice().is_some()),
             RunMode::LockStep => wait_until(|| exporter.has_failed()),
         }
         // Whatever is left of the disk: nothing may need any.
         let mut last = fs::File::create(disk.at.join("last")).unwrap();
         drop(std::io::copy(&mut std::io::repeat(1), &mut last));
         let exported = exporter.finish(Vec::new(), Vec::new()).unwrap();
-        let missing = exported.missing.unwrap();
+        let missing = exported.poses.unwrap();
         let said = missing.failure.clone().unwrap();
         assert!(said.contains("No space left"), "{said}");
         let whole = whole_ticks_beside(&disk, "summary.json.tmp");
@@ -241,7 +241,7 @@ fn live_a_disk_that_hangs_holds_up_nobody_and_nothing_is_lost() {
     assert!(longest < AT_ONCE);
     assert!(frozen.wait().unwrap().success());
     let exported = exporter.finish(Vec::new(), Vec::new()).unwrap();
-    assert_eq!(exported.missing, None);
+    assert_eq!(exported.poses, None);
     assert_eq!(whole_ticks(&disk), 210);
 }
 

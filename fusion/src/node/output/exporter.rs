@@ -11,11 +11,11 @@ use farfield_proto::venue::Venue;
 use super::pose_queue::FinalPoses;
 use crate::body::skeleton::RangeOfMotion;
 use crate::export::Layout;
-use crate::export::full_disk::FullDisk;
+use crate::export::disk_policy::DiskPolicy;
 use crate::export::pose_files::{PoseFiles, Presence, WriteError, Written};
 use crate::export::run_clock::RunEnd;
 use crate::export::salvage::SMOOTH;
-use crate::export::summary::{PersonSummary, PosesSummary};
+use crate::export::summary::{PersonSummary, PosesSummary, Refusal};
 use crate::export::unfinished::create_folder_on;
 
 /// Writes poses as they become final.
@@ -24,7 +24,7 @@ pub(in crate::node) struct Exporter {
     layout: Layout,
     rate_hz: f64,
     end: RunEnd,
-    disk: Arc<dyn FullDisk>,
+    disk: Arc<dyn DiskPolicy>,
     files: PoseFiles,
     /// Those of the fixed-lag smoother, once there are some.
     smooth: Option<PoseFiles>,
@@ -35,11 +35,16 @@ pub(in crate::node) struct Exporter {
 pub(in crate::node) struct Exported {
     /// Who was there.
     pub(in crate::node) people: Vec<Presence>,
-    /// What the files lack, if anything.
-    pub(in crate::node) missing: Option<PosesSummary>,
+    /// What the files lack, or had to go on in other files for, if anything.
+    pub(in crate::node) poses: Option<PosesSummary>,
 }
 
 impl Exported {
+    /// What the files lack, if anything.
+    pub(in crate::node) fn missing(&self) -> Option<&PosesSummary> {
+        self.poses.as_ref().filter(|poses| !poses.is_whole())
+    }
+
     /// Who was there, as `summary.json` has it.
     pub(in crate::node) fn people_of_summary(&self) -> Vec<PersonSummary> {
         self.people.iter().copied().map(Into::into).collect()
@@ -53,7 +58,7 @@ impl Exporter {
         venue: &Venue,
         keypoints: &KeypointSet,
         end: RunEnd,
-        disk: Arc<dyn FullDisk>,
+        disk: Arc<dyn DiskPolicy>,
     ) -> anyhow::Result<Self> {
         let layout = layout(venue, keypoints);
         let (own, rate_hz) = (Arc::clone(&disk), venue.rate_hz);
@@ -82,8 +87,11 @@ impl Exporter {
             files
         } else {
             let folder = self.folder.join(SMOOTH);
-            create_folder_on(&folder, &*self.disk)
-                .with_context(|| format!("making {}", folder.display()))?;
+            while let Err(error) = create_folder_on(&folder, &*self.disk) {
+                if !self.disk.wait(&folder, &error) {
+                    return Err(error).with_context(|| format!("making {}", folder.display()));
+                }
+            }
             let (layout, disk) = (self.layout.clone(), Arc::clone(&self.disk));
             let files = PoseFiles::create(folder, layout, self.rate_hz, self.end, disk)?;
             let files = files.counting_from(self.files.first());
@@ -113,17 +121,25 @@ impl Exporter {
             people,
             unwritten_ticks,
             failure,
+            refusals,
         } = self.files.finish();
         let failure = failure.or(smooth.failure);
-        let is_whole = failure.is_none() && unwritten_ticks + smooth.unwritten_ticks == 0;
-        let missing = PosesSummary {
+        let in_smooth = |refusal: Refusal| Refusal {
+            file: format!("{SMOOTH}/{}", refusal.file),
+            ..refusal
+        };
+        let refused = refusals.into_iter();
+        let poses = PosesSummary {
             unwritten_ticks,
             unwritten_smoothed_ticks: smooth.unwritten_ticks,
             failure: failure.map(|error| error.to_string()),
+            refused: refused
+                .chain(smooth.refusals.into_iter().map(in_smooth))
+                .collect(),
         };
         Exported {
             people,
-            missing: (!is_whole).then_some(missing),
+            poses: (poses != PosesSummary::default()).then_some(poses),
         }
     }
 }

@@ -121,7 +121,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
             link_bytes_on_wire: BTreeMap::new(),
             cameras: facts.cameras.clone(),
             target_latency: facts.target_latency.clone(),
-            poses: facts.exported.missing.clone(),
+            poses: facts.exported.poses.clone(),
             recording: facts.recording.clone(),
         },
     }

@@ -22,7 +22,7 @@ use super::head::head;
 use super::queue::RecordingQueue;
 use super::thread::RecordingThread;
 use crate::identity::known::KnownPeople;
-use crate::node::output::wait_for_disk_room::WaitForDiskRoom;
+use crate::node::output::disk_watch::DiskWatch;
 use crate::node::session::mode::RunMode;
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
 use crate::node::subjects::KnownSubjects;
@@ -53,7 +53,7 @@ pub struct RecordingsOnDemand {
 struct Current {
     file: PathBuf,
     queue: Arc<RecordingQueue>,
-    room: Arc<WaitForDiskRoom>,
+    disk: Arc<DiskWatch>,
 }
 
 /// What is known of recordings.
@@ -145,7 +145,7 @@ impl RecordingsOnDemand {
     pub(in crate::node) fn notice(&self) -> Option<String> {
         let current = whole(self.current.read());
         let current = current.as_ref()?;
-        current.room.notice().or_else(|| {
+        current.disk.notice().or_else(|| {
             let lost = Some(current.queue.state().lost()).filter(|lost| *lost > 0)?;
             let file = current.file.display();
             Some(format!(
@@ -194,7 +194,7 @@ impl RecordingsOnDemand {
         *whole(self.current.write()) = Some(Current {
             file: file.clone(),
             queue,
-            room: thread.disk_room(),
+            disk: thread.disk_watch(),
         });
         known.running = Some(Running {
             thread,

@@ -25,10 +25,10 @@ use super::file::RecordingFile;
 use super::filler::{Fillers, SharedHoles};
 use super::queue::{Note, QueueState, RecordingQueue};
 use super::retention::delete_old;
-use crate::export::full_disk::FullDisk;
+use crate::export::disk_policy::DiskPolicy;
 use crate::export::summary::RecordingSummary;
 use crate::export::unfinished::PatientFile;
-use crate::node::output::wait_for_disk_room::WaitForDiskRoom;
+use crate::node::output::disk_watch::DiskWatch;
 use crate::node::session::mode::RunMode;
 use crate::node::session::wiretap::Wiretap;
 use crate::recording::channels::Content;
@@ -47,7 +47,7 @@ pub(in crate::node) struct RecordingThread {
     holes: SharedHoles,
     filled: Arc<AtomicU64>,
     queue: Arc<RecordingQueue>,
-    room: Arc<WaitForDiskRoom>,
+    disk: Arc<DiskWatch>,
     /// `None` once it is waited for.
     thread: Option<JoinHandle<()>>,
 }
@@ -86,13 +86,14 @@ impl RecordingThread {
         let (venue, recorder) = (head.venue.clone(), head.venue.clone() + "/recorder");
         let (n_viewpoints, rate_hz) = (head.viewpoints.len(), head.rate_hz);
         let (queue, notes) = RecordingQueue::open(&head.venue, session);
-        let room = {
+        let disk = {
             let (path, venue, days) = (path.clone(), venue.clone(), parameters.retention_days);
-            Arc::new(WaitForDiskRoom::by(move || {
+            let watch = DiskWatch::of_queue("messages", queue.state().lost_counter());
+            Arc::new(watch.making_room(move || {
                 drop(delete_old(&path, &venue, days));
             }))
         };
-        let file = PatientFile::new(file, &path, Arc::clone(&room) as Arc<dyn FullDisk>);
+        let file = PatientFile::new(file, &path, Arc::clone(&disk) as Arc<dyn DiskPolicy>);
         let writer = RecordingWriter::create(BufWriter::new(file), head);
         let writer = writer.with_context(|| format!("writing the recording {}", path.display()))?;
         let state = Arc::clone(queue.state());
@@ -106,6 +107,7 @@ impl RecordingThread {
             chunk: Duration::try_from_secs_f64(parameters.chunk_s)?,
             retention_days: parameters.retention_days,
             state,
+            disk: Arc::clone(&disk),
             file: path,
             lost: 0,
             holes: holes.clone(),
@@ -113,7 +115,7 @@ impl RecordingThread {
             rings: BTreeSet::new(),
         };
         if mode == RunMode::Live {
-            room.start();
+            disk.start();
         }
         let thread = std::thread::Builder::new().name("recorder".to_owned());
         let thread = thread.spawn(move || work.run(writer, &notes));
@@ -123,7 +125,7 @@ impl RecordingThread {
             holes,
             filled,
             queue: Arc::new(queue),
-            room,
+            disk,
             thread: Some(thread.context("starting the recorder's thread")?),
         })
     }
@@ -138,9 +140,9 @@ impl RecordingThread {
         Arc::clone(&self.queue) as Arc<dyn Wiretap>
     }
 
-    /// Whether the file waits for room on its disk.
-    pub(in crate::node) fn disk_room(&self) -> Arc<WaitForDiskRoom> {
-        Arc::clone(&self.room)
+    /// What is wrong with the disk of the file.
+    pub(in crate::node) fn disk_watch(&self) -> Arc<DiskWatch> {
+        Arc::clone(&self.disk)
     }
 
     /// Where messages are noted.
@@ -184,7 +186,7 @@ impl RecordingThread {
     /// # Errors
     /// When the thread has panicked.
     pub(super) fn finish_waiting(mut self) -> anyhow::Result<RecordingSummary> {
-        self.room.stop();
+        self.disk.stop();
         self.queue.end();
         let joined = self.thread.take().map_or(Ok(()), JoinHandle::join);
         joined.map_err(|_| anyhow!("the recorder has panicked"))?;
@@ -202,6 +204,7 @@ struct RecordingWork {
     chunk: Duration,
     retention_days: f64,
     state: Arc<QueueState>,
+    disk: Arc<DiskWatch>,
     file: PathBuf,
     /// Losses that the recording tells of.
     lost: u64,
@@ -239,12 +242,16 @@ impl RecordingWork {
                 clean_at = now + CLEAN_EVERY;
             }
             if now >= flush_at {
+                let disk = Arc::clone(&self.disk);
+                let _writing = disk.writing(&self.file);
                 self.say_losses(writer)?;
                 writer.flush()?;
                 flush_at = now + self.chunk;
             }
             match notes.recv_timeout(until(flush_at.min(clean_at), now)) {
                 Ok(Note::Passed(passed)) => {
+                    let disk = Arc::clone(&self.disk);
+                    let _writing = disk.writing(&self.file);
                     let content = writer.write(&PassedMessage {
                         topic: &passed.topic,
                         bytes: &passed.bytes,
@@ -253,7 +260,7 @@ impl RecordingWork {
                     if let Some(content) = content {
                         self.count(content, &passed.bytes);
                     }
-                    self.state.taken(passed.bytes.len());
+                    self.state.taken(passed.cost());
                 }
                 Ok(Note::End) | Err(RecvTimeoutError::Disconnected) => {
                     return self.say_losses(writer);

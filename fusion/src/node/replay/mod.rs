@@ -138,15 +138,15 @@ fn replay(
         done.words(claim.folder(), args.smooth)
     };
     // As JSON one thing is said: what went wrong.
-    if !args.json || done.exported.missing.is_none() {
+    if !args.json || done.exported.missing().is_none() {
         print(&text).map_err(NodeError::Failed)?;
     }
-    if done.ending == Ending::Done && done.exported.missing.is_none() {
+    if done.ending == Ending::Done && done.exported.missing().is_none() {
         listening.stay(&runtime, &stop);
     }
     stop.cancel();
     runtime.shutdown_background();
-    match &done.exported.missing {
+    match done.exported.missing() {
         Some(poses) => Err(NodeError::Failed(missing(poses))),
         None => Ok(done.ending),
     }

@@ -136,7 +136,7 @@ impl Done {
             venue_hash: venue.hashes.venue.clone(),
             calibration_hash: venue.hashes.calibration.clone(),
             rate_hz: venue.rate_hz,
-            complete: self.ending == Ending::Done && self.exported.missing.is_none(),
+            complete: self.ending == Ending::Done && self.exported.missing().is_none(),
             ticks: TickSpan {
                 first,
                 end: last + 1,
@@ -149,7 +149,7 @@ impl Done {
             timing: TimingSummary {
                 elapsed_s: self.elapsed_s,
                 ticks_per_s: self.tally.ticks as f64 / self.elapsed_s.max(1e-9),
-                poses: self.exported.missing.clone(),
+                poses: self.exported.poses.clone(),
                 ..TimingSummary::default()
             },
             ..Summary::default()

@@ -66,15 +66,30 @@ fn a_disk_that_hangs_holds_up_no_live_pose() {
         }
     };
     let out = disk.path().join("out");
-    stage.start_with(&out, &[]);
-    let mut frozen = disk.freeze(5).unwrap();
+    let record = disk.path().join("run.mcap");
+    stage.start_with(&out, &["--record", record.to_str().unwrap()]);
+    let mut frozen = disk.freeze(8).unwrap();
     let from = stage.seen().poses;
     std::thread::sleep(std::time::Duration::from_secs(4));
     let meanwhile = stage.seen().poses - from;
     assert!(frozen.try_wait().unwrap().is_none(), "it hung meanwhile");
     println!("{meanwhile} poses in 4 s while the disk hung, at {RATE_HZ} Hz");
     assert!(meanwhile as f64 > 3.0 * RATE_HZ, "{meanwhile}");
+    let notices = |seen: &SeenVenue| seen.statuses["fusion"].health.notices.join("\n");
+    stage.wait("the status shows it", |seen| {
+        notices(seen).contains("the disk has not answered")
+    });
     assert!(frozen.wait().unwrap().success());
+    for words in ["the disk has not answered", "the disk answers again"] {
+        stage.wait(words, |_| {
+            let said = stage.live.fusion.as_ref().unwrap().said();
+            // Of the results and of the recording.
+            said.matches(words).count() == 2
+        });
+    }
+    stage.wait("the status shows it no more", |seen| {
+        notices(seen).is_empty()
+    });
     stage.finish("first");
     let summary = std::fs::read_to_string(out.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
@@ -83,6 +98,7 @@ fn a_disk_that_hangs_holds_up_no_live_pose() {
         serde_json::Value::Null,
         "nothing is missing"
     );
+    assert_eq!(summary["timing"]["recording"]["lost"], 0);
 }
 
 #[test]

@@ -21,8 +21,9 @@ const SHELLS: [&str; 7] = [
     "fusion/src/main.rs",
 ];
 /// The core files that write files: they give them their names when they are whole.
-const WRITERS: [&str; 3] = [
+const WRITERS: [&str; 4] = [
     "export/src/files.rs",
+    "fusion/src/export/part_file.rs",
     "fusion/src/export/unfinished.rs",
     "fusion/src/export/whole.rs",
 ];

@@ -46,6 +46,8 @@ pub struct LiveVenue {
     is_fusion_managed: bool,
     /// The core that fusion has to itself, or shares with whoever else is put there; `None`: all.
     fusion_core: Option<usize>,
+    /// More variables of its environment.
+    fusion_environment: Vec<(String, String)>,
 }
 
 impl LiveVenue {
@@ -81,6 +83,7 @@ impl LiveVenue {
             namespaces,
             is_fusion_managed: true,
             fusion_core: None,
+            fusion_environment: Vec::new(),
         })
     }
 
@@ -142,6 +145,11 @@ impl LiveVenue {
         self.fusion_core = Some(core);
     }
 
+    /// From now on fusion is started with these variables in its environment.
+    pub fn fusion_environment(&mut self, variables: Vec<(String, String)>) {
+        self.fusion_environment = variables;
+    }
+
     /// Starts fusion with its results in `out`, and `more` arguments.
     ///
     /// # Errors
@@ -169,6 +177,7 @@ impl LiveVenue {
             command.args(["--listen", endpoint]);
         }
         command.args(more);
+        command.envs(self.fusion_environment.iter().cloned());
         self.fusion = Some(NodeProcess::start("fusion", command)?);
         Ok(())
     }

@@ -1,12 +1,15 @@
-//! Disks that are full for a while, or that hang: mounted for the drive, which takes root.
+//! Disks that are full for a while, or that hang: mounted for the drive, which takes root. Disks with errors: a library before
+//! the calls of the system, which takes a compiler of C.
 
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
+use std::process::Command;
 
 use anyhow::Context as _;
 use farfield_proto::tick::Tick;
+use farfield_proto::transport::FUSION;
 
 use super::field::Field;
 use super::stage::Stage;
@@ -14,7 +17,7 @@ use super::table::{Driven, Measure};
 use crate::small_disk::SmallDisk;
 
 /// For how long a disk hangs, seconds.
-const HANGS_S: u32 = 10;
+const HANGS_S: u32 = 22;
 /// Share of the ticks without a pose while it does, percent.
 const MOST_GAPS: f64 = 1.0;
 
@@ -50,39 +53,134 @@ pub(super) fn hangs(field: &Field) -> anyhow::Result<Driven> {
         Err(why) => return Ok(Driven::NotHad(why)),
     };
     let out = disk.path().join("out");
-    stage.begin(&out, &[])?;
+    let record = disk.path().join("run.mcap");
+    stage.begin(&out, &["--record", &record.display().to_string()])?;
     let mut hanging = disk.freeze(HANGS_S)?;
-    stage.go_on(0.5);
+    let reported = stage.wait("the hang is in the status", |seen| {
+        seen.statuses.get(FUSION).is_some_and(|status| {
+            let mut notices = status.health.notices.iter();
+            notices.any(|notice| notice.contains("the disk has not answered"))
+        })
+    })?;
     let from = stage.tick()?;
-    stage.go_on(f64::from(HANGS_S) - 1.0);
+    let rest_s = f64::from(HANGS_S) - reported.as_secs_f64() - 1.0;
+    stage.go_on(rest_s);
     let until = stage.tick()?;
     let ticks: BTreeSet<Tick> = stage.seen()?.arrivals.iter().map(|it| it.tick).collect();
     let there = ticks.range(from..until).count();
     let gaps = 100.0 * (1.0 - there as f64 / (until - from).max(1) as f64);
-    let behind_s = f64::from(HANGS_S) - 1.0 - (until - from) as f64 / stage.live.venue().rate_hz;
+    let behind_s = rest_s - (until - from) as f64 / stage.live.venue().rate_hz;
     let people = stage.people_since(from)?;
     hanging.wait()?;
     stage.go_on(2.0);
+    let said = stage.live.said();
+    let missing = ["the disk has not answered", "the disk answers again"]
+        .into_iter()
+        .filter(|words| !said.contains(words));
+    let n_missing = missing.count();
     stage.finish()?;
+    let summary =
+        std::fs::read_to_string(out.join("summary.json")).context("reading the summary")?;
+    let summary: serde_json::Value = serde_json::from_str(&summary)?;
+    let lost = summary["timing"]["recording"]["lost"].as_f64();
     let mut measures = vec![
         Measure::barred("ticks without poses while it hangs, %", gaps, MOST_GAPS),
         Measure::barred("what poses are behind after it, s", behind_s, 0.1),
+        Measure::barred("until it is in the status, s", reported.as_secs_f64(), 4.0),
+        Measure::barred(
+            "reports that are not on the terminal",
+            n_missing as f64,
+            0.0,
+        ),
+        Measure::barred(
+            "messages that are not recorded",
+            lost.unwrap_or(f64::NAN),
+            0.0,
+        ),
     ];
     measures.extend(written(&stage, &out)?);
     measures.extend(people);
     Ok(Driven::Measured(measures))
 }
 
-/// What is in the file of poses, and what of them was heard and is not there.
+pub(super) fn errors(field: &Field) -> anyhow::Result<Driven> {
+    let mut stage = Stage::prepare(field, "disk-errors")?;
+    let library = stage.out("failing_disk.so");
+    if let Err(why) = build(&library) {
+        return Ok(Driven::NotHad(why));
+    }
+    stage.live.fusion_environment(vec![
+        ("LD_PRELOAD".to_owned(), library.display().to_string()),
+        (
+            "FAILING_WRITES".to_owned(),
+            "/poses.jsonl.tmp:/poses_2.trc.tmp".to_owned(),
+        ),
+        ("FAILING_SYNC".to_owned(), "/angles_1.mot.tmp".to_owned()),
+    ]);
+    let out = stage.out("out");
+    stage.begin(&out, &[])?;
+    let from = stage.tick()?;
+    // The files of persons are synced every ten seconds.
+    stage.go_on(11.0);
+    let said = stage.live.said();
+    let reports = ["poses.jsonl: ", "poses_2.trc: ", "angles_1.mot: "].map(|name| {
+        let n = said.matches(&format!("error: {name}")).count();
+        n.abs_diff(1)
+    });
+    let people = stage.people_since(from)?;
+    stage.finish()?;
+    let mut measures = vec![Measure::barred(
+        "refused files that are not reported once",
+        reports.iter().sum::<usize>() as f64,
+        0.0,
+    )];
+    measures.extend(written(&stage, &out)?);
+    measures.extend(people);
+    Ok(Driven::Measured(measures))
+}
+
+/// Builds the library that stands before the system's calls.
+///
+/// # Errors
+/// Why it cannot be built: there may be no compiler of C.
+fn build(library: &Path) -> Result<(), String> {
+    let source = library.with_extension("c");
+    std::fs::write(&source, include_str!("failing_disk.c")).map_err(|error| error.to_string())?;
+    let mut cc = Command::new("cc");
+    let built = cc
+        .args(["-shared", "-fPIC", "-o"])
+        .args([library, &source])
+        .arg("-ldl")
+        .output();
+    let built = built.map_err(|error| format!("cc: {error}"))?;
+    if built.status.success() {
+        Ok(())
+    } else {
+        Err(String::from_utf8_lossy(&built.stderr).into_owned())
+    }
+}
+
+/// What is in the files of poses, all parts of them, and what of it was received and is not there.
 fn written(stage: &Stage<'_>, out: &Path) -> anyhow::Result<Vec<Measure>> {
-    let path = out.join("poses.jsonl");
-    let file = File::open(&path).with_context(|| format!("opening {}", path.display()))?;
     let (mut ticks, mut unreadable) = (BTreeSet::new(), 0u32);
-    for line in BufReader::new(file).lines() {
-        let line: serde_json::Value = serde_json::from_str(&line?).unwrap_or_default();
-        match line["tick"].as_i64() {
-            Some(tick) => drop(ticks.insert(Tick(tick))),
-            None => unreadable += 1,
+    for entry in out
+        .read_dir()
+        .with_context(|| format!("reading {}", out.display()))?
+    {
+        let path = entry?.path();
+        if path
+            .extension()
+            .is_none_or(|extension| extension != "jsonl")
+        {
+            continue;
+        }
+        let file = File::open(&path).with_context(|| format!("opening {}", path.display()))?;
+        for line in BufReader::new(file).lines() {
+            let line: serde_json::Value = serde_json::from_str(&line?).unwrap_or_default();
+            match line["tick"].as_i64() {
+                Some(tick) => drop(ticks.insert(Tick(tick))),
+                None => unreadable += 1,
+            }
         }
     }
     let seen = stage.seen()?;

@@ -50,7 +50,7 @@ struct Fault {
 }
 
 /// All of them, in the order in which they are driven.
-const FAULTS: [Fault; 16] = [
+const FAULTS: [Fault; 17] = [
     Fault {
         name: "lopsided-link",
         about: "a link that is 30 ms long one way and 10 ms the other, before a clock that NTP keeps right",
@@ -143,9 +143,15 @@ const FAULTS: [Fault; 16] = [
     },
     Fault {
         name: "disk-hangs",
-        about: "the disk of the results hangs for 10 s",
+        about: "the disk of the results and the recording hangs for 22 s",
         is_quick: false,
         drive: disks::hangs,
+    },
+    Fault {
+        name: "disk-errors",
+        about: "the disk refuses to write two files of the results, and to sync a third",
+        is_quick: true,
+        drive: disks::errors,
     },
 ];
 

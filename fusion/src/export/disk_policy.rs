@@ -1,4 +1,4 @@
-//! What is done when a disk has no room: a write that found none is tried again, or given up.
+//! What is done when a disk refuses: a write is tried again, goes on in another file, or is given up.
 //!
 //! Beneath every buffer, so that what is written goes on exactly where it stopped, and nothing is torn.
 
@@ -6,39 +6,53 @@ use std::fmt::Debug;
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
-/// What is done when a disk has no room. Shells decide: here nothing can wait.
-pub trait FullDisk: Debug + Send + Sync {
-    /// `path` has found no room. Returns after a while whether to try again.
-    fn try_again(&self, path: &Path) -> bool;
+/// What is done when a disk refuses. Shells decide: here nothing can wait.
+pub trait DiskPolicy: Debug + Send + Sync {
+    /// `path` was refused with `error`: there is no room, or anything else. Returns after a while whether to try again.
+    fn try_again(&self, path: &Path, error: &io::Error) -> bool;
+
+    /// No file can be begun that goes on where one was refused; `path` was tried last. Returns after a while whether to try
+    /// again.
+    fn wait(&self, path: &Path, error: &io::Error) -> bool;
 
     /// `path` has been written to.
     fn took(&self, path: &Path);
+
+    /// The file that was refused for good, in words.
+    fn refused(&self, refusal: &str);
 }
 
-/// A full disk is an error like another.
+/// Every refusal is final.
 #[derive(Debug, Clone, Copy)]
 pub struct GiveUp;
 
-impl FullDisk for GiveUp {
-    fn try_again(&self, _path: &Path) -> bool {
+impl DiskPolicy for GiveUp {
+    fn try_again(&self, _path: &Path, _error: &io::Error) -> bool {
+        false
+    }
+
+    fn wait(&self, _path: &Path, _error: &io::Error) -> bool {
         false
     }
 
     fn took(&self, _path: &Path) {}
+
+    fn refused(&self, _refusal: &str) {}
 }
 
-/// Does what writes to `path`, for as long as only room is missing and `disk` has patience.
+/// Does what writes to `path` for as long as `disk` has patience with its errors, where they `may_pass`.
 ///
 /// # Errors
 /// Those of `work`.
 pub(super) fn patiently<T>(
-    disk: &dyn FullDisk,
+    disk: &dyn DiskPolicy,
     path: &Path,
+    may_pass: impl Fn(&io::Error) -> bool,
     mut work: impl FnMut() -> io::Result<T>,
 ) -> io::Result<T> {
     loop {
         match work() {
-            Err(error) if is_full(&error) && disk.try_again(path) => {}
+            Err(error) if may_pass(&error) && disk.try_again(path, &error) => {}
             Ok(done) => {
                 disk.took(path);
                 return Ok(done);
@@ -49,7 +63,7 @@ pub(super) fn patiently<T>(
 }
 
 /// Whether there would be no error if somebody deleted something.
-fn is_full(error: &io::Error) -> bool {
+pub(crate) fn is_full(error: &io::Error) -> bool {
     matches!(
         error.kind(),
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded
@@ -66,8 +80,8 @@ mod tests {
     #[derive(Debug)]
     struct Waits(AtomicU32);
 
-    impl FullDisk for Waits {
-        fn try_again(&self, _path: &Path) -> bool {
+    impl DiskPolicy for Waits {
+        fn try_again(&self, _path: &Path, _error: &io::Error) -> bool {
             self.0
                 .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| {
                     left.checked_sub(1)
@@ -75,12 +89,18 @@ mod tests {
                 .is_ok()
         }
 
+        fn wait(&self, _path: &Path, _error: &io::Error) -> bool {
+            false
+        }
+
         fn took(&self, _path: &Path) {}
+
+        fn refused(&self, _refusal: &str) {}
     }
 
     fn tried(errors: &[ErrorKind], patience: u32) -> (usize, Option<ErrorKind>) {
         let mut n = 0;
-        let done = patiently(&Waits(patience.into()), Path::new("x"), || {
+        let done = patiently(&Waits(patience.into()), Path::new("x"), is_full, || {
             n += 1;
             errors.get(n - 1).map_or(Ok(()), |&kind| Err(kind.into()))
         });
@@ -88,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn only_missing_room_is_waited_for_and_only_while_there_is_patience() {
+    fn only_what_may_pass_is_waited_for_and_only_while_there_is_patience() {
         use ErrorKind::{PermissionDenied, QuotaExceeded, StorageFull};
         assert_eq!(tried(&[StorageFull, QuotaExceeded], 5), (3, None));
         assert_eq!(tried(&[StorageFull; 9], 5), (6, Some(StorageFull)));
