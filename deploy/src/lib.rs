@@ -38,6 +38,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use clap::CommandFactory as _;
+use farfield_edge::network::answer_trial;
 use farfield_node::process::{Ending, NodeError, Told, exit_code, exit_code_told};
 use farfield_sim::simulated::VenueSources;
 
@@ -47,6 +48,9 @@ use crate::cli::{FarfieldCli, FarfieldCommand};
 ///
 /// On wrong usage that is said, and the exit code is 2.
 pub fn main() -> ExitCode {
+    if let Some(code) = answer_trial() {
+        return code;
+    }
     let command = match FarfieldCli::of_process() {
         Ok(cli) => cli.command,
         Err(code) => return code,

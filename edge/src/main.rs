@@ -4,6 +4,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use clap::Parser;
+use farfield_edge::network::answer_trial;
 use farfield_edge::node::{self, EdgeArgs};
 use farfield_edge::source::RecordedSources;
 
@@ -16,5 +17,8 @@ struct EdgeCli {
 }
 
 fn main() -> ExitCode {
+    if let Some(code) = answer_trial() {
+        return code;
+    }
     node::main(EdgeCli::parse().edge, Arc::new(RecordedSources))
 }

@@ -20,6 +20,8 @@ const INFERENCE: &str = "inference";
 const INSTALL: &str = "pip install --upgrade onnxruntime, or set ORT_DYLIB_PATH to the library";
 /// What mends a library that does not run here.
 const LIBRARY: &str = "pip install --upgrade onnxruntime, then unset ORT_DYLIB_PATH, or set it to a libonnxruntime.so of that package";
+/// What mends a library that is passed over.
+const REFUSED: &str = "remove the library that cannot be used, or install it again";
 /// What mends a network that the venue file names.
 const NETWORK: &str = "correct `network` in the venue file, or its card";
 const DETECTOR: &str = "correct `detector` in the venue file, or its card";
@@ -49,7 +51,11 @@ pub(super) fn look_at_inference(venue: Option<&Venue>, report: &mut ReportLines)
             "{}, built with {providers}; the processor is used",
             backend.describe()
         );
-        report.ok(INFERENCE, text);
+        if backend.has_refused() {
+            report.warn(INFERENCE, text, REFUSED);
+        } else {
+            report.ok(INFERENCE, text);
+        }
         MOST_CROPS
     };
     let network = venue.and_then(|venue| venue.network.as_deref());

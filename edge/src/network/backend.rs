@@ -1,13 +1,14 @@
 //! The inference backend of this process: ONNX Runtime where it is found, else `ort-tract`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::sync::OnceLock;
 
 use ort::environment::Environment;
 use tracing::{info, warn};
 
 use super::library::{Places, VARIABLE};
-use super::providers;
+use super::{providers, trial};
 use crate::inference::NetworkError;
 
 /// What to start.
@@ -26,6 +27,8 @@ pub struct InferenceBackend {
     environment: Environment,
     description: String,
     is_tract: bool,
+    /// Whether a library was found and not used.
+    has_refused: bool,
 }
 
 static BACKEND: OnceLock<Result<InferenceBackend, String>> = OnceLock::new();
@@ -34,7 +37,8 @@ impl InferenceBackend {
     /// Starts the backend, or gives the one that runs already. Logs the one line that says which.
     ///
     /// ONNX Runtime is looked for in `$ORT_DYLIB_PATH`, beside the binary, in the system's library
-    /// folders and in installed `onnxruntime` Python packages, in that order.
+    /// folders and in installed `onnxruntime` Python packages, in that order. Each library is tried in a process of
+    /// its own first; one that cannot be used is reported with its path, and the next is tried.
     ///
     /// # Errors
     /// [`NetworkError::Backend`] when `$ORT_DYLIB_PATH` is set and is no usable library; when
@@ -46,7 +50,7 @@ impl InferenceBackend {
                 BackendChoice::Tract => Self::tract("asked for"),
             };
             if let Ok(backend) = &backend {
-                if backend.is_tract {
+                if backend.is_tract || backend.has_refused {
                     warn!("{}", backend.description);
                 } else {
                     info!("{}", backend.description);
@@ -77,6 +81,11 @@ impl InferenceBackend {
         self.is_tract
     }
 
+    /// Whether a library was found that cannot be used; [`Self::describe`] says which, and why.
+    pub fn has_refused(&self) -> bool {
+        self.has_refused
+    }
+
     /// Which execution providers the library was built with, by ONNX Runtime's names. The processor's alone is used.
     pub fn providers(&self) -> Vec<&'static str> {
         if self.is_tract {
@@ -93,24 +102,32 @@ impl InferenceBackend {
     fn best(places: &Places) -> Result<Self, String> {
         if let Some(path) = &places.variable {
             let named = |problem| format!("${VARIABLE} names `{}`: {problem}", path.display());
-            return Self::onnx_runtime(path).map_err(named);
+            let backend = trial::accepts(path).and_then(|()| Self::onnx_runtime(path));
+            return backend.map_err(named);
         }
         let mut refused = Vec::new();
-        // Python is asked only when nothing is installed.
-        for find in [Places::installed, Places::of_python_packages] {
-            for path in find(places) {
-                match Self::onnx_runtime(&path) {
-                    Ok(backend) => return Ok(backend),
-                    Err(problem) => {
-                        refused.push(format!("; `{}` cannot be used: {problem}", path.display()));
-                    }
+        if let Some(path) = first_accepted(places, &mut refused) {
+            // `ort` loads one library in the life of a process, whatever comes of it.
+            match Self::onnx_runtime(&path) {
+                Ok(mut backend) => {
+                    backend.description += &refused.concat();
+                    backend.has_refused = !refused.is_empty();
+                    return Ok(backend);
                 }
+                Err(problem) => refused.push(refusal(&path, &problem)),
             }
         }
-        Self::tract(&format!(
-            "no ONNX Runtime library was found{}",
-            refused.concat()
-        ))
+        let found = if refused.is_empty() {
+            "no ONNX Runtime library was found".to_owned()
+        } else {
+            format!(
+                "no usable ONNX Runtime library was found{}",
+                refused.concat()
+            )
+        };
+        let mut backend = Self::tract(&found)?;
+        backend.has_refused = !refused.is_empty();
+        Ok(backend)
     }
 
     fn onnx_runtime(path: &Path) -> Result<Self, String> {
@@ -134,6 +151,7 @@ impl InferenceBackend {
             environment,
             description,
             is_tract: false,
+            has_refused: false,
         })
     }
 
@@ -151,14 +169,39 @@ impl InferenceBackend {
             environment,
             description,
             is_tract: true,
+            has_refused: false,
         })
     }
 }
 
+/// Tries a library and returns the exit code, where another process of this program started this one for that; else `None`.
+///
+/// A `main` calls it before it reads its arguments.
+pub fn answer_trial() -> Option<ExitCode> {
+    trial::answer(|path| InferenceBackend::onnx_runtime(path).map(|_| ()))
+}
+
+/// The first library that a process of its own can load. Why others cannot be is added to `refused`.
+fn first_accepted(places: &Places, refused: &mut Vec<String>) -> Option<PathBuf> {
+    // Python is asked only when nothing that is installed can be used.
+    for find in [Places::installed, Places::of_python_packages] {
+        for path in find(places) {
+            match trial::accepts(&path) {
+                Ok(()) => return Some(path),
+                Err(problem) => refused.push(refusal(&path, &problem)),
+            }
+        }
+    }
+    None
+}
+
+/// The end of a sentence on a library that cannot be used.
+fn refusal(path: &Path, problem: &str) -> String {
+    format!("; `{}` cannot be used: {problem}", path.display())
+}
+
 #[cfg(test)]
 mod tests {
-    use std::path::PathBuf;
-
     use super::*;
 
     fn refusal(variable: PathBuf) -> String {

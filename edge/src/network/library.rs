@@ -50,7 +50,7 @@ impl Places {
         self.beside_binary
             .iter()
             .chain(&self.system)
-            .filter_map(|folder| newest_library(folder))
+            .flat_map(|folder| libraries(folder))
             .collect()
     }
 
@@ -83,7 +83,7 @@ impl Places {
         let mut seen = BTreeSet::new();
         let libraries = packages
             .iter()
-            .filter_map(|package| newest_library(&package.join("capi")));
+            .flat_map(|package| libraries(&package.join("capi")));
         libraries
             .filter(|library| seen.insert(library.clone()))
             .collect()
@@ -105,14 +105,19 @@ fn package_of_python3() -> Option<PathBuf> {
     (answer.status.success() && !line.trim().is_empty()).then(|| PathBuf::from(line.trim()))
 }
 
-/// The ONNX Runtime library of the highest version in a folder.
-fn newest_library(folder: &Path) -> Option<PathBuf> {
+/// The ONNX Runtime libraries in a folder, the highest version first; a file that has several names counts once.
+fn libraries(folder: &Path) -> Vec<PathBuf> {
     let entries = sorted_entries(folder);
-    let newest = entries
+    let named = entries
         .iter()
-        .filter_map(|name| Some((version(name)?, name)))
-        .max();
-    newest.map(|(_, name)| folder.join(name))
+        .filter_map(|name| Some((version(name)?, name)));
+    let mut named: Vec<_> = named.collect();
+    named.sort();
+    let paths = named.iter().rev().map(|(_, name)| folder.join(name));
+    let mut seen = BTreeSet::new();
+    paths
+        .filter(|path| seen.insert(path.canonicalize().unwrap_or_else(|_| path.clone())))
+        .collect()
 }
 
 /// The version in the name of an ONNX Runtime library; empty when the name has none, `None` when it
@@ -161,19 +166,21 @@ mod tests {
     }
 
     #[test]
-    fn the_binary_comes_before_the_system_and_the_newest_version_counts() {
+    fn the_binary_comes_before_the_system_and_the_newest_version_before_older_ones() {
         let folder = tempfile::tempdir().unwrap();
         let (beside, system) = (folder.path().join("bin"), folder.path().join("lib"));
         let first = touch(&beside, "libonnxruntime.so");
-        touch(&system, "libonnxruntime.so.1.9.0");
+        let third = touch(&system, "libonnxruntime.so.1.9.0");
         let second = touch(&system, "libonnxruntime.so.1.24.3");
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(&second, system.join("libonnxruntime.so")).unwrap();
         let missing = folder.path().join("no");
         let places = Places {
             beside_binary: Some(beside),
             system: vec![missing, system],
             ..Places::default()
         };
-        assert_eq!(places.installed(), [first, second]);
+        assert_eq!(places.installed(), [first, second, third]);
     }
 
     #[test]

@@ -1,13 +1,16 @@
 //! Networks of ONNX files, run by ONNX Runtime where it is found and by `ort-tract` elsewhere.
 //!
-//! [`InferenceBackend`] finds and starts the one or the other, once per process; [`OnnxKeypointNetwork`] is a
+//! [`InferenceBackend`] finds and starts the one or the other, once per process, after another process has tried to load it
+//! ([`answer_trial`]); [`OnnxKeypointNetwork`] is a
 //! network of the pipeline. A file that does not fit its card is refused at start.
 
 mod backend;
+mod guarded;
 mod library;
 mod model;
 mod outputs;
 mod providers;
+mod trial;
 
 use std::path::Path;
 
@@ -15,7 +18,7 @@ use farfield_proto::model_card::HeatmapCard;
 
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 
-pub use backend::{BackendChoice, InferenceBackend};
+pub use backend::{BackendChoice, InferenceBackend, answer_trial};
 pub(crate) use model::{Contract, OnnxModel, TensorAxis, read_card};
 
 /// A network that turns crops into part confidence maps, from an ONNX file and its card.

@@ -1,7 +1,5 @@
 //! One ONNX file, loaded and held to what its card says.
 
-use std::any::Any;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 use farfield_proto::model_card::{EXPECTED_CARD, NetworkInput};
@@ -11,6 +9,7 @@ use ort::session::builder::GraphOptimizationLevel;
 use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 
 use super::backend::{BackendChoice, InferenceBackend};
+use super::guarded::{first_line, guarded};
 use super::outputs::{LABELS, LABELS_AS_FLOATS, reduced};
 use crate::inference::NetworkError;
 
@@ -207,18 +206,6 @@ impl OnnxModel {
     }
 }
 
-/// Runs what may panic inside a backend; its message is the error.
-fn guarded<R>(work: impl FnOnce() -> Result<R, String>) -> Result<R, String> {
-    // What the work borrows is thrown away when it fails.
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(panic_message(&*panic)))
-}
-
-fn panic_message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
-    first_line(text.unwrap_or("the backend panicked"))
-}
-
 fn open(
     backend: &InferenceBackend,
     path: &Path,
@@ -240,11 +227,6 @@ fn open(
         None => builder.commit_from_file(path),
     }
     .map_err(|e| text(&e))
-}
-
-/// The backends' messages may hold a back trace; people need their first line.
-fn first_line(message: &str) -> String {
-    message.lines().next().unwrap_or_default().trim().to_owned()
 }
 
 /// The shape of the input or output `name` as the file states it, -1 where it is left open.

@@ -2,7 +2,7 @@
 //! doctor's parts.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
@@ -77,6 +77,59 @@ fn an_onnx_runtime_that_is_not_there_or_is_none_is_found() {
             finished.stdout
         );
     }
+}
+
+/// The library that inference uses here, where there is one.
+fn library_of_this_machine(folder: &Path) -> Option<PathBuf> {
+    let said = lines(&doctor(folder, |_| (), &[]));
+    let words = said.iter().find_map(|line| {
+        let (_, path) = line[2].split_once("inference by ONNX Runtime (`")?;
+        Some(path.split_once('`')?.0.into())
+    });
+    if words.is_none() {
+        println!("skipped a copy that is cut off: ONNX Runtime is not installed");
+    }
+    words
+}
+
+#[test]
+fn libraries_that_cannot_be_used_are_named_and_the_next_place_is_tried() {
+    // Symptom: the first file that could not be used ended the program, by a panic or by SIGBUS. Cause: it was loaded
+    // in this process, and `ort` keeps what a failure leaves.
+    const NAME: &str = "libonnxruntime.so";
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).join(NAME);
+    let library = library_of_this_machine(folder.path());
+    fs::create_dir_all(at("a_folder")).unwrap();
+    let mut refused = vec![(at("a_folder"), "it is a folder")];
+    for name in ["text", "cut_off"] {
+        fs::create_dir_all(folder.path().join(name)).unwrap();
+    }
+    fs::write(at("text"), "no library").unwrap();
+    refused.push((at("text"), "failed to load"));
+    if let Some(library) = &library {
+        let bytes = fs::read(library).unwrap();
+        fs::write(at("cut_off"), &bytes[..bytes.len() / 30]).unwrap();
+        refused.push((at("cut_off"), "SIGBUS"));
+    }
+    let places = std::env::join_paths(refused.iter().filter_map(|(path, _)| path.parent()));
+    let places = places.unwrap();
+    let finished = doctor(
+        folder.path(),
+        |it| {
+            it.env("LD_LIBRARY_PATH", &places);
+        },
+        &[],
+    );
+    let said = lines(&finished);
+    for (path, why) in &refused {
+        let words = [path.to_str().unwrap(), *why];
+        assert!(says(&said, "warning", &words), "{words:?}: {said:#?}");
+    }
+    let used = library.as_ref().and_then(|path| path.to_str());
+    let words = [used.unwrap_or("ort-tract"), "inference by"];
+    assert!(says(&said, "warning", &words), "{said:#?}");
+    assert!(says(&said, "ok", &["network of the demo"]), "{said:#?}");
 }
 
 #[test]

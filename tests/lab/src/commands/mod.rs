@@ -25,6 +25,7 @@ mod walk_venue;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use farfield_edge::network::answer_trial;
 use farfield_node::process::{Ending, exit_code};
 
 use self::budget::BudgetArgs;
@@ -101,6 +102,9 @@ enum LabCommand {
 ///
 /// Ends the process itself, with exit code 2, on wrong usage.
 pub fn main() -> ExitCode {
+    if let Some(code) = answer_trial() {
+        return code;
+    }
     let first = std::env::args_os().nth(1);
     if first.is_some_and(|first| first.to_str().is_some_and(farfield::knows)) {
         return farfield::main();
