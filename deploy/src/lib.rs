@@ -23,7 +23,9 @@ mod manual;
 pub mod output;
 mod overlay;
 mod parameters;
+mod recorded_formats;
 mod recorded_rates;
+mod recorded_starts;
 mod report_lines;
 mod run;
 #[cfg(test)]

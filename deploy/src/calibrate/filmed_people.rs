@@ -321,7 +321,7 @@ impl FilmedArgs {
         let name = &recording.name;
         let own = OwnVenue::over_a_floor(recording, lens)?;
         Ok(FilmedCamera {
-            frames: own.frames()?,
+            frames: own.frames_to_look_at()?,
             own,
             every: self.every(rate_hz),
             lens_text: lens.calibration(name)?,

@@ -1,7 +1,7 @@
 //! A recording of one camera, opened as those of venues are: videos, and folders of numbered pictures.
 
 use anyhow::{Context as _, bail};
-use farfield_edge::source::{FrameContent, RecordedSources, Sources as _};
+use farfield_edge::source::{FrameContent, RecordedSources, SourceInfo, Sources as _};
 use farfield_proto::calibration::Calibration;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
@@ -11,6 +11,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 use super::lenses::Lens;
 use crate::init::rate;
 use crate::init::recordings::Recording;
+use crate::recorded_formats::{of_camera, say_format};
 
 /// How high a camera is thought to hang, metres, and how far below the horizon it looks: neither matters much.
 const HEIGHT_M: f64 = 3.0;
@@ -80,8 +81,21 @@ impl OwnVenue {
     /// # Errors
     /// What cannot be read.
     pub(super) fn frames(&self) -> anyhow::Result<u64> {
-        let ticks = RecordedSources.probe(self.camera()?, &self.venue)?.ticks;
-        Ok(ticks.map_or(0, |ticks| (ticks.end - ticks.start).unsigned_abs()))
+        Ok(frames_in(&self.info()?))
+    }
+
+    /// The same, before they are looked at: what is remarkable about how they are stored is said.
+    ///
+    /// # Errors
+    /// As [`Self::frames`].
+    pub(super) fn frames_to_look_at(&self) -> anyhow::Result<u64> {
+        let info = self.info()?;
+        say_format(&of_camera(self.camera()?.model.name()), &info);
+        Ok(frames_in(&info))
+    }
+
+    fn info(&self) -> anyhow::Result<SourceInfo> {
+        Ok(RecordedSources.probe(self.camera()?, &self.venue)?)
     }
 
     /// The venue, of this camera alone.
@@ -121,4 +135,9 @@ impl OwnVenue {
         }
         Ok(frames)
     }
+}
+
+fn frames_in(info: &SourceInfo) -> u64 {
+    let ticks = info.ticks.as_ref();
+    ticks.map_or(0, |ticks| (ticks.end - ticks.start).unsigned_abs())
 }

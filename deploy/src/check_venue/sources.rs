@@ -7,8 +7,9 @@ use farfield_proto::plausibility;
 use farfield_proto::venue::{Source, Venue, VenueCamera};
 
 use super::opened::OpenedSource;
+use crate::recorded_formats::{format_remarks, of_camera};
 use crate::recorded_rates::to_one_rate;
-use crate::report_lines::ReportLines;
+use crate::report_lines::{ReportLines, Verdict};
 
 /// The group of these lines.
 const SOURCES: &str = "sources";
@@ -57,7 +58,6 @@ fn look_at(camera: &VenueCamera, source: &OpenedSource, report: &mut ReportLines
     if let Some(ticks) = &info.ticks {
         words.push(format!("{} frames", ticks.end - ticks.start));
     }
-    let turned_deg = info.labels.rotation_deg.rem_euclid(360.0);
     let words = words.join(", ");
     if let Some(doubt) = info.contents.and_then(|contents| contents.doubt()) {
         report.warn(
@@ -80,16 +80,14 @@ fn look_at(camera: &VenueCamera, source: &OpenedSource, report: &mut ReportLines
         );
         return;
     }
-    // After a quarter turn the size tells; after half a turn nothing does.
-    if (turned_deg - 180.0).abs() < 1.0 {
-        report.warn(
-            SOURCES,
-            format!("{words}, turned by half a turn when it is read, as its rotation tag says"),
-            "see the picture: if it is upside down, remove the tag (`ffmpeg -i IN -c copy -metadata:s:v rotate=0 OUT`, from \
-             ffmpeg 6 on `ffmpeg -display_rotation 0 -i IN -c copy OUT`); calibrate with pictures that are turned alike",
-        );
-    } else {
-        report.ok(SOURCES, words);
+    report.ok(SOURCES, words);
+    for remark in format_remarks(&of_camera(name), info) {
+        let verdict = if remark.is_warning {
+            Verdict::Warning
+        } else {
+            Verdict::Ok
+        };
+        report.push(SOURCES, verdict, remark.problem, remark.remedy);
     }
 }
 
@@ -119,6 +117,10 @@ fn remedy(error: &SourceError, camera: &VenueCamera) -> String {
                 to_one_rate(*found_hz, *expected_hz)
             )
         }
+        SourceError::Fields { found_hz, .. } => format!(
+            "run the command that stands there for all cameras, and name its OUT in `source`; or write `rate_hz = {found_hz:.6}`, \
+             and half of the fields are left out"
+        ),
         SourceError::Cut { .. } | SourceError::Ended { .. } => {
             "copy the recording again: it was cut".to_owned()
         }

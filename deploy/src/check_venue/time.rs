@@ -14,6 +14,7 @@ use crate::recorded_rates::{
     LONGER, LeapingKeypoints, are_apart, held_keypoints, leaping_keypoints, odd_rates, too_short,
     usual_rate_hz,
 };
+use crate::recorded_starts::starts_apart;
 use crate::report_lines::ReportLines;
 
 /// The group of these lines.
@@ -46,6 +47,9 @@ pub(super) fn look_at_time(
     };
     look_at_rates(venue, &infos, all, report);
     look_at_lengths(venue, path, (&infos, all), report);
+    if let Some(remark) = starts_apart(venue, &infos) {
+        report.warn(TIME, remark.problem, remark.remedy);
+    }
     look_at_creation(&infos, report);
     look_at_timecodes(venue, opened, report);
 }
@@ -183,7 +187,7 @@ fn look_at_creation(infos: &[(String, SourceInfo)], report: &mut ReportLines) {
 }
 
 fn look_at_timecodes(venue: &Venue, opened: &[OpenedSource], report: &mut ReportLines) {
-    let mut first: Option<(i64, &str)> = None;
+    let mut first: Option<(i64, i64, &str)> = None;
     for (camera, source) in venue.cameras.iter().zip(opened) {
         let Ok(info) = &source.info else { continue };
         let Some(text) = &info.labels.timecode else {
@@ -198,8 +202,23 @@ fn look_at_timecodes(venue: &Venue, opened: &[OpenedSource], report: &mut Report
         }
         let (frames, name) = (timecode.frames(), camera.model.name());
         match first {
-            None => first = Some((frames, name)),
-            Some((earlier, other)) if earlier != frames => {
+            None => {
+                let ticks = info.ticks.as_ref();
+                first = Some((frames, ticks.map_or(0, |it| it.end - it.start), name));
+            }
+            Some((earlier, length, other)) if length > 0 && frames - earlier == length => {
+                report.warn(
+                    TIME,
+                    format!(
+                        "by their timecodes, the recording of camera `{name}` goes on where that of `{other}` ends: these are two \
+                         parts of one recording"
+                    ),
+                    "join the parts of each camera: `ffmpeg -f concat -safe 0 -i LIST -c copy OUT`, where LIST has a line \
+                     `file 'PART'` for each",
+                );
+                return;
+            }
+            Some((earlier, _, other)) if earlier != frames => {
                 report.warn(
                     TIME,
                     format!(
@@ -236,6 +255,8 @@ fn unix_s(text: &str) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::tick::Tick;
+
     use super::*;
 
     #[test]
@@ -275,5 +296,33 @@ mod tests {
                 .contains("`b` was made 12 s after that of `a`"),
             "{report:?}"
         );
+    }
+    #[test]
+    fn a_part_that_goes_on_where_another_ends_is_told_from_one_that_began_later() {
+        let said = |timecode: &str| {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("venue.sample.toml");
+            let venue = farfield_node::files::load_venue(&path).unwrap();
+            let opened = |timecode: &str| {
+                let mut info = SourceInfo {
+                    ticks: Some(Tick(0)..Tick(60)),
+                    rate_hz: Some(30.0),
+                    ..SourceInfo::default()
+                };
+                info.labels.timecode = Some(timecode.to_owned());
+                OpenedSource {
+                    info: Ok(info),
+                    first: None,
+                    content: None,
+                    brightest: None,
+                }
+            };
+            let mut report = ReportLines::default();
+            let opened = [opened("01:00:00:00"), opened(timecode)];
+            look_at_timecodes(&venue, &opened, &mut report);
+            report.to_text()
+        };
+        assert!(said("01:00:02:00").contains("two parts of one recording"));
+        assert!(said("01:00:01:00").contains("begins 30 frames after"));
+        assert!(!said("01:00:00:00").contains("camera"));
     }
 }

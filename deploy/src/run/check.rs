@@ -26,9 +26,11 @@ use super::values::changed_venue;
 use crate::listeners::{ListenerArgs, wanted};
 use crate::overlay::overlay_ticks;
 use crate::parameters::{FAR_REMEDY, far_parameters};
+use crate::recorded_formats::{of_camera, say_format};
 use crate::recorded_rates::{
     LONGER, LeapingKeypoints, held_keypoints, leaping_keypoints, odd_rates, too_short,
 };
+use crate::recorded_starts::{lengths_apart, starts_apart};
 
 /// How far apart recordings of different rates may be at the end of a run, ticks.
 const MAX_DRIFT_TICKS: f64 = 0.5;
@@ -139,7 +141,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
         Err(SourceError::Endless) if pace == RunPace::Live => None,
         ticks => Some(ticks.map_err(NodeError::refused)?),
     };
-    doubt_keypoints(&infos);
+    doubt_recordings(&venue, &infos);
     if let Some(ticks) = &ticks {
         check_rates(&venue, &infos, ticks)?;
         check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
@@ -198,8 +200,16 @@ fn check_own_recordings(venue: &Venue, path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Says which files of keypoints are doubtful as a whole.
-fn doubt_keypoints(infos: &[(String, SourceInfo)]) {
+/// Reports what is remarkable about how recordings are stored and begin, and which files of keypoints are doubtful as a whole.
+fn doubt_recordings(venue: &Venue, infos: &[(String, SourceInfo)]) {
+    for (camera, info) in infos {
+        say_format(&of_camera(camera), info);
+    }
+    let starts = [starts_apart(venue, infos), lengths_apart(venue, infos)];
+    for remark in starts.into_iter().flatten() {
+        let (problem, remedy) = (remark.problem, remark.remedy);
+        say(format_args!("doubtful: {problem}; {remedy}"));
+    }
     for (camera, info) in infos {
         if let Some(doubt) = info.contents.and_then(|contents| contents.doubt()) {
             let (problem, remedy) = (doubt.problem, doubt.remedy);

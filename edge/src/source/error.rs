@@ -105,6 +105,19 @@ pub enum SourceError {
         /// `rate_hz` of the venue.
         expected_hz: f64,
     },
+    /// Its fields have the venue's rate, its pictures half of it.
+    #[error(
+        "{at}: is interlaced: {} pictures of two fields a second, the venue's `rate_hz` is {expected_hz:?}; \
+         make a picture of each field first (`ffmpeg -i IN -vf bwdif=mode=send_field OUT`)", rounded(*found_hz, 3)
+    )]
+    Fields {
+        /// Which source.
+        at: SourceOrigin,
+        /// Mean rate of its pictures.
+        found_hz: f64,
+        /// `rate_hz` of the venue.
+        expected_hz: f64,
+    },
     /// Frames are missing or doubled in time, so the n-th frame is not the n-th tick.
     #[error(
         "{at}: variable frame rate, or frames were lost: {} s between frames {before} and {}, expected {} s; \
@@ -276,7 +289,10 @@ pub enum SourceError {
 fn shared_ticks(shared: Option<&Range<Tick>>) -> String {
     match shared.filter(|shared| shared.start < shared.end) {
         Some(Range { start, end }) => {
-            format!("choose ticks that all have with `--ticks` (at most {start}..{end})")
+            format!(
+                "if they begin at the same moment, choose ticks that all have with `--ticks` (at most {start}..{end}); if they end at it, \
+                 cut them at their beginning"
+            )
         }
         None => "there is no tick that all have: are they of one time? Files of keypoints name their ticks line by line"
             .to_owned(),

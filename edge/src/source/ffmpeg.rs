@@ -9,15 +9,18 @@ use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
-use std::process::ChildStdout;
+use std::process::{ChildStdout, Command, Stdio};
+use std::sync::OnceLock;
 use std::thread::JoinHandle;
 
 use farfield_proto::plain_text::one_line;
 use ffmpeg_sidecar::child::FfmpegChild;
 use ffmpeg_sidecar::command::FfmpegCommand;
+use ffmpeg_sidecar::paths::ffmpeg_path;
 use image::RgbImage;
 
 use super::frame_times::{FrameTimeReader, FrameTimes, frame_times};
+use super::video_format::VideoFormat;
 use super::{SourceError, SourceOrigin};
 
 /// Input devices of ffmpeg that a URL may begin with, as in `avfoundation:0`.
@@ -63,10 +66,10 @@ pub(super) fn live_input(url: &str) -> Vec<OsString> {
 }
 
 /// What is decoded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Wanted {
-    /// A recording without its first frames.
-    After(u64),
+    /// A recording without its first frames, whose pictures are stored so.
+    After(u64, VideoFormat),
     /// A live source, with the times of its frames.
     Timed,
 }
@@ -88,15 +91,19 @@ impl Ffmpeg {
         command.args(["-nostdin", "-hide_banner", "-nostats", "-loglevel"]);
         // The filter's lines are of the level `info`; which of the others are errors is then said by a word in each.
         command.arg(match wanted {
-            Wanted::After(_) => "error",
+            Wanted::After(..) => "error",
             Wanted::Timed => "level+info",
         });
         command.args(input);
         command.args(["-map", "0:v:0", "-fps_mode", "passthrough"]);
         let (reader, times) = match wanted {
-            Wanted::After(0) => (None, None),
-            Wanted::After(skip) => {
-                command.args(["-vf".to_owned(), format!("select=gte(n\\,{skip})")]);
+            Wanted::After(skip, format) => {
+                let [before, after] = format.filters();
+                let select = (skip > 0).then(|| format!("select=gte(n\\,{skip})"));
+                let filters: Vec<String> = [before, select, after].into_iter().flatten().collect();
+                if !filters.is_empty() {
+                    command.args(["-vf".to_owned(), filters.join(",")]);
+                }
                 (None, None)
             }
             Wanted::Timed => {
@@ -164,6 +171,27 @@ impl Drop for Ffmpeg {
     fn drop(&mut self) {
         self.stop();
     }
+}
+
+/// Whether this machine's ffmpeg has the filter `name`. It is asked once.
+pub(super) fn has_filter(name: &str) -> bool {
+    static FILTERS: OnceLock<String> = OnceLock::new();
+    let filters = FILTERS.get_or_init(|| {
+        let mut ffmpeg = Command::new(ffmpeg_path());
+        let listed = ffmpeg
+            .args(["-hide_banner", "-loglevel", "error", "-filters"])
+            .stdin(Stdio::null())
+            .output();
+        listed.map_or_else(
+            |_| String::new(),
+            |it| String::from_utf8_lossy(&it.stdout).into_owned(),
+        )
+    });
+    // As ` .SC zscale            V->V       Apply resizing`.
+    let mut names = filters
+        .lines()
+        .filter_map(|line| line.split_whitespace().nth(1));
+    names.any(|it| it == name)
 }
 
 /// Ctrl-C on a terminal reaches a whole process group: without its own, ffmpeg would end before the

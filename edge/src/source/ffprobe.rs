@@ -11,13 +11,15 @@ use std::process::{Command, Stdio};
 use ffmpeg_sidecar::ffprobe::ffprobe_path;
 use serde::Deserialize;
 
-use super::ffmpeg::{collect_messages, file_input, said, start_problem};
+use super::ffmpeg::{collect_messages, file_input, has_filter, said, start_problem};
+use super::video_format::{FieldOrder, HdrTransfer, VideoFormat};
 use super::{RecordingLabels, SourceError, SourceOrigin};
 
 const ENTRIES: &str = "packet=pts,flags:\
-    stream=width,height,time_base,r_frame_rate,avg_frame_rate,nb_frames,duration:\
+    stream=width,height,time_base,r_frame_rate,avg_frame_rate,nb_frames,duration,start_time,\
+    field_order,color_transfer,sample_aspect_ratio:\
     stream_tags=rotate,DURATION,NUMBER_OF_FRAMES,timecode,creation_time:stream_side_data=rotation:\
-    format_tags=timecode,creation_time";
+    format=format_name:format_tags=timecode,creation_time";
 
 /// The first video stream of a recording.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,6 +43,8 @@ pub(super) struct VideoStream {
     pub(super) shown_hz: Option<f64>,
     /// What its container says of its making.
     pub(super) labels: RecordingLabels,
+    /// How its pictures are stored.
+    pub(super) format: VideoFormat,
     /// What `ffprobe` had to say, as the end of a sentence.
     pub(super) said: String,
 }
@@ -139,6 +143,10 @@ struct Stream {
     avg_frame_rate: String,
     nb_frames: String,
     duration: String,
+    start_time: String,
+    field_order: String,
+    color_transfer: String,
+    sample_aspect_ratio: String,
     tags: BTreeMap<String, String>,
     side_data_list: Vec<SideData>,
 }
@@ -154,6 +162,7 @@ struct SideData {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct Format {
+    format_name: String,
     tags: BTreeMap<String, String>,
 }
 
@@ -182,6 +191,16 @@ impl Listing {
         let labels = RecordingLabels {
             created: label("creation_time"),
             timecode: label("timecode"),
+            // The clocks of broadcasting formats begin anywhere.
+            start_s: number(&stream.start_time)
+                .filter(|_| !self.format.format_name.starts_with("mpeg")),
+        };
+        let hdr = HdrTransfer::parse(&stream.color_transfer);
+        let format = VideoFormat {
+            field_order: FieldOrder::parse(&stream.field_order),
+            hdr,
+            can_tone_map: hdr.is_some() && has_filter("zscale"),
+            pixel_aspect: VideoFormat::parse_aspect(&stream.sample_aspect_ratio),
             rotation_deg,
         };
         // What an edit list discards is no frame.
@@ -192,6 +211,7 @@ impl Listing {
         let unit_s = parse_fraction(&stream.time_base);
         Some(VideoStream {
             labels,
+            format,
             packets: self.packets.len() as u64,
             frames: frames.clone().count() as u64,
             announced,

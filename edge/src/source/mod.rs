@@ -24,6 +24,7 @@ mod ticks;
 mod v4l;
 #[cfg(feature = "node")]
 mod video;
+mod video_format;
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -39,6 +40,7 @@ pub use keypoints::{KeypointContents, KeypointDoubt};
 pub use painted::{MapCrop, MapPainter};
 pub use sources::{RecordedSources, Sources};
 pub use ticks::common_ticks;
+pub use video_format::{FieldOrder, FormatRemark, HdrTransfer, VideoFormat};
 
 /// What one camera saw at one tick.
 #[derive(Debug, Clone)]
@@ -122,6 +124,8 @@ pub struct SourceInfo {
     pub rate_hz: Option<f64>,
     /// What else its container says.
     pub labels: RecordingLabels,
+    /// How the pictures of a video are stored.
+    pub format: VideoFormat,
     /// Frames of a keypoint file that are the one before once more, where these are too many to be of its rate.
     pub repeats: Option<RepeatedFrames>,
     /// What a keypoint file holds.
@@ -165,8 +169,8 @@ pub struct RecordingLabels {
     pub created: Option<String>,
     /// The SMPTE timecode of its first frame.
     pub timecode: Option<String>,
-    /// By how much its pictures are turned when they are decoded, degrees.
-    pub rotation_deg: f64,
+    /// When its first frame is shown, seconds from the container's own start.
+    pub start_s: Option<f64>,
 }
 
 /// Ticks farther from zero have no exact time in seconds; sums of two others do not overflow.

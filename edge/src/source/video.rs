@@ -51,6 +51,7 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
         size_px: Some(stream.size_px),
         rate_hz: stream.rate_hz,
         labels: stream.labels,
+        format: stream.format,
         ..SourceInfo::default()
     })
 }
@@ -135,9 +136,15 @@ fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceEr
         gap_s,
         period_s,
     };
-    if let Some(found_hz) = stream.rate_hz
-        && (found_hz / expected.rate_hz - 1.0).abs() > RATE_TOLERANCE
-    {
+    let is_expected = |hz: f64| (hz / expected.rate_hz - 1.0).abs() <= RATE_TOLERANCE;
+    if let Some(found_hz) = stream.rate_hz.filter(|&hz| !is_expected(hz)) {
+        if stream.format.field_order.is_some() && is_expected(2.0 * found_hz) {
+            return Err(SourceError::Fields {
+                at: at(),
+                found_hz,
+                expected_hz: expected.rate_hz,
+            });
+        }
         // Without the frames that it has lost it would have the venue's rate, and another rate would mend nothing.
         let usual_s = usual_gap_s(&stream.times_s);
         let usual_s = usual_s.filter(|usual_s| (usual_s / period_s - 1.0).abs() < SAME_PERIOD);
@@ -188,8 +195,8 @@ pub(super) fn open(
     expected: ExpectedSource,
     from: Tick,
 ) -> Result<VideoSource, SourceError> {
-    let ticks = probe(path, &expected)?.ticks.unwrap_or(from..from);
-    open_ticks(path, expected, from, &ticks)
+    let info = probe(path, &expected)?;
+    open_ticks(path, expected, from, &info)
 }
 
 /// A video by itself, of whatever size, rate and timecode: its first frame is tick 0. Its rate is the mean of its frames' times.
@@ -213,25 +220,30 @@ pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), Sourc
         tick_from: TickFrom::Clock,
     };
     let ticks = expected.ticks(stream.frames)?;
+    let from = ticks.start;
     let info = SourceInfo {
-        ticks: Some(ticks.clone()),
+        ticks: Some(ticks),
         size_px: Some(stream.size_px),
         rate_hz: stream.shown_hz.or(stream.rate_hz),
         labels: stream.labels,
+        format: stream.format,
         ..SourceInfo::default()
     };
-    Ok((info, open_ticks(path, expected, ticks.start, &ticks)?))
+    let source = open_ticks(path, expected, from, &info)?;
+    Ok((info, source))
 }
 
-/// The frames from tick `from` on of a recording that has `ticks`.
+/// The frames from tick `from` on of a recording of which `info` is known.
 fn open_ticks(
     path: &Path,
     expected: ExpectedSource,
     from: Tick,
-    ticks: &std::ops::Range<Tick>,
+    info: &SourceInfo,
 ) -> Result<VideoSource, SourceError> {
-    let skip = expected.skip(ticks, from)?;
-    let decoded = Ffmpeg::spawn(ffmpeg::file_input(path), Wanted::After(skip), &expected.at)?;
+    let ticks = info.ticks.clone().unwrap_or(from..from);
+    let skip = expected.skip(&ticks, from)?;
+    let wanted = Wanted::After(skip, info.format);
+    let decoded = Ffmpeg::spawn(ffmpeg::file_input(path), wanted, &expected.at)?;
     let mut source = VideoSource::new(decoded, expected, from, WhenFull::Wait)?;
     source.read = skip;
     source.expected = Some((ticks.end - ticks.start).unsigned_abs());

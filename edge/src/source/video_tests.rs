@@ -6,6 +6,7 @@ use std::process::Command;
 use image::RgbImage;
 
 use super::*;
+use crate::source::{FieldOrder, HdrTransfer, VideoFormat};
 
 const SIZE_PX: [u32; 2] = [96, 64];
 const FRAMES: usize = 24;
@@ -190,7 +191,8 @@ fn a_video_cut_in_the_middle_is_refused_before_the_first_tick() {
 fn a_recording_that_shrinks_after_the_probe_does_not_end_quietly() {
     let Some(studio) = studio() else { return };
     let cut = studio.cut(&studio.clip(), 0.6);
-    let decoded = Ffmpeg::spawn(ffmpeg::file_input(&cut), Wanted::After(0), &expected().at);
+    let wanted = Wanted::After(0, VideoFormat::default());
+    let decoded = Ffmpeg::spawn(ffmpeg::file_input(&cut), wanted, &expected().at);
     let mut source =
         VideoSource::new(decoded.unwrap(), expected(), Tick(100), WhenFull::Wait).unwrap();
     source.expected = Some(FRAMES as u64);
@@ -244,6 +246,100 @@ fn a_phone_video_has_the_size_it_is_decoded_to() {
         images(open(&turned, expected(), Tick(100)).unwrap()).len(),
         3
     );
+}
+
+/// A bar that moves by a pixel a field: in the two fields of a picture it is at two places.
+const INTERLACED: &str = "-f lavfi -i color=black:size=96x64:rate=60 \
+                          -vf geq=lum=16+219*between(X\\,N\\,N+12):cb=128:cr=128,tinterlace=interleave_top,setfield=tff \
+                          -frames:v 24 -c:v mpeg2video -q:v 1 -flags +ilme+ildct -top 1";
+
+/// By how much neighbouring lines differ, on average: what moves differs where pictures are interlaced.
+fn combs(image: &RgbImage) -> f64 {
+    let rows = 0..image.height() - 1;
+    let each = rows.flat_map(|y| (0..image.width()).map(move |x| (x, y)));
+    let each = each.map(|(x, y)| {
+        let (a, b) = (image.get_pixel(x, y).0, image.get_pixel(x, y + 1).0);
+        f64::from(a[1].abs_diff(b[1]))
+    });
+    each.sum::<f64>() / f64::from(image.width() * image.height())
+}
+
+#[test]
+fn interlaced_pictures_are_read_whole_one_for_each_and_the_same_from_the_middle() {
+    let Some(studio) = studio() else { return };
+    let clip = studio.record(INTERLACED, "fields.mkv");
+    let info = probe(&clip, &expected()).unwrap();
+    assert_eq!(info.format.field_order, Some(FieldOrder::TopFirst));
+    let whole = images(open(&clip, expected(), Tick(100)).unwrap());
+    assert_eq!(whole.len(), FRAMES);
+    let stored = studio.record("-i fields.mkv -frames:v 5 -pix_fmt rgb24", "%d.png");
+    let stored = image::open(stored.with_file_name("5.png")).unwrap();
+    let (before, after) = (combs(&stored.into_rgb8()), combs(&whole[4].1));
+    assert!(before > 5.0 && after < 0.2, "{before} {after}");
+    // The bar of picture 4 as its first field shows it, which is the eighth.
+    let row = |x: u32| whole[4].1.get_pixel(x, 30).0[1];
+    assert!(row(7) < 64 && row(8) > 192, "{} {}", row(7), row(8));
+    let fields = ExpectedSource {
+        rate_hz: 60.0,
+        ..expected()
+    };
+    let said = probe(&clip, &fields).unwrap_err().to_string();
+    assert!(said.contains("30.000 pictures of two fields"), "{said}");
+    let rest = images(open(&clip, expected(), Tick(117)).unwrap());
+    assert!(rest == whole[17..], "{} frames", rest.len());
+}
+
+#[test]
+fn high_dynamic_range_is_tone_mapped_and_less_pale() {
+    let Some(studio) = studio() else { return };
+    if !ffmpeg::has_filter("zscale") {
+        println!("skipped: this ffmpeg has no filter zscale");
+        return;
+    }
+    // Paper white of HLG is three quarters of its range: 722 of 64 to 940 in ten bits.
+    let clip = studio.record(
+        "-f lavfi -i color=black:size=96x64:rate=30 -frames:v 3 -vf format=yuv420p10le,geq=lum=722:cb=512:cr=512 -c:v ffv1 \
+         -color_trc arib-std-b67 -color_primaries bt2020 -colorspace bt2020nc",
+        "paper.mkv",
+    );
+    let info = probe(&clip, &expected()).unwrap();
+    assert_eq!(info.format.hdr, Some(HdrTransfer::Hlg));
+    let read = images(open(&clip, expected(), Tick(100)).unwrap());
+    let [r, g, b] = read[1].1.get_pixel(48, 32).0;
+    // Read as it is stored it is 190.
+    assert!(read.len() == 3 && r.min(g).min(b) > 205, "{r} {g} {b}");
+}
+
+#[test]
+fn pixels_that_are_not_square_are_read_from_the_container() {
+    let Some(studio) = studio() else { return };
+    let clip = studio.record(
+        "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 3 -vf setsar=4/3 -c:v mpeg4",
+        "wide.mp4",
+    );
+    let info = probe(&clip, &expected()).unwrap();
+    assert_eq!(info.format.pixel_aspect, Some([4, 3]));
+    assert_eq!(info.format.field_order, None);
+    assert_eq!(images(open(&clip, expected(), Tick(100)).unwrap()).len(), 3);
+}
+
+#[test]
+fn pictures_of_both_ranges_are_read_alike() {
+    let Some(studio) = studio() else { return };
+    let pixel = |format: &str, range: &str, level: u8| {
+        let args = format!(
+            "-f lavfi -i color=black:size=96x64:rate=30 -frames:v 1 -vf format={format},geq=lum={level}:cb=128:cr=128 -c:v ffv1 \
+             -color_range {range}"
+        );
+        let clip = studio.record(&args, "range.mkv");
+        images(open(&clip, expected(), Tick(100)).unwrap())[0]
+            .1
+            .get_pixel(4, 4)
+            .0[0]
+    };
+    // Half of 0 to 255, and of 16 to 235.
+    let (full, limited) = (pixel("yuvj420p", "pc", 128), pixel("yuv420p", "tv", 126));
+    assert!(full.abs_diff(limited) <= 2, "{full} {limited}");
 }
 
 #[test]

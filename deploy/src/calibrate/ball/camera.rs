@@ -103,7 +103,7 @@ impl LookingCamera {
     /// # Errors
     /// When the recording cannot be read.
     pub(super) fn pictures(&self, look: &BallLook) -> anyhow::Result<u64> {
-        let frames = self.venue.frames()?;
+        let frames = self.venue.frames_to_look_at()?;
         let learning = look.appearance().is_none();
         Ok(frames
             + if learning {

@@ -10,6 +10,7 @@ use image::GrayImage;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 use crate::init::rate;
+use crate::recorded_formats::say_format;
 
 /// Pictures per second that are looked at.
 const LOOKS_HZ: f64 = 3.0;
@@ -51,6 +52,7 @@ pub(super) fn look(
     detect: impl Fn(&str, &GrayImage) -> Result<BoardView, DetectError> + Sync,
 ) -> anyhow::Result<Filmed> {
     let (info, mut source) = open_video_alone(path)?;
+    say_format(&path.display().to_string(), &info);
     let window = window(info.rate_hz);
     let mut looked = Looked::default();
     let mut sharpest: Option<(f64, usize, GrayImage)> = None;

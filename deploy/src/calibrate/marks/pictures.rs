@@ -16,6 +16,7 @@ use crate::calibrate::board::sharpness;
 use crate::calibrate::lenses::Lens;
 use crate::init::rate;
 use crate::init::recordings::{entries, is_picture, is_video};
+use crate::recorded_formats::say_format;
 
 /// Most cameras of one sitting: their pictures are held in memory.
 const MOST_PICTURES: usize = 64;
@@ -182,6 +183,7 @@ fn of_file(path: &Path) -> anyhow::Result<(RgbImage, Orientation)> {
 fn of_video(path: &Path, from_s: f64) -> anyhow::Result<RgbImage> {
     let shown = path.display();
     let (info, mut source) = open_video_alone(path)?;
+    say_format(&shown.to_string(), &info);
     let rate_hz = rate::about(info.rate_hz);
     let first = (from_s * rate_hz) as u64;
     let looked = (LOOKED_S * rate_hz).ceil() as u64;

@@ -351,17 +351,23 @@ fn a_run_is_refused_for_what_is_surely_wrong_and_says_what_is_doubtful() {
 
 /// Makes half a second of video; false, with a word, where there is no ffmpeg.
 fn video(folder: &SampleFolder, name: &str, picture: &str) -> bool {
+    coded_video(folder, name, picture, "")
+}
+
+/// The same with more options of the encoder.
+fn coded_video(folder: &SampleFolder, name: &str, picture: &str, coded: &str) -> bool {
     let made = Command::new("ffmpeg")
         .args([
             "-nostdin", "-v", "error", "-f", "lavfi", "-t", "0.5", "-i", picture,
         ])
         .args(["-pix_fmt", "yuv420p", "-preset", "ultrafast"])
+        .args(coded.split_whitespace())
         .arg(folder.path(name))
         .status();
     if made.is_ok_and(|status| status.success()) {
         return true;
     }
-    println!("SKIPPED videos at two rates: no ffmpeg");
+    println!("SKIPPED a test of videos: no ffmpeg");
     false
 }
 
@@ -426,4 +432,54 @@ fn a_video_that_is_black_is_told_of() {
     let said = lines(&check(&folder));
     let words = ["camera `north-east`", "its first pictures are black", "cap"];
     assert!(says(&said, "warning", &words), "{said:#?}");
+}
+
+#[test]
+fn a_video_that_is_interlaced_is_named_by_every_command_that_reads_it() {
+    // Symptom: "all is as it should be", and a fast hand is there twice, in alternate lines. Cause: nothing asked for
+    // the order of fields.
+    let folder = SampleFolder::new();
+    let picture = "testsrc2=size=1920x1200:rate=60,tinterlace=interleave_top,setfield=tff";
+    let is_made = coded_video(
+        &folder,
+        "north-east.mp4",
+        picture,
+        "-flags +ilme+ildct -top 1",
+    );
+    if !is_made {
+        return;
+    }
+    folder.replace(
+        "venue.toml",
+        "kind = \"keypoints\", path = \"north-east.jsonl\"",
+        "kind = \"video\", path = \"north-east.mp4\"",
+    );
+    folder.replace(
+        "venue.toml",
+        "rate_hz = 30.0",
+        "rate_hz = 30.0\nnetwork = \"no.toml\"",
+    );
+    let fields = "is interlaced, top field first: 60 fields a second, read as 30 pictures";
+    let words = ["camera `north-east`", fields, "`rate_hz` = 60"];
+    let said = lines(&check(&folder));
+    assert!(says(&said, "warning", &words), "{said:#?}");
+    let lens = ["--lens", "calibration.toml"];
+    for command in [
+        ["run", "venue.toml", "--out", "out"].as_slice(),
+        &["calibrate", "ball", ".", lens[0], lens[1]],
+        &[
+            "calibrate",
+            "board",
+            "north-east.mp4",
+            "--chessboard",
+            "4x7",
+            "--square-mm",
+            "60",
+            "--camera",
+            "north-east",
+        ],
+    ] {
+        let said = folder.farfield(command).stderr;
+        assert!(said.contains(fields), "{command:?}: {said}");
+    }
 }

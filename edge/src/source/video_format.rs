@@ -1,0 +1,295 @@
+//! How the pictures of a video are stored: fields, brightness, the shape of pixels, which way up. What reading changes, and what the
+//! operator has to know of it.
+
+/// Pixels that are wider or narrower than this share are not square; containers round.
+const SQUARE: f64 = 0.01;
+/// How far a turn may be from whole quarters, degrees.
+const QUARTER_OFF_DEG: f64 = 1.0;
+/// White paper of HDR pictures, candela a square metre: ITU-R BT.2408, 2.1. It becomes white.
+const WHITE_NITS: u32 = 203;
+
+/// Which field of an interlaced picture was taken first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FieldOrder {
+    /// That of the first, third and every other odd line.
+    TopFirst,
+    /// That of the even lines.
+    BottomFirst,
+}
+
+impl FieldOrder {
+    /// What `ffprobe` calls it, by which field is shown first; `None` of whole pictures, and where it is not known.
+    pub fn parse(text: &str) -> Option<Self> {
+        match text {
+            "tt" | "bt" => Some(Self::TopFirst),
+            "bb" | "tb" => Some(Self::BottomFirst),
+            _ => None,
+        }
+    }
+}
+
+/// How high dynamic range is coded. Read as if it were not there, pictures are pale.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HdrTransfer {
+    /// Hybrid log-gamma, as phones and broadcasters have it.
+    Hlg,
+    /// Perceptual quantiser: HDR10, Dolby Vision.
+    Pq,
+}
+
+impl HdrTransfer {
+    /// What ffmpeg calls it.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Hlg => "arib-std-b67",
+            Self::Pq => "smpte2084",
+        }
+    }
+
+    /// What ffmpeg calls so; `None` of all others.
+    pub fn parse(text: &str) -> Option<Self> {
+        [Self::Hlg, Self::Pq]
+            .into_iter()
+            .find(|it| it.name() == text)
+    }
+
+    /// The filters that make pictures of usual brightness of it.
+    fn tone_map(self) -> String {
+        format!(
+            "zscale=tin={}:pin=bt2020:min=bt2020nc:t=linear:npl={WHITE_NITS},format=gbrpf32le,zscale=p=bt709,\
+             tonemap=mobius:desat=0,zscale=t=bt709:m=bt709:r=tv,format=yuv420p",
+            self.name()
+        )
+    }
+}
+
+/// How the pictures of a video are stored. The default is what needs no word: whole, of usual brightness, with square pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct VideoFormat {
+    /// Of interlaced pictures.
+    pub field_order: Option<FieldOrder>,
+    /// Of pictures of high dynamic range.
+    pub hdr: Option<HdrTransfer>,
+    /// Whether ffmpeg has what converts high dynamic range.
+    pub can_tone_map: bool,
+    /// Width to height of a pixel, where it is not square.
+    pub pixel_aspect: Option<[u32; 2]>,
+    /// By how much pictures are turned when they are decoded, degrees.
+    pub rotation_deg: f64,
+}
+
+/// Something about a video that its operator may not know.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FormatRemark {
+    /// What it is and how it is read, as the end of a sentence on the camera.
+    pub problem: String,
+    /// What to do where that is not enough.
+    pub remedy: String,
+    /// Whether something is lost, or may be wrong, as it is read.
+    pub is_warning: bool,
+}
+
+impl VideoFormat {
+    /// Width to height of a pixel as `ffprobe` writes it, `4:3`; `None` of square ones, and where it is not known.
+    pub fn parse_aspect(text: &str) -> Option<[u32; 2]> {
+        let (width, height) = text.split_once(':')?;
+        let aspect: [u32; 2] = [width.parse().ok()?, height.parse().ok()?];
+        let ratio = f64::from(aspect[0]) / f64::from(aspect[1]);
+        (ratio.is_finite() && ratio > 0.0 && (ratio - 1.0).abs() > SQUARE).then_some(aspect)
+    }
+
+    /// What is remarkable about pictures that are stored at `rate_hz`.
+    pub fn remarks(&self, rate_hz: Option<f64>) -> Vec<FormatRemark> {
+        let each = [
+            self.fields_remark(rate_hz),
+            self.hdr_remark(),
+            self.pixels_remark(),
+            self.turn_remark(),
+        ];
+        each.into_iter().flatten().collect()
+    }
+
+    fn fields_remark(&self, rate_hz: Option<f64>) -> Option<FormatRemark> {
+        let first = match self.field_order? {
+            FieldOrder::TopFirst => "top",
+            FieldOrder::BottomFirst => "bottom",
+        };
+        let (read, fields) = match rate_hz.map(rounded) {
+            Some(hz) => (
+                format!("{} fields a second, read as {hz} pictures", 2.0 * hz),
+                format!("{}", 2.0 * hz),
+            ),
+            None => (
+                "two fields a picture, read as one".to_owned(),
+                "that of the fields".to_owned(),
+            ),
+        };
+        Some(FormatRemark {
+            problem: format!("is interlaced, {first} field first: {read}"),
+            remedy: format!(
+                "to use every field: `ffmpeg -i IN -vf bwdif=mode=send_field OUT` for all cameras, and `rate_hz` = {fields}"
+            ),
+            is_warning: true,
+        })
+    }
+
+    fn hdr_remark(&self) -> Option<FormatRemark> {
+        let hdr = self.hdr?;
+        let name = match hdr {
+            HdrTransfer::Hlg => "HLG",
+            HdrTransfer::Pq => "PQ",
+        };
+        let command = format!("`ffmpeg -i IN -vf {} OUT`", hdr.tone_map());
+        let (read, remedy) = if self.can_tone_map {
+            (
+                "tone-mapped as it is read",
+                format!("to read it faster: {command}"),
+            )
+        } else {
+            (
+                "read as it is, so pale, as this ffmpeg has no filter `zscale`",
+                format!("with an ffmpeg that has it: {command}"),
+            )
+        };
+        Some(FormatRemark {
+            problem: format!("has high dynamic range ({name}): {read}"),
+            remedy,
+            is_warning: !self.can_tone_map,
+        })
+    }
+
+    fn pixels_remark(&self) -> Option<FormatRemark> {
+        let [width, height] = self.pixel_aspect?;
+        Some(FormatRemark {
+            problem: format!(
+                "has pixels that are not square, {width} wide to {height} high: read as they are stored"
+            ),
+            remedy: "calibrate with pictures that are stored alike; square pixels: \
+                     `ffmpeg -i IN -vf scale=iw*sar:ih,setsar=1 OUT`"
+                .to_owned(),
+            is_warning: false,
+        })
+    }
+
+    /// After a quarter turn the size tells; after half a turn nothing does.
+    fn turn_remark(&self) -> Option<FormatRemark> {
+        let turned_deg = self.rotation_deg.rem_euclid(360.0);
+        let off_deg = (turned_deg / 90.0 - (turned_deg / 90.0).round()).abs() * 90.0;
+        let by = if (turned_deg - 180.0).abs() < QUARTER_OFF_DEG {
+            "half a turn".to_owned()
+        } else if off_deg > QUARTER_OFF_DEG {
+            format!("{turned_deg:.0} degrees")
+        } else {
+            return None;
+        };
+        Some(FormatRemark {
+            problem: format!("is turned by {by} when it is read, as its rotation tag says"),
+            remedy: "see the picture: if it is upside down, remove the tag (`ffmpeg -i IN -c copy -metadata:s:v rotate=0 OUT`, \
+                     from ffmpeg 6 on `ffmpeg -display_rotation 0 -i IN -c copy OUT`); calibrate with pictures that are \
+                     turned alike"
+                .to_owned(),
+            is_warning: true,
+        })
+    }
+
+    /// The filters before frames are counted, and those after: whole pictures need their neighbours, all else only itself.
+    pub fn filters(&self) -> [Option<String>; 2] {
+        // Half a turn, which comes first, puts odd lines where even ones were.
+        let is_upside_down = (self.rotation_deg.rem_euclid(360.0) - 180.0).abs() < QUARTER_OFF_DEG;
+        let whole = self.field_order.map(|first| {
+            let is_top = (first == FieldOrder::TopFirst) != is_upside_down;
+            let parity = if is_top { "tff" } else { "bff" };
+            format!("bwdif=mode=send_frame:parity={parity}")
+        });
+        let hdr = self.hdr.filter(|_| self.can_tone_map);
+        [whole, hdr.map(HdrTransfer::tone_map)]
+    }
+}
+
+/// A rate in at most three decimals.
+fn rounded(rate_hz: f64) -> f64 {
+    (rate_hz * 1000.0).round() / 1000.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(format: VideoFormat) -> Vec<(String, bool)> {
+        let remarks = format.remarks(Some(25.0)).into_iter();
+        remarks
+            .map(|it| (format!("{}; {}", it.problem, it.remedy), it.is_warning))
+            .collect()
+    }
+
+    #[test]
+    fn usual_pictures_need_no_word_and_no_filter() {
+        for rotation_deg in [0.0, 90.0, -90.0, 270.0, 360.0] {
+            let format = VideoFormat {
+                rotation_deg,
+                ..VideoFormat::default()
+            };
+            assert_eq!(said(format), []);
+            assert_eq!(format.filters(), [None, None]);
+        }
+        for text in ["1:1", "0:1", "N/A", "", "1215:1216", "1:0"] {
+            assert_eq!(VideoFormat::parse_aspect(text), None, "{text}");
+        }
+        assert_eq!(VideoFormat::parse_aspect("4:3"), Some([4, 3]));
+    }
+
+    #[test]
+    fn the_field_that_is_shown_first_counts_and_half_a_turn_exchanges_them() {
+        let parity = |order: &str, rotation_deg: f64| {
+            let format = VideoFormat {
+                field_order: FieldOrder::parse(order),
+                rotation_deg,
+                ..VideoFormat::default()
+            };
+            let [whole, _] = format.filters();
+            whole.map(|it| it[it.len() - 3..].to_owned())
+        };
+        let words = |word: &str| Some(word.to_owned());
+        assert_eq!(parity("tt", 0.0), words("tff"));
+        assert_eq!(parity("bt", 0.0), words("tff"));
+        assert_eq!(parity("tb", 0.0), words("bff"));
+        assert_eq!(parity("tt", -180.0), words("bff"));
+        assert_eq!(parity("progressive", 0.0), None);
+        assert_eq!(parity("unknown", 0.0), None);
+    }
+
+    #[test]
+    fn each_property_is_named_with_how_it_is_read() {
+        let mut format = VideoFormat {
+            field_order: Some(FieldOrder::TopFirst),
+            ..VideoFormat::default()
+        };
+        let (words, is_warning) = said(format).remove(0);
+        assert!(
+            is_warning
+                && words
+                    .starts_with("is interlaced, top field first: 50 fields a second, read as 25")
+                && words.ends_with("`rate_hz` = 50"),
+            "{words}"
+        );
+        format = VideoFormat {
+            hdr: HdrTransfer::parse("arib-std-b67"),
+            pixel_aspect: Some([4, 3]),
+            rotation_deg: 180.0,
+            ..VideoFormat::default()
+        };
+        let remarks = said(format);
+        for ((words, is_warning), (start, warns)) in remarks.iter().zip([
+            ("has high dynamic range (HLG): read as it is", true),
+            ("has pixels that are not square, 4 wide to 3 high", false),
+            ("is turned by half a turn", true),
+        ]) {
+            assert!(words.starts_with(start) && *is_warning == warns, "{words}");
+        }
+        assert_eq!((remarks.len(), format.filters()), (3, [None, None]));
+        format.can_tone_map = true;
+        let (words, is_warning) = said(format).remove(0);
+        let [_, filter] = format.filters();
+        assert!(!is_warning && words.contains(&filter.unwrap()), "{words}");
+    }
+}
