@@ -30,8 +30,14 @@ const STANDS_US: Micros = 200_000;
 const BASE_DELAY_WINDOW_US: Micros = 20 * SECOND_US;
 /// Loss above this share, beside what the link loses however little is sent, means a full link, not radio noise.
 const LOSS: f64 = 0.15;
-/// Silences that are nearer to each other than this are of a full link.
+/// Silences that are nearer to each other than this may be of a full link.
 const AGAIN_US: Micros = 5 * SECOND_US;
+/// A full link answers after a silence through the queue that silenced it, longer than this, microseconds; a link that was
+/// away answers with its base delay at once.
+const FULL_QUEUE_US: Micros = 60_000;
+/// Fusion sends boxes ten times a second at least: when none came for so long, the whole link was away, or fusion was,
+/// microseconds. A full link carries boxes on, because their direction has room.
+const OUTAGE_US: Micros = SECOND_US / 4;
 /// Above, next to nothing gets through.
 const CHOKED_LOSS: f64 = 0.5;
 /// Share of a new report in the loss of late, and in that of the last seconds.
@@ -80,9 +86,7 @@ pub(super) struct LinkLoad {
     lossy_since: Option<(Micros, f64)>,
     sent: SentLog,
     since_us: Option<Micros>,
-    /// When something was reported again after a silence, and whether that was not the first one of late: a link that was
-    /// cut is back for good, a full one is silent again and again.
-    back: Option<(Micros, bool)>,
+    back: Option<BackAfterSilence>,
     newest: Option<Tick>,
     /// When the first was sent of those since the last word.
     unanswered_us: Option<Micros>,
@@ -91,6 +95,17 @@ pub(super) struct LinkLoad {
     /// Steps down since the queue was last empty, with the queue and the rate before the first.
     steps: u32,
     before: (Micros, f64),
+}
+
+/// When something was reported again after a silence.
+#[derive(Debug, Clone, Copy)]
+struct BackAfterSilence {
+    at_us: Micros,
+    /// The base delay before it, microseconds.
+    base_us: Option<Micros>,
+    /// Whether the link seems full: it was silent before, and neither lost little nor answered without a queue since. A link
+    /// that was cut is back for good, a full one is silent again and again.
+    is_full: bool,
 }
 
 impl Default for LinkLoad {
@@ -150,8 +165,8 @@ impl LinkLoad {
     /// Whether hardly anything gets through: more than half is lost, whoever is to blame, nothing was reported for long, be
     /// it that nothing ever was, or that was so again and again until a moment ago.
     pub(super) fn is_choked(&self, now_us: Micros) -> bool {
-        let is_again = |(at_us, again): (Micros, bool)| again && now_us - at_us < WHOLE_US;
-        let is_just_back = self.back.is_some_and(is_again);
+        let is_full = |back: BackAfterSilence| back.is_full && now_us - back.at_us < WHOLE_US;
+        let is_just_back = self.back.is_some_and(is_full);
         let is_lossy = self.loss.max(self.usual_loss) > CHOKED_LOSS;
         is_just_back || is_lossy || self.is_unanswered(now_us)
     }
@@ -159,6 +174,18 @@ impl LinkLoad {
     fn is_unanswered(&self, now_us: Micros) -> bool {
         let since_us = self.unanswered_us;
         since_us.is_some_and(|since_us| now_us - since_us > SILENCE_US)
+    }
+
+    /// Fusion's boxes come again after `silent_us` without any. What was not answered meanwhile, and what was lost in the
+    /// last second, says nothing of what the link carries; delays still do.
+    pub(super) fn hear_boxes_after(&mut self, silent_us: Micros, now_us: Micros) {
+        if silent_us < OUTAGE_US {
+            return;
+        }
+        self.unanswered_us = None;
+        if self.since_us.is_some_and(|since_us| since_us < now_us) {
+            self.since_us = Some(now_us);
+        }
     }
 
     /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones; the rate is kept.
@@ -188,12 +215,17 @@ impl LinkLoad {
             return;
         }
         if self.is_unanswered(now_us) {
-            let again = self.back.is_some_and(|(at, _)| now_us - at < AGAIN_US);
-            self.back = Some((now_us, again));
+            self.note_back(now_us);
         }
         if self.is_silent(now_us) {
             // The link is back. What was lost meanwhile says nothing of what it carries.
             self.forget_delays(now_us);
+        }
+        // Against the own clock as it is, so that corrections do not look like queues.
+        let delay_us = Micros::from(heard.one_way_us) + Micros::from(correction_us);
+        if let Some(back) = &mut self.back {
+            let has_queue = |base_us| delay_us - base_us > FULL_QUEUE_US;
+            back.is_full &= back.base_us.is_none_or(has_queue);
         }
         let since_us = *self.since_us.get_or_insert(now_us);
         self.newest = Some(heard.tick);
@@ -201,8 +233,6 @@ impl LinkLoad {
         if now_us < since_us {
             return;
         }
-        // Against the own clock as it is, so that corrections do not look like queues.
-        let delay_us = Micros::from(heard.one_way_us) + Micros::from(correction_us);
         self.base_delay.add(delay_us, now_us);
         self.recent[self.n_recent % self.recent.len()] = (now_us, delay_us);
         self.n_recent += 1;
@@ -247,6 +277,21 @@ impl LinkLoad {
         } else {
             self.grown_at_us = now_us;
         }
+    }
+
+    /// Notes that something is reported again after a silence.
+    fn note_back(&mut self, now_us: Micros) {
+        let of_late = |back: &BackAfterSilence| now_us - back.at_us < AGAIN_US;
+        let before = self.back.filter(of_late);
+        // What was measured since the silence before may be with a queue that stands.
+        let earlier_us = before.and_then(|back| back.base_us);
+        let base_us = self.base_delay.min().into_iter().chain(earlier_us).min();
+        let is_lossy = self.loss.max(self.usual_loss) > self.own_loss + LOSS;
+        self.back = Some(BackAfterSilence {
+            at_us: now_us,
+            base_us: base_us.filter(|_| !is_lossy),
+            is_full: before.is_some(),
+        });
     }
 
     fn note_loss(&mut self, lost: f64) {

@@ -154,3 +154,71 @@ fn a_word_of_what_was_never_sent_changes_nothing() {
     run(&mut load, 60, 120, |_| 10_000, 1.0);
     assert!(!load.is_silent(3 * SECOND_US) && load.rate().is_infinite());
 }
+
+/// The link is away for `silent_ticks` from tick `from`; boxes stop with it where `both_ways`, then the first report comes
+/// with `delay_us`. Whether passes are refused right after it.
+fn is_choked_after(
+    load: &mut LinkLoad,
+    (from, silent_ticks): (i64, i64),
+    both_ways: bool,
+    delay_us: i32,
+) -> bool {
+    let at = |tick: i64| tick * SECOND_US / 60;
+    for tick in from..from + silent_ticks {
+        load.sent(Some(Tick(tick)), 900, 1000, at(tick));
+    }
+    let back = from + silent_ticks;
+    if both_ways {
+        load.hear_boxes_after(at(silent_ticks), at(back));
+    }
+    load.sent(Some(Tick(back)), 900, 1000, at(back));
+    let now_us = at(back + 2);
+    load.hear(&heard(back, delay_us, 27_000), 0, true, now_us);
+    load.is_choked(now_us)
+}
+
+#[test]
+fn a_link_that_is_away_again_and_again_is_not_full() {
+    // Symptom to prevent: away for 0.7 s every 4 s, passes were refused for a second, and fusion lost everybody.
+    for both_ways in [true, false] {
+        let mut load = LinkLoad::default();
+        for cut in 0..10 {
+            run(&mut load, cut * 240, 190, |_| 10_000, 1.0);
+            let away = (cut * 240 + 190, 45);
+            assert!(
+                !is_choked_after(&mut load, away, both_ways, 12_000),
+                "{cut}, {both_ways}"
+            );
+        }
+        assert!(load.rate().is_infinite(), "{}", load.rate());
+    }
+}
+
+#[test]
+fn a_link_that_answers_through_a_queue_or_lost_much_before_is_full() {
+    let cut = |delay_us: i32, share: f64| {
+        let mut load = LinkLoad::default();
+        run(&mut load, 0, 190, |_| 10_000, 1.0);
+        is_choked_after(&mut load, (190, 45), false, delay_us);
+        run(&mut load, 240, 190, |_| 10_000, share);
+        is_choked_after(&mut load, (430, 45), false, delay_us)
+    };
+    assert!(cut(600_000, 1.0));
+    assert!(cut(12_000, 0.6));
+    assert!(!cut(12_000, 1.0));
+}
+
+#[test]
+fn boxes_that_come_again_let_passes_be_made_at_once() {
+    let mut load = LinkLoad::default();
+    run(&mut load, 0, 120, |_| 10_000, 1.0);
+    for tick in 120..180 {
+        load.sent(Some(Tick(tick)), 900, 1000, tick * SECOND_US / 60);
+    }
+    let now_us = 3 * SECOND_US;
+    assert!(load.is_choked(now_us) && load.is_silent(now_us));
+    load.hear_boxes_after(OUTAGE_US - 1, now_us);
+    assert!(load.is_choked(now_us), "boxes kept coming");
+    load.hear_boxes_after(SECOND_US, now_us);
+    assert!(!load.is_choked(now_us) && !load.is_silent(now_us));
+}

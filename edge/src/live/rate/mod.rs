@@ -130,6 +130,11 @@ impl RateController {
         self.load.forget_delays(now_us);
     }
 
+    /// Fusion's boxes come again after `silent_us` without any.
+    pub fn hear_boxes_after(&mut self, silent_us: Micros, now_us: Micros) {
+        self.load.hear_boxes_after(silent_us, now_us);
+    }
+
     /// Takes fusion's report of the link. `correction_us`: correction of the own clock in force, microseconds.
     pub fn hear(&mut self, heard: &HeardPatches, correction_us: i32, now_us: Micros) {
         self.load.hear(heard, correction_us, self.limited, now_us);

@@ -47,6 +47,7 @@ impl Ledger {
     /// Takes boxes that arrived at `now_us`.
     pub(super) fn take_boxes(&mut self, boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
         let live = boxes.live;
+        let silent_us = self.boxes.silent_us(now_us).unwrap_or(0);
         let arrival = self.boxes.hear(boxes, now_us);
         let is_followed = matches!(arrival, BoxSetArrival::NewSession | BoxSetArrival::Newer);
         let (Some(live), true) = (live, is_followed) else {
@@ -57,6 +58,7 @@ impl Ledger {
             // Ticks may begin again.
             self.last = None;
         }
+        self.rate.hear_boxes_after(silent_us, now_us);
         if let Some(heard) = &live.heard {
             self.rate.hear(heard, self.ticks.correction_us(), now_us);
         }
