@@ -9,17 +9,29 @@ const UNDER_WAY_US: Micros = SECOND_US / 2;
 #[derive(Debug, Default)]
 pub(super) struct FusionPresence {
     /// Since when it is gone.
-    gone_us: Option<Micros>,
+    gone: Option<Gone>,
+}
+
+/// What is known of a fusion that is gone.
+#[derive(Debug, Clone, Copy)]
+struct Gone {
+    /// When that was noticed; its lease ends seconds after its last word.
+    noticed_us: Micros,
+    /// Since when nothing came from it.
+    silent_since_us: Micros,
 }
 
 impl FusionPresence {
     /// Fusion has gone, as is known at `now_us`; its last boxes came `silent_us` before, `None` where none ever did. What to
     /// say, the first time.
     pub(super) fn gone(&mut self, silent_us: Option<Micros>, now_us: Micros) -> Option<String> {
-        if self.gone_us.is_some() {
+        if self.gone.is_some() {
             return None;
         }
-        self.gone_us = Some(now_us);
+        self.gone = Some(Gone {
+            noticed_us: now_us,
+            silent_since_us: now_us.saturating_sub(silent_us.unwrap_or(0).max(0)),
+        });
         let Some(silent_us) = silent_us else {
             return Some("fusion is gone: waiting for it".to_owned());
         };
@@ -31,13 +43,13 @@ impl FusionPresence {
 
     /// Boxes of fusion have come at `now_us`. What to say, if it was gone.
     pub(super) fn heard(&mut self, now_us: Micros) -> Option<String> {
-        let gone_us = now_us.saturating_sub(self.gone_us?);
-        if gone_us < UNDER_WAY_US {
+        let gone = self.gone?;
+        if now_us.saturating_sub(gone.noticed_us) < UNDER_WAY_US {
             return None;
         }
-        self.gone_us = None;
-        let gone_s = gone_us as f64 / 1e6;
-        Some(format!("fusion is back after {gone_s:.0} s"))
+        self.gone = None;
+        let silent_s = now_us.saturating_sub(gone.silent_since_us) as f64 / 1e6;
+        Some(format!("fusion is back after {silent_s:.1} s"))
     }
 }
 
@@ -56,9 +68,18 @@ mod tests {
         );
         assert_eq!(fusion.gone(Some(0), 2 * SECOND_US), None);
         let said = fusion.heard(8 * SECOND_US).unwrap();
-        assert_eq!(said, "fusion is back after 7 s");
+        assert_eq!(said, "fusion is back after 7.2 s");
         assert_eq!(fusion.heard(9 * SECOND_US), None);
         assert!(fusion.gone(Some(0), 9 * SECOND_US).is_some(), "once more");
+    }
+
+    #[test]
+    fn it_was_away_since_its_last_word_and_not_since_its_lease_ended() {
+        // Symptom to prevent: stopped for 5 s, noticed after 4 s, "back after 1 s".
+        let mut fusion = FusionPresence::default();
+        fusion.gone(Some(4 * SECOND_US), 10 * SECOND_US).unwrap();
+        let said = fusion.heard(11 * SECOND_US).unwrap();
+        assert_eq!(said, "fusion is back after 5.0 s");
     }
 
     #[test]
