@@ -77,7 +77,6 @@ pub(crate) fn with_error(information: &Matrix3<f64>, variance_m2: f64) -> Matrix
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::estimate::meeting_fixture::{LEFT_WRIST, MeetingFixture, RIGHT_WRIST};
 
     /// The deviations of both wrists, metres, where so many of four views show the left one 0.45 m higher, with this
