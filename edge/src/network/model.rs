@@ -58,6 +58,18 @@ pub(crate) fn read_card(path: &Path) -> Result<String, NetworkError> {
     })
 }
 
+/// What a download has left in the place of a network; `None` where it may be one. No message of ONNX begins so.
+fn stand_in(bytes: &[u8]) -> Option<&'static str> {
+    if bytes.starts_with(b"version https://git-lfs") {
+        return Some(
+            "a pointer of Git LFS and not the network: run `git lfs pull` in its checkout",
+        );
+    }
+    let text = bytes.trim_ascii_start();
+    text.starts_with(b"<")
+        .then_some("a web page and not the network: download the file itself")
+}
+
 impl OnnxModel {
     /// Loads `path` on the backend of this process and checks the shapes that the file states.
     ///
@@ -73,6 +85,9 @@ impl OnnxModel {
         };
         let bytes =
             std::fs::read(path).map_err(|e| refuse(format!("the model cannot be read: {e}")))?;
+        if let Some(what) = stand_in(&bytes) {
+            return Err(refuse(what.to_owned()));
+        }
         let hash = blake3::Hasher::new()
             .update(&bytes)
             .update(card)
@@ -287,4 +302,17 @@ fn check_shape(
 
 fn first_word(words: &str) -> &str {
     words.split(',').next().unwrap_or(words)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_download_left_in_the_place_of_a_network_is_named() {
+        let named = |bytes: &[u8]| stand_in(bytes).unwrap_or_default();
+        assert!(named(b"version https://git-lfs.github.com/spec/v1\n").contains("git lfs pull"));
+        assert!(named(b"\n<!DOCTYPE html><html>").contains("web page"));
+        assert_eq!(stand_in(&[8, 7, 18, 0]), None);
+    }
 }
