@@ -237,16 +237,12 @@ pub fn import(files: &[TextFile], options: &ImportOptions) -> Result<Imported, F
     {
         return Err(first.error(format!("two cameras are called `{}`", twice.name)));
     }
-    let axes::Settled {
-        cameras,
-        origin_m,
-        remarks,
-    } = axes::settle(raw, options, first)?;
+    let settled = axes::settle(raw, options, first)?;
     Ok(Imported {
         format,
-        cameras,
-        origin_m,
-        remarks,
+        cameras: settled.cameras,
+        origin_m: settled.origin_m,
+        remarks: settled.remarks,
     })
 }
 

@@ -21,7 +21,7 @@ use crate::output;
 /// What `farfield calibrate convert` is told.
 #[derive(Debug, Args)]
 pub(super) struct ConvertArgs {
-    /// The files of one calibration; several where a format has one per camera.
+    /// The files of one calibration, of some formats one per camera.
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Folder for the files that are written.

@@ -12,6 +12,7 @@ pub mod marker_names;
 pub mod mot;
 mod part_file;
 pub mod pose_files;
+pub mod refusal;
 pub mod rounding;
 pub mod run_clock;
 pub mod salvage;

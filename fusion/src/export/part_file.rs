@@ -10,8 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::disk_policy::{DiskPolicy, is_full};
-use super::pose_files::WriteError;
-use super::summary::Refusal;
+use super::refusal::{Refusal, WriteError};
 use super::unfinished::{Unfinished, open_own, temporary};
 use super::whole::{Kind, make_whole};
 

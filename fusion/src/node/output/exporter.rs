@@ -12,10 +12,11 @@ use super::pose_queue::FinalPoses;
 use crate::body::skeleton::RangeOfMotion;
 use crate::export::Layout;
 use crate::export::disk_policy::DiskPolicy;
-use crate::export::pose_files::{PoseFiles, Presence, WriteError, Written};
+use crate::export::pose_files::{PoseFiles, Presence, Written};
+use crate::export::refusal::{Refusal, WriteError};
 use crate::export::run_clock::RunEnd;
 use crate::export::salvage::SMOOTH;
-use crate::export::summary::{PersonSummary, PosesSummary, Refusal};
+use crate::export::summary::{PersonSummary, PosesSummary};
 use crate::export::unfinished::create_folder_on;
 
 /// Writes poses as they become final.

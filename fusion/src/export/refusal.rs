@@ -1,0 +1,50 @@
+//! What a run that writes poses reports of files that were refused.
+
+use std::path::PathBuf;
+use std::{fmt, io};
+
+use farfield_proto::tick::Tick;
+use serde::{Deserialize, Serialize};
+
+/// Why a file could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// The system refused.
+    #[error("writing {}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Ticks came out of order.
+    #[error("tick {tick} came after tick {last}")]
+    OutOfOrder {
+        /// The tick that came.
+        tick: Tick,
+        /// The last one written.
+        last: Tick,
+    },
+}
+
+/// A file that the system refused.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Refusal {
+    /// Its name.
+    pub file: String,
+    /// The system's error.
+    pub failure: String,
+    /// The part in which it went on; joined to it at the end of the run where the disk takes that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub goes_on_in: Option<String>,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.file, self.failure)?;
+        match &self.goes_on_in {
+            Some(part) => write!(f, "; it goes on in {part}"),
+            None => Ok(()),
+        }
+    }
+}
