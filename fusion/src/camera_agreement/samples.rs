@@ -7,12 +7,11 @@
 
 pub(super) mod found;
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::{KeypointPeak, PoseSet, Sighting};
-use farfield_proto::order_statistics::upper_median;
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
@@ -46,9 +45,6 @@ const MAX_PEOPLE: usize = 2;
 const MAX_TRAILS: usize = 256;
 /// Least score of a peak, 0 to 1.
 pub(super) const MIN_SCORE: f32 = 0.3;
-/// Share of its score in the surest view, both relative to the median of their view, from which a keypoint of a person tells
-/// anything of a camera: networks guess hidden limbs at a half to two thirds, and where they would be on another body.
-const SURE_SHARE: f32 = 0.75;
 
 /// Time between two ticks whose poses are kept, seconds, and for how long they are.
 const POSES_EVERY_S: f64 = 1.0 / 30.0;
@@ -163,20 +159,6 @@ impl Trail {
                 .flatten()
                 .map(|seen| seen.unwrap_or(UNSEEN))
                 .collect(),
-        }
-    }
-
-    /// Takes out the keypoints of a tick whose relative scores are far below the `surest`.
-    fn forget_unsure(&mut self, tick: usize, surest: &[f32], relative: &mut Vec<f32>) {
-        let Some((_, seen)) = self.at(tick) else {
-            return;
-        };
-        relative_scores(seen, relative);
-        let seen = self.seen[tick * self.n_keypoints..].iter_mut();
-        for ((seen, own), most) in seen.zip(&*relative).zip(surest) {
-            if *own < SURE_SHARE * most {
-                *seen = UNSEEN;
-            }
         }
     }
 
@@ -402,10 +384,9 @@ impl Samples {
     }
 
     fn end_burst(&mut self) {
-        if let Some((_, mut burst)) = self.current.take()
+        if let Some((_, burst)) = self.current.take()
             && !burst.trails.is_empty()
         {
-            burst.forget_unsure();
             if self.bursts.len() == MAX_BURSTS {
                 self.bursts.pop_front();
             }
@@ -456,40 +437,7 @@ fn seen_body(keypoints: &[Option<KeypointPeak>], least_score: f32) -> SeenBody {
     keypoints.iter().map(seen).collect()
 }
 
-/// Relative to the median score of the keypoints that are seen, the score of each; clears `relative` first.
-fn relative_scores(seen: &[SeenKeypoint], relative: &mut Vec<f32>) {
-    let scores = seen.iter().map(|seen| f64::from(seen.score));
-    let middle = upper_median(scores.filter(|score| *score > 0.0).collect());
-    let middle = middle.unwrap_or(1.0) as f32;
-    relative.clear();
-    relative.extend(seen.iter().map(|seen| seen.score / middle));
-}
-
 impl Burst {
-    /// Takes out the keypoints of which another view of the person is much surer at a tick: what is hidden from a camera is
-    /// no evidence of where or when it is.
-    fn forget_unsure(&mut self) {
-        let people: BTreeSet<u32> = self.trails.iter().map(|trail| trail.person).collect();
-        let (n_ticks, mut surest, mut relative) = (self.n_ticks(), Vec::new(), Vec::new());
-        for person in people {
-            for tick in 0..n_ticks {
-                surest.clear();
-                let own = |trail: &&Trail| trail.person == person;
-                for (_, seen) in self.trails.iter().filter(own).filter_map(|it| it.at(tick)) {
-                    relative_scores(seen, &mut relative);
-                    surest.resize(surest.len().max(seen.len()), 0.0_f32);
-                    for (most, own) in surest.iter_mut().zip(&relative) {
-                        *most = most.max(*own);
-                    }
-                }
-                let trails = self.trails.iter_mut();
-                for trail in trails.filter(|trail| trail.person == person) {
-                    trail.forget_unsure(tick, &surest, &mut relative);
-                }
-            }
-        }
-    }
-
     /// How many ticks it has.
     pub(super) fn n_ticks(&self) -> usize {
         self.trails.iter().map(Trail::len).max().unwrap_or(0)
