@@ -12,6 +12,8 @@ use farfield_proto::order_statistics::upper_median;
 use farfield_proto::patch::{Decoder, Encoder, Maps};
 use farfield_proto::tick::Tick;
 
+use super::Micros;
+
 /// Least height of a peak that counts, of 255.
 const LEAST_PEAK: f32 = 77.0;
 /// So many keypoints must be seen at two ticks for a box to follow them.
@@ -24,6 +26,27 @@ const BODY_SHARE: f32 = 0.1;
 const MOST_GROWTH: f32 = 1.03;
 /// For so long somebody is followed whom the maps do not show, seconds.
 const UNSEEN_S: f64 = 0.5;
+/// When fusion has been silent for so long, it is watched where people go, microseconds; it speaks ten times a second at
+/// least.
+const WATCH_FROM_US: Micros = 150_000;
+/// When fusion has been silent for so long, boxes are what was watched, and no predictions any more, microseconds.
+const LEAD_FROM_US: Micros = 300_000;
+/// For so long they still are when fusion speaks again, microseconds: it predicted people from before the silence, and needs
+/// a round trip and a detection pass to know better. Meanwhile these patches show it where everybody went.
+const HAND_BACK_US: Micros = 400_000;
+
+/// Who leads at a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lead {
+    /// Fusion's boxes alone.
+    Fusion,
+    /// Fusion's boxes, and it is watched where people go.
+    Watched,
+    /// The edge's own boxes: fusion says nothing.
+    Own,
+    /// The edge's own boxes, and fusion's of those that it does not follow: fusion has just come back.
+    HandingBack,
+}
 
 /// One person in one camera.
 #[derive(Debug, Clone)]
@@ -38,6 +61,8 @@ struct Followed {
 /// The people of a viewpoint, as it follows them itself.
 #[derive(Debug, Default)]
 pub struct OwnBoxes {
+    /// Until when the own boxes lead.
+    leads_until_us: Option<Micros>,
     followed: BTreeMap<(PersonId, CameraIndex), Followed>,
     decoder: Decoder,
     /// Finds the peaks of decoded maps as it does of those that it packs.
@@ -46,6 +71,23 @@ pub struct OwnBoxes {
 }
 
 impl OwnBoxes {
+    /// Who leads at `now_us`, when fusion has been silent for `silent_us`; after `longest_us` none does.
+    pub fn lead(&mut self, silent_us: Micros, longest_us: Micros, now_us: Micros) -> Lead {
+        if (LEAD_FROM_US..=longest_us).contains(&silent_us) {
+            self.leads_until_us = Some(now_us + HAND_BACK_US);
+            return Lead::Own;
+        }
+        if silent_us < LEAD_FROM_US && self.leads_until_us.is_some_and(|until| now_us < until) {
+            return Lead::HandingBack;
+        }
+        self.leads_until_us = None;
+        if silent_us >= WATCH_FROM_US {
+            Lead::Watched
+        } else {
+            Lead::Fusion
+        }
+    }
+
     /// Forgets everybody: fusion says again where they are.
     pub fn clear(&mut self) {
         self.followed.clear();
@@ -82,6 +124,24 @@ impl OwnBoxes {
             detection_cameras: Vec::new(),
             ..before.clone()
         })
+    }
+
+    /// The same, with those of `boxes` that are not followed.
+    pub fn beside(&self, tick: Tick, boxes: &BoxSet) -> Option<BoxSet> {
+        let mut set = self.at(tick, boxes)?;
+        let is_followed = |id| self.followed.keys().any(|(person, _)| *person == id);
+        let others = boxes.persons.iter().filter(|it| !is_followed(it.person));
+        let moved = |it: &PersonBoxes| PersonBoxes {
+            person: it.person,
+            cameras: it
+                .cameras
+                .iter()
+                .map(|at| carried(at, tick - boxes.tick))
+                .collect(),
+        };
+        set.persons.extend(others.map(moved));
+        set.persons.sort_by_key(|it| it.person);
+        Some(set)
     }
 
     fn see_patch(&mut self, boxes: &BoxSet, patch: &PersonPatch, tick: Tick) {
@@ -320,6 +380,39 @@ mod tests {
         let height = used.persons[0].cameras[0].bounding_box.size_px[1];
         assert!((height / 220.0 - 1.25).abs() < 0.12, "{height}");
         assert!(used.detection_cameras.is_empty());
+    }
+
+    #[test]
+    fn own_boxes_lead_a_little_longer_than_fusion_is_silent() {
+        let mut own = OwnBoxes::default();
+        let mut lead = |silent_ms: Micros, now_ms: Micros| {
+            own.lead(1_000 * silent_ms, 5_000_000, 1_000 * now_ms)
+        };
+        assert_eq!(lead(20, 0), Lead::Fusion);
+        assert_eq!(lead(200, 200), Lead::Watched);
+        assert_eq!(lead(700, 700), Lead::Own);
+        assert_eq!(lead(10, 710), Lead::HandingBack);
+        assert_eq!(lead(10, 1_090), Lead::HandingBack);
+        assert_eq!(lead(10, 1_100), Lead::Fusion);
+        assert_eq!(lead(5_001, 6_101), Lead::Watched);
+    }
+
+    #[test]
+    fn who_is_not_followed_is_where_fusion_has_it() {
+        let first = boxes(0, vec![camera_box([500.0, 400.0])]);
+        let mut own = OwnBoxes::default();
+        own.see(&first, &[patches(0, &first, [500.0, 400.0], 1.0)], RATE_HZ);
+        let mut next = boxes(10, vec![camera_box([900.0, 400.0])]);
+        next.session = SessionId(2);
+        let mut other = next.persons[0].clone();
+        other.person = PersonId(3);
+        next.persons.push(other);
+        let both = own.beside(Tick(12), &next).unwrap();
+        assert_eq!(both.session, SessionId(2));
+        let at = |i: usize| both.persons[i].cameras[0].bounding_box.center_px[0];
+        assert_eq!([both.persons[0].person.0, both.persons[1].person.0], [3, 7]);
+        assert!((at(0) - 906.0).abs() < 1e-3, "{}", at(0));
+        assert!((at(1) - 536.0).abs() < 1e-3, "{}", at(1));
     }
 
     #[test]

@@ -33,6 +33,9 @@ pub struct KnownPeople {
 pub struct KnownPerson {
     /// The id.
     pub id: u32,
+    /// By which the edges knew the person, where that was another.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wire_id: Option<u32>,
     /// When it was surely itself.
     pub seen: Tick,
     /// When it went; `None` of who was there.
@@ -103,6 +106,7 @@ impl KnownPerson {
         let proportions = departed.body.skeleton.proportions();
         Self {
             id: departed.id.0,
+            wire_id: (departed.wire_id != departed.id).then_some(departed.wire_id.0),
             seen: departed.last_seen.tick,
             gone: (!is_there).then_some(departed.gone),
             place_m: place_m.into(),
@@ -121,6 +125,7 @@ impl KnownPerson {
         }
         Some(Departed {
             id: PersonId(self.id),
+            wire_id: PersonId(self.wire_id.unwrap_or(self.id)),
             last_seen: LastSeen {
                 tick: self.seen,
                 whereabouts: Whereabouts {
@@ -150,6 +155,7 @@ mod tests {
         let proportions = Proportions::from_stature(1.81);
         KnownPerson {
             id,
+            wire_id: None,
             seen: Tick(100),
             gone: None,
             place_m: [1.0, -2.0, 0.95],
@@ -173,6 +179,13 @@ mod tests {
         let departed = gone.departed(Tick(130), &[]).unwrap();
         assert!(!departed.is_missed);
         assert_eq!(KnownPerson::of(&departed, false), gone);
+        let renamed = KnownPerson {
+            wire_id: Some(11),
+            ..known(7)
+        };
+        let departed = renamed.departed(Tick(130), &[]).unwrap();
+        assert_eq!((departed.id.0, departed.wire_id.0), (7, 11));
+        assert_eq!(KnownPerson::of(&departed, true), renamed);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use super::recognise::{Appearance, Lengths};
+use super::shown::ShownPeople;
 use super::whereabouts::Whereabouts;
 use crate::body::measured::MeasuredBody;
 use crate::body::skeleton::Skeleton;
@@ -24,10 +25,12 @@ pub(crate) struct LastSeen {
 }
 
 /// What is compared of somebody who is known: a body itself takes a hundred kilobytes.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) struct Candidate {
     pub(crate) id: PersonId,
     pub(crate) last_seen: LastSeen,
+    /// Where edges have shown it since, which follow people by themselves.
+    pub(crate) shown: Vec<LastSeen>,
     pub(crate) appearance: Appearance,
     /// Whether it is expected back: lost, or missed since a short while.
     pub(crate) is_expected: bool,
@@ -44,6 +47,7 @@ impl Candidate {
         Self {
             id,
             last_seen,
+            shown: Vec::new(),
             appearance: Appearance {
                 lengths: Lengths::of(skeleton, lived_s),
                 whereabouts: last_seen.whereabouts,
@@ -57,6 +61,8 @@ impl Candidate {
 #[derive(Debug, Clone)]
 pub(crate) struct Departed {
     pub(crate) id: PersonId,
+    /// By which the edges know the person.
+    pub(crate) wire_id: PersonId,
     pub(crate) last_seen: LastSeen,
     /// When it went, which is later: who is in somebody's arms is not surely itself.
     pub(crate) gone: Tick,
@@ -103,16 +109,18 @@ impl Memory {
     }
 
     /// Those who may come back.
-    pub(crate) fn candidates(
-        &self,
+    pub(crate) fn candidates<'a>(
+        &'a self,
         now: Tick,
         rate_hz: f64,
-    ) -> impl Iterator<Item = Candidate> + '_ {
+        shown: &'a ShownPeople,
+    ) -> impl Iterator<Item = Candidate> + 'a {
         self.gone.iter().map(move |departed| {
             let skeleton = &departed.body.skeleton;
             let (id, last_seen, lived_s) = (departed.id, departed.last_seen, departed.lived_s);
             Candidate {
                 is_expected: departed.is_expected(now, rate_hz),
+                shown: shown.of(departed.wire_id),
                 ..Candidate::new(id, last_seen, skeleton, lived_s)
             }
         })
@@ -130,6 +138,13 @@ impl Memory {
             let seen = &departed.last_seen;
             (seen.whereabouts.place_m, seen.tick)
         })
+    }
+
+    /// The wire ids of those who are missed since less than [`MISSED_S`].
+    pub(crate) fn missed(&self, now: Tick, rate_hz: f64) -> impl Iterator<Item = PersonId> + '_ {
+        let gone = self.gone.iter();
+        let missed = gone.filter(move |departed| departed.is_expected(now, rate_hz));
+        missed.map(|departed| departed.wire_id)
     }
 
     /// Everybody who is remembered, in the order in which they went.

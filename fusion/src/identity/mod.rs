@@ -22,6 +22,7 @@ pub mod phase;
 mod poster;
 mod recognise;
 pub mod registry;
+mod shown;
 pub mod subjects;
 mod tentative;
 pub mod track;

@@ -98,6 +98,8 @@ pub struct Coverage {
     pub missing: u32,
     /// Since evidence from any viewpoint.
     pub unseen: u32,
+    /// Of those, at which the viewpoints that could see the person were not all silent: then absence is no evidence.
+    pub absent: u32,
     /// In a row with evidence from two viewpoints.
     pub streak: u32,
     /// With evidence from two viewpoints since it was sighted first, that sighting too.
@@ -117,8 +119,8 @@ impl Coverage {
         }
     }
 
-    /// Counts one tick with what it was made of.
-    pub(crate) fn count(&mut self, made_of: MadeOf) {
+    /// Counts one tick with what it was made of; `is_watched`: unless the viewpoints that could see the person are silent.
+    pub(crate) fn count(&mut self, made_of: MadeOf, is_watched: bool) {
         let counted = |since: u32, seen: bool| if seen { 0 } else { since.saturating_add(1) };
         if made_of == MadeOf::Views {
             self.streak = self.streak.saturating_add(1);
@@ -129,16 +131,21 @@ impl Coverage {
         }
         self.missing = counted(self.missing, made_of == MadeOf::Views);
         self.unseen = counted(self.unseen, made_of != MadeOf::Motion);
+        self.absent = match made_of {
+            MadeOf::Motion => self.absent.saturating_add(u32::from(is_watched)),
+            MadeOf::Views | MadeOf::OneView => 0,
+        };
     }
 
     /// As if the person was seen at this tick; until it is seen again the streak says what it said.
     pub(crate) fn revive(&mut self) {
-        (self.missing, self.unseen) = (0, 0);
+        (self.missing, self.unseen, self.absent) = (0, 0, 0);
     }
 
     /// What was taken for evidence of the last `ticks` was somebody else's.
     pub(crate) fn withdraw(&mut self, ticks: u32) {
         (self.missing, self.unseen, self.streak) = (ticks, ticks, 0);
+        self.absent = ticks;
     }
 }
 
@@ -164,12 +171,23 @@ mod tests {
     #[test]
     fn the_first_evidence_ends_the_wait_for_crops() {
         let mut coverage = Coverage::sighted(15);
-        coverage.count(MadeOf::OneView);
+        coverage.count(MadeOf::OneView, true);
         assert!(is_awaited(Phase::Tentative, coverage));
         assert!(!is_awaited(Phase::Tracked, coverage), "it has come already");
-        coverage.count(MadeOf::Views);
+        coverage.count(MadeOf::Views, true);
         assert!(!is_awaited(Phase::Tentative, coverage));
         assert_eq!(coverage.supported, 2);
+    }
+
+    #[test]
+    fn absence_counts_only_while_a_viewpoint_could_show_the_person() {
+        let mut coverage = Coverage::default();
+        for is_watched in [true, false, false, true] {
+            coverage.count(MadeOf::Motion, is_watched);
+        }
+        assert_eq!((coverage.unseen, coverage.absent), (4, 2));
+        coverage.count(MadeOf::OneView, true);
+        assert_eq!((coverage.unseen, coverage.absent), (0, 0));
     }
 
     #[test]
@@ -209,7 +227,7 @@ mod tests {
             MadeOf::OneView,
             MadeOf::Motion,
         ] {
-            coverage.count(made_of);
+            coverage.count(made_of, true);
         }
         let Coverage {
             missing,
@@ -218,7 +236,7 @@ mod tests {
             ..
         } = coverage;
         assert_eq!([missing, unseen, streak], [3, 1, 0]);
-        coverage.count(MadeOf::Views);
+        coverage.count(MadeOf::Views, true);
         assert_eq!((coverage.missing, coverage.streak), (0, 1));
         assert_eq!(published(Phase::Tracked, coverage), PersonState::Tracked);
     }

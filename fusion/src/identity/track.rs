@@ -8,12 +8,14 @@ use nalgebra::Vector3;
 use super::memory::{Candidate, Departed, LastSeen};
 use super::phase::{self, Coverage, Phase, published};
 use super::poster::Stillness;
+use super::shown::ShownPeople;
 use super::tentative::{TentativeTick, Votes};
 use super::whereabouts::Whereabouts;
 use crate::align::TickGroup;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, Pose, Skeleton};
 use crate::estimate::estimator::{BodyAhead, Estimator, RestartPoint, TickSnapshot};
+use crate::estimate::uncertainty::MadeOf;
 use crate::method::{Method, VenueView};
 
 /// How far somebody lost may be from where it is carried, per axis, for its crops to be its own, metres. They are cut
@@ -188,8 +190,7 @@ impl Track {
         (method, finds_people): (&Method, bool),
     ) -> u32 {
         let (id, mut unusable) = (self.identity.wire_id, 0);
-        let is_adrift = self.identity.phase.is_lost() && self.estimator.adrift_m() > ADRIFT_M;
-        if finds_people && is_adrift {
+        if finds_people && self.is_adrift() {
             return 0;
         }
         let estimator = &mut self.estimator;
@@ -203,6 +204,11 @@ impl Track {
             }
         }
         unusable
+    }
+
+    /// Whether it is lost, and may be elsewhere than where it is carried.
+    pub(crate) fn is_adrift(&self) -> bool {
+        self.identity.phase.is_lost() && self.estimator.adrift_m() > ADRIFT_M
     }
 
     /// First inverse kinematics; of who is confirmed it is learned where the keypoints sit.
@@ -257,22 +263,21 @@ impl Track {
     }
 
     /// Who it is, for comparison; `None` of who was never seen.
-    pub(crate) fn candidate(&self, rate_hz: f64) -> Option<Candidate> {
+    pub(crate) fn candidate(&self, rate_hz: f64, shown: &ShownPeople) -> Option<Candidate> {
         let identity = &self.identity;
         let skeleton = &self.estimator.body.skeleton;
         let lived_s = f64::from(identity.lived_ticks) / rate_hz;
-        Some(Candidate::new(
-            identity.id,
-            identity.last_seen?,
-            skeleton,
-            lived_s,
-        ))
+        Some(Candidate {
+            shown: shown.of(identity.wire_id),
+            ..Candidate::new(identity.id, identity.last_seen?, skeleton, lived_s)
+        })
     }
 
     /// What is known of it, who goes at tick `gone`; `None` of who was never seen.
     pub(crate) fn departed(&self, gone: Tick, rate_hz: f64) -> Option<Departed> {
         Some(Departed {
             id: self.identity.id,
+            wire_id: self.identity.wire_id,
             last_seen: self.identity.last_seen?,
             gone,
             is_missed: false,
@@ -281,12 +286,19 @@ impl Track {
         })
     }
 
-    /// Counts the tick that has just been solved.
-    pub(crate) fn count(&mut self, tick: Tick, method: &Method) {
+    /// Counts the tick that has just been solved. `is_silence`: whether silence of the viewpoints explains that none shows the
+    /// body of these keypoints (world, metres).
+    pub(crate) fn count(
+        &mut self,
+        tick: Tick,
+        method: &Method,
+        is_silence: impl FnOnce(&[Vector3<f64>]) -> bool,
+    ) {
         let made_of = self.estimator.made_of(method);
+        let is_watched = made_of != MadeOf::Motion || !is_silence(&self.estimator.keypoints_m());
         let identity = &mut self.identity;
         identity.lived_ticks = identity.lived_ticks.saturating_add(1);
-        identity.coverage.count(made_of);
+        identity.coverage.count(made_of, is_watched);
         if identity.phase.is_tentative() {
             let estimates = self.estimator.estimates().to_vec();
             identity.tentative.push(tick, estimates, method);

@@ -177,6 +177,24 @@ impl PersonFinder {
             .collect()
     }
 
+    /// The one body that `sightings` of one tick, of one person and each of a viewpoint of its own, agree on; `None` where
+    /// as many of them agree on another.
+    pub(crate) fn agreed(&self, sightings: &[Sighting]) -> Option<SightedPerson> {
+        if sightings.len() < 2 {
+            return None;
+        }
+        let pass = self.detection_pass(sightings, vec![true; self.cameras.len()]);
+        let all: Vec<usize> = (0..pass.witnesses.len()).collect();
+        let mut groups = associate(&pass.witnesses, &all, &self.gates, |group| {
+            self.body_group(group, &pass, &self.gates).is_some()
+        });
+        groups.sort_by_key(|group| Reverse(group.members.len()));
+        let mut groups = groups.into_iter();
+        let (best, next) = (groups.next()?, groups.next());
+        let is_clear = next.is_none_or(|next| next.members.len() < best.members.len());
+        is_clear.then(|| best.into())
+    }
+
     /// Who is seen well by a viewpoint, but is explained by nobody.
     pub(crate) fn unexplained<'a>(
         &self,

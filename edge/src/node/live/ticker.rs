@@ -15,7 +15,7 @@ use tracing::debug;
 
 use super::shared::Shared;
 use crate::live::Micros;
-use crate::live::own_boxes::OwnBoxes;
+use crate::live::own_boxes::{Lead, OwnBoxes};
 use crate::live::rate::{MessageKind, SendPlan};
 use crate::live::round_robin;
 use crate::node::stage_times::split_detection;
@@ -27,11 +27,6 @@ use crate::source::Frame;
 const CAPTURE_TO_SENT: &str = "capture to sent";
 /// How long it waits where there is nothing to wait for, microseconds.
 const IDLE_US: Micros = 10_000;
-/// When fusion has said nothing for so long, microseconds, it is watched where people go; it speaks ten times a second at
-/// least.
-const WATCH_FROM_US: Micros = 150_000;
-/// When fusion has said nothing for so long, microseconds, boxes are what was watched, and no predictions any more.
-const LEAD_FROM_US: Micros = 300_000;
 /// Ticks in a row that may fail; after more the edge gives up.
 const MAX_FAILURES: u32 = 60;
 /// The largest timing: what messages are measured with before their own is known.
@@ -166,9 +161,14 @@ impl Ticker {
         let session = ledger.boxes.session()?;
         let requested = ledger.boxes.take_detection_request(tick);
         let silent_us = ledger.boxes.silent_us(now_us).unwrap_or(0);
-        let is_alone = (LEAD_FROM_US..=self.longest_alone_us).contains(&silent_us);
-        let last = ledger.boxes.last().filter(|_| is_alone);
-        let own = last.and_then(|last| self.own_boxes.at(tick, last));
+        let lead = self
+            .own_boxes
+            .lead(silent_us, self.longest_alone_us, now_us);
+        let own = ledger.boxes.last().and_then(|last| match lead {
+            Lead::Own => self.own_boxes.at(tick, last),
+            Lead::HandingBack => self.own_boxes.beside(tick, last),
+            Lead::Fusion | Lead::Watched => None,
+        });
         let in_force = ledger.boxes.at(now_us);
         let regular = self.pipeline.regular_detection_cameras(tick);
         let detection_cameras = if in_force.is_none() {
@@ -202,7 +202,7 @@ impl Ticker {
             tick,
             boxes,
             detection_cameras,
-            is_watched: silent_us >= WATCH_FROM_US,
+            is_watched: lead != Lead::Fusion,
             plan,
             may_send: ledger.rate.may_send(tick, now_us),
         })

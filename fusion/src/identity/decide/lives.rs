@@ -124,10 +124,13 @@ fn not_seen_again(facts: &TrackFacts, situation: &Situation<'_>) -> Option<Event
     }))
 }
 
-/// Who is confirmed goes when nobody has seen it for `births.coast_s`.
+/// Who is confirmed goes when no viewpoint has seen it for `births.coast_s`, of the time in which a viewpoint could have; and
+/// with all of them silent, when it is as unsure as behind a single viewpoint.
 fn unseen_for_too_long(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
-    let unseen_s = situation.rules.seconds(facts.coverage.unseen);
-    if facts.phase.is_tentative() || unseen_s <= situation.rules.births.coast_s {
+    let (rules, coverage) = (situation.rules, facts.coverage);
+    let [unseen_s, absent_s] = [coverage.unseen, coverage.absent].map(|ticks| rules.seconds(ticks));
+    let is_here = absent_s <= rules.births.coast_s && unseen_s <= rules.births.one_view_s;
+    if facts.phase.is_tentative() || is_here {
         return None;
     }
     Some(leaves(DropReason::Unseen {

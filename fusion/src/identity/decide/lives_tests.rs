@@ -18,6 +18,7 @@ struct Life {
     facts: TrackFacts,
     tick: Tick,
     is_gone: bool,
+    is_watched: bool,
 }
 
 impl Life {
@@ -26,6 +27,7 @@ impl Life {
             facts: TrackFacts::example(1, phase),
             tick: Tick(0),
             is_gone: false,
+            is_watched: true,
         }
     }
 
@@ -46,7 +48,7 @@ impl Life {
         }
         let facts = &mut self.facts;
         self.tick = self.tick + 1;
-        facts.coverage.count(made_of);
+        facts.coverage.count(made_of, self.is_watched);
         facts.tentative_ticks += 1;
         let everybody = std::slice::from_ref(&*facts);
         let event = decide(everybody, self.tick, &Rules::example(RATE_HZ)).pop()?;
@@ -124,6 +126,23 @@ fn a_confirmed_person_coasts_and_comes_back() {
     life.live(MadeOf::Views, 1);
     assert_eq!(life.published(), PersonState::Tracked);
     assert_eq!(life.live(MadeOf::Motion, 60), ["unseen"]);
+}
+
+#[test]
+fn who_could_not_be_seen_is_carried_as_long_as_behind_a_single_view() {
+    let mut life = Life::of(Phase::Tracked);
+    life.is_watched = false;
+    assert_eq!(life.live(MadeOf::Motion, 250), ["lose"]);
+    assert_eq!(life.live(MadeOf::Motion, 1), ["unseen"]);
+    let mut life = Life::of(Phase::Tracked);
+    life.is_watched = false;
+    assert_eq!(life.live(MadeOf::Motion, 150), ["lose"]);
+    life.is_watched = true;
+    assert!(
+        life.live(MadeOf::Motion, 50).is_empty(),
+        "a second to be found"
+    );
+    assert_eq!(life.live(MadeOf::Motion, 1), ["unseen"]);
 }
 
 #[test]

@@ -36,9 +36,8 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
         .iter()
         .map(|newcomer| {
             let pair = |known: &Candidate| {
-                let absence_s = absence_s(newcomer, known);
-                let likeness =
-                    model.likeness(&newcomer.appearance, &known.appearance, absence_s)?;
+                let seen = (&newcomer.appearance, newcomer.since);
+                let likeness = model.likeness_to(seen, known, rules.rate_hz)?;
                 Some(likeness + if known.is_expected { EXPECTED } else { 0.0 })
             };
             known.iter().map(pair).collect()
@@ -107,6 +106,7 @@ mod tests {
                 tick: Tick(100),
                 whereabouts: appearance.whereabouts,
             },
+            shown: Vec::new(),
             appearance,
             is_expected: false,
         }
@@ -152,6 +152,43 @@ mod tests {
         let [expected, not] =
             [true, false].map(|is| taller.clone().filter(|&s| is_recognised(s, is)).count());
         assert!(expected > not && not > 0, "{expected} {not}");
+    }
+
+    #[test]
+    fn whom_edges_showed_meanwhile_is_known_where_places_of_seconds_ago_tell_nothing() {
+        let rules = Rules::example(20.0);
+        let at = |x_m: f64| Whereabouts::at(Vector3::new(x_m, 0.0, 0.95));
+        // They ran past each other: each stands where the other was.
+        let known = |id, x_m, shown: Option<f64>| {
+            let mut known = known(id, 1.75);
+            known.last_seen.whereabouts = at(x_m);
+            known.appearance.whereabouts = at(x_m);
+            let tick = Tick(141);
+            let shown = shown
+                .map(at)
+                .map(|whereabouts| LastSeen { tick, whereabouts });
+            known.shown.extend(shown);
+            known
+        };
+        let newcomer = |wire_id, x_m| {
+            let mut newcomer = newcomer(1.75, true);
+            newcomer.wire_id = PersonId(wire_id);
+            newcomer.appearance.whereabouts = at(x_m);
+            newcomer
+        };
+        let who = |shown: [Option<f64>; 2]| -> Vec<(u32, u32)> {
+            let known = [known(3, -1.5, shown[0]), known(4, 1.5, shown[1])];
+            let newcomers = [newcomer(8, -1.4), newcomer(9, 1.4)];
+            let events = decide(&newcomers, &known, &rules).into_iter();
+            let old = |event: Event| match event.kind {
+                EventKind::Recognise { old, .. } => (event.wire_id.0, old.0),
+                other => panic!("{other:?}"),
+            };
+            events.map(old).collect()
+        };
+        assert_eq!(who([Some(1.3), Some(-1.3)]), [(8, 4), (9, 3)]);
+        // What one is shown as the other's place denies: neither gets an id.
+        assert!(who([Some(1.3), None]).is_empty());
     }
 
     #[test]

@@ -87,7 +87,8 @@ pub(crate) fn revive(
                 });
                 let sighted = sighted.as_ref()?;
                 let likeness = |at: &Appearance| model.likeness(sighted, at, absence_s(known));
-                [likeness(&last), led.as_ref().and_then(likeness)]
+                let last = model.likeness_to((sighted, tick), known, rules.rate_hz);
+                [last, led.as_ref().and_then(likeness)]
                     .into_iter()
                     .flatten()
                     .reduce(f64::max)
@@ -171,6 +172,7 @@ mod tests {
                     tick: Tick(0),
                     whereabouts: Whereabouts::at(at(0.0)),
                 },
+                shown: Vec::new(),
                 appearance: appearance(0.0),
                 is_expected: true,
             }),

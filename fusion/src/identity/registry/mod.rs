@@ -1,10 +1,11 @@
 //! Everybody in the venue: applies what is decided, and publishes it.
 
 mod apply;
+mod listening;
 mod naming;
 mod sighted;
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 
 use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
@@ -15,6 +16,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::{GivenPerson, Venue};
 use rayon::prelude::*;
 
+use self::listening::Listening;
 use super::decide::places::SharedPlaces;
 use super::decide::recognition::Newcomer;
 use super::decide::{lives, places, recognition};
@@ -25,6 +27,7 @@ use super::known::{KnownPeople, KnownPerson};
 use super::memory::{Candidate, Memory};
 use super::poster::Posters;
 use super::recognise::{Appearance, Lengths};
+use super::shown::ShownPeople;
 use super::subjects::Subjects;
 use super::tentative::velocity_m_s;
 use super::track::Track;
@@ -62,9 +65,12 @@ pub struct Registry {
     shared_places: SharedPlaces,
     posters: Posters,
     memory: Memory,
+    shown: ShownPeople,
     subjects: Subjects,
     /// Per camera, whose it is.
     viewpoint_of_camera: Vec<ViewpointIndex>,
+    /// Which viewpoints are heard.
+    listening: Listening,
     /// Whether any detection pass has shown anybody yet.
     finds_people: bool,
     /// What happened since the last tick was handed out.
@@ -94,6 +100,7 @@ impl Registry {
                 &births,
                 venue.rate_hz,
             ),
+            listening: Listening::new(cameras.clone(), venue.rate_hz),
             finder: PersonFinder::new(cameras, keypoints, &venue.field, &births),
             given: venue.given_persons.clone(),
             rules: Rules {
@@ -104,6 +111,7 @@ impl Registry {
             shared_places: SharedPlaces::default(),
             posters: Posters::default(),
             memory: Memory::default(),
+            shown: ShownPeople::default(),
             subjects: Subjects::default(),
             finds_people: false,
             events: Vec::new(),
@@ -203,8 +211,15 @@ impl Registry {
     /// 7. Who looks for people next is planned: it depends on who is lost, and on who has been sighted.
     pub fn step(&mut self, group: &TickGroup, method: &Method) -> Outcome {
         let tick = group.tick;
+        self.listening.hear(group);
+        let adrift = self.tracks.iter().filter(|track| track.is_adrift());
+        let missed = self.memory.missed(tick, self.rules.rate_hz);
+        let wanted: Vec<PersonId> = adrift.map(Track::wire_id).chain(missed).collect();
+        self.shown.see(group, &wanted, &self.finder, method);
         for track in &mut self.tracks {
-            track.count(tick, method);
+            track.count(tick, method, |keypoints_m| {
+                self.listening.explains(keypoints_m, tick)
+            });
         }
         self.take_facts();
         let lives = lives::decide(&self.facts, tick, &self.rules);
@@ -313,9 +328,10 @@ impl Registry {
             .tracks
             .iter()
             .filter(|track| self.may_be_elsewhere(track));
-        let lost = lost.filter_map(|track| track.candidate(self.rules.rate_hz));
         let rate_hz = self.rules.rate_hz;
-        self.memory.candidates(tick, rate_hz).chain(lost).collect()
+        let lost = lost.filter_map(|track| track.candidate(rate_hz, &self.shown));
+        let gone = self.memory.candidates(tick, rate_hz, &self.shown);
+        gone.chain(lost).collect()
     }
 
     /// Whether `track` is lost, or was a short while ago and is seen where somebody else stands: then it follows that

@@ -147,7 +147,7 @@ impl Registry {
             .filter(|track| track.identity.phase.is_lost())
             .map(|track| LostPerson {
                 wire_id: track.wire_id(),
-                known: track.candidate(self.rules.rate_hz),
+                known: track.candidate(self.rules.rate_hz, &self.shown),
                 led_m: track.is_led().then(|| track.estimator.joints_m()[0]),
             })
             .collect();

@@ -7,7 +7,7 @@ use std::path::Path;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::identity_event::{IdentityEventSet, MAX_EVENTS};
-use farfield_proto::message::{PersonState, SightingSet};
+use farfield_proto::message::{PatchSet, PersonState, SightingSet};
 use farfield_proto::wire::Message;
 use nalgebra::Vector3;
 
@@ -28,7 +28,7 @@ type TruePoints = Vec<Vector3<f64>>;
 
 const RATE_HZ: f64 = 20.0;
 
-fn venue(hall: &TestHall) -> Venue {
+pub(in crate::identity) fn venue(hall: &TestHall) -> Venue {
     let mut text = format!(
         "name = \"hall\"\nrate_hz = {RATE_HZ}\ncalibration = \"calibration.toml\"\n\
          [field]\nmin_m = [-4.0, -3.0, -0.3]\nmax_m = [4.0, 3.0, 2.6]\n\
@@ -54,7 +54,7 @@ fn venue(hall: &TestHall) -> Venue {
     Venue::parse(&text, Path::new("hall.toml"), calibration).unwrap()
 }
 
-fn method(venue: &Venue) -> Method {
+pub(in crate::identity) fn method(venue: &Venue) -> Method {
     let keypoints = KeypointSet::coco17();
     let parameters = venue.parameters.clone();
     Method {
@@ -163,9 +163,20 @@ impl HallFixture {
                 sightings: all.iter().filter(|s| s.camera == camera).cloned().collect(),
             })
         };
+        // Whatever a viewpoint sees, it is heard.
+        let sent = |&viewpoint: &u16| PatchSet {
+            session: SessionId(1),
+            tick: self.tick,
+            viewpoint: ViewpointIndex(viewpoint),
+            part: 0,
+            parts: 1,
+            sighting_parts: 0,
+            timing: None,
+            persons: Vec::new(),
+        };
         TickGroup {
             tick: self.tick,
-            patch_sets: Vec::new(),
+            patch_sets: viewpoints.iter().map(sent).collect(),
             sighting_sets: viewpoints.iter().filter_map(set).collect(),
         }
     }
@@ -270,6 +281,24 @@ fn who_is_lost_is_taken_back_where_it_is_sighted() {
     stage.go_on(&[person(1.7, 0.0, 1.75)], 0.3);
     assert_eq!(stage.who_at(1.7, 0.0), Some(id));
     assert_eq!((stage.ids.len(), stage.registry.tracks().len()), (1, 1));
+}
+
+#[test]
+fn who_stays_while_all_viewpoints_are_silent_is_found_again_and_who_is_not_seen_is_let_go() {
+    let mut stage = HallFixture::new();
+    stage.go_on(&[person(0.0, 0.0, 1.75)], 3.0);
+    let id = stage.who_at(0.0, 0.0);
+    for _ in 0..60 {
+        stage.step_seen_by(&[], &[]);
+    }
+    assert_eq!(stage.registry.tracks().len(), 1, "none could have shown it");
+    stage.go_on(&[person(0.4, 0.0, 1.75)], 0.3);
+    assert_eq!(stage.who_at(0.4, 0.0), id);
+    stage.go_on(&[], 1.5);
+    assert!(
+        stage.registry.tracks().is_empty(),
+        "all could have shown it"
+    );
 }
 
 #[test]

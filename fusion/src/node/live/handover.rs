@@ -165,6 +165,7 @@ mod tests {
     fn people() -> KnownPeople {
         let person = KnownPerson {
             id: 4,
+            wire_id: None,
             seen: Tick(99),
             gone: None,
             place_m: [0.1, 0.2, 0.9],
