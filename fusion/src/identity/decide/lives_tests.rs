@@ -220,7 +220,9 @@ fn missing(ticks: u32, facts: TrackFacts) -> TrackFacts {
 
 fn unseen(ticks: u32, facts: TrackFacts) -> TrackFacts {
     let facts = missing(ticks.max(facts.coverage.missing), facts);
-    but(facts, |facts| facts.coverage.unseen = ticks)
+    but(facts, |facts| {
+        (facts.coverage.unseen, facts.coverage.absent) = (ticks, ticks);
+    })
 }
 
 fn dropped(reason: DropReason) -> EventKind {

@@ -21,8 +21,11 @@ use nalgebra::Vector3;
 
 use super::VenueWatch;
 
-/// Ticks that are kept, the newest: 100 s at 60 Hz.
-const MAX_TICKS: usize = 6_000;
+/// Ticks that are kept, the newest: 200 s at 60 Hz.
+const MAX_TICKS: usize = 12_000;
+
+/// How far a pose may be from a person to be its own, metres.
+const ITS_OWN_M: f64 = 0.5;
 
 /// The people of one tick.
 type People = BTreeMap<u32, ScoredBody>;
@@ -56,11 +59,14 @@ impl RepeatingTruth {
         self.0.first().map_or(0, BTreeMap::len)
     }
 
-    fn over(&self, ticks: &Range<Tick>) -> PoseLines {
+    fn at(&self, tick: Tick) -> &People {
         let period = i64::try_from(self.0.len()).unwrap_or(i64::MAX);
-        let at = |tick: i64| usize::try_from(tick.rem_euclid(period)).unwrap_or(0);
+        &self.0[usize::try_from(tick.0.rem_euclid(period)).unwrap_or(0)]
+    }
+
+    fn over(&self, ticks: &Range<Tick>) -> PoseLines {
         let people =
-            (ticks.start.0..ticks.end.0).map(|tick| (Tick(tick), self.0[at(tick)].clone()));
+            (ticks.start.0..ticks.end.0).map(|tick| (Tick(tick), self.at(Tick(tick)).clone()));
         PoseLines::from_people(PointSet::Joints, people.collect())
     }
 }
@@ -97,6 +103,18 @@ impl PoseLog {
         )
     }
 
+    /// Which person of the truth has which id at `tick`: that of the nearest body, within [`ITS_OWN_M`].
+    pub fn who_is_who(&self, truth: &RepeatingTruth, tick: Tick) -> BTreeMap<u32, u32> {
+        let heard = self.lock().get(&tick).cloned().unwrap_or_default();
+        let nearest = |(person, body): (&u32, &ScoredBody)| {
+            let off_m = |other: &ScoredBody| mean_distance_m(body, other);
+            let near = heard.iter().filter_map(|(id, it)| Some((off_m(it)?, *id)));
+            let (off_m, id) = near.min_by(|a, b| a.0.total_cmp(&b.0))?;
+            (off_m < ITS_OWN_M).then_some((*person, id))
+        };
+        truth.at(tick).iter().filter_map(nearest).collect()
+    }
+
     fn add(&self, set: &PoseSet) {
         let mut ticks = self.lock();
         let people = set.persons.iter().map(|pose| (pose.person.0, body(pose)));
@@ -110,6 +128,15 @@ impl PoseLog {
         // A panic elsewhere leaves whole ticks behind.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// How far the points are apart that both have, metres.
+fn mean_distance_m(a: &ScoredBody, b: &ScoredBody) -> Option<f64> {
+    let pairs = a.points_m.iter().zip(&b.points_m);
+    let off_m = pairs.filter_map(|(a, b)| Some(((*a)? - (*b)?).norm()));
+    let off_m: Vec<f64> = off_m.collect();
+    let n = off_m.len();
+    (n > 0).then(|| off_m.into_iter().sum::<f64>() / n as f64)
 }
 
 fn body(pose: &PersonPose) -> ScoredBody {
@@ -170,6 +197,17 @@ mod tests {
             (gaps, scores.identity.switches, scores.identity.false_births),
             (2, 0, 0)
         );
+    }
+
+    #[test]
+    fn a_person_has_the_id_of_the_body_in_its_place() {
+        let log = PoseLog::default();
+        log.add(&PoseSet {
+            session: SessionId(1),
+            tick: Tick(13),
+            persons: vec![pose(7, 3.1), pose(8, 1.0)],
+        });
+        assert_eq!(log.who_is_who(&truth(), Tick(13)), [(2, 7)].into());
     }
 
     #[test]

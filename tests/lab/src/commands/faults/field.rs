@@ -1,6 +1,9 @@
-//! The maps of four people that all drives play, and their truth.
+//! The maps of people that drives play, and their truth: four who walk, or eight who run.
 
+use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
 
 use crate::commands::made_maps::{self, MadeMaps};
 use crate::live_venue::RepeatingTruth;
@@ -8,6 +11,12 @@ use farfield_sim::embedded;
 
 /// Four people, each in a corner of their own.
 const SCENE: &str = include_str!("walkers.toml");
+/// Eight who run through each other's ways at 1.2 to 3.6 m/s, and one of them at 8.3 m/s.
+const RUNNERS: &str = "futsal";
+/// The person of these who is faster than 4 m/s.
+pub(super) const SPRINTER: u32 = 8;
+/// Of the cameras of a viewpoint one is enough, and one machine plays all of them.
+const ONE_CAMERA: [&str; 2] = ["per_viewpoint = 3", "per_viewpoint = 1"];
 
 /// What drives play.
 pub(super) struct Field {
@@ -15,18 +24,39 @@ pub(super) struct Field {
     pub(super) truth: RepeatingTruth,
     pub(super) is_quick: bool,
     folder: PathBuf,
+    /// That of the runners, once a drive has asked for it.
+    runners: OnceCell<Box<Self>>,
 }
 
 impl Field {
     /// Makes it in `folder`.
     pub(super) fn make(folder: &Path, is_quick: bool) -> anyhow::Result<Self> {
-        let scene = embedded::write_scene_with_clips(SCENE, "walkers", folder)?;
+        Self::of_scene(SCENE, "walkers", folder, is_quick)
+    }
+
+    /// The same of eight people who run.
+    pub(super) fn runners(&self) -> anyhow::Result<&Self> {
+        if let Some(field) = self.runners.get() {
+            return Ok(field);
+        }
+        let mut scenes = embedded::SCENES.iter();
+        let found = scenes.find(|(name, _)| *name == RUNNERS);
+        let (_, text) = found.context("the scene of the runners is embedded")?;
+        let text = text.replace(ONE_CAMERA[0], ONE_CAMERA[1]);
+        let folder = self.folder("runners")?;
+        let field = Self::of_scene(&text, "runners", &folder, self.is_quick)?;
+        Ok(self.runners.get_or_init(|| Box::new(field)))
+    }
+
+    fn of_scene(text: &str, name: &str, folder: &Path, is_quick: bool) -> anyhow::Result<Self> {
+        let scene = embedded::write_scene_with_clips(text, name, folder)?;
         let maps = made_maps::make(Some(&scene), folder, &["--there-and-back"], "")?;
         Ok(Self {
             truth: RepeatingTruth::read(&maps.truth)?,
             maps,
             is_quick,
             folder: folder.to_owned(),
+            runners: OnceCell::new(),
         })
     }
 

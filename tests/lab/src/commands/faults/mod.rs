@@ -9,6 +9,7 @@ mod disks;
 mod field;
 mod links;
 mod nodes;
+mod outages;
 mod stage;
 mod strangers;
 mod table;
@@ -50,7 +51,7 @@ struct Fault {
 }
 
 /// All of them, in the order in which they are driven.
-const FAULTS: [Fault; 17] = [
+const FAULTS: [Fault; 23] = [
     Fault {
         name: "lopsided-link",
         about: "a link that is 30 ms long one way and 10 ms the other, before a clock that NTP keeps right",
@@ -92,6 +93,42 @@ const FAULTS: [Fault; 17] = [
         about: "a link is cut for 3 s",
         is_quick: false,
         drive: links::cut_long,
+    },
+    Fault {
+        name: "outages-300",
+        about: "eight runners; all links are away for 0.3 s every 4, 5.9 and 7 s",
+        is_quick: false,
+        drive: outages::of_300_ms,
+    },
+    Fault {
+        name: "outages-500",
+        about: "the same for 0.5 s",
+        is_quick: false,
+        drive: outages::of_500_ms,
+    },
+    Fault {
+        name: "outages-700",
+        about: "the same for 0.7 s",
+        is_quick: false,
+        drive: outages::of_700_ms,
+    },
+    Fault {
+        name: "outages-1000",
+        about: "the same for 1 s",
+        is_quick: false,
+        drive: outages::of_1000_ms,
+    },
+    Fault {
+        name: "fusion-restart",
+        about: "eight runners; fusion is killed and started again 2 s later",
+        is_quick: false,
+        drive: outages::fusion_restarted,
+    },
+    Fault {
+        name: "fusion-stopped",
+        about: "eight runners; fusion is stopped for 3 s",
+        is_quick: false,
+        drive: outages::fusion_stopped,
     },
     Fault {
         name: "loss",

@@ -1,5 +1,6 @@
 //! A live venue for one drive, and what is heard of it.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::MutexGuard;
 use std::thread;
@@ -119,8 +120,28 @@ impl<'a> Stage<'a> {
         thread::sleep(Duration::from_secs_f64(seconds));
     }
 
+    /// How far the poses of a tick are from the truth on average, millimetres; `None` while a person has none.
+    pub(super) fn mean_mm_at(&self, tick: Tick) -> Option<f64> {
+        let (_, log) = self.heard.as_ref()?;
+        let rate_hz = self.live.venue().rate_hz;
+        let scores = log.score(&self.field.truth, &(tick..tick + 1), rate_hz);
+        let is_whole = scores.actors.values().all(|actor| actor.gaps == 0);
+        scores.mean.mpjpe_mm.filter(|_| is_whole)
+    }
+
+    /// Which person of the truth has which id at the newest tick.
+    pub(super) fn who_is_who(&self) -> anyhow::Result<BTreeMap<u32, u32>> {
+        let (_, log) = self.heard.as_ref().context("fusion was not started")?;
+        Ok(log.who_is_who(&self.field.truth, self.tick()?))
+    }
+
     /// What was heard of people since tick `from`.
     pub(super) fn people_since(&self, from: Tick) -> anyhow::Result<Vec<Measure>> {
+        self.people_within(from, MOST_MM)
+    }
+
+    /// The same, with another bar for how far poses may be from the truth on average, millimetres.
+    pub(super) fn people_within(&self, from: Tick, most_mm: f64) -> anyhow::Result<Vec<Measure>> {
         let (_, log) = self.heard.as_ref().context("fusion was not started")?;
         let rate_hz = self.live.venue().rate_hz;
         let scores = log.score(&self.field.truth, &(from..self.tick()?), rate_hz);
@@ -133,7 +154,7 @@ impl<'a> Stage<'a> {
             Measure::barred(
                 "mean distance, mm",
                 scores.mean.mpjpe_mm.unwrap_or(f64::NAN),
-                MOST_MM,
+                most_mm,
             ),
             Measure::barred("id switches", scores.identity.switches as f64, 0.0),
             Measure::told(
