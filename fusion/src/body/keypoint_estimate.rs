@@ -20,7 +20,7 @@ pub struct KeypointEstimate {
     pub ray: Option<Unit<Vector3<f64>>>,
     /// Inverse covariance of the position, 1/m², zero until the views were asked: how sure the position is, not what it weighs.
     pub information: Matrix3<f64>,
-    /// By what the variance per axis is larger because views show the keypoint elsewhere, m²; it is in `information` already.
+    /// By what the variance per axis is larger because views show the keypoint elsewhere, m²: of its sigma alone, poses are fitted by `information`.
     pub split_m2: f64,
 }
 

@@ -15,7 +15,6 @@ use nalgebra::Matrix3;
 use crate::body::ik::Target;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::Site;
-use crate::estimate::uncertainty::with_error;
 use crate::method::Method;
 
 /// c: what a tick's information counts against the last pose. A network's error lasts, so ten ticks know little more
@@ -58,6 +57,15 @@ pub(crate) fn aim_at_keypoints(
         }
         targets.push(target);
     }
+}
+
+/// What is left of `information` when every axis has an error of this variance (m²) besides: (I⁻¹ + v 1)⁻¹, also of a
+/// singular one.
+fn with_error(information: &Matrix3<f64>, variance_m2: f64) -> Matrix3<f64> {
+    let grown = Matrix3::identity() + information * variance_m2;
+    grown
+        .try_inverse()
+        .map_or_else(Matrix3::zeros, |inverse| information * inverse)
 }
 
 #[cfg(test)]

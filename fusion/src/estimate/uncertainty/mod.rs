@@ -33,7 +33,6 @@ mod views;
 pub(crate) use disagreement::SeenPose;
 pub use known::UncertaintySnapshot;
 pub(crate) use observation::BodyObservation;
-pub(crate) use split::with_error;
 pub use views::weigh_views;
 
 use self::last_seen::LastSeen;

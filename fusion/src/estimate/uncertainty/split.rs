@@ -10,7 +10,7 @@
 //! better than the two are apart. h is the height of a peak: a network that is unsure draws a lower one, and is wrong
 //! more often. r is how far the peak is from the place in that view, metres.
 
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 use super::disagreement::IN_SIGHT;
 use super::views::variance_m2;
@@ -66,15 +66,6 @@ pub(super) fn split_m2(
     in_question * off_m2 / against
 }
 
-/// What is left of `information` when every axis has an error of this variance (m²) besides: (I⁻¹ + v 1)⁻¹, also of a
-/// singular one.
-pub(crate) fn with_error(information: &Matrix3<f64>, variance_m2: f64) -> Matrix3<f64> {
-    let grown = Matrix3::identity() + information * variance_m2;
-    grown
-        .try_inverse()
-        .map_or_else(Matrix3::zeros, |inverse| information * inverse)
-}
-
 #[cfg(test)]
 mod tests {
     use crate::estimate::meeting_fixture::{LEFT_WRIST, MeetingFixture, RIGHT_WRIST};
@@ -97,7 +88,7 @@ mod tests {
         let estimates = meeting.tracks[0].estimates();
         [LEFT_WRIST, RIGHT_WRIST].map(|k| {
             let covariance_m2 = estimates[k].information.try_inverse().unwrap();
-            (covariance_m2.trace() / 3.0).sqrt()
+            (covariance_m2.trace() / 3.0 + estimates[k].split_m2).sqrt()
         })
     }
 

@@ -12,7 +12,7 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::split::{split_m2, with_error};
+use super::split::split_m2;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::estimate::evidence::View;
 
@@ -46,9 +46,6 @@ pub fn weigh_views(
             estimate.information += told_by(view, k, offset_m, *relative);
         }
         estimate.split_m2 = split_m2(views, k, offset_m, *relative);
-        if estimate.split_m2 > 0.0 {
-            estimate.information = with_error(&estimate.information, estimate.split_m2);
-        }
     }
 }
 
