@@ -7,9 +7,9 @@ use farfield_proto::frames::Transform;
 use nalgebra::{DMatrix, Isometry3, Vector2};
 
 use super::BoardView;
-use super::charuco::Print;
 use super::coverage::Coverage;
 use super::found::{BoardError, LARGEST_COEFFICIENT, PictureFit};
+use super::print::Print;
 use super::projection::Optics;
 use crate::formats::LensModel;
 

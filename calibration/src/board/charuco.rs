@@ -11,6 +11,7 @@ use calib_targets_chessboard::{DetectorConfig, detect_corners};
 use super::BoardView;
 use super::detect::{DetectError, check_board, looks, place, view};
 use super::picture::GrayPicture;
+use super::print::Print;
 
 /// A `ChArUco` board as `OpenCV` draws it; [`Print`] is found, not given.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,27 +24,6 @@ pub struct Charuco {
     pub marker_m: f64,
     /// Its dictionary as `OpenCV` calls it: `DICT_4X4_50`.
     pub dictionary: String,
-}
-
-/// How a `ChArUco` board is printed.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Print {
-    /// White on black (Caliscope's `inverted`).
-    pub is_negative: bool,
-    /// As `OpenCV` drew boards before 4.6: of an even number of rows the first square is white. Odd numbers are the same in both.
-    pub is_legacy: bool,
-}
-
-impl Print {
-    /// What is unusual about it, in words.
-    pub(super) fn in_words(self) -> Option<&'static str> {
-        match (self.is_negative, self.is_legacy) {
-            (false, false) => None,
-            (true, false) => Some("white on black"),
-            (false, true) => Some("as OpenCV drew boards before 4.6 (its first square is white)"),
-            (true, true) => Some("as OpenCV drew boards before 4.6, and white on black"),
-        }
-    }
 }
 
 /// The inner corners of a `ChArUco` board in a picture, each by its markers' numbers: the same corner has the same coordinates

@@ -9,8 +9,8 @@ use chess_corners::UpscaleConfig;
 use nalgebra::Vector2;
 
 use super::BoardView;
-use super::charuco::Print;
 use super::picture::GrayPicture;
+use super::print::Print;
 use super::refine::refined;
 
 /// Most pixels of a picture.

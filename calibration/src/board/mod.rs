@@ -14,6 +14,7 @@ mod intrinsics;
 mod other_charuco;
 mod picture;
 mod pose;
+mod print;
 mod projection;
 mod refine;
 mod size;
@@ -23,7 +24,7 @@ mod turned;
 use nalgebra::{Vector2, Vector3};
 
 use self::adjust::Sighting;
-pub use self::charuco::{Charuco, Print, detect_charuco};
+pub use self::charuco::{Charuco, detect_charuco};
 pub use self::coverage::Coverage;
 pub use self::detect::{Chessboard, DetectError, detect_chessboard};
 pub use self::found::{BoardCalibration, BoardError, PictureFit};
@@ -31,6 +32,7 @@ pub use self::intrinsics::calibrate;
 pub use self::other_charuco::{OtherCharuco, other_charuco};
 pub use self::picture::GrayPicture;
 pub use self::pose::{OtherPose, PointPose, PoseError, pose_from_points};
+pub use self::print::Print;
 pub use self::projection::Coefficients;
 pub use self::size::check_size;
 

@@ -6,8 +6,7 @@ use rayon::prelude::*;
 
 use super::associate::{Person, persons};
 use super::plan::{KEYPOINT_M, KEYPOINT_PX};
-use super::start::clocks::velocity_px;
-use super::view::View;
+use super::view::{View, velocity_px};
 use crate::adjustment::{
     AdjustedCamera, Block, CameraState, Free, Limits, Loss, Observation, Path, Problem, adjust,
 };

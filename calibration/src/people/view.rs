@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use farfield_proto::camera::{CameraError, CameraModel};
 use farfield_proto::frames::Transform;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector2};
 
 use super::error::PeopleError;
 use super::request::{Detection, PeopleCamera};
@@ -257,6 +257,30 @@ fn between(a: &Body, b: &Body, share: f64) -> Body {
         joints: joints.collect(),
         tracklet: a.tracklet,
     }
+}
+
+/// How fast a keypoint moves in the picture, pixels per tick, by the same tracklet before and after, the farthest of each that are
+/// at most `reach` ticks away: the farther, the less its noise counts.
+pub(super) fn velocity_px(
+    view: &View,
+    tick: i64,
+    body: usize,
+    keypoint: usize,
+    reach: i64,
+) -> Option<Vector2<f64>> {
+    let own = view.ticks.get(&tick)?.get(body)?;
+    let at = |(tick, bodies): (&i64, &Vec<Body>)| {
+        let same = bodies.iter().find(|it| it.tracklet == own.tracklet)?;
+        let joint = same.joints.get(keypoint).copied().flatten()?;
+        Some((*tick as f64, Vector2::from(joint.px)))
+    };
+    let before = view.ticks.range(tick - reach..tick).find_map(at)?;
+    let after = view
+        .ticks
+        .range(tick + 1..=tick + reach)
+        .rev()
+        .find_map(at)?;
+    Some((after.1 - before.1) / (after.0 - before.0))
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@ mod outcome;
 mod over_time;
 mod refine;
 mod request;
+mod rigid_board;
 mod timing;
 mod venue;
 mod view;
@@ -28,11 +29,12 @@ pub(crate) use over_time::knocked_at;
 pub(crate) use refine::freedom;
 pub(crate) use venue::{Laid, of_anchors};
 
-pub use board::{CORNERS_PER_INSTANT, RigidBoard};
+pub use board::CORNERS_PER_INSTANT;
 pub use error::CalibrationError;
 pub use file::{Sighting, parse, parse_multicamselfcal};
 pub use outcome::{FoundCamera, PathPoint, PointCalibration, Stage, calibrate, check_request};
 pub use request::{Lenses, PointCamera, PointRequest, Timing};
+pub use rigid_board::RigidBoard;
 
 #[cfg(test)]
 pub(crate) mod tests;

@@ -7,13 +7,14 @@ use farfield_proto::frames::Transform;
 use nalgebra::{Isometry3, Translation3};
 
 use super::assess::{Found, assess};
-use super::board::{CORNERS_PER_INSTANT, RigidBoard, by_board};
+use super::board::{CORNERS_PER_INSTANT, by_board};
 use super::chain::{Chain, chain};
 use super::clocks::{at_common_moments, join_clocks, set_own_clock};
 use super::curve::{Clocks, refine_curve};
 use super::error::CalibrationError;
 use super::refine::{Refined, refine};
 use super::request::{PointCamera, PointRequest, Timing};
+use super::rigid_board::RigidBoard;
 use super::venue::of_alignment;
 use super::view::{Track, View};
 use crate::adjustment::{CameraState, Path, Problem, covariance};

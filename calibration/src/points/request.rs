@@ -2,8 +2,8 @@
 
 use farfield_proto::camera::{Intrinsics, LensModel};
 
-use super::board::RigidBoard;
 use super::file::Sighting;
+use super::rigid_board::RigidBoard;
 use crate::alignment::Anchors;
 
 /// One camera: its lens, and where it saw the point.

@@ -5,7 +5,6 @@
 //! so far is whole.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::floor_match::{Effort, Feet, motions, shared_ticks};
 use super::pair::Walkers;
 use crate::people::adjust::Adjusted;
-use crate::people::view::{Body, Clock, View};
+use crate::people::view::{Clock, View, velocity_px};
 
 /// Ticks between the lags that are tried first, at ten ticks per second.
 const COARSE_TICKS: i64 = 3;
@@ -273,30 +273,6 @@ pub(in crate::people) fn refine(clocks: &mut [Clock], views: &[View], adjusted: 
         most_s = most_s.max(step.x.abs());
     }
     most_s
-}
-
-/// How fast a keypoint moves in the picture, pixels per tick, by the same tracklet before and after, the farthest of each that are
-/// at most `reach` ticks away: the farther, the less its noise counts.
-pub(in crate::people) fn velocity_px(
-    view: &View,
-    tick: i64,
-    body: usize,
-    keypoint: usize,
-    reach: i64,
-) -> Option<Vector2<f64>> {
-    let own = view.ticks.get(&tick)?.get(body)?;
-    let at = |(tick, bodies): (&i64, &Vec<Body>)| {
-        let same = bodies.iter().find(|it| it.tracklet == own.tracklet)?;
-        let joint = same.joints.get(keypoint).copied().flatten()?;
-        Some((*tick as f64, Vector2::from(joint.px)))
-    };
-    let before = view.ticks.range(tick - reach..tick).find_map(at)?;
-    let after = view
-        .ticks
-        .range(tick + 1..=tick + reach)
-        .rev()
-        .find_map(at)?;
-    Some((after.1 - before.1) / (after.0 - before.0))
 }
 
 #[cfg(test)]

@@ -33,7 +33,7 @@ mod views;
 pub(crate) use disagreement::SeenPose;
 pub use known::UncertaintySnapshot;
 pub(crate) use observation::BodyObservation;
-pub use views::weigh_views;
+pub use split::weigh_views;
 
 use self::last_seen::LastSeen;
 

@@ -10,10 +10,11 @@
 //! better than the two are apart. h is the height of a peak: a network that is unsure draws a lower one, and is wrong
 //! more often. r is how far the peak is from the place in that view, metres.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::disagreement::IN_SIGHT;
-use super::views::variance_m2;
+use super::views::{told_by, variance_m2};
+use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::estimate::evidence::View;
 
 /// Least height of a peak that speaks for or against a place, 0 to 1: lower ones are in every map.
@@ -24,13 +25,30 @@ const APART_SIGMAS: f64 = 5.0;
 const UNQUESTIONED: f64 = 0.3;
 const EVEN: f64 = 0.5;
 
-/// v of keypoint `k`, m² per axis, which the search found `offset_m` from the prediction.
-pub(super) fn split_m2(
+/// Fills in [`KeypointEstimate::information`]. `predicted_m` is where the keypoints were expected at the
+/// tick, `relative_sigmas` one factor per keypoint.
+pub fn weigh_views(
     views: &[View],
-    k: usize,
-    offset_m: Vector3<f64>,
-    relative_sigma: f64,
-) -> f64 {
+    predicted_m: &[Vector3<f64>],
+    relative_sigmas: &[f64],
+    estimates: &mut [KeypointEstimate],
+) {
+    let known = predicted_m.iter().zip(relative_sigmas);
+    for (k, (estimate, (expected_m, relative))) in estimates.iter_mut().zip(known).enumerate() {
+        (estimate.information, estimate.split_m2) = (Matrix3::zeros(), 0.0);
+        if estimate.weight <= 0.0 {
+            continue;
+        }
+        let offset_m = estimate.position_m - expected_m;
+        for view in views {
+            estimate.information += told_by(view, k, offset_m, *relative);
+        }
+        estimate.split_m2 = split_m2(views, k, offset_m, *relative);
+    }
+}
+
+/// v of keypoint `k`, m² per axis, which the search found `offset_m` from the prediction.
+fn split_m2(views: &[View], k: usize, offset_m: Vector3<f64>, relative_sigma: f64) -> f64 {
     let (mut for_it, mut against, mut off_m2) = (0.0, 0.0, 0.0);
     for view in views {
         let Some(expected) = view.expected(k) else {

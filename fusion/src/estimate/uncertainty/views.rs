@@ -12,8 +12,6 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::split::split_m2;
-use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::estimate::evidence::View;
 
 /// b: error of a network's limb keypoint in one view per axis of the image, metres at the person, where
@@ -27,35 +25,18 @@ const LEAST_HEIGHT: f64 = 0.1;
 /// Least depth in front of a camera, metres.
 const LEAST_DEPTH_M: f64 = 0.05;
 
-/// Fills in [`KeypointEstimate::information`]. `predicted_m` is where the keypoints were expected at the
-/// tick, `relative_sigmas` one factor per keypoint.
-pub fn weigh_views(
-    views: &[View],
-    predicted_m: &[Vector3<f64>],
-    relative_sigmas: &[f64],
-    estimates: &mut [KeypointEstimate],
-) {
-    let known = predicted_m.iter().zip(relative_sigmas);
-    for (k, (estimate, (expected_m, relative))) in estimates.iter_mut().zip(known).enumerate() {
-        (estimate.information, estimate.split_m2) = (Matrix3::zeros(), 0.0);
-        if estimate.weight <= 0.0 {
-            continue;
-        }
-        let offset_m = estimate.position_m - expected_m;
-        for view in views {
-            estimate.information += told_by(view, k, offset_m, *relative);
-        }
-        estimate.split_m2 = split_m2(views, k, offset_m, *relative);
-    }
-}
-
 /// By how much a view errs per axis of its picture where its map is `height` and a native pixel `pixel_m` wide, m².
 pub(super) fn variance_m2(relative_sigma: f64, height: f64, pixel_m: f64) -> f64 {
     (NETWORK_M * relative_sigma / height).powi(2) + (PIXEL_ERROR * pixel_m).powi(2)
 }
 
 /// What one view tells of keypoint `k` where it is `offset_m` from the prediction.
-fn told_by(view: &View, k: usize, offset_m: Vector3<f64>, relative: f64) -> Matrix3<f64> {
+pub(super) fn told_by(
+    view: &View,
+    k: usize,
+    offset_m: Vector3<f64>,
+    relative: f64,
+) -> Matrix3<f64> {
     let none = Matrix3::zeros();
     let Some(expected) = view.expected(k) else {
         return none;
