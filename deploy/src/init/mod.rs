@@ -228,17 +228,17 @@ fn find_calibration(args: &InitArgs) -> anyhow::Result<(PathBuf, Calibration)> {
 /// The file of a calibration that a venue can name: TOML, in metres.
 fn as_venues_have_it(found: &FoundCalibration) -> anyhow::Result<PathBuf> {
     let paths = found.paths();
-    match (paths.as_slice(), found.imported.format) {
-        ([path], Format::Farfield | Format::Caliscope) => Ok(path.clone()),
-        _ => {
-            let files: Vec<String> = paths.iter().map(|it| it.display().to_string()).collect();
-            bail!(
-                "found {}, and a venue needs TOML in metres: `farfield calibrate convert {} --out DIR` writes it",
-                found.shown(),
-                files.join(" ")
-            )
-        }
+    if let ([path], Format::Farfield | Format::Caliscope) =
+        (paths.as_slice(), found.imported.format)
+    {
+        return Ok(path.clone());
     }
+    let files: Vec<String> = paths.iter().map(|it| it.display().to_string()).collect();
+    bail!(
+        "found {}, and a venue needs TOML in metres: `farfield calibrate convert {} --out DIR` writes it",
+        found.shown(),
+        files.join(" ")
+    )
 }
 
 fn rate_hz(args: &InitArgs, recordings: &[Recording]) -> anyhow::Result<f64> {

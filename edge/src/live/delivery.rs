@@ -387,9 +387,9 @@ mod tests {
     #[test]
     fn pictures_that_were_held_up_for_long_are_of_when_they_were_captured() {
         let mut delivery = Delivery::default();
-        for (n, captured_us) in captures(40).enumerate() {
+        for (n, captured_us) in (0..).zip(captures(40)) {
             // They come within a fifth of a second then.
-            let held_until_us = 30_000_000 + 200 * (n as Micros - 400).max(0);
+            let held_until_us = 30_000_000 + 200 * Micros::max(n - 400, 0);
             let is_held = (9_000_000..30_000_000).contains(&captured_us);
             let now_us = if is_held {
                 held_until_us

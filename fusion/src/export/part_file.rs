@@ -195,7 +195,7 @@ impl PartFile {
         drop(cut_to(&ended.leave(), self.settled.bytes));
         self.ended.push((path.clone(), self.settled));
         self.number = number;
-        let n_carried = carried.iter().filter(|&&byte| byte == b'\n').count() as u64;
+        let n_carried = carried.split(|&byte| byte == b'\n').skip(1).count() as u64;
         self.n_lost += (self.n_rows - self.settled.n_rows).saturating_sub(n_carried);
         self.n_rows = n_carried;
         self.settled = self.no_rows();

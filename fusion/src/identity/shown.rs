@@ -132,8 +132,8 @@ mod tests {
         let step_px = ((x.1 - x.0) / 40.0).max((y.1 - y.0) / 54.0);
         let grid = CellGrid {
             origin_px: [
-                (x.0 + x.1) / 2.0 - 24.0 * step_px,
-                (y.0 + y.1) / 2.0 - 32.0 * step_px,
+                f32::midpoint(x.0, x.1) - 24.0 * step_px,
+                f32::midpoint(y.0, y.1) - 32.0 * step_px,
             ],
             step_px: [step_px, 0.0],
             width: 48,

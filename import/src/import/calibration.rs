@@ -75,15 +75,16 @@ fn none(request: &ImportRequest, unusable: &[String]) -> Result<ImportError, Imp
         .collect();
     if !outside.is_empty() {
         let outside = outside.join("; ");
-        text += &format!(", and nothing outside of it is taken unasked. Found there: {outside}");
+        text += ", and nothing outside of it is taken unasked. Found there: ";
+        text += &outside;
     }
     if !unusable.is_empty() {
-        text += &format!(". Not usable: {}", unusable.join("; "));
+        text += ". Not usable: ";
+        text += &unusable.join("; ");
     }
-    text += &format!(
-        ". Name the calibration with `--calibration FILE`; these formats are read: {FORMATS_READ}"
-    );
-    Ok(ImportError::refused(text))
+    Ok(ImportError::refused(format!(
+        "{text}. Name the calibration with `--calibration FILE`; these formats are read: {FORMATS_READ}"
+    )))
 }
 
 /// The files of a level above the folder `within`, and of its folders of calibrations.

@@ -222,11 +222,11 @@ fn a_late_camera_and_a_wrong_focal_length_are_named_and_a_right_one_is_not() {
         assert_eq!(suspects(&late), [("cam2", Cause::Clock)], "{frames}");
         let mut findings = late.report.findings.iter();
         let said = findings.find(|it| it.cause == Cause::Clock).unwrap();
-        let found = said
+        let mut found = said
             .found
             .split(['(', ' '])
             .filter_map(|it| it.parse().ok());
-        let frames_found = found.last().unwrap_or(0.0_f64);
+        let frames_found = found.next_back().unwrap_or(0.0_f64);
         assert!((frames_found / frames.abs() - 1.0).abs() < 0.3, "{said}");
         assert_eq!(said.is_wrong, frames.abs() > 1.5, "{said}");
     }

@@ -20,6 +20,9 @@ const WORD_BITS: usize = u64::BITS as usize;
 /// The messages of one kind of a tick that have come, a bit each.
 type Parts = [u64; (MAX_PARTS as usize).div_ceil(WORD_BITS)];
 
+/// What has come of one viewpoint: of each tick the parts of both kinds of set.
+type PartsByTick = BTreeMap<Tick, [Parts; 2]>;
+
 /// A message of a set.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SetMessage {
@@ -36,7 +39,7 @@ pub(super) struct RecordedSets {
     reach: i64,
     /// The session, and the tick that was worked on last; `None` before the first.
     current: Mutex<Option<(SessionId, Tick)>>,
-    of_viewpoint: Box<[Mutex<BTreeMap<Tick, [Parts; 2]>>]>,
+    of_viewpoint: Box<[Mutex<PartsByTick>]>,
 }
 
 impl RecordedSets {
