@@ -74,18 +74,26 @@ pub fn other_charuco(pictures: &[GrayPicture<'_>], board: &Charuco) -> Option<Ot
     let flipped: Vec<GrayPicture<'_>> = flipped
         .map(|(picture, pixels)| GrayPicture { pixels, ..*picture })
         .collect();
-    let found = changes(board).into_iter().map(|(change, other)| {
+    let mut found: Vec<(usize, OtherCharuco)> = Vec::new();
+    for (change, other) in changes(board) {
         let pictures = match change {
             OtherCharuco::Mirrored => &flipped[..],
             _ => pictures,
         };
         let counts = pictures.iter().map(|it| markers_of(it, &other));
         let counts = counts.filter(|count| *count >= LEAST_MARKERS);
-        (counts.sum::<usize>(), change)
-    });
-    let best = found.max_by_key(|(count, _)| *count);
-    best.filter(|(count, _)| *count > 0)
-        .map(|(_, change)| change)
+        let count: usize = counts.sum();
+        let most = found.first().map_or(1, |(most, _)| *most);
+        if count > most {
+            found.clear();
+        }
+        if count >= most {
+            found.push((count, change));
+        }
+    }
+    // Markers are found with sides around the right one, too: of equal counts the middle one is the nearest.
+    let middle = found.len() / 2;
+    found.into_iter().nth(middle).map(|(_, change)| change)
 }
 
 /// The boards that differ in one number.

@@ -15,13 +15,14 @@ use super::toml_tables::lens;
 use super::tree::{Node, Source, whole_size};
 use super::{Format, ImportOptions, TextFile};
 
-pub(super) const MATRIX: [&str; 10] = [
+pub(super) const MATRIX: [&str; 11] = [
     "camera_matrix",
     "cameraMatrix",
     "K-matrix",
     "K",
     "intrinsic_matrix",
     "intrinsicMatrix",
+    "intrinsicMat",
     "mtx",
     "CameraMatrix",
     "Camera_Matrix",
@@ -124,7 +125,9 @@ pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<Ra
     for (root, source) in roots.iter().zip(sources) {
         for (name, table) in tables(root, source.path) {
             let mut camera = camera(name, &table, options, &mut unsaid)?;
-            remarks.extend(height_first(&mut camera));
+            if is_column(table.any(&SIZE)) {
+                remarks.extend(height_first(&mut camera));
+            }
             cameras.push(camera);
         }
     }
@@ -244,6 +247,12 @@ fn camera(
         unsaid.note(&camera, &coefficients);
     }
     Ok(camera)
+}
+
+/// Whether `NumPy` wrote a column: a list of lists of one number.
+fn is_column(size: Option<Node<'_>>) -> bool {
+    let rows = size.map_or_else(Vec::new, |size| size.items());
+    rows.iter().any(|(_, row)| !row.items().is_empty())
 }
 
 /// Turns a size round that Python has as rows and columns: its principal point is nowhere near the middle of the picture, and in

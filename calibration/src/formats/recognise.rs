@@ -150,7 +150,9 @@ mod tests {
     fn every_format_is_found_under_any_name_and_other_files_are_not() {
         let cameras = ring(Vector3::z(), LensModel::ideal());
         for format in Format::ALL {
-            let written = export(&cameras, format).unwrap();
+            let mut written = export(&cameras, format).unwrap();
+            // COLMAP's own reader wants it; it is empty.
+            written.retain(|it| !it.path.ends_with("points3D.txt"));
             let count = written.len();
             let mut files: Vec<TextFile> = written
                 .into_iter()

@@ -241,7 +241,7 @@ fn of_halves(report: &CameraReport) -> Option<Finding> {
             false,
             "halves not checked: one of them has too few of its sights, or of other cameras'"
                 .to_owned(),
-            "15 sights or more in each half, in three cameras that do not stand on one line",
+            "15 sights or more in each half (of a board instants, shared with another camera), in three cameras that do not stand on one line",
             "carry the point before it at the beginning and at the end",
         ));
     }

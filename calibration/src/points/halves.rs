@@ -1,11 +1,13 @@
 //! The first and the second half of the data, adjusted apart.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use farfield_proto::order_statistics::{percentile, upper_median};
 
 use crate::adjustment::{AdjustedCamera, Block, CameraState, Free, Limits, Path, Problem, adjust};
 use crate::alignment::Similarity;
 
-/// Sights of a camera that a half needs.
+/// Sights of a camera that a half needs; of a body instants, for all its sights at one tell one pose.
 const LEAST_SIGHTS: usize = 15;
 
 /// Most sights of a camera at which halves are compared, and the share of these that is nearer than what is said.
@@ -63,10 +65,7 @@ pub(crate) fn halves(problem: &Problem) -> Vec<Option<Apart>> {
         let mut half = problem.clone();
         let mut kept = moments.iter().map(|moment| (*moment < middle) == is_first);
         half.observations.retain(|_| kept.next().unwrap_or(false));
-        let mut counts = vec![0; problem.cameras.len()];
-        for observation in &half.observations {
-            counts[observation.camera] += 1;
-        }
+        let counts = counts(&half);
         for (camera, count) in half.cameras.iter_mut().zip(&counts) {
             // What saw nothing keeps its place.
             let free = if *count < LEAST_SIGHTS {
@@ -132,6 +131,26 @@ fn drawn_apart(first: &CameraState, second: &CameraState, seen: &[([f64; 2], f64
         percentile(&all, NEARER).unwrap_or(f64::NAN)
     };
     (most(px), most(across))
+}
+
+/// Per camera how much tells where it stands: its sights, and of bodies the instants at which another camera saw the body, too.
+fn counts(half: &Problem) -> Vec<usize> {
+    let mut counts = vec![0; half.cameras.len()];
+    let Path::Bodies(bodies) = &half.path else {
+        for it in &half.observations {
+            counts[it.camera] += 1;
+        }
+        return counts;
+    };
+    let mut seen_by: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+    for it in &half.observations {
+        let moment = bodies.moment(it.point);
+        seen_by.entry(moment).or_default().insert(it.camera);
+    }
+    for camera in seen_by.values().filter(|own| own.len() > 1).flatten() {
+        counts[*camera] += 1;
+    }
+    counts
 }
 
 /// What orders an observation in time.
