@@ -57,6 +57,9 @@ pub(super) struct Shift {
 }
 
 /// Which keypoints are compared: the halves have different ones, so that one can confirm the other.
+///
+/// Networks number left and right keypoints in turn. Each half has both sides of a joint: from where a camera stands one side may be
+/// hidden, or stand on the ground, and then tells nothing of time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum KeypointHalf {
     All,
@@ -68,8 +71,8 @@ impl KeypointHalf {
     pub(super) fn has(self, keypoint: usize) -> bool {
         match self {
             Self::All => true,
-            Self::Odd => keypoint % 2 == 1,
-            Self::Even => keypoint.is_multiple_of(2),
+            Self::Odd => keypoint.div_ceil(2) % 2 == 1,
+            Self::Even => keypoint.div_ceil(2).is_multiple_of(2),
         }
     }
 }

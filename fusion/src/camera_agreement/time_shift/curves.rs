@@ -40,8 +40,7 @@ pub(super) struct CurvePart {
     pub(super) burst: Option<usize>,
 }
 
-/// What two cameras cost in a burst at a shift, summed, and how many keypoints that is of: of those with even and with odd
-/// numbers.
+/// What two cameras cost in a burst at a shift, summed, and how many keypoints that is of: of the even and of the odd half.
 #[derive(Debug, Clone, Copy, Default)]
 struct SummedCost {
     sums: [f64; 2],
@@ -346,8 +345,9 @@ impl Drawn {
                 let met = meeting((&self.center_m, &own[tick]), (&other.center_m, &between));
                 Some(met?.signed_gap_m)
             }));
-            sum.sums[keypoint % 2] += cost_of_change(gaps_m);
-            sum.compared[keypoint % 2] += gaps_m.len();
+            let half = usize::from(KeypointHalf::Odd.has(keypoint));
+            sum.sums[half] += cost_of_change(gaps_m);
+            sum.compared[half] += gaps_m.len();
         }
     }
 
