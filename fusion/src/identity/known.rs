@@ -7,8 +7,8 @@ use farfield_proto::tick::Tick;
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::memory::{Departed, LastSeen};
-use super::whereabouts::Whereabouts;
+use super::memory::Departed;
+use super::whereabouts::{LastSeen, Whereabouts};
 use crate::body::measured::MeasuredBody;
 use crate::body::skeleton::{Proportions, Site, Skeleton};
 

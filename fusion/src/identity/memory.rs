@@ -4,9 +4,9 @@ use farfield_proto::id::PersonId;
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
-use super::recognise::{Appearance, Lengths};
+use super::recognise::{Appearance, Lengths, LikenessModel};
 use super::shown::ShownPeople;
-use super::whereabouts::Whereabouts;
+use super::whereabouts::LastSeen;
 use crate::body::measured::MeasuredBody;
 use crate::body::skeleton::Skeleton;
 
@@ -16,13 +16,6 @@ const MAX_REMEMBERED: usize = 256;
 /// How long those are looked for who are missed, beside the regular passes, seconds: mostly links or lights fail, for
 /// all of them.
 const MISSED_S: f64 = 3.0;
-
-/// Where a person was surely itself: seen by two viewpoints, with nobody else in its place.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct LastSeen {
-    pub(crate) tick: Tick,
-    pub(crate) whereabouts: Whereabouts,
-}
 
 /// What is compared of somebody who is known: a body itself takes a hundred kilobytes.
 #[derive(Debug, Clone)]
@@ -54,6 +47,27 @@ impl Candidate {
             },
             is_expected: true,
         }
+    }
+
+    /// L of a newcomer who was first seen at `since`: from where this one was seen last, or where edges have shown it nearest
+    /// to that time, whichever is likelier. A place where it cannot have got to does not count.
+    pub(crate) fn likeness(
+        &self,
+        (newcomer, since): (&Appearance, Tick),
+        model: &LikenessModel,
+        rate_hz: f64,
+    ) -> Option<f64> {
+        let absence_s = |seen: &LastSeen| (since - seen.tick) as f64 / rate_hz;
+        let last = model.likeness(newcomer, &self.appearance, absence_s(&self.last_seen))?;
+        let nearest = self.shown.iter().min_by_key(|at| (since - at.tick).abs());
+        let shown = nearest.and_then(|at| {
+            let appearance = Appearance {
+                whereabouts: at.whereabouts,
+                ..self.appearance
+            };
+            model.likeness(newcomer, &appearance, absence_s(at).abs())
+        });
+        Some(shown.map_or(last, |shown| last.max(shown)))
     }
 }
 

@@ -19,11 +19,9 @@
 //! worse than a new one.
 
 use farfield_proto::message::identity_event::Likeness;
-use farfield_proto::tick::Tick;
 use farfield_proto::venue::Field;
 use farfield_proto::venue::parameters::BirthParameters;
 
-use super::memory::{Candidate, LastSeen};
 use super::whereabouts::Whereabouts;
 use crate::assign::assign;
 use crate::body::prior::{BodyPrior, measured_sigma_m};
@@ -156,27 +154,6 @@ impl LikenessModel {
         }
         let place = before.ln_density(now, t, self.field_m2) + libm::log(self.field_m2);
         Some(newcomer.lengths.likeness(&known.lengths) + place.max(LEAST_PLACE))
-    }
-
-    /// L of a newcomer who was first seen at `since` and somebody known: from where that one was seen last, or where edges
-    /// have shown it nearest to that time, whichever is likelier. A place where it cannot have got to does not count.
-    pub(crate) fn likeness_to(
-        &self,
-        (newcomer, since): (&Appearance, Tick),
-        known: &Candidate,
-        rate_hz: f64,
-    ) -> Option<f64> {
-        let absence_s = |seen: &LastSeen| (since - seen.tick) as f64 / rate_hz;
-        let last = self.likeness(newcomer, &known.appearance, absence_s(&known.last_seen))?;
-        let nearest = known.shown.iter().min_by_key(|at| (since - at.tick).abs());
-        let shown = nearest.and_then(|at| {
-            let appearance = Appearance {
-                whereabouts: at.whereabouts,
-                ..known.appearance
-            };
-            self.likeness(newcomer, &appearance, absence_s(at).abs())
-        });
-        Some(shown.map_or(last, |shown| last.max(shown)))
     }
 }
 

@@ -11,8 +11,7 @@ use farfield_proto::message::{KeypointPeak, PersonPatch, Sighting};
 use farfield_proto::patch::{Decoder, Encoder, Maps};
 use farfield_proto::tick::Tick;
 
-use super::memory::LastSeen;
-use super::whereabouts::Whereabouts;
+use super::whereabouts::{LastSeen, Whereabouts};
 use crate::align::TickGroup;
 use crate::body::skeleton::Joint;
 use crate::method::Method;

@@ -5,12 +5,12 @@ use farfield_proto::message::{PersonBoxes, PersonPose, PersonState};
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
-use super::memory::{Candidate, Departed, LastSeen};
+use super::memory::{Candidate, Departed};
 use super::phase::{self, Coverage, Phase, published};
 use super::poster::Stillness;
 use super::shown::ShownPeople;
 use super::tentative::{TentativeTick, Votes};
-use super::whereabouts::Whereabouts;
+use super::whereabouts::{LastSeen, Whereabouts};
 use crate::align::TickGroup;
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, Pose, Skeleton};

@@ -20,6 +20,7 @@
 //! everybody withheld for 0.3 to 1 s). A, D and U are chosen: so that four walkers who stay within two metres keep their
 //! ids while nobody looks for five seconds (`lab faults fusion-down`), and that after 40 s a place tells nothing.
 
+use farfield_proto::tick::Tick;
 use nalgebra::{Vector2, Vector3};
 
 use crate::body::skeleton::{Joint, Joints};
@@ -75,6 +76,13 @@ pub(crate) struct Whereabouts {
     pub(crate) velocity_m_s: Option<Vector2<f64>>,
     /// From the right of the body to its left, on the floor, of length 1; `None` of who lies on its side.
     pub(crate) to_left: Option<Vector2<f64>>,
+}
+
+/// Where a person was surely itself: seen by two viewpoints, with nobody else in its place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct LastSeen {
+    pub(crate) tick: Tick,
+    pub(crate) whereabouts: Whereabouts,
 }
 
 impl Whereabouts {

@@ -129,14 +129,14 @@ fn a_confirmed_person_coasts_and_comes_back() {
 }
 
 #[test]
-fn who_could_not_be_seen_is_carried_as_long_as_behind_a_single_view() {
+fn who_could_not_be_seen_is_carried_twice_as_long() {
     let mut life = Life::of(Phase::Tracked);
     life.is_watched = false;
-    assert_eq!(life.live(MadeOf::Motion, 250), ["lose"]);
+    assert_eq!(life.live(MadeOf::Motion, 100), ["lose"]);
     assert_eq!(life.live(MadeOf::Motion, 1), ["unseen"]);
     let mut life = Life::of(Phase::Tracked);
     life.is_watched = false;
-    assert_eq!(life.live(MadeOf::Motion, 150), ["lose"]);
+    assert_eq!(life.live(MadeOf::Motion, 50), ["lose"]);
     life.is_watched = true;
     assert!(
         life.live(MadeOf::Motion, 50).is_empty(),

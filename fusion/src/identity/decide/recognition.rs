@@ -37,7 +37,7 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
         .map(|newcomer| {
             let pair = |known: &Candidate| {
                 let seen = (&newcomer.appearance, newcomer.since);
-                let likeness = model.likeness_to(seen, known, rules.rate_hz)?;
+                let likeness = known.likeness(seen, &model, rules.rate_hz)?;
                 Some(likeness + if known.is_expected { EXPECTED } else { 0.0 })
             };
             known.iter().map(pair).collect()
@@ -84,9 +84,9 @@ pub(crate) fn found_elsewhere(everybody: &[TrackFacts], confirmed: &[PersonId]) 
 mod tests {
     use super::*;
     use crate::body::skeleton::{Proportions, Skeleton};
-    use crate::identity::memory::LastSeen;
     use crate::identity::phase::Phase;
     use crate::identity::recognise::Lengths;
+    use crate::identity::whereabouts::LastSeen;
     use crate::identity::whereabouts::Whereabouts;
     use nalgebra::Vector3;
 

@@ -87,7 +87,7 @@ pub(crate) fn revive(
                 });
                 let sighted = sighted.as_ref()?;
                 let likeness = |at: &Appearance| model.likeness(sighted, at, absence_s(known));
-                let last = model.likeness_to((sighted, tick), known, rules.rate_hz);
+                let last = known.likeness((sighted, tick), &model, rules.rate_hz);
                 [last, led.as_ref().and_then(likeness)]
                     .into_iter()
                     .flatten()
@@ -117,9 +117,9 @@ pub(crate) fn revive(
 mod tests {
     use super::*;
     use crate::body::skeleton::{Proportions, Skeleton};
-    use crate::identity::memory::LastSeen;
     use crate::identity::phase::Phase;
     use crate::identity::recognise::Lengths;
+    use crate::identity::whereabouts::LastSeen;
 
     fn at(x_m: f64) -> Vector3<f64> {
         Vector3::new(x_m, 0.0, 1.0)

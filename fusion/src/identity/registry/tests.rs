@@ -288,7 +288,7 @@ fn who_stays_while_all_viewpoints_are_silent_is_found_again_and_who_is_not_seen_
     let mut stage = HallFixture::new();
     stage.go_on(&[person(0.0, 0.0, 1.75)], 3.0);
     let id = stage.who_at(0.0, 0.0);
-    for _ in 0..60 {
+    for _ in 0..36 {
         stage.step_seen_by(&[], &[]);
     }
     assert_eq!(stage.registry.tracks().len(), 1, "none could have shown it");
