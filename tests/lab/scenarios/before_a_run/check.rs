@@ -465,7 +465,7 @@ fn a_video_that_is_interlaced_is_named_by_every_command_that_reads_it() {
     assert!(says(&said, "warning", &words), "{said:#?}");
     let lens = ["--lens", "calibration.toml"];
     for command in [
-        ["run", "venue.toml", "--out", "out"].as_slice(),
+        ["run", "venue.toml", "--out", "out", "--ticks", "0..15"].as_slice(),
         &["calibrate", "ball", ".", lens[0], lens[1]],
         &[
             "calibrate",

@@ -103,7 +103,7 @@ impl PoseLog {
         )
     }
 
-    /// Which person of the truth has which id at `tick`: that of the nearest body, within [`ITS_OWN_M`].
+    /// Which person of the truth has which id at `tick`: that of the nearest body, if one is near.
     pub fn who_is_who(&self, truth: &RepeatingTruth, tick: Tick) -> BTreeMap<u32, u32> {
         let heard = self.lock().get(&tick).cloned().unwrap_or_default();
         let nearest = |(person, body): (&u32, &ScoredBody)| {

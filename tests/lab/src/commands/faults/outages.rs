@@ -52,6 +52,8 @@ fn outages(field: &Field, name: &str, seconds: f64) -> anyhow::Result<Driven> {
     let rate_hz = stage.live.venue().rate_hz;
     let periods = if field.is_quick { 1 } else { PERIODS_S.len() };
     let mut back_at = Vec::new();
+    let mut kept = KeptIds::default();
+    let mut before = stage.who_is_who()?;
     for period_s in &PERIODS_S[..periods] {
         for _ in 0..OUTAGES[usize::from(field.is_quick)] {
             for relay in &stage.live.relays {
@@ -60,6 +62,9 @@ fn outages(field: &Field, name: &str, seconds: f64) -> anyhow::Result<Driven> {
             stage.go_on(seconds);
             back_at.push(stage.tick()?);
             stage.go_on(period_s - seconds);
+            let after = stage.who_is_who()?;
+            kept.count(&before, &after);
+            before = after;
         }
     }
     let patience = (PATIENCE_S * rate_hz) as i64;
@@ -80,6 +85,7 @@ fn outages(field: &Field, name: &str, seconds: f64) -> anyhow::Result<Driven> {
         Measure::told("the latest of them, s", worst_s),
     ];
     measures.extend(stage.people_within(from, MOST_MM)?);
+    measures.extend(kept.measures());
     Ok(Driven::Measured(measures))
 }
 
@@ -121,24 +127,46 @@ fn fusion_away(
     let out = stage.out("first");
     stage.begin(&out, &[])?;
     stage.go_on(1.0);
-    let (mut runners, mut kept, mut others) = (0usize, 0usize, 0usize);
+    let mut kept = KeptIds::default();
     for life in 0..TIMES[usize::from(field.is_quick)] {
         let before = stage.who_is_who()?;
         away(&mut stage, life)?;
         stage.go_on(FOUND_AFTER_S);
-        let after = stage.who_is_who()?;
-        let runs = before.keys().filter(|person| **person != SPRINTER);
-        runners += runs.clone().count();
-        kept += runs.filter(|&p| before.get(p) == after.get(p)).count();
-        others += others_ids(&before, &after);
+        kept.count(&before, &stage.who_is_who()?);
         stage.go_on(1.0);
     }
-    let new = 100.0 * (1.0 - kept as f64 / runners.max(1) as f64);
-    Ok(Driven::Measured(vec![
-        Measure::barred("runners without their id, %", new, MOST_NEW),
-        Measure::barred("people with another's id", others as f64, 0.0),
-        Measure::told("runners and times", runners as f64),
-    ]))
+    Ok(Driven::Measured(kept.measures()))
+}
+
+/// Who has its id still, of those who run at up to 4 m/s; the sprinter may be anywhere after a second.
+#[derive(Debug, Default)]
+struct KeptIds {
+    runners: usize,
+    kept: usize,
+    others: usize,
+    sprinter_new: usize,
+}
+
+impl KeptIds {
+    /// Compares who was who before and after.
+    fn count(&mut self, before: &BTreeMap<u32, u32>, after: &BTreeMap<u32, u32>) {
+        let has_kept = |person: &u32| before.get(person) == after.get(person);
+        let runs = before.keys().filter(|person| **person != SPRINTER);
+        self.runners += runs.clone().count();
+        self.kept += runs.filter(|&person| has_kept(person)).count();
+        self.sprinter_new += usize::from(before.contains_key(&SPRINTER) && !has_kept(&SPRINTER));
+        self.others += others_ids(before, after);
+    }
+
+    fn measures(&self) -> Vec<Measure> {
+        let new = 100.0 * (1.0 - self.kept as f64 / self.runners.max(1) as f64);
+        vec![
+            Measure::barred("runners without their id, %", new, MOST_NEW),
+            Measure::barred("people with another's id", self.others as f64, 0.0),
+            Measure::told("runners and times", self.runners as f64),
+            Measure::told("times the sprinter lost its id", self.sprinter_new as f64),
+        ]
+    }
 }
 
 /// How many have the id `after` that another had `before`.
