@@ -181,10 +181,6 @@ const MAX_TICK: i64 = 1 << 53;
 struct ExpectedSource {
     at: SourceOrigin,
     size_px: [u32; 2],
-    #[cfg_attr(
-        not(feature = "node"),
-        expect(dead_code, reason = "only videos know a rate")
-    )]
     rate_hz: f64,
     first_tick: Tick,
     #[cfg_attr(
