@@ -58,21 +58,21 @@ pub(super) struct Shift {
 
 /// Which keypoints are compared: the halves have different ones, so that one can confirm the other.
 ///
-/// Networks number left and right keypoints in turn. Each half has both sides of a joint: from where a camera stands one side may be
-/// hidden, or stand on the ground, and then tells nothing of time.
+/// Networks number left and right keypoints in turn. Each half has both sides of its joints: from where a camera stands one side may
+/// be hidden, or stand on the ground. Then it tells nothing of time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum KeypointHalf {
     All,
-    Odd,
-    Even,
+    OddPairs,
+    EvenPairs,
 }
 
 impl KeypointHalf {
     pub(super) fn has(self, keypoint: usize) -> bool {
         match self {
             Self::All => true,
-            Self::Odd => keypoint.div_ceil(2) % 2 == 1,
-            Self::Even => keypoint.div_ceil(2).is_multiple_of(2),
+            Self::OddPairs => keypoint.div_ceil(2) % 2 == 1,
+            Self::EvenPairs => keypoint.div_ceil(2).is_multiple_of(2),
         }
     }
 }
@@ -85,7 +85,11 @@ fn shifts(costs: &mut ShiftCosts<'_>, half: KeypointHalf) -> Vec<Option<Shift>> 
 
 /// By all keypoints, and by either half of them, beside that.
 pub(super) fn shifts_by_half(costs: &mut ShiftCosts<'_>) -> [Vec<Option<Shift>>; 3] {
-    let halves = [KeypointHalf::All, KeypointHalf::Odd, KeypointHalf::Even];
+    let halves = [
+        KeypointHalf::All,
+        KeypointHalf::OddPairs,
+        KeypointHalf::EvenPairs,
+    ];
     let [all, mut odd, mut even] = halves.map(|half| shifts(costs, half));
     put_beside(&mut odd, &all);
     put_beside(&mut even, &all);

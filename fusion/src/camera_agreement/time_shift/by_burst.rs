@@ -46,8 +46,8 @@ pub(in crate::camera_agreement) fn shifts_by_burst(
                 burst.first,
                 burst.first + burst.n_ticks().cast_signed() as i64,
             ],
-            odd: half(KeypointHalf::Odd),
-            even: half(KeypointHalf::Even),
+            odd: half(KeypointHalf::OddPairs),
+            even: half(KeypointHalf::EvenPairs),
         }
     };
     bursts.into_iter().map(of).collect()

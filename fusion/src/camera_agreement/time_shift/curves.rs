@@ -40,7 +40,7 @@ pub(super) struct CurvePart {
     pub(super) burst: Option<usize>,
 }
 
-/// What two cameras cost in a burst at a shift, summed, and how many keypoints that is of: of the even and of the odd half.
+/// What two cameras cost in a burst at a shift, summed, and how many keypoints that is of: of the even and of the odd pairs.
 #[derive(Debug, Clone, Copy, Default)]
 struct SummedCost {
     sums: [f64; 2],
@@ -67,8 +67,8 @@ impl SummedCost {
                 self.sums[0] + self.sums[1],
                 self.compared[0] + self.compared[1],
             ),
-            KeypointHalf::Even => (self.sums[0], self.compared[0]),
-            KeypointHalf::Odd => (self.sums[1], self.compared[1]),
+            KeypointHalf::EvenPairs => (self.sums[0], self.compared[0]),
+            KeypointHalf::OddPairs => (self.sums[1], self.compared[1]),
         };
         if n >= MIN_COMPARED {
             sum / n as f64
@@ -345,7 +345,7 @@ impl Drawn {
                 let met = meeting((&self.center_m, &own[tick]), (&other.center_m, &between));
                 Some(met?.signed_gap_m)
             }));
-            let half = usize::from(KeypointHalf::Odd.has(keypoint));
+            let half = usize::from(KeypointHalf::OddPairs.has(keypoint));
             sum.sums[half] += cost_of_change(gaps_m);
             sum.compared[half] += gaps_m.len();
         }

@@ -45,7 +45,10 @@ pub(in crate::camera_agreement) fn late_group(
         shift_of(&cameras, &curves, reach)
     };
     let (late_ticks, ratio) = of(KeypointHalf::All)?;
-    let halves = [of(KeypointHalf::Odd)?.0, of(KeypointHalf::Even)?.0];
+    let halves = [
+        of(KeypointHalf::OddPairs)?.0,
+        of(KeypointHalf::EvenPairs)?.0,
+    ];
     let is_same = |half: &f64| (half - late_ticks).abs() <= DIFFERENCE * late_ticks.abs();
     halves.iter().all(is_same).then_some(LateGroup {
         cameras,

@@ -138,7 +138,8 @@ impl<'a> Search<'a> {
             return None;
         }
         let own = at.cast_signed() - reach;
-        let halves = [KeypointHalf::Odd, KeypointHalf::Even].map(|half| self.near(own, half));
+        let halves =
+            [KeypointHalf::OddPairs, KeypointHalf::EvenPairs].map(|half| self.near(own, half));
         let [odd, even] = [self.ticks(halves[0]?), self.ticks(halves[1]?)];
         let most_apart = DIFFERENCE_TICKS
             .max(DIFFERENCE * odd.abs())
