@@ -2,7 +2,8 @@
 //!
 //! Fusion predicts boxes from all viewpoints; without it an edge has its own maps alone. They are enough to keep a person
 //! in the crop for some seconds, so that the ring holds patches of the outage and not only sightings: the box stays where
-//! most keypoints have it that were seen before, and grows as they spread.
+//! most keypoints have it that were seen before, and grows as they spread. Where two boxes of a camera show one person, as
+//! when people pass each other, it is that of the box which expected it there; the other goes on as it went.
 
 use std::collections::BTreeMap;
 
@@ -24,6 +25,8 @@ const RATE_SHARE: f32 = 0.3;
 const BODY_SHARE: f32 = 0.1;
 /// Most that a box grows or shrinks by from one look to the next.
 const MOST_GROWTH: f32 = 1.03;
+/// Two boxes show one person where their keypoints are nearer to each other than this share of a box's height, mostly.
+const SAME_SHARE: f32 = 0.08;
 /// For so long somebody is followed whom the maps do not show, seconds.
 const UNSEEN_S: f64 = 0.5;
 /// When fusion has been silent for so long, it is watched where people go, microseconds; it speaks ten times a second at
@@ -56,6 +59,18 @@ struct Followed {
     tick: Tick,
     /// Where its keypoints are from the middle of the box, over the box's height.
     body: Vec<Option<[f32; 2]>>,
+}
+
+/// Where each keypoint is in a picture, undistorted pixels, if it is there.
+type Keypoints = Vec<Option<[f32; 2]>>;
+
+/// What a patch shows of a person in a camera.
+#[derive(Debug, Clone, Copy)]
+struct Seen<'a> {
+    key: (PersonId, CameraIndex),
+    keypoints_px: &'a Keypoints,
+    /// How far that is from where the person was expected, and the height of its box, pixels; `None` of who is not followed.
+    off_px: Option<(f32, f32)>,
 }
 
 /// The people of a viewpoint, as it follows them itself.
@@ -96,8 +111,18 @@ impl OwnBoxes {
     /// Takes what the patches of `sets`, cut by `boxes`, show; ticks must rise.
     pub fn see(&mut self, boxes: &BoxSet, sets: &[PatchSet], rate_hz: f64) {
         for set in sets {
-            for patch in &set.persons {
-                self.see_patch(boxes, patch, set.tick);
+            let keypoints = set.persons.iter().map(|patch| self.keypoints(patch));
+            let keypoints: Vec<Option<Keypoints>> = keypoints.collect();
+            let seen = set.persons.iter().zip(&keypoints);
+            let seen: Vec<Seen<'_>> = seen
+                .filter_map(|(patch, keypoints_px)| {
+                    Some(self.compared(patch, keypoints_px.as_ref()?, set.tick))
+                })
+                .collect();
+            for own in &seen {
+                if !seen.iter().any(|other| other.has_taken(own)) {
+                    self.take(boxes, own, set.tick);
+                }
             }
             let longest = (UNSEEN_S * rate_hz) as i64;
             self.followed
@@ -144,30 +169,51 @@ impl OwnBoxes {
         Some(set)
     }
 
-    fn see_patch(&mut self, boxes: &BoxSet, patch: &PersonPatch, tick: Tick) {
-        let Some(keypoints_px) = self.keypoints(patch) else {
-            return;
-        };
+    /// What a patch shows, against where its person was expected.
+    fn compared<'a>(
+        &self,
+        patch: &PersonPatch,
+        keypoints_px: &'a Keypoints,
+        tick: Tick,
+    ) -> Seen<'a> {
         let key = (patch.person, patch.camera);
-        let Some(followed) = self.followed.get_mut(&key) else {
-            let person = boxes.persons.iter().find(|p| p.person == patch.person);
-            let own = person.and_then(|p| p.cameras.iter().find(|c| c.camera == patch.camera));
-            if let Some(at) = own {
-                let at = carried(at, tick - boxes.tick);
-                let followed = Followed {
-                    body: body(&at, &keypoints_px),
-                    at,
-                    tick,
-                };
-                self.followed.insert(key, followed);
-            }
+        let off_px = self.followed.get(&key).and_then(|followed| {
+            let at = carried(&followed.at, tick - followed.tick);
+            let height_px = at.bounding_box.size_px[1];
+            let expected = followed.body.iter().map(|own| {
+                own.map(|own| [0, 1].map(|i| at.bounding_box.center_px[i] + height_px * own[i]))
+            });
+            Some((apart_px(expected, keypoints_px)?, height_px))
+        });
+        Seen {
+            key,
+            keypoints_px,
+            off_px,
+        }
+    }
+
+    /// Takes what one patch shows.
+    fn take(&mut self, boxes: &BoxSet, seen: &Seen<'_>, tick: Tick) {
+        if let Some(followed) = self.followed.get_mut(&seen.key) {
+            followed.see(seen.keypoints_px, tick);
             return;
-        };
-        followed.see(&keypoints_px, tick);
+        }
+        let (person, camera) = seen.key;
+        let person = boxes.persons.iter().find(|p| p.person == person);
+        let own = person.and_then(|p| p.cameras.iter().find(|c| c.camera == camera));
+        if let Some(at) = own {
+            let at = carried(at, tick - boxes.tick);
+            let followed = Followed {
+                body: body(&at, seen.keypoints_px),
+                at,
+                tick,
+            };
+            self.followed.insert(seen.key, followed);
+        }
     }
 
     /// The highest peak of each map, where there is a clear one; `None` of maps that cannot be read.
-    fn keypoints(&mut self, patch: &PersonPatch) -> Option<Vec<Option<[f32; 2]>>> {
+    fn keypoints(&mut self, patch: &PersonPatch) -> Option<Keypoints> {
         let maps = self.maps.get_or_insert_with(|| Maps::new(1, 1, 1));
         self.decoder.decode(&patch.maps, maps).ok()?;
         let place = |(keypoint, peak): (usize, Option<([f32; 2], f32)>)| {
@@ -179,6 +225,33 @@ impl OwnBoxes {
         let peaks = self.fitter.peaks(maps).into_iter();
         Some(peaks.enumerate().map(place).collect())
     }
+}
+
+impl Seen<'_> {
+    /// Whether what `other` shows is who this one shows, and was expected here rather than there.
+    fn has_taken(&self, other: &Self) -> bool {
+        let (Some((off_px, height_px)), Some((other_off_px, _))) = (self.off_px, other.off_px)
+        else {
+            return false;
+        };
+        self.key != other.key
+            && self.key.1 == other.key.1
+            && (off_px, self.key) < (other_off_px, other.key)
+            && apart_px(self.keypoints_px.iter().copied(), other.keypoints_px)
+                .is_some_and(|px| px < SAME_SHARE * height_px)
+    }
+}
+
+/// How far the keypoints that both have are apart, mostly, pixels; `None` where these are few.
+fn apart_px(a: impl Iterator<Item = Option<[f32; 2]>>, b: &Keypoints) -> Option<f32> {
+    let pairs = a.zip(b).filter_map(|(a, b)| Some((a?, (*b)?)));
+    let apart: Vec<f64> = pairs
+        .map(|(a, b)| f64::from((a[0] - b[0]).hypot(a[1] - b[1])))
+        .collect();
+    if apart.len() < ENOUGH_KEYPOINTS {
+        return None;
+    }
+    upper_median(apart).map(|px| px as f32)
 }
 
 impl Followed {
@@ -413,6 +486,39 @@ mod tests {
         assert_eq!([both.persons[0].person.0, both.persons[1].person.0], [3, 7]);
         assert!((at(0) - 906.0).abs() < 1e-3, "{}", at(0));
         assert!((at(1) - 536.0).abs() < 1e-3, "{}", at(1));
+    }
+
+    #[test]
+    fn who_passes_behind_another_goes_on_and_is_found_on_the_other_side() {
+        // One stands; the other runs past behind it, and both boxes show the one in front.
+        let standing = [500.0, 400.0];
+        let running = |tick: i64| [380.0 + 6.0 * tick as f32, 402.0];
+        let mut first = boxes(0, vec![camera_box(standing)]);
+        first.persons[0].cameras[0].rate = BoxRate::default();
+        let mut behind = first.persons[0].clone();
+        behind.person = PersonId(8);
+        behind.cameras[0] = camera_box(running(0));
+        behind.cameras[0].rate.center_px = [6.0, 0.0];
+        first.persons.push(behind);
+        let (mut own, mut used) = (OwnBoxes::default(), first.clone());
+        for tick in 0..40 {
+            let place = running(tick);
+            let is_hidden = (place[0] - standing[0]).abs() < 45.0;
+            let mut seen = patches(tick, &used, standing, 1.0);
+            let other = BoxSet {
+                persons: vec![used.persons[1].clone()],
+                ..used.clone()
+            };
+            let shown = if is_hidden { standing } else { place };
+            let mut behind = patches(tick, &other, shown, 1.0);
+            behind.persons[0].person = PersonId(8);
+            seen.persons.append(&mut behind.persons);
+            own.see(&used, &[seen], RATE_HZ);
+            used = own.at(Tick(tick + 1), &first).unwrap();
+        }
+        let at = |i: usize| used.persons[i].cameras[0].bounding_box.center_px[0];
+        assert!((at(0) - standing[0]).abs() < 5.0, "{}", at(0));
+        assert!((at(1) - running(40)[0]).abs() < 10.0, "{}", at(1));
     }
 
     #[test]
