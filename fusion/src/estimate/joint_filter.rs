@@ -42,6 +42,8 @@ pub struct JointFilter {
     velocity_m_s: Joints,
     /// Low-passed innovation, metres.
     innovation_m: Joints,
+    /// For how long nothing was measured before this tick, seconds.
+    unmeasured_s: f64,
 }
 
 impl JointFilter {
@@ -52,6 +54,7 @@ impl JointFilter {
             position_m: *joints_m,
             velocity_m_s: zero,
             innovation_m: zero,
+            unmeasured_s: 0.0,
         }
     }
 
@@ -70,8 +73,14 @@ impl JointFilter {
         &self.velocity_m_s
     }
 
-    /// Takes the joints of the first inverse kinematics (world, metres), `dt_s` after the last
-    /// ones, and returns the smoothed joints. A `dt_s` that is not above zero changes nothing.
+    /// For how long nothing was measured before the tick that is worked on, seconds.
+    pub fn unmeasured_s(&self) -> f64 {
+        self.unmeasured_s
+    }
+
+    /// Takes the joints of the first inverse kinematics (world, metres), `dt_s` after the last tick, and returns the smoothed
+    /// joints. What is new came since the last measurement, and the gains are those of a filter that is stepped as seldom.
+    /// A `dt_s` that is not above zero changes nothing.
     pub fn step(
         &mut self,
         measured_m: &Joints,
@@ -81,8 +90,9 @@ impl JointFilter {
         if dt_s <= 0.0 || !dt_s.is_finite() {
             return &self.position_m;
         }
-        let keep = 1.0 - libm::exp(-TAU * parameters.innovation_cutoff_hz * dt_s);
-        let highest_hz = HIGHEST_CUTOFF_PER_RATE / dt_s;
+        let since_s = dt_s + std::mem::take(&mut self.unmeasured_s);
+        let keep = 1.0 - libm::exp(-TAU * parameters.innovation_cutoff_hz * since_s);
+        let highest_hz = HIGHEST_CUTOFF_PER_RATE / since_s;
         for (n, &measured) in measured_m.iter().enumerate() {
             let ahead = self.position_m[n] + self.velocity_m_s[n] * dt_s;
             let innovation = measured - ahead;
@@ -90,9 +100,9 @@ impl JointFilter {
             let raised_hz = parameters.cutoff_hz
                 + parameters.cutoff_rise_hz_per_m * self.innovation_m[n].norm()
                 + parameters.cutoff_rise_per_m * self.velocity_m_s[n].norm();
-            let q = pole(raised_hz.min(highest_hz), dt_s);
+            let q = pole(raised_hz.min(highest_hz), since_s);
             self.position_m[n] = ahead + innovation * (1.0 - q * q);
-            self.velocity_m_s[n] += innovation * ((1.0 - q) * (1.0 - q) / dt_s);
+            self.velocity_m_s[n] += innovation * ((1.0 - q) * (1.0 - q) / since_s);
         }
         &self.position_m
     }
@@ -123,6 +133,7 @@ impl JointFilter {
     /// Moves on by `dt_s` without a measurement: the pelvis' velocity carries all joints and fades with the time
     /// constant `coast_decay_s`, that of each against it with `limb_decay_s`.
     pub fn coast(&mut self, dt_s: f64, parameters: &SmoothingParameters) -> &Joints {
+        self.unmeasured_s += dt_s.max(0.0);
         let of_body = Fade::over(dt_s, parameters.coast_decay_s);
         let of_limb = Fade::over(dt_s, parameters.limb_decay_s);
         let body_m_s = self.velocity_m_s[Joint::Pelvis.index()];
@@ -193,6 +204,31 @@ mod tests {
         (1..=ticks)
             .map(|k| smoother.step(&all(signal(k as f64 * DT_S)), DT_S, parameters)[3].x)
             .collect()
+    }
+
+    /// Once the gains were those of a filter stepped at every tick: what had come in eight ticks counted as the speed of one, and
+    /// with the parameters that venues have a walker seen at every eighth was thrown farther each time.
+    #[test]
+    fn who_is_seen_at_every_eighth_tick_is_followed() {
+        let parameters = SmoothingParameters {
+            cutoff_hz: 1.5,
+            cutoff_rise_hz_per_m: 1000.0,
+            cutoff_rise_per_m: 4.0,
+            ..FIXED
+        };
+        let place_m = |tick: i32| 1.4 * f64::from(tick) * DT_S;
+        let mut filter = JointFilter::new(&all(0.0));
+        for tick in 1..=240 {
+            let at_m = if tick % 8 == 0 {
+                filter.step(&all(place_m(tick)), DT_S, &parameters)[3].x
+            } else {
+                filter.coast(DT_S, &parameters)[3].x
+            };
+            // The velocity fades between the ticks at which it is seen.
+            if tick > 60 {
+                assert!((at_m - place_m(tick)).abs() < 0.04, "{tick}: {at_m}");
+            }
+        }
     }
 
     /// Gain of the settled filter at `hz`.

@@ -75,6 +75,8 @@ pub struct PoseEstimate {
     unobserved: u64,
     motion: Motion,
     filter: JointFilter,
+    /// Since the last tick at which the pose was measured, seconds.
+    elapsed_s: f64,
     /// Joints predicted for the tick being worked on.
     ahead_m: Joints,
     targets: Vec<Target>,
@@ -100,6 +102,7 @@ impl PoseEstimate {
             unobserved: 0,
             motion: Motion::at_rest(joints_m),
             filter: JointFilter::new(&joints_m),
+            elapsed_s: 0.0,
             ahead_m: joints_m,
             targets: Vec::with_capacity(n_keypoints.max(N_JOINTS)),
             kinematics,

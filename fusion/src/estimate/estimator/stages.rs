@@ -15,12 +15,15 @@ use crate::body::skeleton::{Joint, Joints, Kinematics, Pose, Site};
 use crate::estimate::evidence::View;
 use crate::estimate::keypoint_targets::aim_at_keypoints;
 use crate::estimate::occlusion::{BodyCapsules, view_weight};
-use crate::estimate::uncertainty::weigh_views;
+use crate::estimate::uncertainty::{MadeOf, weigh_views};
 use crate::method::Method;
 
 /// Root mean square distance of the second inverse kinematics' joints from the smoothed ones, metres,
 /// from which it is solved a second time from elsewhere.
 const STUCK_M: f64 = 0.012;
+/// For how long a pose may be unmeasured so that the next may differ the more, seconds: a round of turns on a thin link, or at an
+/// edge that is too slow. After longer it is the place that is not known, and the shape is as good as any.
+const MOST_UNMEASURED_S: f64 = 0.25;
 
 impl Estimator {
     /// Begins a tick: predicts the joints and forgets the last tick's views.
@@ -32,6 +35,8 @@ impl Estimator {
             &method.parameters.prediction,
             &mut estimate.ahead_m,
         );
+        let unmeasured_s = estimate.filter.unmeasured_s().min(MOST_UNMEASURED_S);
+        estimate.elapsed_s = method.dt_s + unmeasured_s;
         self.evidence.n_views = 0;
     }
 
@@ -140,7 +145,7 @@ impl Estimator {
         let (estimate, body) = (&mut self.estimate, &self.body);
         let targets = &mut estimate.targets;
         aim_at_keypoints(&self.evidence.estimates, &body.sites, method, targets);
-        let priors = Priors::new(&method.parameters.ik, &estimate.pose, method.dt_s);
+        let priors = Priors::new(&method.parameters.ik, &estimate.pose, estimate.elapsed_s);
         let solution =
             estimate
                 .solver
@@ -211,7 +216,11 @@ impl Estimator {
     /// Solves for the smoothed joints from `start`; takes the pose, and returns how far its joints are
     /// from them, root mean square, metres.
     fn fit_joints_from(&mut self, start: &Pose, last: &Pose, method: &Method) -> f64 {
-        let priors = Priors::new(&method.parameters.ik, last, method.dt_s);
+        let elapsed_s = match self.made_of(method) {
+            MadeOf::Motion => method.dt_s,
+            MadeOf::OneView | MadeOf::Views => self.estimate.elapsed_s,
+        };
+        let priors = Priors::new(&method.parameters.ik, last, elapsed_s);
         let bounds = method.range_of_motion.as_ref();
         let estimate = &mut self.estimate;
         estimate.pose = estimate.solver.fit(
