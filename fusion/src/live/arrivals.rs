@@ -1,6 +1,6 @@
 //! How long after a tick an edge's messages come, and so how long it is worth to wait for them.
 //!
-//! Ticks with a detection pass take an edge longer, and are counted apart.
+//! Ticks with a detection pass take an edge longer, those without anybody no time, and both are counted apart.
 
 use farfield_proto::order_statistics::nearest_rank;
 
@@ -14,6 +14,8 @@ const KEPT_DETECTIONS: usize = 16;
 const IN_TIME: f64 = 0.98;
 /// How much longer than the slowest of those is waited, microseconds: what timers and threads need.
 const MARGIN_US: Micros = 1_500;
+/// Share of the arrivals that are early: an edge whose early ones come too late is not waited for.
+const EARLY: f64 = 0.1;
 /// From so many arrivals on they say something.
 const ENOUGH: usize = 8;
 /// Arrivals that are older say nothing any more: what held them up once is over.
@@ -24,6 +26,8 @@ const DETECTION_LIFE_US: Micros = 12 * SECOND_US;
 /// What a tick asks of an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Task {
+    /// To say that it is there: it sees nobody.
+    Idle,
     /// Patches.
     Follow,
     /// Patches, and a detection pass.
@@ -33,6 +37,7 @@ pub enum Task {
 /// The delays of one edge's latest messages.
 #[derive(Debug, Clone, Default)]
 pub struct Arrivals {
+    idle: NewestDelays<KEPT>,
     followed: NewestDelays<KEPT>,
     detected: NewestDelays<KEPT_DETECTIONS>,
 }
@@ -41,6 +46,7 @@ impl Arrivals {
     /// A message came at `now_us`, `delay_us` after its tick.
     pub fn add(&mut self, task: Task, delay_us: Micros, now_us: Micros) {
         match task {
+            Task::Idle => self.idle.add(delay_us, now_us),
             Task::Follow => self.followed.add(delay_us, now_us),
             Task::Look => self.detected.add(delay_us, now_us),
         }
@@ -49,11 +55,35 @@ impl Arrivals {
     /// How long after a tick its messages are worth waiting for, at most `most_us`, which it also is while
     /// nothing is known.
     pub fn wait_us(&mut self, task: Task, now_us: Micros, most_us: Micros) -> Micros {
-        let slowest = match task {
-            Task::Follow => self.followed.share(IN_TIME, ENOUGH, now_us - LIFE_US),
-            Task::Look => self.detected.share(1.0, 1, now_us - DETECTION_LIFE_US),
+        let slowest_us = self.slowest_us(task, now_us);
+        slowest_us.map_or(most_us, |us| (us + MARGIN_US).clamp(0, most_us))
+    }
+
+    /// How long after a tick nearly all of its messages have come, microseconds; `None` while nothing is known.
+    pub fn slowest_us(&mut self, task: Task, now_us: Micros) -> Option<Micros> {
+        let in_time = match task {
+            Task::Idle | Task::Follow => IN_TIME,
+            Task::Look => 1.0,
         };
-        slowest.map_or(most_us, |us| (us + MARGIN_US).clamp(0, most_us))
+        self.share(in_time, task, now_us)
+    }
+
+    /// Whether even the early ones come later than `most_us` after their tick.
+    pub fn are_later_than(&mut self, most_us: Micros, task: Task, now_us: Micros) -> bool {
+        self.share(EARLY, task, now_us)
+            .is_some_and(|us| us > most_us)
+    }
+
+    fn share(&mut self, share: f64, task: Task, now_us: Micros) -> Option<Micros> {
+        match task {
+            // Who sees nobody is no slower than it is with people.
+            Task::Idle => {
+                let idle = self.idle.share(share, ENOUGH, now_us - LIFE_US);
+                idle.or_else(|| self.share(share, Task::Follow, now_us))
+            }
+            Task::Follow => self.followed.share(share, ENOUGH, now_us - LIFE_US),
+            Task::Look => self.detected.share(share, 1, now_us - DETECTION_LIFE_US),
+        }
     }
 }
 
@@ -154,6 +184,23 @@ mod tests {
             arrivals.wait_us(Task::Follow, 101, MOST_US),
             8_000 + MARGIN_US
         );
+    }
+
+    #[test]
+    fn who_is_late_all_the_time_is_told_from_who_is_late_at_times() {
+        let mut arrivals = Arrivals::default();
+        assert_eq!(arrivals.slowest_us(Task::Follow, 0), None);
+        assert!(
+            !arrivals.are_later_than(0, Task::Follow, 0),
+            "it is not known"
+        );
+        for i in 0..100 {
+            let delay_us = if i % 2 == 0 { 90_000 } else { 20_000 };
+            arrivals.add(Task::Follow, delay_us, i);
+        }
+        assert_eq!(arrivals.slowest_us(Task::Follow, 100), Some(90_000));
+        assert!(!arrivals.are_later_than(30_000, Task::Follow, 100));
+        assert!(arrivals.are_later_than(19_000, Task::Follow, 100));
     }
 
     proptest! {

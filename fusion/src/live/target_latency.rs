@@ -1,11 +1,14 @@
-//! The time that the operator gives a tick, from its pictures to its poses: how long patches may be waited for, and how
-//! often the poses were out in time.
+//! How long a tick may wait for patches, and how often its poses were out in time.
 //!
-//! Without a target a tick waits for whoever sends it something. With one it waits for as long as the core still makes it
-//! in time: who is slower than that is left out, counted and named. Ticks with a detection pass are
-//! waited for as ever, since nobody would be found otherwise.
+//! A tick waits until everybody is seen by enough edges ([`needed`]): a late one holds up nobody. With a target, the time from the
+//! pictures to the poses that the operator gives it, it also waits no longer than the core still makes it in time. Who is
+//! slower is left out, counted and named. The target does not bound ticks with a detection pass, since nobody would be found
+//! otherwise.
 
 use std::collections::BTreeMap;
+
+use farfield_proto::id::PersonId;
+use farfield_proto::order_statistics::nearest_rank;
 
 use super::arrivals::NewestDelays;
 use super::{Micros, SECOND_US};
@@ -36,6 +39,28 @@ pub struct LongestWaits {
     pub detections_us: Micros,
 }
 
+/// Views of a person that a tick waits for: fewest, and as a share of those that there are. Where four see it, one may be late.
+const FEWEST_VIEWS: usize = 3;
+const MOST_VIEWS_SHARE: f64 = 0.75;
+
+/// How long a tick waits at most, where the patches of each person come so long after it from everyone who sees it (`None`: not
+/// known), and at most `most_us`: a period more than the slowest that a person needs.
+pub fn needed(
+    patches_come: &mut [(PersonId, Option<Micros>)],
+    period_us: Micros,
+    most_us: Micros,
+) -> Micros {
+    patches_come.sort_unstable_by_key(|(person, us)| (*person, us.unwrap_or(most_us)));
+    let of_persons = patches_come.chunk_by(|(a, _), (b, _)| a == b);
+    let slowest_us = of_persons.map(|views| {
+        let waited_for = nearest_rank(MOST_VIEWS_SHARE, views.len()).max(FEWEST_VIEWS - 1);
+        let (_, us) = views[waited_for.min(views.len() - 1)];
+        us.unwrap_or(most_us)
+    });
+    let needed_us = slowest_us.max().map(|us| us.saturating_add(period_us));
+    needed_us.map_or(most_us, |us| us.clamp(0, most_us))
+}
+
 impl LongestWaits {
     /// For everything as long.
     pub fn of(most_us: Micros) -> Self {
@@ -60,7 +85,7 @@ pub struct PosedTick {
 /// The ticks of one edge that it was awaited at.
 #[derive(Debug, Clone, Copy, Default)]
 struct AwaitedTicks {
-    /// Those that were over without all its patches because of the target, of how many.
+    /// Those that were over before all its patches came, of how many.
     all: [u64; 2],
     /// The same since it was last told.
     recent: [u64; 2],
@@ -105,22 +130,22 @@ impl TargetLatency {
         }
     }
 
-    /// How long the next tick waits at `now_us`, where it would wait for `most_us` without a target.
-    pub fn longest_waits(&mut self, most_us: Micros, now_us: Micros) -> LongestWaits {
+    /// How long the next tick waits at `now_us`, where it would wait for `most` without a target.
+    pub fn longest_waits(&mut self, most: LongestWaits, now_us: Micros) -> LongestWaits {
         let left_us = self.target_us.map(|target_us| {
             let spent_us = self.spent.share(IN_TIME, 1, now_us - LIFE_US);
             (target_us - spent_us.unwrap_or(0) - MARGIN_US).max(0)
         });
         LongestWaits {
-            patches_us: left_us.map_or(most_us, |us| us.min(most_us)),
-            detections_us: most_us,
+            patches_us: left_us.map_or(most.patches_us, |us| us.min(most.patches_us)),
+            ..most
         }
     }
 
-    /// A tick is over: per edge, in their order, whether it was left out because of the target; `None`: nobody waited for it.
+    /// A tick is over: per edge, in their order, whether it was left out; `None`: it was not there.
     pub fn over(&mut self, left_out: &[Option<bool>]) {
         let awaited = || left_out.iter().flatten();
-        if self.target_us.is_none() || awaited().next().is_none() {
+        if awaited().next().is_none() {
             return;
         }
         self.edges
@@ -213,6 +238,10 @@ mod tests {
     use super::*;
 
     const MOST_US: Micros = 400_000;
+    const MOST: LongestWaits = LongestWaits {
+        patches_us: MOST_US,
+        detections_us: MOST_US,
+    };
 
     fn tick(latency_us: Micros, solving_us: Micros) -> PosedTick {
         PosedTick {
@@ -226,10 +255,48 @@ mod tests {
     fn without_a_target_a_tick_waits_as_long_as_it_may() {
         let mut target = TargetLatency::new(0.0);
         target.posed(tick(90_000, 9_000), 0);
-        (0..200).for_each(|_| target.over(&[Some(true)]));
-        assert_eq!(target.longest_waits(MOST_US, 0), LongestWaits::of(MOST_US));
+        assert_eq!(target.longest_waits(MOST, 0), MOST);
         assert_eq!(target.summary(["a"].into_iter()), None);
-        assert_eq!(target.take_recent(), None);
+    }
+
+    /// How long a tick waits for people who are seen by edges of these delays each.
+    fn wait(people: &[&[Option<Micros>]]) -> Micros {
+        let mut come = Vec::new();
+        for (id, views) in (0u32..).zip(people) {
+            come.extend(views.iter().map(|us| (PersonId(id), *us)));
+        }
+        needed(&mut come, 10, MOST_US)
+    }
+
+    #[test]
+    fn a_late_edge_holds_up_nobody_whom_three_others_see() {
+        let [fast, usual, late] = [Some(20), Some(30), Some(150)];
+        assert_eq!(wait(&[&[late, fast, usual, fast]]), 40);
+        assert_eq!(wait(&[&[late, fast, fast]]), 160, "two views are few");
+        assert_eq!(wait(&[&[late, late, fast, fast]]), 160);
+        // Everybody is needed of somebody.
+        assert_eq!(wait(&[&[late, fast, usual, fast], &[late, fast]]), 160);
+        assert_eq!(
+            wait(&[&[late, late, fast, fast, fast, fast, fast, usual]]),
+            40
+        );
+        assert_eq!(
+            wait(&[&[None, fast, fast]]),
+            MOST_US,
+            "it may be as late as any"
+        );
+        assert_eq!(wait(&[&[None, fast, fast, usual]]), 40);
+        assert_eq!(wait(&[]), MOST_US);
+        assert_eq!(wait(&[&[Some(Micros::MAX); 4]]), MOST_US);
+    }
+
+    #[test]
+    fn without_a_target_too_a_late_edge_is_named() {
+        let mut target = TargetLatency::new(0.0);
+        (0..100).for_each(|_| target.over(&[Some(false), Some(true)]));
+        let recent = target.take_recent().unwrap();
+        assert_eq!((recent.in_time, recent.too_slow), (None, vec![(1, 1.0)]));
+        assert_eq!(target.summary(["a", "b"].into_iter()), None);
     }
 
     #[test]
@@ -238,11 +305,11 @@ mod tests {
         for at_us in 0..100 {
             target.posed(tick(40_000, 8_000), at_us);
         }
-        let waits = target.longest_waits(MOST_US, 100);
+        let waits = target.longest_waits(MOST, 100);
         assert_eq!(waits.patches_us, 50_000 - 8_000 - MARGIN_US);
         assert_eq!(waits.detections_us, MOST_US);
         // What was slow once is over.
-        let later = target.longest_waits(MOST_US, 100 + LIFE_US);
+        let later = target.longest_waits(MOST, 100 + LIFE_US);
         assert_eq!(later.patches_us, 50_000 - MARGIN_US);
     }
 
@@ -258,7 +325,7 @@ mod tests {
             };
             target.posed(tick, at_us);
         }
-        let waits = target.longest_waits(MOST_US, 100);
+        let waits = target.longest_waits(MOST, 100);
         assert_eq!(waits.patches_us, 50_000 - 12_000 - 8_000 - MARGIN_US);
     }
 
@@ -269,7 +336,7 @@ mod tests {
             target.over(&[Some(false)]);
             target.posed(tick(30_000, 20_000), at_us);
         }
-        assert_eq!(target.longest_waits(MOST_US, 100).patches_us, 0);
+        assert_eq!(target.longest_waits(MOST, 100).patches_us, 0);
         let recent = target.take_recent().unwrap();
         assert_eq!((recent.in_time, recent.nobody), (Some(0.0), 0.0));
         assert_eq!(target.take_recent(), None, "it is told of new ticks only");

@@ -29,6 +29,8 @@ const SENT: usize = 512;
 const DETECTIONS: usize = 256;
 /// Messages whose ticks are remembered, to see which were overtaken.
 const RECENT: usize = 64;
+/// Of so many sets the ticks say at which it works.
+const LAST_SETS: usize = 4;
 /// When a message of a later tick has come, those of the tick before are waited for so much longer: links
 /// seldom let one overtake another by more.
 const OVERTAKEN_US: Micros = SECOND_US / 50;
@@ -83,6 +85,8 @@ pub struct Edge {
     sequence: u32,
     sent: VecDeque<Sent>,
     detection_ticks: VecDeque<Tick>,
+    /// Whether its boxes have anybody.
+    has_people: bool,
     heard: Option<(Tick, i32)>,
     /// Ticks of the newest patch sets, and when they came.
     recent: VecDeque<(Tick, Micros)>,
@@ -154,6 +158,8 @@ impl Edge {
     /// Notes that `boxes` go out at `now_us`, and says what they tell of clock and link.
     pub fn send(&mut self, boxes: &BoxSet, time: &TickTime, now_us: Micros) -> LiveBoxes {
         self.sequence = self.sequence.wrapping_add(1);
+        let has_more = boxes.part > 0 && self.has_people;
+        self.has_people = has_more || !boxes.persons.is_empty();
         push_bounded(
             &mut self.sent,
             Sent {
@@ -209,7 +215,12 @@ impl Edge {
 
     /// Takes note of a patch set, used or not.
     pub fn hear_patches(&mut self, set: &PatchSet, came: Came, time: &TickTime) -> Trip {
-        self.hear(set.tick, came, time);
+        let task = match self.task(set.tick) {
+            Task::Look => Task::Look,
+            _ if set.persons.is_empty() => Task::Idle,
+            _ => Task::Follow,
+        };
+        self.hear_of(task, set.tick, came, time);
         self.foreign = None;
         // A clock that is far off is measured, too: it must be told.
         let sent_us = set.timing.map(|timing| {
@@ -270,12 +281,16 @@ impl Edge {
 
     /// Takes note of any message for `tick`.
     pub fn hear(&mut self, tick: Tick, came: Came, time: &TickTime) {
+        self.hear_of(self.task(tick), tick, came, time);
+    }
+
+    fn hear_of(&mut self, task: Task, tick: Tick, came: Came, time: &TickTime) {
         let Came { at_us, bytes } = came;
         self.meter.add(bytes, at_us);
         self.heard_us = Some(self.heard_us.map_or(at_us, |last| last.max(at_us)));
         if is_near(tick, came, time) {
             let delay_us = at_us.saturating_sub(time.at(tick));
-            self.arrivals.add(self.task(tick), delay_us, at_us);
+            self.arrivals.add(task, delay_us, at_us);
         }
     }
 
@@ -326,14 +341,39 @@ impl Edge {
     ) -> Micros {
         let task = self.task(tick);
         let (slack_us, most_us) = match task {
-            Task::Follow => (OVERTAKEN_US, waits.patches_us),
+            Task::Idle | Task::Follow => (OVERTAKEN_US, waits.patches_us),
             Task::Look => (DETECTION_OVERTAKEN_US, waits.detections_us),
         };
+        if self.arrivals.are_later_than(most_us, task, now_us) {
+            return time.at(tick);
+        }
         let deadline_us = time.at(tick) + self.arrivals.wait_us(task, now_us, most_us);
         // Of an edge that works on every other tick only, or whose message was lost, nothing comes.
         let later = self.recent.iter().filter(|(of, _)| *of > tick);
         let overtaken_us = later.map(|(_, at_us)| at_us + slack_us).min();
         overtaken_us.map_or(deadline_us, |us| us.min(deadline_us))
+    }
+
+    /// Whether it works on `tick`, by the ticks of its last sets: an edge that is too slow, or whose link is, leaves out all but
+    /// every so manieth.
+    pub fn works_on(&self, tick: Tick) -> bool {
+        let mut ticks = [Tick(i64::MIN); LAST_SETS];
+        let mut n = 0;
+        for (of, _) in self.recent.iter().rev() {
+            if n < LAST_SETS && !ticks[..n].contains(of) && self.task(*of) != Task::Look {
+                ticks[n] = *of;
+                n += 1;
+            }
+        }
+        ticks.sort_unstable();
+        let gaps = ticks.windows(2).map(|pair| pair[1] - pair[0]);
+        let nth = gaps.min().filter(|_| n == LAST_SETS).unwrap_or(1);
+        self.task(tick) == Task::Look || (tick - ticks[LAST_SETS - 1]).rem_euclid(nth) == 0
+    }
+
+    /// How long after their tick nearly all of its patches come, microseconds; `None` while that is not known.
+    pub fn patches_come_us(&mut self, now_us: Micros) -> Option<Micros> {
+        self.arrivals.slowest_us(Task::Follow, now_us)
     }
 
     /// How many ticks ahead its boxes are made, when boxes leave `publish_us` after their tick.
@@ -399,8 +439,10 @@ impl Edge {
     fn task(&self, tick: Tick) -> Task {
         if self.detection_ticks.iter().rev().any(|&of| of == tick) {
             Task::Look
-        } else {
+        } else if self.has_people {
             Task::Follow
+        } else {
+            Task::Idle
         }
     }
 

@@ -92,10 +92,10 @@ impl LiveFusion<'_> {
 
     /// Says that the target latency is not kept, what takes the time and who is left out, when that begins and when it is over.
     pub(super) fn look_at_target(&mut self) {
-        let (Some(target_ms), Some(recent)) = (self.target.target_ms(), self.target.take_recent())
-        else {
+        let Some(recent) = self.target.take_recent() else {
             return;
         };
+        let target_ms = self.target.target_ms();
         let names: Vec<&str> = self.names().collect();
         let longest = self.delays.what_takes_longest();
         let missed = MissedTarget::of(target_ms, &recent, &names, &longest);

@@ -1,4 +1,4 @@
-//! How a target latency is not kept, in words: for the terminal when it begins and when it is over, and for the status.
+//! Which edges are late, and how a target latency is not kept, in words: for the terminal when it begins and when it is over, and for the status.
 
 use farfield_node::process::say;
 
@@ -7,7 +7,7 @@ use crate::live::target_latency::{KEPT_SHARE, LEFT_OUT_SHARE, RecentTicks};
 /// Each in words where it is so.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct MissedTarget {
-    target_ms: u64,
+    target_ms: Option<u64>,
     /// Poses are out too late.
     late: Option<String>,
     /// No edge's patches come in time.
@@ -17,19 +17,27 @@ pub(super) struct MissedTarget {
 }
 
 impl MissedTarget {
-    /// What of a target the `recent` ticks have not kept; `names` are those of the viewpoints, `longest` what takes the time.
-    pub(super) fn of(target_ms: f64, recent: &RecentTicks, names: &[&str], longest: &str) -> Self {
-        let target = format!("the {target_ms:.0} ms of `target_latency_ms`");
+    /// What of a target, where there is one, the `recent` ticks have not kept; `names` are those of the viewpoints, `longest` what takes the time.
+    pub(super) fn of(
+        target_ms: Option<f64>,
+        recent: &RecentTicks,
+        names: &[&str],
+        longest: &str,
+    ) -> Self {
+        let target = target_ms.map_or_else(
+            || "the other viewpoints".to_owned(),
+            |ms| format!("the {ms:.0} ms of `target_latency_ms`"),
+        );
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         let is_late = recent.in_time.filter(|share| *share < KEPT_SHARE);
-        let is_nobody = recent.nobody > LEFT_OUT_SHARE;
+        let is_nobody = target_ms.is_some() && recent.nobody > LEFT_OUT_SHARE;
         let too_slow = recent.too_slow.iter().filter_map(|(index, share)| {
             let name = names.get(*index)?;
             Some(format!("{name} ({} of the ticks)", percent(*share)))
         });
         let too_slow: Vec<String> = too_slow.collect();
         Self {
-            target_ms: target_ms as u64,
+            target_ms: target_ms.map(|ms| ms as u64),
             late: is_late.map(|share| {
                 let share = percent(share);
                 format!("{share} of the poses are out within {target}; {longest}")
@@ -42,7 +50,7 @@ impl MissedTarget {
             }),
             too_slow: (!too_slow.is_empty()).then(|| {
                 let too_slow = too_slow.join(", ");
-                format!("patches come too late for {target}, and are left out, of viewpoint {too_slow}")
+                format!("patches come too late for {target}, and are left out, of viewpoint {too_slow}; recordings and smoothed poses have them")
             }),
         }
     }
@@ -70,10 +78,12 @@ impl MissedTarget {
         let begins = begins.into_iter().filter(|(_, is_new)| *is_new);
         let mut told: Vec<String> = begins.filter_map(|(words, _)| words.clone()).collect();
         if self.words().next().is_none() && before.words().next().is_some() {
-            told.push(format!(
-                "poses are out within the {} ms of `target_latency_ms` again, with all viewpoints",
-                self.target_ms
-            ));
+            told.push(match self.target_ms {
+                Some(ms) => format!(
+                    "poses are out within the {ms} ms of `target_latency_ms` again, with all viewpoints"
+                ),
+                None => "no viewpoint is late any more".to_owned(),
+            });
         }
         told
     }
@@ -84,7 +94,7 @@ mod tests {
     use super::*;
 
     fn missed(recent: &RecentTicks) -> MissedTarget {
-        MissedTarget::of(60.0, recent, &["near", "far"], "fusion takes 9 ms")
+        MissedTarget::of(Some(60.0), recent, &["near", "far"], "fusion takes 9 ms")
     }
 
     fn kept() -> RecentTicks {
@@ -104,7 +114,7 @@ mod tests {
         };
         let (before, now) = (missed(&kept()), missed(&far));
         let told = now.to_tell(&before, true);
-        let expected = "patches come too late for the 60 ms of `target_latency_ms`, and are left out, of viewpoint far (97 % of the ticks)";
+        let expected = "patches come too late for the 60 ms of `target_latency_ms`, and are left out, of viewpoint far (97 % of the ticks); recordings and smoothed poses have them";
         assert_eq!(told, [expected]);
         assert!(now.to_tell(&now, false).is_empty());
         assert_eq!(now.words().collect::<Vec<_>>(), [expected]);
@@ -114,6 +124,26 @@ mod tests {
             "{over:?}"
         );
         assert!(before.to_tell(&before, false).is_empty());
+    }
+
+    #[test]
+    fn without_a_target_an_edge_is_late_against_the_others() {
+        let far = RecentTicks {
+            in_time: None,
+            too_slow: vec![(1, 0.97)],
+            ..kept()
+        };
+        let [late, none] = [&far, &kept()]
+            .map(|recent| MissedTarget::of(None, recent, &["near", "far"], "fusion takes 9 ms"));
+        let told = late.to_tell(&none, true);
+        assert!(
+            told[0].contains("too late for the other viewpoints") && told[0].contains("far (97 %"),
+            "{told:?}"
+        );
+        assert_eq!(
+            none.to_tell(&late, false),
+            ["no viewpoint is late any more"]
+        );
     }
 
     #[test]

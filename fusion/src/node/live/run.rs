@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::process::Ending;
-use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::id::{PersonId, SessionId, ViewpointIndex};
 use farfield_proto::message::decision::Decision;
 use farfield_proto::message::{BoxSet, PatchSet, StageTime, Status};
 use farfield_proto::tick::Tick;
@@ -38,7 +38,7 @@ use crate::live::late_detections::LateDetections;
 use crate::live::membership::Membership;
 use crate::live::pace::Pace;
 use crate::live::queue::{Next, TickQueue, Waiting};
-use crate::live::target_latency::{LongestWaits, TargetLatency};
+use crate::live::target_latency::{LongestWaits, TargetLatency, needed};
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::output::disk_watch::DiskWatch;
@@ -99,6 +99,8 @@ pub(super) struct LiveFusion<'a> {
     /// How long after their ticks boxes go out, microseconds: a running mean.
     pub(super) publish_us: f64,
     pub(super) newest: Vec<BoxSet>,
+    /// Buffer: of everybody's views, how long after a tick their patches come.
+    pub(super) patches_come: Vec<(PersonId, Option<Micros>)>,
     pub(super) sent_us: Micros,
     /// What has passed over the links.
     pub(super) tally: Tally,
@@ -184,6 +186,7 @@ impl<'a> LiveFusion<'a> {
             in_flight: None,
             publish_us: 0.0,
             newest: Vec::new(),
+            patches_come: Vec::new(),
             sent_us: 0,
             tally: Tally::new(venue),
             delays: Delays::new(venue),
@@ -358,13 +361,36 @@ impl<'a> LiveFusion<'a> {
     }
 
     fn waiting(&mut self, tick: Tick, now_us: Micros) -> Waiting {
-        let waits = self.target.longest_waits(self.longest_wait_us(), now_us);
+        let most = self.needed_waits(now_us);
+        let waits = self.target.longest_waits(most, now_us);
         let edges = 0..self.edges.len();
         let deadlines = edges.filter_map(|index| self.deadline_of(index, tick, now_us, waits));
         deadlines.max().map_or(Waiting::ForNobody, Waiting::Until)
     }
 
-    /// How long a tick waits where there is no target, microseconds.
+    /// How long a tick waits for as many views of everybody as it needs. Where it has a detection pass, it waits for all: nobody
+    /// would be found otherwise.
+    fn needed_waits(&mut self, now_us: Micros) -> LongestWaits {
+        let (most_us, period_us) = (self.longest_wait_us(), self.time.period_us() as Micros);
+        let mut come = std::mem::take(&mut self.patches_come);
+        come.clear();
+        for set in &self.newest {
+            let index = usize::from(set.viewpoint.0);
+            if set.persons.is_empty() || !self.is_awaited(index, now_us) {
+                continue;
+            }
+            let us = self.edges[index].patches_come_us(now_us);
+            come.extend(set.persons.iter().map(|boxes| (boxes.person, us)));
+        }
+        let patches_us = needed(&mut come, period_us, most_us);
+        self.patches_come = come;
+        LongestWaits {
+            patches_us,
+            detections_us: most_us,
+        }
+    }
+
+    /// How long a tick waits at most, microseconds.
     fn longest_wait_us(&self) -> Micros {
         (self.config.venue.parameters.link.deadline_ms * 1e3) as Micros
     }
@@ -385,10 +411,11 @@ impl<'a> LiveFusion<'a> {
         let has_all = self.gather.has_all(tick, ViewpointIndex(index as u16));
         let is_missing = self.is_awaited(index, now_us) && !has_all;
         let edge = &mut self.edges[index];
+        let is_missing = is_missing && edge.works_on(tick);
         is_missing.then(|| edge.deadline_us(tick, &self.time, now_us, waits))
     }
 
-    /// Notes of whom a tick that is over at `now_us` would have had more without the target.
+    /// Notes of whom a tick that is over at `now_us` would have had more if it had waited.
     fn note_left_out(&mut self, tick: Tick, now_us: Micros) {
         let (waits, edges) = (
             LongestWaits::of(self.longest_wait_us()),
