@@ -86,7 +86,7 @@ pub fn main() -> ExitCode {
         }
         FarfieldCommand::Man(args) => exit_code(done(manual::man(&args, FarfieldCli::command()))),
         FarfieldCommand::Bench(args) => {
-            exit_code_told(done(bench::bench(&args)), Told::as_json_if(args.json))
+            exit_code_told(done(bench::bench(&args)), Told::as_json_if(args.is_json()))
         }
         FarfieldCommand::Parameters(args) => {
             exit_code_told(done(parameters::print(&args)), Told::as_json_if(args.json))

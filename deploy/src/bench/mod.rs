@@ -5,6 +5,7 @@
 //! venue is recorded in memory before ([`RecordedVenue`]), and stepped over again; of a recording a tick is read before
 //! its time begins.
 
+mod edge;
 mod measure;
 mod report;
 mod scaling;
@@ -24,6 +25,7 @@ use farfield_sim::recorded_venue::{RATE_HZ, RecordedVenue, VenueSize};
 use farfield_sim::scene::file::{MAX_CAMERAS, MAX_PEOPLE};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use self::edge::{BenchEdgeArgs, bench_edge};
 use self::measure::{LEFT_OUT, measure};
 use self::report::BenchReport;
 use self::ticks::CrowdTicks;
@@ -40,7 +42,10 @@ const MOST_THREADS: usize = 256;
 
 /// What `farfield bench` is told.
 #[derive(Debug, Clone, clap::Args)]
+#[command(args_conflicts_with_subcommands = true, disable_help_subcommand = true)]
 pub(crate) struct BenchArgs {
+    #[command(subcommand)]
+    of: Option<BenchOf>,
     /// A recording of your own (.mcap) instead of simulated crowds.
     ///
     /// As `--record` leaves it; what its ticks cost on this machine.
@@ -76,7 +81,25 @@ pub(crate) struct BenchArgs {
     scaling: Option<PathBuf>,
     /// Print JSON instead of tables.
     #[arg(long)]
-    pub(crate) json: bool,
+    json: bool,
+}
+
+/// What is measured instead of fusion.
+#[derive(Debug, Clone, clap::Subcommand)]
+pub(crate) enum BenchOf {
+    /// Measure how many people an edge carries here: the network, by the number of workers.
+    #[command(after_help = "Example: farfield bench edge hall.toml")]
+    Edge(BenchEdgeArgs),
+}
+
+impl BenchArgs {
+    /// Whether JSON is printed.
+    pub(crate) fn is_json(&self) -> bool {
+        match &self.of {
+            Some(BenchOf::Edge(args)) => args.json,
+            None => self.json,
+        }
+    }
 }
 
 /// Measures, and prints what came out.
@@ -84,6 +107,9 @@ pub(crate) struct BenchArgs {
 /// # Errors
 /// When a venue cannot be recorded, no thread starts, or the result cannot be printed.
 pub(crate) fn bench(args: &BenchArgs) -> Result<(), NodeError> {
+    if let Some(BenchOf::Edge(args)) = &args.of {
+        return bench_edge(args);
+    }
     let report = match &args.recording {
         Some(file) => recording_measured(args, file)?,
         None => crowds_measured(args).map_err(NodeError::Failed)?,

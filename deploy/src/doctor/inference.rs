@@ -1,14 +1,12 @@
 //! Inference: which library runs networks here, and how fast those that see crops and those that find people.
 
 use std::path::Path;
-use std::time::Duration;
 
 use farfield_edge::detector::OnnxDetector;
-use farfield_edge::inference::{
-    DetectorInput, DetectorWindow, InputTensor, KeypointNetwork as _, NetworkError,
-    PersonDetector as _,
-};
+use farfield_edge::inference::{DetectorInput, DetectorWindow, NetworkError, PersonDetector as _};
 use farfield_edge::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
+use farfield_edge::node::{Workers, find_workers};
+use farfield_edge::pipeline::Batch;
 use farfield_node::clock;
 use farfield_proto::venue::Venue;
 use farfield_sim::embedded;
@@ -25,10 +23,6 @@ const REFUSED: &str = "remove the library that cannot be used, or install it aga
 /// What mends a network that the venue file names.
 const NETWORK: &str = "correct `network` in the venue file, or its card";
 const DETECTOR: &str = "correct `detector` in the venue file, or its card";
-/// Crops are run for so long, and so many at most; one where each takes its time.
-const PATIENCE: Duration = Duration::from_millis(600);
-const MOST_CROPS: u32 = 50;
-const SLOW_CROPS: u32 = 1;
 
 /// What mends a folder in which the carried networks cannot be written.
 const TEMPORARY: &str = "set TMPDIR to a folder that can be written and has some megabytes of room";
@@ -42,9 +36,8 @@ pub(super) fn look_at_inference(venue: Option<&Venue>, report: &mut ReportLines)
             return;
         }
     };
-    let most_crops = if backend.is_tract() {
+    if backend.is_tract() {
         report.warn(INFERENCE, backend.describe(), INSTALL);
-        SLOW_CROPS
     } else {
         let providers = backend.providers().join(", ");
         let text = format!(
@@ -56,25 +49,24 @@ pub(super) fn look_at_inference(venue: Option<&Venue>, report: &mut ReportLines)
         } else {
             report.ok(INFERENCE, text);
         }
-        MOST_CROPS
-    };
+    }
     let network = venue.and_then(|venue| venue.network.as_deref());
     let detector = venue.and_then(|venue| venue.detector.as_deref());
     if let Some(card) = network {
         let what = card.display().to_string();
-        look_at_network(card, (what.as_str(), NETWORK), most_crops, report);
+        look_at_network(card, (what.as_str(), NETWORK), report);
     }
     if let Some(card) = detector {
         let what = card.display().to_string();
         look_at_detector(card, (what.as_str(), DETECTOR), report);
     }
     if network.or(detector).is_none() {
-        look_at_carried(most_crops, report);
+        look_at_carried(report);
     }
 }
 
 /// Runs the networks that the program carries, which a backend reads from files.
-fn look_at_carried(most_crops: u32, report: &mut ReportLines) {
+fn look_at_carried(report: &mut ReportLines) {
     let folder = match tempfile::tempdir() {
         Ok(folder) => folder,
         Err(error) => {
@@ -89,7 +81,7 @@ fn look_at_carried(most_crops: u32, report: &mut ReportLines) {
     match written {
         Ok([network, detector]) => {
             let what = ("the network of the demo", LIBRARY);
-            look_at_network(&folder.join(network), what, most_crops, report);
+            look_at_network(&folder.join(network), what, report);
             let what = ("the detector of the demo", LIBRARY);
             look_at_detector(&folder.join(detector), what, report);
         }
@@ -97,21 +89,28 @@ fn look_at_carried(most_crops: u32, report: &mut ReportLines) {
     }
 }
 
-/// Adds how many crops the network of `card` takes in a second, of `most_crops` at most: what it is called, and what mends it.
-fn look_at_network(
-    card: &Path,
-    (what, remedy): (&str, &str),
-    most_crops: u32,
-    report: &mut ReportLines,
-) {
-    let loaded = OnnxKeypointNetwork::load(card);
-    match loaded.and_then(|mut network| crops_per_s(&mut network, most_crops)) {
-        Ok(rate) => report.ok(
-            INFERENCE,
-            format!("{what}: {rate:.0} crops per second on one thread"),
-        ),
+/// Adds how many crops the network of `card` takes in a second: what it is called, and what mends it.
+fn look_at_network(card: &Path, (what, remedy): (&str, &str), report: &mut ReportLines) {
+    match measured_workers(card) {
+        Ok(found) => {
+            let rates = found.iter().map(|it| match it.workers {
+                1 => format!("{:.0} crops per second on one thread", it.crops_per_s),
+                workers => format!("{:.0} on {workers}", it.crops_per_s),
+            });
+            let rates: Vec<String> = rates.collect();
+            report.ok(INFERENCE, format!("{what}: {}", rates.join(", ")));
+        }
         Err(error) => report.fail(INFERENCE, error.to_string(), remedy),
     }
+}
+
+/// What each number of workers does with the network of `card`, up to the fastest.
+///
+/// # Errors
+/// When the network cannot be loaded or run.
+pub(crate) fn measured_workers(card: &Path) -> Result<Vec<Workers>, NetworkError> {
+    let network = OnnxKeypointNetwork::load(card)?;
+    find_workers(&mut Batch::new(Box::new(network)))
 }
 
 /// Adds how long the detector of `card` takes for a picture: what it is called, and what mends it.
@@ -138,23 +137,4 @@ fn picture_s(detector: &mut OnnxDetector) -> Result<(f64, [u32; 2]), NetworkErro
     let start = clock::now();
     detector.detect(&picture, &window)?;
     Ok((clock::now().duration_since(start).as_secs_f64(), size_px))
-}
-
-/// How many crops the network takes in a second, of `most_crops` at most.
-fn crops_per_s(network: &mut OnnxKeypointNetwork, most_crops: u32) -> Result<f64, NetworkError> {
-    let input = &network.card().input;
-    let crop = InputTensor {
-        values: vec![0.0; 3 * input.width as usize * input.height as usize],
-    };
-    // Loading has run one already, which made the buffers.
-    let start = clock::now();
-    let mut crops = 0;
-    while crops < most_crops {
-        network.infer(std::slice::from_ref(&crop))?;
-        crops += 1;
-        if clock::now().duration_since(start) > PATIENCE {
-            break;
-        }
-    }
-    Ok(f64::from(crops) / clock::now().duration_since(start).as_secs_f64().max(1e-6))
 }

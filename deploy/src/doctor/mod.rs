@@ -32,6 +32,8 @@ use crate::exchange::target::check_folder;
 use crate::keys::look_at_keys;
 use crate::report_lines::{ReportForm, ReportLines};
 
+pub(crate) use self::inference::measured_workers;
+
 use self::disk::DiskNeed;
 use self::ports::VenueRuns;
 use self::programs::ProgramNeed;

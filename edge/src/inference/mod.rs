@@ -29,6 +29,12 @@ pub trait KeypointNetwork: Send {
     /// # Errors
     /// [`NetworkError`] when the backend fails or gives something else than the card says.
     fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError>;
+
+    /// The same once more, to run at the same time; `None` where there can only be one.
+    ///
+    /// # Errors
+    /// [`NetworkError`] when it cannot be loaded again.
+    fn another(&self) -> Result<Option<Box<dyn KeypointNetwork>>, NetworkError>;
 }
 
 /// The input of a detector.

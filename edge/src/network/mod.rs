@@ -12,7 +12,7 @@ mod outputs;
 mod providers;
 mod trial;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use farfield_proto::model_card::HeatmapCard;
 
@@ -24,6 +24,7 @@ pub(crate) use model::{Contract, OnnxModel, TensorAxis, read_card};
 /// A network that turns crops into part confidence maps, from an ONNX file and its card.
 #[derive(Debug)]
 pub struct OnnxKeypointNetwork {
+    card_path: PathBuf,
     card: HeatmapCard,
     model: OnnxModel,
     /// All inputs of a call, one after the other.
@@ -54,6 +55,7 @@ impl OnnxKeypointNetwork {
         let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract)?;
         model.try_out(&contract)?;
         Ok(Self {
+            card_path: card_path.to_owned(),
             card,
             model,
             values: Vec::new(),
@@ -102,6 +104,18 @@ impl KeypointNetwork for OnnxKeypointNetwork {
             })?;
         }
         Ok(maps)
+    }
+
+    fn another(&self) -> Result<Option<Box<dyn KeypointNetwork>>, NetworkError> {
+        let other = Self::load(&self.card_path)?;
+        if other.model_hash() != self.model_hash() {
+            return Err(NetworkError::Model {
+                path: self.card.file.clone(),
+                problem: "the file has changed since it was loaded: start the edge again"
+                    .to_owned(),
+            });
+        }
+        Ok(Some(Box::new(other)))
     }
 }
 

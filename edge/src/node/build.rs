@@ -17,6 +17,7 @@ use farfield_proto::wire;
 use super::config::EdgeConfig;
 use super::parts::Parts;
 use super::worker::EdgeWork;
+use super::workers::{Workers, find_workers};
 use crate::detector::OnnxDetector;
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
 use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
@@ -166,9 +167,14 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
     let keypoints = keypoints.map(|network| Box::new(network) as Box<dyn KeypointNetwork>);
     let detector = detector.map(|detector| Box::new(detector) as Box<dyn PersonDetector>);
     let pipeline = EdgePipeline::new(venue, config.viewpoint, keypoints, detector);
-    let pipeline = pipeline
+    let mut pipeline = pipeline
         .with_context(|| format!("viewpoint {}", config.name))
         .map_err(NodeError::Refused)?;
+    let workers = if config.may_run_live {
+        measure(&mut pipeline).map_err(NodeError::refused)?
+    } else {
+        None
+    };
     let cameras = venue
         .viewpoints
         .get(usize::from(config.viewpoint.0))
@@ -180,6 +186,7 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
         cameras,
         sources: Arc::clone(sources),
         pipeline,
+        workers,
     });
     if let Some(from) = config.ticks.as_ref().map(|ticks| ticks.start) {
         work.open(from).map_err(NodeError::Refused)?;
@@ -211,6 +218,14 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
         agreement: Vec::new(),
     };
     Ok(Built { work, status })
+}
+
+/// How many workers are fastest, and what they do; `pipeline` goes on with these.
+fn measure(pipeline: &mut EdgePipeline) -> Result<Option<Workers>, NetworkError> {
+    let Some(batch) = pipeline.batch() else {
+        return Ok(None);
+    };
+    Ok(find_workers(batch)?.last().copied())
 }
 
 /// The ticks that fusion may ask for: all that every recording holds; `None` when all sources are live.

@@ -147,6 +147,8 @@ pub(super) struct EdgeConfig {
     pub(super) reach: Reach,
     pub(super) ticks: Option<Range<Tick>>,
     pub(super) managed: Managed,
+    /// Whether fusion may run live: a run in lock-step gives the edges that it starts no ring.
+    pub(super) may_run_live: bool,
     /// Where the sets are kept that were sent or could not be sent.
     pub(super) ring: PathBuf,
     #[cfg(feature = "study")]
@@ -174,6 +176,7 @@ impl EdgeConfig {
             allow_plaintext: args.allow_plaintext,
         };
         let reach = asked.in_venue(&venue)?;
+        let may_run_live = !args.managed || args.ring.is_some();
         let managed = if args.managed {
             Managed::Yes
         } else {
@@ -189,6 +192,7 @@ impl EdgeConfig {
             reach,
             ticks: args.ticks,
             managed,
+            may_run_live,
             #[cfg(feature = "study")]
             clock_fault: args.clock_fault.into(),
         })

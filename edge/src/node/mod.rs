@@ -19,7 +19,9 @@ mod ring;
 mod run;
 mod stage_times;
 mod worker;
+mod workers;
 
 pub use self::build::{Networks, load_networks, probe_sources};
 pub use self::config::EdgeArgs;
 pub use self::run::main;
+pub use self::workers::{Workers, find_workers};

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::venue::Venue;
 
+use super::workers::Workers;
 use crate::pipeline::EdgePipeline;
 use crate::source::Sources;
 
@@ -16,4 +17,6 @@ pub(super) struct Parts {
     pub(super) cameras: Vec<CameraIndex>,
     pub(super) sources: Arc<dyn Sources>,
     pub(super) pipeline: EdgePipeline,
+    /// What was measured of the network, where the edge may run live.
+    pub(super) workers: Option<Workers>,
 }

@@ -75,6 +75,10 @@ impl EdgeWork {
         let mut lap = clock::now();
         let mut laps = Vec::with_capacity(4);
         let pipeline = &mut self.parts.pipeline;
+        // One after the other gives the same bits on every machine.
+        if let Some(batch) = pipeline.batch() {
+            batch.set_workers(1)?;
+        }
         pipeline.set_message_version(version);
         let output = pipeline
             .step(&frames, &StepRequest::of(boxes), &mut |stage| {

@@ -1,7 +1,8 @@
-//! All crops of a tick, gathered for one inference.
+//! All crops of a tick, gathered for one inference. Every worker cuts its share of them, and runs it.
 
 use farfield_proto::camera::CameraModel;
 use image::RgbImage;
+use rayon::prelude::*;
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
@@ -10,35 +11,85 @@ use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 /// More crops than this take several calls.
 pub(super) const MAX_CROPS_PER_CALL: usize = 32;
 
-/// The network with its input and output buffers, used again every tick.
-pub(super) struct Batch {
+/// A picture and the camera that it is of.
+pub(super) type Picture<'a> = (&'a RgbImage, &'a CameraModel);
+
+/// One of those who work at the same time.
+struct Worker {
     network: Box<dyn KeypointNetwork>,
+    cropper: Cropper,
+}
+
+/// A crop, and the position of its camera at the viewpoint.
+struct Wanted {
+    camera: usize,
+    crop: CropGeometry,
+}
+
+/// The network with its input and output buffers, used again every tick.
+pub struct Batch {
+    /// At least one.
+    workers: Vec<Worker>,
     shape: CropShape,
     format: PixelFormat,
-    cropper: Cropper,
-    /// The first `n` are in use, the others are kept for their memory.
+    box_margin: f64,
+    wanted: Vec<Wanted>,
+    /// As many as are cut are in use, the others are kept for their memory.
     inputs: Vec<InputTensor>,
-    n: usize,
+    cut: usize,
     maps: Vec<f32>,
+    values_per_crop: usize,
 }
 
 impl Batch {
-    pub(super) fn new(network: Box<dyn KeypointNetwork>) -> Self {
+    /// With one worker, who has `network`.
+    pub fn new(network: Box<dyn KeypointNetwork>) -> Self {
         let card = network.card();
-        let (shape, format) = (
+        let (shape, format, box_margin) = (
             CropShape::of_card(card),
             PixelFormat::new(&card.input, &card.normalize),
+            card.box_margin,
         );
-        let (cropper, inputs, maps) = (Cropper::default(), Vec::new(), Vec::new());
+        let cells: usize = shape.cells.map(usize::from).iter().product();
         Self {
-            network,
+            values_per_crop: card.output.keypoints.len() * cells,
+            workers: vec![Worker {
+                network,
+                cropper: Cropper::default(),
+            }],
             shape,
             format,
-            cropper,
-            inputs,
-            n: 0,
-            maps,
+            box_margin,
+            wanted: Vec::new(),
+            inputs: Vec::new(),
+            cut: 0,
+            maps: Vec::new(),
         }
+    }
+
+    /// Lets `workers` work at the same time, at least one; as many as there are then.
+    ///
+    /// # Errors
+    /// When the network cannot be loaded again.
+    pub fn set_workers(&mut self, workers: usize) -> Result<usize, NetworkError> {
+        self.workers.truncate(workers.max(1));
+        while self.workers.len() < workers
+            && let Some(network) = self.another()?
+        {
+            self.workers.push(Worker {
+                network,
+                cropper: Cropper::default(),
+            });
+        }
+        Ok(self.workers.len())
+    }
+
+    /// The same network once more; `None` where there can only be one.
+    ///
+    /// # Errors
+    /// When it cannot be loaded again.
+    pub(super) fn another(&self) -> Result<Option<Box<dyn KeypointNetwork>>, NetworkError> {
+        self.workers[0].network.another()
     }
 
     pub(super) fn shape(&self) -> CropShape {
@@ -47,63 +98,99 @@ impl Batch {
 
     /// What a detected box is grown by.
     pub(super) fn box_margin(&self) -> f64 {
-        self.network.card().box_margin
+        self.box_margin
     }
 
     /// Forgets the crops of the last tick.
     pub(super) fn clear(&mut self) {
-        self.n = 0;
+        self.wanted.clear();
+        self.cut = 0;
     }
 
     /// How many crops were pushed since.
     pub(super) fn len(&self) -> usize {
-        self.n
+        self.wanted.len()
     }
 
-    /// Adds a crop; the number by which [`Self::map`] knows it.
-    pub(super) fn push(
-        &mut self,
-        image: &RgbImage,
-        camera: &CameraModel,
-        crop: &CropGeometry,
-    ) -> usize {
-        if self.inputs.len() == self.n {
-            self.inputs.push(InputTensor::default());
-        }
+    /// Adds a crop of the camera at that position; the number by which [`Self::map`] knows it.
+    pub(super) fn push(&mut self, camera: usize, crop: CropGeometry) -> usize {
+        self.wanted.push(Wanted { camera, crop });
+        self.wanted.len() - 1
+    }
+
+    /// Cuts what was pushed since the last time out of the cameras' `pictures`, in their order. What has none stays unknown.
+    pub(super) fn cut(&mut self, pictures: &[Option<Picture<'_>>]) {
+        let n = self.wanted.len();
         let [width, height] = self.shape.input_px;
-        let values = &mut self.inputs[self.n].values;
-        values.resize(3 * width * height, 0.0);
-        self.cropper
-            .crop(image, Some(camera), crop, &self.format, values);
-        self.n += 1;
-        self.n - 1
+        if self.inputs.len() < n {
+            self.inputs.resize_with(n, InputTensor::default);
+        }
+        let (wanted, inputs) = (&self.wanted[self.cut..], &mut self.inputs[self.cut..n]);
+        let share = wanted.len().div_ceil(self.workers.len()).max(1);
+        let shares = wanted.par_chunks(share).zip(inputs.par_chunks_mut(share));
+        let shares = shares.zip(self.workers.par_iter_mut());
+        shares.for_each(|((wanted, inputs), worker)| {
+            for (wanted, input) in wanted.iter().zip(inputs) {
+                let (values, crop) = (&mut input.values, &wanted.crop);
+                values.resize(3 * width * height, 0.0);
+                match pictures.get(wanted.camera).copied().flatten() {
+                    Some((image, model)) => {
+                        let cropper = &mut worker.cropper;
+                        cropper.crop(image, Some(model), crop, &self.format, values);
+                    }
+                    None => values.fill(0.0),
+                }
+            }
+        });
+        self.cut = n;
     }
 
-    /// Runs the network on everything that was pushed.
+    /// Runs the network on everything that was cut.
     pub(super) fn infer(&mut self) -> Result<(), NetworkError> {
-        self.maps.clear();
-        for inputs in self.inputs[..self.n].chunks(MAX_CROPS_PER_CALL) {
-            let maps = self.network.infer(inputs)?;
-            let expected = inputs.len() * self.values_per_crop();
-            if maps.len() != expected {
-                return Err(NetworkError::Length {
-                    got: maps.len(),
-                    expected,
-                });
+        let inputs = &self.inputs[..self.cut];
+        let share = inputs.len().div_ceil(self.workers.len()).max(1);
+        let values_per_crop = self.values_per_crop;
+        self.maps.resize(inputs.len() * values_per_crop, 0.0);
+        let maps = self.maps.par_chunks_mut(share * values_per_crop);
+        let shares = inputs.par_chunks(share).zip(maps);
+        let shares = shares.zip(self.workers.par_iter_mut());
+        shares.try_for_each(|((inputs, maps), worker)| {
+            let calls = inputs.chunks(MAX_CROPS_PER_CALL);
+            let maps = maps.chunks_mut(MAX_CROPS_PER_CALL * values_per_crop);
+            for (inputs, maps) in calls.zip(maps) {
+                let made = worker.network.infer(inputs)?;
+                if made.len() != maps.len() {
+                    return Err(NetworkError::Length {
+                        got: made.len(),
+                        expected: maps.len(),
+                    });
+                }
+                maps.copy_from_slice(&made);
             }
-            self.maps.extend_from_slice(&maps);
+            Ok(())
+        })
+    }
+
+    /// Runs the network on so many crops of nothing, to learn what it takes.
+    ///
+    /// # Errors
+    /// When the network fails.
+    pub fn rehearse(&mut self, crops: usize) -> Result<(), NetworkError> {
+        let [width, height] = self.shape.input_px;
+        self.clear();
+        self.inputs.resize_with(crops, InputTensor::default);
+        for input in &mut self.inputs {
+            input.values.resize(3 * width * height, 0.0);
         }
-        Ok(())
+        self.cut = crops;
+        let outcome = self.infer();
+        self.clear();
+        outcome
     }
 
     /// The map of one keypoint of one crop, row by row.
     pub(super) fn map(&self, crop: usize, keypoint: usize) -> &[f32] {
         let cells = self.shape.cells.map(usize::from).iter().product::<usize>();
-        &self.maps[crop * self.values_per_crop() + keypoint * cells..][..cells]
-    }
-
-    fn values_per_crop(&self) -> usize {
-        let [width, height] = self.shape.cells.map(usize::from);
-        self.network.card().output.keypoints.len() * width * height
+        &self.maps[crop * self.values_per_crop + keypoint * cells..][..cells]
     }
 }

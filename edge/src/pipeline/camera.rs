@@ -20,6 +20,7 @@ pub(super) struct Drawing {
 }
 
 /// One camera of the viewpoint.
+#[derive(Clone)]
 pub(super) struct EdgeCamera {
     pub(super) index: CameraIndex,
     pub(super) model: CameraModel,

@@ -38,8 +38,9 @@ impl EdgePipeline {
         let (Some(detector), Some(batch)) = (&mut self.detector, &mut self.batch) else {
             return Ok(pending);
         };
-        let with_frames = self.cameras.iter_mut().zip(frames);
-        for (camera, frame) in with_frames.filter(|(camera, _)| cameras.contains(&camera.index)) {
+        let with_frames = self.cameras.iter_mut().zip(frames).enumerate();
+        let asked = with_frames.filter(|(_, (camera, _))| cameras.contains(&camera.index));
+        for (at, (camera, frame)) in asked {
             if let Some(Frame {
                 content: FrameContent::Image(image),
                 tick,
@@ -51,8 +52,7 @@ impl EdgePipeline {
                 let detections = detector.detect_in(image, camera.index, number)?;
                 pending.extend(sighting::enqueue(
                     &detections,
-                    image,
-                    (camera.index, &camera.model),
+                    (at, camera.index, &camera.model),
                     batch,
                     &mut camera.beyond_view,
                 ));

@@ -31,7 +31,7 @@ use farfield_proto::venue::Venue;
 use farfield_proto::venue::parameters::CameraChoice;
 use farfield_proto::wire;
 
-use self::batch::Batch;
+use self::batch::Picture;
 use self::camera::{EdgeCamera, cameras_of, check_shapes};
 use self::map_encoder::MapEncoder;
 use self::tiled_detector::TiledDetector;
@@ -41,6 +41,7 @@ use crate::gaussian_maps::draw_maps;
 use crate::inference::{KeypointNetwork, PersonDetector};
 use crate::source::{Frame, FrameContent, MapCrop};
 
+pub use batch::Batch;
 pub use beyond_view::BeyondView;
 pub use error::PipelineError;
 #[cfg(feature = "study")]
@@ -67,6 +68,16 @@ pub struct EdgeOutput {
     pub patch_sets: Vec<PatchSet>,
     /// The people found without boxes; empty when no detection pass ran.
     pub sighting_sets: Vec<SightingSet>,
+}
+
+impl EdgeOutput {
+    /// Adds the sightings of the same tick, which were made apart.
+    pub fn add_sightings(&mut self, sets: Vec<SightingSet>) {
+        for set in &mut self.patch_sets {
+            set.sighting_parts = sets.len() as u16;
+        }
+        self.sighting_sets = sets;
+    }
 }
 
 /// The edge of one viewpoint.
@@ -158,6 +169,7 @@ impl EdgePipeline {
             .filter(|p| request.includes(p.person))
             .filter_map(|p| self.track(p, age, frames))
             .collect();
+        self.cut(frames);
         mark(EdgeStage::Crop);
         let detects = !detection_cameras.is_empty() && self.can_sight();
         let n_tracked = self.batch.as_ref().map_or(0, Batch::len);
@@ -166,6 +178,7 @@ impl EdgePipeline {
         } else {
             Vec::new()
         };
+        self.cut(frames);
         let n_crops = self.batch.as_ref().map_or(0, Batch::len);
         self.detection_share = (n_crops - n_tracked) as f64 / n_crops.max(1) as f64;
         mark(EdgeStage::Detect);
@@ -206,6 +219,57 @@ impl EdgePipeline {
             patch_sets: parts::patch_sets(&head, persons),
             sighting_sets,
         })
+    }
+
+    /// Cuts the crops that wait for it.
+    fn cut(&mut self, frames: &[Option<Frame>]) {
+        let Some(batch) = &mut self.batch else {
+            return;
+        };
+        let picture = |(frame, camera)| -> Option<Picture<'_>> {
+            let (frame, camera): (&Option<Frame>, &EdgeCamera) = (frame, camera);
+            match &frame.as_ref()?.content {
+                FrameContent::Image(image) => Some((image, &camera.model)),
+                FrameContent::Keypoints(_) | FrameContent::Painted(_) => None,
+            }
+        };
+        let pictures: Vec<Option<Picture<'_>>> =
+            frames.iter().zip(&self.cameras).map(picture).collect();
+        batch.cut(&pictures);
+    }
+
+    /// The networks; `None` where no camera gives pictures.
+    pub fn batch(&mut self) -> Option<&mut Batch> {
+        self.batch.as_mut()
+    }
+
+    /// The part that looks for people without boxes, as an edge of its own, with the detector and a network of its own;
+    /// `None` where that takes no detector, or there can be one network only.
+    ///
+    /// # Errors
+    /// [`PipelineError`] when the network cannot be loaded again.
+    pub fn detach_detection(&mut self) -> Result<Option<Self>, PipelineError> {
+        let (Some(_), Some(batch)) = (&self.detector, &self.batch) else {
+            return Ok(None);
+        };
+        let Some(network) = batch.another()? else {
+            return Ok(None);
+        };
+        Ok(Some(Self {
+            viewpoint: self.viewpoint,
+            cameras: self.cameras.clone(),
+            keypoints: self.keypoints.clone(),
+            choice: self.choice,
+            batch: Some(Batch::new(network)),
+            detector: self.detector.take(),
+            ticks_per_pass: self.ticks_per_pass,
+            encoder: MapEncoder::new(CompressionLevel::LOSSLESS),
+            maps: Maps::new(1, 1, 1),
+            session: SessionId::default(),
+            last_camera: BTreeMap::new(),
+            detection_share: 0.0,
+            message_version: self.message_version,
+        }))
     }
 
     /// Sets the compression level of the next steps; at first it is the venue's `[link] quality`, else

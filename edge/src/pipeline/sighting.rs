@@ -5,7 +5,6 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Distorted, Pixel};
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::{KeypointPeak, MAX_SIGHTINGS, Sighting};
-use image::RgbImage;
 
 use super::batch::Batch;
 use super::beyond_view::BeyondView;
@@ -37,12 +36,11 @@ fn beyond_view<T>(found: Option<&T>, model: &CameraModel) -> u64 {
     u64::from(found.is_none() && model.lens().is_fisheye())
 }
 
-/// Puts the crops of detections into the batch; detections beyond the lens model, or what is used of it, are left out;
+/// Puts the crops of detections of the camera at position `at` into the batch; detections beyond the lens model, or what is used of it, are left out;
 /// those of a fisheye are counted.
 pub(super) fn enqueue(
     detections: &[Detection],
-    image: &RgbImage,
-    (camera, model): (CameraIndex, &CameraModel),
+    (at, camera, model): (usize, CameraIndex, &CameraModel),
     batch: &mut Batch,
     beyond: &mut BeyondView,
 ) -> Vec<Pending> {
@@ -52,7 +50,7 @@ pub(super) fn enqueue(
         beyond.detections += beyond_view(around.as_ref(), model);
         let crop = around.and_then(|b| CropGeometry::new(&b, batch.shape()));
         let Some(crop) = crop else { continue };
-        let input = batch.push(image, model, &crop);
+        let input = batch.push(at, crop);
         pending.push(Pending {
             camera,
             score: detection.score,

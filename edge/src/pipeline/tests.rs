@@ -71,6 +71,13 @@ impl KeypointNetwork for EchoNetwork {
             .flat_map(|input| (0..17).flat_map(move |_| map(input)))
             .collect())
     }
+
+    fn another(&self) -> Result<Option<Box<dyn KeypointNetwork>>, NetworkError> {
+        Ok(Some(Box::new(Self {
+            card: self.card.clone(),
+            calls: Arc::clone(&self.calls),
+        })))
+    }
 }
 
 /// Always finds the same box.
@@ -326,6 +333,27 @@ fn all_crops_of_a_tick_are_one_inference() {
             .iter()
             .all(|set| usize::from(set.sighting_parts) == parts)
     );
+}
+
+#[test]
+fn workers_share_the_crops_of_a_tick_and_change_nothing() {
+    let (network, calls) = mirror();
+    let mut edge =
+        EdgePipeline::new(&venue(&[PICTURES]), ViewpointIndex(0), Some(network), None).unwrap();
+    let person = |x| vec![box_at(0, [x, 240.0], 0.7)];
+    let people = boxes(&[], vec![person(320.0), person(330.0), person(310.0)]);
+    let frames = [Some(disc(320.0, 240.0))];
+    let alone = step(&mut edge, &frames, &people).unwrap();
+    // Three turned people are six crops: four workers take two each, and one has nothing to do.
+    for (workers, shares) in [(4, 3), (2, 2), (0, 1)] {
+        let batch = edge.batch().unwrap();
+        assert_eq!(batch.set_workers(workers).unwrap(), workers.max(1));
+        let before = calls.load(Ordering::Relaxed);
+        assert_eq!(step(&mut edge, &frames, &people).unwrap(), alone);
+        assert_eq!(calls.load(Ordering::Relaxed) - before, shares);
+    }
+    edge.batch().unwrap().rehearse(5).unwrap();
+    assert_eq!(step(&mut edge, &frames, &people).unwrap(), alone);
 }
 
 fn candidates(x: f64, y: f64) -> KeypointFrame {

@@ -60,7 +60,7 @@ impl EdgePipeline {
         let bounding_box = region.bounding_box;
         self.last_camera
             .insert(boxes.person, self.cameras[camera].index);
-        let EdgeCamera { model, drawing, .. } = &self.cameras[camera];
+        let EdgeCamera { drawing, .. } = &self.cameras[camera];
         let mut crop_of_keypoint = vec![0; self.keypoints.len()];
         if let Some(drawing) = drawing {
             // What is drawn does not depend on how the crop is turned.
@@ -74,7 +74,7 @@ impl EdgePipeline {
                 input: 0,
             });
         }
-        let (batch, FrameContent::Image(image)) =
+        let (batch, FrameContent::Image(_)) =
             (self.batch.as_mut()?, &frames[camera].as_ref()?.content)
         else {
             return None;
@@ -89,10 +89,7 @@ impl EdgePipeline {
                 *crop = u8::from(!self.keypoints.is_upper(keypoint));
             }
         }
-        let inputs: Vec<usize> = crops
-            .iter()
-            .map(|crop| batch.push(image, model, crop))
-            .collect();
+        let inputs: Vec<usize> = crops.iter().map(|crop| batch.push(camera, *crop)).collect();
         Some(Tracked {
             person: boxes.person,
             camera,

@@ -1,0 +1,134 @@
+//! `farfield bench edge`: how many people an edge on this machine carries, and at which rate.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, anyhow};
+use farfield_edge::network::{BackendChoice, InferenceBackend};
+use farfield_edge::node::Workers;
+use farfield_node::files::load_venue;
+use farfield_node::process::NodeError;
+use farfield_sim::embedded;
+use serde::Serialize;
+
+use crate::doctor::measured_workers;
+use crate::output;
+
+/// Rates that are told beside that of a venue, ticks per second.
+const RATES_HZ: [f64; 3] = [60.0, 30.0, 15.0];
+/// Share of its time that an edge plans with, as it does live.
+const PLANNED: f64 = 0.75;
+
+/// What `farfield bench edge` is told.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct BenchEdgeArgs {
+    /// The venue file, whose network is measured; without one that of the demo.
+    #[arg(value_name = "VENUE")]
+    venue: Option<PathBuf>,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// What came out.
+#[derive(Debug, Serialize)]
+struct EdgeReport {
+    /// The library that runs the network.
+    backend: String,
+    /// The network's card.
+    network: String,
+    workers: Vec<WorkersReport>,
+    /// With the last number of workers: people of one viewpoint by rate.
+    people: Vec<PeopleAtRate>,
+}
+
+#[derive(Debug, Serialize)]
+struct WorkersReport {
+    workers: usize,
+    crops_per_s: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct PeopleAtRate {
+    rate_hz: f64,
+    people: u32,
+}
+
+/// Measures, and prints what came out.
+///
+/// # Errors
+/// When the venue has no network, it cannot be run, or the result cannot be printed.
+pub(crate) fn bench_edge(args: &BenchEdgeArgs) -> Result<(), NodeError> {
+    let report = match &args.venue {
+        None => of_the_demo()?,
+        Some(path) => of_venue(path)?,
+    };
+    let text = if args.json {
+        serde_json::to_string_pretty(&report).map_err(NodeError::failed)? + "\n"
+    } else {
+        report.to_string()
+    };
+    output::print(&text).map_err(NodeError::Failed)
+}
+
+fn of_venue(path: &Path) -> Result<EdgeReport, NodeError> {
+    let venue = load_venue(path).map_err(NodeError::refused)?;
+    let card = venue.network.as_deref().ok_or_else(|| {
+        NodeError::Refused(anyhow!(
+            "{}: found no `network`, expected one: no source of it gives pictures",
+            path.display()
+        ))
+    })?;
+    measured(card, card.display().to_string(), &[venue.rate_hz])
+}
+
+fn of_the_demo() -> Result<EdgeReport, NodeError> {
+    let folder = tempfile::tempdir().context("making a temporary folder");
+    let folder = folder.map_err(NodeError::Failed)?;
+    let network = embedded::write_network(folder.path()).map_err(NodeError::failed)?;
+    let card = folder.path().join(network);
+    measured(&card, "the network of the demo".to_owned(), &[])
+}
+
+fn measured(card: &Path, network: String, own_hz: &[f64]) -> Result<EdgeReport, NodeError> {
+    let backend = InferenceBackend::start(BackendChoice::Best).map_err(NodeError::failed)?;
+    let found = measured_workers(card).map_err(NodeError::failed)?;
+    let crops_per_s = found.last().map_or(0.0, |best| best.crops_per_s);
+    let other_hz = RATES_HZ.iter().filter(|rate_hz| !own_hz.contains(rate_hz));
+    let people = own_hz.iter().chain(other_hz).map(|&rate_hz| PeopleAtRate {
+        rate_hz,
+        people: (PLANNED * crops_per_s / rate_hz) as u32,
+    });
+    Ok(EdgeReport {
+        backend: backend.describe().to_owned(),
+        network,
+        people: people.collect(),
+        workers: found
+            .iter()
+            .map(
+                |&Workers {
+                     workers,
+                     crops_per_s,
+                 }| WorkersReport {
+                    workers,
+                    crops_per_s,
+                },
+            )
+            .collect(),
+    })
+}
+
+impl fmt::Display for EdgeReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}\n{}", self.backend, self.network)?;
+        writeln!(f, "\nworkers  crops/s")?;
+        for row in &self.workers {
+            writeln!(f, "{:>7}  {:>7.0}", row.workers, row.crops_per_s)?;
+        }
+        writeln!(f, "\n     Hz  people of one viewpoint")?;
+        for row in &self.people {
+            writeln!(f, "{:>7}  {:>6}", row.rate_hz, row.people)?;
+        }
+        Ok(())
+    }
+}
