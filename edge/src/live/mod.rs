@@ -7,6 +7,7 @@
 pub mod budget;
 pub mod capture;
 pub mod delivery;
+pub mod failures;
 pub mod health;
 pub mod newest_boxes;
 pub mod own_boxes;

@@ -1,9 +1,10 @@
-//! What an edge sends of a tick so that its link's queue stays empty: first a higher compression level, then fewer
-//! persons per tick (round robin) or fewer ticks, whichever gets more of them through.
+//! What an edge does of a tick so that its link's queue stays empty and its computer keeps up: first a higher compression
+//! level, then fewer persons per tick (round robin) or fewer ticks, whichever gets more of them through.
 
 mod load;
 mod sighting_share;
 pub mod thumbnail_share;
+mod work;
 
 use farfield_proto::message::live::HeardPatches;
 use farfield_proto::message::parts::MESSAGE_BYTES;
@@ -13,6 +14,7 @@ use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 
 use self::load::LinkLoad;
 use self::sighting_share::SightingShare;
+use self::work::Work;
 use super::Micros;
 
 /// Bytes of a message beside its persons.
@@ -78,6 +80,7 @@ pub struct RateController {
     budget: Option<f64>,
     message_bytes: usize,
     load: LinkLoad,
+    work: Work,
     sightings: SightingShare,
     /// Per level, bytes per person as measured.
     measured: [Option<f64>; LEVELS],
@@ -91,7 +94,18 @@ pub struct RateController {
     /// What is left for a tick at a finer level, as a share of what that costs more.
     left: f64,
     limited: bool,
+    /// That the computer is too slow, if it is.
+    overload: Option<Overload>,
     room_since_us: Option<Micros>,
+}
+
+/// A computer that is too slow for all ticks and persons.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Overload {
+    /// What is done, persons per second.
+    pub done_per_s: f64,
+    /// What all ticks and persons would be, persons per second.
+    pub asked_per_s: f64,
 }
 
 impl RateController {
@@ -109,6 +123,7 @@ impl RateController {
             budget: (budget_bytes_per_s > 0.0).then_some(budget_bytes_per_s),
             message_bytes,
             load: LinkLoad::default(),
+            work: Work::new(rate_hz),
             sightings: SightingShare::default(),
             measured: [None; LEVELS],
             scale: 1.0,
@@ -121,6 +136,7 @@ impl RateController {
             finer_share: 0.0,
             left: 0.0,
             limited: false,
+            overload: None,
             room_since_us: None,
         }
     }
@@ -173,6 +189,21 @@ impl RateController {
         let mean = self.measured[level].unwrap_or(bytes);
         self.measured[level] = Some(mean + SHARE * (bytes - mean));
         self.scale += SHARE * (bytes / USUAL_BYTES[level] - self.scale);
+    }
+
+    /// The network takes so many persons at a time, and was measured to make so many crops a second.
+    pub fn set_workers(&mut self, workers: usize, crops_per_s: f64) {
+        self.work.set_workers(workers, crops_per_s);
+    }
+
+    /// Notes a tick that was done at `now_us`, whose `persons` took so long.
+    pub fn worked(&mut self, persons: usize, took_us: u32, now_us: Micros) {
+        self.work.add(persons, took_us, now_us);
+    }
+
+    /// That the computer has no time for all ticks and persons, if it is so.
+    pub fn overload(&self) -> Option<Overload> {
+        self.overload
     }
 
     /// Payload that was sent in the last second, bytes.
@@ -240,7 +271,7 @@ impl RateController {
             level = finer.unwrap_or(level);
             self.room_since_us = None;
         }
-        let (most, every_nth) = if self.cost(level, persons) <= per_tick {
+        let (most, every_nth) = if self.share(level, per_tick, persons) <= 1.0 {
             (None, 1)
         } else {
             let (most, nth) = self.thinned(level, per_tick, persons);
@@ -252,7 +283,15 @@ impl RateController {
             }
             (Some(most), nth)
         };
-        self.limited = level > self.best || most.is_some();
+        let of_time = self.work.ticks(persons);
+        let done = most.unwrap_or(persons as f64) / f64::from(every_nth);
+        self.overload = (of_time > 1.0).then_some(Overload {
+            done_per_s: done * self.rate_hz,
+            asked_per_s: persons as f64 * self.rate_hz,
+        });
+        // Who has no time for more would not send more over a wider link.
+        let asked = self.cost(self.best, persons) / of_time.max(1.0);
+        self.limited = level > self.best || asked > per_tick;
         self.level = level;
         self.finer_share = 0.0;
         self.plan = SendPlan {
@@ -291,9 +330,9 @@ impl RateController {
     /// How many of `persons` at every so manieth tick get most persons through a second, where a tick of all is too much:
     /// what a message costs beside its persons is paid once a tick, so that fewer ticks carry more of them, up to all.
     fn thinned(&self, level: CompressionLevel, per_tick: f64, persons: usize) -> (f64, u16) {
-        let fewest = (self.cost(level, 1) / per_tick).ceil();
-        let fewest = (fewest.clamp(1.0, f64::from(MAX_NTH)) as u16).next_power_of_two();
-        let within = |nth| self.persons_within(level, per_tick * f64::from(nth), persons);
+        let share = |persons| self.share(level, per_tick, persons);
+        let fewest = (share(1).clamp(1.0, f64::from(MAX_NTH)).ceil() as u16).next_power_of_two();
+        let within = |nth| persons_within(share, f64::from(nth), persons);
         let (mut most, mut every_nth) = (within(fewest), fewest);
         let mut nth = 2 * fewest;
         while nth <= MAX_NTH {
@@ -306,13 +345,10 @@ impl RateController {
         (most, every_nth)
     }
 
-    /// How many of `persons` fit into `bytes` on average, at least 1.
-    fn persons_within(&self, level: CompressionLevel, bytes: f64, persons: usize) -> f64 {
-        let whole = (1..persons).rev().find(|&n| self.cost(level, n) <= bytes);
-        whole.map_or(1.0, |n| {
-            let [less, more] = [n, n + 1].map(|n| self.cost(level, n));
-            n as f64 + ((bytes - less) / (more - less)).clamp(0.0, 1.0)
-        })
+    /// How much a tick of so many `persons` takes of what there is for one: of `per_tick` bytes, or of the time.
+    fn share(&self, level: CompressionLevel, per_tick: f64, persons: usize) -> f64 {
+        let of_link = self.cost(level, persons) / per_tick;
+        of_link.max(self.work.ticks(persons))
     }
 
     /// Bytes of a tick with overhead.
@@ -324,6 +360,15 @@ impl RateController {
         let messages = (bytes / room).ceil().max(1.0);
         bytes + messages * (HEAD_BYTES + MESSAGE_OVERHEAD_BYTES as f64)
     }
+}
+
+/// How many of `persons` fit on average into what there is for so many `ticks`, at least 1; `share`: what so many persons take.
+fn persons_within(share: impl Fn(usize) -> f64, ticks: f64, persons: usize) -> f64 {
+    let whole = (1..persons).rev().find(|&n| share(n) <= ticks);
+    whole.map_or(1.0, |n| {
+        let [less, more] = [n, n + 1].map(&share);
+        n as f64 + ((ticks - less) / (more - less).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
+    })
 }
 
 #[cfg(test)]

@@ -352,3 +352,63 @@ fn nobody_in_sight_costs_only_a_sign_of_life() {
         (CompressionLevel::DEFAULT, None, 1)
     );
 }
+
+/// A controller on a wide link whose every person takes so long, after some seconds at the plan that it makes itself.
+fn on_a_computer(person_us: u32, workers: usize, persons: usize) -> RateController {
+    let mut edge = controller(0.0);
+    edge.set_workers(workers, f64::INFINITY);
+    compute(&mut edge, person_us, persons, 0..6 * SECOND_US);
+    edge
+}
+
+/// Works on `persons` that take `person_us` each, one after the other.
+fn compute(
+    edge: &mut RateController,
+    person_us: u32,
+    persons: usize,
+    time_us: std::ops::Range<Micros>,
+) {
+    let period_us = (1e6 / RATE_HZ) as Micros;
+    let mut now_us = time_us.start;
+    while now_us < time_us.end {
+        let plan = edge.plan(persons, now_us);
+        let worked_on = plan.persons.map_or(persons, |most| most.ceil() as usize);
+        let took_us = person_us * worked_on as u32;
+        now_us += Micros::from(took_us).max(period_us * i64::from(plan.every_nth));
+        edge.worked(worked_on, took_us, now_us);
+    }
+}
+
+#[test]
+fn a_computer_that_is_too_slow_works_on_ticks_that_all_edges_share() {
+    let plan = |person_us, persons| {
+        let edge = on_a_computer(person_us, 1, persons);
+        let plan = edge.last_plan();
+        (plan.every_nth, plan.persons, edge.overload().is_some())
+    };
+    assert_eq!(plan(10_000, 1), (1, None, false));
+    assert_eq!(plan(35_000, 1), (4, Some(1.0), true));
+    let (nth, persons, is_told) = plan(35_000, 2);
+    assert!(nth == 4 && is_told, "{nth}");
+    // 50 ms of the 67 for people of 35 ms.
+    assert!((persons.unwrap() - 1.43).abs() < 0.05, "{persons:?}");
+    let overload = on_a_computer(35_000, 1, 2).overload().unwrap();
+    assert!((overload.done_per_s - 21.4).abs() < 0.5, "{overload:?}");
+    assert!((overload.asked_per_s - 120.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_computer_that_has_time_again_does_every_tick_within_four_seconds() {
+    let mut edge = on_a_computer(35_000, 1, 1);
+    compute(&mut edge, 5_000, 1, 6 * SECOND_US..7 * SECOND_US);
+    assert_eq!(edge.last_plan().every_nth, 4, "it does not swing");
+    compute(&mut edge, 5_000, 1, 7 * SECOND_US..10 * SECOND_US);
+    assert_eq!((edge.last_plan().every_nth, edge.overload()), (1, None));
+}
+
+#[test]
+fn a_slow_computer_is_no_thin_link() {
+    let edge = on_a_computer(35_000, 1, 1);
+    assert!(edge.has_room(6 * SECOND_US));
+    assert_eq!(edge.level(), CompressionLevel::DEFAULT);
+}

@@ -15,7 +15,7 @@ use crate::source::Frame;
 
 /// Frames of a camera that are kept beside those for which a slower camera is waited for: the pipeline may be so
 /// many ticks late.
-const SPARE: usize = 4;
+pub(super) const SPARE: usize = 4;
 /// Most frames that are kept of a camera, whatever it is waited for: of pictures they take gigabytes.
 const MOST_KEPT: usize = 64;
 /// How fast a camera's usual lag follows, and what it had beyond is forgotten: by so much with each frame.

@@ -8,9 +8,10 @@ use farfield_proto::venue::parameters::LinkParameters;
 
 use crate::live::Micros;
 use crate::live::budget::ByteBudget;
+use crate::live::failures::Failures;
 use crate::live::newest_boxes::{BoxSetArrival, NewestBoxes};
 use crate::live::rate::thumbnail_share::ThumbnailShare;
-use crate::live::rate::{MessageKind, RateController};
+use crate::live::rate::{MessageKind, Overload, RateController};
 use crate::live::tick_clock::TickClock;
 
 /// What a live edge knows and counts.
@@ -22,8 +23,10 @@ pub(super) struct Ledger {
     budget: ByteBudget,
     thumbnails: ThumbnailShare,
     held_back: u64,
+    rate_hz: f64,
     /// Ticks that nobody worked on.
     pub(super) missed: u64,
+    pub(super) failures: Failures,
     /// The tick that was worked on last.
     pub(super) last: Option<Tick>,
 }
@@ -39,7 +42,9 @@ impl Ledger {
             budget: ByteBudget::new(budget),
             thumbnails: ThumbnailShare::new(budget),
             held_back: 0,
+            rate_hz,
             missed: 0,
+            failures: Failures::default(),
             last: None,
         }
     }
@@ -102,6 +107,20 @@ impl Ledger {
             clock_correction_us: self.ticks.correction_us(),
             echo: self.boxes.echo(now_us),
         })
+    }
+
+    /// That the computer is too slow for all people at every tick, in words.
+    pub(super) fn overload(&self) -> Option<String> {
+        let Overload {
+            done_per_s,
+            asked_per_s,
+        } = self.rate.overload()?;
+        let nth = f64::from(self.rate.last_plan().every_nth);
+        Some(format!(
+            "{:.0} of {:.0} Hz: it makes {done_per_s:.0} of {asked_per_s:.0} crops a second; a smaller network, fewer people or a faster computer would carry all",
+            self.rate_hz / nth,
+            self.rate_hz
+        ))
     }
 
     /// What the status says, without the cameras.

@@ -6,15 +6,19 @@
 //! What they share is locked for microseconds.
 
 mod camera;
+mod detection;
 mod frames;
 mod fusion_presence;
 mod ledger;
+mod outbox;
 mod picture_desk;
 mod publishers;
 mod shared;
 mod threads;
 mod thumbnails;
+mod tick_start;
 mod ticker;
+mod work_watch;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -36,6 +40,7 @@ use super::compare::compare_files;
 use super::link::{EdgeEnds, EdgeIncoming};
 use super::parts::Parts;
 use super::ring::RingHandle;
+use super::workers::Workers;
 use crate::live::newest_boxes::BoxSetArrival;
 use crate::live::rate::MessageKind;
 use crate::live::refusal::RepeatedRefusal;
@@ -58,6 +63,10 @@ pub(super) struct LiveEdge {
     /// Why the edge should end, as fusion said last.
     objection: Option<NodeError>,
     refusal: RepeatedRefusal,
+    /// What stands for the backend before it is known how many workers run it.
+    backend: String,
+    /// Whether the computer is too slow, as was said.
+    is_overloaded: bool,
     /// The session of fusion that was followed last.
     followed: Option<SessionId>,
     /// Whether fusion is there, as was said.
@@ -84,6 +93,8 @@ impl LiveEdge {
         let (failed_tx, failed) = oneshot::channel();
         threads::spawn(parts, &shared, failed_tx)?;
         Ok(Self {
+            backend: status.backend.clone(),
+            is_overloaded: false,
             status,
             shared,
             refused: None,
@@ -143,6 +154,17 @@ impl LiveEdge {
         Ok(None)
     }
 
+    /// Says that the computer is too slow when that begins, and when it is over.
+    fn say_overload(&mut self) {
+        let overload = self.shared.overload();
+        if overload.is_some() == self.is_overloaded {
+            return;
+        }
+        self.is_overloaded = overload.is_some();
+        let said = overload.unwrap_or_else(|| "does every tick again".to_owned());
+        say(format_args!("{}: {said}", self.status.node));
+    }
+
     /// Says that fusion has gone, if that is new.
     fn say_gone(&mut self) {
         let silent_us = self.shared.silent_us();
@@ -198,7 +220,12 @@ impl LiveEdge {
                 }
                 _ = statuses.tick() => {
                     self.shared.clock.discipline();
+                    self.say_overload();
                     self.send_status();
+                    let now_us = self.shared.clock.now_us();
+                    if let Some((words, true)) = self.shared.works.late(now_us) {
+                        return Err(NodeError::Failed(anyhow!("{words}")));
+                    }
                     if let Some(ending) = self.give_up()? {
                         return Ok(ending);
                     }
@@ -227,6 +254,15 @@ impl LiveEdge {
         });
         self.status.tick = self.shared.last_tick();
         self.status.health = self.health();
+        if let Some(Workers {
+            workers,
+            crops_per_s,
+        }) = self.shared.workers()
+        {
+            let plural = if workers == 1 { "" } else { "s" };
+            let workers = format!("{workers} worker{plural}, {crops_per_s:.0} crops a second");
+            self.status.backend = wire::cut_text(format!("{}; {workers}", self.backend));
+        }
         self.shared
             .send(MessageKind::Status, self.shared.encode(&self.status));
     }
@@ -247,6 +283,15 @@ impl LiveEdge {
         }
         if let Some(failure) = self.shared.ring_failure() {
             health.notice(failure);
+        }
+        let now_us = self.shared.clock.now_us();
+        let late = self.shared.works.late(now_us).map(|(words, _)| words);
+        let failure = self.shared.ledger().failures.words(now_us);
+        for notice in [late, failure, self.shared.overload()]
+            .into_iter()
+            .flatten()
+        {
+            health.notice(notice);
         }
         health
     }

@@ -1,7 +1,7 @@
 //! What the threads of a live edge share.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
@@ -18,11 +18,13 @@ use super::frames::FrameStore;
 use super::ledger::Ledger;
 use super::picture_desk::PictureDesk;
 use super::publishers::EdgePublishers;
-use crate::live::Micros;
+use super::work_watch::{WorkWatch, Worker};
 use crate::live::newest_boxes::BoxSetArrival;
 use crate::live::rate::MessageKind;
+use crate::live::{Micros, SECOND_US};
 use crate::node::parts::Parts;
 use crate::node::ring::RingHandle;
+use crate::node::workers::Workers;
 use crate::ring::record::Label;
 
 /// Longest time until a thread that sleeps sees that it shall stop.
@@ -39,6 +41,9 @@ pub(super) struct Shared {
     publishers: EdgePublishers,
     spoken: Arc<SpokenVersion>,
     ring: Option<RingHandle>,
+    workers: OnceLock<Workers>,
+    /// Calls of networks that go on.
+    pub(super) works: WorkWatch,
     stop: CancellationToken,
 }
 
@@ -63,6 +68,8 @@ impl Shared {
             publishers,
             spoken,
             ring,
+            workers: OnceLock::new(),
+            works: WorkWatch::default(),
             stop: CancellationToken::new(),
         }
     }
@@ -163,6 +170,47 @@ impl Shared {
     /// How the edge is, but for its cameras.
     pub(super) fn describe(&self, now_us: Micros) -> LiveStatus {
         self.ledger().describe(now_us)
+    }
+
+    /// That the computer is too slow for all people at every tick, in words.
+    pub(super) fn overload(&self) -> Option<String> {
+        self.ledger().overload()
+    }
+
+    /// Notes that the networks are called, for at most so many crops.
+    pub(super) fn begin_work(&self, worker: Worker, crops: usize) {
+        let crops_per_s = self.workers().map_or(f64::INFINITY, |it| it.crops_per_s);
+        let expected_us = crops as f64 / crops_per_s * SECOND_US as f64;
+        self.works
+            .begin(worker, self.clock.now_us(), expected_us as Micros);
+    }
+
+    /// Notes that a tick was done, with so many people in so much time.
+    pub(super) fn count_work(&self, persons: usize, took_us: u32) {
+        let now_us = self.clock.now_us();
+        let mut ledger = self.ledger();
+        ledger.rate.worked(persons, took_us, now_us);
+        if persons > 0 {
+            ledger.failures.worked();
+        }
+    }
+
+    /// Notes that a tick could not be done; whether the edge should give up.
+    pub(super) fn note_failure(&self, error: &anyhow::Error) -> bool {
+        let now_us = self.clock.now_us();
+        let mut ledger = self.ledger();
+        ledger.missed += 1;
+        ledger.failures.failed(format!("{error:#}"), now_us)
+    }
+
+    /// Notes who runs the network; the first word counts.
+    pub(super) fn set_workers(&self, workers: Workers) {
+        self.workers.get_or_init(|| workers);
+    }
+
+    /// Who runs the network, once that was measured.
+    pub(super) fn workers(&self) -> Option<Workers> {
+        self.workers.get().copied()
     }
 
     pub(super) fn last_tick(&self) -> Option<Tick> {

@@ -44,12 +44,14 @@ pub(super) fn spawn(
     let Parts {
         venue,
         pipeline,
+        workers,
         viewpoint,
         ..
     } = parts;
-    let mut ticker = Ticker::new(Arc::clone(shared), pipeline, viewpoint, &venue);
+    let shared = Arc::clone(shared);
     let work = move || {
-        let outcome = ticker.run();
+        let mut ticker = Ticker::new(shared, pipeline, viewpoint, &venue);
+        let outcome = ticker.share_work(workers).and_then(|()| ticker.run());
         say_beyond_view(ticker.pipeline());
         if let Err(error) = outcome {
             drop(failed.send(error));

@@ -5,30 +5,31 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::clock;
-use farfield_proto::id::{CameraIndex, PersonId, ViewpointIndex};
-use farfield_proto::message::fill::SetKind;
+use farfield_proto::id::{PersonId, ViewpointIndex};
 use farfield_proto::message::live::{BoxEcho, PatchTiming};
-use farfield_proto::message::{BoxSet, Order};
+use farfield_proto::message::{BoxSet, DETECTION_STAGE, Order};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use tracing::debug;
 
+use super::detection::{DetectionThread, Pass};
+use super::frames::SPARE as KEPT_TICKS;
+use super::outbox;
 use super::shared::Shared;
+use super::tick_start::TickStart;
+use super::work_watch::Worker;
 use crate::live::Micros;
 use crate::live::own_boxes::{Lead, OwnBoxes};
-use crate::live::rate::{MessageKind, SendPlan};
 use crate::live::round_robin;
 use crate::node::stage_times::split_detection;
+use crate::node::workers::Workers;
 use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};
-use crate::ring::record::Label;
 use crate::source::Frame;
 
 /// Name of the stage from the capture of a tick to the sending of its last patch.
 const CAPTURE_TO_SENT: &str = "capture to sent";
 /// How long it waits where there is nothing to wait for, microseconds.
 const IDLE_US: Micros = 10_000;
-/// Ticks in a row that may fail; after more the edge gives up.
-const MAX_FAILURES: u32 = 60;
 /// The largest timing: what messages are measured with before their own is known.
 const LARGEST_TIMING: PatchTiming = PatchTiming {
     sent_after_us: i32::MIN,
@@ -52,18 +53,8 @@ pub(super) struct Ticker {
     /// For how long it does without fusion, microseconds.
     longest_alone_us: Micros,
     laps: Vec<(EdgeStage, u32)>,
-    failures: u32,
-}
-
-/// What is known at the start of a tick.
-struct TickStart {
-    tick: Tick,
-    boxes: Arc<BoxSet>,
-    detection_cameras: Vec<CameraIndex>,
-    /// Whether fusion is silent, so that it must be watched where people go.
-    is_watched: bool,
-    plan: SendPlan,
-    may_send: bool,
+    /// Who looks for people without boxes, where that takes a network.
+    detection: Option<DetectionThread>,
 }
 
 impl Ticker {
@@ -83,13 +74,31 @@ impl Ticker {
             frames: Vec::new(),
             chosen: Vec::new(),
             laps: Vec::new(),
-            failures: 0,
+            detection: None,
         }
     }
 
     /// What it works with.
     pub(super) fn pipeline(&self) -> &EdgePipeline {
         &self.pipeline
+    }
+
+    /// Plans with the workers that were measured to be fastest, and lets another thread look for people.
+    ///
+    /// # Errors
+    /// When the network cannot be loaded again.
+    pub(super) fn share_work(&mut self, workers: Option<Workers>) -> anyhow::Result<()> {
+        if let Some(best) = workers {
+            let mut ledger = self.shared.ledger();
+            ledger.rate.set_workers(best.workers, best.crops_per_s);
+            drop(ledger);
+            self.shared.set_workers(best);
+        }
+        if let Some(detection) = self.pipeline.detach_detection()? {
+            let thread = DetectionThread::spawn(Arc::clone(&self.shared), detection)?;
+            self.detection = Some(thread);
+        }
+        Ok(())
     }
 
     /// Works until the edge ends.
@@ -110,14 +119,14 @@ impl Ticker {
             let Some(start) = self.begin(tick) else {
                 continue;
             };
-            match self.step(&start) {
-                Ok(()) => self.failures = 0,
-                Err(error) if self.failures < MAX_FAILURES => {
+            match self.step(start) {
+                Ok(()) => {}
+                Err(error) => {
                     debug!(tick = tick.0, error = format!("{error:#}"), "tick not done");
-                    self.failures += 1;
-                    self.shared.ledger().missed += 1;
+                    if self.shared.note_failure(&error) {
+                        return Err(error);
+                    }
                 }
-                Err(error) => return Err(error),
             }
             self.shared.desk.offer(&mut self.frames);
         }
@@ -136,22 +145,15 @@ impl Ticker {
         let half_us = ledger.ticks.period_us() / 2;
         // The last tick whose frames should all be there.
         let due = ledger.ticks.tick_at(now_us - lag_us - half_us)?;
-        let tick = match ledger.last {
-            Some(last) if last + 1 < due => {
-                let over = due - last - 1;
-                ledger.missed += (over / nth).unsigned_abs();
-                due
-            }
-            Some(last) => last + 1,
-            None => due,
-        };
-        let aligned =
-            Tick(tick.0.div_euclid(nth) * nth + if tick.0.rem_euclid(nth) == 0 { 0 } else { nth });
+        let next = ledger.last.map_or(due, |last| last + 1);
+        let newest = newest_due(next, due, nth);
+        ledger.missed += ((newest - aligned(next, nth)) / nth).max(0).unsigned_abs();
+        let tick = aligned(newest, nth);
         // Detection passes are planned for all viewpoints alike.
-        let detection = ledger.boxes.next_detection_tick(tick);
-        let aligned = detection.map_or(aligned, |tick| aligned.min(tick));
-        let until_us = ledger.ticks.own_time_us(aligned)? + lag_us + half_us;
-        Some((aligned, until_us))
+        let detection = ledger.boxes.next_detection_tick(newest);
+        let tick = detection.map_or(tick, |detection| tick.min(detection));
+        let until_us = ledger.ticks.own_time_us(tick)? + lag_us + half_us;
+        Some((tick, until_us))
     }
 
     fn begin(&mut self, tick: Tick) -> Option<TickStart> {
@@ -208,7 +210,7 @@ impl Ticker {
         })
     }
 
-    fn step(&mut self, start: &TickStart) -> anyhow::Result<()> {
+    fn step(&mut self, start: TickStart) -> anyhow::Result<()> {
         let persons = start.boxes.persons.iter().map(|p| p.person);
         if let Some(most) = start.plan.persons {
             let nth = i64::from(start.plan.every_nth);
@@ -221,7 +223,10 @@ impl Ticker {
         let request = StepRequest {
             tick: start.tick,
             boxes: &start.boxes,
-            detection_cameras: &start.detection_cameras,
+            detection_cameras: match &self.detection {
+                Some(_) => &[],
+                None => &start.detection_cameras,
+            },
             persons: start.plan.persons.map(|_| &self.chosen[..]),
             timing: Some(LARGEST_TIMING),
         };
@@ -229,67 +234,65 @@ impl Ticker {
         self.pipeline
             .set_message_version(self.shared.message_version());
         self.laps.clear();
-        let (laps, mut lap) = (&mut self.laps, clock::now());
-        let output = self
-            .pipeline
-            .step(&self.frames, &request, &mut |stage| {
-                laps.push((stage, clock::micros_since(lap)));
-                lap = clock::now();
-            })
-            .with_context(|| format!("tick {}", start.tick))?;
-        self.count_laps(!start.detection_cameras.is_empty());
+        let begun = clock::now();
+        let (laps, mut lap) = (&mut self.laps, begun);
+        let asked = request
+            .persons
+            .map_or(start.boxes.persons.len(), <[_]>::len);
+        self.shared.begin_work(Worker::Patches, asked);
+        let output = self.pipeline.step(&self.frames, &request, &mut |stage| {
+            laps.push((stage, clock::micros_since(lap)));
+            lap = clock::now();
+        });
+        self.shared.works.end(Worker::Patches);
+        let tick = start.tick;
+        let output = output.with_context(|| format!("tick {tick}"))?;
+        let pass_us = self.count_laps(!request.detection_cameras.is_empty());
         let sending = clock::now();
+        let sets = output.patch_sets.iter();
+        let persons = sets.map(|set| set.persons.len()).sum();
         self.send(start, output);
         self.shared.count("messages", clock::micros_since(sending));
-        self.count_delay(start.tick);
+        let persons_us = clock::micros_since(begun).saturating_sub(pass_us);
+        self.shared.count_work(persons, persons_us);
+        self.count_delay(tick);
         Ok(())
     }
 
-    fn send(&mut self, start: &TickStart, output: EdgeOutput) {
+    /// Lets the patches of a tick out; with a detection pass, when that is done.
+    fn send(&mut self, start: TickStart, output: EdgeOutput) {
         if start.is_watched {
             let sets = &output.patch_sets;
             self.own_boxes.see(&start.boxes, sets, self.rate_hz);
         } else {
             self.own_boxes.clear();
         }
-        let label = |session, kind| Label {
-            session,
-            tick: start.tick,
-            kind,
+        let pass = match &self.detection {
+            Some(thread) if !start.detection_cameras.is_empty() => thread.begin(Pass {
+                frames: self.frames.clone(),
+                start,
+                output,
+            }),
+            _ => return outbox::send(&self.shared, &start, output),
         };
-        for set in &output.sighting_sets {
-            let bytes = self.shared.encode(set);
-            self.shared
-                .keep(label(set.session, SetKind::Sightings), &bytes);
-            self.shared.send(MessageKind::Sightings, bytes);
+        if let Some(Pass { start, output, .. }) = pass {
+            outbox::send(&self.shared, &start, output);
         }
-        let messages = output.patch_sets.len();
-        let (mut persons, mut payload) = (0, 0);
-        for mut set in output.patch_sets {
-            let now_us = self.shared.clock.now_us();
-            set.timing = self.shared.ledger().timing(start.tick, now_us);
-            let bytes = self.shared.encode(&set);
-            self.shared
-                .keep(label(set.session, SetKind::Patches), &bytes);
-            persons += set.persons.len();
-            payload += bytes.len();
-            if start.may_send {
-                self.shared.send(MessageKind::Patches(start.tick), bytes);
-            }
-        }
-        let mut ledger = self.shared.ledger();
-        ledger
-            .rate
-            .packed(start.plan.level, persons, messages, payload);
     }
 
-    fn count_laps(&mut self, detects: bool) {
+    /// Counts the stages; what the detection pass of the tick took, microseconds, if it had one.
+    fn count_laps(&mut self, detects: bool) -> u32 {
         let stages = split_detection(&self.laps, self.pipeline.detection_share());
+        let mut pass_us = 0;
         for (stage, us) in stages {
-            if stage != farfield_proto::message::DETECTION_STAGE || detects {
+            if stage != DETECTION_STAGE {
                 self.shared.count(stage, us);
+            } else if detects {
+                self.shared.count(stage, us);
+                pass_us = us;
             }
         }
+        pass_us
     }
 
     fn count_delay(&self, tick: Tick) {
@@ -302,5 +305,36 @@ impl Ticker {
         let delay_us = after_us.unwrap_or(0) - Micros::from(first_us);
         self.shared
             .count(CAPTURE_TO_SENT, delay_us.clamp(0, u32::MAX.into()) as u32);
+    }
+}
+
+/// From which tick on the next is looked for, where every `nth` is worked on, `next` is the first that was not, and `due` the
+/// last whose frames are there. Of those that are over only the newest is worked on, while its frames are kept.
+fn newest_due(next: Tick, due: Tick, nth: i64) -> Tick {
+    let newest = Tick(due.0.div_euclid(nth) * nth);
+    let is_kept = usize::try_from(due - newest).is_ok_and(|late| late <= KEPT_TICKS);
+    next.max(if is_kept { newest } else { due })
+}
+
+/// The first tick from `tick` on that `nth` divides.
+fn aligned(tick: Tick, nth: i64) -> Tick {
+    tick + (-tick.0).rem_euclid(nth)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edge_that_is_late_takes_the_newest_tick_that_all_share() {
+        let next =
+            |last: i64, due: i64, nth| aligned(newest_due(Tick(last + 1), Tick(due), nth), nth).0;
+        assert_eq!(next(8, 9, 1), 9, "in time");
+        assert_eq!(next(8, 8, 1), 9, "waits for the next");
+        assert_eq!(next(8, 15, 1), 15, "late");
+        assert_eq!(next(8, 13, 4), 12, "a little late, of every fourth");
+        assert_eq!(next(8, 11, 4), 12, "waits for the next fourth");
+        assert_eq!(next(12, 13, 4), 16);
+        assert_eq!(next(0, 30, 32), 32, "the frames of tick 0 are gone");
     }
 }

@@ -1,0 +1,20 @@
+//! What is known at the start of a tick, for whoever works on it.
+
+use std::sync::Arc;
+
+use farfield_proto::id::CameraIndex;
+use farfield_proto::message::BoxSet;
+use farfield_proto::tick::Tick;
+
+use crate::live::rate::SendPlan;
+
+/// What is known at the start of a tick.
+pub(super) struct TickStart {
+    pub(super) tick: Tick,
+    pub(super) boxes: Arc<BoxSet>,
+    pub(super) detection_cameras: Vec<CameraIndex>,
+    /// Whether fusion is silent, so that it must be watched where people go.
+    pub(super) is_watched: bool,
+    pub(super) plan: SendPlan,
+    pub(super) may_send: bool,
+}

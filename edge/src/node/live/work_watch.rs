@@ -1,0 +1,94 @@
+//! Whether the networks come back: a call that hangs must not leave an edge that says it works.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use crate::live::{Micros, SECOND_US};
+
+/// A call is late when it takes so many times as long as is expected, and so much longer, microseconds.
+const LATE_TIMES: Micros = 10;
+const LATE_US: Micros = 2 * SECOND_US;
+/// It hangs when it is late by so much, microseconds: whoever started the edge starts it again.
+const HANGS_US: Micros = 8 * SECOND_US;
+
+/// Which of the threads that call networks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Worker {
+    /// Who makes patches of people with boxes.
+    Patches,
+    /// Who looks for people without.
+    Detection,
+}
+
+/// A call that goes on.
+#[derive(Debug, Clone, Copy)]
+struct Call {
+    begun_us: Micros,
+    expected_us: Micros,
+}
+
+/// The calls that go on.
+#[derive(Debug, Default)]
+pub(super) struct WorkWatch {
+    calls: Mutex<[Option<Call>; 2]>,
+}
+
+impl WorkWatch {
+    /// A call begins at `begun_us`, and should take so long.
+    pub(super) fn begin(&self, worker: Worker, begun_us: Micros, expected_us: Micros) {
+        self.lock()[worker as usize] = Some(Call {
+            begun_us,
+            expected_us,
+        });
+    }
+
+    /// It has come back.
+    pub(super) fn end(&self, worker: Worker) {
+        self.lock()[worker as usize] = None;
+    }
+
+    /// That a call is late at `now_us`, in words, and whether it hangs.
+    pub(super) fn late(&self, now_us: Micros) -> Option<(String, bool)> {
+        let calls = self.lock();
+        let late_us = |call: &Call| {
+            let late_from_us = LATE_US + LATE_TIMES * call.expected_us;
+            now_us - call.begun_us - late_from_us
+        };
+        let latest = calls.iter().flatten().max_by_key(|call| late_us(call))?;
+        let seconds = (now_us - latest.begun_us) / SECOND_US;
+        (late_us(latest) >= 0).then(|| {
+            let words = format!("the network does not come back, since {seconds} s");
+            (words, late_us(latest) >= HANGS_US)
+        })
+    }
+
+    fn lock(&self) -> MutexGuard<'_, [Option<Call>; 2]> {
+        self.calls.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_call_that_does_not_come_back_is_named_and_then_ends_the_edge() {
+        let watch = WorkWatch::default();
+        watch.begin(Worker::Patches, 0, 100_000);
+        watch.begin(Worker::Detection, 0, 5 * SECOND_US);
+        assert_eq!(watch.late(2 * SECOND_US), None);
+        let (words, hangs) = watch.late(4 * SECOND_US).unwrap();
+        assert_eq!(
+            (words.as_str(), hangs),
+            ("the network does not come back, since 4 s", false)
+        );
+        assert!(watch.late(11 * SECOND_US).unwrap().1);
+        watch.end(Worker::Patches);
+        assert_eq!(
+            watch.late(11 * SECOND_US),
+            None,
+            "a slow network may take long"
+        );
+        watch.end(Worker::Detection);
+        assert_eq!(watch.late(1_000 * SECOND_US), None);
+    }
+}
