@@ -145,6 +145,8 @@ mod tests {
             let worth = Worth::of(run, &run.smoothed, Some(CUTS));
             worth.in_cuts_m.unwrap().0
         });
-        assert!(with_m < 0.95 * without_m, "{with_m} {without_m} m");
+        // 20.1 and 21.0 mm; 20.3 and 21.7 while the filter was thrown off by what it had not measured.
+        assert!(with_m < 0.97 * without_m, "{with_m} {without_m} m");
+        assert!(with_m < 0.0203, "{with_m} m");
     }
 }
