@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
+use farfield_edge::live::rate::PLANNED;
 use farfield_edge::network::{BackendChoice, InferenceBackend};
 use farfield_edge::node::Workers;
 use farfield_node::files::load_venue;
@@ -16,8 +17,6 @@ use crate::output;
 
 /// Rates that are told beside that of a venue, ticks per second.
 const RATES_HZ: [f64; 3] = [60.0, 30.0, 15.0];
-/// Share of its time that an edge plans with, as it does live.
-const PLANNED: f64 = 0.75;
 
 /// What `farfield bench edge` is told.
 #[derive(Debug, Clone, clap::Args)]
@@ -37,15 +36,9 @@ struct EdgeReport {
     backend: String,
     /// The network's card.
     network: String,
-    workers: Vec<WorkersReport>,
+    workers: Vec<Workers>,
     /// With the last number of workers: people of one viewpoint by rate.
     people: Vec<PeopleAtRate>,
-}
-
-#[derive(Debug, Serialize)]
-struct WorkersReport {
-    workers: usize,
-    crops_per_s: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -103,18 +96,7 @@ fn measured(card: &Path, network: String, own_hz: &[f64]) -> Result<EdgeReport, 
         backend: backend.describe().to_owned(),
         network,
         people: people.collect(),
-        workers: found
-            .iter()
-            .map(
-                |&Workers {
-                     workers,
-                     crops_per_s,
-                 }| WorkersReport {
-                    workers,
-                    crops_per_s,
-                },
-            )
-            .collect(),
+        workers: found,
     })
 }
 

@@ -25,21 +25,23 @@ impl Failures {
         self.since = None;
     }
 
-    /// Inference has failed at `now_us`; whether the edge should give up.
-    pub fn failed(&mut self, why: String, now_us: Micros) -> bool {
+    /// Inference has failed at `now_us`.
+    pub fn failed(&mut self, why: String, now_us: Micros) {
         let (since_us, times) = self.since.unwrap_or((now_us, 0));
         self.since = Some((since_us, times + 1));
         self.last = Some((now_us, why));
         self.all += 1;
-        now_us - since_us >= GIVEN_UP_US && times + 1 >= ENOUGH
     }
 
-    /// What failed in the last seconds, in words; `None` where nothing did.
-    pub fn words(&self, now_us: Micros) -> Option<String> {
+    /// What failed in the last seconds, in words, and whether the edge should give up; `None` where nothing did.
+    pub fn recent(&self, now_us: Micros) -> Option<(String, bool)> {
         let (at_us, why) = self.last.as_ref()?;
-        let is_recent = now_us - at_us <= REPORTED_US;
-        let times = self.all;
-        is_recent.then(|| format!("ticks are not done, {times} so far: {why}"))
+        if now_us - at_us > REPORTED_US {
+            return None;
+        }
+        let is_lasting = |(since_us, times)| now_us - since_us >= GIVEN_UP_US && times >= ENOUGH;
+        let words = format!("ticks are not done, {} so far: {why}", self.all);
+        Some((words, self.since.is_some_and(is_lasting)))
     }
 }
 
@@ -47,32 +49,39 @@ impl Failures {
 mod tests {
     use super::*;
 
+    fn fail(failures: &mut Failures, second: i64) -> bool {
+        failures.failed("no memory".to_owned(), second * SECOND_US);
+        failures.recent(second * SECOND_US).unwrap().1
+    }
+
     #[test]
     fn a_failure_is_reported_for_seconds_and_a_lasting_one_ends_the_edge() {
         let mut failures = Failures::default();
-        assert_eq!(failures.words(0), None);
-        let why = || "no memory".to_owned();
-        assert!(!failures.failed(why(), 0));
-        assert_eq!(
-            failures.words(SECOND_US).unwrap(),
-            "ticks are not done, 1 so far: no memory"
-        );
-        assert_eq!(failures.words(3 * SECOND_US), None);
-        let ends = (1..30).find(|second| failures.failed(why(), second * SECOND_US));
+        assert_eq!(failures.recent(0), None);
+        assert!(!fail(&mut failures, 0));
+        let (words, _) = failures.recent(SECOND_US).unwrap();
+        assert_eq!(words, "ticks are not done, 1 so far: no memory");
+        assert_eq!(failures.recent(3 * SECOND_US), None);
+        let ends = (1..30).find(|&second| fail(&mut failures, second));
         assert_eq!(ends, Some(10));
+        assert_eq!(
+            failures.recent(13 * SECOND_US),
+            None,
+            "it is not called any more"
+        );
     }
 
     #[test]
     fn one_that_works_in_between_goes_on() {
         let mut failures = Failures::default();
         for second in 0..60 {
-            assert!(!failures.failed("at times".to_owned(), second * SECOND_US));
+            assert!(!fail(&mut failures, second));
             if second % 5 == 0 {
                 failures.worked();
             }
         }
         // Few failures long after each other are no lasting one.
         let mut rare = Failures::default();
-        assert!((0..4).all(|i| !rare.failed("rare".to_owned(), i * 20 * SECOND_US)));
+        assert!((0..4).all(|i| !fail(&mut rare, i * 20)));
     }
 }

@@ -14,7 +14,7 @@ const TRIAL: Duration = Duration::from_millis(150);
 const MOST_CROPS: usize = 16;
 
 /// So many workers, and what they do.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Workers {
     /// How many run the network at the same time.
     pub workers: usize,

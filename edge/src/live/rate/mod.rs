@@ -14,6 +14,7 @@ use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 
 use self::load::LinkLoad;
 use self::sighting_share::SightingShare;
+pub use self::work::PLANNED;
 use self::work::Work;
 use super::Micros;
 

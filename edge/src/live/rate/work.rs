@@ -7,7 +7,7 @@ use super::super::{Micros, SECOND_US};
 
 /// Share of its time that an edge plans with. Ticks vary: four edges on two cores at 0.9 dropped every third tick of their plan,
 /// each another one, and fusion had one view where it needs two.
-const PLANNED: f64 = 0.75;
+pub const PLANNED: f64 = 0.75;
 /// Rounds of which the mean is taken, but for those that took longest: another program has held them up.
 const ROUNDS: usize = 12;
 const HELD_UP: usize = 1;

@@ -13,7 +13,7 @@ use farfield_proto::message::{BoxSet, DETECTION_STAGE};
 use super::outbox;
 use super::shared::Shared;
 use super::tick_start::TickStart;
-use super::work_watch::Worker;
+use super::work_watch::Caller;
 use crate::node::beyond_view::say_beyond_view;
 use crate::pipeline::{EdgeOutput, EdgePipeline, StepRequest};
 use crate::source::Frame;
@@ -64,7 +64,7 @@ fn work(shared: &Shared, mut pipeline: EdgePipeline, to_do: &Receiver<Pass>) {
     }) = to_do.recv()
     {
         let begun = clock::now();
-        shared.begin_work(Worker::Detection, MOST_SIGHTED);
+        shared.begin_work(Caller::Detection, MOST_SIGHTED);
         let boxes = BoxSet {
             persons: Vec::new(),
             ..(*start.boxes).clone()
@@ -78,14 +78,14 @@ fn work(shared: &Shared, mut pipeline: EdgePipeline, to_do: &Receiver<Pass>) {
         };
         pipeline.set_message_version(shared.message_version());
         let found = pipeline.step(&frames, &request, &mut |_| {});
-        shared.works.end(Worker::Detection);
+        shared.works.end(Caller::Detection);
         shared.count(DETECTION_STAGE, clock::micros_since(begun));
         match found {
             Ok(found) => {
                 shared.ledger().failures.worked();
                 output.add_sightings(found.sighting_sets);
             }
-            Err(error) => drop(shared.note_failure(&error.into())),
+            Err(error) => shared.note_failure(&error.into()),
         }
         outbox::send(shared, &start, output);
     }

@@ -222,8 +222,8 @@ impl LiveEdge {
                     self.shared.clock.discipline();
                     self.say_overload();
                     self.send_status();
-                    let now_us = self.shared.clock.now_us();
-                    if let Some((words, true)) = self.shared.works.late(now_us) {
+                    let mut trouble = self.shared.trouble().into_iter().flatten();
+                    if let Some((words, _)) = trouble.find(|(_, gives_up)| *gives_up) {
                         return Err(NodeError::Failed(anyhow!("{words}")));
                     }
                     if let Some(ending) = self.give_up()? {
@@ -284,13 +284,9 @@ impl LiveEdge {
         if let Some(failure) = self.shared.ring_failure() {
             health.notice(failure);
         }
-        let now_us = self.shared.clock.now_us();
-        let late = self.shared.works.late(now_us).map(|(words, _)| words);
-        let failure = self.shared.ledger().failures.words(now_us);
-        for notice in [late, failure, self.shared.overload()]
-            .into_iter()
-            .flatten()
-        {
+        let trouble = self.shared.trouble().into_iter().flatten();
+        let trouble = trouble.map(|(words, _)| words);
+        for notice in trouble.chain(self.shared.overload()) {
             health.notice(notice);
         }
         health

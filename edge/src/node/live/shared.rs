@@ -18,7 +18,7 @@ use super::frames::FrameStore;
 use super::ledger::Ledger;
 use super::picture_desk::PictureDesk;
 use super::publishers::EdgePublishers;
-use super::work_watch::{WorkWatch, Worker};
+use super::work_watch::{Caller, WorkWatch};
 use crate::live::newest_boxes::BoxSetArrival;
 use crate::live::rate::MessageKind;
 use crate::live::{Micros, SECOND_US};
@@ -178,11 +178,11 @@ impl Shared {
     }
 
     /// Notes that the networks are called, for at most so many crops.
-    pub(super) fn begin_work(&self, worker: Worker, crops: usize) {
+    pub(super) fn begin_work(&self, caller: Caller, crops: usize) {
         let crops_per_s = self.workers().map_or(f64::INFINITY, |it| it.crops_per_s);
         let expected_us = crops as f64 / crops_per_s * SECOND_US as f64;
         self.works
-            .begin(worker, self.clock.now_us(), expected_us as Micros);
+            .begin(caller, self.clock.now_us(), expected_us as Micros);
     }
 
     /// Notes that a tick was done, with so many people in so much time.
@@ -195,12 +195,21 @@ impl Shared {
         }
     }
 
-    /// Notes that a tick could not be done; whether the edge should give up.
-    pub(super) fn note_failure(&self, error: &anyhow::Error) -> bool {
+    /// Notes that a tick could not be done.
+    pub(super) fn note_failure(&self, error: &anyhow::Error) {
         let now_us = self.clock.now_us();
         let mut ledger = self.ledger();
         ledger.missed += 1;
-        ledger.failures.failed(format!("{error:#}"), now_us)
+        ledger.failures.failed(format!("{error:#}"), now_us);
+    }
+
+    /// That the networks are late or fail, in words, and whether the edge should give up.
+    pub(super) fn trouble(&self) -> [Option<(String, bool)>; 2] {
+        let now_us = self.clock.now_us();
+        [
+            self.works.late(now_us),
+            self.ledger().failures.recent(now_us),
+        ]
     }
 
     /// Notes who runs the network; the first word counts.

@@ -51,7 +51,7 @@ pub(super) fn spawn(
     let shared = Arc::clone(shared);
     let work = move || {
         let mut ticker = Ticker::new(shared, pipeline, viewpoint, &venue);
-        let outcome = ticker.share_work(workers).and_then(|()| ticker.run());
+        let outcome = ticker.share_work(workers).map(|()| ticker.run());
         say_beyond_view(ticker.pipeline());
         if let Err(error) = outcome {
             drop(failed.send(error));

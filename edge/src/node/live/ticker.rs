@@ -17,7 +17,7 @@ use super::frames::SPARE as KEPT_TICKS;
 use super::outbox;
 use super::shared::Shared;
 use super::tick_start::TickStart;
-use super::work_watch::Worker;
+use super::work_watch::Caller;
 use crate::live::Micros;
 use crate::live::own_boxes::{Lead, OwnBoxes};
 use crate::live::round_robin;
@@ -102,10 +102,7 @@ impl Ticker {
     }
 
     /// Works until the edge ends.
-    ///
-    /// # Errors
-    /// When the pipeline fails tick after tick.
-    pub(super) fn run(&mut self) -> anyhow::Result<()> {
+    pub(super) fn run(&mut self) {
         while !self.shared.is_stopped() {
             let Some((tick, until_us)) = self.next_tick() else {
                 self.shared.pause(IDLE_US);
@@ -119,18 +116,12 @@ impl Ticker {
             let Some(start) = self.begin(tick) else {
                 continue;
             };
-            match self.step(start) {
-                Ok(()) => {}
-                Err(error) => {
-                    debug!(tick = tick.0, error = format!("{error:#}"), "tick not done");
-                    if self.shared.note_failure(&error) {
-                        return Err(error);
-                    }
-                }
+            if let Err(error) = self.step(start) {
+                debug!(tick = tick.0, error = format!("{error:#}"), "tick not done");
+                self.shared.note_failure(&error);
             }
             self.shared.desk.offer(&mut self.frames);
         }
-        Ok(())
     }
 
     /// The tick to work on next, and how long its frames are waited for; `None` while nobody knows.
@@ -239,12 +230,12 @@ impl Ticker {
         let asked = request
             .persons
             .map_or(start.boxes.persons.len(), <[_]>::len);
-        self.shared.begin_work(Worker::Patches, asked);
+        self.shared.begin_work(Caller::Patches, asked);
         let output = self.pipeline.step(&self.frames, &request, &mut |stage| {
             laps.push((stage, clock::micros_since(lap)));
             lap = clock::now();
         });
-        self.shared.works.end(Worker::Patches);
+        self.shared.works.end(Caller::Patches);
         let tick = start.tick;
         let output = output.with_context(|| format!("tick {tick}"))?;
         let pass_us = self.count_laps(!request.detection_cameras.is_empty());

@@ -12,7 +12,7 @@ const HANGS_US: Micros = 8 * SECOND_US;
 
 /// Which of the threads that call networks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Worker {
+pub(super) enum Caller {
     /// Who makes patches of people with boxes.
     Patches,
     /// Who looks for people without.
@@ -34,16 +34,16 @@ pub(super) struct WorkWatch {
 
 impl WorkWatch {
     /// A call begins at `begun_us`, and should take so long.
-    pub(super) fn begin(&self, worker: Worker, begun_us: Micros, expected_us: Micros) {
-        self.lock()[worker as usize] = Some(Call {
+    pub(super) fn begin(&self, caller: Caller, begun_us: Micros, expected_us: Micros) {
+        self.lock()[caller as usize] = Some(Call {
             begun_us,
             expected_us,
         });
     }
 
     /// It has come back.
-    pub(super) fn end(&self, worker: Worker) {
-        self.lock()[worker as usize] = None;
+    pub(super) fn end(&self, caller: Caller) {
+        self.lock()[caller as usize] = None;
     }
 
     /// That a call is late at `now_us`, in words, and whether it hangs.
@@ -73,8 +73,8 @@ mod tests {
     #[test]
     fn a_call_that_does_not_come_back_is_named_and_then_ends_the_edge() {
         let watch = WorkWatch::default();
-        watch.begin(Worker::Patches, 0, 100_000);
-        watch.begin(Worker::Detection, 0, 5 * SECOND_US);
+        watch.begin(Caller::Patches, 0, 100_000);
+        watch.begin(Caller::Detection, 0, 5 * SECOND_US);
         assert_eq!(watch.late(2 * SECOND_US), None);
         let (words, hangs) = watch.late(4 * SECOND_US).unwrap();
         assert_eq!(
@@ -82,13 +82,13 @@ mod tests {
             ("the network does not come back, since 4 s", false)
         );
         assert!(watch.late(11 * SECOND_US).unwrap().1);
-        watch.end(Worker::Patches);
+        watch.end(Caller::Patches);
         assert_eq!(
             watch.late(11 * SECOND_US),
             None,
             "a slow network may take long"
         );
-        watch.end(Worker::Detection);
+        watch.end(Caller::Detection);
         assert_eq!(watch.late(1_000 * SECOND_US), None);
     }
 }

@@ -344,9 +344,6 @@ impl Edge {
             Task::Idle | Task::Follow => (OVERTAKEN_US, waits.patches_us),
             Task::Look => (DETECTION_OVERTAKEN_US, waits.detections_us),
         };
-        if self.arrivals.are_later_than(most_us, task, now_us) {
-            return time.at(tick);
-        }
         let deadline_us = time.at(tick) + self.arrivals.wait_us(task, now_us, most_us);
         // Of an edge that works on every other tick only, or whose message was lost, nothing comes.
         let later = self.recent.iter().filter(|(of, _)| *of > tick);
@@ -360,7 +357,7 @@ impl Edge {
         let mut ticks = [Tick(i64::MIN); LAST_SETS];
         let mut n = 0;
         for (of, _) in self.recent.iter().rev() {
-            if n < LAST_SETS && !ticks[..n].contains(of) && self.task(*of) != Task::Look {
+            if n < LAST_SETS && !ticks[..n].contains(of) && !self.looks_at(*of) {
                 ticks[n] = *of;
                 n += 1;
             }
@@ -368,12 +365,22 @@ impl Edge {
         ticks.sort_unstable();
         let gaps = ticks.windows(2).map(|pair| pair[1] - pair[0]);
         let nth = gaps.min().filter(|_| n == LAST_SETS).unwrap_or(1);
-        self.task(tick) == Task::Look || (tick - ticks[LAST_SETS - 1]).rem_euclid(nth) == 0
+        self.looks_at(tick) || (tick - ticks[LAST_SETS - 1]).rem_euclid(nth) == 0
     }
 
     /// How long after their tick nearly all of its patches come, microseconds; `None` while that is not known.
     pub fn patches_come_us(&mut self, now_us: Micros) -> Option<Micros> {
         self.arrivals.slowest_us(Task::Follow, now_us)
+    }
+
+    /// Whether it was asked for a detection pass at `tick`.
+    pub fn looks_at(&self, tick: Tick) -> bool {
+        self.task(tick) == Task::Look
+    }
+
+    /// Whether even its early patches come later than `most_us` after their tick.
+    pub fn is_later_than(&mut self, most_us: Micros, now_us: Micros) -> bool {
+        self.arrivals.are_later_than(most_us, Task::Follow, now_us)
     }
 
     /// How many ticks ahead its boxes are made, when boxes leave `publish_us` after their tick.

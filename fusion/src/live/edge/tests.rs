@@ -286,10 +286,10 @@ fn a_tick_that_was_left_out_is_not_waited_for_once_a_later_one_has_come() {
         clock_correction_us: 0,
         echo: None,
     };
-    // All came a third of a second late once: whoever is waited for is waited for to the bound.
+    // All came half a second late once: whoever is waited for is waited for to the bound.
     for tick in 0..20 {
         let came = Came {
-            at_us: time.at(Tick(20)) + 300_000,
+            at_us: time.at(Tick(20)) + 500_000,
             bytes: 500,
         };
         edge.hear_patches(&patches(tick, silent, None), came, &time);

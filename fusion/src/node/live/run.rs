@@ -410,8 +410,12 @@ impl<'a> LiveFusion<'a> {
     ) -> Option<Micros> {
         let has_all = self.gather.has_all(tick, ViewpointIndex(index as u16));
         let is_missing = self.is_awaited(index, now_us) && !has_all;
+        // Where others are enough, who will not come in time is not waited for at all.
+        let is_bounded = waits.patches_us < self.longest_wait_us();
         let edge = &mut self.edges[index];
-        let is_missing = is_missing && edge.works_on(tick);
+        let is_hopeless =
+            is_bounded && !edge.looks_at(tick) && edge.is_later_than(waits.patches_us, now_us);
+        let is_missing = is_missing && !is_hopeless && edge.works_on(tick);
         is_missing.then(|| edge.deadline_us(tick, &self.time, now_us, waits))
     }
 
