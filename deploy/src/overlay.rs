@@ -90,7 +90,7 @@ pub(crate) fn background(content: Option<FrameContent>, camera: &CameraModel) ->
     let [width, height] = camera.size_px();
     let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
     match content {
-        Some(FrameContent::Image(image)) => return image,
+        Some(FrameContent::Image(picture)) => return picture.into_rgb(),
         Some(FrameContent::Keypoints(keypoints)) => {
             draw_candidates(&mut canvas, keypoints.peaks.iter().flatten());
         }

@@ -6,11 +6,11 @@
 use std::path::Path;
 
 use farfield_proto::model_card::{Decode, DetectorCard, Letterbox};
-use image::RgbImage;
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
 use crate::inference::{Detection, DetectorInput, DetectorWindow, NetworkError, PersonDetector};
 use crate::network::{Contract, OnnxModel, TensorAxis, read_card};
+use crate::picture::Picture;
 use crate::tiles::thinned_out;
 
 /// Least confidence of a detection, 0 to 1. Low, because fusion requires a second viewpoint and several keypoints before
@@ -100,7 +100,7 @@ impl PersonDetector for OnnxDetector {
 
     fn detect(
         &mut self,
-        image: &RgbImage,
+        picture: &Picture,
         window: &DetectorWindow,
     ) -> Result<Vec<Detection>, NetworkError> {
         let size_px = [
@@ -112,7 +112,7 @@ impl PersonDetector for OnnxDetector {
             return Ok(Vec::new());
         };
         self.cropper
-            .crop(image, None, &crop, &self.format, &mut self.input);
+            .crop(picture, None, &crop, &self.format, &mut self.input);
         let (decode, person) = (self.card.decode, self.card.output.person_class);
         let batch = self.model.batch().unwrap_or(1);
         self.input.resize(batch * 3 * size_px[0] * size_px[1], 0.0);

@@ -1,7 +1,7 @@
 //! Pixels in, patches out: what runs in the edge box of one viewpoint.
 //!
 //! Read [`pipeline`] first: [`pipeline::EdgePipeline::step`] is one tick from frames and boxes to patches and
-//! sightings, and calls the other parts in order: [`choose`] (which camera serves a person), [`crop`] (box to network
+//! sightings, and calls the other parts in order: [`choose`] (which camera serves a person), [`crop`] (box in a [`picture`] to network
 //! input), [`inference`] (what is asked of networks), [`tiles`] (where the detector runs), [`gaussian_maps`] (sources
 //! without pixels), [`peaks`]. Then [`live`]: what an edge decides by its clock and its link, with time as an argument.
 //! [`thumbnail`] makes pictures small for people to look at, where the venue allows it.
@@ -25,6 +25,7 @@ pub mod network;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod peaks;
+pub mod picture;
 pub mod pipeline;
 pub mod ring;
 pub mod source;

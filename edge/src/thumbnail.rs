@@ -4,10 +4,11 @@
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::message::thumbnail::MAX_THUMBNAIL_PX;
+use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
-use image::{ExtendedColorType, RgbImage};
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
+use crate::picture::Picture;
 
 /// Longer side, pixels, and qualities of JPEG (1 to 100), from the best thumbnail to the smallest.
 const SIZES: [(u16, &[u8]); 4] = [
@@ -28,7 +29,7 @@ pub struct ThumbnailMaker {
 }
 
 impl ThumbnailMaker {
-    /// The picture `image` of `camera` as a JPEG file of `most_bytes` at most, as good as these allow; `None` where
+    /// The `picture` of `camera` as a JPEG file of `most_bytes` at most, as good as these allow; `None` where
     /// they allow none.
     ///
     /// It shows the camera's whole undistorted image; what its lens does not draw is black.
@@ -36,7 +37,7 @@ impl ThumbnailMaker {
     /// Cost: one pass over the picture for each size that is tried.
     pub fn make(
         &mut self,
-        image: &RgbImage,
+        picture: &Picture,
         camera: &CameraModel,
         most_bytes: usize,
     ) -> Option<Vec<u8>> {
@@ -44,7 +45,7 @@ impl ThumbnailMaker {
             return None;
         }
         for (longest_px, qualities) in SIZES {
-            let size_px = self.shrink(image, camera, longest_px)?;
+            let size_px = self.shrink(picture, camera, longest_px)?;
             for &quality in qualities {
                 let file = self.encode(size_px, quality)?;
                 if file.len() <= most_bytes {
@@ -58,7 +59,7 @@ impl ThumbnailMaker {
     /// Puts the undistorted image into `pixels`, with a longer side of `longest_px` at most; its width and height.
     fn shrink(
         &mut self,
-        image: &RgbImage,
+        picture: &Picture,
         camera: &CameraModel,
         longest_px: u16,
     ) -> Option<[u16; 2]> {
@@ -77,7 +78,7 @@ impl ThumbnailMaker {
         self.values.resize(3 * n_pixels, 0.0);
         let values = &mut self.values[..];
         self.cropper
-            .crop(image, Some(camera), &crop, &PixelFormat::RGB, values);
+            .crop(picture, Some(camera), &crop, &PixelFormat::RGB, values);
         self.pixels.resize(3 * n_pixels, 0);
         for (channel, plane) in self.values.chunks_exact(n_pixels).enumerate() {
             let into = self.pixels.iter_mut().skip(channel).step_by(3);
@@ -102,15 +103,15 @@ mod tests {
     use farfield_proto::frames::Pixel;
     use farfield_proto::message::thumbnail::{MAX_THUMBNAIL_BYTES, Thumbnail};
     use farfield_proto::wire::Message as _;
-    use image::Rgb;
+    use image::{Rgb, RgbImage};
 
     use super::*;
     use crate::fixtures::{bent, pinhole};
 
     /// Grey with noise, which is hard to shrink, and a red square of 200 x 200 pixels around `at`.
-    fn picture(size: [u32; 2], at: [u32; 2]) -> RgbImage {
+    fn picture(size: [u32; 2], at: [u32; 2]) -> Picture {
         let mut state = 7u32;
-        RgbImage::from_fn(size[0], size[1], |x, y| {
+        let image = RgbImage::from_fn(size[0], size[1], |x, y| {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             let noise = (state >> 26) as u8;
             if x.abs_diff(at[0]) < 100 && y.abs_diff(at[1]) < 100 {
@@ -118,7 +119,8 @@ mod tests {
             } else {
                 Rgb([90 + noise, 90 + noise, 90 + noise])
             }
-        })
+        });
+        image.into()
     }
 
     fn thumbnail(file: Vec<u8>) -> Thumbnail {

@@ -12,6 +12,7 @@ use farfield_calibration::points::Timing;
 use farfield_edge::detector::OnnxDetector;
 use farfield_edge::inference::KeypointNetwork as _;
 use farfield_edge::network::OnnxKeypointNetwork;
+use farfield_edge::picture::Picture;
 use farfield_edge::pipeline::{EdgePipeline, StepRequest};
 use farfield_edge::source::{Frame, FrameContent};
 use farfield_node::process::NodeError;
@@ -21,7 +22,6 @@ use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{BoxSet, Order, Sighting};
 use farfield_proto::tick::Tick;
-use image::RgbImage;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -417,7 +417,7 @@ impl<'a> Looking<'a> {
         Ok((looked, text))
     }
 
-    fn seen(&mut self, number: u64, picture: RgbImage) -> anyhow::Result<Vec<serde_json::Value>> {
+    fn seen(&mut self, number: u64, picture: Picture) -> anyhow::Result<Vec<serde_json::Value>> {
         let tick = Tick(i64::try_from(number)?);
         let boxes = BoxSet {
             session: SessionId(0),

@@ -1,11 +1,11 @@
 //! A recording of one camera, opened as those of venues are: videos, and folders of numbered pictures.
 
 use anyhow::{Context as _, bail};
+use farfield_edge::picture::Picture;
 use farfield_edge::source::{FrameContent, RecordedSources, SourceInfo, Sources as _};
 use farfield_proto::calibration::Calibration;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
-use image::RgbImage;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::lenses::Lens;
@@ -119,7 +119,7 @@ impl OwnVenue {
     pub(super) fn show(
         &self,
         most: usize,
-        mut look: impl FnMut(u64, RgbImage) -> anyhow::Result<()>,
+        mut look: impl FnMut(u64, Picture) -> anyhow::Result<()>,
     ) -> anyhow::Result<u64> {
         let camera = self.camera()?;
         let mut source = RecordedSources.open(camera, &self.venue, Tick(0))?;
@@ -127,10 +127,11 @@ impl OwnVenue {
         while (frames as usize) < most
             && let Some(frame) = source.next_frame()?
         {
-            let FrameContent::Image(image) = frame.content else {
+            let FrameContent::Image(picture) = frame.content else {
                 bail!("camera {}: found no pictures", camera.model.name());
             };
-            look(u64::try_from(frame.tick.0).unwrap_or_default(), image)?;
+            let number = u64::try_from(frame.tick.0).unwrap_or_default();
+            look(number, picture)?;
             frames += 1;
         }
         Ok(frames)

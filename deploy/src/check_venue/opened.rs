@@ -106,7 +106,8 @@ fn frames(
             Ok(None) | Err(_) => break,
         };
         let is_done = match &frame.content {
-            FrameContent::Image(image) => {
+            FrameContent::Image(picture) => {
+                let image = picture.clone().into_rgb();
                 image.as_raw().hash(&mut hash);
                 brightest = brightest.max(image.as_raw().iter().copied().max());
                 tells |= image.pixels().any(|it| it != image.get_pixel(0, 0));

@@ -45,9 +45,8 @@ fn draw_all(venue: &Venue, opened: &[OpenedSource], out: &Path) -> anyhow::Resul
     use anyhow::Context as _;
     std::fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
     for (i, (camera, source)) in venue.cameras.iter().zip(opened).enumerate() {
-        let [width, height] = camera.model.size_px();
         let content = match &source.first {
-            Some(Ok(FrameContent::Image(image))) if image.dimensions() == (width, height) => {
+            Some(Ok(FrameContent::Image(image))) if image.size_px() == camera.model.size_px() => {
                 Some(FrameContent::Image(image.clone()))
             }
             Some(Ok(FrameContent::Image(_)) | Err(_)) | None => None,

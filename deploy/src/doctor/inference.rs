@@ -131,7 +131,7 @@ fn look_at_detector(card: &Path, (what, remedy): (&str, &str), report: &mut Repo
 fn picture_s(detector: &mut OnnxDetector) -> Result<(f64, [u32; 2]), NetworkError> {
     let DetectorInput { size_px, letterbox } = detector.input();
     let [width, height] = size_px;
-    let picture = RgbImage::new(width, height);
+    let picture = RgbImage::new(width, height).into();
     let window = DetectorWindow::whole(size_px, size_px, letterbox);
     // Loading has run one already; once more is enough, as large ones take their time.
     let start = clock::now();

@@ -45,7 +45,7 @@ pub(super) fn write(
                 bail!("a camera of pictures has given something else");
             };
             writer
-                .write(&picture, number)
+                .write(&picture.into_rgb(), number)
                 .with_context(|| format!("writing {}", path.display()))?;
             progress.one();
             number += 1;

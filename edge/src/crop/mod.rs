@@ -9,7 +9,12 @@
 mod geometry;
 mod reduce;
 mod resample;
+mod rgb;
 mod warp;
+mod yuv;
+
+/// Texels per input pixel above which one bilinear tap would skip texels, and four are averaged.
+const ONE_TAP_MAX: f64 = 1.1;
 
 pub use geometry::{CropGeometry, CropShape, enclosing_upright};
 pub use resample::{Cropper, PixelFormat};

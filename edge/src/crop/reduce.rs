@@ -1,115 +1,203 @@
-//! Shrinking a picture by a whole factor: the antialiasing filter of a crop.
+//! Shrinking a plane by a whole factor: the antialiasing filter of a crop.
 
-use image::RgbImage;
+use nalgebra::Vector2;
 
-/// A part of a picture, possibly shrunk: RGB interleaved, row by row.
+use crate::picture::Plane;
+
+/// Largest factor: 256 rows of 8-bit values still fit 16-bit sums.
+const MAX_FACTOR: usize = 256;
+
+/// A part of a plane, possibly shrunk: values side by side, row by row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Raster<'a, T> {
     pub(super) texels: &'a [T],
-    pub(super) width: usize,
-    pub(super) height: usize,
+    /// Width and height, texels.
+    pub(super) size: [usize; 2],
     /// Picture pixel of the centre of texel (0, 0).
-    pub(super) origin_px: [f32; 2],
-    /// Picture pixels per texel.
-    pub(super) factor: f32,
+    pub(super) origin_px: [f64; 2],
+    /// Picture pixels per texel, across and down.
+    pub(super) texel_px: [f32; 2],
 }
 
-/// A rectangle of whole pixels inside a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct PixelRegion {
-    pub(super) left: usize,
-    pub(super) top: usize,
-    pub(super) width: usize,
-    pub(super) height: usize,
-}
-
-impl PixelRegion {
-    /// The whole picture.
-    pub(super) fn whole(image: &RgbImage) -> Self {
+impl<'a> Raster<'a, u8> {
+    /// All of `plane` as it is.
+    pub(super) fn of_plane<const N: usize>(plane: &Plane<'a, N>) -> Self {
         Self {
-            left: 0,
-            top: 0,
-            width: image.width() as usize,
-            height: image.height() as usize,
+            texels: plane.texels,
+            size: plane.size,
+            origin_px: plane.origin_px(),
+            texel_px: plane.spacing_px.map(|px| px as f32),
+        }
+    }
+}
+
+/// A rectangle of whole texels inside a plane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Region {
+    first: [usize; 2],
+    size: [usize; 2],
+}
+
+/// Whole texels around those under a crop, so that no block in use is a partial one.
+const MARGIN_BLOCKS: usize = 2;
+
+impl Region {
+    /// What is needed of `plane` for a crop within these bounds; of all of the picture without. `None` when there is nothing.
+    pub(super) fn of_crop<const N: usize>(
+        bounds_px: Option<[f64; 4]>,
+        factor: usize,
+        plane: &Plane<'_, N>,
+    ) -> Option<Self> {
+        match bounds_px {
+            Some(bounds_px) => Self::around(bounds_px, (MARGIN_BLOCKS * factor) as f64, plane),
+            None => Some(Self::whole(plane)),
         }
     }
 
-    /// The pixels of `image` within `margin` of [left, top, right, bottom]; `None` when there are
+    /// The whole plane.
+    fn whole<const N: usize>(plane: &Plane<'_, N>) -> Self {
+        Self {
+            first: [0; 2],
+            size: plane.size,
+        }
+    }
+
+    /// The texels of `plane` within `margin` of them around left, top, right, bottom of the picture; `None` when there are
     /// none.
-    pub(super) fn around(bounds: [f64; 4], margin: f64, image: &RgbImage) -> Option<Self> {
-        let span = |from: f64, to: f64, size: u32| {
-            let first = (from - margin).floor().clamp(0.0, f64::from(size)) as usize;
-            let end = ((to + margin).ceil() + 1.0).clamp(0.0, f64::from(size)) as usize;
+    fn around<const N: usize>(
+        bounds_px: [f64; 4],
+        margin: f64,
+        plane: &Plane<'_, N>,
+    ) -> Option<Self> {
+        let [left, top, right, bottom] = bounds_px;
+        let origin_px = plane.origin_px();
+        let span = |axis: usize, from_px: f64, to_px: f64| {
+            let size = plane.size[axis] as f64;
+            let texel = |px: f64| (px - origin_px[axis]) / plane.spacing_px[axis] as f64;
+            let first = (texel(from_px) - margin).floor().clamp(0.0, size) as usize;
+            let end = ((texel(to_px) + margin).ceil() + 1.0).clamp(0.0, size) as usize;
             (end > first).then(|| (first, end - first))
         };
-        let (left, width) = span(bounds[0], bounds[2], image.width())?;
-        let (top, height) = span(bounds[1], bounds[3], image.height())?;
+        let (first_column, width) = span(0, left, right)?;
+        let (first_row, height) = span(1, top, bottom)?;
         Some(Self {
-            left,
-            top,
-            width,
-            height,
+            first: [first_column, first_row],
+            size: [width, height],
         })
     }
 }
 
-/// Means over blocks of `factor` x `factor` pixels. Owns its buffers.
-#[derive(Debug, Default)]
-pub(super) struct Reducer {
-    /// Sums over the rows of a block, per column and channel; 16 bits hold 257 rows.
-    sums: Vec<u16>,
-    texels: Vec<f32>,
+/// What a mean is stored as.
+pub(super) trait Mean {
+    fn of(sum: u32, weight: MeanWeight) -> Self;
 }
 
-/// Largest factor: 256 rows of 8-bit values still fit 16-bit sums.
-pub(super) const MAX_FACTOR: usize = 256;
+/// One divided by how many there are.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MeanWeight {
+    exact: f32,
+    /// In 1 / 2^32: no division and no fraction for each texel.
+    fixed: u64,
+}
 
-impl Reducer {
-    /// Shrinks `region` of `image` by `factor`. Blocks at the right and lower edge may hold fewer
-    /// pixels; they are means of what is there.
-    pub(super) fn reduce(
+impl MeanWeight {
+    fn of(count: usize) -> Self {
+        Self {
+            exact: 1.0 / count as f32,
+            fixed: (1 << 32) / count as u64,
+        }
+    }
+}
+
+impl Mean for f32 {
+    fn of(sum: u32, weight: MeanWeight) -> Self {
+        sum as f32 * weight.exact
+    }
+}
+
+/// The nearest whole number.
+impl Mean for u8 {
+    fn of(sum: u32, weight: MeanWeight) -> Self {
+        ((u64::from(sum) * weight.fixed + (1 << 31)) >> 32) as u8
+    }
+}
+
+/// Texels of a plane for each pixel of the input.
+pub(super) fn texels_per_input<const N: usize>(plane: &Plane<'_, N>, step_px: Vector2<f64>) -> f64 {
+    let spacing_px = plane.spacing_px[0].max(plane.spacing_px[1]);
+    step_px.norm() / spacing_px as f64
+}
+
+/// The factor for a crop with so many texels per pixel of its input.
+pub(super) fn factor(texels_per_input: f64) -> usize {
+    (texels_per_input.round() as usize).clamp(1, MAX_FACTOR)
+}
+
+/// Means over blocks of `factor` x `factor` texels. Owns its buffers.
+#[derive(Debug, Default)]
+pub(super) struct Reducer<T> {
+    /// Sums over the rows of a block, per column and value; 16 bits hold 257 rows.
+    sums: Vec<u16>,
+    means: Vec<T>,
+}
+
+impl<T: Mean> Reducer<T> {
+    /// Shrinks `region` of `plane` by `factor`. Blocks at the right and lower edge may hold fewer
+    /// texels; they are means of what is there.
+    pub(super) fn reduce<const N: usize>(
         &mut self,
-        image: &RgbImage,
-        region: PixelRegion,
+        plane: &Plane<'_, N>,
+        region: Region,
         factor: usize,
-    ) -> Raster<'_, f32> {
+    ) -> Raster<'_, T> {
+        let ([left, top], [region_width, region_height]) = (region.first, region.size);
         let (width, height) = (
-            region.width.div_ceil(factor),
-            region.height.div_ceil(factor),
+            region_width.div_ceil(factor),
+            region_height.div_ceil(factor),
         );
-        let stride = 3 * image.width() as usize;
-        self.texels.clear();
-        self.texels.reserve(3 * width * height);
+        let stride = N * plane.size[0];
+        self.means.clear();
+        self.means.reserve(N * width * height);
         for block in 0..height {
             let first = block * factor;
-            let rows = factor.min(region.height - first);
+            let rows = factor.min(region_height - first);
+            let whole = MeanWeight::of(rows * factor);
             self.sums.clear();
-            self.sums.resize(3 * region.width, 0);
+            self.sums.resize(N * region_width, 0);
             for y in 0..rows {
-                let from = (region.top + first + y) * stride + 3 * region.left;
-                let row = &image.as_raw()[from..from + 3 * region.width];
+                let from = (top + first + y) * stride + N * left;
+                let row = &plane.texels[from..from + N * region_width];
                 for (sum, &value) in self.sums.iter_mut().zip(row) {
                     *sum += u16::from(value);
                 }
             }
-            for columns in self.sums.chunks(3 * factor) {
-                let mut rgb = [0u32; 3];
-                for texel in columns.chunks_exact(3) {
-                    for (sum, &value) in rgb.iter_mut().zip(texel) {
+            for columns in self.sums.chunks(N * factor) {
+                let mut sums = [0u32; N];
+                for texel in columns.chunks_exact(N) {
+                    for (sum, &value) in sums.iter_mut().zip(texel) {
                         *sum += u32::from(value);
                     }
                 }
-                let weight = 1.0 / (rows * columns.len() / 3) as f32;
-                self.texels.extend(rgb.map(|sum| sum as f32 * weight));
+                let weight = if columns.len() == N * factor {
+                    whole
+                } else {
+                    MeanWeight::of(rows * columns.len() / N)
+                };
+                for sum in sums {
+                    self.means.push(T::of(sum, weight));
+                }
             }
         }
-        let center = 0.5 * (factor - 1) as f32;
+        let origin_px = plane.origin_px();
+        let origin_px = [0, 1].map(|axis| {
+            let texels = region.first[axis] as f64 + 0.5 * (factor - 1) as f64;
+            origin_px[axis] + texels * plane.spacing_px[axis] as f64
+        });
         Raster {
-            texels: &self.texels,
-            width,
-            height,
-            origin_px: [region.left as f32 + center, region.top as f32 + center],
-            factor: factor as f32,
+            texels: &self.means,
+            size: [width, height],
+            origin_px,
+            texel_px: plane.spacing_px.map(|px| (px * factor) as f32),
         }
     }
 }
@@ -118,40 +206,54 @@ impl Reducer {
 mod tests {
     use super::*;
 
+    fn plane<const N: usize>(texels: &[u8], size: [usize; 2]) -> Plane<'_, N> {
+        Plane {
+            texels,
+            size,
+            spacing_px: [1; 2],
+        }
+    }
+
     #[test]
-    fn a_block_is_the_mean_of_its_pixels() {
-        let image = RgbImage::from_fn(5, 4, |x, y| image::Rgb([x as u8 * 10, y as u8 * 10, 7]));
+    fn a_block_is_the_mean_of_its_texels() {
+        let image =
+            image::RgbImage::from_fn(5, 4, |x, y| image::Rgb([x as u8 * 10, y as u8 * 10, 7]));
+        let plane = plane::<3>(image.as_raw(), [5, 4]);
         let mut reducer = Reducer::default();
-        let raster = reducer.reduce(&image, PixelRegion::whole(&image), 2);
-        assert_eq!((raster.width, raster.height), (3, 2));
-        let red: Vec<f32> = raster.texels.iter().step_by(3).map(|v| v.round()).collect();
+        let raster = reducer.reduce(&plane, Region::whole(&plane), 2);
+        assert_eq!(raster.size, [3, 2]);
+        let means: &[f32] = raster.texels;
+        let red: Vec<f32> = means.iter().step_by(3).map(|v| v.round()).collect();
         assert_eq!(red, [5.0, 25.0, 40.0, 5.0, 25.0, 40.0]);
-        let green: Vec<f32> = raster
-            .texels
-            .iter()
-            .skip(1)
-            .step_by(3)
-            .map(|v| v.round())
-            .collect();
+        let green: Vec<f32> = means.iter().skip(1).step_by(3).map(|v| v.round()).collect();
         assert_eq!(green, [5.0, 5.0, 5.0, 25.0, 25.0, 25.0]);
     }
 
     #[test]
-    fn a_region_ends_at_the_picture() {
-        let image = RgbImage::new(100, 50);
-        let region = PixelRegion::around([-20.0, 10.2, 30.6, 80.0], 2.0, &image).unwrap();
-        assert_eq!(
-            region,
-            PixelRegion {
-                left: 0,
-                top: 8,
-                width: 34,
-                height: 42
-            }
-        );
-        assert_eq!(
-            PixelRegion::around([120.0, 0.0, 130.0, 10.0], 2.0, &image),
-            None
-        );
+    fn a_region_ends_at_the_plane() {
+        let texels = [0; 5000];
+        let plane = plane::<1>(&texels, [100, 50]);
+        let region = Region::around([-20.0, 10.2, 30.6, 80.0], 2.0, &plane).unwrap();
+        assert_eq!((region.first, region.size), ([0, 8], [34, 42]));
+        assert_eq!(Region::around([120.0, 0.0, 130.0, 10.0], 2.0, &plane), None);
+    }
+
+    #[test]
+    fn a_plane_of_colour_lies_around_the_pixels_that_share_a_value() {
+        let texels = [0; 50 * 25];
+        let half = Plane::<1> {
+            spacing_px: [2; 2],
+            ..plane(&texels, [50, 25])
+        };
+        let near =
+            |found: [f64; 2], expected: f64| found.iter().all(|it| (it - expected).abs() < 1e-9);
+        assert!(near(Raster::of_plane(&half).origin_px, 0.5));
+        let region = Region::around([20.5, 10.5, 40.5, 20.5], 0.0, &half).unwrap();
+        assert_eq!((region.first, region.size), ([10, 5], [11, 6]));
+        let mut reducer = Reducer::<u8>::default();
+        let raster = reducer.reduce(&half, region, 3);
+        let [x, y] = raster.origin_px;
+        assert!(near([x, y + 10.0], 22.5), "{x} {y}");
+        assert!(near(raster.texel_px.map(f64::from), 6.0));
     }
 }

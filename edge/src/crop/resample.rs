@@ -2,14 +2,12 @@
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::model_card::{Channels, NetworkInput, Normalize};
-use image::RgbImage;
 
 use super::geometry::CropGeometry;
-use super::reduce::{MAX_FACTOR, PixelRegion, Raster, Reducer};
-use super::warp::Warp;
-
-/// Texels per input pixel above which one bilinear tap would skip texels, and four are averaged.
-const ONE_TAP_MAX: f64 = 1.1;
+use super::rgb::{RgbSampler, SampledRgb};
+use super::warp::{Stretch, Warp};
+use super::yuv::{SampledYuv, YuvSampler};
+use crate::picture::{Picture, Plane};
 
 /// How pixels become the values of a tensor: (pixel x scale - mean) / std per channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,18 +53,18 @@ impl PixelFormat {
 
 /// Cuts crops out of pictures. Owns its buffers; keep one per thread.
 ///
-/// A crop that enlarges is sampled bilinearly. One that shrinks by s is first reduced by the
-/// whole factor round(s) (a box filter over the pixels that fall on one input pixel), and
+/// Each plane of a picture is sampled by itself. One that the crop enlarges is sampled bilinearly. One that it shrinks by s is first
+/// reduced by the whole factor round(s) (a box filter over the pixels that fall on one input pixel), and
 /// sampled from that; where the rest is still above 1.1, four taps are averaged.
 #[derive(Debug, Default)]
 pub struct Cropper {
     warp: Warp,
-    reducer: Reducer,
-    positions: Vec<[f64; 2]>,
+    stretches: Vec<Stretch>,
+    rgb: RgbSampler,
+    yuv: YuvSampler,
+    /// Red, green, blue of a row.
+    row: [Vec<f32>; 3],
 }
-
-/// Where the four taps of an input pixel lie around its centre, in texels.
-type Taps = [[f32; 2]; 4];
 
 impl Cropper {
     /// Writes the crop as `into`, [3, height, width], the channels in the order of `format`.
@@ -79,7 +77,7 @@ impl Cropper {
     /// When `into` is not 3 x width x height of the crop's input.
     pub fn crop(
         &mut self,
-        image: &RgbImage,
+        picture: &Picture,
         camera: Option<&CameraModel>,
         crop: &CropGeometry,
         format: &PixelFormat,
@@ -92,40 +90,34 @@ impl Cropper {
             "the tensor must hold the crop"
         );
         self.warp.prepare(crop, camera);
-        self.positions.resize(width, [0.0; 2]);
-        let step = crop.step_px();
-        let factor = (step.norm().round() as usize).clamp(1, MAX_FACTOR);
-        let region = match self.warp.bounds() {
-            // A margin of two texels, so that no block in use is a partial one.
-            Some(bounds) => PixelRegion::around(bounds, 2.0 * factor as f64, image),
-            None => Some(PixelRegion::whole(image)),
-        };
-        let Some(region) = region else {
-            for (channel, plane) in into.chunks_exact_mut(width * height).enumerate() {
-                plane.fill(format.unknown[channel]);
-            }
-            return;
-        };
-        let (warp, positions) = (&self.warp, &mut self.positions);
-        let mut target = CropTarget {
-            warp,
+        let (step_px, bounds_px) = (crop.step_px(), self.warp.bounds());
+        let size_px = picture.size_px().map(f64::from);
+        let target = CropTarget {
+            warp: &self.warp,
             camera,
             crop,
             format,
-            positions,
+            size_px,
+            // With the mesh's error of a pixel at most.
+            is_inside: bounds_px.is_some_and(|[left, top, right, bottom]| {
+                left.min(top) > 1.0 && right < size_px[0] - 2.0 && bottom < size_px[1] - 2.0
+            }),
+            stretches: &mut self.stretches,
+            row: &mut self.row,
             into,
         };
-        if factor == 1 {
-            let raster = Raster {
-                texels: image.as_raw().as_slice(),
-                width: image.width() as usize,
-                height: image.height() as usize,
-                origin_px: [0.0; 2],
-                factor: 1.0,
-            };
-            target.fill(&raster, image);
-        } else {
-            target.fill(&self.reducer.reduce(image, region, factor), image);
+        match picture {
+            Picture::Rgb(image) => {
+                let plane = Plane::of_rgb(image);
+                match self.rgb.sample(&plane, bounds_px, step_px) {
+                    Some(sampled) => target.fill_rgb(&sampled),
+                    None => target.fill_unknown(),
+                }
+            }
+            Picture::Yuv(picture) => match self.yuv.sample(picture, bounds_px, step_px) {
+                Some(sampled) => target.fill_yuv(sampled),
+                None => target.fill_unknown(),
+            },
         }
     }
 }
@@ -136,111 +128,85 @@ struct CropTarget<'a> {
     camera: Option<&'a CameraModel>,
     crop: &'a CropGeometry,
     format: &'a PixelFormat,
-    positions: &'a mut [[f64; 2]],
+    size_px: [f64; 2],
+    /// Whether all of it is inside the picture.
+    is_inside: bool,
+    stretches: &'a mut Vec<Stretch>,
+    row: &'a mut [Vec<f32>; 3],
     into: &'a mut [f32],
 }
 
 impl CropTarget<'_> {
-    fn fill<T: Copy + Into<f32>>(&mut self, raster: &Raster<'_, T>, image: &RgbImage) {
+    /// Nothing of the picture is in the crop.
+    fn fill_unknown(self) {
         let [width, height] = self.crop.input_px();
-        let step = self.crop.step_px() / f64::from(raster.factor);
-        if step.norm() > ONE_TAP_MAX {
-            let (u, v) = (step.x as f32 / 4.0, step.y as f32 / 4.0);
-            let taps = [
-                [u - v, v + u],
-                [u + v, v - u],
-                [-u - v, u - v],
-                [v - u, -v - u],
-            ];
-            self.rows(raster, image, width, height, |r, x, y| {
-                four_taps(r, &taps, x, y)
-            });
-        } else {
-            self.rows(raster, image, width, height, bilinear);
+        let planes = self.into.chunks_exact_mut(width * height);
+        for (plane, unknown) in planes.zip(self.format.unknown) {
+            plane.fill(unknown);
         }
     }
 
-    fn rows<T: Copy + Into<f32>>(
-        &mut self,
-        raster: &Raster<'_, T>,
-        image: &RgbImage,
-        width: usize,
-        height: usize,
-        sample: impl Fn(&Raster<'_, T>, f32, f32) -> [f32; 3],
-    ) {
-        let (right, bottom) = (
-            f64::from(image.width()) - 0.5,
-            f64::from(image.height()) - 0.5,
-        );
-        let per_px = 1.0 / raster.factor;
-        let [left, top] = raster.origin_px.map(f64::from);
+    fn fill_rgb(self, sampled: &SampledRgb<'_>) {
+        let [width, height] = self.crop.input_px();
         let PixelFormat {
             gain,
             bias,
             source,
             unknown,
         } = *self.format;
+        let size_px = self.size_px;
         let (first, rest) = self.into.split_at_mut(width * height);
         let (second, third) = rest.split_at_mut(width * height);
         for y in 0..height {
-            self.warp.row(self.crop, self.camera, y, self.positions);
+            self.warp.row(self.crop, self.camera, y, self.stretches);
             let row = y * width..(y + 1) * width;
             let planes = first[row.clone()]
                 .iter_mut()
                 .zip(&mut second[row.clone()])
                 .zip(&mut third[row]);
-            for (&[px, py], ((a, b), c)) in self.positions.iter().zip(planes) {
-                // NaN fails every comparison: beyond the lens model is outside too.
-                let inside = px >= -0.5 && px < right && py >= -0.5 && py < bottom;
-                let value = if inside {
-                    let rgb = sample(
-                        raster,
-                        (px - left) as f32 * per_px,
-                        (py - top) as f32 * per_px,
-                    );
-                    [0, 1, 2].map(|i| rgb[source[i]] * gain[i] + bias[i])
-                } else {
-                    unknown
-                };
-                [*a, *b, *c] = value;
+            let mut planes = planes;
+            sampled.row(self.stretches, |at, rgb| {
+                let mut value = unknown;
+                if is_inside(at, size_px) {
+                    for (i, value) in value.iter_mut().enumerate() {
+                        *value = rgb[source[i]] * gain[i] + bias[i];
+                    }
+                }
+                if let Some(((a, b), c)) = planes.next() {
+                    [*a, *b, *c] = value;
+                }
+            });
+        }
+    }
+
+    fn fill_yuv(self, mut sampled: SampledYuv<'_>) {
+        let [width, height] = self.crop.input_px();
+        let format = self.format;
+        for y in 0..height {
+            self.warp.row(self.crop, self.camera, y, self.stretches);
+            sampled.row(self.stretches, self.row);
+            for channel in 0..3 {
+                let into = &mut self.into[(channel * height + y) * width..][..width];
+                let (gain, bias) = (format.gain[channel], format.bias[channel]);
+                for (into, value) in into.iter_mut().zip(&self.row[format.source[channel]]) {
+                    *into = value * gain + bias;
+                }
+                if !self.is_inside {
+                    let positions = self.stretches.iter().flat_map(Stretch::positions);
+                    for (into, at) in into.iter_mut().zip(positions) {
+                        if !is_inside(at, self.size_px) {
+                            *into = format.unknown[channel];
+                        }
+                    }
+                }
             }
         }
     }
 }
 
-fn four_taps<T: Copy + Into<f32>>(raster: &Raster<'_, T>, taps: &Taps, x: f32, y: f32) -> [f32; 3] {
-    let mut sum = [0.0; 3];
-    for [dx, dy] in taps {
-        let rgb = bilinear(raster, x + dx, y + dy);
-        for (s, v) in sum.iter_mut().zip(rgb) {
-            *s += 0.25 * v;
-        }
-    }
-    sum
-}
-
-/// The raster at (`x`, `y`) texels; its border goes on outside.
-#[inline]
-fn bilinear<T: Copy + Into<f32>>(raster: &Raster<'_, T>, x: f32, y: f32) -> [f32; 3] {
-    let x = x.clamp(0.0, (raster.width - 1) as f32);
-    let y = y.clamp(0.0, (raster.height - 1) as f32);
-    let (x0, y0) = (x as usize, y as usize);
-    let (u, v) = (x - x0 as f32, y - y0 as f32);
-    let right = if x0 + 1 < raster.width { 3 } else { 0 };
-    let below = if y0 + 1 < raster.height {
-        3 * raster.width
-    } else {
-        0
-    };
-    let at = 3 * (y0 * raster.width + x0);
-    // One bound check for all twelve loads.
-    let window = &raster.texels[at..=at + below + right + 2];
-    [0, 1, 2].map(|c| {
-        let (a, b): (f32, f32) = (window[c].into(), window[c + right].into());
-        let (d, e): (f32, f32) = (window[c + below].into(), window[c + below + right].into());
-        let (upper, lower) = (a + u * (b - a), d + u * (e - d));
-        upper + v * (lower - upper)
-    })
+/// NaN fails every comparison: beyond the lens model is outside too.
+fn is_inside([x, y]: [f64; 2], [width, height]: [f64; 2]) -> bool {
+    x >= -0.5 && x < width - 0.5 && y >= -0.5 && y < height - 0.5
 }
 
 #[cfg(test)]
@@ -248,9 +214,12 @@ mod tests {
     use farfield_proto::bounding_box::BoundingBox;
     use farfield_proto::model_card::CellToInput;
 
+    use image::RgbImage;
+
     use super::*;
     use crate::crop::CropShape;
     use crate::fixtures::{bent, pinhole};
+    use crate::picture::{ColourCoding, YuvLayout, YuvPicture};
 
     const PLAIN: PixelFormat = PixelFormat {
         gain: [1.0; 3],
@@ -270,7 +239,13 @@ mod tests {
         };
         let crop = CropGeometry::new(&b, shape).unwrap();
         let mut into = vec![0.0; 3 * 48 * 64];
-        Cropper::default().crop(image, Some(camera), &crop, &PLAIN, &mut into);
+        Cropper::default().crop(
+            &image.clone().into(),
+            Some(camera),
+            &crop,
+            &PLAIN,
+            &mut into,
+        );
         (crop, into)
     }
 
@@ -325,6 +300,78 @@ mod tests {
                     }
                     assert_eq!(tensor[at] < 0.0, !inside);
                 }
+            }
+        }
+    }
+
+    /// As videos code a picture: colour once for two by two pixels.
+    fn coded(image: &RgbImage, coding: ColourCoding) -> Picture {
+        let (width, height) = image.dimensions();
+        let [offset, gain] = coding.brightness();
+        let mut bytes = Vec::new();
+        let brightness = |p: &image::Rgb<u8>| {
+            0.299 * f32::from(p[0]) + 0.587 * f32::from(p[1]) + 0.114 * f32::from(p[2])
+        };
+        bytes.extend(
+            image
+                .pixels()
+                .map(|p| (brightness(p) / gain + offset).round() as u8),
+        );
+        let colour_gain = if coding.is_full_range {
+            1.0
+        } else {
+            224.0 / 255.0
+        };
+        for (channel, scale) in [(2, 1.772), (0, 1.402)] {
+            for (y, x) in
+                (0..height.div_ceil(2)).flat_map(|y| (0..width.div_ceil(2)).map(move |x| (y, x)))
+            {
+                let around = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(dx, dy)| {
+                    let p =
+                        image.get_pixel((2 * x + dx).min(width - 1), (2 * y + dy).min(height - 1));
+                    (f32::from(p[channel]) - brightness(p)) / scale
+                });
+                let mean = around.iter().sum::<f32>() / 4.0;
+                bytes.push((128.0 + mean * colour_gain).round() as u8);
+            }
+        }
+        let layout = YuvLayout::Planar([2, 2]);
+        let picture = YuvPicture::new([width, height], layout, coding, bytes.into());
+        Picture::Yuv(picture.unwrap())
+    }
+
+    #[test]
+    fn a_crop_is_the_same_of_a_video_as_of_its_colours() {
+        // An odd size, and colours that change slowly: as sharp as colours of videos are.
+        let image = RgbImage::from_fn(251, 253, |x, y| {
+            image::Rgb([x as u8, y as u8, 255 - u32::midpoint(x, y) as u8])
+        });
+        let full_range = ColourCoding::FULL_RANGE;
+        for coding in [ColourCoding::default(), full_range] {
+            let coded = coded(&image, coding);
+            for (size, rotation_rad) in [
+                (40.0, 0.0),
+                (48.0, 0.7),
+                (62.0, 0.2),
+                (90.0, -2.0),
+                (230.0, 0.0),
+            ] {
+                let b = BoundingBox {
+                    center_px: [120.0, 130.0],
+                    size_px: [size, size],
+                    rotation_rad,
+                };
+                let camera = bent("a", [251, 253]);
+                let (crop, expected) = crop_of(&image, &camera, b);
+                let mut found = vec![0.0; expected.len()];
+                Cropper::default().crop(&coded, Some(&camera), &crop, &PLAIN, &mut found);
+                let apart = expected.iter().zip(&found).map(|(a, b)| (a - b).abs());
+                let worst = apart.fold(0.0, f32::max);
+                // What rounding to whole values of brightness and colour costs; twice a step at the edges.
+                assert!(worst < 6.0, "{size} px: {worst}");
+                let mean = expected.iter().zip(&found).map(|(a, b)| a - b).sum::<f32>();
+                let mean = mean / expected.len() as f32;
+                assert!(mean.abs() < 0.3, "{size} px: {mean}");
             }
         }
     }
@@ -397,7 +444,7 @@ mod tests {
         };
         let crop = CropGeometry::new(&b, shape).unwrap();
         let mut into = vec![9.0; 3 * 48 * 64];
-        Cropper::default().crop(&image, None, &crop, &format, &mut into);
+        Cropper::default().crop(&image.into(), None, &crop, &format, &mut into);
         let last = 48 * 64 - 1;
         let at = |c: usize| into[c * 48 * 64 + last];
         assert!(

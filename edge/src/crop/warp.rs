@@ -28,6 +28,16 @@ pub(super) struct Warp {
     reach_px: f64,
 }
 
+/// Pixels of a row that are taken from a straight line of the picture.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stretch {
+    pub(super) pixels: usize,
+    /// The distorted position of the first; NaN where there is none.
+    pub(super) start_px: [f64; 2],
+    /// How far the next is from each.
+    pub(super) step_px: [f64; 2],
+}
+
 impl Warp {
     /// Sets the mesh up for one crop.
     pub(super) fn prepare(&mut self, crop: &CropGeometry, camera: Option<&CameraModel>) {
@@ -97,14 +107,15 @@ impl Warp {
         Some([l - beyond, t - beyond, r + beyond, b + beyond])
     }
 
-    /// Writes the distorted position of every pixel of input row `y`; NaN where there is none.
+    /// Writes where the pixels of input row `y` are taken from.
     pub(super) fn row(
         &self,
         crop: &CropGeometry,
         camera: Option<&CameraModel>,
         y: usize,
-        into: &mut [[f64; 2]],
+        into: &mut Vec<Stretch>,
     ) {
+        into.clear();
         let row = (y / self.step[1]).min(self.rows.saturating_sub(2));
         let v = (y - row * self.step[1]) as f64 / self.step[1] as f64;
         let above = &self.nodes[row * self.columns..][..self.columns];
@@ -113,22 +124,35 @@ impl Warp {
             let (a, b) = (above[i], below[i]);
             [a[0] + v * (b[0] - a[0]), a[1] + v * (b[1] - a[1])]
         };
-        for (i, block) in into.chunks_mut(self.step[0]).enumerate() {
+        let [width, _] = crop.input_px();
+        for (i, first) in (0..width).step_by(self.step[0]).enumerate() {
+            let pixels = self.step[0].min(width - first);
             let (left, right) = (
                 node(i.min(self.columns - 1)),
                 node((i + 1).min(self.columns - 1)),
             );
             if left[0].is_nan() || right[0].is_nan() {
-                for (j, p) in block.iter_mut().enumerate() {
-                    *p = self.exact(crop, camera, i * self.step[0] + j, y);
-                }
+                into.extend((first..first + pixels).map(|x| Stretch {
+                    pixels: 1,
+                    start_px: self.exact(crop, camera, x, y),
+                    step_px: [0.0; 2],
+                }));
                 continue;
             }
-            let slope = [0, 1].map(|k| (right[k] - left[k]) / self.step[0] as f64);
-            for (j, p) in block.iter_mut().enumerate() {
-                *p = [left[0] + j as f64 * slope[0], left[1] + j as f64 * slope[1]];
-            }
+            into.push(Stretch {
+                pixels,
+                start_px: left,
+                step_px: [0, 1].map(|k| (right[k] - left[k]) / self.step[0] as f64),
+            });
         }
+    }
+}
+
+impl Stretch {
+    /// Where its pixels are taken from.
+    pub(super) fn positions(&self) -> impl Iterator<Item = [f64; 2]> + use<> {
+        let ([x, y], [across, down]) = (self.start_px, self.step_px);
+        (0..self.pixels).map(move |j| [x + j as f64 * across, y + j as f64 * down])
     }
 }
 
@@ -153,11 +177,11 @@ mod tests {
         let crop = CropGeometry::new(&b, shape).unwrap();
         let mut warp = Warp::default();
         warp.prepare(&crop, Some(camera));
-        let mut row = vec![[0.0; 2]; 192];
+        let mut row = Vec::new();
         let mut worst: f64 = 0.0;
         for y in 0..256 {
             warp.row(&crop, Some(camera), y, &mut row);
-            for (x, p) in row.iter().enumerate() {
+            for (x, p) in row.iter().flat_map(Stretch::positions).enumerate() {
                 let exact = camera.distort(crop.pixel(x as f64, y as f64)).unwrap();
                 worst = worst.max((p[0] - exact.x()).hypot(p[1] - exact.y()));
             }
@@ -209,16 +233,16 @@ mod tests {
         warp.prepare(&crop, Some(&camera));
         let [left, top, right, bottom] = warp.bounds().unwrap();
         assert!(right - left < 500.0 && bottom - top < 700.0);
-        let mut row = vec![[0.0; 2]; 192];
+        let mut row = Vec::new();
         let (mut drawn, mut unknown) = (0, 0);
         for y in 0..256 {
             warp.row(&crop, Some(&camera), y, &mut row);
-            for [x, y] in &row {
+            for [x, y] in row.iter().flat_map(Stretch::positions) {
                 if x.is_nan() {
                     unknown += 1;
                 } else {
                     drawn += 1;
-                    assert!((left..right).contains(x) && (top..bottom).contains(y));
+                    assert!((left..right).contains(&x) && (top..bottom).contains(&y));
                 }
             }
         }

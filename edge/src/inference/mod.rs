@@ -6,9 +6,10 @@ use std::path::PathBuf;
 
 use farfield_proto::model_card::{HeatmapCard, Letterbox};
 use farfield_proto::toml_file::FileError;
-use image::RgbImage;
 
 pub use window::DetectorWindow;
+
+use crate::picture::Picture;
 
 /// One crop as a network takes it: [3, height, width], normalised, in the card's channel order.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -51,13 +52,13 @@ pub trait PersonDetector: Send {
     /// Its input.
     fn input(&self) -> DetectorInput;
 
-    /// The people in the part `window` of `image`, highest score first, in distorted pixels of the image.
+    /// The people in the part `window` of `picture`, highest score first, in its distorted pixels.
     ///
     /// # Errors
     /// [`NetworkError`] when the backend fails or gives something else than the card says.
     fn detect(
         &mut self,
-        image: &RgbImage,
+        picture: &Picture,
         window: &DetectorWindow,
     ) -> Result<Vec<Detection>, NetworkError>;
 }

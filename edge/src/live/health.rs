@@ -1,9 +1,9 @@
 //! The health of a camera, from its pictures and from their absence.
 
 use farfield_proto::message::live::CameraHealth;
-use image::RgbImage;
 
 use super::{Micros, SECOND_US};
+use crate::picture::Picture;
 
 /// A camera whose picture stays the same, bit for bit, for longer than this is frozen, microseconds: the noise of a
 /// sensor never repeats.
@@ -28,8 +28,8 @@ pub struct PictureSample {
 }
 
 /// Samples evenly spread bytes of a picture. Hash: FNV-1a, 64 bits.
-pub fn sample_picture(image: &RgbImage) -> PictureSample {
-    let bytes = image.as_raw();
+pub fn sample_picture(picture: &Picture) -> PictureSample {
+    let (bytes, [offset, gain]) = picture.telling_bytes();
     // Odd and no multiple of 3, so that all colours and, row by row, other columns are met.
     let mut stride = (bytes.len() / SAMPLES) | 1;
     if stride.is_multiple_of(3) {
@@ -44,7 +44,7 @@ pub fn sample_picture(image: &RgbImage) -> PictureSample {
     }
     PictureSample {
         hash,
-        mean: sum as f64 / n.max(1) as f64,
+        mean: (sum as f64 / n.max(1) as f64 - offset) * gain,
     }
 }
 
@@ -148,24 +148,25 @@ impl CameraWatch {
 
 #[cfg(test)]
 mod tests {
-    use image::Rgb;
+    use image::{Rgb, RgbImage};
 
     use super::*;
+    use crate::picture::{ColourCoding, YuvLayout, YuvPicture};
 
     const PERIOD: Micros = 16_667;
 
-    fn picture(shade: u8, dot: u32) -> RgbImage {
+    fn picture(shade: u8, dot: u32) -> Picture {
         let mut image = RgbImage::from_pixel(640, 480, Rgb([shade; 3]));
         for dx in 0..12 {
             for dy in 0..24 {
                 image.put_pixel(dot + dx, 100 + dy, Rgb([200, 100, 50]));
             }
         }
-        image
+        image.into()
     }
 
     /// A camera's pictures, one per period, from a function of the frame's number.
-    fn watched(frames: i64, shot: impl Fn(i64) -> RgbImage) -> (CameraWatch, Micros) {
+    fn watched(frames: i64, shot: impl Fn(i64) -> Picture) -> (CameraWatch, Micros) {
         let mut watch = CameraWatch::new(PERIOD);
         for n in 0..frames {
             watch.saw(Some(sample_picture(&shot(n))), 1000, n * PERIOD);
@@ -189,8 +190,23 @@ mod tests {
 
     #[test]
     fn fake_a_camera_with_its_lens_covered_is_black() {
-        let (watch, now) = watched(5, |n| RgbImage::from_pixel(64, 48, Rgb([n as u8 % 3; 3])));
+        let (watch, now) = watched(5, |n| {
+            RgbImage::from_pixel(64, 48, Rgb([n as u8 % 3; 3])).into()
+        });
         assert_eq!(watch.health(now), CameraHealth::Black);
+    }
+
+    #[test]
+    fn black_of_a_video_is_black_though_it_is_stored_as_16() {
+        let mean = |value: u8, coding: ColourCoding| {
+            let bytes = vec![value; 64 * 48].into();
+            let picture = YuvPicture::new([64, 48], YuvLayout::Grey, coding, bytes);
+            sample_picture(&Picture::Yuv(picture.unwrap())).mean
+        };
+        let limited = mean(16, ColourCoding::default());
+        assert!(limited.abs() < BLACK_BELOW, "{limited}");
+        let full = mean(16, ColourCoding::FULL_RANGE);
+        assert!(full > BLACK_BELOW, "{full}");
     }
 
     #[test]

@@ -1,18 +1,18 @@
 //! All crops of a tick, gathered for one inference. Every worker cuts its share of them, and runs it.
 
 use farfield_proto::camera::CameraModel;
-use image::RgbImage;
 use rayon::prelude::*;
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
+use crate::picture::Picture;
 
 /// Most crops of one call of the network: bounds its memory (at 192 x 256 about 19 MB of input).
 /// More crops than this take several calls.
 pub(super) const MAX_CROPS_PER_CALL: usize = 32;
 
 /// A picture and the camera that it is of.
-pub(super) type Picture<'a> = (&'a RgbImage, &'a CameraModel);
+pub(super) type TakenPicture<'a> = (&'a Picture, &'a CameraModel);
 
 /// One of those who work at the same time.
 struct Worker {
@@ -119,7 +119,7 @@ impl Batch {
     }
 
     /// Cuts what was pushed since the last time out of the cameras' `pictures`, in their order. What has none stays unknown.
-    pub(super) fn cut(&mut self, pictures: &[Option<Picture<'_>>]) {
+    pub(super) fn cut(&mut self, pictures: &[Option<TakenPicture<'_>>]) {
         let n = self.wanted.len();
         let [width, height] = self.shape.input_px;
         if self.inputs.len() < n {
@@ -134,9 +134,9 @@ impl Batch {
                 let (values, crop) = (&mut input.values, &wanted.crop);
                 values.resize(3 * width * height, 0.0);
                 match pictures.get(wanted.camera).copied().flatten() {
-                    Some((image, model)) => {
+                    Some((picture, model)) => {
                         let cropper = &mut worker.cropper;
-                        cropper.crop(image, Some(model), crop, &self.format, values);
+                        cropper.crop(picture, Some(model), crop, &self.format, values);
                     }
                     None => values.fill(0.0),
                 }

@@ -33,8 +33,8 @@ impl EdgeCamera {
     /// What is wrong with a frame of this camera, if anything.
     pub(super) fn mismatch(&self, content: &FrameContent, n_keypoints: usize) -> Option<String> {
         match (content, self.drawing.is_some()) {
-            (FrameContent::Image(image), false) => {
-                let (got, expected) = ([image.width(), image.height()], self.model.size_px());
+            (FrameContent::Image(picture), false) => {
+                let (got, expected) = (picture.size_px(), self.model.size_px());
                 (got != expected).then(|| {
                     let ([w, h], [calibrated_w, calibrated_h]) = (got, expected);
                     format!("its frame is {w} x {h} pixels, its calibration {calibrated_w} x {calibrated_h}")

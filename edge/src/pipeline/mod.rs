@@ -31,7 +31,7 @@ use farfield_proto::venue::Venue;
 use farfield_proto::venue::parameters::CameraChoice;
 use farfield_proto::wire;
 
-use self::batch::Picture;
+use self::batch::TakenPicture;
 use self::camera::{EdgeCamera, cameras_of, check_shapes};
 use self::map_encoder::MapEncoder;
 use self::tiled_detector::TiledDetector;
@@ -226,14 +226,14 @@ impl EdgePipeline {
         let Some(batch) = &mut self.batch else {
             return;
         };
-        let picture = |(frame, camera)| -> Option<Picture<'_>> {
+        let picture = |(frame, camera)| -> Option<TakenPicture<'_>> {
             let (frame, camera): (&Option<Frame>, &EdgeCamera) = (frame, camera);
             match &frame.as_ref()?.content {
                 FrameContent::Image(image) => Some((image, &camera.model)),
                 FrameContent::Keypoints(_) | FrameContent::Painted(_) => None,
             }
         };
-        let pictures: Vec<Option<Picture<'_>>> =
+        let pictures: Vec<Option<TakenPicture<'_>>> =
             frames.iter().zip(&self.cameras).map(picture).collect();
         batch.cut(&pictures);
     }

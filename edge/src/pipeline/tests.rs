@@ -19,6 +19,7 @@ use super::*;
 use crate::fixtures::venue;
 use crate::inference::{Detection, DetectorInput, DetectorWindow, InputTensor, NetworkError};
 use crate::peaks::best_peak;
+use crate::picture::Picture;
 use crate::source::{KeypointCandidate, KeypointFrame, MapPainter};
 
 const PICTURES: &str = "{ kind = \"video\", path = \"a.mp4\" }";
@@ -91,7 +92,7 @@ impl PersonDetector for Finds {
         }
     }
 
-    fn detect(&mut self, _: &RgbImage, _: &DetectorWindow) -> Result<Vec<Detection>, NetworkError> {
+    fn detect(&mut self, _: &Picture, _: &DetectorWindow) -> Result<Vec<Detection>, NetworkError> {
         Ok(self.0.clone())
     }
 }
@@ -110,7 +111,7 @@ fn disc(x: f64, y: f64) -> Frame {
         let near = (f64::from(px) - x).hypot(f64::from(py) - y) < 12.0;
         image::Rgb([if near { 255 } else { 0 }, 0, 0])
     });
-    frame(FrameContent::Image(image))
+    frame(FrameContent::Image(image.into()))
 }
 
 fn box_at(camera: u16, center_px: [f32; 2], rotation_rad: f32) -> CameraBox {
@@ -444,7 +445,7 @@ fn what_does_not_belong_together_is_refused() {
             expected: 1
         })
     ));
-    let small = Some(frame(FrameContent::Image(RgbImage::new(320, 240))));
+    let small = Some(frame(FrameContent::Image(RgbImage::new(320, 240).into())));
     let error = step(&mut edge, &[small], &boxes).unwrap_err().to_string();
     assert!(
         error.contains("320 x 240") && error.contains("640 x 480"),

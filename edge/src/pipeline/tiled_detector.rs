@@ -3,9 +3,9 @@
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::venue::{Venue, VenueCamera};
-use image::RgbImage;
 
 use crate::inference::{Detection, NetworkError, PersonDetector};
+use crate::picture::Picture;
 use crate::tiles::{self, TilePlan};
 
 /// Detects people in the pictures of a venue, window by window.
@@ -45,7 +45,7 @@ impl TiledDetector {
     /// [`NetworkError`] when the detector fails.
     pub(super) fn detect_in(
         &mut self,
-        image: &RgbImage,
+        picture: &Picture,
         camera: CameraIndex,
         number: i64,
     ) -> Result<Vec<Detection>, NetworkError> {
@@ -54,13 +54,12 @@ impl TiledDetector {
         };
         let found = plan
             .windows(number)
-            .map(|window| Ok((window, self.detector.detect(image, &window)?)))
+            .map(|window| Ok((window, self.detector.detect(picture, &window)?)))
             .collect::<Result<Vec<_>, NetworkError>>()?;
-        let picture_px = [image.width(), image.height()];
         Ok(tiles::merged(
             &found,
             self.detector.input().size_px,
-            picture_px,
+            picture.size_px(),
         ))
     }
 }

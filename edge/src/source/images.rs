@@ -99,7 +99,7 @@ fn decode_all(
         let frame = decode(&pattern.file(number), expected).map(|image| Frame {
             tick: Tick(tick),
             capture_offset_us: 0,
-            content: FrameContent::Image(image),
+            content: FrameContent::Image(image.into()),
         });
         let failed = frame.is_err();
         if !sender.push(frame) || failed {
@@ -272,7 +272,9 @@ mod tests {
     fn shades(source: &mut impl FrameSource) -> Vec<(i64, u8)> {
         std::iter::from_fn(|| source.next_frame().unwrap())
             .map(|frame| match frame.content {
-                FrameContent::Image(image) => (frame.tick.0, image.get_pixel(0, 0)[0]),
+                FrameContent::Image(picture) => {
+                    (frame.tick.0, picture.into_rgb().get_pixel(0, 0)[0])
+                }
                 FrameContent::Keypoints(_) | FrameContent::Painted(_) => {
                     panic!("an image was asked for")
                 }

@@ -33,7 +33,8 @@ use farfield_proto::frames::{Distorted, Pixel};
 use farfield_proto::plain_text::one_line;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, TickFrom, Venue, VenueCamera};
-use image::RgbImage;
+
+use crate::picture::Picture;
 
 pub use error::{SourceError, SourceOrigin};
 pub use keypoints::{KeypointContents, KeypointDoubt};
@@ -46,7 +47,7 @@ pub use video_format::{FieldOrder, FormatRemark, HdrTransfer, VideoFormat};
 #[derive(Debug, Clone)]
 pub enum FrameContent {
     /// The raw picture, with the lens's distortion, of the calibration's size.
-    Image(RgbImage),
+    Image(Picture),
     /// 2D keypoints that another program found in it.
     Keypoints(KeypointFrame),
     /// A simulator's view, from which the maps of a crop are painted.

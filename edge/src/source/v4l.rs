@@ -180,7 +180,7 @@ fn capture(
                         let frame = Frame {
                             tick,
                             capture_offset_us: 0,
-                            content: FrameContent::Image(image),
+                            content: FrameContent::Image(image.into()),
                         };
                         let stamp = about.timestamp;
                         Ok((frame, stamp.sec * 1_000_000 + stamp.usec))

@@ -401,7 +401,7 @@ fn read_frames(
             Ok(Some(image)) => Ok(Frame {
                 tick: Tick(tick),
                 capture_offset_us: 0,
-                content: FrameContent::Image(image),
+                content: FrameContent::Image(image.into()),
             }),
             Err(PictureError::Size(found_px)) => Err(SourceError::PixelSize {
                 at: expected.at.clone(),

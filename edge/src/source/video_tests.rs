@@ -88,7 +88,7 @@ impl Studio {
 fn images(mut source: impl FrameSource) -> Vec<(i64, RgbImage)> {
     std::iter::from_fn(|| source.next_frame().unwrap())
         .map(|frame| match frame.content {
-            FrameContent::Image(image) => (frame.tick.0, image),
+            FrameContent::Image(picture) => (frame.tick.0, picture.into_rgb()),
             FrameContent::Keypoints(_) | FrameContent::Painted(_) => {
                 panic!("an image was asked for")
             }

@@ -126,11 +126,11 @@ pub(crate) fn check_detector() {
     let DetectorInput { size_px, letterbox } = detector.input();
     let whole = DetectorWindow::whole([640, 480], size_px, letterbox);
     let none = detector
-        .detect(&grey, &whole)
+        .detect(&grey.into(), &whole)
         .expect("a picture is searched");
     assert!(none.is_empty());
     let found = detector
-        .detect(&picture(), &whole)
+        .detect(&picture().into(), &whole)
         .expect("a picture is searched");
     assert_eq!(found.len(), 1);
     // One input pixel is four of the picture.
@@ -155,7 +155,7 @@ pub(crate) fn check_labels() {
     let DetectorInput { size_px, letterbox } = detector.input();
     let whole = DetectorWindow::whole([640, 480], size_px, letterbox);
     let found = detector
-        .detect(&picture(), &whole)
+        .detect(&picture().into(), &whole)
         .expect("a picture is searched");
     assert!(found.is_empty(), "{found:?}");
 }

@@ -93,7 +93,9 @@ impl FrameSource for Small {
         let frame = self.source.next_frame()?;
         Ok(frame.map(|frame| Frame {
             content: match frame.content {
-                FrameContent::Image(picture) => FrameContent::Image(self.afar.picture(&picture)),
+                FrameContent::Image(picture) => {
+                    FrameContent::Image(self.afar.picture(&picture.into_rgb()).into())
+                }
                 other => other,
             },
             ..frame

@@ -174,7 +174,8 @@ impl LookingCamera {
         progress: &LookProgress,
     ) -> anyhow::Result<u64> {
         let named = || self.recording.path.display().to_string();
-        self.venue.show(most, |number, image| {
+        self.venue.show(most, |number, picture| {
+            let image = picture.into_rgb();
             let picture = Picture::rgb8(image.as_raw(), [image.width(), image.height()]);
             let looked = picture.and_then(|picture| finder.look(number, &picture));
             progress.one();

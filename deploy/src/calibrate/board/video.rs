@@ -64,8 +64,8 @@ pub(super) fn look(
         let FrameContent::Image(picture) = frame.content else {
             bail!("{}: found no pictures", path.display());
         };
-        size_px = [picture.width(), picture.height()];
-        let picture = image::imageops::grayscale(&picture);
+        size_px = picture.size_px();
+        let picture = picture.to_grey();
         let sharpness = sharpness(&picture);
         if sharpest.as_ref().is_none_or(|(most, ..)| sharpness > *most) {
             sharpest = Some((sharpness, pictures, picture));

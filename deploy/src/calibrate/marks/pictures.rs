@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_calibration::adjustment::CameraState;
 use farfield_calibration::alignment::ClickedFile;
+use farfield_edge::picture::Picture;
 use farfield_edge::source::{FrameContent, open_video_alone};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::metadata::Orientation;
@@ -187,7 +188,7 @@ fn of_video(path: &Path, from_s: f64) -> anyhow::Result<RgbImage> {
     let rate_hz = rate::about(info.rate_hz);
     let first = (from_s * rate_hz) as u64;
     let looked = (LOOKED_S * rate_hz).ceil() as u64;
-    let mut sharpest: Option<(f64, RgbImage)> = None;
+    let mut sharpest: Option<(f64, Picture)> = None;
     let mut number = 0;
     while number < first + looked
         && let Some(frame) = source.next_frame()?
@@ -196,14 +197,14 @@ fn of_video(path: &Path, from_s: f64) -> anyhow::Result<RgbImage> {
             bail!("{shown}: found no pictures");
         };
         if number >= first {
-            let sharpness = sharpness(&image::imageops::grayscale(&picture));
+            let sharpness = sharpness(&picture.to_grey());
             if sharpest.as_ref().is_none_or(|(most, _)| sharpness > *most) {
                 sharpest = Some((sharpness, picture));
             }
         }
         number += 1;
     }
-    let found = sharpest.map(|(_, picture)| picture);
+    let found = sharpest.map(|(_, picture)| picture.into_rgb());
     found.ok_or_else(|| {
         anyhow!("{shown}: found {number} pictures, expected some after {from_s} s (--from-s)")
     })

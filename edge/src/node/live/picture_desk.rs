@@ -4,8 +4,8 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use farfield_proto::tick::Tick;
-use image::RgbImage;
 
+use crate::picture::Picture;
 use crate::source::{Frame, FrameContent};
 
 /// Longest time until a thread that waits for a picture sees that it shall stop.
@@ -25,7 +25,7 @@ enum OnDesk {
     /// A picture of the camera at this position in the viewpoint is wanted.
     Wanted(usize),
     /// Here it is.
-    Picture(Tick, RgbImage),
+    Picture(Tick, Picture),
 }
 
 impl PictureDesk {
@@ -55,7 +55,7 @@ impl PictureDesk {
         at: usize,
         patience: Duration,
         shall_stop: impl Fn() -> bool,
-    ) -> Option<(Tick, RgbImage)> {
+    ) -> Option<(Tick, Picture)> {
         let mut on_it = self.lock();
         *on_it = OnDesk::Wanted(at);
         let naps = patience.as_millis() / NAP.as_millis();
@@ -79,6 +79,8 @@ impl PictureDesk {
 
 #[cfg(test)]
 mod tests {
+    use image::RgbImage;
+
     use super::*;
     use crate::source::KeypointFrame;
 
@@ -91,7 +93,7 @@ mod tests {
     }
 
     fn pictures(tick: i64) -> [Option<Frame>; 2] {
-        [0, 1].map(|_| Some(frame(tick, FrameContent::Image(RgbImage::new(2, 2)))))
+        [0, 1].map(|_| Some(frame(tick, FrameContent::Image(RgbImage::new(2, 2).into()))))
     }
 
     #[test]

@@ -113,7 +113,7 @@ impl FrameSource for SimulatedSource {
                     camera: self.camera.clone(),
                     problem: format!("rendering its picture of tick {tick} failed"),
                 })?;
-                (FrameContent::Image(picture), *capture_offset_us)
+                (FrameContent::Image(picture.into()), *capture_offset_us)
             }
             Frames::Maps(maps) => {
                 let observation = maps.observe(tick);

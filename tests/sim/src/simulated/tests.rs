@@ -89,13 +89,10 @@ fn pictures_come_one_by_one_and_end_with_the_scene() {
     for tick in [7, 8] {
         let frame = source.next_frame().unwrap().unwrap();
         assert_eq!(frame.tick, Tick(tick));
-        let FrameContent::Image(image) = frame.content else {
+        let FrameContent::Image(picture) = frame.content else {
             panic!("pixels are pictures");
         };
-        assert_eq!(
-            [image.width(), image.height()],
-            scene.cameras()[1].size_px()
-        );
+        assert_eq!(picture.size_px(), scene.cameras()[1].size_px());
     }
     assert!(source.next_frame().unwrap().is_none());
     let none = SimulatedSource::new(&crowd, 99, pixels, Tick(0)..Tick(1), Tick(0));

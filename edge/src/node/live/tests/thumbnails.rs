@@ -50,7 +50,7 @@ impl FrameSource for NoisyFrames {
         Ok(TICKS.contains(&tick).then_some(Frame {
             tick,
             capture_offset_us: 0,
-            content: FrameContent::Image(picture),
+            content: FrameContent::Image(picture.into()),
         }))
     }
 }

@@ -78,7 +78,7 @@ impl CropRecord {
         for occluder in &occluders {
             occluder.paint(&mut picture);
         }
-        let picture = photo::taken(picture, BLUR_PX, rng);
+        let picture = photo::taken(picture, BLUR_PX, rng).into();
         let [width, height] = INPUT_PX;
         let mut planes = vec![0.0; 3 * width * height];
         Cropper::default().crop(&picture, None, &viewing.crop, &format(), &mut planes);
