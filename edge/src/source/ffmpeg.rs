@@ -1,13 +1,10 @@
 //! The child process that decodes: starting it, its messages, its end.
 //!
-//! It writes each picture as a binary PPM, that is RGB bytes behind their own width and height: the
-//! decoded size decides (a phone's rotation is applied by then), no picture is taken for two halves
-//! of others, and a partial last one is noticed. `ffmpeg-sidecar` finds the program and starts it;
-//! its own event loop is left aside because it copies every frame.
+//! `ffmpeg-sidecar` finds the program and starts it; its own event loop is left aside because it copies every frame.
 
 use std::collections::VecDeque;
 use std::ffi::OsString;
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, BufRead as _, BufReader, Read};
 use std::path::Path;
 use std::process::{ChildStdout, Command, Stdio};
 use std::sync::OnceLock;
@@ -17,11 +14,12 @@ use farfield_proto::plain_text::one_line;
 use ffmpeg_sidecar::child::FfmpegChild;
 use ffmpeg_sidecar::command::FfmpegCommand;
 use ffmpeg_sidecar::paths::ffmpeg_path;
-use image::RgbImage;
 
+use super::decoded_pictures::YUV_FORMATS;
 use super::frame_times::{FrameTimeReader, FrameTimes, frame_times};
 use super::video_format::VideoFormat;
 use super::{SourceError, SourceOrigin};
+use crate::picture::ColourMatrix;
 
 /// Input devices of ffmpeg that a URL may begin with, as in `avfoundation:0`.
 const DEVICES: [&str; 6] = [
@@ -66,12 +64,51 @@ pub(super) fn live_input(url: &str) -> Vec<OsString> {
 }
 
 /// What is decoded.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone)]
 pub(super) enum Wanted {
     /// A recording without its first frames, whose pictures are stored so.
     After(u64, VideoFormat),
     /// A live source, with the times of its frames.
     Timed,
+}
+
+impl Wanted {
+    /// Arguments for the filters and the pipe.
+    fn output(&self) -> Vec<String> {
+        let mut filters: Vec<String> = match self {
+            Self::After(skip, format) => {
+                let [before, after] = format.filters();
+                let select = (*skip > 0).then(|| format!("select=gte(n\\,{skip})"));
+                [before, select, after].into_iter().flatten().collect()
+            }
+            Self::Timed => vec!["showinfo=checksum=0".to_owned()],
+        };
+        let coding = match self {
+            Self::After(_, format) if format.is_rgb => "-pix_fmt rgb24 -c:v ppm -f image2pipe -",
+            Self::After(..) | Self::Timed => {
+                filters.push(YUV_FORMATS.to_owned());
+                "-f yuv4mpegpipe -"
+            }
+        };
+        let filters = if filters.is_empty() {
+            Vec::new()
+        } else {
+            vec!["-vf".to_owned(), filters.join(",")]
+        };
+        let coding = coding.split(' ').map(str::to_owned);
+        filters.into_iter().chain(coding).collect()
+    }
+}
+
+/// A running ffmpeg and what it writes.
+pub(super) struct Decoding {
+    pub(super) ffmpeg: Ffmpeg,
+    /// Its pictures, see [`super::decoded_pictures::PictureReader`].
+    pub(super) stdout: ChildStdout,
+    /// Their times, where they are wanted.
+    pub(super) times: Option<FrameTimes>,
+    /// How their colours are mixed while their times do not say.
+    pub(super) matrix: ColourMatrix,
 }
 
 /// A running ffmpeg. Dropping it ends the process.
@@ -81,12 +118,12 @@ pub(super) struct Ffmpeg {
 }
 
 impl Ffmpeg {
-    /// Starts decoding `input`; pictures come out of the pipe, see [`read_picture`], and where they are wanted their times.
+    /// Starts decoding `input`.
     pub(super) fn spawn(
         input: Vec<OsString>,
         wanted: Wanted,
         at: &SourceOrigin,
-    ) -> Result<(Self, ChildStdout, Option<FrameTimes>), SourceError> {
+    ) -> Result<Decoding, SourceError> {
         let mut command = FfmpegCommand::new();
         command.args(["-nostdin", "-hide_banner", "-nostats", "-loglevel"]);
         // The filter's lines are of the level `info`; which of the others are errors is then said by a word in each.
@@ -96,23 +133,7 @@ impl Ffmpeg {
         });
         command.args(input);
         command.args(["-map", "0:v:0", "-fps_mode", "passthrough"]);
-        let (reader, times) = match wanted {
-            Wanted::After(skip, format) => {
-                let [before, after] = format.filters();
-                let select = (skip > 0).then(|| format!("select=gte(n\\,{skip})"));
-                let filters: Vec<String> = [before, select, after].into_iter().flatten().collect();
-                if !filters.is_empty() {
-                    command.args(["-vf".to_owned(), filters.join(",")]);
-                }
-                (None, None)
-            }
-            Wanted::Timed => {
-                command.args(["-vf", "showinfo=checksum=0"]);
-                let (reader, times) = frame_times();
-                (Some(reader), Some(times))
-            }
-        };
-        command.args(["-pix_fmt", "rgb24", "-c:v", "ppm", "-f", "image2pipe", "-"]);
+        command.args(wanted.output());
         own_process_group(&mut command);
         let mut child = command
             .spawn()
@@ -124,15 +145,24 @@ impl Ffmpeg {
                 problem: "ffmpeg was started without its pipes".to_owned(),
             });
         };
-        let messages = match reader {
-            None => collect_messages(stderr),
-            Some(reader) => collect_timed_messages(stderr, reader),
+        let (messages, times, matrix) = match wanted {
+            Wanted::After(_, format) => (collect_messages(stderr), None, format.matrix_read()),
+            Wanted::Timed => {
+                let (reader, times) = frame_times();
+                let messages = collect_timed_messages(stderr, reader);
+                (messages, Some(times), ColourMatrix::default())
+            }
         };
         let ffmpeg = Self {
             child,
             messages: Some(messages),
         };
-        Ok((ffmpeg, stdout, times))
+        Ok(Decoding {
+            ffmpeg,
+            stdout,
+            times,
+            matrix,
+        })
     }
 
     /// Waits for the end; says whether it ended well, and what it had to say.
@@ -286,80 +316,9 @@ pub(super) fn said(tool: &str, messages: &str) -> String {
     format!("; {tool} says: {messages}{hint}")
 }
 
-/// Why no picture could be read from the pipe.
-#[derive(Debug, PartialEq)]
-pub(super) enum PictureError {
-    /// It has another width and height than expected.
-    Size([u32; 2]),
-    /// Something else than pictures came.
-    Foreign,
-}
-
-/// Reads the next picture. `None` at the end, also when the last picture is not whole: whoever
-/// counts frames then finds one too few.
-pub(super) fn read_picture(
-    reader: &mut impl BufRead,
-    size_px: [u32; 2],
-) -> Result<Option<RgbImage>, PictureError> {
-    let (Some(magic), Some(size), Some(depth)) = (
-        header_line(reader),
-        header_line(reader),
-        header_line(reader),
-    ) else {
-        return Ok(None);
-    };
-    let found_px = size
-        .split_once(' ')
-        .and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    match found_px {
-        Some(found_px) if magic == "P6" && depth == "255" => {
-            if found_px != size_px {
-                return Err(PictureError::Size(found_px));
-            }
-        }
-        _ => return Err(PictureError::Foreign),
-    }
-    let [width, height] = size_px;
-    let n_bytes = width as usize * height as usize * 3;
-    let mut rgb = Vec::with_capacity(n_bytes);
-    // An error of the pipe ends the pictures like its end does.
-    reader.take(n_bytes as u64).read_to_end(&mut rgb).ok();
-    Ok(RgbImage::from_raw(width, height, rgb))
-}
-
-/// A short line of a PPM header; `None` at the end of the pipe.
-fn header_line(reader: &mut impl BufRead) -> Option<String> {
-    const MAX_BYTES: u64 = 24;
-    let mut line = Vec::new();
-    let n = reader.take(MAX_BYTES).read_until(b'\n', &mut line).ok()?;
-    (n > 0).then(|| String::from_utf8_lossy(line.trim_ascii_end()).into_owned())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn pictures_are_read_until_the_last_whole_one() {
-        let bytes = b"P6\n2 1\n255\nabcdefP6\n2 1\n255\nghijklP6\n2 1\n255\nmno";
-        let mut reader = bytes.as_slice();
-        let first = read_picture(&mut reader, [2, 1]).unwrap().unwrap();
-        assert_eq!(first.as_raw(), b"abcdef");
-        let second = read_picture(&mut reader, [2, 1]).unwrap().unwrap();
-        assert_eq!(second.as_raw(), b"ghijkl");
-        assert_eq!(read_picture(&mut reader, [2, 1]), Ok(None));
-    }
-
-    #[test]
-    fn another_size_or_other_bytes_are_refused() {
-        let wrong = |bytes: &[u8]| read_picture(&mut &*bytes, [2, 1]).unwrap_err();
-        assert_eq!(
-            wrong(b"P6\n4000000000 4000000000\n255\n"),
-            PictureError::Size([4_000_000_000; 2])
-        );
-        assert_eq!(wrong(b"P6\n2\n255\nabcdef"), PictureError::Foreign);
-        assert_eq!(wrong(&[0; 100]), PictureError::Foreign);
-    }
 
     #[test]
     fn live_urls_choose_their_input_device() {

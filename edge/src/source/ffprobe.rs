@@ -14,10 +14,11 @@ use serde::Deserialize;
 use super::ffmpeg::{collect_messages, file_input, has_filter, said, start_problem};
 use super::video_format::{FieldOrder, HdrTransfer, VideoFormat};
 use super::{RecordingLabels, SourceError, SourceOrigin};
+use crate::picture::ColourMatrix;
 
 const ENTRIES: &str = "packet=pts,flags:\
     stream=width,height,time_base,r_frame_rate,avg_frame_rate,nb_frames,duration,start_time,\
-    field_order,color_transfer,sample_aspect_ratio:\
+    field_order,pix_fmt,color_space,color_transfer,sample_aspect_ratio:\
     stream_tags=rotate,DURATION,NUMBER_OF_FRAMES,timecode,creation_time:stream_side_data=rotation:\
     format=format_name:format_tags=timecode,creation_time";
 
@@ -146,6 +147,8 @@ struct Stream {
     start_time: String,
     field_order: String,
     color_transfer: String,
+    color_space: String,
+    pix_fmt: String,
     sample_aspect_ratio: String,
     tags: BTreeMap<String, String>,
     side_data_list: Vec<SideData>,
@@ -202,6 +205,8 @@ impl Listing {
             can_tone_map: hdr.is_some() && has_filter("zscale"),
             pixel_aspect: VideoFormat::parse_aspect(&stream.sample_aspect_ratio),
             rotation_deg,
+            is_rgb: VideoFormat::parse_rgb(&stream.pix_fmt),
+            matrix: ColourMatrix::parse(&stream.color_space),
         };
         // What an edit list discards is no frame.
         let frames = self

@@ -9,6 +9,8 @@
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
+use crate::picture::ColourMatrix;
+
 /// What marks a line of the filter.
 const MARK: &str = "[Parsed_showinfo";
 /// Times that wait for their pictures: far more than are between the filter and the pipe.
@@ -25,6 +27,8 @@ struct FrameTime {
     number: u64,
     /// By the stream's clock, microseconds.
     stamp_us: Option<i64>,
+    /// How its colours are mixed, by what was said of the frame before.
+    matrix: ColourMatrix,
 }
 
 /// Reads the lines, where the messages are collected.
@@ -35,6 +39,7 @@ pub(super) struct FrameTimeReader {
     /// What the filter's number of the last frame was, and the number of the frame that it called 0.
     last: Option<u64>,
     began_at: u64,
+    matrix: ColourMatrix,
     times: SyncSender<FrameTime>,
 }
 
@@ -44,6 +49,7 @@ pub(super) struct FrameTimes {
     times: Receiver<FrameTime>,
     /// The one that was read and is of a later picture.
     next: Option<FrameTime>,
+    matrix: ColourMatrix,
     /// Pictures in a row that found no time.
     in_vain: u32,
     /// Whether it was said that none waits.
@@ -57,11 +63,13 @@ pub(super) fn frame_times() -> (FrameTimeReader, FrameTimes) {
         time_base: None,
         last: None,
         began_at: 0,
+        matrix: ColourMatrix::default(),
         times: sender,
     };
     let times = FrameTimes {
         times: receiver,
         next: None,
+        matrix: ColourMatrix::default(),
         in_vain: 0,
         is_told: false,
     };
@@ -74,6 +82,9 @@ impl FrameTimeReader {
         if !line.starts_with(MARK) {
             return false;
         }
+        if let Some(matrix) = word_after(line, "color_space:") {
+            self.matrix = ColourMatrix::parse(matrix);
+        }
         if let Some(base) = word_after(line, "config in time_base:") {
             self.time_base = base
                 .trim_end_matches(',')
@@ -83,6 +94,7 @@ impl FrameTimeReader {
             let time = FrameTime {
                 number: self.since_opened(number),
                 stamp_us: self.stamp_us(line),
+                matrix: self.matrix,
             };
             // Where nobody takes pictures nobody misses their times.
             self.times.try_send(time).ok();
@@ -118,6 +130,7 @@ impl FrameTimes {
             };
             if time.number == number {
                 self.in_vain = 0;
+                self.matrix = time.matrix;
                 return time.stamp_us;
             }
             if time.number > number {
@@ -125,6 +138,11 @@ impl FrameTimes {
                 return None;
             }
         }
+    }
+
+    /// How the colours of the last picture with a time are mixed.
+    pub(super) fn matrix(&self) -> ColourMatrix {
+        self.matrix
     }
 
     /// Whether pictures wait no more for times that do not come; true once.

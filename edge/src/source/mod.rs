@@ -7,6 +7,8 @@
 //! recording that ends early is an error, never a quiet end. Recorded frames are numbered by their
 //! place in the recording, live frames by their order of arrival; no reader looks at a clock.
 
+#[cfg(feature = "node")]
+mod decoded_pictures;
 mod error;
 #[cfg(feature = "node")]
 mod ffmpeg;

@@ -7,16 +7,16 @@
 mod frame_spacing;
 
 use std::borrow::Cow;
-use std::io::BufReader;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::ChildStdout;
 use std::time::Duration;
 
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::TickFrom;
 
 use self::frame_spacing::{FarOff, OddGap, farthest_off, odd_gap, usual_gap_s};
-use super::ffmpeg::{self, Ffmpeg, PictureError, Wanted, read_picture};
+use super::decoded_pictures::{PictureError, PictureReader};
+use super::ffmpeg::{self, Decoding, Ffmpeg, Wanted};
 use super::ffprobe::{self, VideoStream};
 use super::frame_times::FrameTimes;
 use super::queue::{Prefetch, Sender, WhenFull};
@@ -24,6 +24,7 @@ use super::{
     ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo, SourceOrigin,
 };
 use crate::live::timecode::Timecode;
+use crate::picture::ColourMatrix;
 
 /// Largest relative difference between a recording's rate and the venue's: 59.94 is as good as 60.
 const RATE_TOLERANCE: f64 = 0.005;
@@ -278,14 +279,22 @@ pub(super) struct VideoSource {
 
 impl VideoSource {
     fn new(
-        (ffmpeg, stdout, times): (Ffmpeg, ChildStdout, Option<FrameTimes>),
+        decoding: Decoding,
         expected: ExpectedSource,
         from: Tick,
         when_full: WhenFull,
     ) -> Result<Self, SourceError> {
         let at = expected.at.clone();
-        let decode =
-            move |sender: Sender<Stamped>| read_frames(stdout, times, &expected, from, &sender);
+        let Decoding {
+            ffmpeg,
+            stdout,
+            times,
+            matrix,
+        } = decoding;
+        let pictures = PictureReader::new(BufReader::new(stdout), expected.size_px);
+        let decode = move |sender: Sender<Stamped>| {
+            read_frames((pictures, matrix), times, &expected, from, &sender);
+        };
         let prefetch =
             Prefetch::spawn(when_full, decode).map_err(|problem| SourceError::Unreadable {
                 at: at.clone(),
@@ -388,20 +397,19 @@ impl Drop for VideoSource {
 }
 
 fn read_frames(
-    stdout: ChildStdout,
+    (mut pictures, mut matrix): (PictureReader<impl BufRead>, ColourMatrix),
     mut times: Option<FrameTimes>,
     expected: &ExpectedSource,
     from: Tick,
     sender: &Sender<Stamped>,
 ) {
-    let mut reader = BufReader::new(stdout);
     for (number, tick) in (0..).zip(from.0..) {
-        let frame = match read_picture(&mut reader, expected.size_px) {
+        let frame = match pictures.next(matrix) {
             Ok(None) => return,
-            Ok(Some(image)) => Ok(Frame {
+            Ok(Some(picture)) => Ok(Frame {
                 tick: Tick(tick),
                 capture_offset_us: 0,
-                content: FrameContent::Image(image.into()),
+                content: FrameContent::Image(picture),
             }),
             Err(PictureError::Size(found_px)) => Err(SourceError::PixelSize {
                 at: expected.at.clone(),
@@ -416,6 +424,7 @@ fn read_frames(
         let failed = frame.is_err();
         let stamped = frame.map(|frame| {
             let stamp_us = times.as_mut().and_then(|times| times.of(number));
+            matrix = times.as_ref().map_or(matrix, FrameTimes::matrix);
             if times.as_mut().is_some_and(FrameTimes::gives_up) {
                 tracing::warn!(
                     camera = %expected.at.camera,

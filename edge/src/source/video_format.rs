@@ -1,6 +1,8 @@
 //! How the pictures of a video are stored: fields, brightness, the shape of pixels, which way up. What reading changes, and what the
 //! operator has to know of it.
 
+use crate::picture::ColourMatrix;
+
 /// Pixels that are wider or narrower than this share are not square; containers round.
 const SQUARE: f64 = 0.01;
 /// How far a turn may be from whole quarters, degrees.
@@ -76,6 +78,10 @@ pub struct VideoFormat {
     pub pixel_aspect: Option<[u32; 2]>,
     /// By how much pictures are turned when they are decoded, degrees.
     pub rotation_deg: f64,
+    /// Whether they are of red, green, blue.
+    pub is_rgb: bool,
+    /// How the colours of others are mixed.
+    pub matrix: ColourMatrix,
 }
 
 /// Something about a video that its operator may not know.
@@ -96,6 +102,26 @@ impl VideoFormat {
         let aspect: [u32; 2] = [width.parse().ok()?, height.parse().ok()?];
         let ratio = f64::from(aspect[0]) / f64::from(aspect[1]);
         (ratio.is_finite() && ratio > 0.0 && (ratio - 1.0).abs() > SQUARE).then_some(aspect)
+    }
+
+    /// Whether pictures are of red, green, blue whose layout ffmpeg calls so.
+    pub fn parse_rgb(pixels: &str) -> bool {
+        let names = ["rgb", "bgr", "gbr", "pal8", "bayer"];
+        names.iter().any(|name| pixels.contains(name))
+    }
+
+    /// How the colours of pictures are mixed after [`Self::filters`].
+    pub fn matrix_read(&self) -> ColourMatrix {
+        match self.tone_map() {
+            Some(_) => ColourMatrix::Bt709,
+            None => self.matrix,
+        }
+    }
+
+    fn tone_map(&self) -> Option<String> {
+        self.hdr
+            .filter(|_| self.can_tone_map)
+            .map(HdrTransfer::tone_map)
     }
 
     /// What is remarkable about pictures that are stored at `rate_hz`.
@@ -201,8 +227,7 @@ impl VideoFormat {
             let parity = if is_top { "tff" } else { "bff" };
             format!("bwdif=mode=send_frame:parity={parity}")
         });
-        let hdr = self.hdr.filter(|_| self.can_tone_map);
-        [whole, hdr.map(HdrTransfer::tone_map)]
+        [whole, self.tone_map()]
     }
 }
 

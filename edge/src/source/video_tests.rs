@@ -343,6 +343,31 @@ fn pictures_of_both_ranges_are_read_alike() {
 }
 
 #[test]
+fn colours_are_those_that_ffmpeg_shows_whatever_mixes_them() {
+    let Some(studio) = studio() else { return };
+    // Soft colours: ffmpeg does not interpolate them.
+    let drawn = "-f lavfi -i gradients=s=96x64:r=30:c0=orange:c1=navy:x0=0:y0=0:x1=95:y1=63:nb_colors=2:seed=1 -frames:v 1";
+    for (pixels, matrix) in [
+        ("yuv420p", "bt709"),
+        ("yuv420p", "smpte170m"),
+        ("yuvj422p", "bt470bg"),
+        ("yuv444p", "bt2020nc"),
+    ] {
+        let args = format!(
+            "{drawn} -vf scale=out_color_matrix={},format={pixels} -colorspace {matrix} -c:v ffv1",
+            matrix.trim_end_matches("nc")
+        );
+        let clip = studio.record(&args, "colours.mkv");
+        let read = images(open(&clip, expected(), Tick(100)).unwrap());
+        let shown = studio.record("-i colours.mkv -frames:v 1 -pix_fmt rgb24", "shown.png");
+        let shown = image::open(shown).unwrap().into_rgb8();
+        let apart = read[0].1.iter().zip(shown.iter());
+        let worst = apart.map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+        assert!(worst <= 4, "{pixels} {matrix}: {worst}");
+    }
+}
+
+#[test]
 fn another_rate_is_refused_with_both_rates() {
     let Some(studio) = studio() else { return };
     let record = |rate: &str| {
