@@ -17,6 +17,7 @@ use ffmpeg_sidecar::paths::ffmpeg_path;
 
 use super::decoded_pictures::YUV_FORMATS;
 use super::frame_times::{FrameTimeReader, FrameTimes, frame_times};
+use super::secrets::Secrets;
 use super::video_format::VideoFormat;
 use super::{SourceError, SourceOrigin};
 use crate::picture::ColourMatrix;
@@ -68,8 +69,8 @@ pub(super) fn live_input(url: &str) -> Vec<OsString> {
 pub(super) enum Wanted {
     /// A recording without its first frames, whose pictures are stored so.
     After(u64, VideoFormat),
-    /// A live source, with the times of its frames.
-    Timed,
+    /// A live source, with the times of its frames; what of its address nobody may read.
+    Timed(Secrets),
 }
 
 impl Wanted {
@@ -81,11 +82,11 @@ impl Wanted {
                 let select = (*skip > 0).then(|| format!("select=gte(n\\,{skip})"));
                 [before, select, after].into_iter().flatten().collect()
             }
-            Self::Timed => vec!["showinfo=checksum=0".to_owned()],
+            Self::Timed(_) => vec!["showinfo=checksum=0".to_owned()],
         };
         let coding = match self {
             Self::After(_, format) if format.is_rgb => "-pix_fmt rgb24 -c:v ppm -f image2pipe -",
-            Self::After(..) | Self::Timed => {
+            Self::After(..) | Self::Timed(_) => {
                 filters.push(YUV_FORMATS.to_owned());
                 "-f yuv4mpegpipe -"
             }
@@ -129,7 +130,7 @@ impl Ffmpeg {
         // The filter's lines are of the level `info`; which of the others are errors is then said by a word in each.
         command.arg(match wanted {
             Wanted::After(..) => "error",
-            Wanted::Timed => "level+info",
+            Wanted::Timed(_) => "level+info",
         });
         command.args(input);
         command.args(["-map", "0:v:0", "-fps_mode", "passthrough"]);
@@ -147,9 +148,9 @@ impl Ffmpeg {
         };
         let (messages, times, matrix) = match wanted {
             Wanted::After(_, format) => (collect_messages(stderr), None, format.matrix_read()),
-            Wanted::Timed => {
+            Wanted::Timed(secrets) => {
                 let (reader, times) = frame_times();
-                let messages = collect_timed_messages(stderr, reader);
+                let messages = collect_timed_messages(stderr, reader, secrets);
                 (messages, Some(times), ColourMatrix::default())
             }
         };
@@ -261,11 +262,13 @@ pub(super) fn collect_messages(stderr: impl Read + Send + 'static) -> JoinHandle
 fn collect_timed_messages(
     stderr: impl Read + Send + 'static,
     mut reader: FrameTimeReader,
+    secrets: Secrets,
 ) -> JoinHandle<String> {
     collect(stderr, move |line| {
         if reader.read(line) {
             return None;
         }
+        let line = secrets.mask(line);
         let mut levels = ["[error] ", "[fatal] ", "[panic] "].into_iter();
         levels.find_map(|level| line.contains(level).then(|| line.replacen(level, "", 1)))
     })
@@ -278,7 +281,9 @@ fn collect(
 ) -> JoinHandle<String> {
     /// The last lines tell why a decoder gave up.
     const KEPT_LINES: usize = 3;
-    const LINE_BYTES: u64 = 400;
+    const KEPT_CHARS: usize = 400;
+    // Longer than any address: half a secret is one, too.
+    const LINE_BYTES: u64 = 1 << 16;
     std::thread::spawn(move || {
         let mut stderr = BufReader::new(stderr);
         let mut kept = VecDeque::new();
@@ -292,7 +297,7 @@ fn collect(
             let text = worth_keeping(String::from_utf8_lossy(&line).trim());
             line.clear();
             if let Some(text) = text.filter(|text| !text.is_empty() && kept.back() != Some(text)) {
-                kept.push_back(text);
+                kept.push_back(text.chars().take(KEPT_CHARS).collect());
             }
             if kept.len() > KEPT_LINES {
                 kept.pop_front();

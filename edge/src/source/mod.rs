@@ -20,6 +20,8 @@ mod images;
 mod keypoints;
 mod painted;
 mod queue;
+#[cfg(feature = "node")]
+mod secrets;
 mod sources;
 mod ticks;
 #[cfg(feature = "v4l")]
@@ -202,7 +204,10 @@ impl ExpectedSource {
             | Source::Simulated { path, .. }
             | Source::Maps { path, .. }
             | Source::V4l { device: path } => path.display().to_string(),
-            Source::Ffmpeg { url } => url.clone(),
+            #[cfg(feature = "node")]
+            Source::Ffmpeg { url } => secrets::Secrets::of(url).mask(url).into_owned(),
+            #[cfg(not(feature = "node"))]
+            Source::Ffmpeg { .. } => "a live stream".to_owned(),
         };
         Self {
             at: SourceOrigin {

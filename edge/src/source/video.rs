@@ -20,6 +20,7 @@ use super::ffmpeg::{self, Decoding, Ffmpeg, Wanted};
 use super::ffprobe::{self, VideoStream};
 use super::frame_times::FrameTimes;
 use super::queue::{Prefetch, Sender, WhenFull};
+use super::secrets::Secrets;
 use super::{
     ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo, SourceOrigin,
 };
@@ -257,7 +258,11 @@ pub(super) fn open_live(
     from: Tick,
 ) -> Result<VideoSource, SourceError> {
     probe_live(url, &expected)?;
-    let decoded = Ffmpeg::spawn(ffmpeg::live_input(url), Wanted::Timed, &expected.at)?;
+    let decoded = Ffmpeg::spawn(
+        ffmpeg::live_input(url),
+        Wanted::Timed(Secrets::of(url)),
+        &expected.at,
+    )?;
     VideoSource::new(decoded, expected, from, WhenFull::DropOldest)
 }
 

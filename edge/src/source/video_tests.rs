@@ -368,6 +368,16 @@ fn colours_are_those_that_ffmpeg_shows_whatever_mixes_them() {
 }
 
 #[test]
+fn the_password_of_a_camera_that_is_not_there_is_in_no_error() {
+    let Some(_studio) = studio() else { return };
+    let url = "http://admin:geheim-42@127.0.0.1:1/video?token=t0ken&channel=3";
+    let mut source = open_live(url, expected(), Tick(7)).unwrap();
+    let said = source.next_frame().unwrap_err().to_string();
+    let tells = said.contains("channel=3") && !said.contains("geheim") && !said.contains("t0ken");
+    assert!(tells, "{said}");
+}
+
+#[test]
 fn another_rate_is_refused_with_both_rates() {
     let Some(studio) = studio() else { return };
     let record = |rate: &str| {
