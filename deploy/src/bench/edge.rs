@@ -4,14 +4,17 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
+use farfield_edge::inference::KeypointNetwork as _;
 use farfield_edge::live::rate::PLANNED;
-use farfield_edge::network::{BackendChoice, InferenceBackend};
+use farfield_edge::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
 use farfield_edge::node::Workers;
 use farfield_node::files::load_venue;
 use farfield_node::process::NodeError;
+use farfield_proto::venue::Venue;
 use farfield_sim::embedded;
 use serde::Serialize;
 
+use super::beside_network::BesideNetwork;
 use crate::doctor::measured_workers;
 use crate::output;
 
@@ -39,6 +42,7 @@ struct EdgeReport {
     workers: Vec<Workers>,
     /// With the last number of workers: people of one viewpoint by rate.
     people: Vec<PeopleAtRate>,
+    beside: BesideNetwork,
 }
 
 #[derive(Debug, Serialize)]
@@ -72,7 +76,7 @@ fn of_venue(path: &Path) -> Result<EdgeReport, NodeError> {
             path.display()
         ))
     })?;
-    measured(card, card.display().to_string(), &[venue.rate_hz])
+    measured(card, card.display().to_string(), Some(&venue))
 }
 
 fn of_the_demo() -> Result<EdgeReport, NodeError> {
@@ -80,23 +84,32 @@ fn of_the_demo() -> Result<EdgeReport, NodeError> {
     let folder = folder.map_err(NodeError::Failed)?;
     let network = embedded::write_network(folder.path()).map_err(NodeError::failed)?;
     let card = folder.path().join(network);
-    measured(&card, "the network of the demo".to_owned(), &[])
+    measured(&card, "the network of the demo".to_owned(), None)
 }
 
-fn measured(card: &Path, network: String, own_hz: &[f64]) -> Result<EdgeReport, NodeError> {
+fn measured(card: &Path, network: String, venue: Option<&Venue>) -> Result<EdgeReport, NodeError> {
     let backend = InferenceBackend::start(BackendChoice::Best).map_err(NodeError::failed)?;
     let found = measured_workers(card).map_err(NodeError::failed)?;
+    let read = OnnxKeypointNetwork::load(card).map_err(NodeError::failed)?;
+    let beside = BesideNetwork::measured(read.card(), venue).map_err(NodeError::refused)?;
     let crops_per_s = found.last().map_or(0.0, |best| best.crops_per_s);
-    let other_hz = RATES_HZ.iter().filter(|rate_hz| !own_hz.contains(rate_hz));
-    let people = own_hz.iter().chain(other_hz).map(|&rate_hz| PeopleAtRate {
-        rate_hz,
-        people: (PLANNED * crops_per_s / rate_hz) as u32,
-    });
+    let own_hz = venue.map(|venue| venue.rate_hz);
+    let other_hz = RATES_HZ
+        .into_iter()
+        .filter(|rate_hz| own_hz != Some(*rate_hz));
+    let people = own_hz
+        .into_iter()
+        .chain(other_hz)
+        .map(|rate_hz| PeopleAtRate {
+            rate_hz,
+            people: (PLANNED * crops_per_s / rate_hz) as u32,
+        });
     Ok(EdgeReport {
         backend: backend.describe().to_owned(),
         network,
         people: people.collect(),
         workers: found,
+        beside,
     })
 }
 
@@ -111,6 +124,6 @@ impl fmt::Display for EdgeReport {
         for row in &self.people {
             writeln!(f, "{:>7}  {:>6}", row.rate_hz, row.people)?;
         }
-        Ok(())
+        write!(f, "{}", self.beside)
     }
 }

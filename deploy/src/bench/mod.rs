@@ -5,6 +5,7 @@
 //! venue is recorded in memory before ([`RecordedVenue`]), and stepped over again; of a recording a tick is read before
 //! its time begins.
 
+mod beside_network;
 mod edge;
 mod measure;
 mod report;

@@ -1,0 +1,122 @@
+//! What an edge does beside its network: decoding pictures, and cutting crops out of them.
+
+use std::fmt;
+
+use farfield_edge::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
+use farfield_edge::picture::{ColourCoding, Picture, YuvLayout, YuvPicture};
+use farfield_edge::source::{RecordedSources, SourceError, Sources as _};
+use farfield_node::clock;
+use farfield_proto::bounding_box::BoundingBox;
+use farfield_proto::camera::CameraModel;
+use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::venue::{Source, Venue};
+use serde::Serialize;
+
+/// Pictures and crops that are timed.
+const TIMED: u32 = 60;
+/// Size of pictures where there is no venue, pixels.
+const SIZE_PX: [u32; 2] = [1920, 1200];
+/// Height of a person in the picture, as a share of the picture's.
+const PERSON_SHARE: f32 = 0.5;
+
+/// How long the two take.
+#[derive(Debug, Serialize)]
+pub(super) struct BesideNetwork {
+    /// Width and height of the picture that crops are cut from, pixels.
+    size_px: [u32; 2],
+    crop_ms: f64,
+    decoding: Option<Decoding>,
+}
+
+/// Of the first recorded video of a venue.
+#[derive(Debug, Serialize)]
+struct Decoding {
+    camera: String,
+    picture_ms: f64,
+}
+
+impl BesideNetwork {
+    /// Times both: the videos and the first camera's size are the venue's, where there is one.
+    ///
+    /// # Errors
+    /// When the video cannot be read.
+    pub(super) fn measured(card: &HeatmapCard, venue: Option<&Venue>) -> Result<Self, SourceError> {
+        let camera = venue.and_then(|venue| venue.cameras.first());
+        let camera = camera.map(|camera| &camera.model);
+        let size_px = camera.map_or(SIZE_PX, CameraModel::size_px);
+        Ok(Self {
+            size_px,
+            crop_ms: crop_ms(card, size_px, camera),
+            decoding: match venue {
+                Some(venue) => Decoding::measured(venue)?,
+                None => None,
+            },
+        })
+    }
+}
+
+/// Of a person a little aslant in the middle of a video's picture.
+fn crop_ms(card: &HeatmapCard, size_px: [u32; 2], camera: Option<&CameraModel>) -> f64 {
+    let layout = YuvLayout::Planar([2, 2]);
+    let bytes = vec![128; layout.n_bytes(size_px)].into();
+    let picture = YuvPicture::new(size_px, layout, ColourCoding::default(), bytes);
+    let [width, height] = size_px.map(|side| side as f32);
+    let person = BoundingBox {
+        center_px: [width / 2.0, height / 2.0],
+        size_px: [0.5 * PERSON_SHARE * height, PERSON_SHARE * height],
+        rotation_rad: 0.1,
+    };
+    let shape = CropShape::of_card(card);
+    let (Some(picture), Some(crop)) = (picture, CropGeometry::new(&person, shape)) else {
+        return f64::NAN;
+    };
+    let picture = Picture::Yuv(picture);
+    let format = PixelFormat::new(&card.input, &card.normalize);
+    let mut input = vec![0.0; 3 * shape.input_px[0] * shape.input_px[1]];
+    let mut cropper = Cropper::default();
+    cropper.crop(&picture, camera, &crop, &format, &mut input);
+    let begun = clock::now();
+    for _ in 0..TIMED {
+        cropper.crop(&picture, camera, &crop, &format, &mut input);
+    }
+    clock::now().duration_since(begun).as_secs_f64() * 1000.0 / f64::from(TIMED)
+}
+
+impl Decoding {
+    fn measured(venue: &Venue) -> Result<Option<Self>, SourceError> {
+        let mut cameras = venue.cameras.iter();
+        let Some(camera) = cameras.find(|it| matches!(it.source, Source::Video { .. })) else {
+            return Ok(None);
+        };
+        let mut source = RecordedSources.open(camera, venue, venue.first_tick)?;
+        // What starting takes is none of it.
+        source.next_frame()?;
+        let begun = clock::now();
+        let mut pictures = 0;
+        while pictures < TIMED && source.next_frame()?.is_some() {
+            pictures += 1;
+        }
+        let took_s = clock::now().duration_since(begun).as_secs_f64();
+        Ok(Some(Self {
+            camera: camera.model.name().to_owned(),
+            picture_ms: took_s * 1000.0 / f64::from(pictures.max(1)),
+        }))
+    }
+}
+
+impl fmt::Display for BesideNetwork {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [width, height] = self.size_px;
+        writeln!(
+            f,
+            "\nbeside the network\n{:>7.1}  ms a crop, of a picture of {width} x {height}",
+            self.crop_ms
+        )?;
+        match &self.decoding {
+            Some(Decoding { camera, picture_ms }) => {
+                writeln!(f, "{picture_ms:>7.1}  ms to decode a picture of {camera}")
+            }
+            None => Ok(()),
+        }
+    }
+}
