@@ -25,6 +25,7 @@ pub mod person_name;
 pub mod plain_text;
 pub mod plausibility;
 pub mod printed;
+pub mod secrets;
 pub mod subject;
 pub mod tick;
 pub mod toml_file;

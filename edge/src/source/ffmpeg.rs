@@ -11,13 +11,13 @@ use std::sync::OnceLock;
 use std::thread::JoinHandle;
 
 use farfield_proto::plain_text::one_line;
+use farfield_proto::secrets::Secrets;
 use ffmpeg_sidecar::child::FfmpegChild;
 use ffmpeg_sidecar::command::FfmpegCommand;
 use ffmpeg_sidecar::paths::ffmpeg_path;
 
 use super::decoded_pictures::YUV_FORMATS;
 use super::frame_times::{FrameTimeReader, FrameTimes, frame_times};
-use super::secrets::Secrets;
 use super::video_format::VideoFormat;
 use super::{SourceError, SourceOrigin};
 use crate::picture::ColourMatrix;

@@ -20,8 +20,6 @@ mod images;
 mod keypoints;
 mod painted;
 mod queue;
-#[cfg(feature = "node")]
-mod secrets;
 mod sources;
 mod ticks;
 #[cfg(feature = "v4l")]
@@ -35,6 +33,7 @@ use std::sync::Arc;
 
 use farfield_proto::frames::{Distorted, Pixel};
 use farfield_proto::plain_text::one_line;
+use farfield_proto::secrets::Secrets;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, TickFrom, Venue, VenueCamera};
 
@@ -204,10 +203,7 @@ impl ExpectedSource {
             | Source::Simulated { path, .. }
             | Source::Maps { path, .. }
             | Source::V4l { device: path } => path.display().to_string(),
-            #[cfg(feature = "node")]
-            Source::Ffmpeg { url } => secrets::Secrets::of(url).mask(url).into_owned(),
-            #[cfg(not(feature = "node"))]
-            Source::Ffmpeg { .. } => "a live stream".to_owned(),
+            Source::Ffmpeg { url } => Secrets::of(url).mask(url).into_owned(),
         };
         Self {
             at: SourceOrigin {

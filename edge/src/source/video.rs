@@ -11,6 +11,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::time::Duration;
 
+use farfield_proto::secrets::Secrets;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::TickFrom;
 
@@ -20,7 +21,6 @@ use super::ffmpeg::{self, Decoding, Ffmpeg, Wanted};
 use super::ffprobe::{self, VideoStream};
 use super::frame_times::FrameTimes;
 use super::queue::{Prefetch, Sender, WhenFull};
-use super::secrets::Secrets;
 use super::{
     ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo, SourceOrigin,
 };

@@ -8,8 +8,9 @@ use farfield_node::clock;
 use farfield_node::files::read_bounded;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::venue::Venue;
+use farfield_proto::secrets::Secrets;
 use farfield_proto::venue::layout::LAYOUT;
+use farfield_proto::venue::{Source, Venue};
 use farfield_proto::wire;
 
 use crate::node::output::exporter::layout;
@@ -32,6 +33,9 @@ pub(in crate::node) fn head(
         (CALIBRATION_FILE.to_owned(), read(&venue.calibration_path)?),
     ];
     check_unchanged(venue, path, &files)?;
+    if let Some((_, text)) = files.first_mut() {
+        *text = without_secrets(venue, text);
+    }
     if let Some(card) = &venue.network {
         files.push((CARD_FILE.to_owned(), read(card)?));
     }
@@ -64,6 +68,17 @@ pub(in crate::node) fn head(
     })
 }
 
+/// The text of the venue's file without the passwords of its cameras: recordings are given to others, and open no camera.
+fn without_secrets(venue: &Venue, text: &[u8]) -> Vec<u8> {
+    let mut text = String::from_utf8_lossy(text).into_owned();
+    for camera in &venue.cameras {
+        if let Source::Ffmpeg { url } = &camera.source {
+            text = Secrets::of(url).mask(&text).into_owned();
+        }
+    }
+    text.into_bytes()
+}
+
 fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
     let reading = || format!("reading {} for the recording", path.display());
     read_bounded(path, MAX_ATTACHED_BYTES).with_context(reading)
@@ -92,6 +107,25 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn the_password_of_a_camera_is_in_no_recording_and_all_else_is() {
+        let calibration = "[a]\nname = \"a\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
+                           distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nrotation = [1.5707963, 0.0, 0.0]\ntranslation = [0.0, 1.0, 5.0]\n";
+        let path = Path::new("venue.toml");
+        let calibration = Calibration::parse(calibration, path).unwrap();
+        let text = |secret: &str| {
+            format!(
+                "name = \"hall\"\nrate_hz = 60.0\ncalibration = \"c.toml\"\nnetwork = \"n.toml\"\ndetector = \"d.toml\"\n\
+                 [[viewpoint]]\nname = \"a\"\n[[viewpoint.camera]]\nname = \"a\"\n\
+                 source = {{ kind = \"ffmpeg\", url = \"rtsp://admin:{secret}@cam/1?token={secret}\" }}\n"
+            )
+        };
+        let written = text("geheim-42");
+        let venue = Venue::parse(&written, path, calibration).unwrap();
+        let recorded = without_secrets(&venue, written.as_bytes());
+        assert_eq!(String::from_utf8(recorded).unwrap(), text("…"));
+    }
 
     #[test]
     fn a_file_that_no_replay_would_take_is_refused_by_name() {

@@ -1,4 +1,4 @@
-//! What of a camera's address nobody may read: it stays where the camera is opened, whatever ffmpeg writes.
+//! What of a camera's address nobody may read: it stays where the camera is opened, whatever ffmpeg writes, and in no recording.
 
 use std::borrow::Cow;
 
@@ -9,11 +9,11 @@ const SECRET_NAMES: [&str; 7] = ["pass", "pwd", "psw", "token", "key", "secret",
 
 /// The secrets of one address.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Secrets(Vec<String>);
+pub struct Secrets(Vec<String>);
 
 impl Secrets {
     /// Of an address as `rtsp://user:password@host/path?token=...`; anything else has none.
-    pub(super) fn of(url: &str) -> Self {
+    pub fn of(url: &str) -> Self {
         let Some((_, rest)) = url.split_once("://") else {
             return Self::default();
         };
@@ -38,7 +38,7 @@ impl Secrets {
     }
 
     /// `text` without them.
-    pub(super) fn mask<'a>(&self, text: &'a str) -> Cow<'a, str> {
+    pub fn mask<'a>(&self, text: &'a str) -> Cow<'a, str> {
         self.0.iter().fold(Cow::Borrowed(text), |text, secret| {
             if text.contains(secret.as_str()) {
                 Cow::Owned(text.replace(secret.as_str(), MASK))
