@@ -10,6 +10,7 @@ use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
 use farfield_node::runtime;
 use farfield_proto::message::Status;
+use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -29,6 +30,8 @@ use crate::source::Sources;
 
 /// How long the tasks may take to end.
 const DRAIN: Duration = Duration::from_secs(5);
+/// How long loading a network may go on once the edge shall end: by `ort-tract` it takes some seconds.
+const BUILD_DRAIN: Duration = Duration::from_secs(15);
 /// How long a refusal stands on the wire before the session closes.
 const REFUSAL: Duration = Duration::from_millis(300);
 
@@ -57,11 +60,14 @@ pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {
     stop_when_told(&tasks, &stop, config.managed)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
-    let Some((built, link)) = stop
-        .run_until_cancelled(Box::pin(open(config)))
-        .await
-        .transpose()?
-    else {
+    let to_build = Arc::clone(config);
+    let mut building = tokio::task::spawn_blocking(move || build(&to_build));
+    let opened = stop.run_until_cancelled(Box::pin(open(config, &mut building)));
+    let Some((built, link)) = opened.await.transpose()? else {
+        // A library that is just beginning does not survive that the process ends under it: it would crash.
+        if !building.is_finished() && timeout(BUILD_DRAIN, building).await.is_err() {
+            warn!("the network is still loading, leaving anyway");
+        }
         return Ok(Ending::Interrupted);
     };
     let mut ends = link.spawn(&tasks, &leave);
@@ -77,12 +83,13 @@ pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {
     outcome
 }
 
-/// Opens everything that can fail, fusion last. Can be called off at any time: what blocks, blocks a
-/// thread of its own.
-async fn open(config: &Arc<EdgeConfig>) -> Result<(Built, EdgeSession), NodeError> {
-    let to_build = Arc::clone(config);
-    let built = tokio::task::spawn_blocking(move || build(&to_build)).await;
-    let built = built
+/// Waits for what is `building`, and connects to fusion. Can be called off at any time.
+async fn open(
+    config: &EdgeConfig,
+    building: &mut JoinHandle<Result<Built, NodeError>>,
+) -> Result<(Built, EdgeSession), NodeError> {
+    let built = building
+        .await
         .context("opening the sources")
         .map_err(NodeError::Failed)??;
     if config.managed == Managed::No && !built.status.backend.is_empty() {
