@@ -64,6 +64,7 @@ fn the_sample_venue_says_what_else_there_is() {
         "boxes",
         "field",
         "fusion",
+        "inference",
         "link",
         "range_of_motion",
         "recording",

@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use farfield_proto::model_card::{Decode, DetectorCard, Letterbox};
+use farfield_proto::venue::Provider;
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
 use crate::inference::{Detection, DetectorInput, DetectorWindow, NetworkError, PersonDetector};
@@ -71,7 +72,7 @@ impl OnnxDetector {
             output: &card.output.name,
             axes,
         };
-        let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract)?;
+        let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract, Provider::Cpu)?;
         model.try_out(&contract)?;
         let format = PixelFormat::new(&card.input, &card.normalize);
         let input = vec![0.0; 3 * card.input.width as usize * card.input.height as usize];

@@ -5,10 +5,10 @@ use std::path::Path;
 use farfield_edge::detector::OnnxDetector;
 use farfield_edge::inference::{DetectorInput, DetectorWindow, NetworkError, PersonDetector as _};
 use farfield_edge::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
-use farfield_edge::node::{Workers, find_workers};
+use farfield_edge::node::{Acceleration, Workers, accelerate, find_workers};
 use farfield_edge::pipeline::Batch;
 use farfield_node::clock;
-use farfield_proto::venue::Venue;
+use farfield_proto::venue::{Provider, Venue};
 use farfield_sim::embedded;
 use image::RgbImage;
 
@@ -25,6 +25,8 @@ const NETWORK: &str = "correct `network` in the venue file, or its card";
 const DETECTOR: &str = "correct `detector` in the venue file, or its card";
 
 /// What mends a folder in which the carried networks cannot be written.
+/// What mends a provider that cannot be used.
+const PROVIDERS: &str = "install an ONNX Runtime that has it (`onnxruntime-openvino`, `onnxruntime-gpu`), or take it out of `providers`";
 const TEMPORARY: &str = "set TMPDIR to a folder that can be written and has some megabytes of room";
 
 /// Starts the backend and runs the venue's networks, or where it names none those that the program carries.
@@ -40,10 +42,7 @@ pub(super) fn look_at_inference(venue: Option<&Venue>, report: &mut ReportLines)
         report.warn(INFERENCE, backend.describe(), INSTALL);
     } else {
         let providers = backend.providers().join(", ");
-        let text = format!(
-            "{}, built with {providers}; the processor is used",
-            backend.describe()
-        );
+        let text = format!("{}, built with {providers}", backend.describe());
         if backend.has_refused() {
             report.warn(INFERENCE, text, REFUSED);
         } else {
@@ -55,6 +54,9 @@ pub(super) fn look_at_inference(venue: Option<&Venue>, report: &mut ReportLines)
     if let Some(card) = network {
         let what = card.display().to_string();
         look_at_network(card, (what.as_str(), NETWORK), report);
+    }
+    if let (Some(card), Some(venue)) = (network, venue) {
+        look_at_providers(card, venue, report);
     }
     if let Some(card) = detector {
         let what = card.display().to_string();
@@ -102,6 +104,36 @@ fn look_at_network(card: &Path, (what, remedy): (&str, &str), report: &mut Repor
         }
         Err(error) => report.fail(INFERENCE, error.to_string(), remedy),
     }
+}
+
+/// Adds what else than the processor runs the network of `card`, where an edge asks for it.
+fn look_at_providers(card: &Path, venue: &Venue, report: &mut ReportLines) {
+    let asked = venue.viewpoints.iter().map(|it| &it.providers);
+    let mut asked: Vec<_> = asked.filter(|it| !it.is_empty()).collect();
+    asked.dedup();
+    for providers in asked {
+        match accelerated(card, providers) {
+            Ok(found) if found.refused.is_empty() => {
+                let text = found.describe();
+                report.ok(INFERENCE, text.trim_start_matches("; "));
+            }
+            Ok(found) => {
+                let text = found.describe();
+                report.warn(INFERENCE, text.trim_start_matches("; "), PROVIDERS);
+            }
+            Err(error) => report.fail(INFERENCE, error.to_string(), NETWORK),
+        }
+    }
+}
+
+fn accelerated(card: &Path, providers: &[Provider]) -> Result<Acceleration, NetworkError> {
+    let mut batch = Batch::new(Box::new(OnnxKeypointNetwork::load(card)?));
+    let found = find_workers(&mut batch)?;
+    let processor = found.last().copied().unwrap_or(Workers {
+        workers: 1,
+        crops_per_s: 0.0,
+    });
+    accelerate(&mut batch, card, providers, processor)
 }
 
 /// What each number of workers does with the network of `card`, up to the fastest.

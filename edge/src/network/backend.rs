@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
+use farfield_proto::venue::Provider;
 use ort::environment::Environment;
 use tracing::{info, warn};
 
@@ -86,13 +87,21 @@ impl InferenceBackend {
         self.has_refused
     }
 
-    /// Which execution providers the library was built with, by ONNX Runtime's names. The processor's alone is used.
+    /// Which execution providers the library was built with, by ONNX Runtime's names.
     pub fn providers(&self) -> Vec<&'static str> {
         if self.is_tract {
             Vec::new()
         } else {
             providers::built_in()
         }
+    }
+
+    /// Whether networks can be asked to run on `provider` at all.
+    pub fn has(&self, provider: Provider) -> bool {
+        provider == Provider::Cpu
+            || self
+                .providers()
+                .contains(&providers::runtime_name(provider))
     }
 
     pub(super) fn environment(&self) -> &Environment {

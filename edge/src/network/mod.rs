@@ -15,6 +15,7 @@ mod trial;
 use std::path::{Path, PathBuf};
 
 use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::venue::Provider;
 
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 
@@ -25,6 +26,7 @@ pub(crate) use model::{Contract, OnnxModel, TensorAxis, read_card};
 #[derive(Debug)]
 pub struct OnnxKeypointNetwork {
     card_path: PathBuf,
+    provider: Provider,
     card: HeatmapCard,
     model: OnnxModel,
     /// All inputs of a call, one after the other.
@@ -39,6 +41,14 @@ impl OnnxKeypointNetwork {
     /// [`NetworkError`] naming the file when a file cannot be read, the model is not ONNX, or its
     /// input or output is not what the card says; when no backend starts.
     pub fn load(card_path: &Path) -> Result<Self, NetworkError> {
+        Self::load_on(card_path, Provider::Cpu)
+    }
+
+    /// As [`Self::load`], to run on `provider`.
+    ///
+    /// # Errors
+    /// As [`Self::load`], and when the backend has no such provider, or that refuses the network.
+    pub fn load_on(card_path: &Path, provider: Provider) -> Result<Self, NetworkError> {
         let text = read_card(card_path)?;
         let card = HeatmapCard::parse(&text, card_path)?;
         let [keypoints, height, width] = output_shape(&card);
@@ -52,10 +62,11 @@ impl OnnxKeypointNetwork {
                 TensorAxis::Fixed("columns", width),
             ],
         };
-        let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract)?;
+        let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract, provider)?;
         model.try_out(&contract)?;
         Ok(Self {
             card_path: card_path.to_owned(),
+            provider,
             card,
             model,
             values: Vec::new(),
@@ -107,7 +118,7 @@ impl KeypointNetwork for OnnxKeypointNetwork {
     }
 
     fn another(&self) -> Result<Option<Box<dyn KeypointNetwork>>, NetworkError> {
-        let other = Self::load(&self.card_path)?;
+        let other = Self::load_on(&self.card_path, self.provider)?;
         if other.model_hash() != self.model_hash() {
             return Err(NetworkError::Model {
                 path: self.card.file.clone(),

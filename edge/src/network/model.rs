@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use farfield_proto::model_card::{EXPECTED_CARD, NetworkInput};
 use farfield_proto::toml_file::{FileError, unread};
+use farfield_proto::venue::Provider;
+use ort::ep::ExecutionProviderDispatch;
 use ort::session::Session;
 use ort::session::builder::GraphOptimizationLevel;
 use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
@@ -11,6 +13,7 @@ use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 use super::backend::{BackendChoice, InferenceBackend};
 use super::guarded::{first_line, guarded};
 use super::outputs::{LABELS, LABELS_AS_FLOATS, reduced};
+use super::providers::{compiled_folder, compiles, registration};
 use crate::inference::NetworkError;
 
 /// Threads of one network. Edges share their cores with decoders and, in tests, with each other;
@@ -71,13 +74,14 @@ fn stand_in(bytes: &[u8]) -> Option<&'static str> {
 }
 
 impl OnnxModel {
-    /// Loads `path` on the backend of this process and checks the shapes that the file states.
+    /// Loads `path` on the backend of this process, to run on `provider`, and checks the shapes that the file states.
     ///
     /// `card` is the text of the card, which is part of the fingerprint.
     pub(crate) fn load(
         path: &Path,
         card: &[u8],
         contract: &Contract<'_>,
+        provider: Provider,
     ) -> Result<Self, NetworkError> {
         let refuse = |problem: String| NetworkError::Model {
             path: path.to_owned(),
@@ -95,13 +99,22 @@ impl OnnxModel {
             .to_hex()[..16]
             .to_owned();
         let backend = InferenceBackend::start(BackendChoice::Best)?;
-        let session = guarded(|| open(backend, path, &bytes, contract.output)).map_err(|e| {
+        let compiled = compiled_folder(&hash, backend.describe());
+        let on = registration(provider, &compiled);
+        if compiles(provider) {
+            // Without it nothing is kept, and the next start takes as long.
+            std::fs::create_dir_all(&compiled).ok();
+        }
+        let session = guarded(|| open(backend, path, (&bytes, contract.output), on.as_slice())).map_err(|e| {
             let advice = if backend.is_tract() {
                 " (ort-tract cannot run every network: install the Python package `onnxruntime`)"
             } else {
                 ""
             };
-            refuse(format!("not an ONNX model that can be run: {e}{advice}"))
+            refuse(match provider {
+                Provider::Cpu => format!("not an ONNX model that can be run: {e}{advice}"),
+                _ => format!("{} does not run it: {e}", provider.name()),
+            })
         })?;
         let NetworkInput {
             name,
@@ -224,8 +237,8 @@ impl OnnxModel {
 fn open(
     backend: &InferenceBackend,
     path: &Path,
-    bytes: &[u8],
-    output: &str,
+    (bytes, output): (&[u8], &str),
+    on: &[ExecutionProviderDispatch],
 ) -> Result<Session, String> {
     let text = |e: &dyn std::fmt::Display| first_line(&e.to_string());
     let reduced = backend.is_tract().then(|| reduced(bytes, output)).flatten();
@@ -235,6 +248,8 @@ fn open(
         .with_optimization_level(GraphOptimizationLevel::Level3)
         .map_err(|e| text(&e))?
         .with_intra_threads(INTRA_THREADS)
+        .map_err(|e| text(&e))?
+        .with_execution_providers(on)
         .map_err(|e| text(&e))?;
     match reduced {
         Some(model) => builder.commit_from_memory(&model),

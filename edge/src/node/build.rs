@@ -11,13 +11,14 @@ use farfield_node::process::{NodeError, say};
 use farfield_proto::message::Status;
 use farfield_proto::message::health::NodeHealth;
 use farfield_proto::tick::Tick;
-use farfield_proto::venue::{Venue, VenueCamera};
+use farfield_proto::venue::{Provider, Venue, VenueCamera};
 use farfield_proto::wire;
 
+use super::acceleration::{Acceleration, accelerate};
 use super::config::EdgeConfig;
 use super::parts::Parts;
 use super::worker::EdgeWork;
-use super::workers::{Workers, find_workers};
+use super::workers::find_workers;
 use crate::detector::OnnxDetector;
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
 use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
@@ -170,16 +171,19 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
     let mut pipeline = pipeline
         .with_context(|| format!("viewpoint {}", config.name))
         .map_err(NodeError::Refused)?;
+    let viewpoint = venue.viewpoints.get(usize::from(config.viewpoint.0));
+    let asked = viewpoint.map_or(&[][..], |it| &it.providers);
+    let mut backend = backend;
     let workers = if config.may_run_live {
-        measure(&mut pipeline).map_err(NodeError::refused)?
+        let measured = measure(&mut pipeline, venue, asked).map_err(NodeError::refused)?;
+        measured.map(|acceleration| {
+            backend += &acceleration.describe();
+            acceleration.workers
+        })
     } else {
         None
     };
-    let cameras = venue
-        .viewpoints
-        .get(usize::from(config.viewpoint.0))
-        .map(|v| v.cameras.clone())
-        .unwrap_or_default();
+    let cameras = viewpoint.map(|v| v.cameras.clone()).unwrap_or_default();
     let mut work = EdgeWork::new(Parts {
         venue: Arc::new(venue.clone()),
         viewpoint: config.viewpoint,
@@ -220,12 +224,20 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
     Ok(Built { work, status })
 }
 
-/// How many workers are fastest, and what they do; `pipeline` goes on with these.
-fn measure(pipeline: &mut EdgePipeline) -> Result<Option<Workers>, NetworkError> {
-    let Some(batch) = pipeline.batch() else {
+/// What runs the network fastest of `asked` and the processor, whose workers are as many as gain something; `pipeline` goes on
+/// with that.
+fn measure(
+    pipeline: &mut EdgePipeline,
+    venue: &Venue,
+    asked: &[Provider],
+) -> Result<Option<Acceleration>, NetworkError> {
+    let (Some(batch), Some(card)) = (pipeline.batch(), &venue.network) else {
         return Ok(None);
     };
-    Ok(find_workers(batch)?.last().copied())
+    let Some(processor) = find_workers(batch)?.last().copied() else {
+        return Ok(None);
+    };
+    accelerate(batch, card, asked, processor).map(Some)
 }
 
 /// The ticks that fusion may ask for: all that every recording holds; `None` when all sources are live.

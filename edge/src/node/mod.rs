@@ -3,6 +3,7 @@
 //!
 //! Load (nothing opened) -> build (everything that can fail is opened) -> run -> drain.
 
+mod acceleration;
 mod attempts;
 mod beyond_view;
 mod build;
@@ -21,6 +22,7 @@ mod stage_times;
 mod worker;
 mod workers;
 
+pub use self::acceleration::{Acceleration, accelerate};
 pub use self::build::{Networks, load_networks, probe_sources};
 pub use self::config::EdgeArgs;
 pub use self::run::main;

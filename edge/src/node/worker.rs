@@ -77,7 +77,7 @@ impl EdgeWork {
         let pipeline = &mut self.parts.pipeline;
         // One after the other gives the same bits on every machine.
         if let Some(batch) = pipeline.batch() {
-            batch.set_workers(1)?;
+            batch.work_alone()?;
         }
         pipeline.set_message_version(version);
         let output = pipeline

@@ -68,7 +68,8 @@ fn measured(batch: &mut Batch, workers: usize) -> Result<Workers, NetworkError> 
     })
 }
 
-fn took_s(batch: &mut Batch, crops: usize) -> Result<f64, NetworkError> {
+/// How long `batch` takes for so many crops, seconds.
+pub(super) fn took_s(batch: &mut Batch, crops: usize) -> Result<f64, NetworkError> {
     let start = clock::now();
     batch.rehearse(crops)?;
     Ok(clock::now().duration_since(start).as_secs_f64().max(1e-6))

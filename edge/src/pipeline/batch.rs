@@ -30,6 +30,8 @@ struct Wanted {
 pub struct Batch {
     /// At least one.
     workers: Vec<Worker>,
+    /// What runs all crops in place of the workers' networks, while it does.
+    accelerator: Option<Box<dyn KeypointNetwork>>,
     shape: CropShape,
     format: PixelFormat,
     box_margin: f64,
@@ -57,6 +59,7 @@ impl Batch {
                 network,
                 cropper: Cropper::default(),
             }],
+            accelerator: None,
             shape,
             format,
             box_margin,
@@ -82,6 +85,20 @@ impl Batch {
             });
         }
         Ok(self.workers.len())
+    }
+
+    /// Lets `accelerator` run all crops, which has the same network; the workers cut them. `None`: as before.
+    pub fn accelerate(&mut self, accelerator: Option<Box<dyn KeypointNetwork>>) {
+        self.accelerator = accelerator;
+    }
+
+    /// Makes one worker do all on the processor: the same bits on every computer.
+    ///
+    /// # Errors
+    /// None with one worker or more.
+    pub fn work_alone(&mut self) -> Result<(), NetworkError> {
+        self.accelerator = None;
+        self.set_workers(1).map(|_| ())
     }
 
     /// The same network once more; `None` where there can only be one.
@@ -145,29 +162,26 @@ impl Batch {
         self.cut = n;
     }
 
-    /// Runs the network on everything that was cut.
+    /// Runs the network on everything that was cut. An accelerator that fails is not asked again.
     pub(super) fn infer(&mut self) -> Result<(), NetworkError> {
         let inputs = &self.inputs[..self.cut];
-        let share = inputs.len().div_ceil(self.workers.len()).max(1);
         let values_per_crop = self.values_per_crop;
         self.maps.resize(inputs.len() * values_per_crop, 0.0);
+        if let Some(accelerator) = &mut self.accelerator {
+            match run(&mut **accelerator, inputs, values_per_crop, &mut self.maps) {
+                Ok(()) => return Ok(()),
+                Err(error) => {
+                    tracing::warn!(%error, "the accelerator failed: the processor runs the network from now on");
+                    self.accelerator = None;
+                }
+            }
+        }
+        let share = inputs.len().div_ceil(self.workers.len()).max(1);
         let maps = self.maps.par_chunks_mut(share * values_per_crop);
         let shares = inputs.par_chunks(share).zip(maps);
         let shares = shares.zip(self.workers.par_iter_mut());
         shares.try_for_each(|((inputs, maps), worker)| {
-            let calls = inputs.chunks(MAX_CROPS_PER_CALL);
-            let maps = maps.chunks_mut(MAX_CROPS_PER_CALL * values_per_crop);
-            for (inputs, maps) in calls.zip(maps) {
-                let made = worker.network.infer(inputs)?;
-                if made.len() != maps.len() {
-                    return Err(NetworkError::Length {
-                        got: made.len(),
-                        expected: maps.len(),
-                    });
-                }
-                maps.copy_from_slice(&made);
-            }
-            Ok(())
+            run(&mut *worker.network, inputs, values_per_crop, maps)
         })
     }
 
@@ -193,4 +207,26 @@ impl Batch {
         let cells = self.shape.cells.map(usize::from).iter().product::<usize>();
         &self.maps[crop * self.values_per_crop + keypoint * cells..][..cells]
     }
+}
+
+/// Runs `network` on `inputs`, in calls of bounded size.
+fn run(
+    network: &mut dyn KeypointNetwork,
+    inputs: &[InputTensor],
+    values_per_crop: usize,
+    maps: &mut [f32],
+) -> Result<(), NetworkError> {
+    let calls = inputs.chunks(MAX_CROPS_PER_CALL);
+    let maps = maps.chunks_mut(MAX_CROPS_PER_CALL * values_per_crop);
+    for (inputs, maps) in calls.zip(maps) {
+        let made = network.infer(inputs)?;
+        if made.len() != maps.len() {
+            return Err(NetworkError::Length {
+                got: made.len(),
+                expected: maps.len(),
+            });
+        }
+        maps.copy_from_slice(&made);
+    }
+    Ok(())
 }

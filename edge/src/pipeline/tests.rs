@@ -357,6 +357,57 @@ fn workers_share_the_crops_of_a_tick_and_change_nothing() {
     assert_eq!(step(&mut edge, &frames, &people).unwrap(), alone);
 }
 
+/// Gives what `network` gives for some calls, and fails from then on.
+struct FakeFailingAccelerator {
+    network: Box<dyn KeypointNetwork>,
+    calls_left: usize,
+}
+
+impl KeypointNetwork for FakeFailingAccelerator {
+    fn card(&self) -> &HeatmapCard {
+        self.network.card()
+    }
+
+    fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError> {
+        let Some(left) = self.calls_left.checked_sub(1) else {
+            return Err(NetworkError::Backend {
+                problem: "the device is gone".to_owned(),
+            });
+        };
+        self.calls_left = left;
+        self.network.infer(inputs)
+    }
+
+    fn another(&self) -> Result<Option<Box<dyn KeypointNetwork>>, NetworkError> {
+        Ok(None)
+    }
+}
+
+#[test]
+fn fake_an_accelerator_that_fails_loses_no_tick_and_is_not_asked_again() {
+    let (network, on_processor) = mirror();
+    let (accelerated, on_device) = mirror();
+    let mut edge =
+        EdgePipeline::new(&venue(&[PICTURES]), ViewpointIndex(0), Some(network), None).unwrap();
+    let person = |x| vec![box_at(0, [x, 240.0], 0.7)];
+    let people = boxes(&[], vec![person(320.0), person(330.0)]);
+    let frames = [Some(disc(320.0, 240.0))];
+    let expected = step(&mut edge, &frames, &people).unwrap();
+    let batch = edge.batch().unwrap();
+    batch.set_workers(2).unwrap();
+    batch.accelerate(Some(Box::new(FakeFailingAccelerator {
+        network: accelerated,
+        calls_left: 2,
+    })));
+    let before = on_processor.load(Ordering::Relaxed);
+    // All four crops in one call, twice; then two workers take two each.
+    for (device, processor) in [(1, 0), (2, 0), (2, 2), (2, 4)] {
+        assert_eq!(step(&mut edge, &frames, &people).unwrap(), expected);
+        let calls = [&on_device, &on_processor].map(|it| it.load(Ordering::Relaxed));
+        assert_eq!(calls, [device, before + processor]);
+    }
+}
+
 fn candidates(x: f64, y: f64) -> KeypointFrame {
     let candidate = KeypointCandidate {
         position: Pixel::new(x, y),

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::field::{court, field};
 use super::given::given_persons;
+use super::inference::{Provider, providers};
 use super::limits::tick;
 use super::parameters::ParameterTables;
 use super::raw::{RawFusion, RawSecurity, RawVenue, RawViewpoint};
@@ -45,7 +46,8 @@ pub(super) fn venue(
         );
         return Err(file.error(&Place::field("rate_hz"), problem));
     }
-    let (viewpoints, cameras) = viewpoints(file, raw.viewpoint, calibration)?;
+    let for_all = raw.inference.checked(file)?;
+    let (viewpoints, cameras) = viewpoints(file, raw.viewpoint, &for_all, calibration)?;
     if raw.network.is_none() {
         check_no_network(file, &viewpoints, &cameras)?;
     }
@@ -110,6 +112,7 @@ fn check_key_chunk(file: &TomlFile<'_>, place: &Place, name: &str) -> Result<(),
 fn viewpoints(
     file: &TomlFile<'_>,
     raw: Vec<RawViewpoint>,
+    for_all: &[Provider],
     calibration: Calibration,
 ) -> Result<(Vec<Viewpoint>, Vec<VenueCamera>), FileError> {
     let all = Place::field("viewpoint");
@@ -177,6 +180,10 @@ fn viewpoints(
         viewpoints.push(Viewpoint {
             name: viewpoint.name,
             cameras: indices,
+            providers: match viewpoint.providers {
+                Some(own) => providers(file, &place.key("providers"), &own)?,
+                None => for_all.to_vec(),
+            },
         });
     }
     Ok((viewpoints, cameras))

@@ -7,6 +7,7 @@ mod check;
 mod field;
 mod file;
 mod given;
+mod inference;
 pub mod layout;
 mod limits;
 pub mod parameters;
@@ -20,6 +21,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub use file::VenueFile;
+pub use inference::Provider;
 pub use parameters::Parameters;
 pub use source::{SimulatedContent, Source};
 pub use stream::{StreamField, VenueStream};
@@ -110,6 +112,8 @@ pub struct Viewpoint {
     pub name: String,
     /// Its cameras, at least one.
     pub cameras: Vec<CameraIndex>,
+    /// What may run its networks while it works live, tried in this order; none: the processor.
+    pub providers: Vec<Provider>,
 }
 
 /// One camera with its place and its pictures.

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
+use super::inference::RawInference;
 use super::parameters::{
     BirthUser, BoxUser, LinkUser, RangeOfMotionUser, RecordingUser, SmoothingUser, TuningTables,
 };
@@ -19,6 +20,8 @@ pub(super) struct RawVenue {
     pub(super) calibration: String,
     pub(super) network: Option<String>,
     pub(super) detector: Option<String>,
+    #[serde(default)]
+    pub(super) inference: RawInference,
     #[serde(default)]
     pub(super) fusion: RawFusion,
     #[serde(default)]
@@ -79,6 +82,7 @@ pub(super) struct RawField {
 #[serde(deny_unknown_fields)]
 pub(super) struct RawViewpoint {
     pub(super) name: String,
+    pub(super) providers: Option<Vec<String>>,
     #[serde(default)]
     pub(super) camera: Vec<RawCamera>,
 }

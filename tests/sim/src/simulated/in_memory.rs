@@ -70,6 +70,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
         viewpoints.push(Viewpoint {
             name: viewpoint.name.clone(),
             cameras: own.collect(),
+            providers: Vec::new(),
         });
     }
     let [min_m, max_m] = scene.field_bounds_m();
