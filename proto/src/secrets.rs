@@ -17,7 +17,9 @@ impl Secrets {
         let Some((_, rest)) = url.split_once("://") else {
             return Self::default();
         };
-        let (place, parameters) = rest.split_once('?').unwrap_or((rest, ""));
+        let parameters = rest
+            .split_once('?')
+            .map_or("", |(_, parameters)| parameters);
         let mut secrets: Vec<&str> = parameters
             .split(['&', ';'])
             .filter_map(|parameter| parameter.split_once('='))
@@ -27,7 +29,7 @@ impl Secrets {
             })
             .map(|(_, value)| value)
             .collect();
-        secrets.extend(password(place));
+        secrets.extend(password(rest));
         let decoded = secrets.iter().filter_map(|it| percent_decoded(it));
         let mut all: Vec<String> = decoded.collect();
         all.extend(secrets.into_iter().map(str::to_owned));
@@ -49,17 +51,18 @@ impl Secrets {
     }
 }
 
-/// The password in `user:password@host/path`. One with a slash ends an address for ffmpeg, which then says it as a port.
-fn password(place: &str) -> Option<&str> {
-    let host = place.split('/').next().unwrap_or(place);
+/// The password in `user:password@host/path`. One with `/`, `?` or `#` ends an address for ffmpeg, which then says it as a port.
+fn password(rest: &str) -> Option<&str> {
+    let host = rest.split(['/', '?', '#']).next().unwrap_or(rest);
     let user_info = if let Some((user_info, _)) = host.rsplit_once('@') {
         user_info
     } else {
         let (_, port) = host.split_once(':')?;
-        if port.bytes().all(|byte| byte.is_ascii_digit()) {
+        // A port, or an address of IPv6.
+        if host.starts_with('[') || port.bytes().all(|byte| byte.is_ascii_digit()) {
             return None;
         }
-        place.rsplit_once('@')?.0
+        rest.rsplit_once('@')?.0
     };
     user_info.split_once(':').map(|(_, password)| password)
 }
@@ -104,6 +107,7 @@ mod tests {
             masked("rtsp://me:p/ss@cam/1", "port p/ss of me"),
             "port … of me"
         );
+        assert_eq!(masked("rtsp://me:p?s#s@cam/1", "p?s#s"), "…");
         assert_eq!(masked("http://me:50%@cam/1", "50%"), "…");
     }
 
@@ -111,6 +115,7 @@ mod tests {
     fn an_address_without_secrets_changes_no_text() {
         for url in [
             "rtsp://cam.local:554/a@b",
+            "rtsp://[fe80::1]/a@b",
             "rtsp://me@cam/1",
             "/dev/video0",
             "rtsp://me:@cam/?token=",

@@ -71,10 +71,16 @@ pub(in crate::node) fn head(
 /// The text of the venue's file without the passwords of its cameras: recordings are given to others, and open no camera.
 fn without_secrets(venue: &Venue, text: &[u8]) -> Vec<u8> {
     let mut text = String::from_utf8_lossy(text).into_owned();
-    for camera in &venue.cameras {
-        if let Source::Ffmpeg { url } = &camera.source {
-            text = Secrets::of(url).mask(&text).into_owned();
-        }
+    let urls = venue.cameras.iter().filter_map(|it| match &it.source {
+        Source::Ffmpeg { url } => Some(url),
+        _ => None,
+    });
+    let mut urls: Vec<&String> = urls.collect();
+    // One may be the beginning of another.
+    urls.sort_by_key(|url| std::cmp::Reverse(url.len()));
+    for url in urls {
+        // The address alone: a password may be a word that stands elsewhere in the file, too.
+        text = text.replace(url.as_str(), &Secrets::of(url).mask(url));
     }
     text.into_bytes()
 }
@@ -121,10 +127,12 @@ mod tests {
                  source = {{ kind = \"ffmpeg\", url = \"rtsp://admin:{secret}@cam/1?token={secret}\" }}\n"
             )
         };
-        let written = text("geheim-42");
-        let venue = Venue::parse(&written, path, calibration).unwrap();
-        let recorded = without_secrets(&venue, written.as_bytes());
-        assert_eq!(String::from_utf8(recorded).unwrap(), text("…"));
+        for password in ["geheim-42", "kind", "60"] {
+            let written = text(password);
+            let venue = Venue::parse(&written, path, calibration.clone()).unwrap();
+            let recorded = without_secrets(&venue, written.as_bytes());
+            assert_eq!(String::from_utf8(recorded).unwrap(), text("…"));
+        }
     }
 
     #[test]
