@@ -113,14 +113,8 @@ fn look_at_providers(card: &Path, venue: &Venue, report: &mut ReportLines) {
     asked.dedup();
     for providers in asked {
         match accelerated(card, providers) {
-            Ok(found) if found.refused.is_empty() => {
-                let text = found.describe();
-                report.ok(INFERENCE, text.trim_start_matches("; "));
-            }
-            Ok(found) => {
-                let text = found.describe();
-                report.warn(INFERENCE, text.trim_start_matches("; "), PROVIDERS);
-            }
+            Ok(found) if found.refused.is_empty() => report.ok(INFERENCE, found.describe()),
+            Ok(found) => report.warn(INFERENCE, found.describe(), PROVIDERS),
             Err(error) => report.fail(INFERENCE, error.to_string(), NETWORK),
         }
     }
@@ -128,12 +122,7 @@ fn look_at_providers(card: &Path, venue: &Venue, report: &mut ReportLines) {
 
 fn accelerated(card: &Path, providers: &[Provider]) -> Result<Acceleration, NetworkError> {
     let mut batch = Batch::new(Box::new(OnnxKeypointNetwork::load(card)?));
-    let found = find_workers(&mut batch)?;
-    let processor = found.last().copied().unwrap_or(Workers {
-        workers: 1,
-        crops_per_s: 0.0,
-    });
-    accelerate(&mut batch, card, providers, processor)
+    accelerate(&mut batch, card, providers)
 }
 
 /// What each number of workers does with the network of `card`, up to the fastest.

@@ -160,11 +160,10 @@ impl CropTarget<'_> {
         for y in 0..height {
             self.warp.row(self.crop, self.camera, y, self.stretches);
             let row = y * width..(y + 1) * width;
-            let planes = first[row.clone()]
+            let mut planes = first[row.clone()]
                 .iter_mut()
                 .zip(&mut second[row.clone()])
                 .zip(&mut third[row]);
-            let mut planes = planes;
             sampled.row(self.stretches, |at, rgb| {
                 let mut value = unknown;
                 if is_inside(at, size_px) {

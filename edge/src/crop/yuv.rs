@@ -1,4 +1,4 @@
-//! Sampling videos, whose brightness and colour lie in planes of bytes: in whole numbers, three times as fast as with fractions.
+//! Sampling videos, whose brightness and colour lie in planes of bytes: in whole numbers, which takes less time than fractions.
 //!
 //! Colours are converted for the pixels of the input alone, after they were sampled.
 

@@ -1,12 +1,11 @@
 //! Whether something else than the processor runs the network: tried with the real network, held to the processor's maps, and
 //! taken where it is faster.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use farfield_proto::venue::Provider;
 
-use super::workers::{Workers, took_s};
+use super::workers::{Workers, find_workers, took_s};
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
 use crate::pipeline::Batch;
@@ -30,8 +29,8 @@ pub struct Acceleration {
     pub refused: Vec<String>,
 }
 
-/// Lets the first of `providers` run the network of `card` in `batch` that can, gives the processor's maps, and is faster than
-/// `processor`, the workers that `batch` has.
+/// Gives `batch` as many workers as gain something, and lets the first of `providers` run the network of `card` in their place that
+/// can, gives the processor's maps, and is faster.
 ///
 /// # Errors
 /// When the processor cannot run the network.
@@ -39,8 +38,12 @@ pub fn accelerate(
     batch: &mut Batch,
     card: &Path,
     providers: &[Provider],
-    processor: Workers,
 ) -> Result<Acceleration, NetworkError> {
+    let found = find_workers(batch)?;
+    let processor = found.last().copied().unwrap_or(Workers {
+        workers: 1,
+        crops_per_s: 0.0,
+    });
     let mut refused = Vec::new();
     let others = providers.iter().take_while(|it| **it != Provider::Cpu);
     for &provider in others {
@@ -126,25 +129,19 @@ fn difference(
 }
 
 impl Acceleration {
-    /// What runs the network and what does not, as the end of the sentence on the library; empty where nothing was asked for.
+    /// What runs the network, and why the others do not; empty where no other was asked for.
     pub fn describe(&self) -> String {
-        let mut text = self.refused.iter().fold(String::new(), |mut text, why| {
-            // Writing to memory does not fail.
-            write!(text, "; {why}").unwrap_or_default();
-            text
-        });
+        let mut parts = self.refused.clone();
         if self.provider != Provider::Cpu {
-            let Workers { crops_per_s, .. } = self.workers;
-            write!(
-                text,
-                "; {} runs the network: {crops_per_s:.0} crops per second, maps as the processor's to {:.4}",
+            parts.push(format!(
+                "{} runs the network: {:.0} crops per second, maps as the processor's to {:.4}",
                 self.provider.name(),
+                self.workers.crops_per_s,
                 self.difference
-            )
-            .unwrap_or_default();
-        } else if !self.refused.is_empty() {
-            text += "; the processor runs the network";
+            ));
+        } else if !parts.is_empty() {
+            parts.push("the processor runs the network".to_owned());
         }
-        text
+        parts.join("; ")
     }
 }

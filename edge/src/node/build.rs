@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::clock;
-use farfield_node::process::{NodeError, say};
+use farfield_node::process::{Managed, NodeError, say};
 use farfield_proto::message::Status;
 use farfield_proto::message::health::NodeHealth;
 use farfield_proto::tick::Tick;
@@ -18,7 +18,6 @@ use super::acceleration::{Acceleration, accelerate};
 use super::config::EdgeConfig;
 use super::parts::Parts;
 use super::worker::EdgeWork;
-use super::workers::find_workers;
 use crate::detector::OnnxDetector;
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
 use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
@@ -177,7 +176,13 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
     let workers = if config.may_run_live {
         let measured = measure(&mut pipeline, venue, asked).map_err(NodeError::refused)?;
         measured.map(|acceleration| {
-            backend += &acceleration.describe();
+            let words = acceleration.describe();
+            if !words.is_empty() {
+                backend = format!("{backend}; {words}");
+                if config.managed == Managed::Yes {
+                    say(format_args!("{words}"));
+                }
+            }
             acceleration.workers
         })
     } else {
@@ -234,10 +239,7 @@ fn measure(
     let (Some(batch), Some(card)) = (pipeline.batch(), &venue.network) else {
         return Ok(None);
     };
-    let Some(processor) = find_workers(batch)?.last().copied() else {
-        return Ok(None);
-    };
-    accelerate(batch, card, asked, processor).map(Some)
+    accelerate(batch, card, asked).map(Some)
 }
 
 /// The ticks that fusion may ask for: all that every recording holds; `None` when all sources are live.
