@@ -8,12 +8,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use farfield_export::EditsFile;
-use farfield_fusion::export::summary::{Summary, TickSpan};
+use farfield_fusion::export::summary::{CameraSummary, Summary, TickSpan};
+use farfield_proto::message::live::CameraHealth;
 use farfield_proto::tick::Tick;
 
 use super::remaining::has_end;
 use crate::output;
 
+/// An edge that missed more than one of so many ticks is named.
+const MISSED_ONE_IN: u64 = 20;
 /// All stages of a tick together, as the summary names them.
 const FUSION_STEP: &str = "fusion/step";
 
@@ -137,8 +140,7 @@ fn for_people(summary: &Summary, names: &BTreeMap<u32, String>, out: &str) -> St
                 .map_or_else(String::new, |stature_m| format!(", {stature_m:.2} m tall"))
         ));
     }
-    let on_people = summary.agreement.lines_on_people(summary.people.len());
-    for shown in on_people.into_iter().chain(summary.agreement.lines()) {
+    for shown in lines_on_people_and_nodes(summary) {
         line(format_args!("{shown}"));
     }
     let patches: u64 = summary.links.values().map(|link| link.patches).sum();
@@ -181,6 +183,54 @@ fn for_people(summary: &Summary, names: &BTreeMap<u32, String>, out: &str) -> St
     }
     line(format_args!("results in {out}"));
     text
+}
+
+/// Whether people were found, which nodes had trouble, and whether the cameras agree.
+fn lines_on_people_and_nodes(summary: &Summary) -> Vec<String> {
+    let agreement = &summary.agreement;
+    let mut lines = match summary.people.len() {
+        0 if no_camera_works(summary) => {
+            vec!["nobody was found: no camera gave pictures".to_owned()]
+        }
+        found => agreement.lines_on_people(found),
+    };
+    lines.extend(lines_on_cameras(summary));
+    lines.extend(lines_on_edges(summary));
+    lines.extend(agreement.lines());
+    lines
+}
+
+/// Whether it could not be opened at the end, or broke off. One that is silent may be a recording that is over.
+fn has_failed(camera: &CameraSummary) -> bool {
+    camera.health == CameraHealth::Failed
+}
+
+/// Whether a live run ended without a single camera that gave pictures.
+fn no_camera_works(summary: &Summary) -> bool {
+    let cameras = &summary.timing.cameras;
+    !cameras.is_empty() && cameras.values().all(has_failed)
+}
+
+/// Which cameras gave no pictures at the end of a live run, and why.
+fn lines_on_cameras(summary: &Summary) -> impl Iterator<Item = String> {
+    let cameras = summary.timing.cameras.iter();
+    let failed = cameras.filter(|(_, camera)| has_failed(camera));
+    failed.map(|(name, camera)| {
+        let reason = camera.reason.as_ref().map(|reason| format!(": {reason}"));
+        let reason = reason.unwrap_or_default();
+        format!("camera {name} gave no pictures at the end{reason}")
+    })
+}
+
+/// Which edges of a live run were too slow for their ticks.
+fn lines_on_edges(summary: &Summary) -> impl Iterator<Item = String> {
+    let done = summary.ticks.done;
+    let missed = summary.timing.missed_ticks.iter();
+    missed.filter(move |(_, missed)| **missed * MISSED_ONE_IN > done).map(move |(edge, missed)| {
+        format!(
+            "edge {edge} did not work on {missed} of {done} ticks: its computer is too slow, or its network failed; on it, `farfield bench edge VENUE` says how many people it carries"
+        )
+    })
 }
 
 #[cfg(test)]
@@ -273,5 +323,45 @@ mod tests {
         let time = "fusion 3.1 ms per tick at the median, 9.0 at the 99th percentile";
         assert!(text.contains(time), "{text}");
         assert!(text.contains("2.4 % of an edge's work (ne)"), "{text}");
+    }
+
+    #[test]
+    fn where_no_camera_gave_pictures_nobody_is_asked_about_the_detector() {
+        let camera = |health, reason: Option<&str>| CameraSummary {
+            health,
+            frames_per_s: 0.0,
+            troubles: 1,
+            reason: reason.map(str::to_owned),
+        };
+        let mut summary = Summary::default();
+        let refused = camera(CameraHealth::Failed, Some("connection refused"));
+        let cameras = &mut summary.timing.cameras;
+        cameras.insert("ne".to_owned(), refused);
+        let text = for_people(&summary, &BTreeMap::new(), "out");
+        assert!(
+            text.contains("nobody was found: no camera gave pictures\n"),
+            "{text}"
+        );
+        assert!(text.contains("camera ne gave no pictures at the end: connection refused\n"));
+        // A recording that is over.
+        let silent = camera(CameraHealth::Silent, None);
+        summary.timing.cameras.insert("sw".to_owned(), silent);
+        let text = for_people(&summary, &BTreeMap::new(), "out");
+        assert!(text.contains("is the detector the right one"), "{text}");
+        assert!(text.contains("camera ne gave no pictures") && !text.contains("camera sw"));
+    }
+
+    #[test]
+    fn an_edge_that_missed_more_than_a_twentieth_of_its_ticks_is_named() {
+        let mut summary = Summary::default();
+        summary.ticks.done = 100;
+        let missed = [("ne", 5), ("sw", 6)].map(|(edge, missed)| (edge.to_owned(), missed));
+        summary.timing.missed_ticks = missed.into();
+        let named: Vec<String> = lines_on_edges(&summary).collect();
+        assert_eq!(named.len(), 1);
+        assert!(
+            named[0].starts_with("edge sw did not work on 6 of 100 ticks"),
+            "{named:?}"
+        );
     }
 }

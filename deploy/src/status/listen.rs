@@ -9,7 +9,6 @@ use farfield_node::clock;
 use farfield_node::session::zenoh_error;
 use farfield_proto::key::Keys;
 use farfield_proto::message::Status;
-use farfield_proto::tick::Tick;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 use farfield_proto::wire;
@@ -33,7 +32,7 @@ pub(super) struct Heard {
 pub(super) struct HeardNode {
     pub(super) status: Status,
     pub(super) at: Instant,
-    /// Ticks per second between its newest two statuses.
+    /// Ticks per second that it worked on between its newest two statuses.
     pub(super) ticks_per_s: Option<f64>,
 }
 
@@ -50,7 +49,7 @@ impl Heard {
         let before = self.nodes.get(&status.node);
         let ticks_per_s = before.and_then(|before| {
             let s = at.duration_since(before.at).as_secs_f64();
-            rate(before.status.tick?, status.tick?, s)
+            rate(&before.status, &status, s)
         });
         self.unreadable.remove(&status.node);
         self.nodes.insert(
@@ -64,10 +63,10 @@ impl Heard {
     }
 }
 
-/// `None` where time is too short to say, or ticks went back.
-fn rate(from: Tick, to: Tick, s: f64) -> Option<f64> {
-    let ticks = to.0.checked_sub(from.0).filter(|ticks| *ticks >= 0)?;
-    (s > 0.1).then(|| ticks as f64 / s)
+/// Ticks per second that were worked on; `None` where time is too short to say, or ticks went back.
+fn rate(before: &Status, now: &Status, s: f64) -> Option<f64> {
+    let done = now.ticks_done_since(before.tick?, before.missed_ticks())?;
+    (s > 0.1).then(|| done as f64 / s)
 }
 
 /// Listens until it is dropped.
@@ -144,18 +143,4 @@ fn node(sample: &Sample) -> Option<&str> {
 fn lock(heard: &Mutex<Heard>) -> MutexGuard<'_, Heard> {
     // All parts are valid on their own, whatever a thread that panicked left undone.
     heard.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_rate_is_of_two_statuses_some_time_apart() {
-        assert_eq!(rate(Tick(100), Tick(130), 1.0), Some(30.0));
-        assert_eq!(rate(Tick(100), Tick(100), 1.0), Some(0.0));
-        assert_eq!(rate(Tick(100), Tick(99), 1.0), None, "started again");
-        assert_eq!(rate(Tick(i64::MIN), Tick(i64::MAX), 1.0), None);
-        assert_eq!(rate(Tick(100), Tick(130), 0.0), None);
-    }
 }

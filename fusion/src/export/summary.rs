@@ -165,6 +165,9 @@ pub struct TimingSummary {
     pub stages: BTreeMap<String, StageTiming>,
     /// Per viewpoint: which share of its edge's work went into detection passes, 0 to 1.
     pub look_share: BTreeMap<String, f64>,
+    /// Per viewpoint of a live run: ticks that its edge did not work on though it should have; those that missed none are not named.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub missed_ticks: BTreeMap<String, u64>,
     /// Per viewpoint: bytes on the wire with protocol overhead, where they can be measured.
     pub link_bytes_on_wire: BTreeMap<String, u64>,
     /// Per camera of a live run, as its edge described it last.

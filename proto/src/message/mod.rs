@@ -220,7 +220,7 @@ pub struct PersonPose {
 }
 
 /// Each node to all, once a second and while waiting for the start: identity and state of the node.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Status {
     /// Name of the node: the viewpoint's name, or "fusion".
     pub node: String,
@@ -263,11 +263,31 @@ pub struct Status {
     pub agreement: Vec<AgreementOfCamera>,
 }
 
+impl Status {
+    /// Ticks that a live node did not work on though it should have, since its start; 0 in lock-step.
+    pub fn missed_ticks(&self) -> u64 {
+        self.live.as_ref().map_or(0, |live| live.missed_ticks)
+    }
+
+    /// How many ticks the node has worked on since it was at tick `before` and had missed `missed_before`; `None` where
+    /// it is at none, or ticks have begun anew.
+    pub fn ticks_done_since(&self, before: Tick, missed_before: u64) -> Option<i64> {
+        let every_nth = self.live.as_ref().map_or(1, |live| live.every_nth_tick);
+        let passed = self.tick?.0.checked_sub(before.0).filter(|it| *it >= 0)?;
+        let due = passed / i64::from(every_nth.max(1));
+        let missed = self.missed_ticks().saturating_sub(missed_before);
+        Some(due.saturating_sub_unsigned(missed).max(0))
+    }
+}
+
 /// Most stages in one status.
 pub const MAX_STAGES: usize = 32;
 
-/// Name of the stage of detection passes, detector and keypoints, in statuses and summaries.
+/// Name of the stage of detection passes in statuses and summaries: detector and keypoints, live the detector alone.
 pub const DETECTION_STAGE: &str = "look";
+
+/// Name of the stage of the keypoints of detection passes, where they are made apart from the detector.
+pub const SIGHTING_STAGE: &str = "sight";
 
 /// How long one stage of a node took, over all ticks of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -326,5 +346,27 @@ mod tests {
             (200, 20_100, 100, 198, 200, 200)
         );
         assert_eq!(StageTime::from_samples("step", &mut []), None);
+    }
+
+    #[test]
+    fn ticks_that_a_node_left_out_or_missed_are_not_done() {
+        let at = |tick, every_nth_tick, missed_ticks| Status {
+            tick: Some(Tick(tick)),
+            live: Some(LiveStatus {
+                every_nth_tick,
+                missed_ticks,
+                ..LiveStatus::default()
+            }),
+            ..Status::default()
+        };
+        let done = |status: Status| status.ticks_done_since(Tick(100), 7);
+        assert_eq!(done(at(160, 1, 7)), Some(60));
+        assert_eq!(done(at(160, 4, 7)), Some(15), "every fourth");
+        assert_eq!(done(at(160, 1, 27)), Some(40), "missed twenty");
+        assert_eq!(done(at(160, 1, 0)), Some(60), "started again");
+        assert_eq!(done(at(160, 0, u64::MAX)), Some(0));
+        assert_eq!(done(at(99, 1, 7)), None, "ticks began anew");
+        let farthest = at(i64::MAX, 1, 0);
+        assert_eq!(farthest.ticks_done_since(Tick(i64::MIN), 0), None);
     }
 }

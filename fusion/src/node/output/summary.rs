@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use farfield_node::process::Ending;
-use farfield_proto::message::{DETECTION_STAGE, StageTime, Status};
+use farfield_proto::message::{DETECTION_STAGE, SIGHTING_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
@@ -118,6 +118,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
             ticks_per_s: done as f64 / elapsed_s.max(1e-9),
             stages: stages(facts),
             look_share: look_shares(facts.last_words),
+            missed_ticks: missed_ticks(facts.last_words),
             link_bytes_on_wire: BTreeMap::new(),
             cameras: facts.cameras.clone(),
             target_latency: facts.target_latency.clone(),
@@ -157,12 +158,21 @@ fn stages(facts: &RunFacts<'_>) -> BTreeMap<String, StageTiming> {
         .collect()
 }
 
+/// Ticks that each edge did not work on though it should have.
+fn missed_ticks(last_words: &[Status]) -> BTreeMap<String, u64> {
+    let missed = last_words
+        .iter()
+        .map(|status| (status.node.clone(), status.missed_ticks()));
+    missed.filter(|(_, missed)| *missed > 0).collect()
+}
+
 /// Which share of each edge's work its detection passes took, 0 to 1.
 fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
     let share = |status: &Status| {
         let of = |detection: bool| {
             let stages = status.stages.iter();
-            let stages = stages.filter(|s| !detection || s.stage == DETECTION_STAGE);
+            let of_passes = [DETECTION_STAGE, SIGHTING_STAGE];
+            let stages = stages.filter(|s| !detection || of_passes.contains(&&*s.stage));
             stages.map(|s| s.total_us).sum::<u64>() as f64
         };
         (of(false) > 0.0).then(|| (status.node.clone(), of(true) / of(false)))

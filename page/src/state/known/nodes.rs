@@ -7,7 +7,7 @@ use farfield_proto::message::Status;
 use farfield_proto::message::agreement::CameraAgreement;
 use farfield_proto::message::health::LinkHealth;
 use farfield_proto::message::live::{CameraHealth, CameraStatus, EdgeLink, LiveStatus};
-use farfield_proto::tick::{Micros, SECOND_US};
+use farfield_proto::tick::{Micros, SECOND_US, Tick};
 use farfield_proto::venue::{Source, VenueCamera};
 
 use super::context::Context;
@@ -76,9 +76,12 @@ impl HeardNode {
         (grown >= 0 && us >= SHORTEST_US).then(|| grown as f64 * 1e6 / us as f64)
     }
 
+    /// Ticks a second that the node worked on.
     fn ticks_per_s(&self) -> Option<f64> {
         let (before, before_us) = self.before.as_ref()?;
-        self.rate(self.status.tick?.0, before.tick?, *before_us)
+        let (tick, missed) = (Tick(before.tick?), before.missed.unwrap_or(0));
+        let done = self.status.ticks_done_since(tick, missed)?;
+        self.rate(done, 0, *before_us)
     }
 
     /// By how much a counter grows a second.
