@@ -4,7 +4,9 @@ mod window;
 
 use std::path::PathBuf;
 
+use farfield_proto::id::CameraIndex;
 use farfield_proto::model_card::{HeatmapCard, Letterbox};
+use farfield_proto::tick::Tick;
 use farfield_proto::toml_file::FileError;
 
 pub use window::DetectorWindow;
@@ -72,6 +74,17 @@ pub struct Detection {
     pub max_px: [f32; 2],
     /// Confidence, 0 to 1.
     pub score: f32,
+}
+
+/// The people that the detector found in one picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraDetections {
+    /// The camera.
+    pub camera: CameraIndex,
+    /// The tick of the picture.
+    pub tick: Tick,
+    /// The people, highest score first; none if there was no picture.
+    pub people: Vec<Detection>,
 }
 
 /// Why a network cannot be loaded or run.

@@ -7,6 +7,7 @@
 pub mod budget;
 pub mod capture;
 pub mod delivery;
+pub mod detection_schedule;
 pub mod failures;
 pub mod health;
 pub mod newest_boxes;

@@ -203,10 +203,11 @@ impl NewestBoxes {
         }
     }
 
-    /// The first tick from `tick` on with a detection pass, as far as is known.
-    pub fn next_detection_tick(&self, tick: Tick) -> Option<Tick> {
-        let mut requests = self.detection_requests.iter().map(|(of, _)| *of);
-        requests.find(|of| *of >= tick)
+    /// The first tick from `tick` on with a detection pass, as far as is known, and its cameras.
+    pub fn next_detection_request(&self, tick: Tick) -> Option<(Tick, &[CameraIndex])> {
+        let requests = self.detection_requests.iter();
+        let mut requests = requests.map(|(of, cameras)| (*of, &cameras[..]));
+        requests.find(|(of, _)| *of >= tick)
     }
 
     fn keep_detection_request(&mut self, boxes: &BoxSet) {

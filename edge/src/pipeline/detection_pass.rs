@@ -2,12 +2,17 @@
 
 use std::borrow::Cow;
 
+use farfield_proto::bounding_box::BoundingBox;
+use farfield_proto::camera::CameraModel;
+use farfield_proto::frames::{Distorted, Pixel};
 use farfield_proto::id::CameraIndex;
-use farfield_proto::message::Sighting;
+use farfield_proto::message::{CameraBox, Sighting};
 use farfield_proto::tick::Tick;
 
 use super::sighting::{self, Pending};
-use super::{EdgePipeline, PipelineError};
+use super::tracked::moved_on;
+use super::{EdgePipeline, PipelineError, StepRequest};
+use crate::inference::{CameraDetections, Detection};
 use crate::source::{Frame, FrameContent};
 
 impl EdgePipeline {
@@ -20,38 +25,46 @@ impl EdgePipeline {
         }
     }
 
-    /// Whether this edge can find people without boxes at all.
-    pub(super) fn can_sight(&self) -> bool {
-        let reads_pictures = self.detector.is_some() && self.batch.is_some();
+    /// The first regular pass from `tick` on.
+    pub fn next_regular_pass(&self, tick: Tick) -> Tick {
+        tick + (-tick.0).rem_euclid(self.ticks_per_pass)
+    }
+
+    /// Whether this edge can find people without boxes at all; `detections` says where they are.
+    pub(super) fn can_sight(&self, detections: Option<&[CameraDetections]>) -> bool {
+        let reads_pictures =
+            self.batch.is_some() && (self.detector.is_some() || detections.is_some());
         self.cameras
             .iter()
             .any(|c| c.drawing.is_some() || reads_pictures)
     }
 
-    /// Runs the detector on the pictures of `cameras` and puts the crops into the batch.
+    /// Puts the crops of detected people into the batch: of the request's detections, or of a run of the detector now.
     pub(super) fn detect(
         &mut self,
         frames: &[Option<Frame>],
-        cameras: &[CameraIndex],
+        request: &StepRequest<'_>,
     ) -> Result<Vec<Pending>, PipelineError> {
         let mut pending = Vec::new();
-        let (Some(detector), Some(batch)) = (&mut self.detector, &mut self.batch) else {
+        let asked = request.detection_cameras;
+        let detections = match (request.detections, &mut self.detector) {
+            (Some(detections), _) => Cow::Borrowed(detections),
+            (None, Some(detector)) => {
+                Cow::Owned(detector.detect(frames, asked, request.tick, request.tick)?)
+            }
+            (None, None) => return Ok(pending),
+        };
+        let Some(batch) = &mut self.batch else {
             return Ok(pending);
         };
         let with_frames = self.cameras.iter_mut().zip(frames).enumerate();
-        let asked = with_frames.filter(|(_, (camera, _))| cameras.contains(&camera.index));
-        for (at, (camera, frame)) in asked {
-            if let Some(Frame {
-                content: FrameContent::Image(image),
-                tick,
-                ..
-            }) = frame
-            {
-                // Passes that follow each other at once, because of a new person, are on the same cell.
-                let number = tick.0.div_euclid(self.ticks_per_pass);
-                let detections = detector.detect_in(image, camera.index, number)?;
+        for (at, (camera, frame)) in with_frames {
+            let mut detections = detections.iter().filter(|_| asked.contains(&camera.index));
+            let detected = detections.find(|detected| detected.camera == camera.index);
+            let content = frame.as_ref().map(|frame| &frame.content);
+            if let (Some(detected), Some(FrameContent::Image(_))) = (detected, content) {
                 pending.extend(sighting::enqueue(
-                    &detections,
+                    &moved_with_boxes(detected, request, &camera.model),
                     (at, camera.index, &camera.model),
                     batch,
                     &mut camera.beyond_view,
@@ -88,5 +101,61 @@ impl EdgePipeline {
             sightings.extend(sighting::from_persons(&given, of, &mut camera.beyond_view));
         }
         sighting::bounded(sightings)
+    }
+}
+
+/// The detected people, moved to the tick of the request: a person with a box moves with it. A crop from an old detection would
+/// otherwise show an empty place, in which a network still sees a person.
+fn moved_with_boxes<'a>(
+    detected: &'a CameraDetections,
+    request: &StepRequest<'_>,
+    model: &CameraModel,
+) -> Cow<'a, [Detection]> {
+    if detected.tick == request.tick {
+        return Cow::Borrowed(&detected.people);
+    }
+    let of_people = request.boxes.persons.iter().flat_map(|p| &p.cameras);
+    let of_camera = of_people.filter(|b| b.camera == detected.camera);
+    let at = |b: &CameraBox, tick| moved_on(b, tick - request.boxes.tick).bounding_box;
+    let moves: Vec<[BoundingBox; 2]> = of_camera
+        .map(|b| [at(b, detected.tick), at(b, request.tick)])
+        .collect();
+    let moved = detected
+        .people
+        .iter()
+        .map(|it| moved_with(it, &moves, model));
+    moved.collect()
+}
+
+/// A detection, moved like the nearest box around it, from the box's first place to its second; unchanged without such a box.
+fn moved_with(detection: &Detection, moves: &[[BoundingBox; 2]], model: &CameraModel) -> Detection {
+    let middle = [0, 1].map(|i| f64::from(detection.min_px[i].midpoint(detection.max_px[i])));
+    let Some(seen) = model.undistort(Pixel::<Distorted>::new(middle[0], middle[1])) else {
+        return *detection;
+    };
+    let seen = [seen.x() as f32, seen.y() as f32];
+    let off_px = |b: &BoundingBox| [0, 1].map(|i| (seen[i] - b.center_px[i]).abs());
+    let around = moves.iter().filter(|[before, _]| {
+        let off_px = off_px(before);
+        (0..2).all(|i| off_px[i] <= before.size_px[i] / 2.0)
+    });
+    let distance_px = |[before, _]: &[BoundingBox; 2]| {
+        let [x, y] = off_px(before);
+        x.hypot(y)
+    };
+    let Some([before, now]) = around.min_by(|a, b| distance_px(a).total_cmp(&distance_px(b)))
+    else {
+        return *detection;
+    };
+    let there = [0, 1].map(|i| f64::from(seen[i] + now.center_px[i] - before.center_px[i]));
+    let Some(there) = model.distort(Pixel::new(there[0], there[1])) else {
+        return *detection;
+    };
+    let by_px = [there.x() - middle[0], there.y() - middle[1]];
+    let moved = |p: [f32; 2]| [0, 1].map(|i| p[i] + by_px[i] as f32);
+    Detection {
+        min_px: moved(detection.min_px),
+        max_px: moved(detection.max_px),
+        score: detection.score,
     }
 }

@@ -19,6 +19,7 @@ mod sighting;
 mod tests;
 mod tiled_detector;
 mod tracked;
+mod viewpoint_detector;
 
 use std::collections::BTreeMap;
 
@@ -47,6 +48,7 @@ pub use error::PipelineError;
 #[cfg(feature = "study")]
 pub use map_encoder::StandIn;
 pub use request::StepRequest;
+pub use viewpoint_detector::ViewpointDetector;
 
 /// A part of a step whose duration is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -87,7 +89,7 @@ pub struct EdgePipeline {
     keypoints: KeypointSet,
     choice: CameraChoice,
     batch: Option<Batch>,
-    detector: Option<TiledDetector>,
+    detector: Option<ViewpointDetector>,
     ticks_per_pass: i64,
     encoder: MapEncoder,
     maps: Maps,
@@ -115,6 +117,11 @@ impl EdgePipeline {
             .map_or_else(KeypointSet::coco17, |n| n.card().output.keypoints.clone());
         let batch = network.map(Batch::new);
         check_shapes(&cameras, &keypoints, batch.as_ref())?;
+        let ticks_per_pass = venue.parameters.births.ticks_per_look(venue.rate_hz);
+        let detector = detector.map(|detector| {
+            let indices = cameras.iter().map(|camera| camera.index).collect();
+            ViewpointDetector::new(TiledDetector::new(venue, detector), indices, ticks_per_pass)
+        });
         let level = venue.parameters.link.quality;
         let level = level.unwrap_or(CompressionLevel::LOSSLESS);
         Ok(Self {
@@ -123,8 +130,8 @@ impl EdgePipeline {
             keypoints,
             choice: venue.parameters.boxes.camera_choice,
             batch,
-            detector: detector.map(|detector| TiledDetector::new(venue, detector)),
-            ticks_per_pass: venue.parameters.births.ticks_per_look(venue.rate_hz),
+            detector,
+            ticks_per_pass,
             encoder: MapEncoder::new(level),
             maps: Maps::new(1, 1, 1),
             session: SessionId::default(),
@@ -171,10 +178,10 @@ impl EdgePipeline {
             .collect();
         self.cut(frames);
         mark(EdgeStage::Crop);
-        let detects = !detection_cameras.is_empty() && self.can_sight();
+        let detects = !detection_cameras.is_empty() && self.can_sight(request.detections);
         let n_tracked = self.batch.as_ref().map_or(0, Batch::len);
         let pending = if detects {
-            self.detect(frames, detection_cameras)?
+            self.detect(frames, request)?
         } else {
             Vec::new()
         };
@@ -243,25 +250,25 @@ impl EdgePipeline {
         self.batch.as_mut()
     }
 
-    /// The part that looks for people without boxes, as an edge of its own, with the detector and a network of its own;
-    /// `None` where that takes no detector, or there can be one network only.
+    /// Gives away the detector, with an edge that makes sightings of whom it finds, with a network of its own; `None` where
+    /// that takes no detector, or there can be one network only.
     ///
     /// # Errors
     /// [`PipelineError`] when the network cannot be loaded again.
-    pub fn detach_detection(&mut self) -> Result<Option<Self>, PipelineError> {
+    pub fn detach_detection(&mut self) -> Result<Option<(ViewpointDetector, Self)>, PipelineError> {
         let (Some(_), Some(batch)) = (&self.detector, &self.batch) else {
             return Ok(None);
         };
         let Some(network) = batch.another()? else {
             return Ok(None);
         };
-        Ok(Some(Self {
+        let sighter = Self {
             viewpoint: self.viewpoint,
             cameras: self.cameras.clone(),
             keypoints: self.keypoints.clone(),
             choice: self.choice,
             batch: Some(Batch::new(network)),
-            detector: self.detector.take(),
+            detector: None,
             ticks_per_pass: self.ticks_per_pass,
             encoder: MapEncoder::new(CompressionLevel::LOSSLESS),
             maps: Maps::new(1, 1, 1),
@@ -269,7 +276,8 @@ impl EdgePipeline {
             last_camera: BTreeMap::new(),
             detection_share: 0.0,
             message_version: self.message_version,
-        }))
+        };
+        Ok(self.detector.take().map(|detector| (detector, sighter)))
     }
 
     /// Sets the compression level of the next steps; at first it is the venue's `[link] quality`, else

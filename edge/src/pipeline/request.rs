@@ -5,6 +5,8 @@ use farfield_proto::message::BoxSet;
 use farfield_proto::message::live::PatchTiming;
 use farfield_proto::tick::Tick;
 
+use crate::inference::CameraDetections;
+
 /// What the pipeline is asked to do at a tick: in lock-step all that fusion asks for, live what time and link allow.
 #[derive(Debug, Clone, Copy)]
 pub struct StepRequest<'a> {
@@ -14,6 +16,8 @@ pub struct StepRequest<'a> {
     pub boxes: &'a BoxSet,
     /// The cameras of this tick's detection pass; empty for none.
     pub detection_cameras: &'a [CameraIndex],
+    /// Detections of an earlier tick; with them the detector does not run now.
+    pub detections: Option<&'a [CameraDetections]>,
     /// The persons with boxes that are processed, ascending; `None`: all.
     pub persons: Option<&'a [PersonId]>,
     /// Placeholder for the timing that is filled in when a message is sent; it counts towards the message's size.
@@ -27,6 +31,7 @@ impl<'a> StepRequest<'a> {
             tick: boxes.tick,
             boxes,
             detection_cameras: &boxes.detection_cameras,
+            detections: None,
             persons: None,
             timing: None,
         }

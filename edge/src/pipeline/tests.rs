@@ -17,7 +17,9 @@ use image::RgbImage;
 
 use super::*;
 use crate::fixtures::venue;
-use crate::inference::{Detection, DetectorInput, DetectorWindow, InputTensor, NetworkError};
+use crate::inference::{
+    CameraDetections, Detection, DetectorInput, DetectorWindow, InputTensor, NetworkError,
+};
 use crate::peaks::best_peak;
 use crate::picture::Picture;
 use crate::source::{KeypointCandidate, KeypointFrame, MapPainter};

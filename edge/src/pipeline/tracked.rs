@@ -102,7 +102,7 @@ impl EdgePipeline {
 }
 
 /// The box and the projected joints of a person, moved on by `ticks`, back where that is negative.
-fn moved_on(camera_box: &CameraBox, ticks: i64) -> CameraBox {
+pub(super) fn moved_on(camera_box: &CameraBox, ticks: i64) -> CameraBox {
     let ticks = ticks.clamp(-MOST_TICKS, MOST_TICKS);
     let n = ticks as f32;
     let along = |p: [f32; 2]| [0, 1].map(|i| p[i] + n * camera_box.rate.center_px[i]);

@@ -300,6 +300,7 @@ impl ViewpointEdge {
             } else {
                 &[]
             },
+            detections: None,
             persons: None,
             timing: None,
         };

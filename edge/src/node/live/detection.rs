@@ -1,51 +1,101 @@
-//! The thread that looks for people without boxes, with networks of its own: a pass takes as long as several ticks, and none of
-//! them is lost to it.
+//! The threads that find people without boxes, so that detection costs no tick: one runs the detector ahead of each detection
+//! pass, one makes the sightings of the pass with its own network.
 //!
-//! The patches of a tick with a pass go out with its sightings, after those of later ticks. One pass goes on at a time; one that
-//! is asked for meanwhile is left out.
+//! The patches of a tick with a pass are sent together with its sightings, after the patches of later ticks. Only one pass runs
+//! at a time. A pass that fusion asks for meanwhile, or before the first detections, is skipped.
 
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use farfield_node::clock;
-use farfield_proto::message::{BoxSet, DETECTION_STAGE};
+use farfield_proto::id::CameraIndex;
+use farfield_proto::message::{DETECTION_STAGE, SIGHTING_STAGE};
+use farfield_proto::tick::Tick;
 
 use super::outbox;
 use super::shared::Shared;
 use super::tick_start::TickStart;
 use super::work_watch::Caller;
+use crate::inference::CameraDetections;
+use crate::live::Micros;
+use crate::live::detection_schedule::DetectionSchedule;
 use crate::node::beyond_view::say_beyond_view;
-use crate::pipeline::{EdgeOutput, EdgePipeline, StepRequest};
+use crate::pipeline::{EdgeOutput, EdgePipeline, StepRequest, ViewpointDetector};
 use crate::source::Frame;
 
-/// As many people as a pass may find, for how long it should take at most.
+/// Most people of one picture: bounds how long the detector should take.
 const MOST_SIGHTED: usize = 32;
 
-/// A tick of which the patches are made, and whose pictures are still to be looked at.
+/// Pictures for the detector.
+pub(super) struct Pictures {
+    pub(super) tick: Tick,
+    pub(super) frames: Vec<Option<Frame>>,
+    /// The tick of the pass that needs them.
+    pub(super) pass: Tick,
+    pub(super) cameras: Vec<CameraIndex>,
+}
+
+/// A tick whose patches are ready and whose sightings are not.
 pub(super) struct Pass {
     pub(super) start: TickStart,
     pub(super) frames: Vec<Option<Frame>>,
-    /// What waits for the sightings.
+    pub(super) detections: Vec<CameraDetections>,
+    /// The patches, which wait for the sightings.
     pub(super) output: EdgeOutput,
 }
 
-/// The way to the thread.
-pub(super) struct DetectionThread {
+/// The way to the threads.
+pub(super) struct DetectionThreads {
+    pictures: SyncSender<Pictures>,
     passes: SyncSender<Pass>,
+    schedule: Arc<Mutex<DetectionSchedule>>,
 }
 
-impl DetectionThread {
-    /// Starts the thread, which ends when this is dropped; it works with `pipeline`.
+impl DetectionThreads {
+    /// Starts the threads: `detector` runs the detector, `sighter` makes sightings. They end when this is dropped.
     ///
     /// # Errors
     /// When the system has no thread left.
-    pub(super) fn spawn(shared: Arc<Shared>, pipeline: EdgePipeline) -> std::io::Result<Self> {
-        // Nothing waits: who asks while a pass goes on finds nobody who takes it.
-        let (passes, to_do) = sync_channel(0);
-        std::thread::Builder::new()
-            .name("detection".to_owned())
-            .spawn(move || work(&shared, pipeline, &to_do))?;
-        Ok(Self { passes })
+    pub(super) fn spawn(
+        shared: &Arc<Shared>,
+        (detector, sighter): (ViewpointDetector, EdgePipeline),
+        period_us: Micros,
+    ) -> std::io::Result<Self> {
+        // No queue: a request that comes during a run or a pass is refused.
+        let (pictures, to_detect_in) = sync_channel(0);
+        let (passes, to_sight) = sync_channel(0);
+        let schedule = Arc::new(Mutex::new(DetectionSchedule::new(period_us)));
+        let (of_detector, of_sighter) = (Arc::clone(shared), Arc::clone(shared));
+        let outcome = Arc::clone(&schedule);
+        let thread = |name: &str| std::thread::Builder::new().name(name.to_owned());
+        thread("detector")
+            .spawn(move || detect(&of_detector, detector, &to_detect_in, &outcome))?;
+        thread("sightings").spawn(move || sight(&of_sighter, sighter, &to_sight))?;
+        Ok(Self {
+            pictures,
+            passes,
+            schedule,
+        })
+    }
+
+    /// Whether the detector must run on the pictures of `tick`, see [`DetectionSchedule::is_due`].
+    pub(super) fn is_detection_due(&self, tick: Tick, pass: Tick, nth: i64) -> bool {
+        lock(&self.schedule).is_due(tick, pass, nth)
+    }
+
+    /// Runs the detector on pictures, unless it is running.
+    pub(super) fn detect(&self, pictures: Pictures) {
+        // The next tick asks again.
+        drop(self.pictures.try_send(pictures));
+    }
+
+    /// The detections of `cameras` for the pass at `tick`; `None` if some are missing or too old.
+    pub(super) fn detections(
+        &self,
+        tick: Tick,
+        cameras: &[CameraIndex],
+    ) -> Option<Vec<CameraDetections>> {
+        lock(&self.schedule).for_pass(tick, cameras)
     }
 
     /// Hands over a pass; gives it back where one goes on.
@@ -56,34 +106,67 @@ impl DetectionThread {
     }
 }
 
-fn work(shared: &Shared, mut pipeline: EdgePipeline, to_do: &Receiver<Pass>) {
+fn lock(schedule: &Mutex<DetectionSchedule>) -> MutexGuard<'_, DetectionSchedule> {
+    schedule.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn detect(
+    shared: &Shared,
+    mut detector: ViewpointDetector,
+    to_detect_in: &Receiver<Pictures>,
+    schedule: &Mutex<DetectionSchedule>,
+) {
+    while let Ok(pictures) = to_detect_in.recv() {
+        let begun = clock::now();
+        shared.begin_work(Caller::Detector, MOST_SIGHTED);
+        let Pictures {
+            tick,
+            pass,
+            frames,
+            cameras,
+        } = &pictures;
+        let detections = detector.detect(frames, cameras, *tick, *pass);
+        shared.works.end(Caller::Detector);
+        let took_us = clock::micros_since(begun);
+        shared.count(DETECTION_STAGE, took_us);
+        match detections {
+            Ok(detections) => {
+                shared.ledger().failures.worked();
+                lock(schedule).add(*pass, detections, took_us.into());
+            }
+            Err(error) => shared.note_failure(&error.into()),
+        }
+    }
+}
+
+fn sight(shared: &Shared, mut pipeline: EdgePipeline, to_sight: &Receiver<Pass>) {
     while let Ok(Pass {
         start,
         frames,
+        detections,
         mut output,
-    }) = to_do.recv()
+    }) = to_sight.recv()
     {
         let begun = clock::now();
-        shared.begin_work(Caller::Detection, MOST_SIGHTED);
-        let boxes = BoxSet {
-            persons: Vec::new(),
-            ..(*start.boxes).clone()
-        };
+        let found = detections.iter().map(|it| it.people.len()).sum();
+        shared.begin_work(Caller::Sightings, found);
         let request = StepRequest {
             tick: start.tick,
-            boxes: &boxes,
+            boxes: &start.boxes,
             detection_cameras: &start.detection_cameras,
-            persons: None,
+            detections: Some(&detections),
+            // No patches: the boxes only say how far people have moved since they were detected.
+            persons: Some(&[]),
             timing: None,
         };
         pipeline.set_message_version(shared.message_version());
-        let found = pipeline.step(&frames, &request, &mut |_| {});
-        shared.works.end(Caller::Detection);
-        shared.count(DETECTION_STAGE, clock::micros_since(begun));
-        match found {
-            Ok(found) => {
+        let sighted = pipeline.step(&frames, &request, &mut |_| {});
+        shared.works.end(Caller::Sightings);
+        shared.count(SIGHTING_STAGE, clock::micros_since(begun));
+        match sighted {
+            Ok(sighted) => {
                 shared.ledger().failures.worked();
-                output.add_sightings(found.sighting_sets);
+                output.add_sightings(sighted.sighting_sets);
             }
             Err(error) => shared.note_failure(&error.into()),
         }

@@ -12,7 +12,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use tracing::debug;
 
-use super::detection::{DetectionThread, Pass};
+use super::detection::{DetectionThreads, Pass, Pictures};
 use super::frames::SPARE as KEPT_TICKS;
 use super::outbox;
 use super::shared::Shared;
@@ -53,8 +53,8 @@ pub(super) struct Ticker {
     /// For how long it does without fusion, microseconds.
     longest_alone_us: Micros,
     laps: Vec<(EdgeStage, u32)>,
-    /// Who looks for people without boxes, where that takes a network.
-    detection: Option<DetectionThread>,
+    /// The threads that find people without boxes, where that takes a network.
+    detection: Option<DetectionThreads>,
 }
 
 impl Ticker {
@@ -94,9 +94,9 @@ impl Ticker {
             drop(ledger);
             self.shared.set_workers(best);
         }
-        if let Some(detection) = self.pipeline.detach_detection()? {
-            let thread = DetectionThread::spawn(Arc::clone(&self.shared), detection)?;
-            self.detection = Some(thread);
+        if let Some(parts) = self.pipeline.detach_detection()? {
+            let period_us = (1e6 / self.rate_hz).round() as Micros;
+            self.detection = Some(DetectionThreads::spawn(&self.shared, parts, period_us)?);
         }
         Ok(())
     }
@@ -116,6 +116,7 @@ impl Ticker {
             let Some(start) = self.begin(tick) else {
                 continue;
             };
+            self.detect_ahead(tick);
             if let Err(error) = self.step(start) {
                 debug!(tick = tick.0, error = format!("{error:#}"), "tick not done");
                 self.shared.note_failure(&error);
@@ -141,8 +142,8 @@ impl Ticker {
         ledger.missed += ((newest - aligned(next, nth)) / nth).max(0).unsigned_abs();
         let tick = aligned(newest, nth);
         // Detection passes are planned for all viewpoints alike.
-        let detection = ledger.boxes.next_detection_tick(newest);
-        let tick = detection.map_or(tick, |detection| tick.min(detection));
+        let detection = ledger.boxes.next_detection_request(newest);
+        let tick = detection.map_or(tick, |(detection, _)| tick.min(detection));
         let until_us = ledger.ticks.own_time_us(tick)? + lag_us + half_us;
         Some((tick, until_us))
     }
@@ -218,6 +219,7 @@ impl Ticker {
                 Some(_) => &[],
                 None => &start.detection_cameras,
             },
+            detections: None,
             persons: start.plan.persons.map(|_| &self.chosen[..]),
             timing: Some(LARGEST_TIMING),
         };
@@ -259,15 +261,44 @@ impl Ticker {
             self.own_boxes.clear();
         }
         let pass = match &self.detection {
-            Some(thread) if !start.detection_cameras.is_empty() => thread.begin(Pass {
-                frames: self.frames.clone(),
-                start,
-                output,
-            }),
-            _ => return outbox::send(&self.shared, &start, output),
+            Some(threads) if !start.detection_cameras.is_empty() => {
+                threads.detections(start.tick, &start.detection_cameras)
+            }
+            _ => None,
         };
+        let (Some(threads), Some(detections)) = (&self.detection, pass) else {
+            return outbox::send(&self.shared, &start, output);
+        };
+        let pass = threads.begin(Pass {
+            frames: self.frames.clone(),
+            start,
+            detections,
+            output,
+        });
         if let Some(Pass { start, output, .. }) = pass {
             outbox::send(&self.shared, &start, output);
+        }
+    }
+
+    /// Runs the detector on the pictures of `tick` if the next detection pass needs that.
+    fn detect_ahead(&self, tick: Tick) {
+        let Some(threads) = &self.detection else {
+            return;
+        };
+        let regular = self.pipeline.next_regular_pass(tick + 1);
+        let ledger = self.shared.ledger();
+        let nth = i64::from(ledger.rate.last_plan().every_nth);
+        let asked = ledger.boxes.next_detection_request(tick + 1);
+        let asked = asked.filter(|(pass, _)| *pass < regular);
+        let pass = asked.map_or(regular, |(pass, _)| pass);
+        if threads.is_detection_due(tick, pass, nth) {
+            let cameras = asked.map(|(_, cameras)| cameras.to_vec());
+            threads.detect(Pictures {
+                tick,
+                frames: self.frames.clone(),
+                pass,
+                cameras: cameras.unwrap_or_else(|| self.pipeline.regular_detection_cameras(pass)),
+            });
         }
     }
 

@@ -15,8 +15,10 @@ const HANGS_US: Micros = 8 * SECOND_US;
 pub(super) enum Caller {
     /// Who makes patches of people with boxes.
     Patches,
-    /// Who looks for people without.
-    Detection,
+    /// The detector, which finds people without boxes.
+    Detector,
+    /// The sightings of the people that it found.
+    Sightings,
 }
 
 /// A call that goes on.
@@ -29,7 +31,7 @@ struct Call {
 /// The calls that go on.
 #[derive(Debug, Default)]
 pub(super) struct WorkWatch {
-    calls: Mutex<[Option<Call>; 2]>,
+    calls: Mutex<[Option<Call>; 3]>,
 }
 
 impl WorkWatch {
@@ -61,7 +63,7 @@ impl WorkWatch {
         })
     }
 
-    fn lock(&self) -> MutexGuard<'_, [Option<Call>; 2]> {
+    fn lock(&self) -> MutexGuard<'_, [Option<Call>; 3]> {
         self.calls.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -74,7 +76,7 @@ mod tests {
     fn a_call_that_does_not_come_back_is_named_and_then_ends_the_edge() {
         let watch = WorkWatch::default();
         watch.begin(Caller::Patches, 0, 100_000);
-        watch.begin(Caller::Detection, 0, 5 * SECOND_US);
+        watch.begin(Caller::Detector, 0, 5 * SECOND_US);
         assert_eq!(watch.late(2 * SECOND_US), None);
         let (words, hangs) = watch.late(4 * SECOND_US).unwrap();
         assert_eq!(
@@ -88,7 +90,7 @@ mod tests {
             None,
             "a slow network may take long"
         );
-        watch.end(Caller::Detection);
+        watch.end(Caller::Detector);
         assert_eq!(watch.late(1_000 * SECOND_US), None);
     }
 }

@@ -70,3 +70,49 @@ fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
         .map(|set| wire::decode::<PatchSet>(&wire::encode(set)).unwrap());
     assert_eq!(all.collect::<Vec<_>>(), output.patch_sets);
 }
+
+/// The sightings of `at` in a picture whose disc is there, of a person detected `ticks` before at `detected_at`.
+fn sighted_after(detected_at: f32, ticks: i64, at: f64, boxes: &BoxSet) -> Vec<Sighting> {
+    let mut edge = pipeline(&[PICTURES]);
+    let detections = [CameraDetections {
+        camera: CameraIndex(0),
+        tick: Tick(40 - ticks),
+        people: vec![Detection {
+            min_px: [detected_at - 30.0, 200.0],
+            max_px: [detected_at + 30.0, 280.0],
+            score: 0.9,
+        }],
+    }];
+    let request = StepRequest {
+        detections: Some(&detections),
+        persons: Some(&[]),
+        ..StepRequest::of(boxes)
+    };
+    let frames = [Some(disc(at, 240.0))];
+    let output = edge.step(&frames, &request, &mut |_| {}).unwrap();
+    assert!(output.patch_sets.iter().all(|set| set.persons.is_empty()));
+    let sets = output.sighting_sets.into_iter();
+    sets.flat_map(|set| set.sightings).collect()
+}
+
+#[test]
+fn a_detected_person_is_cropped_where_its_box_has_moved() {
+    let mut with_box = box_at(0, [400.0, 240.0], 0.0);
+    with_box.rate.center_px = [5.0, 0.0];
+    let boxes = boxes(&[0], vec![vec![with_box]]);
+    // 20 ticks before, the person was 100 px to the left of where the disc and the box are now.
+    let sightings = sighted_after(300.0, 20, 400.0, &boxes);
+    let peak = sightings[0].keypoints[0].expect("the disc is in the crop");
+    assert!((peak.position_px[0] - 400.0).abs() < 3.0, "{peak:?}");
+}
+
+#[test]
+fn a_detected_person_without_a_box_is_cropped_where_it_was() {
+    let elsewhere = box_at(0, [560.0, 240.0], 0.0);
+    for persons in [vec![], vec![vec![elsewhere]]] {
+        let boxes = boxes(&[0], persons);
+        let seen = |at| sighted_after(300.0, 20, at, &boxes)[0].keypoints[0];
+        assert!(seen(310.0).is_some(), "who has hardly moved");
+        assert_eq!(seen(400.0), None, "who has left");
+    }
+}

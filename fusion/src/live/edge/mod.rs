@@ -34,8 +34,6 @@ const LAST_SETS: usize = 4;
 /// When a message of a later tick has come, those of the tick before are waited for so much longer: links
 /// seldom let one overtake another by more.
 const OVERTAKEN_US: Micros = SECOND_US / 50;
-/// The same at ticks with a detection pass: sightings travel apart from patches.
-const DETECTION_OVERTAKEN_US: Micros = SECOND_US / 10;
 /// A message that comes so long before or after its tick says nothing of its link.
 const FAR_US: Micros = 10 * SECOND_US;
 /// So many messages in a row of another version are no noise: the edge runs another farfield.
@@ -340,14 +338,18 @@ impl Edge {
         waits: LongestWaits,
     ) -> Micros {
         let task = self.task(tick);
-        let (slack_us, most_us) = match task {
-            Task::Idle | Task::Follow => (OVERTAKEN_US, waits.patches_us),
-            Task::Look => (DETECTION_OVERTAKEN_US, waits.detections_us),
+        let most_us = match task {
+            Task::Idle | Task::Follow => waits.patches_us,
+            Task::Look => waits.detections_us,
         };
         let deadline_us = time.at(tick) + self.arrivals.wait_us(task, now_us, most_us);
-        // Of an edge that works on every other tick only, or whose message was lost, nothing comes.
-        let later = self.recent.iter().filter(|(of, _)| *of > tick);
-        let overtaken_us = later.map(|(_, at_us)| at_us + slack_us).min();
+        // Of an edge that works on every other tick only, or whose message was lost, nothing comes. Sightings are made beside
+        // the patches of later ticks: that these have come says nothing of them.
+        let later = self
+            .recent
+            .iter()
+            .filter(|(of, _)| task != Task::Look && *of > tick);
+        let overtaken_us = later.map(|(_, at_us)| at_us + OVERTAKEN_US).min();
         overtaken_us.map_or(deadline_us, |us| us.min(deadline_us))
     }
 

@@ -232,6 +232,24 @@ fn detection_passes_are_waited_for_longer_than_other_ticks() {
 }
 
 #[test]
+fn sightings_are_waited_for_though_patches_of_later_ticks_have_come() {
+    let mut edge = Edge::new("north", BOUND_MS);
+    run(&mut edge, 0..60, 0, 1_000);
+    let time = time();
+    edge.send(&boxes(70, true), &time, time.at(Tick(60)));
+    let late = Came {
+        at_us: time.at(Tick(70)) + 250_000,
+        bytes: 10,
+    };
+    edge.hear(Tick(70), late, &time);
+    edge.send(&boxes(80, true), &time, time.at(Tick(71)));
+    run(&mut edge, 81..84, 0, 1_000);
+    let now_us = time.at(Tick(84));
+    let waited_us = edge.deadline_us(Tick(80), &time, now_us, WAITS) - time.at(Tick(80));
+    assert!(waited_us >= 250_000, "{waited_us}");
+}
+
+#[test]
 fn an_edge_that_works_on_every_fourth_tick_is_waited_for_at_these() {
     let mut edge = Edge::new("north", BOUND_MS);
     let time = time();

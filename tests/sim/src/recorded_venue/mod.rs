@@ -223,6 +223,7 @@ impl MapEdge {
             tick,
             boxes,
             detection_cameras: &boxes.detection_cameras,
+            detections: None,
             persons: None,
             timing: None,
         };
