@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
 use farfield_edge::inference::KeypointNetwork as _;
-use farfield_edge::live::rate::PLANNED;
 use farfield_edge::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
 use farfield_edge::node::Workers;
 use farfield_node::files::load_venue;
@@ -15,7 +14,7 @@ use farfield_sim::embedded;
 use serde::Serialize;
 
 use super::beside_network::BesideNetwork;
-use crate::doctor::measured_workers;
+use crate::doctor::{measured_workers, people_at};
 use crate::output;
 
 /// Rates that are told beside that of a venue, ticks per second.
@@ -102,7 +101,7 @@ fn measured(card: &Path, network: String, venue: Option<&Venue>) -> Result<EdgeR
         .chain(other_hz)
         .map(|rate_hz| PeopleAtRate {
             rate_hz,
-            people: (PLANNED * crops_per_s / rate_hz) as u32,
+            people: people_at(rate_hz, crops_per_s),
         });
     Ok(EdgeReport {
         backend: backend.describe().to_owned(),

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use farfield_edge::detector::OnnxDetector;
 use farfield_edge::inference::{DetectorInput, DetectorWindow, NetworkError, PersonDetector as _};
+use farfield_edge::live::rate::PLANNED;
 use farfield_edge::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
 use farfield_edge::node::{Acceleration, Workers, accelerate, find_workers};
 use farfield_edge::pipeline::Batch;
@@ -24,9 +25,11 @@ const REFUSED: &str = "remove the library that cannot be used, or install it aga
 const NETWORK: &str = "correct `network` in the venue file, or its card";
 const DETECTOR: &str = "correct `detector` in the venue file, or its card";
 
-/// What mends a folder in which the carried networks cannot be written.
 /// What mends a provider that cannot be used.
 const PROVIDERS: &str = "install an ONNX Runtime that has it (`onnxruntime-openvino`, `onnxruntime-gpu`), or take it out of `providers`";
+/// What mends a machine that is too slow for one person.
+const TOO_SLOW: &str = "lower `rate_hz`, take a smaller `network`, name `[inference] providers`, or run the edges on a faster computer";
+/// What mends a folder in which the carried networks cannot be written.
 const TEMPORARY: &str = "set TMPDIR to a folder that can be written and has some megabytes of room";
 
 /// Starts the backend and runs the venue's networks, or where it names none those that the program carries.
@@ -51,12 +54,13 @@ pub(super) fn look_at_inference(venue: Option<&Venue>, report: &mut ReportLines)
     }
     let network = venue.and_then(|venue| venue.network.as_deref());
     let detector = venue.and_then(|venue| venue.detector.as_deref());
-    if let Some(card) = network {
-        let what = card.display().to_string();
-        look_at_network(card, (what.as_str(), NETWORK), report);
-    }
     if let (Some(card), Some(venue)) = (network, venue) {
-        look_at_providers(card, venue, report);
+        let what = card.display().to_string();
+        let on_processor = look_at_network(card, (what.as_str(), NETWORK), report);
+        let on_providers = look_at_providers(card, venue, report);
+        if let Some(crops_per_s) = on_processor.map(|it| on_providers.unwrap_or(0.0).max(it)) {
+            judge_people(venue, crops_per_s, report);
+        }
     }
     if let Some(card) = detector {
         let what = card.display().to_string();
@@ -91,8 +95,12 @@ fn look_at_carried(report: &mut ReportLines) {
     }
 }
 
-/// Adds how many crops the network of `card` takes in a second: what it is called, and what mends it.
-fn look_at_network(card: &Path, (what, remedy): (&str, &str), report: &mut ReportLines) {
+/// Adds how many crops the network of `card` takes in a second: what it is called, and what mends it. Returns the most.
+fn look_at_network(
+    card: &Path,
+    (what, remedy): (&str, &str),
+    report: &mut ReportLines,
+) -> Option<f64> {
     match measured_workers(card) {
         Ok(found) => {
             let rates = found.iter().map(|it| match it.workers {
@@ -101,23 +109,57 @@ fn look_at_network(card: &Path, (what, remedy): (&str, &str), report: &mut Repor
             });
             let rates: Vec<String> = rates.collect();
             report.ok(INFERENCE, format!("{what}: {}", rates.join(", ")));
+            found.last().map(|best| best.crops_per_s)
         }
-        Err(error) => report.fail(INFERENCE, error.to_string(), remedy),
+        Err(error) => {
+            report.fail(INFERENCE, error.to_string(), remedy);
+            None
+        }
     }
 }
 
-/// Adds what else than the processor runs the network of `card`, where an edge asks for it.
-fn look_at_providers(card: &Path, venue: &Venue, report: &mut ReportLines) {
+/// Adds how many people an edge of `venue` on this machine carries, and fails where a live camera of it asks for more.
+pub(super) fn judge_people(venue: &Venue, crops_per_s: f64, report: &mut ReportLines) {
+    let rate_hz = venue.rate_hz;
+    let people = people_at(rate_hz, crops_per_s);
+    let is_live = venue.cameras.iter().any(|camera| camera.source.is_live());
+    if people > 0 || !is_live {
+        let text =
+            format!("an edge here carries {people} people of a viewpoint at {rate_hz} Hz, live");
+        return report.ok(INFERENCE, text);
+    }
+    let text = format!(
+        "an edge here makes {crops_per_s:.0} crops per second, of which {:.0} are planned with: one person at {rate_hz} Hz takes {rate_hz}",
+        PLANNED * crops_per_s
+    );
+    report.fail(INFERENCE, text, TOO_SLOW);
+}
+
+/// How many people of one viewpoint an edge carries that makes so many crops per second.
+pub(crate) fn people_at(rate_hz: f64, crops_per_s: f64) -> u32 {
+    (PLANNED * crops_per_s / rate_hz) as u32
+}
+
+/// Adds what else than the processor runs the network of `card`, where an edge asks for it. Returns the most crops per second.
+fn look_at_providers(card: &Path, venue: &Venue, report: &mut ReportLines) -> Option<f64> {
+    let mut most = None;
     let asked = venue.viewpoints.iter().map(|it| &it.providers);
     let mut asked: Vec<_> = asked.filter(|it| !it.is_empty()).collect();
     asked.dedup();
     for providers in asked {
         match accelerated(card, providers) {
-            Ok(found) if found.refused.is_empty() => report.ok(INFERENCE, found.describe()),
-            Ok(found) => report.warn(INFERENCE, found.describe(), PROVIDERS),
+            Ok(found) => {
+                most = Some(found.workers.crops_per_s.max(most.unwrap_or(0.0)));
+                if found.refused.is_empty() {
+                    report.ok(INFERENCE, found.describe());
+                } else {
+                    report.warn(INFERENCE, found.describe(), PROVIDERS);
+                }
+            }
             Err(error) => report.fail(INFERENCE, error.to_string(), NETWORK),
         }
     }
+    most
 }
 
 fn accelerated(card: &Path, providers: &[Provider]) -> Result<Acceleration, NetworkError> {

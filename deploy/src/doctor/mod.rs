@@ -32,7 +32,7 @@ use crate::exchange::target::check_folder;
 use crate::keys::look_at_keys;
 use crate::report_lines::{ReportForm, ReportLines};
 
-pub(crate) use self::inference::measured_workers;
+pub(crate) use self::inference::{measured_workers, people_at};
 
 use self::disk::DiskNeed;
 use self::ports::VenueRuns;

@@ -9,6 +9,7 @@ use farfield_proto::message::health::SystemClock;
 
 use self::keys::keys_said;
 use super::disk::{judge_rate, judge_room, look_at_disk};
+use super::inference::judge_people;
 use super::machine::{MachineFacts, look_at_machine};
 use super::*;
 use crate::report_lines::Verdict::{self, Failed, Warning};
@@ -381,4 +382,25 @@ fn a_node_of_another_version_and_one_in_trouble_are_told_of() {
     ];
     assert_eq!(said, expected);
     assert_eq!(report.count(Warning), 2);
+}
+
+#[test]
+fn a_machine_that_is_too_slow_for_one_person_of_a_live_camera_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let recorded = venue(folder.path(), "");
+    let mut live = venue(folder.path(), "");
+    live.cameras[0].source = Source::V4l {
+        device: "/dev/video0".into(),
+    };
+    // Three quarters of what was measured are planned with.
+    for (venue, crops_per_s, expected) in [
+        (&live, 79.0, Failed),
+        (&live, 81.0, Verdict::Ok),
+        (&recorded, 79.0, Verdict::Ok),
+    ] {
+        let mut report = ReportLines::default();
+        judge_people(venue, crops_per_s, &mut report);
+        let said = report.lines();
+        assert_eq!(report.verdict(), expected, "{crops_per_s}: {said:?}");
+    }
 }
