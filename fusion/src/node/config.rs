@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::anyhow;
+use farfield_node::clock::unix_time;
 use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError, say};
 use farfield_proto::model_card::{EXPECTED_CARD, HeatmapCard};
 use farfield_proto::plausibility::{self, Finding, Severity};
-use farfield_proto::tick::{Tick, parse_range};
+use farfield_proto::tick::{Micros, Tick, parse_range};
 use farfield_proto::toml_file::unread;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
@@ -18,7 +19,7 @@ use farfield_proto::venue::Venue;
 use super::found::{check_detector, check_viewpoints};
 use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
-use super::live_or_recorded::check_live_or_recorded;
+use super::live_or_recorded::{check_live_or_recorded, check_ticks_to_come};
 use super::output::progress::Detail;
 use super::recording::{RecordingPlace, check_place};
 use super::session::mode::RunMode;
@@ -139,6 +140,10 @@ impl FusionConfig {
         check_detector(&venue, &args.venue).map_err(NodeError::refused)?;
         if let Some(ticks) = &args.ticks {
             check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
+            let now_us = unix_time().as_micros() as Micros;
+            if args.live {
+                check_ticks_to_come(&venue, ticks, now_us).map_err(NodeError::Refused)?;
+            }
         }
         if args.live {
             check_live_or_recorded(&venue, &args.venue).map_err(NodeError::refused)?;

@@ -1,9 +1,15 @@
-//! Whether all sources of a venue go by one time: live cameras by the clock, recordings by their own ticks.
+//! Whether all sources of a venue go by one time: live cameras by the clock, recordings by their own ticks; and whether the
+//! ticks of a run are still to come.
 
+use std::ops::Range;
 use std::path::Path;
 
+use anyhow::ensure;
+use farfield_proto::tick::{Micros, Tick};
 use farfield_proto::toml_file::{FileError, Place};
 use farfield_proto::venue::Venue;
+
+use crate::live::tick_time::TickTime;
 
 /// Refuses a venue for a live run in which some cameras are live and others recordings: tick 0 of the live ones was in
 /// 1970, and the recordings were over then.
@@ -32,8 +38,29 @@ pub fn check_live_or_recorded(venue: &Venue, path: &Path) -> Result<(), FileErro
     Err(FileError::new(path, problem).at_field(place.to_string()))
 }
 
+/// Refuses `ticks` of live cameras that are over at `now_us`.
+///
+/// # Errors
+/// Says which tick it is.
+pub(super) fn check_ticks_to_come(
+    venue: &Venue,
+    ticks: &Range<Tick>,
+    now_us: Micros,
+) -> anyhow::Result<()> {
+    let is_live = venue.cameras.iter().any(|camera| camera.source.is_live());
+    let now = TickTime::new(0, venue.rate_hz).first_from(now_us);
+    ensure!(
+        !is_live || now < ticks.end,
+        "`--ticks {}..{}`: these are over, as ticks of live cameras count from 1970: expected an end after {now}; or leave `--ticks` out, and stop with Ctrl-C",
+        ticks.start,
+        ticks.end
+    );
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
+    use farfield_proto::tick::SECOND_US;
     use farfield_proto::venue::Source;
 
     use super::super::live::tests::venue;
@@ -59,5 +86,21 @@ mod tests {
         );
         venue.cameras[3].source = live;
         check_live_or_recorded(&venue, path).unwrap();
+    }
+
+    #[test]
+    fn ticks_of_live_cameras_that_are_over_are_refused() {
+        let recorded = venue();
+        let mut live = venue();
+        live.rate_hz = 60.0;
+        live.cameras[0].source = Source::V4l {
+            device: "/dev/video0".into(),
+        };
+        let now_us = 1_000 * SECOND_US;
+        let ticks = |end| Tick(0)..Tick(end);
+        assert!(check_ticks_to_come(&recorded, &ticks(1_200), now_us).is_ok());
+        assert!(check_ticks_to_come(&live, &ticks(60_001), now_us).is_ok());
+        let refused = check_ticks_to_come(&live, &ticks(60_000), now_us).unwrap_err();
+        assert!(refused.to_string().contains("after 60000"), "{refused}");
     }
 }
