@@ -15,6 +15,7 @@ mod hostile;
 mod joined;
 mod links;
 mod page;
+mod passwords;
 mod recording;
 mod stage;
 mod thumbnails;

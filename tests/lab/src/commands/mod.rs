@@ -13,6 +13,7 @@ mod faults;
 mod figures;
 mod fuzz;
 mod links;
+mod live_pixels;
 mod made_maps;
 mod maps;
 mod render;
@@ -38,6 +39,7 @@ use self::figures::FiguresArgs;
 use self::fuzz::corpus::CorpusArgs;
 use self::fuzz::seeds::FuzzSeedsArgs;
 use self::links::LinksArgs;
+use self::live_pixels::LivePixelsArgs;
 use self::maps::MapsArgs;
 use self::render::RenderArgs;
 use self::soak::SoakArgs;
@@ -68,6 +70,8 @@ enum LabCommand {
     Bytes(BytesArgs),
     /// How good a venue is over links that are far, thin and lossy: all nodes live, as processes.
     Links(LinksArgs),
+    /// A venue of videos at its real rate, with real networks, beside the same venue in lock-step.
+    LivePixels(LivePixelsArgs),
     /// What a venue meets in its first month, driven for real: clocks, nodes, links, strangers, disks.
     Faults(FaultsArgs),
     /// Many people and viewpoints, live: whether fusion keeps up with sets that were made beforehand.
@@ -114,6 +118,7 @@ pub fn main() -> ExitCode {
         LabCommand::Agreement(args) => suite::agreement::agreement(&args),
         LabCommand::Bytes(args) => bytes::study(&args),
         LabCommand::Links(args) => links::links(&args),
+        LabCommand::LivePixels(args) => live_pixels::live_pixels(&args),
         LabCommand::Faults(args) => faults::faults(&args),
         LabCommand::Crowd(args) => crowd::crowd(&args),
         LabCommand::Soak(args) => soak::soak(&args),
