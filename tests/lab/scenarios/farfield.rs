@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+use crate::nets::hold_verdicts;
+
 /// What a finished `farfield` said.
 pub(crate) struct FinishedCommand {
     pub(crate) code: i32,
@@ -50,6 +52,10 @@ pub(crate) fn run(venue: &Path, out: &Path, more: &[&str]) -> FinishedCommand {
         finished.stdout,
         finished.stderr
     );
+    // What a live run sees depends on the machine.
+    if !more.contains(&"--live") {
+        hold_verdicts(out);
+    }
     finished
 }
 

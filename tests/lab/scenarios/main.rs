@@ -15,6 +15,7 @@ mod fisheye;
 mod live;
 mod lockstep;
 mod mistakes;
+mod nets;
 mod nodes_by_hand;
 mod other_programs;
 mod outputs;

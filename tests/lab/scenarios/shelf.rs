@@ -6,6 +6,7 @@ use serde_json::Value;
 
 use crate::data::recording;
 use crate::farfield::{farfield, run};
+use crate::nets::hold_poses;
 
 /// Mean-end PCP of actor 1 when keypoints are triangulated from the candidates nearest to our own
 /// (within 30 pixels), percent: its head is bent in some frames, and head points follow the nose.
@@ -23,6 +24,7 @@ fn the_shelf_runs_and_is_scored() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     run(&venue, &out, &[]);
+    hold_poses("shelf", &out);
     let truth = venue.with_file_name("truth.jsonl");
     let poses = out.join("poses.jsonl");
     for points in ["shelf14", "keypoints"] {
