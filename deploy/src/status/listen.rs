@@ -144,3 +144,21 @@ fn lock(heard: &Mutex<Heard>) -> MutexGuard<'_, Heard> {
     // All parts are valid on their own, whatever a thread that panicked left undone.
     heard.lock().unwrap_or_else(PoisonError::into_inner)
 }
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::tick::Tick;
+
+    use super::*;
+
+    #[test]
+    fn a_rate_is_of_two_statuses_some_time_apart() {
+        let at = |tick| Status {
+            tick: Some(Tick(tick)),
+            ..Status::default()
+        };
+        assert_eq!(rate(&at(100), &at(130), 1.0), Some(30.0));
+        assert_eq!(rate(&at(100), &at(99), 1.0), None, "started again");
+        assert_eq!(rate(&at(100), &at(130), 0.0), None);
+    }
+}

@@ -145,11 +145,7 @@ mod tests {
     fn a_pass_needs_recent_detections_of_each_of_its_cameras() {
         let mut schedule = DetectionSchedule::new(PERIOD_US);
         let both = [0, 1].map(CameraIndex);
-        assert_eq!(
-            schedule.for_pass(Tick(0), &both[..1]),
-            None,
-            "nobody detections"
-        );
+        assert_eq!(schedule.for_pass(Tick(0), &both[..1]), None, "none yet");
         add(&mut schedule, 10, &[0, 1], 4);
         assert!(schedule.for_pass(Tick(16), &both).is_some());
         assert_eq!(schedule.for_pass(Tick(40), &both), None, "too old");

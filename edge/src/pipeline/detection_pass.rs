@@ -25,9 +25,9 @@ impl EdgePipeline {
         }
     }
 
-    /// The first regular pass from `tick` on.
-    pub fn next_regular_pass(&self, tick: Tick) -> Tick {
-        tick + (-tick.0).rem_euclid(self.ticks_per_pass)
+    /// Ticks between two regular passes.
+    pub fn ticks_per_pass(&self) -> i64 {
+        self.ticks_per_pass
     }
 
     /// Whether this edge can find people without boxes at all; `detections` says where they are.

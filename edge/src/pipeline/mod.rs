@@ -250,8 +250,8 @@ impl EdgePipeline {
         self.batch.as_mut()
     }
 
-    /// Gives away the detector, with an edge that makes sightings of whom it finds, with a network of its own; `None` where
-    /// that takes no detector, or there can be one network only.
+    /// Hands out the detector, and a pipeline with its own network that makes sightings of the detected people. `None` without a
+    /// detector, or if the network cannot be loaded twice.
     ///
     /// # Errors
     /// [`PipelineError`] when the network cannot be loaded again.

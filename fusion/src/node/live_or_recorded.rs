@@ -11,6 +11,11 @@ use farfield_proto::venue::Venue;
 
 use crate::live::tick_time::TickTime;
 
+/// Whether all pictures are recorded, or simulated: then they are played from a tick that fusion sets.
+pub(super) fn is_recorded(venue: &Venue) -> bool {
+    !venue.cameras.iter().any(|camera| camera.source.is_live())
+}
+
 /// Refuses a venue for a live run in which some cameras are live and others recordings: tick 0 of the live ones was in
 /// 1970, and the recordings were over then.
 ///
@@ -47,10 +52,9 @@ pub(super) fn check_ticks_to_come(
     ticks: &Range<Tick>,
     now_us: Micros,
 ) -> anyhow::Result<()> {
-    let is_live = venue.cameras.iter().any(|camera| camera.source.is_live());
     let now = TickTime::new(0, venue.rate_hz).first_from(now_us);
     ensure!(
-        !is_live || now < ticks.end,
+        is_recorded(venue) || now < ticks.end,
         "`--ticks {}..{}`: these are over, as ticks of live cameras count from 1970: expected an end after {now}; or leave `--ticks` out, and stop with Ctrl-C",
         ticks.start,
         ticks.end

@@ -285,7 +285,7 @@ impl Ticker {
         let Some(threads) = &self.detection else {
             return;
         };
-        let regular = self.pipeline.next_regular_pass(tick + 1);
+        let regular = aligned(tick + 1, self.pipeline.ticks_per_pass());
         let ledger = self.shared.ledger();
         let nth = i64::from(ledger.rate.last_plan().every_nth);
         let asked = ledger.boxes.next_detection_request(tick + 1);

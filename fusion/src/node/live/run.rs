@@ -18,6 +18,7 @@ use farfield_proto::wire;
 use tokio::time::{MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::FusionConfig;
+use super::super::live_or_recorded::is_recorded;
 use super::super::recording::RecordingsOnDemand;
 use super::super::worker::{FusionWorker, Job};
 use super::agreement::AgreementJudge;
@@ -27,7 +28,7 @@ use super::flood::FloodWatch;
 use super::handover::Handover;
 use super::missed_target::MissedTarget;
 use super::shed::LiveShedding;
-use super::start::{LiveStart, is_recorded};
+use super::start::LiveStart;
 use crate::align::TickGroup;
 use crate::export::summary::CameraSummary;
 use crate::live::cameras::Cameras;

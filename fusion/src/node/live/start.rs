@@ -18,6 +18,7 @@ use farfield_proto::venue::Venue;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::FusionConfig;
+use super::super::live_or_recorded::is_recorded;
 use super::super::status::own_status;
 use super::context::LiveContext;
 use crate::live::membership::Membership;
@@ -45,11 +46,6 @@ pub(super) struct LiveStart {
     pub(super) members: Membership,
     /// The edges of the venue that are there, as their tokens say.
     pub(super) present: BTreeSet<String>,
-}
-
-/// Whether all pictures are recorded, or simulated: then they are played from a tick that fusion sets.
-pub(super) fn is_recorded(venue: &Venue) -> bool {
-    !venue.cameras.iter().any(|camera| camera.source.is_live())
 }
 
 /// Finds the time of the ticks, and the first; `None` when told to stop before.

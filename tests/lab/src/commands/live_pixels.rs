@@ -1,4 +1,4 @@
-//! `lab live-pixels`: a venue of videos at its real rate, with real networks, beside the same venue in lock-step.
+//! `lab live-pixels`: a venue of videos at its real rate, with real networks, compared with the same venue in lock-step.
 //!
 //! All nodes are processes of this machine. What a live run loses against lock-step is what time costs: ticks that an edge
 //! had no time for, views that came too late, people who were found later.
