@@ -18,6 +18,8 @@ pub mod detector;
 #[cfg(test)]
 mod fixtures;
 pub mod gaussian_maps;
+#[cfg(feature = "network")]
+mod guarded;
 pub mod inference;
 pub mod live;
 #[cfg(feature = "network")]

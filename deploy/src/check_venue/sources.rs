@@ -124,9 +124,7 @@ fn remedy(error: &SourceError, camera: &VenueCamera) -> String {
         SourceError::Cut { .. } | SourceError::Ended { .. } => {
             "copy the recording again: it was cut".to_owned()
         }
-        SourceError::NotBuilt { feature, .. } => {
-            format!("cargo build --release --features {feature}")
-        }
+        SourceError::NotBuilt { needs, .. } => format!("run this viewpoint with {needs}"),
         SourceError::Line { .. } => {
             "write the file again: docs/venue.md says what a line holds".to_owned()
         }
@@ -151,6 +149,11 @@ fn unreadable_remedy(at: &SourceOrigin, camera: &VenueCamera) -> String {
         Source::Keypoints { .. } => {
             "write the file again: docs/venue.md says what a line holds".to_owned()
         }
+        Source::V4l { .. } => format!(
+            "close what else uses it (`fuser {}`), and ask it for what it offers: `size` in the calibration, `rate_hz` of the \
+             venue, `format` and `controls` of its `source`",
+            at.place
+        ),
         _ => format!("look at `source` of camera `{}`", camera.model.name()),
     }
 }
@@ -163,7 +166,7 @@ fn place(source: &Source) -> String {
         | Source::Keypoints { path, .. }
         | Source::Simulated { path, .. }
         | Source::Maps { path, .. }
-        | Source::V4l { device: path } => path.display().to_string(),
+        | Source::V4l { device: path, .. } => path.display().to_string(),
         // Passwords stand in addresses.
         Source::Ffmpeg { .. } => "a live stream".to_owned(),
     }
@@ -176,7 +179,7 @@ fn own_file(source: &Source) -> Option<String> {
             let full = path.canonicalize().unwrap_or_else(|_| path.clone());
             Some(full.display().to_string())
         }
-        Source::V4l { device } => Some(device.display().to_string()),
+        Source::V4l { device, .. } => Some(device.display().to_string()),
         Source::Ffmpeg { url } => Some(url.clone()),
         Source::Maps { .. } | Source::Simulated { .. } => None,
     }

@@ -391,6 +391,7 @@ fn a_machine_that_is_too_slow_for_one_person_of_a_live_camera_fails() {
     let mut live = venue(folder.path(), "");
     live.cameras[0].source = Source::V4l {
         device: "/dev/video0".into(),
+        settings: farfield_proto::venue::DeviceSettings::default(),
     };
     // Three quarters of what was measured are planned with.
     for (venue, crops_per_s, expected) in [

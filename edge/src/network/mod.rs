@@ -5,7 +5,6 @@
 //! network of the pipeline. A file that does not fit its card is refused at start.
 
 mod backend;
-mod guarded;
 mod library;
 mod model;
 mod outputs;

@@ -11,9 +11,9 @@ use ort::session::builder::GraphOptimizationLevel;
 use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 
 use super::backend::{BackendChoice, InferenceBackend};
-use super::guarded::{first_line, guarded};
 use super::outputs::{LABELS, LABELS_AS_FLOATS, reduced};
 use super::providers::{compiled_folder, compiles, registration};
+use crate::guarded::{first_line, guarded};
 use crate::inference::NetworkError;
 
 /// Threads of one network. Edges share their cores with decoders and, in tests, with each other;

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
-use super::guarded::{first_line, guarded};
+use crate::guarded::{first_line, guarded};
 
 /// First argument of the process that tries; the library is the second.
 const TRY: &str = "--try-onnxruntime";

@@ -14,11 +14,18 @@ pub struct BufferPool(Arc<Mutex<Vec<Vec<u8>>>>);
 impl BufferPool {
     /// Reads so many bytes into a buffer; fewer where the reader ends, also by an error.
     pub fn read(&self, reader: &mut impl Read, n_bytes: usize) -> PooledBytes {
+        self.write(n_bytes, |bytes| {
+            reader.take(n_bytes as u64).read_to_end(bytes).ok();
+        })
+    }
+
+    /// An empty buffer with room for so many bytes, as `write` fills it.
+    pub fn write(&self, n_bytes: usize, write: impl FnOnce(&mut Vec<u8>)) -> PooledBytes {
         let kept = self.kept().pop();
         let mut bytes = kept.unwrap_or_default();
         bytes.clear();
         bytes.reserve_exact(n_bytes);
-        reader.take(n_bytes as u64).read_to_end(&mut bytes).ok();
+        write(&mut bytes);
         PooledBytes {
             bytes,
             pool: self.clone(),

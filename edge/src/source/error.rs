@@ -54,16 +54,14 @@ pub enum SourceError {
         tool: &'static str,
     },
     /// This build has no reader for the kind.
-    #[error(
-        "{at}: `source.kind`: this build cannot read \"{kind}\", build it with the feature `{feature}`"
-    )]
+    #[error("{at}: `source.kind`: this build cannot read \"{kind}\", which needs {needs}")]
     NotBuilt {
         /// Which source.
         at: SourceOrigin,
         /// The kind in the venue file.
         kind: &'static str,
-        /// The Cargo feature that brings it.
-        feature: &'static str,
+        /// The operating system or Cargo feature that brings it.
+        needs: &'static str,
     },
     /// This program has no simulated people.
     #[error(

@@ -1,8 +1,7 @@
 //! Where frames come from: recordings, live cameras and files of 2D keypoints.
 //!
 //! First in the pipeline; beside `network/`, which loads models, the only part of the core that reads
-//! files. The readers that need a child process or a kernel device sit behind the features `node` and
-//! `v4l`. Every source is
+//! files. The readers that need a child process or a kernel device sit behind the feature `node`. Every source is
 //! [`probe`]d before the first tick, so that what is wrong is said then and not at frame 900. A
 //! recording that ends early is an error, never a quiet end. Recorded frames are numbered by their
 //! place in the recording, live frames by their order of arrival; no reader looks at a clock.
@@ -22,7 +21,7 @@ mod painted;
 mod queue;
 mod sources;
 mod ticks;
-#[cfg(feature = "v4l")]
+#[cfg(all(feature = "node", target_os = "linux"))]
 mod v4l;
 #[cfg(feature = "node")]
 mod video;
@@ -202,7 +201,7 @@ impl ExpectedSource {
             | Source::Keypoints { path, .. }
             | Source::Simulated { path, .. }
             | Source::Maps { path, .. }
-            | Source::V4l { device: path } => path.display().to_string(),
+            | Source::V4l { device: path, .. } => path.display().to_string(),
             Source::Ffmpeg { url } => Secrets::of(url).mask(url).into_owned(),
         };
         Self {
@@ -283,17 +282,17 @@ pub fn probe(camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceEr
         Source::Video { path } => video::probe(path, &expected),
         #[cfg(feature = "node")]
         Source::Ffmpeg { url } => video::probe_live(url, &expected),
-        #[cfg(feature = "v4l")]
-        Source::V4l { device } => v4l::probe(device, &expected),
+        #[cfg(all(feature = "node", target_os = "linux"))]
+        Source::V4l { device, settings } => v4l::probe(device, settings, &expected),
         Source::Simulated { .. } | Source::Maps { .. } => {
             Err(SourceError::NoSimulation { at: expected.at })
         }
         #[cfg(not(feature = "node"))]
-        Source::Video { .. } => Err(not_built(expected, "video", "node")),
+        Source::Video { .. } => Err(not_built(expected, "video", "the feature `node`")),
         #[cfg(not(feature = "node"))]
-        Source::Ffmpeg { .. } => Err(not_built(expected, "ffmpeg", "node")),
-        #[cfg(not(feature = "v4l"))]
-        Source::V4l { .. } => Err(not_built(expected, "v4l", "v4l")),
+        Source::Ffmpeg { .. } => Err(not_built(expected, "ffmpeg", "the feature `node`")),
+        #[cfg(not(all(feature = "node", target_os = "linux")))]
+        Source::V4l { .. } => Err(not_built(expected, "v4l", "Linux and the feature `node`")),
     }
 }
 
@@ -316,17 +315,19 @@ pub fn open(
         Source::Video { path } => Ok(Box::new(video::open(path, expected, from)?)),
         #[cfg(feature = "node")]
         Source::Ffmpeg { url } => Ok(Box::new(video::open_live(url, expected, from)?)),
-        #[cfg(feature = "v4l")]
-        Source::V4l { device } => Ok(Box::new(v4l::open(device, expected, from)?)),
+        #[cfg(all(feature = "node", target_os = "linux"))]
+        Source::V4l { device, settings } => {
+            Ok(Box::new(v4l::open(device, settings, expected, from)?))
+        }
         Source::Simulated { .. } | Source::Maps { .. } => {
             Err(SourceError::NoSimulation { at: expected.at })
         }
         #[cfg(not(feature = "node"))]
-        Source::Video { .. } => Err(not_built(expected, "video", "node")),
+        Source::Video { .. } => Err(not_built(expected, "video", "the feature `node`")),
         #[cfg(not(feature = "node"))]
-        Source::Ffmpeg { .. } => Err(not_built(expected, "ffmpeg", "node")),
-        #[cfg(not(feature = "v4l"))]
-        Source::V4l { .. } => Err(not_built(expected, "v4l", "v4l")),
+        Source::Ffmpeg { .. } => Err(not_built(expected, "ffmpeg", "the feature `node`")),
+        #[cfg(not(all(feature = "node", target_os = "linux")))]
+        Source::V4l { .. } => Err(not_built(expected, "v4l", "Linux and the feature `node`")),
     }
 }
 
@@ -343,12 +344,12 @@ pub fn open_video_alone(
     Ok((info, Box::new(source)))
 }
 
-#[cfg(not(all(feature = "node", feature = "v4l")))]
-fn not_built(expected: ExpectedSource, kind: &'static str, feature: &'static str) -> SourceError {
+#[cfg(not(all(feature = "node", target_os = "linux")))]
+fn not_built(expected: ExpectedSource, kind: &'static str, needs: &'static str) -> SourceError {
     SourceError::NotBuilt {
         at: expected.at,
         kind,
-        feature,
+        needs,
     }
 }
 

@@ -1,26 +1,32 @@
 //! Cameras of the Linux kernel's `Video4Linux`, without a child process in between.
 //!
-//! The camera is set to the calibration's size and the venue's rate, or refused. Frames are numbered
+//! The camera is set to the calibration's size and the venue's rate, or refused with what it offers. Frames are numbered
 //! by the driver's own count, so frames that the driver lost leave a hole in the ticks.
+
+mod controls;
+mod formats;
+mod offered;
+#[cfg(test)]
+mod vivid_tests;
 
 use std::io;
 use std::path::Path;
 use std::time::Duration;
 
 use farfield_proto::tick::Tick;
-use image::{ImageFormat, RgbImage};
+use farfield_proto::toml_file::unknown_name;
+use farfield_proto::venue::DeviceSettings;
 use v4l::buffer::{Flags, Type};
 use v4l::io::mmap::Stream;
 use v4l::io::traits::CaptureStream as _;
 use v4l::video::Capture as _;
 use v4l::video::capture::Parameters;
-use v4l::{Device, Format, FourCC, Fraction};
+use v4l::{Device, Format, Fraction};
 
 use super::queue::{Prefetch, Sender, WhenFull};
 use super::{ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo};
-
-/// Pixel formats in order of preference: uncompressed first, where the bus carries it at the rate.
-const FORMATS: [&[u8; 4]; 3] = [b"RGB3", b"YUYV", b"MJPG"];
+use crate::guarded::guarded;
+use formats::{FORMATS, PictureDecoder, PixelFormat};
 
 /// Buffers that the driver fills in turn.
 const BUFFERS: u32 = 4;
@@ -31,29 +37,33 @@ const SILENCE: Duration = Duration::from_secs(2);
 /// Largest relative difference between the camera's rate and the venue's.
 const RATE_TOLERANCE: f64 = 0.005;
 
-pub(super) fn probe(device: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
-    let (_, _, rate_hz) = configure(device, expected)?;
+pub(super) fn probe(
+    device: &Path,
+    settings: &DeviceSettings,
+    expected: &ExpectedSource,
+) -> Result<SourceInfo, SourceError> {
     Ok(SourceInfo {
         ticks: None,
         size_px: Some(expected.size_px),
-        rate_hz,
+        rate_hz: configure(device, settings, expected)?.rate_hz,
         ..SourceInfo::default()
     })
 }
 
 pub(super) fn open(
     device: &Path,
+    settings: &DeviceSettings,
     expected: ExpectedSource,
     from: Tick,
 ) -> Result<V4lSource, SourceError> {
-    let (device, format, _) = configure(device, &expected)?;
-    let unreadable = |problem: io::Error| unreadable(&expected, &problem);
-    let mut stream =
-        Stream::with_buffers(&device, Type::VideoCapture, BUFFERS).map_err(unreadable)?;
+    let configured = configure(device, settings, &expected)?;
+    let refused = |problem: io::Error| unreadable(&expected, problem.to_string());
+    let stream = Stream::with_buffers(&configured.device, Type::VideoCapture, BUFFERS);
+    let mut stream = stream.map_err(refused)?;
     stream.set_timeout(SILENCE);
-    let at = expected.clone();
-    let capture = move |sender: Sender<Stamped>| capture(&mut stream, &format, from, &at, &sender);
-    let prefetch = Prefetch::spawn(WhenFull::DropOldest, capture).map_err(unreadable)?;
+    let (decoder, at) = (configured.decoder, expected.clone());
+    let capture = move |sender: Sender<Stamped>| capture(&mut stream, &decoder, from, &at, &sender);
+    let prefetch = Prefetch::spawn(WhenFull::DropOldest, capture).map_err(refused)?;
     Ok(V4lSource {
         prefetch,
         expected,
@@ -92,72 +102,116 @@ impl FrameSource for V4lSource {
     }
 }
 
-fn unreadable(expected: &ExpectedSource, problem: &io::Error) -> SourceError {
+fn unreadable(expected: &ExpectedSource, problem: String) -> SourceError {
     SourceError::Unreadable {
         at: expected.at.clone(),
-        problem: problem.to_string(),
+        problem,
     }
 }
 
-/// Opens the device in the first format that has the size and the rate; says the rate, where the
-/// driver knows one.
+/// A camera that is set as the venue wants it.
+struct ConfiguredDevice {
+    device: Device,
+    decoder: PictureDecoder,
+    /// `None` where the driver knows no rate.
+    rate_hz: Option<f64>,
+}
+
+/// Opens the device in the first format that has the size and the rate.
 fn configure(
     path: &Path,
+    settings: &DeviceSettings,
     expected: &ExpectedSource,
-) -> Result<(Device, Format, Option<f64>), SourceError> {
+) -> Result<ConfiguredDevice, SourceError> {
     let device = Device::with_path(path).map_err(|problem| SourceError::NotThere {
         at: expected.at.clone(),
         problem: problem.to_string(),
     })?;
-    let mut refused = unreadable(
-        expected,
-        &io::Error::other("it offers none of the pixel formats RGB3, YUYV and MJPG"),
-    );
-    for fourcc in FORMATS.map(FourCC::new) {
-        let [width, height] = expected.size_px;
-        let format = device
-            .set_format(&Format::new(width, height, fourcc))
-            .map_err(|problem| unreadable(expected, &problem))?;
-        if format.fourcc != fourcc {
-            continue;
-        }
-        let fits = expected
-            .check_size([format.width, format.height])
-            .and_then(|()| set_rate(&device, expected));
-        match fits {
-            Ok(rate_hz) => return Ok((device, format, rate_hz)),
-            Err(problem) => refused = problem,
-        }
-    }
-    Err(refused)
+    // The library ends the program where a driver says what it does not know.
+    let configured = guarded(|| set_format(&device, settings.format.as_deref(), expected));
+    let controlled = configured.and_then(|(decoder, rate_hz)| {
+        guarded(|| controls::set(&device, &settings.controls))?;
+        Ok((decoder, rate_hz))
+    });
+    let (decoder, rate_hz) = controlled.map_err(|problem| unreadable(expected, problem))?;
+    Ok(ConfiguredDevice {
+        device,
+        decoder,
+        rate_hz,
+    })
 }
 
-/// Asks for the venue's rate; `None` from a driver that has no rate to set.
-fn set_rate(device: &Device, expected: &ExpectedSource) -> Result<Option<f64>, SourceError> {
+fn set_format(
+    device: &Device,
+    wanted: Option<&str>,
+    expected: &ExpectedSource,
+) -> Result<(PictureDecoder, Option<f64>), String> {
+    let tried = formats_named(wanted)?;
+    for pixels in tried {
+        let fits = try_format(device, pixels, expected);
+        if let Some(fits) = fits.map_err(|problem| problem.to_string())? {
+            return Ok(fits);
+        }
+    }
+    let [width, height] = expected.size_px;
+    Err(format!(
+        "it does not offer {width}x{height} at {} frames per second{}; it offers {}",
+        expected.rate_hz,
+        wanted.map_or_else(String::new, |name| format!(" in {name}")),
+        offered::offered(device, expected.size_px)
+    ))
+}
+
+/// The formats to try: all, or the one of that name.
+fn formats_named(wanted: Option<&str>) -> Result<&'static [PixelFormat], String> {
+    let Some(wanted) = wanted else {
+        return Ok(&FORMATS);
+    };
+    let named = FORMATS.iter().position(|known| known.name == wanted);
+    named.map(|at| &FORMATS[at..=at]).ok_or_else(|| {
+        let known = FORMATS.each_ref().map(|known| known.name);
+        format!(
+            "`source.format`: {}",
+            unknown_name("pixel format", wanted, &known)
+        )
+    })
+}
+
+/// `None` where the camera has not this format, size or rate.
+fn try_format(
+    device: &Device,
+    pixels: &PixelFormat,
+    expected: &ExpectedSource,
+) -> io::Result<Option<(PictureDecoder, Option<f64>)>> {
+    let [width, height] = expected.size_px;
+    let fourcc = pixels.fourcc();
+    let format = match device.set_format(&Format::new(width, height, fourcc)) {
+        Ok(format) => format,
+        Err(problem) if problem.kind() == io::ErrorKind::InvalidInput => return Ok(None),
+        Err(problem) => return Err(problem),
+    };
+    let is_wanted = format.fourcc == fourcc && [format.width, format.height] == expected.size_px;
+    let rate_hz = set_rate(device, expected.rate_hz);
+    let is_off = |found_hz: f64| (found_hz / expected.rate_hz - 1.0).abs() > RATE_TOLERANCE;
+    if !is_wanted || rate_hz.is_some_and(is_off) {
+        return Ok(None);
+    }
+    Ok(Some((PictureDecoder::new(pixels, &format), rate_hz)))
+}
+
+/// Asks for a rate and says what became of it; `None` from a driver that has no rate to set.
+fn set_rate(device: &Device, rate_hz: f64) -> Option<f64> {
     /// Rates are fractions of whole numbers; this keeps 59.94 apart from 60.
     const PARTS: f64 = 1000.0;
-    let interval = Fraction::new(PARTS as u32, (expected.rate_hz * PARTS).round() as u32);
-    let Ok(set) = device.set_params(&Parameters::new(interval)) else {
-        return Ok(None);
-    };
-    if set.interval.numerator == 0 {
-        return Ok(None);
-    }
-    let found_hz = f64::from(set.interval.denominator) / f64::from(set.interval.numerator);
-    if (found_hz / expected.rate_hz - 1.0).abs() > RATE_TOLERANCE {
-        let (at, expected_hz) = (expected.at.clone(), expected.rate_hz);
-        return Err(SourceError::Rate {
-            at,
-            found_hz,
-            expected_hz,
-        });
-    }
-    Ok(Some(found_hz))
+    let interval = Fraction::new(PARTS as u32, (rate_hz * PARTS).round() as u32);
+    let set = device.set_params(&Parameters::new(interval)).ok()?;
+    let [part, whole] = [set.interval.numerator, set.interval.denominator].map(f64::from);
+    (part > 0.0).then_some(whole / part)
 }
 
 fn capture(
     stream: &mut Stream<'_>,
-    format: &Format,
+    decoder: &PictureDecoder,
     from: Tick,
     expected: &ExpectedSource,
     sender: &Sender<Stamped>,
@@ -171,25 +225,21 @@ fn capture(
                 tick =
                     tick + last_sequence.map_or(0, |last| i64::from(sequence.wrapping_sub(last)));
                 last_sequence = Some(sequence);
-                if about.flags.contains(Flags::ERROR) {
+                let bytes = &bytes[..(about.bytesused as usize).min(bytes.len())];
+                let is_whole = !about.flags.contains(Flags::ERROR);
+                // Webcams send a broken JPEG now and then; the next one is whole.
+                let Some(picture) = is_whole.then(|| decoder.decode(bytes)).flatten() else {
                     continue;
-                }
-                let n = (about.bytesused as usize).min(bytes.len());
-                match to_rgb(&bytes[..n], format) {
-                    Some(image) => {
-                        let frame = Frame {
-                            tick,
-                            capture_offset_us: 0,
-                            content: FrameContent::Image(image.into()),
-                        };
-                        let stamp = about.timestamp;
-                        Ok((frame, stamp.sec * 1_000_000 + stamp.usec))
-                    }
-                    // Webcams send a broken JPEG now and then; the next one is whole.
-                    None => continue,
-                }
+                };
+                let frame = Frame {
+                    tick,
+                    capture_offset_us: 0,
+                    content: FrameContent::Image(picture),
+                };
+                let stamp = about.timestamp;
+                Ok((frame, stamp.sec * 1_000_000 + stamp.usec))
             }
-            Err(problem) => Err(unreadable(expected, &problem)),
+            Err(problem) => Err(unreadable(expected, problem.to_string())),
         };
         let failed = frame.is_err();
         if !sender.push(frame) || failed {
@@ -198,76 +248,12 @@ fn capture(
     }
 }
 
-/// `None` when the bytes are not a whole picture of the format.
-fn to_rgb(bytes: &[u8], format: &Format) -> Option<RgbImage> {
-    let (width, height) = (format.width, format.height);
-    match &format.fourcc.repr {
-        b"MJPG" => image::load_from_memory_with_format(bytes, ImageFormat::Jpeg)
-            .ok()
-            .map(image::DynamicImage::into_rgb8)
-            .filter(|image| image.dimensions() == (width, height)),
-        b"YUYV" => {
-            let rows = rows(bytes, format, width as usize * 2)?;
-            RgbImage::from_raw(width, height, rows.flat_map(yuyv_row).collect())
-        }
-        _ => {
-            let rows = rows(bytes, format, width as usize * 3)?;
-            RgbImage::from_raw(width, height, rows.flatten().copied().collect())
-        }
-    }
-}
-
-/// The rows of an uncompressed picture, without their padding.
-fn rows<'a>(
-    bytes: &'a [u8],
-    format: &Format,
-    row_bytes: usize,
-) -> Option<impl Iterator<Item = &'a [u8]>> {
-    let stride = (format.stride as usize).max(row_bytes);
-    let height = format.height as usize;
-    if row_bytes == 0 || bytes.len() < stride * height.checked_sub(1)? + row_bytes {
-        return None;
-    }
-    Some(
-        bytes
-            .chunks(stride)
-            .take(height)
-            .map(move |row| &row[..row_bytes]),
-    )
-}
-
-/// Two pixels share their colour: Y0 U Y1 V, BT.601, studio range.
-fn yuyv_row(row: &[u8]) -> impl Iterator<Item = u8> {
-    row.chunks_exact(4).flat_map(|pair| {
-        let [y0, u, y1, v] = [pair[0], pair[1], pair[2], pair[3]].map(i32::from);
-        let (u, v) = (u - 128, v - 128);
-        let rgb = |y: i32| {
-            let y = 298 * (y - 16) + 128;
-            [y + 409 * v, y - 100 * u - 208 * v, y + 516 * u].map(|c| (c >> 8).clamp(0, 255) as u8)
-        };
-        rgb(y0).into_iter().chain(rgb(y1))
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use farfield_proto::venue::TickFrom;
 
     use super::super::SourceOrigin;
     use super::*;
-
-    #[test]
-    fn padded_yuyv_rows_become_rgb() {
-        let mut format = Format::new(2, 2, FourCC::new(b"YUYV"));
-        format.stride = 6;
-        let bytes = [235, 128, 16, 128, 0, 0, 81, 90, 81, 240];
-        let image = to_rgb(&bytes, &format).unwrap();
-        assert_eq!(image.get_pixel(0, 0).0, [255, 255, 255]);
-        assert_eq!(image.get_pixel(1, 0).0, [0, 0, 0]);
-        assert_eq!(image.get_pixel(0, 1).0, [255, 0, 0]);
-        assert!(to_rgb(&bytes[..9], &format).is_none());
-        assert!(to_rgb(b"no jpeg", &Format::new(2, 2, FourCC::new(b"MJPG"))).is_none());
-    }
 
     #[test]
     fn a_device_that_is_absent_is_refused_by_name() {
@@ -282,12 +268,27 @@ mod tests {
             first_tick: Tick(0),
             tick_from: TickFrom::Clock,
         };
-        let said = probe(Path::new("/dev/video-none"), &expected)
+        let settings = DeviceSettings::default();
+        let said = probe(Path::new("/dev/video-none"), &settings, &expected)
             .unwrap_err()
             .to_string();
         assert!(
             said.starts_with("/dev/video-none: camera `left`: `source`"),
             "{said}"
         );
+    }
+
+    #[test]
+    fn a_pixel_format_is_found_by_its_name() {
+        let names =
+            |wanted| formats_named(wanted).map(|found| found.iter().map(|known| known.name));
+        assert!(
+            names(None)
+                .unwrap()
+                .eq(FORMATS.each_ref().map(|known| known.name))
+        );
+        assert!(names(Some("Y10")).unwrap().eq(["Y10"]));
+        let refused = formats_named(Some("MJPEG")).err().unwrap();
+        assert!(refused.contains("did you mean `MJPG`?"), "{refused}");
     }
 }

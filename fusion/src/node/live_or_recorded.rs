@@ -65,7 +65,7 @@ pub(super) fn check_ticks_to_come(
 #[cfg(test)]
 mod tests {
     use farfield_proto::tick::SECOND_US;
-    use farfield_proto::venue::Source;
+    use farfield_proto::venue::{DeviceSettings, Source};
 
     use super::super::live::tests::venue;
     use super::*;
@@ -77,6 +77,7 @@ mod tests {
         check_live_or_recorded(&venue, path).unwrap();
         let live = Source::V4l {
             device: "/dev/video0".into(),
+            settings: DeviceSettings::default(),
         };
         for i in [2, 0, 1] {
             venue.cameras[i].source = live.clone();
@@ -99,6 +100,7 @@ mod tests {
         live.rate_hz = 60.0;
         live.cameras[0].source = Source::V4l {
             device: "/dev/video0".into(),
+            settings: DeviceSettings::default(),
         };
         let now_us = 1_000 * SECOND_US;
         let ticks = |end| Tick(0)..Tick(end);

@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 pub use file::VenueFile;
 pub use inference::Provider;
 pub use parameters::Parameters;
-pub use source::{SimulatedContent, Source};
+pub use source::{ControlValue, DeviceSettings, SimulatedContent, Source};
 pub use stream::{StreamField, VenueStream};
 pub use subject::{KnownBy, VenueSubject};
 

@@ -1,5 +1,6 @@
 //! Where a camera's pictures come from.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::Deserialize;
@@ -39,6 +40,8 @@ pub enum Source {
     V4l {
         /// Its device file.
         device: PathBuf,
+        /// How it is set before the first picture.
+        settings: DeviceSettings,
     },
     /// Anything that ffmpeg opens.
     Ffmpeg {
@@ -65,6 +68,26 @@ pub enum Source {
         /// Sigma of a made peak, cells. Default 2. Nothing to pictures.
         sigma_cells: f64,
     },
+}
+
+/// How a camera of this machine is set; its size is the calibration's, its rate the venue's.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct DeviceSettings {
+    /// The pixel format by its four letters, as the kernel names it; `None` for the best that has size and rate.
+    pub format: Option<String>,
+    /// Exposure, gain and whatever else the camera has, by the names of `v4l2-ctl --list-ctrls`.
+    pub controls: BTreeMap<String, ControlValue>,
+}
+
+/// What a control of a camera is set to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ControlValue {
+    /// On or off.
+    Switch(bool),
+    /// In the camera's own unit.
+    Number(i64),
+    /// One of a menu, as the camera calls it.
+    Choice(String),
 }
 
 /// What a simulated camera gives.
@@ -131,6 +154,8 @@ pub(super) struct RawSource {
     kind: String,
     path: Option<String>,
     device: Option<String>,
+    format: Option<String>,
+    controls: Option<BTreeMap<String, toml::Value>>,
     url: Option<String>,
     grid: Option<[u16; 2]>,
     sigma_cells: Option<f64>,
@@ -153,7 +178,7 @@ fn fields_of(kind: &str) -> Option<&'static [&'static str]> {
     Some(match kind {
         "video" | "images" => &["path"],
         "keypoints" | "maps" => &["path", "grid", "sigma_cells"],
-        "v4l" => &["device"],
+        "v4l" => &["device", "format", "controls"],
         "ffmpeg" => &["url"],
         "simulated" => &["path", "content", "grid", "sigma_cells"],
         _ => return None,
@@ -214,6 +239,8 @@ pub(super) fn source(
         kind,
         path,
         device,
+        format,
+        controls,
         url,
         grid,
         sigma_cells,
@@ -222,25 +249,14 @@ pub(super) fn source(
     let given = [
         ("path", path.is_some()),
         ("device", device.is_some()),
+        ("format", format.is_some()),
+        ("controls", controls.is_some()),
         ("url", url.is_some()),
         ("grid", grid.is_some()),
         ("sigma_cells", sigma_cells.is_some()),
         ("content", content.is_some()),
     ];
-    let allowed = fields_of(&kind).ok_or_else(|| {
-        let problem = unknown_name("kind", &kind, &KINDS);
-        file.error(&place.key("kind"), problem)
-    })?;
-    if let Some((field, _)) = given
-        .iter()
-        .find(|(field, is_given)| *is_given && !allowed.contains(field))
-    {
-        let problem = format!(
-            "a source of kind \"{kind}\" has no such field, expected `{}`",
-            allowed.join("`, `")
-        );
-        return Err(file.error(&place.key(field), problem));
-    }
+    check_fields(file, place, &kind, &given)?;
     let needed = |field: &str, value: Option<String>| match value {
         Some(text) if !text.is_empty() => Ok(text),
         Some(_) => Err(file.error(&place.key(field), "found \"\", expected a name")),
@@ -258,6 +274,14 @@ pub(super) fn source(
         }),
         "v4l" => Ok(Source::V4l {
             device: file.resolve(&needed("device", device)?),
+            settings: DeviceSettings {
+                format,
+                controls: self::controls(
+                    file,
+                    &place.key("controls"),
+                    controls.unwrap_or_default(),
+                )?,
+            },
         }),
         "ffmpeg" => Ok(Source::Ffmpeg {
             url: needed("url", url)?,
@@ -280,6 +304,52 @@ pub(super) fn source(
             Ok(drawn(&kind, path, grid, sigma_cells))
         }
     }
+}
+
+/// Refuses an unknown kind, and a field that a source of `kind` has not.
+fn check_fields(
+    file: &TomlFile<'_>,
+    place: &Place,
+    kind: &str,
+    given: &[(&str, bool)],
+) -> Result<(), FileError> {
+    let allowed = fields_of(kind).ok_or_else(|| {
+        let problem = unknown_name("kind", kind, &KINDS);
+        file.error(&place.key("kind"), problem)
+    })?;
+    if let Some((field, _)) = given
+        .iter()
+        .find(|(field, is_given)| *is_given && !allowed.contains(field))
+    {
+        let problem = format!(
+            "a source of kind \"{kind}\" has no such field, expected `{}`",
+            allowed.join("`, `")
+        );
+        return Err(file.error(&place.key(field), problem));
+    }
+    Ok(())
+}
+
+/// What the controls of a camera are set to; which there are only the camera knows.
+fn controls(
+    file: &TomlFile<'_>,
+    place: &Place,
+    given: BTreeMap<String, toml::Value>,
+) -> Result<BTreeMap<String, ControlValue>, FileError> {
+    let checked = |(name, value): (String, toml::Value)| {
+        let value = match value {
+            toml::Value::Boolean(on) => ControlValue::Switch(on),
+            toml::Value::Integer(number) => ControlValue::Number(number),
+            toml::Value::String(choice) => ControlValue::Choice(choice),
+            other => {
+                let problem =
+                    format!("found {other}, expected true, false, a whole number or a text");
+                return Err(file.error(&place.key(&name), problem));
+            }
+        };
+        Ok((name, value))
+    };
+    given.into_iter().map(checked).collect()
 }
 
 /// A source whose maps are made without a network, from a file of its own.

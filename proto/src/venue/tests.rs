@@ -115,7 +115,8 @@ fn a_whole_venue_is_read() {
     assert_eq!(
         camera.source,
         Source::V4l {
-            device: "/dev/video0".into()
+            device: "/dev/video0".into(),
+            settings: DeviceSettings::default(),
         }
     );
     assert_eq!(

@@ -27,6 +27,38 @@ fn a_camera_says_what_its_ticks_come_from() {
 }
 
 #[test]
+fn a_kernel_camera_has_a_format_and_controls_of_its_own() {
+    let with = |more: &str| {
+        let south = "kind = \"v4l\", device = \"/dev/video0\"";
+        let text = VENUE.replace(south, &format!("{south}, {more}"));
+        Venue::parse(&text, Path::new("venue.toml"), calibration())
+    };
+    let controls = "controls = { gain = 64, auto_exposure = \"Manual Mode\", autofocus = false }";
+    let venue = with(&format!("format = \"MJPG\", {controls}")).unwrap();
+    let Source::V4l { settings, .. } = &venue.cameras[2].source else {
+        unreachable!("the source was written above")
+    };
+    assert_eq!(settings.format.as_deref(), Some("MJPG"));
+    let given: Vec<_> = settings.controls.iter().collect();
+    let [focus, exposure, gain] = ["autofocus", "auto_exposure", "gain"].map(str::to_owned);
+    assert_eq!(
+        given,
+        [
+            (&exposure, &ControlValue::Choice("Manual Mode".to_owned())),
+            (&focus, &ControlValue::Switch(false)),
+            (&gain, &ControlValue::Number(64)),
+        ]
+    );
+    let refused = with("controls = { gain = 1.5 }").unwrap_err().to_string();
+    assert!(
+        refused.contains(
+            "source.controls.gain`: found 1.5, expected true, false, a whole number or a text"
+        ),
+        "{refused}"
+    );
+}
+
+#[test]
 fn keypoint_files_need_no_network_and_pictures_do() {
     let text = "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
         [[viewpoint.camera]]\nname = \"south\"\nsource = { kind = \"keypoints\", path = \"k.jsonl\" }\n";

@@ -6,7 +6,7 @@ use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::Status;
 use farfield_proto::message::live::CameraHealth;
 use farfield_proto::tick::Tick;
-use farfield_proto::venue::Source;
+use farfield_proto::venue::{DeviceSettings, Source};
 use farfield_proto::wire;
 
 use crate::protocol::status::{Condition, Severity, StatusDocument};
@@ -20,6 +20,7 @@ fn filmed() -> Arc<Context> {
     for camera in &mut filmed.cameras {
         camera.source = Source::V4l {
             device: "/dev/video0".into(),
+            settings: DeviceSettings::default(),
         };
     }
     Arc::new(Context::new(filmed, venue::skeleton()))

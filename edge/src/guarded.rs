@@ -1,10 +1,10 @@
-//! What backends and libraries do that is not ours: panics and long messages become one line.
+//! Panics and long messages of backends, drivers and libraries become one line.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Runs what may panic inside a backend; its message is the error.
-pub(super) fn guarded<R>(work: impl FnOnce() -> Result<R, String>) -> Result<R, String> {
+/// Runs what may panic in code that is not ours; its message is the error.
+pub(crate) fn guarded<R>(work: impl FnOnce() -> Result<R, String>) -> Result<R, String> {
     // What the work borrows is thrown away when it fails.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(panic_message(&*panic)))
 }
@@ -16,6 +16,6 @@ fn panic_message(panic: &(dyn Any + Send)) -> String {
 }
 
 /// The backends' messages may hold a back trace; people need their first line.
-pub(super) fn first_line(message: &str) -> String {
+pub(crate) fn first_line(message: &str) -> String {
     message.lines().next().unwrap_or_default().trim().to_owned()
 }
