@@ -180,7 +180,7 @@ fn own_file(source: &Source) -> Option<String> {
             Some(full.display().to_string())
         }
         Source::V4l { device, .. } => Some(device.display().to_string()),
-        Source::Ffmpeg { url } => Some(url.clone()),
+        Source::Ffmpeg { url, .. } => Some(url.clone()),
         Source::Maps { .. } | Source::Simulated { .. } => None,
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! `ffmpeg-sidecar` finds the program and starts it; its own event loop is left aside because it copies every frame.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::ffi::OsString;
 use std::io::{self, BufRead as _, BufReader, Read};
 use std::path::Path;
@@ -40,28 +40,33 @@ pub(super) fn file_input(path: &Path) -> Vec<OsString> {
 }
 
 /// Arguments for a live source: an RTSP or other stream, `/dev/video0`, or `DEVICE:INPUT` with one of
-/// ffmpeg's input devices.
-pub(super) fn live_input(url: &str) -> Vec<OsString> {
-    let mut args: Vec<OsString> = ["-fflags", "nobuffer", "-flags", "low_delay"]
-        .map(Into::into)
-        .into();
+/// ffmpeg's input devices. The venue's `options` win over what is usual.
+pub(super) fn live_input(url: &str, options: &BTreeMap<String, String>) -> Vec<OsString> {
+    let mut all = BTreeMap::from([("fflags", "nobuffer"), ("flags", "low_delay")]);
     let device = url
         .split_once(':')
         .filter(|(device, _)| DEVICES.contains(device));
     let input = if let Some((device, input)) = device {
-        args.extend(["-f".into(), device.into()]);
+        all.insert("f", device);
         input
     } else {
         if url.starts_with("/dev/video") {
-            args.extend(["-f".into(), "v4l2".into()]);
+            all.insert("f", "v4l2");
         } else if url.starts_with("rtsp") {
             // UDP loses packets and with them slices of the picture.
-            args.extend(["-rtsp_transport".into(), "tcp".into()]);
+            all.insert("rtsp_transport", "tcp");
         }
         url
     };
-    args.extend(["-i".into(), input.into()]);
-    args
+    all.extend(
+        options
+            .iter()
+            .map(|(name, value)| (name.as_str(), value.as_str())),
+    );
+    let words = all
+        .iter()
+        .flat_map(|(name, value)| [format!("-{name}").into(), value.into()]);
+    words.chain(["-i".into(), input.into()]).collect()
 }
 
 /// What is decoded.
@@ -327,15 +332,28 @@ mod tests {
 
     #[test]
     fn live_urls_choose_their_input_device() {
-        let args = |url| {
-            live_input(url)
-                .join(&OsString::from(" "))
-                .into_string()
-                .unwrap()
-        };
-        assert!(args("rtsp://cam/1").ends_with("-rtsp_transport tcp -i rtsp://cam/1"));
-        assert!(args("/dev/video0").ends_with("-f v4l2 -i /dev/video0"));
-        assert!(args("avfoundation:0").ends_with("-f avfoundation -i 0"));
-        assert!(args("http://cam/mjpg").ends_with("low_delay -i http://cam/mjpg"));
+        let usual = "-fflags nobuffer -flags low_delay";
+        for (url, args) in [
+            (
+                "rtsp://cam/1",
+                format!("{usual} -rtsp_transport tcp -i rtsp://cam/1"),
+            ),
+            ("/dev/video0", format!("-f v4l2 {usual} -i /dev/video0")),
+            ("avfoundation:0", format!("-f avfoundation {usual} -i 0")),
+            ("http://cam/mjpg", format!("{usual} -i http://cam/mjpg")),
+        ] {
+            let found = live_input(url, &BTreeMap::new());
+            assert_eq!(found.join(&OsString::from(" ")), OsString::from(args));
+        }
+    }
+
+    #[test]
+    fn options_of_the_venue_win_over_what_is_usual() {
+        let options = [("hwaccel", "vaapi"), ("rtsp_transport", "udp")];
+        let options = options.map(|(name, value)| (name.to_owned(), value.to_owned()));
+        let found = live_input("rtsp://cam/1", &options.into());
+        let expected =
+            "-fflags nobuffer -flags low_delay -hwaccel vaapi -rtsp_transport udp -i rtsp://cam/1";
+        assert_eq!(found.join(&OsString::from(" ")), OsString::from(expected));
     }
 }

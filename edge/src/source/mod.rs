@@ -202,7 +202,7 @@ impl ExpectedSource {
             | Source::Simulated { path, .. }
             | Source::Maps { path, .. }
             | Source::V4l { device: path, .. } => path.display().to_string(),
-            Source::Ffmpeg { url } => Secrets::of(url).mask(url).into_owned(),
+            Source::Ffmpeg { url, .. } => Secrets::of(url).mask(url).into_owned(),
         };
         Self {
             at: SourceOrigin {
@@ -281,7 +281,7 @@ pub fn probe(camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceEr
         #[cfg(feature = "node")]
         Source::Video { path } => video::probe(path, &expected),
         #[cfg(feature = "node")]
-        Source::Ffmpeg { url } => video::probe_live(url, &expected),
+        Source::Ffmpeg { url, .. } => video::probe_live(url, &expected),
         #[cfg(all(feature = "node", target_os = "linux"))]
         Source::V4l { device, settings } => v4l::probe(device, settings, &expected),
         Source::Simulated { .. } | Source::Maps { .. } => {
@@ -314,7 +314,9 @@ pub fn open(
         #[cfg(feature = "node")]
         Source::Video { path } => Ok(Box::new(video::open(path, expected, from)?)),
         #[cfg(feature = "node")]
-        Source::Ffmpeg { url } => Ok(Box::new(video::open_live(url, expected, from)?)),
+        Source::Ffmpeg { url, options } => {
+            Ok(Box::new(video::open_live(url, options, expected, from)?))
+        }
         #[cfg(all(feature = "node", target_os = "linux"))]
         Source::V4l { device, settings } => {
             Ok(Box::new(v4l::open(device, settings, expected, from)?))

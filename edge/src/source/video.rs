@@ -7,6 +7,7 @@
 mod frame_spacing;
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::time::Duration;
@@ -254,12 +255,13 @@ fn open_ticks(
 
 pub(super) fn open_live(
     url: &str,
+    options: &BTreeMap<String, String>,
     expected: ExpectedSource,
     from: Tick,
 ) -> Result<VideoSource, SourceError> {
     probe_live(url, &expected)?;
     let decoded = Ffmpeg::spawn(
-        ffmpeg::live_input(url),
+        ffmpeg::live_input(url, options),
         Wanted::Timed(Secrets::of(url)),
         &expected.at,
     )?;

@@ -47,6 +47,8 @@ pub enum Source {
     Ffmpeg {
         /// Its address.
         url: String,
+        /// Options for reading it, by ffmpeg's names: `rtsp_transport`, `hwaccel`.
+        options: BTreeMap<String, String>,
     },
     /// Maps of a simulated camera that were made beforehand.
     Maps {
@@ -157,6 +159,7 @@ pub(super) struct RawSource {
     format: Option<String>,
     controls: Option<BTreeMap<String, toml::Value>>,
     url: Option<String>,
+    options: Option<BTreeMap<String, String>>,
     grid: Option<[u16; 2]>,
     sigma_cells: Option<f64>,
     content: Option<String>,
@@ -171,6 +174,29 @@ const KINDS: [&str; 7] = [
     "simulated",
     "maps",
 ];
+/// What ffmpeg may be told of how it reads a stream or device.
+const STREAM_OPTIONS: [&str; 20] = [
+    "analyzeduration",
+    "buffer_size",
+    "f",
+    "fflags",
+    "flags",
+    "framerate",
+    "hwaccel",
+    "hwaccel_device",
+    "input_format",
+    "max_delay",
+    "pixel_format",
+    "probesize",
+    "reorder_queue_size",
+    "rtsp_flags",
+    "rtsp_transport",
+    "threads",
+    "timeout",
+    "tls_verify",
+    "vcodec",
+    "video_size",
+];
 const CONTENTS: [SimulatedContent; 2] = [SimulatedContent::Pixels, SimulatedContent::Maps];
 
 /// The fields of a source of `kind`; `None` for an unknown one.
@@ -179,7 +205,7 @@ fn fields_of(kind: &str) -> Option<&'static [&'static str]> {
         "video" | "images" => &["path"],
         "keypoints" | "maps" => &["path", "grid", "sigma_cells"],
         "v4l" => &["device", "format", "controls"],
-        "ffmpeg" => &["url"],
+        "ffmpeg" => &["url", "options"],
         "simulated" => &["path", "content", "grid", "sigma_cells"],
         _ => return None,
     })
@@ -242,6 +268,7 @@ pub(super) fn source(
         format,
         controls,
         url,
+        options,
         grid,
         sigma_cells,
         content,
@@ -252,6 +279,7 @@ pub(super) fn source(
         ("format", format.is_some()),
         ("controls", controls.is_some()),
         ("url", url.is_some()),
+        ("options", options.is_some()),
         ("grid", grid.is_some()),
         ("sigma_cells", sigma_cells.is_some()),
         ("content", content.is_some()),
@@ -285,6 +313,7 @@ pub(super) fn source(
         }),
         "ffmpeg" => Ok(Source::Ffmpeg {
             url: needed("url", url)?,
+            options: self::options(file, &place.key("options"), options.unwrap_or_default())?,
         }),
         "simulated" => {
             let path = file.resolve(&needed("path", path)?);
@@ -328,6 +357,24 @@ fn check_fields(
         return Err(file.error(&place.key(field), problem));
     }
     Ok(())
+}
+
+/// Options for reading a stream. ffmpeg has others that write files.
+fn options(
+    file: &TomlFile<'_>,
+    place: &Place,
+    given: BTreeMap<String, String>,
+) -> Result<BTreeMap<String, String>, FileError> {
+    match given
+        .keys()
+        .find(|name| !STREAM_OPTIONS.contains(&name.as_str()))
+    {
+        Some(name) => Err(file.error(
+            &place.key(name),
+            unknown_name("option", name, &STREAM_OPTIONS),
+        )),
+        None => Ok(given),
+    }
 }
 
 /// What the controls of a camera are set to; which there are only the camera knows.

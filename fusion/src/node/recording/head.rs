@@ -72,7 +72,7 @@ pub(in crate::node) fn head(
 fn without_secrets(venue: &Venue, text: &[u8]) -> Vec<u8> {
     let mut text = String::from_utf8_lossy(text).into_owned();
     let urls = venue.cameras.iter().filter_map(|it| match &it.source {
-        Source::Ffmpeg { url } => Some(url),
+        Source::Ffmpeg { url, .. } => Some(url),
         _ => None,
     });
     let mut urls: Vec<&String> = urls.collect();

@@ -59,6 +59,36 @@ fn a_kernel_camera_has_a_format_and_controls_of_its_own() {
 }
 
 #[test]
+fn a_stream_has_the_options_that_read_it_and_no_others() {
+    let with = |more: &str| {
+        let video = "kind = \"video\", path = \"videos/ne-left.mp4\"";
+        let text = format!("kind = \"ffmpeg\", url = \"rtsp://c/1\", {more}");
+        Venue::parse(
+            &VENUE.replace(video, &text),
+            Path::new("venue.toml"),
+            calibration(),
+        )
+    };
+    let venue = with("options = { hwaccel = \"vaapi\", rtsp_transport = \"udp\" }").unwrap();
+    let Source::Ffmpeg { options, .. } = &venue.cameras[0].source else {
+        unreachable!("the source was written above")
+    };
+    assert_eq!((options.len(), options["hwaccel"].as_str()), (2, "vaapi"));
+    for (option, expected) in [
+        ("hwacel", "unknown option `hwacel`, did you mean `hwaccel`?"),
+        (
+            "progress",
+            "source.options.progress`: unknown option `progress`",
+        ),
+    ] {
+        let refused = with(&format!("options = {{ {option} = \"x\" }}"))
+            .unwrap_err()
+            .to_string();
+        assert!(refused.contains(expected), "{refused}");
+    }
+}
+
+#[test]
 fn keypoint_files_need_no_network_and_pictures_do() {
     let text = "name = \"k\"\nrate_hz = 20\ncalibration = \"c.toml\"\n[[viewpoint]]\nname = \"v\"\n\
         [[viewpoint.camera]]\nname = \"south\"\nsource = { kind = \"keypoints\", path = \"k.jsonl\" }\n";
