@@ -192,10 +192,11 @@ impl PictureDecoder {
         layout: YuvLayout,
         write: impl FnOnce(&mut Vec<u8>) -> Option<()>,
     ) -> Option<Picture> {
+        let mut is_whole = false;
         let bytes = self.pool.write(layout.n_bytes(self.size_px), |out| {
-            // What is not whole is too short, and refused below.
-            let _ = write(out);
+            is_whole = write(out).is_some();
         });
+        let bytes = is_whole.then_some(bytes)?;
         YuvPicture::new(self.size_px, layout, self.coding, bytes).map(Picture::Yuv)
     }
 

@@ -12,6 +12,15 @@ const SIZE_PX: [u32; 2] = [640, 360];
 /// How far a colour may be off: rounding, and a camera's gamma.
 const COLOUR_TOLERANCE: u8 = 6;
 
+/// Whether this kernel has one; it is said, so that a camera of somebody's is not set to a test picture.
+fn has_test_camera() -> bool {
+    let is_there = std::env::var_os("FARFIELD_TEST_CAMERA").is_some();
+    if !is_there {
+        println!("SKIPPED a camera of the kernel: `.ci/measure v4l` has one");
+    }
+    is_there
+}
+
 fn expected(size_px: [u32; 2], rate_hz: f64) -> ExpectedSource {
     ExpectedSource {
         at: SourceOrigin {
@@ -75,8 +84,10 @@ fn refusal(settings: &DeviceSettings, expected: &ExpectedSource) -> String {
 }
 
 #[test]
-#[ignore = "needs the kernel's test camera"]
 fn colours_are_the_same_in_every_format() {
+    if !has_test_camera() {
+        return;
+    }
     let mut tried = 0;
     for pixels in &FORMATS {
         let is_grey = matches!(pixels.name, "GREY" | "Y10" | "Y12" | "Y16");
@@ -128,8 +139,10 @@ fn colours_are_the_same_in_every_format() {
 }
 
 #[test]
-#[ignore = "needs the kernel's test camera"]
 fn frames_that_the_driver_lost_leave_holes_in_the_ticks() {
+    if !has_test_camera() {
+        return;
+    }
     let percent = |lost| ("percentage_of_dropped_buffers", ControlValue::Number(lost));
     let whole = frames(&settings(None, &[percent(0)]), 30);
     let ticks: Vec<_> = whole.iter().map(|(frame, _)| frame.tick.0).collect();
@@ -160,8 +173,10 @@ fn frames_that_the_driver_lost_leave_holes_in_the_ticks() {
 }
 
 #[test]
-#[ignore = "needs the kernel's test camera"]
 fn what_the_camera_has_not_is_refused_with_what_it_has() {
+    if !has_test_camera() {
+        return;
+    }
     let plain = DeviceSettings::default();
     let refused = refusal(&plain, &expected([641, 360], 30.0));
     assert!(
