@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use farfield_proto::id::CameraIndex;
-use farfield_proto::message::{KeypointPeak, PoseSet, Sighting};
+use farfield_proto::message::{KeypointPeak, PersonPose, PersonState, PoseSet, Sighting};
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
@@ -241,19 +241,27 @@ impl Samples {
         ((POSES_EVERY_S * self.rate_hz).round() as i64).max(1)
     }
 
-    /// Keeps where people are, when that is due.
+    /// Keeps where people were seen, when that is due. The place of who coasts is a prediction, and no evidence.
     pub(super) fn note_poses(&mut self, poses: &PoseSet) {
-        let is_later = self.poses.back().is_none_or(|last| last.tick < poses.tick);
-        let is_due = poses.tick.0.rem_euclid(self.pose_every_ticks()) == 0;
-        if poses.persons.is_empty() || !is_later || !is_due {
+        let every = self.pose_every_ticks();
+        let last = self.poses.back().map(|posed| posed.tick);
+        let is_later = last.is_none_or(|last| last < poses.tick);
+        let is_due = poses.tick.0.rem_euclid(every) == 0
+            || last.is_none_or(|last| poses.tick - last >= every);
+        if !is_later || !is_due {
             return;
         }
-        let people = poses.persons.iter().take(MAX_POSED);
+        let is_seen = |person: &&PersonPose| person.state != PersonState::Coasting;
+        let seen = poses.persons.iter().filter(is_seen).take(MAX_POSED);
+        let people: Vec<_> = seen
+            .map(|person| (person.person.0, person.keypoints_m.clone()))
+            .collect();
+        if people.is_empty() {
+            return;
+        }
         self.poses.push_back(Arc::new(PosedTick {
             tick: poses.tick,
-            people: people
-                .map(|person| (person.person.0, person.keypoints_m.clone()))
-                .collect(),
+            people,
         }));
         let oldest = poses.tick + -((POSES_S * self.rate_hz) as i64);
         while self

@@ -9,6 +9,7 @@ pub(super) mod kind;
 use std::collections::BTreeMap;
 
 use farfield_proto::id::ViewpointIndex;
+use farfield_proto::order_statistics::reached_by;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use self::blur::blur_m;
@@ -30,6 +31,8 @@ const MIN_VIEWPOINTS: usize = 3;
 /// How far somebody must have moved: of who stays at one place networks err always alike, which looks like another lens (a k
 /// of 0.5 on a treadmill, all of whose cameras are right).
 const MOVED_M: f64 = 1.2;
+/// Share of somebody's places on each side that do not tell how far that was.
+const FARTHEST_SHARE: f64 = 0.05;
 /// Keypoints that tell whose a sighting is, and at which distance one costs a half, metres: a camera that was turned by two
 /// degrees shows people as far beside where they are.
 const MIN_COMMON: usize = 5;
@@ -228,17 +231,25 @@ fn least(tried: &[f64], cost: impl Fn(f64) -> f64, before: f64) -> (f64, f64) {
     best
 }
 
-/// How far who moved most got, metres: the diagonal of all places of the middle of a body.
+/// How far who moved most got, metres: the diagonal of the places where the middle of a body was, but for the few that lie
+/// farthest out. Of somebody whom few views show a pose may be a metre off now and then.
 fn farthest_moved_m(samples: &Samples) -> f64 {
-    let mut places: BTreeMap<u32, [Vector3<f32>; 2]> = BTreeMap::new();
+    let mut places: BTreeMap<u32, [Vec<f64>; 3]> = BTreeMap::new();
     for (person, body) in samples.poses.iter().flat_map(|posed| &posed.people) {
-        let middle = middle_m(body);
-        let range = places.entry(*person).or_insert([middle; 2]);
-        *range = [range[0].inf(&middle), range[1].sup(&middle)];
+        let of_person = places.entry(*person).or_default();
+        for (along, m) in of_person.iter_mut().zip(&middle_m(body)) {
+            along.push(f64::from(*m));
+        }
     }
-    let ways = places
-        .values()
-        .map(|[low, high]| f64::from((high - low).norm()));
+    let reach_m = |along: &Vec<f64>| {
+        let high = reached_by(along.iter().copied(), FARTHEST_SHARE);
+        let low = reached_by(along.iter().map(|m| -m), FARTHEST_SHARE);
+        high.zip(low).map_or(0.0, |(high, low)| high + low)
+    };
+    let ways = places.values().map(|axes| {
+        let [x, y, z] = axes.each_ref().map(reach_m);
+        Vector3::new(x, y, z).norm()
+    });
     ways.fold(0.0, f64::max)
 }
 
@@ -357,5 +368,50 @@ fn find_gaps_m(
             let off_m = (to_m - unit * unit.dot(&to_m)).norm();
             *gap_m = counted(index, &place_m, off_m);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_proto::id::{PersonId, SessionId};
+    use farfield_proto::message::{PersonPose, PersonState, PoseSet};
+    use farfield_proto::tick::Tick;
+
+    use super::*;
+
+    fn pose_set(tick: i64, x_m: f32, state: PersonState) -> PoseSet {
+        let person = PersonPose {
+            person: PersonId(1),
+            state,
+            joints_m: Vec::new(),
+            keypoints_m: vec![[x_m, 0.0, 1.0]; 17],
+            sigma_m: Vec::new(),
+            angles: Vec::new(),
+            unobserved: 0,
+            views: 0,
+        };
+        PoseSet {
+            session: SessionId(1),
+            tick: Tick(tick),
+            persons: vec![person],
+        }
+    }
+
+    /// Once the track of a man on a treadmill flew off, live, between the few ticks that edges worked on. So he had "moved" by
+    /// four metres, and right cameras were said to be turned.
+    #[test]
+    fn who_coasts_away_or_is_seen_badly_at_times_has_not_moved() {
+        let mut samples = Samples::new(15.0, 2);
+        for tick in 0..400 {
+            let (x_m, state) = match tick % 4 {
+                3 if tick % 100 == 3 => (-3.0, PersonState::Tracked),
+                3 => (0.002 * tick as f32, PersonState::Tracked),
+                ahead => (4.0 * ahead as f32, PersonState::Coasting),
+            };
+            samples.note_poses(&pose_set(tick, x_m, state));
+        }
+        assert_eq!(samples.poses.len(), 100);
+        let moved_m = farthest_moved_m(&samples);
+        assert!((0.7..0.8).contains(&moved_m), "{moved_m} m");
     }
 }
