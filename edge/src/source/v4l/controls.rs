@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use farfield_proto::toml_file::unknown_name;
 use farfield_proto::venue::ControlValue;
+use v4l::Device;
 use v4l::control::{Control, Description, MenuItem, Type, Value};
-use v4l::{Device, control};
 
 /// Sets these controls; menus and switches first, since they decide whether a value counts (exposure by hand).
 ///
@@ -73,7 +73,7 @@ fn value_of<'a>(
     Ok((control, name, value))
 }
 
-fn items(control: &Description) -> impl Iterator<Item = &(u32, control::MenuItem)> {
+fn items(control: &Description) -> impl Iterator<Item = &(u32, MenuItem)> {
     control.items.iter().flatten()
 }
 

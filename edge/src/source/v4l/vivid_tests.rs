@@ -12,7 +12,7 @@ const SIZE_PX: [u32; 2] = [640, 360];
 /// How far a colour may be off: rounding, and a camera's gamma.
 const COLOUR_TOLERANCE: u8 = 6;
 
-/// Whether this kernel has one; it is said, so that a camera of somebody's is not set to a test picture.
+/// Whether this kernel has the test camera. A variable says so, lest a real camera is set to a test picture.
 fn has_test_camera() -> bool {
     let is_there = std::env::var_os("FARFIELD_TEST_CAMERA").is_some();
     if !is_there {

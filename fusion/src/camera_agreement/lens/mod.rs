@@ -31,7 +31,7 @@ const MIN_VIEWPOINTS: usize = 3;
 /// How far somebody must have moved: of who stays at one place networks err always alike, which looks like another lens (a k
 /// of 0.5 on a treadmill, all of whose cameras are right).
 const MOVED_M: f64 = 1.2;
-/// Share of somebody's places on each side that do not tell how far that was.
+/// Share of a person's places on each side that do not count.
 const FARTHEST_SHARE: f64 = 0.05;
 /// Keypoints that tell whose a sighting is, and at which distance one costs a half, metres: a camera that was turned by two
 /// degrees shows people as far beside where they are.
