@@ -123,6 +123,7 @@ pub(crate) mod tests {
                 epoch_us: 0,
                 clock_correction_us: None,
                 heard: None,
+                every_nth_tick: 0,
             }),
             detection_cameras: Vec::new(),
             persons: persons.iter().map(person).collect(),

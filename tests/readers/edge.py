@@ -55,6 +55,7 @@ class PlayedEdge:
             "ticks": None, "tick": self.tick, "unreadable": 0, "failure": None, "stages": [], "live": None,
             "health": {"system_clock": None, "certificate_ends_s": None, "follows": None, "links": [], "notices": []},
             "agreement": [],
+            "needed_nth_tick": 0,
         }
         self.publishers["status"].put(wire.encode("status", status, self.spoken), attachment=bytes([VERSION]))
 

@@ -97,7 +97,7 @@ def check_refused():
         except ValueError:
             continue
         raise AssertionError(f"{name}: {field} is read as {str(value)[:40]}")
-    for data in (b"", b"\2\0", b"\10\0", b"\7\1\0\0\0"):
+    for data in (b"", b"\2\0", b"\11\0", b"\10\1\0\0\0"):
         try:
             wire.decode("chunk", data)
         except ValueError:

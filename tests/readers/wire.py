@@ -1,11 +1,11 @@
-"""The messages of the wire, versions 3 to 7, as docs/protocol.md says them: bytes to plain Python values, and back.
+"""The messages of the wire, versions 3 to 8, as docs/protocol.md says them: bytes to plain Python values, and back.
 
 Of the bounds that the page states this checks counts, lengths and that numbers are finite; what holds between fields it does not.
 """
 
 from postcard import BOOL, BYTES, F32, F64, I32, I64, TEXT, U8, U16, U32, U64, Array, Bytes, Enum, List, Option, Raw, Struct
 
-VERSIONS = range(3, 8)
+VERSIONS = range(3, 9)
 MOST_BYTES = 1 << 20
 PERSONS, CAMERAS, VIEWPOINTS, KEYPOINTS, JOINTS = 256, 64, 256, 64, 64  # At most.
 NAME, SHORT, REASON_TEXT, LONG = (Bytes("text", most) for most in (64, 256, 512, 8192))
@@ -46,7 +46,8 @@ BOX_SET_REST = {
     "persons": List(PERSON_BOXES, PERSONS),
 }
 BOX_SET_HEAD = {"session": U64, "tick": I64, "viewpoint": U16}
-BOX_SET = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_PARTS, **BOX_SET_REST)
+BOX_SET = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_PARTS, **BOX_SET_REST, every_nth_tick=U16)
+BOX_SET_7 = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_PARTS, **BOX_SET_REST)
 BOX_SET_3 = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_REST)
 
 # Sightings, from edge to fusion; poses, events, decisions, from fusion to all.
@@ -145,7 +146,8 @@ AGREEMENT = Struct(
     distance_px=Option(F32), late_ticks=Option(F32),
 )
 AGREEMENTS = List(Struct("AgreementOfCamera", camera=U16, agreement=AGREEMENT), 16_384)
-STATUS_6 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)}, health=HEALTH, agreement=AGREEMENTS)
+STATUS_7 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)}, health=HEALTH, agreement=AGREEMENTS)
+STATUS_8 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)}, health=HEALTH, agreement=AGREEMENTS, needed_nth_tick=U16)
 
 # Questions and answers.
 FILL_REQUEST = Struct("FillRequest", session=U64, **{"from": I64}, to=I64, max_bytes=U32)
@@ -162,7 +164,7 @@ CHUNK = Struct("Chunk", bytes=PIECE)
 # By the names of the files in proto/golden; where a version wrote otherwise, which.
 MESSAGES = {
     "patch_set": PATCH_SET, "box_set": BOX_SET, "sighting_set": SIGHTING_SET, "sighting_set_whole": SIGHTING_SET, "pose_set": POSE_SET, "identity_events": EVENT_SET,
-    "decision": DECISION, "status": STATUS_6, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,
+    "decision": DECISION, "status": STATUS_8, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,
     "handout_request_list": REQUEST, "file_list": FILE_LIST, "signed_list": SIGNED_LIST, "chunk": CHUNK, "thumbnail": THUMBNAIL,
     "namings": NAMING_SET,
 }
@@ -170,6 +172,7 @@ MESSAGES = {
 SINCE = {"thumbnail": 6, "namings": 6, "sighting_set_whole": 7}
 OLDER = {
     **{("sighting_set", version): SIGHTING_SET_6 for version in range(3, 7)},
+    **{("box_set", version): BOX_SET_7 for version in range(4, 8)}, **{("status", version): STATUS_7 for version in (6, 7)},
     ("box_set", 3): BOX_SET_3, ("status", 3): STATUS_3, ("status", 4): STATUS_4, ("status", 5): STATUS_5,
 }
 # By the second part of a key, under the venue's name.

@@ -148,6 +148,7 @@ mod tests {
             epoch_us: 0,
             clock_correction_us: None,
             heard: None,
+            every_nth_tick: 0,
         };
         clock.set(&live, 0);
         clock
@@ -246,6 +247,7 @@ mod tests {
             epoch_us: 0,
             clock_correction_us: Some(-80_000),
             heard: None,
+            every_nth_tick: 0,
         };
         assert!(clock.set(&corrected, 1_000_000));
         let placed = placer.place(frame(1), &clock).unwrap();

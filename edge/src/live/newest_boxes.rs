@@ -259,6 +259,7 @@ mod tests {
                 epoch_us: 0,
                 clock_correction_us: None,
                 heard: None,
+                every_nth_tick: 0,
             }),
             detection_cameras: if sequence.is_multiple_of(7) {
                 vec![CameraIndex(1)]

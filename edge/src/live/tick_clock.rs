@@ -137,6 +137,7 @@ mod tests {
             epoch_us,
             clock_correction_us: Some(clock_correction_us),
             heard: None,
+            every_nth_tick: 0,
         }
     }
 

@@ -163,7 +163,7 @@ mod tests {
             assert_eq!(all, everybody);
             sets.len()
         });
-        assert!(messages[1] < messages[0], "{messages:?}");
+        assert!(messages.iter().all(|n| *n > 1), "{messages:?}");
     }
 
     #[test]

@@ -6,6 +6,7 @@
 
 pub mod arrivals;
 pub mod cameras;
+pub mod common_plan;
 pub mod edge;
 #[cfg(test)]
 pub(crate) mod fixture;

@@ -174,6 +174,7 @@ fn patches_are_stamped_with_their_sending() {
             epoch_us: 7_000_000,
             clock_correction_us: None,
             heard: None,
+            every_nth_tick: 2,
         }),
         detection_cameras: Vec::new(),
         persons: Vec::new(),

@@ -140,6 +140,7 @@ impl Synthetic {
                 epoch_us: self.epoch_us as u64,
                 clock_correction_us: Some(0),
                 heard: None,
+                every_nth_tick: 0,
             }),
             detection_cameras: Vec::new(),
             persons: persons

@@ -73,10 +73,27 @@ fn check_patch(patch: &PersonPatch) -> Result<(), &'static str> {
 }
 
 impl Message for BoxSet {
+    fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
+        let bytes = postcard::to_extend(self, bytes)?;
+        if version < 8 {
+            return Ok(bytes);
+        }
+        let every_nth_tick = self.live.map_or(0, |live| live.every_nth_tick);
+        postcard::to_extend(&every_nth_tick, bytes)
+    }
+
     fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
         match version {
             ..=3 => postcard::take_from_bytes(bytes).map(|(set, rest)| (BoxSet3::read(set), rest)),
-            _ => postcard::take_from_bytes(bytes),
+            4..=7 => postcard::take_from_bytes(bytes),
+            8.. => {
+                let (mut set, rest) = postcard::take_from_bytes::<Self>(bytes)?;
+                let (every_nth_tick, rest) = postcard::take_from_bytes(rest)?;
+                if let Some(live) = &mut set.live {
+                    live.every_nth_tick = every_nth_tick;
+                }
+                Ok((set, rest))
+            }
         }
     }
 
@@ -121,11 +138,8 @@ fn check_box(camera: &CameraBox) -> Result<(), &'static str> {
 }
 
 impl Message for SightingSet {
-    fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
-        match version {
-            ..=6 => postcard::to_extend(self, bytes),
-            7.. => sightings::write(self, bytes),
-        }
+    fn write(&self, _version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
+        sightings::write(self, bytes)
     }
 
     fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
@@ -202,9 +216,15 @@ fn check_pose(pose: &PersonPose) -> Result<(), &'static str> {
 }
 
 impl Message for Status {
-    fn write(&self, _version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
+    fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
         let bytes = postcard::to_extend(self, bytes)?;
-        postcard::to_extend(&self.agreement, postcard::to_extend(&self.health, bytes)?)
+        let bytes = postcard::to_extend(&self.health, bytes)?;
+        let bytes = postcard::to_extend(&self.agreement, bytes)?;
+        if version < 8 {
+            return Ok(bytes);
+        }
+        let needed_nth_tick = self.live.as_ref().map_or(0, |live| live.needed_nth_tick);
+        postcard::to_extend(&needed_nth_tick, bytes)
     }
 
     fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
@@ -220,11 +240,18 @@ impl Message for Status {
                     5 => (Vec::new(), rest),
                     _ => postcard::take_from_bytes(rest)?,
                 };
-                let status = Self {
+                let (needed_nth_tick, rest) = match version {
+                    ..=7 => (0, rest),
+                    8.. => postcard::take_from_bytes(rest)?,
+                };
+                let mut status = Self {
                     health,
                     agreement,
                     ..status
                 };
+                if let Some(live) = &mut status.live {
+                    live.needed_nth_tick = needed_nth_tick;
+                }
                 Ok((status, rest))
             }
         }

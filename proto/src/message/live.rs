@@ -47,6 +47,10 @@ pub struct LiveBoxes {
     pub clock_correction_us: Option<i32>,
     /// The newest patch set that has arrived from the viewpoint.
     pub heard: Option<HeardPatches>,
+    /// Edges work only on ticks that this divides, so that they share them; 0: fusion does not say. On the wire it stands at
+    /// the end of the box set.
+    #[serde(skip)]
+    pub every_nth_tick: u16,
 }
 
 /// What fusion has received from an edge, by which the edge measures the load of its link.
@@ -74,6 +78,10 @@ pub struct LiveStatus {
     pub persons_per_tick: Option<u16>,
     /// An edge processes only every n-th tick, n at least 1.
     pub every_nth_tick: u16,
+    /// n, where an edge that followed no plan would process every n-th tick; 0: it has nobody to work on, or does not say. On the wire it stands at the end of
+    /// the status.
+    #[serde(skip)]
+    pub needed_nth_tick: u16,
     /// Payload that an edge has handed to the network in the last second, bytes.
     pub bytes_per_s: u32,
     /// Messages that an edge did not send because its budget was used up, since the start.

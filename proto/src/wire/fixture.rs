@@ -89,6 +89,7 @@ pub(super) fn box_set() -> BoxSet {
                 one_way_us: 40_100,
                 bytes: 120_000,
             }),
+            every_nth_tick: 3,
         }),
         detection_cameras: vec![CameraIndex(0), CameraIndex(3)],
         persons: vec![PersonBoxes {
@@ -202,6 +203,7 @@ pub(super) fn live_status() -> LiveStatus {
         quality: 3,
         persons_per_tick: Some(6),
         every_nth_tick: 2,
+        needed_nth_tick: 1,
         bytes_per_s: 110_000,
         held_back: 7,
         missed_ticks: 8,

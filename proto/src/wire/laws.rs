@@ -70,6 +70,7 @@ fn live_boxes(seed: i64) -> Option<LiveBoxes> {
             one_way_us: seed as i32,
             bytes: seed as u32,
         }),
+        every_nth_tick: seed as u16,
     })
 }
 
@@ -285,6 +286,7 @@ fn any_status() -> impl Strategy<Value = Status> {
                 stages: vec![stage(unreadable); usize::from(failed)],
                 live: ready.then(|| LiveStatus {
                     every_nth_tick: 1,
+                    needed_nth_tick: process as u16,
                     held_back: process,
                     ..LiveStatus::default()
                 }),

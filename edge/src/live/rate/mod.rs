@@ -28,10 +28,10 @@ const PATIENCE_US: Micros = 1_000_000;
 const ROOM: f64 = 0.85;
 /// Fewer ticks must get so many times as many persons through: each of them is farther from the next.
 const GAIN: f64 = 1.3;
-/// Fewest ticks are every so manieth: a power of two, as all of these are.
+/// An edge works on every 64th tick at least, where no plan of fusion says less: a power of two.
 const MAX_NTH: u16 = 64;
-/// While the link is cut, every so manieth tick is sent nevertheless: one may get through.
-const PROBE_EVERY: i64 = 8;
+/// While the link is cut, every eighth tick is sent nevertheless, or the next that is worked on: one may get through.
+const PROBE_EVERY: u16 = 8;
 /// Number of compression levels.
 const LEVELS: usize = CompressionLevel::SMALLEST.number() as usize + 1;
 /// What a person costs at each compression level before it was measured, bytes.
@@ -44,7 +44,7 @@ pub struct SendPlan {
     pub level: CompressionLevel,
     /// Most persons on average over the ticks that are processed, at least 1; `None`: all.
     pub persons: Option<f64>,
-    /// Only ticks that this divides are processed: 1, 2, 4, 8, ..., so that edges with different links share ticks.
+    /// Only ticks that this divides are processed: a multiple of what fusion plans for all edges, so that they share ticks.
     pub every_nth: u16,
 }
 
@@ -98,6 +98,10 @@ pub struct RateController {
     /// That the computer is too slow, if it is.
     overload: Option<Overload>,
     room_since_us: Option<Micros>,
+    /// Fusion's plan: all edges work only on ticks that this divides.
+    common_nth: u16,
+    /// What the edge would do without it.
+    needed_nth: u16,
 }
 
 /// A computer that is too slow for all ticks and persons.
@@ -139,7 +143,19 @@ impl RateController {
             limited: false,
             overload: None,
             room_since_us: None,
+            common_nth: 1,
+            needed_nth: 1,
         }
+    }
+
+    /// Takes fusion's plan: all edges work only on ticks that `every_nth` divides; 0: it says nothing.
+    pub fn follow(&mut self, every_nth: u16) {
+        self.common_nth = every_nth.max(1);
+    }
+
+    /// n, where the edge would work on every n-th tick without a plan of fusion; 0: there is nobody to work on.
+    pub fn needed_nth(&self) -> u16 {
+        self.needed_nth
     }
 
     /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones.
@@ -244,7 +260,9 @@ impl RateController {
 
     /// Whether patches of `tick` are sent at all: while the link is cut only some are, as probes.
     pub fn may_send(&self, tick: Tick, now_us: Micros) -> bool {
-        !self.load.is_silent(now_us) || tick.0.rem_euclid(PROBE_EVERY) == 0
+        let nth = self.plan.every_nth;
+        let probed = i64::from(nth) * i64::from(PROBE_EVERY.div_ceil(nth));
+        !self.load.is_silent(now_us) || tick.0.rem_euclid(probed) == 0
     }
 
     /// Whether a detection pass may be made now, by what the link carries: `is_regular`, or asked for by fusion. None that is
@@ -272,26 +290,27 @@ impl RateController {
             level = finer.unwrap_or(level);
             self.room_since_us = None;
         }
-        let (most, every_nth) = if self.share(level, per_tick, persons) <= 1.0 {
-            (None, 1)
-        } else {
-            let (most, nth) = self.thinned(level, per_tick, persons);
-            // Where all are sent of fewer ticks, what is left is for them.
-            while let Some(finer) = level.finer().filter(|finer| *finer >= self.best)
-                && self.cost(finer, persons) <= per_tick * f64::from(nth)
-            {
-                level = finer;
-            }
-            (Some(most), nth)
-        };
+        self.needed_nth = self.needed(level, per_tick, persons);
+        let every_nth = self.needed_nth.max(1).next_multiple_of(self.common_nth);
+        let ticks = f64::from(every_nth);
+        let share = |persons| self.share(level, per_tick, persons);
+        let is_less = every_nth > 1 || share(persons) > 1.0;
+        let most = is_less.then(|| persons_within(share, ticks, persons));
+        // What fewer ticks leave of the link is for them.
+        while is_less
+            && let Some(finer) = level.finer().filter(|finer| *finer >= self.best)
+            && self.cost(finer, persons) <= per_tick * ticks
+        {
+            level = finer;
+        }
         let of_time = self.work.ticks(persons);
-        let done = most.unwrap_or(persons as f64) / f64::from(every_nth);
+        let done = most.unwrap_or(persons as f64) / ticks;
         self.overload = (of_time > 1.0).then_some(Overload {
             done_per_s: done * self.rate_hz,
             asked_per_s: persons as f64 * self.rate_hz,
         });
-        // Who has no time for more would not send more over a wider link.
-        let asked = self.cost(self.best, persons) / of_time.max(1.0);
+        // Who has no time for more, or is not asked for more, would not send more over a wider link.
+        let asked = self.cost(self.best, persons) / of_time.max(self.common_nth.into());
         self.limited = level > self.best || asked > per_tick;
         self.level = level;
         self.finer_share = 0.0;
@@ -328,22 +347,24 @@ impl RateController {
         finer
     }
 
-    /// How many of `persons` at every so manieth tick get most persons through a second, where a tick of all is too much:
-    /// what a message costs beside its persons is paid once a tick, so that fewer ticks carry more of them, up to all.
-    fn thinned(&self, level: CompressionLevel, per_tick: f64, persons: usize) -> (f64, u16) {
+    /// n, where every n-th tick gets most of `persons` through a second; 0 where there are none. What a
+    /// message costs beside its persons is paid once a tick, so that fewer ticks carry more of them, up to all.
+    fn needed(&self, level: CompressionLevel, per_tick: f64, persons: usize) -> u16 {
         let share = |persons| self.share(level, per_tick, persons);
+        if persons == 0 || share(persons) <= 1.0 {
+            return u16::from(persons > 0);
+        }
+        // Powers of two divide each other: edges share ticks also while a plan changes.
         let fewest = (share(1).clamp(1.0, f64::from(MAX_NTH)).ceil() as u16).next_power_of_two();
-        let within = |nth| persons_within(share, f64::from(nth), persons);
-        let (mut most, mut every_nth) = (within(fewest), fewest);
-        let mut nth = 2 * fewest;
+        let per_tick = |nth: u16| persons_within(share, nth.into(), persons) / f64::from(nth);
+        let (mut best, mut nth) = (fewest, 2 * fewest);
         while nth <= MAX_NTH {
-            let more = within(nth);
-            if more / f64::from(nth) > GAIN * most / f64::from(every_nth) {
-                (most, every_nth) = (more, nth);
+            if per_tick(nth) > GAIN * per_tick(best) {
+                best = nth;
             }
             nth *= 2;
         }
-        (most, every_nth)
+        best
     }
 
     /// How much a tick of so many `persons` takes of what there is for one: of `per_tick` bytes, or of the time.

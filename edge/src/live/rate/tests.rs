@@ -407,6 +407,40 @@ fn a_computer_that_has_time_again_does_every_tick_within_four_seconds() {
 }
 
 #[test]
+fn an_edge_works_only_on_ticks_of_fusions_plan() {
+    let followed = |person_us, common_nth| {
+        let mut edge = on_a_computer(person_us, 1, 1);
+        edge.follow(common_nth);
+        let plan = edge.plan(1, 6 * SECOND_US);
+        (plan.every_nth, plan.persons, edge.needed_nth())
+    };
+    assert_eq!(followed(10_000, 4), (4, Some(1.0), 1), "it could do more");
+    assert_eq!(followed(35_000, 1), (4, Some(1.0), 4));
+    assert_eq!(
+        followed(35_000, 2),
+        (4, Some(1.0), 4),
+        "every other of them"
+    );
+    assert_eq!(followed(10_000, 0), (1, None, 1), "fusion says nothing");
+    let mut empty = on_a_computer(35_000, 1, 1);
+    empty.plan(0, 6 * SECOND_US);
+    assert_eq!(empty.needed_nth(), 0, "nobody is in sight");
+}
+
+#[test]
+fn what_fewer_ticks_leave_of_a_thin_link_is_for_finer_patches() {
+    let mut edge = controller(100_000.0);
+    let all = edge.plan(8, 0);
+    assert!(all.level > CompressionLevel::DEFAULT && all.persons.is_none());
+    edge.follow(4);
+    let few = edge.plan(8, 0);
+    assert_eq!(
+        (few.level, few.persons),
+        (CompressionLevel::DEFAULT, Some(8.0))
+    );
+}
+
+#[test]
 fn a_slow_computer_is_no_thin_link() {
     let edge = on_a_computer(35_000, 1, 1);
     assert!(edge.has_room(6 * SECOND_US));

@@ -63,6 +63,7 @@ impl Ledger {
             // Ticks may begin again.
             self.last = None;
         }
+        self.rate.follow(live.every_nth_tick);
         self.rate.hear_boxes_after(silent_us, now_us);
         if let Some(heard) = &live.heard {
             self.rate.hear(heard, self.ticks.correction_us(), now_us);
@@ -133,6 +134,7 @@ impl Ledger {
             quality: self.rate.level().number(),
             persons_per_tick: plan.persons.map(|n| n.round().min(most) as u16),
             every_nth_tick: plan.every_nth,
+            needed_nth_tick: self.rate.needed_nth(),
             bytes_per_s: u32::try_from(self.rate.payload_per_s(now_us)).unwrap_or(u32::MAX),
             held_back: self.held_back,
             missed_ticks: self.missed,

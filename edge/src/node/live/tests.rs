@@ -145,6 +145,7 @@ impl Script {
                 epoch_us: self.epoch_us as u64,
                 clock_correction_us: None,
                 heard: None,
+                every_nth_tick: 0,
             }),
             detection_cameras: if detect {
                 vec![CameraIndex(0)]

@@ -21,7 +21,7 @@ use crate::live::target_latency::LongestWaits;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 
-/// An edge that has said nothing for so long is not waited for.
+/// An edge that has said nothing for so long, beside the ticks that it leaves out, is not waited for.
 const SILENT_US: Micros = SECOND_US / 2;
 /// Box sets that are remembered: more than any round trip takes.
 const SENT: usize = 512;
@@ -85,10 +85,14 @@ pub struct Edge {
     detection_ticks: VecDeque<Tick>,
     /// Whether its boxes have anybody.
     has_people: bool,
+    /// n, where it is told to work on every n-th tick; 0: nothing was planned yet.
+    pub every_nth_tick: u16,
     heard: Option<(Tick, i32)>,
     /// Ticks of the newest patch sets, and when they came.
     recent: VecDeque<(Tick, Micros)>,
     heard_us: Option<Micros>,
+    /// What the ticks that it leaves out take, from one that it works on to the next, microseconds.
+    left_out_us: Micros,
     expected_until_us: Option<Micros>,
     first: Option<Tick>,
     /// Patch sets that came after their tick was worked on.
@@ -150,6 +154,7 @@ impl Edge {
         self.arrivals = Arrivals::default();
         self.horizon = Horizon::default();
         self.recent.clear();
+        self.left_out_us = 0;
         (self.heard, self.heard_us) = (None, None);
     }
 
@@ -181,6 +186,7 @@ impl Edge {
             epoch_us: time.epoch_us(),
             clock_correction_us: self.clock.correction_us(),
             heard: self.heard.map(heard),
+            every_nth_tick: self.every_nth_tick,
         }
     }
 
@@ -232,6 +238,8 @@ impl Edge {
             return Trip::default();
         }
         push_bounded(&mut self.recent, (set.tick, came.at_us), RECENT);
+        let nth = self.last_worked_on().map_or(1, |(_, nth)| nth);
+        self.left_out_us = (time.period_us() * (nth - 1) as f64) as Micros;
         self.first = Some(self.first.map_or(set.tick, |first| first.min(set.tick)));
         let Some(sent_us) = sent_us else {
             return Trip::default();
@@ -314,7 +322,8 @@ impl Edge {
 
     /// Whether anything came from it of late.
     pub fn is_heard(&self, now_us: Micros) -> bool {
-        self.heard_us.is_some_and(|at| now_us - at <= SILENT_US)
+        let silent_us = SILENT_US + self.left_out_us;
+        self.heard_us.is_some_and(|at| now_us - at <= silent_us)
     }
 
     /// Whether its clock is near enough; before it is known, whether its patches have come at a time at which
@@ -356,6 +365,14 @@ impl Edge {
     /// Whether it works on `tick`, by the ticks of its last sets: an edge that is too slow, or whose link is, leaves out all but
     /// every so manieth.
     pub fn works_on(&self, tick: Tick) -> bool {
+        let of_usual = self
+            .last_worked_on()
+            .is_none_or(|(last, nth)| (tick - last).rem_euclid(nth) == 0);
+        of_usual || self.looks_at(tick)
+    }
+
+    /// The last tick that it worked on, without those of detection passes, and n where it works on every n-th, by its last sets.
+    fn last_worked_on(&self) -> Option<(Tick, i64)> {
         let mut ticks = [Tick(i64::MIN); LAST_SETS];
         let mut n = 0;
         for (of, _) in self.recent.iter().rev() {
@@ -366,8 +383,8 @@ impl Edge {
         }
         ticks.sort_unstable();
         let gaps = ticks.windows(2).map(|pair| pair[1] - pair[0]);
-        let nth = gaps.min().filter(|_| n == LAST_SETS).unwrap_or(1);
-        self.looks_at(tick) || (tick - ticks[LAST_SETS - 1]).rem_euclid(nth) == 0
+        let nth = gaps.min().filter(|_| n == LAST_SETS)?;
+        Some((ticks[LAST_SETS - 1], nth))
     }
 
     /// How long after their tick nearly all of its patches come, microseconds; `None` while that is not known.

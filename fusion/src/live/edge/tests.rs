@@ -285,6 +285,8 @@ fn an_edge_that_works_on_every_fourth_tick_is_waited_for_at_these() {
     // One that was lost changes nothing, and one that comes between all.
     hear(&mut edge, &[36, 40]);
     assert_eq!(next(&edge, 40), [44, 48]);
+    let silent_from_us = time.at(Tick(40)) + 6_000 + SILENT_US + 3 * SECOND_US / 60;
+    assert!(edge.is_heard(silent_from_us) && !edge.is_heard(silent_from_us + 1));
     edge.send(&boxes(43, true), &time, time.at(Tick(40)));
     assert_eq!(
         next(&edge, 40),

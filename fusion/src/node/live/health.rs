@@ -141,10 +141,11 @@ impl LiveFusion<'_> {
             let name = &self.config.venue.viewpoints[index].name;
             health.notice(format!("viewpoint {name} sends more than any edge may"));
         }
-        for words in self.missed_target.words() {
-            health.notice(words.clone());
-        }
-        for words in &self.disagreements {
+        let planned = self.plan_words.iter();
+        for words in planned
+            .chain(self.missed_target.words())
+            .chain(&self.disagreements)
+        {
             health.notice(words.clone());
         }
         if self.is_own_clock_suspected {

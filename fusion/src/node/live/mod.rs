@@ -8,6 +8,7 @@ mod flood;
 mod handover;
 mod health;
 mod missed_target;
+mod plan;
 mod receiving;
 mod run;
 mod sending;

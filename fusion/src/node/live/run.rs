@@ -32,6 +32,7 @@ use super::start::LiveStart;
 use crate::align::TickGroup;
 use crate::export::summary::CameraSummary;
 use crate::live::cameras::Cameras;
+use crate::live::common_plan::CommonPlan;
 use crate::live::edge::Edge;
 use crate::live::edge::common_clock::CommonClock;
 use crate::live::gather::LiveGather;
@@ -130,6 +131,9 @@ pub(super) struct LiveFusion<'a> {
     pub(super) disagreements: Vec<String>,
     /// Those that something is written to.
     pub(super) disks: Vec<Arc<DiskWatch>>,
+    /// Which ticks all edges work on, and why not all of them.
+    pub(super) plan: CommonPlan,
+    pub(super) plan_words: Option<String>,
     pub(super) common_clock: CommonClock,
     pub(super) is_own_clock_suspected: bool,
     /// Who looks for another fusion of the venue, and whether one was told.
@@ -201,6 +205,8 @@ impl<'a> LiveFusion<'a> {
             agreement: None,
             disagreements: Vec::new(),
             disks: Vec::new(),
+            plan: CommonPlan::default(),
+            plan_words: None,
             common_clock: CommonClock::default(),
             is_own_clock_suspected: false,
             others: context.others.clone(),
@@ -263,6 +269,7 @@ impl<'a> LiveFusion<'a> {
                     if n_beats.is_multiple_of(BEATS_PER_STATUS) {
                         self.interceptor.clock.discipline();
                         self.weigh_clocks();
+                        self.plan_ticks();
                         self.look_for_floods();
                         self.look_at_certificates();
                         self.look_at_agreement();

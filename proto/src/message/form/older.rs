@@ -121,6 +121,7 @@ impl LiveStatus3 {
             quality: self.quality,
             persons_per_tick: self.persons_per_tick,
             every_nth_tick: self.every_nth_tick,
+            needed_nth_tick: 0,
             bytes_per_s: self.bytes_per_s,
             held_back: self.held_back,
             missed_ticks: self.missed_ticks,

@@ -321,6 +321,7 @@ fn box_set() -> BoxSet {
             epoch_us: 1_700_000_000_000_000,
             clock_correction_us: Some(-20_000),
             heard: None,
+            every_nth_tick: 2,
         }),
         detection_cameras: vec![CameraIndex(0), CameraIndex(3)],
         persons: vec![PersonBoxes {
