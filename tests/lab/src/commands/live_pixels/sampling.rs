@@ -1,0 +1,88 @@
+//! What an error comes to because edges had no time for every tick.
+
+use std::collections::BTreeSet;
+
+use farfield_proto::tick::Tick;
+use farfield_score::lines::PoseLines;
+use farfield_score::points::ScoredBody;
+
+/// The mean error at `ticks` of one who knows the truth at those of them that were `seen`, and lets everybody go on as they
+/// went between the last two, millimetres. Nobody who sees no more can know much better.
+pub(super) fn sampling_mm(
+    truth: &PoseLines,
+    seen: &BTreeSet<Tick>,
+    ticks: impl Iterator<Item = Tick>,
+) -> f64 {
+    let (mut sum_m, mut n) = (0.0, 0.0);
+    for tick in ticks {
+        let mut newest_first = seen.range(..=tick).rev();
+        let (Some(last), Some(before)) = (newest_first.next(), newest_first.next()) else {
+            continue;
+        };
+        let share = (tick - *last) as f64 / (*last - *before) as f64;
+        let [Some(now), Some(last), Some(before)] =
+            [tick, *last, *before].map(|tick| truth.people_at(tick))
+        else {
+            continue;
+        };
+        for (person, body) in now {
+            let expected = last.get(person).zip(before.get(person));
+            let expected = expected.map(|(last, before)| moved_on(last, before, share));
+            if let Some(distance_m) = expected.and_then(|it| it.mean_distance_m(body)) {
+                sum_m += distance_m;
+                n += 1.0;
+            }
+        }
+    }
+    1e3 * sum_m / f64::max(n, 1.0)
+}
+
+/// `last`, moved on by `share` of the way from `before`.
+fn moved_on(last: &ScoredBody, before: &ScoredBody, share: f64) -> ScoredBody {
+    let mut body = last.clone();
+    for (point, before) in body.points_m.iter_mut().zip(&before.points_m) {
+        *point = point.zip(*before).map(|(at, was)| at + (at - was) * share);
+    }
+    body
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use farfield_score::lines::LinesRole;
+    use farfield_score::points::PointSet;
+
+    use super::*;
+
+    /// Somebody whose shoulder is at so many metres at tick 0, 1, 2 ...
+    fn truth(places_m: &[f64]) -> PoseLines {
+        let line = |(tick, x_m): (usize, &f64)| {
+            format!(
+                "{{\"tick\": {tick}, \"person\": 1, \"joints\": {{\"left_shoulder\": [{x_m}, 0, 1]}}}}\n"
+            )
+        };
+        let text: String = places_m.iter().enumerate().map(line).collect();
+        let path = Path::new("truth.jsonl");
+        let role = LinesRole::Truth;
+        PoseLines::read(text.as_bytes(), path, role, PointSet::Joints, None).unwrap()
+    }
+
+    fn cost_mm(places_m: &[f64], seen: &[i64]) -> f64 {
+        let seen = seen.iter().map(|tick| Tick(*tick)).collect();
+        let ticks = (0..).map(Tick).take(places_m.len());
+        sampling_mm(&truth(places_m), &seen, ticks)
+    }
+
+    #[test]
+    fn who_sees_every_tick_or_a_steady_walk_pays_nothing() {
+        assert!(cost_mm(&[0.0, 0.1, 0.5, 0.2], &[0, 1, 2, 3]) < 1e-9);
+        assert!(cost_mm(&[0.0, 0.1, 0.2, 0.3, 0.4], &[0, 2]) < 1e-9);
+    }
+
+    #[test]
+    fn who_sees_every_other_tick_pays_for_turns() {
+        // At tick 3 somebody who went 0.1 m a tick has stopped at 0.2: of ticks 2 and 3 the mean is 50 mm.
+        assert!((cost_mm(&[0.0, 0.1, 0.2, 0.2], &[0, 2]) - 50.0).abs() < 1e-6);
+    }
+}
