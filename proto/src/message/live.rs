@@ -78,8 +78,8 @@ pub struct LiveStatus {
     pub persons_per_tick: Option<u16>,
     /// An edge processes only every n-th tick, n at least 1.
     pub every_nth_tick: u16,
-    /// n, where an edge that followed no plan would process every n-th tick; 0: it has nobody to work on, or does not say. On the wire it stands at the end of
-    /// the status.
+    /// n, where an edge without a plan would process every n-th tick; 0: there are no people to work on, or it does not
+    /// report this. On the wire it stands at the end of the status.
     #[serde(skip)]
     pub needed_nth_tick: u16,
     /// Payload that an edge has handed to the network in the last second, bytes.

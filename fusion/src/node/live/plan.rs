@@ -1,4 +1,4 @@
-//! The plan that all edges follow: which ticks they work on, done and said.
+//! The plan of ticks for all edges: made once a second, sent with the boxes, and reported.
 
 use farfield_node::process::say;
 
@@ -6,7 +6,7 @@ use super::run::LiveFusion;
 use crate::live::Micros;
 
 impl LiveFusion<'_> {
-    /// Plans the ticks of all edges by what each has said that it needs.
+    /// Plans the ticks of all edges from what each edge reports.
     pub(super) fn plan_ticks(&mut self) {
         let now_us = self.interceptor.clock.now_us();
         let needs = self.needs(now_us);
@@ -16,22 +16,29 @@ impl LiveFusion<'_> {
         for edge in &mut self.edges {
             edge.every_nth_tick = every_nth;
         }
-        let words = (every_nth > 1).then(|| {
-            let slow = needs.iter().filter(|(_, nth)| *nth >= every_nth);
-            let slow: Vec<&str> = slow.map(|(name, _)| name.as_str()).collect();
-            let rate_hz = self.config.venue.rate_hz;
-            format!(
-                "all edges work at {:.0} of {rate_hz:.0} Hz, to share ticks: more is too much for {}",
-                rate_hz / f64::from(every_nth),
-                slow.join(", ")
-            )
-        });
+        let slow = needs.iter().filter(|(_, nth)| *nth >= every_nth);
+        let slow: Vec<&str> = slow.map(|(name, _)| name.as_str()).collect();
+        let words = match (every_nth, slow.is_empty()) {
+            (..=1, _) => None,
+            // Edges have time again, and the plan follows in a moment: until then the reason is the one of before.
+            (_, true) => self.plan_words.clone(),
+            (_, false) => Some(self.plan_in_words(&slow)),
+        };
         match (&self.plan_words, &words) {
             (None, Some(words)) => say(format_args!("{words}")),
-            (Some(_), None) => say(format_args!("all edges work at every tick again")),
+            (Some(_), None) => say(format_args!("the edges work at every tick again")),
             _ => {}
         }
         self.plan_words = words;
+    }
+
+    fn plan_in_words(&self, slow: &[&str]) -> String {
+        let rate_hz = self.config.venue.rate_hz;
+        format!(
+            "the edges share ticks at {:.0} of {rate_hz:.0} Hz: more is too much for {}",
+            rate_hz / f64::from(self.plan.every_nth()),
+            slow.join(", ")
+        )
     }
 
     /// The edges that are there and have people to work on, and the n that each needs: it would work on every n-th tick.

@@ -6,8 +6,8 @@ use farfield_proto::tick::Tick;
 use farfield_score::lines::PoseLines;
 use farfield_score::points::ScoredBody;
 
-/// The mean error at `ticks` of one who knows the truth at those of them that were `seen`, and lets everybody go on as they
-/// went between the last two, millimetres. Nobody who sees no more can know much better.
+/// The mean error at `ticks` of a predictor that knows the truth at the `seen` ticks, millimetres. It moves each person on at
+/// the velocity between the last two. No tracker does much better from the same ticks.
 pub(super) fn sampling_mm(
     truth: &PoseLines,
     seen: &BTreeSet<Tick>,
@@ -55,7 +55,7 @@ mod tests {
 
     use super::*;
 
-    /// Somebody whose shoulder is at so many metres at tick 0, 1, 2 ...
+    /// A person whose left shoulder has these x at ticks 0, 1, 2 ..., metres.
     fn truth(places_m: &[f64]) -> PoseLines {
         let line = |(tick, x_m): (usize, &f64)| {
             format!(
@@ -75,14 +75,14 @@ mod tests {
     }
 
     #[test]
-    fn who_sees_every_tick_or_a_steady_walk_pays_nothing() {
+    fn every_tick_or_a_steady_walk_costs_nothing() {
         assert!(cost_mm(&[0.0, 0.1, 0.5, 0.2], &[0, 1, 2, 3]) < 1e-9);
         assert!(cost_mm(&[0.0, 0.1, 0.2, 0.3, 0.4], &[0, 2]) < 1e-9);
     }
 
     #[test]
-    fn who_sees_every_other_tick_pays_for_turns() {
-        // At tick 3 somebody who went 0.1 m a tick has stopped at 0.2: of ticks 2 and 3 the mean is 50 mm.
+    fn every_other_tick_costs_what_changes_between() {
+        // The person went 0.1 m a tick and stops at tick 2. The error is 0 at tick 2 and 100 mm at tick 3.
         assert!((cost_mm(&[0.0, 0.1, 0.2, 0.2], &[0, 2]) - 50.0).abs() < 1e-6);
     }
 }
