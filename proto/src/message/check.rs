@@ -6,7 +6,7 @@
 use super::agreement;
 use super::form::older::{BoxSet3, Status3};
 use super::form::sightings;
-use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
+use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES, MAX_NTH_TICK};
 use super::{
     BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_CROPS, MAX_PERSONS, MAX_SIGHTINGS, MAX_STAGES,
     PatchSet, PersonPatch, PersonPose, PoseSet, Sighting, SightingSet, Status,
@@ -109,8 +109,14 @@ impl Message for BoxSet {
             "more cameras than a viewpoint may have",
         )?;
         let live = self.live.iter();
-        live.filter_map(|live| live.clock_correction_us)
+        live.clone()
+            .filter_map(|live| live.clock_correction_us)
             .try_for_each(check_correction)?;
+        let mut planned = live.map(|live| live.every_nth_tick);
+        ensure(
+            planned.all(|nth| nth <= MAX_NTH_TICK),
+            "a plan of too few ticks",
+        )?;
         ensure(
             self.detection_cameras.is_sorted_by(|a, b| a < b),
             "cameras that look out of order or twice",
@@ -313,6 +319,10 @@ impl Message for Status {
 fn check_live(live: &LiveStatus) -> Result<(), &'static str> {
     check_correction(live.clock_correction_us)?;
     ensure(live.every_nth_tick > 0, "every 0th tick")?;
+    ensure(
+        live.needed_nth_tick <= MAX_NTH_TICK,
+        "a plan of too few ticks",
+    )?;
     ensure(
         live.cameras.len() <= MAX_CAMERAS,
         "more cameras than a viewpoint may have",

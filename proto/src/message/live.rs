@@ -14,6 +14,8 @@ use crate::tick::Tick;
 pub const MAX_CLOCK_CORRECTION_US: i32 = 1_800_000_000;
 /// Most edges in a fusion node's status.
 pub const MAX_EDGES: usize = 256;
+/// Fewest ticks that an edge needs or fusion plans: every 64th. A power of two.
+pub const MAX_NTH_TICK: u16 = 64;
 
 /// In a patch set: when it was sent, and which box set the edge had received by then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -70,7 +70,7 @@ fn live_boxes(seed: i64) -> Option<LiveBoxes> {
             one_way_us: seed as i32,
             bytes: seed as u32,
         }),
-        every_nth_tick: seed as u16,
+        every_nth_tick: (seed % 65).unsigned_abs() as u16,
     })
 }
 
@@ -286,7 +286,7 @@ fn any_status() -> impl Strategy<Value = Status> {
                 stages: vec![stage(unreadable); usize::from(failed)],
                 live: ready.then(|| LiveStatus {
                     every_nth_tick: 1,
-                    needed_nth_tick: process as u16,
+                    needed_nth_tick: (process % 65) as u16,
                     held_back: process,
                     ..LiveStatus::default()
                 }),

@@ -2,7 +2,9 @@
 
 use super::fixture::{box_set, live_status, patch_set, pose_set, sighting_set, stage, status};
 use super::*;
-use crate::message::live::{EdgeLink, LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES};
+use crate::message::live::{
+    EdgeLink, LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES, MAX_NTH_TICK,
+};
 use crate::message::{
     BoxSet, CameraBox, MAX_CAPTURE_OFFSET_US, MAX_PERSONS, MAX_STAGES, PatchSet, PoseSet, Status,
 };
@@ -154,6 +156,17 @@ fn what_is_said_of_a_link_is_checked() {
         |m| live(m, |l| l.every_nth_tick = 0),
         "every 0th tick",
     );
+    let too_few = "a plan of too few ticks";
+    check_refused(
+        status(),
+        |m| live(m, |l| l.needed_nth_tick = MAX_NTH_TICK + 1),
+        too_few,
+    );
+    let planned = |m: &mut BoxSet| {
+        let live = m.live.iter_mut();
+        live.for_each(|l| l.every_nth_tick = MAX_NTH_TICK + 1);
+    };
+    check_refused(box_set(), planned, too_few);
     check_refused(
         status(),
         |m| live(m, |l| l.edges[0].horizon_ticks = f32::NAN),

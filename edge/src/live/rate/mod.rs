@@ -6,7 +6,7 @@ mod sighting_share;
 pub mod thumbnail_share;
 mod work;
 
-use farfield_proto::message::live::HeardPatches;
+use farfield_proto::message::live::{HeardPatches, MAX_NTH_TICK};
 use farfield_proto::message::parts::MESSAGE_BYTES;
 use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
@@ -28,8 +28,6 @@ const PATIENCE_US: Micros = 1_000_000;
 const ROOM: f64 = 0.85;
 /// Fewer ticks must get so many times as many persons through: each of them is farther from the next.
 const GAIN: f64 = 1.3;
-/// An edge works on every 64th tick at least, where no plan of fusion says less: a power of two.
-const MAX_NTH: u16 = 64;
 /// While the link is cut, every eighth tick is sent nevertheless, or the next that is worked on: one may get through.
 const PROBE_EVERY: u16 = 8;
 /// Number of compression levels.
@@ -355,10 +353,11 @@ impl RateController {
             return u16::from(persons > 0);
         }
         // Powers of two divide each other: edges share ticks also while a plan changes.
-        let fewest = (share(1).clamp(1.0, f64::from(MAX_NTH)).ceil() as u16).next_power_of_two();
+        let fewest =
+            (share(1).clamp(1.0, f64::from(MAX_NTH_TICK)).ceil() as u16).next_power_of_two();
         let per_tick = |nth: u16| persons_within(share, nth.into(), persons) / f64::from(nth);
         let (mut best, mut nth) = (fewest, 2 * fewest);
-        while nth <= MAX_NTH {
+        while nth <= MAX_NTH_TICK {
             if per_tick(nth) > GAIN * per_tick(best) {
                 best = nth;
             }
