@@ -91,21 +91,41 @@ impl Phase {
     }
 }
 
+/// What a tick could show of a person, by the viewpoints that have it in sight and gave something at this tick. A tick that edges
+/// left out, or of which messages were lost, says nothing against anybody.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Showable {
+    /// Evidence from two viewpoints.
+    pub(crate) by_two: bool,
+    /// Evidence from any viewpoint.
+    pub(crate) by_any: bool,
+}
+
+impl Showable {
+    /// All viewpoints gave something.
+    pub(crate) const BY_ALL: Self = Self {
+        by_two: true,
+        by_any: true,
+    };
+}
+
 /// For how long a person has had which evidence, ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Coverage {
-    /// Since evidence from two viewpoints.
+    /// Since evidence from two viewpoints, of the ticks that could show it.
     pub missing: u32,
     /// Since evidence from any viewpoint.
     pub unseen: u32,
-    /// Of those, at which the viewpoints that could see the person were not all silent: then absence is no evidence.
+    /// Of those, the ticks that could show the person.
     pub absent: u32,
-    /// In a row with evidence from two viewpoints.
+    /// In a row with evidence from two viewpoints, of the ticks that could show it.
     pub streak: u32,
     /// With evidence from two viewpoints since it was sighted first, that sighting too.
     pub supported: u32,
     /// For which the crops of who was sighted cannot have come yet; 0 from when two viewpoints showed it.
     pub awaited: u32,
+    /// Whether two viewpoints could not show the person at the last tick, and did not.
+    pub is_left_out: bool,
 }
 
 impl Coverage {
@@ -119,27 +139,35 @@ impl Coverage {
         }
     }
 
-    /// Counts one tick with what it was made of; `is_watched`: unless the viewpoints that could see the person are silent.
-    pub(crate) fn count(&mut self, made_of: MadeOf, is_watched: bool) {
-        let counted = |since: u32, seen: bool| if seen { 0 } else { since.saturating_add(1) };
-        if made_of == MadeOf::Views {
+    /// Counts one tick with what it was made of, and what it could show.
+    pub(crate) fn count(&mut self, made_of: MadeOf, showable: Showable) {
+        let has_two = made_of == MadeOf::Views;
+        self.is_left_out = !has_two && !showable.by_two;
+        if has_two {
             self.streak = self.streak.saturating_add(1);
             self.supported = self.supported.saturating_add(1);
-            self.awaited = 0;
-        } else {
+            (self.missing, self.awaited) = (0, 0);
+        } else if showable.by_two {
             self.streak = 0;
+            self.missing = self.missing.saturating_add(1);
         }
-        self.missing = counted(self.missing, made_of == MadeOf::Views);
-        self.unseen = counted(self.unseen, made_of != MadeOf::Motion);
-        self.absent = match made_of {
-            MadeOf::Motion => self.absent.saturating_add(u32::from(is_watched)),
-            MadeOf::Views | MadeOf::OneView => 0,
-        };
+        if made_of == MadeOf::Motion {
+            self.unseen = self.unseen.saturating_add(1);
+            self.absent = self.absent.saturating_add(showable.by_any.into());
+        } else {
+            (self.unseen, self.absent) = (0, 0);
+        }
+    }
+
+    /// Whether the last tick had evidence from two viewpoints.
+    pub(crate) fn is_seen(&self) -> bool {
+        self.missing == 0 && !self.is_left_out
     }
 
     /// As if the person was seen at this tick; until it is seen again the streak says what it said.
     pub(crate) fn revive(&mut self) {
         (self.missing, self.unseen, self.absent) = (0, 0, 0);
+        self.is_left_out = false;
     }
 
     /// What was taken for evidence of the last `ticks` was somebody else's.
@@ -158,7 +186,7 @@ pub(crate) fn is_awaited(phase: Phase, coverage: Coverage) -> bool {
 pub(crate) fn published(phase: Phase, coverage: Coverage) -> PersonState {
     match phase {
         Phase::Tentative => PersonState::Tentative,
-        _ if coverage.missing == 0 => PersonState::Tracked,
+        _ if coverage.is_seen() => PersonState::Tracked,
         _ => PersonState::Coasting,
     }
 }
@@ -171,10 +199,10 @@ mod tests {
     #[test]
     fn the_first_evidence_ends_the_wait_for_crops() {
         let mut coverage = Coverage::sighted(15);
-        coverage.count(MadeOf::OneView, true);
+        coverage.count(MadeOf::OneView, Showable::BY_ALL);
         assert!(is_awaited(Phase::Tentative, coverage));
         assert!(!is_awaited(Phase::Tracked, coverage), "it has come already");
-        coverage.count(MadeOf::Views, true);
+        coverage.count(MadeOf::Views, Showable::BY_ALL);
         assert!(!is_awaited(Phase::Tentative, coverage));
         assert_eq!(coverage.supported, 2);
     }
@@ -182,12 +210,35 @@ mod tests {
     #[test]
     fn absence_counts_only_while_a_viewpoint_could_show_the_person() {
         let mut coverage = Coverage::default();
-        for is_watched in [true, false, false, true] {
-            coverage.count(MadeOf::Motion, is_watched);
+        for by_any in [true, false, false, true] {
+            let by_two = true;
+            coverage.count(MadeOf::Motion, Showable { by_two, by_any });
         }
         assert_eq!((coverage.unseen, coverage.absent), (4, 2));
-        coverage.count(MadeOf::OneView, true);
+        coverage.count(MadeOf::OneView, Showable::BY_ALL);
         assert_eq!((coverage.unseen, coverage.absent), (0, 0));
+    }
+
+    #[test]
+    fn ticks_that_edges_leave_out_count_neither_for_nor_against() {
+        let left_out = Showable {
+            by_two: false,
+            by_any: false,
+        };
+        let mut coverage = Coverage::default();
+        for _ in 0..3 {
+            coverage.count(MadeOf::Views, Showable::BY_ALL);
+            coverage.count(MadeOf::Motion, left_out);
+            assert_eq!(published(Phase::Tracked, coverage), PersonState::Coasting);
+        }
+        let Coverage {
+            missing,
+            unseen,
+            absent,
+            streak,
+            ..
+        } = coverage;
+        assert_eq!([missing, unseen, absent, streak], [0, 1, 0, 3]);
     }
 
     #[test]
@@ -227,7 +278,7 @@ mod tests {
             MadeOf::OneView,
             MadeOf::Motion,
         ] {
-            coverage.count(made_of, true);
+            coverage.count(made_of, Showable::BY_ALL);
         }
         let Coverage {
             missing,
@@ -236,7 +287,7 @@ mod tests {
             ..
         } = coverage;
         assert_eq!([missing, unseen, streak], [3, 1, 0]);
-        coverage.count(MadeOf::Views, true);
+        coverage.count(MadeOf::Views, Showable::BY_ALL);
         assert_eq!((coverage.missing, coverage.streak), (0, 1));
         assert_eq!(published(Phase::Tracked, coverage), PersonState::Tracked);
     }

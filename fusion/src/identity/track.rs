@@ -6,7 +6,7 @@ use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use super::memory::{Candidate, Departed};
-use super::phase::{self, Coverage, Phase, published};
+use super::phase::{self, Coverage, Phase, Showable, published};
 use super::poster::Stillness;
 use super::shown::ShownPeople;
 use super::tentative::{TentativeTick, Votes};
@@ -286,19 +286,21 @@ impl Track {
         })
     }
 
-    /// Counts the tick that has just been solved. `is_silence`: whether silence of the viewpoints explains that none shows the
-    /// body of these keypoints (world, metres).
+    /// Counts the tick that has just been solved. `showable`: what it could show of the body of these keypoints (world, metres).
     pub(crate) fn count(
         &mut self,
         tick: Tick,
         method: &Method,
-        is_silence: impl FnOnce(&[Vector3<f64>]) -> bool,
+        showable: impl FnOnce(&[Vector3<f64>]) -> Showable,
     ) {
         let made_of = self.estimator.made_of(method);
-        let is_watched = made_of != MadeOf::Motion || !is_silence(&self.estimator.keypoints_m());
+        let showable = match made_of {
+            MadeOf::Views => Showable::BY_ALL,
+            MadeOf::OneView | MadeOf::Motion => showable(&self.estimator.keypoints_m()),
+        };
         let identity = &mut self.identity;
         identity.lived_ticks = identity.lived_ticks.saturating_add(1);
-        identity.coverage.count(made_of, is_watched);
+        identity.coverage.count(made_of, showable);
         if identity.phase.is_tentative() {
             let estimates = self.estimator.estimates().to_vec();
             identity.tentative.push(tick, estimates, method);

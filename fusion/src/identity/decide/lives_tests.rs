@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::estimate::uncertainty::MadeOf;
-use crate::identity::phase::{Coverage, published};
+use crate::identity::phase::{Coverage, Showable, published};
 use crate::identity::poster::Stillness;
 use crate::identity::tentative::Votes;
 use farfield_proto::message::PersonState;
@@ -18,7 +18,7 @@ struct Life {
     facts: TrackFacts,
     tick: Tick,
     is_gone: bool,
-    is_watched: bool,
+    showable: Showable,
 }
 
 impl Life {
@@ -27,7 +27,7 @@ impl Life {
             facts: TrackFacts::example(1, phase),
             tick: Tick(0),
             is_gone: false,
-            is_watched: true,
+            showable: Showable::BY_ALL,
         }
     }
 
@@ -48,7 +48,7 @@ impl Life {
         }
         let facts = &mut self.facts;
         self.tick = self.tick + 1;
-        facts.coverage.count(made_of, self.is_watched);
+        facts.coverage.count(made_of, self.showable);
         facts.tentative_ticks += 1;
         let everybody = std::slice::from_ref(&*facts);
         let event = decide(everybody, self.tick, &Rules::example(RATE_HZ)).pop()?;
@@ -130,19 +130,41 @@ fn a_confirmed_person_coasts_and_comes_back() {
 
 #[test]
 fn who_could_not_be_seen_is_carried_twice_as_long() {
+    let by_none = Showable {
+        by_two: true,
+        by_any: false,
+    };
     let mut life = Life::of(Phase::Tracked);
-    life.is_watched = false;
+    life.showable = by_none;
     assert_eq!(life.live(MadeOf::Motion, 100), ["lose"]);
     assert_eq!(life.live(MadeOf::Motion, 1), ["unseen"]);
     let mut life = Life::of(Phase::Tracked);
-    life.is_watched = false;
+    life.showable = by_none;
     assert_eq!(life.live(MadeOf::Motion, 50), ["lose"]);
-    life.is_watched = true;
+    life.showable = Showable::BY_ALL;
     assert!(
         life.live(MadeOf::Motion, 50).is_empty(),
         "a second to be found"
     );
     assert_eq!(life.live(MadeOf::Motion, 1), ["unseen"]);
+}
+
+#[test]
+fn who_is_shown_at_every_fifth_tick_because_edges_leave_out_the_others_lives_as_at_every_tick() {
+    let left_out = Showable {
+        by_two: false,
+        by_any: false,
+    };
+    let mut life = Life::sighted(0);
+    let mut became = Vec::new();
+    for _ in 0..40 {
+        life.showable = left_out;
+        became.extend(life.live(MadeOf::Motion, 4));
+        life.showable = Showable::BY_ALL;
+        became.extend(life.live(MadeOf::Views, 1));
+    }
+    assert_eq!(became, ["confirm"]);
+    assert_eq!(life.live(MadeOf::Motion, 100), ["lose", "unseen"]);
 }
 
 #[test]

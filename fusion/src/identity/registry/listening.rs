@@ -1,4 +1,4 @@
-//! Which viewpoints are heard: who is not seen while those are silent that could see it, is not absent for that.
+//! Which viewpoints are heard: who is not seen at ticks of which those sent nothing that could see it, is not absent for that.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
@@ -6,6 +6,7 @@ use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use crate::align::TickGroup;
+use crate::identity::phase::Showable;
 use crate::sightings::contradiction::in_sight;
 
 /// For how long nothing comes from a viewpoint that is still heard, seconds: over a thin link not every tick has a message.
@@ -41,19 +42,65 @@ impl Listening {
         }
     }
 
-    /// Whether silence explains that none shows the body of `keypoints_m` (world, metres) at `tick`: those that have it in
-    /// sight are silent, all of them. Who is in sight of none has left.
-    pub(super) fn explains(&self, keypoints_m: &[Vector3<f64>], tick: Tick) -> bool {
-        let is_silent = |viewpoint: ViewpointIndex| {
-            let last = self.heard.get(usize::from(viewpoint.0)).copied().flatten();
-            last.is_none_or(|last| tick - last > self.silent_ticks)
-        };
-        if !self.cameras.iter().any(|(of, _)| is_silent(*of)) {
-            return false;
+    /// What `tick` could show of the body of `keypoints_m` (world, metres). Viewpoints leave ticks out or lose their messages:
+    /// what such a one would have shown is not known. One that is silent for longer is not waited for, and where all that have
+    /// the body in sight are silent, it is not absent. Who is in sight of none has left.
+    pub(super) fn showable(&self, keypoints_m: &[Vector3<f64>], tick: Tick) -> Showable {
+        let has_reported = |viewpoint: usize| self.heard.get(viewpoint) == Some(&Some(tick));
+        let mut viewpoints = self.cameras.iter().map(|(of, _)| usize::from(of.0));
+        if viewpoints.all(has_reported) {
+            return Showable::BY_ALL;
         }
-        let in_sight =
-            |(_, model): &&(ViewpointIndex, CameraModel)| !in_sight(model, keypoints_m).is_empty();
-        let mut watching = self.cameras.iter().filter(in_sight).peekable();
-        watching.peek().is_some() && watching.all(|(of, _)| is_silent(*of))
+        let sees = |viewpoint: usize| {
+            let mut own = self.cameras.iter();
+            own.any(|(of, model)| {
+                usize::from(of.0) == viewpoint && !in_sight(model, keypoints_m).is_empty()
+            })
+        };
+        let (mut reported, mut between, mut silent) = (0, 0, 0);
+        for (viewpoint, heard) in self.heard.iter().enumerate() {
+            if sees(viewpoint) {
+                match heard {
+                    Some(last) if *last == tick => reported += 1,
+                    Some(last) if tick - *last <= self.silent_ticks => between += 1,
+                    _ => silent += 1,
+                }
+            }
+        }
+        Showable {
+            by_two: reported >= 2 || between == 0,
+            by_any: reported > 0 || between + silent == 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sightings::fixture::hall;
+
+    /// What tick 100 could show of somebody whom all viewpoints have in sight, by when each was heard last.
+    fn showable(heard: [Option<i64>; 3]) -> [bool; 2] {
+        let cameras = hall().cameras.into_iter().take(heard.len()).collect();
+        let mut listening = Listening::new(cameras, 60.0);
+        listening.heard = heard.iter().map(|tick| tick.map(Tick)).collect();
+        let body_m = [Vector3::new(0.0, 0.0, 1.0)];
+        let Showable { by_two, by_any } = listening.showable(&body_m, Tick(100));
+        [by_two, by_any]
+    }
+
+    #[test]
+    fn a_tick_that_viewpoints_leave_out_could_show_nobody() {
+        let (now, left_out, silent) = (Some(100), Some(98), Some(20));
+        assert_eq!(showable([now, now, now]), [true, true]);
+        assert_eq!(showable([now, now, left_out]), [true, true]);
+        assert_eq!(showable([now, left_out, left_out]), [false, true]);
+        assert_eq!(showable([left_out; 3]), [false, false]);
+        assert_eq!(
+            showable([now, silent, None]),
+            [true, true],
+            "not waited for"
+        );
+        assert_eq!(showable([silent, silent, None]), [true, false]);
     }
 }

@@ -218,7 +218,7 @@ impl Registry {
         self.shown.see(group, &wanted, &self.finder, method);
         for track in &mut self.tracks {
             track.count(tick, method, |keypoints_m| {
-                self.listening.explains(keypoints_m, tick)
+                self.listening.showable(keypoints_m, tick)
             });
         }
         self.take_facts();
@@ -360,7 +360,7 @@ impl Registry {
             let is_itself = places::is_itself(&self.facts, index, &self.rules);
             let identity = &track.identity;
             let is_new = identity.last_seen.is_none() && !identity.phase.is_tentative();
-            if identity.coverage.missing == 0 && (is_itself || is_new) {
+            if identity.coverage.is_seen() && (is_itself || is_new) {
                 track.is_seen_at(tick);
             }
         }

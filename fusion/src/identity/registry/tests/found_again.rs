@@ -18,9 +18,7 @@ fn just_found() -> HallFixture {
     let mut stage = HallFixture::new();
     let body = person(0.0, 0.0, STATURE_M);
     stage.go_on(std::slice::from_ref(&body), 3.0);
-    for _ in 0..3 {
-        stage.step_seen_by(std::slice::from_ref(&body), &[]);
-    }
+    stage.go_on(&[], 0.15);
     stage.go_on(&[body], 0.2);
     let phase = stage.registry.tracks()[0].identity.phase;
     assert!(phase.is_doubtful() && !phase.is_lost());
@@ -183,4 +181,22 @@ fn the_ticks_before_are_solved_without_the_push_of_now() {
     let poses = settled(0.0);
     assert!(!poses.is_empty());
     assert_eq!(poses, settled(0.05));
+}
+
+#[test]
+fn who_is_seen_at_the_ticks_that_edges_share_is_never_lost() {
+    let mut stage = HallFixture::new();
+    let body = person(0.0, 0.0, STATURE_M);
+    stage.go_on(std::slice::from_ref(&body), 1.0);
+    let id = stage.who_at(0.0, 0.0);
+    assert!(id.is_some());
+    for _ in 0..20 {
+        // 4 of 20 Hz.
+        for _ in 0..4 {
+            stage.step_seen_by(&[], &[]);
+        }
+        stage.step(std::slice::from_ref(&body));
+        assert_eq!(stage.registry.tracks()[0].identity.phase, Phase::Tracked);
+    }
+    assert_eq!(stage.who_at(0.0, 0.0), id);
 }
