@@ -4,6 +4,7 @@ use std::convert::Infallible;
 use std::time::Duration;
 
 use farfield_node::process::say;
+use farfield_node::service_manager;
 use tokio::time::{MissedTickBehavior, interval};
 
 /// How long fusion may take to answer before a person is told that the edge waits for it.
@@ -19,6 +20,7 @@ pub(super) async fn remind(waiting: impl Fn() -> Option<String>) -> Infallible {
     loop {
         reminders.tick().await;
         if let Some(line) = waiting() {
+            service_manager::tell(&line);
             say(format_args!("{line}"));
         }
     }

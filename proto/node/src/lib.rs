@@ -13,6 +13,7 @@
 //! | [`histogram`] | how long things took, over days, in bounded room |
 //! | [`keys`] | whether a node's keys are those of its venue and its authority, and fit each other |
 //! | [`log`] | what a node logs, and how it listens in on a library's log |
+//! | [`service_manager`] | what systemd hears of a node |
 //! | [`system_clock`] | whether NTP or PTP keeps the machine's clock right |
 //! | [`runtime`] | starting the runtime, and ending it whatever still waits |
 //!
@@ -28,5 +29,6 @@ pub mod keys;
 pub mod log;
 pub mod process;
 pub mod runtime;
+pub mod service_manager;
 pub mod session;
 pub mod system_clock;

@@ -5,6 +5,7 @@ use std::time::Duration;
 use anyhow::Context as _;
 
 use crate::process::{NodeError, raise_handle_limit};
+use crate::service_manager;
 
 /// How long threads of the runtime that still wait for something may take when all is done.
 const SHUTDOWN: Duration = Duration::from_millis(200);
@@ -26,6 +27,7 @@ pub fn block_on<T>(
     let runtime = runtime
         .context("starting the runtime")
         .map_err(NodeError::Failed)?;
+    runtime.spawn(service_manager::watch());
     let outcome = runtime.block_on(work);
     runtime.shutdown_timeout(SHUTDOWN);
     outcome

@@ -1,7 +1,10 @@
 //! Nodes started one by one, as on several hosts.
 
+use std::collections::BTreeSet;
 use std::net::TcpListener;
+use std::os::unix::net::UnixDatagram;
 use std::process::{Child, Stdio};
+use std::time::Duration;
 
 use crate::data::checkout;
 use crate::farfield::{command, poses};
@@ -64,4 +67,39 @@ fn edges_that_start_before_fusion_join_it_and_the_recording_is_the_same() {
     crate::farfield::run(&venue, &together, &["--ticks", "0..40"]);
     assert!(!by_hand.is_empty());
     assert_eq!(by_hand, poses(&together));
+}
+
+#[test]
+fn an_edge_tells_systemd_that_it_has_started_what_it_waits_for_and_that_it_lives() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("notify");
+    let manager = UnixDatagram::bind(&path).unwrap();
+    manager
+        .set_read_timeout(Some(Duration::from_mins(1)))
+        .unwrap();
+    let edge = command()
+        .arg("edge")
+        .arg(checkout().join("examples/walk/venue.toml"))
+        .args(["--viewpoint", "north-east"])
+        // Nobody listens at this port.
+        .args(["--connect", "tcp/127.0.0.1:9"])
+        .env("NOTIFY_SOCKET", &path)
+        .env("WATCHDOG_USEC", "400000")
+        .stdin(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let _nodes = NodesByHand(vec![("north-east".to_owned(), edge)]);
+    let mut heard = BTreeSet::new();
+    let mut bytes = [0; 1024];
+    while heard.len() < 3 {
+        let length = manager.recv(&mut bytes).unwrap();
+        let text = std::str::from_utf8(&bytes[..length]).unwrap().trim_end();
+        heard.insert(text.to_owned());
+    }
+    let waits = "STATUS=north-east: waiting for fusion at tcp/127.0.0.1:9";
+    let heard: Vec<&str> = heard.iter().map(String::as_str).collect();
+    assert_eq!(heard[0], "READY=1");
+    assert!(heard[1].starts_with(waits), "{}", heard[1]);
+    assert_eq!(heard[2], "WATCHDOG=1");
 }

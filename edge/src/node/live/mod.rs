@@ -27,6 +27,7 @@ use anyhow::{Context as _, anyhow};
 use farfield_node::certificate::ending_notice;
 use farfield_node::clock::{self, VenueClock};
 use farfield_node::process::{Ending, NodeError, say};
+use farfield_node::service_manager;
 use farfield_proto::id::SessionId;
 use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::live::{EdgeLink, LiveStatus};
@@ -263,6 +264,9 @@ impl LiveEdge {
             let workers = format!("{workers} worker{plural}, {crops_per_s:.0} crops a second");
             self.status.backend = wire::cut_text(format!("{}; {workers}", self.backend));
         }
+        let notice = self.status.failure.as_ref();
+        let notice = notice.or(self.status.health.notices.first());
+        service_manager::tell(notice.unwrap_or(&self.status.backend));
         self.shared
             .send(MessageKind::Status, self.shared.encode(&self.status));
     }

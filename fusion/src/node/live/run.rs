@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::process::Ending;
+use farfield_node::service_manager;
 use farfield_proto::id::{PersonId, SessionId, ViewpointIndex};
 use farfield_proto::message::decision::Decision;
 use farfield_proto::message::{BoxSet, PatchSet, StageTime, Status};
@@ -250,6 +251,7 @@ impl<'a> LiveFusion<'a> {
                 () = stop.cancelled() => return Ok(Ending::Interrupted),
                 stepped = worker.done.recv() => {
                     let stepped = stepped.context("the core has ended")?;
+                    service_manager::note_work();
                     let bytes = self.publish(stepped, ends);
                     if let Some((poses, bytes)) = bytes {
                         reporter.tick(&poses, bytes);
@@ -277,6 +279,7 @@ impl<'a> LiveFusion<'a> {
                         self.look_at_target();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
+                        service_manager::tell(&self.in_a_line(&status));
                         let links = status.live.as_ref().map(|live| live.edges.clone());
                         let edges = links.unwrap_or_default();
                         self.send(ends, FusionOutgoing::Status(Box::new(status)));

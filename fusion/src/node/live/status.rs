@@ -40,6 +40,18 @@ impl LiveFusion<'_> {
         }
     }
 
+    /// What its own `status` says, in a line.
+    pub(super) fn in_a_line(&self, status: &Status) -> String {
+        let edges = status.live.iter().flat_map(|live| &live.edges);
+        let there = edges.clone().filter(|edge| edge.live).count();
+        let mut line = format!("{there} of {} edges take part", edges.count());
+        for notice in self.plan_words.iter().chain(&status.health.notices) {
+            line.push_str("; ");
+            line.push_str(notice);
+        }
+        line
+    }
+
     /// How every edge is heard.
     pub(super) fn edge_links(&mut self, now_us: Micros) -> Vec<EdgeLink> {
         let mut links = Vec::with_capacity(self.edges.len());
