@@ -4,9 +4,13 @@ use farfield_proto::message::MAX_CAPTURE_OFFSET_US;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::TickFrom;
 
-use super::Micros;
 use super::delivery::Delivery;
 use super::tick_clock::TickClock;
+use super::{Micros, SECOND_US};
+
+/// Longest that a picture takes from its capture to the edge, microseconds: where a camera says more, its clock is another than the
+/// venue's.
+const LONGEST_DELAY_US: Micros = SECOND_US;
 
 /// Time between two frames, in periods of the count, from which one was lost without being counted.
 const GAP_PERIODS: f64 = 1.5;
@@ -18,6 +22,8 @@ pub struct Arrived {
     pub number: i64,
     /// The time stamp of its driver or stream, on a clock of its own, microseconds.
     pub stamp_us: Option<Micros>,
+    /// Capture as the camera says it, Unix time by its own clock, microseconds.
+    pub captured_unix_us: Option<Micros>,
     /// Arrival by the own clock, microseconds.
     pub now_us: Micros,
 }
@@ -50,11 +56,23 @@ pub enum Misplaced {
     },
 }
 
+/// What a camera says of the time from a capture to the arrival, microseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MeasuredDelay {
+    /// So long it takes.
+    Delay(Micros),
+    /// Its clock is not the venue's: it would have taken so long.
+    ForeignClock(Micros),
+}
+
 /// Places the frames of one live camera.
 #[derive(Debug, Clone)]
 pub struct FramePlacer {
     tick_from: TickFrom,
-    delay_us: Micros,
+    /// As the venue says it.
+    delay_us: Option<Micros>,
+    /// By what the camera says.
+    measured_us: Option<Micros>,
     delivery: Delivery,
     /// Number, tick and capture of the last frame.
     last: Option<(i64, Tick, Micros)>,
@@ -63,11 +81,12 @@ pub struct FramePlacer {
 }
 
 impl FramePlacer {
-    /// `delay_us`: how long before its arrival, or its time stamp, a frame was captured.
-    pub fn new(tick_from: TickFrom, delay_us: Micros) -> Self {
+    /// `delay_us`: how long before its arrival, or its time stamp, a frame was captured; `None`: as the camera says, else 0.
+    pub fn new(tick_from: TickFrom, delay_us: Option<Micros>) -> Self {
         Self {
             tick_from,
             delay_us,
+            measured_us: None,
             delivery: Delivery::default(),
             last: None,
             steps: 0,
@@ -81,7 +100,7 @@ impl FramePlacer {
     /// # Errors
     /// [`Misplaced`]; later frames may fit again.
     pub fn place(&mut self, frame: Arrived, clock: &TickClock) -> Result<PlacedFrame, Misplaced> {
-        let captured_us = self.captured_us(frame);
+        let captured_us = self.captured_us(frame, clock);
         if self.steps != clock.steps() {
             // The tick of the last frame was that of a clock which was wrong.
             (self.steps, self.last) = (clock.steps(), None);
@@ -125,12 +144,29 @@ impl FramePlacer {
         self.delivery.take_step_us()
     }
 
-    /// Capture by the own clock: the time stamp where there is one, carried over by the quickest delivery.
-    fn captured_us(&mut self, frame: Arrived) -> Micros {
+    /// How long even the quickest frame takes from its capture, by what the camera says, microseconds.
+    pub fn measured_delay(&self) -> Option<MeasuredDelay> {
+        self.measured_us.map(|us| match us {
+            0..=LONGEST_DELAY_US => MeasuredDelay::Delay(us),
+            _ => MeasuredDelay::ForeignClock(us),
+        })
+    }
+
+    /// Capture by the own clock: the time stamp where there is one, carried over by the quickest delivery, less what that takes.
+    fn captured_us(&mut self, frame: Arrived, clock: &TickClock) -> Micros {
         let quickest_us = frame.stamp_us.map_or(frame.now_us, |stamp_us| {
             self.delivery.captured_us(stamp_us, frame.now_us)
         });
-        quickest_us - self.delay_us
+        if let Some(delay_us) = self.delay_us {
+            return quickest_us - delay_us;
+        }
+        let own_us = |unix_us: Micros| unix_us.saturating_sub(clock.correction_us().into());
+        let said_us = frame.captured_unix_us.map(own_us);
+        self.measured_us = said_us.map(|said_us| quickest_us.saturating_sub(said_us));
+        match self.measured_delay() {
+            Some(MeasuredDelay::Delay(delay_us)) => quickest_us - delay_us,
+            Some(MeasuredDelay::ForeignClock(_)) | None => quickest_us,
+        }
     }
 }
 
@@ -158,20 +194,21 @@ mod tests {
         Arrived {
             number,
             stamp_us,
+            captured_unix_us: None,
             now_us,
         }
     }
 
     #[test]
     fn before_the_epoch_is_known_no_frame_has_a_tick() {
-        let mut placer = FramePlacer::new(TickFrom::Clock, 0);
+        let mut placer = FramePlacer::new(TickFrom::Clock, Some(0));
         let placed = placer.place(arrived(0, None, 5), &TickClock::new(50.0));
         assert_eq!(placed, Err(Misplaced::NoEpoch));
     }
 
     #[test]
     fn a_free_running_camera_is_placed_at_the_nearest_tick_with_its_offset() {
-        let mut placer = FramePlacer::new(TickFrom::Clock, 2_000);
+        let mut placer = FramePlacer::new(TickFrom::Clock, Some(2_000));
         let placed = placer.place(arrived(9, None, 1_009_000), &clock()).unwrap();
         assert_eq!(
             (placed.tick, placed.offset_us, placed.lag_us),
@@ -183,7 +220,7 @@ mod tests {
 
     #[test]
     fn the_drivers_stamp_takes_the_jitter_of_delivery_away() {
-        let mut placer = FramePlacer::new(TickFrom::Clock, 0);
+        let mut placer = FramePlacer::new(TickFrom::Clock, Some(0));
         let mut offsets = Vec::new();
         for n in 0..50 {
             let captured = 1_000_000 + n * 20_000;
@@ -196,8 +233,26 @@ mod tests {
     }
 
     #[test]
+    fn what_a_camera_says_of_its_captures_counts_unless_its_clock_is_another() {
+        let captured = |delay_us: Micros| {
+            let mut placer = FramePlacer::new(TickFrom::Clock, None);
+            let frame = Arrived {
+                captured_unix_us: Some(1_300_000 - delay_us),
+                ..arrived(0, Some(77), 1_300_000)
+            };
+            let placed = placer.place(frame, &clock()).unwrap();
+            (placed.tick, placer.measured_delay().unwrap())
+        };
+        assert_eq!(captured(140_000), (Tick(58), MeasuredDelay::Delay(140_000)));
+        for foreign_us in [-40_000, 3_600_000_000] {
+            let said = MeasuredDelay::ForeignClock(foreign_us);
+            assert_eq!(captured(foreign_us), (Tick(65), said));
+        }
+    }
+
+    #[test]
     fn a_trigger_counts_on_where_the_clock_would_waver() {
-        let mut placer = FramePlacer::new(TickFrom::Count, 0);
+        let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         // Captured half a period off the ticks: the clock says one tick or the other.
         for n in 0..20 {
             let wobble = if n % 2 == 0 { -300 } else { 300 };
@@ -208,7 +263,7 @@ mod tests {
 
     #[test]
     fn frames_lost_with_and_without_being_counted_leave_holes() {
-        let mut placer = FramePlacer::new(TickFrom::Count, 0);
+        let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         let mut tick = |number, now_us| {
             placer
                 .place(arrived(number, None, now_us), &clock())
@@ -224,7 +279,7 @@ mod tests {
 
     #[test]
     fn a_trigger_that_drifts_away_is_refused_with_the_numbers() {
-        let mut placer = FramePlacer::new(TickFrom::Count, 0);
+        let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         // A percent too slow.
         let refused = (0..2000).find_map(|n| {
             let frame = arrived(n, None, 1_000_000 + n * 20_200);
@@ -238,7 +293,7 @@ mod tests {
     fn a_trigger_is_counted_from_the_right_clock_once_that_is_known() {
         // Symptom to prevent: the first frame was placed before the clock was corrected, and all others counted
         // from there: off by the clock's error for as long as the edge ran.
-        let mut placer = FramePlacer::new(TickFrom::Count, 0);
+        let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         let mut clock = clock();
         let frame = |n: i64| arrived(n, None, 1_000_000 + n * 20_000);
         assert_eq!(placer.place(frame(0), &clock).unwrap().tick, Tick(50));
@@ -257,7 +312,7 @@ mod tests {
 
     #[test]
     fn a_trigger_that_has_drifted_away_starts_anew_by_the_clock() {
-        let mut placer = FramePlacer::new(TickFrom::Count, 0);
+        let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         let place = |n: i64| placer.place(arrived(n, None, 1_000_000 + n * 20_200), &clock());
         let refused = (0..2000).map(place).filter(Result::is_err).count();
         // A tenth of a second is drifted in 500 frames.
@@ -267,7 +322,7 @@ mod tests {
     proptest! {
         #[test]
         fn by_the_clock_no_offset_is_above_half_a_period(now_us in 0i64..1_000_000_000_000) {
-            let mut placer = FramePlacer::new(TickFrom::Clock, 0);
+            let mut placer = FramePlacer::new(TickFrom::Clock, Some(0));
             let placed = placer.place(arrived(0, None, now_us), &clock()).unwrap();
             prop_assert!(placed.offset_us.abs() <= 10_000);
         }

@@ -18,6 +18,7 @@ use ffmpeg_sidecar::paths::ffmpeg_path;
 
 use super::decoded_pictures::YUV_FORMATS;
 use super::frame_times::{FrameTimeReader, FrameTimes, frame_times};
+use super::sender_clock::SenderClock;
 use super::video_format::VideoFormat;
 use super::{SourceError, SourceOrigin};
 use crate::picture::ColourMatrix;
@@ -70,12 +71,11 @@ pub(super) fn live_input(url: &str, options: &BTreeMap<String, String>) -> Vec<O
 }
 
 /// What is decoded.
-#[derive(Debug, Clone)]
 pub(super) enum Wanted {
     /// A recording without its first frames, whose pictures are stored so.
     After(u64, VideoFormat),
-    /// A live source, with the times of its frames; what of its address nobody may read.
-    Timed(Secrets),
+    /// A live source, with the times of its frames; what of its address nobody may read, and who hears the camera's clock.
+    Timed(Secrets, Option<SenderClock>),
 }
 
 impl Wanted {
@@ -87,11 +87,11 @@ impl Wanted {
                 let select = (*skip > 0).then(|| format!("select=gte(n\\,{skip})"));
                 [before, select, after].into_iter().flatten().collect()
             }
-            Self::Timed(_) => vec!["showinfo=checksum=0".to_owned()],
+            Self::Timed(..) => vec!["showinfo=checksum=0".to_owned()],
         };
         let coding = match self {
             Self::After(_, format) if format.is_rgb => "-pix_fmt rgb24 -c:v ppm -f image2pipe -",
-            Self::After(..) | Self::Timed(_) => {
+            Self::After(..) | Self::Timed(..) => {
                 filters.push(YUV_FORMATS.to_owned());
                 "-f yuv4mpegpipe -"
             }
@@ -115,6 +115,8 @@ pub(super) struct Decoding {
     pub(super) times: Option<FrameTimes>,
     /// How their colours are mixed while their times do not say.
     pub(super) matrix: ColourMatrix,
+    /// Which times those are by the camera's clock, where it is heard.
+    pub(super) sender_clock: Option<SenderClock>,
 }
 
 /// A running ffmpeg. Dropping it ends the process.
@@ -135,11 +137,14 @@ impl Ffmpeg {
         // The filter's lines are of the level `info`; which of the others are errors is then said by a word in each.
         command.arg(match wanted {
             Wanted::After(..) => "error",
-            Wanted::Timed(_) => "level+info",
+            Wanted::Timed(..) => "level+info",
         });
         command.args(input);
         command.args(["-map", "0:v:0", "-fps_mode", "passthrough"]);
         command.args(wanted.output());
+        if let Wanted::Timed(_, Some(sender_clock)) = &wanted {
+            command.args(sender_clock.output());
+        }
         own_process_group(&mut command);
         let mut child = command
             .spawn()
@@ -151,12 +156,16 @@ impl Ffmpeg {
                 problem: "ffmpeg was started without its pipes".to_owned(),
             });
         };
-        let (messages, times, matrix) = match wanted {
-            Wanted::After(_, format) => (collect_messages(stderr), None, format.matrix_read()),
-            Wanted::Timed(secrets) => {
+        let (messages, times, matrix, sender_clock) = match wanted {
+            Wanted::After(_, format) => {
+                let messages = collect_messages(stderr);
+                (messages, None, format.matrix_read(), None)
+            }
+            Wanted::Timed(secrets, sender_clock) => {
                 let (reader, times) = frame_times();
                 let messages = collect_timed_messages(stderr, reader, secrets);
-                (messages, Some(times), ColourMatrix::default())
+                let matrix = ColourMatrix::default();
+                (messages, Some(times), matrix, sender_clock)
             }
         };
         let ffmpeg = Self {
@@ -168,6 +177,7 @@ impl Ffmpeg {
             stdout,
             times,
             matrix,
+            sender_clock,
         })
     }
 

@@ -19,6 +19,8 @@ mod images;
 mod keypoints;
 mod painted;
 mod queue;
+#[cfg(feature = "node")]
+mod sender_clock;
 mod sources;
 mod ticks;
 #[cfg(all(feature = "node", target_os = "linux"))]
@@ -112,6 +114,12 @@ pub trait FrameSource: Send {
     /// When the driver says that the last frame was captured, on a clock of its own, microseconds; `None`
     /// from sources that do not know.
     fn stamp_us(&self) -> Option<i64> {
+        None
+    }
+
+    /// When the camera says that the last frame was captured, Unix time by its own clock, microseconds; `None` from cameras that do
+    /// not say it.
+    fn captured_unix_us(&self) -> Option<i64> {
         None
     }
 }
@@ -315,7 +323,9 @@ pub fn open(
         Source::Video { path } => Ok(Box::new(video::open(path, expected, from)?)),
         #[cfg(feature = "node")]
         Source::Ffmpeg { url, options } => {
-            Ok(Box::new(video::open_live(url, options, expected, from)?))
+            let asks_camera = camera.capture_delay_s.is_none();
+            let opened = video::open_live((url, options), asks_camera, expected, from)?;
+            Ok(Box::new(opened))
         }
         #[cfg(all(feature = "node", target_os = "linux"))]
         Source::V4l { device, settings } => {

@@ -22,6 +22,7 @@ use super::ffmpeg::{self, Decoding, Ffmpeg, Wanted};
 use super::ffprobe::{self, VideoStream};
 use super::frame_times::FrameTimes;
 use super::queue::{Prefetch, Sender, WhenFull};
+use super::sender_clock::SenderClock;
 use super::{
     ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo, SourceOrigin,
 };
@@ -253,16 +254,24 @@ fn open_ticks(
     Ok(source)
 }
 
+/// Opens a live source; `asks_camera`: its camera is asked when it takes its pictures, where its protocol can say it.
 pub(super) fn open_live(
-    url: &str,
-    options: &BTreeMap<String, String>,
+    (url, options): (&str, &BTreeMap<String, String>),
+    asks_camera: bool,
     expected: ExpectedSource,
     from: Tick,
 ) -> Result<VideoSource, SourceError> {
     probe_live(url, &expected)?;
+    let sender_clock = (asks_camera && url.starts_with("rtsp")).then(SenderClock::open);
+    let sender_clock = sender_clock.and_then(|opened| {
+        let warn = |error: &std::io::Error| {
+            tracing::warn!(camera = %expected.at.camera, %error, "its sender reports are not read");
+        };
+        opened.inspect_err(warn).ok()
+    });
     let decoded = Ffmpeg::spawn(
         ffmpeg::live_input(url, options),
-        Wanted::Timed(Secrets::of(url)),
+        Wanted::Timed(Secrets::of(url), sender_clock),
         &expected.at,
     )?;
     VideoSource::new(decoded, expected, from, WhenFull::DropOldest)
@@ -275,6 +284,8 @@ type Stamped = (Frame, Option<i64>);
 pub(super) struct VideoSource {
     prefetch: Prefetch<Stamped>,
     ffmpeg: Ffmpeg,
+    // It ends after ffmpeg, which writes to it.
+    sender_clock: Option<SenderClock>,
     at: SourceOrigin,
     stamp_us: Option<i64>,
     /// Frames taken, and those skipped before them.
@@ -297,6 +308,7 @@ impl VideoSource {
             stdout,
             times,
             matrix,
+            sender_clock,
         } = decoding;
         let pictures = PictureReader::new(BufReader::new(stdout), expected.size_px);
         let decode = move |sender: Sender<Stamped>| {
@@ -310,6 +322,7 @@ impl VideoSource {
         Ok(Self {
             prefetch,
             ffmpeg,
+            sender_clock,
             at,
             stamp_us: None,
             read: 0,
@@ -392,6 +405,11 @@ impl FrameSource for VideoSource {
 
     fn stamp_us(&self) -> Option<i64> {
         self.stamp_us
+    }
+
+    fn captured_unix_us(&self) -> Option<i64> {
+        let offset_us = self.sender_clock.as_ref()?.offset_us()?;
+        Some(self.stamp_us?.saturating_add(offset_us))
     }
 }
 

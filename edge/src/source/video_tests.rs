@@ -371,7 +371,7 @@ fn colours_are_those_that_ffmpeg_shows_whatever_mixes_them() {
 fn the_password_of_a_camera_that_is_not_there_is_in_no_error() {
     let Some(_studio) = studio() else { return };
     let url = "http://admin:geheim-42@127.0.0.1:1/video?token=t0ken&channel=3";
-    let mut source = open_live(url, &BTreeMap::new(), expected(), Tick(7)).unwrap();
+    let mut source = open_live((url, &BTreeMap::new()), true, expected(), Tick(7)).unwrap();
     let said = source.next_frame().unwrap_err().to_string();
     let tells = said.contains("channel=3") && !said.contains("geheim") && !said.contains("t0ken");
     assert!(tells, "{said}");
@@ -492,7 +492,7 @@ fn a_live_source_counts_arrivals_and_its_end_is_an_error() {
     let Some(_studio) = studio() else { return };
     let url = "lavfi:testsrc2=size=96x64:rate=30:duration=0.5";
     assert_eq!(probe_live(url, &expected()).unwrap(), SourceInfo::default());
-    let mut source = open_live(url, &BTreeMap::new(), expected(), Tick(7)).unwrap();
+    let mut source = open_live((url, &BTreeMap::new()), true, expected(), Tick(7)).unwrap();
     let mut last = Tick(6);
     let problem = loop {
         match source.next_frame() {
@@ -522,7 +522,7 @@ fn the_pictures_of_a_stream_have_the_times_that_it_gives_them() {
     let Some(_studio) = studio() else { return };
     let port = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
     let url = format!("rtp://127.0.0.1:{}", port.unwrap().port());
-    let mut source = open_live(&url, &BTreeMap::new(), expected(), Tick(0)).unwrap();
+    let mut source = open_live((&url, &BTreeMap::new()), true, expected(), Tick(0)).unwrap();
     let words = "-nostdin -loglevel error -re -f lavfi -i testsrc2=size=96x64:rate=25 -c:v mpeg4 -g 5 -f rtp_mpegts";
     let mut camera = Command::new("ffmpeg");
     let mut camera = camera.args(words.split(' ')).arg(&url).spawn().unwrap();
@@ -545,8 +545,8 @@ fn the_pictures_of_a_stream_have_the_times_that_it_gives_them() {
 fn a_live_source_of_another_size_is_refused() {
     let Some(_studio) = studio() else { return };
     let mut source = open_live(
-        "lavfi:testsrc2=size=64x96",
-        &BTreeMap::new(),
+        ("lavfi:testsrc2=size=64x96", &BTreeMap::new()),
+        true,
         expected(),
         Tick(0),
     )
@@ -575,7 +575,7 @@ fn a_stream_that_goes_silent_without_closing_is_given_up() {
         // Open, and without another byte.
         wait.recv().unwrap_err();
     });
-    let mut source = open_live(&url, &BTreeMap::new(), expected(), Tick(0)).unwrap();
+    let mut source = open_live((&url, &BTreeMap::new()), true, expected(), Tick(0)).unwrap();
     let problem = std::iter::from_fn(|| Some(source.next_frame())).find_map(Result::err);
     let problem = problem.unwrap();
     assert!(
@@ -599,8 +599,8 @@ fn a_stream_that_goes_silent_without_closing_is_given_up() {
 fn dropping_a_source_leaves_no_process_behind() {
     let Some(_studio) = studio() else { return };
     let mut source = open_live(
-        "lavfi:testsrc2=size=96x64",
-        &BTreeMap::new(),
+        ("lavfi:testsrc2=size=96x64", &BTreeMap::new()),
+        true,
         expected(),
         Tick(0),
     )
@@ -613,3 +613,6 @@ fn dropping_a_source_leaves_no_process_behind() {
     // A zombie would still be listed.
     assert!(!process.exists());
 }
+
+#[path = "rtsp_tests.rs"]
+mod rtsp;

@@ -127,8 +127,9 @@ pub struct VenueCamera {
     pub source: Source,
     /// What says which tick a frame is of.
     pub tick_from: TickFrom,
-    /// How long before it arrives, or before its driver stamps it, a live frame is captured, seconds.
-    pub capture_delay_s: f64,
+    /// How long before it arrives, or before its driver stamps it, a live frame is captured, seconds; `None`: as the camera says,
+    /// else 0.
+    pub capture_delay_s: Option<f64>,
 }
 
 /// What says which tick a frame is of.

@@ -220,7 +220,7 @@ pub(super) fn timing(
     place: &Place,
     source: &Source,
     (tick_from, delay_ms): (Option<String>, Option<f64>),
-) -> Result<(TickFrom, f64), FileError> {
+) -> Result<(TickFrom, Option<f64>), FileError> {
     const ALL: [TickFrom; 3] = [TickFrom::Clock, TickFrom::Count, TickFrom::Timecode];
     let wrong = |field: &str, problem: String| file.error(&place.key(field), problem);
     let tick_from = tick_from.map_or(Ok(TickFrom::Clock), |name| {
@@ -246,13 +246,12 @@ pub(super) fn timing(
         );
         return Err(wrong("tick_from", problem));
     }
-    let delay_ms = delay_ms.unwrap_or(0.0);
-    if !(0.0..=MAX_CAPTURE_DELAY_MS).contains(&delay_ms) {
+    if let Some(delay_ms) = delay_ms.filter(|ms| !(0.0..=MAX_CAPTURE_DELAY_MS).contains(ms)) {
         let problem =
             format!("found {delay_ms:?}, expected milliseconds from 0 to {MAX_CAPTURE_DELAY_MS}");
         return Err(wrong("capture_delay_ms", problem));
     }
-    Ok((tick_from, delay_ms / 1000.0))
+    Ok((tick_from, delay_ms.map(|ms| ms / 1000.0)))
 }
 
 /// Checks the source at `place`.

@@ -3,6 +3,7 @@
 //! A recording is played: its frame of a tick comes at that tick's time. A source that fails is opened
 //! again, less and less often.
 
+use std::mem::replace;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -14,7 +15,7 @@ use farfield_proto::venue::{Venue, VenueCamera};
 
 use super::frames::DeliveredFrame;
 use super::shared::Shared;
-use crate::live::capture::{Arrived, FramePlacer, Misplaced};
+use crate::live::capture::{Arrived, FramePlacer, MeasuredDelay, Misplaced};
 use crate::live::health::{PictureSample, sample_picture};
 use crate::live::{Micros, SECOND_US};
 use crate::source::{Frame, FrameContent, FrameSource, SourceError, Sources};
@@ -162,9 +163,9 @@ impl LiveCamera {
             Ok(source) => source,
             Err(error) => return Pause::Failed(error),
         };
-        let delay_us = (camera.capture_delay_s * 1e6).round() as Micros;
+        let delay_us = camera.capture_delay_s.map(|s| (s * 1e6).round() as Micros);
         let mut placer = FramePlacer::new(camera.tick_from, delay_us);
-        let (mut was_misplaced, mut was_late, mut was_distrusted) = (false, false, false);
+        let mut told = Told::default();
         loop {
             let frame = match source.next_frame() {
                 Ok(Some(frame)) => frame,
@@ -176,36 +177,9 @@ impl LiveCamera {
             }
             let placed = self.place(frame, source.as_ref(), &mut placer);
             let most_us = self.shared.frames.most_lag_us();
-            if let (Ok(lag_us), false) = (placed, was_late)
-                && lag_us > most_us
-            {
-                was_late = true;
-                say(format_args!(
-                    "camera `{}`: its pictures come {} ms after their capture, and `deadline_ms` in [link] is {}: they are not used",
-                    camera.model.name(),
-                    lag_us / 1000,
-                    most_us / 1000
-                ));
+            for news in told.news(placed, most_us, &mut placer) {
+                say(format_args!("camera `{}`: {news}", camera.model.name()));
             }
-            if placer.distrusts_stamps() && !was_distrusted {
-                was_distrusted = true;
-                say(format_args!(
-                    "camera `{}`: the times in its stream do not go as time does; its pictures are taken to be of the time at which they come",
-                    camera.model.name()
-                ));
-            }
-            if let Some(step_us) = placer.take_step_us() {
-                say(format_args!(
-                    "camera `{}`: the clock of its stream was set by {} s against that of this machine; its times begin anew",
-                    camera.model.name(),
-                    signed(step_us as f64 / 1e6, 1)
-                ));
-            }
-            let misplaced = placed.err();
-            if let (Some(why @ Misplaced::Drifted { .. }), false) = (misplaced, was_misplaced) {
-                say(format_args!("camera `{}`: {why}", camera.model.name()));
-            }
-            was_misplaced = misplaced.is_some();
         }
     }
 
@@ -220,6 +194,7 @@ impl LiveCamera {
         let arrived = Arrived {
             number: frame.tick.0,
             stamp_us: source.stamp_us(),
+            captured_unix_us: source.captured_unix_us(),
             now_us,
         };
         let placed = placer.place(arrived, &self.shared.ledger().ticks)?;
@@ -236,6 +211,76 @@ impl LiveCamera {
         };
         self.shared.frames.put(self.at, delivery, now_us);
         Ok(placed.lag_us)
+    }
+}
+
+/// What was said of a live camera's times: each is said once, or when it is so again.
+#[derive(Debug, Default)]
+struct Told {
+    late: bool,
+    distrusted: bool,
+    delay: Option<bool>,
+    misplaced: bool,
+}
+
+impl Told {
+    /// What is new after a frame was `placed`, or how long after its capture, microseconds; at most `most_us` is waited for.
+    fn news(
+        &mut self,
+        placed: Result<Micros, Misplaced>,
+        most_us: Micros,
+        placer: &mut FramePlacer,
+    ) -> Vec<String> {
+        let mut news = Vec::new();
+        if let Some(lag_us) = placed.ok().filter(|lag_us| *lag_us > most_us)
+            && !replace(&mut self.late, true)
+        {
+            news.push(format!(
+                "its pictures come {} ms after their capture, and `deadline_ms` in [link] is {}: they are not used",
+                lag_us / 1000,
+                most_us / 1000
+            ));
+        }
+        if placer.distrusts_stamps() && !replace(&mut self.distrusted, true) {
+            news.push("the times in its stream do not go as time does; its pictures are taken to be of the time at which they come".to_owned());
+        }
+        if let Some(step_us) = placer.take_step_us() {
+            news.push(format!(
+                "the clock of its stream was set by {} s against that of this machine; its times begin anew",
+                signed(step_us as f64 / 1e6, 1)
+            ));
+        }
+        if let Some(measured) = placer.measured_delay() {
+            let (is_good, words) = match measured {
+                MeasuredDelay::Delay(us) => {
+                    let ms = us / 1000;
+                    (
+                        true,
+                        format!(
+                            "its pictures come {ms} ms after their capture, by its sender reports"
+                        ),
+                    )
+                }
+                MeasuredDelay::ForeignClock(us) => {
+                    let s = signed(us as f64 / -1e6, 1);
+                    (
+                        false,
+                        format!(
+                            "its clock is {s} s off: give it the venue's NTP server, else nobody knows how late its pictures come (or say `capture_delay_ms`)"
+                        ),
+                    )
+                }
+            };
+            if self.delay.replace(is_good) != Some(is_good) {
+                news.push(words);
+            }
+        }
+        let misplaced = placed.err();
+        if let (Some(why @ Misplaced::Drifted { .. }), false) = (misplaced, self.misplaced) {
+            news.push(why.to_string());
+        }
+        self.misplaced = misplaced.is_some();
+        news
     }
 }
 

@@ -14,7 +14,8 @@ fn a_camera_says_what_its_ticks_come_from() {
     };
     let venue = with("tick_from = \"count\"\ncapture_delay_ms = 12.5").unwrap();
     assert_eq!(venue.cameras[2].tick_from, TickFrom::Count);
-    assert!((venue.cameras[2].capture_delay_s - 0.0125).abs() < 1e-12);
+    assert_eq!(venue.cameras[2].capture_delay_s, Some(0.0125));
+    assert_eq!(venue.cameras[1].capture_delay_s, None);
     assert_eq!(venue.cameras[0].tick_from, TickFrom::Clock);
     for (wrong, expected) in [
         ("tick_from = \"timecode\"", "kind \"video\""),

@@ -62,7 +62,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
                 sigma_cells: SIGMA_CELLS,
             },
             tick_from: TickFrom::Clock,
-            capture_delay_s: 0.0,
+            capture_delay_s: None,
         });
         let first = cameras.len();
         cameras.extend(of_scene);

@@ -1,0 +1,282 @@
+//! When the pictures of an RTSP stream were taken, by the camera's clock: its RTCP sender reports (RFC 3550, section 6.4.1) say which
+//! time a time stamp of the stream stands for.
+//!
+//! ffmpeg (5.1 or later) keeps what the reports say with each coded picture, and writes it into MP4 alone: as a box `prft` before
+//! each picture (ISO/IEC 14496-12, section 8.16.5). So it copies the coded pictures into a socket of ours, too, where all but these
+//! boxes is skipped.
+//!
+//! Of H.264 and H.265 ffmpeg knows that a picture has ended when the next one begins, and gives it what the reports say of that next
+//! one.
+
+use std::ffi::OsString;
+use std::io::{self, BufReader, Read};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::thread::JoinHandle;
+
+use farfield_node::clock;
+use tempfile::TempDir;
+
+/// From 1900, where NTP's time begins, to 1970, seconds.
+const NTP_TO_UNIX_S: i64 = 2_208_988_800;
+/// Seconds since 1900 below this are of NTP's second era, which begins in 2036.
+const FIRST_ERA_FROM_S: u32 = 1 << 31;
+/// Times are written in whole milliseconds, and in units of the stream: so far may two of one report be apart, microseconds.
+const ROUNDING_US: i64 = 1_100;
+/// So many pictures in a row must agree. Before the first report ffmpeg takes the time at which it writes a picture, which wavers.
+const STEADY: u32 = 30;
+/// What was written so short a while ago is no report of the camera, microseconds: ffmpeg writes a picture when the next one comes.
+const JUST_WRITTEN_US: i64 = 4_000;
+/// How MP4 calls H.264 and H.265.
+const ENDED_BY_NEXT: [[u8; 4]; 4] = [*b"avc1", *b"avc3", *b"hev1", *b"hvc1"];
+/// What stands for "not known".
+const UNKNOWN: i64 = i64::MIN;
+
+/// The clock of a camera that streams.
+pub(super) struct SenderClock {
+    offset_us: Arc<AtomicI64>,
+    // Its folder ends with it.
+    _folder: TempDir,
+    socket: PathBuf,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl SenderClock {
+    /// Opens the socket, and reads what comes.
+    ///
+    /// # Errors
+    /// When the system has no room for it.
+    pub(super) fn open() -> io::Result<Self> {
+        let folder = tempfile::Builder::new().prefix("farfield-").tempdir()?;
+        let socket = folder.path().join("pictures");
+        let listener = UnixListener::bind(&socket)?;
+        let offset_us = Arc::new(AtomicI64::new(UNKNOWN));
+        let heard = Arc::clone(&offset_us);
+        let listen = move || {
+            let Ok((pictures, _)) = listener.accept() else {
+                return;
+            };
+            let mut steady = SteadyOffset::default();
+            // It ends with ffmpeg, or where that writes something else: then nothing is known.
+            drop(read_times(BufReader::new(pictures), |time| {
+                let now_us = clock::unix_time().as_micros() as i64;
+                if let Some(offset_us) = steady.hear(time, now_us) {
+                    heard.store(offset_us, Ordering::Relaxed);
+                }
+            }));
+        };
+        let thread = std::thread::Builder::new().name("sender clock".to_owned());
+        Ok(Self {
+            offset_us,
+            _folder: folder,
+            thread: Some(thread.spawn(listen)?),
+            socket,
+        })
+    }
+
+    /// Arguments for ffmpeg's second output, whose time stamps are those of the first.
+    pub(super) fn output(&self) -> Vec<OsString> {
+        let words = "-map 0:v:0 -c:v copy -avoid_negative_ts disabled -write_prft wallclock -movflags frag_every_frame+empty_moov -f mp4";
+        let mut url = OsString::from("unix:");
+        url.push(&self.socket);
+        let words = words.split(' ').map(OsString::from);
+        words.chain([url]).collect()
+    }
+
+    /// Unix time by the camera's clock less the stream's time stamp, microseconds; `None` while no report says it.
+    pub(super) fn offset_us(&self) -> Option<i64> {
+        Some(self.offset_us.load(Ordering::Relaxed)).filter(|us| *us != UNKNOWN)
+    }
+}
+
+impl Drop for SenderClock {
+    fn drop(&mut self) {
+        // Where ffmpeg has never come, the thread waits for it.
+        drop(UnixStream::connect(&self.socket));
+        if let Some(thread) = self.thread.take() {
+            thread.join().ok();
+        }
+    }
+}
+
+/// What a box says of its picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct PictureTime {
+    /// Unix time, microseconds.
+    unix_us: i64,
+    /// By the stream's clock, microseconds.
+    stamp_us: i64,
+}
+
+/// The difference of the two times, once it is steady.
+#[derive(Debug, Default)]
+struct SteadyOffset {
+    first_us: i64,
+    agree: u32,
+}
+
+impl SteadyOffset {
+    fn hear(&mut self, time: PictureTime, now_us: i64) -> Option<i64> {
+        let offset_us = time.unix_us.saturating_sub(time.stamp_us);
+        if now_us.saturating_sub(time.unix_us).abs() < JUST_WRITTEN_US {
+            self.agree = 0;
+        } else if self.agree > 0 && self.first_us.saturating_sub(offset_us).abs() <= ROUNDING_US {
+            self.agree = self.agree.saturating_add(1);
+        } else {
+            (self.first_us, self.agree) = (offset_us, 1);
+        }
+        (self.agree >= STEADY).then_some(self.first_us)
+    }
+}
+
+/// Reads the boxes of an MP4 stream to its end.
+fn read_times(mut stream: impl Read, mut hear: impl FnMut(PictureTime)) -> io::Result<()> {
+    let (mut units_per_s, mut is_ended_by_next) = (None, false);
+    let mut before: Option<PictureTime> = None;
+    loop {
+        let size = u32::from_be_bytes(take(&mut stream)?);
+        let kind: [u8; 4] = take(&mut stream)?;
+        let body = match size {
+            1 => u64::from_be_bytes(take(&mut stream)?).checked_sub(16),
+            _ => u64::from(size).checked_sub(8),
+        };
+        let body = body.ok_or(io::ErrorKind::InvalidData)?;
+        let mut inside = stream.by_ref().take(body);
+        match &kind {
+            // What is in them is read as if it stood outside.
+            b"moov" | b"trak" | b"mdia" | b"minf" | b"stbl" => continue,
+            b"mdhd" => units_per_s = Some(units_of(&mut inside)?).filter(|units| *units > 0),
+            b"stsd" => is_ended_by_next = ENDED_BY_NEXT.contains(&coding_of(&mut inside)?),
+            b"prft" => {
+                if let Some(time) = time_of(&mut inside, units_per_s)? {
+                    let said = if is_ended_by_next { before } else { Some(time) };
+                    if let Some(PictureTime { unix_us, .. }) = said {
+                        hear(PictureTime { unix_us, ..time });
+                    }
+                    before = Some(time);
+                }
+            }
+            _ => {}
+        }
+        io::copy(&mut inside, &mut io::sink())?;
+    }
+}
+
+/// What a box `stsd` says: how the pictures are coded.
+fn coding_of(inside: &mut impl Read) -> io::Result<[u8; 4]> {
+    // Version, flags, number of entries, size of the first.
+    take::<12>(inside)?;
+    take(inside)
+}
+
+/// What a box `mdhd` says: units of the stream's time per second.
+fn units_of(inside: &mut impl Read) -> io::Result<u32> {
+    let [version, ..]: [u8; 4] = take(inside)?;
+    if version == 0 {
+        take::<8>(inside)?;
+    } else {
+        take::<16>(inside)?;
+    }
+    take(inside).map(u32::from_be_bytes)
+}
+
+/// What a box `prft` says.
+fn time_of(inside: &mut impl Read, units_per_s: Option<u32>) -> io::Result<Option<PictureTime>> {
+    let [version, ..]: [u8; 4] = take(inside)?;
+    let _track: [u8; 4] = take(inside)?;
+    let [seconds, fraction]: [u32; 2] = [take(inside)?, take(inside)?].map(u32::from_be_bytes);
+    let units = match version {
+        0 => u32::from_be_bytes(take(inside)?).into(),
+        _ => i64::from_be_bytes(take(inside)?),
+    };
+    Ok(units_per_s.map(|per_s| {
+        let us_of = |n: i128, of: i128| n.saturating_mul(1_000_000) / of;
+        let after_us = us_of(fraction.into(), 1 << 32) as i64;
+        let era_s = if seconds < FIRST_ERA_FROM_S {
+            1 << 32
+        } else {
+            0
+        };
+        PictureTime {
+            unix_us: (era_s + i64::from(seconds) - NTP_TO_UNIX_S) * 1_000_000 + after_us,
+            stamp_us: us_of(units.into(), per_s.into())
+                .try_into()
+                .unwrap_or(i64::MAX),
+        }
+    }))
+}
+
+fn take<const N: usize>(stream: &mut impl Read) -> io::Result<[u8; N]> {
+    let mut bytes = [0; N];
+    stream.read_exact(&mut bytes).map(|()| bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn mp4_box(kind: [u8; 4], body: &[u8]) -> Vec<u8> {
+        let size = (body.len() as u32 + 8).to_be_bytes();
+        [&size[..], &kind, body].concat()
+    }
+
+    /// What is heard of two pictures, 0.5 s and 0.6 s after the first, that say 7.5 s and 7.75 s.
+    fn heard(coding: [u8; 4]) -> Vec<[i64; 2]> {
+        let mdhd = [&[0; 12][..], &90_000_u32.to_be_bytes(), &[0; 4]].concat();
+        let stsd = [&[0; 12][..], &coding, &[0; 40]].concat();
+        let minf = mp4_box(*b"minf", &mp4_box(*b"stbl", &mp4_box(*b"stsd", &stsd)));
+        let mdia = mp4_box(*b"mdia", &[mp4_box(*b"mdhd", &mdhd), minf].concat());
+        let prft = |quarters: u32, units: i64| {
+            let ntp = (NTP_TO_UNIX_S as u32 + 7).to_be_bytes();
+            let fraction = (quarters << 30).to_be_bytes();
+            let head = [1, 0, 0, 24, 0, 0, 0, 1];
+            let body = [&head[..], &ntp, &fraction, &units.to_be_bytes()].concat();
+            mp4_box(*b"prft", &body)
+        };
+        let stream = [
+            mp4_box(*b"ftyp", b"iso5"),
+            mp4_box(*b"moov", &mp4_box(*b"trak", &mdia)),
+            prft(2, 45_000),
+            mp4_box(*b"mdat", &[7; 3000]),
+            prft(3, 54_000),
+        ];
+        let mut heard = Vec::new();
+        let end = read_times(stream.concat().as_slice(), |time| {
+            heard.push([time.unix_us, time.stamp_us]);
+        });
+        assert_eq!(end.unwrap_err().kind(), io::ErrorKind::UnexpectedEof);
+        heard
+    }
+
+    #[test]
+    fn the_boxes_say_times_in_units_of_the_track_some_of_them_of_the_next_picture() {
+        let own = [[7_500_000, 500_000], [7_750_000, 600_000]];
+        assert_eq!(heard(*b"mp4v"), own);
+        assert_eq!(heard(*b"avc1"), [[7_500_000, 600_000]]);
+    }
+
+    #[test]
+    fn times_at_which_ffmpeg_wrote_are_no_reports() {
+        let mut steady = SteadyOffset::default();
+        let written = |n: i64| PictureTime {
+            unix_us: 1_000_000 + n * 40_000,
+            stamp_us: n * 40_000,
+        };
+        assert!((0..90).all(|n| steady.hear(written(n), written(n).unix_us + 900).is_none()));
+        let heard = (0..90).map(|n| steady.hear(written(n), written(n).unix_us + 150_000));
+        let heard: Vec<Option<i64>> = heard.collect();
+        assert_eq!((heard[28], heard[29]), (None, Some(1_000_000)));
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_it_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+            let end = read_times(bytes.as_slice(), |_| {});
+            prop_assert!(end.is_err());
+        }
+    }
+}
