@@ -33,7 +33,7 @@ pub fn draw_maps(
                 continue;
             };
             let center = grid.cell(pixel);
-            draw(
+            draw_peak(
                 cells,
                 usize::from(grid.width),
                 [center.x, center.y],
@@ -45,7 +45,7 @@ pub fn draw_maps(
 }
 
 /// Draws one Gaussian into a map of rows of `width` cells, keeping what is higher already.
-fn draw(cells: &mut [u8], width: usize, center: [f64; 2], score: f32, sigma: f64) {
+pub fn draw_peak(cells: &mut [u8], width: usize, center: [f64; 2], score: f32, sigma: f64) {
     let reach = REACH_SIGMAS * sigma;
     let span = |c: f64, size: usize| {
         let first = (c - reach).ceil().clamp(0.0, size as f64) as usize;

@@ -1,14 +1,16 @@
-//! What an edge does beside its network: decoding pictures, and cutting crops out of them.
+//! What an edge does beside its network: decoding pictures, cutting crops out of them, and encoding their maps.
 
 use std::fmt;
 
 use farfield_edge::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
+use farfield_edge::gaussian_maps::draw_peak;
 use farfield_edge::picture::{ColourCoding, Picture, YuvLayout, YuvPicture};
 use farfield_edge::source::{RecordedSources, SourceError, Sources as _};
 use farfield_node::clock;
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
-use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::model_card::{HeatmapCard, PEAK_SIGMA_OF_WIDTH};
+use farfield_proto::patch::{CompressionLevel, Encoder, Maps};
 use farfield_proto::venue::{Source, Venue};
 use serde::Serialize;
 
@@ -19,12 +21,14 @@ const SIZE_PX: [u32; 2] = [1920, 1200];
 /// Height of a person in the picture, as a share of the picture's.
 const PERSON_SHARE: f32 = 0.5;
 
-/// How long the two take.
+/// How long each takes.
 #[derive(Debug, Serialize)]
 pub(super) struct BesideNetwork {
     /// Width and height of the picture that crops are cut from, pixels.
     size_px: [u32; 2],
     crop_ms: f64,
+    /// Of the maps of a crop, at the compression level that a live link starts with.
+    encoding_ms: f64,
     decoding: Option<Decoding>,
 }
 
@@ -36,7 +40,7 @@ struct Decoding {
 }
 
 impl BesideNetwork {
-    /// Times both: the videos and the first camera's size are the venue's, where there is one.
+    /// Times them: the videos and the first camera's size are the venue's, where there is one.
     ///
     /// # Errors
     /// When the video cannot be read.
@@ -47,6 +51,7 @@ impl BesideNetwork {
         Ok(Self {
             size_px,
             crop_ms: crop_ms(card, size_px, camera),
+            encoding_ms: encoding_ms(card),
             decoding: match venue {
                 Some(venue) => Decoding::measured(venue)?,
                 None => None,
@@ -74,10 +79,30 @@ fn crop_ms(card: &HeatmapCard, size_px: [u32; 2], camera: Option<&CameraModel>) 
     let format = PixelFormat::new(&card.input, &card.normalize);
     let mut input = vec![0.0; 3 * shape.input_px[0] * shape.input_px[1]];
     let mut cropper = Cropper::default();
-    cropper.crop(&picture, camera, &crop, &format, &mut input);
+    mean_ms(|| cropper.crop(&picture, camera, &crop, &format, &mut input))
+}
+
+/// Of maps with one clear peak each.
+fn encoding_ms(card: &HeatmapCard) -> f64 {
+    let [width, height] = CropShape::of_card(card).cells.map(usize::from);
+    let keypoints = card.output.keypoints.len();
+    let mut maps = Maps::new(width, height, keypoints);
+    for keypoint in 0..keypoints {
+        let share = (keypoint as f64 + 0.5) / keypoints as f64;
+        let peak = [0.5 * width as f64, share * height as f64];
+        let sigma_cells = PEAK_SIGMA_OF_WIDTH * width as f64;
+        draw_peak(maps.cells_mut(keypoint), width, peak, 0.9, sigma_cells);
+    }
+    let (mut encoder, mut bytes) = (Encoder::new(), Vec::new());
+    mean_ms(|| encoder.encode_into(&maps, CompressionLevel::DEFAULT, &mut bytes))
+}
+
+/// Mean of `TIMED` times, after one that is not counted.
+fn mean_ms(mut work: impl FnMut()) -> f64 {
+    work();
     let begun = clock::now();
     for _ in 0..TIMED {
-        cropper.crop(&picture, camera, &crop, &format, &mut input);
+        work();
     }
     clock::now().duration_since(begun).as_secs_f64() * 1000.0 / f64::from(TIMED)
 }
@@ -109,12 +134,17 @@ impl fmt::Display for BesideNetwork {
         let [width, height] = self.size_px;
         writeln!(
             f,
-            "\nbeside the network\n{:>7.1}  ms a crop, of a picture of {width} x {height}",
+            "\nbeside the network\n{:>7.2}  ms a crop, of a picture of {width} x {height}",
             self.crop_ms
+        )?;
+        writeln!(
+            f,
+            "{:>7.2}  ms to encode the maps of a crop",
+            self.encoding_ms
         )?;
         match &self.decoding {
             Some(Decoding { camera, picture_ms }) => {
-                writeln!(f, "{picture_ms:>7.1}  ms to decode a picture of {camera}")
+                writeln!(f, "{picture_ms:>7.2}  ms to decode a picture of {camera}")
             }
             None => Ok(()),
         }
