@@ -14,6 +14,9 @@ const KEPT_DETECTIONS: usize = 16;
 const IN_TIME: f64 = 0.98;
 /// How much longer than the slowest of those is waited, microseconds: what timers and threads need.
 const MARGIN_US: Micros = 1_500;
+/// A detection pass takes longer the more people it finds: one who is new must not come too late, and is waited for so many times as
+/// long as the slowest pass took.
+const PASS_TIMES: Micros = 2;
 /// Share of the arrivals that are early: an edge whose early ones come too late is not waited for.
 const EARLY: f64 = 0.1;
 /// From so many arrivals on they say something.
@@ -55,8 +58,12 @@ impl Arrivals {
     /// How long after a tick its messages are worth waiting for, at most `most_us`, which it also is while
     /// nothing is known.
     pub fn wait_us(&mut self, task: Task, now_us: Micros, most_us: Micros) -> Micros {
+        let times = match task {
+            Task::Idle | Task::Follow => 1,
+            Task::Look => PASS_TIMES,
+        };
         let slowest_us = self.slowest_us(task, now_us);
-        slowest_us.map_or(most_us, |us| (us + MARGIN_US).clamp(0, most_us))
+        slowest_us.map_or(most_us, |us| (times * us + MARGIN_US).clamp(0, most_us))
     }
 
     /// How long after a tick nearly all of its messages have come, microseconds; `None` while nothing is known.
@@ -172,13 +179,13 @@ mod tests {
     }
 
     #[test]
-    fn detection_passes_are_waited_for_as_long_as_they_take() {
+    fn detection_passes_are_waited_for_until_one_that_finds_more_people_comes() {
         let mut arrivals = Arrivals::default();
         (0..100).for_each(|i| arrivals.add(Task::Follow, 8_000, i));
         arrivals.add(Task::Look, 120_000, 100);
         assert_eq!(
             arrivals.wait_us(Task::Look, 101, MOST_US),
-            120_000 + MARGIN_US
+            240_000 + MARGIN_US
         );
         assert_eq!(
             arrivals.wait_us(Task::Follow, 101, MOST_US),

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_node::clock;
+use farfield_node::{clock, service_manager};
 use farfield_proto::id::{PersonId, ViewpointIndex};
 use farfield_proto::message::live::{BoxEcho, PatchTiming};
 use farfield_proto::message::{BoxSet, DETECTION_STAGE, Order};
@@ -19,6 +19,7 @@ use super::shared::Shared;
 use super::tick_start::TickStart;
 use super::work_watch::Caller;
 use crate::live::Micros;
+use crate::live::newest_boxes::NewestBoxes;
 use crate::live::own_boxes::{Lead, OwnBoxes};
 use crate::live::round_robin;
 use crate::node::stage_times::split_detection;
@@ -104,6 +105,7 @@ impl Ticker {
     /// Works until the edge ends.
     pub(super) fn run(&mut self) {
         while !self.shared.is_stopped() {
+            service_manager::note_work();
             let Some((tick, until_us)) = self.next_tick() else {
                 self.shared.pause(IDLE_US);
                 continue;
@@ -141,9 +143,7 @@ impl Ticker {
         let newest = newest_due(next, due, nth);
         ledger.missed += ((newest - aligned(next, nth)) / nth).max(0).unsigned_abs();
         let tick = aligned(newest, nth);
-        // Detection passes are planned for all viewpoints alike.
-        let detection = ledger.boxes.next_detection_request(newest);
-        let tick = detection.map_or(tick, |(detection, _)| tick.min(detection));
+        let tick = tick.min(self.next_pass(&ledger.boxes, newest));
         let until_us = ledger.ticks.own_time_us(tick)? + lag_us + half_us;
         Some((tick, until_us))
     }
@@ -165,12 +165,11 @@ impl Ticker {
         });
         let in_force = ledger.boxes.at(now_us);
         let regular = self.pipeline.regular_detection_cameras(tick);
-        let detection_cameras = if in_force.is_none() {
-            regular
-        } else if ledger.rate.may_detect(!regular.is_empty(), now_us) {
-            requested
-        } else {
-            Vec::new()
+        let is_regular = !regular.is_empty();
+        let detection_cameras = match in_force {
+            Some(_) if !ledger.rate.may_detect(is_regular, now_us) => Vec::new(),
+            Some(_) if !is_regular => requested,
+            _ => regular,
         };
         let boxes = if let Some(own) = own {
             Arc::new(own)
@@ -285,21 +284,36 @@ impl Ticker {
         let Some(threads) = &self.detection else {
             return;
         };
-        let regular = aligned(tick + 1, self.pipeline.ticks_per_pass());
+        // Before the first picture a run would take no time, and say that later ones take none.
+        if self.frames.iter().all(Option::is_none) {
+            return;
+        }
         let ledger = self.shared.ledger();
         let nth = i64::from(ledger.rate.last_plan().every_nth);
-        let asked = ledger.boxes.next_detection_request(tick + 1);
-        let asked = asked.filter(|(pass, _)| *pass < regular);
-        let pass = asked.map_or(regular, |(pass, _)| pass);
+        let pass = self.next_pass(&ledger.boxes, tick + 1);
         if threads.is_detection_due(tick, pass, nth) {
-            let cameras = asked.map(|(_, cameras)| cameras.to_vec());
+            let mut cameras = self.pipeline.regular_detection_cameras(pass);
+            if let (true, Some((_, asked))) = (
+                cameras.is_empty(),
+                ledger.boxes.next_detection_request(pass),
+            ) {
+                cameras = asked.to_vec();
+            }
             threads.detect(Pictures {
                 tick,
                 frames: self.frames.clone(),
                 pass,
-                cameras: cameras.unwrap_or_else(|| self.pipeline.regular_detection_cameras(pass)),
+                cameras,
             });
         }
+    }
+
+    /// The first tick from `from` on with a detection pass. Regular ones need not be asked for: what fusion asks for comes late where
+    /// its boxes are made just before their tick.
+    fn next_pass(&self, boxes: &NewestBoxes, from: Tick) -> Tick {
+        let regular = aligned(from, self.pipeline.ticks_per_pass());
+        let asked = boxes.next_detection_request(from);
+        asked.map_or(regular, |(asked, _)| asked.min(regular))
     }
 
     /// Counts the stages; what the detection pass of the tick took, microseconds, if it had one.

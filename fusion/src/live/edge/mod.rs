@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use farfield_proto::message::health::{LinkHealth, SystemClock};
 use farfield_proto::message::live::{EdgeLink, HeardPatches, LiveBoxes, PatchTiming};
-use farfield_proto::message::{BoxSet, PatchSet};
+use farfield_proto::message::{BoxSet, PatchSet, SightingSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::WireError;
 
@@ -219,10 +219,11 @@ impl Edge {
 
     /// Takes note of a patch set, used or not.
     pub fn hear_patches(&mut self, set: &PatchSet, came: Came, time: &TickTime) -> Trip {
-        let task = match self.task(set.tick) {
-            Task::Look => Task::Look,
-            _ if set.persons.is_empty() => Task::Idle,
-            _ => Task::Follow,
+        let task = match (self.task(set.tick), set.persons.is_empty()) {
+            // They come with the sightings of their tick.
+            (Task::Look, _) => None,
+            (_, true) => Some(Task::Idle),
+            (_, false) => Some(Task::Follow),
         };
         self.hear_of(task, set.tick, came, time);
         self.foreign = None;
@@ -285,16 +286,17 @@ impl Edge {
         self.judge_clock();
     }
 
-    /// Takes note of any message for `tick`.
-    pub fn hear(&mut self, tick: Tick, came: Came, time: &TickTime) {
-        self.hear_of(self.task(tick), tick, came, time);
+    /// Takes note of the sightings of a detection pass. How long a pass takes that finds nobody says nothing of the others.
+    pub fn hear_sightings(&mut self, set: &SightingSet, came: Came, time: &TickTime) {
+        let task = (!set.sightings.is_empty()).then(|| self.task(set.tick));
+        self.hear_of(task, set.tick, came, time);
     }
 
-    fn hear_of(&mut self, task: Task, tick: Tick, came: Came, time: &TickTime) {
+    fn hear_of(&mut self, task: Option<Task>, tick: Tick, came: Came, time: &TickTime) {
         let Came { at_us, bytes } = came;
         self.meter.add(bytes, at_us);
         self.heard_us = Some(self.heard_us.map_or(at_us, |last| last.max(at_us)));
-        if is_near(tick, came, time) {
+        if let Some(task) = task.filter(|_| is_near(tick, came, time)) {
             let delay_us = at_us.saturating_sub(time.at(tick));
             self.arrivals.add(task, delay_us, at_us);
         }

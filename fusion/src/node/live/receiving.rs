@@ -108,7 +108,7 @@ impl LiveFusion<'_> {
         }
         let came = came(arrival);
         self.tally.sightings(set.viewpoint, came.bytes);
-        self.edges[index].hear(tick, came, &self.time);
+        self.edges[index].hear_sightings(&set, came, &self.time);
         if tick < self.first {
             return;
         }
