@@ -126,10 +126,13 @@ impl Estimator {
     /// Finds the most probable keypoint positions, paper (6)-(9).
     pub fn search(&mut self, method: &Method) {
         let views = &mut self.evidence.views[..self.evidence.n_views];
+        let mut lattice = method.parameters.lattice.clone();
+        let drifted_m = lattice.prior_speed_m_s * self.estimate.elapsed_s;
+        lattice.prior_sigma_m = lattice.prior_sigma_m.max(drifted_m);
         self.evidence.search.search(
             views,
             &self.evidence.predicted_m,
-            &method.parameters.lattice,
+            &lattice,
             &mut self.evidence.estimates,
         );
         weigh_views(
