@@ -160,12 +160,27 @@ impl FramePlacer {
         if let Some(delay_us) = self.delay_us {
             return quickest_us - delay_us;
         }
-        let own_us = |unix_us: Micros| unix_us.saturating_sub(clock.correction_us().into());
-        let said_us = frame.captured_unix_us.map(own_us);
-        self.measured_us = said_us.map(|said_us| quickest_us.saturating_sub(said_us));
-        match self.measured_delay() {
-            Some(MeasuredDelay::Delay(delay_us)) => quickest_us - delay_us,
-            Some(MeasuredDelay::ForeignClock(_)) | None => quickest_us,
+        let before_us = self.usable_delay_us();
+        if self.delivery.is_distrusted() {
+            self.measured_us = None;
+        } else if let (Some(stamp_us), Some(unix_us)) = (frame.stamp_us, frame.captured_unix_us)
+            && self.delivery.explains(stamp_us)
+        {
+            let said_us = unix_us.saturating_sub(clock.correction_us().into());
+            self.measured_us = Some(quickest_us.saturating_sub(said_us));
+        }
+        let delay_us = self.usable_delay_us();
+        if before_us.is_some() != delay_us.is_some() {
+            // The tick of the last frame was that of another capture.
+            self.last = None;
+        }
+        quickest_us - delay_us.unwrap_or(0)
+    }
+
+    fn usable_delay_us(&self) -> Option<Micros> {
+        match self.measured_delay()? {
+            MeasuredDelay::Delay(us) => Some(us),
+            MeasuredDelay::ForeignClock(_) => None,
         }
     }
 }

@@ -160,6 +160,11 @@ impl Delivery {
         is_set
     }
 
+    /// Whether the newest stamp, `stamp_us`, is one that a delivery explains.
+    pub fn explains(&self, stamp_us: Micros) -> bool {
+        !self.is_distrusted() && self.last_stamp_us == Some(stamp_us)
+    }
+
     /// Whether the stamps do not go as time does.
     pub fn is_distrusted(&self) -> bool {
         self.short.is_distrusted || self.long.is_distrusted

@@ -1,4 +1,4 @@
-//! Detection passes: finding people without boxes, on the cameras that fusion names.
+//! Detection passes: finding people without boxes, at regular ticks on all cameras, else on those that fusion names.
 
 use std::borrow::Cow;
 
@@ -16,7 +16,7 @@ use crate::inference::{CameraDetections, Detection};
 use crate::source::{Frame, FrameContent};
 
 impl EdgePipeline {
-    /// The cameras of a detection pass at `tick` while fusion asks for none: all of them, at the regular ticks.
+    /// The cameras of a regular detection pass at `tick`: all of them; none at other ticks.
     pub fn regular_detection_cameras(&self, tick: Tick) -> Vec<CameraIndex> {
         if tick.0.rem_euclid(self.ticks_per_pass) == 0 {
             self.cameras.iter().map(|camera| camera.index).collect()

@@ -115,14 +115,14 @@ pub(super) struct Decoding {
     pub(super) times: Option<FrameTimes>,
     /// How their colours are mixed while their times do not say.
     pub(super) matrix: ColourMatrix,
-    /// Which times those are by the camera's clock, where it is heard.
-    pub(super) sender_clock: Option<SenderClock>,
 }
 
 /// A running ffmpeg. Dropping it ends the process.
 pub(super) struct Ffmpeg {
     child: FfmpegChild,
     messages: Option<JoinHandle<String>>,
+    /// Which times those of its pictures are by the camera's clock. It ends after the process, which writes to it.
+    sender_clock: Option<SenderClock>,
 }
 
 impl Ffmpeg {
@@ -171,14 +171,20 @@ impl Ffmpeg {
         let ffmpeg = Self {
             child,
             messages: Some(messages),
+            sender_clock,
         };
         Ok(Decoding {
             ffmpeg,
             stdout,
             times,
             matrix,
-            sender_clock,
         })
+    }
+
+    /// The Unix time that a time stamp stands for by the camera's clock, microseconds; `None` where that is not known.
+    pub(super) fn unix_us(&self, stamp_us: i64) -> Option<i64> {
+        let offset_us = self.sender_clock.as_ref()?.offset_us()?;
+        Some(stamp_us.saturating_add(offset_us))
     }
 
     /// Waits for the end; says whether it ended well, and what it had to say.

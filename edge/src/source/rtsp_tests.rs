@@ -18,7 +18,7 @@ const PERIOD_UNITS: u32 = 3000;
 const PICTURES: i64 = 60;
 /// RTP's number for what it streams.
 const PAYLOAD: u8 = 96;
-/// It reports at every so-manieth picture, but not at the first: until then nobody knows when they were taken.
+/// It reports once in so many pictures, and not before the first: until then it is not known when they were taken.
 const REPORT_EVERY: u32 = 45;
 /// Between 1900, where NTP's time begins, and 1970, seconds.
 const NTP_TO_UNIX_S: i64 = 2_208_988_800;

@@ -5,8 +5,8 @@
 //! each picture (ISO/IEC 14496-12, section 8.16.5). So it copies the coded pictures into a socket of ours, too, where all but these
 //! boxes is skipped.
 //!
-//! Of H.264 and H.265 ffmpeg knows that a picture has ended when the next one begins, and gives it what the reports say of that next
-//! one.
+//! A picture in H.264 or H.265 has ended when the next one begins: ffmpeg gives it what the reports say of that next one. Of other
+//! codings it is not known, and nothing is taken.
 
 use std::ffi::OsString;
 use std::io::{self, BufReader, Read};
@@ -29,7 +29,7 @@ const ROUNDING_US: i64 = 1_100;
 const STEADY: u32 = 30;
 /// What was written so short a while ago is no report of the camera, microseconds: ffmpeg writes a picture when the next one comes.
 const JUST_WRITTEN_US: i64 = 4_000;
-/// How MP4 calls H.264 and H.265.
+/// MP4's names of H.264 and H.265.
 const ENDED_BY_NEXT: [[u8; 4]; 4] = [*b"avc1", *b"avc3", *b"hev1", *b"hvc1"];
 /// What stands for "not known".
 const UNKNOWN: i64 = i64::MIN;
@@ -58,14 +58,18 @@ impl SenderClock {
             let Ok((pictures, _)) = listener.accept() else {
                 return;
             };
-            let mut steady = SteadyOffset::default();
-            // It ends with ffmpeg, or where that writes something else: then nothing is known.
-            drop(read_times(BufReader::new(pictures), |time| {
-                let now_us = clock::unix_time().as_micros() as i64;
-                if let Some(offset_us) = steady.hear(time, now_us) {
+            let (mut pictures, mut steady) = (BufReader::new(pictures), SteadyOffset::default());
+            let now_us = || clock::unix_time().as_micros() as i64;
+            let ended = read_times(&mut pictures, now_us, |time| {
+                if let Some(offset_us) = steady.hear(time) {
                     heard.store(offset_us, Ordering::Relaxed);
                 }
-            }));
+            });
+            // It ends with ffmpeg. What cannot be read is no reason for ffmpeg to stop.
+            if ended.is_err_and(|error| error.kind() != io::ErrorKind::UnexpectedEof) {
+                heard.store(UNKNOWN, Ordering::Relaxed);
+                drop(io::copy(&mut pictures, &mut io::sink()));
+            }
         };
         let thread = std::thread::Builder::new().name("sender clock".to_owned());
         Ok(Self {
@@ -76,13 +80,16 @@ impl SenderClock {
         })
     }
 
-    /// Arguments for ffmpeg's second output, whose time stamps are those of the first.
+    /// Arguments for ffmpeg's second output, whose time stamps are those of the first. MP4 does not take every coding: by `tee`, ffmpeg
+    /// goes on without it.
     pub(super) fn output(&self) -> Vec<OsString> {
-        let words = "-map 0:v:0 -c:v copy -avoid_negative_ts disabled -write_prft wallclock -movflags frag_every_frame+empty_moov -f mp4";
-        let mut url = OsString::from("unix:");
-        url.push(&self.socket);
-        let words = words.split(' ').map(OsString::from);
-        words.chain([url]).collect()
+        let words = "-map 0:v:0 -c:v copy -f tee".split(' ');
+        let mut outputs = OsString::from(
+            "[f=mp4:onfail=ignore:avoid_negative_ts=disabled:write_prft=wallclock:movflags=frag_every_frame+empty_moov]unix:",
+        );
+        outputs.push(&self.socket);
+        outputs.push("|[f=null]-");
+        words.map(OsString::from).chain([outputs]).collect()
     }
 
     /// Unix time by the camera's clock less the stream's time stamp, microseconds; `None` while no report says it.
@@ -118,11 +125,14 @@ struct SteadyOffset {
 }
 
 impl SteadyOffset {
-    fn hear(&mut self, time: PictureTime, now_us: i64) -> Option<i64> {
-        let offset_us = time.unix_us.saturating_sub(time.stamp_us);
-        if now_us.saturating_sub(time.unix_us).abs() < JUST_WRITTEN_US {
+    /// Takes what a report says of a picture; `None`: no report says anything.
+    fn hear(&mut self, time: Option<PictureTime>) -> Option<i64> {
+        let Some(time) = time else {
             self.agree = 0;
-        } else if self.agree > 0 && self.first_us.saturating_sub(offset_us).abs() <= ROUNDING_US {
+            return None;
+        };
+        let offset_us = time.unix_us.saturating_sub(time.stamp_us);
+        if self.agree > 0 && self.first_us.saturating_sub(offset_us).abs() <= ROUNDING_US {
             self.agree = self.agree.saturating_add(1);
         } else {
             (self.first_us, self.agree) = (offset_us, 1);
@@ -131,8 +141,12 @@ impl SteadyOffset {
     }
 }
 
-/// Reads the boxes of an MP4 stream to its end.
-fn read_times(mut stream: impl Read, mut hear: impl FnMut(PictureTime)) -> io::Result<()> {
+/// Reads the boxes of an MP4 stream to its end; `now_us`: Unix time, by which it is seen what is no report.
+fn read_times(
+    mut stream: impl Read,
+    now_us: impl Fn() -> i64,
+    mut hear: impl FnMut(Option<PictureTime>),
+) -> io::Result<()> {
     let (mut units_per_s, mut is_ended_by_next) = (None, false);
     let mut before: Option<PictureTime> = None;
     loop {
@@ -149,14 +163,17 @@ fn read_times(mut stream: impl Read, mut hear: impl FnMut(PictureTime)) -> io::R
             b"moov" | b"trak" | b"mdia" | b"minf" | b"stbl" => continue,
             b"mdhd" => units_per_s = Some(units_of(&mut inside)?).filter(|units| *units > 0),
             b"stsd" => is_ended_by_next = ENDED_BY_NEXT.contains(&coding_of(&mut inside)?),
-            b"prft" => {
-                if let Some(time) = time_of(&mut inside, units_per_s)? {
-                    let said = if is_ended_by_next { before } else { Some(time) };
-                    if let Some(PictureTime { unix_us, .. }) = said {
-                        hear(PictureTime { unix_us, ..time });
-                    }
-                    before = Some(time);
-                }
+            b"prft" if is_ended_by_next => {
+                let time = time_of(&mut inside, units_per_s)?;
+                let at = |of: PictureTime, time: PictureTime| PictureTime {
+                    unix_us: of.unix_us,
+                    ..time
+                };
+                hear(before.zip(time).map(|(of, time)| at(of, time)));
+                let is_report = |time: &PictureTime| {
+                    now_us().saturating_sub(time.unix_us).abs() >= JUST_WRITTEN_US
+                };
+                before = time.filter(is_report);
             }
             _ => {}
         }
@@ -225,7 +242,7 @@ mod tests {
     }
 
     /// What is heard of two pictures, 0.5 s and 0.6 s after the first, that say 7.5 s and 7.75 s.
-    fn heard(coding: [u8; 4]) -> Vec<[i64; 2]> {
+    fn heard(coding: [u8; 4], now_us: i64) -> Vec<[i64; 2]> {
         let mdhd = [&[0; 12][..], &90_000_u32.to_be_bytes(), &[0; 4]].concat();
         let stsd = [&[0; 12][..], &coding, &[0; 40]].concat();
         let minf = mp4_box(*b"minf", &mp4_box(*b"stbl", &mp4_box(*b"stsd", &stsd)));
@@ -245,37 +262,43 @@ mod tests {
             prft(3, 54_000),
         ];
         let mut heard = Vec::new();
-        let end = read_times(stream.concat().as_slice(), |time| {
-            heard.push([time.unix_us, time.stamp_us]);
-        });
+        let bytes = stream.concat();
+        let end = read_times(
+            bytes.as_slice(),
+            || now_us,
+            |time| {
+                heard.extend(time.map(|time| [time.unix_us, time.stamp_us]));
+            },
+        );
         assert_eq!(end.unwrap_err().kind(), io::ErrorKind::UnexpectedEof);
         heard
     }
 
     #[test]
-    fn the_boxes_say_times_in_units_of_the_track_some_of_them_of_the_next_picture() {
-        let own = [[7_500_000, 500_000], [7_750_000, 600_000]];
-        assert_eq!(heard(*b"mp4v"), own);
-        assert_eq!(heard(*b"avc1"), [[7_500_000, 600_000]]);
+    fn the_boxes_say_times_of_the_next_picture_in_units_of_the_track() {
+        assert_eq!(heard(*b"avc1", 0), [[7_500_000, 600_000]]);
+        assert_eq!(heard(*b"mp4v", 0), [[0; 2]; 0], "it is not known of which");
+        let just_written_us = 7_501_000;
+        assert_eq!(heard(*b"avc1", just_written_us), [[0; 2]; 0]);
     }
 
     #[test]
-    fn times_at_which_ffmpeg_wrote_are_no_reports() {
+    fn only_times_that_agree_for_long_are_those_of_reports() {
         let mut steady = SteadyOffset::default();
-        let written = |n: i64| PictureTime {
+        let time = |n: i64| PictureTime {
             unix_us: 1_000_000 + n * 40_000,
             stamp_us: n * 40_000,
         };
-        assert!((0..90).all(|n| steady.hear(written(n), written(n).unix_us + 900).is_none()));
-        let heard = (0..90).map(|n| steady.hear(written(n), written(n).unix_us + 150_000));
-        let heard: Vec<Option<i64>> = heard.collect();
+        assert!((0..29).all(|n| steady.hear(Some(time(n))).is_none()));
+        assert_eq!(steady.hear(None), None);
+        let heard: Vec<Option<i64>> = (0..30).map(|n| steady.hear(Some(time(n)))).collect();
         assert_eq!((heard[28], heard[29]), (None, Some(1_000_000)));
     }
 
     proptest! {
         #[test]
         fn no_bytes_make_it_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
-            let end = read_times(bytes.as_slice(), |_| {});
+            let end = read_times(bytes.as_slice(), || 0, |_| {});
             prop_assert!(end.is_err());
         }
     }

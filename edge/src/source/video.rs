@@ -284,8 +284,6 @@ type Stamped = (Frame, Option<i64>);
 pub(super) struct VideoSource {
     prefetch: Prefetch<Stamped>,
     ffmpeg: Ffmpeg,
-    // It ends after ffmpeg, which writes to it.
-    sender_clock: Option<SenderClock>,
     at: SourceOrigin,
     stamp_us: Option<i64>,
     /// Frames taken, and those skipped before them.
@@ -308,7 +306,6 @@ impl VideoSource {
             stdout,
             times,
             matrix,
-            sender_clock,
         } = decoding;
         let pictures = PictureReader::new(BufReader::new(stdout), expected.size_px);
         let decode = move |sender: Sender<Stamped>| {
@@ -322,7 +319,6 @@ impl VideoSource {
         Ok(Self {
             prefetch,
             ffmpeg,
-            sender_clock,
             at,
             stamp_us: None,
             read: 0,
@@ -408,8 +404,7 @@ impl FrameSource for VideoSource {
     }
 
     fn captured_unix_us(&self) -> Option<i64> {
-        let offset_us = self.sender_clock.as_ref()?.offset_us()?;
-        Some(self.stamp_us?.saturating_add(offset_us))
+        self.ffmpeg.unix_us(self.stamp_us?)
     }
 }
 

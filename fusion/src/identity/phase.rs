@@ -124,8 +124,8 @@ pub struct Coverage {
     pub supported: u32,
     /// For which the crops of who was sighted cannot have come yet; 0 from when two viewpoints showed it.
     pub awaited: u32,
-    /// Whether two viewpoints could not show the person at the last tick, and did not.
-    pub is_left_out: bool,
+    /// Since evidence from two viewpoints, of all ticks.
+    pub since_two: u32,
 }
 
 impl Coverage {
@@ -142,14 +142,16 @@ impl Coverage {
     /// Counts one tick with what it was made of, and what it could show.
     pub(crate) fn count(&mut self, made_of: MadeOf, showable: Showable) {
         let has_two = made_of == MadeOf::Views;
-        self.is_left_out = !has_two && !showable.by_two;
         if has_two {
             self.streak = self.streak.saturating_add(1);
             self.supported = self.supported.saturating_add(1);
-            (self.missing, self.awaited) = (0, 0);
-        } else if showable.by_two {
-            self.streak = 0;
-            self.missing = self.missing.saturating_add(1);
+            (self.missing, self.since_two, self.awaited) = (0, 0, 0);
+        } else {
+            self.since_two = self.since_two.saturating_add(1);
+            if showable.by_two {
+                self.streak = 0;
+                self.missing = self.missing.saturating_add(1);
+            }
         }
         if made_of == MadeOf::Motion {
             self.unseen = self.unseen.saturating_add(1);
@@ -161,19 +163,19 @@ impl Coverage {
 
     /// Whether the last tick had evidence from two viewpoints.
     pub(crate) fn is_seen(&self) -> bool {
-        self.missing == 0 && !self.is_left_out
+        self.since_two == 0
     }
 
     /// As if the person was seen at this tick; until it is seen again the streak says what it said.
     pub(crate) fn revive(&mut self) {
-        (self.missing, self.unseen, self.absent) = (0, 0, 0);
-        self.is_left_out = false;
+        (self.missing, self.since_two) = (0, 0);
+        (self.unseen, self.absent) = (0, 0);
     }
 
     /// What was taken for evidence of the last `ticks` was somebody else's.
     pub(crate) fn withdraw(&mut self, ticks: u32) {
         (self.missing, self.unseen, self.streak) = (ticks, ticks, 0);
-        self.absent = ticks;
+        (self.since_two, self.absent) = (ticks, ticks);
     }
 }
 
@@ -239,6 +241,8 @@ mod tests {
             ..
         } = coverage;
         assert_eq!([missing, unseen, absent, streak], [0, 1, 0, 3]);
+        coverage.count(MadeOf::OneView, left_out);
+        assert_eq!((coverage.since_two, coverage.missing), (2, 0));
     }
 
     #[test]

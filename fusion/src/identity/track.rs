@@ -161,7 +161,7 @@ impl Track {
     /// Whether one viewpoint has led it on since two saw it.
     pub(crate) fn is_led(&self) -> bool {
         let coverage = self.identity.coverage;
-        coverage.unseen < coverage.missing
+        coverage.unseen < coverage.since_two
     }
 
     /// The ticks before the last one that were solved again at it: those of a person who was confirmed.

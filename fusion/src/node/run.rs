@@ -10,7 +10,7 @@ use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
-use farfield_node::{runtime, session};
+use farfield_node::{runtime, service_manager, session};
 use farfield_proto::id::SessionId;
 use farfield_proto::transport::FUSION;
 use tokio::time::{sleep, timeout};
@@ -150,6 +150,7 @@ async fn run(
             Box::pin(live(context, pipeline)).await
         }
     };
+    service_manager::end_work();
     stop.cancel();
     if timeout(DRAIN, ends.close(&tasks, &leave)).await.is_err() {
         warn!("tasks still running, leaving anyway");

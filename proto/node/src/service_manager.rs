@@ -1,9 +1,9 @@
-//! What systemd, or whoever else starts services and speaks its protocol, hears of a node: that it has started, what it does now,
-//! and that its work goes on. Nobody hears anything where `NOTIFY_SOCKET` is not set.
+//! What a node tells systemd: that it has started, what it does now, and that its work goes on. Without `NOTIFY_SOCKET` it tells
+//! nothing. Other service managers speak the same protocol.
 
 use std::convert::Infallible;
 use std::future::pending;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use farfield_proto::plain_text;
@@ -18,9 +18,18 @@ static WORKED: Mutex<Option<Instant>> = Mutex::new(None);
 /// Sends so many signs of life in the time (`WatchdogSec`) that is allowed between two.
 const SIGNS_OF_LIFE: u32 = 4;
 
-/// Says that the work goes on: from the first time on a node that does not say so for half of `WatchdogSec` is started again.
+/// Notes that the work goes on. When it was not noted for half of `WatchdogSec`, the node gives no more signs of life.
 pub fn note_work() {
-    *WORKED.lock().unwrap_or_else(PoisonError::into_inner) = Some(clock::now());
+    *worked() = Some(clock::now());
+}
+
+/// Notes that the work is over: what is left to do may take its time.
+pub fn end_work() {
+    *worked() = None;
+}
+
+fn worked() -> MutexGuard<'static, Option<Instant>> {
+    WORKED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Says in a line what the node does: `systemctl status` shows it.
@@ -38,7 +47,7 @@ pub(crate) async fn watch() -> Infallible {
     signs.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         signs.tick().await;
-        let worked = *WORKED.lock().unwrap_or_else(PoisonError::into_inner);
+        let worked = *worked();
         if goes_on(worked, clock::now(), allowed / 2) {
             send(NotifyState::Watchdog);
         }

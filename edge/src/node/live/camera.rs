@@ -3,7 +3,6 @@
 //! A recording is played: its frame of a tick comes at that tick's time. A source that fails is opened
 //! again, less and less often.
 
-use std::mem::replace;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -165,7 +164,7 @@ impl LiveCamera {
         };
         let delay_us = camera.capture_delay_s.map(|s| (s * 1e6).round() as Micros);
         let mut placer = FramePlacer::new(camera.tick_from, delay_us);
-        let mut told = Told::default();
+        let mut reported = ReportedTimes::default();
         loop {
             let frame = match source.next_frame() {
                 Ok(Some(frame)) => frame,
@@ -177,7 +176,7 @@ impl LiveCamera {
             }
             let placed = self.place(frame, source.as_ref(), &mut placer);
             let most_us = self.shared.frames.most_lag_us();
-            for news in told.news(placed, most_us, &mut placer) {
+            for news in reported.news(placed, most_us, &mut placer) {
                 say(format_args!("camera `{}`: {news}", camera.model.name()));
             }
         }
@@ -214,16 +213,32 @@ impl LiveCamera {
     }
 }
 
-/// What was said of a live camera's times: each is said once, or when it is so again.
-#[derive(Debug, Default)]
-struct Told {
-    late: bool,
-    distrusted: bool,
-    delay: Option<bool>,
-    misplaced: bool,
+/// What is reported of a live camera's times once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Report {
+    Late,
+    Distrusted,
+    Delay,
+    ForeignClock,
 }
 
-impl Told {
+/// What was reported of a live camera's times.
+#[derive(Debug, Default)]
+struct ReportedTimes {
+    once: Vec<Report>,
+    /// Whether the last frame was misplaced, which is reported whenever it begins.
+    is_misplaced: bool,
+}
+
+impl ReportedTimes {
+    fn is_new(&mut self, report: Report) -> bool {
+        let is_new = !self.once.contains(&report);
+        if is_new {
+            self.once.push(report);
+        }
+        is_new
+    }
+
     /// What is new after a frame was `placed`, or how long after its capture, microseconds; at most `most_us` is waited for.
     fn news(
         &mut self,
@@ -233,7 +248,7 @@ impl Told {
     ) -> Vec<String> {
         let mut news = Vec::new();
         if let Some(lag_us) = placed.ok().filter(|lag_us| *lag_us > most_us)
-            && !replace(&mut self.late, true)
+            && self.is_new(Report::Late)
         {
             news.push(format!(
                 "its pictures come {} ms after their capture, and `deadline_ms` in [link] is {}: they are not used",
@@ -241,7 +256,7 @@ impl Told {
                 most_us / 1000
             ));
         }
-        if placer.distrusts_stamps() && !replace(&mut self.distrusted, true) {
+        if placer.distrusts_stamps() && self.is_new(Report::Distrusted) {
             news.push("the times in its stream do not go as time does; its pictures are taken to be of the time at which they come".to_owned());
         }
         if let Some(step_us) = placer.take_step_us() {
@@ -250,36 +265,26 @@ impl Told {
                 signed(step_us as f64 / 1e6, 1)
             ));
         }
-        if let Some(measured) = placer.measured_delay() {
-            let (is_good, words) = match measured {
-                MeasuredDelay::Delay(us) => {
-                    let ms = us / 1000;
-                    (
-                        true,
-                        format!(
-                            "its pictures come {ms} ms after their capture, by its sender reports"
-                        ),
-                    )
-                }
-                MeasuredDelay::ForeignClock(us) => {
-                    let s = signed(us as f64 / -1e6, 1);
-                    (
-                        false,
-                        format!(
-                            "its clock is {s} s off: give it the venue's NTP server, else nobody knows how late its pictures come (or say `capture_delay_ms`)"
-                        ),
-                    )
-                }
-            };
-            if self.delay.replace(is_good) != Some(is_good) {
-                news.push(words);
+        match placer.measured_delay() {
+            Some(MeasuredDelay::Delay(us)) if self.is_new(Report::Delay) => {
+                let ms = us / 1000;
+                news.push(format!(
+                    "its pictures come {ms} ms after their capture, by its sender reports"
+                ));
             }
+            Some(MeasuredDelay::ForeignClock(us)) if self.is_new(Report::ForeignClock) => {
+                let off_s = signed(us as f64 / -1e6, 3);
+                news.push(format!(
+                    "its clock is {off_s} s off, so that its sender reports do not say how late its pictures come: give it the venue's NTP server, or set `capture_delay_ms`"
+                ));
+            }
+            _ => {}
         }
         let misplaced = placed.err();
-        if let (Some(why @ Misplaced::Drifted { .. }), false) = (misplaced, self.misplaced) {
+        if let (Some(why @ Misplaced::Drifted { .. }), false) = (misplaced, self.is_misplaced) {
             news.push(why.to_string());
         }
-        self.misplaced = misplaced.is_some();
+        self.is_misplaced = misplaced.is_some();
         news
     }
 }

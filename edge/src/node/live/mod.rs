@@ -238,6 +238,7 @@ impl LiveEdge {
     /// Ends cameras and pipeline, and says so: why, if the edge gives up.
     pub(super) fn leave(&mut self, error: Option<&NodeError>) {
         self.shared.stop();
+        service_manager::end_work();
         self.refused = None;
         self.status.failure = error.map(|error| wire::cut_text(error.to_string()));
         self.send_status();

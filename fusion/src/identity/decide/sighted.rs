@@ -32,7 +32,7 @@ pub(crate) fn reinitiate(
     for (which, sighted_m) in sighted_m.iter().enumerate() {
         let Some(sighted_m) = sighted_m else { continue };
         for facts in everybody.iter().filter(|facts| facts.is_awaited()) {
-            let waited_s = f64::from(facts.coverage.missing) * rules.dt_s();
+            let waited_s = f64::from(facts.coverage.since_two) * rules.dt_s();
             let off_m = (sighted_m - facts.joints_m[0]).norm();
             if off_m <= SIGHTED_OFF_M + rules.births.return_speed_m_s * waited_s {
                 pairs.push((off_m, which, facts.wire_id));
@@ -140,7 +140,7 @@ mod tests {
         let taken = reinitiate(&sighted, &everybody, 9, &rules);
         assert_eq!(who(&taken), [(0, 2), (2, 1)]);
         let mut late = waiting(1, 0.0);
-        late.coverage.missing = 20;
+        late.coverage.since_two = 20;
         let taken = reinitiate(&[Some(at(3.0))], &[late], 9, &rules);
         assert_eq!(who(&taken), [(0, 1)], "it has had a second to get there");
     }

@@ -9,7 +9,8 @@ use crate::align::TickGroup;
 use crate::identity::phase::Showable;
 use crate::sightings::contradiction::in_sight;
 
-/// For how long nothing comes from a viewpoint that is still heard, seconds: over a thin link not every tick has a message.
+/// For how long nothing comes from a viewpoint that is still heard, seconds: over a thin link not every tick has a message. Where
+/// edges share fewer than four ticks a second, the ticks between count as silence.
 const SILENT_S: f64 = 0.25;
 
 /// When each viewpoint was heard last.

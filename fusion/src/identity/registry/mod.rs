@@ -373,7 +373,7 @@ impl Registry {
             .iter()
             .filter(|track| track.identity.phase.is_lost())
         {
-            let lost_s = self.rules.seconds(track.identity.coverage.missing);
+            let lost_s = self.rules.seconds(track.identity.coverage.since_two);
             let reach_m = self.rules.births.return_speed_m_s * lost_s;
             let place_m = track.estimator.joints_m()[0];
             self.scheduler.ask_for_lost(tick, place_m, reach_m);

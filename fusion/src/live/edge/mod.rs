@@ -82,6 +82,7 @@ pub struct Edge {
     meter: Meter,
     sequence: u32,
     sent: VecDeque<Sent>,
+    ticks_per_pass: Option<i64>,
     detection_ticks: VecDeque<Tick>,
     /// Whether its boxes have anybody.
     has_people: bool,
@@ -113,6 +114,13 @@ impl Edge {
             clock_bound_us: (clock_bound_ms * 1e3) as Micros,
             ..Self::default()
         }
+    }
+
+    /// It makes a detection pass at every tick that `ticks` divides, also where no boxes ask for it.
+    #[must_use]
+    pub fn with_pass_every(mut self, ticks: i64) -> Self {
+        self.ticks_per_pass = Some(ticks);
+        self
     }
 
     /// Sends boxes as `pace` says.
@@ -465,7 +473,9 @@ impl Edge {
     }
 
     fn task(&self, tick: Tick) -> Task {
-        if self.detection_ticks.iter().rev().any(|&of| of == tick) {
+        let is_regular = |ticks: i64| tick.0.rem_euclid(ticks.max(1)) == 0;
+        let is_asked = || self.detection_ticks.iter().rev().any(|&of| of == tick);
+        if self.ticks_per_pass.is_some_and(is_regular) || is_asked() {
             Task::Look
         } else if self.has_people {
             Task::Follow

@@ -153,7 +153,11 @@ impl<'a> LiveFusion<'a> {
         let bound_ms = venue.parameters.link.clock_bound_ms;
         let names = venue.viewpoints.iter().map(|v| &v.name);
         let pace = Pace::new(venue.parameters.link.budget_bytes_per_s, venue.rate_hz);
-        let edge = |name| Edge::new(name, bound_ms).at_pace(pace.clone());
+        let ticks_per_pass = venue.parameters.births.ticks_per_look(venue.rate_hz);
+        let edge = |name| {
+            let edge = Edge::new(name, bound_ms).with_pass_every(ticks_per_pass);
+            edge.at_pace(pace.clone())
+        };
         let mut edges: Vec<Edge> = names.map(|name| edge(name)).collect();
         let ticks = |seconds: f64| (seconds * venue.rate_hz).ceil() as usize;
         let LiveStart {

@@ -22,8 +22,8 @@ declare_parameters! {
             /// Sigma of the Gaussian around the prediction that candidates are weighed by: the other ankle is
             /// inside the lattice.
             prior_sigma_m: f64 = 0.20, "m", 0.005 to 10.0;
-            /// The same per second since the person was last measured, where that is more: how wrong the velocity of
-            /// a limb is.
+            /// How wrong the velocity of a limb may be: times the time since the person was last measured (up to 0.25 s and a
+            /// tick) it is the sigma, where that is more than `prior_sigma_m`.
             prior_speed_m_s: f64 = 6.0, "m/s", 0.0 to 100.0;
             /// Weighted mean of the maps below which a keypoint counts as unsupported and falls back to the
             /// prediction with weight 0.
