@@ -7,7 +7,7 @@
 use super::{Micros, SECOND_US};
 
 /// Longest horizon, ticks: as much as anybody can be predicted, and more.
-const LONGEST: i64 = 120;
+pub const LONGEST: i64 = 120;
 /// From this difference on a new way is gone by, ticks: less would only make the boxes restless.
 const FAR_OFF: f64 = 3.0;
 /// How far use and horizon may be apart on average, ticks: more is trimmed.

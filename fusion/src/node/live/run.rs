@@ -37,6 +37,7 @@ use crate::live::common_plan::CommonPlan;
 use crate::live::edge::Edge;
 use crate::live::edge::common_clock::CommonClock;
 use crate::live::gather::LiveGather;
+use crate::live::horizon::LONGEST;
 use crate::live::late_detections::LateDetections;
 use crate::live::membership::Membership;
 use crate::live::pace::Pace;
@@ -342,9 +343,13 @@ impl<'a> LiveFusion<'a> {
             early_us: earliest_us.map(|us| -us),
         });
         let (publish_us, period_us) = (self.publish_us, self.time.period_us());
+        // Boxes of a tick that is later than usual, as behind a detection pass, are for as much later ticks.
+        let later_us = ((now_us - self.time.at(tick)) as f64 - publish_us).max(0.0);
+        let later_ticks = (later_us / period_us).floor();
         let edges = self.edges.iter_mut();
         let horizons = edges
-            .map(|edge| edge.horizon_ticks(publish_us, period_us))
+            .map(|edge| edge.horizon_ticks(publish_us, period_us) + later_ticks)
+            .map(|ticks| ticks.min(LONGEST as f64))
             .collect();
         let job = Job {
             group,
