@@ -74,7 +74,7 @@ pub(super) fn live_input(url: &str, options: &BTreeMap<String, String>) -> Vec<O
 pub(super) enum Wanted {
     /// A recording without its first frames, whose pictures are stored so.
     After(u64, VideoFormat),
-    /// A live source, with the times of its frames; what of its address nobody may read, and who hears the camera's clock.
+    /// A live source, with the times of its frames: the secrets of its address, and what reads the camera's clock.
     Timed(Secrets, Option<SenderClock>),
 }
 

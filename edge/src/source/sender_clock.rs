@@ -165,11 +165,10 @@ fn read_times(
             b"stsd" => is_ended_by_next = ENDED_BY_NEXT.contains(&coding_of(&mut inside)?),
             b"prft" if is_ended_by_next => {
                 let time = time_of(&mut inside, units_per_s)?;
-                let at = |of: PictureTime, time: PictureTime| PictureTime {
-                    unix_us: of.unix_us,
+                hear(before.zip(time).map(|(before, time)| PictureTime {
+                    unix_us: before.unix_us,
                     ..time
-                };
-                hear(before.zip(time).map(|(of, time)| at(of, time)));
+                }));
                 let is_report = |time: &PictureTime| {
                     now_us().saturating_sub(time.unix_us).abs() >= JUST_WRITTEN_US
                 };

@@ -92,7 +92,7 @@ impl Phase {
 }
 
 /// What a tick could show of a person, by the viewpoints that have it in sight and gave something at this tick. A tick that edges
-/// left out, or of which messages were lost, says nothing against anybody.
+/// left out, or of which messages were lost, is no evidence of absence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Showable {
     /// Evidence from two viewpoints.

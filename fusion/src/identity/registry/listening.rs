@@ -1,4 +1,4 @@
-//! Which viewpoints are heard: who is not seen at ticks of which those sent nothing that could see it, is not absent for that.
+//! Which viewpoints send messages: a person is not absent for ticks of which no viewpoint that has it in sight sent any.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
