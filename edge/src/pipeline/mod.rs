@@ -25,7 +25,7 @@ use std::collections::BTreeMap;
 
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::message::{PatchSet, PersonPatch, SightingSet};
+use farfield_proto::message::{PatchSet, PersonBoxes, PersonPatch, SightingSet};
 use farfield_proto::patch::{CompressionLevel, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -36,7 +36,7 @@ use self::batch::TakenPicture;
 use self::camera::{EdgeCamera, cameras_of, check_shapes};
 use self::map_encoder::MapEncoder;
 use self::tiled_detector::TiledDetector;
-use self::tracked::Tracked;
+use self::tracked::{Tracked, is_turned};
 use crate::crop::CropGeometry;
 use crate::gaussian_maps::draw_maps;
 use crate::inference::{KeypointNetwork, PersonDetector};
@@ -96,6 +96,8 @@ pub struct EdgePipeline {
     session: SessionId,
     last_camera: BTreeMap<PersonId, CameraIndex>,
     detection_share: f64,
+    second_crops: bool,
+    tracked_crops: usize,
     message_version: u8,
 }
 
@@ -137,6 +139,8 @@ impl EdgePipeline {
             session: SessionId::default(),
             last_camera: BTreeMap::new(),
             detection_share: 0.0,
+            second_crops: true,
+            tracked_crops: 0,
             message_version: wire::VERSION,
         })
     }
@@ -176,6 +180,7 @@ impl EdgePipeline {
             .filter(|p| request.includes(p.person))
             .filter_map(|p| self.track(p, age, frames))
             .collect();
+        self.tracked_crops = tracked.iter().map(|it| it.crops.len()).sum();
         self.cut(frames);
         mark(EdgeStage::Crop);
         let detects = !detection_cameras.is_empty() && self.can_sight(request.detections);
@@ -275,6 +280,8 @@ impl EdgePipeline {
             session: SessionId::default(),
             last_camera: BTreeMap::new(),
             detection_share: 0.0,
+            second_crops: true,
+            tracked_crops: 0,
             message_version: self.message_version,
         };
         Ok(self.detector.take().map(|detector| (detector, sighter)))
@@ -284,6 +291,11 @@ impl EdgePipeline {
     /// [`CompressionLevel::LOSSLESS`].
     pub fn set_compression_level(&mut self, level: CompressionLevel) {
         self.encoder.set_level(level);
+    }
+
+    /// Whether the legs of tilted people get a second, upright crop in the next steps; at first they do.
+    pub fn set_second_crops(&mut self, second_crops: bool) {
+        self.second_crops = second_crops;
     }
 
     /// Sets in which version of the messages what the next steps make will be written, and so what fits one; at first
@@ -301,6 +313,17 @@ impl EdgePipeline {
     /// Which share of the last step's inference, by crops, was on people without boxes, 0 to 1.
     pub fn detection_share(&self) -> f64 {
         self.detection_share
+    }
+
+    /// How many crops of people with boxes the last step had.
+    pub fn tracked_crops(&self) -> usize {
+        self.tracked_crops
+    }
+
+    /// For how many of these people a step with second crops may cut one.
+    pub fn count_second_crops(persons: &[PersonBoxes]) -> usize {
+        let is_turned = |person: &&PersonBoxes| person.cameras.iter().any(is_turned);
+        persons.iter().filter(is_turned).count()
     }
 
     /// What was left out so far of each camera that showed people beyond the part of its view that is used.

@@ -236,6 +236,20 @@ fn a_turned_box_gives_the_legs_an_upright_crop() {
 }
 
 #[test]
+fn without_time_for_second_crops_the_turned_one_serves_the_legs_too() {
+    let mut edge = pipeline(&[PICTURES]);
+    let turned = boxes(&[], vec![vec![box_at(0, [320.0, 240.0], 0.785)]]);
+    assert_eq!(EdgePipeline::count_second_crops(&turned.persons), 1);
+    for (has_time, crops) in [(false, 1), (true, 2)] {
+        edge.set_second_crops(has_time);
+        let output = step(&mut edge, &[Some(disc(330.0, 220.0))], &turned).unwrap();
+        let patch = patches(&output)[0];
+        assert_eq!((patch.crops.len(), edge.tracked_crops()), (crops, crops));
+        assert_near(peak_of(patch, 16), 330.0, 220.0);
+    }
+}
+
+#[test]
 fn a_dead_camera_is_replaced_within_the_tick() {
     let mut edge = pipeline(&[PICTURES, PICTURES]);
     let both = vec![vec![

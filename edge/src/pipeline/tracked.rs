@@ -80,7 +80,7 @@ impl EdgePipeline {
             return None;
         };
         let mut crops = vec![CropGeometry::new(&bounding_box, batch.shape())?];
-        if turned_by(bounding_box.rotation_rad) > TWO_CROPS_FROM_RAD {
+        if self.second_crops && is_turned(&region) {
             crops.push(CropGeometry::new(
                 &enclosing_upright(&bounding_box),
                 batch.shape(),
@@ -112,6 +112,11 @@ pub(super) fn moved_on(camera_box: &CameraBox, ticks: i64) -> CameraBox {
         neck_px: along(camera_box.neck_px),
         ..*camera_box
     }
+}
+
+/// Whether a camera sees the person so tilted that the legs get a crop of their own.
+pub(super) fn is_turned(camera_box: &CameraBox) -> bool {
+    turned_by(camera_box.bounding_box.rotation_rad) > TWO_CROPS_FROM_RAD
 }
 
 /// How far a rotation is from upright, 0 to pi.

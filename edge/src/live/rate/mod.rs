@@ -15,7 +15,7 @@ use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 use self::load::LinkLoad;
 use self::sighting_share::SightingShare;
 pub use self::work::PLANNED;
-use self::work::Work;
+use self::work::{Wish, Work};
 use super::Micros;
 
 /// Bytes of a message beside its persons.
@@ -100,6 +100,8 @@ pub struct RateController {
     common_nth: u16,
     /// What the edge would do without it.
     needed_nth: u16,
+    /// Whether it goes on with more ticks than it would take up.
+    wish: Wish,
 }
 
 /// A computer that is too slow for all ticks and persons.
@@ -142,7 +144,8 @@ impl RateController {
             overload: None,
             room_since_us: None,
             common_nth: 1,
-            needed_nth: 1,
+            needed_nth: 0,
+            wish: Wish::Begin,
         }
     }
 
@@ -211,9 +214,14 @@ impl RateController {
         self.work.set_workers(workers, crops_per_s);
     }
 
-    /// Notes a tick that was done at `now_us`, whose `persons` took so long.
-    pub fn worked(&mut self, persons: usize, took_us: u32, now_us: Micros) {
-        self.work.add(persons, took_us, now_us);
+    /// Notes a tick that was done at `now_us`, whose `crops` took so long.
+    pub fn worked(&mut self, crops: usize, took_us: u32, now_us: Micros) {
+        self.work.add(crops, took_us, now_us);
+    }
+
+    /// Whether there is time for so many crops at each tick of the last plan.
+    pub fn has_time_for(&self, crops: usize) -> bool {
+        self.work.ticks(crops, Wish::Begin) <= f64::from(self.plan.every_nth)
     }
 
     /// That the computer has no time for all ticks and persons, if it is so.
@@ -288,7 +296,7 @@ impl RateController {
             level = finer.unwrap_or(level);
             self.room_since_us = None;
         }
-        self.needed_nth = self.needed(level, per_tick, persons);
+        self.need(level, per_tick, persons);
         let every_nth = self.needed_nth.max(1).next_multiple_of(self.common_nth);
         let ticks = f64::from(every_nth);
         let share = |persons| self.share(level, per_tick, persons);
@@ -301,7 +309,7 @@ impl RateController {
         {
             level = finer;
         }
-        let of_time = self.work.ticks(persons);
+        let of_time = self.work.ticks(persons, self.wish);
         let done = most.unwrap_or(persons as f64) / ticks;
         self.overload = (of_time > 1.0).then_some(Overload {
             done_per_s: done * self.rate_hz,
@@ -345,6 +353,18 @@ impl RateController {
         finer
     }
 
+    /// Finds the n that the edge needs. It does not leave more ticks out than it does while what it does can be borne.
+    fn need(&mut self, level: CompressionLevel, per_tick: f64, persons: usize) {
+        self.wish = Wish::Begin;
+        let planned = self.needed(level, per_tick, persons);
+        if (1..planned).contains(&self.needed_nth) {
+            self.wish = Wish::GoOn;
+            self.needed_nth = self.needed_nth.max(self.needed(level, per_tick, persons));
+        } else {
+            self.needed_nth = planned;
+        }
+    }
+
     /// n, where every n-th tick gets most of `persons` through a second; 0 where there are none. What a
     /// message costs beside its persons is paid once a tick, so that fewer ticks carry more of them, up to all.
     fn needed(&self, level: CompressionLevel, per_tick: f64, persons: usize) -> u16 {
@@ -369,7 +389,7 @@ impl RateController {
     /// How much a tick of so many `persons` takes of what there is for one: of `per_tick` bytes, or of the time.
     fn share(&self, level: CompressionLevel, per_tick: f64, persons: usize) -> f64 {
         let of_link = self.cost(level, persons) / per_tick;
-        of_link.max(self.work.ticks(persons))
+        of_link.max(self.work.ticks(persons, self.wish))
     }
 
     /// Bytes of a tick with overhead.

@@ -407,6 +407,39 @@ fn a_computer_that_has_time_again_does_every_tick_within_four_seconds() {
 }
 
 #[test]
+fn an_edge_leaves_more_ticks_out_only_where_what_it_does_cannot_be_borne() {
+    let mut edge = on_a_computer(45_000, 1, 1);
+    let mut nth_at = |person_us, second: Micros| {
+        let time_us = second * SECOND_US..(second + 6) * SECOND_US;
+        compute(&mut edge, person_us, 1, time_us);
+        edge.last_plan().every_nth
+    };
+    assert_eq!(nth_at(55_000, 6), 4, "55 of 67 ms");
+    assert_eq!(nth_at(70_000, 12), 8);
+    assert_eq!(nth_at(55_000, 18), 8);
+    assert_eq!(nth_at(45_000, 24), 4);
+}
+
+#[test]
+fn a_slow_second_is_no_reason_to_leave_more_ticks_out() {
+    let mut edge = on_a_computer(45_000, 1, 1);
+    compute(&mut edge, 75_000, 1, 6 * SECOND_US..7 * SECOND_US);
+    assert_eq!(edge.last_plan().every_nth, 4);
+    compute(&mut edge, 75_000, 1, 7 * SECOND_US..10 * SECOND_US);
+    assert_eq!(edge.last_plan().every_nth, 8);
+}
+
+#[test]
+fn there_is_time_for_as_many_crops_as_fit_into_the_ticks_of_the_plan() {
+    // 35 ms each: one fits into 50 of 67 ms.
+    let mut edge = on_a_computer(35_000, 1, 1);
+    assert!(edge.has_time_for(1) && !edge.has_time_for(2));
+    edge.follow(8);
+    edge.plan(1, 6 * SECOND_US);
+    assert!(edge.has_time_for(2) && !edge.has_time_for(3));
+}
+
+#[test]
 fn an_edge_works_only_on_ticks_of_fusions_plan() {
     let followed = |person_us, common_nth| {
         let mut edge = on_a_computer(person_us, 1, 1);

@@ -1,19 +1,40 @@
 //! How many people the edge has time for, beside what its link carries.
 //!
-//! The time of a tick is measured as that of a round: as many people as there are workers of the network take as long as
-//! one. What counts is the slowest of the last seconds, so that the plan does not swing between two rates.
+//! The time of a tick is measured as that of a round: as many crops as there are workers of the network take as long as
+//! one. The plan must not swing between two rates: for more ticks counts the slowest of the last seconds, for fewer their mean.
 
 use super::super::{Micros, SECOND_US};
 
 /// Share of its time that an edge plans with. Ticks vary: four edges on two cores at 0.9 dropped every third tick of their plan,
 /// each another one, and fusion had one view where it needs two.
 pub const PLANNED: f64 = 0.75;
+/// Share of its time that ticks may take before an edge leaves more of them out than it does: an edge that changed at one share swung
+/// between 15 and 7.5 Hz.
+const BEARABLE: f64 = 0.95;
 /// Rounds of which the mean is taken, but for those that took longest: another program has held them up.
 const ROUNDS: usize = 12;
 const HELD_UP: usize = 1;
-/// The slowest mean counts for so long, at least for half of it, microseconds: the plan follows within 3 s of a faster edge,
+/// Means count for so long, at least for half of it, microseconds: the plan follows within 3 s of a faster edge,
 /// and does not swing within less.
 const WINDOW_US: Micros = 3 * SECOND_US;
+
+/// What an edge would do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wish {
+    /// Take up so many ticks.
+    Begin,
+    /// Go on with so many ticks.
+    GoOn,
+}
+
+/// What rounds took in a part of the window.
+#[derive(Debug, Clone, Copy, Default)]
+struct Past {
+    slowest_us: f64,
+    /// The means, each times how long it was the newest, and their time.
+    sum: f64,
+    time_us: f64,
+}
 
 /// What ticks cost the edge.
 #[derive(Debug, Clone)]
@@ -23,9 +44,10 @@ pub(super) struct Work {
     /// The newest rounds, microseconds.
     rounds_us: [u32; ROUNDS],
     n_rounds: usize,
-    /// The slowest mean of the half of the window that goes on, and of the one before.
-    slowest_us: [Option<f64>; 2],
+    /// The half of the window that goes on, and the one before.
+    past: [Option<Past>; 2],
     turned_at_us: Micros,
+    added_at_us: Micros,
 }
 
 impl Work {
@@ -35,25 +57,27 @@ impl Work {
             workers: 1,
             rounds_us: [0; ROUNDS],
             n_rounds: 0,
-            slowest_us: [None; 2],
+            past: [None; 2],
             turned_at_us: 0,
+            added_at_us: 0,
         }
     }
 
-    /// So many people are worked on at a time, and so many crops a second were measured beforehand: they count until enough
+    /// So many crops are worked on at a time, and so many crops a second were measured beforehand: they count until enough
     /// ticks were.
     pub(super) fn set_workers(&mut self, workers: usize, crops_per_s: f64) {
         self.workers = workers.max(1);
         let round_us = self.workers as f64 * SECOND_US as f64 / crops_per_s;
-        self.slowest_us = [Some(round_us).filter(|us| us.is_finite()), None];
+        let measured = Past::default().with(round_us, 1.0);
+        self.past = [Some(measured).filter(|_| round_us.is_finite()), None];
     }
 
-    /// Notes a tick that ended at `now_us`, whose `persons` took so long.
-    pub(super) fn add(&mut self, persons: usize, took_us: u32, now_us: Micros) {
-        if persons == 0 {
+    /// Notes a tick that ended at `now_us`, whose `crops` took so long.
+    pub(super) fn add(&mut self, crops: usize, took_us: u32, now_us: Micros) {
+        if crops == 0 {
             return;
         }
-        let rounds = self.rounds(persons) as u32;
+        let rounds = self.rounds(crops) as u32;
         self.rounds_us[self.n_rounds % ROUNDS] = took_us / rounds;
         self.n_rounds += 1;
         if self.n_rounds < ROUNDS {
@@ -64,27 +88,41 @@ impl Work {
         let usual = &sorted[..ROUNDS - HELD_UP];
         let mean_us = usual.iter().map(|us| f64::from(*us)).sum::<f64>() / usual.len() as f64;
         if now_us - self.turned_at_us > WINDOW_US / 2 {
-            self.slowest_us = [None, self.slowest_us[0]];
+            self.past = [None, self.past[0]];
             self.turned_at_us = now_us;
         }
-        let slowest_us = self.slowest_us[0].unwrap_or(mean_us);
-        self.slowest_us[0] = Some(slowest_us.max(mean_us));
+        let since_us = (now_us - self.added_at_us).clamp(1, WINDOW_US) as f64;
+        self.added_at_us = now_us;
+        self.past[0] = Some(self.past[0].unwrap_or_default().with(mean_us, since_us));
     }
 
-    /// For how many ticks a tick of so many `persons` takes the time; 0 before it was measured.
-    pub(super) fn ticks(&self, persons: usize) -> f64 {
-        self.round_us().map_or(0.0, |round_us| {
-            self.rounds(persons) as f64 * round_us / (PLANNED * self.period_us)
-        })
+    /// For how many ticks a tick of so many `crops` takes the time that there is for them; 0 before it was measured.
+    pub(super) fn ticks(&self, crops: usize, wish: Wish) -> f64 {
+        let past = self.past.iter().flatten();
+        let share_us = match wish {
+            Wish::Begin => past.map(|it| it.slowest_us).fold(0.0, f64::max) / PLANNED,
+            Wish::GoOn => {
+                let (sum, time_us) = past.fold((0.0, 0.0), |(sum, time_us), it| {
+                    (sum + it.sum, time_us + it.time_us)
+                });
+                sum / time_us.max(1.0) / BEARABLE
+            }
+        };
+        self.rounds(crops) as f64 * share_us / self.period_us
     }
 
-    fn round_us(&self) -> Option<f64> {
-        let slowest_us = self.slowest_us.iter().flatten();
-        slowest_us.copied().reduce(f64::max)
+    fn rounds(&self, crops: usize) -> usize {
+        crops.div_ceil(self.workers)
     }
+}
 
-    fn rounds(&self, persons: usize) -> usize {
-        persons.div_ceil(self.workers)
+impl Past {
+    fn with(self, mean_us: f64, since_us: f64) -> Self {
+        Self {
+            slowest_us: self.slowest_us.max(mean_us),
+            sum: self.sum + mean_us * since_us,
+            time_us: self.time_us + since_us,
+        }
     }
 }
 
@@ -105,9 +143,9 @@ mod tests {
     fn before_it_was_measured_nothing_bounds_it() {
         let mut work = Work::new(60.0);
         feed(&mut work, 2, 200_000, 0, 11);
-        assert!(work.ticks(8) < 1e-9);
+        assert!(work.ticks(8, Wish::Begin) < 1e-9);
         feed(&mut work, 2, 200_000, 20, 1);
-        assert!(work.ticks(8) > 1.0);
+        assert!(work.ticks(8, Wish::Begin) > 1.0);
     }
 
     #[test]
@@ -115,31 +153,34 @@ mod tests {
         let mut work = Work::new(60.0);
         work.set_workers(2, 100.0);
         assert!(
-            (work.ticks(2) - 1.6).abs() < 1e-3,
+            (work.ticks(2, Wish::Begin) - 1.6).abs() < 1e-3,
             "as it was measured beforehand"
         );
         feed(&mut work, 2, 12_500, 0, 300);
-        assert!((work.ticks(1) - 1.0).abs() < 1e-3 && (work.ticks(2) - 1.0).abs() < 1e-3);
-        assert!((work.ticks(3) - 2.0).abs() < 1e-3);
+        assert!(
+            (work.ticks(1, Wish::Begin) - 1.0).abs() < 1e-3
+                && (work.ticks(2, Wish::Begin) - 1.0).abs() < 1e-3
+        );
+        assert!((work.ticks(3, Wish::Begin) - 2.0).abs() < 1e-3);
     }
 
     #[test]
     fn a_tick_that_another_program_held_up_changes_nothing() {
         let mut work = Work::new(60.0);
         feed(&mut work, 1, 10_000, 0, 60);
-        let before = work.ticks(1);
+        let before = work.ticks(1, Wish::Begin);
         feed(&mut work, 1, 300_000, 60, 1);
-        assert!((work.ticks(1) - before).abs() < 1e-9);
+        assert!((work.ticks(1, Wish::Begin) - before).abs() < 1e-9);
     }
 
     #[test]
     fn what_was_slow_counts_for_seconds_and_not_for_ever() {
         let mut work = Work::new(60.0);
         feed(&mut work, 1, 60_000, 0, 60);
-        let slow = work.ticks(1);
+        let slow = work.ticks(1, Wish::Begin);
         feed(&mut work, 1, 10_000, 60, 60);
-        assert!((work.ticks(1) - slow).abs() < 1e-9);
+        assert!((work.ticks(1, Wish::Begin) - slow).abs() < 1e-9);
         feed(&mut work, 1, 10_000, 120, 180);
-        assert!((work.ticks(1) - slow / 6.0).abs() < 1e-9);
+        assert!((work.ticks(1, Wish::Begin) - slow / 6.0).abs() < 1e-9);
     }
 }

@@ -185,12 +185,12 @@ impl Shared {
             .begin(caller, self.clock.now_us(), expected_us as Micros);
     }
 
-    /// Notes that a tick was done, with so many people in so much time.
-    pub(super) fn count_work(&self, persons: usize, took_us: u32) {
+    /// Notes that a tick was done, with so many crops in so much time.
+    pub(super) fn count_work(&self, crops: usize, took_us: u32) {
         let now_us = self.clock.now_us();
         let mut ledger = self.ledger();
-        ledger.rate.worked(persons, took_us, now_us);
-        if persons > 0 {
+        ledger.rate.worked(crops, took_us, now_us);
+        if crops > 0 {
             ledger.failures.worked();
         }
     }

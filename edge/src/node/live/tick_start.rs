@@ -17,4 +17,6 @@ pub(super) struct TickStart {
     pub(super) is_watched: bool,
     pub(super) plan: SendPlan,
     pub(super) may_send: bool,
+    /// Whether there is time for the second crops of tilted people.
+    pub(super) has_time_for_second_crops: bool,
 }

@@ -190,6 +190,7 @@ impl Ticker {
             })
         };
         let plan = ledger.rate.plan(boxes.persons.len(), now_us);
+        let most_crops = boxes.persons.len() + EdgePipeline::count_second_crops(&boxes.persons);
         ledger.last = Some(tick);
         Some(TickStart {
             tick,
@@ -198,6 +199,7 @@ impl Ticker {
             is_watched: lead != Lead::Fusion,
             plan,
             may_send: ledger.rate.may_send(tick, now_us),
+            has_time_for_second_crops: ledger.rate.has_time_for(most_crops),
         })
     }
 
@@ -224,6 +226,8 @@ impl Ticker {
         };
         self.pipeline.set_compression_level(start.plan.level);
         self.pipeline
+            .set_second_crops(start.has_time_for_second_crops);
+        self.pipeline
             .set_message_version(self.shared.message_version());
         self.laps.clear();
         let begun = clock::now();
@@ -241,12 +245,11 @@ impl Ticker {
         let output = output.with_context(|| format!("tick {tick}"))?;
         let pass_us = self.count_laps(!request.detection_cameras.is_empty());
         let sending = clock::now();
-        let sets = output.patch_sets.iter();
-        let persons = sets.map(|set| set.persons.len()).sum();
         self.send(start, output);
         self.shared.count("messages", clock::micros_since(sending));
         let persons_us = clock::micros_since(begun).saturating_sub(pass_us);
-        self.shared.count_work(persons, persons_us);
+        self.shared
+            .count_work(self.pipeline.tracked_crops(), persons_us);
         self.count_delay(tick);
         Ok(())
     }
