@@ -172,7 +172,7 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
         .map_err(NodeError::Refused)?;
     let viewpoint = venue.viewpoints.get(usize::from(config.viewpoint.0));
     let asked = viewpoint.map_or(&[][..], |it| &it.providers);
-    let mut backend = backend;
+    let (mut backend, mut health) = (backend, NodeHealth::default());
     let workers = if config.may_run_live {
         let measured = measure(&mut pipeline, venue, asked).map_err(NodeError::refused)?;
         measured.map(|acceleration| {
@@ -182,6 +182,9 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
                 if config.managed == Managed::Yes {
                     say(format_args!("{words}"));
                 }
+            }
+            for refused in acceleration.refused {
+                health.notice(refused);
             }
             acceleration.workers
         })
@@ -222,7 +225,7 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
                 .reach
                 .validity
                 .and_then(|validity| u64::try_from(validity.until_s).ok()),
-            ..NodeHealth::default()
+            ..health
         },
         agreement: Vec::new(),
     };

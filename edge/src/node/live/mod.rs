@@ -66,6 +66,8 @@ pub(super) struct LiveEdge {
     refusal: RepeatedRefusal,
     /// What stands for the backend before it is known how many workers run it.
     backend: String,
+    /// What has not been as it should since the start.
+    notices: Vec<String>,
     /// Whether the computer is too slow, as was said.
     is_overloaded: bool,
     /// The session of fusion that was followed last.
@@ -95,6 +97,7 @@ impl LiveEdge {
         threads::spawn(parts, &shared, failed_tx)?;
         Ok(Self {
             backend: status.backend.clone(),
+            notices: status.health.notices.clone(),
             is_overloaded: false,
             status,
             shared,
@@ -291,7 +294,8 @@ impl LiveEdge {
         }
         let trouble = self.shared.trouble().into_iter().flatten();
         let trouble = trouble.map(|(words, _)| words);
-        for notice in trouble.chain(self.shared.overload()) {
+        let from_start = self.notices.iter().cloned();
+        for notice in trouble.chain(self.shared.overload()).chain(from_start) {
             health.notice(notice);
         }
         health
