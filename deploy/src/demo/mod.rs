@@ -40,9 +40,11 @@ const NAME: &str = "demo";
 )]
 pub(crate) struct DemoArgs {
     /// How many ticks to run.
-    #[arg(long, value_name = "N", default_value_t = 300, conflicts_with_all = ["forever", "page"],
+    ///
+    /// Default: 300; 150 of pictures without ONNX Runtime, so that it takes about a minute there, too.
+    #[arg(long, value_name = "N", conflicts_with_all = ["forever", "page"],
           value_parser = clap::value_parser!(u32).range(1..))]
-    pub(crate) ticks: u32,
+    pub(crate) ticks: Option<u32>,
     /// Run until Ctrl-C.
     ///
     /// Every five minutes of the people's time they start anew, and with them the

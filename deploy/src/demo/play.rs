@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, ensure};
+use farfield_edge::network::{BackendChoice, InferenceBackend};
 use farfield_fusion::body::skeleton::Joints;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
@@ -59,15 +60,15 @@ impl DemoScript {
         let rate_hz = table.get("rate_hz").and_then(as_number);
         let rate_hz = rate_hz.context("the scene has no rate")?;
         let most = most_ticks(&table, rate_hz);
+        let asked = args.ticks.unwrap_or_else(|| usual_ticks(args));
         ensure!(
-            args.ticks <= most,
-            "`--ticks`: found {}, expected at most {most}: scenes are planned ahead",
-            args.ticks
+            asked <= most,
+            "`--ticks`: found {asked}, expected at most {most}: scenes are planned ahead"
         );
         let ticks = if args.is_endless() {
             most.min((ROUND_S * rate_hz).round() as u32)
         } else {
-            args.ticks
+            asked
         };
         table.insert(
             "seconds".to_owned(),
@@ -94,6 +95,17 @@ impl DemoScript {
             *seed = seed.saturating_add(i64::from(round) - 1);
         }
         script
+    }
+}
+
+/// How many ticks are shown where nobody says it: what takes about a minute on two cores.
+fn usual_ticks(args: &DemoArgs) -> u32 {
+    let is_slow =
+        || InferenceBackend::start(BackendChoice::Best).is_ok_and(InferenceBackend::is_tract);
+    if !args.is_of_maps() && is_slow() {
+        150
+    } else {
+        300
     }
 }
 
