@@ -1,27 +1,19 @@
 //! How videos are stored, where that is remarkable: the same words in every command that opens one.
 
-use farfield_edge::source::{FormatRemark, SourceInfo};
+use farfield_edge::source::SourceInfo;
 use farfield_node::process::say;
+use farfield_proto::finding::Advice;
 
 /// What is remarkable about how the video `named` is stored; nothing of most, and of what is no video.
-pub(crate) fn format_remarks(named: &str, info: &SourceInfo) -> Vec<FormatRemark> {
-    let mut remarks = info.format.remarks(info.rate_hz);
-    for remark in &mut remarks {
-        remark.problem = format!("{named} {}", remark.problem);
-    }
-    remarks
+pub(crate) fn format_remarks(named: &str, info: &SourceInfo) -> impl Iterator<Item = Advice> {
+    let remarks = info.format.remarks(info.rate_hz).into_iter();
+    remarks.map(move |it| it.of(named))
 }
 
 /// Says it, line by line.
 pub(crate) fn say_format(named: &str, info: &SourceInfo) {
     for remark in format_remarks(named, info) {
-        let word = if remark.is_warning {
-            "doubtful"
-        } else {
-            "note"
-        };
-        let problem = remark.problem;
-        say(format_args!("{word}: {problem}; {}", remark.remedy));
+        say(format_args!("{remark}"));
     }
 }
 

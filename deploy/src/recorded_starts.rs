@@ -2,17 +2,11 @@
 //! ten frames at the start of one camera put knees 38 mm off.
 
 use farfield_edge::source::SourceInfo;
+use farfield_proto::finding::Advice;
 use farfield_proto::venue::{Source, TickFrom, Venue};
 
 /// First times of containers that differ by less come of codecs and sound, seconds.
 const APART_S: f64 = 0.1;
-
-/// What speaks against recordings that begin at one moment, and what to do then.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct StartRemark {
-    pub(crate) problem: String,
-    pub(crate) remedy: String,
-}
 
 /// How the others are cut to a recording that begins `frames` later.
 fn cut_others(frames: i64) -> String {
@@ -36,7 +30,7 @@ fn counted<'a>(
 }
 
 /// A container that shows its first frame later than another does.
-pub(crate) fn starts_apart(venue: &Venue, infos: &[(String, SourceInfo)]) -> Option<StartRemark> {
+pub(crate) fn starts_apart(venue: &Venue, infos: &[(String, SourceInfo)]) -> Option<Advice> {
     let starts = counted(venue, infos);
     let mut starts: Vec<(f64, &str)> = starts
         .filter_map(|(name, info)| Some((info.labels.start_s?, name)))
@@ -45,19 +39,19 @@ pub(crate) fn starts_apart(venue: &Venue, infos: &[(String, SourceInfo)]) -> Opt
     let ((first_s, first), (last_s, last)) = (*starts.first()?, *starts.last()?);
     let apart_s = last_s - first_s;
     let frames = (apart_s * venue.rate_hz).round() as i64;
-    (apart_s > APART_S).then(|| StartRemark {
-        problem: format!(
+    (apart_s > APART_S).then(|| Advice::doubtful(
+        format!(
             "by their containers, the recording of camera `{last}` begins {apart_s:.3} s ({frames} frames) after that of `{first}`"
         ),
-        remedy: format!(
+        format!(
             "if they were not cut to the same moment, {}",
             cut_others(frames)
         ),
-    })
+    ))
 }
 
 /// Recordings with different numbers of frames: those of one may be missing at its start.
-pub(crate) fn lengths_apart(venue: &Venue, infos: &[(String, SourceInfo)]) -> Option<StartRemark> {
+pub(crate) fn lengths_apart(venue: &Venue, infos: &[(String, SourceInfo)]) -> Option<Advice> {
     let lengths = counted(venue, infos);
     let mut lengths: Vec<(i64, &str)> = lengths
         .filter_map(|(name, info)| {
@@ -68,15 +62,15 @@ pub(crate) fn lengths_apart(venue: &Venue, infos: &[(String, SourceInfo)]) -> Op
     lengths.sort_unstable();
     let ((fewest, short), (most, long)) = (*lengths.first()?, *lengths.last()?);
     let missing = most - fewest;
-    (missing > 0).then(|| StartRemark {
-        problem: format!(
+    (missing > 0).then(|| Advice::doubtful(
+        format!(
             "camera `{short}` has {fewest} frames and camera `{long}` {most}: they are taken to begin at one moment"
         ),
-        remedy: format!(
+        format!(
             "if the {missing} are missing at the start of `{short}`, {}",
             cut_others(missing)
         ),
-    })
+    ))
 }
 
 #[cfg(test)]
@@ -88,7 +82,7 @@ mod tests {
     use super::*;
 
     /// A venue with two videos, and what their containers say: first time in seconds, number of frames.
-    fn said(a: (f64, i64), b: (f64, i64)) -> [Option<StartRemark>; 2] {
+    fn said(a: (f64, i64), b: (f64, i64)) -> [Option<Advice>; 2] {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("venue.sample.toml");
         let mut venue = farfield_node::files::load_venue(&path).unwrap();
         venue.cameras.truncate(2);

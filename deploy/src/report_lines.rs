@@ -4,6 +4,7 @@
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
+use farfield_proto::finding::{Advice, Severity};
 use serde::Serialize;
 
 use crate::output;
@@ -18,6 +19,16 @@ pub(crate) enum Verdict {
     Warning,
     /// No run will.
     Failed,
+}
+
+impl From<Severity> for Verdict {
+    fn from(severity: Severity) -> Self {
+        match severity {
+            Severity::Note => Self::Ok,
+            Severity::Doubtful => Self::Warning,
+            Severity::Wrong => Self::Failed,
+        }
+    }
 }
 
 /// One thing that was looked at.
@@ -79,6 +90,11 @@ impl ReportLines {
         remedy: impl Into<String>,
     ) {
         self.push(group, Verdict::Failed, text, remedy);
+    }
+
+    /// Notes what is to be known of an input.
+    pub(crate) fn advise(&mut self, group: &'static str, advice: Advice) {
+        self.push(group, advice.severity.into(), advice.problem, advice.remedy);
     }
 
     /// Notes one line.

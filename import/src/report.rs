@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use farfield_calibration::formats::RemarkKind;
+use farfield_calibration::formats::Remark;
 use serde::Serialize;
 
 /// All that was made, and what the reader of it must know.
@@ -33,7 +33,7 @@ pub struct Report {
     /// What else the files have: a keypoint file of ours has COCO's 17.
     pub left_out: Vec<String>,
     /// What was assumed, put right, or is doubtful.
-    pub remarks: Vec<RemarkReport>,
+    pub remarks: Vec<Remark>,
 }
 
 /// One camera.
@@ -57,33 +57,4 @@ pub struct CameraReport {
     pub people_mean: f64,
     /// People per frame of the source, largest.
     pub people_max: usize,
-}
-
-/// One sentence.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-pub struct RemarkReport {
-    /// assumed, corrected or doubtful.
-    pub kind: &'static str,
-    /// The camera that it is about; `None` when it is about all.
-    pub camera: Option<String>,
-    /// The sentence.
-    pub text: String,
-}
-
-impl RemarkReport {
-    pub(crate) fn of_all(kind: RemarkKind, text: impl Into<String>) -> Self {
-        Self {
-            kind: kind.name(),
-            camera: None,
-            text: text.into(),
-        }
-    }
-
-    pub(crate) fn of_camera(kind: RemarkKind, camera: &str, text: impl Into<String>) -> Self {
-        Self {
-            kind: kind.name(),
-            camera: Some(camera.to_owned()),
-            text: text.into(),
-        }
-    }
 }

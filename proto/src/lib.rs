@@ -12,6 +12,7 @@ pub mod bounding_box;
 pub mod calibration;
 pub mod camera;
 pub mod court;
+pub mod finding;
 pub mod frames;
 pub mod grid;
 pub mod id;

@@ -7,6 +7,7 @@ pub use farfield_proto::camera::LensModel;
 use farfield_proto::camera::{CameraError, CameraModel, Distortion, Intrinsics};
 use farfield_proto::frames::Transform;
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use serde::Serialize;
 
 /// Whether no coefficient does anything.
 pub(super) fn all_zero(coefficients: &[f64]) -> bool {
@@ -65,7 +66,8 @@ impl CameraRecord {
 }
 
 /// How sure a remark of an import is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum RemarkKind {
     /// The file does not say it, and something had to be taken.
     Assumed,
@@ -88,7 +90,7 @@ impl RemarkKind {
 }
 
 /// One thing that the reader of a converted file must know.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct Remark {
     /// How sure it is.
     pub kind: RemarkKind,
@@ -99,7 +101,8 @@ pub struct Remark {
 }
 
 impl Remark {
-    pub(super) fn of_all(kind: RemarkKind, text: impl Into<String>) -> Self {
+    /// A remark about all cameras.
+    pub fn of_all(kind: RemarkKind, text: impl Into<String>) -> Self {
         Self {
             kind,
             camera: None,
@@ -107,7 +110,8 @@ impl Remark {
         }
     }
 
-    pub(super) fn of_camera(kind: RemarkKind, camera: &str, text: impl Into<String>) -> Self {
+    /// A remark about one camera.
+    pub fn of_camera(kind: RemarkKind, camera: &str, text: impl Into<String>) -> Self {
         Self {
             kind,
             camera: Some(camera.to_owned()),

@@ -442,7 +442,7 @@ fn finish(
     report
         .findings
         .extend(of_alignment(&found, &report.cameras));
-    report.findings.sort_by_key(|finding| !finding.is_wrong);
+    report.findings.sort_by_key(|finding| !finding.is_wrong());
     let cameras = found.posed.iter().zip(&found.problem.cameras);
     let cameras = cameras.filter_map(|(i, adjusted)| {
         let camera = request.cameras.get(*i)?;

@@ -267,7 +267,7 @@ mod tests {
         assert!(found.share_seen_by(2) < 0.7);
         let said = found.finding().unwrap();
         assert!(
-            !said.is_wrong && said.found.contains("fewer than two cameras"),
+            !said.is_wrong() && said.found.contains("fewer than two cameras"),
             "{said}"
         );
     }

@@ -1,6 +1,6 @@
 //! What speaks against a calibration.
 
-use std::fmt;
+use farfield_proto::finding::Severity;
 
 /// What kind of mistake it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -50,34 +50,7 @@ pub enum Cause {
 }
 
 /// One thing that speaks against a calibration.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Finding {
-    /// The camera it is about; `None` for all.
-    pub camera: Option<String>,
-    /// What kind of mistake.
-    pub cause: Cause,
-    /// Whether no run can be right with it; else it is only said.
-    pub is_wrong: bool,
-    /// What was found.
-    pub found: String,
-    /// What was expected.
-    pub expected: String,
-    /// What to do.
-    pub remedy: String,
-}
-
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some(camera) = &self.camera {
-            write!(f, "camera `{camera}`: ")?;
-        }
-        write!(
-            f,
-            "{}, expected {}; {}",
-            self.found, self.expected, self.remedy
-        )
-    }
-}
+pub type Finding = farfield_proto::finding::Finding<Cause>;
 
 /// A finding of a camera, or of all where `camera` is empty.
 pub(crate) fn finding(
@@ -91,7 +64,11 @@ pub(crate) fn finding(
     Finding {
         camera: (!camera.is_empty()).then(|| camera.to_owned()),
         cause,
-        is_wrong,
+        severity: if is_wrong {
+            Severity::Wrong
+        } else {
+            Severity::Doubtful
+        },
         found,
         expected: expected.to_owned(),
         remedy: remedy.to_owned(),

@@ -162,25 +162,8 @@ struct Converted<'a> {
     to: &'static str,
     cameras: Vec<&'a str>,
     origin_m: Option<[f64; 3]>,
-    remarks: Vec<RemarkLine<'a>>,
+    remarks: &'a [Remark],
     files: Vec<PathBuf>,
-}
-
-#[derive(Debug, Serialize)]
-struct RemarkLine<'a> {
-    kind: &'static str,
-    camera: Option<&'a str>,
-    text: &'a str,
-}
-
-impl<'a> RemarkLine<'a> {
-    fn of(remark: &'a Remark) -> Self {
-        Self {
-            kind: remark.kind.name(),
-            camera: remark.camera.as_deref(),
-            text: &remark.text,
-        }
-    }
 }
 
 /// Reads one, says what was assumed and what the other cannot hold, and writes the other.
@@ -267,7 +250,7 @@ fn json(imported: &Imported, to: Format, texts: &[TextFile]) -> Result<String, N
         to: to.name(),
         cameras: imported.cameras.iter().map(|it| it.name.as_str()).collect(),
         origin_m: imported.origin_m,
-        remarks: imported.remarks.iter().map(RemarkLine::of).collect(),
+        remarks: &imported.remarks,
         files: texts.iter().map(|file| file.path.clone()).collect(),
     };
     let text = serde_json::to_string_pretty(&converted).map_err(NodeError::failed)?;

@@ -249,7 +249,7 @@ fn json(
     });
     let findings = report.findings.iter().map(|it| FindingLine {
         camera: it.camera.as_deref(),
-        is_wrong: it.is_wrong,
+        is_wrong: it.is_wrong(),
         found: &it.found,
         expected: &it.expected,
         remedy: &it.remedy,
@@ -300,7 +300,11 @@ fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -
     }
     writeln!(text, "{}", asked.metres).ok();
     for finding in &report.findings {
-        let word = if finding.is_wrong { "WRONG" } else { "warning" };
+        let word = if finding.is_wrong() {
+            "WRONG"
+        } else {
+            "warning"
+        };
         writeln!(text, "{word}: {finding}").ok();
     }
     for refusal in &judged.refusals {

@@ -32,7 +32,7 @@ impl<'a> JudgedCalibration<'a> {
                 for finding in plausibility::of_venue(&venue) {
                     let told = match finding.severity {
                         Severity::Wrong => &mut refusals,
-                        Severity::Doubtful => &mut doubts,
+                        Severity::Doubtful | Severity::Note => &mut doubts,
                     };
                     told.push(finding.to_string());
                 }

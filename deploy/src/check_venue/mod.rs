@@ -17,7 +17,7 @@ use farfield_fusion::node::{check_names, load_subjects};
 use farfield_node::log::start_log;
 use farfield_node::process::{NodeError, Told, exit_code_told};
 use farfield_proto::calibration::Calibration;
-use farfield_proto::plausibility::{self, Cause, Finding, Severity};
+use farfield_proto::plausibility::{self, Cause, Finding};
 use farfield_proto::printed::fixed;
 use farfield_proto::venue::Venue;
 use farfield_sim::simulated::VenueSources;
@@ -25,7 +25,7 @@ use farfield_sim::simulated::VenueSources;
 use crate::keys::look_at_keys;
 use crate::listeners::wanted::look_at_streams;
 use crate::parameters::{FAR_REMEDY, far_parameters};
-use crate::report_lines::{ReportForm, ReportLines, Verdict};
+use crate::report_lines::{ReportForm, ReportLines};
 
 use self::opened::open_all;
 
@@ -195,13 +195,9 @@ fn say_used_shares(venue: &Venue, report: &mut ReportLines) {
 
 /// Adds what was found in the calibration.
 fn push(finding: &Finding, report: &mut ReportLines) {
-    let verdict = match finding.severity {
-        Severity::Wrong => Verdict::Failed,
-        Severity::Doubtful => Verdict::Warning,
-    };
     report.push(
         "calibration",
-        verdict,
+        finding.severity.into(),
         finding.problem(),
         finding.remedy.as_str(),
     );
@@ -210,6 +206,7 @@ fn push(finding: &Finding, report: &mut ReportLines) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report_lines::Verdict;
 
     #[test]
     fn a_share_that_is_too_small_is_not_said_to_be_well() {

@@ -9,7 +9,7 @@ use farfield_proto::venue::{Source, Venue, VenueCamera};
 use super::opened::OpenedSource;
 use crate::recorded_formats::{format_remarks, of_camera};
 use crate::recorded_rates::to_one_rate;
-use crate::report_lines::{ReportLines, Verdict};
+use crate::report_lines::ReportLines;
 
 /// The group of these lines.
 const SOURCES: &str = "sources";
@@ -60,15 +60,8 @@ fn look_at(camera: &VenueCamera, source: &OpenedSource, report: &mut ReportLines
     }
     let words = words.join(", ");
     if let Some(doubt) = info.contents.and_then(|contents| contents.doubt()) {
-        report.warn(
-            SOURCES,
-            format!(
-                "camera `{name}`: {}: {}",
-                place(&camera.source),
-                doubt.problem
-            ),
-            doubt.remedy,
-        );
+        let named = format!("camera `{name}`: {}:", place(&camera.source));
+        report.advise(SOURCES, doubt.of(&named));
         return;
     }
     if source.brightest.is_some_and(|value| value < BLACK) {
@@ -82,12 +75,7 @@ fn look_at(camera: &VenueCamera, source: &OpenedSource, report: &mut ReportLines
     }
     report.ok(SOURCES, words);
     for remark in format_remarks(&of_camera(name), info) {
-        let verdict = if remark.is_warning {
-            Verdict::Warning
-        } else {
-            Verdict::Ok
-        };
-        report.push(SOURCES, verdict, remark.problem, remark.remedy);
+        report.advise(SOURCES, remark);
     }
 }
 

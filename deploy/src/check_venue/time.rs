@@ -48,7 +48,7 @@ pub(super) fn look_at_time(
     look_at_rates(venue, &infos, all, report);
     look_at_lengths(venue, path, (&infos, all), report);
     if let Some(remark) = starts_apart(venue, &infos) {
-        report.warn(TIME, remark.problem, remark.remedy);
+        report.advise(TIME, remark);
     }
     look_at_creation(&infos, report);
     look_at_timecodes(venue, opened, report);

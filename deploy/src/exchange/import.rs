@@ -146,7 +146,7 @@ fn lines(report: &Report) -> String {
     for remark in &report.remarks {
         let camera = remark.camera.as_deref();
         let camera = camera.map_or_else(String::new, |camera| format!("camera {camera}: "));
-        writeln!(text, "{}: {camera}{}", remark.kind, remark.text).ok();
+        writeln!(text, "{}: {camera}{}", remark.kind.name(), remark.text).ok();
     }
     let venue = report.venue.display();
     writeln!(

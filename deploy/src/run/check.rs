@@ -207,15 +207,12 @@ fn doubt_recordings(venue: &Venue, infos: &[(String, SourceInfo)]) {
     }
     let starts = [starts_apart(venue, infos), lengths_apart(venue, infos)];
     for remark in starts.into_iter().flatten() {
-        let (problem, remedy) = (remark.problem, remark.remedy);
-        say(format_args!("doubtful: {problem}; {remedy}"));
+        say(format_args!("{remark}"));
     }
     for (camera, info) in infos {
         if let Some(doubt) = info.contents.and_then(|contents| contents.doubt()) {
-            let (problem, remedy) = (doubt.problem, doubt.remedy);
-            say(format_args!(
-                "doubtful: camera `{camera}`: {problem}; {remedy}"
-            ));
+            let named = format!("camera `{camera}`:");
+            say(format_args!("{}", doubt.of(&named)));
         }
     }
 }

@@ -18,7 +18,7 @@ use farfield_proto::keypoints::COCO17;
 use farfield_proto::tick::Tick;
 use serde_json::Value;
 
-pub use self::contents::{KeypointContents, KeypointDoubt};
+pub use self::contents::KeypointContents;
 use self::leaps::LeapCounter;
 use self::repeats::RepeatCounter;
 use super::{

@@ -41,11 +41,11 @@ use farfield_proto::venue::{Source, TickFrom, Venue, VenueCamera};
 use crate::picture::Picture;
 
 pub use error::{SourceError, SourceOrigin};
-pub use keypoints::{KeypointContents, KeypointDoubt};
+pub use keypoints::KeypointContents;
 pub use painted::{MapCrop, MapPainter};
 pub use sources::{RecordedSources, Sources};
 pub use ticks::common_ticks;
-pub use video_format::{FieldOrder, FormatRemark, HdrTransfer, VideoFormat};
+pub use video_format::{FieldOrder, HdrTransfer, VideoFormat};
 
 /// What one camera saw at one tick.
 #[derive(Debug, Clone)]

@@ -1,6 +1,8 @@
 //! How the pictures of a video are stored: fields, brightness, the shape of pixels, which way up. What reading changes, and what the
 //! operator has to know of it.
 
+use farfield_proto::finding::{Advice, Severity};
+
 use crate::picture::ColourMatrix;
 
 /// Pixels that are wider or narrower than this share are not square; containers round.
@@ -84,17 +86,6 @@ pub struct VideoFormat {
     pub matrix: ColourMatrix,
 }
 
-/// Something about a video that its operator may not know.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FormatRemark {
-    /// What it is and how it is read, as the end of a sentence on the camera.
-    pub problem: String,
-    /// What to do where that is not enough.
-    pub remedy: String,
-    /// Whether something is lost, or may be wrong, as it is read.
-    pub is_warning: bool,
-}
-
 impl VideoFormat {
     /// Width to height of a pixel as `ffprobe` writes it, `4:3`; `None` of square ones, and where it is not known.
     pub fn parse_aspect(text: &str) -> Option<[u32; 2]> {
@@ -125,7 +116,7 @@ impl VideoFormat {
     }
 
     /// What is remarkable about pictures that are stored at `rate_hz`.
-    pub fn remarks(&self, rate_hz: Option<f64>) -> Vec<FormatRemark> {
+    pub fn remarks(&self, rate_hz: Option<f64>) -> Vec<Advice> {
         let each = [
             self.fields_remark(rate_hz),
             self.hdr_remark(),
@@ -135,7 +126,7 @@ impl VideoFormat {
         each.into_iter().flatten().collect()
     }
 
-    fn fields_remark(&self, rate_hz: Option<f64>) -> Option<FormatRemark> {
+    fn fields_remark(&self, rate_hz: Option<f64>) -> Option<Advice> {
         let first = match self.field_order? {
             FieldOrder::TopFirst => "top",
             FieldOrder::BottomFirst => "bottom",
@@ -150,16 +141,16 @@ impl VideoFormat {
                 "that of the fields".to_owned(),
             ),
         };
-        Some(FormatRemark {
+        Some(Advice {
             problem: format!("is interlaced, {first} field first: {read}"),
             remedy: format!(
                 "to use every field: `ffmpeg -i IN -vf bwdif=mode=send_field OUT` for all cameras, and `rate_hz` = {fields}"
             ),
-            is_warning: true,
+            severity: Severity::Doubtful,
         })
     }
 
-    fn hdr_remark(&self) -> Option<FormatRemark> {
+    fn hdr_remark(&self) -> Option<Advice> {
         let hdr = self.hdr?;
         let name = match hdr {
             HdrTransfer::Hlg => "HLG",
@@ -177,28 +168,32 @@ impl VideoFormat {
                 format!("with an ffmpeg that has it: {command}"),
             )
         };
-        Some(FormatRemark {
+        Some(Advice {
             problem: format!("has high dynamic range ({name}): {read}"),
             remedy,
-            is_warning: !self.can_tone_map,
+            severity: if self.can_tone_map {
+                Severity::Note
+            } else {
+                Severity::Doubtful
+            },
         })
     }
 
-    fn pixels_remark(&self) -> Option<FormatRemark> {
+    fn pixels_remark(&self) -> Option<Advice> {
         let [width, height] = self.pixel_aspect?;
-        Some(FormatRemark {
+        Some(Advice {
             problem: format!(
                 "has pixels that are not square, {width} wide to {height} high: read as they are stored"
             ),
             remedy: "calibrate with pictures that are stored alike; square pixels: \
                      `ffmpeg -i IN -vf scale=iw*sar:ih,setsar=1 OUT`"
                 .to_owned(),
-            is_warning: false,
+            severity: Severity::Note,
         })
     }
 
     /// After a quarter turn the size tells; after half a turn nothing does.
-    fn turn_remark(&self) -> Option<FormatRemark> {
+    fn turn_remark(&self) -> Option<Advice> {
         let turned_deg = self.rotation_deg.rem_euclid(360.0);
         let off_deg = (turned_deg / 90.0 - (turned_deg / 90.0).round()).abs() * 90.0;
         let by = if (turned_deg - 180.0).abs() < QUARTER_OFF_DEG {
@@ -208,13 +203,13 @@ impl VideoFormat {
         } else {
             return None;
         };
-        Some(FormatRemark {
+        Some(Advice {
             problem: format!("is turned by {by} when it is read, as its rotation tag says"),
             remedy: "see the picture: if it is upside down, remove the tag (`ffmpeg -i IN -c copy -metadata:s:v rotate=0 OUT`, \
                      from ffmpeg 6 on `ffmpeg -display_rotation 0 -i IN -c copy OUT`); calibrate with pictures that are \
                      turned alike"
                 .to_owned(),
-            is_warning: true,
+            severity: Severity::Doubtful,
         })
     }
 
@@ -243,7 +238,12 @@ mod tests {
     fn said(format: VideoFormat) -> Vec<(String, bool)> {
         let remarks = format.remarks(Some(25.0)).into_iter();
         remarks
-            .map(|it| (format!("{}; {}", it.problem, it.remedy), it.is_warning))
+            .map(|it| {
+                (
+                    format!("{}; {}", it.problem, it.remedy),
+                    it.severity == Severity::Doubtful,
+                )
+            })
             .collect()
     }
 

@@ -10,7 +10,7 @@ use farfield_node::endpoints::{Asked, LinkEnd, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError, say};
 use farfield_proto::model_card::{EXPECTED_CARD, HeatmapCard};
-use farfield_proto::plausibility::{self, Finding, Severity};
+use farfield_proto::plausibility;
 use farfield_proto::tick::{Micros, Tick, parse_range};
 use farfield_proto::toml_file::unread;
 use farfield_proto::transport::FUSION;
@@ -236,10 +236,9 @@ pub fn check_names(venue: &Venue) -> anyhow::Result<()> {
 pub fn check_calibration(venue: &Venue, path: &Path) -> Result<(), NodeError> {
     let path = path.display();
     let findings = plausibility::of_venue(venue);
-    let is_wrong = |finding: &&Finding| finding.severity == Severity::Wrong;
     let wrong: Vec<String> = findings
         .iter()
-        .filter(is_wrong)
+        .filter(|finding| finding.is_wrong())
         .map(|finding| format!("{path}: {finding}"))
         .collect();
     if !wrong.is_empty() {

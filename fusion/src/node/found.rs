@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use farfield_proto::plausibility::{self, Severity};
+use farfield_proto::plausibility::{self, Finding};
 use farfield_proto::toml_file::FileError;
 use farfield_proto::venue::{Venue, Viewpoint};
 
@@ -15,7 +15,7 @@ const MIN_VIEWPOINTS: usize = 2;
 /// Names the venue file, which is at `path`, and the field.
 pub fn check_viewpoints(venue: &Venue, path: &Path) -> Result<(), FileError> {
     let finding = plausibility::of_viewpoints(venue);
-    let wrong = finding.filter(|finding| finding.severity == Severity::Wrong);
+    let wrong = finding.filter(Finding::is_wrong);
     wrong.map_or(Ok(()), |finding| {
         Err(FileError::new(path, finding.to_string()).at_field("viewpoint"))
     })

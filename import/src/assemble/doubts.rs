@@ -1,13 +1,12 @@
 //! What speaks against the keypoints of a camera: they leave its pictures, they are no pixels, people in them lie or stand
 //! on their heads. Nothing is changed; it is said.
 
-use farfield_calibration::formats::RemarkKind;
+use farfield_calibration::formats::{Remark, RemarkKind};
 use farfield_proto::keypoints::COCO17;
 use farfield_proto::order_statistics::reached_by;
 
 use super::CameraFrames;
 use crate::person::{Candidate, Person};
-use crate::report::RemarkReport;
 
 /// Fewer people than this say nothing of a camera.
 const FEWEST_PEOPLE: usize = 10;
@@ -32,7 +31,7 @@ const MOST: f64 = 0.8;
 ///
 /// # Errors
 /// A sentence where its keypoints are shares of the picture: nobody would be found.
-pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Result<(), String> {
+pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<Remark>) -> Result<(), String> {
     let people = || camera.frames.values().flatten();
     let points = || people().flatten().flatten();
     let [width, height] = camera.size_px.map(f64::from);
@@ -48,11 +47,7 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Re
     if n_people < FEWEST_PEOPLE {
         if n_people == 0 {
             let text = "nobody was found in any of its frames";
-            remarks.push(RemarkReport::of_camera(
-                RemarkKind::Doubtful,
-                &camera.name,
-                text,
-            ));
+            remarks.push(Remark::of_camera(RemarkKind::Doubtful, &camera.name, text));
         }
         return Ok(());
     }
@@ -61,11 +56,7 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<RemarkReport>) -> Re
     let (left, top) = (least(|it| it.x_px), least(|it| it.y_px));
     let (right, bottom) = (most(|it| it.x_px), most(|it| it.y_px));
     let mut doubt = |text: String| {
-        remarks.push(RemarkReport::of_camera(
-            RemarkKind::Doubtful,
-            &camera.name,
-            text,
-        ));
+        remarks.push(Remark::of_camera(RemarkKind::Doubtful, &camera.name, text));
     };
     let outside = |width: f64, height: f64| {
         let is_outside = |it: &&Candidate| {

@@ -8,11 +8,10 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::ops::Range;
 
-use farfield_calibration::formats::RemarkKind;
+use farfield_calibration::formats::{Remark, RemarkKind};
 use farfield_proto::order_statistics::{FEWEST_REACHING, reached_by};
 
 use crate::person::{Frames, Person, span};
-use crate::report::RemarkReport;
 
 pub use self::scores::ScoreScale;
 
@@ -39,7 +38,7 @@ pub struct Assembled {
     /// What the scores of each camera are divided by.
     pub scales: Vec<ScoreScale>,
     /// What was assumed, and what is doubtful.
-    pub remarks: Vec<RemarkReport>,
+    pub remarks: Vec<Remark>,
 }
 
 /// Frames outside what [`FRAMES_SHARE`] of all reach are strays from so many frames on, or its whole length where that
@@ -70,7 +69,7 @@ pub fn assemble(cameras: &mut [CameraFrames]) -> Result<Assembled, String> {
 }
 
 /// Takes out frames whose numbers are far from those of all others, so that one number does not decide how long a run is.
-fn leave_out_strays(cameras: &mut [CameraFrames], remarks: &mut Vec<RemarkReport>) {
+fn leave_out_strays(cameras: &mut [CameraFrames], remarks: &mut Vec<Remark>) {
     let numbers = || {
         let frames = cameras.iter().flat_map(|it| it.frames.keys());
         frames.map(|frame| *frame as f64)
@@ -95,11 +94,7 @@ fn leave_out_strays(cameras: &mut [CameraFrames], remarks: &mut Vec<RemarkReport
             "{} frames were left out: frame {stray} is far from nearly all others, which are from about {first} to {last}",
             before - camera.frames.len()
         );
-        remarks.push(RemarkReport::of_camera(
-            RemarkKind::Doubtful,
-            &camera.name,
-            text,
-        ));
+        remarks.push(Remark::of_camera(RemarkKind::Doubtful, &camera.name, text));
     }
 }
 
@@ -133,9 +128,9 @@ fn ticks(cameras: &[CameraFrames]) -> Result<Range<i64>, String> {
 }
 
 /// Frames that do not begin at 0, that cameras do not share, that are missing.
-fn frames_said(cameras: &[CameraFrames], ticks: &Range<i64>, remarks: &mut Vec<RemarkReport>) {
+fn frames_said(cameras: &[CameraFrames], ticks: &Range<i64>, remarks: &mut Vec<Remark>) {
     if ticks.start != 0 {
-        remarks.push(RemarkReport::of_all(
+        remarks.push(Remark::of_all(
             RemarkKind::Assumed,
             format!(
                 "the first frame is {}, and so is the first tick",
@@ -151,7 +146,7 @@ fn frames_said(cameras: &[CameraFrames], ticks: &Range<i64>, remarks: &mut Vec<R
             continue;
         };
         if (*first, last + 1) != (ticks.start, ticks.end) {
-            remarks.push(RemarkReport::of_camera(
+            remarks.push(Remark::of_camera(
                 RemarkKind::Doubtful,
                 &camera.name,
                 format!(
@@ -164,7 +159,7 @@ fn frames_said(cameras: &[CameraFrames], ticks: &Range<i64>, remarks: &mut Vec<R
         }
         let missing = last - first + 1 - camera.frames.len().cast_signed() as i64;
         if missing > 0 {
-            remarks.push(RemarkReport::of_camera(
+            remarks.push(Remark::of_camera(
                 RemarkKind::Assumed,
                 &camera.name,
                 format!(

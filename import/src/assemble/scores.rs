@@ -2,11 +2,10 @@
 //!
 //! Each camera has its scale, for they may come from several programs. What most scores are decides it, never a single one.
 
-use farfield_calibration::formats::RemarkKind;
+use farfield_calibration::formats::{Remark, RemarkKind};
 use farfield_proto::order_statistics::reached_by;
 
 use super::CameraFrames;
-use crate::report::RemarkReport;
 
 /// The scale is that of the score that this share of all reach: those above it are taken for 1. Networks whose scores are
 /// no probabilities give 0.8 to 1.3, two in a hundred more, and now and then one near 10.
@@ -25,7 +24,7 @@ pub struct ScoreScale(f64);
 impl ScoreScale {
     /// The scale of each camera. What is not the usual one is a remark. All cameras that are not on the usual scale have
     /// the same one.
-    pub(super) fn of(cameras: &[CameraFrames], remarks: &mut Vec<RemarkReport>) -> Vec<Self> {
+    pub(super) fn of(cameras: &[CameraFrames], remarks: &mut Vec<Remark>) -> Vec<Self> {
         let is_usual = |it: &CameraFrames| {
             reached_by(scores(it), DECIDING_SHARE).is_none_or(|score| score <= MOST_USUAL)
         };
@@ -44,11 +43,11 @@ impl ScoreScale {
             if usual.contains(&true) {
                 let of_camera = |it: &CameraFrames| {
                     let text = format!("{text}; other cameras have scores up to 1");
-                    RemarkReport::of_camera(kind, &it.name, text)
+                    Remark::of_camera(kind, &it.name, text)
                 };
                 remarks.extend(group(false).map(of_camera));
             } else {
-                remarks.push(RemarkReport::of_all(kind, text));
+                remarks.push(Remark::of_all(kind, text));
             }
         }
         let above = group(true)
@@ -61,7 +60,7 @@ impl ScoreScale {
             let text = format!(
                 "{count} scores are above {OVERSHOOT}, the largest {largest:?}: they were taken for 1"
             );
-            remarks.push(RemarkReport::of_all(RemarkKind::Assumed, text));
+            remarks.push(Remark::of_all(RemarkKind::Assumed, text));
         }
         let by = usual
             .iter()

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use farfield_calibration::formats::{
-    Format, ImportOptions, Imported, RemarkKind, TextFile, export, import,
+    Format, ImportOptions, Imported, Remark, RemarkKind, TextFile, export, import,
 };
 use farfield_proto::calibration::{Calibration, FORMATS_READ};
 use farfield_proto::camera::CameraModel;
@@ -12,7 +12,6 @@ use crate::assemble::CameraFrames;
 use crate::calibrations::{self, Choice};
 use crate::error::ImportError;
 use crate::files;
-use crate::report::RemarkReport;
 
 use super::ImportRequest;
 
@@ -33,7 +32,7 @@ pub(super) struct FoundCalibration {
 pub(super) fn find(
     request: &ImportRequest,
     listed: &[PathBuf],
-    remarks: &mut Vec<RemarkReport>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<FoundCalibration, ImportError> {
     let within = calibrations::among(listed);
     if !request.calibration.is_empty() {
@@ -115,8 +114,8 @@ fn is_named(found: &calibrations::FoundCalibration, request: &ImportRequest) -> 
         .any(|path| named.contains(&path))
 }
 
-fn not_taken(what: &str) -> RemarkReport {
-    RemarkReport::of_all(RemarkKind::Assumed, format!("found and not taken: {what}"))
+fn not_taken(what: &str) -> Remark {
+    Remark::of_all(RemarkKind::Assumed, format!("found and not taken: {what}"))
 }
 
 fn read(paths: Vec<PathBuf>) -> Result<FoundCalibration, ImportError> {
@@ -132,13 +131,12 @@ fn read(paths: Vec<PathBuf>) -> Result<FoundCalibration, ImportError> {
 
 impl FoundCalibration {
     /// What its conversion says.
-    pub(super) fn remarks(&self) -> Vec<RemarkReport> {
+    pub(super) fn remarks(&self) -> Vec<Remark> {
         let remarks = self.imported.remarks.iter();
         remarks
-            .map(|remark| RemarkReport {
-                kind: remark.kind.name(),
-                camera: remark.camera.clone(),
+            .map(|remark| Remark {
                 text: format!("calibration: {}", remark.text),
+                ..remark.clone()
             })
             .collect()
     }

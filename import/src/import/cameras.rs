@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use farfield_calibration::formats::{CameraRecord, Imported, RemarkKind};
+use farfield_calibration::formats::{CameraRecord, Imported, Remark, RemarkKind};
 use farfield_proto::toml_file::unknown_name;
 
 use crate::assemble::CameraFrames;
@@ -11,7 +11,6 @@ use crate::error::ImportError;
 use crate::folder;
 use crate::matching::{NaturalKey, by_last_number, named_by};
 use crate::person::{CameraKey, Frames};
-use crate::report::RemarkReport;
 
 use super::sources::Source;
 
@@ -49,7 +48,7 @@ pub(super) fn matched(
     sources: Vec<Source>,
     unsynchronised: &BTreeSet<PathBuf>,
     calibration: &Imported,
-    remarks: &mut Vec<RemarkReport>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<Vec<CameraFrames>, ImportError> {
     let mut seen = seen(sources)?;
     seen.sort_by_cached_key(|it| it.name.order());
@@ -72,7 +71,7 @@ pub(super) fn matched(
     for (place, record) in records.iter().enumerate() {
         let Some(seen) = taken.remove(&place) else {
             let (kind, text) = left.why_left_out(place);
-            remarks.push(RemarkReport::of_camera(kind, &record.name, text));
+            remarks.push(Remark::of_camera(kind, &record.name, text));
             continue;
         };
         cameras.push(CameraFrames {
@@ -212,7 +211,7 @@ fn places(
     seen: &[Seen],
     records: &[CameraRecord],
     left: &Unsynchronised,
-    remarks: &mut Vec<RemarkReport>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<Vec<usize>, ImportError> {
     let names: Vec<&str> = records.iter().map(|it| it.name.as_str()).collect();
     let mut found = Vec::new();
@@ -221,7 +220,7 @@ fn places(
     }
     if seen.iter().any(|it| matches!(it.name, Name::Nth(..))) {
         let text = "the keypoints' cameras have no names: they were taken in the order of the calibration's";
-        remarks.push(RemarkReport::of_all(RemarkKind::Assumed, text));
+        remarks.push(Remark::of_all(RemarkKind::Assumed, text));
     }
     let place = |it: &Likeness<'_>| match it {
         Likeness::One(place, _) => Some(*place),
@@ -233,7 +232,7 @@ fn places(
     }
     let is_none = |it: &Likeness<'_>| matches!(it, Likeness::None);
     if found.iter().all(is_none) && seen.len() == names.len() {
-        remarks.push(RemarkReport::of_all(
+        remarks.push(Remark::of_all(
             RemarkKind::Doubtful,
             format!(
                 "no name of a camera is like one of the keypoints': they were taken in their order, as Pose2Sim does: {}; \
@@ -320,14 +319,14 @@ fn like<'a>(name: &'a str, names: &[&str]) -> Likeness<'a> {
 }
 
 /// Says which keypoints were taken for a camera of another name.
-fn said(found: &[Likeness<'_>], names: &[&str], remarks: &mut Vec<RemarkReport>) {
+fn said(found: &[Likeness<'_>], names: &[&str], remarks: &mut Vec<Remark>) {
     for found in found {
         if let Likeness::One(place, Some(name)) = found
             && let Some(camera) = names.get(*place)
             && name != camera
         {
             let text = format!("`{name}` was taken for it, by the name");
-            remarks.push(RemarkReport::of_camera(RemarkKind::Assumed, camera, text));
+            remarks.push(Remark::of_camera(RemarkKind::Assumed, camera, text));
         }
     }
 }

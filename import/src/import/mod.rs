@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use farfield_calibration::formats::RemarkKind;
+use farfield_calibration::formats::{Remark, RemarkKind};
 use farfield_proto::calibration::Calibration;
 use farfield_proto::toml_file::FileError;
 use farfield_proto::venue::Venue;
@@ -18,7 +18,7 @@ use crate::error::ImportError;
 use crate::files::{self, NewFolder};
 use crate::formats::{Format, ParseOptions};
 use crate::keypoints::{Mapping, Model};
-use crate::report::{CameraReport, RemarkReport, Report};
+use crate::report::{CameraReport, Report};
 use crate::settings::Settings;
 use crate::venue_text::{VenueCamera, key_chunk, venue_text};
 
@@ -89,9 +89,9 @@ pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
     };
     for Source { parsed, .. } in &sources {
         let notes = parsed.notes.iter();
-        remarks.extend(notes.map(|note| RemarkReport::of_all(RemarkKind::Assumed, note)));
+        remarks.extend(notes.map(|note| Remark::of_all(RemarkKind::Assumed, note)));
         let doubts = parsed.doubts.iter();
-        remarks.extend(doubts.map(|doubt| RemarkReport::of_all(RemarkKind::Doubtful, doubt)));
+        remarks.extend(doubts.map(|doubt| Remark::of_all(RemarkKind::Doubtful, doubt)));
     }
     let mappings: Vec<Mapping> = sources
         .iter()
@@ -248,7 +248,7 @@ fn report(
     folder: &Folder,
     out: &Path,
     mappings: &[Mapping],
-    remarks: Vec<RemarkReport>,
+    remarks: Vec<Remark>,
 ) -> Report {
     let ticks = &folder.assembled.ticks;
     let cameras = folder

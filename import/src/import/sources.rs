@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use farfield_calibration::formats::RemarkKind;
+use farfield_calibration::formats::{Remark, RemarkKind};
 use farfield_proto::toml_file::FileError;
 
 use crate::error::ImportError;
@@ -12,7 +12,6 @@ use crate::folder::{self, Candidates};
 use crate::formats::{Format, ParseOptions, Parsed, Reading, max_bytes, recognised};
 use crate::frame_number;
 use crate::matching::named_by;
-use crate::report::RemarkReport;
 
 /// So much of a table says whose it is, bytes.
 const HEAD: u64 = 1 << 16;
@@ -71,7 +70,7 @@ pub(super) fn found(
     listed: &[PathBuf],
     options: ParseOptions,
     cameras: &[&str],
-    remarks: &mut Vec<RemarkReport>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<(Vec<Source>, BTreeSet<PathBuf>), ImportError> {
     let candidates = folder::candidates(listed, place);
     let mut sources = Sources::new(options);
@@ -90,7 +89,7 @@ pub(super) fn found(
         }
         not_read = format!("; not read: {error}");
         let text = format!("{error}: it was taken for no keypoints, and left out");
-        remarks.push(RemarkReport::of_all(RemarkKind::Doubtful, text));
+        remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
     }
     if sources.read.is_empty() {
         let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();

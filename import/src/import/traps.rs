@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
+use farfield_calibration::formats::RemarkKind;
 use tempfile::TempDir;
 
 use super::tests::{TWO_CAMERAS, frames, people_of, pose2sim, request, said, write};
@@ -181,7 +182,7 @@ fn a_camera_that_pose2sim_did_not_synchronise_is_left_out_with_the_true_reason()
     let [only] = of_it.as_slice() else {
         panic!("{of_it:?}")
     };
-    assert_eq!(only.kind, "doubtful");
+    assert_eq!(only.kind, RemarkKind::Doubtful);
     for words in [
         "pose/cam02_json are not synchronised",
         "`pose-sync` has none of it",

@@ -106,8 +106,7 @@ impl Convention {
 /// The convention of another program in which everything would be well.
 pub(super) fn of_all(venue: &Venue, findings: &[Finding]) -> Option<Finding> {
     let is_bad = |finding: &&Finding| {
-        finding.severity == Severity::Wrong
-            || matches!(finding.cause, Cause::LooksAway | Cause::UnderFloor)
+        finding.is_wrong() || matches!(finding.cause, Cause::LooksAway | Cause::UnderFloor)
     };
     if venue.cameras.len() < 2 || !findings.iter().any(|it| is_bad(&it)) {
         return None;
@@ -166,8 +165,7 @@ pub(super) fn of_single(venue: &Venue, seen: &Coverage, findings: &mut Vec<Findi
             continue;
         };
         let name = Some(camera.model.name().to_owned());
-        let is_own =
-            |finding: &Finding| finding.camera == name && finding.severity != Severity::Wrong;
+        let is_own = |finding: &Finding| finding.camera == name && !finding.is_wrong();
         findings.retain(|finding| !is_own(finding));
         findings.push(Finding {
             camera: name,

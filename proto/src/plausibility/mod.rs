@@ -5,10 +5,10 @@
 //! where there are halls in which it is as it says, it is [`Severity::Doubtful`], and said. What only people show (videos
 //! of two cameras swapped, one that is late, a camera that was moved) is not looked for here.
 
+mod cause;
 mod conventions;
 mod coverage;
 mod field;
-mod finding;
 mod lens;
 mod places;
 mod upright;
@@ -18,10 +18,11 @@ use crate::camera::CameraModel;
 use crate::frames::Pixel;
 use crate::venue::{Field, Source, Venue, VenueCamera};
 
+pub use self::cause::{Cause, Finding};
 pub use self::coverage::{Coverage, coverage, of_viewpoints};
-pub use self::finding::{Cause, Finding, Severity};
 pub use self::places::{FAR_ORIGIN_M, pose_step_mm};
 pub use self::upright::looks_over_heads;
+pub use crate::finding::Severity;
 
 /// All that speaks against the calibration of `venue`, what is wrong first, then in the order of its cameras.
 pub fn of_venue(venue: &Venue) -> Vec<Finding> {
@@ -45,7 +46,7 @@ pub fn of_venue(venue: &Venue) -> Vec<Finding> {
     }
     findings.extend(stand);
     findings.extend(field::findings(venue));
-    findings.sort_by_key(|finding| finding.severity != Severity::Wrong);
+    findings.sort_by_key(|finding| !finding.is_wrong());
     findings
 }
 

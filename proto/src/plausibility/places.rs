@@ -133,14 +133,13 @@ pub(super) fn heights(sights: &[Sight], field: &Field) -> Vec<Finding> {
 }
 
 pub(super) fn distances(sights: &[Sight]) -> Vec<Finding> {
-    let is_wrong = |finding: &Finding| finding.severity == Severity::Wrong;
     let mut found = same_places(sights);
-    if found.iter().any(is_wrong) {
+    if found.iter().any(Finding::is_wrong) {
         return found;
     }
     // In too small a unit cameras that stand apart seem to stand at one place, in too large a one those of a mast far apart.
     match units(sights) {
-        Some(finding) if found.is_empty() || is_wrong(&finding) => vec![finding],
+        Some(finding) if found.is_empty() || finding.is_wrong() => vec![finding],
         _ => {
             found.extend(scattered_viewpoints(sights));
             found

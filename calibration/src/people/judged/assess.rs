@@ -64,7 +64,7 @@ pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
         findings.extend(of_camera(report, span_m, cameras.len()));
         findings.extend(knocked(report, sights.get(index)));
     }
-    findings.sort_by_key(|finding| !finding.is_wrong);
+    findings.sort_by_key(|finding| !finding.is_wrong());
     Report {
         cameras,
         anchors_rms_m: found.alignment.rms_m,
@@ -312,7 +312,7 @@ mod tests {
             of_halves(&report, usual_px)
         };
         let is_wrong =
-            |px, across_m, usual_px| of(px, across_m, usual_px).is_some_and(|it| it.is_wrong);
+            |px, across_m, usual_px| of(px, across_m, usual_px).is_some_and(|it| it.is_wrong());
         let (px, across_m) = (WRONG_HALVES_PX, WRONG_HALVES_M);
         assert!(is_wrong(px + 0.1, across_m + 0.001, px));
         assert!(!is_wrong(px - 0.1, across_m + 0.001, px));

@@ -40,7 +40,7 @@ fn say(found: &PointCalibration) {
     for finding in &found.report.findings {
         println!(
             "  {} {finding}",
-            if finding.is_wrong { "WRONG" } else { "-" }
+            if finding.is_wrong() { "WRONG" } else { "-" }
         );
     }
 }

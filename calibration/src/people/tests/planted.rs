@@ -164,7 +164,7 @@ fn no_planted_fault_passes() {
         let (off, said) = match quiet(&request) {
             Err(error) => (None, error.to_string()),
             Ok(found) => {
-                let wrong = found.report.findings.iter().filter(|it| it.is_wrong);
+                let wrong = found.report.findings.iter().filter(|it| it.is_wrong());
                 let said: Vec<String> = wrong.map(ToString::to_string).collect();
                 let off = worst_of_those_found(&found, &truth);
                 (found.report.passes().then_some(off), said.join(" | "))

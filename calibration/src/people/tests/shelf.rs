@@ -228,7 +228,7 @@ fn a_late_camera_and_a_wrong_focal_length_are_named_and_a_right_one_is_not() {
             .filter_map(|it| it.parse().ok());
         let frames_found = found.next_back().unwrap_or(0.0_f64);
         assert!((frames_found / frames.abs() - 1.0).abs() < 0.3, "{said}");
-        assert_eq!(said.is_wrong, frames.abs() > 1.5, "{said}");
+        assert_eq!(said.is_wrong(), frames.abs() > 1.5, "{said}");
     }
     // One that is 5 % too short gains less than right ones do.
     let lens = quiet(&spoilt(&folder, longer(1.05))).unwrap();

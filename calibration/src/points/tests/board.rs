@@ -165,7 +165,7 @@ fn a_board_that_is_one_body_links_cameras_of_which_two_see_it_at_a_time() {
     }];
     let found = quiet(&request).unwrap();
     let mut findings = found.report.findings.iter();
-    assert!(findings.any(|it| it.is_wrong && it.found.contains("a square of the board is 132.")));
+    assert!(findings.any(|it| it.is_wrong() && it.found.contains("a square of the board is 132.")));
 }
 
 #[test]

@@ -215,7 +215,7 @@ fn no_planted_fault_passes() {
         let said = match calibrate(&request, &mut |_| ()) {
             Err(error) => error.to_string(),
             Ok(found) => {
-                let wrong = found.report.findings.iter().filter(|f| f.is_wrong);
+                let wrong = found.report.findings.iter().filter(|f| f.is_wrong());
                 let said: Vec<String> = wrong.map(ToString::to_string).collect();
                 said.join(" | ")
             }
@@ -251,7 +251,7 @@ fn a_camera_that_is_knocked_at_any_time_is_named() {
             let said = match &found {
                 Err(error) => error.to_string(),
                 Ok(found) => {
-                    let own = found.report.findings.iter().filter(|f| f.is_wrong);
+                    let own = found.report.findings.iter().filter(|f| f.is_wrong());
                     own.map(ToString::to_string).collect::<Vec<_>>().join(" | ")
                 }
             };

@@ -62,7 +62,7 @@ pub(super) fn html(path: &Path, judged: &JudgedCalibration<'_>, facts: &SheetFac
 
 fn findings(page: &mut String, judged: &JudgedCalibration<'_>) {
     let report = judged.found.report.findings.iter();
-    let mut all: Vec<(bool, String)> = report.map(|it| (it.is_wrong, it.to_string())).collect();
+    let mut all: Vec<(bool, String)> = report.map(|it| (it.is_wrong(), it.to_string())).collect();
     let refusals = judged.refusals.iter();
     all.extend(refusals.map(|it| (true, format!("a run refuses it: {it}"))));
     all.extend(judged.doubts.iter().map(|it| (false, it.clone())));

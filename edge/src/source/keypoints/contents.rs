@@ -3,6 +3,7 @@
 //! A file that fails here is well-formed, and read line by line nothing is wrong with it: nobody would be found, and nothing
 //! would say why.
 
+use farfield_proto::finding::Advice;
 use farfield_proto::keypoints::COCO17;
 use farfield_proto::order_statistics::FEWEST_REACHING;
 
@@ -40,15 +41,6 @@ pub struct KeypointContents {
     /// Keypoints that are not at the corner itself, and those of these that lie within [`SHARE_OF_PICTURE`] of it.
     away: u64,
     near: u64,
-}
-
-/// What speaks against a keypoint file, and what mends it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct KeypointDoubt {
-    /// What is wrong with it.
-    pub problem: String,
-    /// What to do.
-    pub remedy: String,
 }
 
 impl KeypointContents {
@@ -103,20 +95,19 @@ impl KeypointContents {
     }
 
     /// What speaks against the file, if anything does.
-    pub fn doubt(&self) -> Option<KeypointDoubt> {
+    pub fn doubt(&self) -> Option<Advice> {
         let [width, height] = self.size_px;
         if self.points == 0 {
-            return Some(KeypointDoubt {
-                problem: format!("none of its {} lines holds anybody", self.lines),
-                remedy: "look whether what wrote it found people in this camera's pictures: a line holds them under `persons` \
-                         (docs/venue.md)"
-                    .to_owned(),
-            });
+            return Some(Advice::doubtful(
+                format!("none of its {} lines holds anybody", self.lines),
+                "look whether what wrote it found people in this camera's pictures: a line holds them under `persons` \
+                         (docs/venue.md)",
+            ));
         }
         let share = self.outside as f64 / self.sure.max(1) as f64;
         let is_told = self.sure >= FEWEST_POINTS && share > TOLD_SHARE;
-        is_told.then(|| KeypointDoubt {
-            problem: format!(
+        is_told.then(|| Advice::doubtful(
+            format!(
                 "{} of its {} keypoints ({:.0} %) lie outside its picture of {width} x {height}, as far as x = {:.0}, y = {:.0}",
                 self.outside,
                 self.sure,
@@ -124,10 +115,9 @@ impl KeypointContents {
                 self.farthest_px[0],
                 self.farthest_px[1]
             ),
-            remedy: "were they found in pictures of another size, or of another camera? Give them in pixels of the pictures that \
-                     were calibrated, from their top left corner"
-                .to_owned(),
-        })
+            "were they found in pictures of another size, or of another camera? Give them in pixels of the pictures that \
+                     were calibrated, from their top left corner",
+        ))
     }
 }
 

@@ -1,15 +1,4 @@
-//! What is said of a calibration.
-
-use std::fmt;
-
-/// How much a finding says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Severity {
-    /// There are halls in which it is so.
-    Doubtful,
-    /// No run can be right with it.
-    Wrong,
-}
+//! Which mistakes of a calibration are looked for.
 
 /// What kind of mistake was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -91,42 +80,4 @@ impl Cause {
 }
 
 /// One thing that speaks against a calibration.
-///
-/// Reads as ``camera `ne`: it stands 1.2 m under the floor, expected above it; ...``.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Finding {
-    /// The camera that it is about; `None` when it is about all of them.
-    pub camera: Option<String>,
-    /// What kind of mistake it is.
-    pub cause: Cause,
-    /// How much it says.
-    pub severity: Severity,
-    /// What was found.
-    pub found: String,
-    /// What was expected.
-    pub expected: String,
-    /// What mends it.
-    pub remedy: String,
-}
-
-impl Finding {
-    /// What was found and what was expected, without the remedy.
-    pub fn problem(&self) -> String {
-        let of = self
-            .camera
-            .as_ref()
-            .map(|camera| format!("camera `{camera}`: "));
-        format!(
-            "{}{}, expected {}",
-            of.unwrap_or_default(),
-            self.found,
-            self.expected
-        )
-    }
-}
-
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}; {}", self.problem(), self.remedy)
-    }
-}
+pub type Finding = crate::finding::Finding<Cause>;
