@@ -60,16 +60,15 @@ impl DemoScript {
         let rate_hz = table.get("rate_hz").and_then(as_number);
         let rate_hz = rate_hz.context("the scene has no rate")?;
         let most = most_ticks(&table, rate_hz);
-        let asked = args.ticks.unwrap_or_else(|| usual_ticks(args));
-        ensure!(
-            asked <= most,
-            "`--ticks`: found {asked}, expected at most {most}: scenes are planned ahead"
-        );
         let ticks = if args.is_endless() {
             most.min((ROUND_S * rate_hz).round() as u32)
         } else {
-            asked
+            args.ticks.unwrap_or_else(|| usual_ticks(args))
         };
+        ensure!(
+            ticks <= most,
+            "`--ticks`: found {ticks}, expected at most {most}: scenes are planned ahead"
+        );
         table.insert(
             "seconds".to_owned(),
             Value::from(f64::from(ticks) / rate_hz),

@@ -63,7 +63,7 @@ fn write(text: &mut String, play: &Play, backend: &PictureBackend, out: &Path) -
         if backend.is_slow {
             writeln!(
                 text,
-                "with ONNX Runtime this demo shows twice as many ticks in less time"
+                "with ONNX Runtime a tick takes about a third of the time"
             )?;
         }
     } else {

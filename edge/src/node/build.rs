@@ -18,6 +18,7 @@ use super::acceleration::{Acceleration, accelerate};
 use super::config::EdgeConfig;
 use super::parts::Parts;
 use super::worker::EdgeWork;
+use super::workers::Workers;
 use crate::detector::OnnxDetector;
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
 use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
@@ -173,24 +174,11 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
     let viewpoint = venue.viewpoints.get(usize::from(config.viewpoint.0));
     let asked = viewpoint.map_or(&[][..], |it| &it.providers);
     let (mut backend, mut health) = (backend, NodeHealth::default());
-    let workers = if config.may_run_live {
-        let measured = measure(&mut pipeline, venue, asked).map_err(NodeError::refused)?;
-        measured.map(|acceleration| {
-            let words = acceleration.describe();
-            if !words.is_empty() {
-                backend = format!("{backend}; {words}");
-                if config.managed == Managed::Yes {
-                    say(format_args!("{words}"));
-                }
-            }
-            for refused in acceleration.refused {
-                health.notice(refused);
-            }
-            acceleration.workers
-        })
-    } else {
-        None
+    let measured = match config.may_run_live {
+        true => measure(&mut pipeline, venue, asked).map_err(NodeError::refused)?,
+        false => None,
     };
+    let workers = measured.map(|it| note_acceleration(it, config, &mut backend, &mut health));
     let cameras = viewpoint.map(|v| v.cameras.clone()).unwrap_or_default();
     let mut work = EdgeWork::new(Parts {
         venue: Arc::new(venue.clone()),
@@ -230,6 +218,26 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
         agreement: Vec::new(),
     };
     Ok(Built { work, status })
+}
+
+/// Says what runs the network: in the `backend`, to who started the edge, and of providers that cannot among the notices of its `health`.
+fn note_acceleration(
+    acceleration: Acceleration,
+    config: &EdgeConfig,
+    backend: &mut String,
+    health: &mut NodeHealth,
+) -> Workers {
+    let words = acceleration.describe();
+    if !words.is_empty() {
+        *backend = format!("{backend}; {words}");
+        if config.managed == Managed::Yes {
+            say(format_args!("{words}"));
+        }
+    }
+    for refused in acceleration.refused {
+        health.notice(refused);
+    }
+    acceleration.workers
 }
 
 /// What runs the network fastest of `asked` and the processor, whose workers are as many as gain something; `pipeline` goes on

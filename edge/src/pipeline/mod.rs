@@ -174,12 +174,10 @@ impl EdgePipeline {
         self.last_camera
             .retain(|person, _| boxes.persons.iter().any(|p| p.person == *person));
         let age = tick - boxes.tick;
-        let tracked: Vec<Tracked> = boxes
-            .persons
-            .iter()
-            .filter(|p| request.includes(p.person))
-            .filter_map(|p| self.track(p, age, frames))
-            .collect();
+        let persons = boxes.persons.iter();
+        let requested = persons.filter(|p| request.includes(p.person));
+        let tracked = requested.filter_map(|p| self.track(p, age, frames));
+        let tracked: Vec<Tracked> = tracked.collect();
         self.tracked_crops = tracked.iter().map(|it| it.crops.len()).sum();
         self.cut(frames);
         mark(EdgeStage::Crop);

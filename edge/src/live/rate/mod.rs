@@ -1,5 +1,5 @@
 //! What an edge does of a tick so that its link's queue stays empty and its computer keeps up: first a higher compression
-//! level, then fewer persons per tick (round robin) or fewer ticks, whichever gets more of them through.
+//! level, and no second crops of tilted people; then fewer persons per tick (round robin) or fewer ticks, whichever gets more of them through.
 
 mod load;
 mod sighting_share;
@@ -100,8 +100,12 @@ pub struct RateController {
     common_nth: u16,
     /// What the edge would do without it.
     needed_nth: u16,
+    /// The same when somebody was in sight last.
+    last_nth: u16,
     /// Whether it goes on with more ticks than it would take up.
     wish: Wish,
+    /// The persons of the last plan.
+    asked: usize,
 }
 
 /// A computer that is too slow for all ticks and persons.
@@ -145,7 +149,9 @@ impl RateController {
             room_since_us: None,
             common_nth: 1,
             needed_nth: 0,
+            last_nth: 0,
             wish: Wish::Begin,
+            asked: 0,
         }
     }
 
@@ -209,7 +215,7 @@ impl RateController {
         self.scale += SHARE * (bytes / USUAL_BYTES[level] - self.scale);
     }
 
-    /// The network takes so many persons at a time, and was measured to make so many crops a second.
+    /// The network takes so many crops at a time, and was measured to make so many crops a second.
     pub fn set_workers(&mut self, workers: usize, crops_per_s: f64) {
         self.work.set_workers(workers, crops_per_s);
     }
@@ -301,7 +307,12 @@ impl RateController {
         let ticks = f64::from(every_nth);
         let share = |persons| self.share(level, per_tick, persons);
         let is_less = every_nth > 1 || share(persons) > 1.0;
-        let most = is_less.then(|| persons_within(share, ticks, persons));
+        let mut most = is_less.then(|| persons_within(share, ticks, persons));
+        if self.wish == Wish::GoOn && self.asked == persons {
+            // What can be borne is no reason to take more up.
+            most = most.map(|most| self.plan.persons.map_or(most, |last| most.min(last)));
+        }
+        self.asked = persons;
         // What fewer ticks leave of the link is for them.
         while is_less
             && let Some(finer) = level.finer().filter(|finer| *finer >= self.best)
@@ -356,12 +367,13 @@ impl RateController {
     /// Finds the n that the edge needs. It does not leave more ticks out than it does while what it does can be borne.
     fn need(&mut self, level: CompressionLevel, per_tick: f64, persons: usize) {
         self.wish = Wish::Begin;
-        let planned = self.needed(level, per_tick, persons);
-        if (1..planned).contains(&self.needed_nth) {
+        self.needed_nth = self.needed(level, per_tick, persons);
+        if (1..self.needed_nth).contains(&self.last_nth) {
             self.wish = Wish::GoOn;
-            self.needed_nth = self.needed_nth.max(self.needed(level, per_tick, persons));
-        } else {
-            self.needed_nth = planned;
+            self.needed_nth = self.last_nth.max(self.needed(level, per_tick, persons));
+        }
+        if self.needed_nth > 0 {
+            self.last_nth = self.needed_nth;
         }
     }
 

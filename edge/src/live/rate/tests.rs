@@ -421,6 +421,25 @@ fn an_edge_leaves_more_ticks_out_only_where_what_it_does_cannot_be_borne() {
 }
 
 #[test]
+fn an_edge_that_gets_slower_takes_no_more_people_up() {
+    let mut edge = on_a_computer(45_000, 1, 2);
+    let before = edge.last_plan();
+    compute(&mut edge, 52_000, 2, 6 * SECOND_US..7 * SECOND_US);
+    let after = edge.last_plan();
+    assert_eq!((before.every_nth, after.every_nth), (4, 4));
+    assert!(after.persons <= before.persons, "{before:?} {after:?}");
+}
+
+#[test]
+fn a_tick_without_anybody_is_no_reason_to_leave_more_ticks_out() {
+    let mut edge = on_a_computer(45_000, 1, 1);
+    compute(&mut edge, 55_000, 1, 6 * SECOND_US..9 * SECOND_US);
+    edge.plan(0, 9 * SECOND_US);
+    compute(&mut edge, 55_000, 1, 9 * SECOND_US..10 * SECOND_US);
+    assert_eq!(edge.last_plan().every_nth, 4);
+}
+
+#[test]
 fn a_slow_second_is_no_reason_to_leave_more_ticks_out() {
     let mut edge = on_a_computer(45_000, 1, 1);
     compute(&mut edge, 75_000, 1, 6 * SECOND_US..7 * SECOND_US);

@@ -31,7 +31,7 @@ pub(super) enum Wish {
 #[derive(Debug, Clone, Copy, Default)]
 struct Past {
     slowest_us: f64,
-    /// The means, each times how long it was the newest, and their time.
+    /// The means, each times how long its tick took, and the time of all.
     sum: f64,
     time_us: f64,
 }
@@ -47,7 +47,6 @@ pub(super) struct Work {
     /// The half of the window that goes on, and the one before.
     past: [Option<Past>; 2],
     turned_at_us: Micros,
-    added_at_us: Micros,
 }
 
 impl Work {
@@ -59,7 +58,6 @@ impl Work {
             n_rounds: 0,
             past: [None; 2],
             turned_at_us: 0,
-            added_at_us: 0,
         }
     }
 
@@ -91,9 +89,8 @@ impl Work {
             self.past = [None, self.past[0]];
             self.turned_at_us = now_us;
         }
-        let since_us = (now_us - self.added_at_us).clamp(1, WINDOW_US) as f64;
-        self.added_at_us = now_us;
-        self.past[0] = Some(self.past[0].unwrap_or_default().with(mean_us, since_us));
+        let tick_us = self.period_us.max(took_us.into());
+        self.past[0] = Some(self.past[0].unwrap_or_default().with(mean_us, tick_us));
     }
 
     /// For how many ticks a tick of so many `crops` takes the time that there is for them; 0 before it was measured.
@@ -117,11 +114,11 @@ impl Work {
 }
 
 impl Past {
-    fn with(self, mean_us: f64, since_us: f64) -> Self {
+    fn with(self, mean_us: f64, tick_us: f64) -> Self {
         Self {
             slowest_us: self.slowest_us.max(mean_us),
-            sum: self.sum + mean_us * since_us,
-            time_us: self.time_us + since_us,
+            sum: self.sum + mean_us * tick_us,
+            time_us: self.time_us + tick_us,
         }
     }
 }
