@@ -19,8 +19,8 @@ with zenoh.open(config) as session, session.declare_subscriber(f"{sys.argv[1]}/p
     print("tick person state x_m y_m z_m views", flush=True)
     for sample in poses:
         data = iter(sample.payload.to_bytes())
-        if (version := next(data)) not in (3, 4, 5, 6, 7, 8):
-            sys.exit(f"poses of version {version}: this reads 3 to 8")
+        if (version := next(data)) not in (1, 2):
+            sys.exit(f"poses of version {version}: this reads 1 and 2")
         _session, tick = number(data), number(data)
         for _ in range(number(data)):
             person, state = number(data), ("tentative", "tracked", "coasting")[number(data)]

@@ -15,9 +15,9 @@ use serde::de::DeserializeOwned;
 /// A message that changes keeps its older forms in [`crate::message`], so that old recordings are read. A new kind of
 /// message under a key of its own changes no other, and may come within a version: who does not know it does not
 /// subscribe to it.
-pub const VERSION: u8 = 8;
+pub const VERSION: u8 = 2;
 /// The oldest version that is read: recordings are kept for years.
-pub const OLDEST_READ: u8 = 3;
+pub const OLDEST_READ: u8 = 1;
 /// The oldest version that is written, for nodes that are not updated yet: the one before this.
 pub const OLDEST_WRITTEN: u8 = VERSION - 1;
 /// Longest message, bytes. It bounds what decoding allocates, too: memory is reserved for elements that are there, not

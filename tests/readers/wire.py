@@ -1,11 +1,11 @@
-"""The messages of the wire, versions 3 to 8, as docs/protocol.md says them: bytes to plain Python values, and back.
+"""The messages of the wire, versions 1 and 2, as docs/protocol.md says them: bytes to plain Python values, and back.
 
 Of the bounds that the page states this checks counts, lengths and that numbers are finite; what holds between fields it does not.
 """
 
 from postcard import BOOL, BYTES, F32, F64, I32, I64, TEXT, U8, U16, U32, U64, Array, Bytes, Enum, List, Option, Raw, Struct
 
-VERSIONS = range(3, 9)
+VERSIONS = range(1, 3)
 MOST_BYTES = 1 << 20
 PERSONS, CAMERAS, VIEWPOINTS, KEYPOINTS, JOINTS = 256, 64, 256, 64, 64  # At most.
 NAME, SHORT, REASON_TEXT, LONG = (Bytes("text", most) for most in (64, 256, 512, 8192))
@@ -40,15 +40,13 @@ FULL = Struct("other", camera=U16, bounding_box=BOX, rate=BOX, torso_px=PAIR, ne
 PERSON_BOXES = Struct("PersonBoxes", person=U32, cameras=List(Enum("box", whole=WHOLE, other=FULL), CAMERAS))
 HEARD = Struct("HeardPatches", tick=I64, one_way_us=I32, bytes=U32)
 LIVE_BOXES = Struct("LiveBoxes", sequence=U32, epoch_us=U64, clock_correction_us=Option(I32), heard=Option(HEARD))
-BOX_SET_PARTS = {"part": U16, "parts": U16}
 BOX_SET_REST = {
     "order": Enum("order", "track", "end"), "live": Option(LIVE_BOXES), "detection_cameras": List(U16, CAMERAS),
     "persons": List(PERSON_BOXES, PERSONS),
 }
-BOX_SET_HEAD = {"session": U64, "tick": I64, "viewpoint": U16}
-BOX_SET = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_PARTS, **BOX_SET_REST, every_nth_tick=U16)
-BOX_SET_7 = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_PARTS, **BOX_SET_REST)
-BOX_SET_3 = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_REST)
+BOX_SET_HEAD = {"session": U64, "tick": I64, "viewpoint": U16, "part": U16, "parts": U16}
+BOX_SET = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_REST, every_nth_tick=U16)
+BOX_SET_1 = Struct("BoxSet", **BOX_SET_HEAD, **BOX_SET_REST)
 
 # Sightings, from edge to fusion; poses, events, decisions, from fusion to all.
 PEAK = Struct("KeypointPeak", position_px=PAIR, score=F32)
@@ -57,7 +55,6 @@ WHOLE_PEAK = Struct("peak", position_16ths=I32_PAIR, score_255ths=U8)
 WHOLE_SIGHTING = Struct("whole", camera=U16, score_255ths=U8, count=U8, seen=U64, peaks=List(WHOLE_PEAK, KEYPOINTS))
 SIGHTING_SET_HEAD = {"session": U64, "tick": I64, "viewpoint": U16, "part": U16, "parts": U16}
 SIGHTING_SET = Struct("SightingSet", **SIGHTING_SET_HEAD, sightings=List(Enum("sighting", whole=WHOLE_SIGHTING, other=SIGHTING), 256))
-SIGHTING_SET_6 = Struct("SightingSet", **SIGHTING_SET_HEAD, sightings=List(SIGHTING, 256))
 POSE = Struct(
     "PersonPose", person=U32, state=Enum("state", "tentative", "tracked", "coasting"), joints_m=List(POINT, JOINTS),
     keypoints_m=List(POINT, KEYPOINTS), sigma_m=List(F32, JOINTS), angles=List(F32, JOINTS), unobserved=U64, views=U16,
@@ -109,45 +106,36 @@ THUMBNAIL = Struct("Thumbnail", session=U64, tick=I64, viewpoint=U16, camera=U16
 
 # Statuses, from every node to all.
 STAGE = Struct("StageTime", stage=LONG, count=U64, total_us=U64, p50_us=U32, p99_us=U32, p999_us=U32, max_us=U32)
-CAMERA_3 = {"camera": U16, "health": Enum("health", "works", "frozen", "black", "silent", "failed"), "frames_per_s": F32, "capture_offset_us": I32}
+CAMERA = {"camera": U16, "health": Enum("health", "works", "frozen", "black", "silent", "failed"), "frames_per_s": F32, "capture_offset_us": I32, "reason": Option(REASON_TEXT)}
 EDGE_LINK = Struct(
     "EdgeLink", viewpoint=NAME, live=BOOL, refused=Option(LONG), round_trip_us=Option(U32), clock_offset_us=Option(I32), horizon_ticks=F32,
     bytes_per_s=U32, late=U64, missing=U64, unreadable=U64,
 )
 
 
-def live_status(camera):
-    return Struct(
-        "LiveStatus", epoch_us=Option(U64), clock_correction_us=I32, quality=U8, persons_per_tick=Option(U16), every_nth_tick=U16,
-        bytes_per_s=U32, held_back=U64, missed_ticks=U64, cameras=List(Struct("CameraStatus", **camera), CAMERAS),
-        edges=List(EDGE_LINK, VIEWPOINTS), recording_failure=Option(LONG),
-    )
-
-
-def status(release, camera, **more):
-    return Struct(
-        "Status", node=NAME, process=U64, viewpoint=Option(U16), **release, ready=BOOL, venue_hash=SHORT, calibration_hash=SHORT,
-        network_hash=SHORT, backend=LONG, ticks=Option(Array(I64, 2)), tick=Option(I64), unreadable=U64, failure=Option(LONG),
-        stages=List(STAGE, 32), live=Option(live_status(camera)), **more,
-    )
-
-
+LIVE_STATUS = Struct(
+    "LiveStatus", epoch_us=Option(U64), clock_correction_us=I32, quality=U8, persons_per_tick=Option(U16), every_nth_tick=U16,
+    bytes_per_s=U32, held_back=U64, missed_ticks=U64, cameras=List(Struct("CameraStatus", **CAMERA), CAMERAS),
+    edges=List(EDGE_LINK, VIEWPOINTS), recording_failure=Option(LONG),
+)
 SYSTEM_CLOCK = Struct("SystemClock", synchronised=BOOL, max_error_us=Option(U32), ahead_us=I64)
 LINK_HEALTH = Struct("LinkHealth", clock_uncertainty_us=Option(U32), clock_correction_us=Option(I32), dropped=U64)
 HEALTH = Struct(
     "NodeHealth", system_clock=Option(SYSTEM_CLOCK), certificate_ends_s=Option(U64), follows=Option(U64),
     links=List(LINK_HEALTH, VIEWPOINTS), notices=List(REASON_TEXT, 16),
 )
-STATUS_3 = status({}, CAMERA_3)
-STATUS_4 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)})
-STATUS_5 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)}, health=HEALTH)
 AGREEMENT = Struct(
     "CameraAgreement", verdict=Enum("verdict", "unknown", "agrees", "disagrees"), keypoints=U64, distance_mm=Option(F32),
     distance_px=Option(F32), late_ticks=Option(F32),
 )
 AGREEMENTS = List(Struct("AgreementOfCamera", camera=U16, agreement=AGREEMENT), 16_384)
-STATUS_7 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)}, health=HEALTH, agreement=AGREEMENTS)
-STATUS_8 = status({"release": SHORT}, {**CAMERA_3, "reason": Option(REASON_TEXT)}, health=HEALTH, agreement=AGREEMENTS, needed_nth_tick=U16)
+STATUS_FIELDS = dict(
+    node=NAME, process=U64, viewpoint=Option(U16), release=SHORT, ready=BOOL, venue_hash=SHORT, calibration_hash=SHORT,
+    network_hash=SHORT, backend=LONG, ticks=Option(Array(I64, 2)), tick=Option(I64), unreadable=U64, failure=Option(LONG),
+    stages=List(STAGE, 32), live=Option(LIVE_STATUS), health=HEALTH, agreement=AGREEMENTS,
+)
+STATUS_1 = Struct("Status", **STATUS_FIELDS)
+STATUS = Struct("Status", **STATUS_FIELDS, needed_nth_tick=U16)
 
 # Questions and answers.
 FILL_REQUEST = Struct("FillRequest", session=U64, **{"from": I64}, to=I64, max_bytes=U32)
@@ -164,17 +152,11 @@ CHUNK = Struct("Chunk", bytes=PIECE)
 # By the names of the files in proto/golden; where a version wrote otherwise, which.
 MESSAGES = {
     "patch_set": PATCH_SET, "box_set": BOX_SET, "sighting_set": SIGHTING_SET, "sighting_set_whole": SIGHTING_SET, "pose_set": POSE_SET, "identity_events": EVENT_SET,
-    "decision": DECISION, "status": STATUS_8, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,
+    "decision": DECISION, "status": STATUS, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,
     "handout_request_list": REQUEST, "file_list": FILE_LIST, "signed_list": SIGNED_LIST, "chunk": CHUNK, "thumbnail": THUMBNAIL,
     "namings": NAMING_SET,
 }
-# Messages that older versions had not.
-SINCE = {"thumbnail": 6, "namings": 6, "sighting_set_whole": 7}
-OLDER = {
-    **{("sighting_set", version): SIGHTING_SET_6 for version in range(3, 7)},
-    **{("box_set", version): BOX_SET_7 for version in range(4, 8)}, **{("status", version): STATUS_7 for version in (6, 7)},
-    ("box_set", 3): BOX_SET_3, ("status", 3): STATUS_3, ("status", 4): STATUS_4, ("status", 5): STATUS_5,
-}
+OLDER = {("box_set", 1): BOX_SET_1, ("status", 1): STATUS_1}
 # By the second part of a key, under the venue's name.
 BY_KEY = {
     "patch": "patch_set", "sighting": "sighting_set", "box": "box_set", "pose": "pose_set", "smooth": "pose_set", "decision": "decision",

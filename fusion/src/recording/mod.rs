@@ -32,8 +32,6 @@ pub const WIRE_ENCODING: &str = "farfield-wire";
 pub const FACTS: &str = "farfield";
 /// Name of the attached venue file.
 pub const VENUE_FILE: &str = "venue.toml";
-/// The fact that tells the attached venue file's layout ([`farfield_proto::venue::layout`]); absent: 1.
-pub const VENUE_LAYOUT: &str = "venue_layout";
 /// Name of the attached calibration.
 pub const CALIBRATION_FILE: &str = "calibration.toml";
 /// Name of the attached card of the keypoint network.

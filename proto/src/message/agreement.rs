@@ -1,7 +1,4 @@
 //! How the cameras of a venue agree, as fusion finds it.
-//!
-//! Since version 6 it stands behind the [`health`](super::health) of a [`Status`](super::Status); statuses of earlier versions
-//! lack it.
 
 use serde::{Deserialize, Serialize};
 

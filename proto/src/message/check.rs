@@ -4,7 +4,6 @@
 //! for the node to decide.
 
 use super::agreement;
-use super::form::older::{BoxSet3, Status3};
 use super::form::sightings;
 use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES, MAX_NTH_TICK};
 use super::{
@@ -75,7 +74,7 @@ fn check_patch(patch: &PersonPatch) -> Result<(), &'static str> {
 impl Message for BoxSet {
     fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
         let bytes = postcard::to_extend(self, bytes)?;
-        if version < 8 {
+        if version < 2 {
             return Ok(bytes);
         }
         let every_nth_tick = self.live.map_or(0, |live| live.every_nth_tick);
@@ -83,18 +82,15 @@ impl Message for BoxSet {
     }
 
     fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
-        match version {
-            ..=3 => postcard::take_from_bytes(bytes).map(|(set, rest)| (BoxSet3::read(set), rest)),
-            4..=7 => postcard::take_from_bytes(bytes),
-            8.. => {
-                let (mut set, rest) = postcard::take_from_bytes::<Self>(bytes)?;
-                let (every_nth_tick, rest) = postcard::take_from_bytes(rest)?;
-                if let Some(live) = &mut set.live {
-                    live.every_nth_tick = every_nth_tick;
-                }
-                Ok((set, rest))
-            }
+        let (mut set, rest) = postcard::take_from_bytes::<Self>(bytes)?;
+        if version < 2 {
+            return Ok((set, rest));
         }
+        let (every_nth_tick, rest) = postcard::take_from_bytes(rest)?;
+        if let Some(live) = &mut set.live {
+            live.every_nth_tick = every_nth_tick;
+        }
+        Ok((set, rest))
     }
 
     fn check(&self) -> Result<(), &'static str> {
@@ -148,11 +144,8 @@ impl Message for SightingSet {
         sightings::write(self, bytes)
     }
 
-    fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
-        match version {
-            ..=6 => postcard::take_from_bytes(bytes),
-            7.. => sightings::read(bytes),
-        }
+    fn read(_version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
+        sightings::read(bytes)
     }
 
     fn check(&self) -> Result<(), &'static str> {
@@ -224,9 +217,7 @@ fn check_pose(pose: &PersonPose) -> Result<(), &'static str> {
 impl Message for Status {
     fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
         let bytes = postcard::to_extend(self, bytes)?;
-        let bytes = postcard::to_extend(&self.health, bytes)?;
-        let bytes = postcard::to_extend(&self.agreement, bytes)?;
-        if version < 8 {
+        if version < 2 {
             return Ok(bytes);
         }
         let needed_nth_tick = self.live.as_ref().map_or(0, |live| live.needed_nth_tick);
@@ -234,33 +225,15 @@ impl Message for Status {
     }
 
     fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
-        match version {
-            ..=3 => {
-                postcard::take_from_bytes(bytes).map(|(status, rest)| (Status3::read(status), rest))
-            }
-            4 => postcard::take_from_bytes(bytes),
-            5.. => {
-                let (status, rest) = postcard::take_from_bytes::<Self>(bytes)?;
-                let (health, rest) = postcard::take_from_bytes(rest)?;
-                let (agreement, rest) = match version {
-                    5 => (Vec::new(), rest),
-                    _ => postcard::take_from_bytes(rest)?,
-                };
-                let (needed_nth_tick, rest) = match version {
-                    ..=7 => (0, rest),
-                    8.. => postcard::take_from_bytes(rest)?,
-                };
-                let mut status = Self {
-                    health,
-                    agreement,
-                    ..status
-                };
-                if let Some(live) = &mut status.live {
-                    live.needed_nth_tick = needed_nth_tick;
-                }
-                Ok((status, rest))
-            }
+        let (mut status, rest) = postcard::take_from_bytes::<Self>(bytes)?;
+        if version < 2 {
+            return Ok((status, rest));
         }
+        let (needed_nth_tick, rest) = postcard::take_from_bytes(rest)?;
+        if let Some(live) = &mut status.live {
+            live.needed_nth_tick = needed_nth_tick;
+        }
+        Ok((status, rest))
     }
 
     fn make_plain(&mut self) {

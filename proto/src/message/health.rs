@@ -1,6 +1,4 @@
 //! How a node is, beyond its work: its clock, its keys, whom it follows, and what a person should know.
-//!
-//! Since version 5 it stands behind the other fields of a [`Status`](super::Status); statuses of earlier versions lack it.
 
 use serde::{Deserialize, Serialize};
 

@@ -228,7 +228,7 @@ pub struct Status {
     pub process: u64,
     /// The viewpoint, for an edge.
     pub viewpoint: Option<ViewpointIndex>,
-    /// Which farfield it runs, as `0.1.0`; empty where an older one does not say.
+    /// Which farfield it runs, as `0.1.0`.
     pub release: String,
     /// Whether everything is open and matched, and the node only waits for its first box set; false in the last status of an edge, and of a live
     /// fusion whose run is over.
@@ -254,12 +254,9 @@ pub struct Status {
     pub stages: Vec<StageTime>,
     /// How it runs live; `None` in lock-step.
     pub live: Option<LiveStatus>,
-    /// How it is otherwise; on the wire it follows the fields above.
-    #[serde(skip)]
+    /// How it is otherwise.
     pub health: NodeHealth,
-    /// Of live fusion: how the cameras agree, those of which it is known; on the wire it follows
-    /// [`health`](Self::health).
-    #[serde(skip)]
+    /// Of live fusion: how the cameras agree, those of which it is known.
     pub agreement: Vec<AgreementOfCamera>,
 }
 

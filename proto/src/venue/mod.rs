@@ -32,7 +32,7 @@ use crate::camera::CameraModel;
 use crate::court::PlacedCourt;
 use crate::id::{CameraIndex, ViewpointIndex};
 use crate::tick::Tick;
-use crate::toml_file::{FileError, TomlFile};
+use crate::toml_file::FileError;
 
 /// One installation, read and checked.
 #[derive(Debug, Clone, PartialEq)]
@@ -181,24 +181,6 @@ impl Venue {
     /// As [`VenueFile::parse`] and [`VenueFile::venue`].
     pub fn parse(text: &str, path: &Path, calibration: Calibration) -> Result<Self, FileError> {
         VenueFile::parse(text, path)?.venue(calibration)
-    }
-
-    /// Reads the venue file of a recording, which had the given [`layout`] when it was recorded. Its fingerprint
-    /// is that of the text as recorded.
-    ///
-    /// # Errors
-    /// As [`Self::parse`] and [`layout::translated`]; lines are those of the text in the layout of today.
-    pub fn parse_recorded(
-        text: &str,
-        path: &Path,
-        calibration: Calibration,
-        layout: u32,
-    ) -> Result<Self, FileError> {
-        let hash = TomlFile::parse(text, path)?.fingerprint();
-        let text = layout::translated(text, path, layout)?;
-        let mut venue = Self::parse(&text, path, calibration)?;
-        venue.hashes.venue = hash;
-        Ok(venue)
     }
 
     /// The camera at `index`.

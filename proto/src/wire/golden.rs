@@ -13,13 +13,11 @@ use super::fixture::{
 };
 use super::*;
 use crate::id::{SessionId, ViewpointIndex};
-use crate::message::Status;
 use crate::message::decision::{Decision, UsedSet};
 use crate::message::fill::{FillRequest, Filled, SetKind, StoredSet};
 use crate::message::handout::{
     Chunk, FileKind, FileList, HandoutRequest, ListSignature, SharedFile, SignedList,
 };
-use crate::message::health::NodeHealth;
 use crate::message::identity_event::tests::every_event;
 use crate::message::naming::tests::every_naming;
 use crate::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, Maps, quantize};
@@ -61,17 +59,16 @@ fn is_written(version: u8) -> bool {
 }
 
 fn check<M: Message + PartialEq + Debug>(name: &str, message: &M) {
-    check_by_version(name, OLDEST_READ, message, |_| message);
+    check_by_version(name, message, |_| message);
 }
 
-/// The same for a message that there is since a version, and that means `older` where a version knows less.
+/// The same for a message that means `older` where a version knows less.
 fn check_by_version<'a, M: Message + PartialEq + Debug + 'a>(
     name: &str,
-    since: u8,
     message: &M,
     older: impl Fn(u8) -> &'a M,
 ) {
-    for version in since.max(OLDEST_READ)..=VERSION {
+    for version in OLDEST_READ..=VERSION {
         let today = is_written(version).then(|| hex(&encode_as(message, version)));
         let kept = golden(version, &format!("{name}.hex"), today.as_deref());
         let read: M = decode(&bytes_of(&kept)).unwrap();
@@ -99,13 +96,12 @@ fn the_bytes_of_every_message_stay_as_they_are_in_every_version() {
         .live
         .iter_mut()
         .for_each(|live| live.every_nth_tick = 0);
-    check_by_version("box_set", OLDEST_READ, &boxes, |version| match version {
-        ..=7 => &without_plan,
-        8.. => &boxes,
+    check_by_version("box_set", &boxes, |version| match version {
+        ..=1 => &without_plan,
+        2.. => &boxes,
     });
     check("sighting_set", &sighting_set());
-    let whole = sighting_set_whole();
-    check_by_version("sighting_set_whole", 7, &whole, |_| &whole);
+    check("sighting_set_whole", &sighting_set_whole());
     check("pose_set", &pose_set());
     let status = status();
     let mut without_need = status.clone();
@@ -113,36 +109,13 @@ fn the_bytes_of_every_message_stay_as_they_are_in_every_version() {
         .live
         .iter_mut()
         .for_each(|live| live.needed_nth_tick = 0);
-    let mut without_reasons = without_need.clone();
-    without_reasons.release.clear();
-    let cameras = without_reasons
-        .live
-        .iter_mut()
-        .flat_map(|live| &mut live.cameras);
-    cameras.for_each(|camera| camera.reason = None);
-    let without_agreement = Status {
-        agreement: Vec::new(),
-        ..without_need.clone()
-    };
-    let without_health = Status {
-        health: NodeHealth::default(),
-        ..without_agreement.clone()
-    };
-    without_reasons.health = NodeHealth::default();
-    without_reasons.agreement.clear();
-    check_by_version("status", OLDEST_READ, &status, |version| match version {
-        ..=3 => &without_reasons,
-        4 => &without_health,
-        5 => &without_agreement,
-        6..=7 => &without_need,
-        8.. => &status,
+    check_by_version("status", &status, |version| match version {
+        ..=1 => &without_need,
+        2.. => &status,
     });
     check("identity_events", &every_event());
-    // Came within version 6, under a key that no older node knows.
-    let thumbnail = thumbnail();
-    check_by_version("thumbnail", 6, &thumbnail, |_| &thumbnail);
-    let namings = every_naming();
-    check_by_version("namings", 6, &namings, |_| &namings);
+    check("thumbnail", &thumbnail());
+    check("namings", &every_naming());
     let used = |viewpoint, part| UsedSet {
         viewpoint: ViewpointIndex(viewpoint),
         part,

@@ -9,14 +9,13 @@ use farfield_node::files::read_bounded;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::secrets::Secrets;
-use farfield_proto::venue::layout::LAYOUT;
 use farfield_proto::venue::{Source, Venue};
 use farfield_proto::wire;
 
 use crate::node::output::exporter::layout;
 use crate::node::subjects::KnownSubjects;
 use crate::recording::writer::Head;
-use crate::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE, VENUE_LAYOUT};
+use crate::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE};
 
 /// The head of a recording of `venue`, whose file is `path`, and to which `subjects` may come; `recorder` says who records.
 ///
@@ -47,7 +46,6 @@ pub(in crate::node) fn head(
         ("viewpoints", viewpoints.join(" ")),
         ("rate_hz", venue.rate_hz.to_string()),
         ("venue_hash", venue.hashes.venue.clone()),
-        (VENUE_LAYOUT, LAYOUT.to_string()),
         ("calibration_hash", venue.hashes.calibration.clone()),
         ("farfield", env!("CARGO_PKG_VERSION").to_owned()),
         ("wire", wire::VERSION.to_string()),

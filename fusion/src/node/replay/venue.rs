@@ -9,13 +9,13 @@ use farfield_proto::calibration::{Calibration, text_of};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::toml_file::{FileError, unknown_name};
 use farfield_proto::venue::Venue;
-use farfield_proto::venue::layout::{self, translated};
+use farfield_proto::venue::layout;
 use farfield_proto::venue::parameters::{self, PARAMETERS, TABLES};
 use toml::{Table, Value};
 
 use super::super::config::load_card;
 use crate::recording::attached::Attached;
-use crate::recording::{CALIBRATION_FILE, CARD_FILE, VENUE_FILE, VENUE_LAYOUT};
+use crate::recording::{CALIBRATION_FILE, CARD_FILE, VENUE_FILE};
 
 /// What shall be otherwise than it was.
 #[derive(Debug, Clone, Copy)]
@@ -51,7 +51,7 @@ pub(super) fn replay_venue(
     let recorded = recorded(file, recording)?;
     let text = match changes.venue {
         Some(path) => read(path)?,
-        None => translated(&recorded.text, &recorded.path, recorded.layout)?.into_owned(),
+        None => recorded.text,
     };
     let text = with_values(&text, changes.set)?;
     let path = changes.venue.unwrap_or(&recorded.path);
@@ -86,8 +86,6 @@ pub fn recorded_venue(
 /// The venue as it was.
 struct Recorded {
     text: String,
-    /// The layout of the text.
-    layout: u32,
     path: PathBuf,
     calibration: Calibration,
     venue: Venue,
@@ -102,25 +100,12 @@ fn recorded(file: &Path, recording: &Attached) -> anyhow::Result<Recorded> {
     let path = file.join(VENUE_FILE);
     let calibration =
         Calibration::parse(attached(CALIBRATION_FILE)?, &file.join(CALIBRATION_FILE))?;
-    let layout = recorded_layout(file, recording.facts().get(VENUE_LAYOUT))?;
-    let venue = Venue::parse_recorded(text, &path, calibration.clone(), layout)?;
+    let venue = Venue::parse(text, &path, calibration.clone())?;
     Ok(Recorded {
         text: text.to_owned(),
-        layout,
         path,
         calibration,
         venue,
-    })
-}
-
-/// The layout that the recorded venue file has. Recordings that do not say are older than layout 2.
-fn recorded_layout(file: &Path, said: Option<&String>) -> anyhow::Result<u32> {
-    said.map_or(Ok(1), |said| {
-        let wrong = || {
-            let shown = file.display();
-            format!("{shown}: `{VENUE_LAYOUT}`: found \"{said}\", expected a number")
-        };
-        said.parse().with_context(wrong)
     })
 }
 
@@ -294,19 +279,13 @@ mod tests {
         assert_eq!(of_values(wrong.clone(), path, &[]), wrong);
     }
 
-    /// The head of a recording with these texts, which says `layout` if any.
-    fn recording(venue: &str, layout: Option<&str>) -> Recording<Cursor<Vec<u8>>> {
+    /// The head of a recording with this venue file.
+    fn recording(venue: &str) -> Recording<Cursor<Vec<u8>>> {
         let calibration = "[a]\nname = \"a\"\nsize = [64, 48]\nmatrix = [[50.0, 0.0, 32.0], \
             [0.0, 50.0, 24.0], [0.0, 0.0, 1.0]]\ndistortions = [0.0, 0.0, 0.0, 0.0]\n\
             rotation = [0.0, 0.0, 0.0]\ntranslation = [0.0, 0.0, 0.0]\n";
-        let facts = [
-            ("venue", Some("hall")),
-            ("viewpoints", Some("v")),
-            (VENUE_LAYOUT, layout),
-        ];
-        let facts = facts
-            .into_iter()
-            .filter_map(|(k, v)| Some((k.to_owned(), v?.to_owned())));
+        let facts = [("venue", "hall"), ("viewpoints", "v")];
+        let facts = facts.map(|(k, v)| (k.to_owned(), v.to_owned()));
         let head = Head {
             venue: "hall".to_owned(),
             viewpoints: vec!["v".to_owned()],
@@ -316,7 +295,7 @@ mod tests {
                 (VENUE_FILE.to_owned(), venue.into()),
                 (CALIBRATION_FILE.to_owned(), calibration.into()),
             ],
-            facts: facts.collect(),
+            facts: facts.into(),
             json_poses: None,
         };
         let written = RecordingWriter::create(Vec::new(), head).unwrap().finish();
@@ -327,43 +306,25 @@ mod tests {
         [[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\nname = \"a\"\n\
         source = { kind = \"keypoints\", path = \"a.jsonl\" }\n";
 
-    fn replayed(venue: &str, layout: Option<&str>, set: &[&str]) -> anyhow::Result<Venue> {
+    fn replayed(venue: &str, set: &[&str]) -> anyhow::Result<Venue> {
         let set: Vec<String> = set.iter().copied().map(str::to_owned).collect();
         let changes = Changes {
             venue: None,
             calibration: None,
             set: &set,
         };
-        let recording = recording(venue, layout);
+        let recording = recording(venue);
         replay_venue(Path::new("hall.mcap"), recording.attached(), &changes).map(|(venue, _)| venue)
     }
 
     #[test]
-    fn a_recording_that_does_not_say_its_layout_has_the_fields_at_their_old_places() {
-        let old = format!(
-            "{VENUE}[births]\nflat_m = 0.05\ncoast_s = 2.0\n[security]\npictures = false\n"
-        );
-        let venue = replayed(&old, None, &[]).unwrap();
+    fn values_that_the_operator_sets_are_added_to_those_of_the_recording() {
+        let recorded = format!("{VENUE}[tuning]\nbirths.flat_m = 0.05\nbirths.moved_m = 0.2\n");
+        let set = ["births.coast_s=2", "births.moved_m=0.1"];
+        let venue = replayed(&recorded, &set).unwrap();
         let mut expected = Parameters::default();
-        (expected.births.flat_m, expected.births.coast_s) = (0.05, 2.0);
+        expected.births.flat_m = 0.05;
+        (expected.births.coast_s, expected.births.moved_m) = (2.0, 0.1);
         assert_eq!(venue.parameters, expected);
-        // What the operator wants otherwise is named as today.
-        let set = ["births.flat_m=0.07", "tuning.births.moved_m=0.1"];
-        let venue = replayed(&old, None, &set).unwrap();
-        (expected.births.flat_m, expected.births.moved_m) = (0.07, 0.1);
-        assert_eq!(venue.parameters, expected);
-    }
-
-    #[test]
-    fn a_recording_that_says_its_layout_is_read_by_it() {
-        let new = format!("{VENUE}[tuning]\nbirths.flat_m = 0.05\n");
-        let venue = replayed(&new, Some("2"), &["births.coast_s=2"]).unwrap();
-        let mut expected = Parameters::default();
-        (expected.births.flat_m, expected.births.coast_s) = (0.05, 2.0);
-        assert_eq!(venue.parameters, expected);
-        for (layout, said) in [("3", "layouts 1 to 2"), ("two", "found \"two\"")] {
-            let refused = replayed(&new, Some(layout), &[]).unwrap_err();
-            assert!(format!("{refused:#}").contains(said), "{refused:#}");
-        }
     }
 }

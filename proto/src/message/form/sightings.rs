@@ -1,4 +1,4 @@
-//! The short form of sightings on the wire, from version 7 on: whole numbers, as edges make them.
+//! The short form of sightings on the wire: whole numbers, as edges make them.
 //!
 //! Edges make sightings of sixteenths of a pixel and 255ths ([`Sighting::snapped`]): a detection pass of a crowd is the
 //! largest thing that a thin link carries at once. Keypoints are written relative to the one before. A sighting that is not
