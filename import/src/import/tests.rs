@@ -5,6 +5,7 @@ use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use farfield_calibration::formats::Remark;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::keypoints::COCO17;
 use farfield_proto::venue::Venue;
@@ -119,7 +120,8 @@ fn venue(report: &Report) -> Venue {
 }
 
 pub(super) fn said(report: &Report) -> String {
-    let texts: Vec<String> = report.remarks.iter().map(|it| format!("{it:?}")).collect();
+    let text = |it: &Remark| format!("{} {it:?}", it.kind.name());
+    let texts: Vec<String> = report.remarks.iter().map(text).collect();
     texts.join("\n")
 }
 
