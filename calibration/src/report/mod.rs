@@ -87,6 +87,6 @@ pub struct Report {
 impl Report {
     /// Whether nothing is wrong.
     pub fn passes(&self) -> bool {
-        !self.findings.iter().any(|finding| finding.is_wrong())
+        !self.findings.iter().any(Finding::is_wrong)
     }
 }

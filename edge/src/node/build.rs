@@ -174,9 +174,10 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
     let viewpoint = venue.viewpoints.get(usize::from(config.viewpoint.0));
     let asked = viewpoint.map_or(&[][..], |it| &it.providers);
     let (mut backend, mut health) = (backend, NodeHealth::default());
-    let measured = match config.may_run_live {
-        true => measure(&mut pipeline, venue, asked).map_err(NodeError::refused)?,
-        false => None,
+    let measured = if config.may_run_live {
+        measure(&mut pipeline, venue, asked).map_err(NodeError::refused)?
+    } else {
+        None
     };
     let workers = measured.map(|it| note_acceleration(it, config, &mut backend, &mut health));
     let cameras = viewpoint.map(|v| v.cameras.clone()).unwrap_or_default();
