@@ -3,6 +3,9 @@
 //! A message that passed is valid in its form; whether it makes sense (a camera that exists, a session that lives) is
 //! for the node to decide.
 
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
 use super::agreement;
 use super::form::sightings;
 use super::live::{LiveStatus, MAX_CLOCK_CORRECTION_US, MAX_EDGES, MAX_NTH_TICK};
@@ -71,22 +74,41 @@ fn check_patch(patch: &PersonPatch) -> Result<(), &'static str> {
     )
 }
 
+/// Writes a message and what stands behind it from version 2 on.
+fn write_with_nth(
+    message: &impl Serialize,
+    nth_tick: u16,
+    version: u8,
+    bytes: Vec<u8>,
+) -> postcard::Result<Vec<u8>> {
+    let bytes = postcard::to_extend(message, bytes)?;
+    if version < 2 {
+        return Ok(bytes);
+    }
+    postcard::to_extend(&nth_tick, bytes)
+}
+
+/// A message, what stands behind it from version 2 on, else 0, and what follows.
+fn read_with_nth<M: DeserializeOwned>(
+    version: u8,
+    bytes: &[u8],
+) -> postcard::Result<(M, u16, &[u8])> {
+    let (message, rest) = postcard::take_from_bytes(bytes)?;
+    let (nth_tick, rest) = match version {
+        ..=1 => (0, rest),
+        2.. => postcard::take_from_bytes(rest)?,
+    };
+    Ok((message, nth_tick, rest))
+}
+
 impl Message for BoxSet {
     fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
-        let bytes = postcard::to_extend(self, bytes)?;
-        if version < 2 {
-            return Ok(bytes);
-        }
         let every_nth_tick = self.live.map_or(0, |live| live.every_nth_tick);
-        postcard::to_extend(&every_nth_tick, bytes)
+        write_with_nth(self, every_nth_tick, version, bytes)
     }
 
     fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
-        let (mut set, rest) = postcard::take_from_bytes::<Self>(bytes)?;
-        if version < 2 {
-            return Ok((set, rest));
-        }
-        let (every_nth_tick, rest) = postcard::take_from_bytes(rest)?;
+        let (mut set, every_nth_tick, rest) = read_with_nth::<Self>(version, bytes)?;
         if let Some(live) = &mut set.live {
             live.every_nth_tick = every_nth_tick;
         }
@@ -216,20 +238,12 @@ fn check_pose(pose: &PersonPose) -> Result<(), &'static str> {
 
 impl Message for Status {
     fn write(&self, version: u8, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
-        let bytes = postcard::to_extend(self, bytes)?;
-        if version < 2 {
-            return Ok(bytes);
-        }
         let needed_nth_tick = self.live.as_ref().map_or(0, |live| live.needed_nth_tick);
-        postcard::to_extend(&needed_nth_tick, bytes)
+        write_with_nth(self, needed_nth_tick, version, bytes)
     }
 
     fn read(version: u8, bytes: &[u8]) -> postcard::Result<(Self, &[u8])> {
-        let (mut status, rest) = postcard::take_from_bytes::<Self>(bytes)?;
-        if version < 2 {
-            return Ok((status, rest));
-        }
-        let (needed_nth_tick, rest) = postcard::take_from_bytes(rest)?;
+        let (mut status, needed_nth_tick, rest) = read_with_nth::<Self>(version, bytes)?;
         if let Some(live) = &mut status.live {
             live.needed_nth_tick = needed_nth_tick;
         }
