@@ -1,4 +1,4 @@
-//! One thing that speaks against what somebody gave, of whatever kind: whom it is about, how bad it is, what mends it.
+//! What is wrong or doubtful about an input: how severe it is, what was found, and the remedy.
 
 use std::fmt;
 
@@ -56,7 +56,7 @@ impl fmt::Display for Advice {
     }
 }
 
-/// One thing that speaks against a calibration; a table of its own says which `Cause`s there are.
+/// One thing that speaks against a calibration. Each module that looks for such things lists its `Cause`s.
 ///
 /// Reads as ``camera `ne`: it stands 1.2 m under the floor, expected above it; ...``.
 #[derive(Debug, Clone, PartialEq)]

@@ -67,7 +67,7 @@ impl CameraRecord {
 
 /// How sure a remark of an import is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[serde(into = "&'static str")]
 pub enum RemarkKind {
     /// The file does not say it, and something had to be taken.
     Assumed,
@@ -86,6 +86,12 @@ impl RemarkKind {
             Self::Corrected => "corrected",
             Self::Doubtful => "doubtful",
         }
+    }
+}
+
+impl From<RemarkKind> for &'static str {
+    fn from(kind: RemarkKind) -> Self {
+        kind.name()
     }
 }
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use farfield_calibration::points::PointCalibration;
 use farfield_calibration::report::{CameraReport, PeopleReport};
 use farfield_proto::calibration::Calibration;
-use farfield_proto::plausibility::{self, Severity};
+use farfield_proto::plausibility;
 use farfield_proto::venue::Venue;
 
 /// What was found, the file of it, and all that speaks against it.
@@ -30,11 +30,12 @@ impl<'a> JudgedCalibration<'a> {
             Err(refusal) => refusals.push(refusal),
             Ok(venue) => {
                 for finding in plausibility::of_venue(&venue) {
-                    let told = match finding.severity {
-                        Severity::Wrong => &mut refusals,
-                        Severity::Doubtful | Severity::Note => &mut doubts,
+                    let list = if finding.is_wrong() {
+                        &mut refusals
+                    } else {
+                        &mut doubts
                     };
-                    told.push(finding.to_string());
+                    list.push(finding.to_string());
                 }
             }
         }

@@ -97,7 +97,7 @@ impl DemoScript {
     }
 }
 
-/// How many ticks are shown where nobody says it: what takes about a minute on two cores.
+/// How many ticks run without `--ticks`: what takes about a minute on two cores.
 fn usual_ticks(args: &DemoArgs) -> u32 {
     let is_slow =
         || InferenceBackend::start(BackendChoice::Best).is_ok_and(InferenceBackend::is_tract);

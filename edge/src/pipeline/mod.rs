@@ -320,8 +320,8 @@ impl EdgePipeline {
 
     /// For how many of these people a step with second crops may cut one.
     pub fn count_second_crops(persons: &[PersonBoxes]) -> usize {
-        let is_turned = |person: &&PersonBoxes| person.cameras.iter().any(is_turned);
-        persons.iter().filter(is_turned).count()
+        let may_have_two = |person: &&PersonBoxes| person.cameras.iter().any(is_turned);
+        persons.iter().filter(may_have_two).count()
     }
 
     /// What was left out so far of each camera that showed people beyond the part of its view that is used.

@@ -98,11 +98,9 @@ pub struct RateController {
     room_since_us: Option<Micros>,
     /// Fusion's plan: all edges work only on ticks that this divides.
     common_nth: u16,
-    /// What the edge would do without it.
-    needed_nth: u16,
-    /// The same when somebody was in sight last.
-    last_nth: u16,
-    /// Whether it goes on with more ticks than it would take up.
+    /// n, where the edge would work on every n-th tick without it: of the last tick with people.
+    own_nth: u16,
+    /// What the last plan wishes of the time.
     wish: Wish,
     /// The persons of the last plan.
     asked: usize,
@@ -148,8 +146,7 @@ impl RateController {
             overload: None,
             room_since_us: None,
             common_nth: 1,
-            needed_nth: 0,
-            last_nth: 0,
+            own_nth: 0,
             wish: Wish::Begin,
             asked: 0,
         }
@@ -162,7 +159,7 @@ impl RateController {
 
     /// n, where the edge would work on every n-th tick without a plan of fusion; 0: there is nobody to work on.
     pub fn needed_nth(&self) -> u16 {
-        self.needed_nth
+        if self.asked > 0 { self.own_nth } else { 0 }
     }
 
     /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones.
@@ -302,8 +299,8 @@ impl RateController {
             level = finer.unwrap_or(level);
             self.room_since_us = None;
         }
-        self.need(level, per_tick, persons);
-        let every_nth = self.needed_nth.max(1).next_multiple_of(self.common_nth);
+        let needed_nth = self.need(level, per_tick, persons);
+        let every_nth = needed_nth.max(1).next_multiple_of(self.common_nth);
         let ticks = f64::from(every_nth);
         let share = |persons| self.share(level, per_tick, persons);
         let is_less = every_nth > 1 || share(persons) > 1.0;
@@ -364,17 +361,18 @@ impl RateController {
         finer
     }
 
-    /// Finds the n that the edge needs. It does not leave more ticks out than it does while what it does can be borne.
-    fn need(&mut self, level: CompressionLevel, per_tick: f64, persons: usize) {
+    /// The n that the edge needs; 0 without `persons`. While what it does can be borne it leaves no more ticks out.
+    fn need(&mut self, level: CompressionLevel, per_tick: f64, persons: usize) -> u16 {
         self.wish = Wish::Begin;
-        self.needed_nth = self.needed(level, per_tick, persons);
-        if (1..self.needed_nth).contains(&self.last_nth) {
+        let mut nth = self.needed(level, per_tick, persons);
+        if (1..nth).contains(&self.own_nth) {
             self.wish = Wish::GoOn;
-            self.needed_nth = self.last_nth.max(self.needed(level, per_tick, persons));
+            nth = self.own_nth.max(self.needed(level, per_tick, persons));
         }
-        if self.needed_nth > 0 {
-            self.last_nth = self.needed_nth;
+        if nth > 0 {
+            self.own_nth = nth;
         }
+        nth
     }
 
     /// n, where every n-th tick gets most of `persons` through a second; 0 where there are none. What a

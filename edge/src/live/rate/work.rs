@@ -1,15 +1,16 @@
 //! How many people the edge has time for, beside what its link carries.
 //!
 //! The time of a tick is measured as that of a round: as many crops as there are workers of the network take as long as
-//! one. The plan must not swing between two rates: for more ticks counts the slowest of the last seconds, for fewer their mean.
+//! one. The plan must not swing between two rates. So the slowest mean of the last seconds decides whether an edge takes more ticks
+//! up, and the mean of all decides whether it leaves more out.
 
 use super::super::{Micros, SECOND_US};
 
 /// Share of its time that an edge plans with. Ticks vary: four edges on two cores at 0.9 dropped every third tick of their plan,
 /// each another one, and fusion had one view where it needs two.
 pub const PLANNED: f64 = 0.75;
-/// Share of its time that ticks may take before an edge leaves more of them out than it does: an edge that changed at one share swung
-/// between 15 and 7.5 Hz.
+/// Share of its time that ticks may take before an edge leaves more of them out. With one share for both, an edge swung between 15
+/// and 7.5 Hz.
 const BEARABLE: f64 = 0.95;
 /// Rounds of which the mean is taken, but for those that took longest: another program has held them up.
 const ROUNDS: usize = 12;
@@ -18,7 +19,7 @@ const HELD_UP: usize = 1;
 /// and does not swing within less.
 const WINDOW_US: Micros = 3 * SECOND_US;
 
-/// What an edge would do.
+/// What an edge would do with its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Wish {
     /// Take up so many ticks.
@@ -129,10 +130,10 @@ mod tests {
 
     const PERIOD_US: Micros = 16_667;
 
-    /// What ticks of `persons` cost, each of which takes `persons_us`, from tick `from` on.
-    fn feed(work: &mut Work, persons: usize, persons_us: u32, from: i64, ticks: i64) {
+    /// What ticks of `crops` cost, each of which takes `tick_us`, from tick `from` on.
+    fn feed(work: &mut Work, crops: usize, tick_us: u32, from: i64, ticks: i64) {
         for tick in from..from + ticks {
-            work.add(persons, persons_us, tick * PERIOD_US);
+            work.add(crops, tick_us, tick * PERIOD_US);
         }
     }
 

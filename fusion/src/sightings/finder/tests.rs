@@ -62,7 +62,7 @@ fn four(noise: &mut Noise) -> Vec<BodyPoints> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
-    /// With 5 px one look in some thousand finds nobody at the field's ends.
+    /// With 5 px of noise, one detection pass in some thousands misses a person at the field's ends.
     #[test]
     fn one_person_is_found_wherever_it_stands(
         seed in any::<u64>(), x in -2.5f64..2.5, y in -1.8f64..1.8, noise_px in 2.0f64..4.0,
