@@ -1,5 +1,7 @@
 //! Tests of finding new people in sightings.
 
+use std::ops::Range;
+
 use farfield_proto::id::CameraIndex;
 use farfield_proto::keypoints::KeypointSet;
 use nalgebra::{Point3, Rotation3};
@@ -12,6 +14,10 @@ use crate::sightings::fixture::{TestHall, hall, hall_of_sixteen, looking_at_the_
 /// Mean error of a keypoint that 2 to 4 cameras see with 5 px of noise at 5 to 9 m (27 to 45 mm
 /// per view and axis), metres.
 const FOUND_WITHIN_M: f64 = 0.06;
+
+/// Noise of keypoints with which no detection pass misses anyone, standard deviations in pixels. Above 4.4 px one pass in
+/// some thousands misses a person at the field's ends.
+const NOISE_PX: Range<f64> = 2.0..4.0;
 
 type BodyPoints = Vec<Vector3<f64>>;
 
@@ -62,10 +68,9 @@ fn four(noise: &mut Noise) -> Vec<BodyPoints> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
-    /// With 5 px of noise, one detection pass in some thousands misses a person at the field's ends.
     #[test]
     fn one_person_is_found_wherever_it_stands(
-        seed in any::<u64>(), x in -2.5f64..2.5, y in -1.8f64..1.8, noise_px in 2.0f64..4.0,
+        seed in any::<u64>(), x in -2.5f64..2.5, y in -1.8f64..1.8, noise_px in NOISE_PX,
     ) {
         let mut noise = Noise(seed);
         let bodies = [standing(x, y, 1.75, &mut noise)];
@@ -73,7 +78,7 @@ proptest! {
     }
 
     #[test]
-    fn four_persons_are_found_and_no_ghost(seed in any::<u64>(), noise_px in 2.0f64..5.0) {
+    fn four_persons_are_found_and_no_ghost(seed in any::<u64>(), noise_px in NOISE_PX) {
         let mut noise = Noise(seed);
         let bodies = four(&mut noise);
         check(&find(&hall(), &bodies, noise_px, &mut noise), &bodies)?;
@@ -109,6 +114,19 @@ proptest! {
         let bodies = [upright.iter().map(|p| turn * (p - middle) + middle).collect()];
         check(&find(&hall(), &bodies, 2.0, &mut noise), &bodies)?;
     }
+}
+
+#[test]
+fn with_5_px_of_noise_one_pass_in_200_misses_someone_at_most() {
+    const PASSES: u64 = 2000;
+    let hall = hall();
+    let missed = (0..PASSES).filter(|&seed| {
+        let mut noise = Noise(seed);
+        let bodies = four(&mut noise);
+        check(&find(&hall, &bodies, 5.0, &mut noise), &bodies).is_err()
+    });
+    let missed = missed.count();
+    assert!(missed <= 10, "{missed} of {PASSES}");
 }
 
 #[test]
