@@ -292,8 +292,6 @@ impl Pipeline {
         mark(Stage::Persons);
         self.agreement
             .note_found(group, self.registry.tracks(), &poses);
-        self.agreement
-            .note_given(group.tick, &outcome.events, self.registry.tracks());
         mark(Stage::AgreementFound);
         let horizons = std::mem::take(&mut self.horizons);
         let boxes = self.boxes_after(group.tick, &horizons);

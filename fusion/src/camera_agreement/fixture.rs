@@ -2,7 +2,7 @@
 
 #![expect(clippy::cast_possible_wrap, reason = "a few hundred ticks")]
 
-use farfield_proto::camera::{CameraModel, Distortion};
+use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
 use farfield_proto::id::{PersonId, SessionId};
 use farfield_proto::message::{PersonPose, PersonState};
@@ -42,8 +42,6 @@ pub(super) struct Mistake {
     pub(super) rewritten: Option<fn([f32; 2]) -> [f32; 2]>,
     /// What its scores are written as: too low to count.
     pub(super) scores_written: Option<fn(f32) -> f32>,
-    /// Which of the two people it shows alone changes from pass to pass, in an order of its own of this number.
-    pub(super) one_of_two: Option<usize>,
     /// Which of the two people the camera shows alone.
     pub(super) sees_only: Option<usize>,
     /// Whether its crops of the first show the second, and it has none of the second.
@@ -68,8 +66,6 @@ pub(super) struct Hall {
     pub(super) row: Option<f64>,
     /// How far beside the first camera the second hangs, which looks the same way then, metres.
     pub(super) beside_m: Option<f64>,
-    /// Two cameras that have each other's lenses in the calibration: the second zooms, and its sensor sits aside.
-    pub(super) lenses_of: Option<[usize; 2]>,
     /// Whether nobody moves.
     pub(super) still: bool,
     /// Whether both walk the same way.
@@ -87,7 +83,6 @@ impl Default for Hall {
             narrow: false,
             row: None,
             beside_m: None,
-            lenses_of: None,
             still: false,
             one_way: false,
         }
@@ -126,18 +121,14 @@ impl Hall {
             );
             hall.cameras[1].1 = beside;
         }
-        let mut calibrated = hall.cameras.clone();
-        if let Some([first, second]) = self.lenses_of {
-            hall.cameras[second].1 = zoomed_aside(&hall.cameras[second].1);
-            calibrated[first].1 = zoomed_aside(&hall.cameras[first].1);
-        }
         let mut noise = Noise(5);
         let keypoints = KeypointSet::coco17();
         let shape = [
             standing(0.0, 0.0, 1.7, &mut noise),
             standing(0.0, 0.0, 1.85, &mut noise),
         ];
-        let judged = calibrated
+        let judged = hall
+            .cameras
             .iter()
             .enumerate()
             .map(|(i, (viewpoint, model))| JudgedCamera {
@@ -150,7 +141,7 @@ impl Hall {
             all: judged.collect(),
             partners: partners(&keypoints),
             rate_hz: RATE_HZ,
-            models: calibrated.clone(),
+            models: hall.cameras.clone(),
             keypoints: keypoints.clone(),
             field: Field {
                 min_m: [-4.0, -3.0, -0.3],
@@ -173,9 +164,7 @@ impl Hall {
             let in_burst = mistake.late_in_burst.is_none_or(|of| of == burst);
             let late =
                 mistake.late_ticks * i64::from(in_burst) + mistake.later_each_burst * burst as i64;
-            let in_turn = |order: usize| ((4 * burst + tick / 30) >> order) & 1;
-            let only = mistake.one_of_two.map(in_turn).or(mistake.sees_only);
-            if only.is_some_and(|only| only != person) {
+            if mistake.sees_only.is_some_and(|only| only != person) {
                 return vec![None; 17];
             }
             let at = (burst * 600 + tick) as f64 - late as f64;
@@ -233,7 +222,6 @@ impl Hall {
             cameras: Arc::new(cameras),
             samples,
             standing: Standing::of(&[self.stature_m(); 2], vec![[self.floor_m; 2]; 20]),
-            given: GivenPeople::nobody(),
         }
     }
 
@@ -305,22 +293,6 @@ impl Hall {
         let disagreements = self.report().disagreements.into_iter();
         disagreements.map(|d| (d.cameras, d.cause)).collect()
     }
-}
-
-/// The camera with another lens.
-fn zoomed_aside(camera: &CameraModel) -> CameraModel {
-    let mut intrinsics = *camera.intrinsics();
-    intrinsics.fx_px *= 1.04;
-    intrinsics.fy_px *= 1.04;
-    intrinsics.cx_px += 25.0;
-    CameraModel::new(
-        camera.name(),
-        camera.size_px(),
-        intrinsics,
-        Distortion::default(),
-        *camera.camera_from_world(),
-    )
-    .unwrap()
 }
 
 /// Four cameras beside the field, of which two see the half of one person, and two that of the other.

@@ -39,15 +39,6 @@ impl SightLines {
         }
     }
 
-    /// The same lens where the other camera stands.
-    pub(super) fn standing_as(&self, other: &Self) -> Self {
-        Self {
-            center_m: other.center_m,
-            world_from_camera: other.world_from_camera,
-            ..self.clone()
-        }
-    }
-
     /// Those of a camera that has at `turn p + shift_m` what this one has at p (right, down, ahead, metres), with focal lengths
     /// that are so many times as long.
     pub(super) fn displaced(

@@ -6,20 +6,15 @@
 
 pub(super) mod before;
 pub(super) mod changed;
-mod doubled;
 pub(super) mod exchanged;
 mod far_off;
 mod held;
 mod kind_of_lens;
 mod lateness;
-mod lenses_swapped;
 mod numbers;
-mod one_person_each;
-mod one_world;
 mod permuted;
 mod pictures;
 mod pictures_of_all;
-mod places_swapped;
 pub(super) mod sides;
 #[cfg(test)]
 mod tests;
@@ -242,8 +237,6 @@ impl<'a> Judge<'a> {
         let points = self.lens_points(&bursts, &samples);
         let points = points.as_ref();
         self.find_permuted(&mut report.disagreements, told);
-        self.find_lenses_swapped(points, &mut report.disagreements, told);
-        self.find_places_swapped(&mut report.disagreements, told);
         for group in self.groups(told) {
             self.judge_group(&group, points, &mut report.disagreements, told);
         }
@@ -277,7 +270,6 @@ impl<'a> Judge<'a> {
         if let Some(points) = points {
             self.find_other_lenses(points, &mut report.disagreements, told);
         }
-        self.find_poses_elsewhere(&mut report.disagreements);
     }
 
     /// What tells of lenses, where somebody moved.

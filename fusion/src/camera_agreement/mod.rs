@@ -42,7 +42,6 @@ use farfield_proto::id::ViewpointIndex;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
 use farfield_proto::message::agreement::{AgreementVerdict, CameraAgreement};
-use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::order_statistics::reached_by;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
@@ -50,7 +49,7 @@ use farfield_proto::venue::{Field, Venue};
 
 pub use self::judge::before::JudgedBefore;
 pub use self::report::{
-    AgreementReport, CameraDetails, Disagreement, DisagreementCause, FloorAxis, KeypointExchange,
+    AgreementReport, CameraDetails, Disagreement, DisagreementCause, KeypointExchange,
     PictureOfAll, SightedReport,
 };
 
@@ -58,7 +57,6 @@ use self::geometry::SightLines;
 use self::judge::changed::tell_of_changes;
 use self::judge::exchanged::ExchangeVotes;
 use self::judge::{Judge, sides};
-use self::nobody::given::GivenPeople;
 use self::pairs::Partners;
 use self::samples::Samples;
 use self::standing::Standing;
@@ -104,7 +102,6 @@ pub struct AgreementWatch {
     cameras: Arc<AgreementCameras>,
     samples: Samples,
     standing: Standing,
-    given: GivenPeople,
 }
 
 /// What was kept, for whoever judges it.
@@ -113,7 +110,6 @@ pub struct AgreementSamples {
     cameras: Arc<AgreementCameras>,
     samples: Samples,
     standing: Standing,
-    given: GivenPeople,
 }
 
 impl AgreementWatch {
@@ -145,18 +141,12 @@ impl AgreementWatch {
                 births: venue.parameters.births.clone(),
             }),
             standing: Standing::new(keypoints, venue),
-            given: GivenPeople::of(venue),
         }
     }
 
     /// Keeps what crops show of the people who are followed at `tick`; before their peaks are assigned.
     pub(crate) fn note_views(&mut self, tick: Tick, tracks: &[Track]) {
         self.samples.note_views(tick, tracks);
-    }
-
-    /// Keeps what became of those who are given by hand.
-    pub(crate) fn note_given(&mut self, tick: Tick, events: &[IdentityEvent], tracks: &[Track]) {
-        self.given.note(tick, events, tracks);
     }
 
     /// Keeps whom a detection pass found, where people are, and now and then how tall those are who are followed, and how
@@ -185,7 +175,6 @@ impl AgreementWatch {
             cameras: Arc::clone(&self.cameras),
             samples: self.samples.so_far(),
             standing: self.standing.clone(),
-            given: self.given.clone(),
         }
     }
 }
@@ -210,13 +199,10 @@ impl AgreementSamples {
         let mut votes = ExchangeVotes::default();
         report.sighted = self.sighted(&mut votes, before);
         let of_all = judge
-            .picture_of_all(&report)
-            .or_else(|| self.all_keypoints(&votes, &report))
-            .or_else(|| judge.one_person_each(&report));
-        match of_all {
-            Some(cause) => self.tell_of_all(cause, &mut report),
-            None if judge.tell_of_worlds(&mut report) => {}
-            None => judge.tell_of_doubled(&mut report),
+            .picture_of_all()
+            .or_else(|| self.all_keypoints(&votes, &report));
+        if let Some(cause) = of_all {
+            self.tell_of_all(cause, &mut report);
         }
         // Where anything else is wrong people stand wherever that puts them.
         let is_alone = report.disagreements.is_empty();
@@ -239,10 +225,9 @@ impl AgreementSamples {
         let is_of_lenses = is_alone || factor.is_some() && report.disagreements.len() == 1;
         let scale = standing.doubtful_scale(factor.unwrap_or(1.0), is_of_lenses);
         let scale = scale.filter(|_| is_whole);
-        let of_people = scale.or_else(floor).into_iter();
-        for cause in of_people.chain(self.given.unseen()) {
-            report.disagreements.push(self.of_all(cause));
-        }
+        report
+            .disagreements
+            .extend(scale.or_else(floor).map(|cause| self.of_all(cause)));
         tell_of_changes(&self.cameras, &self.samples, &mut report);
         report
     }
@@ -270,17 +255,9 @@ impl AgreementSamples {
             return Some(DisagreementCause::ExchangedKeypoints { exchange });
         }
         let partners = self.cameras.partners.iter().enumerate();
-        let always = sides::are_exchanged(&report.sighted.diagnosis).then(|| {
-            DisagreementCause::KeypointOrder {
-                moved: partners.filter(|(own, other)| own != *other).count(),
-                sides: true,
-            }
-        });
-        // Where cameras do not agree bodies are put together of several people.
-        let is_of_no_camera = |told: &Disagreement| told.cameras.is_empty();
-        always.or_else(|| {
-            let at_times = sides::are_exchanged_at_times(votes);
-            at_times.filter(|_| report.disagreements.iter().all(is_of_no_camera))
+        sides::are_exchanged(&report.sighted.diagnosis).then(|| DisagreementCause::KeypointOrder {
+            moved: partners.filter(|(own, other)| own != *other).count(),
+            sides: true,
         })
     }
 

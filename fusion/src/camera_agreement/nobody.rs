@@ -1,7 +1,5 @@
 //! Why nobody was found, or not all, in words.
 
-pub(super) mod given;
-
 use std::cmp::Reverse;
 
 use super::report::{AgreementReport, DisagreementCause, SightedReport};

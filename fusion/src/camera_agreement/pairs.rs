@@ -27,25 +27,6 @@ const DEPTHS: Range<f64> = 0.5..1.4;
 pub(super) const SAME_PERSON_COST: f64 = 0.5;
 /// Least keypoints that two sightings must have in common.
 const MIN_COMMON: usize = 5;
-/// Two sightings that cost more are of two people, whoever else there is.
-const ONE_PERSON_COST: f64 = 0.75;
-
-/// Each of the sightings of the camera that has fewer with that of the other which costs least with it, where that may be of one
-/// person; `cost` is of one of the fewer and one of the more, 0 to 1.
-pub(super) fn best_matches(
-    n_few: usize,
-    n_many: usize,
-    cost: impl Fn(usize, usize) -> Option<f64>,
-) -> Vec<[usize; 2]> {
-    let best = |own: usize| {
-        let costs = (0..n_many).filter_map(|other| Some((cost(own, other)?, other)));
-        let best = costs.min_by(|a, b| a.0.total_cmp(&b.0));
-        let best = best.filter(|(cost, _)| *cost < ONE_PERSON_COST);
-        best.map(|(_, other)| [own, other])
-    };
-    (0..n_few).filter_map(best).collect()
-}
-
 /// What a distance between two lines of sight costs, 0 to 1.
 pub(super) fn cost(gap_m: f64) -> f64 {
     if gap_m.is_finite() {
@@ -166,18 +147,6 @@ impl PairAgreement {
         Self::where_it_counts(a, b, |(one, by), (other, other_by)| {
             must_be_seen((one, by), other_by) || must_be_seen((other, other_by), by)
         })
-    }
-
-    /// What it costs, 0 to 1, to take the first sighting of each for one person: of every pass in which enough is in both.
-    pub(super) fn of_single(a: &CameraRays, b: &CameraRays) -> Vec<f64> {
-        let n_passes = a.of_pass.len().min(b.of_pass.len());
-        let of_pass = |pass: usize| {
-            let (of_a, of_b) = (a.of_pass[pass].first()?, b.of_pass[pass].first()?);
-            let costs = meetings((a, b), [of_a, of_b]).map(|met| cost(met.gap_m));
-            let costs: Vec<f64> = costs.collect();
-            (costs.len() >= MIN_COMMON).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
-        };
-        (0..n_passes).filter_map(of_pass).collect()
     }
 
     /// The mean of what each of these others costs beside one camera, of those that have enough keypoints in common with it.

@@ -184,11 +184,6 @@ pub enum DisagreementCause {
         /// Which.
         exchange: KeypointExchange,
     },
-    /// Left and right are exchanged in the keypoints of all cameras alike for some of the time.
-    SidesAtTimes {
-        /// For which share of it, 0 to 1.
-        share: f64,
-    },
     /// The keypoints are where people are, and have scores that are too low to count: of some cameras, or of all.
     LowScores {
         /// Which share of them, of those bodies of which most are so, 0 to 1.
@@ -236,10 +231,6 @@ pub enum DisagreementCause {
         /// By what, degrees.
         degrees: f64,
     },
-    /// Two cameras have each other's lenses: the matrix and the distortions of the calibration, not where they stand.
-    LensesSwapped,
-    /// Two cameras have each other's places: rotation and translation of the calibration, not the lenses.
-    PlacesSwapped,
     /// Lenses are of the other kind than calibrated: of one camera, or of all that are called that kind.
     LensKind {
         /// Whether they seem to be fisheyes, and are not called so.
@@ -270,51 +261,8 @@ pub enum DisagreementCause {
         /// Where the floor is, world z, metres.
         floor_m: f64,
     },
-    /// Every camera shows one person at a time, and not always the same one.
-    OnePersonEach,
-    /// Everybody is followed twice: these cameras show them at another place than the others do.
-    Doubled {
-        /// How far apart the two places are, metres, the median of those who tell.
-        apart_m: f64,
-    },
-    /// Lengths along x and along y have not the same scale in the calibration: where cameras stand in one direction was measured
-    /// too short.
-    AxisScale {
-        /// What a length along x is as a factor of what it should be beside one along y.
-        x_over_y: f64,
-        /// The axis along which lengths are wrong; `None` where it is only known that they are not alike.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        axis: Option<FloorAxis>,
-    },
-    /// These cameras were calibrated with another origin than the others: all of them show people beside where those do.
-    TwoOrigins {
-        /// How far apart the two origins are, metres.
-        apart_m: f64,
-    },
-    /// People are followed beside where all cameras show them, which agree with each other.
-    PosesElsewhere {
-        /// What keypoints cost against poses, 0 to 1: one half where they are 6 cm apart.
-        cost: f64,
-    },
-    /// Somebody is given by hand where no two viewpoints saw anybody then.
-    GivenUnseen {
-        /// When.
-        tick: i64,
-        /// Where: the middle of the keypoints, world x and y, metres.
-        at_m: [f64; 2],
-    },
     /// None of these explains it.
     Unexplained,
-}
-
-/// An axis of the world along the floor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FloorAxis {
-    /// That of world x.
-    X,
-    /// That of world y.
-    Y,
 }
 
 /// What is in the place of what.

@@ -2,11 +2,9 @@
 
 mod keypoints;
 mod standing;
-mod worlds;
 
-use self::keypoints::{exchanged, low_scores, other_picture, picture_of_all, sides_at_times};
+use self::keypoints::{exchanged, low_scores, other_picture, picture_of_all};
 use self::standing::{floor_height, scale_of_subjects, world_scale, world_tilted};
-use self::worlds::{axis_scale, doubled, two_origins};
 use super::report::DisagreementCause;
 
 /// What was found of these cameras, and the remedy.
@@ -51,7 +49,6 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
                 .to_owned(),
         ),
         DisagreementCause::ExchangedKeypoints { exchange } => exchanged(exchange),
-        DisagreementCause::SidesAtTimes { share } => sides_at_times(share),
         DisagreementCause::LowScores { share } => low_scores(cameras, share),
         DisagreementCause::PictureOfAll { change } => picture_of_all(change),
         DisagreementCause::OtherPicture { change } => other_picture(first, change),
@@ -62,10 +59,8 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
             distance_m,
             degrees,
         } => moved(first, distance_m, degrees),
-        DisagreementCause::LensesSwapped => lenses_swapped(first, second),
         DisagreementCause::Frozen { since_tick } => frozen(first, since_tick, rate_hz),
         DisagreementCause::Silent { since_tick } => silent(first, since_tick, rate_hz),
-        DisagreementCause::PlacesSwapped => places_swapped(first, second),
         DisagreementCause::LensKind { fisheye } => lens_kind(cameras, fisheye),
         DisagreementCause::WorldScale {
             stature_m,
@@ -81,12 +76,6 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         } => scale_of_subjects(stature_m, range_m, expected_m),
         DisagreementCause::WorldTilted { degrees } => world_tilted(degrees),
         DisagreementCause::FloorHeight { above_m, floor_m } => floor_height(above_m, floor_m),
-        DisagreementCause::OnePersonEach => one_person_each(),
-        DisagreementCause::Doubled { apart_m } => doubled(cameras, apart_m),
-        DisagreementCause::AxisScale { x_over_y, axis } => axis_scale(x_over_y, axis),
-        DisagreementCause::TwoOrigins { apart_m } => two_origins(cameras, apart_m),
-        DisagreementCause::PosesElsewhere { .. } => poses_elsewhere(),
-        DisagreementCause::GivenUnseen { tick, at_m: [x, y] } => given_unseen(tick, [x, y]),
         DisagreementCause::Unexplained => unexplained(cameras),
     }
 }
@@ -144,24 +133,6 @@ fn half_turned(first: &str) -> (String, String) {
         )
 }
 
-fn places_swapped(first: &str, second: &str) -> (String, String) {
-    (
-        format!("cameras {first} and {second} seem to have each other's places in the calibration"),
-        "exchange their `rotation` and `translation` there".to_owned(),
-    )
-}
-
-fn given_unseen(tick: i64, [x, y]: [f64; 2]) -> (String, String) {
-    (
-            format!(
-                "the person given at ({x:.2}, {y:.2}) m at tick {tick} was not seen there by two viewpoints: these poses are nobody's"
-            ),
-            "give in `[[person]]` where somebody stands at that tick, in metres of the calibration's world, or take it out where a \
-             detector finds people"
-                .to_owned(),
-        )
-}
-
 fn turned(camera: &str, degrees: f64) -> (String, String) {
     (
         format!(
@@ -177,13 +148,6 @@ fn moved(camera: &str, distance_m: f64, degrees: f64) -> (String, String) {
             "camera {camera} seems to have been moved by {distance_m:.2} m and turned by {degrees:.1} degrees since it was calibrated"
         ),
         "calibrate where it stands again".to_owned(),
-    )
-}
-
-fn lenses_swapped(first: &str, second: &str) -> (String, String) {
-    (
-        format!("cameras {first} and {second} seem to have each other's lenses"),
-        "exchange their `matrix` and `distortions` in the calibration".to_owned(),
     )
 }
 
@@ -276,22 +240,6 @@ fn distortion(cameras: &[String], k1_over: f64) -> (String, String) {
             }
         ),
     )
-}
-
-fn one_person_each() -> (String, String) {
-    (
-            "every camera shows one person at a time, and often not the same one".to_owned(),
-            "keypoints seem to come of a program that follows one person in each recording: let it write everybody in the picture"
-                .to_owned(),
-        )
-}
-
-fn poses_elsewhere() -> (String, String) {
-    (
-            "people are followed beside where cameras show them, although these agree with each other".to_owned(),
-            "look at what the venue file and `--set` say of parameters (`farfield parameters` lists what is usual), at `rate_hz`, at who is given by hand (`[[person]]`), and at what `--overlay` draws"
-                .to_owned(),
-        )
 }
 
 fn frozen(camera: &str, since_tick: i64, rate_hz: f64) -> (String, String) {

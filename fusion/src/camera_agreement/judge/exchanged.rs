@@ -229,8 +229,6 @@ fn exchange(pairs: impl Iterator<Item = (usize, usize)>) -> Places {
 pub(in crate::camera_agreement) struct ExchangeVotes {
     /// Per order of [`Exchange::ALL`].
     orders: Vec<(Exchange, Places, Votes)>,
-    /// Per pass that tells of sides, of how many left and right are exchanged, and of how many they are not.
-    sides_of_passes: Vec<[usize; 2]>,
     passes: usize,
     is_pass_new: bool,
 }
@@ -250,7 +248,6 @@ impl Default for ExchangeVotes {
         let order = |exchange: Exchange| (exchange, exchange.places(), Votes::default());
         Self {
             orders: Exchange::ALL.into_iter().map(order).collect(),
-            sides_of_passes: Vec::new(),
             passes: 0,
             is_pass_new: false,
         }
@@ -271,33 +268,17 @@ impl ExchangeVotes {
         };
         if std::mem::take(&mut self.is_pass_new) {
             self.passes += 1;
-            self.sides_of_passes.push([0; 2]);
         }
         for (exchange, places, votes) in &mut self.orders {
             if let Some(cost) = cost(&places.map(|place| shown[place?])) {
                 let by = exchange.better();
-                let is_better = cost + by < cost_of_names;
-                let is_worse = cost_of_names + by < cost;
                 votes.bodies += 1;
-                votes.better += usize::from(is_better);
-                votes.worse += usize::from(is_worse);
+                votes.better += usize::from(cost + by < cost_of_names);
+                votes.worse += usize::from(cost_of_names + by < cost);
                 votes.cost += cost;
                 votes.cost_of_names += cost_of_names;
-                // Who fits neither is nobody's body.
-                if *exchange == Exchange::AllSides
-                    && cost.min(cost_of_names) < FITS
-                    && let Some([exchanged, right]) = self.sides_of_passes.last_mut()
-                {
-                    *exchanged += usize::from(is_better);
-                    *right += usize::from(is_worse);
-                }
             }
         }
-    }
-
-    /// Of each detection pass of how many bodies left and right are exchanged, and of how many they are not.
-    pub(super) fn sides_of_passes(&self) -> &[[usize; 2]] {
-        &self.sides_of_passes
     }
 
     /// The order that clearly most bodies have, where it is not that of the names.

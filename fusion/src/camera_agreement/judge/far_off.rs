@@ -1,4 +1,4 @@
-//! Sightings that are elsewhere than where people are, whatever the cause: of one camera, or of all.
+//! Sightings of a camera that are elsewhere than where people are, whatever the cause.
 
 use farfield_proto::order_statistics::upper_median;
 
@@ -29,15 +29,6 @@ impl Judge<'_> {
                 told[camera] = true;
                 all.push(self.disagreement(&[camera], DisagreementCause::Unexplained));
             }
-        }
-    }
-
-    /// Poses that are elsewhere than most cameras show people, where nothing else is wrong.
-    pub(super) fn find_poses_elsewhere(&self, all: &mut Vec<Disagreement>) {
-        let far_off = self.usual_cost().filter(|usual| *usual >= FAR_OFF);
-        if let (true, Some(usual)) = (all.is_empty(), far_off) {
-            let cost = (100.0 * usual).round() / 100.0;
-            all.push(self.disagreement(&[], DisagreementCause::PosesElsewhere { cost }));
         }
     }
 

@@ -161,18 +161,6 @@ fn a_roll_of_three_degrees_is_told() {
 }
 
 #[test]
-fn cameras_that_have_each_others_lenses_are_named_and_no_other() {
-    for pair in [[0, 1], [0, 2], [1, 3], [2, 3]] {
-        let hall = Hall {
-            lenses_of: Some(pair),
-            ..Hall::default()
-        };
-        let expected = (names(&pair), DisagreementCause::LensesSwapped);
-        assert_eq!(hall.causes(), [expected], "{pair:?}");
-    }
-}
-
-#[test]
 fn a_zoom_of_a_twentieth_is_no_move_and_a_late_camera_has_not_moved() {
     let zoomed = Mistake {
         focal_factor: 1.05,

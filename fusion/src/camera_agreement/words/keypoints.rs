@@ -73,18 +73,6 @@ fn resized([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
     format!("they agree once they are {}, {why}", words.join(", "))
 }
 
-pub(super) fn sides_at_times(share: f64) -> (String, String) {
-    (
-        format!(
-            "left and right are exchanged in everybody for {:.0} % of the time, as all cameras show them: noses are behind shoulders then",
-            100.0 * share
-        ),
-        "look at the program that wrote the keypoints: does a step after the network (tracking, smoothing, pictures mirrored for it) \
-         exchange the sides of all cameras at times? Write what the network found"
-            .to_owned(),
-    )
-}
-
 pub(super) fn low_scores(cameras: &[String], share: f64) -> (String, String) {
     let of = match cameras {
         [] => "all cameras".to_owned(),

@@ -100,23 +100,6 @@ fn given(sample: &MistakenSample, beside_m: [f64; 2]) -> String {
 }
 
 #[test]
-fn somebody_given_where_nobody_is_is_told_of() {
-    for (beside_m, is_told) in [([0.0, 0.0], false), ([-2.0, 1.2], true)] {
-        let sample = MistakenSample::new();
-        let given = given(&sample, beside_m);
-        let sample = sample.replace("venue.toml", |text| text.to_owned() + &given);
-        let found = sample.disagreements();
-        let causes: Vec<&Value> = found.iter().map(|one| &one["cause"]).collect();
-        let expected = if is_told {
-            vec!["given_unseen"]
-        } else {
-            vec![]
-        };
-        assert_eq!(causes, expected, "{beside_m:?}");
-    }
-}
-
-#[test]
 fn somebody_given_beside_the_field_is_refused() {
     let sample = MistakenSample::new();
     let given = given(&sample, [30.0, 0.0]);

@@ -8,9 +8,6 @@ use super::super::super::report::PictureOfAll;
 /// Changes smaller than this are none: of scale, natural logarithm, and of place, shares of a picture.
 const LEAST_SCALED: f64 = 0.05;
 const LEAST_SHIFTED: f64 = 0.03;
-/// The same of pictures that were cut alone: with right cameras (the sample, the Shelf, four simulated scenes) lines of sight meet
-/// best with a shift of 0.002 at most, and through another lens in all of them with one of 0.011.
-pub(super) const LEAST_CUT: f64 = 0.015;
 /// Logarithms of the scales that are tried: from and to, and how far apart.
 const SCALES: (f64, f64) = (-0.9, 1.7);
 const SCALE_STEP: f64 = 0.06;
@@ -41,8 +38,6 @@ pub(super) enum Deed {
     Scaled,
     /// Squeezed.
     Squeezed,
-    /// Made smaller or larger about their middle: zoomed, or cut all around and made as large as they were.
-    Zoomed,
     /// Cut.
     Cut,
     /// Several of these.
@@ -57,7 +52,7 @@ impl Deed {
     pub(super) fn axes(self) -> &'static [[f64; 4]] {
         match self {
             Self::Turned => &[],
-            Self::Scaled | Self::Zoomed => &[[1.0, 1.0, 0.0, 0.0]],
+            Self::Scaled => &[[1.0, 1.0, 0.0, 0.0]],
             Self::Squeezed => &[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]],
             Self::Cut => &[[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
             Self::Mixed => &[
@@ -94,11 +89,6 @@ impl Change {
         shift: [0.0; 2],
     };
 
-    /// Nothing of this deed yet.
-    pub(super) fn nothing_of(deed: Deed) -> Self {
-        Self { deed, ..Self::NONE }
-    }
-
     /// Whether it makes a mirror image of what is shown.
     pub(super) fn is_reflection(&self) -> bool {
         self.flipped[0] ^ self.flipped[1] ^ self.transposed
@@ -118,13 +108,13 @@ impl Change {
         })
     }
 
-    /// With so much more along an axis of its deed: about the corner, of a zoom and a mixture about the middle of the picture.
+    /// With so much more along an axis of its deed: about the corner, of a mixture about the middle of the picture.
     pub(super) fn with(&self, along: &[f64; 4], by: f64) -> Self {
         let mut changed = *self;
         for axis in 0..2 {
             let factor = libm::exp(by * along[axis]);
             changed.scale[axis] *= factor;
-            if matches!(self.deed, Deed::Mixed | Deed::Zoomed) {
+            if self.deed == Deed::Mixed {
                 changed.shift[axis] = factor * (self.shift[axis] - 0.5) + 0.5;
             }
             changed.shift[axis] += by * along[2 + axis];
@@ -136,12 +126,7 @@ impl Change {
     pub(super) fn name(&self) -> Option<PictureOfAll> {
         let scaled = self.scale.map(|scale| libm::log(scale).abs());
         let is_scaled = scaled.iter().any(|it| *it >= LEAST_SCALED);
-        let least_shifted = if self.deed == Deed::Cut {
-            LEAST_CUT
-        } else {
-            LEAST_SHIFTED
-        };
-        let is_shifted = self.shift.iter().any(|it| it.abs() >= least_shifted);
+        let is_shifted = self.shift.iter().any(|it| it.abs() >= LEAST_SHIFTED);
         let turned = match (self.transposed, self.flipped) {
             (false, [false, false]) => None,
             (false, [true, false]) => Some(PictureOfAll::Mirrored),
@@ -156,7 +141,7 @@ impl Change {
         let [x, y] = self.scale;
         let is_centred = (0..2).all(|axis| {
             let centred = 0.5 * (1.0 - self.scale[axis]);
-            (self.shift[axis] - centred).abs() < least_shifted
+            (self.shift[axis] - centred).abs() < LEAST_SHIFTED
         });
         let is_zoom = is_centred && libm::log(x / y).abs() < LEAST_SCALED;
         let rounded = |value: f64, per: f64| (per * value).round() / per;

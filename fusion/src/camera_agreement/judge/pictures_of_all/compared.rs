@@ -34,7 +34,7 @@ const NOSES_AHEAD: usize = 2;
 pub(super) type Bodies<'a> = Vec<&'a SeenBody>;
 
 /// Their lines of sight by keypoint, zero where it is not seen, and how far they extend one metre away, metres.
-pub(super) type BodyRays = (Vec<Vector3<f64>>, f64);
+type BodyRays = (Vec<Vector3<f64>>, f64);
 
 /// What is compared.
 pub(super) struct Compared<'a> {
@@ -228,7 +228,7 @@ impl Compared<'_> {
         (n > 0).then(|| sum / f64::from(n))
     }
 
-    pub(super) fn rays(
+    fn rays(
         &self,
         pass: &[Bodies<'_>],
         (change, closeness): (&Change, Closeness),
@@ -240,16 +240,6 @@ impl Compared<'_> {
                 .collect()
         };
         pass.iter().enumerate().map(of_camera).collect()
-    }
-
-    /// The same of one sighting: of a pass, a camera, and which of those that it has there.
-    pub(super) fn rays_of(
-        &self,
-        [pass, camera, body]: [usize; 3],
-        by: (&Change, Closeness),
-    ) -> BodyRays {
-        let of = (&self.cameras[camera].lines, self.models[camera]);
-        body_rays(self.passes[pass][camera][body], of, by)
     }
 
     /// How far people extend, by every two cameras that show them, metres.
@@ -310,7 +300,7 @@ fn extent_m(centers_m: [&Vector3<f64>; 2], [a, b]: [&BodyRays; 2]) -> Option<f64
 }
 
 /// What two sightings cost that are of one person; `None` where too few keypoints are in both.
-pub(super) fn cost_of(
+fn cost_of(
     centers_m: [&Vector3<f64>; 2],
     [a, b]: [&BodyRays; 2],
     closeness: Closeness,
