@@ -1,8 +1,6 @@
-//! Who may know whom: crates by their tables of dependencies, modules by the paths in their code.
+//! Which packages may depend on which.
 
 use std::collections::{BTreeMap, BTreeSet};
-
-use farfield_lab::reading::modules::families;
 
 use super::{check, root, workspace};
 
@@ -150,14 +148,6 @@ fn the_operators_command_is_built_without_the_laboratory() {
             .filter_map(told)
             .collect::<Vec<_>>(),
     );
-}
-
-/// Between the children of a module, at any depth: the rule stands at the head of [`families`].
-#[test]
-fn no_modules_know_each_other_in_a_cycle() {
-    let workspace = workspace();
-    assert!(workspace.arrows.len() > 1_000, "the code was read");
-    check(&families::cycles(&workspace.crates, &workspace.arrows));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use farfield_lab::reading::workspace::is_rust;
+use farfield_lab::reading::is_rust;
 
 use super::{check, root, workspace};
 
@@ -64,7 +64,8 @@ fn every_block_of_code_in_the_documentation_says_that_it_is_no_rust() {
     // The manifests say so: nobody would try it.
     let others = ["text", "toml", "json"];
     let mut faults = Vec::new();
-    for (path, file) in &workspace().files {
+    for file in &workspace().files {
+        let path = &file.path;
         let blocks = code_blocks(&file.text).filter(|(_, language)| !others.contains(language));
         faults.extend(blocks.map(|(line, _)| format!("{path}:{line}: an example that is not run")));
     }

@@ -1,20 +1,17 @@
-//! The house rules that no compiler checks: sizes, heads, who may know whom, the purity of the cores, and
-//! that what is written down exists.
-//!
-//! Code is read as syntax ([`farfield_lab::reading`]), so that a `#[cfg(test)] mod tests;` near the head of a
-//! file hides nothing of what follows.
+//! The house rules that no compiler checks: sizes, heads, dependencies between packages, the purity of the
+//! cores, plain English, and that what is written down exists.
 
 mod arrows;
 mod cores;
 mod documents;
-mod left_undone;
+mod plain_english;
 mod same_bits;
 mod sizes;
 
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-use farfield_lab::reading::{OUTSIDE, Workspace};
+use farfield_lab::reading::Workspace;
 
 fn root() -> PathBuf {
     // The package lies two folders below the workspace.
@@ -23,9 +20,8 @@ fn root() -> PathBuf {
 
 /// The workspace, read once for all tests.
 fn workspace() -> &'static Workspace {
-    static WORKSPACE: LazyLock<Workspace> = LazyLock::new(|| {
-        Workspace::read(&root(), &OUTSIDE).unwrap_or_else(|error| panic!("{error}"))
-    });
+    static WORKSPACE: LazyLock<Workspace> =
+        LazyLock::new(|| Workspace::read(&root()).unwrap_or_else(|error| panic!("{error}")));
     &WORKSPACE
 }
 

@@ -1,8 +1,6 @@
 //! What fusion computes has the same bits on any machine: no function of the C library, which picks another one
 //! by the processor.
 
-use std::collections::BTreeSet;
-
 use super::{check, workspace};
 
 /// What must: maps decoded and solved, cameras calibrated, poses exported.
@@ -35,30 +33,20 @@ fn called(line: &str) -> Option<&'static str> {
 #[test]
 fn fusion_computes_with_no_function_of_the_c_library() {
     let mut faults = Vec::new();
-    let modules = workspace()
-        .crates
-        .iter()
-        .flat_map(|crate_| crate_.modules.values());
-    let is_same = |file: &&str| SAME.iter().any(|folder| file.starts_with(folder));
-    let files: BTreeSet<&str> = modules
-        .filter(|module| !module.test)
-        .map(|module| module.file.as_str())
-        .filter(is_same)
-        .collect();
-    assert!(files.len() > 100, "proto and fusion were read");
-    for path in files {
-        let file = &workspace().files[path];
-        for (index, line) in file.text.lines().enumerate() {
-            let found = called(line).filter(|_| !file.is_test_line(index + 1));
-            faults.extend(found.map(|name| {
+    let files = workspace().files.iter();
+    let mut read = 0;
+    for file in files.filter(|file| SAME.iter().any(|folder| file.path.starts_with(folder))) {
+        read += 1;
+        for (number, line) in file.source() {
+            faults.extend(called(line).map(|name| {
                 format!(
-                    "{}:{}: {name} of the C library, not of libm",
-                    path,
-                    index + 1
+                    "{}:{number}: {name} of the C library, not of libm",
+                    file.path
                 )
             }));
         }
     }
+    assert!(read > 100, "proto and fusion were read");
     check(&faults);
 }
 

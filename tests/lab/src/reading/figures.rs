@@ -1,57 +1,20 @@
 //! The project's figures, each beside its goal.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
 
-use super::modules::families;
-use super::modules::tree::Role;
-use super::sizes::Sizes;
-use super::syntax::code_file::CodeFile;
-use super::type_names;
-use super::workspace::Workspace;
+use super::{RustFile, Workspace};
 
-/// The most lines of a file, tests left out: one that is longer has a second subject in it.
+/// Most lines of a file without its tests: one that is longer has a second subject.
 pub const MAX_FILE_LINES: usize = 700;
-/// The most lines of a function.
-pub const MAX_FUNCTION_LINES: usize = 80;
-/// The most Rust files of a folder: a reader does not keep more in mind.
+/// Most Rust files of a folder: a reader cannot keep more in mind.
 pub const MAX_FILES_OF_FOLDER: usize = 20;
-
-/// Lines of a package, or of all.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct LineCounts {
-    source: usize,
-    tests: usize,
-    examples: usize,
-}
-
-fn lines(workspace: &Workspace, package: Option<&str>) -> LineCounts {
-    let own = |role| workspace.files_of(package, role);
-    let whole = |role| {
-        own(role)
-            .map(|file| file.text.lines().count())
-            .sum::<usize>()
-    };
-    let within: usize = own(Role::Source).map(CodeFile::lines_of_tests).sum();
-    LineCounts {
-        source: own(Role::Source).map(CodeFile::lines).sum(),
-        tests: whole(Role::Test) + within,
-        examples: whole(Role::Example),
-    }
-}
-
-/// The folders with more Rust files than [`MAX_FILES_OF_FOLDER`], with how many they have.
-pub fn full_folders(workspace: &Workspace) -> Vec<(String, usize)> {
-    let mut folders: BTreeMap<String, usize> = BTreeMap::new();
-    for path in workspace.files.keys() {
-        let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
-        *folders.entry(folder.to_owned()).or_default() += 1;
-    }
-    let full = folders
-        .into_iter()
-        .filter(|(_, n)| *n > MAX_FILES_OF_FOLDER);
-    full.collect()
-}
+/// A file of fewer lines is small: it may be part of another.
+const SMALL_FILE_LINES: usize = 60;
+/// Words of the private dialect that plain English replaces.
+const DIALECT: [&str; 7] = [
+    "told", "said", "whom", "whoever", "nobody", "somebody", "beside",
+];
 
 /// The figures of a workspace, to be shown.
 pub struct Figures<'a>(pub &'a Workspace);
@@ -59,87 +22,205 @@ pub struct Figures<'a>(pub &'a Workspace);
 impl Display for Figures<'_> {
     fn fmt(&self, text: &mut Formatter<'_>) -> fmt::Result {
         write_lines(text, self.0)?;
-        write_sizes(text, self.0)?;
-        write_shape(text, self.0)?;
-        write_cycles(text, self.0)?;
-        write_names(text, self.0)
+        let workspace = self.0;
+        let source = || workspace.files.iter().filter(|file| !is_test_file(file));
+        let small = source().filter(|file| is_small(file)).count();
+        let longest = source().max_by_key(|file| file.source().count());
+        let longest = longest.map_or(0, |file| file.source().count());
+        let full = full_folders(workspace);
+        let constants = |of: &str| {
+            let own = workspace
+                .files
+                .iter()
+                .filter(|file| file.path.starts_with(of));
+            count(own, is_numeric_constant)
+        };
+        let all = &workspace.files;
+        let pairs = count(all, |line| line.contains("): (") && !line.contains("|("));
+        let wordings = all
+            .iter()
+            .flat_map(RustFile::tests)
+            .filter(|(_, line)| line.contains(".contains(\""));
+        let words = |path: &str| {
+            let text = workspace.texts.get(path);
+            text.map_or(0, |text| text.split_whitespace().count())
+        };
+        let markdown = workspace.texts.keys().filter(|path| is_markdown(path));
+        let markdown: usize = markdown.map(|path| words(path)).sum();
+        let architecture = workspace.texts.get("ARCHITECTURE.md");
+        let widest = architecture.map(|text| text.lines().map(|line| line.chars().count()).max());
+        let rows: [(&str, String, &str); 11] = [
+            ("files", all.len().to_string(), "1,150"),
+            ("small files", small.to_string(), "50"),
+            ("longest file", longest.to_string(), "700"),
+            ("folders of more than 20 files", full.len().to_string(), "0"),
+            (
+                "numeric constants, fusion",
+                constants("fusion/").to_string(),
+                "480",
+            ),
+            ("numeric constants", constants("").to_string(), "1,950"),
+            ("tuple parameters", pairs.to_string(), "40"),
+            ("tests of wording", wordings.count().to_string(), "80"),
+            ("words of Markdown", markdown.to_string(), "36,000"),
+            (
+                "widest line of ARCHITECTURE.md",
+                widest.flatten().unwrap_or(0).to_string(),
+                "120",
+            ),
+            (
+                "words of CHANGELOG.md",
+                words("CHANGELOG.md").to_string(),
+                "500",
+            ),
+        ];
+        for (name, value, goal) in rows {
+            writeln!(text, "{name:<32} {value:>8}    goal <= {goal}")?;
+        }
+        writeln!(
+            text,
+            "{:<32} {:>8.1}    goal < 5",
+            "dialect, per 1,000 comment lines",
+            dialect_per_thousand(workspace)
+        )
     }
 }
 
 fn write_lines(text: &mut Formatter<'_>, workspace: &Workspace) -> fmt::Result {
     writeln!(
         text,
-        "{:<20} {:>8} {:>8} {:>8} {:>8}",
-        "lines", "source", "tests", "examples", "#[test]"
+        "{:<20} {:>8} {:>8} {:>8}",
+        "lines", "source", "tests", "#[test]"
     )?;
-    let packages: BTreeSet<&str> = workspace
-        .packages
-        .iter()
-        .map(|it| it.name.as_str())
+    let manifests = workspace.texts.keys();
+    let packages: Vec<&str> = manifests
+        .filter_map(|path| path.strip_suffix("/Cargo.toml"))
         .collect();
-    for package in packages.iter().copied().map(Some).chain([None]) {
-        let of = lines(workspace, package);
-        let roles = [Role::Source, Role::Test, Role::Example];
-        let files = roles
-            .into_iter()
-            .flat_map(|role| workspace.files_of(package, role));
-        let tests: usize = files.map(|file| file.tests).sum();
-        let name = package.unwrap_or("all");
-        writeln!(
-            text,
-            "{name:<20} {:>8} {:>8} {:>8} {tests:>8}",
-            of.source, of.tests, of.examples
-        )?;
+    let mut folders: BTreeMap<&str, [usize; 3]> = BTreeMap::new();
+    for file in &workspace.files {
+        let is_of = |package: &&str| {
+            let rest = file.path.strip_prefix(*package);
+            rest.is_some_and(|rest| rest.starts_with('/'))
+        };
+        let own = packages.iter().copied().filter(is_of);
+        let own = own.max_by_key(|package| package.len()).unwrap_or(".");
+        let tests = file.text.lines().filter(|line| line.trim() == "#[test]");
+        let counts = [file.source().count(), file.tests().count(), tests.count()];
+        for of in [own, "all"] {
+            let sums = folders.entry(of).or_default();
+            for (sum, n) in sums.iter_mut().zip(counts) {
+                *sum += n;
+            }
+        }
     }
-    let all = lines(workspace, None);
-    let ratio = all.tests as f64 / all.source.max(1) as f64;
-    writeln!(text, "\ntest : source         {ratio:.2}    goal >= 0.60")
+    for (folder, [source, tests, n]) in folders {
+        writeln!(text, "{folder:<20} {source:>8} {tests:>8} {n:>8}")?;
+    }
+    writeln!(text)
 }
 
-fn write_sizes(text: &mut Formatter<'_>, workspace: &Workspace) -> fmt::Result {
-    let source = || workspace.files_of(None, Role::Source);
-    let files = Sizes::of(source().map(CodeFile::lines));
-    let [median, p90, max] = [files.at(0.5), files.at(0.9), files.max()];
-    writeln!(
-        text,
-        "files, lines          median {median}, p90 {p90}, max {max}    goal <= 150 / 350 / {MAX_FILE_LINES}"
-    )?;
-    let functions = Sizes::of(source().flat_map(|file| file.functions.iter().map(|it| it.lines)));
-    let [median, p99, max] = [functions.at(0.5), functions.at(0.99), functions.max()];
-    writeln!(
-        text,
-        "functions, lines      median {median}, p99 {p99}, max {max}    goal <= 9 / 56 / {MAX_FUNCTION_LINES}"
-    )
+fn count<'a>(files: impl IntoIterator<Item = &'a RustFile>, is: impl Fn(&str) -> bool) -> usize {
+    let lines = files.into_iter().flat_map(RustFile::source);
+    lines.filter(|(_, line)| is(line)).count()
 }
 
-fn write_shape(text: &mut Formatter<'_>, workspace: &Workspace) -> fmt::Result {
-    let full = full_folders(workspace);
-    writeln!(
-        text,
-        "folders over {MAX_FILES_OF_FOLDER} files {}    goal 0",
-        full.len()
-    )?;
-    for (folder, files) in full {
-        writeln!(text, "    {folder}: {files}")?;
-    }
-    Ok(())
+fn is_test_file(file: &RustFile) -> bool {
+    file.source().next().is_none()
 }
 
-fn write_cycles(text: &mut Formatter<'_>, workspace: &Workspace) -> fmt::Result {
-    let cycles = families::cycles(&workspace.crates, &workspace.arrows);
-    writeln!(text, "cycles                {}    goal 0", cycles.len())?;
-    for cycle in cycles {
-        let first = cycle.lines().next().unwrap_or_default();
-        writeln!(text, "    {first}")?;
-    }
-    Ok(())
+fn is_small(file: &RustFile) -> bool {
+    let is_head = ["mod.rs", "lib.rs", "main.rs"]
+        .iter()
+        .any(|head| file.path.ends_with(head));
+    !is_head && file.text.lines().count() < SMALL_FILE_LINES
 }
 
-fn write_names(text: &mut Formatter<'_>, workspace: &Workspace) -> fmt::Result {
-    let shared = type_names::shared(workspace.files_of(None, Role::Source));
-    writeln!(text, "type names used twice {}    goal 0", shared.len())?;
-    for (name, places) in shared {
-        writeln!(text, "    {name} x{}: {}", places.len(), places.join(", "))?;
+fn is_markdown(path: &str) -> bool {
+    path.strip_suffix(".md").is_some()
+}
+
+/// Whether a line begins the definition of a named number, or of several.
+fn is_numeric_constant(line: &str) -> bool {
+    const NUMBERS: [&str; 12] = [
+        "f64", "f32", "usize", "u64", "u32", "u16", "u8", "i64", "i32", "Micros", "Duration",
+        "Range<",
+    ];
+    let constant = line.split_once("const ");
+    let Some((name, kind)) = constant.and_then(|(_, it)| it.split_once(": ")) else {
+        return false;
+    };
+    let is_name = |c: char| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_';
+    let kind = kind.trim_start_matches(['[', '(']);
+    let is_parameter = line.contains("<const ");
+    !is_parameter
+        && name.chars().all(is_name)
+        && NUMBERS.iter().any(|number| kind.starts_with(number))
+}
+
+/// The folders of more than [`MAX_FILES_OF_FOLDER`] Rust files, each with its number of files.
+pub fn full_folders(workspace: &Workspace) -> Vec<(String, usize)> {
+    let mut folders: BTreeMap<&str, usize> = BTreeMap::new();
+    for file in &workspace.files {
+        let folder = file.path.rsplit_once('/').map_or("", |(folder, _)| folder);
+        *folders.entry(folder).or_default() += 1;
     }
-    Ok(())
+    let full = folders
+        .into_iter()
+        .filter(|(_, n)| *n > MAX_FILES_OF_FOLDER);
+    full.map(|(folder, n)| (folder.to_owned(), n)).collect()
+}
+
+/// Words of the dialect in all Rust and Markdown files; a name of several words counts by each.
+pub fn dialect(workspace: &Workspace) -> usize {
+    let ours = |path: &str| is_markdown(path) || super::is_rust(path);
+    let texts = workspace.texts.iter().filter(|(path, _)| ours(path));
+    texts.map(|(_, text)| dialect_words(text)).sum()
+}
+
+fn dialect_words(text: &str) -> usize {
+    text.split(|c: char| !c.is_ascii_alphabetic())
+        .filter(|word| DIALECT.iter().any(|it| it.eq_ignore_ascii_case(word)))
+        .count()
+}
+
+fn dialect_per_thousand(workspace: &Workspace) -> f64 {
+    let lines = workspace.files.iter().flat_map(|file| file.text.lines());
+    let comments = lines.filter_map(|line| line.trim_start().strip_prefix("//"));
+    let (mut words, mut n) = (0, 0_usize);
+    for comment in comments {
+        words += dialect_words(comment);
+        n += 1;
+    }
+    1000.0 * words as f64 / n.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numeric_constants_are_found_by_name_and_type() {
+        for line in [
+            "const A: f64 = 1.0;",
+            "    pub(super) const A_2: [usize; 3] = [1, 2, 3];",
+            "const PAIR: (f64, f64) = (1.0, 2.0);",
+        ] {
+            assert!(is_numeric_constant(line), "{line}");
+        }
+        for line in [
+            "const NAME: &str = \"a\";",
+            "fn f<const N: usize>() {",
+            "let a: f64 = 1.0;",
+        ] {
+            assert!(!is_numeric_constant(line), "{line}");
+        }
+    }
+
+    #[test]
+    fn words_of_the_dialect_count_inside_names_and_not_inside_other_words() {
+        assert_eq!(
+            dialect_words("fn is_told() { besides } // Nobody, beside"),
+            3
+        );
+    }
 }

@@ -1,34 +1,46 @@
-//! Reads the project's own Rust code: its sizes, who knows whom, and what is named twice. The tidy test
-//! holds the code to the rules with it, and `lab figures` prints what it finds.
+//! Reads the project's own files: what `lab figures` counts, and what the tidy scenario checks.
 //!
-//! The code is read as syntax, not as text: comments and strings are no code, and whatever stands under
-//! `#[cfg(test)]` is a test wherever it stands, the files that such a `mod` brings in too.
-//!
-//! What is not read: what macros turn into (the paths that are handed to a macro are), methods that are
-//! called on values, and the features under which code is built: all of it counts.
+//! Rust is read as rustfmt formats it, line by line: a `#[cfg(test)]` module ends at the next `}` of its own
+//! indentation, and the file of a `#[cfg(test)] mod x;` is a test with everything below it.
 
 pub mod figures;
 pub mod manifest;
-pub mod modules;
-pub mod sizes;
-pub mod syntax;
-pub mod type_names;
-pub mod workspace;
+mod test_code;
 
-pub use workspace::Workspace;
+use std::collections::BTreeMap;
+use std::path::Path;
 
-/// Manifests of packages that lie in the workspace's folders without being members of it.
-pub const OUTSIDE: [&str; 1] = ["fuzz/Cargo.toml"];
+use walkdir::WalkDir;
 
-/// What keeps the code from being read.
+use self::manifest::Package;
+use self::test_code::{test_lines, test_modules};
+
+/// Folders that hold other people's code, or nothing that is under version control.
+const SKIPPED: [&str; 7] = [
+    ".git",
+    "target",
+    "vendor",
+    "farfield-out",
+    "corpus",
+    "artifacts",
+    "node_modules",
+];
+/// Folders of targets that only developers run.
+const TEST_FOLDERS: [&str; 4] = ["tests", "scenarios", "benches", "fuzz_targets"];
+/// Packages in folders named `tests` that are not tests themselves.
+const SOURCE_UNDER_TESTS: [&str; 3] = ["tests/lab/src/", "tests/sim/src/", "tests/score/src/"];
+/// The manifest of a package that is not a member of the workspace.
+const OUTSIDE: &str = "fuzz/Cargo.toml";
+
+/// Why the code cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// `cargo metadata` did not answer.
     #[error("cargo metadata for {manifest}: {what}")]
     Manifest {
-        /// The manifest that was asked about.
+        /// Path of the manifest.
         manifest: String,
-        /// What cargo said, or what its answer lacks.
+        /// Output of cargo, or what its answer lacks.
         what: String,
     },
     /// A file or folder that cannot be read.
@@ -36,27 +48,116 @@ pub enum ReadError {
     File {
         /// Path of the file.
         path: String,
-        /// Why not.
+        /// The cause.
         source: std::io::Error,
     },
-    /// A file that is no Rust.
-    #[error("{path}:{line}: {what}")]
-    Syntax {
-        /// Path of the file.
-        path: String,
-        /// Line, from 1.
-        line: usize,
-        /// What the parser expected.
-        what: String,
-    },
-    /// A `mod x;` whose file is not there.
-    #[error("{path}:{line}: the file of `mod {name};` is not there")]
-    NoModule {
-        /// Path of the file that declares it.
-        path: String,
-        /// Line, from 1.
-        line: usize,
-        /// Name of the module.
-        name: String,
-    },
+}
+
+/// All text files and packages of a checkout.
+pub struct Workspace {
+    /// The members, and the fuzz targets.
+    pub packages: Vec<Package>,
+    /// Every text file, by its path from the root, with `/` on all systems.
+    pub texts: BTreeMap<String, String>,
+    /// The Rust files among them.
+    pub files: Vec<RustFile>,
+}
+
+/// A Rust file.
+pub struct RustFile {
+    /// Path from the root.
+    pub path: String,
+    /// What is in it.
+    pub text: String,
+    /// By line: whether it is test code.
+    is_test: Vec<bool>,
+}
+
+impl Workspace {
+    /// Reads the checkout at `root`.
+    ///
+    /// # Errors
+    /// [`ReadError`], if something cannot be read.
+    pub fn read(root: &Path) -> Result<Self, ReadError> {
+        let texts = texts(root)?;
+        let rust = || texts.iter().filter(|(path, _)| is_rust(path));
+        let modules: Vec<String> = rust()
+            .flat_map(|(path, text)| test_modules(path, text))
+            .collect();
+        let files = rust().map(|(path, text)| RustFile::new(path, text, &modules));
+        let mut packages = manifest::packages(&root.join("Cargo.toml"))?;
+        packages.extend(manifest::packages(&root.join(OUTSIDE))?);
+        Ok(Self {
+            packages,
+            files: files.collect(),
+            texts,
+        })
+    }
+}
+
+impl RustFile {
+    fn new(path: &str, text: &str, test_modules: &[String]) -> Self {
+        let is_of = |module: &String| {
+            let rest = path.strip_prefix(module.as_str());
+            rest.is_some_and(|rest| rest == ".rs" || rest.starts_with('/'))
+        };
+        let folders = SOURCE_UNDER_TESTS
+            .iter()
+            .find_map(|root| path.strip_prefix(root))
+            .unwrap_or(path);
+        let is_in_folder = folders.split('/').any(|it| TEST_FOLDERS.contains(&it));
+        let is_test = if is_in_folder || test_modules.iter().any(is_of) {
+            vec![true; text.lines().count()]
+        } else {
+            test_lines(text)
+        };
+        Self {
+            path: path.to_owned(),
+            text: text.to_owned(),
+            is_test,
+        }
+    }
+
+    /// The lines that are not test code, each with its number from 1.
+    pub fn source(&self) -> impl Iterator<Item = (usize, &str)> {
+        self.lines(false)
+    }
+
+    /// The lines of test code, each with its number from 1.
+    pub fn tests(&self) -> impl Iterator<Item = (usize, &str)> {
+        self.lines(true)
+    }
+
+    fn lines(&self, of_tests: bool) -> impl Iterator<Item = (usize, &str)> {
+        let lines = self.text.lines().zip(&self.is_test).enumerate();
+        lines
+            .filter(move |(_, (_, is_test))| **is_test == of_tests)
+            .map(|(index, (line, _))| (index + 1, line))
+    }
+}
+
+fn texts(root: &Path) -> Result<BTreeMap<String, String>, ReadError> {
+    let is_ours = |name: &std::ffi::OsStr| !SKIPPED.iter().any(|it| name == *it);
+    let walk = WalkDir::new(root).into_iter();
+    let mut texts = BTreeMap::new();
+    for entry in walk.filter_entry(|entry| is_ours(entry.file_name())) {
+        let entry = entry.map_err(|error| ReadError::File {
+            path: root.display().to_string(),
+            source: error.into(),
+        })?;
+        if !entry.file_type().is_file() {
+            continue;
+        }
+        // What is not UTF-8 is not text.
+        if let Ok(text) = std::fs::read_to_string(entry.path()) {
+            let path = entry.path().strip_prefix(root).unwrap_or(entry.path());
+            texts.insert(path.to_string_lossy().replace('\\', "/"), text);
+        }
+    }
+    Ok(texts)
+}
+
+/// Whether this is the path of a Rust file.
+pub fn is_rust(path: &str) -> bool {
+    Path::new(path).extension().is_some_and(|it| it == "rs")
 }
