@@ -17,5 +17,5 @@ pub use self::merge::{merged, thinned_out};
 pub use self::plan::{TilePlan, plan};
 
 /// Height of a standing person in a detector's input, pixels, from which no finer window is needed: the smaller people
-/// are, the more of them small detectors miss (for the embedded one, `tests/network/README.md` has the shares by size).
+/// are, the more of them small detectors miss (for the embedded one, `sim/network/README.md` has the shares by size).
 pub const TALL_ENOUGH_PX: f64 = 48.0;

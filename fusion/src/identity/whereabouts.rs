@@ -16,7 +16,7 @@
 //! there at random, as who waits, works or keeps to a part of the field; the others may be anywhere that far, and in the
 //! end everybody may.
 //!
-//! The numbers of the way, G and g are fitted on runs through corners and around them (`tests/scenes/lost.toml` and the like,
+//! The numbers of the way, G and g are fitted on runs through corners and around them (`sim/scenes/lost.toml` and the like,
 //! everybody withheld for 0.3 to 1 s). A, D and U are chosen: so that four walkers who stay within two metres keep their
 //! ids while nobody looks for five seconds (`lab faults fusion-down`), and that after 40 s a place tells nothing.
 

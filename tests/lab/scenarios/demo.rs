@@ -153,7 +153,7 @@ fn the_demo_with_pixels_reads_its_pictures_with_the_network_it_carries() {
 fn a_simulated_recording_of_keypoints_runs_like_any_other() {
     let dir = tempfile::tempdir().unwrap();
     let (venue, out) = (dir.path().join("venue"), dir.path().join("out"));
-    let scene = checkout().join("tests/scenes/court.toml");
+    let scene = checkout().join("sim/scenes/court.toml");
     let said = farfield(&[
         "simulate".as_ref(),
         scene.as_os_str(),
@@ -207,8 +207,8 @@ fn a_simulated_recording_of_pictures_is_of_the_calibrations_size_and_length() {
 
 /// The court, with pictures so small that they cost nothing.
 fn small_scene(folder: &Path) -> std::path::PathBuf {
-    let text = fs::read_to_string(checkout().join("tests/scenes/court.toml")).unwrap();
-    let clips = checkout().join("tests/clips");
+    let text = fs::read_to_string(checkout().join("sim/scenes/court.toml")).unwrap();
+    let clips = checkout().join("sim/clips");
     let text = text.replace("../clips", clips.to_str().unwrap());
     let size = text
         .lines()

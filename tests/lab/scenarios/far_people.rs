@@ -110,7 +110,7 @@ fn rendered_people_a_hundred_metres_away_are_found_in_tiles_alone() {
     }
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("far.toml");
-    let clips = checkout().join("tests/clips").canonicalize().unwrap();
+    let clips = checkout().join("sim/clips").canonicalize().unwrap();
     std::fs::write(&path, FIELD.replace("CLIPS", clips.to_str().unwrap())).unwrap();
     let scene = Arc::new(without_map_faults(Scene::load(&path).unwrap()));
     for detector in cases(SCENARIO, DETECTORS, 1) {

@@ -29,7 +29,7 @@ fn nothing_is_said_of_the_samples() {
 #[test]
 fn nothing_is_said_of_any_scene() {
     let mut seen = 0;
-    for entry in std::fs::read_dir(checkout().join("tests/scenes")).unwrap() {
+    for entry in std::fs::read_dir(checkout().join("sim/scenes")).unwrap() {
         let path = entry.unwrap().path();
         // The cameras of this one stand in pairs at one place, turned alike: that is worth a word.
         if path.ends_with("stage.toml") {

@@ -44,7 +44,7 @@ height_m = 1.70
 const TWO: &str = "fisheye = [-0.02, 0.005, -0.002, 0.0003]\nfisheye_viewpoints = [\"north-east\", \"south-west\"]";
 
 fn scene(folder: &Path, name: &str, fisheyes: &str) -> PathBuf {
-    let clips = checkout().join("tests/clips").canonicalize().unwrap();
+    let clips = checkout().join("sim/clips").canonicalize().unwrap();
     let path = folder.join(format!("{name}.toml"));
     let text = SCENE
         .replace("CLIPS", clips.to_str().unwrap())

@@ -32,7 +32,7 @@ pub(crate) fn hold_poses(what: &str, out: &Path) {
 fn hold_scene(name: &str) {
     let folder = tempfile::tempdir().unwrap();
     let made = folder.path().join("venue");
-    let scene = checkout().join(format!("tests/scenes/{name}.toml"));
+    let scene = checkout().join(format!("sim/scenes/{name}.toml"));
     let (scene, venue) = (scene.to_str().unwrap(), made.to_str().unwrap());
     let simulated = farfield(&[
         "simulate", scene, "--as", "maps", "--ticks", "0..120", "--out", venue,

@@ -18,8 +18,8 @@ const OFF_PX: f64 = 8.0;
 
 /// The scene of the demo by few and small cameras, as pictures and as keypoints.
 fn simulate(folder: &Path) -> [PathBuf; 2] {
-    let text = fs::read_to_string(checkout().join("tests/scenes/court.toml")).unwrap();
-    let clips = checkout().join("tests/clips");
+    let text = fs::read_to_string(checkout().join("sim/scenes/court.toml")).unwrap();
+    let clips = checkout().join("sim/clips");
     let text = text
         .replace("../clips", clips.to_str().unwrap())
         .replace("viewpoints = 4", "viewpoints = 2")

@@ -11,7 +11,7 @@ use crate::recording::replayed;
 
 /// The demo's court as maps, in `folder`; its venue file.
 fn court(folder: &Path) -> PathBuf {
-    let scene = checkout().join("tests/scenes/court.toml");
+    let scene = checkout().join("sim/scenes/court.toml");
     let (scene, out) = (scene.to_str().unwrap(), folder.join("court"));
     let words = ["simulate", scene, "--as", "maps", "--ticks", "0..300"];
     done(&[&words[..], &["--out", out.to_str().unwrap()]].concat());

@@ -17,7 +17,7 @@ const FIVE: (&str, u32) = ("five", 90);
 /// A scene in maps, run over so many ticks and recorded: the recording, and the folder of the run.
 fn recorded(dir: &Path, (scene, ticks): (&str, u32)) -> (PathBuf, PathBuf) {
     let (venue, out) = (dir.join("venue"), dir.join("run"));
-    let scene = checkout().join(format!("tests/scenes/{scene}.toml"));
+    let scene = checkout().join(format!("sim/scenes/{scene}.toml"));
     let ticks = format!("0..{ticks}");
     let made = farfield(&[
         "simulate".as_ref(),

@@ -8,7 +8,7 @@ const CORES: [&str; 5] = [
     "calibration/src/",
     "edge/src/",
     "fusion/src/",
-    "export/src/",
+    "bridges/export/src/",
 ];
 /// What in their folders is shell. Everything else knows no file, socket, clock or runtime.
 const SHELLS: [&str; 7] = [
@@ -22,7 +22,7 @@ const SHELLS: [&str; 7] = [
 ];
 /// The core files that write files: they give them their names when they are whole.
 const WRITERS: [&str; 4] = [
-    "export/src/files.rs",
+    "bridges/export/src/files.rs",
     "fusion/src/export/part_file.rs",
     "fusion/src/export/unfinished.rs",
     "fusion/src/export/whole.rs",

@@ -8,7 +8,7 @@ const SAME: [&str; 4] = [
     "proto/src/",
     "calibration/src/",
     "fusion/src/",
-    "export/src/",
+    "bridges/export/src/",
 ];
 /// The functions of `f64` and `f32` that the C library computes. (Square roots are the processor's, and exact.)
 const OF_THE_C_LIBRARY: [&str; 25] = [

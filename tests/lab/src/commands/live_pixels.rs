@@ -39,7 +39,7 @@ const MOST_WORSE_MM: f64 = 30.0;
 #[derive(Debug, clap::Args)]
 pub(super) struct LivePixelsArgs {
     /// The scene that is rendered into videos.
-    #[arg(long, value_name = "FILE", default_value = "tests/scenes/small.toml")]
+    #[arg(long, value_name = "FILE", default_value = "sim/scenes/small.toml")]
     scene: PathBuf,
     /// A venue of recorded pictures instead, of which no truth is known.
     #[arg(long, value_name = "FILE", conflicts_with = "scene")]

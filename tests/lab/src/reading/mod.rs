@@ -27,8 +27,8 @@ const SKIPPED: [&str; 7] = [
 ];
 /// Folders of targets that only developers run.
 const TEST_FOLDERS: [&str; 4] = ["tests", "scenarios", "benches", "fuzz_targets"];
-/// Packages in folders named `tests` that are not tests themselves.
-const SOURCE_UNDER_TESTS: [&str; 3] = ["tests/lab/src/", "tests/sim/src/", "tests/score/src/"];
+/// The source of a package in a folder named `tests`.
+const SOURCE_UNDER_TESTS: &str = "tests/lab/src/";
 /// The manifest of a package that is not a member of the workspace.
 const OUTSIDE: &str = "fuzz/Cargo.toml";
 
@@ -101,10 +101,7 @@ impl RustFile {
             let rest = path.strip_prefix(module.as_str());
             rest.is_some_and(|rest| rest == ".rs" || rest.starts_with('/'))
         };
-        let folders = SOURCE_UNDER_TESTS
-            .iter()
-            .find_map(|root| path.strip_prefix(root))
-            .unwrap_or(path);
+        let folders = path.strip_prefix(SOURCE_UNDER_TESTS).unwrap_or(path);
         let is_in_folder = folders.split('/').any(|it| TEST_FOLDERS.contains(&it));
         let is_test = if is_in_folder || test_modules.iter().any(is_of) {
             vec![true; text.lines().count()]

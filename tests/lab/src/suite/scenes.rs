@@ -59,7 +59,7 @@ const VARIANTS: [SceneVariant; 11] = [
     added(
         "futsal-lost",
         "futsal",
-        include_str!("../../../scenes/lost-in-futsal.toml"),
+        include_str!("../../../../sim/scenes/lost-in-futsal.toml"),
     ),
     added("h-lost", "h", ALL_LOST),
     added("five-inverted-lost", "five-inverted", ALL_LOST),
@@ -73,7 +73,7 @@ const VARIANTS: [SceneVariant; 11] = [
     cut("five-cut-3", "five", 3.0),
 ];
 
-const ALL_LOST: &str = include_str!("../../../scenes/all-lost.toml");
+const ALL_LOST: &str = include_str!("../../../../sim/scenes/all-lost.toml");
 
 /// How often links are cut.
 const CUTS: f64 = 10.0;

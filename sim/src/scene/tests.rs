@@ -20,7 +20,7 @@ const OVERSHOOT_M: f64 = 0.05;
 
 /// The scenes of `$FARFIELD_DATA/scenes`, else `../shared/scenes`, by name.
 fn scenes(only: &[&str]) -> Vec<(String, Scene)> {
-    let shared = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
+    let shared = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared");
     let root = std::env::var_os("FARFIELD_DATA").map_or(shared, PathBuf::from);
     let folder = root.join("scenes");
     let Ok(entries) = fs::read_dir(&folder) else {

@@ -332,7 +332,7 @@ fn caliscopes_and_freemocaps_folders_are_read_with_their_calibrations() {
 
 /// The folder of the Shelf recording; `None`, and said, where it is not there.
 fn shelf() -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
     let root = env::var_os("FARFIELD_DATA").map_or(beside, PathBuf::from);
     let folder = root.join("data/shelf");
     if folder.join("cam0.jsonl").is_file() {

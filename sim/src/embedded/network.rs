@@ -10,15 +10,15 @@ use super::write;
 const CARD_NAME: &str = "farfield_hrnet.toml";
 /// Name of the network, as the card says it.
 const ONNX_NAME: &str = "farfield_hrnet.onnx";
-const CARD: &str = include_str!("../../../network/farfield_hrnet.toml");
-const ONNX: &[u8] = include_bytes!("../../../network/farfield_hrnet.onnx");
+const CARD: &str = include_str!("../../network/farfield_hrnet.toml");
+const ONNX: &[u8] = include_bytes!("../../network/farfield_hrnet.onnx");
 
 /// Name of the detector's card.
 const DETECTOR_CARD_NAME: &str = "farfield_detector.toml";
 /// Name of the detector, as its card says it.
 const DETECTOR_ONNX_NAME: &str = "farfield_detector.onnx";
-const DETECTOR_CARD: &str = include_str!("../../../network/detector/farfield_detector.toml");
-const DETECTOR_ONNX: &[u8] = include_bytes!("../../../network/detector/farfield_detector.onnx");
+const DETECTOR_CARD: &str = include_str!("../../network/detector/farfield_detector.toml");
+const DETECTOR_ONNX: &[u8] = include_bytes!("../../network/detector/farfield_detector.onnx");
 
 /// Writes the network and its card into `folder`, and returns the card's file name.
 ///

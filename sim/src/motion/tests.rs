@@ -29,7 +29,7 @@ const LOST_LIMBS: [(&str, usize); 3] = [
 
 /// The clips of `$FARFIELD_DATA/data/motion`, else `../shared/data/motion`, by name.
 fn clips() -> Vec<(String, Clip)> {
-    let shared = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
+    let shared = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared");
     let root = std::env::var_os("FARFIELD_DATA").map_or(shared, PathBuf::from);
     let folder = root.join("data/motion");
     let Ok(entries) = fs::read_dir(&folder) else {
