@@ -86,10 +86,12 @@ struct ViewpointProgress {
 
 impl ViewpointProgress {
     fn is_complete(&self) -> bool {
-        self.parts.is_some_and(|parts| self.seen_parts >= parts)
-            && self
-                .sighting_parts
-                .is_some_and(|parts| self.seen_sighting_parts >= parts)
+        self.parts.is_some_and(|parts| self.seen_parts >= parts) && self.has_sightings()
+    }
+
+    fn has_sightings(&self) -> bool {
+        let parts = self.sighting_parts;
+        parts.is_some_and(|parts| self.seen_sighting_parts >= parts)
     }
 
     /// Whether `set` goes with what came before.
@@ -213,6 +215,12 @@ impl Gather {
     pub fn is_complete_of(&self, viewpoint: ViewpointIndex) -> bool {
         let progress = self.progress.get(usize::from(viewpoint.0));
         progress.is_some_and(ViewpointProgress::is_complete)
+    }
+
+    /// Whether `viewpoint` has sent all the sightings that it announced.
+    pub fn has_sightings_of(&self, viewpoint: ViewpointIndex) -> bool {
+        let progress = self.progress.get(usize::from(viewpoint.0));
+        progress.is_some_and(ViewpointProgress::has_sightings)
     }
 
     /// What has come so far.

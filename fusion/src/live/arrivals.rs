@@ -17,6 +17,8 @@ const MARGIN_US: Micros = 1_500;
 /// A detection pass takes longer the more people it finds: one who is new must not come too late, and is waited for so many times as
 /// long as the slowest pass took.
 const PASS_TIMES: Micros = 2;
+/// The usual arrival at a tick with a detection pass is their median.
+const USUAL: f64 = 0.5;
 /// Share of the arrivals that are early: an edge whose early ones come too late is not waited for.
 const EARLY: f64 = 0.1;
 /// From so many arrivals on they say something.
@@ -64,6 +66,11 @@ impl Arrivals {
         };
         let slowest_us = self.slowest_us(task, now_us);
         slowest_us.map_or(most_us, |us| (times * us + MARGIN_US).clamp(0, most_us))
+    }
+
+    /// How long after a tick with a detection pass its messages usually come, microseconds; `None` while nothing is known.
+    pub fn usual_pass_us(&mut self, now_us: Micros) -> Option<Micros> {
+        self.share(USUAL, Task::Look, now_us)
     }
 
     /// How long after a tick nearly all of its messages have come, microseconds; `None` while nothing is known.

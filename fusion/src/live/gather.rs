@@ -185,6 +185,12 @@ impl LiveGather {
             .is_some_and(|gather| gather.is_complete_of(viewpoint))
     }
 
+    /// Whether all sightings of `viewpoint` have come for `tick`.
+    pub fn has_sightings(&self, tick: Tick, viewpoint: ViewpointIndex) -> bool {
+        self.opened(tick)
+            .is_some_and(|gather| gather.has_sightings_of(viewpoint))
+    }
+
     /// Whether anything has come from `viewpoint` for `tick`, which is open or was not long ago.
     pub fn has_any(&self, tick: Tick, viewpoint: ViewpointIndex) -> bool {
         let of = |key: &(ViewpointIndex, u16)| key.0 == viewpoint;

@@ -37,11 +37,19 @@ pub struct LongestWaits {
     pub patches_us: Micros,
     /// Where the tick has a detection pass.
     pub detections_us: Micros,
+    /// Since when enough sightings of the tick are there: unusually late ones are not waited for.
+    pub enough_since_us: Option<Micros>,
 }
 
-/// Views of a person that a tick waits for: fewest, and as a share of those that there are. Where four see it, one may be late.
+/// Views of a person, or sightings of a detection pass, that a tick waits for: fewest, and as a share of all. Of four, one may be
+/// late.
 const FEWEST_VIEWS: usize = 3;
 const MOST_VIEWS_SHARE: f64 = 0.75;
+
+/// Whether the sightings of `arrived` edges are enough, where `all` send some.
+pub fn are_enough(arrived: usize, all: usize) -> bool {
+    arrived >= FEWEST_VIEWS && arrived as f64 >= MOST_VIEWS_SHARE * all as f64
+}
 
 /// How long a tick waits at most, where the patches of each person come so long after it from everyone who sees it (`None`: not
 /// known), and at most `most_us`: a period more than the slowest that a person needs.
@@ -67,6 +75,7 @@ impl LongestWaits {
         Self {
             patches_us: most_us,
             detections_us: most_us,
+            enough_since_us: None,
         }
     }
 }
@@ -241,6 +250,7 @@ mod tests {
     const MOST: LongestWaits = LongestWaits {
         patches_us: MOST_US,
         detections_us: MOST_US,
+        enough_since_us: None,
     };
 
     fn tick(latency_us: Micros, solving_us: Micros) -> PosedTick {
@@ -249,6 +259,13 @@ mod tests {
             solving_us,
             early_us: 0,
         }
+    }
+
+    #[test]
+    fn three_of_four_sightings_are_enough_and_two_never_are() {
+        let enough = |all: usize| (0..=all).find(|arrived| are_enough(*arrived, all));
+        let of_all: Vec<Option<usize>> = [2, 3, 4, 5, 8, 12].map(enough).to_vec();
+        assert_eq!(of_all, [None, Some(3), Some(3), Some(4), Some(6), Some(9)]);
     }
 
     #[test]

@@ -34,6 +34,9 @@ const LAST_SETS: usize = 4;
 /// When a message of a later tick has come, those of the tick before are waited for so much longer: links
 /// seldom let one overtake another by more.
 const OVERTAKEN_US: Micros = SECOND_US / 50;
+/// Where other edges have sent enough sightings, the rest is waited for so much longer than usual, and after those. One that was
+/// lost and is sent again is not worth the boxes that everyone waits for meanwhile; one with a new person comes in that time.
+const LATE_SIGHTINGS_US: Micros = SECOND_US / 20;
 /// A message that comes so long before or after its tick says nothing of its link.
 const FAR_US: Micros = 10 * SECOND_US;
 /// So many messages in a row of another version are no noise: the edge runs another farfield.
@@ -348,20 +351,30 @@ impl Edge {
             .is_some_and(|(_, one_way_us)| possible.contains(&one_way_us.into()))
     }
 
-    /// Until when what it says of `tick` is worth waiting for, no longer than `waits`.
+    /// Until when its messages for `tick` are worth waiting for, no longer than `waits`. Once `has_sightings` of a detection
+    /// pass only patches are missing.
     pub fn deadline_us(
         &mut self,
-        tick: Tick,
+        (tick, has_sightings): (Tick, bool),
         time: &TickTime,
         now_us: Micros,
         waits: LongestWaits,
     ) -> Micros {
-        let task = self.task(tick);
+        let task = match self.task(tick) {
+            Task::Look if has_sightings => Task::Follow,
+            task => task,
+        };
         let most_us = match task {
             Task::Idle | Task::Follow => waits.patches_us,
             Task::Look => waits.detections_us,
         };
-        let deadline_us = time.at(tick) + self.arrivals.wait_us(task, now_us, most_us);
+        let tick_us = time.at(tick);
+        let mut deadline_us = tick_us + self.arrivals.wait_us(task, now_us, most_us);
+        if let (Task::Look, Some(enough_us)) = (task, waits.enough_since_us) {
+            let usual_us = self.arrivals.usual_pass_us(now_us).unwrap_or(most_us);
+            let rest_us = enough_us.max(tick_us + usual_us) + LATE_SIGHTINGS_US;
+            deadline_us = deadline_us.min(rest_us);
+        }
         // Of an edge that works on every other tick only, or whose message was lost, nothing comes. Sightings are made beside
         // the patches of later ticks: that these have come says nothing of them.
         let later = self

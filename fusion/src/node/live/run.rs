@@ -42,7 +42,7 @@ use crate::live::late_detections::LateDetections;
 use crate::live::membership::Membership;
 use crate::live::pace::Pace;
 use crate::live::queue::{Next, TickQueue, Waiting};
-use crate::live::target_latency::{LongestWaits, TargetLatency, needed};
+use crate::live::target_latency::{LongestWaits, TargetLatency, are_enough, needed};
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::output::disk_watch::DiskWatch;
@@ -105,6 +105,8 @@ pub(super) struct LiveFusion<'a> {
     pub(super) newest: Vec<BoxSet>,
     /// Buffer: of everybody's views, how long after a tick their patches come.
     pub(super) patches_come: Vec<(PersonId, Option<Micros>)>,
+    /// The last tick of which enough sightings are there, and since when.
+    pub(super) enough_sightings: Option<(Tick, Micros)>,
     pub(super) sent_us: Micros,
     /// What has passed over the links.
     pub(super) tally: Tally,
@@ -198,6 +200,7 @@ impl<'a> LiveFusion<'a> {
             publish_us: 0.0,
             newest: Vec::new(),
             patches_come: Vec::new(),
+            enough_sightings: None,
             sent_us: 0,
             tally: Tally::new(venue),
             delays: Delays::new(venue),
@@ -381,16 +384,15 @@ impl<'a> LiveFusion<'a> {
     }
 
     fn waiting(&mut self, tick: Tick, now_us: Micros) -> Waiting {
-        let most = self.needed_waits(now_us);
+        let most = self.needed_waits(tick, now_us);
         let waits = self.target.longest_waits(most, now_us);
         let edges = 0..self.edges.len();
         let deadlines = edges.filter_map(|index| self.deadline_of(index, tick, now_us, waits));
         deadlines.max().map_or(Waiting::ForNobody, Waiting::Until)
     }
 
-    /// How long a tick waits for as many views of everybody as it needs. Where it has a detection pass, it waits for all: nobody
-    /// would be found otherwise.
-    fn needed_waits(&mut self, now_us: Micros) -> LongestWaits {
+    /// How long `tick` waits for as many views of everyone, and as many sightings, as it needs.
+    fn needed_waits(&mut self, tick: Tick, now_us: Micros) -> LongestWaits {
         let (most_us, period_us) = (self.longest_wait_us(), self.time.period_us() as Micros);
         let mut come = std::mem::take(&mut self.patches_come);
         come.clear();
@@ -407,7 +409,28 @@ impl<'a> LiveFusion<'a> {
         LongestWaits {
             patches_us,
             detections_us: most_us,
+            enough_since_us: self.enough_sightings_since_us(tick, now_us),
         }
+    }
+
+    fn enough_sightings_since_us(&mut self, tick: Tick, now_us: Micros) -> Option<Micros> {
+        let edges = self.edges.iter().enumerate();
+        let looking = edges
+            .filter(|(index, edge)| edge.looks_at(tick) && self.is_awaited(*index, now_us))
+            .map(|(index, _)| {
+                self.gather
+                    .has_sightings(tick, ViewpointIndex(index as u16))
+            });
+        let (all, arrived) = looking.fold((0, 0), |(all, arrived), has_all| {
+            (all + 1, arrived + usize::from(has_all))
+        });
+        if !are_enough(arrived, all) {
+            return None;
+        }
+        let (of, since_us) = self.enough_sightings.unwrap_or((tick, now_us));
+        let since_us = if of == tick { since_us } else { now_us };
+        self.enough_sightings = Some((tick, since_us));
+        Some(since_us)
     }
 
     /// How long a tick waits at most, microseconds.
@@ -428,7 +451,9 @@ impl<'a> LiveFusion<'a> {
         now_us: Micros,
         waits: LongestWaits,
     ) -> Option<Micros> {
-        let has_all = self.gather.has_all(tick, ViewpointIndex(index as u16));
+        let viewpoint = ViewpointIndex(index as u16);
+        let has_all = self.gather.has_all(tick, viewpoint);
+        let has_sightings = self.gather.has_sightings(tick, viewpoint);
         let is_missing = self.is_awaited(index, now_us) && !has_all;
         // Where others are enough, who will not come in time is not waited for at all.
         let is_bounded = waits.patches_us < self.longest_wait_us();
@@ -436,7 +461,7 @@ impl<'a> LiveFusion<'a> {
         let is_hopeless =
             is_bounded && !edge.looks_at(tick) && edge.is_later_than(waits.patches_us, now_us);
         let is_missing = is_missing && !is_hopeless && edge.works_on(tick);
-        is_missing.then(|| edge.deadline_us(tick, &self.time, now_us, waits))
+        is_missing.then(|| edge.deadline_us((tick, has_sightings), &self.time, now_us, waits))
     }
 
     /// Notes of whom a tick that is over at `now_us` would have had more if it had waited.
