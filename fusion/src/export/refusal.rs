@@ -1,7 +1,8 @@
 //! What a run that writes poses reports of files that were refused.
 
+use std::fmt;
+use std::io;
 use std::path::PathBuf;
-use std::{fmt, io};
 
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};

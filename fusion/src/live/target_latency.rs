@@ -1,9 +1,9 @@
 //! How long a tick may wait for patches, and how often its poses were out in time.
 //!
-//! A tick waits until everybody is seen by enough edges ([`needed`]): a late one holds up nobody. With a target, the time from the
-//! pictures to the poses that the operator gives it, it also waits no longer than the core still makes it in time. Who is
-//! slower is left out, counted and named. The target does not bound ticks with a detection pass, since nobody would be found
-//! otherwise.
+//! A tick waits until enough edges see each person ([`needed`]), so that one late edge delays no tick. A tick with a detection
+//! pass waits for the sightings of enough edges ([`are_enough`]). With a target, the time from pictures to poses that the
+//! operator asks for, it also waits no longer than the core needs to keep it. Slower edges are left out, counted and
+//! reported. The target does not bound ticks with a detection pass, because new people would not be found.
 
 use std::collections::BTreeMap;
 
@@ -37,7 +37,7 @@ pub struct LongestWaits {
     pub patches_us: Micros,
     /// Where the tick has a detection pass.
     pub detections_us: Micros,
-    /// Since when enough sightings of the tick are there: unusually late ones are not waited for.
+    /// Since when the tick is next and enough of its sightings are there: unusually late ones are not waited for.
     pub enough_since_us: Option<Micros>,
 }
 

@@ -351,19 +351,15 @@ impl Edge {
             .is_some_and(|(_, one_way_us)| possible.contains(&one_way_us.into()))
     }
 
-    /// Until when its messages for `tick` are worth waiting for, no longer than `waits`. Once `has_sightings` of a detection
-    /// pass only patches are missing.
+    /// Until when its messages for `tick` are worth waiting for, no longer than `waits`.
     pub fn deadline_us(
         &mut self,
-        (tick, has_sightings): (Tick, bool),
+        tick: Tick,
         time: &TickTime,
         now_us: Micros,
         waits: LongestWaits,
     ) -> Micros {
-        let task = match self.task(tick) {
-            Task::Look if has_sightings => Task::Follow,
-            task => task,
-        };
+        let task = self.task(tick);
         let most_us = match task {
             Task::Idle | Task::Follow => waits.patches_us,
             Task::Look => waits.detections_us,
@@ -371,7 +367,7 @@ impl Edge {
         let tick_us = time.at(tick);
         let mut deadline_us = tick_us + self.arrivals.wait_us(task, now_us, most_us);
         if let (Task::Look, Some(enough_us)) = (task, waits.enough_since_us) {
-            let usual_us = self.arrivals.usual_pass_us(now_us).unwrap_or(most_us);
+            let usual_us = self.arrivals.usual_pass_us(now_us).unwrap_or(0);
             let rest_us = enough_us.max(tick_us + usual_us) + LATE_SIGHTINGS_US;
             deadline_us = deadline_us.min(rest_us);
         }

@@ -244,8 +244,7 @@ fn detection_passes_are_waited_for_longer_than_other_ticks() {
     edge.hear_sightings(&sightings(70, true), came, &time);
     edge.send(&boxes(80, true), &time, time.at(Tick(71)));
     let now_us = time.at(Tick(71));
-    let mut waits =
-        |tick| edge.deadline_us((Tick(tick), false), &time, now_us, WAITS) - time.at(Tick(tick));
+    let mut waits = |tick| edge.deadline_us(Tick(tick), &time, now_us, WAITS) - time.at(Tick(tick));
     assert!((180_000..200_000).contains(&waits(80)), "{}", waits(80));
     assert!(waits(79) < 20_000);
 }
@@ -263,7 +262,7 @@ fn how_long_a_pass_takes_is_not_known_from_one_that_finds_nobody() {
     };
     edge.hear_sightings(&sightings(0, false), came, &time);
     let now_us = time.at(Tick(60));
-    let until_us = edge.deadline_us((Tick(60), false), &time, now_us, WAITS);
+    let until_us = edge.deadline_us(Tick(60), &time, now_us, WAITS);
     assert_eq!(until_us - now_us, WAITS.detections_us);
 }
 
@@ -281,11 +280,8 @@ fn sightings_are_waited_for_though_patches_of_later_ticks_have_come() {
     edge.send(&boxes(80, true), &time, time.at(Tick(71)));
     run(&mut edge, 81..84, 0, 1_000);
     let now_us = time.at(Tick(84));
-    let waited_us = edge.deadline_us((Tick(80), false), &time, now_us, WAITS) - time.at(Tick(80));
+    let waited_us = edge.deadline_us(Tick(80), &time, now_us, WAITS) - time.at(Tick(80));
     assert!(waited_us >= 250_000, "{waited_us}");
-    // Patches alone do not hold the tick up.
-    let waited_us = edge.deadline_us((Tick(80), true), &time, now_us, WAITS) - time.at(Tick(80));
-    assert!(waited_us < 50_000, "{waited_us}");
 }
 
 #[test]
@@ -293,6 +289,13 @@ fn once_enough_sightings_have_come_an_edge_is_waited_for_a_little_longer_than_us
     let mut edge = Edge::new("north", BOUND_MS);
     run(&mut edge, 0..60, 0, 1_000);
     let time = time();
+    edge.send(&boxes(60, true), &time, time.at(Tick(59)));
+    let enough = LongestWaits {
+        enough_since_us: Some(time.at(Tick(60)) + 20_000),
+        ..WAITS
+    };
+    let first_us = edge.deadline_us(Tick(60), &time, time.at(Tick(60)), enough);
+    assert_eq!(first_us - time.at(Tick(60)), 70_000, "nothing is usual yet");
     for (tick, delay_us) in [(60, 60_000), (120, 60_000), (180, 390_000)] {
         edge.send(&boxes(tick, true), &time, time.at(Tick(tick - 1)));
         let came = Came {
@@ -308,7 +311,7 @@ fn once_enough_sightings_have_come_an_edge_is_waited_for_a_little_longer_than_us
             enough_since_us: since_us.map(|us| tick_us + us),
             ..WAITS
         };
-        edge.deadline_us((Tick(240), false), &time, tick_us, waits) - tick_us
+        edge.deadline_us(Tick(240), &time, tick_us, waits) - tick_us
     };
     assert_eq!(waited_us(None), WAITS.detections_us);
     assert_eq!(waited_us(Some(20_000)), 110_000, "than usual");
@@ -382,7 +385,7 @@ fn a_tick_that_was_left_out_is_not_waited_for_once_a_later_one_has_come() {
     }
     let now_us = time.at(Tick(51));
     let waits = |edge: &mut Edge, tick| {
-        edge.deadline_us((Tick(tick), false), &time, now_us, WAITS) - time.at(Tick(tick))
+        edge.deadline_us(Tick(tick), &time, now_us, WAITS) - time.at(Tick(tick))
     };
     assert_eq!(waits(&mut edge, 51), 400_000);
     let came = Came {

@@ -105,7 +105,7 @@ pub(super) struct LiveFusion<'a> {
     pub(super) newest: Vec<BoxSet>,
     /// Buffer: of everybody's views, how long after a tick their patches come.
     pub(super) patches_come: Vec<(PersonId, Option<Micros>)>,
-    /// The last tick of which enough sightings are there, and since when.
+    /// The last tick that was next while enough sightings were there, and since when that is so.
     pub(super) enough_sightings: Option<(Tick, Micros)>,
     pub(super) sent_us: Micros,
     /// What has passed over the links.
@@ -453,7 +453,6 @@ impl<'a> LiveFusion<'a> {
     ) -> Option<Micros> {
         let viewpoint = ViewpointIndex(index as u16);
         let has_all = self.gather.has_all(tick, viewpoint);
-        let has_sightings = self.gather.has_sightings(tick, viewpoint);
         let is_missing = self.is_awaited(index, now_us) && !has_all;
         // Where others are enough, who will not come in time is not waited for at all.
         let is_bounded = waits.patches_us < self.longest_wait_us();
@@ -461,7 +460,7 @@ impl<'a> LiveFusion<'a> {
         let is_hopeless =
             is_bounded && !edge.looks_at(tick) && edge.is_later_than(waits.patches_us, now_us);
         let is_missing = is_missing && !is_hopeless && edge.works_on(tick);
-        is_missing.then(|| edge.deadline_us((tick, has_sightings), &self.time, now_us, waits))
+        is_missing.then(|| edge.deadline_us(tick, &self.time, now_us, waits))
     }
 
     /// Notes of whom a tick that is over at `now_us` would have had more if it had waited.

@@ -15,8 +15,8 @@ use crate::sightings::fixture::{TestHall, hall, hall_of_sixteen, looking_at_the_
 /// per view and axis), metres.
 const FOUND_WITHIN_M: f64 = 0.06;
 
-/// Noise of keypoints with which no detection pass misses anyone, standard deviations in pixels. Above 4.4 px one pass in
-/// some thousands misses a person at the field's ends.
+/// Noise of keypoints with which no detection pass misses anyone, standard deviations in pixels. Above 4.4 px some
+/// passes miss a person at the field's ends.
 const NOISE_PX: Range<f64> = 2.0..4.0;
 
 type BodyPoints = Vec<Vector3<f64>>;

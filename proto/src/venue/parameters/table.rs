@@ -239,7 +239,7 @@ declare_parameters! {
             /// Live: longest after a tick that fusion waits for its patches; no longer than links really take.
             deadline_ms: f64 = 400.0, "ms", 1.0 to 5000.0;
             /// Live: how long after its pictures a tick's poses should be out: patches that would come too late for that
-            /// are not waited for; 0: whoever sends something is waited for.
+            /// are not waited for; 0: no target.
             target_latency_ms: f64 = 0.0, "ms", 0.0 to 5000.0;
             /// Live: an edge whose clock is surely off by more is refused.
             clock_bound_ms: f64 = 100.0, "ms", 1.0 to 10_000.0;
