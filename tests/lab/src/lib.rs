@@ -13,7 +13,7 @@
 //! | [`afar`] | real recordings as a camera much farther away would have made them |
 //! | [`ring`] | a walker in a ring of viewpoints, for benches and tests of fusion alone |
 //! | [`hostile_input`], [`corpus`] | what the fuzz targets run, and the inputs that fuzzers found |
-//! | [`reading`] | this project's own code as syntax: its sizes, cycles and names |
+//! | [`reading`] | this project's own files: their sizes and words |
 
 pub mod afar;
 pub mod bytes;

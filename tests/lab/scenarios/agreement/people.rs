@@ -1,5 +1,4 @@
-//! What only people tell: the scale of a calibration, its floor, lenses that are called fisheyes, somebody given by hand who is
-//! not there.
+//! What only people show: the scale of a calibration, its floor, lenses that are declared as fisheyes.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -85,15 +84,15 @@ fn lenses_that_are_called_fisheyes_are_named_alone_and_together() {
     assert_eq!(found[0]["cameras"], json!(["north-east"]));
 }
 
-/// The first person of the sample at its first tick, so far beside, as a venue gives it.
-fn given(sample: &MistakenSample, beside_m: [f64; 2]) -> String {
+/// The first person of the sample at its first tick, 30 m away, as a venue gives it.
+fn given_far_away(sample: &MistakenSample) -> String {
     let truth = fs::read_to_string(sample.path("truth.jsonl")).unwrap();
     let first: Value = serde_json::from_str(truth.lines().next().unwrap()).unwrap();
     let tick = first["tick"].as_i64().unwrap();
     let mut text = format!("\n[[person]]\ntick = {tick}\n[person.keypoints_m]\n");
     for (name, at) in first["keypoints"].as_object().unwrap() {
         let at: Vec<f64> = (0..3).map(|axis| at[axis].as_f64().unwrap()).collect();
-        let at = [at[0] + beside_m[0], at[1] + beside_m[1], at[2]];
+        let at = [at[0] + 30.0, at[1], at[2]];
         writeln!(text, "{name} = {at:?}").unwrap();
     }
     text
@@ -102,7 +101,7 @@ fn given(sample: &MistakenSample, beside_m: [f64; 2]) -> String {
 #[test]
 fn somebody_given_beside_the_field_is_refused() {
     let sample = MistakenSample::new();
-    let given = given(&sample, [30.0, 0.0]);
+    let given = given_far_away(&sample);
     let sample = sample.replace("venue.toml", |text| text.to_owned() + &given);
     sample.write();
     let mut run = command();

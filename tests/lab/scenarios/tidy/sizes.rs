@@ -1,9 +1,12 @@
 //! How long files are, how many lie in a folder, and that each says what it is. Functions are held to 80 lines by clippy.
 
 use farfield_lab::reading::RustFile;
+use std::collections::BTreeSet;
+use std::path::Path;
+
 use farfield_lab::reading::figures::{MAX_FILE_LINES, MAX_FILES_OF_FOLDER, full_folders};
 
-use super::{check, workspace};
+use super::{check, root, workspace};
 
 fn faults(of: impl Fn(&RustFile) -> Option<String>) -> Vec<String> {
     let files = workspace().files.iter();
@@ -43,38 +46,55 @@ fn every_file_says_at_its_head_what_it_is() {
 
 #[test]
 fn every_file_is_part_of_a_crate() {
-    let packages = || workspace().packages.iter();
-    let is_target = |path: &str| {
-        let mut targets = packages().flat_map(|package| &package.targets);
-        targets.any(|target| {
-            target
-                .src_path
-                .replace('\\', "/")
-                .ends_with(&format!("/{path}"))
-        }) || packages().any(|package| {
-            let folder = package.manifest_path.replace('\\', "/");
-            path == "build.rs"
-                || folder
-                    .replace("Cargo.toml", "build.rs")
-                    .ends_with(&format!("/{path}"))
+    let root = root().canonicalize().unwrap();
+    let packages = workspace().packages.iter();
+    let targets = packages.flat_map(|package| &package.targets);
+    let targets: BTreeSet<String> = targets
+        .filter_map(|target| Path::new(&target.src_path).strip_prefix(&root).ok())
+        .map(|path| path.to_string_lossy().replace('\\', "/"))
+        .collect();
+    assert!(targets.len() > 20, "the targets were read");
+    check(&faults(|file| {
+        let is_declared = is_declared(&file.path, &targets);
+        let is_target = targets.contains(&file.path) || file.path.ends_with("build.rs");
+        (!is_declared && !is_target).then(|| "no `mod` brings it in".to_owned())
+    }));
+}
+
+/// Whether the module that may hold the file declares it: the one of its folder, a crate root beside it, or one beside it that
+/// gives its path.
+fn is_declared(path: &str, targets: &BTreeSet<String>) -> bool {
+    let Some((folder, name)) = path.rsplit_once('/') else {
+        return false;
+    };
+    let (parent, module) = match name.strip_suffix(".rs") {
+        Some("mod") | None => folder.rsplit_once('/').unwrap_or(("", folder)),
+        Some(stem) => (folder, stem),
+    };
+    let in_folder = |folder: &str, other: &str| {
+        let rest = other
+            .strip_prefix(folder)
+            .and_then(|it| it.strip_prefix('/'));
+        rest.is_some_and(|rest| !rest.contains('/'))
+    };
+    let declares = |file: &RustFile| {
+        let is_parent = file.path.strip_suffix(".rs") == Some(parent)
+            || file.path.strip_suffix("/mod.rs") == Some(parent)
+            || targets.contains(&file.path) && in_folder(parent, &file.path);
+        let by_name = format!("mod {module};");
+        let by_path = format!("#[path = \"{name}\"]");
+        file.text.lines().map(str::trim).any(|line| {
+            is_parent && (line == by_name || line.ends_with(&format!(" {by_name}")))
+                || line == by_path && in_folder(folder, &file.path)
         })
     };
-    check(&faults(|file| {
-        let (folder, name) = file.path.rsplit_once('/')?;
-        let (parent, module) = match name {
-            "mod.rs" => folder.rsplit_once('/')?,
-            _ => (folder, name.strip_suffix(".rs")?),
-        };
-        let declares = |line: &str| {
-            line.ends_with(&format!("mod {module};")) || line.contains(&format!("{name}\"]"))
-        };
-        let is_above = |other: &&RustFile| {
-            let of_parent = other.path.strip_prefix(parent);
-            other.path.strip_suffix(".rs") == Some(parent)
-                || of_parent.is_some_and(|rest| rest.starts_with('/') && !rest[1..].contains('/'))
-        };
-        let mut above = workspace().files.iter().filter(is_above);
-        let is_declared = above.any(|other| other.text.lines().any(|line| declares(line.trim())));
-        (!is_declared && !is_target(&file.path)).then(|| "no `mod` brings it in".to_owned())
-    }));
+    workspace().files.iter().any(declares)
+}
+
+#[test]
+fn an_orphan_is_found_though_a_file_beside_it_has_a_module_of_its_name() {
+    let targets = BTreeSet::from(["proto/src/lib.rs".to_owned()]);
+    assert!(is_declared("proto/src/wire.rs", &targets));
+    assert!(is_declared("proto/src/patch/mod.rs", &targets));
+    assert!(!is_declared("proto/src/tests.rs", &targets));
 }

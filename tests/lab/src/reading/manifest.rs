@@ -23,10 +23,6 @@ pub struct Package {
 /// What cargo builds of a package.
 #[derive(Clone, Debug, Deserialize)]
 pub struct CargoTarget {
-    /// Its name.
-    pub name: String,
-    /// `lib`, `bin`, `test`, `bench`, `example`.
-    pub kind: Vec<String>,
     /// Path of its first file.
     pub src_path: String,
 }

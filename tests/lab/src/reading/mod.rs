@@ -103,7 +103,8 @@ impl RustFile {
         };
         let folders = path.strip_prefix(SOURCE_UNDER_TESTS).unwrap_or(path);
         let is_in_folder = folders.split('/').any(|it| TEST_FOLDERS.contains(&it));
-        let is_test = if is_in_folder || test_modules.iter().any(is_of) {
+        let is_by_name = path.ends_with("_tests.rs");
+        let is_test = if is_in_folder || is_by_name || test_modules.iter().any(is_of) {
             vec![true; text.lines().count()]
         } else {
             test_lines(text)
