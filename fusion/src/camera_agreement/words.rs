@@ -195,14 +195,10 @@ fn focal_length(cameras: &[String], factor: f64) -> (String, String) {
             remedy.to_owned(),
         )
     } else {
-        let whose = if cameras.is_empty() {
-            "all cameras".to_owned()
-        } else {
-            format!("cameras {}", cameras.join(", "))
-        };
+        let cameras = cameras.join(", ");
         (
             format!(
-                "the focal lengths of {whose} seem to be {factor:.2} times the calibrated ones, all by one factor"
+                "the focal lengths of cameras {cameras} seem to be {factor:.2} times the calibrated ones, all by one factor"
             ),
             "were they calibrated at another resolution or zoom, with another crop or stabilisation? Calibrate their lenses \
              again, as they record now"

@@ -14,7 +14,7 @@ const MAX_INSTANTS: usize = 64;
 /// Least instants of somebody who counts.
 const MIN_INSTANTS: usize = 12;
 /// How high the ankle of a foot that stands is, metres: in simulated scenes the lower quarter of a person was 0.05 to 0.105.
-pub(in crate::camera_agreement) const ANKLE_M: f64 = 0.07;
+const ANKLE_M: f64 = 0.07;
 /// How far under the floor the ankles of everybody must be for it to be elsewhere, metres: by the calibration of the Shelf they
 /// are up to 0.08 too low.
 const UNDER_M: f64 = 0.1;

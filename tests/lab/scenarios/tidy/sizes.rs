@@ -1,9 +1,9 @@
 //! How long files are, how many lie in a folder, and that each says what it is. Functions are held to 80 lines by clippy.
 
-use farfield_lab::reading::RustFile;
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use farfield_lab::reading::RustFile;
 use farfield_lab::reading::figures::{MAX_FILE_LINES, MAX_FILES_OF_FOLDER, full_folders};
 
 use super::{check, root, workspace};
@@ -61,8 +61,8 @@ fn every_file_is_part_of_a_crate() {
     }));
 }
 
-/// Whether the module that may hold the file declares it: the one of its folder, a crate root beside it, or one beside it that
-/// gives its path.
+/// Whether a parent declares the file as a module: the module of its folder, a crate root in its folder, or a file of its
+/// folder by a `#[path]`.
 fn is_declared(path: &str, targets: &BTreeSet<String>) -> bool {
     let Some((folder, name)) = path.rsplit_once('/') else {
         return false;

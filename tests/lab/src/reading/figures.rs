@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
+use std::path::Path;
 
 use super::{RustFile, Workspace};
 
@@ -25,9 +26,12 @@ impl Display for Figures<'_> {
         let workspace = self.0;
         let source = || workspace.files.iter().filter(|file| !is_test_file(file));
         let small = source().filter(|file| is_small(file)).count();
-        let longest = source().max_by_key(|file| file.source().count());
-        let longest = longest.map_or(0, |file| file.source().count());
+        let longest = source()
+            .map(|file| file.source().count())
+            .max()
+            .unwrap_or(0);
         let full = full_folders(workspace);
+        let full_name = format!("folders of more than {MAX_FILES_OF_FOLDER} files");
         let constants = |of: &str| {
             let own = workspace
                 .files
@@ -53,7 +57,7 @@ impl Display for Figures<'_> {
             ("files", all.len().to_string(), "1,150"),
             ("small files", small.to_string(), "50"),
             ("longest file", longest.to_string(), "700"),
-            ("folders of more than 20 files", full.len().to_string(), "0"),
+            (&full_name, full.len().to_string(), "0"),
             (
                 "numeric constants, fusion",
                 constants("fusion/").to_string(),
@@ -136,7 +140,7 @@ fn is_small(file: &RustFile) -> bool {
 }
 
 fn is_markdown(path: &str) -> bool {
-    path.strip_suffix(".md").is_some()
+    Path::new(path).extension().is_some_and(|it| it == "md")
 }
 
 /// Whether a line begins the definition of a named number, or of several.
