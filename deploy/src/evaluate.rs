@@ -14,12 +14,12 @@ use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_fusion::recording::is_ours;
 use farfield_node::process::{NodeError, say};
 use farfield_proto::tick::{Tick, parse_range};
-use farfield_score::doubts::{doubts, misread};
 use farfield_score::lines::{LinesRole, PoseLines, TruthExtent};
 use farfield_score::overlap::Overlap;
 use farfield_score::plot::plot_of;
 use farfield_score::points::PointSet;
 use farfield_score::score;
+use farfield_score::truth_warnings::{misread, truth_warnings};
 
 use self::evaluation::{Evaluation, Scored};
 use crate::exchange::place::POSES;
@@ -162,10 +162,10 @@ fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
     let rate_hz = rate_hz(args);
     let scored = |poses: &PoseLines, path: &Path| {
         let scores = score(poses, &truth, args.extent, rate_hz);
-        let doubts = doubts(poses, &truth, &scores);
+        let doubts = truth_warnings(poses, &truth, &scores);
         for doubt in &doubts {
             let shown = shown_with_truth(path, args);
-            say(format_args!("warning: {shown}: {}", doubt.found));
+            say(format_args!("warning: {shown}: {}", doubt.message));
         }
         Scored { scores, doubts }
     };
@@ -234,7 +234,7 @@ fn poses_beside(truth: &PoseLines, path: &Path, args: &EvaluateArgs) -> anyhow::
     let shown = || shown_with_truth(path, args);
     let unknown = unknown_names(&poses, path);
     if let Some(refusal) = overlap.refusal() {
-        let misread = misread(&poses, truth, None).map(|doubt| doubt.found);
+        let misread = misread(&poses, truth, None).map(|warning| warning.message);
         let [misread, unknown] = [&misread, &unknown].map(|it| after(it.as_deref()));
         bail!("{}: {refusal}{misread}{unknown}", shown());
     }

@@ -6,22 +6,22 @@ use super::points::{PointSet, ScoredBody, ScoredLimb};
 
 /// Mean error up to which a pose counts as a success, metres (Ohashi 2020, section 4.2).
 const SUCCESS_M: f64 = 0.150;
-/// Error up to which a point counts as right, metres.
+/// Error up to which a point counts as correct, metres.
 const PCK_M: [f64; 2] = [0.050, 0.100];
 
 /// The pose of one actor at one tick.
 #[derive(Debug, Clone, Copy)]
 pub enum FramePose<'a> {
-    /// One within the gate.
+    /// A pose within the gate.
     Near(&'a ScoredBody),
-    /// The one that was the actor's last, beyond the gate.
+    /// The actor's last pose, now beyond the gate.
     Outlier(&'a ScoredBody),
-    /// None.
+    /// No pose.
     Missing,
 }
 
 impl<'a> FramePose<'a> {
-    /// The pose, wherever it is.
+    /// The pose, near or outlier.
     pub fn body(self) -> Option<&'a ScoredBody> {
         match self {
             Self::Near(body) | Self::Outlier(body) => Some(body),
@@ -49,7 +49,7 @@ pub struct ActorTally {
 }
 
 impl ActorTally {
-    /// Takes in one frame: the true body, and the pose that is held against it.
+    /// Adds one frame: the true body, and the pose that it is compared with.
     pub fn add(&mut self, truth: &ScoredBody, pose: FramePose<'_>, points: PointSet) {
         self.frames += 1;
         self.gaps += u64::from(!matches!(pose, FramePose::Near(_)));
@@ -94,7 +94,7 @@ impl ActorTally {
         }
     }
 
-    /// Percentage of correct parts, in its three readings (see [`ActorScore`]).
+    /// Percentage of correct parts, in its three definitions (see [`ActorScore`]).
     fn add_limb(&mut self, limb: ScoredLimb, truth: &ScoredBody, pose: Option<&ScoredBody>) {
         let Some(true_ends) = limb.on(truth) else {
             return;
@@ -116,8 +116,7 @@ impl ActorTally {
         }
     }
 
-    /// The figures. `motion` is that of the poses that were matched to the same actor, `id_switches`
-    /// how often their id changed.
+    /// The figures. `motion` is that of the poses matched to the same actor, `id_switches` the number of id changes.
     pub fn finish(
         &self,
         motion: &Smoothness,
@@ -152,7 +151,7 @@ impl ActorTally {
     }
 }
 
-/// Of nothing, nothing is right: 0.
+/// 0 if the whole is 0.
 pub(super) fn percent(part: u64, whole: u64) -> f64 {
     if whole == 0 {
         0.0

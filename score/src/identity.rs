@@ -1,8 +1,8 @@
-//! Whose pose is whose over time: switches, fragmentations, MOTA and IDF1 as `TrackEval` counts them.
+//! Identity over time: switches, fragmentations, MOTA and IDF1 as `TrackEval` counts them.
 //!
-//! A pair is similar by 1 - d, d the mean point distance in metres, so that `TrackEval`'s threshold of
-//! 0.5 is the 0.5 m gate. CLEAR (MOTA, switches, fragmentations) makes its own matching per tick,
-//! which first goes on with the pairs of the tick before; the figures of accuracy do not.
+//! The similarity of a pair is 1 - d, with d the mean point distance in metres, so the threshold 0.5 of `TrackEval` is the
+//! 0.5 m gate. CLEAR (MOTA, switches, fragmentations) makes its own matching per tick, which first continues the pairs of
+//! the previous tick. The accuracy figures use another matching.
 
 use std::collections::BTreeMap;
 
@@ -13,44 +13,44 @@ use super::lines::TruthExtent;
 use super::pairing::Distances;
 use farfield_fusion::assign::assign;
 
-/// What a pair of the tick before is worth to CLEAR's matching, beside a similarity of at most 1.
+/// Value of continuing a pair of the previous tick in CLEAR's matching; a similarity is at most 1.
 const CONTINUATION: f64 = 1000.0;
 
 /// Figures of identity, over all actors.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct IdentityScore {
-    /// Times that an actor's pose had another id than the actor's pose before (IDSW).
+    /// Times that an actor's pose had another id than its previous pose (IDSW).
     pub switches: u64,
-    /// Times that an actor was found again after it had been lost (Frag). An actor that the truth
-    /// itself leaves out for a while counts as well, as in `TrackEval`.
+    /// Times that an actor was found again after it was lost (Frag). As in `TrackEval`, an actor that the truth itself
+    /// leaves out for a while also counts.
     pub fragmentations: u64,
-    /// Ids that are matched in fewer than half of their ticks; 0 where the truth is partial.
+    /// Ids matched in fewer than half of their ticks; 0 for a partial truth.
     pub false_births: u64,
-    /// Identity F1, percent. Where the truth is partial, poses that are nobody's in it do not count.
+    /// Identity F1, percent. With a partial truth, unmatched poses do not count.
     pub idf1: f64,
-    /// Multiple object tracking accuracy, percent; negative when more is wrong than there is. Where the
-    /// truth is partial, poses that are nobody's in it do not count.
+    /// Multiple object tracking accuracy, percent; negative if the errors outnumber the true poses. With a partial truth,
+    /// unmatched poses do not count.
     pub mota: f64,
 }
 
 /// Counts over the ticks.
 #[derive(Debug, Clone, Default)]
 pub(super) struct IdentityTally {
-    /// Where the truth leaves people out, poses that are nobody's in it count neither for nor
-    /// against: they may be of those people (`TrackEval` takes such regions out beforehand).
+    /// With a partial truth, poses beyond the gate of every actor are ignored: they may be of people that it leaves out
+    /// (`TrackEval` removes such regions beforehand).
     truth: TruthExtent,
     clear: Clear,
     /// Ticks per actor and per id.
     true_ticks: BTreeMap<u32, u64>,
     pose_ticks: BTreeMap<u32, u64>,
-    /// Ticks at which an id was an actor's pose in the matching of the accuracy.
+    /// Ticks at which an id was matched to an actor in the accuracy matching.
     matched_ticks: BTreeMap<u32, u64>,
-    /// Ticks at which an actor and an id were within the gate of each other.
+    /// Ticks at which an actor and an id were within the gate.
     close_ticks: BTreeMap<(u32, u32), u64>,
 }
 
 impl IdentityTally {
-    /// Nothing counted yet.
+    /// An empty tally.
     pub(super) fn new(truth: TruthExtent) -> Self {
         Self {
             truth,
@@ -58,7 +58,7 @@ impl IdentityTally {
         }
     }
 
-    /// Takes in one tick; `matched` is the matching of the accuracy, per truth.
+    /// Adds one tick; `matched` is the accuracy matching, one entry per true person.
     pub(super) fn add(&mut self, distances: &Distances, matched: &[Option<usize>]) {
         for &id in &distances.true_ids {
             *self.true_ticks.entry(id).or_default() += 1;
@@ -84,7 +84,7 @@ impl IdentityTally {
         self.clear.add(distances);
     }
 
-    /// Times that the id of `actor` changed.
+    /// The number of id changes of `actor`.
     pub(super) fn switches_of(&self, actor: u32) -> u64 {
         self.clear.switches.get(&actor).copied().unwrap_or(0)
     }
@@ -117,10 +117,10 @@ impl IdentityTally {
         }
     }
 
-    /// Ticks that the best pairing of whole actors with whole ids explains.
+    /// Ticks explained by the best one-to-one assignment of actors to ids.
     ///
-    /// `TrackEval` minimises misses and false positives over a square matrix with a stand-in per actor
-    /// and id; both fall by one with each tick explained, so this is the same as most ticks explained.
+    /// `TrackEval` minimises misses and false positives over a square matrix with a stand-in per actor and id. Each
+    /// explained tick lowers both by one, so maximising explained ticks is equivalent.
     fn identity_true_positives(&self) -> u64 {
         let actors: Vec<u32> = self.true_ticks.keys().copied().collect();
         let ids: Vec<u32> = self.pose_ticks.keys().copied().collect();
@@ -143,20 +143,20 @@ impl IdentityTally {
 #[derive(Debug, Clone, Default)]
 struct Clear {
     true_positives: u64,
-    /// Per actor: how often its id changed.
+    /// Per actor, the number of id changes.
     switches: BTreeMap<u32, u64>,
-    /// Per actor: the id that it had last, whenever that was.
+    /// Per actor, its last id at any earlier tick.
     last_id: BTreeMap<u32, u32>,
-    /// Per actor: the id that it had at the tick before.
+    /// Per actor, its id at the previous tick.
     previous: BTreeMap<u32, u32>,
-    /// Per actor: how often it was found after a tick without.
+    /// Per actor, the number of times that it was found after a tick without a pose.
     found_again: BTreeMap<u32, u64>,
 }
 
 impl Clear {
     fn add(&mut self, distances: &Distances) {
         if distances.true_ids.is_empty() || distances.pose_ids.is_empty() {
-            return; // as TrackEval: such a tick does not even end a continuation
+            return; // as in `TrackEval`: such a tick does not end a continuation
         }
         let value = |i: usize, j: usize| {
             let distance_m = distances.within_gate(i, j)?;

@@ -1,22 +1,18 @@
-//! Measures how good poses are against a truth: accuracy per actor, and identity over all. It is what
-//! `farfield evaluate` prints.
+//! Scores poses against a truth: accuracy per actor, and identity over all. `farfield evaluate` prints the result.
 //!
-//! Read [`score`] first: two files of lines come in ([`lines`]; [`overlap`] says whether they are of the same people),
-//! one [`Scores`] comes out, which has the [`names`] of points that nobody knows. Each tick, truths and poses
-//! are matched one to one on the mean distance of the points that both know ([`points`] says which these are). Then
-//! come the errors of each actor ([`accuracy`]), the smoothness of what it was given ([`motion`]), the ids
-//! ([`identity`]), how people came ([`lives`]) and, where poses say how sure they are ([`detail`]), whether that is true
-//! ([`uncertainty_calibration`]). [`doubts`] says what speaks against the truth afterwards; [`table`] and [`plot`] show the
-//! result. World coordinates, metres; what is reported
-//! is in millimetres and percent.
+//! Read [`score`] first. Its inputs are two files of lines ([`lines`]), and [`overlap`] checks that both are of the same
+//! people. The result is [`Scores`]. Each tick, true people and poses are matched one to one by the mean distance of their
+//! common points ([`points`]). From the matching follow the errors of each actor ([`accuracy`]), the smoothness of its poses
+//! ([`motion`]), the ids ([`identity`]), initiations and returns ([`lives`]), and how well the reported `sigma_m` predict
+//! the errors ([`uncertainty_calibration`]). [`names`] collects unknown point names. [`truth_warnings`] reports evidence
+//! against the truth. [`table`] and [`plot`] show the result. Coordinates are world, metres; figures are in millimetres and
+//! percent.
 //!
-//! Every gap counts: a truth without a pose is wrong in every percentage, and so is a point that the truth knows and
-//! the pose does not have. So does an outlier: a pose that was somebody's, and is now farther from them than the gate
-//! (0.5 m) and nobody else's, stays in their errors, their jitter and the statistics of its sigma.
+//! A true body without a pose counts as wrong in every percentage, as does a point that the truth has and the pose lacks. An
+//! outlier counts too: the last pose of a person, now beyond the gate (0.5 m) and of no other person. It stays in the
+//! person's errors, jitter and sigma statistics.
 
 pub mod accuracy;
-pub mod detail;
-pub mod doubts;
 pub mod identity;
 pub mod lines;
 pub mod lives;
@@ -27,6 +23,7 @@ mod pairing;
 pub mod plot;
 pub mod points;
 pub mod table;
+pub mod truth_warnings;
 pub mod uncertainty_calibration;
 
 use std::collections::BTreeMap;
@@ -55,44 +52,41 @@ pub struct Scores {
     pub mean: MeanScore,
     /// Ids, over all actors.
     pub identity: IdentityScore,
-    /// How people came: initiations and returns.
+    /// Initiations and returns.
     pub lives: Lives,
-    /// Which points were compared.
+    /// The compared points.
     pub points: PointSet,
-    /// Whether the truth was said to hold everybody who was there. Where it does not, nobody can say that a
-    /// pose is of nobody, and false initiations (`false_births`) are not counted.
+    /// Whether the truth was declared whole. With a partial truth no pose is known to be false, and false initiations
+    /// (`false_births`) are not counted.
     pub truth: TruthExtent,
-    /// Whom a truth that was said to be whole leaves out between two ticks at which it holds them: they may
-    /// have been away, or nobody annotated them. `None` of nobody.
+    /// The first gap of a person in a truth declared whole: absence, or missing annotation. `None` if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub first_hole: Option<TruthHole>,
-    /// The rate that [`ActorScore::jitter_m_s3`] and [`ActorScore::foot_slide_mm_s`] were computed
-    /// with; without one they are absent.
+    /// The rate for [`ActorScore::jitter_m_s3`] and [`ActorScore::foot_slide_mm_s`]; without one they are absent.
     pub rate_hz: Option<f64>,
-    /// How the errors go with what the poses say of themselves; `None` where they say nothing.
+    /// Errors by reported sigma; `None` if the poses report none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<UncertaintyCalibration>,
-    /// Names in the poses that stand for no known point, and were compared with nothing.
+    /// Unknown point names in the poses; they are not compared.
     #[serde(skip_serializing_if = "UnknownNames::is_empty")]
     pub unknown_in_poses: UnknownNames,
-    /// The same of the truth.
+    /// The same in the truth.
     #[serde(skip_serializing_if = "UnknownNames::is_empty")]
     pub unknown_in_truth: UnknownNames,
 }
 
-/// Figures of one actor. `None` is "nothing to measure": no matched tick, no rate, no foot, no limb whose ends the truth
-/// knows.
+/// Figures of one actor. `None` if there is nothing to measure: no matched tick, no rate, no foot, or no limb with both ends
+/// in the truth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ActorScore {
-    /// Ticks at which the truth holds this actor.
+    /// Ticks at which the truth contains this actor.
     pub frames: u64,
     /// Share of the frames whose mean error is at most 150 mm, percent.
     pub success_150: Option<f64>,
-    /// Mean distance over points and frames, millimetres. Outliers count with their whole distance; frames
-    /// without any pose are left out.
+    /// Mean distance over points and frames, millimetres. Outliers count with their whole distance; frames without a pose
+    /// are left out.
     pub mpjpe_mm: Option<f64>,
-    /// The same from the true sites of the 12 keypoints (`keypoints` of a line) to the pose's, where
-    /// both are known.
+    /// The same between the sites of the 12 keypoints (`keypoints` of a line), where both are known.
     pub mpjpe_sites_mm: Option<f64>,
     /// Share of the limbs with both ends within half the limb's length, percent.
     pub pcp_both_ends: Option<f64>,
@@ -106,28 +100,25 @@ pub struct ActorScore {
     pub pck_100: Option<f64>,
     /// Frames without a pose within [`GATE_M`].
     pub gaps: u64,
-    /// Of these, those at which the pose that was the actor's last was elsewhere, and nobody else's.
+    /// Of these, frames with the actor's last pose beyond the gate and of no other actor.
     pub outliers: u64,
-    /// Times that the pose had another id than the actor's pose before.
+    /// Times that the pose had another id than the actor's previous pose.
     pub id_switches: u64,
-    /// Points that the truth knows and the matched pose lacks: wrong in the percentages, left out of
-    /// the MPJPE.
+    /// Points that the truth has and the matched pose lacks: wrong in the percentages, left out of the MPJPE.
     pub missing_points: u64,
     /// Mean norm of the third difference over dt^3, metres per second cubed.
     pub jitter_m_s3: Option<f64>,
     /// Mean horizontal speed of heel and toe while the true foot is still, millimetres per second.
     pub foot_slide_mm_s: Option<f64>,
-    /// Mean horizontal speed of the ankle while the true foot is still, millimetres per second: also
-    /// known of poses without heel and toe.
+    /// Mean horizontal speed of the ankle while the true foot is still, millimetres per second. It needs no heel and toe.
     pub ankle_slide_mm_s: Option<f64>,
 }
 
-/// Means over actors of the figures of [`ActorScore`]; an actor that lacks a figure is left out of
-/// that figure's mean.
+/// Means over actors of the figures of [`ActorScore`]; a mean leaves out the actors that lack the figure.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[expect(
     missing_docs,
-    reason = "the fields are those of ActorScore, and mean what they mean there"
+    reason = "the fields have the meaning of those of ActorScore"
 )]
 pub struct MeanScore {
     pub frames: f64,
@@ -148,11 +139,11 @@ pub struct MeanScore {
     pub ankle_slide_mm_s: Option<f64>,
 }
 
-/// Scores `poses` against `truth`, both read with the same [`PointSet`] and ticks; `extent` says whether whoever is
-/// not in the truth was not there.
+/// Scores `poses` against `truth`, both read with the same [`PointSet`] and ticks. `extent` declares whether the truth is
+/// whole.
 ///
-/// With a partial truth, ticks that the truth does not hold at all are not looked at.
-/// Cost: one assignment of persons squared a tick, and a few distances per pair.
+/// A partial truth is scored at its own ticks only.
+/// Cost: one assignment per tick, and a few distances per pair.
 pub fn score(
     poses: &PoseLines,
     truth: &PoseLines,
@@ -160,14 +151,14 @@ pub fn score(
     rate_hz: Option<f64>,
 ) -> Scores {
     let points = truth.points();
-    let nobody = BTreeMap::new();
+    let no_people = BTreeMap::new();
     let mut actors: BTreeMap<u32, (ActorTally, Smoothness)> = BTreeMap::new();
     let mut identity = IdentityTally::new(extent);
     let mut calibration = UncertaintyTally::default();
     let mut pairing = Pairing::new(extent);
     for tick in scored_ticks(poses, truth, extent) {
-        let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
-        let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);
+        let true_bodies = truth.people_at(tick).unwrap_or(&no_people);
+        let pose_bodies = poses.people_at(tick).unwrap_or(&no_people);
         let distances = Distances::new(true_bodies, pose_bodies);
         pairing.pair(&distances);
         identity.add(&distances, pairing.matched());
@@ -212,30 +203,30 @@ pub fn score(
     }
 }
 
-/// Mean error of each actor at each tick, metres, under the pairing that [`score`] uses, outliers too; `None` where
-/// there is no pose. Ticks rise.
+/// Mean error of each actor at each tick, metres, under the pairing of [`score`], with outliers; `None` without a pose. Ticks
+/// ascend.
 pub fn errors_over_time(
     poses: &PoseLines,
     truth: &PoseLines,
 ) -> BTreeMap<u32, Vec<(Tick, Option<f64>)>> {
-    let nobody = BTreeMap::new();
+    let no_people = BTreeMap::new();
     let mut errors: BTreeMap<u32, Vec<(Tick, Option<f64>)>> = BTreeMap::new();
     let mut pairing = Pairing::new(TruthExtent::Whole);
     for tick in truth.ticks() {
-        let true_bodies = truth.people_at(tick).unwrap_or(&nobody);
-        let pose_bodies = poses.people_at(tick).unwrap_or(&nobody);
+        let true_bodies = truth.people_at(tick).unwrap_or(&no_people);
+        let pose_bodies = poses.people_at(tick).unwrap_or(&no_people);
         let distances = Distances::new(true_bodies, pose_bodies);
         pairing.pair(&distances);
         for (i, &actor) in true_bodies.keys().enumerate() {
             let pose = pairing.matched()[i].or(pairing.outliers()[i]);
-            let error_m = pose.map(|j| distances.of_m(i, j));
+            let error_m = pose.map(|j| distances.pair_m(i, j));
             errors.entry(actor).or_default().push((tick, error_m));
         }
     }
     errors
 }
 
-/// Whose pose is whose at one tick, under the matching that [`score`] uses: per actor the pose's id.
+/// The matching of [`score`] at one tick: per actor the id of its pose.
 pub fn matches_at(tick: Tick, poses: &PoseLines, truth: &PoseLines) -> BTreeMap<u32, u32> {
     let (Some(true_bodies), Some(pose_bodies)) = (truth.people_at(tick), poses.people_at(tick))
     else {

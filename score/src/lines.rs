@@ -1,8 +1,7 @@
 //! Reads `poses.jsonl` and `truth.jsonl`: one line per tick and person.
 //!
-//! Only what is scored is kept, so that an hour of people fits in memory. Fields that nobody asks for
-//! are not looked at; a field that is asked for and wrong is refused with its line and name. Points under names that
-//! nobody knows are compared with nothing: their names are kept.
+//! Only scored data are stored, so an hour of people fits in memory. Unused fields are not checked; a used field that is
+//! invalid is refused with its line and name. Points under unknown names are not compared; their names are collected.
 
 use std::collections::BTreeMap;
 use std::io::{self, BufRead};
@@ -17,29 +16,28 @@ use nalgebra::Vector3;
 use serde::{Deserialize as _, Serialize};
 use serde_json::{Map, Value};
 
-use super::detail::{JointDetail, Sureness};
 use super::names::{NameGroup, UnknownNames};
-use super::points::{HEAD_POINTS, LIMB_POINTS, PointSet, ScoredBody};
+use super::points::{HEAD_POINTS, JointDetail, LIMB_POINTS, PointSet, ScoredBody, Sureness};
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 
-/// Whose lines are read.
+/// What the lines are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LinesRole {
     /// Poses: keypoints are taken from `keypoints` alone.
     Poses,
-    /// A truth: a keypoint that is not under `keypoints` is taken from `joints`, because a truth
-    /// that knows one kind of point only lists it there (Shelf).
+    /// A truth: a keypoint that is not under `keypoints` is taken from `joints`, because a truth with one kind of point
+    /// lists it there only (Shelf).
     Truth,
 }
 
-/// How much of who was there a truth holds.
+/// Whether a truth contains all people.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TruthExtent {
-    /// Everybody at every tick: whoever is left out was not there.
+    /// All people at every tick: a person who is left out was absent.
     #[default]
     Whole,
-    /// Some people at some ticks: whoever is left out may have been there.
+    /// Some people at some ticks: a person who is left out may have been present.
     Partial,
 }
 
@@ -55,14 +53,14 @@ impl FromStr for TruthExtent {
     }
 }
 
-/// A stretch of ticks at which a person is not in a file that holds it before and after.
+/// A gap of a person in a file: the file has the person before and after.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct TruthHole {
-    /// Who.
+    /// The id of the person.
     pub person: u32,
-    /// The last tick before.
+    /// The last tick before the gap.
     pub after: Tick,
-    /// The first tick afterwards.
+    /// The first tick after the gap.
     pub until: Tick,
 }
 
@@ -75,8 +73,8 @@ pub struct PoseLines {
 }
 
 impl PoseLines {
-    /// Reads all lines of `reader`; `path` is what errors name. Lines outside `ticks` are checked but
-    /// not kept. The order of the lines does not matter.
+    /// Reads all lines of `reader`; errors name `path`. Lines outside `ticks` are checked but not stored. The lines may be in
+    /// any order.
     ///
     /// # Errors
     /// [`FileError`] at the first line that cannot be read, lacks `tick` or `person`, holds a point
@@ -103,7 +101,7 @@ impl PoseLines {
             }
             let at_tick = people.entry(parsed.tick).or_default();
             if at_tick.insert(parsed.person, parsed.body).is_some() {
-                let problem = format!("{} is there twice at tick {}", parsed.person, parsed.tick);
+                let problem = format!("found {} twice at tick {}", parsed.person, parsed.tick);
                 return Err(LineFault {
                     field: Some("person".to_owned()),
                     problem,
@@ -118,7 +116,7 @@ impl PoseLines {
         })
     }
 
-    /// The people of a run that was never written: `people` by tick and id, gathered with `points`.
+    /// Lines that were never written: `people` by tick and id, gathered with `points`.
     pub fn from_people(
         points: PointSet,
         people: BTreeMap<Tick, BTreeMap<u32, ScoredBody>>,
@@ -130,12 +128,12 @@ impl PoseLines {
         }
     }
 
-    /// Which points were kept.
+    /// The set of points that was read.
     pub fn points(&self) -> PointSet {
         self.points
     }
 
-    /// The first stretch of the ticks kept at which somebody is missing who is there before and after.
+    /// The first gap of a person who is present before and after it.
     pub fn first_hole(&self) -> Option<TruthHole> {
         let mut last: BTreeMap<u32, Tick> = BTreeMap::new();
         let mut people = self.people.iter();
@@ -149,13 +147,13 @@ impl PoseLines {
                 })
             });
             let first = holes.next();
-            // All of the tick's people are to be noted.
+            // Run to the end: all people of the tick must be recorded in `last`.
             holes.for_each(drop);
             first
         })
     }
 
-    /// The ticks that hold people, rising.
+    /// The ticks with people, ascending.
     pub fn ticks(&self) -> impl Iterator<Item = Tick> {
         self.people.keys().copied()
     }
@@ -165,18 +163,18 @@ impl PoseLines {
         self.people.get(&tick)
     }
 
-    /// Whether no tick holds people.
+    /// Whether there are no people.
     pub fn is_empty(&self) -> bool {
         self.people.is_empty()
     }
 
-    /// Whether any of the points that are scored is known of anybody.
+    /// Whether any person has a scored point.
     pub fn has_points(&self) -> bool {
         let mut bodies = self.people.values().flat_map(BTreeMap::values);
         bodies.any(|body| body.points_m.iter().any(Option::is_some))
     }
 
-    /// The names of the points that are scored and known of anybody.
+    /// The names of the scored points that any person has.
     pub fn known_points(&self) -> Vec<&'static str> {
         let is_known = |slot: usize| {
             let mut bodies = self.people.values().flat_map(BTreeMap::values);
@@ -187,7 +185,7 @@ impl PoseLines {
         known.map(|(_, name)| name).collect()
     }
 
-    /// Names of points that nobody knows, also those of lines that were not kept.
+    /// Unknown point names, also those of lines outside the ticks.
     pub fn unknown(&self) -> &UnknownNames {
         &self.unknown
     }
@@ -206,7 +204,7 @@ struct ParsedLine {
     body: ScoredBody,
 }
 
-/// What is wrong with a line, before it is known which line it is.
+/// A fault of a line whose number is added later.
 struct LineFault {
     field: Option<String>,
     problem: String,
@@ -267,7 +265,7 @@ fn parse_line(
     let joints = read_points(object.get("joints"), "joints")?;
     let keypoints = read_points(object.get("keypoints"), "keypoints")?;
     unknown.note(NameGroup::Joints, joints.keys().copied());
-    // Keypoints that no joint is near are amiss only where keypoints are compared, or where a truth has no others.
+    // Extra keypoints matter only if keypoints are compared, or if a truth has no others.
     let is_strange = || !NameGroup::Keypoints.knows_any(keypoints.keys().copied());
     if points != PointSet::Joints || role == LinesRole::Truth && is_strange() {
         unknown.note(NameGroup::Keypoints, keypoints.keys().copied());
@@ -292,13 +290,12 @@ fn parse_line(
     Ok(ParsedLine { tick, person, body })
 }
 
-/// The state of a line's pose, where it says one that is known.
+/// The state of a line's pose, if valid.
 fn state_of(object: &Map<String, Value>) -> Option<PersonState> {
     let state = object.get("state")?;
     PersonState::deserialize(state).ok()
 }
 
-/// How sure the pose of a line is, where it says so.
 fn read_sureness(
     object: &Map<String, Value>,
     unknown: &mut UnknownNames,
@@ -409,13 +406,13 @@ mod tests {
         );
         assert_eq!(
             refused(&format!("{good}{good}")),
-            "truth.jsonl:2: `person`: 1 is there twice at tick 1"
+            "truth.jsonl:2: `person`: found 1 twice at tick 1"
         );
         assert!(refused("{\"tick\": 1, \"per").starts_with("truth.jsonl:1: not JSON: EOF"));
     }
 
     #[test]
-    fn a_pose_that_says_how_sure_it_is_says_its_state_and_views_too() {
+    fn a_pose_with_sigmas_needs_state_and_views() {
         let line = |rest: &str| {
             let text = format!("{{\"tick\": 1, \"person\": 1, {rest}}}");
             read(&text, LinesRole::Poses, PointSet::Joints)
@@ -442,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hole_is_who_is_missing_between_two_ticks_and_not_who_comes_or_goes() {
+    fn only_a_gap_between_two_ticks_of_a_person_is_a_hole() {
         let line = |tick: i64, person: u32| format!("{{\"tick\": {tick}, \"person\": {person}}}\n");
         let hole = |text: &str, ticks: Option<Range<Tick>>| {
             let (role, points) = (LinesRole::Truth, PointSet::Joints);
@@ -471,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_nobody_knows_are_kept_and_those_of_a_network_where_they_are_compared() {
+    fn unknown_names_are_collected_for_the_compared_groups() {
         let text = "{\"tick\": 1, \"person\": 1, \"joints\": {\"hip_l\": [1, 2, 3], \"nose\": [1, 2, 3], \"LKnee\": null}, \
                     \"keypoints\": {\"left_thumb\": [1, 2, 3]}, \"sigma_m\": {\"hip_r\": 0.1}, \"state\": \"tracked\", \"views\": 4}";
         let unknown = |role, points| read(text, role, points).unwrap().unknown().to_string();

@@ -1,10 +1,8 @@
-//! How people come: how long it takes until somebody who is there has a pose, and whether who goes away
-//! and returns has the old id again.
+//! Initiations and returns: the time until a person has a pose, and whether a person who leaves and returns has the old id.
 //!
-//! Whose pose is whose is the matching of the accuracy ([`super::matches_at`]). An actor *returns* when
-//! the truth holds it again after it has left it out for half a second; who is left out for less, at the
-//! edge of what is asked for, has not been away. A truth that was annotated in part leaves people out who
-//! are there, and its returns are those of the annotation.
+//! Poses are matched as for the accuracy ([`super::matches_at`]). An actor *returns* when the truth contains it again after an
+//! absence of more than half a second; shorter gaps, at the edge of the volume, are no absence. A partial truth leaves out
+//! people who are present; its returns are those of the annotation.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -16,22 +14,22 @@ use serde::{Serialize, Serializer};
 use super::lines::PoseLines;
 use super::matches_at;
 
-/// How long an actor is out of the truth at least when it has been away, seconds.
-const LEAST_AWAY_S: f64 = 0.5;
-/// The same in ticks, where no rate is known.
-const LEAST_AWAY_TICKS: i64 = 2;
+/// An actor that is out of the truth for longer has been away, seconds.
+const MIN_AWAY_S: f64 = 0.5;
+/// The same in ticks, for an unknown rate.
+const MIN_AWAY_TICKS: i64 = 2;
 
 /// Initiations and returns of all actors.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Lives {
-    /// Per actor, ticks from its first line of the truth to its first pose, also one that was written
-    /// afterwards, when the person was confirmed; `None`: it never had one.
+    /// Per actor, ticks from its first line of the truth to its first pose, including poses written after confirmation;
+    /// `None` if it never had one.
     pub time_to_birth_ticks: BTreeMap<u32, Option<i64>>,
-    /// The median over those who were initiated, seconds; absent without a rate.
+    /// The median over the actors with a pose, seconds; absent without a rate.
     pub time_to_birth_median_s: Option<f64>,
     /// The longest, seconds; absent without a rate.
     pub time_to_birth_worst_s: Option<f64>,
-    /// The same as a live listener sees it: to the first pose that was published at its tick.
+    /// The same for a live client: to the first pose that was published at its tick.
     pub time_to_birth_live_ticks: BTreeMap<u32, Option<i64>>,
     /// The median of these, seconds; absent without a rate.
     pub time_to_birth_live_median_s: Option<f64>,
@@ -39,47 +37,46 @@ pub struct Lives {
     pub time_to_birth_live_worst_s: Option<f64>,
     /// Actors that never had a pose.
     pub never_born: u64,
-    /// Times that an actor that had had a pose came back.
+    /// Times that an actor with an earlier pose returned.
     pub returns: u64,
-    /// Of these, with the id that it had before.
+    /// Of these, with the old id.
     pub returns_same_id: u64,
     /// Of these, with another id.
     pub returns_other_id: u64,
-    /// The longest from coming back to the next pose, seconds; absent without a rate. Who is never found
-    /// again counts for as long as the truth holds it.
+    /// The longest time from a return to the next pose, seconds; absent without a rate. An actor that is never found again
+    /// counts for as long as the truth contains it.
     pub return_worst_s: Option<f64>,
-    /// The ticks and actors without a pose after coming back, until the next pose; in JSON, how many.
-    #[serde(serialize_with = "how_many")]
+    /// The ticks and actors without a pose between a return and the next pose; in JSON, their number.
+    #[serde(serialize_with = "number_of")]
     pub return_gaps: BTreeSet<(Tick, u32)>,
 }
 
-fn how_many<S: Serializer>(gaps: &BTreeSet<(Tick, u32)>, to: S) -> Result<S::Ok, S::Error> {
+fn number_of<S: Serializer>(gaps: &BTreeSet<(Tick, u32)>, to: S) -> Result<S::Ok, S::Error> {
     gaps.len().serialize(to)
 }
 
-/// Ticks that an actor is out of the truth at least when it has been away.
-fn least_away_ticks(rate_hz: Option<f64>) -> i64 {
+fn min_away_ticks(rate_hz: Option<f64>) -> i64 {
     #[expect(
         clippy::cast_possible_truncation,
         reason = "half the rate of cameras; beyond the range it saturates"
     )]
-    rate_hz.map_or(LEAST_AWAY_TICKS, |rate_hz| {
-        (LEAST_AWAY_S * rate_hz).ceil().max(1.0) as i64
+    rate_hz.map_or(MIN_AWAY_TICKS, |rate_hz| {
+        (MIN_AWAY_S * rate_hz).ceil().max(1.0) as i64
     })
 }
 
-/// One actor while the ticks go by.
+/// The state of one actor.
 #[derive(Debug, Clone, Default)]
 struct ActorLife {
-    /// The first tick of the truth.
+    /// Its first tick in the truth.
     since: Option<Tick>,
     initiated: Option<Tick>,
-    /// The first tick with a pose that was published then.
+    /// The first tick whose pose was published at once.
     published: Option<Tick>,
-    /// The last tick of the truth, and the last id.
+    /// Its last tick in the truth, and its last id.
     seen: Option<Tick>,
     id: Option<u32>,
-    /// When it came back, until it has a pose again.
+    /// The tick of its return, until it has a pose again.
     back: Option<Tick>,
 }
 
@@ -89,13 +86,13 @@ impl Lives {
         let mut all: BTreeMap<u32, ActorLife> = BTreeMap::new();
         let mut lives = Self::default();
         let mut longest_return = None;
-        let least_away = least_away_ticks(rate_hz);
+        let min_away = min_away_ticks(rate_hz);
         for tick in truth.ticks() {
             let matches = matches_at(tick, poses, truth);
             for &actor in truth.people_at(tick).into_iter().flat_map(BTreeMap::keys) {
                 let life = all.entry(actor).or_default();
                 life.since.get_or_insert(tick);
-                lives.returns += u64::from(life.comes_back(tick, least_away));
+                lives.returns += u64::from(life.note_presence(tick, min_away));
                 let Some(&id) = matches.get(&actor) else {
                     if let Some(back) = life.back {
                         longest_return = longest_return.max(Some(tick + 1 - back));
@@ -107,7 +104,7 @@ impl Lives {
                 if pose.is_some_and(|pose| !pose.is_tentative) {
                     life.published.get_or_insert(tick);
                 }
-                if let Some((ticks, before)) = life.is_found(tick, id) {
+                if let Some((ticks, before)) = life.note_pose(tick, id) {
                     longest_return = longest_return.max(Some(ticks));
                     lives.returns_same_id += u64::from(before == id);
                     lives.returns_other_id += u64::from(before != id);
@@ -147,20 +144,19 @@ impl Lives {
 }
 
 impl ActorLife {
-    /// Takes in that the truth holds it at `tick`; whether it has come back then, having had an id, after
-    /// `least_away` ticks or more.
-    fn comes_back(&mut self, tick: Tick, least_away: i64) -> bool {
+    /// Records that the truth contains the actor at `tick`. Returns whether it returned: it had an id, and was away for more
+    /// than `min_away` ticks.
+    fn note_presence(&mut self, tick: Tick, min_away: i64) -> bool {
         let last = self.seen.replace(tick);
-        let back = self.id.is_some() && last.is_some_and(|last| tick - last > least_away);
+        let back = self.id.is_some() && last.is_some_and(|last| tick - last > min_away);
         if back {
             self.back = Some(tick);
         }
         back
     }
 
-    /// Takes in that it has a pose at `tick`; the ticks since it came back, and the id that it had
-    /// before, if this is the first since.
-    fn is_found(&mut self, tick: Tick, id: u32) -> Option<(i64, u32)> {
+    /// Records a pose at `tick`. For the first pose since a return: the ticks since the return, and the previous id.
+    fn note_pose(&mut self, tick: Tick, id: u32) -> Option<(i64, u32)> {
         self.initiated.get_or_insert(tick);
         let before = self.id.replace(id);
         let back = self.back.take()?;
@@ -243,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_live_listener_waits_until_the_person_is_confirmed() {
+    fn a_live_client_waits_until_the_person_is_confirmed() {
         let truth: Vec<_> = (0..10).map(|t| (t, 1, 0.0)).collect();
         let line = |tick: i64, state: &str| {
             let joints = "{\"left_hip\": [0, 0, 1]}";
@@ -263,13 +259,13 @@ mod tests {
         assert!(
             lives
                 .to_string()
-                .contains("0.20 s (worst) as written, 0.60 s and 0.60 s live"),
+                .contains("as written, 0.60 s and 0.60 s live"),
             "{lives}"
         );
     }
 
     #[test]
-    fn who_returns_has_the_old_id_or_another() {
+    fn a_returning_person_has_the_old_id_or_another() {
         let truth: Vec<_> = [0, 1, 10, 11, 12, 20, 21]
             .into_iter()
             .map(|t| (t, 1, 0.0))
@@ -286,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_out_of_the_truth_for_less_than_half_a_second_has_not_been_away() {
+    fn a_gap_of_less_than_half_a_second_is_no_absence() {
         let returns = |back: i64, rate_hz: Option<f64>| {
             let truth = [(0, 1, 0.0), (back, 1, 0.0)];
             let poses = [(0, 7, 0.0)];
@@ -300,13 +296,13 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_back_unseen_has_returned_all_the_same() {
+    fn a_return_without_a_pose_is_counted() {
         let truth: Vec<_> = [0, 1, 10, 11].into_iter().map(|t| (t, 1, 0.0)).collect();
         let lives = lives(&[(0, 7, 0.0)], &truth);
         let counts = (lives.returns, lives.returns_same_id, lives.returns_other_id);
         assert_eq!(counts, (1, 0, 0));
         let never_s = lives.return_worst_s.unwrap();
-        assert!((never_s - 0.2).abs() < 1e-12, "{never_s} s and no end");
+        assert!((never_s - 0.2).abs() < 1e-12, "{never_s} s");
         assert!(lives.to_string().contains("returns 1 (old id 0"), "{lives}");
     }
 }

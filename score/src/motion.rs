@@ -1,20 +1,20 @@
-//! How smooth the poses of one actor are: jitter, and feet that slide while they should stand.
+//! Smoothness of one actor's poses: jitter, and feet that slide while they stand.
 //!
-//! A foot slides by its heel and toe. Whoever has neither (triangulated keypoints) is compared by the
-//! ankle: its horizontal speed while the same true feet are still.
+//! Foot slide is that of heel and toe. Poses without them (triangulated keypoints) are compared by the ankle: its horizontal
+//! speed while the true foot is still.
 
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
 use super::points::{LIMB_POINTS, N_POINTS, ScoredBody};
 
-/// The scored limb points, of which the ankles, left and right, are the last.
+/// The scored limb points; the last two are the ankles, left and right.
 const N_LIMB_POINTS: usize = LIMB_POINTS.len();
 /// Speed of heel and toe below which the true foot is still, metres per second.
 const STILL_M_S: f64 = 0.05;
 
-/// A foot's change over one tick, metres per tick: of the truth (3D, the faster of heel and toe), and
-/// of the pose (horizontal, the mean of heel and toe, and the ankle).
+/// Change of a foot over one tick, metres per tick: of the truth in 3D, the faster of heel and toe; of the pose horizontally,
+/// the mean of heel and toe, and the ankle.
 #[derive(Debug, Clone, Copy)]
 #[expect(clippy::struct_field_names, reason = "the unit is in every name")]
 struct FootStep {
@@ -23,9 +23,8 @@ struct FootStep {
     ankle_m: Option<f64>,
 }
 
-/// Sums over the ticks of one actor. Differences are taken over consecutive ticks that all have a
-/// pose; an id that changes in between is the actor's jitter as well, because that is what the actor
-/// was given.
+/// Sums over the ticks of one actor. Differences are taken over consecutive ticks that all have a pose. An id change in between
+/// adds to the actor's jitter.
 #[derive(Debug, Clone, Default)]
 pub struct Smoothness {
     /// Up to three ticks in a row, newest last.
@@ -36,7 +35,7 @@ pub struct Smoothness {
 }
 
 impl Smoothness {
-    /// Takes in the next tick: the true body and the pose that is held against it, an outlier too.
+    /// Adds the next tick: the true body and the pose that it is compared with, possibly an outlier.
     pub fn add(&mut self, tick: Tick, truth: &ScoredBody, pose: Option<&ScoredBody>) {
         let Some(pose) = pose else {
             self.recent.clear();
@@ -161,8 +160,7 @@ mod tests {
     #[test]
     fn only_feet_that_truly_stand_can_slide() {
         let mut motion = Smoothness::default();
-        // The true foot stands for two steps, then moves at 1 m/s; the pose slides by 2 mm a tick,
-        // then by 90 mm.
+        // The true foot stands for two steps, then moves at 1 m/s. The pose slides by 2 mm a tick, then by 90 mm.
         for (t, true_x, x) in [
             (0, 0.0, 0.0),
             (1, 0.0, 0.002),
@@ -176,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_no_feet_slides_by_the_ankle() {
+    fn a_pose_without_feet_slides_by_its_ankle() {
         let mut motion = Smoothness::default();
         for t in 0..4 {
             let mut pose = ScoredBody::default();

@@ -1,5 +1,4 @@
-//! Names of points that a file has and nobody here knows: what stands under them is compared with nothing, and whoever
-//! reads a score must be told so.
+//! Unknown point names of a file. Their points are not compared, so the reader of a score must see them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -11,14 +10,14 @@ use serde::Serialize;
 
 use super::points::HEAD_POINTS;
 
-/// Most names that are kept of one file: whoever invents one for each line does not fill the memory.
-const MOST_KEPT: usize = 64;
-/// Most characters that are kept of a name: it may be as long as its file.
-const MOST_CHARACTERS: usize = 40;
-/// Most names that are shown in a sentence.
-const MOST_SHOWN: usize = 8;
+/// Most names that are stored per file; it bounds the memory for a file with a new name on each line.
+const MAX_NAMES: usize = 64;
+/// Most characters that are stored of a name, which may be as long as its file.
+const MAX_NAME_CHARACTERS: usize = 40;
+/// Most names in a message.
+const MAX_SHOWN_NAMES: usize = 8;
 
-/// Which part of a line a name stands in.
+/// The part of a line that contains a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NameGroup {
     /// `joints`.
@@ -38,7 +37,7 @@ impl NameGroup {
         }
     }
 
-    /// Whether somebody here knows the name. A network may know keypoints that are no joints.
+    /// Whether the name is known. A network may have keypoints that are no joints.
     fn knows(self, name: &str) -> bool {
         let has_site = || {
             let alone = KeypointSet::new(vec![name.to_owned()]);
@@ -48,32 +47,31 @@ impl NameGroup {
         KNOWN.contains(name) || (self == Self::Keypoints && has_site())
     }
 
-    /// Whether somebody here knows one of `names`.
+    /// Whether one of `names` is known.
     pub(super) fn knows_any<'a>(self, mut names: impl Iterator<Item = &'a str>) -> bool {
         names.any(|name| self.knows(name))
     }
 }
 
-/// Joints and head points: looked up for every point of every line.
+/// Joints and head points, for fast lookup.
 static KNOWN: LazyLock<BTreeSet<&str>> = LazyLock::new(|| {
     let joints = Joint::ALL.into_iter().map(Joint::name);
     joints.chain(HEAD_POINTS).collect()
 });
 
-/// The names of a file that nobody here knows, each with its part of the line (`joints.hip_l`), the first 64 that were
-/// met, each cut off after 40 characters.
+/// The first 64 unknown names of a file, each with its part of the line (`joints.hip_l`) and cut off after 40 characters.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 #[serde(transparent)]
 pub struct UnknownNames(BTreeSet<String>);
 
 impl UnknownNames {
-    /// Notes those of `names` that nobody knows.
+    /// Stores the unknown ones of `names`.
     pub(super) fn note<'a>(&mut self, group: NameGroup, names: impl Iterator<Item = &'a str>) {
         for name in names {
-            if self.0.len() < MOST_KEPT && !group.knows(name) {
-                let kept: String = name.chars().take(MOST_CHARACTERS).collect();
-                let kept = kept.escape_debug();
-                self.0.insert(format!("{}.{kept}", group.field()));
+            if self.0.len() < MAX_NAMES && !group.knows(name) {
+                let name: String = name.chars().take(MAX_NAME_CHARACTERS).collect();
+                let name = name.escape_debug();
+                self.0.insert(format!("{}.{name}", group.field()));
             }
         }
     }
@@ -86,11 +84,12 @@ impl UnknownNames {
 
 impl fmt::Display for UnknownNames {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let shown: Vec<&str> = self.0.iter().map(String::as_str).take(MOST_SHOWN).collect();
+        let names = self.0.iter().map(String::as_str);
+        let shown: Vec<&str> = names.take(MAX_SHOWN_NAMES).collect();
         write!(f, "`{}`", shown.join("`, `"))?;
         match self.0.len() - shown.len() {
             0 => Ok(()),
-            _ if self.0.len() == MOST_KEPT => write!(f, " and many more"),
+            _ if self.0.len() == MAX_NAMES => write!(f, " and many more"),
             more => write!(f, " and {more} more"),
         }
     }
@@ -107,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn joints_heads_and_what_networks_call_feet_are_known() {
+    fn joints_head_points_and_toe_keypoints_are_known() {
         let joints = noted(NameGroup::Joints, &["left_toe", "nose", "head_top"]);
         assert!(joints.is_empty(), "{joints}");
         let keypoints = noted(NameGroup::Keypoints, &["left_big_toe", "mid_hip", "nose"]);
@@ -115,17 +114,17 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_knows_is_shown_once_with_its_part_of_the_line() {
+    fn an_unknown_name_is_shown_once_with_its_part_of_the_line() {
         let mut unknown = noted(NameGroup::Joints, &["hip_l", "left_hip", "hip_l"]);
         unknown.note(NameGroup::Sigmas, ["LHip"].into_iter());
         assert_eq!(unknown.to_string(), "`joints.hip_l`, `sigma_m.LHip`");
-        // A network's name for a toe is no joint's.
+        // A network's name for a toe is no name of a joint.
         let toe = noted(NameGroup::Joints, &["left_big_toe"]);
         assert_eq!(toe.to_string(), "`joints.left_big_toe`");
     }
 
     #[test]
-    fn of_a_name_that_has_no_end_the_beginning_is_kept_and_nothing_in_it_moves_the_cursor() {
+    fn a_long_name_is_cut_off_and_control_characters_are_escaped() {
         let endless = noted(NameGroup::Joints, &[&"é".repeat(100_000)]);
         assert_eq!(endless.to_string(), format!("`joints.{}`", "é".repeat(40)));
         let coloured = noted(NameGroup::Joints, &["\u{1b}[31mhip\n"]);
@@ -133,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_name_in_each_line_fills_neither_the_memory_nor_the_screen() {
+    fn many_names_are_limited_in_memory_and_in_messages() {
         let names: Vec<String> = (0..12).map(|i| format!("p{i:05}")).collect();
         let few = noted(
             NameGroup::Keypoints,
@@ -148,7 +147,7 @@ mod tests {
             NameGroup::Keypoints,
             &names.iter().map(String::as_str).collect::<Vec<_>>(),
         );
-        assert_eq!(many.0.len(), MOST_KEPT);
+        assert_eq!(many.0.len(), MAX_NAMES);
         assert!(many.to_string().ends_with("and many more"), "{many}");
     }
 }

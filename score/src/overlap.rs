@@ -1,4 +1,4 @@
-//! Whether poses and a truth are of the same people at the same time: what a score is worth nothing without.
+//! Checks that poses and a truth are of the same people at the same time. A score without this is meaningless.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -11,25 +11,25 @@ use super::pairing::{Distances, GATE_M};
 /// Share of ticks below which two files barely overlap.
 const BARELY: f64 = 0.1;
 
-/// Where poses and a truth meet.
+/// How poses and a truth overlap.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Overlap {
     /// First and last tick of the poses.
     poses: Option<RangeInclusive<Tick>>,
     /// First and last tick of the truth.
     truth: Option<RangeInclusive<Tick>>,
-    /// Ticks at which the truth holds people.
+    /// Ticks at which the truth contains people.
     true_ticks: usize,
-    /// Ticks at which both hold people.
+    /// Ticks at which both contain people.
     shared_ticks: usize,
-    /// Of these, those at which a pose is near enough to be a truth's.
+    /// Of these, ticks with a pose near enough to match a true person.
     near_ticks: usize,
-    /// The least mean distance of the points of a pose from those of a truth, metres; `None` where no pose has a point
-    /// that a truth of its tick has.
+    /// The least mean distance between the points of a pose and of a true person, metres; `None` if no pose shares a point
+    /// with a true person of its tick.
     nearest_m: Option<f64>,
-    /// The points that are compared and that the poses have.
+    /// The compared points that the poses have.
     pose_points: Vec<&'static str>,
-    /// Those that the truth has.
+    /// The compared points that the truth has.
     true_points: Vec<&'static str>,
 }
 
@@ -58,14 +58,14 @@ impl Overlap {
         overlap
     }
 
-    /// Why there is nothing to score, if so. Poses of nobody are scored: all of the truth is missing then.
+    /// The reason why scoring is impossible, if any. Empty poses are scored: the whole truth is missing then.
     pub fn refusal(&self) -> Option<String> {
         let poses = self.poses.as_ref()?;
         if self.shared_ticks == 0 {
             return Some(format!(
-                "no tick in common: the poses have {}, the truth has {}; expected poses of what the truth is of",
+                "no tick in common: the poses have {}, the truth has {}; expected poses of the people and time of the truth",
                 Span(poses),
-                self.of_truth()
+                self.true_span()
             ));
         }
         if self.near_ticks > 0 {
@@ -74,24 +74,24 @@ impl Overlap {
         let shared = self.shared_ticks;
         let Some(nearest_m) = self.nearest_m else {
             return Some(format!(
-                "no point in common at the {shared} ticks that both hold: of those that are compared the poses have {}, the \
-                 truth has {}; expected the same names in both, as `left_hip` and `right_knee`",
+                "no point in common at the {shared} ticks that both have: of the compared points the poses have {}, the truth \
+                 has {}; expected the same names in both, such as `left_hip` and `right_knee`",
                 named(&self.pose_points),
                 named(&self.true_points)
             ));
         };
         Some(format!(
-            "no place in common at the {shared} ticks that both hold: the nearest pose is {nearest_m:.2} m from a truth, \
-             and at most {GATE_M} m is a match; expected poses of the same people, in the same coordinates"
+            "no place in common at the {shared} ticks that both have: the nearest pose is {nearest_m:.2} m from a true person, \
+             and a match is at most {GATE_M} m apart; expected poses of the same people, in the same coordinates"
         ))
     }
 
-    /// What speaks against a score that can be made, if anything does.
+    /// A reason to distrust the score, if any.
     pub fn warning(&self) -> Option<String> {
         let Some(poses) = &self.poses else {
             return Some(format!(
-                "the poses hold nobody; the truth has {}",
-                self.of_truth()
+                "the poses contain no people; the truth has {}",
+                self.true_span()
             ));
         };
         let is_barely = |part: usize, of: usize| (part as f64) < BARELY * of as f64;
@@ -101,18 +101,18 @@ impl Overlap {
                 self.shared_ticks,
                 self.true_ticks,
                 Span(poses),
-                self.of_truth()
+                self.true_span()
             ));
         }
         is_barely(self.near_ticks, self.shared_ticks).then(|| {
             format!(
-                "at only {} of {} ticks is a pose within {GATE_M} m of a truth",
+                "a pose is within {GATE_M} m of a true person at only {} of {} ticks",
                 self.near_ticks, self.shared_ticks
             )
         })
     }
 
-    fn of_truth(&self) -> String {
+    fn true_span(&self) -> String {
         let span = self.truth.as_ref();
         span.map_or_else(|| "none".to_owned(), |span| Span(span).to_string())
     }
@@ -175,49 +175,45 @@ mod tests {
     }
 
     #[test]
-    fn poses_of_the_same_people_at_the_same_time_are_scored_without_a_word() {
+    fn overlapping_files_cause_no_refusal_and_no_warning() {
         let overlap = overlap(&standing(5..90, 0.1));
         assert_eq!((overlap.refusal(), overlap.warning()), (None, None));
     }
 
     #[test]
-    fn other_ticks_are_refused_with_those_of_both() {
+    fn a_refusal_for_other_ticks_has_the_ticks_of_both() {
         let refusal = overlap(&standing(100..200, 0.0)).refusal().unwrap();
-        assert!(
-            refusal.contains("the poses have ticks 100 to 199"),
-            "{refusal}"
-        );
-        assert!(refusal.contains("the truth has ticks 0 to 99"), "{refusal}");
+        for words in ["poses have ticks 100 to 199", "truth has ticks 0 to 99"] {
+            assert!(refusal.contains(words), "{refusal}");
+        }
     }
 
     #[test]
-    fn another_place_is_refused_with_the_nearest_distance() {
+    fn a_refusal_for_another_place_has_the_nearest_distance() {
         let refusal = overlap(&standing(0..100, 3.25)).refusal().unwrap();
-        assert!(refusal.contains("100 ticks"), "{refusal}");
         assert!(refusal.contains("3.25 m"), "{refusal}");
     }
 
     #[test]
-    fn other_points_are_refused_with_those_of_both() {
+    fn a_refusal_for_other_points_has_the_points_of_both() {
         let refusal = |joint: &str| {
             let poses = lines(0..100, |_| 0.0, joint);
             overlap(&poses).refusal().unwrap()
         };
-        let said = refusal("left_knee");
-        assert!(
-            said.contains("the poses have `left_knee`, the truth has `left_hip`"),
-            "{said}"
-        );
-        let said = refusal("hip_l");
-        assert!(
-            said.contains("no point in common at the 100 ticks"),
-            "{said}"
-        );
-        assert!(said.contains("the poses have none"), "{said}");
+        for (joint, words) in [
+            (
+                "left_knee",
+                "the poses have `left_knee`, the truth has `left_hip`",
+            ),
+            ("hip_l", "the poses have none, the truth has `left_hip`"),
+        ] {
+            let message = refusal(joint);
+            assert!(message.contains(words), "{message}");
+        }
     }
 
     #[test]
-    fn who_barely_meets_the_truth_is_scored_with_a_warning() {
+    fn a_small_overlap_is_scored_with_a_warning() {
         let warning = overlap(&standing(95..400, 0.0)).warning().unwrap();
         assert!(warning.contains("5 of the truth's 100 ticks"), "{warning}");
         let passing = lines(0..100, |tick| 0.2 * tick as f64 - 10.05, "left_hip");
@@ -227,9 +223,9 @@ mod tests {
     }
 
     #[test]
-    fn poses_of_nobody_are_told_of() {
+    fn poses_without_people_cause_a_warning_only() {
         let overlap = overlap(&standing(0..0, 0.0));
         assert_eq!(overlap.refusal(), None);
-        assert!(overlap.warning().unwrap().contains("hold nobody"));
+        assert!(overlap.warning().unwrap().contains("ticks 0 to 99"));
     }
 }

@@ -1,8 +1,8 @@
-//! Whose pose is whose, tick after tick: pairs within the gate, and the outliers beyond it.
+//! Matches poses to true people over time: pairs within the gate, and outliers beyond it.
 //!
-//! A pose that leaves its person by more than the gate would, as a gap and a false pose, take its error out of every
-//! mean. So a truth that has no pose within the gate is held against the id that was its last, when that is still
-//! there and nobody else's at this tick.
+//! If a pose that drifts beyond the gate counted as a gap and a false pose, its error would be missing from every mean. So a
+//! true person without a pose within the gate is compared with its last id, if that is still present and matched to no
+//! other person at this tick.
 
 use std::collections::BTreeMap;
 
@@ -11,19 +11,19 @@ use farfield_fusion::assign::assign;
 use super::lines::TruthExtent;
 use super::points::ScoredBody;
 
-/// Farthest mean distance at which a pose can be a truth's, metres.
+/// Largest mean distance of a pose that matches a true person, metres.
 pub const GATE_M: f64 = 0.5;
 
-/// Cost of a pair beyond the gate: far above any sum of distances within it, so that the matching
-/// first has as many pairs as can be, then the least distance.
+/// Cost of a pair beyond the gate: far above any sum of distances within it, so that the matching maximises the number of
+/// pairs first, then minimises the distance.
 const BEYOND_GATE: f64 = 1e6;
 
-/// Mean point distances between the truths and the poses of one tick, metres.
+/// Mean point distances between the true people and the poses of one tick, metres.
 #[derive(Debug, Clone)]
 pub(crate) struct Distances {
     pub(crate) true_ids: Vec<u32>,
     pub(crate) pose_ids: Vec<u32>,
-    /// Row-major, one row per truth; infinite where the two share no point.
+    /// Row-major, one row per true person; infinite if the two share no point.
     values_m: Vec<f64>,
 }
 
@@ -50,7 +50,7 @@ impl Distances {
 
     /// The distance of a pair, `None` beyond the gate.
     pub(crate) fn within_gate(&self, truth_idx: usize, pose_idx: usize) -> Option<f64> {
-        let d = self.of_m(truth_idx, pose_idx);
+        let d = self.pair_m(truth_idx, pose_idx);
         (d <= GATE_M).then_some(d)
     }
 
@@ -60,11 +60,11 @@ impl Distances {
     }
 
     /// The distance of a pair.
-    pub(crate) fn of_m(&self, truth_idx: usize, pose_idx: usize) -> f64 {
+    pub(crate) fn pair_m(&self, truth_idx: usize, pose_idx: usize) -> f64 {
         self.values_m[truth_idx * self.pose_ids.len() + pose_idx]
     }
 
-    /// Per truth the index of its pose: most pairs within the gate, then least distance.
+    /// Per true person the index of its pose: most pairs within the gate, then least distance.
     pub(crate) fn matches(&self) -> Vec<Option<usize>> {
         let mut assigned = assign(self.true_ids.len(), self.pose_ids.len(), |i, j| {
             self.within_gate(i, j).unwrap_or(BEYOND_GATE)
@@ -76,19 +76,19 @@ impl Distances {
     }
 }
 
-/// The pairs of a tick, and whose each pose was before.
+/// The pairs of a tick, and the last pose of each actor.
 #[derive(Debug, Clone)]
 pub(crate) struct Pairing {
     with_outliers: bool,
-    /// Per actor, the id of its last pose within the gate that is nobody else's since.
+    /// Per actor, the id of its last pose within the gate that has matched no other actor since.
     last_ids: BTreeMap<u32, u32>,
     matched: Vec<Option<usize>>,
     outliers: Vec<Option<usize>>,
 }
 
 impl Pairing {
-    /// Nobody was there yet. A truth that was annotated in part has no outliers: a pose that has left its person may be
-    /// of somebody whom it leaves out.
+    /// No earlier ticks. A partial truth has no outliers: a pose that leaves its person may be of a person that the truth
+    /// leaves out.
     pub(crate) fn new(truth: TruthExtent) -> Self {
         Self {
             with_outliers: truth == TruthExtent::Whole,
@@ -98,12 +98,12 @@ impl Pairing {
         }
     }
 
-    /// Pairs the truths and the poses of the next tick.
+    /// Pairs the true people and the poses of the next tick.
     pub(crate) fn pair(&mut self, distances: &Distances) {
         self.matched = distances.matches();
         for (&actor, j) in distances.true_ids.iter().zip(&self.matched) {
             if let Some(id) = j.map(|j| distances.pose_ids[j]) {
-                // An id that is another's now is nobody else's last.
+                // An id that matches a person now is no longer the last of another.
                 self.last_ids.retain(|_, last| *last != id);
                 self.last_ids.insert(actor, id);
             }
@@ -114,23 +114,23 @@ impl Pairing {
             let last = last.filter(|_| self.matched[i].is_none() && self.with_outliers);
             let outlier = last.and_then(|id| {
                 let at = distances.pose_ids.iter().position(|pose| pose == id)?;
-                distances.of_m(i, at).is_finite().then_some(at)
+                distances.pair_m(i, at).is_finite().then_some(at)
             });
             self.outliers.push(outlier);
         }
     }
 
-    /// Per truth, the index of its pose within the gate.
+    /// Per true person, the index of its pose within the gate.
     pub(crate) fn matched(&self) -> &[Option<usize>] {
         &self.matched
     }
 
-    /// Per truth without such a pose, the index of the one that was its last.
+    /// Per true person without such a pose, the index of its last pose.
     pub(crate) fn outliers(&self) -> &[Option<usize>] {
         &self.outliers
     }
 
-    /// Actor and id of all pairs, outliers too.
+    /// Actor and id of all pairs, including outliers.
     pub(crate) fn pairs<'a>(
         &'a self,
         distances: &'a Distances,

@@ -1,10 +1,9 @@
-//! Plots as SVG documents, drawn by the crate `plotters`; and the error of each actor over time as one.
+//! Plots as SVG documents, drawn with the crate `plotters`, and the plot of each actor's error over time.
 //!
-//! A plot is one panel, and beside it a legend with a line per layer. Coordinates are whole pixels.
+//! A plot is one panel with a legend to its right, one line per layer. Coordinates are whole pixels.
 //!
-//! In the plot of errors time is along, millimetres are up. The scale ends where 99.5 % of the values lie, so
-//! that a moment of confusion does not flatten the rest; what is above runs along the upper edge. A gap
-//! breaks the line and is marked on the lower edge.
+//! The plot of errors has time along x, millimetres along y. The scale covers 99.5 % of the values, so that a short confusion
+//! does not flatten the rest; larger values run along the upper edge. A gap breaks the line and is marked on the lower edge.
 
 use farfield_proto::order_statistics::value_after;
 use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
@@ -14,7 +13,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::errors_over_time;
 use super::lines::PoseLines;
 
-/// Colours that are told apart by most eyes (Okabe and Ito 2008).
+/// Colours that most people can distinguish, also with colour blindness (Okabe and Ito 2008).
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0x00, 0x72, 0xb2),
     RGBColor(0xd5, 0x5e, 0x00),
@@ -26,32 +25,32 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(0xb8, 0xa8, 0x00),
 ];
 const GRID: RGBColor = RGBColor(0xdd, 0xdd, 0xdd);
-/// Family and size of all texts but the title; `plotters` divides sizes by 1.24.
+/// Family and size of all texts except the title; `plotters` divides sizes by 1.24.
 const FONT: (&str, u32) = ("sans-serif", 16);
 const TITLE_FONT: (&str, u32) = ("sans-serif", 19);
 /// Width of the legend, pixels.
 const LEGEND_PX: u32 = 230;
-/// From one line of the legend to the next, pixels.
+/// Line spacing of the legend, pixels.
 const LEGEND_LINE_PX: i32 = 20;
 
 /// One axis of a plot.
 pub struct PlotAxis<'a> {
-    /// What is along it, with its unit.
+    /// Description with unit.
     pub description: &'a str,
     /// Least and greatest value, in the axis's unit.
     pub range: [f64; 2],
-    /// Whether equal ways are equal ratios; the range must then be above 0.
+    /// Whether the scale is logarithmic; the range must then be above 0.
     pub is_logarithmic: bool,
-    /// How a value is written beside it.
+    /// Formats a value of the axis.
     pub label: fn(f64) -> String,
 }
 
-/// What is drawn in one colour, and is one line of the legend.
+/// One colour of a plot, with its line in the legend.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Layer {
-    /// What the legend calls it.
+    /// Name in the legend.
     pub name: String,
-    /// Which colour; the eighth is followed by the first.
+    /// Index of the colour; after the eighth the first follows.
     pub colour: usize,
     /// Lines from point to point, in units of the axes.
     pub lines: Vec<Vec<(f64, f64)>>,
@@ -61,17 +60,17 @@ pub struct Layer {
 
 /// A plot that can be drawn.
 pub struct Plot<'a> {
-    /// What stands above it.
+    /// Title above the panel.
     pub title: &'a str,
     /// Width and height, pixels.
     pub size_px: [u32; 2],
-    /// The axis to the right.
+    /// The horizontal axis.
     pub x: PlotAxis<'a>,
-    /// The axis upwards; it is never logarithmic.
+    /// The vertical axis; it is always linear.
     pub y: PlotAxis<'a>,
-    /// What is drawn, from the lowest to the topmost.
+    /// Layers from the lowest to the topmost.
     pub layers: Vec<Layer>,
-    /// What stands below the legend.
+    /// Text below the legend.
     pub note: &'a str,
 }
 
@@ -79,7 +78,7 @@ impl Plot<'_> {
     /// The plot as an SVG document.
     ///
     /// # Panics
-    /// Never: `plotters` fails only where a file cannot be written, and this is a string.
+    /// Never: `plotters` fails only if a file cannot be written, and this writes to a string.
     pub fn svg(&self) -> String {
         let mut text = String::new();
         let [from, until] = self.x.range;
@@ -164,16 +163,16 @@ impl Layer {
 #[derive(Debug, Clone, PartialEq)]
 struct Series {
     name: String,
-    /// Seconds, rising, and millimetres; `None` is a gap.
+    /// Seconds, ascending, and millimetres; `None` is a gap.
     points: Vec<(f64, Option<f64>)>,
 }
 
-/// The scale of errors reaches at least this far, millimetres: half of what still is a success.
-const LEAST_TOP_MM: f64 = 75.0;
-/// Share of the errors that the scale shows.
+/// Least top of the error scale, millimetres: half of the success limit.
+const MIN_TOP_MM: f64 = 75.0;
+/// Share of the errors within the scale.
 const SHOWN: f64 = 0.995;
 
-/// Where errors land on the panel.
+/// The ranges of the axes.
 struct Scale {
     time_s: [f64; 2],
     top_mm: f64,
@@ -191,7 +190,7 @@ impl Scale {
             .collect();
         errors.sort_by(f64::total_cmp);
         let high = value_after(&errors, SHOWN).unwrap_or(0.0);
-        let top_mm = 1.1 * high.max(LEAST_TOP_MM);
+        let top_mm = 1.1 * high.max(MIN_TOP_MM);
         let time_s = if until_s > from_s {
             [from_s, until_s]
         } else {
@@ -276,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn each_actor_has_a_line_that_a_gap_breaks_and_marks() {
+    fn a_gap_breaks_the_line_of_an_actor_and_is_marked() {
         let text = errors_svg(
             "a < b",
             &[
@@ -288,7 +287,7 @@ mod tests {
         let lines_of = |colour: &str| {
             let lines = text.lines();
             let lines = lines.filter(|l| l.starts_with("<polyline") && l.contains(colour));
-            // Without that of the legend, which is thicker.
+            // The thicker line in the legend does not count.
             lines.filter(|l| l.contains("stroke-width=\"1\"")).count()
         };
         assert_eq!((lines_of("#0072B2"), lines_of("#D55E00")), (2, 1));
@@ -296,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_above_the_scale_runs_along_its_upper_edge() {
+    fn values_above_the_scale_run_along_its_upper_edge() {
         let mut values = vec![Some(20.0); 999];
         values.push(Some(5000.0));
         let series = series("1", &values);
@@ -307,15 +306,15 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_draw_still_is_a_picture() {
+    fn a_plot_without_data_is_valid() {
         for empty in [vec![], vec![series("1", &[])], vec![series("1", &[None])]] {
-            let text = errors_svg("nobody", &empty);
+            let text = errors_svg("empty", &empty);
             assert!(text.contains("seconds") && !text.contains("NaN"));
         }
     }
 
     #[test]
-    fn points_of_one_ratio_are_as_far_apart_on_a_logarithmic_axis() {
+    fn equal_ratios_have_equal_distances_on_a_logarithmic_axis() {
         let axis = |range, is_logarithmic| PlotAxis {
             description: "",
             range,

@@ -2,21 +2,21 @@
 
 use std::str::FromStr;
 
+use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
+use farfield_proto::message::PersonState;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::detail::JointDetail;
-
-/// Which points are compared.
+/// The set of compared points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PointSet {
     /// The 12 limb joints, as anatomical centres (`joints` of a line).
     #[default]
     Joints,
-    /// The same 12 as the network means them (`keypoints` of a line).
+    /// The same 12 as the network defines them (`keypoints` of a line).
     Keypoints,
-    /// The 12 keypoints and two head points derived from them, as the Shelf literature compares.
+    /// The 12 keypoints and two head points derived from them, as in the Shelf literature.
     Shelf14,
 }
 
@@ -33,7 +33,7 @@ impl FromStr for PointSet {
     }
 }
 
-/// The points that every set scores, in the order of [`ScoredBody::points_m`].
+/// The points of every set, in the order of [`ScoredBody::points_m`].
 pub const LIMB_POINTS: [&str; 12] = [
     "left_shoulder",
     "right_shoulder",
@@ -62,15 +62,15 @@ const LEFT_ANKLE: usize = 10;
 const RIGHT_ANKLE: usize = 11;
 const HEAD_BOTTOM: usize = 12;
 const HEAD_TOP: usize = 13;
-/// The head points that a truth may have, in the order in which they follow [`LIMB_POINTS`] there.
+/// The head points that a truth may have; they follow [`LIMB_POINTS`] in this order.
 pub const HEAD_POINTS: [&str; 2] = ["head_bottom", "head_top"];
-/// Most points that are scored.
+/// Number of points in the largest set.
 pub const N_POINTS: usize = 14;
 
 /// Heel and toe, left then right, in the order of [`ScoredBody::feet_m`].
 pub const FOOT_POINTS: [[&str; 2]; 2] = [["left_heel", "left_toe"], ["right_heel", "right_toe"]];
 
-/// The points between which a limb runs; an end of two points is their middle.
+/// The points at the two ends of a limb; an end of two points is their middle.
 type LimbEnds = [&'static [usize]; 2];
 
 const BODY_LIMBS: [LimbEnds; 8] = [
@@ -89,7 +89,7 @@ const SHELF_LIMBS: [LimbEnds; 2] = [
 ];
 
 impl PointSet {
-    /// The limbs whose ends are compared: 8, with the head and the torso 10.
+    /// The compared limbs: 8, or 10 with the head and the torso.
     pub fn limbs(self) -> impl Iterator<Item = ScoredLimb> {
         let extra: &[LimbEnds] = if self == Self::Shelf14 {
             &SHELF_LIMBS
@@ -110,7 +110,7 @@ pub struct ScoredLimb {
 }
 
 impl ScoredLimb {
-    /// The two ends of the limb on `body`, `None` where one is unknown.
+    /// The two ends of the limb on `body`; `None` if one is unknown.
     pub fn on(&self, body: &ScoredBody) -> Option<[Vector3<f64>; 2]> {
         let [a, b] = self.ends.map(|points| {
             let sum = points
@@ -122,27 +122,26 @@ impl ScoredLimb {
     }
 }
 
-/// What is compared of one person at one tick: world, metres; `None` is unknown.
+/// The compared data of one person at one tick: world, metres; `None` is unknown.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ScoredBody {
     /// The limb points, then head bottom and head top.
     pub points_m: [Option<Vector3<f64>>; N_POINTS],
-    /// `[left, right][heel, toe]`, always of the joints.
+    /// `[left, right][heel, toe]`, always from the joints.
     pub feet_m: [[Option<Vector3<f64>>; 2]; 2],
-    /// The sites of the keypoints under the names of [`LIMB_POINTS`], whatever is compared.
+    /// The keypoint sites under the names of [`LIMB_POINTS`], for every point set.
     pub sites_m: [Option<Vector3<f64>>; LIMB_POINTS.len()],
-    /// All joints, and how sure they are, where that is compared.
+    /// All joints with their uncertainty, if these are compared.
     pub detail: Option<Box<JointDetail>>,
-    /// Whether the line was written afterwards, when the person was confirmed: nobody got it live.
+    /// Whether the line was written after confirmation of the person: it was not published live.
     pub is_tentative: bool,
 }
 
 impl ScoredBody {
     /// Gathers the points of `set`.
     ///
-    /// `point` gives the position under a name in the set's own group of points, `joint` that of an
-    /// anatomical centre. Head points come from `point` where it has them (the Shelf truth does),
-    /// else from the keypoints of the face and the shoulders.
+    /// `point` gives the position under a name in the set's own group of points, `joint` that of an anatomical centre. Head
+    /// points come from `point` if it has them (as the Shelf truth does), else from face keypoints and shoulders.
     pub fn gather(
         set: PointSet,
         point: impl Fn(&str) -> Option<Vector3<f64>>,
@@ -162,12 +161,12 @@ impl ScoredBody {
         body
     }
 
-    /// Notes the keypoint sites: `keypoint` gives the position under a keypoint's name.
+    /// Sets the keypoint sites; `keypoint` gives the position under a keypoint's name.
     pub fn set_sites(&mut self, keypoint: impl Fn(&str) -> Option<Vector3<f64>>) {
         self.sites_m = LIMB_POINTS.map(keypoint);
     }
 
-    /// Mean distance over the points that both know, metres; `None` when they share none.
+    /// Mean distance over the common points, metres; `None` if there are none.
     pub fn mean_distance_m(&self, other: &Self) -> Option<f64> {
         let pairs = self.points_m.iter().zip(&other.points_m);
         let (sum, n) = pairs
@@ -177,15 +176,13 @@ impl ScoredBody {
     }
 }
 
-/// Head bottom and head top out of shoulders, nose and ears.
+/// Head bottom and head top from shoulders, nose and ears: the conversion of COCO keypoints that evaluations on Shelf share.
 ///
 /// ```text
 ///   ms = mid shoulders   hc = mid ears (nose if unknown)   hb = (ms + hc)/2
 ///   bottom = 0.75 (ms + 0.5 (nose - ms)) + 0.25 hb
 ///   top    = 0.75 (ms + (nose - ms) * (0.75, 0.75, 1.5)) + 0.25 (hb + 2 (hc - hb))   * elementwise
 /// ```
-///
-/// The conversion of COCO keypoints that evaluations on Shelf share.
 fn shelf_head(point: impl Fn(&str) -> Option<Vector3<f64>>) -> Option<[Vector3<f64>; 2]> {
     let ms = (point("left_shoulder")? + point("right_shoulder")?) / 2.0;
     let nose = point("nose")?;
@@ -196,6 +193,44 @@ fn shelf_head(point: impl Fn(&str) -> Option<Vector3<f64>>) -> Option<[Vector3<f
     let bottom = 0.75 * (ms + 0.5 * (nose - ms)) + 0.25 * hb;
     let top = 0.75 * (ms + up) + 0.25 * (hb + 2.0 * (hc - hb));
     Some([bottom, top])
+}
+
+/// All joints of one line, with their uncertainty; world, metres, NaN where unknown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointDetail {
+    /// The 29 joints. (f32 is 0.01 mm within 100 m.)
+    pub joints_m: [[f32; 3]; N_JOINTS],
+    /// The reported uncertainty; `None` for a truth, and for poses that report none.
+    pub sureness: Option<Sureness>,
+}
+
+/// The uncertainty that a pose reports.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sureness {
+    /// Its state.
+    pub state: PersonState,
+    /// Number of viewpoints with evidence.
+    pub views: u16,
+    /// One standard deviation per joint and axis, metres; NaN where unknown.
+    pub sigma_m: [f32; N_JOINTS],
+}
+
+impl JointDetail {
+    /// Gathers the joints for which `joint` gives a position.
+    pub fn gather(
+        joint: impl Fn(&str) -> Option<Vector3<f64>>,
+        sureness: Option<Sureness>,
+    ) -> Self {
+        let unknown = Vector3::repeat(f64::NAN);
+        let at = |j: Joint| {
+            let at_m = joint(j.name()).unwrap_or(unknown);
+            [at_m.x as f32, at_m.y as f32, at_m.z as f32]
+        };
+        Self {
+            joints_m: Joint::ALL.map(at),
+            sureness,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -225,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn without_both_ears_the_nose_is_the_centre_of_the_head() {
+    fn without_both_ears_the_nose_is_the_head_centre() {
         let body = ScoredBody::gather(
             PointSet::Shelf14,
             |name| upright(name).filter(|_| name != "left_ear"),
@@ -237,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn head_points_of_the_file_win_and_other_sets_have_none() {
+    fn head_points_of_the_file_replace_derived_ones_on_shelf_only() {
         let given = |name: &str| match name {
             "head_top" => Some(Vector3::new(1.0, 2.0, 3.0)),
             _ => upright(name),
@@ -255,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn a_distance_is_over_the_points_that_both_know() {
+    fn a_distance_is_over_the_common_points() {
         let mut a = ScoredBody::default();
         let mut b = ScoredBody::default();
         assert_eq!(a.mean_distance_m(&b), None);

@@ -1,11 +1,11 @@
-//! The scores as a person reads them.
+//! Scores as a text table.
 
 use std::fmt;
 
 use super::lines::TruthExtent;
 use super::{ActorScore, MeanScore, Scores};
 
-/// The columns after the actor's: head, unit, width.
+/// The columns after the actor's: name, unit, width.
 const COLUMNS: [(&str, &str, usize); 15] = [
     ("frames", "", 6),
     ("gaps", "", 5),
@@ -24,7 +24,7 @@ const COLUMNS: [(&str, &str, usize); 15] = [
     ("ankle", "mm/s", 6),
 ];
 
-/// One row of the table: what it is of, and its figures in the order of the columns.
+/// The figures of a row, in the order of the columns.
 pub type TableRow = [Option<f64>; COLUMNS.len()];
 
 impl fmt::Display for Scores {
@@ -42,14 +42,14 @@ impl fmt::Display for Scores {
         if let Some(hole) = &self.first_hole {
             write!(
                 f,
-                "\nthe truth holds person {} at ticks {} and {} and not between: taken for absence (--truth partial where it was annotated in part)",
+                "\nthe truth has person {} at ticks {} and {} and not in between: this counts as absence (use --truth partial if it was annotated in part)",
                 hole.person, hole.after, hole.until
             )?;
         }
         if self.rate_hz.is_none() {
             write!(
                 f,
-                "\nno rate is known, so jitter and foot slide are left out"
+                "\njitter and foot slide are left out: the rate is unknown"
             )?;
         }
         Ok(())
@@ -57,7 +57,7 @@ impl fmt::Display for Scores {
 }
 
 impl Scores {
-    /// The whole in a sentence.
+    /// A summary in one sentence.
     pub fn sentence(&self) -> String {
         let frames: u64 = self.actors.values().map(|actor| actor.frames).sum();
         let gaps: u64 = self.actors.values().map(|actor| actor.gaps).sum();
@@ -66,11 +66,11 @@ impl Scores {
             n => format!("{n} people"),
         };
         let off = self.mean.mpjpe_mm.map_or_else(
-            || "nothing is near the truth".to_owned(),
+            || "no pose is near the truth".to_owned(),
             |mm| format!("joints are {mm:.0} mm off on average"),
         );
         let switches = match self.identity.switches {
-            0 => "nobody changed ids".to_owned(),
+            0 => "no person changed ids".to_owned(),
             n => format!("ids changed {n} times"),
         };
         format!("{people}, {frames} true poses: {off}, {gaps} poses are missing, {switches}")
@@ -90,14 +90,14 @@ impl Scores {
     }
 }
 
-/// Several scores of the same truth side by side: per actor, then for the mean, one row of each, under
-/// the names that go with them. The first names the actors.
+/// Several scores against the same truth in one table: for each actor, and for the mean, one row per score under its name. The
+/// first score determines the actors.
 pub fn side_by_side(name_width: usize, named: &[(&str, &Scores)]) -> String {
     let mut lines = vec![head(name_width)];
-    let mut group = |whose: &str, row_of: &dyn Fn(&Scores) -> Option<TableRow>| {
+    let mut group = |actor: &str, row_of: &dyn Fn(&Scores) -> Option<TableRow>| {
         for (index, (name, scores)) in named.iter().enumerate() {
-            let whose = if index == 0 { whose } else { "" };
-            let name = format!("{whose:<4} {name:>width$}", width = name_width - 5);
+            let actor = if index == 0 { actor } else { "" };
+            let name = format!("{actor:<4} {name:>width$}", width = name_width - 5);
             lines.extend(row_of(scores).map(|row| line(name_width, &name, &row)));
         }
     };
@@ -111,7 +111,7 @@ pub fn side_by_side(name_width: usize, named: &[(&str, &Scores)]) -> String {
     lines.join("\n")
 }
 
-/// The two lines over a table whose rows' names have `name_width` characters.
+/// The two header lines of a table whose row names have `name_width` characters.
 pub fn head(name_width: usize) -> String {
     let [heads, units] = [0, 1].map(|which| {
         let cells = COLUMNS.map(|(head, unit, width)| {
@@ -126,7 +126,7 @@ pub fn head(name_width: usize) -> String {
 /// One line of the table.
 pub fn line(name_width: usize, name: &str, row: &TableRow) -> String {
     let cells = row.iter().zip(COLUMNS).map(|(value, (_, unit, width))| {
-        // Counts of one actor are whole, their mean over actors is not.
+        // Counts of one actor are whole numbers; their means are not.
         let digits = usize::from(!unit.is_empty() || value.is_some_and(|v| v.fract() != 0.0));
         value.map_or_else(
             || format!(" {:>width$}", "-"),

@@ -1,12 +1,11 @@
-//! Whether poses know how sure they are: errors per axis against the `sigma_m` of their lines.
+//! Calibration of the reported uncertainty: errors per axis by the `sigma_m` of their lines.
 //!
-//! Per joint and tick three errors, one per axis of the world, are held against one sigma. They are
-//! gathered by class (the state of the pose) in histograms over sigma, so that an hour of people takes no
-//! more room than a second, and scenes can be added up. The bar (`58..78` % within one sigma, where
-//! normal errors have 68) is meant for each fifth of the sigmas and for each state.
+//! Each joint and tick has three errors, one per world axis, and one sigma. They are collected by class (the state of the
+//! pose) in histograms over sigma, so that the memory does not grow with time, and scenes can be added. The goal (`58..78` %
+//! within one sigma; normal errors have 68 %) applies to each fifth of the sigmas and to each state.
 //!
-//! A coasting pose is held against whom it was last, however far that is: matching it anew would leave
-//! out the errors that matter.
+//! A coasting pose is compared with its last matched person at any distance: a new matching would leave out the errors that
+//! matter.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -15,18 +14,17 @@ use farfield_proto::message::PersonState;
 use nalgebra::Vector3;
 use serde::ser::{Serialize, SerializeMap as _, Serializer};
 
-use super::detail::{JointDetail, Sureness};
-use super::points::{LIMB_POINTS, ScoredBody};
+use super::points::{JointDetail, LIMB_POINTS, ScoredBody, Sureness};
 use farfield_fusion::body::skeleton::Joint;
 
 /// Bins per decade of sigma: 1.2 % wide, finer than the decimals of a small sigma.
 const BINS_PER_DECADE: f64 = 200.0;
-/// Metres at which the bins begin; what is less is in the first.
+/// Metres at which the bins begin; smaller values are in the first.
 const FIRST_M: f64 = 1e-5;
-/// Views from which a tracked pose is more than two views' work.
+/// Views from which a tracked pose counts as `tracked`, not `two_views`.
 const MANY_VIEWS: u16 = 3;
 
-/// What a pose was made of.
+/// Classes of poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Class {
     Tracked,
@@ -37,7 +35,7 @@ enum Class {
 impl Class {
     const ALL: [Self; 3] = [Self::Tracked, Self::TwoViews, Self::Coasting];
 
-    /// That of a pose; tentative ones are nobody's yet.
+    /// `None` for tentative poses: they are not confirmed yet.
     fn of(sureness: &Sureness) -> Option<Self> {
         match sureness.state {
             PersonState::Tentative => None,
@@ -56,7 +54,7 @@ impl Class {
     }
 }
 
-/// Sums over joints at ticks with about the same sigma.
+/// Sums over joints and ticks with about the same sigma.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Bin {
     n: u64,
@@ -87,10 +85,10 @@ impl Bin {
     }
 }
 
-/// How errors and sigmas went together.
+/// Errors of a group of joints and their sigmas.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct CalibrationRow {
-    /// Joints at ticks; each has three errors.
+    /// Number of joints times ticks; each has three errors.
     pub n: u64,
     /// Mean sigma, millimetres.
     pub sigma_mm: f64,
@@ -102,16 +100,15 @@ pub struct CalibrationRow {
     pub inside_2: f64,
 }
 
-/// By class and bin.
+/// Bins by class and index of the bin.
 type SigmaHistogram = BTreeMap<(Class, i32), Bin>;
 
-/// The rows of one choice of joints.
+/// The rows for one choice of joints.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct CalibrationRows {
-    /// Of equal size, the smallest sigmas first; fewer where there are too few sigmas.
+    /// Groups of equal size by rising sigma; fewer than five for few sigmas.
     pub fifths: Vec<CalibrationRow>,
-    /// By state: `tracked` (three views and more), `two_views` (and fewer), `coasting`; those that came
-    /// up.
+    /// By state: `tracked` (three views and more), `two_views` (and fewer), `coasting`; only those that occur.
     pub states: BTreeMap<&'static str, CalibrationRow>,
 }
 
@@ -130,7 +127,7 @@ impl CalibrationRows {
         let total: u64 = by_sigma.values().map(|bin| bin.n).sum();
         let (mut fifths, mut before) = ([Bin::default(); 5], 0);
         for bin in by_sigma.values() {
-            // A bin belongs to the fifth that its middle lies in.
+            // A bin belongs to the fifth that contains its middle.
             let middle = before + bin.n / 2;
             fifths[(5 * middle / total.max(1)).min(4) as usize].add(bin);
             before += bin.n;
@@ -142,7 +139,7 @@ impl CalibrationRows {
     }
 }
 
-/// The errors of all poses that said how sure they were.
+/// The errors of all poses with a reported uncertainty.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct UncertaintyCalibration {
     limbs: SigmaHistogram,
@@ -150,12 +147,12 @@ pub struct UncertaintyCalibration {
 }
 
 impl UncertaintyCalibration {
-    /// Whether no pose said how sure it was.
+    /// Whether no pose reported an uncertainty.
     pub fn is_empty(&self) -> bool {
         self.all.is_empty()
     }
 
-    /// Adds what another run came to.
+    /// Adds the errors of another run.
     pub fn add(&mut self, other: &Self) {
         let both = [(&mut self.limbs, &other.limbs), (&mut self.all, &other.all)];
         for (mine, theirs) in both {
@@ -165,7 +162,7 @@ impl UncertaintyCalibration {
         }
     }
 
-    /// The rows of the 12 limb joints, those that are scored.
+    /// The rows of the 12 scored limb joints.
     pub fn limb_rows(&self) -> CalibrationRows {
         CalibrationRows::of(&self.limbs)
     }
@@ -256,16 +253,16 @@ impl fmt::Display for UncertaintyCalibration {
     }
 }
 
-/// Gathers the errors tick by tick.
+/// Collects the errors tick by tick.
 #[derive(Debug, Clone, Default)]
 pub(super) struct UncertaintyTally {
-    /// Whom each pose was when it was last seen.
+    /// Per id, the actor of its last match.
     last: BTreeMap<u32, u32>,
     calibration: UncertaintyCalibration,
 }
 
 impl UncertaintyTally {
-    /// Takes in one tick; `matched` holds pairs of an actor and the id of its pose.
+    /// Adds one tick; `matched` are pairs of an actor and the id of its pose.
     pub(super) fn add(
         &mut self,
         truths: &BTreeMap<u32, ScoredBody>,
@@ -293,7 +290,7 @@ impl UncertaintyTally {
         }
     }
 
-    /// What it came to; `None` where no pose said how sure it was.
+    /// `None` if no pose reported an uncertainty.
     pub(super) fn finish(self) -> Option<UncertaintyCalibration> {
         (!self.calibration.is_empty()).then_some(self.calibration)
     }
@@ -353,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn states_are_told_apart_and_tentative_poses_are_nobodys() {
+    fn tentative_poses_do_not_count_and_states_have_rows() {
         let mut tally = UncertaintyTally::default();
         for (state, views) in [
             (PersonState::Tentative, 4),
@@ -377,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn a_coasting_pose_is_held_against_whom_it_was_however_far() {
+    fn a_coasting_pose_is_compared_with_its_last_person_at_any_distance() {
         let mut tally = UncertaintyTally::default();
         let truths = BTreeMap::from([(1, body(0.0, 0.0, None)), (2, body(9.0, 0.0, None))]);
         let tracked = body(0.0, 0.0, Some(sure(PersonState::Tracked, 4, 0.02)));
@@ -390,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn fifths_are_of_equal_size_and_rise() {
+    fn fifths_have_equal_size_and_rising_sigmas() {
         let mut tally = UncertaintyTally::default();
         for step in 1..=50u16 {
             let pose = body(
@@ -406,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_add_up_and_poses_without_sigmas_count_nothing() {
+    fn runs_add_up_and_poses_without_sigmas_do_not_count() {
         let mut tally = UncertaintyTally::default();
         let truth = one(body(0.0, 0.0, None));
         tally.add(&truth, &one(body(0.0, 0.0, None)), [(1, 1)].into_iter());

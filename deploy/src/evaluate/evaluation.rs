@@ -1,8 +1,8 @@
 //! What `farfield evaluate` has found, as a table and as JSON.
 
 use farfield_score::Scores;
-use farfield_score::doubts::Doubt;
 use farfield_score::table::side_by_side;
+use farfield_score::truth_warnings::TruthWarning;
 
 /// What is printed as JSON: the scores, and what stands beside them.
 #[derive(Debug, serde::Serialize)]
@@ -20,7 +20,7 @@ pub(super) struct Scored {
     pub(super) scores: Scores,
     /// What speaks against the truth that they are held against.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub(super) doubts: Vec<Doubt>,
+    pub(super) doubts: Vec<TruthWarning>,
 }
 
 impl Evaluation {

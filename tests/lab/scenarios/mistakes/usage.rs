@@ -138,7 +138,7 @@ fn poses_and_truths_that_do_not_belong_together_are_told_apart() {
             |f| write(f, "empty.jsonl", ""),
             "evaluate empty.jsonl truth.jsonl",
             0,
-            &["warning", "hold nobody"],
+            &["warning", "contain no people"],
         ),
         told(
             "truth and poses swapped",

@@ -7,8 +7,7 @@ use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
-use farfield_score::detail::{JointDetail, Sureness};
-use farfield_score::points::{PointSet, ScoredBody};
+use farfield_score::points::{JointDetail, PointSet, ScoredBody, Sureness};
 use nalgebra::Vector3;
 
 use farfield_sim::scene::PersonTruth;

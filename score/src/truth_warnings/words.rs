@@ -1,45 +1,45 @@
-//! A reading of the truth as what the truth seems to be, so that somebody can undo it.
+//! Describes a reading of the truth as what the truth seems to be, so that the user can undo it.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::comparison::{Names, PARTS, Reading, TickMap};
+use super::comparison::{NameMap, PARTS, Reading, TickMap};
 use super::similarity::Similarity;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
-/// Cosine between an axis and one of the world's from which on they are the same: 8 degrees.
+/// Least cosine between an axis and a world axis at which they count as the same: 8 degrees.
 const ALONG: f64 = 0.99;
 /// A scale this near to that of a unit is that unit's.
 const UNIT_SHARE: f64 = 0.02;
-/// What rounding leaves of parts that change nothing: radians, and a share of a scale.
-const NOTHING: f64 = 1e-6;
-/// By how much a fit leaves a plain mirror askew, radians.
+/// Bound on the rounding of parts that change nothing: radians, and a share of a scale.
+const NEGLIGIBLE: f64 = 1e-6;
+/// Turn that a fit adds to a pure mirror image, radians.
 const MIRROR_ASKEW_RAD: f64 = 0.05;
-/// What rounds to nothing at two decimals.
+/// Rounds to zero at two decimals.
 const ROUNDED_AWAY: f64 = 0.005;
 
 /// Words that follow "the truth seems".
 pub(super) fn in_words(reading: &Reading) -> String {
-    let mut said: Vec<String> = of_ticks(reading.ticks).into_iter().collect();
-    said.extend(of_names(reading.names));
-    let place = of_place(&reading.place);
+    let mut parts: Vec<String> = tick_words(reading.ticks).into_iter().collect();
+    parts.extend(name_words(reading.names));
+    let place = place_words(&reading.place);
     if !place.is_empty() {
-        said.push(format!("to be {}", listed(&place)));
+        parts.push(format!("to be {}", listed(&place)));
     }
-    listed(&said)
+    listed(&parts)
 }
 
-fn of_names(names: Names) -> Option<String> {
+fn name_words(names: NameMap) -> Option<String> {
     match names {
-        Names::AsTheyAre => None,
-        Names::SidesExchanged => Some("to have left and right exchanged".to_owned()),
-        Names::PartsExchanged(parts) => {
+        NameMap::Unchanged => None,
+        NameMap::SidesExchanged => Some("to have left and right exchanged".to_owned()),
+        NameMap::PartsExchanged(parts) => {
             let [one, other] = parts.map(|part| PARTS[part]);
             Some(format!("to have {one} and {other} exchanged"))
         }
     }
 }
 
-fn of_ticks(ticks: TickMap) -> Option<String> {
+fn tick_words(ticks: TickMap) -> Option<String> {
     match ticks {
         TickMap::After(0) => None,
         TickMap::After(ticks) => {
@@ -53,39 +53,39 @@ fn of_ticks(ticks: TickMap) -> Option<String> {
     }
 }
 
-/// What the truth is against the poses: the way back.
+/// The inverse of `place`: the truth relative to the poses.
 ///
 /// ```text
 ///   q = f (Q p + d),   Q = Rᵀ, f = 1 / s, d = -Rᵀ t
 /// ```
-fn of_place(place: &Similarity) -> Vec<String> {
+fn place_words(place: &Similarity) -> Vec<String> {
     let turn = place.turn.transpose();
-    let mut said = of_turn(&turn);
-    said.extend(of_shift(-(turn * place.shift_m)));
-    said.extend(of_scale(place.scale.recip()));
-    said
+    let mut parts = turn_words(&turn);
+    parts.extend(shift_words(-(turn * place.shift_m)));
+    parts.extend(scale_words(place.scale.recip()));
+    parts
 }
 
-fn of_turn(turn: &Matrix3<f64>) -> Vec<String> {
+fn turn_words(turn: &Matrix3<f64>) -> Vec<String> {
     if turn.determinant() > 0.0 {
-        return of_rotation(turn).into_iter().collect();
+        return rotation_words(turn).into_iter().collect();
     }
-    // Of the three ways to see it the one with the least turn.
-    let ways = [0, 1, 2].map(|axis| {
+    // A mirror along any axis plus a rotation: the one with the smallest rotation is reported.
+    let options = [0, 1, 2].map(|axis| {
         let mut rotation = *turn;
         rotation.column_mut(axis).neg_mut();
         (AXES[axis], rotation)
     });
     let angle_rad = |rotation: &Matrix3<f64>| quaternion(rotation).angle();
-    let least = ways
+    let least = options
         .into_iter()
         .min_by(|a, b| angle_rad(&a.1).total_cmp(&angle_rad(&b.1)));
     let mirrored = least.map(|(axis, rotation)| {
-        let said = [
+        let parts = [
             Some(format!("mirrored along {axis}")),
-            of_rotation(&rotation).filter(|_| angle_rad(&rotation) > MIRROR_ASKEW_RAD),
+            rotation_words(&rotation).filter(|_| angle_rad(&rotation) > MIRROR_ASKEW_RAD),
         ];
-        said.into_iter().flatten().collect()
+        parts.into_iter().flatten().collect()
     });
     mirrored.unwrap_or_default()
 }
@@ -94,9 +94,9 @@ fn quaternion(rotation: &Matrix3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation))
 }
 
-fn of_rotation(rotation: &Matrix3<f64>) -> Option<String> {
+fn rotation_words(rotation: &Matrix3<f64>) -> Option<String> {
     let (axis, angle_rad) = quaternion(rotation).axis_angle()?;
-    if angle_rad < NOTHING {
+    if angle_rad < NEGLIGIBLE {
         return None;
     }
     let degrees = angle_rad.to_degrees();
@@ -118,7 +118,7 @@ fn of_rotation(rotation: &Matrix3<f64>) -> Option<String> {
     ))
 }
 
-/// Which of the poses' axes those of the truth are, where they are any.
+/// The axes of the poses that the axes of the truth coincide with, if they are permuted.
 fn other_axes(rotation: &Matrix3<f64>) -> Option<String> {
     let mut names = Vec::new();
     for row in rotation.row_iter() {
@@ -130,12 +130,12 @@ fn other_axes(rotation: &Matrix3<f64>) -> Option<String> {
     are_others.then(|| names.join(", "))
 }
 
-fn of_shift(shift_m: Vector3<f64>) -> Option<String> {
+fn shift_words(shift_m: Vector3<f64>) -> Option<String> {
     let [x, y, z] = [shift_m.x, shift_m.y, shift_m.z].map(rounded);
     (shift_m.amax() >= ROUNDED_AWAY).then(|| format!("shifted by ({x:.2}, {y:.2}, {z:.2}) m"))
 }
 
-fn of_scale(scale: f64) -> Option<String> {
+fn scale_words(scale: f64) -> Option<String> {
     let is_about = |unit: f64| (scale / unit - 1.0).abs() < UNIT_SHARE;
     if is_about(1000.0) {
         return Some("in millimetres".to_owned());
@@ -150,10 +150,10 @@ fn of_scale(scale: f64) -> Option<String> {
     } else {
         0
     };
-    ((scale - 1.0).abs() > NOTHING).then(|| format!("scaled by {scale:.digits$}"))
+    ((scale - 1.0).abs() > NEGLIGIBLE).then(|| format!("scaled by {scale:.digits$}"))
 }
 
-/// For two decimals, and never minus nothing.
+/// Avoids a minus zero at two decimals.
 fn rounded(value: f64) -> f64 {
     if value.abs() < ROUNDED_AWAY {
         0.0
@@ -162,7 +162,7 @@ fn rounded(value: f64) -> f64 {
     }
 }
 
-/// One after the other, "and" before the last.
+/// Joins with commas, and "and" before the last.
 fn listed(parts: &[String]) -> String {
     match parts {
         [] => String::new(),
@@ -175,76 +175,75 @@ fn listed(parts: &[String]) -> String {
 mod tests {
     use super::*;
 
-    /// What is said of a truth that has `f(point)` for each point of the poses.
-    fn said(turn: Matrix3<f64>, shift_m: Vector3<f64>, scale: f64) -> String {
-        let way_back = turn.transpose();
+    /// The words for a truth that maps each point of the poses by this similarity.
+    fn words(turn: Matrix3<f64>, shift_m: Vector3<f64>, scale: f64) -> String {
+        let inverse = turn.transpose();
         in_words(&Reading {
             place: Similarity {
                 scale: scale.recip(),
-                turn: way_back,
-                shift_m: -(way_back * shift_m),
+                turn: inverse,
+                shift_m: -(inverse * shift_m),
             },
-            ..Reading::as_it_is()
+            ..Reading::unchanged()
         })
     }
 
     #[test]
-    fn a_place_is_told_by_the_parts_that_change_something() {
+    fn only_the_parts_that_change_something_are_reported() {
         let (same, nowhere) = (Matrix3::identity(), Vector3::zeros());
         let quarter = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        assert_eq!(said(same, nowhere, 1.0), "");
-        assert_eq!(said(same, nowhere, 0.9), "to be scaled by 0.90");
-        assert_eq!(said(same, nowhere, 998.0), "to be in millimetres");
+        assert_eq!(words(same, nowhere, 1.0), "");
+        assert_eq!(words(same, nowhere, 0.9), "to be scaled by 0.90");
+        assert_eq!(words(same, nowhere, 998.0), "to be in millimetres");
         assert_eq!(
-            said(same, Vector3::new(0.2, -0.001, 0.0), 1.0),
+            words(same, Vector3::new(0.2, -0.001, 0.0), 1.0),
             "to be shifted by (0.20, 0.00, 0.00) m"
         );
         assert_eq!(
-            said(quarter, nowhere, 1.0),
+            words(quarter, nowhere, 1.0),
             "to be turned by 90 degrees about z"
         );
         assert_eq!(
-            said(quarter, Vector3::new(0.004, -0.001, 0.0), 1.0),
+            words(quarter, Vector3::new(0.004, -0.001, 0.0), 1.0),
             "to be turned by 90 degrees about z"
         );
         assert_eq!(
-            said(quarter.transpose(), Vector3::new(0.0, 0.0, 1.0), 0.5),
+            words(quarter.transpose(), Vector3::new(0.0, 0.0, 1.0), 0.5),
             "to be turned by -90 degrees about z, shifted by (0.00, 0.00, 1.00) m and scaled by 0.50"
         );
     }
 
     #[test]
-    fn a_mirror_is_told_along_the_axis_that_leaves_the_least_turn() {
+    fn a_mirror_is_reported_along_the_axis_with_the_smallest_turn() {
         let mirrored = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
-        let said = said(mirrored, Vector3::zeros(), 1.0);
-        assert_eq!(said, "to be mirrored along y");
+        let words = words(mirrored, Vector3::zeros(), 1.0);
+        assert_eq!(words, "to be mirrored along y");
     }
 
     #[test]
-    fn axes_that_stand_for_others_are_told_by_name() {
-        // y up, as graphics programs have it: x = y of the poses, y = z, z = x.
+    fn permuted_axes_are_reported_by_name() {
+        // y up, as in graphics programs: x = y of the poses, y = z, z = x.
         let y_up = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0);
-        let said = said(y_up, Vector3::zeros(), 1.0);
         assert_eq!(
-            said,
+            words(y_up, Vector3::zeros(), 1.0),
             "to be in other axes (its x, y, z are the poses' y, z, x)"
         );
     }
 
     #[test]
-    fn ticks_and_sides_are_told_in_the_words_of_the_files() {
-        let said = |ticks, names| {
+    fn ticks_and_sides_are_reported() {
+        let words = |ticks, names| {
             in_words(&Reading {
                 ticks,
                 names,
-                ..Reading::as_it_is()
+                ..Reading::unchanged()
             })
         };
-        let (named, exchanged) = (Names::AsTheyAre, Names::SidesExchanged);
-        assert_eq!(said(TickMap::After(-5), named), "to be 5 ticks later");
-        assert_eq!(said(TickMap::After(1), named), "to be 1 tick earlier");
+        let (named, exchanged) = (NameMap::Unchanged, NameMap::SidesExchanged);
+        assert_eq!(words(TickMap::After(-5), named), "to be 5 ticks later");
+        assert_eq!(words(TickMap::After(1), named), "to be 1 tick earlier");
         assert_eq!(
-            said(TickMap::After(0), exchanged),
+            words(TickMap::After(0), exchanged),
             "to have left and right exchanged"
         );
     }

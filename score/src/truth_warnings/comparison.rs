@@ -1,4 +1,4 @@
-//! Poses and a truth held against each other at some ticks, with the truth as it stands or read in another way.
+//! Compares poses with a truth at selected ticks, with the truth unchanged or reinterpreted.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -12,29 +12,29 @@ use crate::lines::PoseLines;
 use crate::pairing::{Distances, GATE_M};
 use crate::points::{LIMB_POINTS, N_POINTS, ScoredBody};
 
-/// Ticks that are looked at: what one number would mend shows at few.
-const LEAST_TICKS: usize = 5;
-const MOST_TICKS: usize = 200;
-/// Of half of the time there must be more: a shift of a tick or two explains something of any few.
-const LEAST_HALF_TICKS: usize = 20;
-/// Most pairs of a truth and a pose over all ticks, so that a crowd takes no longer.
-const MOST_PAIRS: usize = 4000;
-/// Most pairs of a person of the truth and one of the poses that are told apart.
-const MOST_TRACKS: usize = 16;
+/// Limits on the ticks compared: an error that one number corrects shows at few ticks.
+const MIN_TICKS: usize = 5;
+const MAX_TICKS: usize = 200;
+/// A half of the recording needs more ticks: a shift of one or two ticks fits any few ticks.
+const MIN_HALF_TICKS: usize = 20;
+/// Most pairs of a true body and a pose over all ticks. It bounds the time for a crowd.
+const MAX_PAIRS: usize = 4000;
+/// Most pairs of a true person and a posed person that are compared as tracks.
+const MAX_TRACKS: usize = 16;
 
-/// At which tick the poses have what the truth has at a tick.
+/// Maps a tick of the truth to the tick of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum TickMap {
-    /// So many ticks later.
+    /// The poses are this many ticks later.
     After(i64),
-    /// The truth counts two ticks where the poses count one; both from these ticks, the truth's and the poses'.
+    /// The truth counts two ticks where the poses count one, starting at the first tick of the truth and of the poses.
     TwoToOne([Tick; 2]),
-    /// The truth counts one tick where the poses count two.
+    /// The truth counts one tick where the poses count two, starting at the same two ticks.
     OneToTwo([Tick; 2]),
 }
 
 impl TickMap {
-    fn of(self, tick: Tick) -> Tick {
+    fn pose_tick(self, tick: Tick) -> Tick {
         match self {
             Self::After(ticks) => tick + ticks,
             Self::TwoToOne([truth, poses]) => poses + (tick - truth).div_euclid(2),
@@ -43,22 +43,22 @@ impl TickMap {
     }
 }
 
-/// The parts of [`LIMB_POINTS`], left and right of each, in their order.
+/// The body parts of [`LIMB_POINTS`], in their order; each has a left and a right point.
 pub(super) const PARTS: [&str; LIMB_POINTS.len() / 2] =
     ["shoulders", "elbows", "wrists", "hips", "knees", "ankles"];
 
-/// What a name stands for.
+/// Maps the names of points in the poses to those in the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Names {
-    AsTheyAre,
+pub(super) enum NameMap {
+    Unchanged,
     SidesExchanged,
-    /// Two of [`PARTS`], on both sides.
+    /// Two [`PARTS`] are exchanged, on both sides.
     PartsExchanged([usize; 2]),
 }
 
-impl Names {
-    /// The slot at which the truth has the point of `slot`.
-    fn of(self, slot: usize) -> usize {
+impl NameMap {
+    /// The slot of the truth that corresponds to `slot` of the poses.
+    fn truth_slot(self, slot: usize) -> usize {
         // The limb points come in pairs, left and right; a head has no side.
         let is_paired = slot < LIMB_POINTS.len();
         let (part, side) = (slot / 2, slot % 2);
@@ -71,65 +71,66 @@ impl Names {
     }
 }
 
-/// How the truth is read.
+/// An interpretation of the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Reading {
     pub(super) ticks: TickMap,
-    pub(super) names: Names,
+    pub(super) names: NameMap,
     pub(super) place: Similarity,
 }
 
 impl Reading {
-    /// As it stands.
-    pub(super) fn as_it_is() -> Self {
+    pub(super) fn unchanged() -> Self {
         Self {
             ticks: TickMap::After(0),
-            names: Names::AsTheyAre,
+            names: NameMap::Unchanged,
             place: Similarity::identity(),
         }
     }
 
-    fn of(&self, truth: &ScoredBody) -> ScoredBody {
-        let point = |slot: usize| truth.points_m[self.names.of(slot)];
+    fn apply(&self, truth: &ScoredBody) -> ScoredBody {
+        let point = |slot: usize| truth.points_m[self.names.truth_slot(slot)];
         ScoredBody {
-            points_m: std::array::from_fn(|slot| point(slot).map(|at_m| self.place.of(at_m))),
+            points_m: std::array::from_fn(|slot| point(slot).map(|at_m| self.place.apply(at_m))),
             ..ScoredBody::default()
         }
     }
 }
 
-/// A body of the truth, as it stands, and the one of the poses that it is held against.
+/// An unchanged body of the truth and the pose that it is compared with.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BodyPair<'a> {
     truth: &'a ScoredBody,
     pose: &'a ScoredBody,
-    /// Mean distance of their points under a reading, metres; [`GATE_M`] where it is more, or not known.
+    /// Mean distance of their points under a reading, metres; [`GATE_M`] if larger or unknown.
     distance_m: f64,
 }
 
-/// The points that both bodies of the pairs know, of the truth and of the poses.
-pub(super) fn points_of(pairs: &[BodyPair<'_>], names: Names) -> Vec<[Vector3<f64>; 2]> {
+/// The points that both bodies of a pair have: `[truth, pose]`.
+pub(super) fn shared_points(pairs: &[BodyPair<'_>], names: NameMap) -> Vec<[Vector3<f64>; 2]> {
     let of_pair = |pair: &BodyPair<'_>| {
         let (truth, pose) = (pair.truth.points_m, pair.pose.points_m);
         let known = pose.into_iter().enumerate();
-        let known = known.filter_map(|(slot, p)| Some([truth[names.of(slot)]?, p?]));
+        let known = known.filter_map(|(slot, p)| Some([truth[names.truth_slot(slot)]?, p?]));
         known.collect::<Vec<_>>()
     };
     pairs.iter().flat_map(of_pair).collect()
 }
 
-/// How many joints or keypoints both bodies of the pairs know: of one the points of all ticks tell hardly more than one does.
-pub(super) fn kinds(pairs: &[BodyPair<'_>], names: Names) -> usize {
+/// The number of joints or keypoints that both bodies of some pair have. Many ticks of a single joint constrain a similarity
+/// little more than one tick does.
+pub(super) fn n_shared_kinds(pairs: &[BodyPair<'_>], names: NameMap) -> usize {
     let is_known = |slot: &usize| {
         let mut pairs = pairs.iter();
         pairs.any(|pair| {
-            pair.truth.points_m[names.of(*slot)].is_some() && pair.pose.points_m[*slot].is_some()
+            let true_point = pair.truth.points_m[names.truth_slot(*slot)];
+            true_point.is_some() && pair.pose.points_m[*slot].is_some()
         })
     };
     (0..N_POINTS).filter(is_known).count()
 }
 
-/// Those of the pairs that are at most twice as far apart as half of them are: what is left out is another's, or no body at all.
+/// The pairs at most twice as far apart as the median pair. The others belong to another person or to a false pose.
 pub(super) fn nearest(mut pairs: Vec<BodyPair<'_>>) -> Vec<BodyPair<'_>> {
     pairs.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
     if let Some(median) = pairs.get(pairs.len() / 2).copied() {
@@ -138,20 +139,20 @@ pub(super) fn nearest(mut pairs: Vec<BodyPair<'_>>) -> Vec<BodyPair<'_>> {
     pairs
 }
 
-/// How far pairs are apart.
+/// Distances of the pairs under one reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Apart {
-    /// Mean over the nearest three quarters, metres: people without a pose, and poses of nobody, are no matter of how a truth is
+pub(super) struct PairDistances {
+    /// Mean over the nearest three quarters, metres. People without a pose and false poses do not depend on how the truth is
     /// read.
     pub(super) most_m: f64,
-    /// Mean over those within the gate, metres.
+    /// Mean over the pairs within the gate, metres.
     pub(super) near_m: Option<f64>,
-    /// How many pairs.
+    /// Number of pairs.
     pub(super) n: usize,
 }
 
-impl Apart {
-    /// `None` of no pair.
+impl PairDistances {
+    /// `None` without pairs.
     pub(super) fn of(pairs: &[BodyPair<'_>]) -> Option<Self> {
         let mut distances_m: Vec<f64> = pairs.iter().map(|pair| pair.distance_m).collect();
         distances_m.sort_by(f64::total_cmp);
@@ -169,17 +170,17 @@ fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// The ticks at which poses and truth are held against each other.
+/// The ticks at which poses and truth are compared.
 #[derive(Debug, Clone)]
 pub(super) struct Comparison<'a> {
     poses: &'a PoseLines,
     truth: &'a PoseLines,
-    /// Ticks of the truth at which both hold people, rising.
+    /// Ticks of the truth at which both contain people, ascending.
     ticks: Vec<Tick>,
 }
 
 impl<'a> Comparison<'a> {
-    /// `None` where the two share hardly any tick.
+    /// `None` if the two share fewer than [`MIN_TICKS`] ticks.
     pub(super) fn of(poses: &'a PoseLines, truth: &'a PoseLines) -> Option<Self> {
         let n_pairs = |tick| Some(truth.people_at(tick)?.len() * poses.people_at(tick)?.len());
         let shared: Vec<(Tick, usize)> = truth
@@ -187,11 +188,11 @@ impl<'a> Comparison<'a> {
             .filter_map(|tick| Some((tick, n_pairs(tick)?)))
             .collect();
         let n = shared.len();
-        if n < LEAST_TICKS {
+        if n < MIN_TICKS {
             return None;
         }
         let all: usize = shared.iter().map(|(_, n_pairs)| n_pairs).sum();
-        let most = (MOST_PAIRS * n / all.max(1)).clamp(LEAST_TICKS, MOST_TICKS);
+        let most = (MAX_PAIRS * n / all.max(1)).clamp(MIN_TICKS, MAX_TICKS);
         let most = most.min(n);
         Some(Self {
             poses,
@@ -200,10 +201,10 @@ impl<'a> Comparison<'a> {
         })
     }
 
-    /// The same of the first half of the ticks and of the second; `None` where these are too few.
+    /// The first half and the second half of the ticks; `None` if they are too short.
     pub(super) fn halves(&self) -> Option<[Self; 2]> {
         let (first, second) = self.ticks.split_at(self.ticks.len() / 2);
-        (first.len() >= LEAST_HALF_TICKS).then(|| {
+        (first.len() >= MIN_HALF_TICKS).then(|| {
             [first, second].map(|ticks| Self {
                 ticks: ticks.to_vec(),
                 ..self.clone()
@@ -211,7 +212,7 @@ impl<'a> Comparison<'a> {
         })
     }
 
-    /// The first and the last tick that are compared.
+    /// The first and the last compared tick.
     pub(super) fn ends(&self) -> Option<[i64; 2]> {
         Some([self.ticks.first()?.0, self.ticks.last()?.0])
     }
@@ -221,21 +222,22 @@ impl<'a> Comparison<'a> {
         Some([self.truth.ticks().next()?, self.poses.ticks().next()?])
     }
 
-    /// As many pairs a tick as there can be, with the least distances that the reading leaves.
+    /// Assigns poses to true bodies at each tick: as many pairs as possible, with the least distances under the reading.
     pub(super) fn pairs(&self, reading: &Reading) -> Vec<BodyPair<'a>> {
         let mut pairs = Vec::new();
         for &tick in &self.ticks {
             let truths = self.truth.people_at(tick);
-            let Some((truths, poses)) = truths.zip(self.poses.people_at(reading.ticks.of(tick)))
+            let Some((truths, poses)) =
+                truths.zip(self.poses.people_at(reading.ticks.pose_tick(tick)))
             else {
                 continue;
             };
             let read: BTreeMap<u32, ScoredBody> = truths
                 .iter()
-                .map(|(&person, body)| (person, reading.of(body)))
+                .map(|(&person, body)| (person, reading.apply(body)))
                 .collect();
             let distances = Distances::new(&read, poses);
-            let distance_m = |i: usize, j: usize| distances.of_m(i, j).min(GATE_M);
+            let distance_m = |i: usize, j: usize| distances.pair_m(i, j).min(GATE_M);
             let assigned = assign(truths.len(), poses.len(), distance_m);
             for (i, (truth, j)) in truths.values().zip(assigned).enumerate() {
                 pairs.extend(j.map(|j| BodyPair {
@@ -248,22 +250,22 @@ impl<'a> Comparison<'a> {
         pairs
     }
 
-    /// The pairs of the truth as it stands at the ticks that a reading at other ticks compares: at those of the truth, and at those
-    /// of the poses.
-    pub(super) fn as_it_is_where(&self, ticks: TickMap) -> [Vec<BodyPair<'a>>; 2] {
-        let read = |tick: &Tick| self.poses.people_at(ticks.of(*tick)).is_some();
-        let of_truth: Vec<Tick> = self.ticks.iter().copied().filter(read).collect();
-        let of_poses = of_truth.iter().map(|&tick| ticks.of(tick)).collect();
+    /// The pairs of the unchanged truth at the ticks that `ticks` compares: once at those of the truth, once at those of the
+    /// poses.
+    pub(super) fn unchanged_pairs_at(&self, ticks: TickMap) -> [Vec<BodyPair<'a>>; 2] {
+        let has_poses = |tick: &Tick| self.poses.people_at(ticks.pose_tick(*tick)).is_some();
+        let of_truth: Vec<Tick> = self.ticks.iter().copied().filter(has_poses).collect();
+        let of_poses = of_truth.iter().map(|&tick| ticks.pose_tick(tick)).collect();
         [of_truth, of_poses].map(|ticks| {
-            let there = Self {
+            let selected = Self {
                 ticks,
                 ..self.clone()
             };
-            there.pairs(&Reading::as_it_is())
+            selected.pairs(&Reading::unchanged())
         })
     }
 
-    /// Each person of the truth with each of the poses, those first who are there together for longest.
+    /// Each person of the truth paired with each of the poses; the pairs with most common ticks come first.
     pub(super) fn tracks(&self) -> Vec<Vec<BodyPair<'a>>> {
         let mut tracks: BTreeMap<[u32; 2], Vec<BodyPair<'a>>> = BTreeMap::new();
         for &tick in &self.ticks {
@@ -280,7 +282,7 @@ impl<'a> Comparison<'a> {
         }
         let mut tracks: Vec<_> = tracks.into_values().collect();
         tracks.sort_by_key(|pairs| Reverse(pairs.len()));
-        tracks.truncate(MOST_TRACKS);
+        tracks.truncate(MAX_TRACKS);
         tracks
     }
 }

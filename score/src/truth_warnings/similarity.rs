@@ -1,14 +1,15 @@
-//! What takes points of a truth to those of poses: a turn, a scale and a shift, or some of these.
+//! The similarity that maps points of a truth to those of poses: turn, scale and shift, or some of these.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Least pairs of points that one is found from: of so many a turn, a scale and a shift take next to no noise away, where they
-/// are of several keypoints ([`super::comparison::kinds`]).
-const LEAST_POINTS: usize = 40;
-/// Singular values of points along a line: the second, as a share of the first, below which a turn about the line is anybody's.
+/// Fewest pairs of points for an estimate. From so many, turn, scale and shift absorb almost no noise if the points are of
+/// several keypoints ([`super::comparison::n_shared_kinds`]).
+const MIN_POINTS: usize = 40;
+/// Points lie on a line if their second singular value is below this share of the first: the turn about the line is then
+/// undetermined.
 const ON_A_LINE: f64 = 1e-3;
 
-/// Which parts are free; the others change nothing.
+/// Which parts of a similarity are estimated; the others are those of the identity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Freedom {
     pub(super) turn: bool,
@@ -23,7 +24,7 @@ impl Freedom {
         shift: true,
     };
 
-    /// Every choice of parts, none of them too.
+    /// Every combination of parts, including none.
     pub(super) fn choices() -> [Self; 8] {
         std::array::from_fn(|bits| Self {
             turn: bits & 1 != 0,
@@ -32,20 +33,20 @@ impl Freedom {
         })
     }
 
-    /// How many parts are free.
+    /// The number of free parts.
     pub(super) fn count(self) -> usize {
         usize::from(self.turn) + usize::from(self.scale) + usize::from(self.shift)
     }
 }
 
-/// Whether a left hand becomes a right one.
+/// Whether the similarity mirrors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Handedness {
-    Kept,
+    Unchanged,
     Mirrored,
 }
 
-/// Where poses have what the truth has elsewhere.
+/// Maps points of the truth to the poses.
 ///
 /// ```text
 ///   p = s R q + t,   q: a point of the truth, p: the same of the poses; world, metres
@@ -54,14 +55,14 @@ pub(super) enum Handedness {
 pub(super) struct Similarity {
     /// `s`, above 0.
     pub(super) scale: f64,
-    /// `R`, orthogonal; with a determinant of -1 it mirrors, too.
+    /// `R`, orthogonal; with a determinant of -1 it also mirrors.
     pub(super) turn: Matrix3<f64>,
     /// `t`.
     pub(super) shift_m: Vector3<f64>,
 }
 
 impl Similarity {
-    /// The same place.
+    /// Maps every point to itself.
     pub(super) fn identity() -> Self {
         Self {
             scale: 1.0,
@@ -70,17 +71,16 @@ impl Similarity {
         }
     }
 
-    /// That with the least summed squared distance over `points`, each of the truth and of the poses (Umeyama 1991, eq. (40)
-    /// to (42)); what does not move turns about the origin, and is scaled from there.
+    /// The similarity with the least sum of squared distances over `points`, `[truth, pose]` (Umeyama 1991, eq. (40) to
+    /// (42)). Without a shift, the turn and the scale are about the origin.
     ///
-    /// `None` of few points, or where they do not tell it: all in one place, a turn of those on a line, no coordinates of this
-    /// world.
+    /// `None` if there are few points, or they do not determine it: all in one place, on a line, or out of range.
     pub(super) fn between(
         points: &[[Vector3<f64>; 2]],
         free: Freedom,
         hand: Handedness,
     ) -> Option<Self> {
-        if points.len() < LEAST_POINTS {
+        if points.len() < MIN_POINTS {
             return None;
         }
         let middle = |which: usize| {
@@ -109,35 +109,35 @@ impl Similarity {
         } else {
             1.0
         };
-        let found = Self {
+        let similarity = Self {
             scale,
             turn,
             shift_m: p_middle - turn * q_middle * scale,
         };
-        (scale > 0.0 && scale.is_finite()).then_some(found)
+        (scale > 0.0 && scale.is_finite()).then_some(similarity)
     }
 
-    /// Where the poses have `point_m` of the truth.
-    pub(super) fn of(&self, point_m: Vector3<f64>) -> Vector3<f64> {
+    /// Where the poses have the point `point_m` of the truth.
+    pub(super) fn apply(&self, point_m: Vector3<f64>) -> Vector3<f64> {
         self.turn * point_m * self.scale + self.shift_m
     }
 }
 
-/// The orthogonal `R` of that hand with the largest trace of `Rᵀ product`.
+/// The orthogonal `R` with the given handedness and the largest trace of `Rᵀ product`.
 fn nearest_orthogonal(product: &Matrix3<f64>, hand: Handedness) -> Option<Matrix3<f64>> {
     let largest = product.amax();
     let is_known = largest > 0.0 && product.iter().all(|entry| entry.is_finite());
     if !is_known {
         return None;
     }
-    // Of numbers about one no square overflows.
+    // Scaled to about one, so that no square overflows.
     let svd = (product / largest).svd(true, true);
     if svd.singular_values[1] < ON_A_LINE * svd.singular_values[0] {
         return None;
     }
     let (u, v_t) = (svd.u?, svd.v_t?);
     let wanted = match hand {
-        Handedness::Kept => 1.0,
+        Handedness::Unchanged => 1.0,
         Handedness::Mirrored => -1.0,
     };
     let has_other_hand = u.determinant() * v_t.determinant() * wanted < 0.0;
@@ -151,7 +151,7 @@ mod tests {
 
     use super::*;
 
-    /// What rounding leaves, metres.
+    /// Bound on rounding errors, metres.
     const ROUNDING_M: f64 = 1e-9;
 
     fn points(moved: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Vec<[Vector3<f64>; 2]> {
@@ -162,39 +162,41 @@ mod tests {
         (0..60).map(|i| [place(i), moved(place(i))]).collect()
     }
 
-    /// The farthest that any point is off then.
+    /// The largest distance that remains.
     fn rest_m(points: &[[Vector3<f64>; 2]], free: Freedom, hand: Handedness) -> f64 {
-        let Some(found) = Similarity::between(points, free, hand) else {
+        let Some(similarity) = Similarity::between(points, free, hand) else {
             return f64::INFINITY;
         };
-        let apart_m = points.iter().map(|[q, p]| (found.of(*q) - p).norm());
+        let apart_m = points
+            .iter()
+            .map(|[q, p]| (similarity.apply(*q) - p).norm());
         apart_m.fold(0.0, f64::max)
     }
 
     #[test]
-    fn what_moved_the_points_is_found_and_nothing_that_is_not_free() {
+    fn the_motion_of_the_points_is_estimated_by_free_parts_only() {
         let turn = Rotation3::from_euler_angles(0.3, -0.2, 2.0);
         let moved = points(|q| turn * q * 0.9 + Vector3::new(1.0, -2.0, 0.5));
-        assert!(rest_m(&moved, Freedom::ALL, Handedness::Kept) < ROUNDING_M);
+        assert!(rest_m(&moved, Freedom::ALL, Handedness::Unchanged) < ROUNDING_M);
         for free in Freedom::choices() {
             let is_whole = free == Freedom::ALL;
-            assert!(is_whole || rest_m(&moved, free, Handedness::Kept) > 0.1);
+            assert!(is_whole || rest_m(&moved, free, Handedness::Unchanged) > 0.1);
         }
     }
 
     #[test]
-    fn a_mirror_image_is_found_by_a_mirror_alone() {
+    fn a_mirror_image_needs_a_mirroring_similarity() {
         let mirrored = points(|q| Vector3::new(q.x, -q.y, q.z));
         assert!(rest_m(&mirrored, Freedom::ALL, Handedness::Mirrored) < ROUNDING_M);
-        assert!(rest_m(&mirrored, Freedom::ALL, Handedness::Kept) > 0.1);
+        assert!(rest_m(&mirrored, Freedom::ALL, Handedness::Unchanged) > 0.1);
     }
 
     #[test]
-    fn points_that_tell_nothing_are_told_from_those_that_do() {
+    fn points_that_determine_no_similarity_are_refused() {
         let between = |points: &[[Vector3<f64>; 2]]| {
-            Similarity::between(points, Freedom::ALL, Handedness::Kept)
+            Similarity::between(points, Freedom::ALL, Handedness::Unchanged)
         };
-        assert!(between(&points(|q| q)[..LEAST_POINTS - 1]).is_none());
+        assert!(between(&points(|q| q)[..MIN_POINTS - 1]).is_none());
         assert!(between(&points(|_| Vector3::zeros())).is_none());
         let along = Vector3::new(0.5, 2.0, -1.0);
         let line: Vec<_> = (0..60).map(|i| [along * f64::from(i); 2]).collect();
@@ -203,7 +205,7 @@ mod tests {
             turn: false,
             ..Freedom::ALL
         };
-        assert!(rest_m(&line, unturned, Handedness::Kept) < ROUNDING_M);
+        assert!(rest_m(&line, unturned, Handedness::Unchanged) < ROUNDING_M);
         assert!(between(&points(|q| q * 1e200)).is_some());
         assert!(between(&points(|q| q * 1e308)).is_none());
     }
