@@ -1,4 +1,4 @@
-//! The lean fusion binary, for hosts that run nothing else.
+//! The lean fusion binary, for hosts that run no other node.
 
 use std::process::ExitCode;
 

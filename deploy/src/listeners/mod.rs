@@ -213,9 +213,9 @@ impl OpenListeners for ListenerArgs {
             }
             Ok(Listeners {
                 wiretaps,
-                said,
-                is_looked_at,
-                is_in_time: true,
+                notices: said,
+                has_viewers: is_looked_at,
+                is_real_time: true,
             })
         })
     }

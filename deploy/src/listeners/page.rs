@@ -218,7 +218,7 @@ impl Wiretap for PageTap {
 
     fn decided(&self, _: CopiedStep<'_>) {}
 
-    fn looks_at_thumbnails(&self) -> bool {
+    fn wants_thumbnails(&self) -> bool {
         true
     }
 

@@ -119,7 +119,7 @@ impl RunWatch<'_> {
                 }
                 self.start_edges()?;
             }
-            NodeEvent::Report(Report::Said(lines)) => {
+            NodeEvent::Report(Report::Notices(lines)) => {
                 for line in lines {
                     self.follow.tell(&line);
                 }

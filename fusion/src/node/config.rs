@@ -1,4 +1,4 @@
-//! What fusion is started with. Nothing is opened here but the files that describe the venue.
+//! Arguments and configuration of the fusion node. Only the files that describe the venue are opened here.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -16,14 +16,15 @@ use farfield_proto::toml_file::unread;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 
-use super::found::{check_detector, check_viewpoints};
-use super::given::{check_given_keypoints, check_given_ticks};
 use super::handout::Handout;
-use super::live_or_recorded::{check_live_or_recorded, check_ticks_to_come};
 use super::output::progress::Detail;
 use super::recording::{RecordingPlace, check_place};
-use super::session::mode::RunMode;
+use super::session::messages::RunMode;
 use super::subjects::{KnownSubjects, load_subjects};
+use super::venue_checks::{
+    check_detector, check_given_keypoints, check_given_ticks, check_live_or_recorded,
+    check_ticks_to_come, check_viewpoints,
+};
 
 /// Arguments of the fusion node.
 #[derive(Debug, Clone, clap::Args)]
@@ -34,80 +35,80 @@ use super::subjects::{KnownSubjects, load_subjects};
 pub struct FusionArgs {
     /// The venue file.
     pub venue: PathBuf,
-    /// Run live: nobody waits; without it, in lock-step.
+    /// Run live; without it, in lock-step.
     ///
-    /// At every tick of the clock, over what the edges have sent by then.
+    /// Live, each tick of the clock uses the data that the edges have sent by then.
     #[arg(long)]
     pub live: bool,
-    /// Where to listen; the venue file's, if left out.
+    /// Endpoint to listen on [default: the venue file's].
     ///
     /// For example `quic/0.0.0.0:7447`.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
-    /// With `--managed`: where to listen when that is taken.
+    /// With `--managed`: the fallback endpoint if that one is taken.
     #[arg(long, hide = true, value_name = "ENDPOINT", requires_all = ["managed", "listen"])]
     pub listen_else: Option<String>,
-    /// Talk to other machines without TLS.
+    /// Communicate with other machines without TLS.
     ///
-    /// Everyone in the network may read and send along.
+    /// Every machine in the network can then read and send messages.
     #[arg(long)]
     pub allow_plaintext: bool,
-    /// Folder of fusion's keys; the venue file's, if left out.
+    /// Folder of fusion's keys [default: the venue file's].
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
-    /// Work on these ticks only, B not among them.
+    /// Process only these ticks, B excluded.
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub ticks: Option<Range<Tick>>,
     /// Folder for the results.
     ///
-    /// It must be empty or not there.
+    /// It must be empty or not exist.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Record, for `farfield replay`.
     ///
-    /// Everything that is received and sent, and what was used for each tick, as an MCAP file: this
-    /// one, which must not be there, or a new one in this folder, which is made where a slash ends its path. Default:
+    /// The recording is an MCAP file with all received and sent messages, and the messages used for each tick. FILE must not
+    /// exist. If FILE is a folder, a new file is created in it; a path with a slash at its end creates the folder. Default:
     /// `recording.mcap` in the folder of the results.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     pub record: Option<Option<PathBuf>>,
     /// Report as JSON lines on standard output, and end when standard input closes.
     #[arg(long, hide = true)]
     pub managed: bool,
-    /// With `--managed`: report where the persons are at every tick.
+    /// With `--managed`: report the positions of the persons at every tick.
     #[arg(long, hide = true, requires = "managed")]
     pub report_bodies: bool,
 }
 
-/// The validated start of a fusion node.
+/// The validated configuration of a fusion node.
 #[derive(Debug)]
 pub(super) struct FusionConfig {
     pub(super) venue: Venue,
-    /// The venue file, to be named where it is refused.
+    /// The path of the venue file, for error messages.
     pub(super) venue_path: PathBuf,
-    /// The network's card, when the venue has one.
+    /// The network's card, if the venue has one.
     pub(super) card: Option<HeatmapCard>,
-    /// Who may come.
+    /// The people that the venue names.
     pub(super) subjects: KnownSubjects,
-    /// Where to listen, and by what fusion proves who it is.
+    /// Endpoints and identity of fusion.
     pub(super) reach: Reach,
-    /// Where to listen when that cannot be had; `None`: nowhere.
+    /// Fallback if the endpoint is taken.
     pub(super) reach_else: Option<Reach>,
     pub(super) mode: RunMode,
-    /// The files that edges may ask for.
+    /// Files that edges may request.
     pub(super) handout: Arc<Handout>,
     pub(super) ticks: Option<Range<Tick>>,
-    /// Where to write; claimed already by a parent.
+    /// The folder of the results; under a parent, already claimed.
     pub(super) out: Option<PathBuf>,
-    /// Where to record, if that is wanted.
+    /// The place of the recording, if requested.
     pub(super) record: Option<RecordingPlace>,
     pub(super) managed: Managed,
     pub(super) detail: Detail,
 }
 
 impl FusionConfig {
-    /// What a test starts with: `venue`, and nothing that anybody said.
+    /// A configuration of `venue` with defaults, for tests.
     #[cfg(test)]
-    pub(super) fn of_venue(venue: Venue) -> Self {
+    pub(super) fn with_venue(venue: Venue) -> Self {
         Self {
             venue,
             venue_path: PathBuf::from("venue.toml"),
@@ -174,7 +175,7 @@ impl FusionConfig {
             handout,
             ticks: args.ticks,
             out: args.out,
-            record: args.record.map(RecordingPlace::asked),
+            record: args.record.map(RecordingPlace::from_option),
             managed,
             detail: if args.report_bodies {
                 Detail::Bodies
@@ -184,13 +185,13 @@ impl FusionConfig {
         })
     }
 
-    /// Whether thumbnails may come from edges: live, where the venue says so and nobody else can read them on their way.
-    pub(super) fn takes_pictures(&self) -> bool {
+    /// Whether edges may send thumbnails: in a live run, if the venue allows it and the links are private.
+    pub(super) fn allows_thumbnails(&self) -> bool {
         self.mode == RunMode::Live && self.venue.security.pictures && self.reach.is_private()
     }
 }
 
-/// Where to listen, and where else when that is taken.
+/// The endpoints to listen on, and the fallback.
 fn reach(args: &FusionArgs, venue: &Venue) -> Result<(Reach, Option<Reach>), NodeError> {
     let all: Vec<String> = args
         .listen
@@ -198,29 +199,29 @@ fn reach(args: &FusionArgs, venue: &Venue) -> Result<(Reach, Option<Reach>), Nod
         .chain(&args.listen_else)
         .cloned()
         .collect();
-    let asked = Asked {
+    let request = Asked {
         side: LinkEnd::Listen,
         node: FUSION,
         endpoints: &all,
         certificates: args.certificates.as_deref(),
         allow_plaintext: args.allow_plaintext,
     };
-    let mut reach = asked.in_venue(venue)?;
-    let Some(last) = &args.listen_else else {
+    let mut reach = request.in_venue(venue)?;
+    let Some(fallback) = &args.listen_else else {
         return Ok((reach, None));
     };
     let reach_else = Reach {
-        endpoints: vec![last.clone()],
+        endpoints: vec![fallback.clone()],
         ..reach.clone()
     };
     reach.endpoints.truncate(args.listen.len());
     Ok((reach, Some(reach_else)))
 }
 
-/// Refuses a viewpoint whose name is taken by fusion itself.
+/// Refuses a viewpoint with the name of the fusion node.
 ///
 /// # Errors
-/// Names the viewpoint.
+/// There is such a viewpoint.
 pub fn check_names(venue: &Venue) -> anyhow::Result<()> {
     anyhow::ensure!(
         venue.viewpoint_named(FUSION).is_none(),
@@ -229,10 +230,10 @@ pub fn check_names(venue: &Venue) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses a calibration, that of the file at `path`, with which no run can be right, and says what in it is doubtful.
+/// Refuses a calibration, read from `path`, that makes a correct run impossible, and reports its suspect values.
 ///
 /// # Errors
-/// [`NodeError::Refused`] with all that is wrong.
+/// [`NodeError::Refused`] with all faults.
 pub fn check_calibration(venue: &Venue, path: &Path) -> Result<(), NodeError> {
     let path = path.display();
     let findings = plausibility::of_venue(venue);
@@ -256,7 +257,7 @@ pub fn check_calibration(venue: &Venue, path: &Path) -> Result<(), NodeError> {
 /// Reads the card of the venue's keypoint network; `None` without a network.
 ///
 /// # Errors
-/// When the card cannot be read, or says what no card may.
+/// The card cannot be read or is invalid.
 pub fn load_card(venue: &Venue) -> anyhow::Result<Option<HeatmapCard>> {
     let Some(path) = &venue.network else {
         return Ok(None);

@@ -1,7 +1,7 @@
-//! Who else hears what fusion hears and says.
+//! Observers of a fusion node: they receive copies of all its messages.
 //!
-//! Fusion knows neither pages nor streams. The command around it does, and hands in what opens them: before the first
-//! message, by what is known of the run. Each listener is a [`Wiretap`]: it gets copies, and nobody waits for it.
+//! Fusion does not depend on pages or streams. The command that starts it passes in an [`OpenListeners`], which opens them before
+//! the first message. Each observer is a [`Wiretap`]: it gets copies and never delays fusion.
 
 use std::path::Path;
 use std::pin::Pin;
@@ -17,75 +17,72 @@ use farfield_proto::venue::Venue;
 use super::recording::RecordingsOnDemand;
 use super::session::wiretap::Wiretap;
 
-/// What listeners are told of a run before it begins.
+/// Facts about a run, for its observers.
 #[derive(Clone, Copy)]
 pub struct RunAtItsStart<'a> {
     /// The venue.
     pub venue: &'a Venue,
     /// The keypoints of its network, in the order of poses and maps.
     pub keypoints: &'a KeypointSet,
-    /// Whether it runs live; else in lock-step.
+    /// Whether the run is live; otherwise it is in lock-step.
     pub is_live: bool,
-    /// By which keys fusion proves who it is; `None` without TLS.
+    /// Fusion's identity; `None` without TLS.
     pub identity: Option<&'a Identity>,
     /// The folder of its results.
     pub out: &'a Path,
-    /// Where names of people can be kept for a fusion that is started again and gives them their old ids
-    /// ([`Wiretap::expected`]); `None` where none is.
+    /// The file for names of people that a restarted fusion recognises ([`Wiretap::expected`]); `None` if there is none.
     pub restarts: Option<&'a Path>,
-    /// What starts and stops recordings; `None` in lock-step.
+    /// Starts and stops recordings; `None` in lock-step.
     pub recordings: Option<&'a Arc<RecordingsOnDemand>>,
-    /// Where fusion listens, as Zenoh's endpoints.
+    /// The Zenoh endpoints of fusion.
     pub listens_at: &'a [String],
-    /// The recording that is solved again; `None` of a run of its own.
+    /// The recording in a replay; `None` otherwise.
     pub replays: Option<ReplayedRecording<'a>>,
 }
 
-/// A recording that is solved again.
+/// A recording that is replayed.
 #[derive(Debug, Clone, Copy)]
 pub struct ReplayedRecording<'a> {
     /// The file.
     pub file: &'a Path,
-    /// Which life of fusion.
+    /// The session that is replayed.
     pub session: SessionId,
-    /// Whether ids mean the same people as in its poses.
+    /// Whether the ids are those of the recorded poses.
     pub keeps_ids: bool,
-    /// The first and the last tick that are solved.
+    /// The first and the last replayed tick.
     pub ticks: [Tick; 2],
 }
 
-/// Whoever listens, opened.
+/// The open observers.
 #[derive(Default)]
 pub struct Listeners {
-    /// Who gets the copies; let go of when the run is over.
+    /// Receivers of the copies; dropped at the end of the run.
     pub wiretaps: Vec<Arc<dyn Wiretap>>,
-    /// What the operator is told of them, a line each: where they can be reached.
-    pub said: Vec<String>,
-    /// Whether somebody can look, and ask for something: recordings can be begun then, and a replay stays when all is over
-    /// until it is told to end.
-    pub is_looked_at: bool,
-    /// Whether what they get goes on to somebody who wants it as it happened: a replay tells ticks at the venue's rate then, and
-    /// else as fast as they are solved.
-    pub is_in_time: bool,
+    /// Lines for the operator, such as addresses.
+    pub notices: Vec<String>,
+    /// Whether a page is open. Its users can start recordings, and a replay stays open at its end until it is stopped.
+    pub has_viewers: bool,
+    /// Whether the observers need the timing of the run: a replay then publishes ticks at the venue's rate, otherwise as fast as
+    /// it solves them.
+    pub is_real_time: bool,
 }
 
-/// The listeners of a run, or what cannot be opened: the run does not begin then.
+/// The future of opening the observers. The run does not begin if it fails.
 pub type Opening<'a> = Pin<Box<dyn Future<Output = Result<Listeners, NodeError>> + Send + 'a>>;
 
-/// Opens the listeners of a run.
+/// Opens the observers of a run.
 pub trait OpenListeners: Send {
-    /// Refuses what can be refused of them before anything listens; `identity`: by which keys fusion proves who it is. Opens
-    /// nothing.
+    /// Refuses invalid settings before anything is opened. `identity` is that of fusion.
     ///
     /// # Errors
-    /// What cannot be opened as it was asked for.
+    /// A setting is invalid.
     fn check(&self, identity: Option<&Identity>) -> Result<(), NodeError>;
 
-    /// Opens them. Called once, on the runtime of the node, after everything that can be refused was.
+    /// Opens the observers. Called once, on the node's runtime, after all checks.
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_>;
 }
 
-/// Nobody else listens.
+/// No observers.
 #[derive(Debug, Clone, Copy)]
 pub struct NoListeners;
 
@@ -96,12 +93,12 @@ impl OpenListeners for NoListeners {
 
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         let mut listeners = Listeners::default();
-        let asked = run.venue.streams.iter().map(|stream| stream.to.as_str());
-        let asked: Vec<&str> = asked.collect();
-        if !asked.is_empty() {
-            listeners.said.push(format!(
+        let streams = run.venue.streams.iter().map(|stream| stream.to.as_str());
+        let streams: Vec<&str> = streams.collect();
+        if !streams.is_empty() {
+            listeners.notices.push(format!(
                 "streams of the venue file are not opened ({}): `farfield fusion` opens them",
-                asked.join(", ")
+                streams.join(", ")
             ));
         }
         Box::pin(async { Ok(listeners) })

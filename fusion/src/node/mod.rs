@@ -1,15 +1,11 @@
-//! The async shell of fusion: it owns Zenoh, time, threads and files, and runs the core, in
-//! lock-step or live.
+//! The async shell of fusion: it owns Zenoh, time, threads and files, and runs the core in lock-step or live.
 //!
-//! Load (nothing opened) -> build (everything that can fail is opened) -> run -> drain.
+//! Order: load (opens only the files of the venue), build (opens all that can fail), run, drain.
 
 mod config;
-mod found;
-mod given;
 mod handout;
 mod listeners;
 mod live;
-mod live_or_recorded;
 mod lock_step;
 mod output;
 mod recorder_node;
@@ -19,15 +15,13 @@ mod run;
 mod session;
 mod status;
 mod subjects;
+mod venue_checks;
 mod worker;
 
 pub use self::config::{FusionArgs, check_calibration, check_names, load_card};
-pub use self::found::{check_detector, check_viewpoints};
-pub use self::given::{check_given_keypoints, check_given_ticks};
 pub use self::listeners::{
     Listeners, NoListeners, OpenListeners, Opening, ReplayedRecording, RunAtItsStart,
 };
-pub use self::live_or_recorded::check_live_or_recorded;
 pub use self::output::claim::{FolderClaim, check_folder, is_written_to, was_killed};
 pub use self::output::exporter::layout as pose_layout;
 pub use self::output::progress::{Body, LinkProgress, Progress, Report};
@@ -41,3 +35,7 @@ pub use self::replay::{
 pub use self::run::{main, main_with};
 pub use self::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
 pub use self::subjects::{KnownSubjects, load_subjects};
+pub use self::venue_checks::{
+    check_detector, check_given_keypoints, check_given_ticks, check_live_or_recorded,
+    check_viewpoints,
+};

@@ -1,7 +1,7 @@
-//! `farfield record`: a node of its own that listens to everything under the venue's name, and records it.
+//! `farfield record`: a separate node that subscribes to all keys of the venue and records the messages.
 //!
-//! It receives what fusion receives, but for what the links between lose, and not always in time: what fusion
-//! used for each tick it takes from fusion's own word ([`farfield_proto::message::decision`]).
+//! It receives what fusion receives, except for losses on the links, and possibly later. The messages used for each tick come
+//! from fusion's own decisions ([`farfield_proto::message::decision`]).
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -32,18 +32,18 @@ use super::config::{check_names, load_card};
 use super::recording::{RecordingFile, RecordingThread, check_place, head};
 use super::run::not_made;
 use super::session::authentication_log;
-use super::session::mode::RunMode;
+use super::session::messages::RunMode;
 use super::subjects::{KnownSubjects, load_subjects};
 
-/// Messages that wait between Zenoh and the recorder's own queue.
+/// Messages queued between Zenoh and the recorder's own queue.
 const QUEUE: usize = 1024;
-/// For how long every status of fusion must name other files than ours until that is believed, microseconds:
-/// some statuses.
+/// The time for which every status of fusion must report other files before the recorder accepts it, microseconds: several
+/// statuses.
 const DIFFERS_US: i64 = 5_000_000;
-/// How often somebody who watches is told how it goes.
-const TELL_EVERY: Duration = Duration::from_secs(5);
+/// Interval of progress reports.
+const REPORT_EVERY: Duration = Duration::from_secs(5);
 
-/// Such times between two reminders that the disk is full.
+/// Reports between two reminders of a full disk.
 const REMIND_EVERY: u32 = 12;
 
 /// Arguments of the recording node.
@@ -51,27 +51,27 @@ const REMIND_EVERY: u32 = 12;
 pub struct RecordArgs {
     /// The venue file.
     pub venue: PathBuf,
-    /// Where fusion listens; the venue file's, if left out.
+    /// Endpoint of fusion [default: the venue file's].
     ///
     /// For example `quic/10.0.0.1:7447`.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
-    /// Talk to other machines without TLS.
+    /// Communicate with other machines without TLS.
     ///
-    /// Everyone in the network may read and send along.
+    /// Every machine in the network can then read and send messages.
     #[arg(long)]
     pub allow_plaintext: bool,
-    /// Folder of the recorder's keys; the venue file's, if left out.
+    /// Folder of the recorder's keys [default: the venue file's].
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
     /// The recording: a new file, or a folder for one.
     ///
-    /// A folder is made where a slash ends its path.
+    /// A path with a slash at its end creates the folder.
     #[arg(long, value_name = "FILE.mcap")]
     pub out: PathBuf,
 }
 
-/// Records until it is told to stop, and says on standard error what went wrong.
+/// Records until it is stopped, and prints errors on standard error.
 pub fn main(args: RecordArgs) -> ExitCode {
     start_log_with(authentication_log::layer());
     exit_code(load_and_record(args))
@@ -81,14 +81,14 @@ fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
     let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
     check_names(&venue).map_err(NodeError::Refused)?;
     check_place(&args.out).map_err(NodeError::Refused)?;
-    let asked = Asked {
+    let request = Asked {
         side: LinkEnd::Connect,
         node: RECORDER,
         endpoints: &args.connect,
         certificates: args.certificates.as_deref(),
         allow_plaintext: args.allow_plaintext,
     };
-    let reach = asked.in_venue(&venue)?;
+    let reach = request.in_venue(&venue)?;
     let card = load_card(&venue).map_err(NodeError::Refused)?;
     let recorded = Recorded {
         keypoints: card.map_or_else(KeypointSet::coco17, |card| card.output.keypoints),
@@ -98,7 +98,7 @@ fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
     runtime::block_on(2, record(args, &recorded, &reach))
 }
 
-/// What a recording says of itself.
+/// Facts for the head of the recording.
 struct Recorded {
     venue: Venue,
     keypoints: KeypointSet,
@@ -144,16 +144,16 @@ fn begin(args: &RecordArgs, recorded: &Recorded) -> Result<RecordingThread, Node
         keypoints,
         subjects,
     } = recorded;
-    let of = (venue, args.venue.as_path());
-    let head = head(of, keypoints, "record", subjects).map_err(NodeError::Failed)?;
+    let head = head(venue, args.venue.as_path(), keypoints, "record", subjects);
+    let head = head.map_err(NodeError::Failed)?;
     let file = RecordingFile::make(&args.out, &venue.name).map_err(not_made)?;
-    // Whose session it is comes with the messages; nobody asks the edges for what is missing.
+    // The session is known from the messages. The recorder never requests missing messages from the edges.
     let (session, parameters) = (SessionId::default(), &venue.parameters.recording);
     RecordingThread::start(file, head, session, RunMode::Live, parameters)
         .map_err(NodeError::Failed)
 }
 
-/// Notes all that is said until somebody stops it.
+/// Records all messages until it is stopped.
 async fn listen(
     venue: &Venue,
     session: &Session,
@@ -169,7 +169,7 @@ async fn listen(
     let (clock, queue) = (VenueClock::start(), recording.queue());
     let fusion = keys.status(FUSION);
     let mut agreement = Agreement::default();
-    let mut tell = tokio::time::interval(TELL_EVERY);
+    let mut reports = tokio::time::interval(REPORT_EVERY);
     let (mut n_messages, mut n_waits) = (0u64, 0u32);
     let disk = recording.disk_watch();
     loop {
@@ -178,17 +178,17 @@ async fn listen(
             sample = messages.recv_async() => sample.map_err(failed)?,
             node = nodes.recv_async() => {
                 let node = node.map_err(failed)?;
-                let there: &[u8] = match node.kind() {
+                let presence: &[u8] = match node.kind() {
                     SampleKind::Put => b"{\"there\":true}",
                     SampleKind::Delete => b"{\"there\":false}",
                 };
-                queue.note(node.key_expr().as_str(), there, clock.now_us());
+                queue.note(node.key_expr().as_str(), presence, clock.now_us());
                 continue;
             }
-            _ = tell.tick() => {
+            _ = reports.tick() => {
                 clock.discipline();
                 if recording.so_far().failure.is_some() {
-                    // It has been said why; there is nothing left to do.
+                    // The recording has failed, and the failure was reported.
                     return Ok(());
                 }
                 n_waits = disk.notice().map_or(0, |_| n_waits + 1);
@@ -218,27 +218,27 @@ async fn listen(
     }
 }
 
-/// Whether fusion works with the files that the recording carries.
+/// Whether fusion uses the files that the recording contains.
 #[derive(Debug, Default)]
 struct Agreement {
-    /// Since when every status said otherwise, microseconds.
+    /// Time since which every status reported other files, microseconds.
     differs_since_us: Option<i64>,
-    is_told: bool,
+    is_reported: bool,
 }
 
-/// What a status means for the recording.
+/// The result of comparing a status with the own files.
 #[derive(Debug, PartialEq, Eq)]
 enum Comparison {
     /// Nothing new.
     Same,
-    /// For the first time: worth a warning, and no more, as without keys anybody may say so.
+    /// The first difference: only a warning, because without keys any node may send a status.
     Differs(String),
-    /// For so long that it must be true.
+    /// The difference has lasted long enough to be certain.
     StillDiffers(String),
 }
 
 impl Agreement {
-    /// Takes how a status of `now_us` differs from the own files, if it does.
+    /// Adds a status received at `now_us`; `different` describes how it differs from the own files.
     fn compare(&mut self, different: Option<String>, now_us: i64) -> Comparison {
         let Some(what) = different else {
             self.differs_since_us = None;
@@ -247,7 +247,7 @@ impl Agreement {
         match self.differs_since_us {
             None => {
                 self.differs_since_us = Some(now_us);
-                if std::mem::replace(&mut self.is_told, true) {
+                if std::mem::replace(&mut self.is_reported, true) {
                     Comparison::Same
                 } else {
                     Comparison::Differs(what)
@@ -259,7 +259,7 @@ impl Agreement {
     }
 }
 
-/// Which of fusion's files is not the one of `ours`.
+/// The first of fusion's files that differs from `ours`.
 fn difference(ours: &VenueHash, fusion: &Status) -> Option<String> {
     let other = OwnFiles::from(ours).other_file(fusion);
     other.map(|OtherFile { what, theirs, ours }| {
@@ -274,13 +274,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_status_of_a_stranger_does_not_end_a_recording_but_fusion_with_other_files_does() {
+    fn only_a_lasting_difference_ends_a_recording() {
         let other = || Some("another venue file".to_owned());
         let mut agreement = Agreement::default();
         let second = |n: i64| n * 1_000_000;
         let first = agreement.compare(other(), second(0));
         assert!(matches!(first, Comparison::Differs(_)));
-        // Fusion's own word comes once a second between.
+        // Fusion's own status comes in between, once a second.
         for n in 1..20 {
             assert_eq!(agreement.compare(None, second(n)), Comparison::Same);
             assert_eq!(agreement.compare(other(), second(n) + 1), Comparison::Same);

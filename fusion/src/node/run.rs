@@ -31,29 +31,29 @@ use super::recording::{RecordingFile, RecordingThread, RecordingsOnDemand, head}
 use super::session::authentication_log;
 use super::session::interceptor::{Interceptor, Senders};
 use super::session::link::FusionSession;
-use super::session::mode::RunMode;
+use super::session::messages::RunMode;
 use super::session::other_fusion::{OtherFusionWatch, Place};
 use super::session::wiretap::{Wiretap, WiretapHandle};
 use crate::pipeline::Pipeline;
 
-/// How long the tasks may take to end.
+/// Time for the tasks to end.
 const DRAIN: Duration = Duration::from_secs(5);
 
-/// How often a place to listen at is tried that another fusion of the venue may just have left, and how long after a try.
-const TRIES: u32 = 20;
-const TRY_AGAIN: Duration = Duration::from_millis(250);
+/// Attempts to listen on an endpoint that another fusion of the venue may just have left, and their interval.
+const LISTEN_ATTEMPTS: u32 = 20;
+const LISTEN_RETRY: Duration = Duration::from_millis(250);
 
-/// How long a session stays open that is not needed, so that nodes that are just connecting have done so: where Zenoh closes
-/// a session while a peer opens one with it, that peer's link stays, and with it the socket, until the process ends. Two
-/// fusions that are started at the same moment find each other within the same millisecond.
+/// Time before an unneeded session is closed, so that connecting nodes have finished. If Zenoh closes a session while a peer
+/// opens one with it, the peer's link stays open, with its socket, until the process ends. Two fusions started together find
+/// each other within a millisecond.
 const SETTLE: Duration = Duration::from_millis(500);
 
-/// Runs a fusion node to its end and says on standard error what went wrong.
+/// Runs a fusion node to its end, and prints errors on standard error.
 pub fn main(args: FusionArgs) -> ExitCode {
     main_with(args, Box::new(NoListeners))
 }
 
-/// As [`main`]; whom `listeners` opens gets a copy of every message.
+/// As [`main`]; the observers that `listeners` opens get copies of all messages.
 pub fn main_with(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> ExitCode {
     start_log_with(authentication_log::layer());
     exit_code(load_and_run(args, listeners))
@@ -63,7 +63,7 @@ fn load_and_run(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> Result<E
     let config = FusionConfig::load(args)?;
     listeners.check(config.reach.identity.as_ref())?;
     if let Some(identity) = &config.reach.identity {
-        authentication_log::know_generations(&identity.generations);
+        authentication_log::set_generations(&identity.generations);
     }
     let session = new_session();
     let mut pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
@@ -73,8 +73,7 @@ fn load_and_run(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> Result<E
     ending
 }
 
-/// A number that no earlier life of fusion had. Its top bit is set, so that it takes the same bytes
-/// on the wire in every run: equal runs send equal numbers of bytes.
+/// A unique number. Its top bit is set so that its encoded length is constant: equal runs send equal numbers of bytes.
 fn new_session() -> SessionId {
     SessionId(clock::unix_time().as_nanos() as u64 | 1 << 63)
 }
@@ -85,32 +84,34 @@ async fn run(
     pipeline: Pipeline,
     listeners: Box<dyn OpenListeners>,
 ) -> Result<Ending, NodeError> {
-    // `stop` asks the run to end; `leave` ends the tasks that carry messages, once all is said.
+    // `stop` ends the run; `leave` ends the tasks that carry messages, after the last message.
     let tasks = TaskTracker::new();
     let (stop, leave) = (CancellationToken::new(), CancellationToken::new());
     stop_when_told(&tasks, &stop, config.managed)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
-    let others = look_for_another(config, &tasks, &leave).await;
-    let Some(place) = others.be_the_only_one(config.mode, &stop).await? else {
+    let others = watch_for_other_fusion(config, &tasks, &leave).await;
+    let Some(place) = others.wait_until_alone(config.mode, &stop).await? else {
         return Ok(Ending::Interrupted);
     };
     let claim = claim_folder(config)?;
     let mut reporter = Reporter::new(config.managed, config.detail);
-    let Some((mut link, senders)) = listen_alone(config, (&others, place), &stop).await? else {
+    let Some((mut link, senders)) = listen_alone(config, &others, place, &stop).await? else {
         return Ok(Ending::Interrupted);
     };
     hand_out(config, &link, &tasks, &leave);
     reporter.listening(&config.reach.endpoints, link.locators().await);
-    let on_demand = on_demand(config, session, (&pipeline, claim.folder()));
-    let run = (&pipeline, claim.folder(), on_demand.as_ref());
-    let listeners = open_listeners(config, run, listeners, &reporter).await?;
-    let on_demand = on_demand.filter(|_| listeners.is_looked_at);
-    let recording = record(config, session, (&pipeline, claim.folder()))?;
+    let out = claim.folder();
+    let on_demand = on_demand(config, session, &pipeline, out);
+    let recordings = on_demand.as_ref();
+    let opening = open_listeners(config, &pipeline, out, recordings, listeners, &reporter);
+    let listeners = opening.await?;
+    let on_demand = on_demand.filter(|_| listeners.has_viewers);
+    let recording = record(config, session, &pipeline, out)?;
     let wiretap = wiretaps(recording.as_ref(), on_demand.as_ref(), listeners.wiretaps);
-    show_thumbnails(config, &wiretap, (&mut link, &senders)).await?;
+    accept_thumbnails(config, &wiretap, &mut link, &senders).await?;
     let interceptor = Interceptor::new(&config.venue, senders, wiretap);
-    let mut summary = SummaryFile::in_folder(claim.folder());
+    let mut summary = SummaryFile::in_folder(out);
     let mut ends = link.spawn(&tasks, &leave, &interceptor);
     let outcome = match config.mode {
         RunMode::LockStep => {
@@ -122,7 +123,7 @@ async fn run(
             let mut run = Begin {
                 config,
                 session,
-                out: claim.folder(),
+                out,
                 summary: &mut summary,
                 interceptor: &interceptor,
                 recording: recording.as_ref(),
@@ -137,7 +138,7 @@ async fn run(
             let context = LiveContext {
                 config,
                 session,
-                out: claim.folder(),
+                out,
                 summary: &mut summary,
                 recording: recording.as_ref(),
                 on_demand: on_demand.as_deref(),
@@ -160,20 +161,21 @@ async fn run(
     outcome
 }
 
-/// Lets edges send thumbnails where they may, and somebody looks at them.
-async fn show_thumbnails(
+/// Subscribes to thumbnails if they are allowed and an observer wants them.
+async fn accept_thumbnails(
     config: &FusionConfig,
     wiretap: &WiretapHandle,
-    (link, senders): (&mut FusionSession, &Senders),
+    link: &mut FusionSession,
+    senders: &Senders,
 ) -> Result<(), NodeError> {
-    if !(wiretap.looks_at_thumbnails() && config.takes_pictures()) {
+    if !(wiretap.wants_thumbnails() && config.allows_thumbnails()) {
         return Ok(());
     }
-    let shown = link.show_thumbnails(&config.venue, senders).await;
-    shown.map_err(NodeError::Failed)
+    let subscribed = link.accept_thumbnails(&config.venue, senders).await;
+    subscribed.map_err(NodeError::Failed)
 }
 
-/// Lets edges fetch what the venue has for them, until they `leave`.
+/// Starts the task that serves the venue's files to the edges until `leave`.
 fn hand_out(
     config: &FusionConfig,
     link: &FusionSession,
@@ -189,14 +191,16 @@ fn hand_out(
     ));
 }
 
-/// Opens whoever listens beside the recorder; before there is a recording that a refusal would leave behind.
+/// Opens the observers, before a refusal could leave a recording behind.
 async fn open_listeners(
     config: &FusionConfig,
-    (pipeline, out, recordings): (&Pipeline, &Path, Option<&Arc<RecordingsOnDemand>>),
+    pipeline: &Pipeline,
+    out: &Path,
+    recordings: Option<&Arc<RecordingsOnDemand>>,
     listeners: Box<dyn OpenListeners>,
     reporter: &Reporter,
 ) -> Result<Listeners, NodeError> {
-    // As people keep their ids: under a parent all nodes end together.
+    // Under a parent all nodes end together, and neither ids nor names are kept.
     let names = names_place(&config.venue, out);
     let restarts =
         (config.mode == RunMode::Live && config.managed == Managed::No).then_some(&*names);
@@ -212,11 +216,11 @@ async fn open_listeners(
         replays: None,
     };
     let opened = listeners.open(run).await?;
-    reporter.said(&opened.said);
+    reporter.notices(&opened.notices);
     Ok(opened)
 }
 
-/// Everybody who gets copies: the recorder, who records on demand, and `listeners`, who are told of recordings.
+/// All receivers of copies: the recorder, recordings on demand, and `listeners`, which are notified of recordings.
 fn wiretaps(
     recording: Option<&RecordingThread>,
     on_demand: Option<&Arc<RecordingsOnDemand>>,
@@ -224,38 +228,45 @@ fn wiretaps(
 ) -> WiretapHandle {
     if let Some(on_demand) = on_demand {
         if let Some(recording) = recording {
-            on_demand.leave_it_to(recording);
+            on_demand.set_run_recording(recording);
         }
-        // From now on somebody may begin one.
-        on_demand.tell(&listeners);
+        // From here on recordings may begin.
+        on_demand.set_listeners(&listeners);
     }
     let recorder = recording.map(RecordingThread::wiretap);
-    let asked_for = on_demand.map(|it| Arc::clone(it) as Arc<dyn Wiretap>);
-    let wiretap = WiretapHandle::new(recorder.into_iter().chain(asked_for).chain(listeners));
+    let on_demand = on_demand.map(|it| Arc::clone(it) as Arc<dyn Wiretap>);
+    let wiretap = WiretapHandle::new(recorder.into_iter().chain(on_demand).chain(listeners));
     if let Some(recording) = recording {
         wiretap.recording_begins(recording.file());
     }
     wiretap
 }
 
-/// What starts and stops recordings of a live run, in `folder`.
+/// The recordings on demand of a live run, in `folder`.
 fn on_demand(
     config: &FusionConfig,
     session: SessionId,
-    (pipeline, folder): (&Pipeline, &Path),
+    pipeline: &Pipeline,
+    folder: &Path,
 ) -> Option<Arc<RecordingsOnDemand>> {
-    let venue = (&config.venue, config.venue_path.as_path());
     let is_live = config.mode == RunMode::Live;
     is_live.then(|| {
         let keypoints = pipeline.keypoints();
         let folder = folder.to_owned();
         let subjects = &config.subjects;
-        let recordings = RecordingsOnDemand::of_run(venue, keypoints, session, folder, subjects);
+        let recordings = RecordingsOnDemand::of_run(
+            &config.venue,
+            &config.venue_path,
+            keypoints,
+            session,
+            folder,
+            subjects,
+        );
         Arc::new(recordings)
     })
 }
 
-/// Ends a recording that nobody has ended, and says where it is.
+/// Ends the current recording on demand, and prints its path.
 async fn end_on_demand(on_demand: Arc<RecordingsOnDemand>) {
     match tokio::task::spawn_blocking(move || on_demand.end()).await {
         Ok(None) => {}
@@ -267,7 +278,7 @@ async fn end_on_demand(on_demand: Arc<RecordingsOnDemand>) {
     }
 }
 
-/// Finishes the recording, and then the summary, which says what it has come to.
+/// Finishes the recording, then the summary, which contains its result.
 async fn close(
     recording: Option<RecordingThread>,
     summary: SummaryFile,
@@ -284,8 +295,8 @@ async fn close(
     finished
 }
 
-/// Looks whether the venue has another fusion; not under a parent, which has told its edges where this one is.
-async fn look_for_another(
+/// Watches for another fusion of the venue. Not under a parent, which has given its edges the endpoint of this one.
+async fn watch_for_other_fusion(
     config: &FusionConfig,
     tasks: &TaskTracker,
     leave: &CancellationToken,
@@ -296,25 +307,25 @@ async fn look_for_another(
     }
 }
 
-/// Listens, and goes on to do so unless another began to at the same moment; then that one is waited for. `None` when told
-/// to `stop` before. The venue's clock starts when this node listens for good: the machine's own may be set right while it
-/// waits, as after a power cut.
+/// Listens, unless another fusion began to listen at the same moment; then this one waits for it to end. `None` if stopped
+/// before. The venue's clock starts after the wait, because the machine's clock may be set meanwhile, as after a power cut.
 ///
 /// # Errors
-/// As [`open_link`] and [`OtherFusionWatch::be_the_only_one`].
+/// As [`open_link`] and [`OtherFusionWatch::wait_until_alone`].
 async fn listen_alone(
     config: &FusionConfig,
-    (others, mut place): (&OtherFusionWatch, Place),
+    others: &OtherFusionWatch,
+    mut place: Place,
     stop: &CancellationToken,
 ) -> Result<Option<(FusionSession, Senders)>, NodeError> {
     loop {
         let senders = Senders::new(&config.venue, clock::VenueClock::start());
-        let link = open_link(config, &senders, (others, place)).await?;
+        let link = open_link(config, &senders, others, place).await?;
         let steps_back = match config.mode {
             RunMode::LockStep => Some(false),
             RunMode::Live => {
-                let looked = others.is_to_step_back(link.zenoh_id());
-                stop.run_until_cancelled(looked).await
+                let decided = others.must_step_back(link.zenoh_id());
+                stop.run_until_cancelled(decided).await
             }
         };
         if steps_back == Some(false) {
@@ -322,44 +333,45 @@ async fn listen_alone(
         }
         sleep(SETTLE).await;
         link.close_unused().await;
-        if steps_back.is_none() || others.be_the_only_one(config.mode, stop).await?.is_none() {
+        if steps_back.is_none() || others.wait_until_alone(config.mode, stop).await?.is_none() {
             return Ok(None);
         }
-        // What this node has closed itself may still be closing.
+        // The endpoint that this node closed may still be closing.
         place = Place::Inherited;
     }
 }
 
-/// Listens, and lets `others` know that this node is none of them.
+/// Listens, and registers the own session with `others`.
 ///
 /// # Errors
-/// What Zenoh says; where the place is taken, by whom.
+/// An error of Zenoh; if the endpoint is taken, with the node that has it.
 async fn open_link(
     config: &FusionConfig,
     senders: &Senders,
-    (others, place): (&OtherFusionWatch, Place),
+    others: &OtherFusionWatch,
+    place: Place,
 ) -> Result<FusionSession, NodeError> {
-    let mut tries = match place {
+    let mut attempts = match place {
         Place::Free => 1,
-        Place::Inherited => TRIES,
+        Place::Inherited => LISTEN_ATTEMPTS,
     };
     loop {
-        tries -= 1;
+        attempts -= 1;
         match listen(config).await {
             Ok(session) => {
-                // Before its token is declared: who looks by a way around would take it for that of another.
-                others.know_own(session.zid());
+                // Before the token is declared: a watch over an indirect route would take it for that of another fusion.
+                others.set_own(session.zid());
                 let link = FusionSession::open(session, &config.venue, config.mode, senders).await;
                 return link.map_err(NodeError::Failed);
             }
-            // A process that was killed closes one thing after the other.
-            Err(error) if tries > 0 && session::is_taken(&error) => sleep(TRY_AGAIN).await,
-            Err(error) => return Err(NodeError::Failed(name_who_listens(config, error).await)),
+            // A killed process closes its sockets one after the other.
+            Err(error) if attempts > 0 && session::is_taken(&error) => sleep(LISTEN_RETRY).await,
+            Err(error) => return Err(NodeError::Failed(with_holder(config, error).await)),
         }
     }
 }
 
-/// Listens where it was asked for, or where that is taken, wherever else whoever started this node lets it.
+/// Listens on the requested endpoint, or on the fallback if that one is taken.
 async fn listen(config: &FusionConfig) -> anyhow::Result<Session> {
     let listening = FusionSession::listen(&config.venue, &config.reach).await;
     match (listening, &config.reach_else) {
@@ -371,8 +383,8 @@ async fn listen(config: &FusionConfig) -> anyhow::Result<Session> {
     }
 }
 
-/// The same error, with who has the place where this node could not listen, if it is another fusion of the venue.
-async fn name_who_listens(config: &FusionConfig, error: anyhow::Error) -> anyhow::Error {
+/// Adds to the error the other fusion that has the endpoint, if there is one.
+async fn with_holder(config: &FusionConfig, error: anyhow::Error) -> anyhow::Error {
     if !session::is_taken(&error) {
         return error;
     }
@@ -382,14 +394,14 @@ async fn name_who_listens(config: &FusionConfig, error: anyhow::Error) -> anyhow
     leave.cancel();
     match other {
         Some(other) => error.context(format!(
-            "a fusion of venue {} is there already: {other}; end it, or let this one listen elsewhere (--listen)",
+            "a fusion of venue {} is already running: {other}; stop it, or use another endpoint here (--listen)",
             config.venue.name
         )),
         None => error,
     }
 }
 
-/// The folder of the results: the parent's, or one of its own.
+/// The folder of the results: claimed by the parent or by this process.
 fn claim_folder(config: &FusionConfig) -> Result<FolderClaim, NodeError> {
     match (&config.out, config.managed) {
         (Some(out), Managed::Yes) => Ok(FolderClaim::of_parent(out.clone())),
@@ -397,28 +409,29 @@ fn claim_folder(config: &FusionConfig) -> Result<FolderClaim, NodeError> {
     }
 }
 
-/// Why a file or folder cannot be made: a disk without room may have some when the node is started again; all else has to be
-/// mended.
+/// Classifies an error of creating a file or folder: a full disk may have room at the next start; other causes must be fixed.
 pub(super) fn not_made(error: anyhow::Error) -> NodeError {
-    let of_system = error.downcast_ref::<io::Error>().map(io::Error::kind);
-    match of_system {
+    let kind = error.downcast_ref::<io::Error>().map(io::Error::kind);
+    match kind {
         Some(io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => NodeError::Failed(error),
         _ => NodeError::Refused(error),
     }
 }
 
-/// Begins the recording, if one is wanted, of a run whose results lie in `folder`.
+/// Begins the recording, if requested, of a run with its results in `folder`.
 fn record(
     config: &FusionConfig,
     session: SessionId,
-    (pipeline, folder): (&Pipeline, &Path),
+    pipeline: &Pipeline,
+    folder: &Path,
 ) -> Result<Option<RecordingThread>, NodeError> {
     let Some(place) = &config.record else {
         return Ok(None);
     };
     let venue = &config.venue;
     let head = head(
-        (venue, &config.venue_path),
+        venue,
+        &config.venue_path,
         pipeline.keypoints(),
         FUSION,
         &config.subjects,
@@ -440,7 +453,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-    async fn where_the_place_is_taken_another_will_do_if_one_was_named() {
+    async fn a_taken_endpoint_is_replaced_by_the_fallback() {
         let holder = TcpListener::bind("127.0.0.1:0").unwrap();
         let taken = format!("tcp/{}", holder.local_addr().unwrap());
         let reach = |endpoint: &str| Reach {
@@ -450,7 +463,7 @@ mod tests {
         };
         let config = FusionConfig {
             reach: reach(&taken),
-            ..FusionConfig::of_venue(venue())
+            ..FusionConfig::with_venue(venue())
         };
         let refused = listen(&config).await.err();
         assert!(refused.is_some_and(|error| session::is_taken(&error)));
@@ -465,17 +478,17 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_may_have_room_later_and_a_place_that_is_taken_is_wrong_input() {
-        let of = |kind: io::ErrorKind| {
+    fn a_full_disk_is_a_failure_and_other_causes_are_wrong_input() {
+        let classify = |kind: io::ErrorKind| {
             let error = anyhow::Error::new(io::Error::from(kind)).context("making out/run.lock");
             not_made(error)
         };
         assert!(matches!(
-            of(io::ErrorKind::StorageFull),
+            classify(io::ErrorKind::StorageFull),
             NodeError::Failed(_)
         ));
         for kind in [io::ErrorKind::ReadOnlyFilesystem, io::ErrorKind::NotFound] {
-            assert!(matches!(of(kind), NodeError::Refused(_)), "{kind}");
+            assert!(matches!(classify(kind), NodeError::Refused(_)), "{kind}");
         }
         let taken = anyhow::anyhow!("output folder out is not empty");
         assert!(matches!(not_made(taken), NodeError::Refused(_)));

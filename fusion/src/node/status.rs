@@ -1,4 +1,4 @@
-//! Statuses: what fusion says of itself, and what an edge's means for a run in lock-step.
+//! Fusion's own status, and how a failed edge ends a lock-step run.
 
 use anyhow::anyhow;
 use farfield_node::process::NodeError;
@@ -8,7 +8,7 @@ use farfield_proto::transport::FUSION;
 use farfield_proto::venue::VenueHash;
 use farfield_proto::wire;
 
-/// Fusion's own status over files with these fingerprints.
+/// Fusion's own status, with the fingerprints of its files.
 pub(super) fn own_status(hashes: &VenueHash) -> Status {
     Status {
         node: FUSION.to_owned(),
@@ -31,7 +31,7 @@ pub(super) fn own_status(hashes: &VenueHash) -> Status {
     }
 }
 
-/// Fusion's last status: why it gives up, as much of it as a status may say.
+/// Fusion's last status, with its failure cut to the maximal length.
 pub(super) fn failed_status(hashes: &VenueHash, error: &NodeError) -> Status {
     Status {
         ready: false,
@@ -40,7 +40,7 @@ pub(super) fn failed_status(hashes: &VenueHash, error: &NodeError) -> Status {
     }
 }
 
-/// An edge that has given up says why.
+/// Returns the failure of an edge, if it has one.
 pub(super) fn check(status: &Status) -> anyhow::Result<()> {
     match &status.failure {
         Some(failure) if status.viewpoint.is_some() => {
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_long_failure_is_cut_and_still_read_by_the_edges() {
+    fn a_long_failure_is_cut_and_readable_by_the_edges() {
         let hashes = VenueHash {
             venue: "v".to_owned(),
             calibration: "c".to_owned(),

@@ -1,4 +1,4 @@
-//! Who may come, as the venue file says: profiles are read here, or taken from the recording that carries them.
+//! The subjects of a venue file: known people. Their profiles are read from files, or from the recording that contains them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,22 +12,22 @@ use crate::identity::subjects::Subject;
 use crate::recording::attached::Attached;
 use crate::recording::subject_file;
 
-/// Most bytes of a profile: ours have three thousand.
+/// Most bytes of a profile; ours have three thousand.
 const MAX_PROFILE_BYTES: u64 = 1 << 18;
 
-/// Who may come, as it was read.
+/// The subjects of a venue.
 #[derive(Debug, Clone, Default)]
 pub struct KnownSubjects {
     /// In the order of the venue file.
     pub subjects: Vec<Subject>,
-    /// Their profiles, by the names that they have in a recording: those who have changed since are not who is looked for.
+    /// The text of their profiles, by the file names in a recording. The files may change after they were read.
     pub(super) profiles: Vec<(String, String)>,
 }
 
-/// Reads who may come to `venue`.
+/// Reads the subjects of `venue`.
 ///
 /// # Errors
-/// A profile that cannot be read, or is none; two subjects of one name.
+/// A profile cannot be read or is invalid, or two subjects have the same name.
 pub fn load_subjects(venue: &Venue) -> Result<KnownSubjects, FileError> {
     let mut profiles = Vec::new();
     let subjects = subjects(venue, |number, subject, path| {
@@ -39,10 +39,10 @@ pub fn load_subjects(venue: &Venue) -> Result<KnownSubjects, FileError> {
     Ok(KnownSubjects { subjects, profiles })
 }
 
-/// Who might have come to the `venue` of the recording `file`, as is attached.
+/// The subjects of the recorded `venue`, from the profiles attached to the recording `file`.
 ///
 /// # Errors
-/// A profile that is missing or none.
+/// A profile is missing or invalid.
 pub(super) fn recorded_subjects(
     file: &Path,
     recording: &Attached,
@@ -50,14 +50,14 @@ pub(super) fn recorded_subjects(
 ) -> Result<Vec<Subject>, FileError> {
     subjects(venue, |number, _, _| {
         let name = subject_file(number);
-        let text = recording
-            .file(&name)
-            .ok_or_else(|| FileError::new(file, format!("there is no {name} in the recording")))?;
+        let text = recording.file(&name).ok_or_else(|| {
+            FileError::new(file, format!("the recording does not contain {name}"))
+        })?;
         Ok((text.to_owned(), file.join(name)))
     })
 }
 
-/// The subjects, from 1; `profile` has the text of one and the file that it stands in.
+/// The subjects, numbered from 1; `profile` returns the text of one and its file.
 fn subjects(
     venue: &Venue,
     mut profile: impl FnMut(usize, &VenueSubject, &Path) -> Result<(String, PathBuf), FileError>,
@@ -115,26 +115,25 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_that_is_none_is_told_by_the_file_and_one_that_is_missing_by_the_venues_line() {
+    fn an_invalid_profile_is_refused_with_its_file_and_a_missing_one_with_the_venue_line() {
         let folder = tempfile::tempdir().unwrap();
-        let asks = venue(folder.path(), "[[subject]]\nprofile = \"anna.toml\"");
-        let told = load_subjects(&asks).unwrap_err().to_string();
-        assert!(
-            told.contains("hall.toml:5: `subject[0].profile`: cannot read"),
-            "{told}"
+        let named = venue(folder.path(), "[[subject]]\nprofile = \"anna.toml\"");
+        let error = load_subjects(&named).unwrap_err();
+        assert_eq!(error.line, Some(5), "{error}");
+        assert_eq!(
+            error.field.as_deref(),
+            Some("subject[0].profile"),
+            "{error}"
         );
         fs::write(folder.path().join("anna.toml"), "name = \"Anna\"\n").unwrap();
-        let told = load_subjects(&asks).unwrap_err().to_string();
-        assert!(
-            told.contains("anna.toml") && told.contains("stature_m"),
-            "{told}"
-        );
+        let error = load_subjects(&named).unwrap_err();
+        assert_eq!(error.path, folder.path().join("anna.toml"));
+        assert!(error.to_string().contains("stature_m"), "{error}");
         let recording = Attached::default();
-        let told = recorded_subjects(Path::new("hall.mcap"), &recording, &asks);
-        let told = told.unwrap_err().to_string();
+        let error = recorded_subjects(Path::new("hall.mcap"), &recording, &named).unwrap_err();
         assert_eq!(
-            told,
-            "hall.mcap: there is no subject-1.toml in the recording"
+            error.to_string(),
+            "hall.mcap: the recording does not contain subject-1.toml"
         );
     }
 
@@ -148,24 +147,24 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_has_the_profiles_that_were_read_and_not_those_that_are_there_since() {
+    fn a_recording_has_the_profiles_as_they_were_read() {
         let folder = tempfile::tempdir().unwrap();
         let text = profile_text(&profile(&Proportions::from_stature(1.7), 0.002));
         let file = folder.path().join("anna.toml");
         fs::write(&file, &text).unwrap();
         let profiles =
             "[[subject]]\nname = \"Bo\"\nstature_m = 1.9\n[[subject]]\nprofile = \"anna.toml\"";
-        let asks = venue(folder.path(), profiles);
+        let named = venue(folder.path(), profiles);
         for (name, text) in [
             ("calibration.toml", CALIBRATION),
             ("hall.toml", &venue_text(profiles)),
         ] {
             fs::write(folder.path().join(name), text).unwrap();
         }
-        let known = load_subjects(&asks).unwrap();
+        let known = load_subjects(&named).unwrap();
         fs::write(&file, "name = \"Cy\"\n").unwrap();
         let path = folder.path().join("hall.toml");
-        let head = head((&asks, &path), &KeypointSet::coco17(), FUSION, &known).unwrap();
+        let head = head(&named, &path, &KeypointSet::coco17(), FUSION, &known).unwrap();
         let attached = head.files.iter().find(|(name, _)| name == "subject-2.toml");
         assert_eq!(
             attached.map(|(_, bytes)| bytes.as_slice()),

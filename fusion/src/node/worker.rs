@@ -1,4 +1,4 @@
-//! The thread that computes: one tick after the other through the core, and the results to who writes them.
+//! The core's thread: it steps the core tick by tick, and passes the results to the exporter.
 
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -16,23 +16,23 @@ use tokio::sync::mpsc;
 
 use super::output::export_thread::ExportThread;
 use super::output::exporter::Exported;
-use super::session::mode::RunMode;
+use super::session::messages::RunMode;
 use crate::align::TickGroup;
 use crate::camera_agreement::{AgreementReport, AgreementSamples};
 use crate::identity::known::KnownPeople;
 use crate::live::Micros;
 use crate::pipeline::Pipeline;
 
-/// How often it is judged live whether the cameras agree.
+/// Interval of judging the agreement of the cameras in a live run.
 const AGREEMENT_EVERY: Duration = Duration::from_secs(10);
 
-/// A tick to work on.
+/// A tick for the core.
 #[derive(Debug, Default)]
 pub(super) struct Job {
     pub(super) group: TickGroup,
-    /// Sets of earlier ticks that have come since.
+    /// Sets of earlier ticks that arrived since the last step.
     pub(super) late: Vec<PatchSet>,
-    /// How many ticks ahead the boxes are made, by viewpoint; empty: as before.
+    /// Ticks ahead of which the boxes are made, by viewpoint; empty: unchanged.
     pub(super) horizons: Vec<f64>,
 }
 
@@ -45,40 +45,40 @@ impl From<TickGroup> for Job {
     }
 }
 
-/// What a tick came to.
+/// The results of a tick.
 #[derive(Debug)]
 pub(super) struct Stepped {
-    /// The poses of the tick, as they look now.
+    /// The causal poses of the tick.
     pub(super) poses: PoseSet,
-    /// Ticks that the fixed-lag smoother is done with, as it sees them.
+    /// Ticks that the fixed-lag smoother has finished.
     pub(super) smoothed: Vec<PoseSet>,
-    /// What changed who is who.
+    /// Identity events.
     pub(super) events: Vec<IdentityEvent>,
     pub(super) namings: Vec<Naming>,
     /// The boxes of the next tick, one set per viewpoint.
     pub(super) boxes: Vec<BoxSet>,
-    /// Patches that were readable, but made no sense.
+    /// Readable patches with invalid contents.
     pub(super) unusable: u32,
-    /// How long the core's stages have taken so far, told once a second.
+    /// Durations of the core's stages so far, once a second.
     pub(super) stages: Option<Vec<StageTime>>,
-    /// Who is known, live, told once a second.
+    /// The known people, once a second in a live run.
     pub(super) people: Option<KnownPeople>,
-    /// What tells whether the cameras agree, live, told every ten seconds.
+    /// Samples of the cameras' agreement, every ten seconds in a live run.
     pub(super) agreement: Option<AgreementSamples>,
-    /// How many patches there were, and how long the step took, microseconds; `None` of a tick with a detection pass.
+    /// The number of patches and the duration of the step, microseconds; `None` for a tick with a detection pass.
     pub(super) cost: Option<(usize, Micros)>,
 }
 
-/// What the thread leaves behind.
+/// The results of the thread.
 #[derive(Debug)]
 pub(super) struct Finished {
-    /// Who was there, and what the files lack.
+    /// The people of the run, and ticks that the files lack.
     pub(super) exported: Exported,
-    /// The last tick that went through the core.
+    /// The last tick that was stepped.
     pub(super) last: Option<Tick>,
-    /// How long it took.
+    /// Durations of the stages.
     pub(super) stages: Vec<StageTime>,
-    /// Whether the cameras agreed.
+    /// The agreement of the cameras.
     pub(super) agreement: AgreementReport,
 }
 
@@ -91,17 +91,16 @@ pub(super) struct FusionWorker {
 }
 
 impl FusionWorker {
-    /// Starts the thread. Where the files cannot be written it ends, unless the run is live: then the people are
-    /// followed on.
+    /// Starts the thread. If the files cannot be written, the thread ends; in a live run it continues tracking.
     ///
     /// # Errors
-    /// When the system has no thread left.
+    /// The system cannot start a thread.
     pub(super) fn spawn(
         pipeline: Pipeline,
         exporter: ExportThread,
         mode: RunMode,
     ) -> std::io::Result<Self> {
-        // There is one tick under way; the second place lets the loop never wait.
+        // One tick is in progress; the second place ensures that the loop never waits.
         let (jobs, to_do) = sync_channel(2);
         let (done_tx, done) = mpsc::channel(2);
         let thread = std::thread::Builder::new().name("core".to_owned());
@@ -112,24 +111,24 @@ impl FusionWorker {
                 mode,
                 last: None,
                 laps: Laps::default(),
-                agreement_told: None,
+                agreement_reported: None,
             }
             .run(&to_do, &done_tx)
         })?;
         Ok(Self { jobs, done, thread })
     }
 
-    /// Hands a complete tick over.
+    /// Sends a complete tick to the thread.
     ///
     /// # Errors
-    /// When the thread has ended, or still has two ticks to do.
+    /// The thread has ended, or two ticks are queued.
     pub(super) fn step(&self, job: impl Into<Job>) -> anyhow::Result<()> {
         self.jobs
             .try_send(job.into())
-            .map_err(|error| anyhow!("the core does not take a tick: {error}"))
+            .map_err(|error| anyhow!("the core cannot accept a tick: {error}"))
     }
 
-    /// Lets the thread finish its files, and returns what it leaves behind.
+    /// Waits until the thread has finished its files, and returns its results.
     pub(super) async fn finish(self) -> anyhow::Result<Finished> {
         drop((self.jobs, self.done));
         let joined = tokio::task::spawn_blocking(move || self.thread.join())
@@ -139,20 +138,19 @@ impl FusionWorker {
     }
 }
 
-/// Poses that do not change any more.
+/// Final poses.
 struct ToWrite {
     poses: Vec<PoseSet>,
     smoothed: Vec<PoseSet>,
 }
 
-/// What the thread owns.
 struct FusionWork {
     pipeline: Pipeline,
     exporter: ExportThread,
     mode: RunMode,
     last: Option<Tick>,
     laps: Laps,
-    agreement_told: Option<Instant>,
+    agreement_reported: Option<Instant>,
 }
 
 impl FusionWork {
@@ -163,12 +161,12 @@ impl FusionWork {
     ) -> anyhow::Result<Finished> {
         while let Ok(job) = to_do.recv() {
             let (stepped, finished) = self.step(&job);
-            // Who listens has left when the run was stopped; the files are finished all the same.
-            let listening = done.blocking_send(stepped).is_ok();
+            // The receiver is gone if the run was stopped; the files are still finished.
+            let has_receiver = done.blocking_send(stepped).is_ok();
             let start = clock::now();
             self.exporter.write(finished.poses, finished.smoothed);
             self.laps.lap("write", start);
-            if !listening || self.mode == RunMode::LockStep && self.exporter.has_failed() {
+            if !has_receiver || self.mode == RunMode::LockStep && self.exporter.has_failed() {
                 break;
             }
         }
@@ -184,7 +182,7 @@ impl FusionWork {
         } else {
             exporter.finish(pipeline.finish(), pipeline.finish_smoothed())
         };
-        // The files are whole before anything is judged.
+        // The files are complete before the agreement is judged.
         let exported = exported?;
         Ok(Finished {
             exported,
@@ -213,12 +211,12 @@ impl FusionWork {
         let took_us = Micros::from(clock::micros_since(start));
         let cost = (!has_pass).then_some((patches.sum(), took_us));
         self.last = Some(job.group.tick);
-        let stages = self.laps.told_once_a_second(start);
-        let is_told = stages.is_some() && self.mode == RunMode::Live;
+        let stages = self.laps.once_a_second(start);
+        let is_due = stages.is_some() && self.mode == RunMode::Live;
         let stepped = Stepped {
             unusable: output.unusable_patches + output.unusable_sightings,
-            people: is_told.then(|| self.pipeline.known_people(job.group.tick)),
-            agreement: (is_told && self.is_agreement_due(start)).then(|| self.pipeline.agreement()),
+            people: is_due.then(|| self.pipeline.known_people(job.group.tick)),
+            agreement: (is_due && self.is_agreement_due(start)).then(|| self.pipeline.agreement()),
             stages,
             smoothed: output.smoothed.clone(),
             poses: output.poses,
@@ -236,26 +234,25 @@ impl FusionWork {
 }
 
 impl FusionWork {
-    /// Whether the agreement of the cameras is to be judged again.
     fn is_agreement_due(&mut self, now: Instant) -> bool {
-        let is_due = |told: Instant| now.duration_since(told) >= AGREEMENT_EVERY;
-        let is_due = self.agreement_told.is_none_or(is_due);
+        let is_due = |last: Instant| now.duration_since(last) >= AGREEMENT_EVERY;
+        let is_due = self.agreement_reported.is_none_or(is_due);
         if is_due {
-            self.agreement_told = Some(now);
+            self.agreement_reported = Some(now);
         }
         is_due
     }
 }
 
-/// Times of the stages.
+/// Durations of the stages.
 #[derive(Debug, Default)]
 struct Laps {
     of_stage: BTreeMap<&'static str, Histogram>,
-    told: Option<Instant>,
+    reported: Option<Instant>,
 }
 
 impl Laps {
-    /// Notes that `stage` has lasted since `start`; returns now.
+    /// Records that `stage` lasted from `start` until now; returns now.
     fn lap(&mut self, stage: &'static str, start: Instant) -> Instant {
         let histogram = self.of_stage.entry(stage).or_default();
         histogram.record(clock::micros_since(start));
@@ -269,12 +266,12 @@ impl Laps {
             .collect()
     }
 
-    fn told_once_a_second(&mut self, now: Instant) -> Option<Vec<StageTime>> {
-        let is_due = |told: Instant| now.duration_since(told) >= Duration::from_secs(1);
-        if !self.told.is_none_or(is_due) {
+    fn once_a_second(&mut self, now: Instant) -> Option<Vec<StageTime>> {
+        let is_due = |last: Instant| now.duration_since(last) >= Duration::from_secs(1);
+        if !self.reported.is_none_or(is_due) {
             return None;
         }
-        self.told = Some(now);
+        self.reported = Some(now);
         Some(self.times())
     }
 }

@@ -1,4 +1,4 @@
-//! A relay of UDP datagrams with a delay and losses, so that loss is loss.
+//! A relay of UDP datagrams with a delay and losses.
 
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -11,36 +11,36 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep_until};
 
-/// Largest datagram there is.
+/// The largest UDP datagram.
 const MAX_BYTES: usize = 65_535;
 
-/// Most datagrams under way in one direction; more are lost, as in any router.
+/// Most datagrams under way in one direction; further ones are lost, as in any router.
 const UNDER_WAY: usize = 4096;
-/// A datagram and when it is due.
+/// A datagram and its delivery time.
 type Due = (Instant, Vec<u8>);
 
-/// What a relay does to what it carries, either way.
+/// Faults in either direction.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Faults {
-    /// One way.
+    /// Delay in one direction.
     pub(crate) delay: Duration,
-    /// Every how many datagrams one is lost; 0: none.
+    /// One of this many datagrams is lost; 0: none.
     pub(crate) lose_every: u64,
 }
 
-/// Stands in front of a port of this machine.
+/// A relay in front of a local port.
 pub(crate) struct Relay {
-    /// Where it listens.
+    /// The port of the relay.
     pub(crate) port: u16,
     /// Datagrams lost since the start.
     pub(crate) lost: Arc<AtomicU64>,
-    /// Datagrams that came for the target since the start.
-    pub(crate) came: Arc<AtomicU64>,
+    /// Datagrams received for the target since the start.
+    pub(crate) received: Arc<AtomicU64>,
     _tasks: JoinSet<()>,
 }
 
 impl Relay {
-    /// Carries datagrams to `target` of this machine and back.
+    /// Carries datagrams to the local port `target` and back.
     pub(crate) async fn before(target: u16, faults: Faults) -> Self {
         let front = Arc::new(
             UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))
@@ -48,14 +48,14 @@ impl Relay {
                 .expect("a socket"),
         );
         let port = front.local_addr().expect("an address").port();
-        let (lost, came): (Arc<AtomicU64>, Arc<AtomicU64>) = <_>::default();
+        let (lost, received): (Arc<AtomicU64>, Arc<AtomicU64>) = <_>::default();
         let mut tasks = JoinSet::new();
-        let counts = [&lost, &came].map(Arc::clone);
+        let counts = [&lost, &received].map(Arc::clone);
         tasks.spawn(carry(front, target, faults, counts));
         Self {
             port,
             lost,
-            came,
+            received,
             _tasks: tasks,
         }
     }
@@ -65,9 +65,9 @@ async fn carry(
     front: Arc<UdpSocket>,
     target: u16,
     faults: Faults,
-    [lost, came]: [Arc<AtomicU64>; 2],
+    [lost, received]: [Arc<AtomicU64>; 2],
 ) {
-    let mut ways: BTreeMap<SocketAddr, mpsc::Sender<Due>> = BTreeMap::new();
+    let mut routes: BTreeMap<SocketAddr, mpsc::Sender<Due>> = BTreeMap::new();
     let mut tasks = JoinSet::new();
     let mut buffer = vec![0; MAX_BYTES];
     let mut seen = 0;
@@ -75,34 +75,34 @@ async fn carry(
         let Ok((n, from)) = front.recv_from(&mut buffer).await else {
             continue;
         };
-        came.fetch_add(1, Ordering::Relaxed);
-        let way = if let Some(way) = ways.get(&from) {
-            way.clone()
+        received.fetch_add(1, Ordering::Relaxed);
+        let route = if let Some(route) = routes.get(&from) {
+            route.clone()
         } else {
             let back = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await;
             let back = Arc::new(back.expect("a socket"));
             let connected = back.connect((Ipv4Addr::LOCALHOST, target)).await;
-            connected.expect("a way to the target");
-            let (way, due) = mpsc::channel(UNDER_WAY);
+            connected.expect("a route to the target");
+            let (route, due) = mpsc::channel(UNDER_WAY);
             tasks.spawn(deliver(due, Arc::clone(&back), None));
             let (front, lost) = (Arc::clone(&front), Arc::clone(&lost));
             tasks.spawn(return_trip(back, front, from, faults, lost));
-            ways.insert(from, way.clone());
-            way
+            routes.insert(from, route.clone());
+            route
         };
         if !is_lost(&mut seen, faults, &lost) {
-            drop(way.try_send((Instant::now() + faults.delay, buffer[..n].to_vec())));
+            drop(route.try_send((Instant::now() + faults.delay, buffer[..n].to_vec())));
         }
     }
 }
 
-/// Sends each datagram when its time has come, in order.
+/// Sends each datagram at its delivery time, in order.
 async fn deliver(mut due: mpsc::Receiver<Due>, socket: Arc<UdpSocket>, to: Option<SocketAddr>) {
     while let Some((at, datagram)) = due.recv().await {
         if at > Instant::now() {
             sleep_until(at).await;
         }
-        // An error means that nobody is there (yet): lost, as on any network.
+        // An error means that the target is not there yet: the datagram is lost, as on any network.
         drop(match to {
             Some(to) => socket.send_to(&datagram, to).await,
             None => socket.send(&datagram).await,
@@ -117,7 +117,7 @@ async fn return_trip(
     faults: Faults,
     lost: Arc<AtomicU64>,
 ) {
-    let (way, due) = mpsc::channel(UNDER_WAY);
+    let (route, due) = mpsc::channel(UNDER_WAY);
     let mut tasks = JoinSet::new();
     tasks.spawn(deliver(due, front, Some(to)));
     let mut buffer = vec![0; MAX_BYTES];
@@ -128,7 +128,7 @@ async fn return_trip(
             continue;
         };
         if !is_lost(&mut seen, faults, &lost) {
-            drop(way.try_send((Instant::now() + faults.delay, buffer[..n].to_vec())));
+            drop(route.try_send((Instant::now() + faults.delay, buffer[..n].to_vec())));
         }
     }
 }

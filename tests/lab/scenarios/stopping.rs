@@ -258,7 +258,7 @@ fn two_edges_of_one_viewpoint_are_refused() {
     let (code, said) = end(&mut fusion, PATIENCE);
     assert_eq!(code, Some(2), "{said}");
     assert!(
-        said.contains("two nodes call themselves north-east"),
+        said.contains("two nodes have the name north-east"),
         "{said}"
     );
     assert!(!out.exists(), "a run that never began has left {out:?}");

@@ -1,5 +1,5 @@
-//! Whether the cameras of a live venue agree: judged every ten seconds, on a thread of its own; more rarely where that takes long,
-//! so that it never takes much of what fusion computes with.
+//! Judges the agreement of the cameras in a live run: every ten seconds on its own thread, less often if it takes long, so that
+//! it uses little of the computing time.
 
 use std::collections::BTreeSet;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -15,49 +15,49 @@ use tracing::debug;
 
 use crate::camera_agreement::{AgreementReport, AgreementSamples, JudgedBefore};
 
-/// Judging takes at most one part in so many of a core's time.
+/// Judging takes at most one part in this many of a core's time.
 const ONE_PART_IN: u32 = 100;
 
-/// What came out last.
+/// The newest result.
 #[derive(Default)]
 struct Judged {
     report: AgreementReport,
-    /// Until when nothing is judged, after how long that took.
+    /// End of the pause after the last judgement.
     rests_until: Option<Instant>,
 }
 
-/// Judges what is handed to it, and keeps what came out last.
+/// Judges samples, and stores the newest result.
 pub(super) struct AgreementJudge {
     newest: SyncSender<AgreementSamples>,
     judged: Arc<Mutex<Judged>>,
-    /// The causes and cameras that were told of.
-    told: BTreeSet<String>,
+    /// Names of the disagreements that were reported.
+    reported: BTreeSet<String>,
 }
 
 impl AgreementJudge {
-    /// Starts the thread; it ends when this is dropped.
+    /// Starts the thread, which ends when this is dropped.
     ///
     /// # Errors
-    /// When the system has no thread left.
+    /// The system cannot start a thread.
     pub(super) fn start() -> std::io::Result<Self> {
         let (newest, samples) = sync_channel(1);
         let judged = Arc::new(Mutex::new(Judged::default()));
-        let kept = Arc::clone(&judged);
+        let result = Arc::clone(&judged);
         let thread = std::thread::Builder::new().name("agreement".to_owned());
-        thread.spawn(move || judge_all(&samples, &kept))?;
+        thread.spawn(move || judge_all(&samples, &result))?;
         Ok(Self {
             newest,
             judged,
-            told: BTreeSet::new(),
+            reported: BTreeSet::new(),
         })
     }
 
-    /// Has these judged; they are left out while others are, and for some time after that took long.
+    /// Sends samples to the thread; drops them while it is busy or pauses.
     pub(super) fn judge(&self, samples: AgreementSamples) {
         let rests_until = self.judged().rests_until;
         let rests = rests_until.is_some_and(|until| clock::now() < until);
         if rests || self.newest.try_send(samples).is_err() {
-            debug!("the agreement of the cameras was judged a short while ago, or still is");
+            debug!("the cameras' agreement is being judged, or was a short while ago");
         }
     }
 
@@ -65,7 +65,7 @@ impl AgreementJudge {
         self.judged.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How each camera of `venue` agrees, those of which anything is known.
+    /// The agreement of each camera of `venue`, as far as it is known.
     pub(super) fn cameras(&self, venue: &Venue) -> Vec<AgreementOfCamera> {
         let judged = self.judged();
         let cameras = (0..).zip(&venue.cameras).filter_map(|(index, camera)| {
@@ -78,13 +78,13 @@ impl AgreementJudge {
         cameras.take(MAX_AGREEMENTS).collect()
     }
 
-    /// Says once of everything that does not fit what it is, and what to do about it; returns what does not fit now.
+    /// The current disagreements with their remedies; each new one is also printed once.
     pub(super) fn warnings(&mut self) -> Vec<String> {
         let judged = self.judged.lock().unwrap_or_else(PoisonError::into_inner);
         let mut warnings = Vec::new();
         for disagreement in &judged.report.disagreements {
             let words = format!("{}; {}", disagreement.found, disagreement.remedy);
-            if self.told.insert(disagreement.name()) {
+            if self.reported.insert(disagreement.name()) {
                 say(format_args!("warning: {words}"));
             }
             warnings.push(words);
@@ -93,7 +93,7 @@ impl AgreementJudge {
     }
 }
 
-fn judge_all(samples: &Receiver<AgreementSamples>, kept: &Mutex<Judged>) {
+fn judge_all(samples: &Receiver<AgreementSamples>, result: &Mutex<Judged>) {
     let mut before = JudgedBefore::default();
     while let Ok(samples) = samples.recv() {
         let start = clock::now();
@@ -103,11 +103,11 @@ fn judge_all(samples: &Receiver<AgreementSamples>, kept: &Mutex<Judged>) {
             report,
             rests_until: Some(now + rest_after(now - start)),
         };
-        *kept.lock().unwrap_or_else(PoisonError::into_inner) = judged;
+        *result.lock().unwrap_or_else(PoisonError::into_inner) = judged;
     }
 }
 
-/// How long nothing is judged after that has taken `took`.
+/// The pause after a judgement that took `took`.
 fn rest_after(took: Duration) -> Duration {
     took * (ONE_PART_IN - 1)
 }

@@ -1,5 +1,4 @@
-//! How long everything takes, from the capture of pictures to the poses made of them, in the room of a few
-//! histograms.
+//! Delays from the capture of pictures to their poses, in a few histograms.
 
 use farfield_node::histogram::Histogram;
 use farfield_proto::message::StageTime;
@@ -8,18 +7,18 @@ use farfield_proto::venue::Venue;
 use crate::live::Micros;
 use crate::live::edge::Trip;
 
-/// From the capture of a tick's pictures to its poses' sending.
+/// From capturing a tick's pictures to sending its poses.
 pub(super) const CAPTURE_TO_POSE: &str = "capture_to_pose";
-/// From the arrival of the last of a tick's messages to its poses' sending.
+/// From receiving the last message of a tick to sending its poses.
 const POSE_OUT: &str = "pose_out";
-/// From the capture of pictures to the sending of the patches made of them.
+/// From capturing pictures to sending their patches.
 const PATCH_SENT: &str = "patch_sent";
-/// From the sending of patches to their arrival.
+/// From sending patches to receiving them.
 const PATCH_ARRIVED: &str = "patch_arrived";
-/// From the sending of boxes to the sending of the patches made with them.
+/// From sending boxes to sending the patches made with them.
 const BOX_USED: &str = "box_used";
 
-/// The paths of one edge's messages.
+/// Delays of one edge's messages.
 #[derive(Debug, Default)]
 struct Paths {
     name: String,
@@ -32,13 +31,13 @@ struct Paths {
 #[derive(Debug, Default)]
 pub(super) struct Delays {
     capture_to_pose: Histogram,
-    /// The same, since it was last asked for.
+    /// The same since the last [`Delays::take_recent`].
     recent: Histogram,
     pose_out: Histogram,
     edges: Vec<Paths>,
 }
 
-/// The delay of the last second's poses, microseconds.
+/// Delay of the poses of the last second, microseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Recent {
     pub(super) p50_us: u32,
@@ -57,7 +56,7 @@ impl Delays {
         }
     }
 
-    /// A patch set has come from the viewpoint of this index.
+    /// Adds the trip of a patch set from the viewpoint of this index.
     pub(super) fn trip(&mut self, index: usize, trip: Trip) {
         let Some(paths) = self.edges.get_mut(index) else {
             return;
@@ -74,8 +73,7 @@ impl Delays {
         }
     }
 
-    /// Poses go out at `now_us`: of pictures captured at `captured_us`, from messages of which the last came
-    /// at `arrived_us`.
+    /// Adds poses that are sent at `now_us`: captured at `captured_us`, with the last message received at `arrived_us`.
     pub(super) fn pose(&mut self, captured_us: Micros, arrived_us: Option<Micros>, now_us: Micros) {
         let span = |from_us: Micros| u32::try_from((now_us - from_us).max(0)).unwrap_or(u32::MAX);
         self.capture_to_pose.record(span(captured_us));
@@ -85,7 +83,7 @@ impl Delays {
         }
     }
 
-    /// The delay of the poses since the last call.
+    /// Delay of the poses since the last call.
     pub(super) fn take_recent(&mut self) -> Option<Recent> {
         let recent = Recent {
             p50_us: self.recent.quantile(0.5)?,
@@ -95,7 +93,7 @@ impl Delays {
         Some(recent)
     }
 
-    /// Fusion's own.
+    /// Fusion's own delays.
     pub(super) fn own(&self) -> Vec<StageTime> {
         let own = [
             self.capture_to_pose.stage_time(CAPTURE_TO_POSE),
@@ -104,11 +102,13 @@ impl Delays {
         own.into_iter().flatten().collect()
     }
 
-    /// Those of all edges together, which a status has room for.
-    pub(super) fn of_all_edges(&self) -> Vec<StageTime> {
-        let all = |stage: &str, of: fn(&Paths) -> &Histogram| {
+    /// Delays of all edges together, few enough for a status.
+    pub(super) fn all_edges(&self) -> Vec<StageTime> {
+        let all = |stage: &str, histogram: fn(&Paths) -> &Histogram| {
             let mut sum = Histogram::default();
-            self.edges.iter().for_each(|paths| sum.merge(of(paths)));
+            self.edges
+                .iter()
+                .for_each(|paths| sum.merge(histogram(paths)));
             sum.stage_time(stage)
         };
         let all = [
@@ -119,8 +119,8 @@ impl Delays {
         all.into_iter().flatten().collect()
     }
 
-    /// Of poses that are late, where the time goes, in words: the edge whose patches come last, and the core.
-    pub(super) fn what_takes_longest(&self) -> String {
+    /// Describes the largest delays: those of the edge whose patches come last, and of the core.
+    pub(super) fn largest_in_words(&self) -> String {
         const USUALLY: f64 = 0.98;
         let ms = |us: u32| f64::from(us) / 1e3;
         let slowest = self.edges.iter().filter_map(|paths| {
@@ -133,7 +133,7 @@ impl Delays {
             || format!("fusion takes {core:.0} ms from the last patch to the poses"),
             |(_, made, travelled, name)| {
                 format!(
-                    "of viewpoint {name} patches take {:.0} ms to make and {:.0} ms to travel, fusion takes {core:.0} ms",
+                    "patches of viewpoint {name} take {:.0} ms to make and {:.0} ms to travel, fusion takes {core:.0} ms",
                     ms(made),
                     ms(travelled)
                 )
@@ -141,8 +141,8 @@ impl Delays {
         )
     }
 
-    /// Those of every edge, by the viewpoint's name.
-    pub(super) fn of_edges(&self) -> impl Iterator<Item = (&str, StageTime)> {
+    /// Delays of every edge, with the viewpoint's name.
+    pub(super) fn by_edge(&self) -> impl Iterator<Item = (&str, StageTime)> {
         self.edges.iter().flat_map(|paths| {
             let all = [
                 paths.patch_sent.stage_time(PATCH_SENT),

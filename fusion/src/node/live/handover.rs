@@ -1,5 +1,5 @@
-//! What a live fusion leaves for the one after it: who is there, kept beside the results and renewed every second, so that
-//! a fusion that fails or is restarted gives people their old ids.
+//! Handover of a live fusion to the next: the present people, in a file next to the results that is renewed every second. A
+//! restarted fusion gives recognised people their old ids.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,22 +16,21 @@ use super::start::LiveStart;
 use crate::export::unfinished::write_whole_again;
 use crate::identity::known::KnownPeople;
 
-/// Longest file that is read, bytes.
-const MOST_BYTES: u64 = 1 << 20;
+/// Most bytes of the file.
+const MAX_BYTES: u64 = 1 << 20;
 
-/// The file.
 #[derive(Debug, Serialize, Deserialize)]
 struct HandoverFile {
-    /// Whose people: ids of another venue mean nothing.
+    /// The fingerprint of the venue: its ids mean nothing in another.
     venue_hash: String,
-    /// Unix time of tick 0, microseconds: ticks of another mean nothing.
+    /// Unix time of tick 0, microseconds: ticks mean nothing with another.
     epoch_us: u64,
-    /// When it was written.
+    /// The tick of the file.
     tick: Tick,
     people: KnownPeople,
 }
 
-/// Keeps the file up to date, on a thread of its own: a disk that hangs holds up nobody.
+/// Keeps the file up to date, on its own thread so that a hanging disk delays nothing.
 pub(super) struct Handover {
     venue_hash: String,
     epoch_us: u64,
@@ -39,25 +38,25 @@ pub(super) struct Handover {
     thread: JoinHandle<()>,
 }
 
-/// Where the file is of a `venue` whose results lie in `out`: beside that folder, as every run has one of its own.
+/// The path of the file for a `venue` with results in `out`: next to that folder, because each run has its own.
 pub(super) fn place(venue: &Venue, out: &Path) -> PathBuf {
     let folder = out.parent().unwrap_or(Path::new("."));
     folder.join(format!("{}.people.json", venue.name))
 }
 
-/// Where names of its people are kept, in the same folder: fusion itself knows none.
+/// The path of the file with the names of its people, in the same folder. Fusion itself knows no names.
 pub(in crate::node) fn names_place(venue: &Venue, out: &Path) -> PathBuf {
     place(venue, out).with_file_name(format!("{}.names.json", venue.name))
 }
 
-/// Who was there shortly before a run that begins like `start`; nobody where the file at `path` is missing, old, of
-/// other ticks or another venue file, or cannot be read, which is said.
+/// The people present shortly before a run that begins like `start`. `None` if the file at `path` is missing, old, of other
+/// ticks or another venue file, or cannot be read, which is reported.
 pub(super) fn read(path: &Path, venue: &Venue, start: &LiveStart) -> Option<KnownPeople> {
     let file = match load(path) {
         Ok(file) => file?,
         Err(error) => {
             say(format_args!(
-                "who was here before is not known: {error:#}; people get new ids"
+                "the people of the previous run are unknown: {error:#}; all people get new ids"
             ));
             return None;
         }
@@ -69,7 +68,7 @@ pub(super) fn read(path: &Path, venue: &Venue, start: &LiveStart) -> Option<Know
         return None;
     }
     say(format_args!(
-        "{} people are known from {ago_s:.1} s ago ({}): whoever is recognised keeps the id",
+        "{} people are known from {ago_s:.1} s ago ({}): those who are recognised keep their ids",
         file.people.people.len(),
         path.display()
     ));
@@ -82,8 +81,8 @@ fn load(path: &Path) -> anyhow::Result<Option<HandoverFile>> {
         return Ok(None);
     };
     anyhow::ensure!(
-        metadata.len() <= MOST_BYTES,
-        "{} has {} bytes, at most {MOST_BYTES} are read",
+        metadata.len() <= MAX_BYTES,
+        "{} has {} bytes, expected at most {MAX_BYTES}",
         path.display(),
         metadata.len()
     );
@@ -95,12 +94,12 @@ fn load(path: &Path) -> anyhow::Result<Option<HandoverFile>> {
 }
 
 impl Handover {
-    /// Begins to keep the file at `path`.
+    /// Starts the thread for the file at `path`.
     ///
     /// # Errors
-    /// When the system has no thread left.
+    /// The system cannot start a thread.
     pub(super) fn start(path: PathBuf, venue: &Venue, epoch_us: u64) -> std::io::Result<Self> {
-        // Whatever comes while one is written is newer a second later.
+        // Data that arrive during a write are dropped: newer ones follow a second later.
         let (newest, files) = sync_channel(1);
         let thread = std::thread::Builder::new().name("handover".to_owned());
         Ok(Self {
@@ -111,8 +110,8 @@ impl Handover {
         })
     }
 
-    /// Keeps who is there at `tick`.
-    pub(super) fn keep(&self, tick: Tick, people: KnownPeople) {
+    /// Queues the people present at `tick`.
+    pub(super) fn save(&self, tick: Tick, people: KnownPeople) {
         let file = HandoverFile {
             venue_hash: self.venue_hash.clone(),
             epoch_us: self.epoch_us,
@@ -122,25 +121,25 @@ impl Handover {
         drop(self.newest.try_send(file));
     }
 
-    /// Waits until the last is written.
+    /// Waits until the last file is written.
     pub(super) async fn finish(self) {
         drop(self.newest);
         let thread = self.thread;
-        // A thread that panicked has said so; there is nothing to save.
+        // A thread that panicked has reported it; there is nothing to save.
         drop(tokio::task::spawn_blocking(move || thread.join()).await);
     }
 }
 
 fn write_all(path: &Path, files: &Receiver<HandoverFile>) {
-    let mut is_told = false;
+    let mut is_reported = false;
     while let Ok(file) = files.recv() {
         let written = write(path, &file);
-        if let (Err(error), false) = (&written, is_told) {
+        if let (Err(error), false) = (&written, is_reported) {
             say(format_args!(
-                "who is here is not kept for a restart: {error:#}"
+                "the present people are not saved for a restart: {error:#}"
             ));
         }
-        is_told = written.is_err();
+        is_reported = written.is_err();
     }
 }
 
@@ -171,7 +170,7 @@ mod tests {
             place_m: [0.1, 0.2, 0.9],
             velocity_m_s: None,
             to_left: None,
-            // Of numbers that JSON gives back bit for bit.
+            // Numbers that JSON preserves bit for bit.
             lengths_m: vec![0.25; Proportions::from_stature(1.7).lengths_m().count()],
             lived_s: 3.0,
         };
@@ -192,7 +191,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_was_there_is_known_to_the_next_for_as_long_as_people_are_remembered() {
+    async fn the_next_fusion_knows_recent_people() {
         let folder = tempfile::tempdir().unwrap();
         let venue = venue();
         let path = place(&venue, &folder.path().join("run-1"));
@@ -200,14 +199,18 @@ mod tests {
         assert_eq!(known(EPOCH_US, 130), None, "there is no file");
         fs::write(path.with_extension("json.tmp"), "{\"half").unwrap();
         let handover = Handover::start(path.clone(), &venue, EPOCH_US).unwrap();
-        handover.keep(Tick(100), people());
+        handover.save(Tick(100), people());
         handover.finish().await;
         assert_eq!(known(EPOCH_US, 130), Some(people()));
         let return_s = venue.parameters.births.return_s;
         let late = 100 + (return_s * venue.rate_hz) as i64 + 1;
         assert_eq!(known(EPOCH_US, late), None);
         assert_eq!(known(EPOCH_US, 99), None, "the clock was set back");
-        assert_eq!(known(EPOCH_US + 1, 130), None, "they play something else");
+        assert_eq!(
+            known(EPOCH_US + 1, 130),
+            None,
+            "other recordings are played"
+        );
         fs::write(&path, "{}").unwrap();
         assert_eq!(known(EPOCH_US, 130), None);
     }

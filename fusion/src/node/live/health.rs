@@ -1,4 +1,5 @@
-//! What fusion makes of itself and of all machines once a second: their clocks, their keys, and who floods.
+//! Checks once a second in a live run: the plan of ticks, clocks, keys, agreement of the cameras, floods, other fusions, and the
+//! target latency.
 
 use farfield_node::certificate::ending_notice;
 use farfield_node::clock;
@@ -13,7 +14,7 @@ use crate::live::edge::Edge;
 use crate::node::recording::RecordingsOnDemand;
 
 impl LiveFusion<'_> {
-    /// Weighs the clocks of all systems, and says when it is this machine's that seems wrong.
+    /// Compares the clocks of all machines, and reports this machine's clock if it seems wrong.
     pub(super) fn weigh_clocks(&mut self) {
         for status in self.members.last_words() {
             let viewpoint = self.config.venue.viewpoint_named(&status.node);
@@ -23,9 +24,9 @@ impl LiveFusion<'_> {
         }
         let own = self.interceptor.clock.system();
         let now_us = self.interceptor.clock.now_us();
-        // Who has left has no vote.
-        let there = self.edges.iter().filter(|edge| edge.is_heard(now_us));
-        let common_us = self.common_clock.weigh(own, there.map(Edge::clock));
+        // Edges that have left have no vote.
+        let present = self.edges.iter().filter(|edge| edge.is_heard(now_us));
+        let common_us = self.common_clock.weigh(own, present.map(Edge::clock));
         for edge in &mut self.edges {
             edge.agree_on_clock(common_us);
         }
@@ -36,7 +37,7 @@ impl LiveFusion<'_> {
             let off_s = error_us as f64 / 1e6;
             if is_suspected {
                 say(format_args!(
-                    "the clock of this machine seems to be {off_s:.2} s off: those of the edges agree on another time, and are followed; set it by NTP or PTP"
+                    "the clock of this machine seems to be {off_s:.2} s off: the edges' clocks agree on another time, which is used; set it by NTP or PTP"
                 ));
             } else {
                 say(format_args!(
@@ -47,63 +48,63 @@ impl LiveFusion<'_> {
         self.is_own_clock_suspected = is_suspected;
     }
 
-    /// Says once of every viewpoint whose certificate ends soon that it does.
-    pub(super) fn look_at_certificates(&mut self) {
+    /// Reports certificates that expire soon, once per viewpoint.
+    pub(super) fn check_certificates(&mut self) {
         let now_s = clock::unix_s();
         for status in self.members.last_words() {
             let until_s = status.health.certificate_ends_s.map(u64::cast_signed);
             let notice = until_s.and_then(|until_s| ending_notice(&status.node, until_s, now_s));
             if let Some(notice) = notice
-                && self.told_certificates.insert(status.node.clone())
+                && self.reported_certificates.insert(status.node.clone())
             {
                 say(format_args!("{notice}"));
             }
         }
     }
 
-    /// Says what of the cameras does not fit, once.
-    pub(super) fn look_at_agreement(&mut self) {
+    /// Reports new disagreements of the cameras.
+    pub(super) fn check_agreement(&mut self) {
         if let Some(judge) = &mut self.agreement {
             self.disagreements = judge.warnings();
         }
     }
 
-    /// Names who sends more than it may.
-    pub(super) fn look_for_floods(&mut self) {
+    /// Reports viewpoints that exceed their quota.
+    pub(super) fn check_floods(&mut self) {
         let names = self.config.venue.viewpoints.iter().map(|v| v.name.as_str());
         let refused = (0..).map(|index| self.interceptor.refused(index));
-        self.flood.look(names.zip(refused));
+        self.flood.update(names.zip(refused));
     }
 
-    /// Names another fusion that has come since, once.
-    pub(super) fn look_for_another(&mut self) {
-        let other = self.others.named();
-        if other.is_some() != self.is_other_told {
+    /// Reports another fusion of the venue that has started since, once.
+    pub(super) fn check_other_fusion(&mut self) {
+        let other = self.others.described();
+        if other.is_some() != self.is_other_reported {
             let venue = &self.config.venue.name;
             match &other {
                 Some(other) => say(format_args!(
-                    "another fusion of venue {venue} is there: {other}; edges follow the one that they reach: end one of the two"
+                    "another fusion of venue {venue} is running: {other}; edges follow the one that they reach: stop one of the two"
                 )),
-                None => say(format_args!("the other fusion of venue {venue} has gone")),
+                None => say(format_args!("the other fusion of venue {venue} has ended")),
             }
         }
-        self.is_other_told = other.is_some();
+        self.is_other_reported = other.is_some();
     }
 
-    /// Says that the target latency is not kept, what takes the time and who is left out, when that begins and when it is over.
-    pub(super) fn look_at_target(&mut self) {
+    /// Reports when the target latency is first exceeded, with its cause and the omitted viewpoints, and when it is met again.
+    pub(super) fn check_target(&mut self) {
         let Some(recent) = self.target.take_recent() else {
             return;
         };
         let target_ms = self.target.target_ms();
         let names: Vec<&str> = self.names().collect();
-        let longest = self.delays.what_takes_longest();
-        let missed = MissedTarget::of(target_ms, &recent, &names, &longest);
-        missed.tell(&self.missed_target, recent.is_news);
+        let longest = self.delays.largest_in_words();
+        let missed = MissedTarget::new(target_ms, &recent, &names, &longest);
+        missed.report(&self.missed_target, recent.is_news);
         self.missed_target = missed;
     }
 
-    /// How this node is.
+    /// The health of this node.
     pub(super) fn health(&self) -> NodeHealth {
         let links = self
             .edges
@@ -122,9 +123,9 @@ impl LiveFusion<'_> {
             links: links.collect(),
             ..NodeHealth::default()
         };
-        if let Some(other) = self.others.named() {
+        if let Some(other) = self.others.described() {
             health.notice(format!(
-                "another fusion of this venue is there: {other}; end one of the two"
+                "another fusion of this venue is running: {other}; stop one of the two"
             ));
         }
         let recorded = self.on_demand.and_then(RecordingsOnDemand::notice);
@@ -151,9 +152,56 @@ impl LiveFusion<'_> {
         if self.is_own_clock_suspected {
             let off_s = self.common_clock.own_error_us() as f64 / 1e6;
             health.notice(format!(
-                "fusion's clock seems to be {off_s:.2} s off: those of the edges agree on another time"
+                "fusion's clock seems to be {off_s:.2} s off: the edges' clocks agree on another time"
             ));
         }
         health
+    }
+
+    /// Plans the ticks of all edges from what each edge reports.
+    pub(super) fn plan_ticks(&mut self) {
+        let now_us = self.interceptor.clock.now_us();
+        let needs = self.needs(now_us);
+        let needed_nths: Vec<u16> = needs.iter().map(|(_, nth)| *nth).collect();
+        self.plan.hear(&needed_nths, now_us);
+        let every_nth = self.plan.every_nth();
+        for edge in &mut self.edges {
+            edge.every_nth_tick = every_nth;
+        }
+        let slow = needs.iter().filter(|(_, nth)| *nth >= every_nth);
+        let slow: Vec<&str> = slow.map(|(name, _)| name.as_str()).collect();
+        let words = match (every_nth, slow.is_empty()) {
+            (..=1, _) => None,
+            // Edges have time again and the plan follows shortly: until then the old reason stays.
+            (_, true) => self.plan_words.clone(),
+            (_, false) => Some(self.plan_in_words(&slow)),
+        };
+        match (&self.plan_words, &words) {
+            (None, Some(words)) => say(format_args!("{words}")),
+            (Some(_), None) => say(format_args!("the edges work at every tick again")),
+            _ => {}
+        }
+        self.plan_words = words;
+    }
+
+    fn plan_in_words(&self, slow: &[&str]) -> String {
+        let rate_hz = self.config.venue.rate_hz;
+        format!(
+            "the edges share ticks at {:.0} of {rate_hz:.0} Hz: more is too much for {}",
+            rate_hz / f64::from(self.plan.every_nth()),
+            slow.join(", ")
+        )
+    }
+
+    /// The present edges with people to work on, each with its n: it can work on every n-th tick.
+    fn needs(&self, now_us: Micros) -> Vec<(String, u16)> {
+        let needs = self.members.last_words().filter_map(|status| {
+            let index = usize::from(self.config.venue.viewpoint_named(&status.node)?.0);
+            let is_there = self.members.is_welcome(index) && self.edges[index].is_heard(now_us);
+            let nth = status.live.as_ref().map(|live| live.needed_nth_tick);
+            let nth = nth.filter(|nth| is_there && *nth > 0)?;
+            Some((status.node.clone(), nth))
+        });
+        needs.collect()
     }
 }

@@ -1,24 +1,25 @@
-//! Which edges are late, and how a target latency is not kept, in words: for the terminal when it begins and when it is over, and for the status.
+//! Sentences about late edges and a missed target latency: printed when it begins and ends, and contained in the status.
 
 use farfield_node::process::say;
 
 use crate::live::target_latency::{KEPT_SHARE, LEFT_OUT_SHARE, RecentTicks};
 
-/// Each in words where it is so.
+/// One sentence for each problem that exists.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct MissedTarget {
     target_ms: Option<u64>,
-    /// Poses are out too late.
+    /// Poses are late.
     late: Option<String>,
-    /// No edge's patches come in time.
-    nobody: Option<String>,
-    /// Those of some do not.
+    /// At some ticks no edge's patches come in time.
+    no_edge: Option<String>,
+    /// The patches of some edges come too late.
     too_slow: Option<String>,
 }
 
 impl MissedTarget {
-    /// What of a target, where there is one, the `recent` ticks have not kept; `names` are those of the viewpoints, `longest` what takes the time.
-    pub(super) fn of(
+    /// Describes how the `recent` ticks missed the target, if there is one, and which edges are late. `names` are those of the
+    /// viewpoints, `longest` describes the largest delays.
+    pub(super) fn new(
         target_ms: Option<f64>,
         recent: &RecentTicks,
         names: &[&str],
@@ -30,7 +31,7 @@ impl MissedTarget {
         );
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         let is_late = recent.in_time.filter(|share| *share < KEPT_SHARE);
-        let is_nobody = target_ms.is_some() && recent.nobody > LEFT_OUT_SHARE;
+        let is_no_edge = target_ms.is_some() && recent.nobody > LEFT_OUT_SHARE;
         let too_slow = recent.too_slow.iter().filter_map(|(index, share)| {
             let name = names.get(*index)?;
             Some(format!("{name} ({} of the ticks)", percent(*share)))
@@ -40,52 +41,52 @@ impl MissedTarget {
             target_ms: target_ms.map(|ms| ms as u64),
             late: is_late.map(|share| {
                 let share = percent(share);
-                format!("{share} of the poses are out within {target}; {longest}")
+                format!("{share} of the poses are sent within {target}; {longest}")
             }),
-            nobody: is_nobody.then(|| {
+            no_edge: is_no_edge.then(|| {
                 let share = percent(recent.nobody);
                 format!(
-                    "at {share} of the ticks no viewpoint's patches come within {target}, and nobody is followed; {longest}"
+                    "at {share} of the ticks no viewpoint's patches arrive within {target}, so that no one is tracked; {longest}"
                 )
             }),
             too_slow: (!too_slow.is_empty()).then(|| {
                 let too_slow = too_slow.join(", ");
-                format!("patches come too late for {target}, and are left out, of viewpoint {too_slow}; recordings and smoothed poses have them")
+                format!("patches arrive too late for {target}, and are left out, from viewpoint {too_slow}; recordings and smoothed poses contain them")
             }),
         }
     }
 
-    /// All of it.
+    /// All sentences.
     pub(super) fn words(&self) -> impl Iterator<Item = &String> {
-        [&self.late, &self.nobody, &self.too_slow]
+        [&self.late, &self.no_edge, &self.too_slow]
             .into_iter()
             .flatten()
     }
 
-    /// Says what was not so `before`, where an edge `is_news` that too, and when all is over.
-    pub(super) fn tell(&self, before: &Self, is_news: bool) {
-        for words in self.to_tell(before, is_news) {
+    /// Prints the problems that did not exist `before`, late edges if `is_news`, and the end of all problems.
+    pub(super) fn report(&self, before: &Self, is_news: bool) {
+        for words in self.new_words(before, is_news) {
             say(format_args!("{words}"));
         }
     }
 
-    fn to_tell(&self, before: &Self, is_news: bool) -> Vec<String> {
+    fn new_words(&self, before: &Self, is_news: bool) -> Vec<String> {
         let begins = [
             (&self.late, before.late.is_none()),
-            (&self.nobody, before.nobody.is_none()),
+            (&self.no_edge, before.no_edge.is_none()),
             (&self.too_slow, is_news),
         ];
         let begins = begins.into_iter().filter(|(_, is_new)| *is_new);
-        let mut told: Vec<String> = begins.filter_map(|(words, _)| words.clone()).collect();
+        let mut new: Vec<String> = begins.filter_map(|(words, _)| words.clone()).collect();
         if self.words().next().is_none() && before.words().next().is_some() {
-            told.push(match self.target_ms {
+            new.push(match self.target_ms {
                 Some(ms) => format!(
-                    "poses are out within the {ms} ms of `target_latency_ms` again, with all viewpoints"
+                    "poses are sent within the {ms} ms of `target_latency_ms` again, with all viewpoints"
                 ),
                 None => "no viewpoint is late any more".to_owned(),
             });
         }
-        told
+        new
     }
 }
 
@@ -94,10 +95,10 @@ mod tests {
     use super::*;
 
     fn missed(recent: &RecentTicks) -> MissedTarget {
-        MissedTarget::of(Some(60.0), recent, &["near", "far"], "fusion takes 9 ms")
+        MissedTarget::new(Some(60.0), recent, &["near", "far"], "fusion takes 9 ms")
     }
 
-    fn kept() -> RecentTicks {
+    fn on_time() -> RecentTicks {
         RecentTicks {
             in_time: Some(1.0),
             too_slow: Vec::new(),
@@ -107,62 +108,59 @@ mod tests {
     }
 
     #[test]
-    fn a_far_edge_is_named_when_it_begins_and_in_the_status_all_the_time() {
+    fn a_late_edge_is_reported_once_and_stays_in_the_status() {
         let far = RecentTicks {
             too_slow: vec![(1, 0.97)],
-            ..kept()
+            ..on_time()
         };
-        let (before, now) = (missed(&kept()), missed(&far));
-        let told = now.to_tell(&before, true);
-        let expected = "patches come too late for the 60 ms of `target_latency_ms`, and are left out, of viewpoint far (97 % of the ticks); recordings and smoothed poses have them";
-        assert_eq!(told, [expected]);
-        assert!(now.to_tell(&now, false).is_empty());
+        let (before, now) = (missed(&on_time()), missed(&far));
+        let new = now.new_words(&before, true);
+        let expected = "patches arrive too late for the 60 ms of `target_latency_ms`, and are left out, from viewpoint far (97 % of the ticks); recordings and smoothed poses contain them";
+        assert_eq!(new, [expected]);
+        assert!(now.new_words(&now, false).is_empty());
         assert_eq!(now.words().collect::<Vec<_>>(), [expected]);
-        let over = before.to_tell(&now, false);
+        let over = before.new_words(&now, false);
         assert!(
-            over[0].starts_with("poses are out within the 60 ms"),
+            over[0].starts_with("poses are sent within the 60 ms"),
             "{over:?}"
         );
-        assert!(before.to_tell(&before, false).is_empty());
+        assert!(before.new_words(&before, false).is_empty());
     }
 
     #[test]
-    fn without_a_target_an_edge_is_late_against_the_others() {
+    fn without_a_target_an_edge_is_late_relative_to_the_others() {
         let far = RecentTicks {
             in_time: None,
             too_slow: vec![(1, 0.97)],
-            ..kept()
+            ..on_time()
         };
-        let [late, none] = [&far, &kept()]
-            .map(|recent| MissedTarget::of(None, recent, &["near", "far"], "fusion takes 9 ms"));
-        let told = late.to_tell(&none, true);
-        assert!(
-            told[0].contains("too late for the other viewpoints") && told[0].contains("far (97 %"),
-            "{told:?}"
-        );
+        let [late, none] = [&far, &on_time()]
+            .map(|recent| MissedTarget::new(None, recent, &["near", "far"], "fusion takes 9 ms"));
+        let [words] = &late.new_words(&none, true)[..] else {
+            panic!("{late:?}");
+        };
+        assert!(words.contains("the other viewpoints"), "{words}");
+        assert!(words.contains("far (97 %"), "{words}");
         assert_eq!(
-            none.to_tell(&late, false),
+            none.new_words(&late, false),
             ["no viewpoint is late any more"]
         );
     }
 
     #[test]
-    fn that_no_edge_makes_it_is_told_beside_who_they_are() {
+    fn a_tick_without_any_edge_is_reported_with_the_late_edges() {
         let all = RecentTicks {
             in_time: None,
             too_slow: vec![(0, 0.97), (1, 0.97)],
             nobody: 0.97,
             is_news: true,
         };
-        let told = missed(&all).to_tell(&missed(&kept()), true);
-        assert_eq!(told.len(), 2, "{told:?}");
+        let new = missed(&all).new_words(&missed(&on_time()), true);
+        assert_eq!(new.len(), 2, "{new:?}");
+        assert!(new[0].starts_with("at 97 % of the ticks"), "{new:?}");
         assert!(
-            told[0].starts_with("at 97 % of the ticks no viewpoint's patches come within"),
-            "{told:?}"
-        );
-        assert!(
-            told[1].contains("near (97 % of the ticks), far (97 %"),
-            "{told:?}"
+            new[1].contains("near (97 % of the ticks), far (97 %"),
+            "{new:?}"
         );
     }
 }

@@ -1,56 +1,80 @@
-//! Live: nobody waits for anybody. Edges come and go, messages get lost, clocks are off, and at every tick
-//! there are poses and boxes.
+//! Live runs: no node waits without a bound. Edges may join and leave, messages may be lost and clocks may be off; each tick
+//! still has poses and boxes.
 
 mod agreement;
-mod context;
 mod delays;
-mod flood;
 mod handover;
 mod health;
 mod missed_target;
-mod plan;
+mod overload;
 mod receiving;
 mod run;
 mod sending;
-mod shed;
 mod start;
 mod status;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::process::{Ending, Managed, NodeError};
+use farfield_proto::id::SessionId;
 use farfield_proto::tick::Tick;
+use tokio_util::sync::CancellationToken;
 
 use self::agreement::AgreementJudge;
-pub(super) use self::context::LiveContext;
 use self::handover::Handover;
 pub(super) use self::handover::names_place;
 
 use self::run::LiveFusion;
 use self::start::clock_start;
+use super::config::FusionConfig;
 use super::output::disk_watch::DiskWatch;
 use super::output::export_thread::{ExportThread, missing};
+use super::output::progress::Reporter;
 use super::output::summary::{RunFacts, summarize};
-use super::recording::RecordingThread;
-use super::session::mode::RunMode;
+use super::output::summary_file::SummaryFile;
+use super::recording::{RecordingThread, RecordingsOnDemand};
+use super::session::interceptor::Interceptor;
+use super::session::link::FusionEnds;
+use super::session::messages::RunMode;
+use super::session::other_fusion::OtherFusionWatch;
 use super::worker::FusionWorker;
 use crate::identity::known::KnownPeople;
 use crate::pipeline::Pipeline;
 use crate::recording::channels;
 use crate::recording::expected::ExpectedPeople;
 
-/// How long the edges may take to deliver what the recording lacks, when the run is over.
-const FILL_PATIENCE: Duration = Duration::from_secs(30);
-/// The same when somebody stops it.
-const HURRY: Duration = Duration::from_secs(2);
+/// Time for the edges to deliver what the recording lacks, at the end of the run.
+const FILL_TIMEOUT: Duration = Duration::from_secs(30);
+/// The same if the run is stopped.
+const FILL_TIMEOUT_IF_STOPPED: Duration = Duration::from_secs(2);
 
-/// Runs until someone asks it to stop, or the ticks are over that were asked for or recorded.
+/// The surroundings of a live run.
+pub(in crate::node) struct LiveContext<'a> {
+    pub(in crate::node) config: &'a FusionConfig,
+    pub(in crate::node) session: SessionId,
+    /// The folder of the results.
+    pub(in crate::node) out: &'a Path,
+    pub(in crate::node) summary: &'a mut SummaryFile,
+    /// The recorder, if the run is recorded.
+    pub(in crate::node) recording: Option<&'a RecordingThread>,
+    /// Recordings on demand, if they are possible.
+    pub(in crate::node) on_demand: Option<&'a RecordingsOnDemand>,
+    pub(in crate::node) interceptor: &'a Interceptor,
+    pub(in crate::node) ends: &'a mut FusionEnds,
+    pub(in crate::node) reporter: &'a mut Reporter,
+    pub(in crate::node) stop: &'a CancellationToken,
+    /// The watch for another fusion of the venue.
+    pub(in crate::node) others: OtherFusionWatch,
+}
+
+/// Runs until it is stopped, or the requested or recorded ticks are over.
 ///
 /// # Errors
-/// When a thread or file cannot be made, or the poses could not be written; never for what an edge does.
+/// A thread or file cannot be created, or the poses could not be written; never because of an edge.
 pub(super) async fn live(
     mut context: LiveContext<'_>,
     mut pipeline: Pipeline,
@@ -80,14 +104,14 @@ pub(super) async fn live(
     run.handover = people_path
         .map(|path| Handover::start(path, venue, epoch_us))
         .transpose()
-        .context("starting the thread that keeps who is here")
+        .context("starting the thread that saves the present people")
         .map_err(NodeError::Failed)?;
     run.agreement = Some(judge()?);
     let outcome = run.run(boxes, &mut worker, &mut context).await;
-    // Fusion that is stopped, or fails, may start again, and finds its edges at work. Under a parent all end.
+    // A stopped or failed fusion may be restarted while its edges go on. Under a parent all nodes end.
     let is_over = matches!(outcome, Ok(Ending::Done)) || config.managed == Managed::Yes;
     if is_over && outcome.is_ok() {
-        run.tell_end(context.ends);
+        run.announce_end(context.ends);
     }
     fill_recording(&mut run, &outcome, &mut context).await;
     let last_words = if is_over {
@@ -127,24 +151,24 @@ pub(super) async fn live(
     }
 }
 
-/// Waits until the edges have delivered what the recording lacks, if there is one, as long as that may take.
+/// Waits until the edges have delivered what the recording lacks, up to a timeout.
 async fn fill_recording(
     run: &mut LiveFusion<'_>,
     outcome: &anyhow::Result<Ending>,
     context: &mut LiveContext<'_>,
 ) {
     if let Some(recording) = context.recording {
-        let patience = match outcome {
-            Ok(Ending::Done) => FILL_PATIENCE,
-            _ => HURRY,
+        let timeout = match outcome {
+            Ok(Ending::Done) => FILL_TIMEOUT,
+            _ => FILL_TIMEOUT_IF_STOPPED,
         };
         let fillers = recording.fillers(&context.interceptor.clock);
-        run.receive_until(context.ends, fillers.finish(patience))
+        run.receive_until(context.ends, fillers.finish(timeout))
             .await;
     }
 }
 
-/// Those that the run writes to.
+/// The disks that the run writes to.
 fn disks(exporter: &ExportThread, recording: Option<&RecordingThread>) -> Vec<Arc<DiskWatch>> {
     let recording = recording.map(RecordingThread::disk_watch);
     std::iter::once(exporter.disk_watch())
@@ -152,13 +176,13 @@ fn disks(exporter: &ExportThread, recording: Option<&RecordingThread>) -> Vec<Ar
         .collect()
 }
 
-/// Who judges whether the cameras agree.
+/// Starts the judge of the cameras' agreement.
 fn judge() -> Result<AgreementJudge, NodeError> {
     let judge = AgreementJudge::start().context("starting the thread that judges cameras");
     judge.map_err(NodeError::Failed)
 }
 
-/// Lets `pipeline` expect who was here before, and a recording know it; if anybody was.
+/// Passes the people of the previous fusion, if there are any, to `pipeline`, the recording and the observers.
 fn expect(
     known: Option<KnownPeople>,
     pipeline: &mut Pipeline,
@@ -166,7 +190,7 @@ fn expect(
     first: Tick,
 ) -> anyhow::Result<()> {
     let Some(known) = known else {
-        // Ids begin anew: what was kept by those of before means other people.
+        // New ids begin: data stored under the old ids belong to other people.
         context.interceptor.wiretap.expected(&[]);
         return Ok(());
     };
@@ -174,7 +198,7 @@ fn expect(
         session: context.session,
         known,
     };
-    // A replay reads it from this text, and shall have the same bits.
+    // A replay reads this text, and must get the same bits.
     let json = serde_json::to_vec(&expected).context("writing people as JSON")?;
     let expected: ExpectedPeople = serde_json::from_slice(&json).context("reading people")?;
     if let Some(recording) = context.recording {
@@ -185,7 +209,7 @@ fn expect(
     let ids: Vec<u32> = expected.known.people.iter().map(|known| known.id).collect();
     context.interceptor.wiretap.expected(&ids);
     if let Some(on_demand) = context.on_demand {
-        on_demand.knows(&expected.known);
+        on_demand.set_people(&expected.known);
     }
     pipeline.expect(&expected.known, first);
     Ok(())

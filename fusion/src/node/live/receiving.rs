@@ -1,5 +1,5 @@
-//! What a live run makes of what it receives: every message counts for the clock and the delays of its edge, and
-//! those of edges that take part wait for their tick.
+//! Reception in a live run: every message counts for the clock and the delays of its edge. Sets of edges that take part wait for
+//! their tick.
 
 use farfield_node::process::say;
 use farfield_proto::message::live::EdgeLink;
@@ -19,11 +19,11 @@ use crate::live::membership::Said;
 use crate::node::session::link::FusionEnds;
 use crate::node::session::messages::{Arrival, FusionIncoming, Liveliness};
 
-/// Late sets that wait for the smoother's next step; of more, the newest are dropped.
+/// Late sets queued for the smoother's next step; if there are more, the newest are dropped.
 const MAX_LATE: usize = 256;
 
 impl LiveFusion<'_> {
-    /// Receives on until `done`: a queue that nobody empties would hold up the answers to others, too.
+    /// Receives until `done`: a full queue would also delay answers to other requests.
     pub(super) async fn receive_until(
         &mut self,
         ends: &mut FusionEnds,
@@ -42,7 +42,7 @@ impl LiveFusion<'_> {
         match incoming {
             FusionIncoming::Patches(set, arrival) => self.receive_patches(set, arrival),
             FusionIncoming::Sightings(set, arrival) => self.receive_sightings(set, arrival),
-            // Fusion receives its own, too.
+            // Fusion also receives its own status.
             FusionIncoming::Status(status) if status.node == FUSION => {}
             FusionIncoming::Status(status) => self.receive_status(&status),
             FusionIncoming::Alive(node, Liveliness::There) => {
@@ -78,7 +78,7 @@ impl LiveFusion<'_> {
         let trip = self.edges[index].hear_patches(&set, came, &self.time);
         self.delays.trip(index, trip);
         if tick < self.first {
-            // The edges run already: of all that, only the clock is of use.
+            // The edges started before the first tick: only the clock data are useful.
             return;
         }
         if !self.takes_part(index) {
@@ -126,7 +126,7 @@ impl LiveFusion<'_> {
         }
     }
 
-    /// Tracks are initiated by detection passes only: that an edge's take longer than anybody waits is said, once.
+    /// Reports once that an edge's detection passes come too late: without them no tracks start.
     fn report_late_detection(&mut self, tick: Tick, index: usize, at_us: Micros) {
         let after_ms = (at_us - self.time.at(tick)) / 1000;
         let deadline_ms = self.config.venue.parameters.link.deadline_ms;
@@ -136,7 +136,7 @@ impl LiveFusion<'_> {
         if late.is_told(after_ms as f64, deadline_ms, at_us) {
             let name = &self.config.venue.viewpoints[index].name;
             say(format_args!(
-                "viewpoint {name}: the sightings of its detection passes come {after_ms} ms after their ticks, and `deadline_ms` in [link] is {deadline_ms:.0}: too late to be used; raise it, or find out what holds that edge up"
+                "viewpoint {name}: the sightings of its detection passes arrive {after_ms} ms after their ticks, but `deadline_ms` in [link] is {deadline_ms:.0}, so they are not used; raise it, or find out why that edge is slow"
             ));
         }
     }
@@ -166,7 +166,7 @@ impl LiveFusion<'_> {
                 self.edges[index].start_again();
                 self.edges[index].expect(self.expect_until_us);
                 self.cameras.begin(cameras);
-                debug!(node = status.node, "another node speaks");
+                debug!(node = status.node, "another process of this node");
                 if let Some(warning) = self.members.other_backend(index) {
                     say(format_args!("viewpoint {}: {warning}", status.node));
                 }
@@ -190,16 +190,16 @@ impl LiveFusion<'_> {
         }
     }
 
-    /// Says once what an operator must know.
-    pub(super) fn tell_refusals(&mut self, links: &[EdgeLink]) {
-        for (told, link) in self.refusals.iter_mut().zip(links) {
-            // Numbers in the reason change all the time.
-            if told.is_some() != link.refused.is_some() {
+    /// Prints changes of the refusals, once each.
+    pub(super) fn report_refusals(&mut self, links: &[EdgeLink]) {
+        for (reported, link) in self.refusals.iter_mut().zip(links) {
+            // Only the presence is compared: numbers in the reason change all the time.
+            if reported.is_some() != link.refused.is_some() {
                 match &link.refused {
                     Some(why) => say(format_args!("viewpoint {}: {why}", link.viewpoint)),
-                    None => say(format_args!("viewpoint {} is let in", link.viewpoint)),
+                    None => say(format_args!("viewpoint {} is accepted", link.viewpoint)),
                 }
-                told.clone_from(&link.refused);
+                reported.clone_from(&link.refused);
             }
         }
     }

@@ -1,7 +1,7 @@
-//! The loop of a live run: messages in, a tick to the core when it is its turn, poses and boxes out.
+//! The loop of a live run: it receives messages, steps the core when a tick is due, and sends poses and boxes.
 //!
-//! It never waits for the network, nor for an edge past a tick's deadline: what it says goes into a bounded
-//! queue, and is dropped when that is full.
+//! It never waits for the network, nor for an edge past a tick's deadline. Its messages go into a bounded queue, and are
+//! dropped if that is full.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -19,16 +19,15 @@ use farfield_proto::wire;
 use tokio::time::{MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::FusionConfig;
-use super::super::live_or_recorded::is_recorded;
 use super::super::recording::RecordingsOnDemand;
+use super::super::venue_checks::is_recorded;
 use super::super::worker::{FusionWorker, Job};
+use super::LiveContext;
 use super::agreement::AgreementJudge;
-use super::context::LiveContext;
 use super::delays::Delays;
-use super::flood::FloodWatch;
 use super::handover::Handover;
 use super::missed_target::MissedTarget;
-use super::shed::LiveShedding;
+use super::overload::{FloodWatch, LiveShedding};
 use super::start::LiveStart;
 use crate::align::TickGroup;
 use crate::export::summary::CameraSummary;
@@ -54,34 +53,33 @@ use crate::node::session::messages::FusionOutgoing;
 use crate::node::session::other_fusion::OtherFusionWatch;
 use crate::node::session::wiretap::CopiedStep;
 
-/// How often the loop looks after what nothing else wakes it for.
+/// Interval of the periodic work.
 const BEAT: Duration = Duration::from_millis(100);
 /// Beats per status: one a second.
 const BEATS_PER_STATUS: u32 = 10;
-/// When no tick was done for so long, the newest boxes are sent again: edges learn the clock by them.
+/// Time without a finished tick after which the newest boxes are sent again: edges estimate the clock from them.
 const RESEND_AFTER_US: Micros = SECOND_US / 10;
-/// Ticks that are open at once, and for which late messages are kept apart from repeated ones, seconds.
+/// Range of open ticks, and range in which late messages are distinguished from repeated ones, seconds.
 const OPEN_S: f64 = 2.0;
 const LATE_S: f64 = 10.0;
-/// How long after the first tick the edges' first messages are waited for: at that tick all have a
-/// detection pass.
+/// Time after the first tick to wait for the edges' first messages: at that tick all have a detection pass.
 const FIRST_WORD_US: Micros = SECOND_US / 2;
-/// Messages that are received before the loop looks after ticks again.
+/// Most messages received before the loop checks ticks again.
 const AT_ONCE: usize = 64;
 
-/// A tick that the core works on.
+/// A tick in the core.
 #[derive(Debug, Clone, Copy)]
 #[expect(clippy::struct_field_names, reason = "all are times")]
 pub(super) struct InFlight {
     pub(super) captured_us: Micros,
     pub(super) arrived_us: Option<Micros>,
-    /// When the core got it.
+    /// When the core received it.
     pub(super) begun_us: Micros,
-    /// How long before its time the first of its pictures was taken; `None`: it has no patches.
+    /// Time from the capture of its first picture to the tick; `None` without patches.
     pub(super) early_us: Option<Micros>,
 }
 
-/// A live run under way.
+/// A live run in progress.
 pub(super) struct LiveFusion<'a> {
     pub(super) config: &'a FusionConfig,
     pub(super) interceptor: &'a Interceptor,
@@ -94,56 +92,56 @@ pub(super) struct LiveFusion<'a> {
     pub(super) gather: LiveGather,
     pub(super) queue: TickQueue,
     pub(super) target: TargetLatency,
-    /// How the target is not kept, in words.
+    /// Problems with the target latency, in words.
     pub(super) missed_target: MissedTarget,
-    /// Per open tick: when its last message came.
+    /// Per open tick, the arrival of its last message.
     pub(super) arrived: BTreeMap<Tick, Micros>,
     pub(super) late: Vec<PatchSet>,
     pub(super) in_flight: Option<InFlight>,
-    /// How long after their ticks boxes go out, microseconds: a running mean.
+    /// Running mean of the time from a tick to sending its boxes, microseconds.
     pub(super) publish_us: f64,
     pub(super) newest: Vec<BoxSet>,
-    /// Buffer: of everybody's views, how long after a tick their patches come.
+    /// Buffer: for each view of each person, the expected time from a tick to its patches.
     pub(super) patches_come: Vec<(PersonId, Option<Micros>)>,
-    /// The last tick that was next while enough sightings were there, and since when that is so.
+    /// The last next tick with enough sightings, and the time since when it has enough.
     pub(super) enough_sightings: Option<(Tick, Micros)>,
     pub(super) sent_us: Micros,
-    /// What has passed over the links.
+    /// Traffic of the links.
     pub(super) tally: Tally,
     pub(super) delays: Delays,
     pub(super) core_stages: Vec<StageTime>,
-    /// The last tick that is done.
+    /// The last finished tick.
     pub(super) last: Option<Tick>,
-    /// Ticks that were stepped without input because the core was behind.
+    /// Ticks stepped without input because the core was behind.
     pub(super) without_input: u64,
     pub(super) shedding: LiveShedding,
-    /// Messages that could not be read, of nobody in particular.
+    /// Unreadable messages of unknown senders.
     pub(super) unreadable: u64,
-    /// Messages that fusion had no room to send.
+    /// Messages dropped because the send queue was full.
     pub(super) unsent: u64,
     pub(super) refusals: Vec<Option<String>>,
     pub(super) cameras: Cameras,
     pub(super) flood: FloodWatch,
-    /// The viewpoints of whom it was said that their certificate ends.
-    pub(super) told_certificates: BTreeSet<String>,
+    /// Viewpoints whose expiring certificate was reported.
+    pub(super) reported_certificates: BTreeSet<String>,
     pub(super) handover: Option<Handover>,
-    /// Who records on demand, if anybody may be asked to.
+    /// Recordings on demand, if they are possible.
     pub(super) on_demand: Option<&'a RecordingsOnDemand>,
-    /// Whether the cameras agree; `None` before the run.
+    /// The judge of the cameras' agreement; `None` before the run.
     pub(super) agreement: Option<AgreementJudge>,
-    /// What of them does not fit, in words.
+    /// Disagreements of the cameras, in words.
     pub(super) disagreements: Vec<String>,
-    /// Those that something is written to.
+    /// The disks that the run writes to.
     pub(super) disks: Vec<Arc<DiskWatch>>,
-    /// Which ticks all edges work on, and why not all of them.
+    /// The ticks that all edges work on, and the reason if these are not all.
     pub(super) plan: CommonPlan,
     pub(super) plan_words: Option<String>,
     pub(super) common_clock: CommonClock,
     pub(super) is_own_clock_suspected: bool,
-    /// Who looks for another fusion of the venue, and whether one was told.
+    /// The watch for another fusion of the venue, and whether one was reported.
     pub(super) others: OtherFusionWatch,
-    pub(super) is_other_told: bool,
-    /// Until when edges are waited for of which nothing has come yet.
+    pub(super) is_other_reported: bool,
+    /// End of waiting for edges that have sent nothing yet.
     pub(super) expect_until_us: Micros,
     /// Results of detection passes that came too late.
     pub(super) late_detections: Vec<LateDetections>,
@@ -208,7 +206,7 @@ impl<'a> LiveFusion<'a> {
             last: None,
             cameras: Cameras::default(),
             flood: FloodWatch::default(),
-            told_certificates: BTreeSet::new(),
+            reported_certificates: BTreeSet::new(),
             handover: None,
             on_demand: context.on_demand,
             agreement: None,
@@ -219,7 +217,7 @@ impl<'a> LiveFusion<'a> {
             common_clock: CommonClock::default(),
             is_own_clock_suspected: false,
             others: context.others.clone(),
-            is_other_told: false,
+            is_other_reported: false,
             without_input: 0,
             shedding: LiveShedding::default(),
             unreadable: 0,
@@ -232,7 +230,7 @@ impl<'a> LiveFusion<'a> {
     /// Runs from the first boxes to the last tick.
     ///
     /// # Errors
-    /// When the core or the subscriptions have ended.
+    /// The core or the subscriptions have ended.
     pub(super) async fn run(
         &mut self,
         first: Vec<BoxSet>,
@@ -280,33 +278,33 @@ impl<'a> LiveFusion<'a> {
                         self.interceptor.clock.discipline();
                         self.weigh_clocks();
                         self.plan_ticks();
-                        self.look_for_floods();
-                        self.look_at_certificates();
-                        self.look_at_agreement();
-                        self.look_for_another();
-                        self.look_at_target();
+                        self.check_floods();
+                        self.check_certificates();
+                        self.check_agreement();
+                        self.check_other_fusion();
+                        self.check_target();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
-                        service_manager::tell(&self.in_a_line(&status));
+                        service_manager::tell(&self.status_line(&status));
                         let links = status.live.as_ref().map(|live| live.edges.clone());
                         let edges = links.unwrap_or_default();
                         self.send(ends, FusionOutgoing::Status(Box::new(status)));
                         let recent = self.delays.take_recent();
-                        self.tell_refusals(&edges);
+                        self.report_refusals(&edges);
                         reporter.links(recent.map(|r| (r.p50_us, r.p99_us)), edges);
-                        self.shedding.tell();
+                        self.shedding.report();
                     }
                 }
             }
         }
     }
 
-    /// The tick after the last of the run, if there is one.
+    /// The end of the ticks, if there is one.
     pub(super) fn end(&self) -> Option<Tick> {
         config_end(self.config, &self.members)
     }
 
-    /// Hands the core the next tick when it is its turn; else says when to look again.
+    /// Steps the next tick if it is due; otherwise returns when to check again.
     fn advance(
         &mut self,
         worker: &FusionWorker,
@@ -346,7 +344,7 @@ impl<'a> LiveFusion<'a> {
             early_us: earliest_us.map(|us| -us),
         });
         let (publish_us, period_us) = (self.publish_us, self.time.period_us());
-        // Boxes of a tick that is later than usual, as behind a detection pass, are for as much later ticks.
+        // If a tick is later than usual, as after a detection pass, its boxes are made for ticks later by the same amount.
         let later_us = ((now_us - self.time.at(tick)) as f64 - publish_us).max(0.0);
         let later_ticks = (later_us / period_us).floor();
         let edges = self.edges.iter_mut();
@@ -378,7 +376,7 @@ impl<'a> LiveFusion<'a> {
         self.end().is_some_and(|end| self.gather.next() >= end)
     }
 
-    /// Whether viewpoint `index` takes part: its files are ours, and its clock is near enough.
+    /// Whether viewpoint `index` takes part: its files match and its clock is near enough.
     pub(super) fn takes_part(&self, index: usize) -> bool {
         self.members.is_welcome(index) && self.edges[index].is_on_time()
     }
@@ -391,21 +389,21 @@ impl<'a> LiveFusion<'a> {
         deadlines.max().map_or(Waiting::ForNobody, Waiting::Until)
     }
 
-    /// How long `tick` waits for as many views of everyone, and as many sightings, as it needs.
+    /// How long `tick` waits for enough views of each person and enough sightings.
     fn needed_waits(&mut self, tick: Tick, now_us: Micros) -> LongestWaits {
         let (most_us, period_us) = (self.longest_wait_us(), self.time.period_us() as Micros);
-        let mut come = std::mem::take(&mut self.patches_come);
-        come.clear();
+        let mut arrivals = std::mem::take(&mut self.patches_come);
+        arrivals.clear();
         for set in &self.newest {
             let index = usize::from(set.viewpoint.0);
             if set.persons.is_empty() || !self.is_awaited(index, now_us) {
                 continue;
             }
             let us = self.edges[index].patches_come_us(now_us);
-            come.extend(set.persons.iter().map(|boxes| (boxes.person, us)));
+            arrivals.extend(set.persons.iter().map(|boxes| (boxes.person, us)));
         }
-        let patches_us = needed(&mut come, period_us, most_us);
-        self.patches_come = come;
+        let patches_us = needed(&mut arrivals, period_us, most_us);
+        self.patches_come = arrivals;
         LongestWaits {
             patches_us,
             detections_us: most_us,
@@ -415,35 +413,35 @@ impl<'a> LiveFusion<'a> {
 
     fn enough_sightings_since_us(&mut self, tick: Tick, now_us: Micros) -> Option<Micros> {
         let edges = self.edges.iter().enumerate();
-        let looking = edges
+        let detecting = edges
             .filter(|(index, edge)| edge.looks_at(tick) && self.is_awaited(*index, now_us))
             .map(|(index, _)| {
                 self.gather
                     .has_sightings(tick, ViewpointIndex(index as u16))
             });
-        let (all, arrived) = looking.fold((0, 0), |(all, arrived), has_all| {
+        let (all, arrived) = detecting.fold((0, 0), |(all, arrived), has_all| {
             (all + 1, arrived + usize::from(has_all))
         });
         if !are_enough(arrived, all) {
             return None;
         }
-        let (of, since_us) = self.enough_sightings.unwrap_or((tick, now_us));
-        let since_us = if of == tick { since_us } else { now_us };
+        let (last, since_us) = self.enough_sightings.unwrap_or((tick, now_us));
+        let since_us = if last == tick { since_us } else { now_us };
         self.enough_sightings = Some((tick, since_us));
         Some(since_us)
     }
 
-    /// How long a tick waits at most, microseconds.
+    /// The longest wait for a tick, microseconds.
     fn longest_wait_us(&self) -> Micros {
         (self.config.venue.parameters.link.deadline_ms * 1e3) as Micros
     }
 
-    /// Whether what the edge of viewpoint `index` says is worth waiting for.
+    /// Whether to wait for messages of the edge of viewpoint `index`.
     fn is_awaited(&self, index: usize, now_us: Micros) -> bool {
         self.members.is_welcome(index) && self.edges[index].is_awaited(now_us)
     }
 
-    /// Until when the edge of viewpoint `index` is waited for; `None`: it is not, or has sent all.
+    /// The deadline for the edge of viewpoint `index`; `None` if it is not awaited or has sent everything.
     fn deadline_of(
         &mut self,
         index: usize,
@@ -454,7 +452,7 @@ impl<'a> LiveFusion<'a> {
         let viewpoint = ViewpointIndex(index as u16);
         let has_all = self.gather.has_all(tick, viewpoint);
         let is_missing = self.is_awaited(index, now_us) && !has_all;
-        // Where others are enough, who will not come in time is not waited for at all.
+        // If the other edges suffice, an edge that will be too late is not awaited at all.
         let is_bounded = waits.patches_us < self.longest_wait_us();
         let edge = &mut self.edges[index];
         let is_hopeless =
@@ -463,7 +461,7 @@ impl<'a> LiveFusion<'a> {
         is_missing.then(|| edge.deadline_us(tick, &self.time, now_us, waits))
     }
 
-    /// Notes of whom a tick that is over at `now_us` would have had more if it had waited.
+    /// Records the edges that a tick over at `now_us` did not wait for.
     fn note_left_out(&mut self, tick: Tick, now_us: Micros) {
         let (waits, edges) = (
             LongestWaits::of(self.longest_wait_us()),
@@ -491,17 +489,17 @@ impl<'a> LiveFusion<'a> {
         if now_us - self.sent_us >= RESEND_AFTER_US {
             self.send_newest(ends, true);
         }
-        // What came for ticks that no step will ever take.
+        // Discard arrivals of ticks that are never stepped.
         let next = self.gather.next();
         self.arrived.retain(|tick, _| *tick >= next);
     }
 
-    /// The edges that spoke.
+    /// The newest statuses of the edges.
     pub(super) fn first_words(&self) -> Vec<Status> {
         self.members.last_words().cloned().collect()
     }
 
-    /// What no step has used.
+    /// Messages that no step used.
     pub(super) fn lost(&self) -> Lost {
         let sum = |of: fn(&Edge) -> u64| self.edges.iter().map(of).sum::<u64>();
         Lost {
@@ -514,7 +512,7 @@ impl<'a> LiveFusion<'a> {
         }
     }
 
-    /// How the cameras did, by name.
+    /// Summaries of the cameras, by name.
     pub(super) fn camera_summaries(&self) -> BTreeMap<String, CameraSummary> {
         let named = self.cameras.records().filter_map(|(index, record)| {
             let camera = self.config.venue.camera(index)?;
@@ -529,24 +527,24 @@ impl<'a> LiveFusion<'a> {
         named.collect()
     }
 
-    /// How long messages are on their paths, by node.
+    /// Delays of the messages, by node.
     pub(super) fn paths(&self) -> Vec<(String, StageTime)> {
         let own = self.delays.own().into_iter();
         let own = own.map(|time| (FUSION.to_owned(), time));
-        let edges = self.delays.of_edges();
+        let edges = self.delays.by_edge();
         own.chain(edges.map(|(name, time)| (name.to_owned(), time)))
             .collect()
     }
 }
 
-/// The tick after the last that was asked for, or is recorded.
+/// The end of the requested or recorded ticks.
 fn config_end(config: &FusionConfig, members: &Membership) -> Option<Tick> {
-    let asked = config.ticks.as_ref().map(|ticks| ticks.end);
+    let requested = config.ticks.as_ref().map(|ticks| ticks.end);
     let recorded = || members.recorded().filter(|_| is_recorded(&config.venue));
-    asked.or_else(|| recorded().map(|ticks| ticks.end))
+    requested.or_else(|| recorded().map(|ticks| ticks.end))
 }
 
-/// When the first of a tick's pictures was captured, less the tick's time; `None` without patches.
+/// The earliest capture of a tick's pictures relative to the tick; `None` without patches.
 fn earliest_capture_us(group: &TickGroup) -> Option<Micros> {
     let patches = group.patch_sets.iter().flat_map(|set| &set.persons);
     let earliest = patches.map(|patch| patch.capture_offset_us).min();

@@ -1,4 +1,4 @@
-//! What a live run sends: boxes and poses of every tick, and at its end that it is over.
+//! Sending in a live run: boxes and poses of every tick, and the end order.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -18,11 +18,11 @@ use crate::node::output::tally::PassedBytes;
 use crate::node::session::link::FusionEnds;
 use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 
-/// How much one tick says of how long after their ticks boxes go out.
+/// Weight of one tick in the mean time from a tick to sending its boxes.
 const WEIGHT: f64 = 0.05;
-/// How long the edges may take to say their last word.
+/// Time for the edges to send their last status.
 const FAREWELL: Duration = Duration::from_secs(3);
-/// How often those who have not left are told again that the run is over.
+/// Interval of repeating the end order to edges that are still present.
 const END_EVERY: Duration = Duration::from_millis(100);
 
 impl LiveFusion<'_> {
@@ -55,10 +55,10 @@ impl LiveFusion<'_> {
         }
         if let Some(people) = people {
             if let Some(on_demand) = self.on_demand {
-                on_demand.knows(&people);
+                on_demand.set_people(&people);
             }
             if let Some(handover) = &self.handover {
-                handover.keep(tick, people);
+                handover.save(tick, people);
             }
         }
         if let (Some(judge), Some(samples)) = (&self.agreement, agreement) {
@@ -100,7 +100,7 @@ impl LiveFusion<'_> {
         self.send_newest(ends, false);
     }
 
-    /// Sends the newest boxes, `again` as a sign of life: then whatever the links carry.
+    /// Sends the newest boxes; `again` as a sign of life, also to edges that are not due.
     pub(super) fn send_newest(&mut self, ends: &FusionEnds, again: bool) {
         let now_us = self.interceptor.clock.now_us();
         self.sent_us = now_us;
@@ -108,7 +108,7 @@ impl LiveFusion<'_> {
         for set in &mut sets {
             let index = usize::from(set.viewpoint.0);
             if !self.members.is_welcome(index) {
-                // It still learns the clock, and why it is refused.
+                // A refused edge still gets the clock and the reason.
                 set.persons.clear();
                 set.detection_cameras.clear();
             }
@@ -116,7 +116,7 @@ impl LiveFusion<'_> {
                 continue;
             }
             set.live = Some(self.edges[index].send(set, &self.time, now_us));
-            for bytes in box_messages(set, self.interceptor.spoken(index)) {
+            for bytes in box_messages(set, self.interceptor.version_for(index)) {
                 self.edges[index].sent_bytes(bytes.len());
                 self.tally.boxes(set.viewpoint, bytes.len() as u64);
                 self.send(ends, FusionOutgoing::Boxes(index, bytes));
@@ -131,8 +131,8 @@ impl LiveFusion<'_> {
         }
     }
 
-    /// Says that no more ticks come: nobody is to take for a failure that all is silent while files are finished.
-    pub(super) fn tell_end(&mut self, ends: &FusionEnds) {
+    /// Announces that no more ticks follow, so that silence while files are finished is not taken for a failure.
+    pub(super) fn announce_end(&mut self, ends: &FusionEnds) {
         let now_us = self.interceptor.clock.now_us();
         let status = Status {
             ready: false,
@@ -141,10 +141,10 @@ impl LiveFusion<'_> {
         self.send(ends, FusionOutgoing::Status(Box::new(status)));
     }
 
-    /// Tells the edges that the run is over, and waits for their last words.
+    /// Sends the end order to the edges, and waits for their last statuses.
     pub(super) async fn end_edges(&mut self, ends: &mut FusionEnds) -> Vec<Status> {
-        let everybody: BTreeSet<String> = self.names().map(str::to_owned).collect();
-        self.send_end(&everybody, ends);
+        let all: BTreeSet<String> = self.names().map(str::to_owned).collect();
+        self.send_end(&all, ends);
         let mut last_words: BTreeMap<String, Status> = BTreeMap::new();
         let mut repeats = interval(END_EVERY);
         repeats.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -152,7 +152,7 @@ impl LiveFusion<'_> {
         let last_statuses = async {
             while !self.present.is_empty() {
                 tokio::select! {
-                    // The link may lose it.
+                    // The link may lose the order.
                     _ = repeats.tick() => {
                         let present = self.present.clone();
                         self.send_end(&present, ends);
@@ -177,7 +177,7 @@ impl LiveFusion<'_> {
         last_words.into_values().collect()
     }
 
-    /// What the edges have said last, by name.
+    /// The last statuses of the edges, by name.
     pub(super) fn last_words(&self) -> Vec<Status> {
         let mut words: Vec<Status> = self.members.last_words().cloned().collect();
         words.sort_by(|a, b| a.node.cmp(&b.node));
@@ -203,7 +203,7 @@ impl LiveFusion<'_> {
             };
             let now_us = self.interceptor.clock.now_us();
             set.live = Some(self.edges[index].send(&set, &self.time, now_us));
-            let bytes = wire::encode_as(&set, self.interceptor.spoken(index));
+            let bytes = wire::encode_as(&set, self.interceptor.version_for(index));
             self.send(ends, FusionOutgoing::Boxes(index, bytes));
         }
     }

@@ -1,8 +1,7 @@
-//! When the venue's ticks begin.
+//! The start of the venue's ticks.
 //!
-//! Ticks of cameras are those of the clock: tick 0 was in 1970, and fusion may start again without changing
-//! anything. Recordings are played from a tick that fusion sets, as soon as the edges are there; but if one of
-//! them plays already, fusion was here before, and goes on by that.
+//! Ticks of cameras follow the clock: tick 0 was in 1970, and a restarted fusion changes nothing. Recordings are played from a
+//! tick that fusion chooses when the edges are ready. If an edge already plays, an earlier fusion chose the tick, and it is kept.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -18,40 +17,39 @@ use farfield_proto::venue::Venue;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
 use super::super::config::FusionConfig;
-use super::super::live_or_recorded::is_recorded;
 use super::super::status::own_status;
-use super::context::LiveContext;
+use super::super::venue_checks::is_recorded;
+use super::LiveContext;
 use crate::live::membership::Membership;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 
-/// How often fusion says that it is there until the ticks begin.
+/// Interval of fusion's statuses before the ticks begin.
 const CALL_EVERY: Duration = Duration::from_millis(100);
-/// How long those who play recordings are waited for, once one is ready.
+/// Time to wait for further edges that play recordings, after one is ready.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// From the choice of the first tick to it.
+/// Time from choosing the first tick to its start.
 const RUN_UP_US: Micros = SECOND_US;
-/// Where ticks are under way already, the first is so far ahead: all shall know in time that they detect
-/// people then.
+/// If ticks are already running, the first is this far ahead: the edges must know in time that they detect people then.
 const FIRST_WORD_US: Micros = SECOND_US / 4;
-/// Statuses between two reminders of who is missing.
+/// Statuses between two reminders about missing edges.
 const REMIND_EVERY: u32 = 100;
 
-/// What is known when the ticks begin.
+/// The state at the start of the ticks.
 #[derive(Debug)]
 pub(super) struct LiveStart {
     pub(super) time: TickTime,
     pub(super) first: Tick,
     pub(super) members: Membership,
-    /// The edges of the venue that are there, as their tokens say.
+    /// The present edges of the venue, by their tokens.
     pub(super) present: BTreeSet<String>,
 }
 
-/// Finds the time of the ticks, and the first; `None` when told to stop before.
+/// Determines the time of the ticks and the first tick; `None` if stopped before.
 ///
 /// # Errors
-/// When the subscriptions end.
+/// The subscriptions have ended.
 pub(super) async fn clock_start(
     context: &mut LiveContext<'_>,
 ) -> anyhow::Result<Option<LiveStart>> {
@@ -71,10 +69,10 @@ pub(super) async fn clock_start(
     if !is_recorded(venue) {
         let time = TickTime::new(0, venue.rate_hz);
         let now = time.first_from(interceptor.clock.now_us() + FIRST_WORD_US);
-        let asked = config.ticks.as_ref().map(|ticks| ticks.start);
+        let requested = config.ticks.as_ref().map(|ticks| ticks.start);
         return Ok(Some(LiveStart {
             time,
-            first: asked.map_or(now, |first| first.max(now)),
+            first: requested.map_or(now, |first| first.max(now)),
             members,
             present,
         }));
@@ -124,8 +122,8 @@ pub(super) async fn clock_start(
     }
 }
 
-/// The time of the ticks and the first of them, once what the edges have said settles both. `is_enough`: who is not
-/// ready yet is left out.
+/// The time of the ticks and the first tick, once the edges' statuses determine both. `is_enough`: do not wait for edges that
+/// are not ready.
 fn settled_start(
     config: &FusionConfig,
     members: &Membership,
@@ -140,20 +138,20 @@ fn settled_start(
     if !(is_enough || members.missing().is_empty()) {
         return None;
     }
-    let asked = config.ticks.clone().or_else(|| members.recorded());
-    let first = asked?.start;
+    let ticks = config.ticks.clone().or_else(|| members.recorded());
+    let first = ticks?.start;
     let at_us = now_us + RUN_UP_US;
     Some((TickTime::with_tick_at(first, at_us, rate_hz), first))
 }
 
-/// Notes that an edge is there; strangers may declare tokens as they like, under any number of names.
+/// Records a present edge. Foreign nodes are ignored: they may declare any number of tokens.
 pub(super) fn note_present(venue: &Venue, present: &mut BTreeSet<String>, node: String) {
     if venue.viewpoint_named(&node).is_some() {
         present.insert(node);
     }
 }
 
-/// A status by which edges know that the run is live.
+/// A status that tells edges that the run is live.
 fn waiting_status(own: &Status, session: SessionId) -> Status {
     Status {
         live: Some(LiveStatus {
@@ -178,7 +176,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_tokens_of_strangers_take_no_room() {
+    fn tokens_of_foreign_nodes_are_ignored() {
         let mut present = BTreeSet::new();
         for node in ["a", "fusion", "stranger-1", "stranger-2", "b", "a"] {
             note_present(&venue(), &mut present, node.to_owned());
@@ -187,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_status_says_from_the_beginning_that_the_run_is_live() {
+    fn the_first_status_reports_a_live_run() {
         let hashes = VenueHash {
             venue: "v".to_owned(),
             calibration: "c".to_owned(),

@@ -1,4 +1,4 @@
-//! What fusion says once a second of itself and of every edge.
+//! Fusion's status, once a second, with the links of all edges.
 
 use farfield_proto::message::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{MAX_STAGES, Status};
@@ -15,7 +15,7 @@ impl LiveFusion<'_> {
     pub(super) fn status(&mut self, config: &FusionConfig, now_us: Micros) -> Status {
         let edges = self.edge_links(now_us);
         let mut stages = self.delays.own();
-        stages.extend(self.delays.of_all_edges());
+        stages.extend(self.delays.all_edges());
         stages.extend(self.core_stages.iter().cloned());
         stages.truncate(MAX_STAGES);
         Status {
@@ -40,11 +40,11 @@ impl LiveFusion<'_> {
         }
     }
 
-    /// What its own `status` says, in a line.
-    pub(super) fn in_a_line(&self, status: &Status) -> String {
+    /// Summarises its own `status` in one line.
+    pub(super) fn status_line(&self, status: &Status) -> String {
         let edges = status.live.iter().flat_map(|live| &live.edges);
-        let there = edges.clone().filter(|edge| edge.live).count();
-        let mut line = format!("{there} of {} edges take part", edges.count());
+        let live = edges.clone().filter(|edge| edge.live).count();
+        let mut line = format!("{live} of {} edges take part", edges.count());
         for notice in self.plan_words.iter().chain(&status.health.notices) {
             line.push_str("; ");
             line.push_str(notice);
@@ -52,7 +52,7 @@ impl LiveFusion<'_> {
         line
     }
 
-    /// How every edge is heard.
+    /// The state of every edge's link.
     pub(super) fn edge_links(&mut self, now_us: Micros) -> Vec<EdgeLink> {
         let mut links = Vec::with_capacity(self.edges.len());
         for (index, edge) in self.edges.iter_mut().enumerate() {
@@ -68,15 +68,15 @@ impl LiveFusion<'_> {
     }
 }
 
-/// Why the viewpoint of this index does not take part, cut so that edges can read it; `clock`: what is
-/// wrong with its clock.
+/// Why the viewpoint of this index does not take part, cut to a length that edges can read. `clock` describes a fault of its
+/// clock.
 fn refusal(members: &Membership, index: usize, clock: Option<String>) -> Option<String> {
-    let given_up = || {
+    let failed = || {
         let failure = members.failure(index)?;
-        Some(format!("it has given up: {failure}"))
+        Some(format!("it has failed: {failure}"))
     };
     let refused = members.refused(index).map(str::to_owned);
-    refused.or(clock).or_else(given_up).map(wire::cut_refusal)
+    refused.or(clock).or_else(failed).map(wire::cut_refusal)
 }
 
 #[cfg(test)]
@@ -86,7 +86,7 @@ mod tests {
     use super::super::tests::venue;
     use super::*;
 
-    fn said(spoil: impl FnOnce(&mut Status)) -> Option<String> {
+    fn refusal_of(spoil: impl FnOnce(&mut Status)) -> Option<String> {
         let venue = venue();
         let mut members = Membership::new(&venue);
         let mut status = Status {
@@ -100,12 +100,13 @@ mod tests {
     }
 
     #[test]
-    fn who_says_the_longest_texts_is_refused_in_one_that_can_be_read() {
-        // Symptom to prevent: the reason was longer than any text may be, and no edge could read fusion.
-        let hash = said(|s| s.venue_hash = "h".repeat(MAX_HASH_BYTES)).unwrap();
+    fn refusals_with_the_longest_texts_can_be_read() {
+        // Symptom to prevent: the reason was longer than any text may be, and no edge could read fusion's status.
+        let hash = refusal_of(|s| s.venue_hash = "h".repeat(MAX_HASH_BYTES)).unwrap();
         assert!(hash.ends_with("copy the same file to both"), "{hash}");
-        let failure = said(|s| s.failure = Some("\u{2026}".repeat(MAX_TEXT_BYTES / 3))).unwrap();
-        assert!(failure.starts_with("it has given up: \u{2026}"));
+        let failure =
+            refusal_of(|s| s.failure = Some("\u{2026}".repeat(MAX_TEXT_BYTES / 3))).unwrap();
+        assert!(failure.contains('\u{2026}'), "{failure}");
         assert!(hash.len().max(failure.len()) <= MAX_REFUSAL_BYTES);
     }
 }

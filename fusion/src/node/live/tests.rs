@@ -1,4 +1,4 @@
-//! A live run over real sockets, with edges that follow a script.
+//! A live run over real sockets, with scripted edges.
 
 use std::path::Path;
 use std::time::Duration;
@@ -31,7 +31,7 @@ use crate::node::session::link::FusionSession;
 use crate::node::session::other_fusion::OtherFusionWatch;
 use crate::node::session::wiretap::WiretapHandle;
 
-/// Far above what a loaded machine takes; a test that waits as long has failed.
+/// Far above the time that a loaded machine needs; a longer wait is a failure.
 const PATIENCE: Duration = Duration::from_secs(40);
 const RATE_HZ: f64 = 30.0;
 const TICKS: i64 = 90;
@@ -69,15 +69,15 @@ async fn client(endpoint: &str) -> Session {
     zenoh::open(config).await.unwrap()
 }
 
-/// An edge that sees nobody.
+/// An edge without people.
 struct Scripted {
     index: u16,
-    /// How far its clock is off.
+    /// Offset of its clock.
     shift_us: i64,
     calibration_hash: String,
     venue_hash: String,
-    /// It sends some bytes that are no message with every tick.
-    babbles: bool,
+    /// Sends invalid bytes with every tick.
+    sends_invalid: bool,
     clock: VenueClock,
 }
 
@@ -108,7 +108,7 @@ impl Scripted {
         }
     }
 
-    /// Works until the run is over; returns how many box sets it has heard.
+    /// Runs until the end order; returns the number of received box sets.
     async fn run(self, endpoint: String) -> u32 {
         let session = client(&endpoint).await;
         let name = self.name();
@@ -126,16 +126,16 @@ impl Scripted {
             .unwrap();
         let own_us = || self.clock.now_us() + self.shift_us;
         let mut newest: Option<(BoxSet, i64)> = None;
-        let (mut last, mut heard, mut statuses) = (None, 0, 0u32);
+        let (mut last, mut received, mut statuses) = (None, 0, 0u32);
         loop {
             while let Ok(Some(sample)) = boxes.try_recv() {
                 let set: BoxSet = wire::decode(&sample.payload().to_bytes()).unwrap();
                 if set.order == Order::End {
                     drop(token);
                     session.close().await.unwrap();
-                    return heard;
+                    return received;
                 }
-                heard += 1;
+                received += 1;
                 newest = Some((set, own_us()));
             }
             statuses += 1;
@@ -146,7 +146,7 @@ impl Scripted {
                     .await
                     .unwrap();
             }
-            if let Some((set, heard_us)) = &newest {
+            if let Some((set, received_us)) = &newest {
                 let live = set.live.unwrap();
                 let time = TickTime::new(live.epoch_us, RATE_HZ);
                 let correction_us = live.clock_correction_us.unwrap_or(0);
@@ -159,7 +159,7 @@ impl Scripted {
                         clock_correction_us: correction_us,
                         echo: Some(BoxEcho {
                             sequence: live.sequence,
-                            held_us: (own_us() - heard_us) as u32,
+                            held_us: (own_us() - received_us) as u32,
                         }),
                     };
                     let set = PatchSet {
@@ -173,7 +173,7 @@ impl Scripted {
                         persons: Vec::new(),
                     };
                     patches.put(wire::encode(&set)).await.unwrap();
-                    if self.babbles {
+                    if self.sends_invalid {
                         patches.put(vec![0xff; 30]).await.unwrap();
                     }
                 }
@@ -183,7 +183,7 @@ impl Scripted {
     }
 }
 
-/// What somebody hears who listens to poses and fusion's status: ticks, and the last status with edges.
+/// Subscribes to poses and fusion's status; returns the ticks, and the last status with edges.
 async fn listen(endpoint: String, stop: CancellationToken) -> (Vec<i64>, Option<Status>) {
     let session = client(&endpoint).await;
     let poses = session.declare_subscriber("live-test/pose").await.unwrap();
@@ -211,7 +211,7 @@ async fn listen(endpoint: String, stop: CancellationToken) -> (Vec<i64>, Option<
     (ticks, newest)
 }
 
-/// A live run that listens on some port.
+/// A live run on any free port.
 fn live_config() -> FusionConfig {
     FusionConfig {
         mode: RunMode::Live,
@@ -220,12 +220,12 @@ fn live_config() -> FusionConfig {
             identity: None,
             validity: None,
         },
-        ..FusionConfig::of_venue(venue())
+        ..FusionConfig::with_venue(venue())
     }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off() {
+async fn a_run_goes_on_with_invalid_messages_a_refused_edge_and_wrong_clocks() {
     let out = tempfile::tempdir().unwrap();
     let config = live_config();
     let clock = VenueClock::start();
@@ -244,12 +244,12 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
         shift_us: shift_ms * 1000,
         calibration_hash: config.venue.hashes.calibration.clone(),
         venue_hash: config.venue.hashes.venue.clone(),
-        babbles: false,
+        sends_invalid: false,
         clock: clock.clone(),
     };
     let edges = [
         Scripted {
-            babbles: true,
+            sends_invalid: true,
             ..edge(0, 0)
         },
         edge(1, 20),
@@ -286,10 +286,10 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
     assert_eq!(ending.unwrap(), Ending::Done);
     summary.finish(None).unwrap();
     for edge in edges {
-        let heard = timeout(PATIENCE, edge).await.unwrap().unwrap();
+        let received = timeout(PATIENCE, edge).await.unwrap().unwrap();
         assert!(
-            heard > TICKS as u32 / 2,
-            "boxes go out at every tick: {heard}"
+            received > TICKS as u32 / 2,
+            "boxes are sent at every tick: {received}"
         );
     }
     timeout(PATIENCE, ends.close(&tasks, &leave)).await.unwrap();
@@ -297,10 +297,10 @@ async fn everybody_goes_on_while_one_babbles_one_is_refused_and_clocks_are_off()
     assert!(ticks.is_sorted_by(|a, b| a < b), "{ticks:?}");
     let newest = newest.unwrap();
     for stage in ["capture_to_pose", "pose_out", "patch_arrived"] {
-        let said = newest.stages.iter().find(|said| said.stage == stage);
-        assert!(said.is_some_and(|said| said.count > 10), "{stage}");
+        let time = newest.stages.iter().find(|time| time.stage == stage);
+        assert!(time.is_some_and(|time| time.count > 10), "{stage}");
     }
-    assert!(!newest.ready, "its last word says that no more ticks come");
+    assert!(!newest.ready, "its last status announces the end");
     check_links(&newest.live.unwrap().edges);
     check_summary(out.path());
 }

@@ -26,24 +26,23 @@ use super::output::summary_file::SummaryFile;
 use super::recording::RecordingThread;
 use super::session::interceptor::Interceptor;
 use super::session::link::FusionEnds;
-use super::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
-use super::session::mode::RunMode;
+use super::session::messages::{FusionIncoming, FusionOutgoing, Liveliness, RunMode};
 use super::status::failed_status;
 use super::worker::FusionWorker;
 use crate::pipeline::Pipeline;
 
 pub(super) use self::run::Outside;
 
-/// How long the edges may take to say their last word when a run is over.
+/// Time for the edges to send their last status at the end of a run.
 const FAREWELL: Duration = Duration::from_secs(3);
-/// How long a refusal stands on the wire before the session closes.
+/// Time between sending a refusal and closing the session.
 const REFUSAL: Duration = Duration::from_millis(500);
 
 /// A run in lock-step.
 pub(super) struct Begin<'a> {
     pub(super) config: &'a FusionConfig,
     pub(super) session: SessionId,
-    /// Where the results go.
+    /// The folder of the results.
     pub(super) out: &'a Path,
     pub(super) summary: &'a mut SummaryFile,
     pub(super) interceptor: &'a Interceptor,
@@ -51,7 +50,7 @@ pub(super) struct Begin<'a> {
 }
 
 impl Begin<'_> {
-    /// Waits for all edges, and runs.
+    /// Waits for all edges, then runs.
     pub(super) async fn lock_step(
         &mut self,
         pipeline: Pipeline,
@@ -99,7 +98,7 @@ impl Begin<'_> {
         let last_words = farewell(&mut run, outside.ends, venue.viewpoints.len()).await;
         let finished = worker.finish().await.map_err(NodeError::Failed)?;
         if finished.last.is_none() {
-            // There is nothing to sum up.
+            // There is nothing to summarise.
             return outcome;
         }
         let facts = RunFacts {
@@ -131,7 +130,7 @@ impl Begin<'_> {
     }
 }
 
-/// Hears the edges out: each says once more how it is, with its times, before it leaves.
+/// Waits for the last status of each edge, with its times.
 async fn farewell(
     run: &mut LockStepFusion<'_>,
     ends: &mut FusionEnds,
@@ -170,6 +169,6 @@ fn say_failure(config: &FusionConfig, ends: &FusionEnds, error: &NodeError) {
         .try_send(FusionOutgoing::Status(Box::new(status)))
         .is_err()
     {
-        warn!("the edges were not told: the queue is full");
+        warn!("the failure was not sent to the edges: the queue is full");
     }
 }

@@ -1,4 +1,4 @@
-//! Who is ready, and whether all nodes hold the same files. Sans-I/O: statuses in, an answer out.
+//! Readiness of the edges, and whether all nodes have the same files. Without I/O: statuses in, an answer out.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -8,16 +8,16 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use farfield_proto::venue::same_files::{OtherFile, OwnFiles};
 
-/// Why a run cannot begin.
+/// Reason why a run cannot begin.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub(in crate::node) enum NotReady {
-    /// An edge has read another file than fusion.
+    /// An edge has another file than fusion.
     #[error(
         "viewpoint {viewpoint} holds another {} than fusion: its fingerprint there is {}, here {}; start that edge with --from-fusion to fetch it, or copy the same file to both",
         other.what, other.theirs, other.ours
     )]
     OtherFile { viewpoint: String, other: OtherFile },
-    /// Two edges run different networks, whose maps do not compare.
+    /// Two edges run different networks, whose maps are not comparable.
     #[error(
         "viewpoints {first} and {second} run different networks: {first_hash} and {second_hash}"
     )]
@@ -27,15 +27,15 @@ pub(in crate::node) enum NotReady {
         second: String,
         second_hash: String,
     },
-    /// Two edges have the same name, and both are there.
-    #[error("two nodes call themselves {0}")]
+    /// Two running edges have the same name.
+    #[error("two nodes have the name {0}")]
     TwoOfAName(String),
-    /// A node of this name is not in the venue.
+    /// A node is not in the venue.
     #[error("a node named {0} is not a viewpoint of the venue")]
     UnknownNode(String),
-    /// The sources do not hold the ticks that are asked for.
+    /// The sources do not contain the requested ticks.
     #[error(
-        "viewpoint {viewpoint} holds ticks {from}..{to}, but {asked_from}..{asked_to} are asked for"
+        "viewpoint {viewpoint} has ticks {from}..{to}, but {asked_from}..{asked_to} are requested"
     )]
     TicksOutside {
         viewpoint: String,
@@ -44,9 +44,9 @@ pub(in crate::node) enum NotReady {
         asked_from: Tick,
         asked_to: Tick,
     },
-    /// Sources of different lengths, and nobody said which ticks to take.
+    /// The sources have different ticks, and no ticks are requested.
     #[error(
-        "viewpoint {first} holds ticks {first_from}..{first_to}, viewpoint {second} {second_from}..{second_to}; say --ticks A..B inside both"
+        "viewpoint {first} has ticks {first_from}..{first_to}, viewpoint {second} {second_from}..{second_to}; use --ticks A..B inside both"
     )]
     OtherTicks {
         first: String,
@@ -61,47 +61,46 @@ pub(in crate::node) enum NotReady {
     NoTicks,
 }
 
-/// What is known when a run begins.
+/// The state at the start of a run.
 #[derive(Debug)]
 pub(in crate::node) struct Start {
     /// The ticks of the run.
     pub(in crate::node) ticks: Range<Tick>,
-    /// The word of every edge, by name.
+    /// The status of every edge, by name.
     pub(in crate::node) edges: Vec<Status>,
 }
 
-/// Gathers a ready status of every viewpoint.
+/// Collects a ready status of every viewpoint.
 #[derive(Debug)]
 pub(in crate::node) struct Readiness {
     venue_hash: String,
     calibration_hash: String,
-    /// How the fingerprint of an edge's networks must begin, where that is known.
+    /// Prefix of the fingerprint of an edge's networks, if known.
     models: Option<String>,
-    asked: Option<Range<Tick>>,
+    requested: Option<Range<Tick>>,
     nodes: BTreeMap<String, Option<Status>>,
-    speakers: BTreeMap<String, Speakers>,
+    processes: BTreeMap<String, Processes>,
 }
 
-/// The processes that have called themselves by one name. An edge may start again before the old
-/// one's leave has come through; one that speaks after its follower has never left.
+/// The processes that used one name. A restarted edge may send before the departure of the old one arrives. If the old process
+/// sends again, it never left.
 #[derive(Debug)]
-struct Speakers {
+struct Processes {
     current: u64,
     former: BTreeSet<u64>,
 }
 
-/// Whether a word can be relied on.
+/// Whether a status counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Voice {
+enum ProcessState {
     Known,
-    /// The first word of a process that follows another. Were both there, the other would speak before
-    /// the next one.
+    /// The first status of a process that replaces another. If both run, the other sends before the next one.
     Follower,
 }
 
 impl Readiness {
-    /// For the viewpoints of `venue`, and the ticks that were asked for, if any.
-    pub(in crate::node) fn new(venue: &Venue, asked: Option<Range<Tick>>) -> Self {
+    /// Waits for the viewpoints of `venue`; `requested` are the ticks, if any were requested.
+    pub(in crate::node) fn new(venue: &Venue, requested: Option<Range<Tick>>) -> Self {
         let nodes = venue
             .viewpoints
             .iter()
@@ -111,18 +110,18 @@ impl Readiness {
             venue_hash: venue.hashes.venue.clone(),
             calibration_hash: venue.hashes.calibration.clone(),
             models: None,
-            asked,
+            requested,
             nodes,
-            speakers: BTreeMap::new(),
+            processes: BTreeMap::new(),
         }
     }
 
-    /// Refuses edges whose networks' fingerprint does not begin with `models`, where that is known.
+    /// From now on refuses edges whose network fingerprint does not begin with `models`, if given.
     pub(in crate::node) fn expect_models(&mut self, models: Option<&str>) {
         self.models = models.map(str::to_owned);
     }
 
-    /// Takes a node's word. A node that is not ready is noted once it is.
+    /// Adds the status of a node.
     pub(in crate::node) fn receive(&mut self, status: &Status) -> Result<(), NotReady> {
         let viewpoint = status.node.clone();
         if !self.nodes.contains_key(&viewpoint) {
@@ -138,14 +137,15 @@ impl Readiness {
         }
         self.check_network(status)?;
         self.check_ticks(status)?;
-        let counts = self.voice(status)? == Voice::Known && status.ready;
-        if counts || self.is_noted_of_another(status) {
-            self.nodes.insert(viewpoint, counts.then(|| status.clone()));
+        let is_counted = self.check_process(status)? == ProcessState::Known && status.ready;
+        if is_counted || self.is_stored_of_another(status) {
+            self.nodes
+                .insert(viewpoint, is_counted.then(|| status.clone()));
         }
         Ok(())
     }
 
-    /// A node has left before the start.
+    /// Removes a node that left before the start.
     pub(in crate::node) fn forget(&mut self, node: &str) {
         if let Some(status) = self.nodes.get_mut(node) {
             *status = None;
@@ -161,18 +161,18 @@ impl Readiness {
             .collect()
     }
 
-    /// What the nodes said, by viewpoint, of those that are ready.
+    /// The statuses of the ready nodes.
     pub(in crate::node) fn ready(&self) -> impl Iterator<Item = &Status> {
         self.nodes.values().flatten()
     }
 
-    /// The ticks of the run; `None` while someone is missing.
+    /// The ticks of the run; `None` while a node is missing.
     pub(in crate::node) fn ticks(&self) -> Result<Option<Range<Tick>>, NotReady> {
         if !self.missing().is_empty() {
             return Ok(None);
         }
-        if let Some(asked) = &self.asked {
-            return Ok(Some(asked.clone()));
+        if let Some(requested) = &self.requested {
+            return Ok(Some(requested.clone()));
         }
         let mut recorded = self
             .ready()
@@ -194,33 +194,33 @@ impl Readiness {
         Ok(Some(from..to))
     }
 
-    fn voice(&mut self, status: &Status) -> Result<Voice, NotReady> {
-        let speakers = self
-            .speakers
+    fn check_process(&mut self, status: &Status) -> Result<ProcessState, NotReady> {
+        let processes = self
+            .processes
             .entry(status.node.clone())
-            .or_insert_with(|| Speakers {
+            .or_insert_with(|| Processes {
                 current: status.process,
                 former: BTreeSet::new(),
             });
-        if speakers.current == status.process {
-            return Ok(Voice::Known);
+        if processes.current == status.process {
+            return Ok(ProcessState::Known);
         }
-        if speakers.former.contains(&status.process) {
+        if processes.former.contains(&status.process) {
             return Err(NotReady::TwoOfAName(status.node.clone()));
         }
-        speakers.former.insert(speakers.current);
-        speakers.current = status.process;
-        Ok(Voice::Follower)
+        processes.former.insert(processes.current);
+        processes.current = status.process;
+        Ok(ProcessState::Follower)
     }
 
-    fn is_noted_of_another(&self, status: &Status) -> bool {
-        let noted = self.nodes.get(&status.node).and_then(Option::as_ref);
-        noted.is_some_and(|noted| noted.process != status.process)
+    fn is_stored_of_another(&self, status: &Status) -> bool {
+        let stored = self.nodes.get(&status.node).and_then(Option::as_ref);
+        stored.is_some_and(|stored| stored.process != status.process)
     }
 
     fn check_network(&self, status: &Status) -> Result<(), NotReady> {
         let other = self.ready().find(|s| {
-            // A viewpoint of keypoint files runs no network, and fits any.
+            // A viewpoint of keypoint files runs no network, and matches any.
             s.node != status.node
                 && !s.network_hash.is_empty()
                 && !status.network_hash.is_empty()
@@ -237,10 +237,10 @@ impl Readiness {
     }
 
     fn check_ticks(&self, status: &Status) -> Result<(), NotReady> {
-        let (Some(asked), Some([from, to])) = (&self.asked, status.ticks) else {
+        let (Some(requested), Some([from, to])) = (&self.requested, status.ticks) else {
             return Ok(());
         };
-        if asked.start >= from && asked.end <= to {
+        if requested.start >= from && requested.end <= to {
             return Ok(());
         }
         let viewpoint = status.node.clone();
@@ -248,8 +248,8 @@ impl Readiness {
             viewpoint,
             from,
             to,
-            asked_from: asked.start,
-            asked_to: asked.end,
+            asked_from: requested.start,
+            asked_to: requested.end,
         })
     }
 }
@@ -259,15 +259,15 @@ pub(super) mod tests {
     use super::*;
     use farfield_proto::message::health::NodeHealth;
 
-    pub(in crate::node::lock_step) fn readiness(asked: Option<Range<Tick>>) -> Readiness {
+    pub(in crate::node::lock_step) fn readiness(requested: Option<Range<Tick>>) -> Readiness {
         let nodes = [("a".to_owned(), None), ("b".to_owned(), None)].into();
         Readiness {
             venue_hash: "v1".to_owned(),
             calibration_hash: "c1".to_owned(),
             models: None,
-            asked,
+            requested,
             nodes,
-            speakers: BTreeMap::new(),
+            processes: BTreeMap::new(),
         }
     }
 
@@ -294,7 +294,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn an_edge_with_another_network_than_fusions_files_is_refused_by_name() {
+    fn an_edge_with_another_network_is_refused_by_name() {
         let mut readiness = readiness(None);
         readiness.expect_models(Some("n1+d1"));
         let mut same = status("a");
@@ -303,12 +303,8 @@ pub(super) mod tests {
         let mut other = status("b");
         other.network_hash = "n2+d1+onnxruntime".to_owned();
         let text = readiness.receive(&other).unwrap_err().to_string();
-        assert!(
-            text.contains("network") && text.contains("viewpoint b"),
-            "{text}"
-        );
-        assert!(text.contains("--from-fusion"), "{text}");
-        // Keypoint files need none.
+        assert!(text.contains("viewpoint b"), "{text}");
+        // Keypoint files need no network.
         other.network_hash = String::new();
         readiness.receive(&other).unwrap();
     }
@@ -332,7 +328,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn two_edges_of_one_name_are_refused_but_one_may_start_again() {
+    fn two_edges_with_one_name_are_refused_but_one_may_restart() {
         let mut readiness = readiness(None);
         let second = Status {
             process: 2,
@@ -341,35 +337,30 @@ pub(super) mod tests {
         readiness.receive(&status("a")).unwrap();
         readiness.receive(&status("b")).unwrap();
         readiness.receive(&second).unwrap();
-        assert_eq!(readiness.missing(), ["a"], "the first may still be there");
+        assert_eq!(readiness.missing(), ["a"], "the first may still run");
         readiness.receive(&second).unwrap();
         assert!(readiness.missing().is_empty());
-        assert_eq!(
-            readiness.receive(&status("a")).unwrap_err().to_string(),
-            "two nodes call themselves a"
-        );
+        let error = readiness.receive(&status("a")).unwrap_err();
+        assert_eq!(error, NotReady::TwoOfAName("a".to_owned()));
     }
 
     #[test]
-    fn another_calibration_is_refused_by_viewpoint_and_file() {
+    fn another_calibration_is_refused_with_viewpoint_and_file() {
         let error = readiness(None)
             .receive(&Status {
                 calibration_hash: "c2".to_owned(),
                 ..status("b")
             })
             .unwrap_err();
-        let text = error.to_string();
-        assert!(
-            text.contains("viewpoint b")
-                && text.contains("calibration")
-                && text.contains("c2")
-                && text.contains("c1"),
-            "{text}"
-        );
+        let NotReady::OtherFile { viewpoint, other } = error else {
+            panic!("{error}");
+        };
+        assert_eq!((viewpoint.as_str(), other.what), ("b", "calibration"));
+        assert_eq!((other.theirs.as_str(), other.ours.as_str()), ("c2", "c1"));
     }
 
     #[test]
-    fn different_networks_are_refused_but_keypoint_files_fit_any() {
+    fn different_networks_are_refused_but_keypoint_files_match_any() {
         let mut readiness = readiness(None);
         readiness
             .receive(&Status {
@@ -397,10 +388,10 @@ pub(super) mod tests {
         open.receive(&status("a")).unwrap();
         open.receive(&shorter).unwrap();
         assert!(matches!(open.ticks(), Err(NotReady::OtherTicks { .. })));
-        let mut asked = readiness(Some(Tick(10)..Tick(60)));
-        asked.receive(&status("a")).unwrap();
-        asked.receive(&shorter).unwrap();
-        assert_eq!(asked.ticks(), Ok(Some(Tick(10)..Tick(60))));
+        let mut requested = readiness(Some(Tick(10)..Tick(60)));
+        requested.receive(&status("a")).unwrap();
+        requested.receive(&shorter).unwrap();
+        assert_eq!(requested.ticks(), Ok(Some(Tick(10)..Tick(60))));
         let mut outside = readiness(Some(Tick(10)..Tick(95)));
         assert!(outside.receive(&shorter).is_err());
     }

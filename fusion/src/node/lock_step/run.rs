@@ -1,7 +1,6 @@
 //! The loop of a lock-step run: gather a tick, step the core, send the boxes of the next.
 //!
-//! It never waits for the network: what it says goes into a bounded queue, and in lock-step there
-//! is never more under way than one tick.
+//! It never waits for the network: its messages go into a bounded queue, and in lock-step only one tick is in progress.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -31,30 +30,30 @@ use crate::node::session::wiretap::CopiedStep;
 use crate::node::status::check;
 use crate::node::worker::{FusionWorker, Stepped};
 
-/// How long the reason for leaving may take to arrive after a node has left.
+/// Time for the reason of a departure to arrive after a node has left.
 const LAST_WORD: Duration = Duration::from_millis(500);
 
-/// What a run receives, whom it tells how far it is, and what may stop it.
+/// The surroundings of a run: incoming messages, progress reports and the stop signal.
 pub(in crate::node) struct Outside<'a> {
     pub(in crate::node) ends: &'a mut FusionEnds,
     pub(in crate::node) reporter: &'a mut Reporter,
     pub(in crate::node) stop: &'a CancellationToken,
 }
 
-/// A run under way.
+/// A run in progress.
 pub(in crate::node) struct LockStepFusion<'a> {
     venue: &'a Venue,
     session: SessionId,
     ticks: Range<Tick>,
     gather: Gather,
     interceptor: &'a Interceptor,
-    /// What has passed over the links.
+    /// Traffic of the links.
     pub(in crate::node) tally: Tally,
-    /// The last tick that is done.
+    /// The last finished tick.
     pub(in crate::node) last: Option<Tick>,
     /// The viewpoints that have left.
     pub(in crate::node) gone: BTreeSet<String>,
-    /// The edges that were ready, by name: which process each is.
+    /// The process of each edge that was ready, by name.
     processes: BTreeMap<String, u64>,
     deadline: Option<Instant>,
 }
@@ -87,7 +86,7 @@ impl<'a> LockStepFusion<'a> {
     /// Runs from the first boxes to the last tick.
     ///
     /// # Errors
-    /// When a node leaves, fails, is silent for too long, or says what cannot be read: by name, with the tick.
+    /// A node leaves, fails, is silent for too long, or sends an unreadable message. The error has its name and the tick.
     pub(in crate::node) async fn run(
         &mut self,
         first: &[BoxSet],
@@ -134,7 +133,7 @@ impl<'a> LockStepFusion<'a> {
         }
     }
 
-    /// Tells every edge that the run is over.
+    /// Sends the end order to every edge.
     pub(in crate::node) fn send_end(&mut self, ends: &FusionEnds) {
         let tick = self.last.map_or(self.ticks.start, |last| last + 1);
         for viewpoint in 0..self.venue.viewpoints.len() {
@@ -151,14 +150,14 @@ impl<'a> LockStepFusion<'a> {
                 persons: Vec::new(),
             };
             let index = usize::from(viewpoint.0);
-            let bytes = wire::encode_as(&set, self.interceptor.spoken(index));
+            let bytes = wire::encode_as(&set, self.interceptor.version_for(index));
             if send(ends, FusionOutgoing::Boxes(index, bytes)).is_err() {
                 debug!("an end order was not sent: the queue is full");
             }
         }
     }
 
-    /// Takes a message; returns the node that has left, if one has.
+    /// Processes a message; returns the node if one has left.
     fn receive(&mut self, incoming: FusionIncoming) -> anyhow::Result<Option<String>> {
         let taken = match incoming {
             FusionIncoming::Patches(set, arrival) => {
@@ -181,7 +180,7 @@ impl<'a> LockStepFusion<'a> {
                 return Ok(Some(node));
             }
             FusionIncoming::Alive(..) => return Ok(None),
-            // The tick would never be complete.
+            // Without this message the tick would never be complete.
             FusionIncoming::Unreadable(key, error) => {
                 return Err(anyhow!(
                     "a message on {key} cannot be read, at tick {}: {error}",
@@ -196,19 +195,18 @@ impl<'a> LockStepFusion<'a> {
         Ok(None)
     }
 
-    /// Refuses an edge that takes another's name while that one works: nobody could tell whose patches
-    /// come.
+    /// Refuses a second process with the name of a running edge: its patches could not be distinguished.
     fn check_name(&self, status: &Status) -> anyhow::Result<()> {
         let is_another = |&process: &u64| process != status.process;
         anyhow::ensure!(
             !self.processes.get(&status.node).is_some_and(is_another),
-            "two nodes call themselves {}",
+            "two nodes have the name {}",
             status.node
         );
         Ok(())
     }
 
-    /// Publishes a tick's poses and the next boxes; true when that was the last tick.
+    /// Publishes a tick's poses and the next boxes; true after the last tick.
     fn stepped(
         &mut self,
         stepped: &mut Stepped,
@@ -243,7 +241,7 @@ impl<'a> LockStepFusion<'a> {
     fn send_boxes(&mut self, sets: &[BoxSet], ends: &FusionEnds) -> anyhow::Result<()> {
         for set in sets {
             let index = usize::from(set.viewpoint.0);
-            for bytes in box_messages(set, self.interceptor.spoken(index)) {
+            for bytes in box_messages(set, self.interceptor.version_for(index)) {
                 self.tally.boxes(set.viewpoint, bytes.len() as u64);
                 send(ends, FusionOutgoing::Boxes(index, bytes))?;
             }
@@ -262,7 +260,7 @@ impl<'a> LockStepFusion<'a> {
             .map(|v| v.name.as_str())
             .collect();
         anyhow!(
-            "no word of tick {} from viewpoint {} within {} s (`lockstep_timeout_s`)",
+            "no message for tick {} from viewpoint {} within {} s (`lockstep_timeout_s`)",
             self.gather.tick(),
             names.join(", "),
             self.venue.parameters.link.lockstep_timeout_s
@@ -291,5 +289,5 @@ impl<'a> LockStepFusion<'a> {
 fn send(ends: &FusionEnds, message: FusionOutgoing) -> anyhow::Result<()> {
     ends.outgoing
         .try_send(message)
-        .map_err(|_| anyhow!("the network takes no more messages"))
+        .map_err(|_| anyhow!("the send queue of the network is full"))
 }

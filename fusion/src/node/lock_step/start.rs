@@ -1,4 +1,4 @@
-//! The start of a lock-step run: fusion waits until every edge is there, ready and listening.
+//! The start of a lock-step run: fusion waits until every edge is present, ready and subscribed.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -14,26 +14,25 @@ use tracing::debug;
 use super::readiness::{Readiness, Start};
 use super::run::Outside;
 use crate::node::config::FusionConfig;
-use crate::node::given::check_given_ticks;
 use crate::node::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 use crate::node::status::{check, own_status};
+use crate::node::venue_checks::check_given_ticks;
 
-/// How often fusion says that it waits, and looks whether its boxes have listeners.
+/// Interval of fusion's statuses, and of checking that its boxes have subscribers.
 const CALL_EVERY: Duration = Duration::from_millis(100);
-/// Calls between two reminders, for a person who watches, of who is missing.
+/// Statuses between two reminders to the operator about missing edges.
 const REMIND_EVERY: u32 = 100;
-/// So many messages of a newer version, and their node has not heard us: it cannot speak as we do. It speaks ten times a
-/// second.
+/// Messages of a newer version after which a node cannot speak our version. It has received our status by then: it sends ten
+/// messages a second.
 const MAX_NEWER: u32 = 20;
 
-/// Waits for all edges; `None` when told to stop before.
+/// Waits for all edges; `None` if stopped before.
 ///
-/// By hand the wait has no end, as the other hosts may not even be switched on; under a parent it is as
-/// long as any other wait of lock-step.
+/// A node started by hand waits forever, because the other hosts may still be off. Under a parent the wait is limited as all
+/// others in lock-step.
 ///
 /// # Errors
-/// When an edge holds other files, fails, or (under a parent) does not come, or a person is given by
-/// hand at a tick that the run does not have.
+/// An edge has other files, fails, or (under a parent) does not come, or a `[[person]]` is at a tick outside the run.
 pub(in crate::node) async fn wait_until_ready(
     config: &FusionConfig,
     session: SessionId,
@@ -88,17 +87,17 @@ pub(in crate::node) async fn wait_until_ready(
     }
 }
 
-/// `newer` counts the messages of newer versions, by key.
+/// Processes a message; `newer` counts the messages of newer versions, by key.
 fn receive(
     readiness: &mut Readiness,
     newer: &mut BTreeMap<String, u32>,
     incoming: FusionIncoming,
 ) -> Result<(), NodeError> {
     match incoming {
-        // Fusion receives its own, too.
+        // Fusion also receives its own status.
         FusionIncoming::Status(status) if status.node == FUSION => Ok(()),
         FusionIncoming::Status(status) => {
-            // Whose files differ is refused, whatever else it says: it refuses us, too.
+            // Different files are reported before a failure, which may be the edge's refusal of our files.
             readiness.receive(&status).map_err(NodeError::refused)?;
             check(&status).map_err(NodeError::failed)
         }
@@ -108,7 +107,7 @@ fn receive(
         }
         FusionIncoming::Alive(_, Liveliness::There) => Ok(()),
         FusionIncoming::Patches(..) | FusionIncoming::Sightings(..) => {
-            debug!("a message from before the start");
+            debug!("a message before the start");
             Ok(())
         }
         FusionIncoming::Unreadable(key, error) => {
@@ -135,23 +134,23 @@ mod tests {
     use crate::node::lock_step::readiness::tests::readiness;
 
     #[test]
-    fn a_newer_node_may_find_our_version_and_one_that_does_not_is_named() {
+    fn a_newer_node_gets_time_to_find_our_version() {
         let mut readiness = readiness(None);
         let mut newer = BTreeMap::new();
         let key = || "link-test/status/a".to_owned();
-        let mut hear = |got| {
+        let mut receive_version = |got| {
             let incoming = FusionIncoming::Unreadable(key(), WireError::Version { got });
             receive(&mut readiness, &mut newer, incoming)
         };
         for _ in 0..MAX_NEWER {
-            hear(VERSION + 1).unwrap();
+            receive_version(VERSION + 1).unwrap();
         }
-        let error = hear(VERSION + 1).unwrap_err().to_string();
+        let error = receive_version(VERSION + 1).unwrap_err().to_string();
         let version = format!("version {}", VERSION + 1);
         assert!(
             error.contains("status/a") && error.contains(&version),
             "{error}"
         );
-        hear(OLDEST_READ - 1).unwrap_err();
+        receive_version(OLDEST_READ - 1).unwrap_err();
     }
 }

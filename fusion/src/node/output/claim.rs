@@ -1,7 +1,7 @@
-//! Where results go: never over something that is already there, and never where another run writes.
+//! The folder of the results: never over existing files, and never where another run writes.
 //!
-//! A run holds a lock on [`LOCK`] for as long as it lives, and so one that was killed is known by a lock that
-//! nobody holds: what it has left is made whole before the next run begins.
+//! A run holds a lock on [`LOCK`] while it lives. A killed run has left the file without a lock; its files are completed before
+//! the next run begins.
 
 use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
@@ -16,29 +16,29 @@ use tracing::warn;
 use super::made_folders::MadeFolders;
 use crate::export::salvage::salvage;
 
-/// Where the numbered folders of a venue go when nobody names one.
+/// The parent of a venue's numbered folders, used if no folder is given.
 const PARENT: &str = "farfield-out";
-/// The file that says that a run writes here.
+/// The lock file of a folder that a run writes to.
 const LOCK: &str = "run.lock";
-/// How often a lock is tried that whoever looks at it holds for an instant, and what is between two tries.
-const TRIES: usize = 40;
-const TRY_AGAIN: Duration = Duration::from_millis(5);
+/// Attempts to take a lock that a checking process holds for an instant, and their interval.
+const LOCK_ATTEMPTS: usize = 40;
+const LOCK_RETRY: Duration = Duration::from_millis(5);
 
-/// A folder that one run writes to and no other. Dropped, it is free; what was made for the run, folders above it too, is
-/// taken away where it is empty.
+/// A folder that exactly one run writes to. Dropping it frees the folder, and removes the folders that were created for it if
+/// they are empty.
 #[derive(Debug)]
 pub struct FolderClaim {
     folder: PathBuf,
     holder: Holder,
-    /// Held together by a run and the nodes that it has started; `None` where the file system has no locks.
+    /// Shared by a run and the nodes that it has started; `None` if the file system has no locks.
     lock: Option<File>,
-    /// Makes whole what killed runs have left.
+    /// The thread that completes the files of killed runs.
     salvage: Option<JoinHandle<()>>,
-    /// Those that were not there.
+    /// The folders that were created.
     _made: MadeFolders,
 }
 
-/// Who frees a folder in the end.
+/// The process that frees the folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Holder {
     /// This process.
@@ -48,26 +48,26 @@ enum Holder {
 }
 
 impl FolderClaim {
-    /// Claims `asked`, or without it the first `farfield-out/<venue>-<n>`, n from 1, that nobody has. What
-    /// runs have left there that were killed is made whole.
+    /// Claims `requested`, or by default the first free `farfield-out/<venue>-<n>`, n from 1. Files of killed runs there are
+    /// completed.
     ///
     /// # Errors
-    /// When `asked` holds something, is a file, is claimed, or a folder cannot be made: names it.
-    pub fn take(asked: Option<&Path>, venue: &str) -> anyhow::Result<Self> {
-        let Some(asked) = asked else {
+    /// `requested` is not empty, is a file or is claimed, or a folder cannot be created. The error names it.
+    pub fn take(requested: Option<&Path>, venue: &str) -> anyhow::Result<Self> {
+        let Some(requested) = requested else {
             return Self::numbered(Path::new(PARENT), venue);
         };
-        let parent = asked.parent().unwrap_or(Path::new(""));
+        let parent = requested.parent().unwrap_or(Path::new(""));
         let mut made = MadeFolders::with_parents(parent)?;
-        made.make(asked)?;
-        let mut claim = lock(asked, made)?;
-        claim.salvage_beside(parent, venue);
+        made.make(requested)?;
+        let mut claim = lock(requested, made)?;
+        claim.salvage_in(parent, venue);
         Ok(claim)
     }
 
-    /// The folder that the process which started this one has claimed for it.
+    /// The folder that the parent process has claimed for this one.
     pub(in crate::node) fn of_parent(folder: PathBuf) -> Self {
-        // Where the parent dies first the folder is still written to.
+        // If the parent dies first, this node still writes to the folder.
         let lock = File::open(folder.join(LOCK)).ok();
         Self {
             lock: lock.filter(|lock| lock.try_lock_shared().is_ok()),
@@ -84,16 +84,16 @@ impl FolderClaim {
             let folder = parent.join(format!("{venue}-{n}"));
             if made.make(&folder)? {
                 let mut claim = lock(&folder, made)?;
-                claim.salvage_beside(parent, venue);
+                claim.salvage_in(parent, venue);
                 return Ok(claim);
             }
         }
         Err(anyhow!("{} is full", parent.display()))
     }
 
-    /// Makes whole, on a thread that nobody waits for, what killed runs of `venue` have left in `parent`: of a long run
-    /// that is gigabytes to read. What the thread does not get done the next run does.
-    fn salvage_beside(&mut self, parent: &Path, venue: &str) {
+    /// Completes the files of killed runs of `venue` in `parent`, on a thread that delays no one: a long run may have left
+    /// gigabytes. The next run continues what the thread does not finish.
+    fn salvage_in(&mut self, parent: &Path, venue: &str) {
         let parent = if parent.as_os_str().is_empty() {
             PathBuf::from(".")
         } else {
@@ -103,11 +103,11 @@ impl FolderClaim {
         let thread = std::thread::Builder::new().name("salvage".to_owned());
         match thread.spawn(move || finish_killed(&parent, &venue)) {
             Ok(thread) => self.salvage = Some(thread),
-            Err(error) => warn!(%error, "what killed runs have left stays as it is"),
+            Err(error) => warn!(%error, "files of killed runs are not completed"),
         }
     }
 
-    /// Waits until all that killed runs have left is whole.
+    /// Waits until the files of killed runs are complete.
     #[cfg(test)]
     fn wait_for_salvage(&mut self) {
         self.salvage.take().unwrap().join().unwrap();
@@ -118,12 +118,12 @@ impl FolderClaim {
         &self.folder
     }
 
-    /// Makes whole what a node has left that was killed. Does nothing while one still writes.
+    /// Completes the files of a killed node. Does nothing while a node still writes.
     pub fn salvage(&self) {
-        // Only who holds it alone gets more than it has.
+        // Only the sole holder can take the exclusive lock.
         let is_alone = |lock: &File| lock.try_lock().is_ok();
         if self.lock.as_ref().is_none_or(is_alone) {
-            make_whole(&self.folder);
+            complete(&self.folder);
         }
     }
 }
@@ -139,7 +139,7 @@ impl Drop for FolderClaim {
     }
 }
 
-/// Of two runs that come to the same folder at once, one makes the file. What was `made` for the folder goes with the claim.
+/// Creates and locks the lock file; of two simultaneous runs only one succeeds. The claim also removes the folders `made`.
 fn lock(folder: &Path, made: MadeFolders) -> anyhow::Result<FolderClaim> {
     check_folder(folder)?;
     let path = folder.join(LOCK);
@@ -147,9 +147,9 @@ fn lock(folder: &Path, made: MadeFolders) -> anyhow::Result<FolderClaim> {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => return Err(taken(folder)),
         opened => opened.with_context(|| format!("making {}", path.display()))?,
     };
-    let lock = match hold(&file) {
+    let lock = match take_shared(&file) {
         Ok(()) => Some(file),
-        // Somebody takes it for that of a killed run, and takes it away.
+        // Another run takes it for the lock of a killed run, and removes it.
         Err(TryLockError::WouldBlock) => return Err(taken(folder)),
         Err(TryLockError::Error(_)) => None,
     };
@@ -160,7 +160,7 @@ fn lock(folder: &Path, made: MadeFolders) -> anyhow::Result<FolderClaim> {
         salvage: None,
         _made: made,
     };
-    // Another run may have come and gone since the folder was looked at, or have found the lock unheld.
+    // Another run may have come and gone since the check, or have found the file before it was locked.
     ensure!(path.exists(), taken(folder));
     ensure!(
         holds_only(folder, LOCK)?,
@@ -170,22 +170,21 @@ fn lock(folder: &Path, made: MadeFolders) -> anyhow::Result<FolderClaim> {
     Ok(claim)
 }
 
-/// Takes a lock that was just made, also where somebody looks at this moment whether it is held ([`is_written_to`]).
-fn hold(lock: &File) -> Result<(), TryLockError> {
-    for _ in 1..TRIES {
+/// Takes the lock of a new file, also while another process checks it ([`is_written_to`]).
+fn take_shared(lock: &File) -> Result<(), TryLockError> {
+    for _ in 1..LOCK_ATTEMPTS {
         match lock.try_lock_shared() {
-            Err(TryLockError::WouldBlock) => sleep(TRY_AGAIN),
+            Err(TryLockError::WouldBlock) => sleep(LOCK_RETRY),
             tried => return tried,
         }
     }
     lock.try_lock_shared()
 }
 
-/// Refuses a folder that holds something, and a path that is not a folder. Makes nothing; what a run has left
-/// in it that was killed is made whole.
+/// Refuses a folder that is not empty, and a path that is no folder. Creates nothing, but completes the files of a killed run.
 ///
 /// # Errors
-/// Names the path and what is wrong with it.
+/// Names the path and its fault.
 pub fn check_folder(path: &Path) -> anyhow::Result<()> {
     if !path.exists() {
         return Ok(());
@@ -202,7 +201,7 @@ pub fn check_folder(path: &Path) -> anyhow::Result<()> {
     let is_empty = holds_only(path, LOCK)?;
     ensure!(
         is_empty || !was_killed,
-        "output folder {shown} is not empty: it holds the results of a run that was killed, which are whole now; \
+        "output folder {shown} is not empty: it contains the results of a killed run, which are complete now; \
          name another"
     );
     ensure!(
@@ -212,22 +211,22 @@ pub fn check_folder(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Whether a run writes to `folder` now: one that was killed holds its lock no more. Where the file system has no locks, one
-/// that is there counts.
+/// Whether a run writes to `folder` now: a killed run no longer holds its lock. If the file system has no locks, the lock file
+/// itself counts.
 pub fn is_written_to(folder: &Path) -> bool {
     let lock = File::open(folder.join(LOCK));
     lock.is_ok_and(|lock| lock.try_lock().is_err())
 }
 
-/// Whether a run that was killed has left its lock in `folder`: what it has written there is still to be made whole.
+/// Whether a killed run has left its lock file in `folder`: its files are not completed yet.
 pub fn was_killed(folder: &Path) -> bool {
     folder.join(LOCK).exists() && !is_written_to(folder)
 }
 
-/// Makes whole what runs of `venue` have left in their numbered folders in `parent` that were killed.
+/// Completes the files of killed runs of `venue` in their numbered folders in `parent`.
 fn finish_killed(parent: &Path, venue: &str) {
     let Ok(entries) = parent.read_dir() else {
-        // A folder that cannot be read is told of by who wants to write there.
+        // An unreadable folder is reported by the run that wants to write there.
         return;
     };
     for entry in entries.flatten() {
@@ -235,25 +234,24 @@ fn finish_killed(parent: &Path, venue: &str) {
         let number = name.to_str().and_then(|name| name.strip_prefix(venue));
         let number = number.and_then(|rest| rest.strip_prefix('-'));
         let is_ours = number.is_some_and(|number| number.parse::<u32>().is_ok());
-        // A folder with nothing but its lock may be that of a run which is just about to hold it.
+        // A folder with only a lock file may belong to a run that is about to lock it.
         if is_ours && !holds_only(&entry.path(), LOCK).unwrap_or(true) {
             release(&entry.path());
         }
     }
 }
 
-/// Makes `folder` whole, and frees it, where the run was killed that had claimed it; says whether there was
-/// one.
+/// Completes the files in `folder` and frees it if its run was killed. Returns whether there was such a run.
 fn release(folder: &Path) -> bool {
     let path = folder.join(LOCK);
     let Ok(lock) = File::open(&path) else {
         return false;
     };
-    // Held while the files are made whole: two that begin at once do not get into each other's way.
+    // The lock is held during completion, so that two starting runs do not interfere.
     if lock.try_lock().is_err() || !path.exists() {
         return false;
     }
-    if !make_whole(folder) {
+    if !complete(folder) {
         return false;
     }
     if let Err(error) = fs::remove_file(&path) {
@@ -262,13 +260,13 @@ fn release(folder: &Path) -> bool {
     true
 }
 
-/// Says which files have become whole; whether all have.
-fn make_whole(folder: &Path) -> bool {
+/// Completes the files in `folder` and reports it; returns whether all are complete.
+fn complete(folder: &Path) -> bool {
     match salvage(folder) {
         Ok(files) if files.is_empty() => true,
         Ok(files) => {
             say(format_args!(
-                "{}: the run that wrote here was killed; {} files that it left are whole now",
+                "{}: the run that wrote here was killed; {} of its files were completed",
                 folder.display(),
                 files.len()
             ));
@@ -276,7 +274,7 @@ fn make_whole(folder: &Path) -> bool {
         }
         Err(error) => {
             say(format_args!(
-                "{}: what a killed run has left here is not whole: {error}",
+                "{}: the files of a killed run cannot be completed: {error}",
                 folder.display()
             ));
             false
@@ -317,11 +315,11 @@ mod tests {
         let empty = dir.path().join("empty");
         fs::create_dir(&empty).unwrap();
         drop(FolderClaim::take(Some(&empty), "hall").unwrap());
-        assert!(empty.exists(), "a folder that was there stays");
+        assert!(empty.exists(), "an existing folder stays");
         let deeper = dir.path().join("new/deeper");
         drop(FolderClaim::take(Some(&deeper), "hall").unwrap());
         let above = deeper.parent().unwrap();
-        assert!(!above.exists(), "folders that were made go when empty");
+        assert!(!above.exists(), "created folders are removed if empty");
         let file = dir.path().join("file");
         fs::write(&file, "x").unwrap();
         assert!(refused(&file).contains("found a file"));
@@ -354,23 +352,23 @@ mod tests {
         assert!(!is_written_to(&out));
         assert!(!was_killed(&out));
         killed(&out);
-        assert!(!is_written_to(&out), "its lock is there, and nobody's");
+        assert!(!is_written_to(&out), "the lock file is not locked");
         assert!(was_killed(&out));
     }
 
     #[test]
-    fn a_run_that_begins_is_not_held_up_by_who_looks_whether_one_does() {
+    fn a_check_of_the_lock_does_not_stop_a_starting_run() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join(LOCK);
         let lock = File::create_new(&path).unwrap();
-        let looks = File::open(&path).unwrap();
-        looks.try_lock().unwrap();
-        let looking = std::thread::spawn(move || drop(looks));
-        hold(&lock).unwrap();
-        looking.join().unwrap();
+        let checked = File::open(&path).unwrap();
+        checked.try_lock().unwrap();
+        let check = std::thread::spawn(move || drop(checked));
+        take_shared(&lock).unwrap();
+        check.join().unwrap();
     }
 
-    /// What a run leaves that is killed at its second tick: its lock dies with it.
+    /// Creates the files that a run leaves if it is killed at its second tick. Its lock ends with it.
     fn killed(folder: &Path) {
         fs::create_dir_all(folder).unwrap();
         fs::write(folder.join(LOCK), "").unwrap();
@@ -382,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn what_killed_runs_of_the_venue_left_is_whole_when_the_next_begins() {
+    fn files_of_killed_runs_of_the_venue_are_completed_by_the_next() {
         let dir = tempfile::tempdir().unwrap();
         let folder = |name: &str| dir.path().join(name);
         for name in ["hall-1", "hall-3", "hall-3-1"] {
@@ -395,26 +393,22 @@ mod tests {
             assert_eq!(poses(&folder(name)), "{\"tick\":1}\n");
             assert_eq!(fs::read_dir(folder(name)).unwrap().count(), 1, "no lock");
         }
-        assert!(folder("hall-3-1").join(LOCK).exists(), "another venue's");
+        assert!(folder("hall-3-1").join(LOCK).exists(), "another venue");
         fs::write(running.folder().join("poses.jsonl.tmp"), "half").unwrap();
         let mut next = FolderClaim::take(Some(&folder("named")), "hall").unwrap();
         next.wait_for_salvage();
         let half = fs::read_to_string(running.folder().join("poses.jsonl.tmp")).unwrap();
-        assert_eq!(half, "half", "a run that lives is left alone");
+        assert_eq!(half, "half", "a running run is not changed");
         drop((running, next));
     }
 
     #[test]
-    fn a_named_folder_of_a_killed_run_is_made_whole_and_refused() {
+    fn a_named_folder_of_a_killed_run_is_completed_and_refused() {
         let dir = tempfile::tempdir().unwrap();
         killed(dir.path());
-        let said = refused(dir.path());
-        assert!(
-            said.contains("killed") && said.contains("whole now"),
-            "{said}"
-        );
+        assert!(refused(dir.path()).contains("killed run"));
         assert_eq!(poses(dir.path()), "{\"tick\":1}\n");
-        assert!(refused(dir.path()).contains("name another, or empty it"));
+        assert!(refused(dir.path()).contains("or empty it"));
         let empty = dir.path().join("empty");
         fs::create_dir(&empty).unwrap();
         fs::write(empty.join(LOCK), "").unwrap();
@@ -422,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_is_held_by_the_nodes_of_a_run_that_was_killed_itself() {
+    fn the_nodes_of_a_killed_run_still_hold_its_folder() {
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("out");
         let run = FolderClaim::take(Some(&out), "hall").unwrap();
@@ -433,16 +427,16 @@ mod tests {
             out.join("poses.jsonl.tmp").exists(),
             "the node may still write"
         );
-        // Killed, it takes nothing away.
+        // A killed process removes nothing.
         let FolderClaim { lock, .. } = &mut *std::mem::ManuallyDrop::new(run);
         drop(lock.take());
         assert!(refused(&out).contains("another run"));
         drop(node);
-        assert!(refused(&out).contains("whole now"));
+        assert!(refused(&out).contains("killed run"));
     }
 
     #[test]
-    fn folders_that_nobody_names_are_numbered() {
+    fn unnamed_folders_are_numbered() {
         let dir = tempfile::tempdir().unwrap();
         let [first, second] = [1, 2].map(|_| FolderClaim::numbered(dir.path(), "hall").unwrap());
         assert_eq!(first.folder(), dir.path().join("hall-1"));
@@ -450,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_is_refused_leaves_not_even_the_folder_of_all_runs() {
+    fn a_refused_run_leaves_no_folder() {
         let dir = tempfile::tempdir().unwrap();
         let parent = dir.path().join("farfield-out");
         let [first, second] = [1, 2].map(|_| FolderClaim::numbered(&parent, "hall").unwrap());

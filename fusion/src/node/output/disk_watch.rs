@@ -1,6 +1,6 @@
-//! Watches a disk that is written to: waits for room where it is full, tries again what it refuses, and reports what is wrong.
+//! Watches a disk: waits for room on a full disk, repeats refused writes, and reports problems.
 //!
-//! Each thing is reported once on the terminal, and in the status for as long as it lasts.
+//! Each problem is printed once, and stays in the status while it lasts.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -13,29 +13,29 @@ use farfield_node::process::say;
 
 use crate::export::disk_policy::{DiskPolicy, is_full};
 
-/// How often a disk that was full, or takes no file, is asked again.
+/// Interval of attempts on a full disk, or one that takes no file.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Tries of a disk that stays full between two calls of what may make room.
+/// Attempts on a full disk between two calls that may make room.
 const MAKE_ROOM_EVERY: u32 = 60;
 
-/// How often a write that was refused is tried again, and for how long after the first refusal: a bus is reset within a second.
+/// Interval of repeating a refused write, and the time from the first refusal to giving up: a bus is reset within a second.
 const REFUSED_RETRY: Duration = Duration::from_millis(100);
 const REFUSED_FOR: Duration = Duration::from_millis(1500);
 
-/// A write that takes longer is reported: a disk that wakes up takes no longer, and the queues hold many times as much.
+/// A longer write is reported. A disk that wakes up is faster, and the queues hold many times as much.
 const STALLED_AFTER: Duration = Duration::from_secs(2);
 
-/// Why what finds no room waits.
+/// The reason for waiting on a full disk.
 const FULL: &str = "the disk is full";
 
-/// What may make room on a disk that is full.
+/// May make room on a full disk.
 type MakeRoom = Box<dyn Fn() + Send + Sync>;
 
-/// What finds no room waits for it, from [`DiskWatch::start`] to [`DiskWatch::stop`].
+/// A watched disk. Writes that find no room wait from [`DiskWatch::start`] to [`DiskWatch::stop`].
 pub(in crate::node) struct DiskWatch {
     make_room: Option<MakeRoom>,
-    /// What finds no place in the queue of who writes, since the start, and what it is.
+    /// The number of lost items of the writer's queue since the start, and their name.
     lost: Arc<AtomicU64>,
     unit: &'static str,
     is_patient: Mutex<bool>,
@@ -45,15 +45,15 @@ pub(in crate::node) struct DiskWatch {
 
 #[derive(Debug, Default)]
 struct DiskState {
-    /// The file that waits, and why.
+    /// The waiting file and the reason.
     waits: Option<(PathBuf, String)>,
-    /// Tries to find room, since it is full.
+    /// Attempts since the disk is full.
     tries: u32,
-    /// Since when writes are refused.
+    /// Time of the first refusal.
     refused_since: Option<Instant>,
-    /// The last that was refused for good, and how many there were.
+    /// The last permanent refusal, and their number.
     refused: Option<(String, usize)>,
-    /// What is being written.
+    /// The current write.
     work: Option<Work>,
 }
 
@@ -72,7 +72,7 @@ impl Work {
     }
 }
 
-/// A piece of work on the disk, until it is dropped.
+/// A piece of work on the disk, which ends on drop.
 pub(in crate::node) struct Writing<'a>(&'a DiskWatch);
 
 impl fmt::Debug for DiskWatch {
@@ -85,7 +85,7 @@ impl fmt::Debug for DiskWatch {
 }
 
 impl DiskWatch {
-    /// Of a disk to which a queue of so many `unit` is written; `lost` counts those that find no place in it.
+    /// Watches a disk that a queue of `unit` is written to; `lost` counts those lost by the queue.
     pub(in crate::node) fn of_queue(unit: &'static str, lost: Arc<AtomicU64>) -> Self {
         Self {
             make_room: None,
@@ -97,24 +97,24 @@ impl DiskWatch {
         }
     }
 
-    /// On a disk that is full, `make_room` is called at once and then every minute: the thread that waits for the room cannot.
+    /// Calls `make_room` when the disk is full, at once and then every minute; the waiting thread itself cannot make room.
     pub(in crate::node) fn making_room(self, make_room: impl Fn() + Send + Sync + 'static) -> Self {
         let make_room: Option<MakeRoom> = Some(Box::new(make_room));
         Self { make_room, ..self }
     }
 
-    /// From now on what finds no room waits.
+    /// From now on writes that find no room wait.
     pub(in crate::node) fn start(&self) {
         *self.lock() = true;
     }
 
-    /// From now on what finds no room is an error, also what waits already.
+    /// From now on writes that find no room fail, including those that wait.
     pub(in crate::node) fn stop(&self) {
         *self.lock() = false;
         self.changed.notify_all();
     }
 
-    /// Says that `path` is written to, until what it returns is dropped.
+    /// Marks `path` as being written until the result is dropped.
     pub(in crate::node) fn writing(&self, path: &Path) -> Writing<'_> {
         self.state().work = Some(self.work_on(path));
         Writing(self)
@@ -129,8 +129,7 @@ impl DiskWatch {
         }
     }
 
-    /// What is wrong with the disk, in words, while something is. Called once a second: a write that does not return is reported
-    /// on the terminal here.
+    /// Describes the current problem, if any. Call it once a second: it also prints a write that does not return.
     pub(in crate::node) fn notice(&self) -> Option<String> {
         let mut state = self.state();
         if let Some((path, why)) = &state.waits {
@@ -141,7 +140,7 @@ impl DiskWatch {
         {
             let (lost, unit) = (self.lost() - work.lost_before, self.unit);
             let notice = format!(
-                "{}: the disk has not answered for {} s, {lost} {unit} are lost so far; what is to be written waits for it",
+                "{}: the disk has not answered for {} s, {lost} {unit} are lost so far; all writes wait for it",
                 work.path.display(),
                 lasts.as_secs()
             );
@@ -181,7 +180,7 @@ impl DiskWatch {
         drop(waited.unwrap_or_else(PoisonError::into_inner));
     }
 
-    /// Reports that a disk has answered which had not for long.
+    /// Reports that the disk answers again after a reported stall.
     fn report_answer(&self, work: &Work) {
         if work.is_reported {
             let lasted = clock::now().duration_since(work.since);
@@ -235,7 +234,7 @@ impl DiskPolicy for DiskWatch {
             make_room();
         }
         self.pause(RETRY);
-        // Also at the end once more: there may be room by now.
+        // At the end it is tried once more: there may be room by now.
         true
     }
 
@@ -249,7 +248,7 @@ impl DiskPolicy for DiskWatch {
     }
 
     fn took(&self, path: &Path) {
-        // What still fits in at the end is not worth a word.
+        // A success at the end is not reported.
         let is_patient = *self.lock();
         let mut state = self.state();
         state.refused_since = None;
@@ -261,7 +260,7 @@ impl DiskPolicy for DiskWatch {
         let work = std::mem::replace(&mut state.work, next);
         drop(state);
         if let Some((_, why)) = waited {
-            // A disk that was full has answered all the time.
+            // A full disk has always answered.
             if is_patient {
                 let room = if why == FULL {
                     "there is room again, and "
@@ -286,7 +285,7 @@ impl DiskPolicy for DiskWatch {
 
 fn in_words(path: &Path, why: &str) -> String {
     format!(
-        "{}: {why}; what is to be written waits until it can be",
+        "{}: {why}; writing waits until it is possible",
         path.display()
     )
 }
@@ -303,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_be_deleted_is_deleted_before_anything_waits() {
+    fn room_is_made_before_writes_wait() {
         let called = Arc::new(AtomicU32::new(0));
         let counts = Arc::clone(&called);
         let disk = watch().making_room(move || {
@@ -312,7 +311,7 @@ mod tests {
         let (path, full) = (Path::new("a.mcap"), Error::from(ErrorKind::StorageFull));
         assert!(
             !disk.try_again(path, &full),
-            "nothing waits before the start"
+            "no write waits before the start"
         );
         assert_eq!(called.load(Ordering::Relaxed), 0);
         disk.start();
@@ -331,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn a_write_that_does_not_return_is_reported_with_what_is_lost_meanwhile() {
+    fn a_stalled_write_is_reported_with_its_losses() {
         let disk = watch();
         let writing = disk.writing(Path::new("a.mcap"));
         assert_eq!(disk.notice(), None, "not yet");
@@ -342,9 +341,9 @@ mod tests {
         work(|work, since| work.since = since);
         disk.lost.fetch_add(7, Ordering::Relaxed);
         let notice = disk.notice().unwrap();
-        let words = "a.mcap: the disk has not answered for 22 s, 7 messages are lost so far";
+        let words = "a.mcap: the disk has not answered for 22 s, 7 messages";
         assert!(notice.starts_with(words), "{notice}");
-        // A piece of work is many writes: each that returns is an answer.
+        // One piece of work is many writes; each that returns is an answer.
         disk.took(Path::new("a.mcap"));
         assert_eq!(disk.notice(), None);
         work(|work, since| work.since = since);
@@ -354,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn a_write_that_is_refused_is_tried_for_a_while_and_files_share_it() {
+    fn a_refused_write_is_repeated_and_files_share_the_time() {
         let disk = watch();
         let error = Error::from_raw_os_error(5);
         let from = clock::now();

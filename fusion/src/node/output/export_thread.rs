@@ -1,4 +1,4 @@
-//! The thread that writes the files of poses: a disk that hangs, or is full, holds up nobody else.
+//! The thread that writes the pose files, so that a hanging or full disk delays no other thread.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,19 +19,17 @@ use super::pose_queue::{FinalPoses, PoseQueue, Taken};
 use crate::export::disk_policy::DiskPolicy;
 use crate::export::run_clock::RunEnd;
 use crate::export::summary::PosesSummary;
-use crate::node::session::mode::RunMode;
+use crate::node::session::messages::RunMode;
 
-/// How often the files of persons go to the disk. `poses.jsonl` does with every chunk, and has all that
-/// they have.
+/// Interval of syncing the files of persons. `poses.jsonl`, which has the same data, is synced with every chunk.
 const SYNC_PERSONS: Duration = Duration::from_secs(10);
 
-/// The handle on the thread. Live it never waits: what finds no place is counted. In lock-step and in
-/// a replay it waits for a place, and nothing is lost. Dropped before it is finished, it completes the files
-/// of what was handed over.
+/// The handle of the thread. In a live run it never waits, and counts the ticks that find no place. In lock-step and in a replay
+/// it waits for a place, and loses nothing. Dropping it completes the files with the ticks handed over so far.
 pub(in crate::node) struct ExportThread {
     mode: RunMode,
     shared: Arc<Shared>,
-    /// `None` once it is waited for.
+    /// `None` after joining.
     thread: Option<JoinHandle<Exported>>,
     /// Whether any tick was handed over.
     has_begun: bool,
@@ -40,12 +38,12 @@ pub(in crate::node) struct ExportThread {
     refused_smoothed: u64,
 }
 
-/// What handle and thread know of each other.
+/// Shared by handle and thread.
 #[derive(Debug)]
 struct Shared {
     queue: PoseQueue,
     has_failed: AtomicBool,
-    /// Whether the files are not wanted after all.
+    /// Whether the files are to be removed.
     is_discarded: AtomicBool,
     /// Ticks that found no place in the queue.
     refused: Arc<AtomicU64>,
@@ -56,7 +54,7 @@ impl ExportThread {
     /// Starts the files in `folder`, which must exist, and the thread.
     ///
     /// # Errors
-    /// When a file cannot be made, or no thread starts.
+    /// A file cannot be created, or no thread starts.
     pub(in crate::node) fn start(
         folder: &Path,
         venue: &Venue,
@@ -100,7 +98,7 @@ impl ExportThread {
         })
     }
 
-    /// Hands over ticks that will not change any more, in order.
+    /// Hands over final ticks, in order.
     pub(in crate::node) fn write(&mut self, finished: Vec<PoseSet>, smoothed: Vec<PoseSet>) {
         for poses in finished {
             self.hand_over(FinalPoses::Live(poses), self.mode);
@@ -121,7 +119,7 @@ impl ExportThread {
         };
         if self.refused + self.refused_smoothed == 0 {
             say(format_args!(
-                "error: the disk does not take the poses in time: some ticks will be missing from the files"
+                "error: the disk is too slow for the poses: some ticks will be missing from the files"
             ));
         }
         self.shared.refused.fetch_add(1, Ordering::Relaxed);
@@ -131,27 +129,26 @@ impl ExportThread {
         }
     }
 
-    /// Whether the files wait for room on their disk.
+    /// The watch of the files' disk.
     pub(in crate::node) fn disk_watch(&self) -> Arc<DiskWatch> {
         Arc::clone(&self.shared.disk)
     }
 
-    /// Whether nothing is written any more.
+    /// Whether writing has failed for good.
     pub(in crate::node) fn has_failed(&self) -> bool {
         self.shared.has_failed.load(Ordering::Relaxed)
     }
 
-    /// Hands over the last ticks, waits until all are written as far as there is room, and completes the
-    /// files.
+    /// Hands over the last ticks, waits until they are written if there is room, and completes the files.
     ///
     /// # Errors
-    /// When the thread has panicked.
+    /// The thread has panicked.
     pub(in crate::node) fn finish(
         mut self,
         finished: Vec<PoseSet>,
         smoothed: Vec<PoseSet>,
     ) -> anyhow::Result<Exported> {
-        // A full disk is not waited for any more, and so there will be a place for everything.
+        // The thread no longer waits for a full disk, so every tick finds a place.
         self.shared.disk.stop();
         self.mode = RunMode::LockStep;
         self.write(finished, smoothed);
@@ -165,10 +162,10 @@ impl ExportThread {
         Ok(exported)
     }
 
-    /// Takes the files away: those of a run without a tick would only be in the way.
+    /// Removes the files of a run without ticks.
     ///
     /// # Errors
-    /// When the thread has panicked.
+    /// The thread has panicked.
     pub(in crate::node) fn discard(mut self) -> anyhow::Result<()> {
         self.shared.is_discarded.store(true, Ordering::Relaxed);
         self.join().map(drop)
@@ -190,35 +187,35 @@ impl Drop for ExportThread {
             self.shared
                 .is_discarded
                 .store(is_unwanted, Ordering::Relaxed);
-            // Whoever drops it has another failure to tell.
+            // The caller that drops it has another failure to report.
             drop(self.join());
         }
     }
 }
 
-/// Why a run has failed whose files lack something.
+/// The failure of a run whose files are incomplete.
 pub(in crate::node) fn missing(poses: &PosesSummary) -> anyhow::Error {
     let n_ticks = poses.unwritten_ticks;
     let smoothed = match poses.unwritten_smoothed_ticks {
         0 => String::new(),
         n => format!(", and the smoothed ones of {n}"),
     };
-    let why = poses.failure.as_deref();
-    let why = why.unwrap_or("the disk was too slow");
-    anyhow!("the poses of {n_ticks} ticks{smoothed} could not be written: {why}")
+    let reason = poses.failure.as_deref();
+    let reason = reason.unwrap_or("the disk was too slow");
+    anyhow!("the poses of {n_ticks} ticks{smoothed} could not be written: {reason}")
 }
 
-/// What the thread owns.
+/// The state of the thread.
 struct ExportWork {
     exporter: Exporter,
     folder: PathBuf,
     mode: RunMode,
-    /// How often lines go to the disk.
+    /// Interval of syncing the lines.
     chunk: Duration,
     shared: Arc<Shared>,
 }
 
-/// However the thread ends, nobody waits for a place any more.
+/// Releases waiting callers, however the thread ends.
 struct Abandon(Arc<Shared>);
 
 impl Drop for Abandon {
@@ -241,7 +238,7 @@ impl ExportWork {
                 Taken::Poses(poses) => {
                     let _writing = shared.disk.writing(&self.folder);
                     let written = self.exporter.write(&poses);
-                    self.note(written);
+                    self.check(written);
                 }
                 Taken::Nothing => {}
                 Taken::End => break,
@@ -250,13 +247,13 @@ impl ExportWork {
             if now >= lines_at {
                 let _writing = shared.disk.writing(&self.folder);
                 let synced = self.exporter.sync_lines();
-                self.note(synced);
+                self.check(synced);
                 lines_at = clock::now() + self.chunk;
             }
             if now >= persons_at {
                 let _writing = shared.disk.writing(&self.folder);
                 let synced = self.exporter.sync_persons();
-                self.note(synced);
+                self.check(synced);
                 persons_at = clock::now() + SYNC_PERSONS;
             }
         }
@@ -266,8 +263,8 @@ impl ExportWork {
         self.exporter.finish()
     }
 
-    /// A live run goes on without its files, and says so; others end, and say it then.
-    fn note(&self, written: anyhow::Result<()>) {
+    /// Records a failure. A live run continues without its files and prints the failure; others end with it.
+    fn check(&self, written: anyhow::Result<()>) {
         if let Err(error) = written
             && !self.shared.has_failed.swap(true, Ordering::Relaxed)
             && self.mode == RunMode::Live

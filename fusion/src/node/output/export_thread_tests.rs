@@ -1,4 +1,4 @@
-//! Poses on disks that are full, or hang. Making such disks takes root.
+//! Pose files on full or hanging disks. Making such disks needs root.
 
 use std::fs;
 use std::path::PathBuf;
@@ -13,22 +13,22 @@ use crate::export::fixture;
 use crate::export::summary::Summary;
 use crate::node::live::tests::venue;
 
-/// Far more than one thread of a loaded machine is kept from working; far less than a disk hangs here.
+/// Far more than a loaded machine delays one thread, and far less than the disk hangs here.
 const AT_ONCE: Duration = Duration::from_millis(500);
 const PEOPLE: [(u32, farfield_proto::message::PersonState); 2] = [(1, Tracked), (2, Tracked)];
 const TICKS: i64 = 1500;
 
-/// A disk of its own; gone when dropped.
+/// A mounted disk, unmounted on drop.
 struct Disk {
     at: PathBuf,
     _folder: tempfile::TempDir,
 }
 
 impl Disk {
-    /// A disk of one MiB, of which most is taken up by a file of nobody's.
+    /// A disk of one MiB, mostly filled by another file.
     ///
     /// # Errors
-    /// Why there is none.
+    /// The disk cannot be mounted.
     fn small() -> Result<Self, String> {
         let disk = Self::mount(|_| vec!["-t", "tmpfs", "-o", "size=1m", "tmpfs"])?;
         fs::write(disk.ballast(), vec![1; 700 << 10]).unwrap();
@@ -38,11 +38,11 @@ impl Disk {
     /// A disk that can be made to hang.
     ///
     /// # Errors
-    /// Why there is none.
+    /// The disk cannot be mounted.
     fn freezable() -> Result<Self, String> {
         Self::mount(|image| {
             fs::File::create(image).unwrap().set_len(16 << 20).unwrap();
-            drop(said(Command::new("mkfs.ext4").arg("-q").arg(image)));
+            drop(run(Command::new("mkfs.ext4").arg("-q").arg(image)));
             vec!["-o", "loop", image]
         })
     }
@@ -53,7 +53,7 @@ impl Disk {
         fs::create_dir(&at).unwrap();
         let image = folder.path().join("image").display().to_string();
         let mut mount = Command::new("mount");
-        said(mount.args(options(image.leak())).arg(&at))?;
+        run(mount.args(options(image.leak())).arg(&at))?;
         Ok(Self {
             at,
             _folder: folder,
@@ -64,7 +64,7 @@ impl Disk {
         self.at.join("ballast")
     }
 
-    /// Makes it hang for so many seconds. Another process lets it go again, whatever happens here.
+    /// Freezes the disk for this time. Another process unfreezes it, even if the test fails.
     fn freeze(&self, seconds: u32) -> Child {
         let script = format!("fsfreeze -f \"$0\" && sleep {seconds}; fsfreeze -u \"$0\"");
         let mut freeze = Command::new("sh");
@@ -76,11 +76,11 @@ impl Disk {
 
 impl Drop for Disk {
     fn drop(&mut self) {
-        drop(said(Command::new("umount").arg("-l").arg(&self.at)));
+        drop(run(Command::new("umount").arg("-l").arg(&self.at)));
     }
 }
 
-fn said(command: &mut Command) -> Result<(), String> {
+fn run(command: &mut Command) -> Result<(), String> {
     let output = command.output().map_err(|error| error.to_string())?;
     if output.status.success() {
         Ok(())
@@ -89,7 +89,7 @@ fn said(command: &mut Command) -> Result<(), String> {
     }
 }
 
-/// The disk, or a word on why the test is skipped.
+/// The disk, or a line that the test is skipped.
 fn or_skip(disk: Result<Disk, String>) -> Option<Disk> {
     disk.map_err(|reason| println!("SKIPPED: no disk of our own: {reason}"))
         .ok()
@@ -100,7 +100,7 @@ fn start(disk: &Disk, mode: RunMode) -> ExportThread {
     ExportThread::start(&disk.at, &venue(), &keypoints, mode).unwrap()
 }
 
-/// Hands over these ticks; how long the longest took.
+/// Hands over these ticks; returns the longest time for one.
 fn hand_over(
     exporter: &mut ExportThread,
     ticks: std::ops::Range<i64>,
@@ -115,8 +115,8 @@ fn hand_over(
     took.max().unwrap_or_default()
 }
 
-/// The ticks of `poses.jsonl` with all people, each line whole; and as many rows in every other file as its
-/// head says.
+/// The number of ticks in `poses.jsonl` with all people. Checks that each line is complete, and that every other file has the
+/// number of rows in its header.
 fn whole_ticks(disk: &Disk) -> u64 {
     let read = |name: &str| fs::read_to_string(disk.at.join(name)).unwrap();
     let lines = read("poses.jsonl");
@@ -132,16 +132,16 @@ fn whole_ticks(disk: &Disk) -> u64 {
         whole
             .clone()
             .zip(expected)
-            .all(|(found, tick)| found[0] == tick)
+            .all(|(lines, tick)| lines[0] == tick)
     );
     for (person, _) in PEOPLE {
         let trc = read(&format!("poses_{person}.trc"));
-        let told = trc.lines().nth(2).unwrap().split('\t').nth(2).unwrap();
-        assert_eq!(told, (trc.lines().count() - 5).to_string());
+        let header = trc.lines().nth(2).unwrap().split('\t').nth(2).unwrap();
+        assert_eq!(header, (trc.lines().count() - 5).to_string());
         let mot = read(&format!("angles_{person}.mot"));
-        let told = mot.lines().find_map(|line| line.strip_prefix("nRows="));
+        let header = mot.lines().find_map(|line| line.strip_prefix("nRows="));
         let rows = mot.lines().skip_while(|line| *line != "endheader").count() - 2;
-        assert_eq!(told.unwrap(), rows.to_string());
+        assert_eq!(header.unwrap(), rows.to_string());
         assert!(trc.ends_with('\n') && mot.ends_with('\n'));
     }
     let names = fs::read_dir(&disk.at).unwrap();
@@ -159,7 +159,7 @@ fn wait_until(mut done: impl FnMut() -> bool) {
 }
 
 #[test]
-fn live_a_full_disk_is_waited_out_and_nothing_is_lost_when_there_is_room_again() {
+fn a_live_run_waits_for_a_full_disk_and_loses_nothing() {
     let Some(disk) = or_skip(Disk::small()) else {
         return;
     };
@@ -172,11 +172,9 @@ fn live_a_full_disk_is_waited_out_and_nothing_is_lost_when_there_is_room_again()
         "{longest:?} {while_full:?}"
     );
     fs::remove_file(disk.ballast()).unwrap();
-    said(
-        Command::new("mount")
-            .args(["-o", "remount,size=8m"])
-            .arg(&disk.at),
-    )
+    run(Command::new("mount")
+        .args(["-o", "remount,size=8m"])
+        .arg(&disk.at))
     .unwrap();
     wait_until(|| exporter.shared.disk.notice().is_none());
     let exported = exporter.finish(Vec::new(), Vec::new()).unwrap();
@@ -185,7 +183,7 @@ fn live_a_full_disk_is_waited_out_and_nothing_is_lost_when_there_is_room_again()
 }
 
 #[test]
-fn what_was_written_until_the_disk_was_full_is_whole_and_the_summary_says_what_is_missing() {
+fn files_on_a_full_disk_are_complete_and_the_summary_counts_the_rest() {
     for mode in [RunMode::Live, RunMode::LockStep] {
         let Some(disk) = or_skip(Disk::small()) else {
             return;
@@ -198,27 +196,27 @@ fn what_was_written_until_the_disk_was_full_is_whole_and_the_summary_says_what_i
             RunMode::Live => wait_until(|| exporter.shared.disk.notice().is_some()),
             RunMode::LockStep => wait_until(|| exporter.has_failed()),
         }
-        // Whatever is left of the disk: nothing may need any.
+        // The rest of the disk is filled: completion must not need any.
         let mut last = fs::File::create(disk.at.join("last")).unwrap();
         drop(std::io::copy(&mut std::io::repeat(1), &mut last));
         let exported = exporter.finish(Vec::new(), Vec::new()).unwrap();
         let missing = exported.poses.unwrap();
-        let said = missing.failure.clone().unwrap();
-        assert!(said.contains("No space left"), "{said}");
-        let whole = whole_ticks_beside(&disk, "summary.json.tmp");
+        let failure = missing.failure.clone().unwrap();
+        assert!(failure.contains("No space left"), "{failure}");
+        let whole = whole_ticks_without(&disk, "summary.json.tmp");
         assert!(whole > 100, "{whole}");
         assert_eq!(whole + missing.unwritten_ticks, TICKS as u64);
-        let mut told = Summary::default();
-        told.timing.poses = Some(missing);
-        summary.put(told.clone()).unwrap();
+        let mut expected = Summary::default();
+        expected.timing.poses = Some(missing);
+        summary.put(expected.clone()).unwrap();
         summary.finish(None).unwrap();
         let read = fs::read_to_string(disk.at.join("summary.json")).unwrap();
-        assert_eq!(read, told.to_json());
+        assert_eq!(read, expected.to_json());
     }
 }
 
-/// [`whole_ticks`], where the summary has no name yet.
-fn whole_ticks_beside(disk: &Disk, unfinished: &str) -> u64 {
+/// [`whole_ticks`] while the summary is `unfinished`.
+fn whole_ticks_without(disk: &Disk, unfinished: &str) -> u64 {
     let (from, to) = (disk.at.join(unfinished), disk.at.join("elsewhere"));
     fs::rename(&from, &to).unwrap();
     let whole = whole_ticks(disk);
@@ -227,8 +225,8 @@ fn whole_ticks_beside(disk: &Disk, unfinished: &str) -> u64 {
 }
 
 #[test]
-fn live_a_disk_that_hangs_holds_up_nobody_and_nothing_is_lost() {
-    // Symptom to prevent: the core wrote its files itself, and there were no poses for as long as the disk hung.
+fn a_live_run_is_not_delayed_by_a_hanging_disk() {
+    // Symptom to prevent: the core wrote its files itself, and there were no poses while the disk hung.
     let Some(disk) = or_skip(Disk::freezable()) else {
         return;
     };
@@ -237,7 +235,7 @@ fn live_a_disk_that_hangs_holds_up_nobody_and_nothing_is_lost() {
     hand_over(&mut exporter, 0..30, tick);
     let mut frozen = disk.freeze(3);
     let longest = hand_over(&mut exporter, 30..210, tick);
-    println!("the longest that handing over took while the disk hung: {longest:?}");
+    println!("longest time to hand over a tick while the disk hung: {longest:?}");
     assert!(longest < AT_ONCE);
     assert!(frozen.wait().unwrap().success());
     let exported = exporter.finish(Vec::new(), Vec::new()).unwrap();

@@ -1,4 +1,4 @@
-//! The files of a run: finished ticks in, whole files at the end.
+//! The pose files of a run: finished ticks in, complete files at the end.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -27,33 +27,33 @@ pub(in crate::node) struct Exporter {
     end: RunEnd,
     disk: Arc<dyn DiskPolicy>,
     files: PoseFiles,
-    /// Those of the fixed-lag smoother, once there are some.
+    /// The files of the fixed-lag smoother, if it has poses.
     smooth: Option<PoseFiles>,
 }
 
-/// What the files have come to.
+/// The result of the export.
 #[derive(Debug, Default)]
 pub(in crate::node) struct Exported {
-    /// Who was there.
+    /// The people of the run.
     pub(in crate::node) people: Vec<Presence>,
-    /// What the files lack, or had to go on in other files for, if anything.
+    /// Ticks that the files lack, and refused files that were continued in others; `None` if there are none.
     pub(in crate::node) poses: Option<PosesSummary>,
 }
 
 impl Exported {
-    /// What the files lack, if anything.
+    /// The missing poses, if any.
     pub(in crate::node) fn missing(&self) -> Option<&PosesSummary> {
         self.poses.as_ref().filter(|poses| !poses.is_whole())
     }
 
-    /// Who was there, as `summary.json` has it.
+    /// The people for `summary.json`.
     pub(in crate::node) fn people_of_summary(&self) -> Vec<PersonSummary> {
         self.people.iter().copied().map(Into::into).collect()
     }
 }
 
 impl Exporter {
-    /// Starts the files in `folder`, which must exist; `disk` says what is done when there is no room.
+    /// Creates the files in `folder`, which must exist; `disk` decides what to do without room.
     pub(in crate::node) fn create(
         folder: &Path,
         venue: &Venue,
@@ -75,10 +75,10 @@ impl Exporter {
         })
     }
 
-    /// Writes a tick that will not change any more. Ticks must rise; smoothed ones have a folder of their own.
+    /// Writes a final tick. Ticks must ascend; smoothed ones have their own folder.
     pub(in crate::node) fn write(&mut self, poses: &FinalPoses) -> anyhow::Result<()> {
         match poses {
-            FinalPoses::Live(poses) => told(self.files.write(poses), "writing the poses"),
+            FinalPoses::Live(poses) => checked(self.files.write(poses), "writing the poses"),
             FinalPoses::Smoothed(poses) => self.write_smoothed(poses),
         }
     }
@@ -98,24 +98,24 @@ impl Exporter {
             let files = files.counting_from(self.files.first());
             self.smooth.insert(files)
         };
-        told(files.write(poses), "writing the smoothed poses")
+        checked(files.write(poses), "writing the smoothed poses")
     }
 
-    /// Waits until the disk has all lines so far.
+    /// Syncs the lines.
     pub(in crate::node) fn sync_lines(&mut self) -> anyhow::Result<()> {
         let all = [Some(&mut self.files), self.smooth.as_mut()];
         let mut all = all.into_iter().flatten();
-        all.try_for_each(|files| told(files.sync_lines(), "writing the poses"))
+        all.try_for_each(|files| checked(files.sync_lines(), "writing the poses"))
     }
 
-    /// Waits until the disk has the files of persons as they are so far.
+    /// Syncs the files of persons.
     pub(in crate::node) fn sync_persons(&mut self) -> anyhow::Result<()> {
         let all = [Some(&mut self.files), self.smooth.as_mut()];
         let mut all = all.into_iter().flatten();
-        all.try_for_each(|files| told(files.sync_persons(), "writing the poses"))
+        all.try_for_each(|files| checked(files.sync_persons(), "writing the poses"))
     }
 
-    /// Gives all files their names: what could be written is whole.
+    /// Completes all files and gives them their final names.
     pub(in crate::node) fn finish(self) -> Exported {
         let smooth = self.smooth.map(PoseFiles::finish).unwrap_or_default();
         let Written {
@@ -145,12 +145,12 @@ impl Exporter {
     }
 }
 
-/// The files keep their failure, and tell it at the end once more.
-fn told(written: Result<(), &WriteError>, doing: &'static str) -> anyhow::Result<()> {
+/// Converts an error. The files also store their failure, and report it at the end.
+fn checked(written: Result<(), &WriteError>, doing: &'static str) -> anyhow::Result<()> {
     written.map_err(|error| anyhow::anyhow!("{doing}: {error}"))
 }
 
-/// What the numbers of a pose of `venue` are called.
+/// The layout of the poses of `venue`: the names of their numbers.
 pub fn layout(venue: &Venue, keypoints: &KeypointSet) -> Layout {
     let parameters = &venue.parameters.range_of_motion;
     let range = RangeOfMotion::new(parameters.factor);

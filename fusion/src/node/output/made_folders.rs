@@ -1,4 +1,4 @@
-//! Folders that a node makes for what it writes, and takes away again where nothing came of it.
+//! Folders that a node creates for its output, and removes if they stay empty.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 
-/// Folders that this process has made, each inside of the one before. Dropped, those are taken away that are empty.
+/// Folders created by this process, each inside the one before. Dropping it removes the empty ones.
 #[derive(Debug, Default)]
 pub(in crate::node) struct MadeFolders(Vec<PathBuf>);
 
 impl MadeFolders {
-    /// Makes `folder` and what is missing above it; an empty path is the folder in which the process is.
+    /// Creates `folder` and its missing parents; an empty path is the current folder.
     ///
     /// # Errors
-    /// Names the folder that cannot be made; nothing is left of the others.
+    /// Names the folder that cannot be created; those created before are removed.
     pub(in crate::node) fn with_parents(folder: &Path) -> anyhow::Result<Self> {
         let is_missing = |it: &&Path| !it.as_os_str().is_empty() && !it.exists();
         let missing: Vec<&Path> = folder.ancestors().take_while(is_missing).collect();
@@ -25,10 +25,10 @@ impl MadeFolders {
         Ok(made)
     }
 
-    /// Makes `folder` inside of them; whether it was not there.
+    /// Creates `folder`; returns whether it did not exist.
     ///
     /// # Errors
-    /// When it cannot be made: names it.
+    /// Names the folder that cannot be created.
     pub(in crate::node) fn make(&mut self, folder: &Path) -> anyhow::Result<bool> {
         let mut made = fs::create_dir(folder);
         if made
@@ -36,7 +36,7 @@ impl MadeFolders {
             .is_err_and(|it| it.kind() == ErrorKind::NotFound)
             && let Some(parent) = folder.parent()
         {
-            // Another run, which had made the folder above, has taken it away again.
+            // Another run, which had created the parent, has removed it again.
             let mut above = Self::with_parents(parent)?;
             self.0.append(&mut above.0);
             made = fs::create_dir(folder);
@@ -52,7 +52,7 @@ impl MadeFolders {
                 let file = folder.ancestors().find(is_file).unwrap_or(folder);
                 Err(error).with_context(|| {
                     format!(
-                        "making folder {}: {} is a file: rename it, or write elsewhere with `--out`",
+                        "making folder {}: {} is a file: rename it, or use another folder with `--out`",
                         folder.display(),
                         file.display()
                     )
@@ -62,7 +62,7 @@ impl MadeFolders {
         }
     }
 
-    /// Lets them stay, empty or not.
+    /// Keeps the folders, empty or not.
     pub(in crate::node) fn keep(mut self) {
         self.0.clear();
     }
@@ -71,7 +71,7 @@ impl MadeFolders {
 impl Drop for MadeFolders {
     fn drop(&mut self) {
         for folder in self.0.iter().rev() {
-            // Fails where something is in it, and then is not wanted.
+            // Removing a folder that is not empty fails, as intended.
             drop(fs::remove_dir(folder));
         }
     }
@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_made_goes_when_it_is_empty_and_what_was_there_stays() {
+    fn created_folders_are_removed_if_empty_and_existing_ones_stay() {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
         fs::create_dir(at("there")).unwrap();
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_in_the_place_of_a_folder_is_reported_as_one() {
+    fn a_file_in_place_of_a_folder_is_named() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("results");
         fs::write(&file, "").unwrap();
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_left_of_folders_that_cannot_all_be_made() {
+    fn a_failure_removes_the_folders_created_before() {
         let dir = tempfile::tempdir().unwrap();
         let long = dir.path().join("new").join("x".repeat(300));
         let refused = MadeFolders::with_parents(&long).unwrap_err();

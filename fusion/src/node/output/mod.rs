@@ -1,4 +1,4 @@
-//! What a run leaves behind and tells meanwhile: the folder, the files of poses, the summary, the progress.
+//! The output of a run: its folder, pose files, summary and progress reports.
 
 pub(super) mod claim;
 pub(super) mod disk_watch;

@@ -1,4 +1,4 @@
-//! What waits for the thread that writes the files of poses.
+//! The queue of the thread that writes the pose files.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -7,22 +7,22 @@ use std::time::{Duration, Instant};
 use farfield_node::clock;
 use farfield_proto::message::{PersonPose, PoseSet};
 
-/// Ticks that wait for the disk.
+/// Most queued ticks.
 const QUEUE: usize = 1 << 16;
-/// Their bytes: a disk that hangs must not fill the memory.
+/// Most queued bytes: a hanging disk must not fill the memory.
 const QUEUE_BYTES: usize = 64 << 20;
 
-/// Poses of a tick that will not change any more.
+/// Final poses of a tick.
 #[derive(Debug)]
 pub(in crate::node) enum FinalPoses {
-    /// As a live listener could have had them.
+    /// The causal poses, as a live client gets them.
     Live(PoseSet),
-    /// As the fixed-lag smoother sees them.
+    /// Poses of the fixed-lag smoother.
     Smoothed(PoseSet),
 }
 
 impl FinalPoses {
-    /// About how much memory they take.
+    /// Their approximate size in memory.
     fn bytes(&self) -> usize {
         let (Self::Live(set) | Self::Smoothed(set)) = self;
         let person = |pose: &PersonPose| {
@@ -47,24 +47,24 @@ pub(in crate::node) struct PoseQueue {
 struct Waiting {
     poses: VecDeque<FinalPoses>,
     bytes: usize,
-    /// Whether nothing more will come.
+    /// Whether no more poses will be added.
     is_over: bool,
-    /// Whether nobody takes anything any more.
+    /// Whether no more poses will be taken.
     is_abandoned: bool,
 }
 
-/// What came out of the queue.
+/// The result of [`PoseQueue::take`].
 #[derive(Debug)]
 pub(in crate::node) enum Taken {
     Poses(FinalPoses),
-    /// Nothing yet.
+    /// None yet.
     Nothing,
-    /// Nothing more will come.
+    /// No more poses will be added.
     End,
 }
 
 impl PoseQueue {
-    /// Adds `poses` when there is a place for them; else hands them back.
+    /// Adds `poses` if there is a place for them; otherwise returns them.
     pub(super) fn offer(&self, poses: FinalPoses) -> Result<(), FinalPoses> {
         let bytes = poses.bytes();
         Self::put(&mut self.lock(), poses, bytes)?;
@@ -72,7 +72,7 @@ impl PoseQueue {
         Ok(())
     }
 
-    /// Adds `poses`, and waits for a place. What nobody takes any more is handed back.
+    /// Adds `poses`, waiting for a place; returns them if the queue is abandoned.
     pub(super) fn push(&self, poses: FinalPoses) -> Result<(), FinalPoses> {
         let bytes = poses.bytes();
         let has_no_place =
@@ -94,7 +94,7 @@ impl PoseQueue {
         Ok(())
     }
 
-    /// Takes the next, waiting for it until `until`.
+    /// Takes the next poses, waiting for them until `until`.
     pub(super) fn take(&self, until: Instant) -> Taken {
         let patience = until.saturating_duration_since(clock::now());
         let is_idle = |waiting: &mut Waiting| waiting.poses.is_empty() && !waiting.is_over;
@@ -117,26 +117,26 @@ impl PoseQueue {
         Taken::Poses(poses)
     }
 
-    /// Says that nothing more will come.
+    /// Marks the end: no more poses will be added.
     pub(super) fn end(&self) {
         self.lock().is_over = true;
         self.changed.notify_all();
     }
 
-    /// Says that nobody takes anything any more: who waits for a place leaves.
+    /// Marks the queue as abandoned; callers that wait for a place return.
     pub(super) fn abandon(&self) {
         self.lock().is_abandoned = true;
         self.changed.notify_all();
     }
 
     fn lock(&self) -> MutexGuard<'_, Waiting> {
-        // Nothing panics between two changes that belong together.
+        // No thread panics in the middle of a change.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Waiting {
-    /// A tick larger than the whole queue still goes through, alone.
+    /// A tick larger than the whole queue is still accepted, alone.
     fn has_place(&self, bytes: usize) -> bool {
         self.poses.is_empty() || self.poses.len() < QUEUE && self.bytes + bytes <= QUEUE_BYTES
     }
@@ -174,9 +174,9 @@ mod tests {
     }
 
     #[test]
-    fn what_waits_is_bounded_by_its_bytes_and_comes_out_in_order() {
+    fn the_queue_is_bounded_by_its_bytes_and_ordered() {
         let queue = PoseQueue::default();
-        // Four fit, and a tenth of the room is left.
+        // Four fit, with a tenth of the room left.
         let n_persons = QUEUE_BYTES * 9 / 40 / (poses(0, 2).bytes() - poses(0, 1).bytes());
         let taken = (0..10).take_while(|&tick| queue.offer(poses(tick, n_persons)).is_ok());
         assert_eq!(taken.count(), 4);
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn who_can_wait_gets_a_place_and_leaves_when_nobody_takes_anything() {
+    fn a_waiting_caller_gets_a_place_or_returns_when_abandoned() {
         let queue = Arc::new(PoseQueue::default());
         let n_persons = QUEUE_BYTES / poses(0, 1).bytes();
         queue.push(poses(0, n_persons)).unwrap();

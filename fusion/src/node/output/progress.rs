@@ -1,4 +1,4 @@
-//! What an operator, or the process that started the node, sees of a run under way.
+//! Progress reports of a run, for the operator or the parent process.
 
 use std::io::Write as _;
 use std::time::{Duration, Instant};
@@ -19,49 +19,49 @@ use super::tally::PassedBytes;
 pub enum Report {
     /// The node listens here.
     Listening(Vec<String>),
-    /// What the operator is to be told, a line each.
-    Said(Vec<String>),
+    /// Lines for the operator.
+    #[serde(rename = "said")]
+    Notices(Vec<String>),
     /// All nodes are ready; the run goes over these ticks.
     Started {
         /// The first tick.
         from: Tick,
-        /// One past the last; `None` live, when nobody has said when to end.
+        /// One past the last; `None` in a live run without an end.
         to: Option<Tick>,
     },
-    /// A tick is done.
+    /// A tick is finished.
     Tick(Progress),
-    /// Live, once a second: how the edges are heard.
+    /// The state of the edges' links, once a second in a live run.
     Links(LinkProgress),
 }
 
-/// How a live run is.
+/// State of a live run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LinkProgress {
-    /// From the capture of pictures to the poses made of them, in the last second, microseconds: median
-    /// and 99th percentile.
+    /// Delay from the capture of pictures to their poses in the last second, microseconds: median and 99th percentile.
     pub delay_us: Option<(u32, u32)>,
     /// The edges, in the order of the venue's viewpoints.
     pub edges: Vec<EdgeLink>,
 }
 
-/// How far a run is.
+/// Progress of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// The tick that is done.
+    /// The finished tick.
     pub tick: Tick,
     /// Persons at that tick.
     pub persons: usize,
     /// Payload bytes since the start, over all links.
     pub bytes: u64,
-    /// Those of them that the edges have sent: patches and sightings.
+    /// Of these, bytes sent by the edges: patches and sightings.
     #[serde(default)]
     pub edge_bytes: u64,
-    /// Where the persons are, when the node was started with `--report-bodies`.
+    /// Positions of the persons, with `--report-bodies`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bodies: Vec<Body>,
 }
 
-/// One person of a tick, as it looks to a live listener.
+/// One person of a tick, as a live client gets it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Body {
     /// The id.
@@ -79,38 +79,38 @@ impl From<&PersonPose> for Body {
     }
 }
 
-/// What a managed node says of a tick.
+/// Detail of a managed node's report on a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::node) enum Detail {
-    /// How many persons there are.
+    /// The number of persons.
     Counts,
-    /// Where they are, too.
+    /// Their positions as well.
     Bodies,
 }
 
-/// Where fusion listens, in words: an endpoint of all addresses that gives none is reached from this machine alone.
-fn places(asked: &[String], endpoints: Vec<String>) -> String {
-    let is_given = |asked: &str| {
+/// The open endpoints in words. A requested endpoint of all addresses that yields none is reachable from this machine only.
+fn places(requested: &[String], endpoints: Vec<String>) -> String {
+    let is_open = |requested: &str| {
         let mut endpoints = endpoints.iter();
-        endpoints.any(|it| (scheme(it), port(it)) == (scheme(asked), port(asked)))
+        endpoints.any(|it| (scheme(it), port(it)) == (scheme(requested), port(requested)))
     };
-    let unseen = asked
+    let local = requested
         .iter()
-        .filter(|it| is_any_address(it) && !is_given(it));
-    let unseen: Vec<String> = unseen
-        .map(|it| format!("{it}: this machine alone, no other address is up"))
+        .filter(|it| is_any_address(it) && !is_open(it));
+    let local: Vec<String> = local
+        .map(|it| format!("{it}: this machine only, no other address is up"))
         .collect();
     endpoints
         .into_iter()
-        .chain(unseen)
+        .chain(local)
         .collect::<Vec<_>>()
         .join(", ")
 }
 
-/// How often a node started by hand says how far it is.
+/// Interval of the reports of a node started by hand.
 const EVERY: Duration = Duration::from_secs(5);
 
-/// Reports to whoever started the node.
+/// Reports to the operator or to the parent process.
 pub(in crate::node) struct Reporter {
     managed: Managed,
     detail: Detail,
@@ -128,22 +128,22 @@ impl Reporter {
         }
     }
 
-    /// Fusion listens at `endpoints`, because it was `asked` to.
-    pub(in crate::node) fn listening(&self, asked: &[String], endpoints: Vec<String>) {
+    /// Reports the open `endpoints`, given the `requested` ones.
+    pub(in crate::node) fn listening(&self, requested: &[String], endpoints: Vec<String>) {
         match self.managed {
             Managed::Yes => send(&Report::Listening(endpoints)),
             Managed::No => say(format_args!(
                 "fusion listens on {}",
-                places(asked, endpoints)
+                places(requested, endpoints)
             )),
         }
     }
 
-    /// Lines for the operator.
-    pub(in crate::node) fn said(&self, lines: &[String]) {
+    /// Prints lines for the operator.
+    pub(in crate::node) fn notices(&self, lines: &[String]) {
         match self.managed {
             Managed::Yes if lines.is_empty() => {}
-            Managed::Yes => send(&Report::Said(lines.to_owned())),
+            Managed::Yes => send(&Report::Notices(lines.to_owned())),
             Managed::No => lines.iter().for_each(|line| say(format_args!("{line}"))),
         }
     }
@@ -154,7 +154,7 @@ impl Reporter {
         }
     }
 
-    /// The ticks begin; `to` is one past the last, if there is one.
+    /// Reports the first tick; `to` is one past the last, if there is one.
     pub(in crate::node) fn started(&self, from: Tick, to: Option<Tick>) {
         match (self.managed, to) {
             (Managed::Yes, to) => send(&Report::Started { from, to }),
@@ -163,7 +163,7 @@ impl Reporter {
         }
     }
 
-    /// Live, once a second: the delay of the poses, and how the edges are heard.
+    /// Reports the delay of the poses and the edges' links, once a second in a live run.
     pub(in crate::node) fn links(&mut self, delay_us: Option<(u32, u32)>, edges: Vec<EdgeLink>) {
         if self.managed == Managed::Yes {
             send(&Report::Links(LinkProgress { delay_us, edges }));
@@ -172,7 +172,7 @@ impl Reporter {
         }
     }
 
-    /// A tick is done, after which `bytes` of payload have passed over all links.
+    /// Reports a finished tick; `bytes` is the payload of all links so far.
     pub(in crate::node) fn tick(&mut self, poses: &PoseSet, bytes: PassedBytes) {
         if self.managed == Managed::Yes {
             let bodies = match self.detail {
@@ -209,7 +209,7 @@ impl Reporter {
 }
 
 fn send(report: &Report) {
-    // A parent that has gone reads nothing more; its closed standard input ends the node.
+    // A parent that has ended reads no more; its closed standard input ends this node.
     if let Ok(line) = serde_json::to_string(report) {
         drop(writeln!(std::io::stdout().lock(), "{line}"));
     }
@@ -219,23 +219,24 @@ fn send(report: &Report) {
 mod tests {
     use super::*;
 
-    /// Symptom: on a machine whose network was off, "fusion listens on " and nothing more.
+    /// Symptom: on a machine without a network, "fusion listens on " and no address.
     #[test]
-    fn an_endpoint_of_all_addresses_without_any_is_named_with_who_reaches_it() {
-        let listening = |asked: &[&str], given: &[&str]| {
-            let [asked, given] = [asked, given].map(|all| all.iter().map(|it| (*it).to_owned()));
-            places(&asked.collect::<Vec<_>>(), given.collect())
+    fn an_endpoint_without_addresses_is_reported_as_local() {
+        let listening = |requested: &[&str], open: &[&str]| {
+            let [requested, open] =
+                [requested, open].map(|all| all.iter().map(|it| (*it).to_owned()));
+            places(&requested.collect::<Vec<_>>(), open.collect())
         };
         assert_eq!(
             listening(&["tcp/[::]:7511"], &[]),
-            "tcp/[::]:7511: this machine alone, no other address is up"
+            "tcp/[::]:7511: this machine only, no other address is up"
         );
         assert_eq!(
             listening(
                 &["quic/0.0.0.0:7447", "tcp/127.0.0.1:1"],
                 &["tcp/127.0.0.1:1"]
             ),
-            "tcp/127.0.0.1:1, quic/0.0.0.0:7447: this machine alone, no other address is up"
+            "tcp/127.0.0.1:1, quic/0.0.0.0:7447: this machine only, no other address is up"
         );
         assert_eq!(
             listening(&["quic/0.0.0.0:7447"], &["quic/10.0.0.7:7447"]),

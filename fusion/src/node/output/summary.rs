@@ -1,4 +1,4 @@
-//! What a run says of itself at its end, for `summary.json`.
+//! Builds `summary.json` from the facts of a finished run.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -18,54 +18,54 @@ use crate::export::summary::{
     TickSpan, TimingSummary,
 };
 
-/// What is known when a run is over.
+/// Facts of a finished run.
 pub(in crate::node) struct RunFacts<'a> {
     /// The ticks of the run.
     pub(in crate::node) ticks: Range<Tick>,
-    /// The first words of the edges, with their networks.
+    /// The first statuses of the edges, with their networks.
     pub(in crate::node) edges: &'a [Status],
     pub(in crate::node) tally: &'a Tally,
-    /// What came too late, or not at all.
+    /// Messages that came too late or not at all.
     pub(in crate::node) lost: Lost,
-    /// How it ended; `None` when it failed.
+    /// How it ended; `None` if it failed.
     pub(in crate::node) ending: Option<Ending>,
-    /// Who was there, and what the files lack.
+    /// The people of the run, and what the files lack.
     pub(in crate::node) exported: &'a Exported,
-    /// Whether the cameras agreed.
+    /// The agreement of the cameras.
     pub(in crate::node) agreement: &'a AgreementReport,
-    /// The last tick that went through the core.
+    /// The last stepped tick.
     pub(in crate::node) last: Option<Tick>,
     /// Times of fusion's own stages.
     pub(in crate::node) stages: Vec<StageTime>,
-    /// Times of the paths between the nodes, by node; none in lock-step.
+    /// Delays between the nodes, by node; empty in lock-step.
     pub(in crate::node) paths: Vec<(String, StageTime)>,
     /// The last statuses of the edges, with their times.
     pub(in crate::node) last_words: &'a [Status],
     pub(in crate::node) elapsed: Duration,
-    /// Per camera, as its edge described it; none in lock-step.
+    /// Per camera, from its edge's statuses; empty in lock-step.
     pub(in crate::node) cameras: BTreeMap<String, CameraSummary>,
-    /// How the target latency was kept, where a live run has one.
+    /// Result for the target latency, if a live run has one.
     pub(in crate::node) target_latency: Option<TargetLatencySummary>,
-    /// What was recorded, when anything was.
+    /// The recording, if there is one.
     pub(in crate::node) recording: Option<RecordingSummary>,
 }
 
-/// Messages that no step has used.
+/// Messages that no step used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(in crate::node) struct Lost {
-    /// Those that fusion could not read.
+    /// Unreadable messages.
     pub(in crate::node) unreadable: u64,
     pub(in crate::node) late: u64,
     pub(in crate::node) missing: u64,
-    /// Of strangers, of another session, of refused edges, or repeated.
+    /// Messages of foreign nodes, of another session, of refused edges, or repeated.
     pub(in crate::node) refused: u64,
-    /// What fusion had no room to send.
+    /// Messages dropped because the send queue was full.
     pub(in crate::node) unsent: u64,
     /// Patches that ticks had no time for.
     pub(in crate::node) shed: u64,
 }
 
-/// Puts the facts together; nothing outside `timing` depends on a clock or another process.
+/// Builds the summary. Only `timing` depends on a clock or another process.
 pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary {
     let RunFacts { ticks, lost, .. } = facts;
     let done = facts
@@ -128,7 +128,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
     }
 }
 
-/// Per program and library: its version.
+/// Versions of the program and the wire format.
 pub(in crate::node) fn versions() -> BTreeMap<String, String> {
     [
         ("farfield".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
@@ -137,7 +137,7 @@ pub(in crate::node) fn versions() -> BTreeMap<String, String> {
     .into()
 }
 
-/// `fusion/step`, `<viewpoint>/read` and so on.
+/// Stages such as `fusion/step` and `<viewpoint>/read`.
 fn stages(facts: &RunFacts<'_>) -> BTreeMap<String, StageTiming> {
     let of_edges = facts.last_words.iter().flat_map(|status| {
         status
@@ -158,7 +158,7 @@ fn stages(facts: &RunFacts<'_>) -> BTreeMap<String, StageTiming> {
         .collect()
 }
 
-/// Ticks that each edge did not work on though it should have.
+/// Per edge, the number of ticks that it should have worked on but did not.
 fn missed_ticks(last_words: &[Status]) -> BTreeMap<String, u64> {
     let missed = last_words
         .iter()
@@ -166,7 +166,7 @@ fn missed_ticks(last_words: &[Status]) -> BTreeMap<String, u64> {
     missed.filter(|(_, missed)| *missed > 0).collect()
 }
 
-/// Which share of each edge's work its detection passes took, 0 to 1.
+/// Share of each edge's work for detection passes, 0 to 1.
 fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
     let share = |status: &Status| {
         let of = |detection: bool| {

@@ -1,4 +1,4 @@
-//! `summary.json`: its room is kept from the start, so that a disk which is full by the end can still hold it.
+//! `summary.json`: its room is reserved at the start, so that a disk that is full at the end can still hold it.
 
 use std::fs::{self, File};
 use std::io::{Seek as _, SeekFrom, Write as _};
@@ -10,23 +10,23 @@ use farfield_node::process::say;
 use crate::export::summary::{RecordingSummary, Summary};
 use crate::export::unfinished::{sync_folder_of, temporary};
 
-/// Room that is kept, bytes: hundreds of people and dozens of viewpoints.
+/// Reserved room, bytes: enough for hundreds of people and dozens of viewpoints.
 const ROOM: usize = 64 << 10;
 
-/// The summary of a run under way. Dropped before it is finished, it leaves nothing.
+/// The summary of a run in progress. Dropping it unfinished removes its file.
 #[derive(Debug)]
 pub(in crate::node) struct SummaryFile {
     path: PathBuf,
     file: Option<File>,
-    /// How much room there is without asking the disk for more.
+    /// Bytes that can be written without new room on the disk.
     room: usize,
-    /// Where what was put ends.
+    /// End of the last written text.
     end: u64,
     summary: Option<Summary>,
 }
 
 impl SummaryFile {
-    /// The summary that will be in `folder`. Makes nothing.
+    /// The summary in `folder`. Creates no file.
     pub(in crate::node) fn in_folder(folder: &Path) -> Self {
         Self {
             path: folder.join("summary.json"),
@@ -37,18 +37,18 @@ impl SummaryFile {
         }
     }
 
-    /// Keeps room for it. Without any the run begins all the same: there may be some by its end.
+    /// Reserves the room. Without room the run still begins: there may be some at its end.
     ///
     /// # Errors
-    /// When the temporary file is there already, or cannot be made.
+    /// The temporary file exists already, or cannot be created.
     pub(in crate::node) fn reserve(&mut self) -> anyhow::Result<()> {
         let making = || format!("making {}", self.path.display());
         let mut file = File::create_new(temporary(&self.path)).with_context(making)?;
-        let kept = file.write_all(&vec![b' '; ROOM]);
-        match kept.and_then(|()| file.sync_data()) {
+        let reserved = file.write_all(&vec![b' '; ROOM]);
+        match reserved.and_then(|()| file.sync_data()) {
             Ok(()) => self.room = ROOM,
             Err(error) => say(format_args!(
-                "no room is kept for {}: {error}",
+                "no room is reserved for {}: {error}",
                 self.path.display()
             )),
         }
@@ -56,10 +56,10 @@ impl SummaryFile {
         Ok(())
     }
 
-    /// Writes what the run has come to. It has its name when it is finished.
+    /// Writes the summary. The file gets its name in [`Self::finish`].
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// The file cannot be written.
     pub(in crate::node) fn put(&mut self, summary: Summary) -> anyhow::Result<()> {
         if self.file.is_none() {
             self.reserve()?;
@@ -73,7 +73,7 @@ impl SummaryFile {
             file.seek(SeekFrom::Start(0)).with_context(writing)?;
             let mut bytes = text.into_bytes();
             self.end = bytes.len() as u64;
-            // Its room stays until it is finished: the next one may be longer.
+            // The reserved room is kept until the end: the next text may be longer.
             bytes.resize(bytes.len().max(self.room), b' ');
             file.write_all(&bytes).with_context(writing)?;
             file.sync_data().with_context(writing)?;
@@ -82,11 +82,11 @@ impl SummaryFile {
         Ok(())
     }
 
-    /// Says what the recording has come to in the end, what failed after the summary was put together, too,
-    /// and gives the file its name. A run without a summary leaves none.
+    /// Adds the final result of the recording, including later failures, and gives the file its name. A run without a summary
+    /// leaves no file.
     ///
     /// # Errors
-    /// When it cannot be written or renamed.
+    /// The file cannot be written or renamed.
     pub(in crate::node) fn finish(
         mut self,
         recording: Option<&RecordingSummary>,
@@ -112,7 +112,7 @@ impl SummaryFile {
 impl Drop for SummaryFile {
     fn drop(&mut self) {
         if self.file.take().is_some() {
-            // Nobody is left to tell: at worst a file stays that says by its name what it is.
+            // An error cannot be reported any more. At worst a file stays whose name shows that it is temporary.
             drop(fs::remove_file(temporary(&self.path)));
         }
     }
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn room_is_kept_from_the_start_and_given_back_at_the_end() {
+    fn room_is_reserved_at_the_start_and_released_at_the_end() {
         let folder = tempfile::tempdir().unwrap();
         let mut file = SummaryFile::in_folder(folder.path());
         file.reserve().unwrap();
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_has_nothing_to_sum_up_leaves_nothing() {
+    fn a_run_without_a_summary_leaves_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let mut file = SummaryFile::in_folder(folder.path());
         file.reserve().unwrap();

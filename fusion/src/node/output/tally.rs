@@ -1,4 +1,4 @@
-//! What passed over the links: bytes and messages per viewpoint, counted as payload.
+//! Traffic of the links: bytes and messages per viewpoint, counted as payload.
 
 use std::collections::BTreeMap;
 
@@ -14,11 +14,11 @@ use crate::export::summary::{EventCounts, LinkSummary};
 pub(in crate::node) struct Tally {
     names: Vec<String>,
     links: Vec<LinkSummary>,
-    /// Bytes of the poses, to whoever listens.
+    /// Bytes of the poses, counted once for all subscribers.
     pub(in crate::node) pose_bytes: u64,
-    /// Messages that did not belong to the tick, or came twice.
+    /// Messages of another tick, or repeated.
     pub(in crate::node) refused: u64,
-    /// Patches that were readable, but made no sense.
+    /// Readable patches with invalid contents.
     pub(in crate::node) unusable: u64,
     events: EventCounts,
 }
@@ -28,7 +28,7 @@ pub(in crate::node) struct Tally {
 pub(in crate::node) struct PassedBytes {
     /// In both directions, poses included.
     pub(in crate::node) total: u64,
-    /// What the edges have sent: patches and sightings.
+    /// Sent by the edges: patches and sightings.
     pub(in crate::node) from_edges: u64,
 }
 
@@ -73,7 +73,7 @@ impl Tally {
         }
     }
 
-    /// Counts what changed who is who at `tick`; the message that says it, when anything did.
+    /// Counts identity events of `tick`; returns their message, if there are any.
     pub(in crate::node) fn events(
         &mut self,
         session: SessionId,
@@ -88,7 +88,7 @@ impl Tally {
         })
     }
 
-    /// How often which event happened.
+    /// Counts of the events.
     pub(in crate::node) fn event_counts(&self) -> &EventCounts {
         &self.events
     }
@@ -119,9 +119,9 @@ mod tests {
     use super::*;
     use crate::node::live::tests::venue;
 
-    /// Symptom: the demo took boxes and poses for what viewpoints send, five times as much.
+    /// Symptom: the demo counted boxes and poses as sent by viewpoints, five times too much.
     #[test]
-    fn what_the_edges_send_is_told_apart_from_what_fusion_does() {
+    fn bytes_of_the_edges_are_counted_apart_from_those_of_fusion() {
         let mut tally = Tally::new(&venue());
         tally.patches(ViewpointIndex(0), 4, 1_000);
         tally.sightings(ViewpointIndex(1), 200);

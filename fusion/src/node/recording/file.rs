@@ -1,4 +1,4 @@
-//! Where a recording goes: a file that is not there yet, or a new one in a folder, which a slash at its end makes.
+//! The file of a recording: a new file, or a new one in a folder, and what is known of a recording without an end.
 
 use std::fs::{self, File};
 use std::io::ErrorKind;
@@ -9,23 +9,24 @@ use farfield_node::clock;
 use farfield_node::files::in_place_of_folder;
 
 use crate::export::EDITS;
+use crate::node::output::claim::is_written_to;
 use crate::node::output::made_folders::MadeFolders;
 
-/// The name of a recording among the results of its run.
+/// The name of a recording in the folder of its run.
 pub const OWN_RECORDING: &str = "recording.mcap";
 
-/// Whether a path is that of a folder for recordings, each a new file in it: the folder is there, or a slash at the end of its
-/// path says that it is to be made.
+/// Whether a path is a folder for recordings, each a new file in it: an existing folder, or a path with a slash at its end, which
+/// is created.
 pub fn is_for_many(path: &Path) -> bool {
     let last = path.as_os_str().as_encoded_bytes().last();
     path.is_dir() || last.is_some_and(|&byte| is_separator(char::from(byte)))
 }
 
-/// Refuses a place that can take no recording. Makes nothing.
+/// Refuses a place where no recording can be created. Creates nothing.
 ///
 /// # Errors
-/// Names the path: it is there and no folder, edits of a recording of that name are, or the folder above it is not there; of a
-/// folder that is to be made, that a file is in its way.
+/// Names the path and its fault: an existing file, existing edits of a recording of that name, a missing parent folder, or a file
+/// in place of a folder.
 pub fn check_place(path: &Path) -> anyhow::Result<()> {
     let shown = path.display();
     if is_for_many(path) {
@@ -39,12 +40,12 @@ pub fn check_place(path: &Path) -> anyhow::Result<()> {
     }
     ensure!(
         fs::symlink_metadata(path).is_err(),
-        "recording {shown}: the file is there already; name another, or a folder"
+        "recording {shown}: the file exists already; name another, or a folder"
     );
     let edits = path.with_extension(EDITS);
     ensure!(
         fs::symlink_metadata(&edits).is_err(),
-        "recording {shown}: {} is there already, edits of another recording; remove it or name another",
+        "recording {shown}: {} exists already, edits of another recording; remove it or name another",
         edits.display()
     );
     let parent = match path.parent() {
@@ -53,28 +54,28 @@ pub fn check_place(path: &Path) -> anyhow::Result<()> {
     };
     ensure!(
         parent.is_dir(),
-        "recording {shown}: there is no folder {}; make it, or name a folder for recordings by a slash at its end, which is made",
+        "recording {shown}: there is no folder {}; create it, or name a folder for recordings with a slash at its end, which is created",
         parent.display()
     );
     Ok(())
 }
 
-/// Where a run is to be recorded.
+/// The place of a run's recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::node) enum RecordingPlace {
-    /// Among its results.
+    /// In the folder of the results.
     Results,
     /// In this file, or in a new one in this folder.
     At(PathBuf),
 }
 
 impl RecordingPlace {
-    /// Where the operator said; among the results where that was left open.
-    pub(in crate::node) fn asked(path: Option<PathBuf>) -> Self {
+    /// The place that the operator gave; by default the folder of the results.
+    pub(in crate::node) fn from_option(path: Option<PathBuf>) -> Self {
         path.map_or(Self::Results, Self::At)
     }
 
-    /// The file, or the folder for many, of a run whose results lie in `results`.
+    /// The file, or the folder for recordings, of a run with its results in `results`.
     pub(in crate::node) fn path(&self, results: &Path) -> PathBuf {
         match self {
             Self::Results => results.join(OWN_RECORDING),
@@ -90,30 +91,31 @@ pub(in crate::node) struct RecordingFile {
     pub(in crate::node) path: PathBuf,
     /// The file, new and empty.
     pub(in crate::node) file: File,
-    /// The folders that were made for it.
+    /// The folders created for it.
     pub(in crate::node) made: MadeFolders,
 }
 
 impl RecordingFile {
-    /// Makes the file `asked`, or when that is a folder ([`is_for_many`]), which is made where it is not there, one in it
-    /// named after `venue` and the time (UTC): `hall-3_2026-03-01_18-30-05.mcap`.
+    /// Creates the file `requested`. If that is a folder ([`is_for_many`]), creates it if it is missing, and in it a file named after
+    /// `venue` and the time (UTC): `hall-3_2026-03-01_18-30-05.mcap`.
     ///
     /// # Errors
-    /// When the file is there already, or it or its folder cannot be made; nothing is left then.
-    pub(in crate::node) fn make(asked: &Path, venue: &str) -> anyhow::Result<Self> {
-        if !is_for_many(asked) {
-            let file = File::create_new(asked);
-            let file = file.with_context(|| format!("making the recording {}", asked.display()))?;
+    /// The file exists, or it or its folder cannot be created; nothing is left then.
+    pub(in crate::node) fn make(requested: &Path, venue: &str) -> anyhow::Result<Self> {
+        if !is_for_many(requested) {
+            let file = File::create_new(requested);
+            let file =
+                file.with_context(|| format!("making the recording {}", requested.display()))?;
             return Ok(Self {
-                path: asked.to_owned(),
+                path: requested.to_owned(),
                 file,
                 made: MadeFolders::default(),
             });
         }
-        let made = MadeFolders::with_parents(asked)?;
+        let made = MadeFolders::with_parents(requested)?;
         let name = format!("{venue}_{}", date(clock::unix_time().as_secs()));
         for n in 1..1000 {
-            let path = asked.join(if n == 1 {
+            let path = requested.join(if n == 1 {
                 format!("{name}.mcap")
             } else {
                 format!("{name}_{n}.mcap")
@@ -127,12 +129,12 @@ impl RecordingFile {
                 }
             }
         }
-        Err(anyhow!("{} is full of recordings", asked.display()))
+        Err(anyhow!("{} is full of recordings", requested.display()))
     }
 }
 
-/// `YYYY-MM-DD_hh-mm-ss` in UTC of a Unix time. (Howard Hinnant, "chrono-compatible low-level date
-/// algorithms", `civil_from_days`, for years after 1970.)
+/// `YYYY-MM-DD_hh-mm-ss` in UTC of a Unix time (Howard Hinnant, "chrono-compatible low-level date algorithms",
+/// `civil_from_days`, for years after 1970).
 fn date(unix_s: u64) -> String {
     let (days, second) = (unix_s / 86_400 + 719_468, unix_s % 86_400);
     let (era, of_era) = (days / 146_097, days % 146_097);
@@ -146,12 +148,28 @@ fn date(unix_s: u64) -> String {
     format!("{year:04}-{month:02}-{day:02}_{h:02}-{m:02}-{s:02}")
 }
 
+/// Describes a recording at `path` without an end, of which `read` of `all` bytes can be read. Outside of the folder of a run it
+/// is unknown whether the recording is still being written.
+pub fn without_end(path: &Path, [read, all]: [u64; 2]) -> String {
+    let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
+    if is_written_to(folder.unwrap_or(Path::new("."))) {
+        format!("its run is still recording: its first {read} bytes are read")
+    } else if read < all {
+        format!("the recording was cut off: {read} of its {all} bytes can be read")
+    } else {
+        format!(
+            "the recording has no end: it is still being written, or its writer was killed; all of its {all} bytes can be read"
+        )
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::node::output::claim::FolderClaim;
 
     #[test]
-    fn dates_are_those_of_the_calendar() {
+    fn dates_match_the_calendar() {
         // `date -u -d @N`.
         assert_eq!(date(0), "1970-01-01_00-00-00");
         assert_eq!(date(951_827_696), "2000-02-29_12-34-56");
@@ -160,9 +178,9 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_that_nobody_gave_a_place_lies_among_the_results() {
-        let path = |asked: Option<&str>| {
-            let place = RecordingPlace::asked(asked.map(PathBuf::from));
+    fn the_default_place_is_the_folder_of_the_results() {
+        let path = |place: Option<&str>| {
+            let place = RecordingPlace::from_option(place.map(PathBuf::from));
             place.path(Path::new("out"))
         };
         assert_eq!(path(None), Path::new("out/recording.mcap"));
@@ -179,19 +197,19 @@ mod tests {
             check_place(&path)
                 .unwrap_err()
                 .to_string()
-                .contains("there already")
+                .contains("exists already")
         );
         assert!(RecordingFile::make(&path, "hall").is_err());
         assert!(check_place(&dir.path().join("none/a.mcap")).is_err());
     }
 
     #[test]
-    fn a_folder_that_a_slash_at_its_end_names_is_made_for_a_recording_and_goes_when_it_gets_none() {
+    fn a_path_with_a_slash_at_its_end_creates_a_folder_and_removes_it_if_empty() {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("new/recordings/");
         assert!(is_for_many(&folder) && !is_for_many(&dir.path().join("new/recordings")));
         check_place(&folder).unwrap();
-        assert!(!folder.exists(), "looking makes nothing");
+        assert!(!folder.exists(), "the check creates nothing");
         let RecordingFile { path, made, .. } = RecordingFile::make(&folder, "hall").unwrap();
         assert_eq!(path.parent().unwrap(), folder);
         fs::remove_file(path).unwrap();
@@ -200,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slash_at_the_end_hides_no_file() {
+    fn a_file_with_a_slash_appended_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         fs::write(dir.path().join("a.mcap"), "mine").unwrap();
         for name in ["a.mcap/", "a.mcap/deeper/"] {
@@ -210,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_never_takes_over_the_edits_of_another() {
+    fn existing_edits_of_another_recording_are_refused() {
         let dir = tempfile::tempdir().unwrap();
         fs::write(dir.path().join("a.edits.jsonl"), "").unwrap();
         let refused = check_place(&dir.path().join("a.mcap")).unwrap_err();
@@ -219,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_gets_a_file_of_its_own_for_each_recording() {
+    fn each_recording_gets_its_own_file_in_a_folder() {
         let dir = tempfile::tempdir().unwrap();
         check_place(dir.path()).unwrap();
         let [first, second] = [1, 2].map(|_| RecordingFile::make(dir.path(), "hall").unwrap().path);
@@ -228,5 +246,23 @@ mod tests {
             let name = path.file_name().unwrap().to_str().unwrap();
             assert!(name.starts_with("hall_20"), "{name}");
         }
+    }
+
+    #[test]
+    fn only_a_recording_that_cannot_be_read_completely_is_cut_off() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("out/hall.mcap");
+        let text = |read| without_end(&recording, [read, 900]);
+        assert_eq!(
+            text(640),
+            "the recording was cut off: 640 of its 900 bytes can be read"
+        );
+        assert!(text(900).contains("all of its 900 bytes"));
+        let claim = FolderClaim::take(recording.parent(), "hall").unwrap();
+        for read in [640, 900] {
+            let text = text(read);
+            assert!(text.contains(&format!("first {read} bytes")), "{text}");
+        }
+        drop(claim);
     }
 }

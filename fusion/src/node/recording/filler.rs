@@ -1,5 +1,5 @@
-//! Fetches from the edges' rings what an outage has kept from the recording: in the background, at the
-//! lowest priority, within a share of the link's budget.
+//! Fetches what an outage kept from the recording from the edges' rings: in the background, at the lowest priority, within a
+//! share of the link's budget.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -24,20 +24,20 @@ use super::queue::RecordingQueue;
 use crate::recording::channels::filled_topic;
 use crate::recording::holes::Holes;
 
-/// Budget of a link where the venue states none, bytes per second: 1 Mbit/s.
+/// Budget of a link for a venue without one, bytes per second: 1 Mbit/s.
 const DEFAULT_BUDGET_BYTES_PER_S: f64 = 125_000.0;
-/// How much is asked for at once, seconds of the share.
+/// Size of a request, seconds of the share.
 const PACE_S: f64 = 0.25;
-/// Least that is asked for at once, bytes.
+/// Least size of a request, bytes.
 const MIN_ANSWER_BYTES: f64 = 512.0;
-/// What question and answer take on the wire beside the answer's payload, about, bytes.
+/// Approximate overhead of request and answer on the wire, bytes.
 const EXCHANGE_BYTES: f64 = 200.0;
-/// How long an answer may take.
+/// Timeout of an answer.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// How often it is looked for holes, and for room on a link that had none.
+/// Pause between checks for holes, and after an answer that a link had no room for.
 const REST: Duration = Duration::from_millis(250);
 
-/// The holes, as recorder and fillers share them.
+/// The holes, shared by recorder and fillers.
 #[derive(Clone)]
 pub(in crate::node) struct SharedHoles(Arc<Mutex<Holes>>);
 
@@ -51,7 +51,7 @@ impl SharedHoles {
     }
 }
 
-/// What all fillers of a recording share.
+/// The state that all fillers of a recording share.
 #[derive(Clone)]
 pub(in crate::node) struct Fillers {
     pub(super) session: SessionId,
@@ -61,7 +61,7 @@ pub(in crate::node) struct Fillers {
 }
 
 impl Fillers {
-    /// Starts one task per viewpoint of `venue`; none when the venue wants holes to stay.
+    /// Starts one task per viewpoint of `venue`; none if the venue disables filling.
     pub(in crate::node) fn spawn(
         &self,
         zenoh: &Session,
@@ -97,8 +97,7 @@ impl Fillers {
         }
     }
 
-    /// The run is over: waits until its holes are filled, as long as somebody fills them, and at most
-    /// for `patience`.
+    /// Waits after the run until its holes are filled, at most for `patience`.
     pub(in crate::node) async fn finish(&self, patience: Duration) {
         self.holes.lock().over();
         let deadline = Instant::now() + patience;
@@ -112,7 +111,7 @@ impl Fillers {
         }
     }
 
-    /// Whether there is no recording any more that could be filled.
+    /// Whether the recording has failed.
     fn has_failed(&self) -> bool {
         self.queue.state().failure().is_some()
     }
@@ -124,7 +123,7 @@ struct Filler {
     zenoh: Session,
     viewpoint: ViewpointIndex,
     key: String,
-    /// Of filled patches and sightings.
+    /// Topics of filled patches and sightings.
     topics: [String; 2],
     bytes_per_s: f64,
 }
@@ -145,13 +144,13 @@ impl Filler {
                 to,
                 max_bytes: wanted.min(MAX_ANSWER_BYTES),
             };
-            let answer = timeout(PATIENCE, self.ask(&request)).await;
+            let answer = timeout(PATIENCE, self.request(&request)).await;
             let Some((filled, bytes)) = answer.ok().flatten() else {
                 sleep(REST).await;
                 continue;
             };
             if filled.to <= from || filled.to > to {
-                // The edge has no room on its link.
+                // The edge's link has no room.
                 sleep(REST).await;
                 continue;
             }
@@ -163,7 +162,7 @@ impl Filler {
     }
 
     /// The edge's answer, and its length in bytes.
-    async fn ask(&self, request: &FillRequest) -> Option<(Filled, usize)> {
+    async fn request(&self, request: &FillRequest) -> Option<(Filled, usize)> {
         let replies = self
             .zenoh
             .get(&self.key)
@@ -179,13 +178,13 @@ impl Filler {
             let payload = sample.payload().to_bytes();
             match wire::decode::<Filled>(&payload) {
                 Ok(filled) => return Some((filled, payload.len())),
-                Err(error) => debug!(key = self.key, %error, "an answer that cannot be read"),
+                Err(error) => debug!(key = self.key, %error, "unreadable answer"),
             }
         }
         None
     }
 
-    /// Records the sets that answer the question.
+    /// Records the sets that belong to the request.
     fn take(&self, filled: &Filled, ticks: [Tick; 2]) {
         let at_us = self.shared.clock.now_us();
         for set in &filled.stored {
@@ -200,13 +199,13 @@ impl Filler {
     }
 
     fn belongs(&self, set: &StoredSet, [from, to]: [Tick; 2]) -> bool {
-        let found = match set.kind {
+        let decoded = match set.kind {
             SetKind::Patches => wire::decode::<PatchSet>(&set.bytes)
                 .map(|set| (set.session, set.viewpoint, set.tick)),
             SetKind::Sightings => wire::decode::<SightingSet>(&set.bytes)
                 .map(|set| (set.session, set.viewpoint, set.tick)),
         };
-        found.is_ok_and(|(session, viewpoint, tick)| {
+        decoded.is_ok_and(|(session, viewpoint, tick)| {
             session == self.shared.session
                 && viewpoint == self.viewpoint
                 && (from..to).contains(&tick)

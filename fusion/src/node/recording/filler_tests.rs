@@ -1,4 +1,4 @@
-//! Fusion's fillers against an edge on a real Zenoh link.
+//! Fusion's fillers with an edge on a real Zenoh link.
 
 use std::path::Path;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use super::*;
 use crate::align::TickGroup;
 
 const SESSION: SessionId = SessionId(7);
-/// Far above what a loaded machine takes.
+/// Far above the time that a loaded machine needs.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn venue() -> Venue {
@@ -48,25 +48,25 @@ fn patches(session: SessionId, tick: i64) -> PatchSet {
     }
 }
 
-/// A tick that the edge's ring has lost.
+/// A tick missing from the edge's ring.
 const LOST: i64 = 14;
 
-/// Two ticks at a time, at first none, and what nobody asked for beside them.
-fn answer(request: &FillRequest, question: usize) -> Filled {
+/// Answers with two ticks at a time and with unrequested sets; the first answer is empty.
+fn answer(request: &FillRequest, n_before: usize) -> Filled {
     let to = request.to.min(request.from + 2);
-    let kept = (request.from.0..to.0).filter(|tick| *tick != LOST);
-    let ticks = kept.map(|tick| patches(SESSION, tick));
-    let stranger = patches(SessionId(9), request.from.0);
+    let stored = (request.from.0..to.0).filter(|tick| *tick != LOST);
+    let ticks = stored.map(|tick| patches(SESSION, tick));
+    let foreign = patches(SessionId(9), request.from.0);
     let far = patches(SESSION, request.from.0 - 100);
-    let stored = ticks.chain([stranger, far]).map(|set| StoredSet {
+    let stored = ticks.chain([foreign, far]).map(|set| StoredSet {
         kind: SetKind::Patches,
         bytes: wire::encode(&set),
     });
-    let rubbish = StoredSet {
+    let invalid = StoredSet {
         kind: SetKind::Sightings,
-        bytes: b"rubbish".to_vec(),
+        bytes: b"invalid".to_vec(),
     };
-    if question == 0 {
+    if n_before == 0 {
         return Filled {
             to: request.from,
             stored: Vec::new(),
@@ -74,12 +74,12 @@ fn answer(request: &FillRequest, question: usize) -> Filled {
     }
     Filled {
         to,
-        stored: stored.chain([rubbish]).collect(),
+        stored: stored.chain([invalid]).collect(),
     }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_was_missed_is_fetched_and_nothing_else() {
+async fn only_missing_sets_are_fetched_and_recorded() {
     let fusion = open(&[
         ("mode", "\"router\"".to_owned()),
         ("listen/endpoints", "[\"tcp/127.0.0.1:0\"]".to_owned()),
@@ -91,16 +91,16 @@ async fn what_was_missed_is_fetched_and_nothing_else() {
         ("connect/endpoints", format!("[\"{endpoint}\"]")),
     ])
     .await;
-    let questions = edge.declare_queryable("fill-test/fill/a").await.unwrap();
+    let requests = edge.declare_queryable("fill-test/fill/a").await.unwrap();
     let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
     tasks.spawn(async move {
         let mut n = 0;
-        while let Ok(question) = questions.recv_async().await {
-            let question: Query = question;
-            let request = question.payload().unwrap().to_bytes();
+        while let Ok(query) = requests.recv_async().await {
+            let query: Query = query;
+            let request = query.payload().unwrap().to_bytes();
             let request = wire::decode::<FillRequest>(&request).unwrap();
             let answer = wire::encode(&answer(&request, n));
-            question.reply("fill-test/fill/a", answer).await.unwrap();
+            query.reply("fill-test/fill/a", answer).await.unwrap();
             n += 1;
         }
     });

@@ -1,4 +1,4 @@
-//! Recordings as files: who writes them, when, for how long they are kept.
+//! Recordings as files: their writer, places, filling of holes, and retention.
 
 mod file;
 mod filler;
@@ -7,13 +7,11 @@ mod on_demand;
 mod queue;
 mod retention;
 mod thread;
-mod unended;
 
-pub use self::file::{OWN_RECORDING, check_place, is_for_many};
+pub use self::file::{OWN_RECORDING, check_place, is_for_many, without_end};
 pub(super) use self::file::{RecordingFile, RecordingPlace};
 pub(super) use self::head::head;
 pub use self::on_demand::{RecordingOnDemand, RecordingsOnDemand};
 #[cfg(test)]
 pub(super) use self::queue::RecordingQueue;
 pub(super) use self::thread::RecordingThread;
-pub use self::unended::without_end;

@@ -1,8 +1,8 @@
-//! Recordings that somebody starts and stops while a live run goes on: the button of the live page.
+//! Recordings that are started and stopped during a live run, with the button of the live page.
 //!
-//! Such a recording begins in the middle of a run. It holds who was there then and all that passes from then on, and can be
-//! looked at as any other. Solved again, people are found anew, and recognised by place and body
-//! ([`crate::recording::replay::PatchOwners::ByPlace`]). Edges are not asked for what it lacks.
+//! Such a recording begins in the middle of a run. It contains the people present then and all later messages, and can be viewed
+//! like any other. A replay detects the people anew, and recognises them by place and body
+//! ([`crate::recording::replay::PatchOwners::ByPlace`]). Its holes are not filled from the edges.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock, Weak};
@@ -23,47 +23,47 @@ use super::queue::RecordingQueue;
 use super::thread::RecordingThread;
 use crate::identity::known::KnownPeople;
 use crate::node::output::disk_watch::DiskWatch;
-use crate::node::session::mode::RunMode;
+use crate::node::session::messages::RunMode;
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
 use crate::node::subjects::KnownSubjects;
 use crate::recording::channels;
 use crate::recording::expected::ExpectedPeople;
 use crate::recording::writer::Head;
 
-/// The recordings of a live run that are started and stopped while it goes on; one at a time.
+/// The recordings on demand of a live run; one at a time.
 pub struct RecordingsOnDemand {
     venue: String,
     folder: PathBuf,
     session: SessionId,
     parameters: RecordingParameters,
-    /// Made when the run begins: its files may be edited while it goes on.
+    /// Read when the run begins, because its files may be edited later.
     head: Result<Head, String>,
     /// The tick of the session's first boxes.
     first: OnceLock<Tick>,
-    /// Who is there, as of the last second.
+    /// The people present in the last second.
     people: Mutex<Option<KnownPeople>>,
-    /// Who is told of recordings that begin; they may know this one, and must not be kept by it. Empty before the run.
+    /// Notified of recordings that begin. Weak, because they may hold this object. Empty before the run.
     listeners: OnceLock<Vec<Weak<dyn Wiretap>>>,
-    /// The one that goes on, for those who must not wait for one that begins or ends.
+    /// The current recording, for callers that must not wait for one that begins or ends.
     current: RwLock<Option<Current>>,
-    recording: Mutex<Known>,
+    recording: Mutex<RecordingState>,
 }
 
-/// What is needed of the one that goes on at every message.
+/// The parts of the current recording that each message needs.
 struct Current {
     file: PathBuf,
     queue: Arc<RecordingQueue>,
     disk: Arc<DiskWatch>,
 }
 
-/// What is known of recordings.
+/// The state of the recordings.
 #[derive(Default)]
-struct Known {
+struct RecordingState {
     running: Option<Running>,
     last: Option<RecordingOnDemand>,
-    /// Those that have been stopped and are not whole yet: a disk may hang.
+    /// Threads that finish stopped recordings: a disk may hang.
     closing: Vec<JoinHandle<()>>,
-    /// The recording that goes on from the beginning of the run to its end.
+    /// The recording of the whole run, if there is one.
     of_run: Option<OfRun>,
     /// Whether the run is over.
     is_over: bool,
@@ -80,33 +80,34 @@ struct OfRun {
     since_us: Micros,
 }
 
-/// How it stands with a recording.
+/// The state of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordingOnDemand {
     /// Its file.
     pub file: PathBuf,
-    /// Whether it goes on.
+    /// Whether it is running.
     pub is_running: bool,
-    /// When it began, microseconds of Unix time.
+    /// Its start, microseconds of Unix time.
     pub since_us: Micros,
     /// Bytes on the disk.
     pub bytes: u64,
-    /// Messages that found no place in its queue.
+    /// Messages lost because the queue was full.
     pub lost: u64,
-    /// Why it has ended early.
+    /// The reason of an early end.
     pub failure: Option<String>,
 }
 
 impl RecordingsOnDemand {
-    /// The recordings of a run of `venue`, whose file is at `path`, in `session`; they go to `folder`.
+    /// The recordings of a run of `venue`, read from `path`, in `session`; their files go to `folder`.
     pub(in crate::node) fn of_run(
-        (venue, path): (&Venue, &Path),
+        venue: &Venue,
+        path: &Path,
         keypoints: &KeypointSet,
         session: SessionId,
         folder: PathBuf,
         subjects: &KnownSubjects,
     ) -> Self {
-        let head = head((venue, path), keypoints, FUSION, subjects);
+        let head = head(venue, path, keypoints, FUSION, subjects);
         Self {
             venue: venue.name.clone(),
             folder,
@@ -121,29 +122,29 @@ impl RecordingsOnDemand {
         }
     }
 
-    /// Says that `recording` goes on for as long as the run does.
-    pub(in crate::node) fn leave_it_to(&self, recording: &RecordingThread) {
-        self.known().of_run = Some(OfRun {
+    /// Registers the recording of the whole run.
+    pub(in crate::node) fn set_run_recording(&self, recording: &RecordingThread) {
+        self.state().of_run = Some(OfRun {
             file: recording.file().to_owned(),
             queue: recording.queue(),
             since_us: now_us(),
         });
     }
 
-    /// Tells `listeners` of every recording that begins; none begins before. Called once.
-    pub(in crate::node) fn tell(&self, listeners: &[Arc<dyn Wiretap>]) {
+    /// Notifies `listeners` of every recording from now on. None begins before. Called once.
+    pub(in crate::node) fn set_listeners(&self, listeners: &[Arc<dyn Wiretap>]) {
         self.listeners
             .get_or_init(|| listeners.iter().map(Arc::downgrade).collect());
     }
 
-    /// Says who is there: a recording that begins soon begins with them.
-    pub(in crate::node) fn knows(&self, people: &KnownPeople) {
-        *whole(self.people.lock()) = Some(people.clone());
+    /// Sets the people present now: a recording that begins next contains them.
+    pub(in crate::node) fn set_people(&self, people: &KnownPeople) {
+        *unpoisoned(self.people.lock()) = Some(people.clone());
     }
 
-    /// What the operator must know of the one that goes on: that its disk is full, or too slow. Never waits.
+    /// Problems of the current recording for the operator: a full or slow disk. Never waits.
     pub(in crate::node) fn notice(&self) -> Option<String> {
-        let current = whole(self.current.read());
+        let current = unpoisoned(self.current.read());
         let current = current.as_ref()?;
         current.disk.notice().or_else(|| {
             let lost = Some(current.queue.state().lost()).filter(|lost| *lost > 0)?;
@@ -154,32 +155,32 @@ impl RecordingsOnDemand {
         })
     }
 
-    /// Begins one, in a new file named after venue and time.
+    /// Begins a recording in a new file named after venue and time.
     ///
     /// # Errors
-    /// When one goes on already, the run has not begun or is over, or none can be written: nothing is left behind then.
+    /// A recording is running, the run has not begun or is over, or the file cannot be written. Nothing is left behind then.
     pub fn start(&self) -> anyhow::Result<PathBuf> {
-        let mut known = self.known();
-        ensure!(!known.is_over, "the run is over");
+        let mut state = self.state();
+        ensure!(!state.is_over, "the run is over");
         let listeners = self.listeners.get();
         let listeners = listeners.context("the run has not begun yet: try again")?;
-        if let Some(of_run) = &known.of_run
+        if let Some(of_run) = &state.of_run
             && of_run.queue.failure().is_none()
         {
             return Err(anyhow!(
-                "{} goes on since the run began (`--record`)",
+                "{} is running since the run began (`--record`)",
                 of_run.file.display()
             ));
         }
-        known.of_run = None;
-        if let Some(running) = known.running.take() {
+        state.of_run = None;
+        if let Some(running) = state.running.take() {
             let so_far = running.thread.so_far();
             if so_far.failure.is_none() {
-                known.running = Some(running);
-                return Err(anyhow!("{} goes on already", so_far.file.display()));
+                state.running = Some(running);
+                return Err(anyhow!("{} is running already", so_far.file.display()));
             }
-            // Its writer has ended, and said why.
-            known.last = Some(running.finish());
+            // Its writer has failed, and has reported why.
+            state.last = Some(running.finish());
         }
         let people = self.people_as_json()?;
         let thread = self.open()?;
@@ -191,12 +192,12 @@ impl RecordingsOnDemand {
             queue.note(&channels::expected(&self.venue), &people, now_us());
         }
         let file = thread.file().to_owned();
-        *whole(self.current.write()) = Some(Current {
+        *unpoisoned(self.current.write()) = Some(Current {
             file: file.clone(),
             queue,
             disk: thread.disk_watch(),
         });
-        known.running = Some(Running {
+        state.running = Some(Running {
             thread,
             since_us: now_us(),
         });
@@ -206,57 +207,58 @@ impl RecordingsOnDemand {
         Ok(file)
     }
 
-    /// Ends the one that goes on. Its file is whole when a thread of its own has written what is left.
+    /// Stops the current recording. A separate thread completes its file.
     ///
     /// # Errors
-    /// When none goes on that can be ended, or the system has no thread.
+    /// No recording that can be stopped is running, or the system cannot start a thread.
     pub fn stop(self: &Arc<Self>) -> anyhow::Result<()> {
-        let mut known = self.known();
-        let Some(running) = known.running.take() else {
-            return Err(match &known.of_run {
+        let mut state = self.state();
+        let Some(running) = state.running.take() else {
+            return Err(match &state.of_run {
                 Some(of_run) => anyhow!("{} ends with the run (`--record`)", of_run.file.display()),
-                None => anyhow!("no recording goes on"),
+                None => anyhow!("no recording is running"),
             });
         };
-        *whole(self.current.write()) = None;
-        known.last = Some(RecordingOnDemand {
+        *unpoisoned(self.current.write()) = None;
+        state.last = Some(RecordingOnDemand {
             is_running: false,
             ..running.now()
         });
-        known.closing.retain(|closing| !closing.is_finished());
+        state.closing.retain(|closing| !closing.is_finished());
         let this = Arc::clone(self);
         let thread = std::thread::Builder::new().name("recorder's end".to_owned());
         let closing = thread.spawn(move || {
             let last = running.finish();
-            this.known().last = Some(last);
+            this.state().last = Some(last);
         });
-        known.closing.push(closing.context("ending the recording")?);
+        state.closing.push(closing.context("ending the recording")?);
         Ok(())
     }
 
-    /// Ends the one that goes on, if any, waits for those that are being ended, and returns the last; none begins any more.
+    /// Stops the current recording, if any, waits until all files are complete, and returns the last one. No further recording
+    /// begins.
     pub(in crate::node) fn end(&self) -> Option<RecordingOnDemand> {
-        let mut known = self.known();
-        known.is_over = true;
-        let (running, closing) = (known.running.take(), std::mem::take(&mut known.closing));
-        *whole(self.current.write()) = None;
-        drop(known);
+        let mut state = self.state();
+        state.is_over = true;
+        let (running, closing) = (state.running.take(), std::mem::take(&mut state.closing));
+        *unpoisoned(self.current.write()) = None;
+        drop(state);
         let last = running.map(Running::finish);
         for closing in closing {
-            // One that panicked has said so.
+            // A thread that panicked has reported it.
             drop(closing.join());
         }
-        let mut known = self.known();
+        let mut state = self.state();
         if last.is_some() {
-            known.last = last;
+            state.last = last;
         }
-        known.last.clone()
+        state.last.clone()
     }
 
-    /// How it stands with the one that goes on, else with the last; `None`: there was none.
+    /// The state of the current recording, otherwise of the last; `None` if there was none.
     pub fn now(&self) -> Option<RecordingOnDemand> {
-        let known = self.known();
-        if let Some(of_run) = &known.of_run {
+        let state = self.state();
+        if let Some(of_run) = &state.of_run {
             let failure = of_run.queue.failure();
             return Some(RecordingOnDemand {
                 bytes: bytes_of(&of_run.file),
@@ -267,11 +269,11 @@ impl RecordingsOnDemand {
                 failure,
             });
         }
-        let running = known.running.as_ref().map(Running::now);
-        running.or_else(|| known.last.clone())
+        let running = state.running.as_ref().map(Running::now);
+        running.or_else(|| state.last.clone())
     }
 
-    /// A new recording under way; nothing is left of one that cannot be begun.
+    /// Creates a recording; leaves nothing behind if that fails.
     fn open(&self) -> anyhow::Result<RecordingThread> {
         let head = self.head.as_ref().map_err(|error| anyhow!("{error}"))?;
         let head = Head {
@@ -283,9 +285,9 @@ impl RecordingsOnDemand {
         RecordingThread::start(file, head, session, mode, &self.parameters)
     }
 
-    /// Who is there, as a session notes it that expects people of the one before.
+    /// The people present, in the format for a session that expects people of an earlier one.
     fn people_as_json(&self) -> anyhow::Result<Option<Vec<u8>>> {
-        let Some(known) = whole(self.people.lock()).clone() else {
+        let Some(known) = unpoisoned(self.people.lock()).clone() else {
             return Ok(None);
         };
         let session = self.session;
@@ -293,13 +295,13 @@ impl RecordingsOnDemand {
         json.context("writing people as JSON").map(Some)
     }
 
-    fn known(&self) -> MutexGuard<'_, Known> {
-        whole(self.recording.lock())
+    fn state(&self) -> MutexGuard<'_, RecordingState> {
+        unpoisoned(self.recording.lock())
     }
 
-    fn with_queue<T>(&self, tell: impl FnOnce(&RecordingQueue) -> T) -> Option<T> {
-        let current = whole(self.current.read());
-        current.as_ref().map(|current| tell(&current.queue))
+    fn with_queue<T>(&self, use_queue: impl FnOnce(&RecordingQueue) -> T) -> Option<T> {
+        let current = unpoisoned(self.current.read());
+        current.as_ref().map(|current| use_queue(&current.queue))
     }
 }
 
@@ -316,7 +318,7 @@ impl Running {
         }
     }
 
-    /// Waits until the file is whole.
+    /// Waits until the file is complete.
     fn finish(self) -> RecordingOnDemand {
         let before = self.now();
         let (failure, lost) = match self.thread.finish_waiting() {
@@ -333,8 +335,8 @@ impl Running {
     }
 }
 
-/// What a lock guards, though a thread with it may have died: everything here is replaced as a whole.
-fn whole<T>(locked: Result<T, PoisonError<T>>) -> T {
+/// Ignores a poisoned lock: all data here are replaced as a whole, so a thread that panicked left them consistent.
+fn unpoisoned<T>(locked: Result<T, PoisonError<T>>) -> T {
     locked.unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -386,12 +388,12 @@ mod tests {
     }
 
     #[test]
-    fn one_at_a_time_goes_on_and_all_are_whole_when_the_run_is() {
+    fn one_recording_runs_at_a_time_and_all_are_complete_after_the_run() {
         let folder = tempfile::tempdir().unwrap();
         let recordings = recordings(folder.path());
         let early = recordings.start().unwrap_err();
         assert!(early.to_string().contains("not begun"), "{early}");
-        recordings.tell(&[]);
+        recordings.set_listeners(&[]);
         assert!(recordings.stop().is_err(), "there is none");
         let first = recordings.start().unwrap();
         let twice = recordings.start().unwrap_err().to_string();
@@ -411,12 +413,12 @@ mod tests {
     }
 
     #[test]
-    fn one_that_cannot_be_begun_leaves_nothing_and_can_be_tried_again() {
+    fn a_recording_that_cannot_begin_leaves_nothing_and_can_be_retried() {
         let folder = tempfile::tempdir().unwrap();
         let missing = folder.path().join("gone");
         std::fs::write(&missing, "no folder").unwrap();
         let recordings = recordings(&missing);
-        recordings.tell(&[]);
+        recordings.set_listeners(&[]);
         assert!(recordings.start().is_err());
         assert!(recordings.now().is_none());
         std::fs::remove_file(&missing).unwrap();

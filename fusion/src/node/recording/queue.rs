@@ -1,6 +1,6 @@
-//! What waits for the thread that writes a recording.
+//! The queue of the thread that writes a recording.
 //!
-//! Whoever passes something on never waits: what finds no place is counted, and missing in the record.
+//! Callers never wait: a message that finds no place is counted, and missing in the recording.
 
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -16,23 +16,23 @@ use farfield_proto::wire;
 
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
 
-/// Memory of the messages that wait for the recorder: a disk that hangs must not fill all of it.
+/// Memory for queued messages: a hanging disk must not fill all of it.
 const QUEUE_BYTES: usize = 64 << 20;
-/// What a message takes in addition to its topic and bytes, about: two allocations and its place in the queue.
+/// Approximate memory of a message apart from its topic and bytes: two allocations and its place in the queue.
 const NOTE_BYTES: usize = size_of::<Note>() + 32;
 
-/// Hands on what passes.
+/// Queues the messages of fusion for the writer.
 pub(in crate::node) struct RecordingQueue {
     notes: Sender<Note>,
     state: Arc<QueueState>,
     session: SessionId,
     decisions: String,
     own_status: String,
-    /// The tick of the first decision: that of the session's first boxes.
+    /// The tick of the first decision, that of the session's first boxes.
     first: OnceLock<Tick>,
 }
 
-/// What queue and writer know of each other.
+/// Shared by queue and writer.
 #[derive(Debug, Default)]
 pub(in crate::node) struct QueueState {
     queued_bytes: AtomicUsize,
@@ -40,35 +40,35 @@ pub(in crate::node) struct QueueState {
     failure: Mutex<Option<String>>,
 }
 
-/// Something that passed.
+/// An entry of the queue.
 #[derive(Debug)]
 pub(in crate::node) enum Note {
     /// A message.
     Passed(QueuedMessage),
-    /// Nothing more will come.
+    /// The end.
     End,
 }
 
-/// A message that passed.
+/// A message to record.
 #[derive(Debug)]
 pub(in crate::node) struct QueuedMessage {
-    /// Under which key.
+    /// Its key.
     pub(super) topic: String,
-    /// As it travels.
+    /// Its payload.
     pub(super) bytes: Vec<u8>,
-    /// When: Unix time, nanoseconds.
+    /// Its time: Unix time, nanoseconds.
     pub(super) at_ns: u64,
 }
 
 impl QueuedMessage {
-    /// About how much memory it takes while it waits.
+    /// Its approximate memory in the queue.
     pub(super) fn cost(&self) -> usize {
         self.topic.len() + self.bytes.len() + NOTE_BYTES
     }
 }
 
 impl RecordingQueue {
-    /// A queue for what passes fusion in `session`, and the end at which its notes come out.
+    /// A queue for the messages of fusion in `session`, and its receiving end.
     pub(in crate::node) fn open(venue: &str, session: SessionId) -> (Self, Receiver<Note>) {
         let (queue, notes) = channel();
         let keys = Keys::new(venue);
@@ -83,17 +83,17 @@ impl RecordingQueue {
         (this, notes)
     }
 
-    /// Says that the session's first boxes were of tick `first`, for a recording that begins later.
+    /// Sets the tick of the session's first boxes, for a recording that begins later.
     pub(super) fn begins_after(&self, first: Tick) {
         self.first.get_or_init(|| first);
     }
 
-    /// What queue and writer share.
+    /// The state shared with the writer.
     pub(super) fn state(&self) -> &Arc<QueueState> {
         &self.state
     }
 
-    /// Notes a message that passed at `at_us`, microseconds of Unix time.
+    /// Queues a message of time `at_us`, microseconds of Unix time.
     pub(in crate::node) fn note(&self, topic: &str, bytes: &[u8], at_us: i64) {
         let passed = QueuedMessage {
             topic: topic.to_owned(),
@@ -103,7 +103,7 @@ impl RecordingQueue {
         let cost = passed.cost();
         let before = self.state.queued_bytes.fetch_add(cost, Ordering::Relaxed);
         let has_place = before == 0 || before + cost <= QUEUE_BYTES;
-        // After a recording has failed nothing counts any more.
+        // After the recording has failed, losses are not counted.
         if !has_place {
             self.state.taken(cost);
             self.state.lost.fetch_add(1, Ordering::Relaxed);
@@ -112,23 +112,23 @@ impl RecordingQueue {
         }
     }
 
-    /// Says that nothing more will come.
+    /// Marks the end.
     pub(super) fn end(&self) {
-        // A writer that has failed is gone already.
+        // A failed writer has already ended.
         drop(self.notes.send(Note::End));
     }
 }
 
 impl Wiretap for RecordingQueue {
     fn received(&self, message: CopiedMessage<'_>) {
-        // What fusion says itself is noted when it is said.
+        // Fusion's own messages are recorded when they are published.
         if message.key != self.own_status {
             self.note(message.key, message.bytes, message.at_us);
         }
     }
 
     fn published(&self, message: CopiedMessage<'_>) {
-        // Decisions are noted when they are made: none may be missing.
+        // Decisions are recorded when they are made: none may be missing.
         if message.key != self.decisions {
             self.note(message.key, message.bytes, message.at_us);
         }
@@ -153,28 +153,28 @@ impl Wiretap for RecordingQueue {
 }
 
 impl QueueState {
-    /// A message of this [`QueuedMessage::cost`] waits no more.
+    /// Releases the memory of a message with this [`QueuedMessage::cost`].
     pub(super) fn taken(&self, cost: usize) {
         self.queued_bytes.fetch_sub(cost, Ordering::Relaxed);
     }
 
-    /// Where messages that found no place are counted.
+    /// The counter of lost messages.
     pub(super) fn lost_counter(&self) -> Arc<AtomicU64> {
         Arc::clone(&self.lost)
     }
 
-    /// Messages that found no place, since the start.
+    /// Messages lost since the start.
     pub(super) fn lost(&self) -> u64 {
         self.lost.load(Ordering::Relaxed)
     }
 
-    /// Says why the recording has ended early.
+    /// Records the reason of an early end.
     pub(super) fn fail(&self, reason: String) {
         let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
         *failure = Some(reason);
     }
 
-    /// Why the recording has ended early, if it has.
+    /// The reason of an early end, if any.
     pub(super) fn failure(&self) -> Option<String> {
         let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
         failure.clone()
@@ -190,9 +190,10 @@ mod tests {
         RecordingQueue::open("hall", SessionId(7))
     }
 
-    /// A hang of 22 s at four viewpoints and 60 Hz: sets, boxes, poses, decisions. A queue of 8,192 messages lost 4,213 of them.
+    /// A disk that hangs for 22 s at four viewpoints and 60 Hz: sets, boxes, poses, decisions. A queue of 8,192 messages lost 4,213
+    /// of them.
     #[test]
-    fn a_hang_of_22_s_at_four_viewpoints_costs_no_message() {
+    fn a_disk_hanging_for_22_s_costs_no_message() {
         let (queue, notes) = open();
         for _ in 0..22 * 60 {
             for _ in 0..4 {
@@ -207,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn messages_fill_the_queue_by_their_memory_and_are_never_waited_for() {
+    fn the_queue_is_bounded_by_memory_and_callers_never_wait() {
         for n_bytes in [1, QUEUE_BYTES / 4] {
             let (queue, notes) = open();
             let message = vec![0; n_bytes];
@@ -219,7 +220,7 @@ mod tests {
             }
             assert_eq!(queue.state().lost(), 3);
             let Ok(Note::Passed(passed)) = notes.recv() else {
-                panic!("nothing was noted");
+                panic!("no message was queued");
             };
             queue.state().taken(passed.cost());
             note();
@@ -231,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn decisions_are_noted_once_and_name_the_first_tick() {
+    fn decisions_are_recorded_once_with_the_first_tick() {
         let (queue, notes) = open();
         for tick in [40, 41] {
             let group = TickGroup {

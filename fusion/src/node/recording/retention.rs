@@ -1,4 +1,4 @@
-//! How long recordings are kept: those of a venue that are older than its file says are deleted.
+//! Retention of recordings: recordings of a venue that are older than its file allows are deleted.
 
 use std::fs::{self, File};
 use std::io::Read as _;
@@ -11,13 +11,12 @@ use tracing::{debug, warn};
 use crate::export::EDITS;
 use crate::recording::venue_of;
 
-/// Bytes of a file's beginning that tell whose it is: header and metadata, with the longest names of the
-/// most viewpoints.
+/// Bytes at the start of a file that contain its venue: header and metadata, with the longest names of the most viewpoints.
 const HEAD_BYTES: usize = 64 * 1024;
 
-/// Deletes the recordings of `venue` beside `current` that have not been written to for `days`; 0: none.
-/// Files of other programs stay, whatever they are called, and so do `current` and those of other venues,
-/// which have a word of their own on it. Names and edits beside a recording go with it.
+/// Deletes the recordings of `venue` in the folder of `current` that were last written more than `days` ago; 0: none. Keeps
+/// `current`, files of other programs, and recordings of other venues, which have their own retention. The edits of a recording
+/// are deleted with it.
 pub(super) fn delete_old(current: &Path, venue: &str, days: f64) -> Vec<PathBuf> {
     let Ok(keep) = Duration::try_from_secs_f64(days * 86_400.0) else {
         return Vec::new();
@@ -32,7 +31,7 @@ pub(super) fn delete_old(current: &Path, venue: &str, days: f64) -> Vec<PathBuf>
     let entries = match folder.read_dir() {
         Ok(entries) => entries,
         Err(error) => {
-            warn!(folder = %folder.display(), %error, "old recordings are not looked for");
+            warn!(folder = %folder.display(), %error, "cannot search for old recordings");
             return Vec::new();
         }
     };
@@ -45,11 +44,13 @@ pub(super) fn delete_old(current: &Path, venue: &str, days: f64) -> Vec<PathBuf>
         }
         match fs::remove_file(&path) {
             Ok(()) => {
-                // Names of people are kept no longer than their poses. Most recordings have none.
+                // Names of people are kept no longer than their poses. Most recordings have no edits.
                 drop(fs::remove_file(path.with_extension(EDITS)));
                 deleted.push(path);
             }
-            Err(error) => warn!(path = %path.display(), %error, "an old recording stays"),
+            Err(error) => {
+                warn!(path = %path.display(), %error, "an old recording cannot be deleted");
+            }
         }
     }
     if !deleted.is_empty() {
@@ -58,7 +59,7 @@ pub(super) fn delete_old(current: &Path, venue: &str, days: f64) -> Vec<PathBuf>
     deleted
 }
 
-/// Whether `path` is a file that was last written to longer than `keep` ago.
+/// Whether `path` is a file last written longer than `keep` ago.
 fn is_old(path: &Path, keep: Duration) -> bool {
     let Ok(metadata) = fs::symlink_metadata(path) else {
         return false;
@@ -68,7 +69,7 @@ fn is_old(path: &Path, keep: Duration) -> bool {
     metadata.is_file() && modified.is_some_and(|at| clock::unix_time().saturating_sub(at) > keep)
 }
 
-/// Whether `path` is called a recording, and is one of `venue`.
+/// Whether `path` has the extension of a recording, and is one of `venue`.
 fn is_of(path: &Path, venue: &str) -> bool {
     if path.extension().is_none_or(|extension| extension != "mcap") {
         return false;
@@ -76,7 +77,7 @@ fn is_of(path: &Path, venue: &str) -> bool {
     let mut head = Vec::new();
     let read =
         File::open(path).and_then(|file| file.take(HEAD_BYTES as u64).read_to_end(&mut head));
-    read.is_ok() && venue_of(&head).is_some_and(|found| found == venue)
+    read.is_ok() && venue_of(&head).is_some_and(|name| name == venue)
 }
 
 #[cfg(test)]
@@ -93,7 +94,7 @@ mod tests {
             .unwrap();
     }
 
-    /// The first bytes of an MCAP file of a profile, of a venue.
+    /// The first bytes of an MCAP file with this profile and venue.
     fn head(profile: &str, venue: &str) -> Vec<u8> {
         let mut writer = mcap::WriteOptions::new()
             .profile(profile)
@@ -111,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn only_our_own_old_recordings_go() {
+    fn only_old_recordings_of_the_venue_are_deleted() {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
         let ours = head(PROFILE, "hall");

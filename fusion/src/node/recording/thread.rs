@@ -1,4 +1,4 @@
-//! The thread that writes a recording: what passed in, chunks of a second out.
+//! The thread that writes a recording: messages in, chunks of a second out.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -29,18 +29,18 @@ use crate::export::disk_policy::DiskPolicy;
 use crate::export::summary::RecordingSummary;
 use crate::export::unfinished::PatientFile;
 use crate::node::output::disk_watch::DiskWatch;
-use crate::node::session::mode::RunMode;
+use crate::node::session::messages::RunMode;
 use crate::node::session::wiretap::Wiretap;
 use crate::recording::channels::Content;
 use crate::recording::holes::Holes;
 use crate::recording::writer::{Head, PassedMessage, RecordingWriter};
 
-/// How long after its tick was worked on a set is missed: longer than any live one takes.
+/// Time after a tick was stepped until a missing set counts as a hole: longer than any live set takes.
 const SETTLE_S: f64 = 2.0;
-/// How often old recordings are looked for.
+/// Interval of deleting old recordings.
 const CLEAN_EVERY: Duration = Duration::from_hours(1);
 
-/// A recording under way.
+/// A recording in progress.
 pub(in crate::node) struct RecordingThread {
     file: PathBuf,
     session: SessionId,
@@ -48,16 +48,16 @@ pub(in crate::node) struct RecordingThread {
     filled: Arc<AtomicU64>,
     queue: Arc<RecordingQueue>,
     disk: Arc<DiskWatch>,
-    /// `None` once it is waited for.
+    /// `None` after joining.
     thread: Option<JoinHandle<()>>,
 }
 
 impl RecordingThread {
-    /// Begins to write to `file` what passes fusion in `session`. Live it waits when the disk is full, and what
-    /// then finds no place in its queue is lost; in lock-step it ends.
+    /// Begins to record fusion's messages of `session` in `file`. In a live run it waits for a full disk, and messages beyond the
+    /// queue are lost; in lock-step it ends.
     ///
     /// # Errors
-    /// When the head cannot be written, or no thread starts; nothing is left of the file then.
+    /// The head cannot be written, or no thread starts. The file is removed then.
     pub(in crate::node) fn start(
         file: RecordingFile,
         head: Head,
@@ -70,7 +70,7 @@ impl RecordingThread {
         if begun.is_ok() {
             made.keep();
         } else {
-            // Half a head is no recording.
+            // A partial head is no recording.
             drop(std::fs::remove_file(path));
         }
         begun
@@ -135,22 +135,22 @@ impl RecordingThread {
         &self.file
     }
 
-    /// Where what passes is noted.
+    /// The observer that records messages.
     pub(in crate::node) fn wiretap(&self) -> Arc<dyn Wiretap> {
         Arc::clone(&self.queue) as Arc<dyn Wiretap>
     }
 
-    /// What is wrong with the disk of the file.
+    /// The watch of the file's disk.
     pub(in crate::node) fn disk_watch(&self) -> Arc<DiskWatch> {
         Arc::clone(&self.disk)
     }
 
-    /// Where messages are noted.
+    /// The queue of messages.
     pub(in crate::node) fn queue(&self) -> Arc<RecordingQueue> {
         Arc::clone(&self.queue)
     }
 
-    /// Those who fetch what is missing, by `clock`.
+    /// The tasks that fetch missing sets, with this `clock`.
     pub(in crate::node) fn fillers(&self, clock: &VenueClock) -> Fillers {
         Fillers {
             session: self.session,
@@ -160,7 +160,7 @@ impl RecordingThread {
         }
     }
 
-    /// What it has come to so far.
+    /// The summary of the recording so far.
     pub(in crate::node) fn so_far(&self) -> RecordingSummary {
         RecordingSummary {
             file: self.file.clone(),
@@ -171,46 +171,45 @@ impl RecordingThread {
         }
     }
 
-    /// As [`Self::finish_waiting`], without a thread that waits.
+    /// As [`Self::finish_waiting`], without blocking the runtime.
     ///
     /// # Errors
-    /// When the thread has panicked.
+    /// The thread has panicked.
     pub(in crate::node) async fn finish(self) -> anyhow::Result<RecordingSummary> {
         let finished = tokio::task::spawn_blocking(move || self.finish_waiting()).await;
         finished.context("waiting for the recorder")?
     }
 
-    /// Writes what has been noted so far and the file's end, and says what the recording has come to:
-    /// what could not be written at the very end is a failure as well.
+    /// Writes the queued messages and the end of the file, and returns the summary. A failure at the very end is included.
     ///
     /// # Errors
-    /// When the thread has panicked.
+    /// The thread has panicked.
     pub(super) fn finish_waiting(mut self) -> anyhow::Result<RecordingSummary> {
         self.disk.stop();
         self.queue.end();
         let joined = self.thread.take().map_or(Ok(()), JoinHandle::join);
         joined.map_err(|_| anyhow!("the recorder has panicked"))?;
-        // Only now is everything written that there will be.
+        // The holes are final only after all is written.
         self.holes.lock().over();
         Ok(self.so_far())
     }
 }
 
 struct RecordingWork {
-    /// Whose recordings are kept for so long.
+    /// The venue whose old recordings are deleted.
     venue: String,
-    /// Topic of what the recorder says of itself.
+    /// Topic of the recorder's own messages.
     recorder: String,
     chunk: Duration,
     retention_days: f64,
     state: Arc<QueueState>,
     disk: Arc<DiskWatch>,
     file: PathBuf,
-    /// Losses that the recording tells of.
+    /// Losses that the recording already contains.
     lost: u64,
     holes: SharedHoles,
     filled: Arc<AtomicU64>,
-    /// The viewpoints that do not keep all that they send.
+    /// Viewpoints whose ring has failed.
     rings: BTreeSet<usize>,
 }
 
@@ -220,7 +219,7 @@ impl RecordingWork {
         let written = written.and_then(|()| writer.finish().map(drop));
         if let Err(error) = written {
             let reason = format!(
-                "the recording {} has ended: {error}; what was written until then can be read",
+                "the recording {} has ended: {error}; all that was written before can be read",
                 self.file.display()
             );
             say(format_args!("error: {reason}"));
@@ -228,7 +227,7 @@ impl RecordingWork {
         }
     }
 
-    /// Until the last note has been written.
+    /// Writes until the end of the queue.
     fn write_all(
         &mut self,
         writer: &mut RecordingWriter<BufWriter<PatientFile>>,
@@ -244,7 +243,7 @@ impl RecordingWork {
             if now >= flush_at {
                 let disk = Arc::clone(&self.disk);
                 let _writing = disk.writing(&self.file);
-                self.say_losses(writer)?;
+                self.record_losses(writer)?;
                 writer.flush()?;
                 flush_at = now + self.chunk;
             }
@@ -263,20 +262,20 @@ impl RecordingWork {
                     self.state.taken(passed.cost());
                 }
                 Ok(Note::End) | Err(RecvTimeoutError::Disconnected) => {
-                    return self.say_losses(writer);
+                    return self.record_losses(writer);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
             }
         }
     }
 
-    /// Keeps account of what is there, and what is missing.
+    /// Updates the counts of filled sets and holes.
     fn count(&mut self, content: Content, bytes: &[u8]) {
         if let Content::Filled(_) = content {
             self.filled.fetch_add(1, Ordering::Relaxed);
         }
         match content {
-            // However a set came: it is there only now that it is written.
+            // A set counts, on either path, only when it is written.
             Content::Sets(SetKind::Patches) | Content::Filled(SetKind::Patches) => {
                 if let Ok(set) = wire::decode(bytes) {
                     self.holes.lock().patches(&set);
@@ -299,18 +298,18 @@ impl RecordingWork {
                     let index = usize::from(viewpoint.0);
                     let nth = live.every_nth_tick;
                     self.holes.lock().works_on_every(index, nth);
-                    self.tell_ring(index, &status.node, live.recording_failure.as_deref());
+                    self.report_ring(index, &status.node, live.recording_failure.as_deref());
                 }
             }
             _ => {}
         }
     }
 
-    /// Says once that an edge does not keep what it sends: an outage leaves holes then.
-    fn tell_ring(&mut self, index: usize, name: &str, failure: Option<&str>) {
+    /// Reports once that an edge's ring has failed: an outage then leaves holes.
+    fn report_ring(&mut self, index: usize, name: &str, failure: Option<&str>) {
         match failure {
             None => drop(self.rings.remove(&index)),
-            // Its numbers change all the time. Without keys anybody may make viewpoints up.
+            // Reported once, as its numbers change. Without keys, statuses may be forged with any viewpoint.
             Some(failure) => {
                 let is_known = index < self.holes.lock().viewpoints();
                 if is_known && self.rings.insert(index) {
@@ -320,8 +319,8 @@ impl RecordingWork {
         }
     }
 
-    /// Notes in the recording itself that it has gaps.
-    fn say_losses(
+    /// Records the number of lost messages.
+    fn record_losses(
         &mut self,
         writer: &mut RecordingWriter<BufWriter<PatientFile>>,
     ) -> io::Result<()> {
@@ -330,7 +329,7 @@ impl RecordingWork {
             return Ok(());
         }
         let more = lost - self.lost;
-        warn!(more, lost, file = %self.file.display(), "messages not recorded: the disk is too slow");
+        warn!(more, lost, file = %self.file.display(), "messages are not recorded: the disk is too slow");
         self.lost = lost;
         let log_ns = u64::try_from(clock::unix_time().as_nanos()).unwrap_or(u64::MAX);
         let json = format!("{{\"lost\":{lost}}}");
@@ -355,7 +354,7 @@ pub(super) mod tests {
     use super::*;
     use crate::node::output::made_folders::MadeFolders;
 
-    /// The head that every recording has.
+    /// A minimal head.
     pub(in crate::node::recording) fn head() -> Head {
         Head {
             venue: "hall".to_owned(),
@@ -369,7 +368,7 @@ pub(super) mod tests {
     }
 
     #[tokio::test]
-    async fn what_cannot_be_written_at_the_very_end_is_a_failure() {
+    async fn a_failure_at_the_very_end_is_reported() {
         let (reader, disk) = io::pipe().unwrap();
         let file = RecordingFile {
             path: PathBuf::from("end.mcap"),

@@ -1,4 +1,4 @@
-//! Who hears a replay: pages and streams get the poses as they are solved again, at the venue's rate.
+//! Observers of a replay: pages and streams get the replayed poses at the venue's rate.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -18,34 +18,36 @@ use crate::node::listeners::{Listeners, OpenListeners, ReplayedRecording, RunAtI
 use crate::node::session::wiretap::CopiedMessage;
 use crate::pipeline::StepOutput;
 
-/// However slow a venue is, a tick is told after so long.
+/// Longest time between two published ticks.
 const LONGEST_TICK: Duration = Duration::from_secs(1);
-/// How often is looked whether to stop while the time of a tick is waited for.
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// Interval of checking for a stop while waiting for a tick's time.
+const STOP_CHECK: Duration = Duration::from_millis(100);
 
-/// Those who listen to a replay.
-pub(super) struct Listening {
+/// The observers of a replay.
+pub(super) struct ReplayObservers {
     listeners: Listeners,
     keys: Keys,
     session: SessionId,
     tick_lasts: Duration,
-    /// When the next tick may be told.
+    /// Earliest time for publishing the next tick.
     due: Instant,
     waited: Duration,
 }
 
-impl Listening {
-    /// Opens them, on `runtime`, and says where they can be reached; results go to the folder `out`.
+impl ReplayObservers {
+    /// Opens the observers on `runtime`, and prints their addresses; results go to the folder `out`.
     ///
     /// # Errors
-    /// What cannot be opened.
+    /// An observer cannot be opened.
     pub(super) fn open(
         runtime: &tokio::runtime::Runtime,
         listeners: Box<dyn OpenListeners>,
-        (venue, keypoints, replays): (&Venue, &KeypointSet, ReplayedRecording<'_>),
+        venue: &Venue,
+        keypoints: &KeypointSet,
+        replays: ReplayedRecording<'_>,
         out: &Path,
     ) -> Result<Self, NodeError> {
-        // Streams of the venue file are for what happens now; a replay has those that it was told.
+        // The venue file's streams are for live runs; a replay has those of its command line.
         let venue = &Venue {
             streams: Vec::new(),
             ..venue.clone()
@@ -62,7 +64,7 @@ impl Listening {
             replays: Some(replays),
         };
         let listeners = runtime.block_on(listeners.open(run))?;
-        for line in &listeners.said {
+        for line in &listeners.notices {
             say(format_args!("{line}"));
         }
         Ok(Self {
@@ -76,22 +78,22 @@ impl Listening {
         })
     }
 
-    /// Whether anybody listens.
-    pub(super) fn is_anybody(&self) -> bool {
+    /// Whether there are observers.
+    pub(super) fn has_observers(&self) -> bool {
         !self.listeners.wiretaps.is_empty()
     }
 
-    /// How long was waited for the times of ticks.
+    /// The total time spent waiting for the times of ticks.
     pub(super) fn waited(&self) -> Duration {
         self.waited
     }
 
-    /// Tells what a tick came to, once it is time for it where somebody looks or is streamed to, or at once when `stop` says so.
-    pub(super) fn tell(&mut self, output: &StepOutput, stop: &CancellationToken) {
-        if !self.is_anybody() {
+    /// Publishes the results of a tick: at its time if an observer needs that and `stop` is not set, otherwise at once.
+    pub(super) fn publish_tick(&mut self, output: &StepOutput, stop: &CancellationToken) {
+        if !self.has_observers() {
             return;
         }
-        if self.listeners.is_in_time {
+        if self.listeners.is_real_time {
             self.wait(stop);
         }
         let (session, tick) = (self.session, output.poses.tick);
@@ -110,7 +112,7 @@ impl Listening {
         self.publish(&self.keys.pose(), &wire::encode(&output.poses));
     }
 
-    /// Until it is time for the next tick, or `stop` says so.
+    /// Waits for the time of the next tick, or until `stop`.
     fn wait(&mut self, stop: &CancellationToken) {
         let began = clock::now();
         let mut now = began;
@@ -118,18 +120,20 @@ impl Listening {
             && !early.is_zero()
             && !stop.is_cancelled()
         {
-            std::thread::sleep(early.min(LOOK_EVERY));
+            std::thread::sleep(early.min(STOP_CHECK));
             now = clock::now();
         }
         self.waited += now - began;
-        // Who is slower than the venue does not hurry afterwards.
+        // A delay is not made up for by faster ticks later.
         self.due = self.due.max(now) + self.tick_lasts;
     }
 
-    /// Waits until somebody ends the process, where listeners can still look at what was told.
+    /// Waits until the process is stopped, if observers can still view the results.
     pub(super) fn stay(&self, runtime: &tokio::runtime::Runtime, stop: &CancellationToken) {
-        if self.listeners.is_looked_at {
-            say(format_args!("all is solved; the page stays until Ctrl-C"));
+        if self.listeners.has_viewers {
+            say(format_args!(
+                "the replay is finished; the page stays open until Ctrl-C"
+            ));
             runtime.block_on(stop.cancelled());
         }
     }

@@ -1,4 +1,4 @@
-//! `farfield replay`: solves a recording again, as it was or in another way.
+//! `farfield replay`: solves a recording again, unchanged or with other settings.
 
 mod listening;
 mod recorded_run;
@@ -17,7 +17,7 @@ use farfield_node::process::{Ending, Managed, NodeError, Told, exit_code_told, s
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use self::listening::Listening;
+use self::listening::ReplayObservers;
 pub use self::recorded_run::{RecordedRun, open_recording};
 use self::report::Done;
 pub use self::venue::{of_values, recorded_venue, with_values};
@@ -25,7 +25,7 @@ use super::listeners::{OpenListeners, ReplayedRecording};
 use super::output::claim::{FolderClaim, check_folder};
 use super::output::export_thread::{ExportThread, missing};
 use super::output::summary_file::SummaryFile;
-use super::session::mode::RunMode;
+use super::session::messages::RunMode;
 use crate::export::summary::EventCounts;
 use crate::recording::replay::{PatchOwners, Replay};
 
@@ -34,11 +34,11 @@ use crate::recording::replay::{PatchOwners, Replay};
 pub struct ReplayArgs {
     /// The recording, an MCAP file.
     ///
-    /// Of `farfield record`, or of `--record`.
+    /// It is made by `farfield record` or `--record`.
     pub file: PathBuf,
     /// Folder for the results.
     ///
-    /// It must be empty or not there. Default: `farfield-out/VENUE-N`.
+    /// It must be empty or not exist. Default: `farfield-out/VENUE-N`.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Use this venue file, not the recorded one.
@@ -54,28 +54,28 @@ pub struct ReplayArgs {
     /// See `farfield parameters`; for example `smoothing.cutoff_hz=3`.
     #[arg(long, value_name = "TABLE.FIELD=VALUE")]
     pub set: Vec<String>,
-    /// Use what came too late, too.
+    /// Use late sets too.
     ///
-    /// All sets, those too that were delivered after an outage, instead of those that fusion used then.
+    /// Uses all sets, also those delivered after an outage, instead of those that fusion used then.
     #[arg(long)]
     pub late: bool,
     /// Smooth: two passes, forward and back.
     ///
-    /// Instead of the poses that a live listener could have had.
+    /// Writes these instead of the poses that a live client could have had.
     #[arg(long)]
     pub smooth: bool,
-    /// Which life of fusion, where there are several.
+    /// The session of fusion, if there are several.
     ///
-    /// From 1, as they are listed.
+    /// Numbered from 1, as they are listed.
     #[arg(long, value_name = "N")]
     pub session: Option<usize>,
-    /// Print the summary, or what went wrong, as JSON.
+    /// Print the summary, or the error, as JSON.
     #[arg(long)]
     pub json: bool,
 }
 
-/// Replays a recording to its end and says on standard error what went wrong. Whom `listeners` opens gets the poses, at
-/// the venue's rate.
+/// Replays a recording to its end, and prints errors on standard error. The observers that `listeners` opens get the poses at the
+/// venue's rate.
 pub fn main(
     args: &ReplayArgs,
     listeners: Box<dyn OpenListeners>,
@@ -112,8 +112,9 @@ fn replay(
         keeps_ids: names == PatchOwners::AsRecorded,
         ticks: span,
     };
-    let of = (&venue, &keypoints, replays);
-    let mut listening = Listening::open(&runtime, listeners, of, claim.folder())?;
+    let folder = claim.folder();
+    let mut observers =
+        ReplayObservers::open(&runtime, listeners, &venue, &keypoints, replays, folder)?;
     let exporter = ExportThread::start(claim.folder(), &venue, &keypoints, RunMode::LockStep)
         .map_err(NodeError::Failed)?;
     let mut file_of_summary = SummaryFile::in_folder(claim.folder());
@@ -123,7 +124,7 @@ fn replay(
         exporter,
         smooth: args.smooth,
         events: EventCounts::default(),
-        listening: &mut listening,
+        observers: &mut observers,
     }
     .run(&stop)
     .map_err(NodeError::Failed)?;
@@ -137,12 +138,12 @@ fn replay(
     } else {
         done.words(claim.folder(), args.smooth)
     };
-    // As JSON one thing is said: what went wrong.
+    // With `--json` only one object is printed: on failure it is the error.
     if !args.json || done.exported.missing().is_none() {
         print(&text).map_err(NodeError::Failed)?;
     }
     if done.ending == Ending::Done && done.exported.missing().is_none() {
-        listening.stay(&runtime, &stop);
+        observers.stay(&runtime, &stop);
     }
     stop.cancel();
     runtime.shutdown_background();
@@ -152,14 +153,14 @@ fn replay(
     }
 }
 
-/// A replay under way.
+/// A replay in progress.
 struct Solving<'a> {
     replay: Replay<BufReader<File>>,
     exporter: ExportThread,
     /// Whether the poses of two passes are written.
     smooth: bool,
     events: EventCounts,
-    listening: &'a mut Listening,
+    observers: &'a mut ReplayObservers,
 }
 
 impl Solving<'_> {
@@ -169,7 +170,7 @@ impl Solving<'_> {
         while !self.exporter.has_failed()
             && let Some(output) = self.replay.step()?
         {
-            self.listening.tell(&output, stop);
+            self.observers.publish_tick(&output, stop);
             let written = if self.smooth {
                 output.smoothed
             } else {
@@ -196,13 +197,13 @@ impl Solving<'_> {
             exported: self.exporter.finish(last, Vec::new())?,
             elapsed_s: clock::now()
                 .duration_since(began)
-                .saturating_sub(self.listening.waited())
+                .saturating_sub(self.observers.waited())
                 .as_secs_f64(),
         })
     }
 }
 
-/// A token that is cancelled when somebody wants the process to end.
+/// A token that is cancelled when the process is to end.
 fn watch_signals() -> anyhow::Result<(CancellationToken, tokio::runtime::Runtime)> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)

@@ -1,4 +1,4 @@
-//! A recorded run: opened, its venue and people known, the life of fusion chosen.
+//! A recorded run: the open recording, its venue and subjects, and the chosen session.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -23,12 +23,12 @@ use crate::pipeline::Pipeline;
 use crate::recording::reader::{Recording, SessionPart};
 use crate::recording::replay::{Choice, PatchOwners, Replay, ReplayError, first_decision};
 
-/// How long after the first boxes of a run nobody is known yet, seconds: edges have not yet looked.
-const NOBODY_YET_S: f64 = 0.5;
-/// How long nobody can have come, been confirmed and gone again, seconds.
-const NOBODY_GONE_S: f64 = 5.0;
+/// Time after the first boxes of a run in which no one is known yet, seconds: the edges have not detected people yet.
+const NONE_KNOWN_S: f64 = 0.5;
+/// Time in which no person can have come, been confirmed and left, seconds.
+const NONE_LEFT_S: f64 = 5.0;
 
-/// A recorded run: its ticks on their way through the core, and what a core for them is made of.
+/// A recorded run: its ticks, and the parts of a core for them.
 pub struct RecordedRun {
     pub(super) replay: Replay<BufReader<File>>,
     pub(super) venue: Venue,
@@ -43,10 +43,10 @@ pub struct RecordedRun {
 }
 
 impl RecordedRun {
-    /// Opens the recording that `args` name, and says on standard error what is unusual about it.
+    /// Opens the recording that `args` name, and prints what is unusual about it.
     ///
     /// # Errors
-    /// What of it cannot be read, or does not fit what `args` ask for.
+    /// The recording cannot be read, or does not match `args`.
     pub fn open(args: &ReplayArgs) -> Result<Self, NodeError> {
         let mut recording = open(&args.file).map_err(NodeError::Refused)?;
         let part = choose(args, recording.sessions()).map_err(NodeError::Refused)?;
@@ -58,10 +58,10 @@ impl RecordedRun {
         let (venue, card) = checked_venue(args, &recording, &changes)?;
         let subjects = subjects_of(args, &recording, &venue).map_err(NodeError::refused)?;
         let as_it_was = changes.none() && !args.late && !part.decisions.is_empty();
-        let joined = joined(&mut recording, &part, venue.rate_hz).map_err(NodeError::Refused)?;
+        let joined = joined_at(&mut recording, &part, venue.rate_hz).map_err(NodeError::Refused)?;
         let names = owners(&args.file, as_it_was, joined);
         let choice = choice(args, &part);
-        say_how_it_smooths(args, &venue);
+        report_missing_delay(args, &venue);
         let (file, recorded, session) = (FileFacts::of(&recording), part.ticks, part.session);
         let pipeline = fresh_pipeline(&venue, card.as_ref(), session, &subjects, args.smooth);
         let replay = Replay::new(recording, part, pipeline, choice, names)
@@ -80,20 +80,20 @@ impl RecordedRun {
         })
     }
 
-    /// The venue that is solved for.
+    /// The venue of the replay.
     pub fn venue(&self) -> &Venue {
         &self.venue
     }
 
-    /// Its ticks, of which those that were solved are gone.
+    /// The ticks that are not solved yet.
     pub fn replay(&mut self) -> &mut Replay<BufReader<File>> {
         &mut self.replay
     }
 
-    /// Goes back to before the first tick, with a core that knows nothing of it.
+    /// Rewinds to before the first tick, with a new core.
     ///
     /// # Errors
-    /// When the ticks are not those of one run.
+    /// The ticks are not of one run.
     pub fn rewind(&mut self) -> Result<(), ReplayError> {
         let card = self.card.as_ref();
         self.replay.rewind(fresh_pipeline(
@@ -121,7 +121,7 @@ fn fresh_pipeline(
     pipeline
 }
 
-/// The bodies of whom the venue names: as recorded, or of another venue file where one was given.
+/// The subjects: as recorded, or of another venue file if one is given.
 fn subjects_of(
     args: &ReplayArgs,
     recording: &Recording<BufReader<File>>,
@@ -136,7 +136,7 @@ fn subjects_of(
 /// Opens the file of a recording.
 ///
 /// # Errors
-/// When it cannot be opened, or is the folder of a run: then the recording in it is named, where there is one.
+/// The file cannot be opened, or is the folder of a run. The error names a recording in the folder, if there is one.
 pub fn open_recording(path: &Path) -> anyhow::Result<File> {
     let shown = path.display();
     if path.is_dir() {
@@ -153,7 +153,7 @@ pub fn open_recording(path: &Path) -> anyhow::Result<File> {
     File::open(path).with_context(|| format!("opening the recording {shown}"))
 }
 
-/// The venue that is solved for, and the card of its network if it has one.
+/// The venue of the replay, and the card of its network if it has one.
 fn checked_venue(
     args: &ReplayArgs,
     recording: &Recording<BufReader<File>>,
@@ -170,16 +170,16 @@ fn checked_venue(
     Ok((venue, card))
 }
 
-/// Says which poses there are of a venue that smooths with a delay.
-fn say_how_it_smooths(args: &ReplayArgs, venue: &Venue) {
+/// Reports that a replay has no delayed poses, if the venue asks for them.
+fn report_missing_delay(args: &ReplayArgs, venue: &Venue) {
     if !args.smooth && venue.parameters.smoothing.delay_ms > 0.0 {
         say(format_args!(
-            "`smoothing.delay_ms`: a replay has no poses with a delay; `--smooth` gives those that know all that came after"
+            "`smoothing.delay_ms`: a replay has no delayed poses; `--smooth` gives poses that use all later data"
         ));
     }
 }
 
-/// Reads the recording through, and says what is missing of it.
+/// Reads the whole recording, and reports what is missing.
 fn open(path: &Path) -> anyhow::Result<Recording<BufReader<File>>> {
     let shown = path.display();
     let file = open_recording(path)?;
@@ -191,10 +191,7 @@ fn open(path: &Path) -> anyhow::Result<Recording<BufReader<File>>> {
         say(format_args!("{shown}: {why}"));
     }
     for (count, what) in [
-        (
-            end.damaged_chunks,
-            "chunks are damaged and were passed over",
-        ),
+        (end.damaged_chunks, "chunks are damaged and were skipped"),
         (recording.unreadable(), "messages cannot be read"),
         (
             recording.lost(),
@@ -208,25 +205,25 @@ fn open(path: &Path) -> anyhow::Result<Recording<BufReader<File>>> {
     Ok(recording)
 }
 
-/// Which sets are used.
+/// The sets to use.
 fn choice(args: &ReplayArgs, part: &SessionPart) -> Choice {
     if args.late {
         return Choice::All;
     }
     if part.decisions.is_empty() {
         say(format_args!(
-            "{}: nobody recorded what fusion used for each tick; every set is used",
+            "{}: the sets that fusion used for each tick are not recorded; all sets are used",
             args.file.display()
         ));
     }
     Choice::Decided
 }
 
-/// How a replay tells whose patches are; says so where the recording has `joined` a run at a tick.
+/// How a replay assigns patches to people. Reports a recording that `joined` a run at a tick.
 fn owners(file: &Path, as_it_was: bool, joined: Option<Tick>) -> PatchOwners {
     if let Some(tick) = joined {
         say(format_args!(
-            "{}: it begins in the middle of a run, at tick {tick}: people are found anew, and keep their ids where they are \
+            "{}: the recording begins in the middle of a run, at tick {tick}: people are detected anew, and keep their ids if they are \
              recognised",
             file.display()
         ));
@@ -238,11 +235,11 @@ fn owners(file: &Path, as_it_was: bool, joined: Option<Tick>) -> PatchOwners {
     }
 }
 
-/// The first tick of `part`, where people may have been known before it, whom nobody can name then.
+/// The first tick of `part`, if people may have been known before it; their ids are unknown then.
 ///
 /// # Errors
-/// What of the recording cannot be read.
-fn joined(
+/// The recording cannot be read.
+fn joined_at(
     recording: &mut Recording<BufReader<File>>,
     part: &SessionPart,
     rate_hz: f64,
@@ -253,15 +250,11 @@ fn joined(
     let began_s = (decision.tick - decision.first) as f64 / rate_hz;
     let poses = recording.poses(part.session, decision.tick)?;
     let is_empty = poses.is_some_and(|poses| poses.persons.is_empty());
-    let nobody_s = if is_empty {
-        NOBODY_GONE_S
-    } else {
-        NOBODY_YET_S
-    };
-    Ok((began_s > nobody_s).then_some(decision.tick))
+    let margin_s = if is_empty { NONE_LEFT_S } else { NONE_KNOWN_S };
+    Ok((began_s > margin_s).then_some(decision.tick))
 }
 
-/// The life of fusion that is asked for.
+/// The requested session.
 fn choose(args: &ReplayArgs, sessions: &[SessionPart]) -> anyhow::Result<SessionPart> {
     let shown = args.file.display();
     let number = args.session.unwrap_or(1);
@@ -276,13 +269,13 @@ fn choose(args: &ReplayArgs, sessions: &[SessionPart]) -> anyhow::Result<Session
     };
     if sessions.len() > 1 && args.session.is_none() {
         say(format_args!(
-            "{shown}: fusion was restarted while it was recorded, and its first life here is replayed (--session N takes another): {}",
+            "{shown}: fusion was restarted during the recording; its first session is replayed (--session N selects another): {}",
             list()
         ));
     }
     chosen.cloned().ok_or_else(|| {
         if sessions.is_empty() {
-            anyhow!("{shown}: there is no tick in the recording")
+            anyhow!("{shown}: the recording contains no tick")
         } else {
             anyhow!("`--session` {number}: {shown} has {}", list())
         }

@@ -1,4 +1,4 @@
-//! What a replay says of itself.
+//! The report of a replay, as text and as JSON.
 
 use std::fmt::Write as _;
 use std::io::{Read, Seek};
@@ -18,10 +18,10 @@ use crate::node::output::summary;
 use crate::recording::reader::Recording;
 use crate::recording::replay::{Choice, ReplayTally};
 
-/// Most statures that a line shows.
-const MOST_SHOWN: usize = 12;
+/// Most statures in a line.
+const MAX_SHOWN: usize = 12;
 
-/// A replay that is over.
+/// A finished replay.
 pub(super) struct Done {
     pub(super) ending: Ending,
     pub(super) choice: Choice,
@@ -32,7 +32,7 @@ pub(super) struct Done {
     pub(super) elapsed_s: f64,
 }
 
-/// What is known of the file.
+/// Facts about the file.
 pub(super) struct FileFacts {
     file_whole: bool,
     read_bytes: u64,
@@ -76,16 +76,16 @@ impl FileFacts {
     }
 }
 
-/// What a replay says of itself.
+/// The JSON report of a replay.
 #[derive(Debug, Serialize)]
 struct ReplayReport<'a> {
-    /// As `summary.json` has it.
+    /// As in `summary.json`.
     #[serde(flatten)]
     summary: &'a Summary,
     replay: ReplayFacts,
 }
 
-/// What a replay has found in its recording.
+/// Facts about the recording.
 #[derive(Debug, Serialize)]
 struct ReplayFacts {
     /// Whether sets were used that fusion did not use then.
@@ -94,32 +94,32 @@ struct ReplayFacts {
     file_whole: bool,
     /// Bytes of the file that were read.
     read_bytes: u64,
-    /// Bytes that it has.
+    /// Size of the file, bytes.
     file_bytes: u64,
-    /// Chunks with a wrong checksum, passed over.
+    /// Skipped chunks with a wrong checksum.
     damaged_chunks: u64,
     /// Messages that could not be read.
     unreadable: u64,
-    /// Messages that the recorder lost, by its own account.
+    /// Messages that the recorder lost, by its own count.
     lost: u64,
     /// Sets that were used.
     sets: u64,
-    /// Sets that fusion used then and that are not in the file.
+    /// Sets that fusion used then but that are not in the file.
     missing_sets: u64,
-    /// Ticks of which it is not known what fusion used then.
+    /// Ticks for which the sets that fusion used are unknown.
     undecided_ticks: u64,
-    /// Decisions of ticks far from those of the run, left out.
+    /// Skipped decisions of ticks far from those of the run.
     far_decisions: u64,
-    /// Ticks with the poses that were published then, bit for bit.
+    /// Ticks whose poses match the published ones bit for bit.
     same_ticks: u64,
     /// Ticks with other poses.
     different_ticks: u64,
-    /// Patches of persons whom the replay does not have.
+    /// Patches of persons that the replay does not have.
     nobodys_patches: u64,
 }
 
 impl Done {
-    /// The replay as JSON: its summary, and what it has found in its recording.
+    /// The replay as JSON: its summary, and the facts about the recording.
     pub(super) fn json(&self, summary: &Summary, file: &FileFacts) -> anyhow::Result<String> {
         let report = ReplayReport {
             summary,
@@ -156,24 +156,24 @@ impl Done {
         }
     }
 
-    /// For people; whether the poses of two passes are written.
+    /// The report as text; `smooth`: the poses of two passes are written.
     pub(super) fn words(&self, out: &Path, smooth: bool) -> String {
         let tally = &self.tally;
         let sets = match self.choice {
-            Choice::Decided => "those sets that fusion used then",
-            Choice::All => "every set",
+            Choice::Decided => "the sets that fusion used then",
+            Choice::All => "all sets",
         };
         let published = match (tally.same, tally.different) {
-            (0, 0) => "what was published then is not in the recording".to_owned(),
-            (same, 0) => format!(
-                "the poses of all {same} ticks are those that were published then, bit for bit"
-            ),
+            (0, 0) => "the published poses are not in the recording".to_owned(),
+            (same, 0) => {
+                format!("the poses of all {same} ticks match the published ones bit for bit")
+            }
             (same, different) => format!(
-                "the poses of {same} ticks are those that were published then, of {different} they differ"
+                "the poses of {same} ticks match the published ones, those of {different} ticks differ"
             ),
         };
         let written = if smooth {
-            "; written are those of two passes"
+            "; the files contain those of two passes"
         } else {
             ""
         };
@@ -194,11 +194,11 @@ impl Done {
         for (count, what) in [
             (
                 tally.undecided,
-                "ticks were solved from all of their sets: what fusion used then is not in the recording",
+                "ticks were solved from all of their sets: those that fusion used then are not in the recording",
             ),
             (
                 tally.far,
-                "decisions were left out: their ticks lie far from those of the run",
+                "decisions were skipped: their ticks are far from those of the run",
             ),
             (
                 tally.missing,
@@ -207,7 +207,7 @@ impl Done {
             (tally.refused, "sets contradict another of their tick"),
             (
                 tally.nobodys,
-                "patches are of people whom this replay does not have",
+                "patches are of people that this replay does not have",
             ),
         ] {
             if count > 0 {
@@ -219,13 +219,13 @@ impl Done {
     }
 }
 
-/// How tall people are, in a line: whoever knows them sees whether the calibration has the right scale.
+/// The statures of the people in a line: a user who knows them can check the scale of the calibration.
 fn statures(people: &[Presence]) -> Option<String> {
     let known = people.iter().filter_map(|person| person.stature_m);
     let known: Vec<String> = known.map(|stature_m| format!("{stature_m:.2}")).collect();
-    let shown = known.get(..MOST_SHOWN).unwrap_or(&known).join(", ");
-    let more = if known.len() > MOST_SHOWN {
-        format!(" and {} more", known.len() - MOST_SHOWN)
+    let shown = known.get(..MAX_SHOWN).unwrap_or(&known).join(", ");
+    let more = if known.len() > MAX_SHOWN {
+        format!(" and {} more", known.len() - MAX_SHOWN)
     } else {
         String::new()
     };
@@ -240,7 +240,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn statures_stand_in_one_line_that_no_crowd_makes_long() {
+    fn statures_of_a_crowd_are_one_short_line() {
         let person = |id: u32| Presence {
             person: PersonId(id),
             first_tick: Tick(0),
@@ -248,11 +248,11 @@ mod tests {
             ticks: 10,
             stature_m: (id != 2).then(|| 1.7 + 0.01 * f64::from(id)),
         };
-        let of = |n: u32| statures(&(0..n).map(person).collect::<Vec<_>>());
-        assert_eq!(of(0), None);
-        let few = of(4).unwrap();
+        let line = |n: u32| statures(&(0..n).map(person).collect::<Vec<_>>());
+        assert_eq!(line(0), None);
+        let few = line(4).unwrap();
         assert!(few.ends_with(": 1.70, 1.71, 1.73 m"), "{few}");
-        let many = of(20).unwrap();
+        let many = line(20).unwrap();
         assert!(many.ends_with(", 1.82 m and 7 more"), "{many}");
     }
 }

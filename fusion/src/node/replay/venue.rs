@@ -1,4 +1,4 @@
-//! The venue that a recording is solved for: as it was, or with what the operator wants otherwise.
+//! The venue of a replay: as recorded, or with the operator's changes.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use super::super::config::load_card;
 use crate::recording::attached::Attached;
 use crate::recording::{CALIBRATION_FILE, CARD_FILE, VENUE_FILE};
 
-/// What shall be otherwise than it was.
+/// Changes of the operator.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Changes<'a> {
     /// Another venue file.
@@ -29,17 +29,16 @@ pub(super) struct Changes<'a> {
 }
 
 impl Changes<'_> {
-    /// Whether all shall be as it was.
+    /// Whether there are no changes.
     pub(super) fn none(&self) -> bool {
         self.venue.is_none() && self.calibration.is_none() && self.set.is_empty()
     }
 }
 
-/// The venue, and the card of its network if it has one.
+/// The venue of the replay, and the card of its network if it has one.
 ///
 /// # Errors
-/// When a file is missing or refused, a value cannot be set, or the viewpoints and cameras are not those
-/// of the recording.
+/// A file is missing or refused, a value cannot be set, or the viewpoints and cameras are not those of the recording.
 pub(super) fn replay_venue(
     file: &Path,
     recording: &Attached,
@@ -70,10 +69,10 @@ pub(super) fn replay_venue(
     Ok((venue, card))
 }
 
-/// The venue of the recording `file` as it was, and the card of its network if it has one.
+/// The venue of the recording `file` as recorded, and the card of its network if it has one.
 ///
 /// # Errors
-/// When what is attached is missing or refused.
+/// An attached file is missing or refused.
 pub fn recorded_venue(
     file: &Path,
     recording: &Attached,
@@ -83,7 +82,7 @@ pub fn recorded_venue(
     Ok((venue, card))
 }
 
-/// The venue as it was.
+/// The recorded venue.
 struct Recorded {
     text: String,
     path: PathBuf,
@@ -94,7 +93,7 @@ struct Recorded {
 fn recorded(file: &Path, recording: &Attached) -> anyhow::Result<Recorded> {
     let attached = |name: &str| {
         let text = recording.file(name);
-        text.ok_or_else(|| anyhow!("{}: there is no {name} in the recording", file.display()))
+        text.ok_or_else(|| anyhow!("{}: the recording does not contain {name}", file.display()))
     };
     let text = attached(VENUE_FILE)?;
     let path = file.join(VENUE_FILE);
@@ -109,7 +108,7 @@ fn recorded(file: &Path, recording: &Attached) -> anyhow::Result<Recorded> {
     })
 }
 
-/// The card that `venue` names, as it was attached.
+/// The attached card that `venue` names.
 fn recorded_card(
     file: &Path,
     recording: &Attached,
@@ -120,7 +119,7 @@ fn recorded_card(
     };
     let Some(text) = recording.file(CARD_FILE) else {
         bail!(
-            "{}: there is no {CARD_FILE} in the recording",
+            "{}: the recording does not contain {CARD_FILE}",
             file.display()
         );
     };
@@ -140,10 +139,10 @@ fn read(path: &Path) -> anyhow::Result<String> {
     fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))
 }
 
-/// The venue file `text` with other values, `table.name=value`. A parameter is named so wherever it stands.
+/// The venue file `text` with other values, `table.name=value`. The name is that of the parameter, in any table of the file.
 ///
 /// # Errors
-/// When a value cannot be set, or the text is no TOML.
+/// A value cannot be set, or the text is no TOML.
 pub fn with_values(text: &str, set: &[String]) -> anyhow::Result<String> {
     if set.is_empty() {
         return Ok(text.to_owned());
@@ -160,7 +159,7 @@ pub fn with_values(text: &str, set: &[String]) -> anyhow::Result<String> {
     toml::to_string(&file).context("writing the venue file")
 }
 
-/// An error in the venue file at `path` with the values of `set`, which are in none of its lines.
+/// Marks an error in the venue file at `path` as one with the values of `set`, which are in no line of the file.
 pub fn of_values(error: FileError, path: &Path, set: &[String]) -> FileError {
     if set.is_empty() || error.path != path {
         return error;
@@ -173,7 +172,7 @@ pub fn of_values(error: FileError, path: &Path, set: &[String]) -> FileError {
     }
 }
 
-/// The tables around what is called `name`, and its own name there.
+/// The tables that contain the value `name`, and its name there.
 fn keys(name: &str) -> anyhow::Result<Vec<&str>> {
     if let Some(parameter) = parameters::find(name) {
         return Ok(parameter.keys());
@@ -187,14 +186,14 @@ fn keys(name: &str) -> anyhow::Result<Vec<&str>> {
     Ok(keys)
 }
 
-/// A TOML value; what is none is taken for a text, so that words need no quotes.
+/// A TOML value. Text that is no TOML is a string, so that words need no quotes.
 fn value_of(text: &str) -> Value {
     let parsed: Option<Table> = format!("value = {text}").parse().ok();
     let value = parsed.and_then(|mut table| table.remove("value"));
     value.unwrap_or_else(|| Value::String(text.to_owned()))
 }
 
-/// Recorded messages name viewpoints and cameras by their position.
+/// Ensures equal viewpoints and cameras: recorded messages name them by position.
 fn check_same_cameras(recorded: &Venue, venue: &Venue, path: &Path) -> anyhow::Result<()> {
     let names = |venue: &Venue| -> Vec<(String, Vec<String>)> {
         let camera = |&index| {
@@ -231,7 +230,7 @@ mod tests {
     use crate::recording::writer::{Head, RecordingWriter};
 
     #[test]
-    fn values_are_set_where_they_are_and_where_they_are_not() {
+    fn values_are_set_in_existing_and_new_tables() {
         let text = "name = \"hall\"\n[births]\ncoast_s = 1.5\n";
         let set = [
             "births.coast_s = 3.5",
@@ -254,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_parameter_is_answered_with_the_nearest() {
+    fn an_unknown_parameter_is_refused_with_the_nearest_name() {
         let set = ["smoothing.cutof_hz=3".to_owned()];
         let refused = with_values("name = \"hall\"\n", &set).unwrap_err();
         assert_eq!(
@@ -264,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_value_names_it_and_no_line_of_the_file() {
+    fn an_error_in_a_set_value_names_the_value_and_no_line() {
         let path = Path::new("hall.toml");
         let set = ["smoothing.cutoff_hz=-3".to_owned()];
         let text = with_values("name = \"hall\"\nrate_hz = 60.0\n", &set).unwrap();
@@ -279,7 +278,7 @@ mod tests {
         assert_eq!(of_values(wrong.clone(), path, &[]), wrong);
     }
 
-    /// The head of a recording with this venue file.
+    /// A recording without messages and with this venue file.
     fn recording(venue: &str) -> Recording<Cursor<Vec<u8>>> {
         let calibration = "[a]\nname = \"a\"\nsize = [64, 48]\nmatrix = [[50.0, 0.0, 32.0], \
             [0.0, 50.0, 24.0], [0.0, 0.0, 1.0]]\ndistortions = [0.0, 0.0, 0.0, 0.0]\n\
@@ -318,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn values_that_the_operator_sets_are_added_to_those_of_the_recording() {
+    fn set_values_are_added_to_those_of_the_recording() {
         let recorded = format!("{VENUE}[tuning]\nbirths.flat_m = 0.05\nbirths.moved_m = 0.2\n");
         let set = ["births.coast_s=2", "births.moved_m=0.1"];
         let venue = replayed(&recorded, &set).unwrap();

@@ -1,29 +1,29 @@
-//! Where messages wait, live: a bounded place for each node that sends them, emptied in turn, so that one that floods
-//! takes nobody else's place.
+//! The queue of incoming messages in a live run: bounded places per sender, emptied in turn, so that a flooding node takes no
+//! places of others.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::Notify;
 
-/// Messages that wait, by sender.
+/// Queued messages, by sender.
 #[derive(Debug)]
 pub(super) struct Inbox<T> {
     waiting: Mutex<Waiting<T>>,
     came: Notify,
-    /// Places of each sender.
+    /// Places per sender.
     places: usize,
 }
 
 #[derive(Debug)]
 struct Waiting<T> {
     of_sender: Vec<VecDeque<T>>,
-    /// Whose turn it is.
+    /// The sender whose turn it is.
     turn: usize,
 }
 
 impl<T> Inbox<T> {
-    /// With so many `places` for each of `senders`.
+    /// An empty queue with `places` for each of `senders`.
     pub(super) fn new(senders: usize, places: usize) -> Self {
         let waiting = Waiting {
             of_sender: (0..senders).map(|_| VecDeque::new()).collect(),
@@ -36,7 +36,7 @@ impl<T> Inbox<T> {
         }
     }
 
-    /// Puts a message of the sender of this index into its place; whether its oldest was lost for it. Waits for nobody.
+    /// Adds a message of the sender with this index. Returns whether its oldest was dropped for it. Never waits.
     pub(super) fn put(&self, sender: usize, message: T) -> bool {
         let mut waiting = self.lock();
         let Some(queue) = waiting.of_sender.get_mut(sender) else {
@@ -52,7 +52,7 @@ impl<T> Inbox<T> {
         is_full
     }
 
-    /// The next message: of each sender that has one, in turn. Can be called off at any time; for one listener.
+    /// The next message, in turn over the senders that have one. It is safe to cancel; for one receiver.
     pub(super) async fn next(&self) -> T {
         loop {
             if let Some(message) = self.take() {
@@ -74,7 +74,7 @@ impl<T> Inbox<T> {
     }
 
     fn lock(&self) -> MutexGuard<'_, Waiting<T>> {
-        // Whatever a thread that panicked left undone, the queues are whole.
+        // A thread that panicked leaves the queues consistent.
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn one_that_floods_loses_its_own_and_nobody_elses() {
+    async fn a_flooding_sender_loses_only_its_own_messages() {
         let inbox = Inbox::new(3, 4);
         inbox.put(1, (1, 0));
         let lost = (0..100).filter(|&i| inbox.put(0, (0, i))).count();
@@ -96,11 +96,11 @@ mod tests {
         }
         assert_eq!(taken, [(0, 96), (1, 0), (0, 97), (1, 1), (0, 98), (0, 99)]);
         assert!(inbox.take().is_none());
-        assert!(inbox.put(3, (3, 0)), "there is no such sender");
+        assert!(inbox.put(3, (3, 0)), "an unknown sender");
     }
 
     #[tokio::test]
-    async fn whoever_waits_is_woken() {
+    async fn a_waiting_receiver_is_woken() {
         let inbox = std::sync::Arc::new(Inbox::new(1, 2));
         let listener = std::sync::Arc::clone(&inbox);
         let first = tokio::task::spawn_blocking(move || {

@@ -1,4 +1,4 @@
-//! What every message passes on its way in or out: who may say it, when it passed, and a copy for who records.
+//! The checks that every message passes: the right of the sender, the time, and copies to the observers.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use super::quota::Quota;
 use super::recorded_sets::{RecordedSets, SetMessage};
 use super::wiretap::{CopiedMessage, CopiedStep, WiretapHandle};
 
-/// Who sends: the viewpoints, by their index, and behind them all others as one.
+/// The senders: the viewpoints by index, and then all others as one.
 #[derive(Debug, Clone)]
 pub(in crate::node) struct Senders {
     names: Arc<[String]>,
@@ -23,7 +23,7 @@ pub(in crate::node) struct Senders {
 }
 
 impl Senders {
-    /// Those of `venue`; how fast they send is measured by `clock`.
+    /// The senders of `venue`; `clock` measures their rates.
     pub(in crate::node) fn new(venue: &Venue, clock: VenueClock) -> Self {
         let budget = venue.parameters.link.budget_bytes_per_s;
         Self {
@@ -35,25 +35,25 @@ impl Senders {
         }
     }
 
-    /// How many there are.
+    /// The number of senders.
     pub(super) fn len(&self) -> usize {
         self.quotas.len()
     }
 
-    /// Who may publish under `key`.
+    /// The sender that may publish under `key`.
     pub(super) fn index(&self, key: &str) -> usize {
         let node = key.rsplit('/').next();
         let own = self.names.iter().position(|name| node == Some(name));
         own.unwrap_or(self.names.len())
     }
 
-    /// Whether a message of `bytes` may come from `sender` now; counted where not.
+    /// Whether a message of `bytes` from `sender` is within its quota; refusals are counted.
     pub(super) fn admit(&self, sender: usize, bytes: usize) -> bool {
         let quota = self.quotas.get(sender);
         quota.is_some_and(|quota| quota.admits(bytes, self.clock.now_us()))
     }
 
-    /// Counts a message of `sender` that found no place.
+    /// Counts a message of `sender` that was dropped from a full queue.
     pub(super) fn count_lost(&self, sender: usize) {
         if let Some(quota) = self.quotas.get(sender) {
             quota.count_lost();
@@ -61,28 +61,28 @@ impl Senders {
     }
 }
 
-/// What every message passes on its way in or out: the clock, and whoever listens in.
+/// Checks and copies all messages.
 #[derive(Debug, Clone)]
 pub(in crate::node) struct Interceptor {
     pub(in crate::node) clock: VenueClock,
     pub(in crate::node) wiretap: WiretapHandle,
     senders: Senders,
-    /// What the edge of each viewpoint is spoken to in.
-    spoken: Arc<[SpokenVersion]>,
+    /// The version of the messages to each edge.
+    versions: Arc<[SpokenVersion]>,
     venue_hash: Arc<str>,
-    /// Whose each camera is.
+    /// The viewpoint of each camera.
     cameras: Arc<[ViewpointIndex]>,
     sets: Arc<RecordedSets>,
 }
 
 impl Interceptor {
-    /// Goes by the clock of `senders`, and copies to `wiretap`.
+    /// Uses the clock of `senders`, and copies to `wiretap`.
     pub(in crate::node) fn new(venue: &Venue, senders: Senders, wiretap: WiretapHandle) -> Self {
         Self {
             clock: senders.clock.clone(),
             wiretap,
             senders,
-            spoken: venue
+            versions: venue
                 .viewpoints
                 .iter()
                 .map(|_| SpokenVersion::default())
@@ -97,15 +97,15 @@ impl Interceptor {
         }
     }
 
-    /// Whether who may publish under `key` may speak for `viewpoint`.
-    pub(super) fn may_speak(&self, key: &str, viewpoint: ViewpointIndex) -> bool {
+    /// Whether the sender of `key` may send for `viewpoint`.
+    pub(super) fn may_send_for(&self, key: &str, viewpoint: ViewpointIndex) -> bool {
         let name = self.senders.names.get(usize::from(viewpoint.0));
         name.is_some_and(|name| key.rsplit('/').next() == Some(name))
     }
 
-    /// Whether who may publish under `key` may say `status`. Who holds another venue file may count its
-    /// viewpoints in another way: it is refused for that, by name.
-    pub(super) fn may_say(&self, key: &str, status: &Status) -> bool {
+    /// Whether the sender of `key` may send `status`. An edge with another venue file may number its viewpoints differently: it is
+    /// accepted here, and refused by name for its file.
+    pub(super) fn may_send_status(&self, key: &str, status: &Status) -> bool {
         let index = self
             .senders
             .names
@@ -116,39 +116,39 @@ impl Interceptor {
             && (same_index || status.venue_hash != *self.venue_hash)
     }
 
-    /// Whether who may publish under `key` may show a picture of the camera that `thumbnail` names.
-    pub(super) fn may_show(&self, key: &str, thumbnail: &Thumbnail) -> bool {
+    /// Whether the sender of `key` may send a picture of the camera that `thumbnail` names.
+    pub(super) fn may_send_thumbnail(&self, key: &str, thumbnail: &Thumbnail) -> bool {
         let of_camera = self.cameras.get(usize::from(thumbnail.camera.0));
-        of_camera == Some(&thumbnail.viewpoint) && self.may_speak(key, thumbnail.viewpoint)
+        of_camera == Some(&thumbnail.viewpoint) && self.may_send_for(key, thumbnail.viewpoint)
     }
 
-    /// Notes what version the node reads whose status has come under `key`.
-    pub(super) fn heard_status(&self, key: &str, status: &[u8], reads: Option<u8>) {
+    /// Records the version that the sender of a status under `key` reads.
+    pub(super) fn note_version(&self, key: &str, status: &[u8], reads: Option<u8>) {
         let own = self
             .senders
             .names
             .iter()
             .position(|name| key.rsplit('/').next() == Some(name));
-        if let Some(spoken) = own.and_then(|index| self.spoken.get(index)) {
-            spoken.hear(status, reads);
+        if let Some(version) = own.and_then(|index| self.versions.get(index)) {
+            version.hear(status, reads);
         }
     }
 
-    /// The version of messages in which the edge of the viewpoint of this index is spoken to.
-    pub(in crate::node) fn spoken(&self, index: usize) -> u8 {
-        self.spoken.get(index).map_or(VERSION, SpokenVersion::get)
+    /// The version of the messages to the edge of the viewpoint with this index.
+    pub(in crate::node) fn version_for(&self, index: usize) -> u8 {
+        self.versions.get(index).map_or(VERSION, SpokenVersion::get)
     }
 
     /// The newest version that all edges read.
-    pub(super) fn spoken_by_all(&self) -> u8 {
-        self.spoken
+    pub(super) fn common_version(&self) -> u8 {
+        self.versions
             .iter()
             .map(SpokenVersion::get)
             .min()
             .unwrap_or(VERSION)
     }
 
-    /// How a message of these bytes has come: now.
+    /// The arrival of a message, now.
     pub(super) fn arrived(&self, bytes: &[u8]) -> Arrival {
         Arrival {
             bytes: bytes.len() as u64,
@@ -156,18 +156,13 @@ impl Interceptor {
         }
     }
 
-    /// Notes a message that has come and can be read.
+    /// Copies a readable message.
     pub(super) fn received(&self, key: &str, bytes: &[u8], Arrival { at_us, .. }: Arrival) {
         self.wiretap.received(CopiedMessage { key, bytes, at_us });
     }
 
-    /// Notes a message of a set: one that comes again, or of another time or session, as what cannot be read.
-    pub(super) fn received_set(
-        &self,
-        key: &str,
-        bytes: &[u8],
-        (set, arrival): (&SetMessage, Arrival),
-    ) {
+    /// Copies a message of a set. One that is repeated, or of another time or session, counts as unusable.
+    pub(super) fn received_set(&self, key: &str, bytes: &[u8], set: &SetMessage, arrival: Arrival) {
         if self.sets.is_new(set) {
             self.received(key, bytes, arrival);
         } else {
@@ -175,18 +170,18 @@ impl Interceptor {
         }
     }
 
-    /// Notes that the core steps a tick of `session`.
+    /// Copies the step of a tick of `session`.
     pub(in crate::node) fn decided(&self, session: SessionId, step: CopiedStep<'_>) {
         self.sets.worked_on(session, step.group.tick);
         self.wiretap.decided(step);
     }
 
-    /// Passes a thumbnail on to who looks at such.
-    pub(super) fn showed(&self, key: &str, bytes: &[u8], Arrival { at_us, .. }: Arrival) {
+    /// Copies a thumbnail to the observers that want it.
+    pub(super) fn copy_thumbnail(&self, key: &str, bytes: &[u8], Arrival { at_us, .. }: Arrival) {
         self.wiretap.thumbnail(CopiedMessage { key, bytes, at_us });
     }
 
-    /// Notes a message that has come and is of no use: of each node one a second.
+    /// Copies an unusable message, one per node and second.
     pub(super) fn received_unusable(&self, key: &str, bytes: &[u8], arrival: Arrival) {
         let quota = self.senders.quotas.get(self.senders.index(key));
         if quota.is_some_and(|quota| quota.records_unusable(arrival.at_us)) {
@@ -194,17 +189,17 @@ impl Interceptor {
         }
     }
 
-    /// Messages of the viewpoint of this index that were over what may come from it.
+    /// Messages of the viewpoint of this index that exceeded its quota.
     pub(in crate::node) fn refused(&self, index: usize) -> u64 {
         self.senders.quotas.get(index).map_or(0, Quota::refused)
     }
 
-    /// Messages of the viewpoint of this index that found no place, or were over what may come from it.
+    /// Messages of the viewpoint of this index that exceeded its quota or were dropped from a full queue.
     pub(in crate::node) fn dropped(&self, index: usize) -> u64 {
         self.senders.quotas.get(index).map_or(0, Quota::dropped)
     }
 
-    /// Notes a message that goes out.
+    /// Copies a message that is sent.
     pub(super) fn published(&self, key: &str, bytes: &[u8]) {
         let at_us = self.clock.now_us();
         self.wiretap.published(CopiedMessage { key, bytes, at_us });

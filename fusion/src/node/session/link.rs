@@ -1,8 +1,7 @@
-//! Fusion's side of the wire: one Zenoh router that all edges connect to.
+//! Fusion's side of the links: one Zenoh router that all edges connect to.
 //!
-//! In lock-step everything is reliable and blocks, at one priority: it can wait, but must not lose or
-//! reorder. Live, boxes and poses are best effort, and nothing blocks. Nothing is scouted for; the
-//! endpoints are in the venue file.
+//! In lock-step all messages are reliable, blocking and of one priority: they may wait, but must not be lost or reordered. In a
+//! live run boxes and poses are best effort, and no call blocks. There is no scouting; the endpoints are in the venue file.
 
 use farfield_node::endpoints::Reach;
 use farfield_node::session::{self, declare_alive};
@@ -17,18 +16,16 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh::session::ZenohId;
 
 use super::interceptor::{Interceptor, Senders};
-use super::messages::{FusionIncoming, FusionOutgoing};
-use super::mode::RunMode;
+use super::messages::{FusionIncoming, FusionOutgoing, RunMode};
 use super::publishers::FusionPublishers;
 use super::subscribers::Subscribers;
 
-/// Messages that wait for the loop; when it is full, what has come waits in its subscription.
+/// Messages queued for the loop; when it is full, further ones wait in their subscription.
 const QUEUE: usize = 256;
-/// Places for what goes out, per viewpoint: the boxes of as many people as one message names, with four cameras each,
-/// take fewer messages.
+/// Places in the send queue per viewpoint: more than the boxes of the most people in one message, with four cameras each, take.
 const BOX_MESSAGES: usize = 32;
 
-/// The open session with all that is declared on it.
+/// The open session with its publishers, subscribers and token.
 pub(in crate::node) struct FusionSession {
     session: Session,
     publishers: FusionPublishers,
@@ -37,7 +34,7 @@ pub(in crate::node) struct FusionSession {
 }
 
 impl FusionSession {
-    /// Listens where `reach` says. Nobody can tell yet that it is fusion who does.
+    /// Listens on the endpoints of `reach`. Nothing shows yet that this is a fusion.
     pub(in crate::node) async fn listen(venue: &Venue, reach: &Reach) -> anyhow::Result<Session> {
         let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
         let transport = FusionTransport {
@@ -49,7 +46,7 @@ impl FusionSession {
         session::listen(&transport).await
     }
 
-    /// Declares on `session`, which listens, everything that the edges of `venue` need.
+    /// Declares on the listening `session` everything that the edges of `venue` need.
     pub(in crate::node) async fn open(
         session: Session,
         venue: &Venue,
@@ -68,8 +65,8 @@ impl FusionSession {
         })
     }
 
-    /// Lets edges send thumbnails, live, for who looks at such.
-    pub(in crate::node) async fn show_thumbnails(
+    /// Subscribes to thumbnails, in a live run.
+    pub(in crate::node) async fn accept_thumbnails(
         &mut self,
         venue: &Venue,
         senders: &Senders,
@@ -80,17 +77,17 @@ impl FusionSession {
             .await
     }
 
-    /// The session, for others who declare something on it.
+    /// The session, for other declarations.
     pub(in crate::node) fn session(&self) -> Session {
         self.session.clone()
     }
 
-    /// The name of the session among all of Zenoh's.
+    /// Zenoh's id of the session.
     pub(in crate::node) fn zenoh_id(&self) -> ZenohId {
         self.session.zid()
     }
 
-    /// The endpoints that edges can connect to, with the ports that were really taken.
+    /// The endpoints that edges can connect to, with the actual ports.
     pub(in crate::node) async fn locators(&self) -> Vec<String> {
         self.session
             .info()
@@ -101,7 +98,7 @@ impl FusionSession {
             .collect()
     }
 
-    /// Listens no more, before anything was said.
+    /// Closes the session before any message was sent.
     pub(in crate::node) async fn close_unused(self) {
         session::close(&self.session).await;
     }
@@ -116,8 +113,8 @@ impl FusionSession {
         let (incoming_tx, incoming) = mpsc::channel(QUEUE);
         self.subscribers
             .spawn(tasks, interceptor, &incoming_tx, stop);
-        // Lock-step has at most one box set per viewpoint, in a few messages, one pose set, one decision, one set of
-        // events and a few statuses under way.
+        // In lock-step at most one box set per viewpoint, in a few messages, one pose set, one decision, one set of events and a few
+        // statuses are queued.
         let (outgoing_tx, outgoing) =
             mpsc::channel(BOX_MESSAGES * (self.publishers.viewpoints() + 4));
         let (matched_tx, matched) = watch::channel(false);
@@ -135,11 +132,11 @@ impl FusionSession {
 
 /// The loop's ends of the queues to and from the wire.
 pub(in crate::node) struct FusionEnds {
-    /// What comes in.
+    /// Incoming messages.
     pub(in crate::node) incoming: mpsc::Receiver<FusionIncoming>,
-    /// What goes out; bounded, see [`FusionSession::spawn`].
+    /// Outgoing messages; bounded, see [`FusionSession::spawn`].
     pub(in crate::node) outgoing: mpsc::Sender<FusionOutgoing>,
-    /// Whether every viewpoint listens for its boxes.
+    /// Whether every viewpoint has subscribed to its boxes.
     pub(in crate::node) matched: watch::Receiver<bool>,
     session: Session,
     _token: LivelinessToken,
@@ -151,7 +148,7 @@ impl FusionEnds {
         self.session.clone()
     }
 
-    /// Lets the publisher finish what is queued, then closes the session.
+    /// Waits until the queued messages are sent, then closes the session.
     pub(in crate::node) async fn close(self, tasks: &TaskTracker, stop: &CancellationToken) {
         drop(self.outgoing);
         drop(self.incoming);

@@ -1,4 +1,4 @@
-//! Fusion's link against a real Zenoh client on the loopback.
+//! Fusion's link with a real Zenoh client on the loopback.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -19,22 +19,21 @@ use tokio_util::task::TaskTracker;
 
 use super::{FusionEnds, FusionIncoming, FusionOutgoing, FusionSession, Interceptor, Senders};
 use crate::node::recording::RecordingQueue;
-use crate::node::session::messages::Liveliness;
-use crate::node::session::mode::RunMode;
+use crate::node::session::messages::{Liveliness, RunMode};
 use crate::node::session::wiretap::{CopiedMessage, CopiedStep, Wiretap, WiretapHandle};
 use crate::node::status::own_status;
 
-/// The keys of what has passed.
+/// Stores the keys of all messages.
 #[derive(Default)]
-struct Kept {
+struct Observed {
     received: Mutex<Vec<String>>,
     published: Mutex<Vec<String>>,
     /// Whether it wants thumbnails.
-    looks: bool,
+    wants_thumbnails: bool,
     shown: Mutex<Vec<Vec<u8>>>,
 }
 
-impl Wiretap for Kept {
+impl Wiretap for Observed {
     fn received(&self, message: CopiedMessage<'_>) {
         self.received.lock().unwrap().push(message.key.to_owned());
     }
@@ -45,8 +44,8 @@ impl Wiretap for Kept {
 
     fn decided(&self, _: CopiedStep<'_>) {}
 
-    fn looks_at_thumbnails(&self) -> bool {
-        self.looks
+    fn wants_thumbnails(&self) -> bool {
+        self.wants_thumbnails
     }
 
     fn thumbnail(&self, message: CopiedMessage<'_>) {
@@ -54,7 +53,7 @@ impl Wiretap for Kept {
     }
 }
 
-/// Far above what a loaded machine takes; a test that waits as long has failed.
+/// Far above the time that a loaded machine needs; a longer wait is a failure.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn venue() -> Venue {
@@ -85,7 +84,7 @@ async fn client(endpoint: &str) -> zenoh::Session {
     zenoh::open(config).await.unwrap()
 }
 
-async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut FusionEnds, set: PatchSet) {
+async fn check_unusable_messages(edge: &zenoh::Session, ends: &mut FusionEnds, set: PatchSet) {
     let of_another = wire::encode(&PatchSet {
         viewpoint: ViewpointIndex(1),
         ..set
@@ -99,7 +98,7 @@ async fn what_cannot_be_used_is_told(edge: &zenoh::Session, ends: &mut FusionEnd
     }
 }
 
-/// Fusion's open link, what all messages pass, and the tasks behind it.
+/// Fusion's open link, its interceptor and its tasks.
 struct OpenLink {
     ends: FusionEnds,
     interceptor: Interceptor,
@@ -124,8 +123,8 @@ impl OpenLink {
         let mut link = FusionSession::open(session, &venue(), mode, &senders)
             .await
             .unwrap();
-        if mode == RunMode::Live && wiretap.looks_at_thumbnails() {
-            link.show_thumbnails(&venue(), &senders).await.unwrap();
+        if mode == RunMode::Live && wiretap.wants_thumbnails() {
+            link.accept_thumbnails(&venue(), &senders).await.unwrap();
         }
         let interceptor = Interceptor::new(&venue(), senders, wiretap);
         let endpoint = link.locators().await[0].clone();
@@ -147,9 +146,9 @@ impl OpenLink {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_edge_is_heard_answered_and_missed() {
-    let kept = Arc::new(Kept::default());
-    let wiretap = WiretapHandle::new([Arc::clone(&kept) as Arc<dyn Wiretap>]);
+async fn messages_and_departure_of_an_edge_are_received_and_boxes_sent() {
+    let observed = Arc::new(Observed::default());
+    let wiretap = WiretapHandle::new([Arc::clone(&observed) as Arc<dyn Wiretap>]);
     let mut link = OpenLink::open(wiretap).await;
     let edge = client(&link.endpoint).await;
     let token = edge
@@ -159,7 +158,7 @@ async fn an_edge_is_heard_answered_and_missed() {
         .unwrap();
     let boxes = edge.declare_subscriber("link-test/box/a").await.unwrap();
     loop {
-        // Fusion receives its own token, too.
+        // Fusion also receives its own token.
         if matches!(next(&mut link.ends).await, FusionIncoming::Alive(node, Liveliness::There) if node == "a")
         {
             break;
@@ -181,12 +180,12 @@ async fn an_edge_is_heard_answered_and_missed() {
     match next(&mut link.ends).await {
         FusionIncoming::Patches(received_set, arrival) => {
             assert_eq!((&received_set, arrival.bytes), (&set, bytes.len() as u64));
-            let received = kept.received.lock().unwrap().clone();
+            let received = observed.received.lock().unwrap().clone();
             assert_eq!(received, ["link-test/patch/a"]);
         }
         other => panic!("{other:?}"),
     }
-    what_cannot_be_used_is_told(&edge, &mut link.ends, set).await;
+    check_unusable_messages(&edge, &mut link.ends, set).await;
 
     while !*link.ends.matched.borrow() {
         let status = Box::new(own_status(&venue().hashes));
@@ -194,7 +193,7 @@ async fn an_edge_is_heard_answered_and_missed() {
         link.ends.outgoing.send(status).await.unwrap();
         timeout(PATIENCE, link.ends.matched.changed())
             .await
-            .expect("the boxes have no listener")
+            .expect("the boxes have no subscriber")
             .unwrap();
     }
     link.ends
@@ -207,7 +206,7 @@ async fn an_edge_is_heard_answered_and_missed() {
         .expect("the boxes do not come")
         .unwrap();
     assert_eq!(*sample.payload().to_bytes(), [1, 2, 3]);
-    let published = kept.published.lock().unwrap().clone();
+    let published = observed.published.lock().unwrap().clone();
     assert_eq!(published.last().unwrap(), "link-test/box/a");
 
     drop(token);
@@ -221,7 +220,7 @@ async fn an_edge_is_heard_answered_and_missed() {
     link.close().await;
 }
 
-/// A thumbnail of a camera, as the edge of a viewpoint would send it; `jpeg` is the head of its file.
+/// A thumbnail of a camera, as the edge of a viewpoint sends it; `jpeg` is the head of its file.
 fn thumbnail(viewpoint: u16, camera: u16, jpeg: &[u8]) -> Vec<u8> {
     wire::encode(&Thumbnail {
         session: SessionId(3),
@@ -232,7 +231,7 @@ fn thumbnail(viewpoint: u16, camera: u16, jpeg: &[u8]) -> Vec<u8> {
     })
 }
 
-/// The key of the next message that cannot be read.
+/// The key of the next unreadable message.
 async fn next_unreadable(ends: &mut FusionEnds) -> String {
     loop {
         match next(ends).await {
@@ -244,13 +243,13 @@ async fn next_unreadable(ends: &mut FusionEnds) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn thumbnails_go_to_who_looks_as_they_came_and_to_no_recorder() {
+async fn thumbnails_go_unchanged_to_observers_that_want_them_and_to_no_recorder() {
     const JPEG: [u8; 15] = [
         0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0, 180, 1, 64, 1, 1, 0x11, 0,
     ];
-    let page = Arc::new(Kept {
-        looks: true,
-        ..Kept::default()
+    let page = Arc::new(Observed {
+        wants_thumbnails: true,
+        ..Observed::default()
     });
     let (recorder, notes) = RecordingQueue::open("link-test", SessionId(3));
     let wiretaps: [Arc<dyn Wiretap>; 2] = [Arc::clone(&page) as _, Arc::new(recorder)];
@@ -260,7 +259,7 @@ async fn thumbnails_go_to_who_looks_as_they_came_and_to_no_recorder() {
     edge.put("link-test/thumbnail/a", whole.clone())
         .await
         .unwrap();
-    // Of another viewpoint, of a camera that there is not, under another name, no picture, and a huge one.
+    // Of another viewpoint, of an unknown camera, under another name, no picture, and a huge picture.
     let huge = [&JPEG[..7], &[0xff, 0xff, 0xff, 0xff, 1, 1, 0x11, 0]].concat();
     for (key, bytes) in [
         ("link-test/thumbnail/a", thumbnail(1, 0, &JPEG)),
@@ -281,9 +280,9 @@ async fn thumbnails_go_to_who_looks_as_they_came_and_to_no_recorder() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn while_nobody_looks_edges_have_nobody_to_send_pictures_to() {
-    let kept = Arc::new(Kept::default());
-    let wiretaps = [Arc::clone(&kept) as Arc<dyn Wiretap>];
+async fn without_observers_there_is_no_subscriber_for_thumbnails() {
+    let observed = Arc::new(Observed::default());
+    let wiretaps = [Arc::clone(&observed) as Arc<dyn Wiretap>];
     let mut link = OpenLink::open_in(WiretapHandle::new(wiretaps), RunMode::Live).await;
     let edge = client(&link.endpoint).await;
     let pictures = edge
@@ -291,58 +290,60 @@ async fn while_nobody_looks_edges_have_nobody_to_send_pictures_to() {
         .await
         .unwrap();
     let patches = edge.declare_publisher("link-test/patch/a").await.unwrap();
-    let is_heard = async {
+    let is_subscribed = async {
         while !farfield_node::session::has_listener(&patches) {
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
     };
-    timeout(PATIENCE, is_heard).await.expect("nobody listens");
+    timeout(PATIENCE, is_subscribed)
+        .await
+        .expect("no subscriber");
     assert!(!farfield_node::session::has_listener(&pictures));
     pictures.put(thumbnail(0, 0, b"x")).await.unwrap();
     patches.put(vec![0xff; 40]).await.unwrap();
     assert_eq!(next_unreadable(&mut link.ends).await, "link-test/patch/a");
-    assert!(kept.shown.lock().unwrap().is_empty());
+    assert!(observed.shown.lock().unwrap().is_empty());
     edge.close().await.unwrap();
     link.close().await;
 }
 
 #[test]
-fn a_node_speaks_under_its_own_name_only() {
-    // Symptom to prevent: by a status under its own key, edge a put another process in the place of b.
+fn a_node_may_send_under_its_own_name_only() {
+    // Symptom to prevent: with a status under its own key, edge a replaced the process of b.
     let venue = venue();
     let interceptor = Interceptor::new(
         &venue,
         Senders::new(&venue, VenueClock::start()),
         WiretapHandle::default(),
     );
-    let says = |node: &str, viewpoint: Option<u16>| Status {
+    let status = |node: &str, viewpoint: Option<u16>| Status {
         node: node.to_owned(),
         viewpoint: viewpoint.map(ViewpointIndex),
         ..own_status(&venue.hashes)
     };
-    assert!(interceptor.may_say("link-test/status/a", &says("a", Some(0))));
-    assert!(interceptor.may_say("link-test/status/fusion", &says("fusion", None)));
-    assert!(interceptor.may_say("link-test/status/screen", &says("screen", None)));
+    assert!(interceptor.may_send_status("link-test/status/a", &status("a", Some(0))));
+    assert!(interceptor.may_send_status("link-test/status/fusion", &status("fusion", None)));
+    assert!(interceptor.may_send_status("link-test/status/screen", &status("screen", None)));
     for (node, viewpoint) in [("b", None), ("a", None), ("a", Some(1)), ("fusion", None)] {
         assert!(
-            !interceptor.may_say("link-test/status/a", &says(node, viewpoint)),
+            !interceptor.may_send_status("link-test/status/a", &status(node, viewpoint)),
             "{node} {viewpoint:?}"
         );
     }
-    assert!(!interceptor.may_say("link-test/status/screen", &says("screen", Some(0))));
-    // Its own file says another place: that it is another file must be told, not that it cannot be read.
+    assert!(!interceptor.may_send_status("link-test/status/screen", &status("screen", Some(0))));
+    // In another venue file the edge has another index: the difference of the files is reported, not an unreadable message.
     let elsewhere = Status {
         venue_hash: "another".to_owned(),
-        ..says("a", Some(1))
+        ..status("a", Some(1))
     };
-    assert!(interceptor.may_say("link-test/status/a", &elsewhere));
+    assert!(interceptor.may_send_status("link-test/status/a", &elsewhere));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_edge_of_the_version_before_is_spoken_to_in_its_own_until_it_is_updated() {
+async fn an_older_edge_gets_messages_of_its_version_until_it_is_updated() {
     let mut link = OpenLink::open(WiretapHandle::default()).await;
     let edge = client(&link.endpoint).await;
-    let heard = edge
+    let statuses = edge
         .declare_subscriber("link-test/status/fusion")
         .await
         .unwrap();
@@ -351,8 +352,8 @@ async fn an_edge_of_the_version_before_is_spoken_to_in_its_own_until_it_is_updat
         viewpoint: Some(ViewpointIndex(0)),
         ..own_status(&venue().hashes)
     };
-    // The bytes, and what stands beside them: nothing, from a node that knows of no other version.
-    for (written, reads, spoken) in [
+    // The version of the status, and of the attachment: an old node has none.
+    for (written, reads, expected) in [
         (wire::OLDEST_WRITTEN, None, wire::OLDEST_WRITTEN),
         (wire::OLDEST_WRITTEN, Some(wire::VERSION), wire::VERSION),
         (wire::VERSION, Some(wire::VERSION + 1), wire::VERSION),
@@ -367,12 +368,12 @@ async fn an_edge_of_the_version_before_is_spoken_to_in_its_own_until_it_is_updat
                 break;
             }
         }
-        assert_eq!(link.interceptor.spoken(0), spoken);
+        assert_eq!(link.interceptor.version_for(0), expected);
         let status = FusionOutgoing::Status(Box::new(own_status(&venue().hashes)));
         link.ends.outgoing.send(status).await.unwrap();
-        let sample = timeout(PATIENCE, heard.recv_async()).await;
-        let sample = sample.expect("fusion says nothing").unwrap();
-        assert_eq!(sample.payload().to_bytes()[0], spoken);
+        let sample = timeout(PATIENCE, statuses.recv_async()).await;
+        let sample = sample.expect("fusion sends no status").unwrap();
+        assert_eq!(sample.payload().to_bytes()[0], expected);
         assert_eq!(
             farfield_node::session::reads_at_most(&sample),
             Some(wire::VERSION)

@@ -1,56 +1,65 @@
-//! What passes between the wire and the loop.
+//! Messages between the links and the loop, and the two modes of a run.
 
 use farfield_proto::message::{PatchSet, SightingSet, Status};
 use farfield_proto::wire::WireError;
 
-/// What the network tells the loop.
+/// An event of the network.
 #[derive(Debug)]
 pub(in crate::node) enum FusionIncoming {
     /// Patches.
     Patches(PatchSet, Arrival),
     /// Sightings.
     Sightings(SightingSet, Arrival),
-    /// A node says how it is.
+    /// The status of a node.
     Status(Box<Status>),
     /// A node has joined or left.
     Alive(String, Liveliness),
-    /// A message that cannot be read, by its key, and why.
+    /// The key of an unreadable message, and the error.
     Unreadable(String, WireError),
 }
 
-/// How a message came.
+/// The arrival of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::node) struct Arrival {
-    /// The bytes it took.
+    /// Its size in bytes.
     pub(in crate::node) bytes: u64,
-    /// When, microseconds since 1970.
+    /// Its time, microseconds since 1970.
     pub(in crate::node) at_us: i64,
 }
 
-/// Whether a node is there.
+/// Whether a node is present.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::node) enum Liveliness {
-    /// Its liveliness token is there.
+    /// Its liveliness token exists.
     There,
-    /// Its token went away with its session.
+    /// Its token ended with its session.
     Gone,
 }
 
-/// What fusion says, and to whom.
+/// A message of fusion.
 #[derive(Debug)]
 pub(in crate::node) enum FusionOutgoing {
     /// Boxes for the viewpoint of this index.
     Boxes(usize, Vec<u8>),
     /// The persons of a tick.
     Poses(Vec<u8>),
-    /// The persons of a tick, as the fixed-lag smoother sees them.
+    /// The persons of a tick, from the fixed-lag smoother.
     Smooth(Vec<u8>),
-    /// What was used for a tick, for whoever records elsewhere.
+    /// The sets used for a tick, for recorders elsewhere.
     Decision(Vec<u8>),
-    /// What changed who is who at a tick.
+    /// The identity events of a tick.
     Events(Vec<u8>),
-    /// Who was compared with the venue's subjects at a tick.
+    /// Comparisons of people with the venue's subjects at a tick.
     Namings(Vec<u8>),
-    /// How fusion is.
+    /// Fusion's status.
     Status(Box<Status>),
+}
+
+/// How a run treats time and messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::node) enum RunMode {
+    /// All messages arrive, in order, however long it takes.
+    LockStep,
+    /// The newest message counts; one that cannot be sent at once is dropped.
+    Live,
 }

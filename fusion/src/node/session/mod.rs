@@ -1,12 +1,10 @@
-//! Fusion's side of the wire: the session, what comes in and goes out, who listens in, who was turned away,
-//! whether there is another fusion.
+//! Fusion's side of the links: the session, incoming and outgoing messages, observers, refused nodes, and other fusions.
 
 pub(super) mod authentication_log;
 mod inbox;
 pub(super) mod interceptor;
 pub(super) mod link;
 pub(super) mod messages;
-pub(super) mod mode;
 pub(super) mod other_fusion;
 mod publishers;
 mod quota;

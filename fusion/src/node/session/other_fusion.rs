@@ -1,8 +1,8 @@
-//! Another fusion of the same venue: edges would follow whichever they happen to reach. Where edges look for fusion, this
-//! looks for one, too: before this node listens itself, live again once it does, and for as long as it works.
+//! Detects another fusion of the same venue: edges would follow whichever they reach. It watches the endpoints where edges connect:
+//! before this node listens, again when a live node has begun to listen, and during the run.
 //!
-//! Whoever answers is known by its liveliness token, which goes with its session; one that was killed holds nobody up for
-//! longer than [`farfield_proto::transport::LEASE`]. What it says of itself it says in its status.
+//! Another fusion is detected by its liveliness token, which ends with its session: a killed one delays others at most for
+//! [`farfield_proto::transport::LEASE`]. Its details come from its status.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -32,35 +32,35 @@ use zenoh::Session;
 use zenoh::sample::SampleKind;
 use zenoh::session::ZenohId;
 
-use super::mode::RunMode;
+use super::messages::RunMode;
 
-/// How long another may take to answer: some round trips of a far link. A fusion that starts waits for so long where its
-/// venue names endpoints of other machines, and live again once it listens.
-const LOOK: Duration = Duration::from_secs(2);
-/// How long one that answers may take to say more of itself: live it says it once a second.
-const INTRODUCTION: Duration = Duration::from_millis(1500);
-/// How often it is said that this one waits.
+/// Time for another fusion to answer: several round trips of a far link. A starting fusion waits this long if its venue names
+/// endpoints of other machines, and a live one again after it listens.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+/// Time for the status of a fusion that has answered: a live one sends it once a second.
+const STATUS_TIMEOUT: Duration = Duration::from_millis(1500);
+/// Interval of the reminders that this fusion waits.
 const REMIND_EVERY: Duration = Duration::from_secs(10);
-/// Messages that wait between Zenoh and the task.
+/// Messages queued between Zenoh and the task.
 const QUEUE: usize = 16;
 
-/// What is known of another fusion of the venue.
+/// Facts about another fusion of the venue.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(in crate::node) struct OtherFusion {
     release: String,
     session: Option<SessionId>,
     tick: Option<Tick>,
     is_live: bool,
-    /// The viewpoints that it hears.
+    /// The viewpoints that it receives.
     edges: Vec<String>,
-    /// Its session among all of Zenoh's.
+    /// Zenoh's id of its session.
     id: Option<ZenohId>,
-    /// Whether it has said anything of itself, be it that this node cannot read it.
+    /// Whether it has sent any status, readable or not.
     is_at_work: bool,
 }
 
 impl OtherFusion {
-    /// One of which nothing is known but that it is there.
+    /// A fusion without a status.
     fn unknown(id: Option<ZenohId>) -> Self {
         Self {
             id,
@@ -68,8 +68,8 @@ impl OtherFusion {
         }
     }
 
-    /// What it says of itself in `status`.
-    fn introduced(&self, status: &Status) -> Self {
+    /// The same fusion with its `status`.
+    fn with_status(&self, status: &Status) -> Self {
         let live = status.live.as_ref();
         let edges = live.into_iter().flat_map(|live| &live.edges);
         Self {
@@ -86,8 +86,8 @@ impl OtherFusion {
         }
     }
 
-    /// Whether it goes on, and this node, whose session is `own`, leaves the edges to it: it is at work, or of two that
-    /// have just begun to listen the one that both take for the first.
+    /// Whether this node, with session `own`, must leave the edges to it: it is at work, or of two that have just begun to listen it
+    /// is the one that both choose.
     fn comes_before(&self, own: ZenohId) -> bool {
         let is_first = |id: ZenohId| id.to_le_bytes() < own.to_le_bytes();
         self.is_at_work || self.id.is_some_and(is_first)
@@ -109,13 +109,13 @@ impl fmt::Display for OtherFusion {
         }
         facts.extend(self.tick.map(|tick| format!("at tick {tick}")));
         if !self.edges.is_empty() {
-            facts.push(format!("heard by it: {}", self.edges.join(", ")));
+            facts.push(format!("receives from {}", self.edges.join(", ")));
         }
         f.write_str(&facts.join(", "))
     }
 }
 
-/// How long ago a session began, in words: it is named after that instant.
+/// The age of a session, in words. Its number is its start time.
 fn age(session: SessionId) -> Option<String> {
     let began_s = i64::try_from((session.0 & !(1 << 63)) / 1_000_000_000).ok()?;
     let s = clock::unix_s().checked_sub(began_s)?;
@@ -123,44 +123,44 @@ fn age(session: SessionId) -> Option<String> {
         0..120 => Some(format!("begun {s} s ago")),
         120..7200 => Some(format!("begun {} min ago", s / 60)),
         7200..31_536_000 => Some(format!("begun {} h ago", s / 3600)),
-        // One of the clocks is wrong, or it is no instant.
+        // One of the clocks is wrong, or the number is no time.
         _ => None,
     }
 }
 
-/// How a fusion came to be the only one of its venue.
+/// How a fusion became the only one of its venue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::node) enum Place {
-    /// There was none.
+    /// There was no other.
     Free,
-    /// Another has gone: what it had open may still be closing.
+    /// Another has ended; its sockets may still be closing.
     Inherited,
 }
 
-/// Those that answer now, by endpoint.
+/// The fusions that answer now, by endpoint.
 type Answering = BTreeMap<String, OtherFusion>;
 
-/// Who looks, at every endpoint where another fusion may be.
+/// Watches every endpoint where another fusion may listen.
 #[derive(Debug, Clone)]
 pub(in crate::node) struct OtherFusionWatch {
     venue: String,
     endpoints: Vec<String>,
     answering: watch::Receiver<Answering>,
-    /// This node's own session, once it is open: it may be what answers.
+    /// This node's own session, once it is open: the watch may detect itself.
     own: Arc<watch::Sender<Option<ZenohId>>>,
 }
 
-/// One look at one endpoint.
-struct Look {
+/// The watch of one endpoint.
+struct EndpointWatch {
     venue: String,
     endpoint: String,
     identity: Option<Identity>,
-    found: Arc<watch::Sender<Answering>>,
+    answering: Arc<watch::Sender<Answering>>,
     own: Arc<watch::Sender<Option<ZenohId>>>,
 }
 
 impl OtherFusionWatch {
-    /// Looks where the edges of `venue` do, but not where only this node itself can be once it listens as `reach` says.
+    /// Watches the endpoints where the edges of `venue` connect, except those where only this node can listen, given `reach`.
     pub(in crate::node) async fn start(
         venue: &Venue,
         reach: &Reach,
@@ -176,7 +176,7 @@ impl OtherFusionWatch {
         Self::at(&venue.name, endpoints, reach, tasks, leave)
     }
 
-    /// Looks at the endpoints where this node cannot listen because somebody does.
+    /// Watches the endpoints that this node cannot listen on because another process does.
     pub(in crate::node) fn at_taken(
         venue: &Venue,
         reach: &Reach,
@@ -187,7 +187,7 @@ impl OtherFusionWatch {
         Self::at(&venue.name, endpoints.collect(), reach, tasks, leave)
     }
 
-    /// Looks nowhere: whoever started this node has told its edges where it is.
+    /// Watches no endpoint: the parent process has given its edges the endpoint of this node.
     pub(in crate::node) fn nowhere() -> Self {
         Self {
             venue: String::new(),
@@ -204,17 +204,17 @@ impl OtherFusionWatch {
         tasks: &TaskTracker,
         leave: &CancellationToken,
     ) -> Self {
-        let (found, answering) = watch::channel(Answering::new());
-        let (found, own) = (Arc::new(found), Arc::new(watch::Sender::new(None)));
+        let (sender, answering) = watch::channel(Answering::new());
+        let (sender, own) = (Arc::new(sender), Arc::new(watch::Sender::new(None)));
         for endpoint in &endpoints {
-            let look = Look {
+            let watch = EndpointWatch {
                 venue: venue.to_owned(),
                 endpoint: endpoint.clone(),
                 identity: reach.identity.clone(),
-                found: Arc::clone(&found),
+                answering: Arc::clone(&sender),
                 own: Arc::clone(&own),
             };
-            tasks.spawn(look.run(leave.clone()));
+            tasks.spawn(watch.run(leave.clone()));
         }
         Self {
             venue: venue.to_owned(),
@@ -224,64 +224,64 @@ impl OtherFusionWatch {
         }
     }
 
-    /// This node's own session is open, and has not said yet whose it is: it is none other.
-    pub(in crate::node) fn know_own(&self, own: ZenohId) {
+    /// Sets this node's own session, before its token is declared: it is no other fusion.
+    pub(in crate::node) fn set_own(&self, own: ZenohId) {
         self.own.send_replace(Some(own));
     }
 
-    /// The first that answers within [`LOOK`], with what it says of itself.
+    /// The first fusion that answers within [`ANSWER_TIMEOUT`], with its status.
     pub(in crate::node) async fn first(&self) -> Option<String> {
         if self.endpoints.is_empty() {
             return None;
         }
         let mut answering = self.answering.clone();
-        let until = Instant::now() + LOOK;
-        let found = timeout_at(until, answering.wait_for(|all| !all.is_empty())).await;
-        drop(found.ok()?.ok()?);
-        let introduced = |all: &Answering| all.values().any(|other| other.session.is_some());
-        let until = Instant::now() + INTRODUCTION;
-        drop(timeout_at(until, answering.wait_for(introduced)).await);
-        self.named()
+        let until = Instant::now() + ANSWER_TIMEOUT;
+        let answered = timeout_at(until, answering.wait_for(|all| !all.is_empty())).await;
+        drop(answered.ok()?.ok()?);
+        let has_status = |all: &Answering| all.values().any(|other| other.session.is_some());
+        let until = Instant::now() + STATUS_TIMEOUT;
+        drop(timeout_at(until, answering.wait_for(has_status)).await);
+        self.described()
     }
 
-    /// Whether this node, which has just begun to listen, is to leave the edges to another that did so at the same moment:
-    /// neither could find the other before. Of two, one goes on.
-    pub(in crate::node) async fn is_to_step_back(&self, own: ZenohId) -> bool {
+    /// Whether this node, which has just begun to listen, must leave the edges to another that began at the same moment. Neither
+    /// could detect the other before; one of two continues.
+    pub(in crate::node) async fn must_step_back(&self, own: ZenohId) -> bool {
         if self.endpoints.is_empty() {
             return false;
         }
         let before = |all: &Answering| all.values().any(|other| other.comes_before(own));
         let mut answering = self.answering.clone();
-        let until = Instant::now() + LOOK;
-        let found = timeout_at(until, answering.wait_for(before)).await;
-        if matches!(found, Ok(Ok(_))) {
+        let until = Instant::now() + ANSWER_TIMEOUT;
+        let detected = timeout_at(until, answering.wait_for(before)).await;
+        if matches!(detected, Ok(Ok(_))) {
             return true;
         }
-        drop(found);
-        // Who is still there has yet to step back, or has not found this node and is about to begin.
+        drop(detected);
+        // A remaining fusion will step back, or has not detected this node and is about to begin.
         let is_decided = |all: &Answering| all.is_empty() || before(all);
-        let until = Instant::now() + INTRODUCTION;
+        let until = Instant::now() + STATUS_TIMEOUT;
         let decided = timeout_at(until, answering.wait_for(is_decided)).await;
         decided.is_ok_and(|all| all.is_ok_and(|all| !all.is_empty()))
     }
 
-    /// All that answer now, with what they say of themselves; `None` when there is none.
-    pub(in crate::node) fn named(&self) -> Option<String> {
+    /// Describes all fusions that answer now; `None` if there are none.
+    pub(in crate::node) fn described(&self) -> Option<String> {
         let answering = self.answering.borrow();
-        let named = answering.iter().map(|(endpoint, other)| match other {
+        let lines = answering.iter().map(|(endpoint, other)| match other {
             other if other.to_string().is_empty() => endpoint.clone(),
             other => format!("{endpoint} ({other})"),
         });
-        let named: Vec<String> = named.collect();
-        (!named.is_empty()).then(|| named.join(" and "))
+        let lines: Vec<String> = lines.collect();
+        (!lines.is_empty()).then(|| lines.join(" and "))
     }
 
-    /// Lets a run begin: in lock-step there must be no other, live the other is waited for until it has gone. `None` when
-    /// told to `stop` before.
+    /// Returns when a run may begin: in lock-step there must be no other fusion, a live one waits until the other has ended. `None`
+    /// if stopped before.
     ///
     /// # Errors
-    /// [`NodeError::Refused`], naming the other.
-    pub(in crate::node) async fn be_the_only_one(
+    /// [`NodeError::Refused`] with the other fusion.
+    pub(in crate::node) async fn wait_until_alone(
         &self,
         mode: RunMode,
         stop: &CancellationToken,
@@ -294,7 +294,7 @@ impl OtherFusionWatch {
         let venue = &self.venue;
         if mode == RunMode::LockStep {
             return Err(NodeError::Refused(anyhow!(
-                "a fusion of venue {venue} is there already: {other}; end it first, or give the venue file of this run another `name`, or another `[fusion] connect`"
+                "a fusion of venue {venue} is already running: {other}; end it first, or give the venue file of this run another `name`, or another `[fusion] connect`"
             )));
         }
         let mut answering = self.answering.clone();
@@ -303,15 +303,15 @@ impl OtherFusionWatch {
         loop {
             tokio::select! {
                 () = stop.cancelled() => return Ok(None),
-                gone = answering.wait_for(Answering::is_empty) => {
-                    drop(gone);
+                ended = answering.wait_for(Answering::is_empty) => {
+                    drop(ended);
                     say(format_args!("the other fusion of venue {venue} has gone: this one takes its place"));
                     return Ok(Some(Place::Inherited));
                 }
                 _ = reminders.tick() => {
-                    let other = self.named().unwrap_or_else(|| other.clone());
+                    let other = self.described().unwrap_or_else(|| other.clone());
                     say(format_args!(
-                        "a fusion of venue {venue} is there already: {other}; this one waits until it has gone: end one of the two"
+                        "a fusion of venue {venue} is already running: {other}; this one waits until it has gone: stop one of the two"
                     ));
                 }
             }
@@ -319,8 +319,8 @@ impl OtherFusionWatch {
     }
 }
 
-impl Look {
-    /// For as long as nobody calls it off: the session finds whoever comes, and whoever comes again.
+impl EndpointWatch {
+    /// Runs until `leave`: the session finds every fusion that starts or returns.
     async fn run(self, leave: CancellationToken) {
         let connect = [self.endpoint.clone()];
         let transport = EdgeTransport {
@@ -334,15 +334,15 @@ impl Look {
         {
             Some(Ok(session)) => session,
             Some(Err(error)) => {
-                debug!(endpoint = self.endpoint, %error, "another fusion is not looked for there");
+                debug!(endpoint = self.endpoint, %error, "cannot watch this endpoint for another fusion");
                 return;
             }
             None => return,
         };
         if let Some(Err(error)) = leave.run_until_cancelled(self.listen(&session)).await {
-            debug!(endpoint = self.endpoint, %error, "another fusion is not looked for any more");
+            debug!(endpoint = self.endpoint, %error, "no longer watching this endpoint for another fusion");
         }
-        self.note(None);
+        self.set(None);
         session::close(&session).await;
     }
 
@@ -355,48 +355,48 @@ impl Look {
                 token = tokens.recv_async() => match token.map_err(session::zenoh_error)?.kind() {
                     SampleKind::Put => {
                         let id = session.info().routers_zid().await.next();
-                        // It may be this node that answers: under another name, or by a way around.
+                        // This node itself may answer, under another name or over an indirect route.
                         if id.is_none() || *self.own.borrow() != id {
-                            self.note(Some(OtherFusion::unknown(id)));
+                            self.set(Some(OtherFusion::unknown(id)));
                         }
                     }
-                    SampleKind::Delete => self.note(None),
+                    SampleKind::Delete => self.set(None),
                 },
                 status = statuses.recv_async() => {
                     let bytes = status.map_err(session::zenoh_error)?;
                     let status = wire::decode::<Status>(&bytes.payload().to_bytes());
-                    self.introduce(status.ok().as_ref());
+                    self.add_status(status.ok().as_ref());
                 }
             }
         }
     }
 
-    fn note(&self, other: Option<OtherFusion>) {
-        self.found.send_if_modified(|all| match other {
+    fn set(&self, other: Option<OtherFusion>) {
+        self.answering.send_if_modified(|all| match other {
             Some(other) => all.insert(self.endpoint.clone(), other).is_none(),
             None => all.remove(&self.endpoint).is_some(),
         });
     }
 
-    /// What somebody who is there says of itself, `None` where it cannot be read; without its token nobody is.
-    fn introduce(&self, status: Option<&Status>) {
-        self.found.send_if_modified(|all| {
+    /// Adds the status of a known fusion, `None` if unreadable. Without a token there is no fusion.
+    fn add_status(&self, status: Option<&Status>) {
+        self.answering.send_if_modified(|all| {
             let known = all.get_mut(&self.endpoint);
             known.is_some_and(|known| {
-                let introduced = match status {
-                    Some(status) => known.introduced(status),
+                let updated = match status {
+                    Some(status) => known.with_status(status),
                     None => OtherFusion {
                         is_at_work: true,
                         ..known.clone()
                     },
                 };
-                std::mem::replace(known, introduced) != *known
+                std::mem::replace(known, updated) != *known
             })
         });
     }
 }
 
-/// Whether nobody but this node can be at `endpoint` once it listens at `listen`: the port of an address of this machine.
+/// Whether only this node can be at `endpoint` once it listens at `listen`: a port of an address of this machine.
 async fn is_own(endpoint: &str, listen: &[String]) -> bool {
     let Some(wanted) = port(endpoint) else {
         return false;
@@ -408,7 +408,8 @@ async fn is_own(endpoint: &str, listen: &[String]) -> bool {
     if !listens {
         return false;
     }
-    let resolved = tokio::time::timeout(LOOK, tokio::net::lookup_host((host(endpoint), wanted)));
+    let resolved = tokio::net::lookup_host((host(endpoint), wanted));
+    let resolved = tokio::time::timeout(ANSWER_TIMEOUT, resolved);
     let Ok(Ok(mut addresses)) = resolved.await else {
         return false;
     };
@@ -420,7 +421,7 @@ fn is_of_this_machine(address: IpAddr) -> bool {
     UdpSocket::bind(SocketAddr::new(address, 0)).is_ok()
 }
 
-/// Where somebody answers who listens at `endpoint` of this machine.
+/// An address at which a listener on `endpoint` of this machine answers.
 fn reachable(endpoint: &str) -> String {
     match host(endpoint).parse() {
         Ok(IpAddr::V4(address)) if address.is_unspecified() => {

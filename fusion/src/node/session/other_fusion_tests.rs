@@ -1,4 +1,4 @@
-//! Another fusion of the venue, as real sessions on the loopback.
+//! Other fusions of the venue, as real sessions on the loopback.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use zenoh::liveliness::LivelinessToken;
 use super::*;
 use crate::node::status::own_status;
 
-/// Far above what a loaded machine takes; a test that waits as long has failed.
+/// Far above the time that a loaded machine needs; a longer wait is a failure.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn venue(connect: &[String]) -> Venue {
@@ -34,7 +34,7 @@ fn reach(listen: &str) -> Reach {
     }
 }
 
-/// A node that listens and has not said yet that it is fusion.
+/// A node that listens and has not declared its token.
 async fn listening() -> (Session, String) {
     let listen = ["tcp/127.0.0.1:0".to_owned()];
     let transport = FusionTransport {
@@ -53,14 +53,14 @@ async fn declare_token(session: &Session) -> LivelinessToken {
     token.unwrap()
 }
 
-/// A fusion that listens and has not begun to work yet.
+/// A fusion that listens and has not begun to work.
 async fn just_begun() -> (Session, LivelinessToken, String) {
     let (session, endpoint) = listening().await;
     let token = declare_token(&session).await;
     (session, token, endpoint)
 }
 
-/// A fusion that says once a moment who it is, and where it listens.
+/// A fusion that repeats its status, and its endpoint.
 async fn first_fusion() -> (Session, String) {
     let (session, token, endpoint) = just_begun().await;
     let speaker = session.clone();
@@ -93,90 +93,90 @@ async fn first_fusion() -> (Session, String) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn the_second_is_refused_in_lock_step_and_waits_live_until_the_first_has_gone() {
+async fn a_second_fusion_is_refused_in_lock_step_and_waits_live_for_the_first() {
     let (first, endpoint) = first_fusion().await;
     let (tasks, leave, stop) = <(TaskTracker, CancellationToken, CancellationToken)>::default();
     let venue = venue(std::slice::from_ref(&endpoint));
     let others = OtherFusionWatch::start(&venue, &reach("tcp/127.0.0.1:0"), &tasks, &leave).await;
-    let refused = others.be_the_only_one(RunMode::LockStep, &stop).await;
+    let refused = others.wait_until_alone(RunMode::LockStep, &stop).await;
     let refused = refused.unwrap_err();
     assert!(matches!(refused, NodeError::Refused(_)));
     let refused = refused.to_string();
     for word in [&endpoint, "venue two", "session abc", "tick 77", "end it"] {
         assert!(refused.contains(word), "{word}: {refused}");
     }
-    let live = others.be_the_only_one(RunMode::Live, &stop);
+    let live = others.wait_until_alone(RunMode::Live, &stop);
     let end = async {
         tokio::time::sleep(Duration::from_millis(200)).await;
         first.close().await.unwrap();
     };
     let waited = async { tokio::join!(live, end).0 };
     let waited = tokio::time::timeout(PATIENCE, waited).await;
-    let place = waited.expect("it waits for nobody").unwrap();
+    let place = waited.expect("the wait does not end").unwrap();
     assert_eq!(place, Some(Place::Inherited));
-    assert_eq!(others.named(), None);
+    assert_eq!(others.described(), None);
     leave.cancel();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn whoever_is_alone_begins_and_is_not_taken_for_another() {
+async fn a_single_fusion_begins_and_does_not_detect_itself() {
     let (own, endpoint) = first_fusion().await;
     let (tasks, leave, stop) = <(TaskTracker, CancellationToken, CancellationToken)>::default();
     let venue = venue(&["tcp/127.0.0.1:9".to_owned(), endpoint.clone()]);
-    // It listens there itself: nobody else can.
+    // It listens there itself, so no other fusion can.
     let others = OtherFusionWatch::start(&venue, &reach(&endpoint), &tasks, &leave).await;
     assert_eq!(others.endpoints, ["tcp/127.0.0.1:9"]);
-    let place = others.be_the_only_one(RunMode::LockStep, &stop).await;
+    let place = others.wait_until_alone(RunMode::LockStep, &stop).await;
     assert_eq!(place.unwrap(), Some(Place::Free));
-    // By a way around, it answers itself.
-    let around = OtherFusionWatch::at(
+    // Over an indirect route it answers itself.
+    let indirect = OtherFusionWatch::at(
         "two",
         vec![endpoint],
         &reach("tcp/10.0.0.1:1"),
         &tasks,
         &leave,
     );
-    around.know_own(own.zid());
-    assert_eq!(around.first().await, None);
+    indirect.set_own(own.zid());
+    assert_eq!(indirect.first().await, None);
     leave.cancel();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn whoever_knows_its_session_before_it_declares_its_token_is_not_taken_for_another() {
-    // Symptom to prevent: by a way around a fusion found its own token before it knew that the session is its own.
+async fn a_session_set_before_its_token_is_never_detected() {
+    // Symptom to prevent: over an indirect route a fusion detected its own token before it had set its session.
     let (own, endpoint) = listening().await;
     let (tasks, leave) = <(TaskTracker, CancellationToken)>::default();
     let elsewhere = reach("tcp/10.0.0.1:1");
-    let around = OtherFusionWatch::at("two", vec![endpoint], &elsewhere, &tasks, &leave);
-    assert_eq!(around.first().await, None, "without a token it is nobody");
-    around.know_own(own.zid());
+    let indirect = OtherFusionWatch::at("two", vec![endpoint], &elsewhere, &tasks, &leave);
+    assert_eq!(indirect.first().await, None, "there is no token yet");
+    indirect.set_own(own.zid());
     let _token = declare_token(&own).await;
-    assert_eq!(around.first().await, None);
+    assert_eq!(indirect.first().await, None);
     leave.cancel();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn of_two_that_begin_at_the_same_moment_one_steps_back() {
+async fn one_of_two_simultaneous_fusions_steps_back() {
     let (one, _one_token, at_one) = just_begun().await;
     let (other, _other_token, at_other) = just_begun().await;
     let (tasks, leave) = <(TaskTracker, CancellationToken)>::default();
     let places = [at_one, at_other];
     let elsewhere = reach("tcp/10.0.0.1:1");
-    // Each meets itself, too, by a way around.
+    // Each also detects itself over an indirect route.
     let watch = || OtherFusionWatch::at("two", places.to_vec(), &elsewhere, &tasks, &leave);
     let [of_one, of_other] = [watch(), watch()];
-    of_one.know_own(one.zid());
-    of_other.know_own(other.zid());
+    of_one.set_own(one.zid());
+    of_other.set_own(other.zid());
     let steps_back = tokio::join!(
-        of_one.is_to_step_back(one.zid()),
-        of_other.is_to_step_back(other.zid())
+        of_one.must_step_back(one.zid()),
+        of_other.must_step_back(other.zid())
     );
     assert_ne!(steps_back.0, steps_back.1);
     leave.cancel();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn whoever_begins_beside_one_that_is_at_work_steps_back() {
+async fn a_starting_fusion_steps_back_for_one_at_work() {
     let (_at_work, endpoint) = first_fusion().await;
     let (own, _token, _) = just_begun().await;
     let (tasks, leave) = <(TaskTracker, CancellationToken)>::default();
@@ -187,15 +187,15 @@ async fn whoever_begins_beside_one_that_is_at_work_steps_back() {
         &tasks,
         &leave,
     );
-    others.know_own(own.zid());
-    // Of two that begin, the one with that id goes on.
+    others.set_own(own.zid());
+    // With this lowest id it would continue if both were starting.
     let lowest: ZenohId = "1".parse().unwrap();
-    assert!(others.is_to_step_back(lowest).await);
+    assert!(others.must_step_back(lowest).await);
     leave.cancel();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn of_two_ids_the_lower_goes_on_unless_the_other_is_at_work() {
+async fn the_lower_id_continues_unless_the_other_is_at_work() {
     let (one, _, _) = just_begun().await;
     let (other, _, _) = just_begun().await;
     let mut ids = [one.zid(), other.zid()];
@@ -209,12 +209,12 @@ async fn of_two_ids_the_lower_goes_on_unless_the_other_is_at_work() {
         venue: "v".to_owned(),
         calibration: "c".to_owned(),
     };
-    let at_work = begun(Some(high)).introduced(&own_status(&hashes));
+    let at_work = begun(Some(high)).with_status(&own_status(&hashes));
     assert!(at_work.comes_before(low));
 }
 
 #[test]
-fn a_place_that_is_taken_is_looked_at_by_an_address_that_answers() {
+fn a_taken_endpoint_is_watched_at_an_address_that_answers() {
     assert_eq!(reachable("quic/0.0.0.0:7447"), "quic/127.0.0.1:7447");
     assert_eq!(reachable("tcp/[::]:7447?a=b"), "tcp/[::1]:7447?a=b");
     assert_eq!(reachable("tcp/10.0.0.7:7447"), "tcp/10.0.0.7:7447");

@@ -1,4 +1,4 @@
-//! All that fusion publishes on, and the thread that does.
+//! Fusion's publishers, and the thread that sends.
 
 use farfield_node::session::{self, Delivery, has_listener, put_status};
 use farfield_proto::key::Keys;
@@ -11,10 +11,9 @@ use zenoh::pubsub::Publisher;
 use zenoh::{Session, Wait as _};
 
 use super::interceptor::Interceptor;
-use super::messages::FusionOutgoing;
-use super::mode::RunMode;
+use super::messages::{FusionOutgoing, RunMode};
 
-/// All that fusion publishes on.
+/// Fusion's publishers.
 pub(super) struct FusionPublishers {
     /// By viewpoint.
     boxes: Vec<Publisher<'static>>,
@@ -27,10 +26,10 @@ pub(super) struct FusionPublishers {
 }
 
 impl FusionPublishers {
-    /// Declares what the edges of `venue`, and whoever listens to the results, need.
+    /// Declares the publishers for the edges of `venue` and subscribers to the results.
     ///
     /// # Errors
-    /// What Zenoh says.
+    /// An error of Zenoh.
     pub(super) async fn declare(
         session: &Session,
         venue: &Venue,
@@ -58,13 +57,13 @@ impl FusionPublishers {
         })
     }
 
-    /// How many viewpoints get boxes.
+    /// The number of viewpoints with boxes.
     pub(super) fn viewpoints(&self) -> usize {
         self.boxes.len()
     }
 
-    /// Thread, as Zenoh blocks it while the network is congested: sends everything, in order; ends when the loop drops
-    /// its end of the queue. `matched` says whether every viewpoint listens for its boxes.
+    /// Sends all messages in order until the loop drops its end of the queue. It runs on a thread, because Zenoh blocks while the
+    /// network is congested. `matched` tells whether every viewpoint has subscribed to its boxes.
     pub(super) fn send_all(
         &self,
         mut outgoing: mpsc::Receiver<FusionOutgoing>,
@@ -81,9 +80,9 @@ impl FusionPublishers {
                 FusionOutgoing::Events(bytes) => (Some(&self.events), bytes),
                 FusionOutgoing::Namings(bytes) => (Some(&self.namings), bytes),
                 FusionOutgoing::Status(status) => {
-                    // Statuses go out several times a second until the start: the moment to look.
+                    // Before the start statuses are sent several times a second: a good moment for the check.
                     matched.send_replace(self.boxes.iter().all(has_listener));
-                    let version = interceptor.spoken_by_all();
+                    let version = interceptor.common_version();
                     (Some(&self.status), wire::encode_as(&*status, version))
                 }
             };
@@ -95,7 +94,7 @@ impl FusionPublishers {
                 publisher.put(bytes).wait()
             };
             if let Err(error) = sent {
-                warn!(key = %publisher.key_expr(), %error, "not sent");
+                warn!(key = %publisher.key_expr(), %error, "message not sent");
             }
         }
     }

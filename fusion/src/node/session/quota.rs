@@ -1,30 +1,29 @@
-//! How much one node may send, live: what is over is dropped unread, and counted.
+//! Quota of incoming messages per node in a live run: messages beyond it are dropped unread, and counted.
 //!
-//! An edge has a valid key, and may be in other hands all the same. What it can cost fusion and its recording is bounded
-//! here, before anything is decoded.
+//! An edge with a valid key may still be compromised. Its cost for fusion and the recording is bounded here, before decoding.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 
-/// Bytes per second of a node where the venue has no budget: more than lossless maps of a crowd take.
+/// Bytes per second of a node without a budget: more than lossless maps of a crowd take.
 const MOST_BYTES_PER_S: f64 = (32 << 20) as f64;
-/// So many times its budget may come from a node: delays of the network bunch messages.
+/// Accepted multiple of the budget: delays of the network bunch messages.
 const OVER_BUDGET: f64 = 2.0;
-/// What may come at once, seconds of the rate.
+/// Burst, seconds of the rate.
 const BURST_S: f64 = 1.0;
-/// Messages that cannot be read, or come again, are recorded once in so long, of each node: enough to see what they are.
+/// Interval of recording unreadable or repeated messages of a node: enough for a diagnosis.
 const UNUSABLE_EVERY_US: i64 = 1_000_000;
 
-/// What may come from one node, and what did not pass.
+/// The quota of one node, and its dropped messages.
 #[derive(Debug)]
 pub(super) struct Quota {
     bytes_per_s: f64,
     bucket: Mutex<Bucket>,
-    /// Those that were over the quota.
+    /// Messages beyond the quota.
     refused: AtomicU64,
-    /// Those that found no place.
+    /// Messages dropped from a full queue.
     lost: AtomicU64,
 }
 
@@ -36,7 +35,7 @@ struct Bucket {
 }
 
 impl Quota {
-    /// Of a node that keeps to `budget_bytes_per_s`; 0: no budget.
+    /// The quota of a node with `budget_bytes_per_s`; 0: no budget.
     pub(super) fn new(budget_bytes_per_s: f64) -> Self {
         let bytes_per_s = if budget_bytes_per_s > 0.0 {
             (OVER_BUDGET * budget_bytes_per_s).min(MOST_BYTES_PER_S)
@@ -55,7 +54,7 @@ impl Quota {
         }
     }
 
-    /// Whether a message of `bytes` may pass at `now_us`; counted where not.
+    /// Whether a message of `bytes` is accepted at `now_us`; refusals are counted.
     pub(super) fn admits(&self, bytes: usize, now_us: i64) -> bool {
         let mut bucket = self.bucket.lock().unwrap_or_else(PoisonError::into_inner);
         let since_us = bucket
@@ -74,7 +73,7 @@ impl Quota {
         is_admitted
     }
 
-    /// Whether a message that is of no use is recorded at `now_us`.
+    /// Whether an unusable message is recorded at `now_us`.
     pub(super) fn records_unusable(&self, now_us: i64) -> bool {
         let mut bucket = self.bucket.lock().unwrap_or_else(PoisonError::into_inner);
         let is_due = bucket
@@ -86,17 +85,17 @@ impl Quota {
         is_due
     }
 
-    /// Counts a message that found no place.
+    /// Counts a message dropped from a full queue.
     pub(super) fn count_lost(&self) {
         self.lost.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Messages that were over what may come, since the start: the sender's doing.
+    /// Messages beyond the quota since the start: caused by the sender.
     pub(super) fn refused(&self) -> u64 {
         self.refused.load(Ordering::Relaxed)
     }
 
-    /// These and those that found no place, which may be this node's doing.
+    /// All dropped messages, including those from a full queue, which fusion may have caused.
     pub(super) fn dropped(&self) -> u64 {
         self.refused() + self.lost.load(Ordering::Relaxed)
     }
@@ -107,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_node_that_keeps_to_its_budget_loses_nothing_and_one_that_floods_gets_twice_it() {
+    fn a_node_within_its_budget_loses_nothing_and_a_flood_gets_twice_the_budget() {
         let honest = Quota::new(100_000.0);
         let sent = (0..1_000).filter(|i| honest.admits(900, i * 10_000));
         assert_eq!(sent.count(), 1_000, "90 kB/s");
@@ -119,13 +118,13 @@ mod tests {
         let cost = 1_000 + MESSAGE_OVERHEAD_BYTES;
         assert!(passed * cost <= 2_200_000, "{passed}");
         assert_eq!(flood.refused(), 100_000 - passed as u64);
-        // Who found no place because fusion was slow has not flooded.
+        // Messages dropped because fusion was slow are no flood.
         honest.count_lost();
         assert_eq!((honest.refused(), honest.dropped()), (0, 1));
     }
 
     #[test]
-    fn of_what_is_of_no_use_one_a_second_is_recorded() {
+    fn one_unusable_message_a_second_is_recorded() {
         let quota = Quota::new(0.0);
         let recorded = (0..100).filter(|i| quota.records_unusable(i * 100_000));
         assert_eq!(recorded.count(), 10);

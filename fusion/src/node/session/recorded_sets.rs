@@ -1,7 +1,7 @@
-//! Which sets of the edges are recorded as they come: each message once, and of ticks near the one that is worked on.
+//! Selects the sets that are recorded on arrival: each message once, and only for ticks near the current one.
 //!
-//! An edge that sends its old sets again, for want of a clock or on purpose, would fill the disk of the recording with them.
-//! What an outage has delayed for longer comes as an answer of the edge's ring.
+//! An edge that sends old sets again, by a wrong clock or on purpose, would fill the recording's disk. Sets delayed longer by an
+//! outage come from the edge's ring.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -11,16 +11,16 @@ use farfield_proto::message::fill::SetKind;
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::MAX_PARTS;
 
-/// How far from the tick that is worked on a set may be, seconds: links that were away deliver what waits within that, and
+/// Largest distance of a set from the current tick, seconds: links deliver queued messages within that time after an outage, and
 /// clocks that are further off are refused.
 const REACH_S: f64 = 10.0;
 
 const WORD_BITS: usize = u64::BITS as usize;
 
-/// The messages of one kind of a tick that have come, a bit each.
+/// The messages of one kind of set of a tick, one bit each.
 type Parts = [u64; (MAX_PARTS as usize).div_ceil(WORD_BITS)];
 
-/// What has come of one viewpoint: of each tick the parts of both kinds of set.
+/// Received messages of one viewpoint: per tick the parts of both kinds of set.
 type PartsByTick = BTreeMap<Tick, [Parts; 2]>;
 
 /// A message of a set.
@@ -33,11 +33,11 @@ pub(super) struct SetMessage {
     pub(super) part: u16,
 }
 
-/// What has come of each viewpoint.
+/// Received messages of each viewpoint.
 #[derive(Debug)]
 pub(super) struct RecordedSets {
     reach: i64,
-    /// The session, and the tick that was worked on last; `None` before the first.
+    /// The session and the current tick; `None` before the first.
     current: Mutex<Option<(SessionId, Tick)>>,
     of_viewpoint: Box<[Mutex<PartsByTick>]>,
 }
@@ -51,12 +51,12 @@ impl RecordedSets {
         }
     }
 
-    /// Says that `tick` of `session` is worked on.
+    /// Sets the current `tick` of `session`.
     pub(super) fn worked_on(&self, session: SessionId, tick: Tick) {
         *lock(&self.current) = Some((session, tick));
     }
 
-    /// Whether the message is one of the run, and comes for the first time. Before the first tick every one is.
+    /// Whether the message belongs to the run and comes for the first time. Before the first tick all do.
     pub(super) fn is_new(&self, message: &SetMessage) -> bool {
         let Some((session, tick)) = *lock(&self.current) else {
             return true;
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_set_is_recorded_once_and_one_of_another_time_or_session_is_not() {
+    fn a_set_near_the_current_tick_is_recorded_once() {
         let sets = RecordedSets::new(2, 60.0);
         assert!(sets.is_new(&message(5, 0)), "nothing is worked on yet");
         sets.worked_on(SessionId(7), Tick(10_000));
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_remembered_of_a_viewpoint_is_bounded() {
+    fn the_memory_per_viewpoint_is_bounded() {
         let sets = RecordedSets::new(2, 60.0);
         for tick in 0..100_000 {
             sets.worked_on(SessionId(7), Tick(tick));

@@ -1,6 +1,6 @@
-//! All that fusion subscribes to, and the tasks that decode it: where every message that another node publishes
-//! enters. What else comes from other nodes: queries of edges (`node/handout/mod.rs`), answers of their rings
-//! (`node/recording/filler.rs`); and what the recorder node receives (`node/recorder_node.rs`).
+//! Fusion's subscriptions, and the tasks that decode them. All messages published by other nodes enter here. Other data of other
+//! nodes: requests of edges (`node/handout.rs`), answers of their rings (`node/recording/filler.rs`), and the messages of the
+//! recorder node (`node/recorder_node.rs`).
 
 use std::sync::Arc;
 
@@ -21,31 +21,30 @@ use zenoh::sample::{Sample, SampleKind};
 
 use super::inbox::Inbox;
 use super::interceptor::{Interceptor, Senders};
-use super::messages::{FusionIncoming, Liveliness};
-use super::mode::RunMode;
+use super::messages::{FusionIncoming, Liveliness, RunMode};
 use super::recorded_sets::SetMessage;
 
-/// Messages that wait: in lock-step of one subscription, and when it is full Zenoh stops reading, and the edges wait; live
-/// of each node of one subscription, and its oldest are lost, as a thread of Zenoh's that waits would hold up everybody.
+/// Queued messages. In lock-step per subscription: if it is full, Zenoh stops reading and the edges wait. In a live run per node and
+/// subscription: the oldest are dropped, because a waiting thread of Zenoh would delay all nodes.
 const QUEUE: usize = 256;
-/// Thumbnails of one node that wait: it makes one after the other.
+/// Queued thumbnails of one node, which makes one after the other.
 const THUMBNAILS: usize = 4;
 
-/// Everything that fusion subscribes to.
+/// Fusion's subscriptions.
 pub(super) struct Subscribers(Vec<(FusionTopic, Subscription)>);
 
 impl Subscribers {
-    /// Declares them under `keys`.
+    /// Declares the subscriptions under `keys`.
     ///
     /// # Errors
-    /// What Zenoh says.
+    /// An error of Zenoh.
     pub(super) async fn declare(
         session: &Session,
         keys: &Keys,
         mode: RunMode,
         senders: &Senders,
     ) -> anyhow::Result<Self> {
-        let subscribe = |key| subscriber(session, key, (mode, QUEUE), senders.clone());
+        let subscribe = |key| subscriber(session, key, mode, QUEUE, senders.clone());
         Ok(Self(vec![
             (FusionTopic::Patches, subscribe(keys.patches()).await?),
             (FusionTopic::Sightings, subscribe(keys.sightings()).await?),
@@ -57,23 +56,30 @@ impl Subscribers {
         ]))
     }
 
-    /// Subscribes to thumbnails, too, live: from now on edges may make some.
+    /// Subscribes to thumbnails, in a live run: from now on edges may send some.
     ///
     /// # Errors
-    /// What Zenoh says.
+    /// An error of Zenoh.
     pub(super) async fn add_thumbnails(
         &mut self,
         session: &Session,
         keys: &Keys,
         senders: &Senders,
     ) -> anyhow::Result<()> {
-        let places = (RunMode::Live, THUMBNAILS);
-        let thumbnails = subscriber(session, keys.thumbnails(), places, senders.clone()).await?;
+        let senders = senders.clone();
+        let thumbnails = subscriber(
+            session,
+            keys.thumbnails(),
+            RunMode::Live,
+            THUMBNAILS,
+            senders,
+        )
+        .await?;
         self.0.push((FusionTopic::Thumbnails, thumbnails));
         Ok(())
     }
 
-    /// Starts a task for each, which ends with `stop`.
+    /// Starts a task for each subscription, which ends with `stop`.
     pub(super) fn spawn(
         self,
         tasks: &TaskTracker,
@@ -103,11 +109,11 @@ enum FusionTopic {
     Alive,
 }
 
-/// A subscription, and what waits of it.
+/// A subscription with its queue.
 enum Subscription {
-    /// All of it, in order.
+    /// All messages, in order.
     All(FifoSubscriber),
-    /// The newest of it, of each node.
+    /// The newest messages of each node.
     Newest(
         Arc<Inbox<Sample>>,
         #[expect(dead_code, reason = "dropped, it is undeclared")] Subscriber<()>,
@@ -115,7 +121,7 @@ enum Subscription {
 }
 
 impl Subscription {
-    /// The next message; `None` when there will be no more.
+    /// The next message; `None` at the end.
     async fn next(&self) -> Option<Sample> {
         match self {
             Self::All(subscriber) => subscriber.recv_async().await.ok(),
@@ -124,11 +130,12 @@ impl Subscription {
     }
 }
 
-/// Subscribes to `key`; live so many messages of each node wait.
+/// Subscribes to `key`; in a live run with this many places per node.
 async fn subscriber(
     session: &Session,
     key: String,
-    (mode, places): (RunMode, usize),
+    mode: RunMode,
+    places: usize,
     senders: Senders,
 ) -> anyhow::Result<Subscription> {
     match mode {
@@ -153,14 +160,14 @@ async fn subscriber(
     }
 }
 
-/// Who came and who went is said once: nothing of it may be lost.
+/// Arrivals and departures are sent once, so none may be lost.
 async fn liveliness(session: &Session, key: String) -> anyhow::Result<Subscription> {
     session::liveliness(session, key, QUEUE)
         .await
         .map(Subscription::All)
 }
 
-/// Task: one subscription, decoded, to the loop.
+/// Task: decodes one subscription and sends it to the loop.
 async fn listen(
     topic: FusionTopic,
     subscription: Subscription,
@@ -186,19 +193,18 @@ async fn listen(
     }
 }
 
-/// Passes a thumbnail on as it came, to who looks at such. The loop hears of it only what cannot be read, and recorders
-/// nothing at all.
+/// Passes a thumbnail unchanged to the observers that want it. The loop gets only unreadable ones, recorders none.
 fn pass_on(sample: &Sample, interceptor: &Interceptor) -> Option<FusionIncoming> {
     let key = sample.key_expr().as_str();
     let payload = sample.payload().to_bytes();
     let checked = wire::decode(&payload).and_then(|thumbnail: Thumbnail| {
-        let may = interceptor.may_show(key, &thumbnail);
+        let may = interceptor.may_send_thumbnail(key, &thumbnail);
         may.then_some(())
             .ok_or(WireError::Invalid("of a camera of another viewpoint"))
     });
     match checked {
         Ok(()) => {
-            interceptor.showed(key, &payload, interceptor.arrived(&payload));
+            interceptor.copy_thumbnail(key, &payload, interceptor.arrived(&payload));
             None
         }
         Err(error) => {
@@ -221,10 +227,10 @@ fn read(topic: FusionTopic, sample: &Sample, interceptor: &Interceptor) -> Fusio
     let payload = sample.payload().to_bytes();
     let arrival = interceptor.arrived(&payload);
     if let FusionTopic::Statuses = topic {
-        interceptor.heard_status(key, &payload, session::reads_at_most(sample));
+        interceptor.note_version(key, &payload, session::reads_at_most(sample));
     }
     let own = |viewpoint| {
-        let may = interceptor.may_speak(key, viewpoint);
+        let may = interceptor.may_send_for(key, viewpoint);
         may.then_some(())
             .ok_or(WireError::Invalid("under the key of another viewpoint"))
     };
@@ -237,7 +243,7 @@ fn read(topic: FusionTopic, sample: &Sample, interceptor: &Interceptor) -> Fusio
         }),
         FusionTopic::Statuses | FusionTopic::Alive | FusionTopic::Thumbnails => {
             wire::decode(&payload).and_then(|status| {
-                let may = interceptor.may_say(key, &status);
+                let may = interceptor.may_send_status(key, &status);
                 may.then(|| FusionIncoming::Status(Box::new(status)))
                     .ok_or(WireError::Invalid("under the key of another node"))
             })
@@ -246,20 +252,20 @@ fn read(topic: FusionTopic, sample: &Sample, interceptor: &Interceptor) -> Fusio
     match incoming {
         Ok(incoming) => {
             match set_message(&incoming) {
-                Some(set) => interceptor.received_set(key, &payload, (&set, arrival)),
+                Some(set) => interceptor.received_set(key, &payload, &set, arrival),
                 None => interceptor.received(key, &payload, arrival),
             }
             incoming
         }
         Err(error) => {
-            debug!(%key, %error, "message not readable");
+            debug!(%key, %error, "unreadable message");
             interceptor.received_unusable(key, &payload, arrival);
             FusionIncoming::Unreadable(key.to_owned(), error)
         }
     }
 }
 
-/// Which message of a set it is.
+/// The position of a message in its set.
 fn set_message(incoming: &FusionIncoming) -> Option<SetMessage> {
     match incoming {
         FusionIncoming::Patches(set, _) => Some(SetMessage {

@@ -1,8 +1,8 @@
-//! Copies, for whoever records: of every message that comes or goes, and of what each step was made of.
+//! Copies for observers: of every incoming and outgoing message, and of the input of each step.
 //!
 //! With the decisions in the order of their ticks, a run can be solved again bit for bit:
-//! [`crate::pipeline::Pipeline::first_boxes`] at the first one's tick, then per decision the late sets, the
-//! horizons (where there are any), and the step.
+//! [`crate::pipeline::Pipeline::first_boxes`] at the tick of the first, then per decision the late sets, the horizons (if there
+//! are any), and the step.
 
 use std::fmt;
 use std::path::Path;
@@ -12,59 +12,57 @@ use farfield_proto::message::PatchSet;
 
 use crate::align::TickGroup;
 
-/// A message as it was on the wire.
+/// A message as it is on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CopiedMessage<'a> {
     /// Its Zenoh key.
     pub key: &'a str,
     /// Its payload.
     pub bytes: &'a [u8],
-    /// When it came or went, microseconds of Unix time by fusion's clock.
+    /// Its time of arrival or sending, microseconds of Unix time by fusion's clock.
     pub at_us: i64,
 }
 
-/// What one step of the core is made of.
+/// The input of one step of the core.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CopiedStep<'a> {
-    /// The tick, and the messages that its step uses. The ticks of a run follow each other without a gap.
+    /// The tick, and the messages that its step uses. The ticks of a run are consecutive.
     pub group: &'a TickGroup,
-    /// Sets of earlier ticks, given to the smoother before this step, in this order.
+    /// Sets of earlier ticks, passed to the smoother before this step, in this order.
     pub late: &'a [PatchSet],
-    /// What [`crate::pipeline::Pipeline::set_horizons`] is given before this step; empty: it is not
-    /// called.
+    /// The argument of [`crate::pipeline::Pipeline::set_horizons`] before this step; empty: it is not called.
     pub horizons: &'a [f64],
 }
 
-/// Someone who listens in. Called from the threads that carry messages and from the loop: it must not
-/// wait for anything, and drop (and count) what it has no room for.
+/// An observer. It is called from the threads that carry messages and from the loop: it must not wait, and must drop (and count)
+/// what it has no room for.
 pub trait Wiretap: Send + Sync {
-    /// A message has come, readable or not.
+    /// A message has arrived, readable or not.
     fn received(&self, message: CopiedMessage<'_>);
 
-    /// A message goes out.
+    /// A message is sent.
     fn published(&self, message: CopiedMessage<'_>);
 
     /// The core steps a tick.
     fn decided(&self, decided: CopiedStep<'_>);
 
-    /// Whether [`Self::thumbnail`] is wanted: while nobody wants them, edges make none.
-    fn looks_at_thumbnails(&self) -> bool {
+    /// Whether [`Self::thumbnail`] is wanted: if no observer wants thumbnails, edges make none.
+    fn wants_thumbnails(&self) -> bool {
         false
     }
 
-    /// A thumbnail of a camera has come, for people to look at: checked
-    /// ([`farfield_proto::message::thumbnail::Thumbnail`]), and passed on as it is. It is none of the messages of
-    /// [`Self::received`], so that who records those has no pictures, and must not be recorded.
+    /// A checked thumbnail of a camera ([`farfield_proto::message::thumbnail::Thumbnail`]) has arrived. It is only for display, must
+    /// not be recorded, and is not passed to [`Self::received`].
     fn thumbnail(&self, _message: CopiedMessage<'_>) {}
 
     /// A recording of the run begins, a file at `path`.
     fn recording_begins(&self, _path: &Path) {}
 
-    /// The people with these ids are known from the fusion before: whoever is recognised keeps the id. With none, ids
-    /// begin anew.
+    /// The people with these ids are known from the previous fusion: those who are recognised keep their ids. Without ids, new ids
+    /// begin.
     fn expected(&self, _ids: &[u32]) {}
 
-    /// Why it listens no more, if it does not.
+    /// The reason if it has stopped, e.g. by an error.
     fn failure(&self) -> Option<String> {
         None
     }
@@ -91,8 +89,8 @@ impl WiretapHandle {
         }
     }
 
-    pub(in crate::node) fn looks_at_thumbnails(&self) -> bool {
-        self.0.iter().any(|wiretap| wiretap.looks_at_thumbnails())
+    pub(in crate::node) fn wants_thumbnails(&self) -> bool {
+        self.0.iter().any(|wiretap| wiretap.wants_thumbnails())
     }
 
     pub(in crate::node) fn thumbnail(&self, message: CopiedMessage<'_>) {
@@ -121,7 +119,7 @@ impl WiretapHandle {
 }
 
 impl WiretapHandle {
-    /// Why one of them listens no more.
+    /// The reason of the first observer that has stopped.
     pub(in crate::node) fn failure(&self) -> Option<String> {
         self.0.iter().find_map(|wiretap| wiretap.failure())
     }
@@ -140,12 +138,12 @@ mod tests {
     use super::*;
 
     #[derive(Default)]
-    struct Kept(Mutex<Vec<(String, Vec<u8>)>>);
+    struct Observer(Mutex<Vec<(String, Vec<u8>)>>);
 
-    impl Wiretap for Kept {
+    impl Wiretap for Observer {
         fn received(&self, message: CopiedMessage<'_>) {
-            let kept = (message.key.to_owned(), message.bytes.to_vec());
-            self.0.lock().unwrap().push(kept);
+            let message = (message.key.to_owned(), message.bytes.to_vec());
+            self.0.lock().unwrap().push(message);
         }
         fn published(&self, message: CopiedMessage<'_>) {
             self.received(message);
@@ -154,9 +152,9 @@ mod tests {
     }
 
     #[test]
-    fn every_listener_gets_every_message() {
-        let kept = [Arc::new(Kept::default()), Arc::new(Kept::default())];
-        let handle = WiretapHandle::new(kept.clone().map(|it| it as Arc<dyn Wiretap>));
+    fn every_observer_gets_every_message() {
+        let observers = [Arc::new(Observer::default()), Arc::new(Observer::default())];
+        let handle = WiretapHandle::new(observers.clone().map(|it| it as Arc<dyn Wiretap>));
         let message = |bytes| CopiedMessage {
             key: "hall/pose",
             bytes,
@@ -164,9 +162,9 @@ mod tests {
         };
         handle.received(message(&[1, 2]));
         handle.published(message(&[3]));
-        for kept in kept {
-            let kept = kept.0.lock().unwrap();
-            let bytes: Vec<_> = kept.iter().map(|(_, bytes)| bytes.clone()).collect();
+        for observer in observers {
+            let messages = observer.0.lock().unwrap();
+            let bytes: Vec<_> = messages.iter().map(|(_, bytes)| bytes.clone()).collect();
             assert_eq!(bytes, [vec![1, 2], vec![3]]);
         }
         assert_eq!(handle.failure(), None);

@@ -146,7 +146,7 @@ fn a_second_fusion_is_refused_by_name_or_waits_and_takes_the_place_of_one_that_i
     assert_eq!(same_place.code, 1, "{}", same_place.stderr);
     for said in [&lock_step.stderr, &same_place.stderr] {
         assert!(
-            said.contains("fusion of venue stage is there already") && said.contains(&known),
+            said.contains("fusion of venue stage is already running") && said.contains(&known),
             "{said}"
         );
     }
@@ -160,7 +160,7 @@ fn a_second_fusion_is_refused_by_name_or_waits_and_takes_the_place_of_one_that_i
     });
     let said = waits(&stage);
     assert!(
-        said.contains(&known) && said.contains("heard by it"),
+        said.contains(&known) && said.contains("receives from"),
         "{said}"
     );
     stage.go_on(1.0);

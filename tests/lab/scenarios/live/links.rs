@@ -92,7 +92,7 @@ fn usual_delay_us(stage: &LiveStage, from: Tick) -> u64 {
 fn is_told_of(seen: &SeenVenue, name: &str) -> bool {
     let notices = seen.statuses.get("fusion").map(|it| &it.health.notices);
     notices.into_iter().flatten().any(|notice| {
-        let words = notice.split_once("are left out, of viewpoint ");
+        let words = notice.split_once("are left out, from viewpoint ");
         words.is_some_and(|(_, names)| names.contains(name))
     })
 }

@@ -116,7 +116,7 @@ fn what_a_killed_fusion_left_is_whole_when_the_next_begins() {
     // What it says is read a little later.
     stage.wait("the first life's files are whole, and that is said", |_| {
         let said = stage.live.fusion.as_ref().unwrap().said();
-        !first.join("run.lock").exists() && said.contains("whole now")
+        !first.join("run.lock").exists() && said.contains("were completed")
     });
     let lines = std::fs::read_to_string(first.join("poses.jsonl")).unwrap();
     assert!(lines.lines().count() > PEOPLE * RATE_HZ as usize);

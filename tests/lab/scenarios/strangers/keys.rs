@@ -101,7 +101,7 @@ fn an_old_key_is_refused_once_its_node_has_a_new_one_and_both_sides_say_so() {
     let mut old = NodeProcess::start("the old one", old).unwrap();
     wait_for(
         &fusion,
-        "the node of certificate walk/north-east/1 does: north-east has got new keys",
+        "the node of certificate walk/north-east/1: north-east has newer keys",
     );
     wait_for(&old, "refuses its certificate");
 

@@ -138,7 +138,7 @@ fn fusion_names_whom_it_refuses(scheme: &str) {
         (
             strict,
             false,
-            "a node does not take fusion's certificate: its authority is another one",
+            "a node rejects fusion's certificate: its authority is another one",
         ),
         (good(), true, "refused a node: it has no certificate"),
         (
@@ -159,7 +159,7 @@ fn fusion_names_whom_it_refuses(scheme: &str) {
         (
             make("walk/north-east/1", [-1, 9]),
             false,
-            "the node of certificate walk/north-east/1 does: north-east has got new keys",
+            "the node of certificate walk/north-east/1: north-east has newer keys",
         ),
         (
             good(),
