@@ -483,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn keypoints_of_a_truth_fall_back_on_its_joints_and_those_of_poses_do_not() {
+    fn only_keypoints_of_a_truth_fall_back_on_its_joints() {
         let text = "{\"tick\": 1, \"person\": 1, \"joints\": {\"left_hip\": [1, 2, 3]}}";
         let hip = |role, points| {
             let recording = read(text, role, points).unwrap();

@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn an_invalid_profile_is_refused_with_its_file_and_a_missing_one_with_the_venue_line() {
+    fn invalid_profiles_are_refused_by_file_and_missing_ones_by_line() {
         let folder = tempfile::tempdir().unwrap();
         let named = venue(folder.path(), "[[subject]]\nprofile = \"anna.toml\"");
         let error = load_subjects(&named).unwrap_err();

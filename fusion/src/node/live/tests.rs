@@ -225,7 +225,7 @@ fn live_config() -> FusionConfig {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_run_goes_on_with_invalid_messages_a_refused_edge_and_wrong_clocks() {
+async fn a_run_continues_despite_faulty_edges() {
     let out = tempfile::tempdir().unwrap();
     let config = live_config();
     let clock = VenueClock::start();

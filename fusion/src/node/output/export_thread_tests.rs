@@ -183,7 +183,7 @@ fn a_live_run_waits_for_a_full_disk_and_loses_nothing() {
 }
 
 #[test]
-fn files_on_a_full_disk_are_complete_and_the_summary_counts_the_rest() {
+fn a_full_disk_leaves_complete_files_and_a_correct_summary() {
     for mode in [RunMode::Live, RunMode::LockStep] {
         let Some(disk) = or_skip(Disk::small()) else {
             return;

@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_with_a_slash_at_its_end_creates_a_folder_and_removes_it_if_empty() {
+    fn a_slash_at_the_end_creates_a_folder_for_recordings() {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("new/recordings/");
         assert!(is_for_many(&folder) && !is_for_many(&dir.path().join("new/recordings")));

@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn one_recording_runs_at_a_time_and_all_are_complete_after_the_run() {
+    fn one_recording_runs_at_a_time_and_all_become_complete() {
         let folder = tempfile::tempdir().unwrap();
         let recordings = recordings(folder.path());
         let early = recordings.start().unwrap_err();

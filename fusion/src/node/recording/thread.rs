@@ -66,7 +66,7 @@ impl RecordingThread {
         parameters: &RecordingParameters,
     ) -> anyhow::Result<Self> {
         let RecordingFile { path, file, made } = file;
-        let begun = Self::begin((path.clone(), file), head, session, mode, parameters);
+        let begun = Self::begin(path.clone(), file, head, session, mode, parameters);
         if begun.is_ok() {
             made.keep();
         } else {
@@ -77,7 +77,8 @@ impl RecordingThread {
     }
 
     fn begin(
-        (path, file): (PathBuf, File),
+        path: PathBuf,
+        file: File,
         head: Head,
         session: SessionId,
         mode: RunMode,

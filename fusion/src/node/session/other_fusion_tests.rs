@@ -93,7 +93,7 @@ async fn first_fusion() -> (Session, String) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_second_fusion_is_refused_in_lock_step_and_waits_live_for_the_first() {
+async fn a_second_fusion_is_refused_in_lock_step_and_waits_live() {
     let (first, endpoint) = first_fusion().await;
     let (tasks, leave, stop) = <(TaskTracker, CancellationToken, CancellationToken)>::default();
     let venue = venue(std::slice::from_ref(&endpoint));

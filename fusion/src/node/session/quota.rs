@@ -106,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_node_within_its_budget_loses_nothing_and_a_flood_gets_twice_the_budget() {
+    fn a_flood_gets_twice_its_budget_and_others_lose_nothing() {
         let honest = Quota::new(100_000.0);
         let sent = (0..1_000).filter(|i| honest.admits(900, i * 10_000));
         assert_eq!(sent.count(), 1_000, "90 kB/s");
