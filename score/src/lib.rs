@@ -189,7 +189,7 @@ pub fn score(
         .map(|(_, score)| score)
         .collect();
     Scores {
-        mean: MeanScore::of(&averaged),
+        mean: MeanScore::average(&averaged),
         identity: identity.finish(),
         lives: Lives::of(poses, truth, rate_hz),
         points,
@@ -250,7 +250,7 @@ fn scored_ticks(poses: &PoseLines, truth: &PoseLines, extent: TruthExtent) -> Ve
 }
 
 impl MeanScore {
-    fn of(actors: &[&ActorScore]) -> Self {
+    fn average(actors: &[&ActorScore]) -> Self {
         let mean = |figure: fn(&ActorScore) -> f64| {
             mean_of(actors.iter().map(|a| Some(figure(a)))).unwrap_or(0.0)
         };

@@ -179,7 +179,7 @@ struct Scale {
 }
 
 impl Scale {
-    fn of(series: &[Series]) -> Self {
+    fn from_series(series: &[Series]) -> Self {
         let all = || series.iter().flat_map(|s| &s.points);
         let times = || all().map(|(t, _)| *t);
         let from_s = times().fold(f64::INFINITY, f64::min);
@@ -218,7 +218,7 @@ pub fn plot_of(title: &str, poses: &PoseLines, truth: &PoseLines, rate_hz: f64) 
 }
 
 fn errors_svg(title: &str, series: &[Series]) -> String {
-    let scale = Scale::of(series);
+    let scale = Scale::from_series(series);
     let layers = series.iter().enumerate();
     let plot = Plot {
         title,
@@ -299,7 +299,7 @@ mod tests {
         let mut values = vec![Some(20.0); 999];
         values.push(Some(5000.0));
         let series = series("1", &values);
-        let scale = Scale::of(std::slice::from_ref(&series));
+        let scale = Scale::from_series(std::slice::from_ref(&series));
         assert!(scale.top_mm < 100.0);
         let layer = layer(&series, 0, scale.top_mm);
         assert_eq!(layer.lines[0].last(), Some(&(999.0, scale.top_mm)));

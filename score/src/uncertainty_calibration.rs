@@ -36,7 +36,7 @@ impl Class {
     const ALL: [Self; 3] = [Self::Tracked, Self::TwoViews, Self::Coasting];
 
     /// `None` for tentative poses: they are not confirmed yet.
-    fn of(sureness: &Sureness) -> Option<Self> {
+    fn from_sureness(sureness: &Sureness) -> Option<Self> {
         match sureness.state {
             PersonState::Tentative => None,
             PersonState::Tracked if sureness.views >= MANY_VIEWS => Some(Self::Tracked),
@@ -113,7 +113,7 @@ pub struct CalibrationRows {
 }
 
 impl CalibrationRows {
-    fn of(histogram: &SigmaHistogram) -> Self {
+    fn from_histogram(histogram: &SigmaHistogram) -> Self {
         let mut by_sigma: BTreeMap<i32, Bin> = BTreeMap::new();
         let mut states = BTreeMap::new();
         for class in Class::ALL {
@@ -164,19 +164,19 @@ impl UncertaintyCalibration {
 
     /// The rows of the 12 scored limb joints.
     pub fn limb_rows(&self) -> CalibrationRows {
-        CalibrationRows::of(&self.limbs)
+        CalibrationRows::from_histogram(&self.limbs)
     }
 
     /// The rows of all 29 joints.
     pub fn all_rows(&self) -> CalibrationRows {
-        CalibrationRows::of(&self.all)
+        CalibrationRows::from_histogram(&self.all)
     }
 
     fn add_pose(&mut self, truth: &JointDetail, pose: &JointDetail) {
         let Some(sureness) = &pose.sureness else {
             return;
         };
-        let Some(class) = Class::of(sureness) else {
+        let Some(class) = Class::from_sureness(sureness) else {
             return;
         };
         for (i, joint) in Joint::ALL.into_iter().enumerate() {

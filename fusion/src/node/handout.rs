@@ -111,9 +111,9 @@ fn check_unchanged(venue: &Venue, files: &[SharedFile]) -> anyhow::Result<()> {
             FileKind::Calibration => &venue.hashes.calibration,
             _ => continue,
         };
-        let found = blake3::Hash::from_bytes(file.blake3).to_hex();
+        let actual = blake3::Hash::from_bytes(file.blake3).to_hex();
         ensure!(
-            found.starts_with(loaded.as_str()),
+            actual.starts_with(loaded.as_str()),
             "the {} was changed while fusion started: start it again",
             file.kind.name()
         );

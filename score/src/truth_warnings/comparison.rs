@@ -153,7 +153,7 @@ pub(super) struct PairDistances {
 
 impl PairDistances {
     /// `None` without pairs.
-    pub(super) fn of(pairs: &[BodyPair<'_>]) -> Option<Self> {
+    pub(super) fn from_pairs(pairs: &[BodyPair<'_>]) -> Option<Self> {
         let mut distances_m: Vec<f64> = pairs.iter().map(|pair| pair.distance_m).collect();
         distances_m.sort_by(f64::total_cmp);
         let n = distances_m.len();
@@ -181,7 +181,7 @@ pub(super) struct Comparison<'a> {
 
 impl<'a> Comparison<'a> {
     /// `None` if the two share fewer than [`MIN_TICKS`] ticks.
-    pub(super) fn of(poses: &'a PoseLines, truth: &'a PoseLines) -> Option<Self> {
+    pub(super) fn new(poses: &'a PoseLines, truth: &'a PoseLines) -> Option<Self> {
         let n_pairs = |tick| Some(truth.people_at(tick)?.len() * poses.people_at(tick)?.len());
         let shared: Vec<(Tick, usize)> = truth
             .ticks()

@@ -47,7 +47,7 @@ pub(super) struct Misfit {
 ///
 /// Cost: some 315 to 565 matchings of at most 200 ticks, whatever the length of the files.
 pub(super) fn misfit(poses: &PoseLines, truth: &PoseLines) -> Option<Misfit> {
-    Search::new(Comparison::of(poses, truth)?)?.best()
+    Search::new(Comparison::new(poses, truth)?)?.best()
 }
 
 /// A shift of the truth in time.
@@ -64,7 +64,7 @@ struct TickShift {
 ///
 /// `None` if no half is corrected by a shift, or both by the same.
 pub(super) fn shift_in_part(poses: &PoseLines, truth: &PoseLines) -> Option<String> {
-    let halves = Comparison::of(poses, truth)?.halves()?;
+    let halves = Comparison::new(poses, truth)?.halves()?;
     let ends = halves.each_ref().map(Comparison::ends);
     let shifts = halves.map(tick_shift);
     let [before, after] = shifts.map(|it| it.map_or(0, |it| it.ticks));
@@ -152,7 +152,7 @@ struct Search<'a> {
 impl<'a> Search<'a> {
     fn new(comparison: Comparison<'a>) -> Option<Self> {
         let pairs = comparison.pairs(&Reading::unchanged());
-        let unchanged = PairDistances::of(&pairs)?;
+        let unchanged = PairDistances::from_pairs(&pairs)?;
         let mut seeds = vec![nearest(pairs)];
         // If everything is far away, the nearest pose is no evidence.
         if unchanged.most_m > GATE_M / 2.0 {
@@ -248,7 +248,7 @@ impl<'a> Search<'a> {
     fn is_better_at_same_ticks(&self, candidate: &Candidate) -> bool {
         let of_both = self.comparison.unchanged_pairs_at(candidate.reading.ticks);
         of_both.iter().all(|pairs| {
-            let unchanged = PairDistances::of(pairs);
+            let unchanged = PairDistances::from_pairs(pairs);
             unchanged.is_some_and(|it| candidate.distances.most_m < MAX_REST_SHARE * it.most_m)
         })
     }
@@ -319,7 +319,7 @@ impl<'a> Search<'a> {
                 place: Similarity::between(&shared_points(&pairs, names), Freedom::ALL, hand)?,
             };
             let next = self.comparison.pairs(&reading);
-            most_m = PairDistances::of(&next)?.most_m;
+            most_m = PairDistances::from_pairs(&next)?.most_m;
             pairs = nearest(next);
         }
         Some((pairs, most_m))
@@ -327,7 +327,7 @@ impl<'a> Search<'a> {
 
     /// `None` if the reading leaves fewer than half of the pairs to compare.
     fn evaluated(&self, reading: Reading, changes: usize) -> Option<Candidate> {
-        let distances = PairDistances::of(&self.comparison.pairs(&reading))?;
+        let distances = PairDistances::from_pairs(&self.comparison.pairs(&reading))?;
         (2 * distances.n >= self.unchanged.n).then_some(Candidate {
             reading,
             changes,

@@ -130,7 +130,8 @@ fn check(cause: TruthWarningCause, words: &str, body: impl Fn(i64, u32) -> Score
         };
         assert_eq!(warning.cause, cause, "{people} people: {warning:?}");
         let message = &warning.message;
-        assert!(message.contains(words), "{people} people: {message}");
+        let words = format!("the truth seems {words};");
+        assert!(message.contains(&words), "{people} people: {message}");
         // The noise remains: 10 to 19 mm.
         assert!(
             message.contains("joints are 1"),
@@ -149,12 +150,12 @@ fn a_correct_truth_causes_no_warning_with_bad_poses() {
         {
             let mut noise = Noise(u64::from(people));
             let truth = truth(people, body);
-            let found = lines(0..100, 0..people, |tick, person| {
+            let poses = lines(0..100, 0..people, |tick, person| {
                 noise.on(&body(tick, person), sigma_m)
             });
-            check_silent(&found, &truth);
+            check_silent(&poses, &truth);
             // Good scores skip the search; here it runs.
-            assert_eq!(misread(&found, &truth, None), None);
+            assert_eq!(misread(&poses, &truth, None), None);
         }
     }
 }
@@ -164,14 +165,14 @@ fn a_constant_bias_of_joints_is_no_other_reading() {
     for body in BODIES {
         let mut noise = Noise(5);
         let biases: Vec<Vector3<f64>> = (0..24).map(|_| noise.vector(0.025)).collect();
-        let found = lines(0..100, 0..2, |tick, person| {
+        let poses = lines(0..100, 0..2, |tick, person| {
             let mut bias = biases[12 * person as usize..].iter();
             moved(&body(tick, person), |at_m| {
                 at_m + bias.next().unwrap() + noise.vector(0.004)
             })
         });
         let truth = truth(2, body);
-        check_silent(&found, &truth);
+        check_silent(&poses, &truth);
     }
 }
 
@@ -204,7 +205,10 @@ fn few_points_determine_a_tick_shift_but_no_place() {
         });
         let warning = misread(&good, &late, Some(200.0)).unwrap();
         assert_eq!(warning.cause, TruthWarningCause::OtherTicks);
-        assert!(warning.message.contains(" 5 ticks later"), "{warning:?}");
+        assert!(
+            warning.message.contains("to be 5 ticks later"),
+            "{warning:?}"
+        );
     }
 }
 
@@ -212,7 +216,7 @@ fn few_points_determine_a_tick_shift_but_no_place() {
 fn missing_poses_and_false_poses_are_no_other_reading() {
     // The poses lack one of three people, add a ghost, and exchange the sides at every tenth tick.
     let mut noise = Noise(9);
-    let found = lines(0..100, 1..4, |tick, person| {
+    let poses = lines(0..100, 1..4, |tick, person| {
         let body = if person == 3 {
             moved(&standing(tick, 0), |at_m| {
                 at_m + Vector3::new(4.0, 4.0, 0.0)
@@ -228,7 +232,7 @@ fn missing_poses_and_false_poses_are_no_other_reading() {
         }
     });
     let truth = truth(3, walker);
-    check_silent(&found, &truth);
+    check_silent(&poses, &truth);
 }
 
 #[test]
@@ -401,7 +405,7 @@ fn an_incomplete_truth_is_reported_unless_declared_partial() {
 
 #[test]
 fn absent_people_and_false_poses_do_not_make_a_truth_incomplete() {
-    let (mut truth, mut found) = (BTreeMap::new(), BTreeMap::new());
+    let (mut truth, mut poses) = (BTreeMap::new(), BTreeMap::new());
     for tick in 0..100 {
         let is_there = |person: &u32| *person == 0 || !(40..70).contains(&tick);
         let bodies = (0..2).filter(is_there);
@@ -412,10 +416,10 @@ fn absent_people_and_false_poses_do_not_make_a_truth_incomplete() {
         if tick % 3 == 0 {
             bodies.insert(9, moved(&standing(0, 0), |at_m| at_m.add_scalar(5.0)));
         }
-        found.insert(Tick(tick), bodies);
+        poses.insert(Tick(tick), bodies);
     }
-    let [truth, found] = [truth, found].map(|it| PoseLines::from_people(PointSet::Joints, it));
-    check_silent(&found, &truth);
+    let [truth, poses] = [truth, poses].map(|it| PoseLines::from_people(PointSet::Joints, it));
+    check_silent(&poses, &truth);
 }
 
 fn tick_warning(truth: &PoseLines) -> String {

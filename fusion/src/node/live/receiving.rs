@@ -72,7 +72,7 @@ impl LiveFusion<'_> {
             self.tally.refused += 1;
             return;
         }
-        let came = came(arrival);
+        let came = as_came(arrival);
         self.tally
             .patches(set.viewpoint, set.persons.len(), came.bytes);
         let trip = self.edges[index].hear_patches(&set, came, &self.time);
@@ -106,7 +106,7 @@ impl LiveFusion<'_> {
             self.tally.refused += 1;
             return;
         }
-        let came = came(arrival);
+        let came = as_came(arrival);
         self.tally.sightings(set.viewpoint, came.bytes);
         self.edges[index].hear_sightings(&set, came, &self.time);
         if tick < self.first {
@@ -205,7 +205,7 @@ impl LiveFusion<'_> {
     }
 }
 
-fn came(arrival: Arrival) -> Came {
+fn as_came(arrival: Arrival) -> Came {
     Came {
         at_us: arrival.at_us,
         bytes: arrival.bytes,

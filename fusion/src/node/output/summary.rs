@@ -117,7 +117,7 @@ pub(in crate::node) fn summarize(venue: &Venue, facts: &RunFacts<'_>) -> Summary
             elapsed_s,
             ticks_per_s: done as f64 / elapsed_s.max(1e-9),
             stages: stages(facts),
-            look_share: look_shares(facts.last_words),
+            look_share: detection_shares(facts.last_words),
             missed_ticks: missed_ticks(facts.last_words),
             link_bytes_on_wire: BTreeMap::new(),
             cameras: facts.cameras.clone(),
@@ -167,15 +167,16 @@ fn missed_ticks(last_words: &[Status]) -> BTreeMap<String, u64> {
 }
 
 /// Share of each edge's work for detection passes, 0 to 1.
-fn look_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
+fn detection_shares(last_words: &[Status]) -> BTreeMap<String, f64> {
     let share = |status: &Status| {
-        let of = |detection: bool| {
+        let total_us = |detection: bool| {
             let stages = status.stages.iter();
             let of_passes = [DETECTION_STAGE, SIGHTING_STAGE];
             let stages = stages.filter(|s| !detection || of_passes.contains(&&*s.stage));
             stages.map(|s| s.total_us).sum::<u64>() as f64
         };
-        (of(false) > 0.0).then(|| (status.node.clone(), of(true) / of(false)))
+        let all_us = total_us(false);
+        (all_us > 0.0).then(|| (status.node.clone(), total_us(true) / all_us))
     };
     last_words.iter().filter_map(share).collect()
 }

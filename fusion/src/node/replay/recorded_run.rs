@@ -62,7 +62,11 @@ impl RecordedRun {
         let names = owners(&args.file, as_it_was, joined);
         let choice = choice(args, &part);
         report_missing_delay(args, &venue);
-        let (file, recorded, session) = (FileFacts::of(&recording), part.ticks, part.session);
+        let (file, recorded, session) = (
+            FileFacts::from_recording(&recording),
+            part.ticks,
+            part.session,
+        );
         let pipeline = fresh_pipeline(&venue, card.as_ref(), session, &subjects, args.smooth);
         let replay = Replay::new(recording, part, pipeline, choice, names)
             .with_context(|| args.file.display().to_string())

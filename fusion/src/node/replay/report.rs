@@ -43,7 +43,7 @@ pub(super) struct FileFacts {
 }
 
 impl FileFacts {
-    pub(super) fn of<R: Read + Seek>(recording: &Recording<R>) -> Self {
+    pub(super) fn from_recording<R: Read + Seek>(recording: &Recording<R>) -> Self {
         let end = recording.end();
         Self {
             file_whole: end.whole,

@@ -124,7 +124,7 @@ fn poses_and_truths_that_do_not_belong_together_are_told_apart() {
             },
             "evaluate good/poses.jsonl truth.jsonl",
             2,
-            &["no place in common", " m from a truth"],
+            &["no place in common", " m from a true person"],
         ),
         told(
             "poses of the first ticks",
