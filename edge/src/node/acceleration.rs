@@ -1,5 +1,5 @@
-//! Whether something else than the processor runs the network: tried with the real network, held to the processor's maps, and
-//! taken where it is faster.
+//! Choice of an accelerator for the network. Each is tried with the real network, its maps are
+//! compared with the CPU's, and it is used if it is faster.
 
 use std::path::Path;
 
@@ -10,30 +10,32 @@ use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
 use crate::pipeline::Batch;
 
-/// How far a map may be from the processor's, of peaks of about 1: with half the digits networks are off by some thousandths.
+/// Largest difference from the CPU's maps, whose peaks are about 1. At half precision networks
+/// differ by some thousandths.
 const MOST_DIFFERENCE: f32 = 0.02;
-/// Crops that it is timed with, and how many times: as many people as a viewpoint sees of a game.
+/// Crops per timed round, and number of rounds. A viewpoint of a team game sees about as many
+/// people.
 const CROPS: usize = 16;
 const ROUNDS: usize = 3;
 
-/// What came of the providers of an edge.
+/// Result of the choice.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Acceleration {
-    /// What runs the network.
+    /// The provider that runs the network.
     pub provider: Provider,
-    /// How fast, and with how many workers.
+    /// Its speed and number of workers.
     pub workers: Workers,
-    /// By how much its maps differ from the processor's at most.
+    /// Largest difference of its maps from the CPU's.
     pub difference: f32,
-    /// Why those before it are not used.
+    /// Why earlier providers are not used.
     pub refused: Vec<String>,
 }
 
-/// Gives `batch` as many workers as gain something, and lets the first of `providers` run the network of `card` in their place that
-/// can, gives the processor's maps, and is faster.
+/// Finds the best number of workers for `batch`. Then replaces them by the first of `providers`
+/// that can run the network of `card`, gives the CPU's maps, and is faster.
 ///
 /// # Errors
-/// When the processor cannot run the network.
+/// If the CPU cannot run the network.
 pub fn accelerate(
     batch: &mut Batch,
     card: &Path,
@@ -72,7 +74,7 @@ pub fn accelerate(
     })
 }
 
-/// What `provider` does, crops per second, and how far its maps are from the processor's; or why it is not used.
+/// Speed of `provider`, crops per second, and difference of its maps; or why it is not used.
 fn tried(
     batch: &mut Batch,
     card: &Path,
@@ -95,7 +97,7 @@ fn tried(
     }
     batch.accelerate(Some(Box::new(network)));
     let mut least_s = f64::INFINITY;
-    // The first round also compiles and makes buffers.
+    // The first round also compiles and allocates buffers.
     for _ in 0..=ROUNDS {
         least_s = least_s.min(took_s(batch, CROPS)?);
     }
@@ -109,7 +111,7 @@ fn tried(
     Ok(Ok((crops_per_s, difference)))
 }
 
-/// By how much the maps of the two differ at most, for a crop with something in it.
+/// Largest difference of the maps of both networks for a crop with content.
 fn difference(
     network: &mut OnnxKeypointNetwork,
     processor: &mut OnnxKeypointNetwork,
@@ -129,7 +131,8 @@ fn difference(
 }
 
 impl Acceleration {
-    /// What runs the network, and why the others do not; empty where no other was asked for.
+    /// Reports which provider runs the network, and why others do not; empty if no other was
+    /// requested.
     pub fn describe(&self) -> String {
         let mut parts = self.refused.clone();
         if self.provider != Provider::Cpu {

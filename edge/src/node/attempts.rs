@@ -1,5 +1,5 @@
-//! Why the last try to reach fusion failed, in words that help: Zenoh says it in its log only, and in the
-//! words of its parts.
+//! Why the last attempt to reach fusion failed. Zenoh reports it only in its log, in technical
+//! terms.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -10,19 +10,19 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::Context;
 
-/// Where Zenoh logs its tries.
+/// The log target of Zenoh's attempts.
 const TRIES: &str = "zenoh::net::runtime::orchestrator";
-/// How the line of a failed try begins.
+/// The start of the line of a failed attempt.
 const FAILED: &str = "Unable to connect to";
 
 static LAST: Mutex<Option<&'static str>> = Mutex::new(None);
 
-/// Why the last try failed; `None` when there was none yet, or its reason is not known.
+/// Reason of the last failure; `None` before the first one, or if the reason is unknown.
 pub(super) fn last_failure() -> Option<&'static str> {
     *LAST.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The listener on Zenoh's log, with what it listens to.
+/// A log layer for Zenoh's attempts, with its filter.
 pub(super) fn layer<S>() -> impl Layer<S>
 where
     S: Subscriber + for<'a> tracing_subscriber::registry::LookupSpan<'a>,
@@ -41,7 +41,7 @@ impl<S: Subscriber> Layer<S> for Attempts {
     }
 }
 
-/// What Zenoh's words mean.
+/// The meaning of Zenoh's message.
 fn reason(text: &str) -> Option<&'static str> {
     let other_name = "fusion's certificate is not good for that address: `farfield certs --renew fusion --host` makes one that is";
     let other_venue = "whoever answers there has a certificate of another venue";
@@ -49,13 +49,13 @@ fn reason(text: &str) -> Option<&'static str> {
     let not_yet = "fusion's certificate is not valid yet: is this machine's clock right?";
     let hung_up = "fusion answered and hung up: it does not take this edge's certificate";
     let nobody_answers = "nobody answers there";
-    // What speaks first decides.
+    // The first match decides.
     let reasons = [
-        // What the other side did not like, in its words for this edge's certificate: those below would be taken for ours
-        // about fusion's.
+        // Rejections by the other side, about this edge's certificate. The entries below would
+        // misread them as problems of fusion's certificate.
         ("aborted by peer", hung_up),
         ("fatal alert", hung_up),
-        // rustls says these in two ways.
+        // rustls has two wordings for these.
         ("certificate not valid for name", other_name),
         ("NotValidForName", other_name),
         ("certificate expired", expired),
@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn what_fusion_did_not_like_is_not_taken_for_what_this_edge_did_not_like() {
-        // Of the same refusal QUIC says one or the other, as the answer comes before or after the stream is opened.
+        // QUIC reports either text for the same rejection, depending on when the answer arrives.
         for text in [
             "Cannot initialize QUIC streams 127.0.0.1: aborted by peer: the cryptographic handshake failed: error 48: invalid peer certificate: UnknownIssuer",
             "Read error on QUIC link 127.0.0.1:4 => 127.0.0.1:5: connection lost",
@@ -97,7 +97,7 @@ mod tests {
         let text = "Can not create a new QUIC link bound to 127.0.0.1: the cryptographic handshake failed: error 48: invalid peer certificate: UnknownIssuer";
         assert!(reason(text).unwrap().contains("another venue"));
         assert_eq!(reason("something else"), None);
-        // Another program on that port, or something between.
+        // Another program on that port, or a middlebox.
         assert_eq!(
             reason("alert-pc.lan: Connection reset by peer (os error 104)"),
             None

@@ -1,4 +1,4 @@
-//! Everything of an edge that can fail before the first tick: sources, networks, the pipeline.
+//! The parts of an edge that can fail before the first tick: sources, networks, the pipeline.
 
 use std::hash::{BuildHasher as _, Hasher as _, RandomState};
 use std::ops::Range;
@@ -25,10 +25,10 @@ use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};
 use crate::pipeline::EdgePipeline;
 use crate::source::{self, SourceError, SourceInfo, Sources};
 
-/// An edge that is ready to connect.
+/// An edge ready to connect.
 pub(super) struct Built {
     pub(super) work: EdgeWork,
-    /// How it introduces itself.
+    /// Its first status.
     pub(super) status: Status,
 }
 
@@ -36,19 +36,19 @@ pub(super) struct Built {
 pub struct Networks {
     keypoints: Option<OnnxKeypointNetwork>,
     detector: Option<OnnxDetector>,
-    /// Fingerprint of both and of the backend; empty without a network.
+    /// Fingerprint of both networks and the backend; empty without a network.
     pub hash: String,
-    /// The line that says which backend runs, and what that costs; empty without a network.
+    /// A line about the backend and its consequences; empty without a network.
     pub backend: String,
     /// Whether the slow fall-back runs.
     pub is_slow: bool,
 }
 
 impl Networks {
-    /// How long the keypoint network takes for one crop here and now; `None` without one.
+    /// Time of the keypoint network for one crop on this machine; `None` without a network.
     ///
     /// # Errors
-    /// When the backend fails.
+    /// If the backend fails.
     pub fn crop_time(&mut self) -> Result<Option<Duration>, NetworkError> {
         let Some(network) = &mut self.keypoints else {
             return Ok(None);
@@ -57,7 +57,7 @@ impl Networks {
         let input = InputTensor {
             values: vec![0.0; 3 * input.width as usize * input.height as usize],
         };
-        // The first run of a backend also makes its buffers.
+        // The first run of a backend also allocates its buffers.
         network.infer(std::slice::from_ref(&input))?;
         let start = clock::now();
         network.infer(std::slice::from_ref(&input))?;
@@ -65,10 +65,10 @@ impl Networks {
     }
 }
 
-/// Loads the networks that `venue` names; none of them when none of `cameras` gives pictures.
+/// Loads the networks of `venue`, or none if none of `cameras` delivers pictures.
 ///
 /// # Errors
-/// When no backend starts, or a file is missing, is not ONNX or does not fit its card.
+/// If no backend starts, or a file is missing, is not ONNX or does not fit its card.
 pub fn load_networks<'a>(
     venue: &Venue,
     cameras: impl IntoIterator<Item = &'a VenueCamera>,
@@ -100,7 +100,7 @@ pub fn load_networks<'a>(
         keypoints.as_ref().map(OnnxKeypointNetwork::model_hash),
         detector.as_ref().map(OnnxDetector::model_hash),
     ];
-    // Runtime and tract agree to 1e-7, which is not bit for bit.
+    // Runtime and tract agree to 1e-7, but not bit for bit.
     let kind = if backend.is_tract() {
         "tract"
     } else {
@@ -117,10 +117,10 @@ pub fn load_networks<'a>(
     })
 }
 
-/// Probes the sources of `cameras` as `sources` knows them; what is known of each, by the camera's name.
+/// Probes the sources of `cameras` with `sources`; returns the results by camera name.
 ///
 /// # Errors
-/// Of the first camera whose source is not what the venue and the calibration say.
+/// For the first camera whose source does not match the venue or the calibration.
 pub fn probe_sources<'a>(
     sources: &dyn Sources,
     venue: &Venue,
@@ -133,8 +133,8 @@ pub fn probe_sources<'a>(
     cameras.into_iter().map(probe).collect()
 }
 
-/// The same for an edge that starts: a live camera that is not there yet is opened when it comes, and the others do not
-/// wait for it.
+/// The same at the start of an edge. A missing live camera is opened when it appears, and the
+/// others do not wait for it.
 fn probe_what_is_there<'a>(
     sources: &dyn Sources,
     venue: &Venue,
@@ -150,7 +150,7 @@ fn probe_what_is_there<'a>(
     cameras.into_iter().map(probe).collect()
 }
 
-/// Opens everything but the network connection.
+/// Opens everything except the network connection.
 pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
     let venue = &config.venue;
     let sources = &config.sources;
@@ -201,7 +201,7 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
         venue_hash: venue.hashes.venue.clone(),
         calibration_hash: venue.hashes.calibration.clone(),
         network_hash: hash,
-        // It names the library's file.
+        // The text contains the library's file name.
         backend: wire::cut_text(backend),
         ticks: ticks.map(|ticks| [ticks.start, ticks.end]),
         tick: None,
@@ -221,7 +221,8 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
     Ok(Built { work, status })
 }
 
-/// Says what runs the network: in the `backend`, to who started the edge, and of providers that cannot among the notices of its `health`.
+/// Adds the backend to `backend` for the operator, and rejected providers to the notices of
+/// `health`.
 fn note_acceleration(
     acceleration: Acceleration,
     config: &EdgeConfig,
@@ -241,8 +242,8 @@ fn note_acceleration(
     acceleration.workers
 }
 
-/// What runs the network fastest of `asked` and the processor, whose workers are as many as gain something; `pipeline` goes on
-/// with that.
+/// Chooses the fastest of `asked` and the CPU, with the best number of workers, and configures
+/// `pipeline` with it.
 fn measure(
     pipeline: &mut EdgePipeline,
     venue: &Venue,
@@ -254,7 +255,7 @@ fn measure(
     accelerate(batch, card, asked).map(Some)
 }
 
-/// The ticks that fusion may ask for: all that every recording holds; `None` when all sources are live.
+/// The ticks that all recordings have, which fusion can request; `None` if all sources are live.
 fn shared_ticks(
     infos: &[(String, SourceInfo)],
     asked: Option<&Range<Tick>>,
@@ -266,7 +267,7 @@ fn shared_ticks(
         source::common_ticks(infos, Some(asked.clone()))?;
     }
     match source::common_ticks(infos, None) {
-        // Fusion may have been told which ticks to take; if not, it refuses by the same numbers.
+        // Fusion may have a `--ticks` range. Otherwise it refuses the run for the same reason.
         Err(SourceError::Lengths {
             shared: Some(shared),
             ..

@@ -1,4 +1,4 @@
-//! What an edge is started with. Nothing is opened here but the files that describe the venue.
+//! Arguments and configuration of an edge. Only the files that describe the venue are opened here.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ use farfield_proto::venue::{Venue, VenueCamera, Viewpoint};
 
 use crate::source::Sources;
 
-/// Where rings lie when nobody names a folder.
+/// Default folder of rings.
 const RINGS: &str = "farfield-ring";
 
 /// Arguments of an edge node.
@@ -79,7 +79,8 @@ pub struct EdgeArgs {
     pub clock_fault: ClockFaultArgs,
 }
 
-/// A name that a venue or a viewpoint can have: with another one the node would wait for messages that nobody can send.
+/// Parses a venue or viewpoint name. With an invalid name the node would wait for messages that
+/// cannot exist.
 fn name(text: &str) -> Result<String, String> {
     if is_key_chunk(text) {
         return Ok(text.to_owned());
@@ -89,7 +90,7 @@ fn name(text: &str) -> Result<String, String> {
     ))
 }
 
-/// What is wrong with the system's clock, as this edge sees it, on purpose.
+/// A simulated clock error of this edge, for studies.
 #[cfg(feature = "study")]
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct ClockFaultArgs {
@@ -102,7 +103,7 @@ pub struct ClockFaultArgs {
         allow_hyphen_values = true
     )]
     pub shift_ms: i64,
-    /// So many seconds after the start ...
+    /// This many seconds after the start ...
     #[arg(
         long = "clock-set-after-s",
         hide = true,
@@ -110,7 +111,7 @@ pub struct ClockFaultArgs {
         requires = "set_by_ms"
     )]
     pub set_after_s: Option<u32>,
-    /// ... somebody sets it forward by so many milliseconds.
+    /// ... the clock is set forward by this many milliseconds.
     #[arg(
         long = "clock-set-by-ms",
         hide = true,
@@ -118,7 +119,7 @@ pub struct ClockFaultArgs {
         allow_hyphen_values = true
     )]
     pub set_by_ms: Option<i64>,
-    /// The system says that NTP keeps it right.
+    /// The system reports that NTP synchronises the clock.
     #[arg(long = "clock-synchronised", hide = true)]
     pub is_synchronised: bool,
 }
@@ -135,21 +136,21 @@ impl From<ClockFaultArgs> for ClockFault {
     }
 }
 
-/// The validated start of an edge node.
+/// The validated configuration of an edge node.
 #[derive(Debug)]
 pub(super) struct EdgeConfig {
     pub(super) venue: Venue,
-    /// How the sources of the cameras are opened.
+    /// Opens the sources of the cameras.
     pub(super) sources: Arc<dyn Sources>,
     pub(super) viewpoint: ViewpointIndex,
     pub(super) name: String,
-    /// Where fusion is, and by what the edge proves who it is.
+    /// Address of fusion and identity of the edge.
     pub(super) reach: Reach,
     pub(super) ticks: Option<Range<Tick>>,
     pub(super) managed: Managed,
-    /// Whether fusion may run live: a run in lock-step gives the edges that it starts no ring.
+    /// Whether fusion may run live. Edges that a lock-step run starts have no ring.
     pub(super) may_run_live: bool,
-    /// Where the sets are kept that were sent or could not be sent.
+    /// Folder of the ring, for sets that were sent or could not be sent.
     pub(super) ring: PathBuf,
     #[cfg(feature = "study")]
     clock_fault: ClockFault,
@@ -198,7 +199,7 @@ impl EdgeConfig {
         })
     }
 
-    /// How the edge reaches fusion.
+    /// The transport to fusion.
     pub(super) fn transport(&self) -> EdgeTransport<'_> {
         EdgeTransport {
             venue: &self.venue.name,
@@ -207,7 +208,7 @@ impl EdgeConfig {
         }
     }
 
-    /// Whether small pictures may go to fusion: the venue says so, and nobody else can read them on their way.
+    /// Whether thumbnails may go to fusion: the venue allows it, and the connection is encrypted.
     pub(super) fn sends_pictures(&self) -> bool {
         let is_wanted = self.venue.security.pictures;
         if is_wanted && !self.reach.is_private() {
@@ -226,14 +227,14 @@ impl EdgeConfig {
         is_so
     }
 
-    /// The clock that the edge goes by when it runs live.
+    /// The clock of an edge in live mode.
     #[cfg(not(feature = "study"))]
     #[expect(clippy::unused_self, reason = "a study's clock is a setting")]
     pub(super) fn start_clock(&self) -> VenueClock {
         VenueClock::start()
     }
 
-    /// The clock that the edge goes by when it runs live, wrong by as much as a study wants.
+    /// The clock of an edge in live mode, with the simulated error.
     #[cfg(feature = "study")]
     pub(super) fn start_clock(&self) -> VenueClock {
         VenueClock::start_wrong(self.clock_fault)
@@ -265,7 +266,7 @@ mod tests {
         args: EdgeArgs,
     }
 
-    /// What an edge of this viewpoint is started with, which fetches the files of this venue.
+    /// Parses arguments with this viewpoint and `--venue-name`.
     fn read(viewpoint: &str, venue: &str) -> Result<EdgeArgs, String> {
         let words = ["edge", "venue.toml", "--from-fusion"];
         let names = ["--viewpoint", viewpoint, "--venue-name", venue];
@@ -278,7 +279,7 @@ mod tests {
 
     #[test]
     fn names_that_no_venue_and_no_viewpoint_can_have_are_refused() {
-        // Symptom to prevent: an edge that was told of such a venue waited for ever.
+        // Symptom to prevent: an edge with such a name waited forever.
         let args = read("north-east_1.a", "hall-3").unwrap();
         assert_eq!(args.viewpoint, "north-east_1.a");
         assert_eq!(args.venue_name.as_deref(), Some("hall-3"));

@@ -1,13 +1,13 @@
-//! The frame of a given tick, from sources that only know the next one.
+//! The frame of a given tick, from a source that only returns the next frame.
 
 use farfield_proto::tick::Tick;
 
 use crate::source::{Frame, FrameSource, SourceError};
 
-/// One camera's frames, asked for by tick. Ticks must not go back.
+/// Frames of one camera by tick. Requested ticks must not decrease.
 pub(super) struct FramesAt {
     source: Box<dyn FrameSource>,
-    /// A frame that came before its tick was asked for.
+    /// A frame that came before its tick was requested.
     ahead: Option<Frame>,
     ended: bool,
 }
@@ -21,10 +21,10 @@ impl FramesAt {
         }
     }
 
-    /// The frame of `tick`; `None` when the camera has none then. Frames of earlier ticks are dropped.
+    /// The frame of `tick`; `None` if the camera has none. Earlier frames are dropped.
     ///
     /// # Errors
-    /// What the source says; it is not asked again.
+    /// The error of the source, which is not read again.
     pub(super) fn at(&mut self, tick: Tick) -> Result<Option<Frame>, SourceError> {
         loop {
             match self.ahead.take() {

@@ -1,7 +1,7 @@
-//! The edge's side of the wire: one Zenoh client that connects to fusion, and tries again until it is there.
+//! The edge's connection to fusion: one Zenoh client that retries until it is connected.
 //!
-//! Everything is reliable and blocks, at one priority: lock-step can wait, but must not lose or
-//! reorder. Nothing is scouted for; the endpoints are in the venue file.
+//! All messages are reliable, blocking, and of one priority: lock-step can wait, but must not lose
+//! or reorder messages. There is no scouting; the endpoints are in the venue file.
 
 use std::sync::Arc;
 
@@ -21,34 +21,34 @@ use zenoh::pubsub::Publisher;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
-/// Messages that wait between Zenoh and the loop; lock-step has one tick under way.
+/// Messages between Zenoh and the loop. In lock-step only one tick is in progress.
 const QUEUE: usize = 64;
 
-/// What the network tells the loop.
+/// A message from the network to the loop.
 #[derive(Debug)]
 pub(super) enum EdgeIncoming {
-    /// What to do at a tick.
+    /// Boxes of a tick.
     Boxes(BoxSet),
-    /// Fusion says how it is.
+    /// Fusion's status.
     Fusion(Box<Status>),
-    /// Fusion has left.
+    /// Fusion has disconnected.
     FusionGone,
-    /// A message that cannot be read, by its key, and why.
+    /// An unreadable message: its key and the error.
     Unreadable(String, WireError),
 }
 
-/// What the edge says.
+/// A message from the edge.
 #[derive(Debug)]
 pub(super) enum EdgeOutgoing {
     /// Patches.
     Patches(Vec<u8>),
     /// Sightings.
     Sightings(Vec<u8>),
-    /// How the edge is.
+    /// The edge's status.
     Status(Vec<u8>),
 }
 
-/// The open session with all that is declared on it.
+/// The open session with its publishers and subscribers.
 pub(super) struct EdgeSession {
     session: Session,
     patches: Publisher<'static>,
@@ -66,8 +66,8 @@ enum EdgeTopic {
 }
 
 impl EdgeSession {
-    /// Connects as `transport` says, waiting for fusion as long as it takes, and declares what the
-    /// viewpoint needs.
+    /// Connects with `transport`, waits for fusion without a limit, and declares the viewpoint's
+    /// publishers and subscribers.
     pub(super) async fn open(
         transport: &EdgeTransport<'_>,
         viewpoint: &str,
@@ -103,7 +103,7 @@ impl EdgeSession {
         })
     }
 
-    /// Starts the tasks that carry messages to and from the loop.
+    /// Starts the tasks between the network and the loop.
     pub(super) fn spawn(self, tasks: &TaskTracker, leave: &CancellationToken) -> EdgeEnds {
         let (incoming_tx, incoming) = mpsc::channel(QUEUE);
         let spoken = Arc::new(SpokenVersion::default());
@@ -138,15 +138,15 @@ impl EdgeSession {
     }
 }
 
-/// The loop's ends of the queues to and from the wire.
+/// The loop's ends of the queues.
 pub(super) struct EdgeEnds {
-    /// What comes in.
+    /// Received messages.
     pub(super) incoming: mpsc::Receiver<EdgeIncoming>,
-    /// What goes out.
+    /// Messages to send.
     pub(super) outgoing: mpsc::Sender<EdgeOutgoing>,
-    /// Whether fusion listens for patches and sightings.
+    /// Whether fusion subscribes to patches and sightings.
     pub(super) matched: watch::Receiver<bool>,
-    /// The version of messages in which fusion is spoken to.
+    /// The message version that fusion reads.
     pub(super) spoken: Arc<SpokenVersion>,
     session: Session,
     _token: LivelinessToken,
@@ -158,7 +158,7 @@ impl EdgeEnds {
         self.session.clone()
     }
 
-    /// Lets the publisher finish what is queued, then closes the session.
+    /// Sends the queued messages, then closes the session.
     pub(super) async fn close(self, tasks: &TaskTracker, leave: &CancellationToken) {
         drop((self.outgoing, self.incoming));
         leave.cancel();
@@ -168,7 +168,7 @@ impl EdgeEnds {
     }
 }
 
-/// Task: one subscription, decoded, to the loop.
+/// Task: decodes the messages of one subscription for the loop.
 async fn listen(
     topic: EdgeTopic,
     subscriber: FifoSubscriber,
@@ -211,7 +211,8 @@ fn read(topic: EdgeTopic, sample: &Sample, spoken: &SpokenVersion) -> Option<Edg
     }))
 }
 
-/// Thread, as Zenoh blocks it while the network is congested: everything that the edge says, in order; ends when the loop and the pipeline drop their ends of the queue.
+/// Thread: sends all messages of the edge in order. Zenoh blocks it while the network is congested.
+/// It ends when the loop and the pipeline drop their ends of the queue.
 fn speak(
     patches: &Publisher<'static>,
     sightings: &Publisher<'static>,
@@ -224,7 +225,8 @@ fn speak(
             EdgeOutgoing::Patches(bytes) => (patches, patches.put(bytes).wait()),
             EdgeOutgoing::Sightings(bytes) => (sightings, sightings.put(bytes).wait()),
             EdgeOutgoing::Status(bytes) => {
-                // Statuses go out several times a second until the start: the moment to look.
+                // Until the start, statuses are sent several times a second, so this is a good
+                // place for the check.
                 matched.send_replace(has_listener(patches) && has_listener(sightings));
                 (status, put_status(status, bytes))
             }

@@ -1,4 +1,4 @@
-//! The edge's link against a real Zenoh router on the loopback.
+//! Tests of the edge's link with a real Zenoh router on the loopback.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use tokio_util::task::TaskTracker;
 
 use super::{EdgeEnds, EdgeIncoming, EdgeOutgoing, EdgeSession};
 
-/// Far above what a loaded machine takes; a test that waits as long has failed.
+/// Far longer than a loaded machine needs; a test that waits this long has failed.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 async fn router() -> (zenoh::Session, String) {

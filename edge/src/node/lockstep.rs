@@ -1,6 +1,8 @@
-//! The loop of an edge in lock-step: a box set arrives, the pipeline works on its tick, the patches go out.
+//! The loop of an edge in lock-step: a box set arrives, the pipeline processes its tick, the
+//! patches are sent.
 //!
-//! The loop waits for nothing but events; the pipeline's thread reads, computes and queues the messages.
+//! The loop only waits for events. The pipeline's thread reads frames, computes, and queues the
+//! messages.
 
 use std::time::Duration;
 
@@ -19,28 +21,29 @@ use super::link::{EdgeEnds, EdgeIncoming, EdgeOutgoing};
 use super::worker::EdgeWorker;
 use crate::box_parts::BoxParts;
 
-/// How often an edge says that it is ready, until the first boxes come.
+/// Interval of status messages until the first boxes arrive.
 const CALL_EVERY: Duration = Duration::from_millis(100);
-/// Calls per status once the run has begun: one a second.
+/// Calls per status once the run has begun: one status per second.
 const CALLS_PER_STATUS: u32 = 10;
 
-/// Calls that nobody answers, before a person is told that fusion says nothing, and between two reminders of it.
+/// Unanswered calls before the operator is informed that fusion is silent, and between two
+/// reminders.
 const SILENT_CALLS: u32 = 50;
 const REMIND_EVERY: u32 = 100;
 
-/// Messages in a row that cannot be read before the run, after which fusion must be of another version: it
-/// speaks ten times a second then.
+/// Consecutive unreadable messages before the run, after which fusion must have another version. It
+/// sends ten per second then.
 const MAX_GARBLED: u32 = 20;
 
-/// How lock-step ends.
+/// How a lock-step run ends.
 pub(super) enum LockStepEnding {
-    /// With the run.
+    /// The run ended.
     End(Ending),
-    /// Before it began: fusion runs live, as it has said here.
+    /// Fusion runs live, as this message shows.
     Live(EdgeIncoming),
 }
 
-/// Whether it is said by a fusion that runs live.
+/// Whether the message comes from a fusion in live mode.
 fn is_live(incoming: &EdgeIncoming) -> bool {
     match incoming {
         EdgeIncoming::Boxes(boxes) => boxes.live.is_some(),
@@ -53,7 +56,7 @@ fn is_worth_a_word(unheard: u32) -> bool {
     unheard >= SILENT_CALLS && (unheard - SILENT_CALLS).is_multiple_of(REMIND_EVERY)
 }
 
-/// Why a fusion that was reached may say nothing. Zenoh does not answer whom it denies.
+/// Why a reached fusion may be silent. Zenoh does not answer a client that it rejects.
 fn silence(node: &str, health: &NodeHealth) -> String {
     match health.certificate_ends_s {
         Some(_) => format!(
@@ -63,23 +66,23 @@ fn silence(node: &str, health: &NodeHealth) -> String {
     }
 }
 
-/// An edge at work.
+/// A running edge in lock-step.
 pub(super) struct LockStepEdge {
-    /// What the edge says of itself.
+    /// The edge's status.
     pub(super) status: Status,
-    /// The tick of the newest boxes that were handed to the pipeline.
+    /// The tick of the newest boxes given to the pipeline.
     ordered: Option<Tick>,
-    /// A box set of which messages are still to come.
+    /// An incomplete box set.
     coming: Option<(BoxSet, BoxParts)>,
     n_calls: u32,
-    /// Calls since fusion was heard last.
+    /// Calls since the last message of fusion.
     unheard: u32,
-    /// Messages in a row that could not be read.
+    /// Consecutive unreadable messages.
     garbled: u32,
 }
 
 impl LockStepEdge {
-    /// An edge that introduces itself as `status`.
+    /// An edge with the first status `status`.
     pub(super) fn new(status: Status) -> Self {
         Self {
             status,
@@ -91,10 +94,10 @@ impl LockStepEdge {
         }
     }
 
-    /// Works until fusion says that the run is over, or that it runs live.
+    /// Works until fusion ends the run or runs live.
     ///
     /// # Errors
-    /// When a file differs from fusion's, fusion fails or leaves, or the pipeline fails.
+    /// If a file differs from fusion's, fusion fails or disconnects, or the pipeline fails.
     pub(super) async fn run(
         &mut self,
         ends: &mut EdgeEnds,
@@ -121,13 +124,13 @@ impl LockStepEdge {
         }
     }
 
-    /// Notes that the edge leaves, and why if it gives up: as much of it as a status may say.
+    /// Records the end of the edge, and the error if it fails, cut to the length of a status.
     pub(super) fn leaves(&mut self, error: Option<&NodeError>) {
         self.status.ready = false;
         self.status.failure = error.map(|error| wire::cut_text(error.to_string()));
     }
 
-    /// Sends the status now.
+    /// Sends the status.
     pub(super) fn send_status(&self, ends: &EdgeEnds) {
         if ends
             .outgoing
@@ -174,7 +177,7 @@ impl LockStepEdge {
                 Ok(ending.map(LockStepEnding::End))
             }
             EdgeIncoming::Fusion(fusion) => self.compare(&fusion).map(|()| None),
-            // Before the first boxes there is nothing to lose: fusion may start again.
+            // Before the first boxes nothing is lost: fusion may restart.
             EdgeIncoming::FusionGone if self.ordered.is_none() => Ok(None),
             EdgeIncoming::FusionGone => Err(NodeError::Failed(anyhow!(
                 "fusion has left{}",
@@ -184,7 +187,8 @@ impl LockStepEdge {
         }
     }
 
-    /// Before the run anybody's noise can be borne; in it, a message that is missing is never made up for.
+    /// Before the run unreadable messages are tolerated. During a run a missing message is an
+    /// error.
     fn cannot_read(&mut self, key: &str, error: &WireError) -> Result<(), NodeError> {
         self.status.unreadable += 1;
         self.garbled += 1;
@@ -213,7 +217,7 @@ impl LockStepEdge {
         Ok(None)
     }
 
-    /// The set of a message, once its last one is there: in lock-step none is lost.
+    /// The complete set, once its last message is there. In lock-step no message is lost.
     fn joined(&mut self, mut message: BoxSet) -> Option<BoxSet> {
         let is_next = |(set, _): &&mut (BoxSet, BoxParts)| {
             (set.session, set.tick) == (message.session, message.tick)
@@ -286,7 +290,8 @@ mod tests {
 
     #[test]
     fn noise_before_the_run_is_counted_and_another_version_is_given_up_on() {
-        // Symptom to prevent: every edge, live ones too, waits here for fusion, and ended by one message.
+        // Symptom to prevent: one message ended every edge, also live ones, which wait here for
+        // fusion.
         let newer = WireError::Version { got: 99 };
         let mut edge = LockStepEdge::new(status("here"));
         for _ in 1..MAX_GARBLED {

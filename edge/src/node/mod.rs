@@ -1,7 +1,7 @@
-//! The async shell of an edge: it owns Zenoh, time and threads, and works on a tick when fusion's boxes
-//! for it arrive; where fusion runs live, when the tick comes.
+//! The async shell of an edge. It owns Zenoh, time and threads. It processes a tick when fusion's
+//! boxes arrive, or in live mode when the tick comes.
 //!
-//! Load (nothing opened) -> build (everything that can fail is opened) -> run -> drain.
+//! Stages: load (nothing opened), build (everything that can fail is opened), run, drain.
 
 mod acceleration;
 mod attempts;

@@ -1,4 +1,4 @@
-//! What an edge works with, in lock-step as live.
+//! The parts of an edge, in lock-step and live.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use super::workers::Workers;
 use crate::pipeline::EdgePipeline;
 use crate::source::Sources;
 
-/// The cameras of a viewpoint, what opens them, and what works on their frames.
+/// The cameras of a viewpoint, their sources, and the pipeline.
 pub(super) struct Parts {
     pub(super) venue: Arc<Venue>,
     pub(super) viewpoint: ViewpointIndex,
@@ -17,6 +17,6 @@ pub(super) struct Parts {
     pub(super) cameras: Vec<CameraIndex>,
     pub(super) sources: Arc<dyn Sources>,
     pub(super) pipeline: EdgePipeline,
-    /// What was measured of the network, where the edge may run live.
+    /// Measured speed of the network, if the edge may run live.
     pub(super) workers: Option<Workers>,
 }

@@ -1,4 +1,4 @@
-//! Tells a person who watches what an edge waits for.
+//! Reports to the operator what an edge waits for.
 
 use std::convert::Infallible;
 use std::time::Duration;
@@ -7,12 +7,12 @@ use farfield_node::process::say;
 use farfield_node::service_manager;
 use tokio::time::{MissedTickBehavior, interval};
 
-/// How long fusion may take to answer before a person is told that the edge waits for it.
+/// Time until the first report that the edge waits for fusion.
 const SILENCE: Duration = Duration::from_millis(500);
-/// How often a person is told so again.
+/// Interval of further reports.
 const REMIND_EVERY: Duration = Duration::from_secs(10);
 
-/// Tells a person now and then what the edge waits for: what `waiting` says, if it says anything.
+/// Prints the result of `waiting` at intervals, if there is one.
 pub(super) async fn remind(waiting: impl Fn() -> Option<String>) -> Infallible {
     tokio::time::sleep(SILENCE).await;
     let mut reminders = interval(REMIND_EVERY);

@@ -1,4 +1,4 @@
-//! An edge node from its arguments to its exit code.
+//! The run of an edge node, from its arguments to its exit code.
 
 use std::convert::Infallible;
 use std::process::ExitCode;
@@ -28,15 +28,15 @@ use super::ring::{RingThread, answer_questions};
 use super::worker::EdgeWorker;
 use crate::source::Sources;
 
-/// How long the tasks may take to end.
+/// Longest time for the tasks to end.
 const DRAIN: Duration = Duration::from_secs(5);
-/// How long loading a network may go on once the edge shall end: by `ort-tract` it takes some seconds.
+/// Longest time for a network to load after the edge must end; with `ort-tract` it takes some
+/// seconds.
 const BUILD_DRAIN: Duration = Duration::from_secs(15);
-/// How long a refusal stands on the wire before the session closes.
+/// Time between a refusal and the end of the session.
 const REFUSAL: Duration = Duration::from_millis(300);
 
-/// Runs an edge node, whose cameras `sources` opens, to its end and says on standard error what went
-/// wrong.
+/// Runs an edge node with the given sources and prints errors to standard error.
 pub fn main(args: EdgeArgs, sources: Arc<dyn Sources>) -> ExitCode {
     start_log_with(attempts::layer());
     exit_code(load_and_run(args, sources))
@@ -51,7 +51,7 @@ fn load_and_run(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Ending, Nod
 }
 
 pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {
-    // `stop` asks the node to end; `leave` ends the tasks that carry messages, once all is said.
+    // `stop` ends the node; `leave` ends the message tasks after the last message.
     let (tasks, stop, leave) = (
         TaskTracker::new(),
         CancellationToken::new(),
@@ -64,7 +64,7 @@ pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {
     let mut building = tokio::task::spawn_blocking(move || build(&to_build));
     let opened = stop.run_until_cancelled(Box::pin(open(config, &mut building)));
     let Some((built, link)) = opened.await.transpose()? else {
-        // A library that is just beginning does not survive that the process ends under it: it would crash.
+        // A library that is still initialising crashes if the process ends.
         if !building.is_finished() && timeout(BUILD_DRAIN, building).await.is_err() {
             warn!("the network is still loading, leaving anyway");
         }
@@ -83,7 +83,7 @@ pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {
     outcome
 }
 
-/// Waits for what is `building`, and connects to fusion. Can be called off at any time.
+/// Waits for `building` and connects to fusion. Can be cancelled at any time.
 async fn open(
     config: &EdgeConfig,
     building: &mut JoinHandle<Result<Built, NodeError>>,
@@ -110,7 +110,7 @@ async fn open(
     Ok((built, link.map_err(NodeError::Failed)?))
 }
 
-/// Runs the loop, and says at its end how it went.
+/// Runs the loop and reports its result.
 async fn work(
     config: &EdgeConfig,
     mut run: LockStepEdge,
@@ -119,7 +119,7 @@ async fn work(
 ) -> Result<Ending, NodeError> {
     let outcome = match run.run(ends, &mut worker, stop).await {
         Ok(LockStepEnding::Live(first)) => {
-            // Its encoder keeps whole rows of maps: too much for a stack.
+            // Its encoder holds whole rows of maps: too much for a stack.
             return Box::pin(work_live(config, run.status, worker, first, (ends, stop))).await;
         }
         Ok(LockStepEnding::End(ending)) => Ok(ending),
@@ -133,13 +133,13 @@ async fn work(
     }
     run.send_status(ends);
     if outcome.is_err() {
-        // Fusion reads it before the session goes.
+        // Fusion reads it before the session ends.
         tokio::time::sleep(REFUSAL).await;
     }
     outcome
 }
 
-/// The same for an edge that runs live, with what fusion said first.
+/// The same for a live edge, with fusion's first message.
 async fn work_live(
     config: &EdgeConfig,
     status: Status,
@@ -175,16 +175,16 @@ async fn work_live(
     };
     live.leave(outcome.as_ref().err());
     if let Some(ring) = ring {
-        // What is left to write is a queue's worth; a disk that hangs is not waited for.
+        // At most a queue of messages is left to write. A disk that hangs is not waited for.
         let finished = tokio::task::spawn_blocking(move || ring.finish());
         drop(timeout(DRAIN, finished).await);
     }
-    // Fusion reads it before the session goes.
+    // Fusion reads it before the session ends.
     tokio::time::sleep(REFUSAL).await;
     outcome
 }
 
-/// The ring on disk, if the venue wants one. Without it the edge works as well.
+/// The ring on disk, if the venue wants one. The edge also works without it.
 fn open_ring(config: &EdgeConfig) -> Option<RingThread> {
     let bytes = u64::from(config.venue.parameters.recording.ring_mib) << 20;
     if bytes == 0 {
@@ -202,7 +202,7 @@ fn open_ring(config: &EdgeConfig) -> Option<RingThread> {
     }
 }
 
-/// Answers fusion's questions for what it has missed, for as long as it is polled.
+/// Answers fusion's requests for missed ticks while it is polled.
 fn answers(
     config: &EdgeConfig,
     session: zenoh::Session,

@@ -1,11 +1,11 @@
-//! How long the stages of the pipeline take, by the names that statuses and summaries have for them.
+//! Durations of the pipeline's stages, with their names in statuses and summaries.
 
 use farfield_proto::message::DETECTION_STAGE;
 
 use crate::pipeline::EdgeStage;
 
-/// The stages' times by name, with the keypoints of sightings, `share` of the inference, counted as
-/// detection: what detection costs is told apart from what following people costs.
+/// The durations by name. The `share` of the inference for sightings counts as detection, which
+/// separates the cost of detection from that of tracking.
 pub(super) fn split_detection(laps: &[(EdgeStage, u32)], share: f64) -> [(&'static str, u32); 4] {
     let of = |wanted: EdgeStage| {
         let laps = laps.iter().filter(|(stage, _)| *stage == wanted);

@@ -1,4 +1,5 @@
-//! The thread that computes: reads the frames of a tick, runs the pipeline, encodes the messages.
+//! The computing thread: it reads the frames of a tick, runs the pipeline, and encodes the
+//! messages.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,19 +22,19 @@ use super::stage_times::split_detection;
 use crate::pipeline::{EdgeOutput, StepRequest};
 use crate::source::{Frame, SourceError};
 
-/// What the thread says after each tick.
+/// The thread's result for each tick.
 pub(super) type Done = anyhow::Result<Tick>;
 
-/// Everything that the thread owns.
+/// The data of the thread.
 pub(super) struct EdgeWork {
     parts: Parts,
-    /// Opened in advance at this tick, when the run's first tick is known before the start.
+    /// Sources opened in advance at this tick, if the first tick is known before the start.
     opened: Option<(Tick, Vec<FramesAt>)>,
     samples_us: BTreeMap<&'static str, Vec<u32>>,
 }
 
 impl EdgeWork {
-    /// The cameras are opened when the run's first tick is known.
+    /// The cameras are opened when the first tick is known.
     pub(super) fn new(parts: Parts) -> Self {
         Self {
             parts,
@@ -42,7 +43,7 @@ impl EdgeWork {
         }
     }
 
-    /// What a live edge works with. Cameras that are open are closed.
+    /// The parts for a live edge. Open cameras are closed.
     pub(super) fn into_parts(self) -> Parts {
         self.parts
     }
@@ -50,7 +51,7 @@ impl EdgeWork {
     /// Opens the cameras at tick `from`.
     ///
     /// # Errors
-    /// When a source cannot be opened.
+    /// If a source cannot be opened.
     pub(super) fn open(&mut self, from: Tick) -> anyhow::Result<&mut Vec<FramesAt>> {
         let Parts {
             venue,
@@ -67,7 +68,7 @@ impl EdgeWork {
         Ok(&mut self.opened.insert((from, frames)).1)
     }
 
-    /// One tick: the frames, the pipeline, the messages of `version` in the order they shall go out.
+    /// Processes one tick and returns the messages of `version` in sending order.
     fn step(&mut self, boxes: &BoxSet, version: u8) -> anyhow::Result<Vec<EdgeOutgoing>> {
         let start = clock::now();
         let frames = self.read(boxes.tick)?;
@@ -75,7 +76,7 @@ impl EdgeWork {
         let mut lap = clock::now();
         let mut laps = Vec::with_capacity(4);
         let pipeline = &mut self.parts.pipeline;
-        // One after the other gives the same bits on every machine.
+        // Sequential work gives the same bits on every machine.
         if let Some(batch) = pipeline.batch() {
             batch.work_alone()?;
         }
@@ -124,7 +125,7 @@ impl EdgeWork {
     }
 }
 
-/// Sightings first: fusion knows from the patches how many to wait for.
+/// Sightings first: the patches state how many sightings fusion must wait for.
 fn encode(output: &EdgeOutput, version: u8) -> Vec<EdgeOutgoing> {
     let sightings = output
         .sighting_sets
@@ -137,25 +138,25 @@ fn encode(output: &EdgeOutput, version: u8) -> Vec<EdgeOutgoing> {
     sightings.chain(patches).collect()
 }
 
-/// The loop's handle on the thread.
+/// The loop's handle of the thread.
 pub(super) struct EdgeWorker {
     jobs: SyncSender<BoxSet>,
-    /// One word per tick, in order; closed when the thread has ended.
+    /// One result per tick, in order; closed when the thread has ended.
     pub(super) done: mpsc::Receiver<Done>,
     thread: JoinHandle<EdgeWork>,
 }
 
 impl EdgeWorker {
-    /// Starts the thread, which sends its messages straight to the publisher.
+    /// Starts the thread, which sends its messages directly to the publisher.
     ///
     /// # Errors
-    /// When the system has no thread left.
+    /// If the system cannot start a thread.
     pub(super) fn spawn(
         work: EdgeWork,
         outgoing: mpsc::Sender<EdgeOutgoing>,
         spoken: Arc<SpokenVersion>,
     ) -> std::io::Result<Self> {
-        // Lock-step has one tick under way; the second place lets the loop never wait.
+        // Lock-step has one tick in progress; with the second place the loop never waits.
         let (jobs, to_do) = sync_channel(2);
         let (done_tx, done) = mpsc::channel(2);
         let thread = std::thread::Builder::new().name("pipeline".to_owned());
@@ -163,22 +164,22 @@ impl EdgeWorker {
         Ok(Self { jobs, done, thread })
     }
 
-    /// Hands the boxes of a tick over.
+    /// Passes the boxes of a tick to the thread.
     ///
     /// # Errors
-    /// When the thread has ended, or still has two ticks to do.
+    /// If the thread has ended, or has two unfinished ticks.
     pub(super) fn step(&self, boxes: BoxSet) -> anyhow::Result<()> {
         self.jobs
             .try_send(boxes)
             .map_err(|error| anyhow!("the pipeline does not take a tick: {error}"))
     }
 
-    /// Ends the thread and returns its times.
+    /// Ends the thread and returns its stage times.
     pub(super) async fn finish(self) -> anyhow::Result<Vec<StageTime>> {
         self.recall().await.map(EdgeWork::stages)
     }
 
-    /// Ends the thread and returns what it owned.
+    /// Ends the thread and returns its data.
     pub(super) async fn recall(self) -> anyhow::Result<EdgeWork> {
         drop((self.jobs, self.done));
         let joined = tokio::task::spawn_blocking(move || self.thread.join())
@@ -197,7 +198,7 @@ fn run(
     while let Ok(boxes) = to_do.recv() {
         let tick = boxes.tick;
         let result = work.step(&boxes, spoken.get()).and_then(|messages| {
-            // When full, this thread waits for the network; the loop never does.
+            // If the queue is full, this thread waits for the network; the loop never waits.
             let sent = messages
                 .into_iter()
                 .try_for_each(|message| outgoing.blocking_send(message));

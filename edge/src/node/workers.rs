@@ -1,4 +1,5 @@
-//! How many workers run the network: as many as gain something on this computer, as it is.
+//! The number of workers of the network: more are added while they increase the speed on this
+//! machine.
 
 use std::time::Duration;
 
@@ -7,26 +8,26 @@ use farfield_node::clock;
 use crate::inference::NetworkError;
 use crate::pipeline::Batch;
 
-/// How much faster one worker more must make it: less is not worth its memory.
+/// Smallest gain of one more worker; less is not worth its memory.
 const GAIN: f64 = 1.15;
-/// For how long each number of workers is tried, and the most crops that it is tried with for each worker.
+/// Duration of a trial per number of workers, and most crops per worker in it.
 const TRIAL: Duration = Duration::from_millis(150);
 const MOST_CROPS: usize = 16;
 
-/// So many workers, and what they do.
+/// A number of workers and its speed.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Workers {
-    /// How many run the network at the same time.
+    /// Workers that run the network in parallel.
     pub workers: usize,
-    /// What they do together, crops per second.
+    /// Their total speed, crops per second.
     pub crops_per_s: f64,
 }
 
-/// Gives `batch` the number of workers that is fastest, up to one for each core; what each number does up to that one, which
-/// is the last.
+/// Sets `batch` to the fastest number of workers, up to one per core. Returns the speed of each
+/// number up to the chosen one, which is last.
 ///
 /// # Errors
-/// When the network fails, or cannot be loaded again.
+/// If the network fails or cannot be loaded again.
 pub fn find_workers(batch: &mut Batch) -> Result<Vec<Workers>, NetworkError> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let mut found: Vec<Workers> = Vec::new();
@@ -45,9 +46,9 @@ pub fn find_workers(batch: &mut Batch) -> Result<Vec<Workers>, NetworkError> {
     Ok(found)
 }
 
-/// How fast `batch` is, which has so many workers.
+/// Measures `batch` with its current number of workers.
 fn measured(batch: &mut Batch, workers: usize) -> Result<Workers, NetworkError> {
-    // The first run of a network also makes its buffers, which counts for little where a run takes long.
+    // The first run of a network also allocates buffers, which matters little for long runs.
     let first_s = took_s(batch, workers)?;
     let round_s = if first_s > TRIAL.as_secs_f64() {
         first_s
@@ -68,7 +69,7 @@ fn measured(batch: &mut Batch, workers: usize) -> Result<Workers, NetworkError> 
     })
 }
 
-/// How long `batch` takes for so many crops, seconds.
+/// Time of `batch` for this number of crops, seconds.
 pub(super) fn took_s(batch: &mut Batch, crops: usize) -> Result<f64, NetworkError> {
     let start = clock::now();
     batch.rehearse(crops)?;

@@ -1,8 +1,8 @@
-//! The pictures that ffmpeg writes into its pipe, as the video codes them where that can be: as YUV4MPEG2, whose header says size
-//! and layout of all of them, or each as a binary PPM behind its own size, where the video is of red, green, blue.
+//! The pictures that ffmpeg writes to its pipe, in the video's own coding if possible. YUV4MPEG2
+//! has one header with size and layout; RGB videos come as binary PPM files with a size each.
 //!
-//! The decoded size decides (a phone's rotation is applied by then), no picture is taken for two halves
-//! of others, and a partial last one is noticed.
+//! The decoded size is checked, with a phone's rotation applied. Two halves of pictures are never
+//! joined, and a partial last picture is detected.
 
 use std::io::{BufRead, Read as _};
 
@@ -10,19 +10,20 @@ use image::RgbImage;
 
 use crate::picture::{BufferPool, ColourCoding, ColourMatrix, Picture, YuvLayout, YuvPicture};
 
-/// Layouts that [`PictureReader`] knows, as ffmpeg's filter `format` takes them: it converts only what has none of them.
+/// Layouts that [`PictureReader`] reads, as ffmpeg's filter `format` takes them. ffmpeg converts
+/// only other layouts.
 pub(super) const YUV_FORMATS: &str =
     "format=pix_fmts=yuv420p|yuvj420p|yuv422p|yuvj422p|yuv444p|yuvj444p|gray";
 
-/// A line of a header, bytes at most.
+/// Longest line of a header, bytes.
 const MAX_LINE_BYTES: u64 = 256;
 
-/// Why no picture could be read from the pipe.
+/// Why a picture could not be read from the pipe.
 #[derive(Debug, PartialEq)]
 pub(super) enum PictureError {
-    /// It has another width and height than expected.
+    /// The width and height differ from the expected ones.
     Size([u32; 2]),
-    /// Something else than pictures came.
+    /// The data are no pictures.
     Foreign,
 }
 
@@ -30,12 +31,12 @@ pub(super) enum PictureError {
 pub(super) struct PictureReader<R> {
     reader: R,
     size_px: [u32; 2],
-    /// What the header of the stream says, once it was read.
+    /// The header of the stream, once read.
     stream: Option<YuvStream>,
     pool: BufferPool,
 }
 
-/// What all pictures of a stream have in common.
+/// The common properties of all pictures of a stream.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct YuvStream {
     size_px: [u32; 2],
@@ -44,7 +45,7 @@ struct YuvStream {
 }
 
 impl<R: BufRead> PictureReader<R> {
-    /// Of pictures that should have this size.
+    /// A reader of pictures with this size.
     pub(super) fn new(reader: R, size_px: [u32; 2]) -> Self {
         Self {
             reader,
@@ -54,8 +55,8 @@ impl<R: BufRead> PictureReader<R> {
         }
     }
 
-    /// The next picture, whose colours are mixed by `matrix`. `None` at the end, also when the last picture is not whole:
-    /// who counts frames then finds one too few.
+    /// The next picture, with its colours decoded by `matrix`. `None` at the end, also if the last
+    /// picture is partial; a caller that counts frames then finds one too few.
     pub(super) fn next(&mut self, matrix: ColourMatrix) -> Result<Option<Picture>, PictureError> {
         let Some(mut line) = self.line() else {
             return Ok(None);
@@ -74,7 +75,7 @@ impl<R: BufRead> PictureReader<R> {
                 None => return Ok(None),
             }
         }
-        // Words may follow, none of which ffmpeg writes.
+        // Parameters may follow; ffmpeg writes none.
         let is_frame = line.split(' ').next() == Some("FRAME");
         let (Some(stream), true) = (self.stream, is_frame) else {
             return Err(PictureError::Foreign);
@@ -89,7 +90,7 @@ impl<R: BufRead> PictureReader<R> {
         Ok(picture.map(Picture::Yuv))
     }
 
-    /// A picture of red, green, blue whose first line was read.
+    /// Reads the rest of a PPM picture after its first line.
     fn ppm(&mut self) -> Result<Option<Picture>, PictureError> {
         let (Some(size), Some(depth)) = (self.line(), self.line()) else {
             return Ok(None);
@@ -105,7 +106,7 @@ impl<R: BufRead> PictureReader<R> {
         let [width, height] = self.size_px;
         let n_bytes = width as usize * height as usize * 3;
         let mut rgb = Vec::with_capacity(n_bytes);
-        // An error of the pipe ends the pictures like its end does.
+        // A read error ends the pictures like the end of the pipe.
         let mut bytes = (&mut self.reader).take(n_bytes as u64);
         bytes.read_to_end(&mut rgb).ok();
         Ok(RgbImage::from_raw(width, height, rgb).map(Picture::Rgb))
@@ -121,14 +122,15 @@ impl<R: BufRead> PictureReader<R> {
 }
 
 impl YuvStream {
-    /// Reads a header as `YUV4MPEG2 W96 H64 F30:1 Ip A1:1 C420jpeg XYSCSS=420JPEG XCOLORRANGE=LIMITED`.
+    /// Parses a header such as `YUV4MPEG2 W96 H64 F30:1 Ip A1:1 C420jpeg XYSCSS=420JPEG
+    /// XCOLORRANGE=LIMITED`.
     fn parse(line: &str) -> Option<Self> {
         let mut words = line.split(' ');
         if words.next() != Some("YUV4MPEG2") {
             return None;
         }
         let mut size_px = [0, 0];
-        // What a stream without a word on it has.
+        // The defaults of a stream without these parameters.
         let mut layout = YuvLayout::Planar([2, 2]);
         let mut is_full_range = false;
         for word in words {

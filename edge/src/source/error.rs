@@ -1,5 +1,5 @@
-//! What can be wrong with a source, worded for an operator: the file, the camera, the field or line, what was found and
-//! what was expected.
+//! Errors of sources, written for an operator: the file, the camera, the field or line, what was
+//! found and what was expected.
 
 use std::fmt;
 use std::ops::Range;
@@ -7,7 +7,7 @@ use std::ops::Range;
 use farfield_proto::tick::Tick;
 use thiserror::Error;
 
-/// The recording or device a message is about, and the camera it belongs to.
+/// The recording or device of an error, and its camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SourceOrigin {
     /// The camera's name in the venue and in the calibration.
@@ -22,26 +22,26 @@ impl fmt::Display for SourceOrigin {
     }
 }
 
-/// Why frames cannot be had from a source.
+/// Why a source cannot provide frames.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum SourceError {
-    /// The file or device named in the venue is not there, or may not be read.
+    /// The file or device of the venue does not exist or cannot be opened.
     #[error("{at}: `source`: cannot be opened: {problem}")]
     NotThere {
         /// Which source.
         at: SourceOrigin,
-        /// What the operating system says.
+        /// Message of the operating system.
         problem: String,
     },
-    /// The content is not what its kind says.
+    /// The content does not match the kind of the source.
     #[error("{at}: cannot be read: {problem}")]
     Unreadable {
         /// Which source.
         at: SourceOrigin,
-        /// What the decoder says.
+        /// Message of the decoder.
         problem: String,
     },
-    /// A program that decodes video is not installed.
+    /// A program for video decoding is not installed.
     #[error(
         "{at}: needs the program `{tool}`, which is not installed: install ffmpeg \
          (Debian, Ubuntu: `apt install ffmpeg`; Fedora: `dnf install ffmpeg`; macOS: `brew install ffmpeg`; \
@@ -53,17 +53,17 @@ pub enum SourceError {
         /// `ffmpeg` or `ffprobe`.
         tool: &'static str,
     },
-    /// This build has no reader for the kind.
+    /// This build has no reader for the kind of source.
     #[error("{at}: `source.kind`: this build cannot read \"{kind}\", which needs {needs}")]
     NotBuilt {
         /// Which source.
         at: SourceOrigin,
         /// The kind in the venue file.
         kind: &'static str,
-        /// The operating system or Cargo feature that brings it.
+        /// The required operating system or Cargo feature.
         needs: &'static str,
     },
-    /// This program has no simulated people.
+    /// This program has no simulated sources.
     #[error(
         "{at}: `source.kind`: found a simulated camera, but only the command `farfield` has simulated \
          sources (`farfield edge` in place of `farfield-edge`)"
@@ -80,7 +80,7 @@ pub enum SourceError {
         /// What was found and what was expected, with the scene's file and field.
         problem: String,
     },
-    /// The images are not of the size that the camera was calibrated for.
+    /// The images do not have the calibration's size.
     #[error(
         "{at}: its images have {}x{} pixels, the calibration's `size` of this camera is {}x{}{}",
         found_px[0], found_px[1], expected_px[0], expected_px[1], turned(*found_px, *expected_px)
@@ -88,7 +88,7 @@ pub enum SourceError {
     PixelSize {
         /// Which source.
         at: SourceOrigin,
-        /// Width and height as decoded (rotation metadata applied).
+        /// Decoded width and height, with rotation metadata applied.
         found_px: [u32; 2],
         /// Width and height in the calibration.
         expected_px: [u32; 2],
@@ -103,7 +103,7 @@ pub enum SourceError {
         /// `rate_hz` of the venue.
         expected_hz: f64,
     },
-    /// Its fields have the venue's rate, its pictures half of it.
+    /// The recording is interlaced: its fields have the venue's rate, its pictures half of it.
     #[error(
         "{at}: is interlaced: {} pictures of two fields a second, the venue's `rate_hz` is {expected_hz:?}; \
          make a picture of each field first (`ffmpeg -i IN -vf bwdif=mode=send_field OUT`)", rounded(*found_hz, 3)
@@ -116,7 +116,7 @@ pub enum SourceError {
         /// `rate_hz` of the venue.
         expected_hz: f64,
     },
-    /// Frames are missing or doubled in time, so the n-th frame is not the n-th tick.
+    /// Frames are missing or doubled, so that frame n is not tick n.
     #[error(
         "{at}: variable frame rate, or frames were lost: {} s between frames {before} and {}, expected {} s; \
          make it constant first ({})",
@@ -125,14 +125,14 @@ pub enum SourceError {
     VariableRate {
         /// Which source.
         at: SourceOrigin,
-        /// The frame before the odd interval, counted from 0.
+        /// The frame before the irregular interval, counted from 0.
         before: usize,
         /// The interval found.
         gap_s: f64,
         /// The interval of the venue's rate.
         period_s: f64,
     },
-    /// No interval is odd, and frames still come long before or after their ticks.
+    /// All intervals are regular, but frames come long before or after their ticks.
     #[error(
         "{at}: variable frame rate: frame {frame} is {} s {} than it would be at an even rate, expected at most {} s; \
          make it constant first ({})",
@@ -142,16 +142,16 @@ pub enum SourceError {
     UnevenRate {
         /// Which source.
         at: SourceOrigin,
-        /// The frame that is farthest off, counted from 0.
+        /// The frame with the largest deviation, counted from 0.
         frame: usize,
-        /// By how much it is late, seconds.
+        /// Its delay, seconds.
         late_s: f64,
-        /// How late or early it may be.
+        /// The largest allowed deviation, seconds.
         most_s: f64,
         /// The interval of the venue's rate.
         period_s: f64,
     },
-    /// The file was cut: it announces more frames than it holds.
+    /// The file was cut: it announces more frames than it contains.
     #[error("{at}: holds {found} frames, its header announces {announced}: the file was cut{said}")]
     Cut {
         /// Which source.
@@ -160,42 +160,42 @@ pub enum SourceError {
         found: u64,
         /// Frames that the container announces.
         announced: u64,
-        /// What the program that reads it said, led by a separator; may be empty.
+        /// Output of the reading program, with a leading separator; can be empty.
         said: String,
     },
-    /// The recording stopped before its end, or a live source stopped at all.
+    /// The recording ended early, or a live source ended.
     #[error("{at}: ended after {read} frames{}{said}", expected.map(|n| format!(", expected {n}")).unwrap_or_default())]
     Ended {
         /// Which source.
         at: SourceOrigin,
         /// Frames read.
         read: u64,
-        /// Frames that should have come; `None` for live sources.
+        /// Expected number of frames; `None` for live sources.
         expected: Option<u64>,
-        /// What the program that decodes said, led by a separator; may be empty.
+        /// Output of the decoder, with a leading separator; can be empty.
         said: String,
     },
-    /// A live source has not closed, and gives no pictures.
+    /// A live source is open but provides no pictures.
     #[error("{at}: no picture for {silent_s} s after {read} frames{said}")]
     Silent {
         /// Which source.
         at: SourceOrigin,
-        /// How long it was waited for, seconds.
+        /// Waiting time, seconds.
         silent_s: u64,
         /// Frames read before.
         read: u64,
-        /// What the program that decodes said, led by a separator; may be empty.
+        /// Output of the decoder, with a leading separator; can be empty.
         said: String,
     },
-    /// More frames were decoded than the file was found to hold.
+    /// The decoder returned more frames than the file lists.
     #[error("{at}: has more frames than the {expected} that its index lists")]
     Surplus {
         /// Which source.
         at: SourceOrigin,
-        /// Frames that should have come.
+        /// Expected number of frames.
         expected: u64,
     },
-    /// A recording whose timecode shall count has none that can.
+    /// The venue uses the timecode of a recording that has no usable one.
     #[error("{at}: `tick_from` is \"timecode\": {problem}")]
     Timecode {
         /// Which source.
@@ -211,13 +211,13 @@ pub enum SourceError {
         at: SourceOrigin,
         /// The line, counted from 1.
         line: usize,
-        /// Path of the field in the line, such as `persons[0].keypoints[5]`; `None` when the line as
-        /// a whole is wrong.
+        /// Path of the field in the line, such as `persons[0].keypoints[5]`; `None` if the whole
+        /// line is wrong.
         field: Option<String>,
         /// What was found and what was expected.
         problem: String,
     },
-    /// The `path` of an image sequence has no usable number pattern, or nothing fits it.
+    /// The `path` of an image sequence has no usable number pattern, or no file matches it.
     #[error("{at}: `source.path`: {problem}")]
     Pattern {
         /// Which source.
@@ -225,7 +225,7 @@ pub enum SourceError {
         /// What was found and what was expected.
         problem: String,
     },
-    /// The recording goes on beyond the ticks that have an exact time.
+    /// The recording continues beyond the ticks that have an exact time.
     #[error("{at}: holds {frames} frames from tick {first} on, more than ticks can be told apart")]
     TooLong {
         /// Which source.
@@ -235,7 +235,7 @@ pub enum SourceError {
         /// Frames of the recording.
         frames: u64,
     },
-    /// An image sequence lacks numbers in the middle.
+    /// An image sequence has a gap in its numbers.
     #[error("{at}: image {before} is followed by image {after}: there must be no gap")]
     Gap {
         /// Which source.
@@ -245,23 +245,23 @@ pub enum SourceError {
         /// The first number after it.
         after: u64,
     },
-    /// A tick outside the recording was asked for.
+    /// A requested tick is outside the recording.
     #[error(
         "`--ticks` {}..{} is outside the recording of camera `{camera}`, which has {}..{}",
         asked.start, asked.end, has.start, has.end
     )]
     OutsideClip {
-        /// The camera whose recording is too short.
+        /// The camera of the recording.
         camera: String,
-        /// The ticks asked for.
+        /// The requested ticks.
         asked: Range<Tick>,
-        /// The ticks that it has.
+        /// The ticks of the recording.
         has: Range<Tick>,
     },
     /// `--ticks` holds no tick.
     #[error("`--ticks` {}..{} holds no tick", asked.start, asked.end)]
     NoTicks {
-        /// The ticks asked for.
+        /// The requested ticks.
         asked: Range<Tick>,
     },
     /// The recordings of a venue cover different ticks.
@@ -273,17 +273,17 @@ pub enum SourceError {
     Lengths {
         /// One camera and its ticks.
         a: (String, Range<Tick>),
-        /// A camera whose ticks differ.
+        /// Another camera and its ticks.
         b: (String, Range<Tick>),
-        /// The ticks that all recordings have, if there are any.
+        /// The ticks that all recordings have, if any.
         shared: Option<Range<Tick>>,
     },
-    /// Every source is live, so nothing says when to stop.
+    /// All sources are live, so the run has no end.
     #[error("every source is live: say how many ticks to run with `--ticks`")]
     Endless,
 }
 
-/// What can be done about recordings of different lengths.
+/// The remedy for recordings of different lengths.
 fn shared_ticks(shared: Option<&Range<Tick>>) -> String {
     match shared.filter(|shared| shared.start < shared.end) {
         Some(Range { start, end }) => {
@@ -297,7 +297,7 @@ fn shared_ticks(shared: Option<&Range<Tick>>) -> String {
     }
 }
 
-/// The end of a sentence on pictures that are the wrong way up.
+/// The addition to the message for pictures with exchanged width and height.
 fn turned(found_px: [u32; 2], expected_px: [u32; 2]) -> &'static str {
     if found_px[0] != found_px[1] && found_px == [expected_px[1], expected_px[0]] {
         ": they are turned on their side (a phone that was held upright?); the lens must be calibrated as the camera stands"
@@ -306,15 +306,15 @@ fn turned(found_px: [u32; 2], expected_px: [u32; 2]) -> &'static str {
     }
 }
 
-/// The command that gives a recording the rate with this period, by the times of its own frames: what was lost is
-/// shown twice, and all else stays where it was.
+/// The command that gives a recording a constant rate by the times of its frames. Lost frames
+/// become repeated ones, and all other frames keep their times.
 fn made_constant(period_s: f64) -> String {
     let rate_hz = rounded(period_s.recip(), 6);
     let rate_hz = rate_hz.trim_end_matches('0').trim_end_matches('.');
     format!("`ffmpeg -i IN -fps_mode cfr -r {rate_hz} OUT`")
 }
 
-/// `value` with so many decimals, and in few digits where it is beyond all measure.
+/// `value` with this number of decimals; in exponent form if it is very large.
 fn rounded(value: f64, decimals: usize) -> String {
     if value.abs() < 1e9 {
         format!("{value:.decimals$}")

@@ -1,6 +1,7 @@
-//! The child process that decodes: starting it, its messages, its end.
+//! The child process that decodes: start, messages and end.
 //!
-//! `ffmpeg-sidecar` finds the program and starts it; its own event loop is left aside because it copies every frame.
+//! `ffmpeg-sidecar` finds and starts the program. Its event loop is not used, because it copies
+//! every frame.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::ffi::OsString;
@@ -33,15 +34,15 @@ const DEVICES: [&str; 6] = [
     "lavfi",
 ];
 
-/// Arguments for a recording. The prefix keeps a name with a colon from being a URL.
+/// Arguments for a recording. The prefix prevents that a name with a colon is read as a URL.
 pub(super) fn file_input(path: &Path) -> Vec<OsString> {
     let mut url = OsString::from("file:");
     url.push(path);
     vec!["-i".into(), url]
 }
 
-/// Arguments for a live source: an RTSP or other stream, `/dev/video0`, or `DEVICE:INPUT` with one of
-/// ffmpeg's input devices. The venue's `options` win over what is usual.
+/// Arguments for a live source: an RTSP or other stream, `/dev/video0`, or `DEVICE:INPUT` with one
+/// of ffmpeg's input devices. The venue's `options` override the defaults.
 pub(super) fn live_input(url: &str, options: &BTreeMap<String, String>) -> Vec<OsString> {
     let mut all = BTreeMap::from([("fflags", "nobuffer"), ("flags", "low_delay")]);
     let device = url
@@ -54,7 +55,7 @@ pub(super) fn live_input(url: &str, options: &BTreeMap<String, String>) -> Vec<O
         if url.starts_with("/dev/video") {
             all.insert("f", "v4l2");
         } else if url.starts_with("rtsp") {
-            // UDP loses packets and with them slices of the picture.
+            // UDP loses packets, and with them slices of the picture.
             all.insert("rtsp_transport", "tcp");
         }
         url
@@ -70,16 +71,17 @@ pub(super) fn live_input(url: &str, options: &BTreeMap<String, String>) -> Vec<O
     words.chain(["-i".into(), input.into()]).collect()
 }
 
-/// What is decoded.
+/// What to decode.
 pub(super) enum Wanted {
-    /// A recording without its first frames, whose pictures are stored so.
+    /// A recording without its first frames, and its storage format.
     After(u64, VideoFormat),
-    /// A live source, with the times of its frames: the secrets of its address, and what reads the camera's clock.
+    /// A live source with frame times: the secrets of its URL, and the reader of the camera's
+    /// clock.
     Timed(Secrets, Option<SenderClock>),
 }
 
 impl Wanted {
-    /// Arguments for the filters and the pipe.
+    /// Arguments for the filters and the output.
     fn output(&self) -> Vec<String> {
         let mut filters: Vec<String> = match self {
             Self::After(skip, format) => {
@@ -106,14 +108,14 @@ impl Wanted {
     }
 }
 
-/// A running ffmpeg and what it writes.
+/// A running ffmpeg and its outputs.
 pub(super) struct Decoding {
     pub(super) ffmpeg: Ffmpeg,
-    /// Its pictures, see [`super::decoded_pictures::PictureReader`].
+    /// Its pictures; see [`super::decoded_pictures::PictureReader`].
     pub(super) stdout: ChildStdout,
-    /// Their times, where they are wanted.
+    /// Their times, if requested.
     pub(super) times: Option<FrameTimes>,
-    /// How their colours are mixed while their times do not say.
+    /// The colour matrix until the times report one.
     pub(super) matrix: ColourMatrix,
 }
 
@@ -121,12 +123,13 @@ pub(super) struct Decoding {
 pub(super) struct Ffmpeg {
     child: FfmpegChild,
     messages: Option<JoinHandle<String>>,
-    /// Which times those of its pictures are by the camera's clock. It ends after the process, which writes to it.
+    /// Relates the times of pictures to the camera's clock. It is dropped after the process, which
+    /// writes to it.
     sender_clock: Option<SenderClock>,
 }
 
 impl Ffmpeg {
-    /// Starts decoding `input`.
+    /// Starts to decode `input`.
     pub(super) fn spawn(
         input: Vec<OsString>,
         wanted: Wanted,
@@ -134,7 +137,8 @@ impl Ffmpeg {
     ) -> Result<Decoding, SourceError> {
         let mut command = FfmpegCommand::new();
         command.args(["-nostdin", "-hide_banner", "-nostats", "-loglevel"]);
-        // The filter's lines are of the level `info`; which of the others are errors is then said by a word in each.
+        // The filter's lines have the level `info`; errors are then recognised by a word in each
+        // line.
         command.arg(match wanted {
             Wanted::After(..) => "error",
             Wanted::Timed(..) => "level+info",
@@ -181,13 +185,13 @@ impl Ffmpeg {
         })
     }
 
-    /// The Unix time that a time stamp stands for by the camera's clock, microseconds; `None` where that is not known.
+    /// The camera's Unix time of a time stamp, microseconds; `None` if unknown.
     pub(super) fn unix_us(&self, stamp_us: i64) -> Option<i64> {
         let offset_us = self.sender_clock.as_ref()?.offset_us()?;
         Some(stamp_us.saturating_add(offset_us))
     }
 
-    /// Waits for the end; says whether it ended well, and what it had to say.
+    /// Waits for the end; returns whether it succeeded, and its messages.
     pub(super) fn finish(&mut self) -> (bool, String) {
         let success = self
             .child
@@ -205,11 +209,11 @@ impl Ffmpeg {
 
     /// Ends the process.
     pub(super) fn kill(&mut self) {
-        // It fails only when it has ended already.
+        // This fails only if the process has already ended.
         self.child.kill().ok();
     }
 
-    /// Ends the process and waits until it is gone.
+    /// Ends the process and waits for its end.
     pub(super) fn stop(&mut self) {
         self.kill();
         self.child.as_inner_mut().wait().ok();
@@ -225,7 +229,7 @@ impl Drop for Ffmpeg {
     }
 }
 
-/// Whether this machine's ffmpeg has the filter `name`. It is asked once.
+/// Whether the installed ffmpeg has the filter `name`. The list is read once.
 pub(super) fn has_filter(name: &str) -> bool {
     static FILTERS: OnceLock<String> = OnceLock::new();
     let filters = FILTERS.get_or_init(|| {
@@ -239,15 +243,15 @@ pub(super) fn has_filter(name: &str) -> bool {
             |it| String::from_utf8_lossy(&it.stdout).into_owned(),
         )
     });
-    // As ` .SC zscale            V->V       Apply resizing`.
+    // A line is like ` .SC zscale            V->V       Apply resizing`.
     let mut names = filters
         .lines()
         .filter_map(|line| line.split_whitespace().nth(1));
     names.any(|it| it == name)
 }
 
-/// Ctrl-C on a terminal reaches a whole process group: without its own, ffmpeg would end before the
-/// node that reads from it has decided how to stop.
+/// Ctrl-C in a terminal reaches a whole process group. Without its own group, ffmpeg would end
+/// before the node decides how to stop.
 fn own_process_group(command: &mut FfmpegCommand) {
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(command.as_inner_mut(), 0);
@@ -255,7 +259,7 @@ fn own_process_group(command: &mut FfmpegCommand) {
     let _ = command;
 }
 
-/// The error for a program that could not be started.
+/// The error for a program that failed to start.
 pub(super) fn start_problem(
     at: &SourceOrigin,
     tool: &'static str,
@@ -273,13 +277,13 @@ pub(super) fn start_problem(
     }
 }
 
-/// Reads what a program writes to its standard error, on a thread so that the program never waits
-/// for room, and keeps the last lines.
+/// Reads the standard error of a program on a thread, so that the program never blocks, and keeps
+/// the last lines.
 pub(super) fn collect_messages(stderr: impl Read + Send + 'static) -> JoinHandle<String> {
     collect(stderr, |line| Some(line.to_owned()))
 }
 
-/// The same of an ffmpeg that says the times of frames too: of all else only what went wrong is kept.
+/// The same for an ffmpeg that also writes frame times; of the other lines only errors are kept.
 fn collect_timed_messages(
     stderr: impl Read + Send + 'static,
     mut reader: FrameTimeReader,
@@ -295,15 +299,15 @@ fn collect_timed_messages(
     })
 }
 
-/// Keeps the last of the lines that `worth_keeping` makes something of.
+/// Keeps the last results of `worth_keeping`.
 fn collect(
     stderr: impl Read + Send + 'static,
     mut worth_keeping: impl FnMut(&str) -> Option<String> + Send + 'static,
 ) -> JoinHandle<String> {
-    /// The last lines tell why a decoder gave up.
+    /// The last lines explain why a decoder failed.
     const KEPT_LINES: usize = 3;
     const KEPT_CHARS: usize = 400;
-    // Longer than any address: half a secret is one, too.
+    // Longer than any URL: a part of a secret is also secret.
     const LINE_BYTES: u64 = 1 << 16;
     std::thread::spawn(move || {
         let mut stderr = BufReader::new(stderr);
@@ -324,12 +328,12 @@ fn collect(
                 kept.pop_front();
             }
         }
-        // It repeats URLs with their passwords, and what a camera sent.
+        // ffmpeg repeats URLs with passwords, and text from the camera.
         one_line(&Vec::from(kept).join("; "))
     })
 }
 
-/// A program's messages as the end of an error's sentence; empty for none.
+/// A program's messages as the end of an error message; empty without messages.
 pub(super) fn said(tool: &str, messages: &str) -> String {
     if messages.is_empty() {
         return String::new();

@@ -1,7 +1,7 @@
-//! What the container of a recording announces, and how many packets it holds.
+//! What the container of a recording announces, and how many packets it contains.
 //!
-//! One `ffprobe` call reads the container's index and lists all packets without decoding them. A file
-//! that was cut decodes without an error, so its packets are counted against what it announces.
+//! One call of `ffprobe` reads the container's index and lists all packets without decoding. A cut
+//! file decodes without an error, so its packets are compared with the announced number.
 
 use std::collections::BTreeMap;
 use std::io::BufReader;
@@ -27,26 +27,26 @@ const ENTRIES: &str = "packet=pts,flags:\
 pub(super) struct VideoStream {
     /// Packets in the file.
     pub(super) packets: u64,
-    /// Frames that come out of the decoder: packets that an edit list does not discard.
+    /// Decoded frames: packets that an edit list does not discard.
     pub(super) frames: u64,
-    /// Frames that the container announces, by number or else by its duration, where it does.
+    /// Announced frames, by number or else by duration, if any.
     pub(super) announced: Option<u64>,
-    /// Whether it announces them by number: those of a duration are right at a constant rate only.
+    /// Whether the container announces a number; a duration is exact only at a constant rate.
     pub(super) is_counted: bool,
     /// Width and height after rotation.
     pub(super) size_px: [u32; 2],
     /// Mean frames per second.
     pub(super) rate_hz: Option<f64>,
-    /// Presentation times of the frames in order, seconds; empty where the container has none or they
-    /// are too coarse for the rate.
+    /// Presentation times in order, seconds; empty if the container has none or they are too
+    /// coarse.
     pub(super) times_s: Vec<f64>,
-    /// Frames per second from the first presentation time to the last, however coarse these are.
+    /// Frames per second between the first and last presentation times, also if these are coarse.
     pub(super) shown_hz: Option<f64>,
-    /// What its container says of its making.
+    /// Metadata of the container.
     pub(super) labels: RecordingLabels,
-    /// How its pictures are stored.
+    /// Storage format of the pictures.
     pub(super) format: VideoFormat,
-    /// What `ffprobe` had to say, as the end of a sentence.
+    /// Messages of `ffprobe`, with a leading separator.
     pub(super) said: String,
 }
 
@@ -70,7 +70,7 @@ pub(super) fn read_stream(path: &Path, at: &SourceOrigin) -> Result<VideoStream,
         .spawn()
         .map_err(|problem| start_problem(at, "ffprobe", &problem))?;
     let messages = child.stderr.take().map(collect_messages);
-    // An answer that is cut off belongs to a probe that failed, and that says why.
+    // A truncated answer means that ffprobe failed; its messages give the reason.
     let listing: Result<Listing, _> = match child.stdout.take() {
         Some(stdout) => serde_json::from_reader(BufReader::new(stdout)),
         None => Ok(Listing::default()),
@@ -92,7 +92,7 @@ pub(super) fn read_stream(path: &Path, at: &SourceOrigin) -> Result<VideoStream,
             .nth(1)
             .and_then(|rest| rest.split(';').next());
         let detail = detail.map(|d| format!(" ({d})")).unwrap_or_default();
-        // What MP4 and MOV keep for the end of a recording.
+        // MP4 and MOV write their index at the end of a recording.
         let cause = if messages.contains("moov atom not found") {
             ": it has no index: either its recording was cut off, or it is no video"
         } else {
@@ -117,7 +117,7 @@ pub(super) fn read_stream(path: &Path, at: &SourceOrigin) -> Result<VideoStream,
         .ok_or_else(|| unreadable("it has no video stream".to_owned()))
 }
 
-/// `ffprobe`'s JSON; what it does not know is absent.
+/// The JSON of `ffprobe`; unknown values are absent.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct Listing {
@@ -129,7 +129,7 @@ struct Listing {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct Packet {
-    /// In the stream's time base; a frame without a time makes all of them unusable.
+    /// In the stream's time base. One frame without a time makes all times unusable.
     pts: Option<i64>,
     flags: String,
 }
@@ -157,11 +157,11 @@ struct Stream {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct SideData {
-    /// Of the display matrix, degrees.
+    /// From the display matrix, degrees.
     rotation: Option<f64>,
 }
 
-/// Of the container, where the stream has none.
+/// Of the container, for values that the stream lacks.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct Format {
@@ -194,7 +194,7 @@ impl Listing {
         let labels = RecordingLabels {
             created: label("creation_time"),
             timecode: label("timecode"),
-            // The clocks of broadcasting formats begin anywhere.
+            // Broadcast formats start their clocks at any value.
             start_s: number(&stream.start_time)
                 .filter(|_| !self.format.format_name.starts_with("mpeg")),
         };
@@ -208,7 +208,7 @@ impl Listing {
             is_rgb: VideoFormat::parse_rgb(&stream.pix_fmt),
             matrix: ColourMatrix::parse(&stream.color_space),
         };
-        // What an edit list discards is no frame.
+        // Packets that an edit list discards are no frames.
         let frames = self
             .packets
             .iter()
@@ -234,8 +234,8 @@ impl Listing {
     }
 }
 
-/// When the frames are shown, rising; `None` where that of one is not known, or where the time base `unit_s`
-/// is too coarse for the rate.
+/// Presentation times, rising; `None` if one is unknown, or if the time base `unit_s` is too coarse
+/// for the rate.
 fn times_s<'a>(
     frames: impl Iterator<Item = &'a Packet>,
     unit_s: Option<f64>,
@@ -249,7 +249,7 @@ fn times_s<'a>(
     Some(pts.iter().map(|&pts| pts as f64 * unit_s).collect())
 }
 
-/// Frames per second from the first of them to the last; `None` where times say nothing.
+/// Frames per second from the first to the last frame; `None` if the times are unusable.
 fn shown_hz<'a>(frames: impl Iterator<Item = &'a Packet>, unit_s: Option<f64>) -> Option<f64> {
     let mut pts: Vec<i64> = frames.filter_map(|packet| packet.pts).collect();
     pts.sort_unstable();
@@ -258,21 +258,21 @@ fn shown_hz<'a>(frames: impl Iterator<Item = &'a Packet>, unit_s: Option<f64>) -
     (span_s > 0.0).then(|| (pts.len() - 1) as f64 / span_s)
 }
 
-/// Frames that a container which states only its duration must hold at least: one less than the
-/// rounded product, for durations end before or after the last frame.
+/// Fewest frames of a container that states only its duration: one less than the rounded product,
+/// because a duration can end before or after the last frame.
 fn frames_in(duration_s: f64, rate_hz: f64) -> Option<u64> {
     let frames = (duration_s * rate_hz).round() - 1.0;
     (frames > 0.0).then_some(frames as u64)
 }
 
-/// `60/1` and the like, above 0.
+/// Parses `60/1` and similar, above 0.
 fn parse_fraction(text: &str) -> Option<f64> {
     let (above, below) = text.split_once('/')?;
     let value = above.parse::<f64>().ok()? / below.parse::<f64>().ok()?;
     (value.is_finite() && value > 0.0).then_some(value)
 }
 
-/// Matroska's `00:00:01.667000000`, in seconds.
+/// Parses Matroska's `00:00:01.667000000`, in seconds.
 fn parse_clock_s(text: &str) -> Option<f64> {
     text.split(':').try_fold(0.0, |sum, part| {
         Some(sum * 60.0 + part.parse::<f64>().ok()?)
@@ -288,7 +288,7 @@ mod tests {
         listing.into_stream(String::new())
     }
 
-    /// A stream of 96 x 64 pixels at 30 Hz, with `more` of it.
+    /// A stream of 96 x 64 pixels at 30 Hz with the additional fields `more`.
     fn stream(more: &str) -> Option<VideoStream> {
         read(&format!(
             r#"{{"programs": [], "streams": [{{
@@ -341,7 +341,7 @@ mod tests {
 
     #[test]
     fn a_rate_that_is_none_is_told_from_the_times() {
-        // As Matroska has it of a variable rate: milliseconds, and no mean rate.
+        // Matroska's form of a variable rate: milliseconds and no mean rate.
         let got = read(
             r#"{
                 "packets": [

@@ -1,62 +1,62 @@
-//! When the frames of a live stream were taken, as the stream says: its presentation times, which ffmpeg's filter `showinfo`
-//! writes between its messages.
+//! Capture times of live frames: the presentation times that ffmpeg's filter `showinfo` writes
+//! among its messages.
 //!
-//! A picture comes late by what coding, network and decoding take, now more, now less; its time in an RTP or RTSP stream
-//! is that of the camera's own clock. The lines are read as they are documented for ffmpeg 5.1 to 8: `config in time_base:
-//! 1/90000` first, then `n:   0 pts:   3003` for each frame that leaves the decoder. When the stream changes in its course ffmpeg makes
-//! its filters anew, and `n` begins at 0 again.
+//! The delay of a picture varies with coding, network and decoding. Its time in an RTP or RTSP
+//! stream comes from the camera's clock. The format of the lines is documented for ffmpeg 5.1 to 8:
+//! first `config in time_base: 1/90000`, then `n:   0 pts:   3003` per decoded frame. If the stream
+//! changes, ffmpeg rebuilds its filters, and `n` restarts at 0.
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 use crate::picture::ColourMatrix;
 
-/// What marks a line of the filter.
+/// Marks a line of the filter.
 const MARK: &str = "[Parsed_showinfo";
-/// Times that wait for their pictures: far more than are between the filter and the pipe.
+/// Times that wait for their pictures: far more than fit between the filter and the pipe.
 const WAITING: usize = 256;
-/// How long a picture that is there waits for its time, which was written before it.
+/// How long a picture waits for its time, which was written before it.
 const PATIENCE: Duration = Duration::from_millis(50);
-/// Pictures in a row that waited in vain after which none waits, until one finds its time: all would be late by that.
+/// Consecutive pictures that wait in vain before waiting stops, until a picture finds its time.
+/// Each wait delays all later pictures.
 const MOST_IN_VAIN: u32 = 5;
 
-/// The time of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct FrameTime {
-    /// The frame's number since the stream was opened.
+    /// Number of the frame since the stream was opened.
     number: u64,
-    /// By the stream's clock, microseconds.
+    /// Time by the stream's clock, microseconds.
     stamp_us: Option<i64>,
-    /// How its colours are mixed, by what was said of the frame before.
+    /// Colour matrix, from the previous frame's line.
     matrix: ColourMatrix,
 }
 
-/// Reads the lines, where the messages are collected.
+/// Reads the lines in the thread that collects messages.
 #[derive(Debug)]
 pub(super) struct FrameTimeReader {
     /// Seconds per unit as a fraction.
     time_base: Option<[i64; 2]>,
-    /// What the filter's number of the last frame was, and the number of the frame that it called 0.
+    /// The filter's number of the last frame, and the frame number at which the filter counted 0.
     last: Option<u64>,
     began_at: u64,
     matrix: ColourMatrix,
     times: SyncSender<FrameTime>,
 }
 
-/// Gives each picture its time, where the pictures are read.
+/// Assigns times to pictures in the thread that reads pictures.
 #[derive(Debug)]
 pub(super) struct FrameTimes {
     times: Receiver<FrameTime>,
-    /// The one that was read and is of a later picture.
+    /// A time that was read but belongs to a later picture.
     next: Option<FrameTime>,
     matrix: ColourMatrix,
-    /// Pictures in a row that found no time.
+    /// Consecutive pictures without a time.
     in_vain: u32,
-    /// Whether it was said that none waits.
+    /// Whether the end of waiting was reported.
     is_told: bool,
 }
 
-/// Both ends.
+/// The two connected ends.
 pub(super) fn frame_times() -> (FrameTimeReader, FrameTimes) {
     let (sender, receiver) = sync_channel(WAITING);
     let reader = FrameTimeReader {
@@ -77,7 +77,7 @@ pub(super) fn frame_times() -> (FrameTimeReader, FrameTimes) {
 }
 
 impl FrameTimeReader {
-    /// Takes a line; says whether it was one of the filter's.
+    /// Reads a line; `true` if it is one of the filter's.
     pub(super) fn read(&mut self, line: &str) -> bool {
         if !line.starts_with(MARK) {
             return false;
@@ -96,13 +96,13 @@ impl FrameTimeReader {
                 stamp_us: self.stamp_us(line),
                 matrix: self.matrix,
             };
-            // Where nobody takes pictures nobody misses their times.
+            // If pictures are not taken, their times are not needed.
             self.times.try_send(time).ok();
         }
         true
     }
 
-    /// The number since the stream was opened of the frame that the filter calls `number`.
+    /// The frame number since the stream was opened, for the filter's `number`.
     fn since_opened(&mut self, number: u64) -> u64 {
         if let Some(last) = self.last.filter(|last| number <= *last) {
             self.began_at = self.began_at.saturating_add(last).saturating_add(1);
@@ -121,7 +121,7 @@ impl FrameTimeReader {
 }
 
 impl FrameTimes {
-    /// The time of the picture of this number, microseconds; `None` where the stream says none.
+    /// The time of a picture, microseconds; `None` if the stream has none.
     pub(super) fn of(&mut self, number: u64) -> Option<i64> {
         loop {
             let Some(time) = self.next.take().or_else(|| self.wait()) else {
@@ -140,12 +140,12 @@ impl FrameTimes {
         }
     }
 
-    /// How the colours of the last picture with a time are mixed.
+    /// The colour matrix of the last picture with a time.
     pub(super) fn matrix(&self) -> ColourMatrix {
         self.matrix
     }
 
-    /// Whether pictures wait no more for times that do not come; true once.
+    /// Whether pictures no longer wait for their times; `true` once.
     pub(super) fn gives_up(&mut self) -> bool {
         let gives_up = self.in_vain >= MOST_IN_VAIN && !self.is_told;
         self.is_told |= gives_up;
@@ -161,7 +161,7 @@ impl FrameTimes {
     }
 }
 
-/// The word behind `name`, which may have blanks before it.
+/// The word after `name`, with optional blanks between.
 fn word_after<'a>(line: &'a str, name: &str) -> Option<&'a str> {
     let (_, rest) = line.split_once(name)?;
     rest.split_whitespace().next()
@@ -202,7 +202,8 @@ mod tests {
         for n in 0..3 {
             say(&format!("n: {n} pts: {}", 40 * n));
         }
-        // The sender's encoder was changed: another filter, with another unit, whose first line is lost.
+        // The sender's encoder was changed: another filter with another unit, whose first line is
+        // lost.
         say("config in time_base: 1/100");
         say("n: 1 pts: 16");
         say("n: 2 pts: 20");
@@ -222,7 +223,7 @@ mod tests {
             assert_eq!(times.of(number), None);
             assert_eq!(times.gives_up(), number + 1 == u64::from(MOST_IN_VAIN));
         }
-        // How many of them waited is told by how many were in vain, not by a clock.
+        // The number of failed waits is checked, not a clock.
         assert_eq!(times.in_vain, 100);
         for line in [
             "config in time_base: 1/1000",

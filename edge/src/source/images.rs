@@ -1,9 +1,8 @@
 //! Image sequences: `dir/%06d.png`, PNG or JPEG.
 //!
-//! The pattern is that of ffmpeg's `image2`: one `%d` or `%0Nd` in the file's name. The lowest number
-//! found is the first frame, whatever it is, and stands for the venue's `first_tick`; numbers follow
-//! each other without gaps. Orientation tags (EXIF) are not applied: the stored pixels count, as for
-//! the tools that calibrate.
+//! The pattern is that of ffmpeg's `image2`: one `%d` or `%0Nd` in the file name. The lowest number
+//! found is the first frame and gets the venue's `first_tick`. The numbers must have no gaps.
+//! Orientation tags (EXIF) are ignored, as calibration tools do.
 
 use std::io;
 use std::ops::Range;
@@ -15,7 +14,7 @@ use image::{ImageReader, RgbImage};
 use super::queue::{Prefetch, Sender, WhenFull};
 use super::{ExpectedSource, Frame, FrameContent, FrameSource, SourceError, SourceInfo};
 
-/// Widest zero padding of a number; one with more digits does not fit 64 bits.
+/// Largest zero padding: more digits do not fit 64 bits.
 const MAX_DIGITS: usize = 19;
 
 pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
@@ -138,7 +137,7 @@ fn unreadable(expected: &ExpectedSource, path: &Path, problem: &io::Error) -> So
     }
 }
 
-/// The pattern and the numbers found for it, from the lowest on.
+/// The pattern and the range of numbers found for it.
 fn find(path: &Path, expected: &ExpectedSource) -> Result<(FilePattern, Range<u64>), SourceError> {
     let wrong = |problem: String| SourceError::Pattern {
         at: expected.at.clone(),
@@ -215,7 +214,7 @@ impl FilePattern {
         self.folder.join(self.name(number))
     }
 
-    /// The numbers of the files in the folder that the pattern names, in no order.
+    /// The numbers of the files that match the pattern, in no order.
     fn numbers(&self) -> io::Result<Vec<u64>> {
         let here = Path::new(".");
         let folder = if self.folder.as_os_str().is_empty() {
@@ -231,7 +230,7 @@ impl FilePattern {
                 .and_then(|name| name.strip_prefix(&self.prefix)?.strip_suffix(&self.suffix))
                 .filter(|digits| digits.bytes().all(|b| b.is_ascii_digit()))
                 .and_then(|digits| digits.parse::<u64>().ok())
-                // Ranges end one after the last.
+                // The end of a range is one after the last number.
                 .filter(|&number| number < u64::MAX && *self.name(number) == *name);
             numbers.extend(number);
         }
@@ -259,7 +258,7 @@ mod tests {
         }
     }
 
-    /// A folder with one picture per number, its first byte the number.
+    /// A folder with one picture per number; the first byte of each picture is its number.
     fn folder(numbers: &[u8], pattern: impl Fn(u8) -> String) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         for &number in numbers {

@@ -1,8 +1,8 @@
-//! Files of 2D keypoint candidates, one JSON line per tick: how recordings that exist only as
-//! keypoints are fused.
+//! Files of 2D keypoint candidates, one JSON line per tick. They allow fusion of recordings that
+//! exist only as keypoints.
 //!
-//! Lines name their own ticks (the venue's `first_tick` does not move them); they are sorted and
-//! without gaps. Unknown fields are ignored, for other tools write these files too.
+//! Lines name their own ticks, so the venue's `first_tick` does not shift them. Ticks are in order
+//! and without gaps. Unknown fields are ignored, because other tools also write these files.
 
 mod contents;
 mod leaps;
@@ -26,19 +26,20 @@ use super::{
     SourceError, SourceInfo,
 };
 
-/// Longest line that is read, bytes: 100 people with 17 candidates each take 60 kB.
+/// Longest accepted line, bytes. 100 people with 17 candidates each take 60 kB.
 const MAX_LINE_BYTES: u64 = 1 << 22;
-/// UTF-8 text may begin with this mark; editors on Windows write it.
+/// UTF-8 text may begin with this mark; some editors on Windows write it.
 const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 
-/// Scores above 1 that are taken for 1: `OpenPose` overshoots by a few percent. A higher one is on
-/// another scale.
+/// Scores from 1 to this value are read as 1: `OpenPose` exceeds 1 by a few percent. Higher scores
+/// have another scale.
 const MAX_SCORE: f64 = 1.25;
 
-/// Score from which on a network is sure of a keypoint: what is cut off or not seen is guessed, or written anywhere, with less.
+/// Score from which a keypoint counts as reliable. Networks give hidden or cut-off keypoints lower
+/// scores and arbitrary positions.
 const SURE: f64 = 0.3;
 
-/// No pixel is farther from zero; keeps sums of them exact.
+/// Largest accepted coordinate; sums of coordinates within it stay exact.
 const MAX_PX: f64 = 1e12;
 
 pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
@@ -177,7 +178,7 @@ impl KeypointLines {
         Ok(None)
     }
 
-    /// Whether there was a line to read into `text`.
+    /// Reads a line into `text`; `false` at the end of the file.
     fn read_line(&mut self) -> Result<bool, SourceError> {
         self.text.clear();
         self.line += 1;
@@ -224,10 +225,10 @@ impl KeypointLines {
     }
 }
 
-/// What is wrong with one field of a line.
+/// An error in one field of a line.
 #[derive(Debug)]
 struct FieldError {
-    /// Empty for the line as a whole.
+    /// Empty for the whole line.
     field: String,
     problem: String,
 }
@@ -242,7 +243,7 @@ impl FieldError {
 }
 
 fn parse_line(text: &str) -> Result<(Tick, KeypointFrame), FieldError> {
-    // Without its newline: a line that is cut short ends where its text does.
+    // Without its newline: a truncated line ends where its text ends.
     let value: Value = serde_json::from_str(text.trim_end())
         .map_err(|problem| FieldError::new("", json_problem(&problem)))?;
     let Value::Object(line) = &value else {
@@ -267,7 +268,7 @@ fn parse_line(text: &str) -> Result<(Tick, KeypointFrame), FieldError> {
     Ok((Tick(tick), KeypointFrame { persons, peaks }))
 }
 
-/// `serde_json`'s message without its "line 1": the line is that of the file.
+/// The message of `serde_json` without its line number, which is always 1 here.
 fn json_problem(problem: &serde_json::Error) -> String {
     if problem.is_eof() {
         return "not JSON: the line ends early".to_owned();
@@ -316,7 +317,7 @@ fn parse_peaks(value: &Value) -> Result<Vec<Vec<KeypointCandidate>>, FieldError>
     Ok(parsed)
 }
 
-/// The candidates of each keypoint that the grouped persons hold.
+/// The candidates of each keypoint in the grouped persons.
 fn peaks_of(persons: &[Vec<Option<KeypointCandidate>>]) -> Vec<Vec<KeypointCandidate>> {
     (0..COCO17.len())
         .map(|k| persons.iter().filter_map(|person| person[k]).collect())
@@ -333,7 +334,7 @@ fn parse_candidate(
     let Some(&[x, y, score]) = numbers.as_deref() else {
         return Err(wrong_kind(&field(), value, "[x, y, score]"));
     };
-    // serde_json refuses NaN, and numbers that overflow.
+    // serde_json refuses NaN and numbers that overflow.
     if x.abs().max(y.abs()) > MAX_PX {
         return Err(FieldError::new(
             field(),
@@ -374,7 +375,7 @@ fn missing(field: &str) -> FieldError {
 }
 
 fn wrong_kind(field: &str, found: &Value, expected: &str) -> FieldError {
-    /// Enough to recognise the value by.
+    /// Long enough to recognise the value.
     const SHOWN_CHARS: usize = 40;
     let text = found.to_string();
     let shown: String = text.chars().take(SHOWN_CHARS).collect();

@@ -1,4 +1,4 @@
-//! What a keypoint file may hold, and what is said about one that is wrong.
+//! Accepted keypoint files, and the errors for wrong ones.
 
 use std::io::Write as _;
 
@@ -67,7 +67,7 @@ fn shares_of_the_picture_in_place_of_pixels_are_refused() {
         said.contains("34 of 34 keypoints lie within 1.5 pixels"),
         "{said}"
     );
-    // One keypoint that is far away, and many that were not found, do not make pixels of them.
+    // One far keypoint and many missing ones do not turn shares into pixels.
     let lines: Vec<String> = (0..8).map(|tick| line(tick, 1.0)).collect();
     let with_one_far = lines.join("\n").replacen("[0.4,0.7,", "[300,200,", 1);
     let said_of_most = refusal(&with_one_far.replacen("[0.4,0.7,0.9]", "[0,0,0]", 50));

@@ -1,10 +1,12 @@
 //! Where frames come from: recordings, live cameras and files of 2D keypoints.
 //!
-//! First in the pipeline; beside `network/`, which loads models, the only part of the core that reads
-//! files. The readers that need a child process or a kernel device sit behind the feature `node`. Every source is
-//! [`probe`]d before the first tick, so that what is wrong is said then and not at frame 900. A
-//! recording that ends early is an error, never a quiet end. Recorded frames are numbered by their
-//! place in the recording, live frames by their order of arrival; no reader looks at a clock.
+//! Sources are the first stage of the pipeline. Only this module and `network/` (loading of models)
+//! read files in the core. Readers that need a child process or a kernel device are behind the
+//! feature `node`.
+//!
+//! Every source is [`probe`]d before the first tick, so that errors appear at the start and not at
+//! frame 900. A recording that ends early is an error. Frames of a recording are numbered by their
+//! place in it, live frames by their order of arrival. No reader uses a clock.
 
 #[cfg(feature = "node")]
 mod decoded_pictures;
@@ -50,15 +52,15 @@ pub use video_format::{FieldOrder, HdrTransfer, VideoFormat};
 /// What one camera saw at one tick.
 #[derive(Debug, Clone)]
 pub enum FrameContent {
-    /// The raw picture, with the lens's distortion, of the calibration's size.
+    /// The raw picture: distorted by the lens, of the calibration's size.
     Image(Picture),
-    /// 2D keypoints that another program found in it.
+    /// 2D keypoints that another program detected in the picture.
     Keypoints(KeypointFrame),
-    /// A simulator's view, from which the maps of a crop are painted.
+    /// A simulator's view: the source of the maps of a crop.
     Painted(Arc<dyn MapPainter>),
 }
 
-/// Painted content is equal only to itself.
+/// Painted content equals only itself.
 impl PartialEq for FrameContent {
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
@@ -73,16 +75,16 @@ impl PartialEq for FrameContent {
 /// 2D keypoint candidates of one picture, in COCO's order.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct KeypointFrame {
-    /// Candidates grouped into persons: `[person][keypoint]`, `None` where one was not seen.
+    /// Candidates grouped into persons: `[person][keypoint]`, `None` for a missing keypoint.
     pub persons: Vec<Vec<Option<KeypointCandidate>>>,
     /// All candidates of each keypoint, of any person: `[keypoint][candidate]`.
     pub peaks: Vec<Vec<KeypointCandidate>>,
 }
 
-/// One place where a keypoint may be.
+/// A possible position of one keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KeypointCandidate {
-    /// Where, in pixels of the raw picture.
+    /// Position, pixels of the raw picture.
     pub position: Pixel<Distorted>,
     /// Confidence of the detector, 0 to 1.
     pub score: f32,
@@ -91,34 +93,32 @@ pub struct KeypointCandidate {
 /// The picture of one camera at one tick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
-    /// The tick it stands for.
+    /// The tick of the frame.
     pub tick: Tick,
-    /// Time of the real capture minus the tick's time, microseconds; within
-    /// [`farfield_proto::message::MAX_CAPTURE_OFFSET_US`] either way, or fusion refuses it.
+    /// Time of capture minus time of the tick, microseconds. Fusion refuses values beyond
+    /// [`farfield_proto::message::MAX_CAPTURE_OFFSET_US`] in either direction.
     pub capture_offset_us: i32,
-    /// What was seen.
+    /// The content of the frame.
     pub content: FrameContent,
 }
 
-/// Frames of one camera, one after the other.
+/// The frames of one camera in order.
 pub trait FrameSource: Send {
-    /// The next frame, waiting for it if need be; in tick order. `None` at the end of a recording.
-    /// Live sources drop frames that were not taken in time: the newest counts, and the ticks of the dropped ones are
-    /// skipped.
+    /// Waits for the next frame and returns it, in tick order; `None` at the end of a recording.
+    /// Live sources keep only the newest frames. The ticks of dropped frames are skipped.
     ///
     /// # Errors
     /// The frame cannot be decoded, has another size than the calibration says, or the recording
     /// ends before its announced end. Nothing follows an error.
     fn next_frame(&mut self) -> Result<Option<Frame>, SourceError>;
 
-    /// When the driver says that the last frame was captured, on a clock of its own, microseconds; `None`
-    /// from sources that do not know.
+    /// Time of capture of the last frame by the driver's clock, microseconds; `None` if unknown.
     fn stamp_us(&self) -> Option<i64> {
         None
     }
 
-    /// When the camera says that the last frame was captured, Unix time by its own clock, microseconds; `None` from cameras that do
-    /// not say it.
+    /// Time of capture of the last frame by the camera's clock, Unix time in microseconds; `None`
+    /// if the camera does not report it.
     fn captured_unix_us(&self) -> Option<i64> {
         None
     }
@@ -129,62 +129,65 @@ pub trait FrameSource: Send {
 pub struct SourceInfo {
     /// The ticks of a recording, half-open; `None` for live sources.
     pub ticks: Option<Range<Tick>>,
-    /// Width and height of its pictures; `None` for keypoints and where only the first frame tells.
+    /// Width and height of the pictures; `None` for keypoints and for sources whose size is known
+    /// only from the first frame.
     pub size_px: Option<[u32; 2]>,
-    /// Frames per second, where the recording says so.
+    /// Frames per second, if the recording states a rate.
     pub rate_hz: Option<f64>,
-    /// What else its container says.
+    /// Other metadata of the container.
     pub labels: RecordingLabels,
     /// How the pictures of a video are stored.
     pub format: VideoFormat,
-    /// Frames of a keypoint file that are the one before once more, where these are too many to be of its rate.
+    /// Repeated frames of a keypoint file, if they are too frequent for its rate.
     pub repeats: Option<RepeatedFrames>,
-    /// What a keypoint file holds.
+    /// Summary of a keypoint file.
     pub contents: Option<KeypointContents>,
-    /// Frames of a keypoint file in which everybody is suddenly elsewhere, where these are too many to be in the order of its
-    /// pictures.
+    /// Frames of a keypoint file at which all people jump, if they are too frequent for lines in
+    /// time order.
     pub leaps: Option<LeapingFrames>,
 }
 
-/// Frames that equal the one before to the last digit, all people in them: keypoints of a lower rate, each written until
-/// the next came.
+/// Frames that equal the previous frame in every digit. They appear if keypoints of a lower rate
+/// are repeated until the next detection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RepeatedFrames {
-    /// How many these are.
+    /// Number of repeated frames.
     pub repeated: u64,
-    /// How many frames hold people.
+    /// Number of frames with people.
     pub frames: u64,
 }
 
 impl RepeatedFrames {
-    /// The share of the frames with people that are repeated, 0 to 1: by as much the rate is lower at which people were
-    /// found.
+    /// Share of the frames with people that are repeated, 0 to 1. The rate of the detections is
+    /// lower by this share.
     pub fn repeated_share(self) -> f64 {
         self.repeated as f64 / self.frames.max(1) as f64
     }
 }
 
-/// Frames in which nobody goes on who was in the one before.
+/// Frames in which no person continues the motion of the previous frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LeapingFrames {
-    /// How many these are.
+    /// Number of such frames.
     pub leaps: u64,
-    /// How many frames hold people, as the one before does.
+    /// Number of frames with people whose previous frame also has people.
     pub frames: u64,
 }
 
-/// What the container of a video says of its making; cameras and editing programs write what they like.
+/// Metadata in the container of a video. Cameras and editing programs write them without a common
+/// rule.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RecordingLabels {
-    /// When it was made, as it is written there: mostly `2026-05-01T18:00:00.000000Z`.
+    /// Creation time as written in the file, usually like `2026-05-01T18:00:00.000000Z`.
     pub created: Option<String>,
     /// The SMPTE timecode of its first frame.
     pub timecode: Option<String>,
-    /// When its first frame is shown, seconds from the container's own start.
+    /// Presentation time of the first frame, seconds from the start of the container.
     pub start_s: Option<f64>,
 }
 
-/// Ticks farther from zero have no exact time in seconds; sums of two others do not overflow.
+/// Larger ticks have no exact time in seconds. The sum of two ticks within this limit cannot
+/// overflow.
 const MAX_TICK: i64 = 1 << 53;
 
 /// What the venue expects of one camera's source.
@@ -224,10 +227,10 @@ impl ExpectedSource {
         }
     }
 
-    /// The ticks of a recording of `frames` frames.
+    /// The ticks of a recording with `frames` frames.
     ///
     /// # Errors
-    /// [`SourceError::TooLong`] when they reach beyond [`MAX_TICK`].
+    /// [`SourceError::TooLong`] if they exceed [`MAX_TICK`].
     fn ticks(&self, frames: u64) -> Result<Range<Tick>, SourceError> {
         let end = i64::try_from(frames)
             .ok()
@@ -244,7 +247,7 @@ impl ExpectedSource {
     }
 
     /// # Errors
-    /// [`SourceError::PixelSize`] when pictures of `found_px` do not fit the calibration.
+    /// [`SourceError::PixelSize`] if `found_px` is not the calibration's size.
     fn check_size(&self, found_px: [u32; 2]) -> Result<(), SourceError> {
         if found_px == self.size_px {
             Ok(())
@@ -257,10 +260,10 @@ impl ExpectedSource {
         }
     }
 
-    /// Frames to skip in a recording that has `has` to begin at `from`.
+    /// Number of frames to skip in a recording with the ticks `has`, to begin at `from`.
     ///
     /// # Errors
-    /// [`SourceError::OutsideClip`] when the recording has no such tick.
+    /// [`SourceError::OutsideClip`] if the recording does not have this tick.
     fn skip(&self, has: &Range<Tick>, from: Tick) -> Result<u64, SourceError> {
         if has.contains(&from) {
             Ok((from - has.start).unsigned_abs())
@@ -274,13 +277,13 @@ impl ExpectedSource {
     }
 }
 
-/// Looks at the source of `camera` without decoding pictures: is it there, whole, of the
-/// calibration's size and at the venue's rate? Cost: one pass over the container's packets, the
-/// headers of all images, or all lines of a keypoint file. Live sources are only looked up; their
-/// first frame tells the rest.
+/// Checks the source of `camera` without decoding pictures: it exists, is complete, and has the
+/// calibration's size and the venue's rate. Cost: one pass over the container's packets, the
+/// headers of all images, or all lines of a keypoint file. For a live source only its existence is
+/// checked; the rest is checked at its first frame.
 ///
 /// # Errors
-/// [`SourceError`], naming the file and what is wrong with it.
+/// [`SourceError`], with the file and the problem.
 pub fn probe(camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceError> {
     let expected = ExpectedSource::new(camera, venue);
     match &camera.source {
@@ -304,12 +307,13 @@ pub fn probe(camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceEr
     }
 }
 
-/// Opens the source of `camera`; the first frame of a recording is the one of tick `from`, the
-/// first frame of a live source is given that tick. Recordings are probed again: hours may lie
-/// between. Dropping the source ends its thread and its child process.
+/// Opens the source of `camera`. The first frame of a recording is that of tick `from`; the first
+/// frame of a live source gets that tick. Recordings are probed again, because hours can pass
+/// between the two calls. Dropping the source ends its thread and its child process.
 ///
 /// # Errors
-/// All of [`probe`]'s, and [`SourceError::OutsideClip`] when the recording has no tick `from`.
+/// All errors of [`probe`], and [`SourceError::OutsideClip`] if the recording does not have tick
+/// `from`.
 pub fn open(
     camera: &VenueCamera,
     venue: &Venue,
@@ -343,11 +347,12 @@ pub fn open(
     }
 }
 
-/// Opens a video of which nothing is expected: any size, any rate, also one that varies; turned as its container says. Its
-/// first frame is tick 0. For who looks at pictures and does not ask when they were taken.
+/// Opens a video without expectations: any size and any rate, also a variable one. Rotation
+/// metadata are applied. The first frame is tick 0. For callers that need the pictures but not
+/// their times.
 ///
 /// # Errors
-/// [`SourceError`] where it cannot be read, or was cut.
+/// [`SourceError`] if the video cannot be read or was cut.
 #[cfg(feature = "node")]
 pub fn open_video_alone(
     path: &std::path::Path,

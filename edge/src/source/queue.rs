@@ -1,8 +1,8 @@
-//! The short queue between the thread that decodes and the one that takes frames, so that decoding
-//! the next frames overlaps with inference on this one.
+//! The short queue between the decoding thread and its consumer. Decoding of the next frames
+//! overlaps with inference on the current one.
 //!
-//! It holds [`CAPACITY`] frames. When it is full, decoding of a recording waits, and a live source loses its oldest
-//! frame.
+//! It holds [`CAPACITY`] frames. If it is full, decoding of a recording waits, and a live source
+//! drops its oldest frame.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -12,15 +12,15 @@ use std::time::Duration;
 
 use super::{Frame, SourceError};
 
-/// Frames decoded ahead: one being waited for and one to spare. A frame of 1920 x 1200 is 7 MB.
+/// Frames decoded in advance: one requested and one spare. A frame of 1920 x 1200 is 7 MB.
 const CAPACITY: usize = 2;
 
-/// What happens to a frame for which there is no room.
+/// What happens to a frame if the queue is full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum WhenFull {
-    /// Decoding waits: every frame of a recording counts.
+    /// Decoding waits: a recording keeps every frame.
     Wait,
-    /// The oldest frame is lost: the newest counts.
+    /// The oldest frame is dropped: a live source keeps the newest.
     #[cfg_attr(
         not(feature = "node"),
         expect(dead_code, reason = "only live sources lose frames")
@@ -44,7 +44,7 @@ struct PrefetchShared<T> {
 
 impl<T> PrefetchShared<T> {
     fn lock(&self) -> MutexGuard<'_, PrefetchState<T>> {
-        // A poisoned queue is as good as any: each of its fields is valid on its own.
+        // A poisoned queue is usable: each of its fields is valid on its own.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -58,12 +58,12 @@ impl<T> PrefetchShared<T> {
     }
 }
 
-/// The decoding thread's end. Dropping it, also by a panic of that thread, ends the queue.
+/// The end of the decoding thread. Dropping it ends the queue, also if that thread panics.
 #[derive(Debug)]
 pub(super) struct Sender<T = Frame>(Arc<PrefetchShared<T>>);
 
 impl<T> Sender<T> {
-    /// Hands over a frame or the reason why there is none. `false` when the taker is gone.
+    /// Adds a frame or an error; `false` if the consumer is gone.
     pub(super) fn push(&self, frame: Result<T, SourceError>) -> bool {
         let mut state = self.0.lock();
         while state.frames.len() >= CAPACITY && !state.abandoned {
@@ -88,7 +88,7 @@ impl<T> Drop for Sender<T> {
     }
 }
 
-/// Frames decoded ahead by a thread of their own.
+/// Frames decoded in advance by a thread.
 #[derive(Debug)]
 pub(super) struct Prefetch<T = Frame> {
     shared: Arc<PrefetchShared<T>>,
@@ -96,7 +96,8 @@ pub(super) struct Prefetch<T = Frame> {
 }
 
 impl<T> Prefetch<T> {
-    /// Starts `decode` on its own thread; it ends by itself, or when [`Sender::push`] says `false`.
+    /// Starts `decode` on its own thread. The thread ends on its own, or when [`Sender::push`]
+    /// returns `false`.
     pub(super) fn spawn(
         when_full: WhenFull,
         decode: impl FnOnce(Sender<T>) + Send + 'static,
@@ -123,7 +124,7 @@ impl<T> Prefetch<T> {
         })
     }
 
-    /// Waits for the next frame; `None` when the decoding thread has ended and all was taken.
+    /// Waits for the next frame; `None` when the thread has ended and the queue is empty.
     pub(super) fn pop(&self) -> Option<Result<T, SourceError>> {
         let mut state = self.shared.lock();
         loop {
@@ -138,7 +139,7 @@ impl<T> Prefetch<T> {
         }
     }
 
-    /// Lets the decoding thread stop at its next frame, without waiting for it.
+    /// Stops the decoding thread at its next frame, without waiting for it.
     pub(super) fn abandon(&self) {
         self.shared.lock().abandoned = true;
         self.shared.changed.notify_all();
@@ -147,10 +148,10 @@ impl<T> Prefetch<T> {
 
 #[cfg(feature = "node")]
 impl<T> Prefetch<T> {
-    /// As [`Self::pop`], but waits for `patience` at most.
+    /// Like [`Self::pop`], but waits for at most `patience`.
     ///
     /// # Errors
-    /// [`Silence`] when nothing has come by then.
+    /// [`Silence`] if no frame came in time.
     pub(super) fn pop_within(
         &self,
         patience: Duration,
@@ -168,7 +169,7 @@ impl<T> Prefetch<T> {
     }
 }
 
-/// No frame has come for as long as one was waited for.
+/// No frame came within the waiting time.
 #[cfg(feature = "node")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Silence;

@@ -1,5 +1,5 @@
-//! A camera that speaks RTSP (RFC 2326) over one TCP connection: it streams H.264 (RFC 6184), and its sender reports say when its
-//! pictures were taken.
+//! A camera that speaks RTSP (RFC 2326) over one TCP connection. It streams H.264 (RFC 6184), and
+//! its sender reports give the capture times.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -9,21 +9,21 @@ use farfield_node::clock;
 
 use super::*;
 
-/// When its first picture was taken, Unix time in seconds, and in RTP's units.
+/// Capture time of the first picture, Unix time in seconds, and in RTP units.
 const BEGAN_S: i64 = 1_600_000_000;
 const BEGAN_UNITS: u32 = 123_456;
-/// RTP's units from picture to picture, at 30 Hz.
+/// RTP units between pictures at 30 Hz.
 const PERIOD_UNITS: u32 = 3000;
-/// Pictures of the clip that it repeats: the n-th has the brightness 16 + 3 n.
+/// Pictures of the repeated clip: picture n has the brightness 16 + 3 n.
 const PICTURES: i64 = 60;
-/// RTP's number for what it streams.
+/// RTP payload type of the stream.
 const PAYLOAD: u8 = 96;
-/// It reports once in so many pictures, and not before the first: until then it is not known when they were taken.
+/// Pictures per sender report. Before the first report the capture times are unknown.
 const REPORT_EVERY: u32 = 45;
-/// Between 1900, where NTP's time begins, and 1970, seconds.
+/// From 1900, the start of NTP's time, to 1970, seconds.
 const NTP_TO_UNIX_S: i64 = 2_208_988_800;
 
-/// The units of a stream of H.264 that [`Studio::record`] made, by picture.
+/// The H.264 units of a stream made by [`Studio::record`], by picture.
 fn pictures(stream: &[u8]) -> Vec<Vec<Vec<u8>>> {
     let starts: Vec<usize> = (0..stream.len() - 3)
         .filter(|&at| stream[at..at + 3] == [0, 0, 1])
@@ -31,11 +31,11 @@ fn pictures(stream: &[u8]) -> Vec<Vec<Vec<u8>>> {
     let ends = starts.iter().skip(1).copied().chain([stream.len()]);
     let mut pictures = vec![Vec::new()];
     for (start, end) in starts.iter().zip(ends) {
-        // Zeros before a start belong to it.
+        // Zeros before a start code belong to it.
         let unit = &stream[start + 3..end];
         let length = unit.iter().rposition(|&byte| byte != 0).unwrap() + 1;
         pictures.last_mut().unwrap().push(unit[..length].to_vec());
-        // Each picture is one slice, of type 1, or 5 where decoding can begin.
+        // Each picture is one slice, of type 1, or 5 at a key frame.
         if matches!(unit[0] & 31, 1 | 5) {
             pictures.push(Vec::new());
         }
@@ -44,7 +44,7 @@ fn pictures(stream: &[u8]) -> Vec<Vec<Vec<u8>>> {
     pictures
 }
 
-/// Answers the client until it asks for the pictures.
+/// Answers the client until it sends PLAY.
 fn answer_until_play(stream: &TcpStream) -> std::io::Result<()> {
     let (mut lines, mut to) = (BufReader::new(stream).lines(), stream);
     loop {
@@ -78,7 +78,7 @@ fn answer_until_play(stream: &TcpStream) -> std::io::Result<()> {
     }
 }
 
-/// Streams until the client has gone.
+/// Streams until the client disconnects.
 fn stream(mut to: &TcpStream, pictures: &[Vec<Vec<u8>>]) -> std::io::Result<()> {
     let mut send = |channel: u8, packet: &[u8]| {
         let length = (packet.len() as u16).to_be_bytes();
@@ -124,7 +124,7 @@ fn sender_reports_say_when_the_camera_took_its_pictures() {
     let url = format!("rtsp://{}/1", listener.local_addr().unwrap());
     let camera = std::thread::spawn(move || {
         let (to, _) = listener.accept().unwrap();
-        // It ends when nobody listens any more.
+        // It ends when the client disconnects.
         answer_until_play(&to)
             .and_then(|()| stream(&to, &pictures))
             .ok();

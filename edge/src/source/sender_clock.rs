@@ -1,12 +1,12 @@
-//! When the pictures of an RTSP stream were taken, by the camera's clock: its RTCP sender reports (RFC 3550, section 6.4.1) say which
-//! time a time stamp of the stream stands for.
+//! Capture times of an RTSP stream by the camera's clock. RTCP sender reports (RFC 3550, section
+//! 6.4.1) relate time stamps of the stream to clock time.
 //!
-//! ffmpeg (5.1 or later) keeps what the reports say with each coded picture, and writes it into MP4 alone: as a box `prft` before
-//! each picture (ISO/IEC 14496-12, section 8.16.5). So it copies the coded pictures into a socket of ours, too, where all but these
-//! boxes is skipped.
+//! ffmpeg (5.1 or later) attaches the reports to each coded picture, but writes them only to MP4,
+//! as a box `prft` before each picture (ISO/IEC 14496-12, section 8.16.5). ffmpeg therefore also
+//! copies the coded pictures to a local socket, where only these boxes are read.
 //!
-//! A picture in H.264 or H.265 has ended when the next one begins: ffmpeg gives it what the reports say of that next one. Of other
-//! codings it is not known, and nothing is taken.
+//! In H.264 and H.265 a picture ends when the next one begins, so ffmpeg attaches the report of the
+//! next picture. For other codings this is unknown, and no time is used.
 
 use std::ffi::OsString;
 use std::io::{self, BufReader, Read};
@@ -19,35 +19,38 @@ use std::thread::JoinHandle;
 use farfield_node::clock;
 use tempfile::TempDir;
 
-/// From 1900, where NTP's time begins, to 1970, seconds.
+/// From 1900, the start of NTP's time, to 1970, seconds.
 const NTP_TO_UNIX_S: i64 = 2_208_988_800;
-/// Seconds since 1900 below this are of NTP's second era, which begins in 2036.
+/// Smaller values of seconds belong to NTP's second era, which begins in 2036.
 const FIRST_ERA_FROM_S: u32 = 1 << 31;
-/// Times are written in whole milliseconds, and in units of the stream: so far may two of one report be apart, microseconds.
+/// Largest difference between two offsets of one report, microseconds: times are rounded to
+/// milliseconds and to units of the stream.
 const ROUNDING_US: i64 = 1_100;
-/// So many pictures in a row must agree. Before the first report ffmpeg takes the time at which it writes a picture, which wavers.
+/// Consecutive pictures that must agree. Before the first report ffmpeg uses the varying time at
+/// which it writes a picture.
 const STEADY: u32 = 30;
-/// What was written so short a while ago is no report of the camera, microseconds: ffmpeg writes a picture when the next one comes.
+/// A time this recent is no report of the camera, microseconds: ffmpeg writes a picture when the
+/// next one arrives.
 const JUST_WRITTEN_US: i64 = 4_000;
-/// MP4's names of H.264 and H.265.
+/// MP4's codes for H.264 and H.265.
 const ENDED_BY_NEXT: [[u8; 4]; 4] = [*b"avc1", *b"avc3", *b"hev1", *b"hvc1"];
-/// What stands for "not known".
+/// Marks an unknown offset.
 const UNKNOWN: i64 = i64::MIN;
 
-/// The clock of a camera that streams.
+/// The clock of a streaming camera.
 pub(super) struct SenderClock {
     offset_us: Arc<AtomicI64>,
-    // Its folder ends with it.
+    // The folder is removed with it.
     _folder: TempDir,
     socket: PathBuf,
     thread: Option<JoinHandle<()>>,
 }
 
 impl SenderClock {
-    /// Opens the socket, and reads what comes.
+    /// Opens the socket and reads it on a thread.
     ///
     /// # Errors
-    /// When the system has no room for it.
+    /// If the system cannot create the socket or the thread.
     pub(super) fn open() -> io::Result<Self> {
         let folder = tempfile::Builder::new().prefix("farfield-").tempdir()?;
         let socket = folder.path().join("pictures");
@@ -65,7 +68,7 @@ impl SenderClock {
                     heard.store(offset_us, Ordering::Relaxed);
                 }
             });
-            // It ends with ffmpeg. What cannot be read is no reason for ffmpeg to stop.
+            // It ends with ffmpeg. Unreadable data must not stop ffmpeg.
             if ended.is_err_and(|error| error.kind() != io::ErrorKind::UnexpectedEof) {
                 heard.store(UNKNOWN, Ordering::Relaxed);
                 drop(io::copy(&mut pictures, &mut io::sink()));
@@ -80,8 +83,8 @@ impl SenderClock {
         })
     }
 
-    /// Arguments for ffmpeg's second output, whose time stamps are those of the first. MP4 does not take every coding: by `tee`, ffmpeg
-    /// goes on without it.
+    /// Arguments for ffmpeg's second output, with the time stamps of the first. MP4 does not accept
+    /// every coding; with `tee`, ffmpeg then continues without this output.
     pub(super) fn output(&self) -> Vec<OsString> {
         let words = "-map 0:v:0 -c:v copy -f tee".split(' ');
         let mut outputs = OsString::from(
@@ -92,7 +95,8 @@ impl SenderClock {
         words.map(OsString::from).chain([outputs]).collect()
     }
 
-    /// Unix time by the camera's clock less the stream's time stamp, microseconds; `None` while no report says it.
+    /// Unix time by the camera's clock minus the stream's time stamp, microseconds; `None` before a
+    /// report.
     pub(super) fn offset_us(&self) -> Option<i64> {
         Some(self.offset_us.load(Ordering::Relaxed)).filter(|us| *us != UNKNOWN)
     }
@@ -100,7 +104,7 @@ impl SenderClock {
 
 impl Drop for SenderClock {
     fn drop(&mut self) {
-        // Where ffmpeg has never come, the thread waits for it.
+        // If ffmpeg never connected, the thread still waits for a connection.
         drop(UnixStream::connect(&self.socket));
         if let Some(thread) = self.thread.take() {
             thread.join().ok();
@@ -108,16 +112,16 @@ impl Drop for SenderClock {
     }
 }
 
-/// What a box says of its picture.
+/// The content of a `prft` box.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct PictureTime {
     /// Unix time, microseconds.
     unix_us: i64,
-    /// By the stream's clock, microseconds.
+    /// Time by the stream's clock, microseconds.
     stamp_us: i64,
 }
 
-/// The difference of the two times, once it is steady.
+/// The difference of the two times once it is steady.
 #[derive(Debug, Default)]
 struct SteadyOffset {
     first_us: i64,
@@ -125,7 +129,8 @@ struct SteadyOffset {
 }
 
 impl SteadyOffset {
-    /// Takes what a report says of a picture; `None`: no report says anything.
+    /// Adds the time of a picture and returns the offset; `None` means that the picture has no
+    /// report.
     fn hear(&mut self, time: Option<PictureTime>) -> Option<i64> {
         let Some(time) = time else {
             self.agree = 0;
@@ -141,7 +146,8 @@ impl SteadyOffset {
     }
 }
 
-/// Reads the boxes of an MP4 stream to its end; `now_us`: Unix time, by which it is seen what is no report.
+/// Reads the boxes of an MP4 stream to its end. `now_us` is the Unix time, used to recognise times
+/// that are no reports.
 fn read_times(
     mut stream: impl Read,
     now_us: impl Fn() -> i64,
@@ -159,7 +165,7 @@ fn read_times(
         let body = body.ok_or(io::ErrorKind::InvalidData)?;
         let mut inside = stream.by_ref().take(body);
         match &kind {
-            // What is in them is read as if it stood outside.
+            // The content of these boxes is read as if it were outside.
             b"moov" | b"trak" | b"mdia" | b"minf" | b"stbl" => continue,
             b"mdhd" => units_per_s = Some(units_of(&mut inside)?).filter(|units| *units > 0),
             b"stsd" => is_ended_by_next = ENDED_BY_NEXT.contains(&coding_of(&mut inside)?),
@@ -180,14 +186,14 @@ fn read_times(
     }
 }
 
-/// What a box `stsd` says: how the pictures are coded.
+/// The coding of the pictures, from a box `stsd`.
 fn coding_of(inside: &mut impl Read) -> io::Result<[u8; 4]> {
-    // Version, flags, number of entries, size of the first.
+    // Version, flags, number of entries, size of the first entry.
     take::<12>(inside)?;
     take(inside)
 }
 
-/// What a box `mdhd` says: units of the stream's time per second.
+/// Units of the stream's time per second, from a box `mdhd`.
 fn units_of(inside: &mut impl Read) -> io::Result<u32> {
     let [version, ..]: [u8; 4] = take(inside)?;
     if version == 0 {
@@ -198,7 +204,7 @@ fn units_of(inside: &mut impl Read) -> io::Result<u32> {
     take(inside).map(u32::from_be_bytes)
 }
 
-/// What a box `prft` says.
+/// The time in a box `prft`.
 fn time_of(inside: &mut impl Read, units_per_s: Option<u32>) -> io::Result<Option<PictureTime>> {
     let [version, ..]: [u8; 4] = take(inside)?;
     let _track: [u8; 4] = take(inside)?;
@@ -240,7 +246,8 @@ mod tests {
         [&size[..], &kind, body].concat()
     }
 
-    /// What is heard of two pictures, 0.5 s and 0.6 s after the first, that say 7.5 s and 7.75 s.
+    /// The offsets for two pictures, 0.5 s and 0.6 s after the first, with the reports 7.5 s and
+    /// 7.75 s.
     fn heard(coding: [u8; 4], now_us: i64) -> Vec<[i64; 2]> {
         let mdhd = [&[0; 12][..], &90_000_u32.to_be_bytes(), &[0; 4]].concat();
         let stsd = [&[0; 12][..], &coding, &[0; 40]].concat();

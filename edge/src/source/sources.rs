@@ -1,5 +1,5 @@
-//! How a program opens the sources of a venue. The edge knows nothing of simulated people; the command that contains it
-//! may hand in an opener that does.
+//! Opening of the sources of a venue. The edge does not know simulated sources; a program that
+//! contains it can pass an opener that does.
 
 use std::fmt::Debug;
 
@@ -8,19 +8,19 @@ use farfield_proto::venue::{Venue, VenueCamera};
 
 use super::{FrameSource, SourceError, SourceInfo, open, probe};
 
-/// Opens the sources of a venue's cameras, whatever their kinds.
+/// Opens the sources of a venue's cameras.
 pub trait Sources: Debug + Send + Sync {
-    /// As [`probe`].
+    /// See [`probe`].
     ///
     /// # Errors
-    /// [`SourceError`], naming the file and what is wrong with it.
+    /// [`SourceError`], with the file and the problem.
     fn probe(&self, camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceError>;
 
-    /// As [`open`].
+    /// See [`open`].
     ///
     /// # Errors
-    /// All of [`Self::probe`]'s, and [`SourceError::OutsideClip`] when the recording has no tick
-    /// `from`.
+    /// All errors of [`Self::probe`], and [`SourceError::OutsideClip`] if the recording does not
+    /// have tick `from`.
     fn open(
         &self,
         camera: &VenueCamera,
@@ -29,8 +29,7 @@ pub trait Sources: Debug + Send + Sync {
     ) -> Result<Box<dyn FrameSource>, SourceError>;
 }
 
-/// Recordings, live cameras and keypoint files: all that an edge knows by itself. Simulated sources
-/// are refused by name.
+/// Recordings, live cameras and keypoint files. Simulated sources are refused.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RecordedSources;
 

@@ -1,4 +1,4 @@
-//! Which ticks a run covers, from what its sources have and what was asked for.
+//! The ticks of a run, from its sources and the requested range.
 
 use std::ops::Range;
 
@@ -6,13 +6,13 @@ use farfield_proto::tick::Tick;
 
 use super::{SourceError, SourceInfo};
 
-/// The ticks to run over: `asked`, which must lie inside every recording; else what the recordings
-/// have, which must be the same for all. Live sources (no `ticks`) take part in any range.
+/// The ticks of the run. `asked` must lie inside every recording. Without `asked`, all recordings
+/// must have the same ticks. Live sources (without `ticks`) fit any range.
 ///
 /// # Errors
-/// [`SourceError::NoTicks`] for an empty `asked`, [`SourceError::OutsideClip`] naming the recording
-/// that does not hold it, [`SourceError::Lengths`] when nothing was asked and the recordings differ,
-/// [`SourceError::Endless`] when nothing was asked and every source is live.
+/// [`SourceError::NoTicks`] if `asked` is empty, [`SourceError::OutsideClip`] if a recording does
+/// not contain it, [`SourceError::Lengths`] without `asked` if the recordings differ,
+/// [`SourceError::Endless`] without `asked` if all sources are live.
 pub fn common_ticks(
     infos: &[(String, SourceInfo)],
     asked: Option<Range<Tick>>,

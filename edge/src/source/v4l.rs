@@ -1,7 +1,7 @@
-//! Cameras of the Linux kernel's `Video4Linux`, without a child process in between.
+//! Cameras of the Linux kernel (`Video4Linux`), without a child process.
 //!
-//! The camera is set to the calibration's size and the venue's rate, or refused with what it offers. Frames are numbered
-//! by the driver's own count, so frames that the driver lost leave a hole in the ticks.
+//! The camera is set to the calibration's size and the venue's rate, or refused with a list of what
+//! it offers. Frames are numbered by the driver's count, so lost frames leave gaps in the ticks.
 
 mod controls;
 mod formats;
@@ -31,7 +31,7 @@ use formats::{FORMATS, PictureDecoder, PixelFormat};
 /// Buffers that the driver fills in turn.
 const BUFFERS: u32 = 4;
 
-/// A camera that is silent for longer is gone; also the longest that closing waits.
+/// A camera that is silent for longer is gone. Closing waits at most this long.
 const SILENCE: Duration = Duration::from_secs(2);
 
 /// Largest relative difference between the camera's rate and the venue's.
@@ -72,7 +72,7 @@ pub(super) fn open(
     })
 }
 
-/// Frames of a kernel device; those not taken in time are dropped, the newest counts.
+/// Frames of a kernel device; only the newest ones are kept.
 pub(super) struct V4lSource {
     prefetch: Prefetch<Stamped>,
     expected: ExpectedSource,
@@ -80,7 +80,7 @@ pub(super) struct V4lSource {
     stamp_us: Option<i64>,
 }
 
-/// A frame with the driver's time of its capture, microseconds.
+/// A frame and its capture time by the driver's clock, microseconds.
 type Stamped = (Frame, i64);
 
 impl FrameSource for V4lSource {
@@ -109,27 +109,27 @@ fn unreadable(expected: &ExpectedSource, problem: String) -> SourceError {
     }
 }
 
-/// A camera that is set as the venue wants it.
+/// A camera with the venue's settings.
 struct ConfiguredDevice {
     device: Device,
     decoder: PictureDecoder,
-    /// `None` where the driver knows no rate.
+    /// `None` if the driver reports no rate.
     rate_hz: Option<f64>,
 }
 
-/// Opens the device in the first format that has the size and the rate.
+/// Opens the device in the first format with the size and the rate.
 fn configure(
     path: &Path,
     settings: &DeviceSettings,
     expected: &ExpectedSource,
 ) -> Result<ConfiguredDevice, SourceError> {
-    // The library ends the program over a path that no file can have.
+    // The library panics on a path that cannot exist.
     let opened = std::fs::metadata(path).and_then(|_| Device::with_path(path));
     let device = opened.map_err(|problem| SourceError::NotThere {
         at: expected.at.clone(),
         problem: problem.to_string(),
     })?;
-    // The library ends the program where a driver says what it does not know.
+    // The library panics on values from the driver that it does not know.
     let configured = guarded(|| set_format(&device, settings.format.as_deref(), expected));
     let controlled = configured.and_then(|(decoder, rate_hz)| {
         guarded(|| controls::set(&device, &settings.controls))?;
@@ -164,7 +164,7 @@ fn set_format(
     ))
 }
 
-/// The formats to try: all, or the one of that name.
+/// The formats to try: all, or the one with the wanted name.
 fn formats_named(wanted: Option<&str>) -> Result<&'static [PixelFormat], String> {
     let Some(wanted) = wanted else {
         return Ok(&FORMATS);
@@ -179,7 +179,7 @@ fn formats_named(wanted: Option<&str>) -> Result<&'static [PixelFormat], String>
     })
 }
 
-/// `None` where the camera has not this format, size or rate.
+/// `None` if the camera lacks this format, size or rate.
 fn try_format(
     device: &Device,
     pixels: &PixelFormat,
@@ -201,9 +201,9 @@ fn try_format(
     Ok(Some((PictureDecoder::new(pixels, &format), rate_hz)))
 }
 
-/// Asks for a rate and says what became of it; `None` from a driver that has no rate to set.
+/// Requests a rate and returns the rate that the driver chose; `None` if the driver has no rate.
 fn set_rate(device: &Device, rate_hz: f64) -> Option<f64> {
-    /// Rates are fractions of whole numbers; this keeps 59.94 apart from 60.
+    /// Rates are fractions of integers; this distinguishes 59.94 from 60.
     const PARTS: f64 = 1000.0;
     let interval = Fraction::new(PARTS as u32, (rate_hz * PARTS).round() as u32);
     let set = device.set_params(&Parameters::new(interval)).ok()?;
@@ -229,7 +229,7 @@ fn capture(
                 last_sequence = Some(sequence);
                 let bytes = &bytes[..(about.bytesused as usize).min(bytes.len())];
                 let is_whole = !about.flags.contains(Flags::ERROR);
-                // Webcams send a broken JPEG now and then; the next one is whole.
+                // Webcams sometimes send a broken JPEG; the next one is complete.
                 let Some(picture) = is_whole.then(|| decoder.decode(bytes)).flatten() else {
                     continue;
                 };

@@ -1,8 +1,8 @@
 //! Video files, RTSP streams and webcams, decoded by an `ffmpeg` child process (5.1 or later).
 //!
-//! The n-th decoded frame of a recording is the n-th tick: no frame is repeated or left out to keep a
-//! rate, so a recording of another rate than the venue's, or of a variable one, is refused. Where the venue goes
-//! by timecode, the first frame's says which tick it is.
+//! Frame n of a recording is tick n. Frames are never repeated or dropped to match a rate, so a
+//! recording of another or a variable rate is refused. If the venue uses timecodes, the timecode of
+//! the first frame gives its tick.
 
 mod frame_spacing;
 
@@ -29,20 +29,20 @@ use super::{
 use crate::live::timecode::Timecode;
 use crate::picture::ColourMatrix;
 
-/// Largest relative difference between a recording's rate and the venue's: 59.94 is as good as 60.
+/// Largest relative difference between the rates of a recording and the venue: 59.94 passes as 60.
 const RATE_TOLERANCE: f64 = 0.005;
 
-/// Of the last frames of a file that was cut some may be missing between others: they are not stored in the order in which they are
-/// shown.
+/// Frames that may be missing near the end of a cut file: frames are not stored in presentation
+/// order.
 const REORDERED: usize = 32;
 
-/// A live source that gives no picture for so long hangs, and is closed: it is opened again then.
+/// A live source without a picture for this time is closed and opened again.
 const SILENCE: Duration = Duration::from_secs(2);
-/// The same for its first picture, which has connections and key frames to wait for.
+/// The same for its first picture, which waits for connections and key frames.
 const FIRST_SILENCE: Duration = Duration::from_secs(10);
 
-/// A recording most of whose frames are as far apart as the venue's, to this share (containers round times to milliseconds), has its
-/// rate, and has lost frames where the mean is another.
+/// If most intervals match the venue's period to this share (containers round times to
+/// milliseconds), the recording has the venue's rate. A different mean rate then means lost frames.
 const SAME_PERIOD: f64 = 0.1;
 
 pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
@@ -60,7 +60,7 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
     })
 }
 
-/// With the first tick that the recording's timecode says, where the venue goes by it.
+/// The expected source with the first tick from the recording's timecode, if the venue uses it.
 fn by_timecode<'a>(
     stream: &VideoStream,
     expected: &'a ExpectedSource,
@@ -81,7 +81,8 @@ fn by_timecode<'a>(
     Ok(Cow::Owned(expected))
 }
 
-/// Whether there is a file with something in it: what ffprobe says of others needs a reader who knows containers.
+/// Checks that the file exists and is not empty, because ffprobe's messages for these cases are
+/// hard to read.
 fn check_file(path: &Path, at: &SourceOrigin) -> Result<(), SourceError> {
     let found = std::fs::File::open(path).and_then(|file| file.metadata());
     let at = at.clone();
@@ -98,7 +99,7 @@ fn check_file(path: &Path, at: &SourceOrigin) -> Result<(), SourceError> {
     }
 }
 
-/// Whether the recording is whole.
+/// Checks that the recording is complete.
 fn check_whole(stream: &VideoStream, at: &SourceOrigin) -> Result<(), SourceError> {
     let at = || at.clone();
     if let Some(announced) = stream
@@ -121,14 +122,15 @@ fn check_whole(stream: &VideoStream, at: &SourceOrigin) -> Result<(), SourceErro
     Ok(())
 }
 
-/// Whether frames are missing before the end of a recording: its duration does not say how many there are then.
+/// Whether frames are missing inside a recording. Its duration then does not give the number of
+/// frames.
 fn loses_frames(stream: &VideoStream) -> bool {
     let n_sure = stream.times_s.len().saturating_sub(REORDERED);
     let period_s = stream.rate_hz.map(f64::recip);
     period_s.is_some_and(|period_s| odd_gap(&stream.times_s[..n_sure], period_s).is_some())
 }
 
-/// Whether the recording is whole and fits the calibration and the venue.
+/// Checks that the recording is complete and fits the calibration and the venue.
 fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceError> {
     let at = || expected.at.clone();
     check_whole(stream, &expected.at)?;
@@ -149,7 +151,8 @@ fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceEr
                 expected_hz: expected.rate_hz,
             });
         }
-        // Without the frames that it has lost it would have the venue's rate, and another rate would mend nothing.
+        // Without the lost frames it would have the venue's rate, and converting the rate would not
+        // help.
         let usual_s = usual_gap_s(&stream.times_s);
         let usual_s = usual_s.filter(|usual_s| (usual_s / period_s - 1.0).abs() < SAME_PERIOD);
         let gap = usual_s.and_then(|_| odd_gap(&stream.times_s, period_s));
@@ -181,7 +184,7 @@ fn check(stream: &VideoStream, expected: &ExpectedSource) -> Result<(), SourceEr
     }
 }
 
-/// A live source has nothing to probe but the device that its name may point to.
+/// For a live source only the existence of a device file can be checked.
 pub(super) fn probe_live(url: &str, expected: &ExpectedSource) -> Result<SourceInfo, SourceError> {
     if url.starts_with("/dev/")
         && let Err(problem) = std::fs::metadata(url)
@@ -203,7 +206,8 @@ pub(super) fn open(
     open_ticks(path, expected, from, &info)
 }
 
-/// A video by itself, of whatever size, rate and timecode: its first frame is tick 0. Its rate is the mean of its frames' times.
+/// A single video of any size, rate and timecode. Its first frame is tick 0, its rate the mean of
+/// its frame times.
 pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), SourceError> {
     let name = path.file_stem().unwrap_or_default();
     let at = SourceOrigin {
@@ -212,13 +216,13 @@ pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), Sourc
     };
     check_file(path, &at)?;
     let mut stream = ffprobe::read_stream(path, &at)?;
-    // At a variable rate a duration does not say how many frames there are.
+    // At a variable rate the duration does not give the number of frames.
     stream.announced = stream.announced.filter(|_| stream.is_counted);
     check_whole(&stream, &at)?;
     let expected = ExpectedSource {
         at,
         size_px: stream.size_px,
-        // Nobody asks when its frames were taken.
+        // The caller does not use the times of the frames.
         rate_hz: 1.0,
         first_tick: Tick(0),
         tick_from: TickFrom::Clock,
@@ -237,7 +241,7 @@ pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), Sourc
     Ok((info, source))
 }
 
-/// The frames from tick `from` on of a recording of which `info` is known.
+/// The frames of a probed recording, from tick `from`.
 fn open_ticks(
     path: &Path,
     expected: ExpectedSource,
@@ -254,7 +258,8 @@ fn open_ticks(
     Ok(source)
 }
 
-/// Opens a live source; `asks_camera`: its camera is asked when it takes its pictures, where its protocol can say it.
+/// Opens a live source. With `asks_camera`, the capture times of the camera are read if the
+/// protocol has them.
 pub(super) fn open_live(
     (url, options): (&str, &BTreeMap<String, String>),
     asks_camera: bool,
@@ -277,18 +282,18 @@ pub(super) fn open_live(
     VideoSource::new(decoded, expected, from, WhenFull::DropOldest)
 }
 
-/// A frame with the stream's time of it, microseconds, of a live source that has one.
+/// A frame of a live source and its time by the stream's clock, microseconds.
 type Stamped = (Frame, Option<i64>);
 
-/// Frames that a child process decodes, while those before them are worked on.
+/// Frames decoded by a child process in advance.
 pub(super) struct VideoSource {
     prefetch: Prefetch<Stamped>,
     ffmpeg: Ffmpeg,
     at: SourceOrigin,
     stamp_us: Option<i64>,
-    /// Frames taken, and those skipped before them.
+    /// Frames read, including the skipped ones.
     read: u64,
-    /// Frames of a recording; `None` for live sources.
+    /// Expected frames of a recording; `None` for live sources.
     expected: Option<u64>,
     done: bool,
 }
@@ -410,7 +415,7 @@ impl FrameSource for VideoSource {
 
 impl Drop for VideoSource {
     fn drop(&mut self) {
-        // First let go of the thread, then of the pipe that it reads from; it is joined after that.
+        // The thread is released first, then its pipe is closed, then it is joined.
         self.prefetch.abandon();
         self.ffmpeg.stop();
     }

@@ -1,28 +1,29 @@
-//! How the pictures of a video are stored: fields, brightness, the shape of pixels, which way up. What reading changes, and what the
-//! operator has to know of it.
+//! Storage format of a video's pictures: fields, dynamic range, pixel shape and rotation. It
+//! determines the filters for reading and the remarks for the operator.
 
 use farfield_proto::finding::{Advice, Severity};
 
 use crate::picture::ColourMatrix;
 
-/// Pixels that are wider or narrower than this share are not square; containers round.
+/// Pixels whose aspect differs from 1 by more than this are not square; containers round.
 const SQUARE: f64 = 0.01;
-/// How far a turn may be from whole quarters, degrees.
+/// Tolerance for rotations by whole quarters, degrees.
 const QUARTER_OFF_DEG: f64 = 1.0;
-/// White paper of HDR pictures, candela a square metre: ITU-R BT.2408, 2.1. It becomes white.
+/// Paper white of HDR pictures, candela per square metre (ITU-R BT.2408, 2.1). It becomes white.
 const WHITE_NITS: u32 = 203;
 
-/// Which field of an interlaced picture was taken first.
+/// The field of an interlaced picture that was captured first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FieldOrder {
-    /// That of the first, third and every other odd line.
+    /// Lines 1, 3, 5 and so on.
     TopFirst,
-    /// That of the even lines.
+    /// Lines 2, 4, 6 and so on.
     BottomFirst,
 }
 
 impl FieldOrder {
-    /// What `ffprobe` calls it, by which field is shown first; `None` of whole pictures, and where it is not known.
+    /// Parses ffprobe's name by the field that is shown first; `None` for progressive pictures and
+    /// if unknown.
     pub fn parse(text: &str) -> Option<Self> {
         match text {
             "tt" | "bt" => Some(Self::TopFirst),
@@ -32,17 +33,17 @@ impl FieldOrder {
     }
 }
 
-/// How high dynamic range is coded. Read as if it were not there, pictures are pale.
+/// Transfer function of high dynamic range. Without conversion such pictures are pale.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HdrTransfer {
-    /// Hybrid log-gamma, as phones and broadcasters have it.
+    /// Hybrid log-gamma, used by phones and broadcasters.
     Hlg,
     /// Perceptual quantiser: HDR10, Dolby Vision.
     Pq,
 }
 
 impl HdrTransfer {
-    /// What ffmpeg calls it.
+    /// ffmpeg's name.
     fn name(self) -> &'static str {
         match self {
             Self::Hlg => "arib-std-b67",
@@ -50,14 +51,14 @@ impl HdrTransfer {
         }
     }
 
-    /// What ffmpeg calls so; `None` of all others.
+    /// Parses ffmpeg's name; `None` for other transfer functions.
     pub fn parse(text: &str) -> Option<Self> {
         [Self::Hlg, Self::Pq]
             .into_iter()
             .find(|it| it.name() == text)
     }
 
-    /// The filters that make pictures of usual brightness of it.
+    /// The filters that convert it to standard dynamic range.
     fn tone_map(self) -> String {
         format!(
             "zscale=tin={}:pin=bt2020:min=bt2020nc:t=linear:npl={WHITE_NITS},format=gbrpf32le,zscale=p=bt709,\
@@ -67,27 +68,28 @@ impl HdrTransfer {
     }
 }
 
-/// How the pictures of a video are stored. The default is what needs no word: whole, of usual brightness, with square pixels.
+/// Storage format of a video's pictures. The default needs no remark: progressive, standard dynamic
+/// range, square pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct VideoFormat {
-    /// Of interlaced pictures.
+    /// For interlaced pictures.
     pub field_order: Option<FieldOrder>,
-    /// Of pictures of high dynamic range.
+    /// For pictures of high dynamic range.
     pub hdr: Option<HdrTransfer>,
-    /// Whether ffmpeg has what converts high dynamic range.
+    /// Whether ffmpeg has the filter to convert high dynamic range.
     pub can_tone_map: bool,
-    /// Width to height of a pixel, where it is not square.
+    /// Width to height of a pixel, if not square.
     pub pixel_aspect: Option<[u32; 2]>,
-    /// By how much pictures are turned when they are decoded, degrees.
+    /// Rotation applied in decoding, degrees.
     pub rotation_deg: f64,
-    /// Whether they are of red, green, blue.
+    /// Whether the pictures are RGB.
     pub is_rgb: bool,
-    /// How the colours of others are mixed.
+    /// The colour matrix of other pictures.
     pub matrix: ColourMatrix,
 }
 
 impl VideoFormat {
-    /// Width to height of a pixel as `ffprobe` writes it, `4:3`; `None` of square ones, and where it is not known.
+    /// Parses ffprobe's pixel aspect, such as `4:3`; `None` for square pixels and if unknown.
     pub fn parse_aspect(text: &str) -> Option<[u32; 2]> {
         let (width, height) = text.split_once(':')?;
         let aspect: [u32; 2] = [width.parse().ok()?, height.parse().ok()?];
@@ -95,13 +97,13 @@ impl VideoFormat {
         (ratio.is_finite() && ratio > 0.0 && (ratio - 1.0).abs() > SQUARE).then_some(aspect)
     }
 
-    /// Whether pictures are of red, green, blue whose layout ffmpeg calls so.
+    /// Whether ffmpeg's pixel format `pixels` is RGB.
     pub fn parse_rgb(pixels: &str) -> bool {
         let names = ["rgb", "bgr", "gbr", "pal8", "bayer"];
         names.iter().any(|name| pixels.contains(name))
     }
 
-    /// How the colours of pictures are mixed after [`Self::filters`].
+    /// The colour matrix after [`Self::filters`].
     pub fn matrix_read(&self) -> ColourMatrix {
         match self.tone_map() {
             Some(_) => ColourMatrix::Bt709,
@@ -115,7 +117,7 @@ impl VideoFormat {
             .map(HdrTransfer::tone_map)
     }
 
-    /// What is remarkable about pictures that are stored at `rate_hz`.
+    /// Remarks for the operator on pictures stored at `rate_hz`.
     pub fn remarks(&self, rate_hz: Option<f64>) -> Vec<Advice> {
         let each = [
             self.fields_remark(rate_hz),
@@ -192,7 +194,7 @@ impl VideoFormat {
         })
     }
 
-    /// After a quarter turn the size tells; after half a turn nothing does.
+    /// A quarter turn shows in the size; half a turn shows nowhere.
     fn turn_remark(&self) -> Option<Advice> {
         let turned_deg = self.rotation_deg.rem_euclid(360.0);
         let off_deg = (turned_deg / 90.0 - (turned_deg / 90.0).round()).abs() * 90.0;
@@ -213,9 +215,10 @@ impl VideoFormat {
         })
     }
 
-    /// The filters before frames are counted, and those after: whole pictures need their neighbours, all else only itself.
+    /// The filters before and after frames are counted. Deinterlacing needs the neighbouring
+    /// frames; the other filters need one frame.
     pub fn filters(&self) -> [Option<String>; 2] {
-        // Half a turn, which comes first, puts odd lines where even ones were.
+        // Half a turn is applied first and exchanges odd and even lines.
         let is_upside_down = (self.rotation_deg.rem_euclid(360.0) - 180.0).abs() < QUARTER_OFF_DEG;
         let whole = self.field_order.map(|first| {
             let is_top = (first == FieldOrder::TopFirst) != is_upside_down;
@@ -226,7 +229,7 @@ impl VideoFormat {
     }
 }
 
-/// A rate in at most three decimals.
+/// A rate with at most three decimals.
 fn rounded(rate_hz: f64) -> f64 {
     (rate_hz * 1000.0).round() / 1000.0
 }

@@ -1,4 +1,4 @@
-//! Small recordings made on the spot: whole, cut, turned, of other sizes and rates.
+//! Short recordings made by each test: complete, cut, rotated, and with other sizes and rates.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -24,7 +24,7 @@ fn expected() -> ExpectedSource {
     }
 }
 
-/// Where recordings are made; `None`, and a line on standard output, where there is no ffmpeg.
+/// Where recordings are made; `None`, with a line on standard output, if ffmpeg is not installed.
 fn studio() -> Option<Studio> {
     if ffmpeg_sidecar::command::ffmpeg_is_installed() {
         return Some(Studio(tempfile::tempdir().unwrap()));
@@ -36,7 +36,7 @@ fn studio() -> Option<Studio> {
 struct Studio(tempfile::TempDir);
 
 impl Studio {
-    /// Runs ffmpeg with `args`, writing to `name`.
+    /// Runs ffmpeg with `args` and writes to `name`.
     fn record(&self, args: &str, name: &str) -> PathBuf {
         let path = self.0.path().join(name);
         let done = Command::new("ffmpeg")
@@ -50,7 +50,7 @@ impl Studio {
         path
     }
 
-    /// A lossless recording of [`FRAMES`] frames at 30 Hz whose index comes first.
+    /// A lossless recording of [`FRAMES`] frames at 30 Hz with its index at the start.
     fn clip(&self) -> PathBuf {
         self.record(
             "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 24 -c:v png -movflags +faststart",
@@ -69,7 +69,7 @@ impl Studio {
         cut
     }
 
-    /// What the generator drew, frame by frame.
+    /// The pictures of the generator, frame by frame.
     fn truth(&self) -> Vec<RgbImage> {
         self.record(
             "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 24 -pix_fmt rgb24",
@@ -248,12 +248,12 @@ fn a_phone_video_has_the_size_it_is_decoded_to() {
     );
 }
 
-/// A bar that moves by a pixel a field: in the two fields of a picture it is at two places.
+/// A bar that moves by one pixel per field, so the two fields of a picture show it at two places.
 const INTERLACED: &str = "-f lavfi -i color=black:size=96x64:rate=60 \
                           -vf geq=lum=16+219*between(X\\,N\\,N+12):cb=128:cr=128,tinterlace=interleave_top,setfield=tff \
                           -frames:v 24 -c:v mpeg2video -q:v 1 -flags +ilme+ildct -top 1";
 
-/// By how much neighbouring lines differ, on average: what moves differs where pictures are interlaced.
+/// Mean difference of neighbouring lines: moving content differs in interlaced pictures.
 fn combs(image: &RgbImage) -> f64 {
     let rows = 0..image.height() - 1;
     let each = rows.flat_map(|y| (0..image.width()).map(move |x| (x, y)));
@@ -276,7 +276,7 @@ fn interlaced_pictures_are_read_whole_one_for_each_and_the_same_from_the_middle(
     let stored = image::open(stored.with_file_name("5.png")).unwrap();
     let (before, after) = (combs(&stored.into_rgb8()), combs(&whole[4].1));
     assert!(before > 5.0 && after < 0.2, "{before} {after}");
-    // The bar of picture 4 as its first field shows it, which is the eighth.
+    // The bar of picture 4 in its first field, which is field 8.
     let row = |x: u32| whole[4].1.get_pixel(x, 30).0[1];
     assert!(row(7) < 64 && row(8) > 192, "{} {}", row(7), row(8));
     let fields = ExpectedSource {
@@ -306,7 +306,7 @@ fn high_dynamic_range_is_tone_mapped_and_less_pale() {
     assert_eq!(info.format.hdr, Some(HdrTransfer::Hlg));
     let read = images(open(&clip, expected(), Tick(100)).unwrap());
     let [r, g, b] = read[1].1.get_pixel(48, 32).0;
-    // Read as it is stored it is 190.
+    // Without tone mapping it is 190.
     assert!(read.len() == 3 && r.min(g).min(b) > 205, "{r} {g} {b}");
 }
 
@@ -345,7 +345,7 @@ fn pictures_of_both_ranges_are_read_alike() {
 #[test]
 fn colours_are_those_that_ffmpeg_shows_whatever_mixes_them() {
     let Some(studio) = studio() else { return };
-    // Soft colours: ffmpeg does not interpolate them.
+    // Soft colours, because ffmpeg does not interpolate chroma.
     let drawn = "-f lavfi -i gradients=s=96x64:r=30:c0=orange:c1=navy:x0=0:y0=0:x1=95:y1=63:nb_colors=2:seed=1 -frames:v 1";
     for (pixels, matrix) in [
         ("yuv420p", "bt709"),
@@ -395,7 +395,7 @@ fn another_rate_is_refused_with_both_rates() {
 #[test]
 fn a_variable_rate_is_refused_with_the_frame() {
     let Some(studio) = studio() else { return };
-    // Frame 5 is left out and the last ones come faster, so that the mean rate is kept.
+    // Frame 5 is missing, and the last frames come faster, so that the mean rate is kept.
     let clip = studio.record(
         "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 20 \
          -vf setpts=(N+gt(N\\,4)-0.3*gte(N\\,18)-0.7*gte(N\\,19))/30/TB -fps_mode passthrough",
@@ -406,7 +406,7 @@ fn a_variable_rate_is_refused_with_the_frame() {
         said.contains("variable frame rate") && said.contains("between frames 4 and 5"),
         "{said}"
     );
-    // Who asks only for pictures has them all.
+    // A caller that needs only pictures gets all of them.
     let (info, source) = open_alone(&clip).unwrap();
     assert_eq!(info.size_px, Some(SIZE_PX));
     let alone = images(source);
@@ -423,12 +423,12 @@ fn lost_frames_are_told_neither_as_another_rate_nor_as_a_file_that_was_cut() {
         );
         refusal(&studio.record(&args, name))
     };
-    // Ten of ninety are gone: 27 frames per second, and none of the others should be brought to that.
+    // Ten of ninety are lost: 27 frames per second. The others must not be converted to that rate.
     let said = record(30, 10, "lost.mkv");
     for words in ["frames were lost", "between frames 29 and 30", "-r 30 OUT"] {
         assert!(said.contains(words), "{words}: {said}");
     }
-    // One of 25 per second has that rate, whatever it lost.
+    // A recording at 25 per second has that rate, whatever it lost.
     let said = record(25, 1, "slower.mkv");
     assert!(said.contains("25.000") && !said.contains("lost"), "{said}");
 }
@@ -436,14 +436,14 @@ fn lost_frames_are_told_neither_as_another_rate_nor_as_a_file_that_was_cut() {
 #[test]
 fn a_rate_that_falls_does_not_make_a_recording_look_cut() {
     let Some(studio) = studio() else { return };
-    // Twenty frames at 30 Hz and four of half a second each, as of a phone in the dark.
+    // Twenty frames at 30 Hz and four of half a second each, as from a phone in the dark.
     let clip = studio.record(
         "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 24 -vf setpts=(N+14*max(0\\,N-19))/30/TB -fps_mode passthrough",
         "falling.mkv",
     );
     let (info, source) = open_alone(&clip).unwrap();
     assert_eq!(images(source).len(), 24);
-    // 23 times between frames in 2.63 s.
+    // 23 intervals in 2.63 s.
     let rate_hz = info.rate_hz.unwrap();
     assert!((8.0..10.0).contains(&rate_hz), "{rate_hz}");
 }
@@ -508,7 +508,7 @@ fn a_live_source_counts_arrivals_and_its_end_is_an_error() {
         matches!(problem, SourceError::Ended { expected: None, .. }),
         "{problem}"
     );
-    // 15 frames, with or without the one that ffmpeg looks at before it starts.
+    // 15 frames, with or without the one that ffmpeg analyses before it starts.
     assert!(
         (Tick(20)..=Tick(21)).contains(&last),
         "the newest frame is never the one that is lost: {last}"
@@ -517,7 +517,7 @@ fn a_live_source_counts_arrivals_and_its_end_is_an_error() {
 
 #[test]
 fn the_pictures_of_a_stream_have_the_times_that_it_gives_them() {
-    /// Of 90 kHz clocks, rounded down.
+    /// Rounding of 90 kHz clocks, downwards.
     const ROUNDING_US: i64 = 12;
     let Some(_studio) = studio() else { return };
     let port = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
@@ -534,7 +534,7 @@ fn the_pictures_of_a_stream_have_the_times_that_it_gives_them() {
     camera.kill().unwrap();
     camera.wait().unwrap();
     for pair in stamps.windows(2) {
-        // A picture that nobody took in time is left out, and its time with it.
+        // A picture that was not taken in time is dropped together with its time.
         let periods = (pair[1] - pair[0] + 20_000) / 40_000;
         let off_us = pair[1] - pair[0] - periods * 40_000;
         assert!(periods >= 1 && off_us.abs() <= ROUNDING_US, "{stamps:?}");
@@ -559,7 +559,7 @@ fn a_live_source_of_another_size_is_refused() {
 
 #[test]
 fn a_stream_that_goes_silent_without_closing_is_given_up() {
-    // Symptom to prevent: a camera that hung was waited for until the edge ended.
+    // Symptom to prevent: the edge waited for a hanging camera until it ended.
     let Some(studio) = studio() else { return };
     let clip = studio.record(
         "-f lavfi -i testsrc2=size=96x64:rate=30 -frames:v 60 -pix_fmt yuv420p",

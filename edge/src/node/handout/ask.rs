@@ -1,4 +1,5 @@
-//! Queries to fusion, sent again until they are answered: the round trip may be long, and fusion not there yet.
+//! Queries to fusion, repeated until answered: the round trip can be long, and fusion may not run
+//! yet.
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -15,18 +16,18 @@ use zenoh::qos::{CongestionControl, Priority};
 
 use super::place::Part;
 
-/// How long an answer may take: a chunk over a link of 64 kbit/s.
+/// Longest wait for an answer: a chunk over a link of 64 kbit/s.
 const PATIENCE: Duration = Duration::from_secs(15);
-/// How long after a question without an answer it is asked again.
+/// Pause before an unanswered query is repeated.
 const AGAIN: Duration = Duration::from_millis(300);
-/// How often a chunk is asked for before the file is given up.
+/// Attempts per chunk before the file is given up.
 const TRIES: u32 = 20;
 
-/// A fusion node that files are asked of.
+/// The fusion node that provides the files.
 pub(super) struct Fusion {
     session: Session,
     key: String,
-    /// Why the last question was not answered.
+    /// Why the last query failed.
     failure: Mutex<Option<String>>,
 }
 
@@ -39,10 +40,10 @@ impl Fusion {
         }
     }
 
-    /// The list of files; waits for fusion as long as it takes.
+    /// Fetches the list of files; waits for fusion without a limit.
     ///
     /// # Errors
-    /// When fusion speaks another version of the wire: that does not pass.
+    /// If fusion uses another wire version, because this cannot change.
     pub(super) async fn list(&self) -> anyhow::Result<SignedList> {
         loop {
             match self.ask(&HandoutRequest::List).await {
@@ -54,13 +55,13 @@ impl Fusion {
         }
     }
 
-    /// Why the last question was not answered; `None` when it was.
+    /// Why the last query failed; `None` if it succeeded.
     pub(super) fn failure(&self) -> Option<String> {
         let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
         failure.clone()
     }
 
-    /// Fetches a file of the list, to be finished at `target`.
+    /// Fetches a file of the list, with the final path `target`.
     pub(super) async fn file(
         &self,
         index: u16,
@@ -129,13 +130,13 @@ impl Fusion {
         }
     }
 
-    /// Leaves.
+    /// Closes the session.
     pub(super) async fn close(self) {
         session::close(&self.session).await;
     }
 }
 
-/// Whether asking again cannot help.
+/// Whether a repetition cannot help.
 fn is_final(error: &anyhow::Error) -> bool {
     let error = error.downcast_ref();
     matches!(error, Some(WireError::Version { .. }))

@@ -1,8 +1,9 @@
-//! Which sets of files this edge has had from fusion: one that was replaced by another is not taken back without a word, as
-//! an old copy of fusion's folder, or a fusion that should not run any more, would hand it out, signed like any other.
+//! The sets of files that this edge has received from fusion. A set that was replaced is not
+//! accepted again without `--accept-older`. An old copy of fusion's folder, or an obsolete fusion,
+//! would hand it out with a valid signature.
 //!
-//! Kept beside the venue file, a line per set in the order in which they came. A set is known by the BLAKE3 hash of what
-//! its list says of every file; so any change at all makes it a new one.
+//! The history is next to the venue file, one line per set in order of arrival. A set is identified
+//! by the BLAKE3 hash of its list entries, so any change makes a new set.
 
 use std::fmt::Write as _;
 use std::fs::{self, File};
@@ -14,25 +15,26 @@ use farfield_node::process::say;
 use farfield_proto::message::handout::FileList;
 use farfield_proto::toml_file::FileError;
 
-/// Sets that are remembered, the newest.
+/// The newest sets that are kept.
 const MAX_SETS: usize = 1000;
 const HOUR_S: i64 = 3600;
 const DAY_S: i64 = 24 * HOUR_S;
 
-/// The sets that were handed out to this edge.
+/// The sets received by this edge.
 #[derive(Debug)]
 pub(super) struct HandoutHistory {
     path: PathBuf,
-    /// Hash of the set and when it came, Unix time in seconds; the one in force last.
+    /// Hash of each set and its arrival, Unix time in seconds; the current set is last.
     sets: Vec<(blake3::Hash, i64)>,
 }
 
 impl HandoutHistory {
-    /// That of the edge whose venue file is at `venue`; empty where nothing was handed out yet. Lines that cannot be read, as a
-    /// power cut may leave them, are left out: the file as it was is set aside, which is reported.
+    /// Reads the history of the edge with the venue file `venue`; empty without a file. Unreadable
+    /// lines (after a power cut) are skipped; the damaged file is set aside and a warning is
+    /// printed.
     ///
     /// # Errors
-    /// When the file cannot be read: names it.
+    /// If the file cannot be read; with its name.
     pub(super) fn read(venue: &Path) -> Result<Self, FileError> {
         let mut name = venue.file_name().unwrap_or_default().to_owned();
         name.push(".handouts");
@@ -59,7 +61,7 @@ impl HandoutHistory {
         Ok(this)
     }
 
-    /// Keeps the damaged file under another name, and what can be read of it under its own.
+    /// Keeps the damaged file under another name, and its readable lines under the own name.
     fn set_aside(&self, line: usize) {
         let mut aside = self.path.clone().into_os_string();
         aside.push(".damaged");
@@ -75,10 +77,10 @@ impl HandoutHistory {
         ));
     }
 
-    /// Refuses a set that was here before the one in force; `now_s`: Unix time in seconds.
+    /// Refuses a set that was replaced by a newer one; `now_s` is the Unix time in seconds.
     ///
     /// # Errors
-    /// Says when it came, when it was replaced, and what to do.
+    /// A message with the times of arrival and replacement, and the remedy.
     pub(super) fn check(&self, list: &FileList, now_s: i64) -> anyhow::Result<()> {
         let set = fingerprint(list);
         let before = match self.sets.split_last() {
@@ -97,10 +99,10 @@ impl HandoutHistory {
         )
     }
 
-    /// Notes that the set is in force since `now_s`, Unix time in seconds.
+    /// Records that the set is current since `now_s`, Unix time in seconds.
     ///
     /// # Errors
-    /// When it cannot be written: names the file.
+    /// If the file cannot be written; with its name.
     pub(super) fn note(&mut self, list: &FileList, now_s: i64) -> anyhow::Result<()> {
         let set = fingerprint(list);
         if self.sets.last().is_some_and(|(newest, _)| *newest == set) {
@@ -118,7 +120,7 @@ impl HandoutHistory {
             writeln!(text, "{} {at_s}", hash.to_hex())?;
         }
         let mut new = self.path.clone().into_os_string();
-        // Edges may fetch into one folder.
+        // Several edges may fetch into one folder.
         new.push(format!(".{}.part", std::process::id()));
         let mut file = File::create(&new)?;
         file.write_all(text.as_bytes())?;
@@ -128,7 +130,7 @@ impl HandoutHistory {
     }
 }
 
-/// What stands for a set.
+/// The hash that identifies a set.
 fn fingerprint(list: &FileList) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
     for file in &list.files {
@@ -195,7 +197,7 @@ mod tests {
         ] {
             assert!(refused.contains(word), "{word}: {refused}");
         }
-        // Once it is accepted it is the newest, and the other is older.
+        // An accepted set is the newest, and the other one is then older.
         read().note(&list(2), NOW_S).unwrap();
         read().check(&list(2), NOW_S).unwrap();
         read().check(&list(3), NOW_S).unwrap_err();
@@ -215,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_torn_file_is_set_aside_and_what_can_be_read_of_it_counts() {
-        // Symptom: after a power cut the unit did not start any more.
+        // Symptom to prevent: after a power cut the unit did not start again.
         let folder = tempfile::tempdir().unwrap();
         let venue = folder.path().join("venue.toml");
         for calibration in [2, 3] {

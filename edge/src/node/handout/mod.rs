@@ -1,5 +1,5 @@
-//! `--from-fusion`: before it starts, an edge fetches from fusion what differs of the venue file, the
-//! calibration and the networks.
+//! `--from-fusion`: before the start, an edge fetches the parts of the venue file, the calibration
+//! and the networks that differ from fusion's.
 
 mod ask;
 mod history;
@@ -28,21 +28,22 @@ use history::HandoutHistory;
 use names::VenueFileNames;
 use place::Part;
 
-/// Where keys are looked for when there is no venue file to say it: beside where it will be.
+/// Folder of the keys without a venue file, relative to the folder of the future venue file.
 const CERTIFICATES: &str = "certs";
 
-/// How an edge reaches fusion before it has a venue file that it can rely on.
+/// How an edge reaches fusion before it has a reliable venue file.
 struct FirstContact {
     venue: String,
     connect: Vec<String>,
     identity: Option<Identity>,
 }
 
-/// Fetches what differs; `false` when told to stop before.
+/// Fetches the files that differ; `false` if the node was stopped before.
 ///
 /// # Errors
-/// When it is not known where fusion is or what the venue is called, a signature or a hash is wrong, the files are older
-/// than those that were fetched before, a file would lie outside the venue's folder, or cannot be written.
+/// If fusion's address or the venue's name is unknown, a signature or a hash is wrong, or the files
+/// are older than earlier ones. Also if a file would be outside the venue's folder or cannot be
+/// written.
 pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
     let contact = first_contact(args)?;
     runtime::block_on(1, async {
@@ -62,7 +63,7 @@ pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
 }
 
 fn first_contact(args: &EdgeArgs) -> Result<FirstContact, NodeError> {
-    // A venue file that cannot be read is as good as none: fusion's takes its place.
+    // An unreadable venue file counts as missing: fusion's replaces it.
     let known = load_venue(&args.venue).ok();
     let named = known.as_ref().map(|venue| venue.name.clone());
     let venue = args.venue_name.clone().or(named).ok_or_else(|| {
@@ -84,7 +85,7 @@ fn first_contact(args: &EdgeArgs) -> Result<FirstContact, NodeError> {
     let identity = keys.map(|keys| load_identity(&keys, &args.viewpoint));
     let identity = identity.transpose().map_err(NodeError::refused)?;
     if let Some(identity) = &identity {
-        // Fusion would only be silent to it.
+        // Fusion would not answer an invalid certificate.
         keys::check(identity, (&venue, &args.viewpoint), clock::unix_s())?;
     }
     let exposure = Exposure {
@@ -151,7 +152,7 @@ async fn fetch_by(args: &EdgeArgs, contact: &FirstContact) -> Result<(), NodeErr
     }
     let mut history = HandoutHistory::read(&args.venue).map_err(NodeError::refused)?;
     if !args.accept_older {
-        // The right fusion may come back: the node may be started again.
+        // The right fusion may return: the node may be restarted.
         let checked = history.check(&list, clock::unix_s());
         checked.map_err(NodeError::Failed)?;
     }
@@ -162,7 +163,7 @@ async fn fetch_by(args: &EdgeArgs, contact: &FirstContact) -> Result<(), NodeErr
     fusion.close().await;
     taken?;
     if let Err(error) = history.note(&list, clock::unix_s()) {
-        // On a disk that nobody may write to the files are there already.
+        // On a read-only disk the files already exist.
         say(format_args!(
             "{}: older files of fusion would not be noticed: {error:#}",
             args.viewpoint
@@ -171,7 +172,7 @@ async fn fetch_by(args: &EdgeArgs, contact: &FirstContact) -> Result<(), NodeErr
     Ok(())
 }
 
-/// Fetches all that differs, then puts all of it in place, the venue file last.
+/// Fetches all files that differ, then moves them to their places, the venue file last.
 async fn take(
     args: &EdgeArgs,
     contact: &FirstContact,
@@ -252,8 +253,8 @@ mod tests {
         args: EdgeArgs,
     }
 
-    /// How an edge without a venue file reaches fusion of `venue`, with a certificate of venue hall and of generation 1 that
-    /// holds until `year`, where `newest` is the newest.
+    /// First contact of an edge without a venue file with fusion of `venue`. Its certificate is for
+    /// the venue hall, of generation 1, valid until `year`; `newest` is the newest generation.
     fn contact(venue: &str, year: i32, newest: u32) -> Result<FirstContact, NodeError> {
         let folder = tempfile::tempdir().unwrap();
         let keys = folder.path().join(CERTIFICATES);

@@ -1,5 +1,5 @@
-//! Where a fetched file goes: into the folder of the venue file and nowhere else, under another name until
-//! it is whole.
+//! Location of a fetched file: inside the folder of the venue file, under a temporary name until it
+//! is complete.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read as _, Write as _};
@@ -8,15 +8,15 @@ use std::path::{Component, Path, PathBuf};
 use anyhow::{Context as _, bail};
 use farfield_proto::message::handout::{FileKind, SharedFile};
 
-/// Most files of one name that may be on their way at once, or were left by processes that were killed.
+/// Most temporary files per name, in progress or left by killed processes.
 const MAX_PARTS: u32 = 1000;
-/// Bytes that are read at once.
+/// Bytes per read.
 const BUFFER_BYTES: usize = 64 * 1024;
 
-/// Where `file` must be written, for a venue file at `venue`; `None` when it is there already.
+/// The path to write `file` to, for a venue file at `venue`; `None` if the file is already there.
 ///
 /// # Errors
-/// When it would lie outside the folder of the venue file, and is not there already.
+/// If the path is outside the folder of the venue file and the file is not already there.
 pub(super) fn target(venue: &Path, file: &SharedFile) -> anyhow::Result<Option<PathBuf>> {
     let place = Path::new(&file.path);
     let target = whole(venue, file);
@@ -37,7 +37,7 @@ pub(super) fn target(venue: &Path, file: &SharedFile) -> anyhow::Result<Option<P
     Ok(Some(target))
 }
 
-/// Where `file` is once it is whole, for a venue file at `venue`.
+/// The final path of `file`, for a venue file at `venue`.
 pub(super) fn whole(venue: &Path, file: &SharedFile) -> PathBuf {
     let folder = venue.parent().unwrap_or(Path::new(""));
     match file.kind {
@@ -47,7 +47,7 @@ pub(super) fn whole(venue: &Path, file: &SharedFile) -> PathBuf {
 }
 
 fn is_there(path: &Path, file: &SharedFile) -> bool {
-    // Whoever wrote the list may have named a device that never ends.
+    // The list may name a device that never ends.
     let fits = |there: fs::Metadata| there.is_file() && there.len() == file.bytes;
     fs::metadata(path).is_ok_and(fits) && hash(path).is_ok_and(|there| there == file.blake3)
 }
@@ -63,7 +63,7 @@ fn hash(path: &Path) -> io::Result<[u8; 32]> {
     }
 }
 
-/// A file on its way: gone again unless it is finished.
+/// A file in progress. It is removed unless finished.
 pub(super) struct Part {
     target: PathBuf,
     path: PathBuf,
@@ -73,7 +73,7 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// Begins `file`, to be found at `target` once it is finished.
+    /// Starts `file`, with the final path `target`.
     pub(super) fn create(target: &Path, file: &SharedFile) -> anyhow::Result<Self> {
         if let Some(folder) = target.parent() {
             fs::create_dir_all(folder)
@@ -90,7 +90,7 @@ impl Part {
         })
     }
 
-    /// The next bytes.
+    /// Appends bytes.
     pub(super) fn write(&mut self, bytes: &[u8]) -> anyhow::Result<()> {
         self.hasher.update(bytes);
         let Some(file) = &mut self.file else {
@@ -100,7 +100,7 @@ impl Part {
             .with_context(|| format!("writing {}", self.path.display()))
     }
 
-    /// All bytes are there: whether they are the right ones.
+    /// Checks the hash of the complete file.
     pub(super) fn check(&self) -> anyhow::Result<()> {
         anyhow::ensure!(
             *self.hasher.finalize().as_bytes() == self.expected,
@@ -110,12 +110,12 @@ impl Part {
         Ok(())
     }
 
-    /// What has come so far.
+    /// The path of the temporary file.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Puts the file in its place.
+    /// Moves the file to its final path.
     pub(super) fn finish(mut self) -> anyhow::Result<PathBuf> {
         let place = || format!("writing {}", self.target.display());
         if let Some(file) = self.file.take() {
@@ -126,7 +126,8 @@ impl Part {
     }
 }
 
-/// A new file beside `target`, that no other process writes to: edges may fetch into one folder.
+/// Creates a temporary file next to `target` for this process only, because several edges may fetch
+/// into one folder.
 fn create_part(target: &Path) -> io::Result<(PathBuf, File)> {
     let name = target.file_name().unwrap_or_default();
     for n in 0..MAX_PARTS {
@@ -144,7 +145,7 @@ fn create_part(target: &Path) -> io::Result<(PathBuf, File)> {
 
 impl Drop for Part {
     fn drop(&mut self) {
-        // After `finish` there is nothing of this name any more.
+        // After `finish` this name no longer exists.
         drop(fs::remove_file(&self.path));
     }
 }

@@ -1,5 +1,5 @@
-//! Whether a list of files is fusion's: signed by the key of a certificate that the venue's authority has
-//! made for a fusion node.
+//! Verification of a list of files: it must be signed with a certificate that the venue's authority
+//! issued for a fusion node.
 
 use anyhow::{Context as _, anyhow};
 use farfield_proto::message::handout::{SIGNED_AHEAD, SignedList};
@@ -8,11 +8,11 @@ use rustls_pki_types::pem::PemObject as _;
 use rustls_pki_types::{CertificateDer, UnixTime};
 use webpki::{ALL_VERIFICATION_ALGS, EndEntityCert, KeyUsage, anchor_from_trusted_cert};
 
-/// The list, if the signature is right.
+/// The list, if the signature is valid.
 ///
 /// # Errors
-/// When there is no signature, the certificate is not one of a fusion node of this venue's authority, or the
-/// signature does not fit the list.
+/// If the signature is missing or does not match the list, or the certificate is not one of a
+/// fusion node of this venue's authority.
 pub(super) fn verify<'a>(signed: &'a SignedList, identity: &Identity) -> anyhow::Result<&'a [u8]> {
     let authority = CertificateDer::from_pem_file(&identity.authority)
         .map_err(|error| anyhow!("reading {}: {error}", identity.authority.display()))?;
@@ -37,7 +37,7 @@ fn verify_at<'a>(
             &[anchor],
             &[],
             now,
-            // Only fusion's certificate is good for it.
+            // Only a certificate of fusion has this usage.
             KeyUsage::server_auth(),
             None,
             None,

@@ -1,4 +1,4 @@
-//! Answers fusion's questions for what an outage has kept from it.
+//! Answers to fusion's requests for ticks missed in an outage.
 
 use std::time::Duration;
 
@@ -15,17 +15,18 @@ use zenoh::query::Query;
 
 use super::thread::RingHandle;
 
-/// Questions that wait; of more, the oldest are dropped: who asked has given them up first, and Zenoh's
-/// threads must not wait.
+/// Waiting requests. If there are more, the oldest are dropped, because their senders time out
+/// first. Zenoh's threads must not wait.
 const QUEUE: usize = 4;
-/// How long the disk may take for an answer: less than fusion waits for it.
+/// Longest time for the disk; less than fusion waits for an answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Task: answers what is asked for under `{venue}/fill/{viewpoint}` until `stop`. An answer goes out
-/// with the question's priority, which fusion makes the lowest, and only when `admit` lets so many bytes pass.
+/// Task: answers requests on `{venue}/fill/{viewpoint}` until `stop`. An answer has the priority of
+/// the request, which fusion makes the lowest. It is sent only if `admit` accepts its size in
+/// bytes.
 ///
 /// # Errors
-/// What Zenoh says when the questions cannot be listened for.
+/// The error of Zenoh if the key cannot be served.
 pub(in crate::node) async fn answer_questions(
     session: Session,
     [venue, viewpoint]: [String; 2],
@@ -70,7 +71,7 @@ fn read(question: &Query) -> Option<FillRequest> {
     wire::decode(&payload).ok()
 }
 
-/// There is no room on the link now.
+/// The answer if the link has no room now.
 fn later(request: &FillRequest) -> Filled {
     Filled {
         to: request.from,

@@ -1,6 +1,7 @@
-//! The ring on disk: what a live edge sent or could not send, for fusion to fetch after an outage.
+//! The ring on disk: messages that a live edge sent or could not send. Fusion fetches them after an
+//! outage.
 //!
-//! A thread of its own writes and reads it; the pipeline never waits for the disk.
+//! Its own thread writes and reads it, so the pipeline never waits for the disk.
 
 mod fill;
 mod store;

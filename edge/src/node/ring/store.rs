@@ -1,4 +1,4 @@
-//! The segments as files.
+//! Storage of the segments as files.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write as _};
@@ -14,19 +14,19 @@ use crate::ring::record::{
     segment_number,
 };
 
-/// Segments of a ring: the oldest of them is given up when the newest is full.
+/// Segments per ring. If the newest is full, the oldest is overwritten.
 const SEGMENTS: usize = 8;
-/// Most records of a segment: bounds the index in memory where sets are tiny.
+/// Most records per segment: bounds the index in memory if sets are small.
 const MAX_RECORDS: usize = 1 << 14;
-/// Name of the file by which one process holds the ring.
+/// Lock file: only one process uses the ring.
 const LOCK: &str = "ring.lock";
 
-/// What became of a message.
+/// Result of storing a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stored {
-    /// It is kept.
+    /// The message was stored.
     Kept,
-    /// It is larger than a segment: no ring of this size can keep it.
+    /// The message is larger than a segment, so a ring of this size cannot store it.
     TooLarge,
 }
 
@@ -34,13 +34,13 @@ pub(super) enum Stored {
 pub(super) struct Ring {
     segments: Vec<RingSegment>,
     segment_bytes: u64,
-    /// The segment that is written to.
+    /// The segment being written.
     current: usize,
     index: RingIndex,
-    /// Torn records that were found when the ring was opened: at most one per kill.
+    /// Torn records found when the ring was opened: at most one per killed process.
     pub(super) torn: u64,
     buffer: Vec<u8>,
-    /// Held for as long as the process lives.
+    /// Held until the process ends.
     _lock: File,
 }
 
@@ -53,10 +53,10 @@ struct RingSegment {
 }
 
 impl Ring {
-    /// Opens the ring in `folder`, or makes it, with at most `bytes` on disk.
+    /// Opens or creates the ring in `folder`, with at most `bytes` on disk.
     ///
     /// # Errors
-    /// When the folder or a file cannot be made or read, or another process has the ring.
+    /// If the folder or a file cannot be created or read, or another process uses the ring.
     pub(super) fn open(folder: &Path, bytes: u64) -> io::Result<Self> {
         fs::create_dir_all(folder)?;
         let lock = open_file(&folder.join(LOCK))?;
@@ -80,15 +80,15 @@ impl Ring {
         Ok(this)
     }
 
-    /// Records that can be asked for.
+    /// Number of stored records.
     pub(super) fn len(&self) -> usize {
         self.index.len()
     }
 
-    /// Keeps a message; the oldest give way.
+    /// Stores a message; the oldest ones are overwritten.
     ///
     /// # Errors
-    /// When it cannot be written; the ring stays as it was, and the next may be.
+    /// If it cannot be written. The ring is unchanged, and later messages may succeed.
     pub(super) fn store(&mut self, label: Label, message: &[u8]) -> io::Result<Stored> {
         let mut record = std::mem::take(&mut self.buffer);
         record.clear();
@@ -98,7 +98,7 @@ impl Ring {
         stored
     }
 
-    /// What there is of the ticks that are asked for, without what cannot be read any more.
+    /// The stored messages of the requested ticks, without unreadable ones.
     pub(super) fn answer(&mut self, request: &FillRequest) -> Filled {
         let found = self.index.find(request);
         let mut stored = Vec::with_capacity(found.places.len());
@@ -111,7 +111,7 @@ impl Ring {
                 warn!(%error, "a set cannot be read from the ring");
                 continue;
             }
-            // A disk may forget, too.
+            // A disk can also lose data.
             if let Some(record) = record_at(&self.buffer, 0) {
                 stored.push(StoredSet {
                     kind: record.label.kind,
@@ -125,7 +125,7 @@ impl Ring {
         }
     }
 
-    /// As if the disk took nothing more, or took everything again.
+    /// For tests: makes writes fail or succeed again.
     #[cfg(test)]
     pub(super) fn refuse_writes(&mut self, folder: &Path, refuse: bool) {
         for (i, segment) in self.segments.iter_mut().enumerate() {
@@ -140,7 +140,7 @@ impl Ring {
     fn open_segment(&mut self, path: &Path, index: usize) -> io::Result<RingSegment> {
         let mut file = open_file(path)?;
         if file.metadata()?.len() > self.segment_bytes {
-            // The ring was larger once.
+            // The file comes from a larger ring.
             file.set_len(0)?;
         }
         let content = fs::read(path)?;
@@ -185,7 +185,7 @@ impl Ring {
         let segment = self.segments.get_mut(current);
         let segment = segment.ok_or_else(|| io::Error::other("the ring has no segments"))?;
         let at = segment.bytes;
-        // In place: what a failed attempt has left is written over by the next.
+        // At a fixed position: the next write overwrites the rest of a failed one.
         segment.file.write_all_at(record, at)?;
         segment.bytes += len;
         segment.records += 1;
@@ -194,7 +194,7 @@ impl Ring {
         Ok(Stored::Kept)
     }
 
-    /// Begins the next segment, over the oldest.
+    /// Starts the next segment, over the oldest.
     fn turn(&mut self) -> io::Result<()> {
         let number = self.segments.get(self.current).map_or(0, |s| s.number) + 1;
         let next = (self.current + 1) % SEGMENTS;
@@ -214,7 +214,8 @@ fn path(folder: &Path, segment: usize) -> PathBuf {
     folder.join(format!("ring-{segment}.seg"))
 }
 
-/// Opens a file of the ring, or makes it; what a symbolic link leads to is none of the ring's.
+/// Opens or creates a file of the ring. Symbolic links are refused, because their targets do not
+/// belong to the ring.
 fn open_file(path: &Path) -> io::Result<File> {
     if path.is_symlink() {
         let words = format!("{} is a symbolic link: remove it", path.display());

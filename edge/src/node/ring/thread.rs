@@ -1,4 +1,4 @@
-//! The thread that owns the ring: it writes what it is handed, and answers questions.
+//! The thread that owns the ring: it stores messages and answers requests.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,11 +17,11 @@ use tracing::{debug, warn};
 use super::store::{Ring, Stored};
 use crate::ring::record::Label;
 
-/// Messages that wait for the disk: some seconds of a busy viewpoint.
+/// Messages waiting for the disk: some seconds of a busy viewpoint.
 const QUEUE: usize = 1024;
-/// How long after a write has failed the next is tried: a disk that is full may be emptied.
+/// Pause after a failed write: a full disk may be cleared.
 const AGAIN: Duration = Duration::from_secs(5);
-/// What is said where nothing is wrong but that messages came too fast.
+/// The reason if messages only came too fast.
 const TOO_SLOW: &str = "the disk was too slow";
 
 enum Command {
@@ -30,25 +30,25 @@ enum Command {
     End,
 }
 
-/// A ring at work.
+/// A running ring.
 pub(in crate::node) struct RingThread {
     handle: RingHandle,
     thread: JoinHandle<()>,
 }
 
-/// Hands messages and questions to the ring.
+/// Passes messages and requests to the ring.
 #[derive(Clone)]
 pub(in crate::node) struct RingHandle {
     commands: SyncSender<Command>,
     state: Arc<RingState>,
 }
 
-/// What the ring's thread and its handles know of each other.
+/// State shared by the ring's thread and its handles.
 #[derive(Debug, Default)]
 struct RingState {
-    /// Messages that are not kept, since the start.
+    /// Messages not stored since the start.
     lost: AtomicU64,
-    /// Why the last of them is not, where the disk was not just too slow.
+    /// The reason of the last failure, if the disk was not just too slow.
     reason: Mutex<Option<String>>,
 }
 
@@ -56,7 +56,7 @@ impl RingThread {
     /// Opens the ring in `folder`, of at most `bytes`.
     ///
     /// # Errors
-    /// When it cannot be opened, or no thread starts.
+    /// If it cannot be opened, or no thread starts.
     pub(in crate::node) fn start(folder: &Path, bytes: u64) -> anyhow::Result<Self> {
         let ring = Ring::open(folder, bytes);
         let ring = ring.with_context(|| format!("opening the ring in {}", folder.display()))?;
@@ -76,17 +76,17 @@ impl RingThread {
         })
     }
 
-    /// Where messages and questions go.
+    /// A handle for messages and requests.
     pub(in crate::node) fn handle(&self) -> RingHandle {
         self.handle.clone()
     }
 
-    /// Writes what has been handed over, and ends.
+    /// Writes the queued messages and ends the thread.
     pub(in crate::node) fn finish(self) {
         if let Some(failure) = self.handle.failure() {
             warn!("{failure}");
         }
-        // A ring that has failed is gone already.
+        // If the ring has failed, its thread is already gone.
         drop(self.handle.commands.send(Command::End));
         if self.thread.join().is_err() {
             warn!("the ring has panicked");
@@ -95,7 +95,7 @@ impl RingThread {
 }
 
 impl RingHandle {
-    /// Keeps a message. Waits for nothing: what finds no place is counted.
+    /// Stores a message without waiting; a message without room in the queue is counted as lost.
     pub(in crate::node) fn store(&self, label: Label, message: &[u8]) {
         let command = Command::Store(label, message.to_owned());
         if let Err(TrySendError::Full(_)) = self.commands.try_send(command) {
@@ -103,7 +103,7 @@ impl RingHandle {
         }
     }
 
-    /// What there is of the ticks that are asked for; `None` when the ring is busy or gone.
+    /// The stored messages of the requested ticks; `None` if the ring is busy or gone.
     pub(in crate::node) async fn answer(&self, request: FillRequest) -> Option<Filled> {
         let (reply, answer) = oneshot::channel();
         self.commands
@@ -112,7 +112,7 @@ impl RingHandle {
         answer.await.ok()
     }
 
-    /// How many messages are not kept, and why; `None` when all are.
+    /// Number of messages not stored, and the reason; `None` if all are stored.
     pub(in crate::node) fn failure(&self) -> Option<String> {
         let lost = self.state.lost.load(Ordering::Relaxed);
         let reason = self.state.reason();
@@ -124,7 +124,7 @@ impl RingHandle {
 }
 
 impl RingState {
-    /// Counts a message that is not kept.
+    /// Counts a message that is not stored.
     fn lose(&self, reason: &str) {
         self.lost.fetch_add(1, Ordering::Relaxed);
         let mut known = self.reason.lock().unwrap_or_else(PoisonError::into_inner);
@@ -139,11 +139,11 @@ impl RingState {
     }
 }
 
-/// What the thread owns.
+/// The data of the thread.
 struct Keeper {
     ring: Ring,
     state: Arc<RingState>,
-    /// A write has failed; nothing is written before then.
+    /// After a failed write, the time of the next attempt.
     try_at: Option<Instant>,
 }
 
@@ -152,7 +152,7 @@ impl Keeper {
         while let Ok(command) = to_do.recv() {
             match command {
                 Command::Store(label, message) => self.store(label, &message, clock::now()),
-                // Who asked may have given up while the disk was busy.
+                // The sender may have given up while the disk was busy.
                 Command::Answer(_, reply) if reply.is_closed() => {}
                 Command::Answer(request, reply) => drop(reply.send(self.ring.answer(&request))),
                 Command::End => return,
@@ -160,7 +160,7 @@ impl Keeper {
         }
     }
 
-    /// Keeps a message, unless a write has failed shortly before `now`.
+    /// Stores a message, unless a write failed shortly before `now`.
     fn store(&mut self, label: Label, message: &[u8], now: Instant) {
         if self.try_at.is_some_and(|try_at| now < try_at) {
             let reason = self.state.reason().unwrap_or_default();

@@ -1,7 +1,8 @@
-//! What the keypoints of a file are as a whole: whether anybody is in them, and whether they lie in the camera's picture.
+//! A summary of all keypoints of a file: it must contain people, and their keypoints must be inside
+//! the camera's picture.
 //!
-//! A file that fails here is well-formed, and read line by line nothing is wrong with it: nobody would be found, and nothing
-//! would say why.
+//! A file that fails these checks is well-formed. Without them a run would detect no person and
+//! would report no reason.
 
 use farfield_proto::finding::Advice;
 use farfield_proto::keypoints::COCO17;
@@ -10,41 +11,44 @@ use farfield_proto::order_statistics::FEWEST_REACHING;
 use super::SURE;
 use crate::source::{ExpectedSource, KeypointFrame, SourceError};
 
-/// Keypoints no farther from the corner than this are shares of the picture's size, not pixels ...
+/// Keypoints within this distance from the origin are shares of the picture's size, not pixels ...
 const SHARE_OF_PICTURE: f64 = 1.5;
-/// ... when no larger share of all are farther away, for a few may be wrong. Those at the corner itself were not found.
+/// ... if at most this share of the keypoints is farther away (some may be wrong). Keypoints at the
+/// origin itself are missing ones.
 const FAR_SHARE: f64 = 0.01;
-/// ... and there are as many as two people have.
+/// ... and if there are at least the keypoints of two people.
 const FEWEST_POINTS: u64 = 2 * COCO17.len() as u64;
-/// How far outside its picture a network may put what it cannot see, by the picture's width and height.
+/// Networks can place hidden keypoints outside the picture by this share of its width and height.
 const MARGIN: f64 = 0.1;
-/// Share of the keypoints beyond that from which on they are of another picture: of people at its edge a few are.
+/// From this share of keypoints beyond the margin, they belong to another picture. For people at
+/// the edge of the picture only a few are outside.
 const TOLD_SHARE: f64 = 0.1;
 
-/// What a keypoint file holds.
+/// Summary of a keypoint file.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct KeypointContents {
-    /// Its lines.
+    /// Number of lines.
     pub lines: u64,
-    /// Keypoints in all of them.
+    /// Number of keypoints.
     pub points: u64,
-    /// Those of which the network was sure.
+    /// Keypoints with a reliable score.
     pub sure: u64,
-    /// Those of these that lie clearly outside the picture.
+    /// Reliable keypoints clearly outside the picture.
     pub outside: u64,
-    /// Width and height of the picture that was calibrated.
+    /// Width and height of the calibrated picture.
     pub size_px: [u32; 2],
-    /// The one of these that is farthest outside, pixels.
+    /// The reliable keypoint farthest outside, pixels.
     farthest_px: [f64; 2],
-    /// How far that is, by the picture's width or height.
+    /// Its distance relative to the picture's width or height.
     farthest: f64,
-    /// Keypoints that are not at the corner itself, and those of these that lie within [`SHARE_OF_PICTURE`] of it.
+    /// Keypoints that are not at the origin, and how many of these lie within [`SHARE_OF_PICTURE`]
+    /// of it.
     away: u64,
     near: u64,
 }
 
 impl KeypointContents {
-    /// Nothing yet, of a camera whose pictures have `size_px`.
+    /// An empty summary for a camera with pictures of `size_px`.
     pub(super) fn of(size_px: [u32; 2]) -> Self {
         Self {
             size_px,
@@ -77,7 +81,7 @@ impl KeypointContents {
         }
     }
 
-    /// Refuses what is no file of pixels.
+    /// Refuses a file whose coordinates are no pixels.
     pub(super) fn check(&self, expected: &ExpectedSource) -> Result<(), SourceError> {
         let far = self.away - self.near;
         let is_few = far < FEWEST_REACHING as u64 || far as f64 <= FAR_SHARE * self.away as f64;
@@ -94,7 +98,7 @@ impl KeypointContents {
         Ok(())
     }
 
-    /// What speaks against the file, if anything does.
+    /// A warning about the file, if there is a reason for one.
     pub fn doubt(&self) -> Option<Advice> {
         let [width, height] = self.size_px;
         if self.points == 0 {
@@ -128,12 +132,12 @@ mod tests {
     use super::*;
     use crate::source::KeypointCandidate;
 
-    /// A file of 100 x 50 pixels with a line per point.
+    /// A file for pictures of 100 x 50 pixels, with one line per point.
     fn contents(points: impl IntoIterator<Item = [f64; 2]>) -> KeypointContents {
         scored(points.into_iter().map(|at| (at, 0.8)))
     }
 
-    /// The same with scores.
+    /// The same with a score per point.
     fn scored(points: impl IntoIterator<Item = ([f64; 2], f32)>) -> KeypointContents {
         let mut contents = KeypointContents::of([100, 50]);
         for ([x, y], score) in points {
@@ -170,7 +174,7 @@ mod tests {
         assert_eq!((cut_off.outside, cut_off.doubt()), (4, None));
         let a_little = contents((0..40).map(|_| [109.0, 54.0]));
         assert_eq!(a_little.doubt(), None);
-        // Half of the body is below the picture, and guessed.
+        // Half of the body is below the picture; its keypoints are guessed.
         let guessed = (0..40).map(|i| {
             (
                 [50.0, 25.0 + 2.0 * f64::from(i)],

@@ -1,9 +1,9 @@
-//! Whether the lines of a keypoint file are in the order of its pictures: sorted by the names of files (1, 10, 100, 2), or
-//! of two cameras by turns, they show everybody leap from one place to another.
+//! Checks that the lines of a keypoint file are in time order. If they are sorted by file name (1,
+//! 10, 100, 2), or alternate between two cameras, all people jump from line to line.
 //!
-//! In the files of all cameras alike, nothing else says so: lines of sight meet, and people are followed who leap.
-//! Somebody always goes on where they were, or as they went, while anybody of the frame before is in the picture; only who
-//! comes in while the last one leaves does not.
+//! If the files of all cameras have the same wrong order, no other check detects it: lines of sight
+//! still intersect. In correct files at least one person of the previous frame stays in place or
+//! continues its motion. The exception is a person who enters while the last one leaves.
 
 use std::mem;
 
@@ -13,27 +13,29 @@ use nalgebra::Vector2;
 use super::SURE;
 use crate::source::{KeypointCandidate, KeypointFrame, LeapingFrames};
 
-/// How far somebody is carried on at most from one frame to the next, against where they went: a share of their extent in
-/// the picture, and pixels.
+/// Largest deviation of a person from its previous motion between two frames, as a share of its
+/// extent in the picture, and in pixels.
 const CARRIED_SHARE: f64 = 0.1;
 const CARRIED_PX: f64 = 8.0;
-/// The same at lower rates is so many times as much as this rate is higher, squared: who turns or stops leaves the way they went.
+/// At lower rates the allowed share grows with the square of the rate ratio, because people turn or
+/// stop between frames.
 const CARRIED_HZ: f64 = 10.0;
-/// People of a frame who are compared.
+/// Largest number of people compared per frame.
 const MOST_PEOPLE: usize = 16;
-/// Keypoints that two frames must have of somebody to be compared.
+/// Fewest keypoints that a person must have in both frames.
 const FEWEST_COMMON: usize = 5;
-/// How many leaps are told, of which share of the frames with people. Of the Shelf, the sample and simulated scenes no frame
-/// leaps; where the files of a hundred pictures are sorted by their names, one of six.
+/// Fewest leaps for a report, and their smallest share of the frames with people. The Shelf
+/// recording, the sample and simulated scenes have none. A hundred pictures sorted by file name
+/// leap in one of six frames.
 const FEWEST_LEAPS: u64 = 5;
 const TOLD_SHARE: f64 = 0.02;
 
 type Person = Vec<Option<KeypointCandidate>>;
 
-/// Counts frames in which everybody is elsewhere.
+/// Counts frames at which all people leap.
 #[derive(Debug)]
 pub(super) struct LeapCounter {
-    /// How far somebody is carried on at most, as a share of their extent.
+    /// Largest deviation of a person, as a share of its extent.
     carried_share: f64,
     before: Vec<Person>,
     before_that: Vec<Person>,
@@ -41,7 +43,7 @@ pub(super) struct LeapCounter {
 }
 
 impl LeapCounter {
-    /// Nothing yet, of a file with so many lines a second.
+    /// An empty counter for a file with `rate_hz` lines per second.
     pub(super) fn of(rate_hz: f64) -> Self {
         let slower = (CARRIED_HZ / rate_hz).max(1.0);
         Self {
@@ -65,7 +67,8 @@ impl LeapCounter {
         self.before.extend(now.iter().take(MOST_PEOPLE).cloned());
     }
 
-    /// Whether somebody of the frame before is where they were, or where they would be had they gone on.
+    /// Whether a person of `now` is where `person` was, or where it would be with constant
+    /// velocity.
     fn goes_on(&self, person: &Person, now: &[Person]) -> bool {
         let most_px = CARRIED_PX.max(self.carried_share * extent_px(person));
         let ways = self.before_that.iter();
@@ -73,7 +76,7 @@ impl LeapCounter {
             .filter_map(|earlier| moved_px(earlier, person))
             .min_by(|a, b| a.norm().total_cmp(&b.norm()));
         now.iter().take(MOST_PEOPLE).any(|now| {
-            // Where too few keypoints are in both, nobody knows.
+            // With too few common keypoints the motion is unknown.
             moved_px(person, now).is_none_or(|moved| {
                 let is_near = |from: Vector2<f64>| (moved - from).norm() <= most_px;
                 is_near(Vector2::zeros()) || came.is_some_and(is_near)
@@ -81,7 +84,7 @@ impl LeapCounter {
         })
     }
 
-    /// What was counted, where it speaks against the file's order.
+    /// The counts, if they show a wrong order.
     pub(super) fn found(&self) -> Option<LeapingFrames> {
         let LeapingFrames { leaps, frames } = self.counted;
         let is_told = leaps >= FEWEST_LEAPS && leaps as f64 >= TOLD_SHARE * frames as f64;
@@ -89,7 +92,8 @@ impl LeapCounter {
     }
 }
 
-/// By how much most keypoints have moved, pixels; sides that a network exchanges now and then move to both sides alike.
+/// Median motion of the keypoints, pixels. It is robust to left and right sides that a network
+/// exchanges.
 fn moved_px(before: &Person, now: &Person) -> Option<Vector2<f64>> {
     let both = before.iter().zip(now);
     let sure = |of: &'_ Option<KeypointCandidate>| of.filter(|it| f64::from(it.score) >= SURE);
@@ -103,7 +107,7 @@ fn moved_px(before: &Person, now: &Person) -> Option<Vector2<f64>> {
     Some(Vector2::new(along(0)?, along(1)?))
 }
 
-/// The longer side of the box around somebody's keypoints, pixels.
+/// The longer side of the bounding box of the keypoints, pixels.
 fn extent_px(person: &Person) -> f64 {
     let seen = person.iter().flatten().map(|it| it.position.vector_px());
     let corners = seen.fold(None, |corners, at| {
@@ -119,7 +123,7 @@ mod tests {
 
     use super::*;
 
-    /// Somebody 170 px tall, at `x_px`.
+    /// A person of 170 px at `x_px`.
     fn person(x_px: f64) -> Person {
         let seen = |k: usize| KeypointCandidate {
             position: Pixel::new(x_px + (k % 3) as f64, 300.0 - 10.0 * k as f64),
@@ -137,7 +141,7 @@ mod tests {
         counter.found()
     }
 
-    /// Two people who walk, as picture `i` shows them.
+    /// Two walking people in picture `i`.
     fn walking(i: usize) -> Vec<Person> {
         vec![person(4.0 * i as f64), person(1500.0 - 5.0 * i as f64)]
     }
@@ -165,10 +169,10 @@ mod tests {
     #[test]
     fn who_walks_runs_turns_or_comes_in_does_not_leap() {
         assert_eq!(found((0..120).map(walking)), None);
-        // Up to a third of their height a frame, and back.
+        // Up to a third of their height per frame, and back.
         let there_and_back = |i: i32| vec![person(600.0 * (0.1 * f64::from(i)).sin())];
         assert_eq!(found((0..120).map(there_and_back)), None);
-        // One leaves as another comes in, every thirty frames.
+        // One person leaves as another enters, every thirty frames.
         let by_turns = |i: usize| vec![person(700.0 * (i / 30 % 2) as f64 + 3.0 * i as f64)];
         assert_eq!(found((0..140).map(by_turns)), None);
     }

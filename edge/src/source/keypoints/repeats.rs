@@ -1,25 +1,27 @@
-//! Whether a keypoint file holds its frames twice: people were found at a lower rate, and each time written until the
-//! next.
+//! Detects keypoint files with repeated frames: people were detected at a lower rate, and each
+//! detection was written until the next one.
 //!
-//! They are then seen where they were a moment ago, and placed centimetres off; nothing else says so. A detector that looks
-//! at every picture never gives the same numbers again, to the last digit and for everybody. Who stands still in a file
-//! without noise gives them, too; but only who was held leaps from one place to the next.
+//! Such people appear at an old position, which shifts them by centimetres, and no other check
+//! detects it. A detector that processes every picture never returns equal numbers for all people.
+//! A person who stands still in a file without noise also repeats, but only a repeated person leaps
+//! at the next detection.
 
 use crate::source::{KeypointFrame, RepeatedFrames};
 
-/// Share of the frames with people from which on repeated ones are told: of 55 frames per second that were written at 60 a
-/// twelfth is; of recordings with all their frames none.
+/// Share of repeated frames from which they are reported. If 55 frames per second are written at
+/// 60, the share is 1/12; complete recordings have none.
 const TOLD_SHARE: f64 = 0.08;
-/// How often people must have been held and leapt: seldomer does a recording that stuck.
+/// Fewest leaps after repeated frames; a recording that only stalls has fewer.
 const FEWEST_LEAPS: u64 = 10;
-/// How far a leap is at least, pixels: who stands still in a file of whole pixels is moved by one, along both axes.
+/// Smallest leap, pixels. In a file of whole pixels a standing person moves by one pixel along both
+/// axes.
 const LEAP_PX: f64 = 1.5;
 
-/// Counts frames that are the one before once more.
+/// Counts frames that equal the previous one.
 #[derive(Debug, Default)]
 pub(super) struct RepeatCounter {
     before: KeypointFrame,
-    /// Whether the frame before was a repeated one.
+    /// Whether the previous frame was a repeated one.
     is_held: bool,
     counted: RepeatedFrames,
     leaps: u64,
@@ -29,7 +31,7 @@ impl RepeatCounter {
     /// Counts the next frame of a file.
     pub(super) fn add(&mut self, frame: KeypointFrame) {
         if frame.peaks.iter().all(Vec::is_empty) {
-            // Frames without people are all alike, whatever their rate.
+            // Frames without people are equal at every rate.
             self.before = KeypointFrame::default();
             self.is_held = false;
             return;
@@ -46,15 +48,15 @@ impl RepeatCounter {
         self.before = frame;
     }
 
-    /// What was counted, where it speaks against the file's rate.
+    /// The counts, if they show a wrong rate.
     pub(super) fn found(&self) -> Option<RepeatedFrames> {
         let is_told = self.leaps >= FEWEST_LEAPS && self.counted.repeated_share() >= TOLD_SHARE;
         is_told.then_some(self.counted)
     }
 }
 
-/// How far the keypoint that moved most has moved, pixels. Where more or fewer of a kind were seen than before it is not
-/// known which is which; these are left out.
+/// Largest motion of a keypoint, pixels. Keypoints whose number of candidates changed are skipped,
+/// because their matches are unknown.
 fn farthest_px(before: &KeypointFrame, now: &KeypointFrame) -> f64 {
     let kinds = before.peaks.iter().zip(&now.peaks);
     kinds
@@ -98,7 +100,7 @@ mod tests {
         counter.found()
     }
 
-    /// Somebody who walks for 120 frames, found in `new` of every `of`.
+    /// A person who walks for 120 frames and is detected in `new` of every `of` frames.
     fn held(new: usize, of: usize) -> impl Iterator<Item = KeypointFrame> {
         (0..120).map(move |i| person(4.0 * (i * new / of) as f64))
     }
@@ -122,13 +124,13 @@ mod tests {
     #[test]
     fn who_stands_still_without_noise_is_not_held() {
         assert_eq!(found((0..120).map(|_| person(400.0))), None);
-        // Walks, and stops: what begins from rest does not leap.
+        // Walks and stops: a motion that starts from rest is no leap.
         let stops = |i: usize| {
             let phase = (i % 20) as f64;
             person(40.0 * (i / 20) as f64 + 0.4 * (phase - 10.0).max(0.0).powi(2))
         };
         assert_eq!(found((0..400).map(stops)), None);
-        // In whole pixels, of which it is one or the other.
+        // In whole pixels, alternating between two positions.
         assert_eq!(found((0..120).map(|i| person(f64::from(i / 3 % 2)))), None);
     }
 

@@ -1,4 +1,4 @@
-//! Exposure, gain and all else that a kernel camera lets one set.
+//! Exposure, gain and the other controls of a kernel camera.
 
 use std::collections::BTreeMap;
 
@@ -7,10 +7,12 @@ use farfield_proto::venue::ControlValue;
 use v4l::Device;
 use v4l::control::{Control, Description, MenuItem, Type, Value};
 
-/// Sets these controls; menus and switches first, since they decide whether a value counts (exposure by hand).
+/// Sets these controls. Menus and switches come first, because they enable others (such as manual
+/// exposure).
 ///
 /// # Errors
-/// One is not there, does not take the value, or the camera refuses it; in words, with what it has.
+/// A message if a control does not exist, does not accept the value, or the camera refuses it; with
+/// the accepted values.
 pub(super) fn set(device: &Device, wanted: &BTreeMap<String, ControlValue>) -> Result<(), String> {
     if wanted.is_empty() {
         return Ok(());
@@ -33,7 +35,7 @@ pub(super) fn set(device: &Device, wanted: &BTreeMap<String, ControlValue>) -> R
     Ok(())
 }
 
-/// The control of that name, and the value as the kernel wants it.
+/// The control of that name, and the value in the kernel's form.
 fn value_of<'a>(
     has: &'a [Description],
     name: &'a str,
@@ -85,7 +87,7 @@ fn is_item(item: &MenuItem, wanted: &ControlValue) -> bool {
     }
 }
 
-/// What a control takes, in words.
+/// The accepted values of a control, in words.
 fn expected(control: &Description) -> String {
     match control.typ {
         Type::Boolean => "true or false".to_owned(),
@@ -107,7 +109,7 @@ fn expected(control: &Description) -> String {
     }
 }
 
-/// The name as `v4l2-ctl` writes it: small letters and digits, `_` for what stands between.
+/// The name in the form of `v4l2-ctl`: lower-case letters and digits, with `_` between.
 fn plain_name(name: &str) -> String {
     let words = name.split(|sign: char| !sign.is_ascii_alphanumeric());
     let words: Vec<_> = words.filter(|word| !word.is_empty()).collect();

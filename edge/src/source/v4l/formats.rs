@@ -1,4 +1,4 @@
-//! The pixel formats of kernel cameras, and how their bytes become pictures.
+//! The pixel formats of kernel cameras and their decoding.
 
 use image::{ImageFormat, RgbImage};
 use v4l::format::{Colorspace, Quantization};
@@ -6,7 +6,7 @@ use v4l::{Format, FourCC};
 
 use crate::picture::{BufferPool, ColourCoding, ColourMatrix, Picture, YuvLayout, YuvPicture};
 
-/// A pixel format: its name in the kernel, and how its values lie.
+/// A pixel format: its kernel name and the layout of its values.
 pub(super) struct PixelFormat {
     /// Three or four letters.
     pub(super) name: &'static str,
@@ -14,7 +14,7 @@ pub(super) struct PixelFormat {
 }
 
 impl PixelFormat {
-    /// The name as the kernel has it: blanks fill it up to four letters.
+    /// The kernel's name, padded with blanks to four letters.
     pub(super) fn fourcc(&self) -> FourCC {
         let mut letters = [b' '; 4];
         for (letter, byte) in letters.iter_mut().zip(self.name.bytes()) {
@@ -24,26 +24,27 @@ impl PixelFormat {
     }
 }
 
-/// How the values of a picture lie in its bytes.
+/// Layout of the values of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Arrangement {
-    /// Brightness, then pairs of U and V, a pair for two by two pixels.
+    /// Luma, then pairs of U and V, one pair per two by two pixels.
     SemiPlanar,
-    /// Brightness, then U, then V, a value of each for two by two pixels.
+    /// Luma, then U, then V, each with one value per two by two pixels.
     Planar,
-    /// Pairs of pixels with one U and V; brightness is the first byte of each two, or the second.
+    /// Pairs of pixels with one U and V; luma is the first or the second byte of each two.
     Pairs { brightness: usize },
-    /// Red, green, blue in this order of bytes.
+    /// Red, green and blue in this order of bytes.
     Rgb([usize; 3]),
     /// A JPEG file.
     Jpeg,
-    /// Brightness, of so many bits.
+    /// Luma with this number of bits.
     Grey { bits: u8 },
-    /// One colour a pixel, of so many bits, as [`MosaicColours`] say.
+    /// A colour mosaic: one colour per pixel, of this number of bits.
     Mosaic { colours: MosaicColours, bits: u8 },
 }
 
-/// Which of red (0), green (1), blue (2) the pixels of a sensor see: `[row % 2][column % 2]`.
+/// The colour that each pixel of a sensor measures, red (0), green (1) or blue (2): `[row %
+/// 2][column % 2]`.
 type MosaicColours = [[usize; 2]; 2];
 
 const RGGB: MosaicColours = [[0, 1], [1, 2]];
@@ -63,7 +64,7 @@ const fn of(name: &'static str, arrangement: Arrangement) -> PixelFormat {
     PixelFormat { name, arrangement }
 }
 
-/// All that can be read, in order of preference: colour before grey, and what is the least work first.
+/// All readable formats in order of preference: colour before grey, then the least work first.
 pub(super) static FORMATS: [PixelFormat; 23] = [
     of("NV12", Arrangement::SemiPlanar),
     of("YU12", Arrangement::Planar),
@@ -95,14 +96,14 @@ pub(super) static FORMATS: [PixelFormat; 23] = [
 pub(super) struct PictureDecoder {
     arrangement: Arrangement,
     size_px: [u32; 2],
-    /// Bytes from one row to the next; not less than a row has.
+    /// Bytes from one row to the next; at least the bytes of a row.
     stride: usize,
     coding: ColourCoding,
     pool: BufferPool,
 }
 
 impl PictureDecoder {
-    /// For pictures as the driver has set them.
+    /// For pictures in the driver's current format.
     pub(super) fn new(pixels: &PixelFormat, format: &Format) -> Self {
         let size_px = [format.width, format.height];
         let arrangement = pixels.arrangement;
@@ -122,7 +123,7 @@ impl PictureDecoder {
         }
     }
 
-    /// `None` when the bytes are not a whole picture.
+    /// `None` if the bytes are no complete picture.
     pub(super) fn decode(&self, bytes: &[u8]) -> Option<Picture> {
         let [width, height] = self.size_px.map(|side| side as usize);
         match self.arrangement {
@@ -152,7 +153,7 @@ impl PictureDecoder {
             }
             Arrangement::Pairs { brightness } => self.yuv(YuvLayout::Planar([2, 1]), |out| {
                 let row_bytes = width.div_ceil(2) * 4;
-                // First byte and distance of brightness, U and V.
+                // First byte and distance of luma, U and V.
                 let colour = 1 - brightness;
                 for (first, apart, n) in [
                     (brightness, 2, width),
@@ -218,12 +219,12 @@ impl PictureDecoder {
     }
 }
 
-/// Values of more than eight bits lie in two bytes, the lower one first.
+/// Values of more than eight bits take two bytes, the lower byte first.
 fn bytes_of(bits: u8) -> usize {
     usize::from(bits).div_ceil(8)
 }
 
-/// How brightness and colour are to be read, as the driver says.
+/// Colour coding as reported by the driver.
 fn coding(arrangement: Arrangement, format: &Format) -> ColourCoding {
     let matrix = match format.colorspace {
         Colorspace::Rec709 => ColourMatrix::Bt709,
@@ -233,7 +234,7 @@ fn coding(arrangement: Arrangement, format: &Format) -> ColourCoding {
     let is_full_range = match format.quantization {
         Quantization::FullRange => true,
         Quantization::LimitedRange => false,
-        // Grey cameras give what the sensor saw, whatever the kernel's default for video is.
+        // Grey cameras deliver sensor values, whatever the kernel's default for video is.
         Quantization::Default => {
             matches!(arrangement, Arrangement::Grey { .. })
                 || matches!(format.colorspace, Colorspace::JPEG)
@@ -245,7 +246,7 @@ fn coding(arrangement: Arrangement, format: &Format) -> ColourCoding {
     }
 }
 
-/// The `n` rows of a plane, without their padding; `None` where there are fewer.
+/// The first `n` rows of a plane without padding; `None` if there are fewer.
 fn rows(
     bytes: &[u8],
     stride: usize,
@@ -259,15 +260,15 @@ fn rows(
     Some(lines.map(move |row| &row[..row_bytes]))
 }
 
-/// Red, green and blue of a sensor with a mosaic of colours: each is the mean of the nearest pixels that saw it. `None` of
-/// pictures without two rows and columns.
+/// Demosaicing: each colour is the mean of the nearest pixels that measured it. `None` for pictures
+/// with less than two rows or columns.
 fn without_mosaic(
     values: &[u8],
     [width, height]: [usize; 2],
     colours: MosaicColours,
 ) -> Option<Vec<u8>> {
     const GREEN: usize = 1;
-    // Quarters by which the pixels around take part in green, and in red and blue.
+    // Weights (quarters) of the neighbouring pixels in green, and in red and blue.
     const AROUND: [[[u16; 3]; 3]; 2] = [
         [[0, 1, 0], [1, 4, 1], [0, 1, 0]],
         [[1, 2, 1], [2, 4, 2], [1, 2, 1]],
@@ -275,7 +276,7 @@ fn without_mosaic(
     if width < 2 || height < 2 {
         return None;
     }
-    // Beyond an edge lies what is as far inside of it: the mosaic goes on.
+    // Pixels outside are mirrored at the edge, which continues the mosaic.
     let around =
         |at: usize, n: usize| [at.abs_diff(1), at, if at + 1 < n { at + 1 } else { n - 2 }];
     let mut rgb = Vec::with_capacity(3 * values.len());
@@ -309,7 +310,7 @@ mod tests {
             .map(Picture::into_rgb)
     }
 
-    /// White, black in the first row, red in the second, of BT.601 in limited range.
+    /// White, black in the first row, red in the second, in BT.601 limited range.
     fn is_white_black_red(image: &RgbImage) {
         assert_eq!(image.get_pixel(0, 0).0, [255, 255, 255]);
         assert_eq!(image.get_pixel(1, 0).0, [0, 0, 0]);
@@ -328,7 +329,7 @@ mod tests {
 
     #[test]
     fn planes_are_found_behind_their_strides() {
-        // Four columns and two rows, padded to eight: brightness, then colour for two by two pixels.
+        // Four columns and two rows, padded to eight: luma, then colour for two by two pixels.
         let luma = [81, 81, 145, 145, 0, 0, 0, 0].repeat(2);
         let semi_planar = [&luma[..], &[90, 240, 54, 34, 0, 0, 0, 0]].concat();
         let planar = [&luma[..], &[90, 54, 0, 0, 240, 34, 0, 0]].concat();

@@ -1,4 +1,4 @@
-//! What a kernel camera offers, in words, for who asked for something else.
+//! What a kernel camera offers, in words, for error messages.
 
 use v4l::frameinterval::FrameIntervalEnum;
 use v4l::framesize::FrameSizeEnum;
@@ -7,10 +7,10 @@ use v4l::{Device, FourCC};
 
 use super::formats::FORMATS;
 
-/// Sizes that are listed for each format; a camera has up to thirty.
+/// Sizes listed per format; a camera has up to thirty.
 const LISTED_SIZES: usize = 12;
 
-/// Formats with their rates at the wanted size, or with the sizes that they have in its place.
+/// Formats with their rates at the wanted size, or with the sizes that they have instead.
 pub(super) fn offered(device: &Device, wanted_px: [u32; 2]) -> String {
     let formats = device.enum_formats().unwrap_or_default();
     let one = |fourcc: FourCC| {

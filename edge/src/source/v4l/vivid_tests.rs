@@ -1,4 +1,5 @@
-//! What a real driver does: the kernel's test camera, `vivid`. Run on such a kernel by `.ci/measure v4l`.
+//! Tests with a real driver: the kernel's test camera `vivid`. `.ci/measure v4l` runs them on a
+//! kernel that has it.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +10,11 @@ use super::*;
 
 const DEVICE: &str = "/dev/video0";
 const SIZE_PX: [u32; 2] = [640, 360];
-/// How far a colour may be off: rounding, and a camera's gamma.
+/// Allowed colour error: rounding and a camera's gamma.
 const COLOUR_TOLERANCE: u8 = 6;
 
-/// Whether this kernel has the test camera. A variable says so, lest a real camera is set to a test picture.
+/// Whether this kernel has the test camera. A variable reports it, so that no real camera is set to
+/// a test picture.
 fn has_test_camera() -> bool {
     let is_there = std::env::var_os("FARFIELD_TEST_CAMERA").is_some();
     if !is_there {
@@ -58,7 +60,7 @@ fn settings(format: Option<&str>, controls: &[(&str, ControlValue)]) -> DeviceSe
     }
 }
 
-/// The next frames of the camera, of its usual size and rate.
+/// The next frames of the camera at its default size and rate.
 fn frames(settings: &DeviceSettings, n: usize) -> Vec<(Frame, i64)> {
     let mut source = open(
         Path::new(DEVICE),
@@ -110,7 +112,7 @@ fn colours_are_the_same_in_every_format() {
                 println!("{}: not offered", pixels.name);
                 break;
             }
-            // The pattern changes with the next picture that the driver begins.
+            // The pattern changes with the next picture that the driver starts.
             let (frame, _) = frames(&set, 3).pop().unwrap();
             let FrameContent::Image(picture) = frame.content else {
                 unreachable!("a camera gives pictures")

@@ -1,29 +1,31 @@
-//! Whether the frames of a recording come at even times: then the n-th is the n-th tick.
+//! Checks that the frames of a recording come at even times, so that frame n is tick n.
 //!
-//! Phones stretch their intervals in poor light, and capture programs drop frames. The mean rate of such a recording may be
-//! right, no interval odd, and its frames are still ticks away from those of the other cameras.
+//! Phones lengthen intervals in poor light, and capture programs drop frames. The mean rate can
+//! then be right and no interval irregular, while frames are still several ticks off those of other
+//! cameras.
 
 use std::ops::Range;
 
 use farfield_proto::order_statistics::upper_median;
 
-/// Time between two frames, in periods, outside which one was lost or doubled.
+/// Accepted time between two frames, in periods. Outside this range a frame was lost or doubled.
 const GAP_PERIODS: Range<f64> = 0.5..1.5;
-/// By how much a frame may be off even times: periods, as containers round times to milliseconds, and a share of the recording's length,
-/// as the clock of a camera that warms up wanders.
+/// Largest deviation of a frame from even times: one period, because containers round times to
+/// milliseconds, plus a share of the recording's length, because the clock of a camera drifts while
+/// it warms up.
 const MOST_OFF_PERIODS: f64 = 1.0;
 const WANDERS: f64 = 1e-4;
 
-/// The first interval that is no single period.
+/// An irregular interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct OddGap {
-    /// The frame before it, from 0.
+    /// The frame before it, counted from 0.
     pub(super) before: usize,
-    /// How long it is.
+    /// Its length, seconds.
     pub(super) gap_s: f64,
 }
 
-/// The first odd gap between frames at `times_s`, which rise, of a recording with such a period.
+/// The first irregular interval of a recording with this period; `times_s` must rise.
 pub(super) fn odd_gap(times_s: &[f64], period_s: f64) -> Option<OddGap> {
     let gaps_s = times_s.windows(2).map(|pair| pair[1] - pair[0]);
     let mut odd = gaps_s
@@ -32,30 +34,30 @@ pub(super) fn odd_gap(times_s: &[f64], period_s: f64) -> Option<OddGap> {
     odd.next().map(|(before, gap_s)| OddGap { before, gap_s })
 }
 
-/// The median time between two frames; `None` of fewer than two.
+/// The median time between two frames; `None` for fewer than two frames.
 pub(super) fn usual_gap_s(times_s: &[f64]) -> Option<f64> {
     let gaps_s = times_s.windows(2).map(|pair| pair[1] - pair[0]);
     upper_median(gaps_s.collect())
 }
 
-/// The mean time between two frames; `None` of fewer than two.
+/// The mean time between two frames; `None` for fewer than two frames.
 fn mean_period_s(times_s: &[f64]) -> Option<f64> {
     let (first, last) = (times_s.first()?, times_s.last()?);
     let n_gaps = times_s.len() - 1;
     (n_gaps > 0 && last > first).then(|| (last - first) / n_gaps as f64)
 }
 
-/// The frame that is farthest from where it would be at an even rate.
+/// The frame with the largest deviation from an even rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FarOff {
-    /// Which, from 0.
+    /// The frame, counted from 0.
     pub(super) frame: usize,
-    /// By how much it is late, seconds, and how much would be near.
+    /// Its delay and the largest allowed one, seconds.
     pub(super) late_s: f64,
     pub(super) most_s: f64,
 }
 
-/// The frame that is farthest off; `None` where all are near.
+/// The frame with the largest deviation; `None` if all are within the limit.
 pub(super) fn farthest_off(times_s: &[f64]) -> Option<FarOff> {
     let period_s = mean_period_s(times_s)?;
     let first_s = times_s[0];
@@ -82,7 +84,7 @@ mod tests {
 
     #[test]
     fn a_rate_that_rises_and_falls_is_told_by_the_frame_that_is_farthest_off() {
-        // As in a phone: no interval is half a period off, and the mean is right.
+        // As on a phone: no interval is half a period off, and the mean is right.
         let off_s = |n: f64| (0.05 - 5e-5 * n) * (n * std::f64::consts::PI / 100.0).sin();
         let phone = times_s(201, off_s);
         assert_eq!(odd_gap(&phone, 1.0 / HZ), None);
