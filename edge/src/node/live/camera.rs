@@ -1,7 +1,7 @@
-//! The thread of one camera: reads frames as they come and hands them to the tick that they are of.
+//! The thread of one camera: it reads frames as they arrive and passes them to their ticks.
 //!
-//! A recording is played: its frame of a tick comes at that tick's time. A source that fails is opened
-//! again, less and less often.
+//! A recording is played: the frame of a tick is delivered at the tick's time. A source that fails
+//! is opened again, at growing intervals.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -19,30 +19,31 @@ use crate::live::health::{PictureSample, sample_picture};
 use crate::live::{Micros, SECOND_US};
 use crate::source::{Frame, FrameContent, FrameSource, SourceError, Sources};
 
-/// How often it is looked whether the venue's time is known.
+/// Interval of checks for the venue's time.
 const LOOK_EVERY_US: Micros = 10_000;
-/// A recording is opened so long before its first tick; farther ahead means that time has been set back.
+/// A recording is opened this long before its first tick. A longer wait means that the clock was
+/// set back.
 const AHEAD_US: Micros = 2 * SECOND_US;
-/// Frames of a recording that are later than so many periods are dropped unseen.
+/// Frames of a recording that are later than this many periods are dropped.
 const LATE_PERIODS: i64 = 2;
 
-/// One camera and where its frames go.
+/// A camera and the destination of its frames.
 pub(super) struct LiveCamera {
     pub(super) shared: Arc<Shared>,
     pub(super) venue: Arc<Venue>,
     pub(super) sources: Arc<dyn Sources>,
     pub(super) index: CameraIndex,
-    /// Its position in the viewpoint.
+    /// Index of the camera in the viewpoint.
     pub(super) at: usize,
 }
 
-/// Why a source is not read any more.
+/// Why a source is no longer read.
 enum Pause {
     /// The edge ends.
     Stopped,
-    /// The recording is over, or its time has not come.
+    /// The recording is over or has not started.
     NoTick,
-    /// It has failed.
+    /// The source failed.
     Failed(SourceError),
 }
 
@@ -52,7 +53,7 @@ impl LiveCamera {
         let Some(camera) = self.venue.camera(self.index).cloned() else {
             return;
         };
-        // Said again only when it is another.
+        // A message is printed again only if it changed.
         let mut said = String::new();
         while !self.shared.is_stopped() {
             let pause = if camera.source.is_live() {
@@ -78,7 +79,7 @@ impl LiveCamera {
         }
     }
 
-    /// Plays a recording from the tick on that it is now.
+    /// Plays a recording from the current tick.
     fn play(&self, camera: &VenueCamera) -> Pause {
         let ticks = match self.sources.probe(camera, &self.venue) {
             Ok(info) => info.ticks,
@@ -114,7 +115,7 @@ impl LiveCamera {
         }
     }
 
-    /// The tick to open a recording at; `None` while its time has not come, or when it is over.
+    /// The tick at which to open a recording; `None` before its start and after its end.
     fn next_tick(&self, ticks: &Range<Tick>) -> Option<Tick> {
         let now_us = self.shared.clock.now_us();
         let ledger = self.shared.ledger();
@@ -123,7 +124,7 @@ impl LiveCamera {
         (first_us - now_us <= AHEAD_US && next < ticks.end).then_some(next)
     }
 
-    /// Hands a recorded frame over at its time.
+    /// Delivers a recorded frame at its time.
     fn show(&self, frame: Frame) -> Result<(), Pause> {
         let offset_us = Micros::from(frame.capture_offset_us);
         let (due_us, period_us) = {
@@ -156,7 +157,7 @@ impl LiveCamera {
         Ok(())
     }
 
-    /// Watches a live source.
+    /// Reads a live source.
     fn watch(&self, camera: &VenueCamera) -> Pause {
         let mut source = match self.sources.open(camera, &self.venue, Tick(0)) {
             Ok(source) => source,
@@ -182,7 +183,7 @@ impl LiveCamera {
         }
     }
 
-    /// Hands a live frame over, to the tick that it belongs to; how long after its capture, microseconds.
+    /// Delivers a live frame to its tick; returns its delay after capture, microseconds.
     fn place(
         &self,
         frame: Frame,
@@ -213,7 +214,7 @@ impl LiveCamera {
     }
 }
 
-/// What is reported of a live camera's times once.
+/// Reports about the times of a live camera that are made once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Report {
     Late,
@@ -222,11 +223,11 @@ enum Report {
     ForeignClock,
 }
 
-/// What was reported of a live camera's times.
+/// Reports made about the times of a live camera.
 #[derive(Debug, Default)]
 struct ReportedTimes {
     once: Vec<Report>,
-    /// Whether the last frame was misplaced, which is reported whenever it begins.
+    /// Whether the last frame was misplaced; each start of this state is reported.
     is_misplaced: bool,
 }
 
@@ -239,7 +240,8 @@ impl ReportedTimes {
         is_new
     }
 
-    /// What is new after a frame was `placed`, or how long after its capture, microseconds; at most `most_us` is waited for.
+    /// New reports after a frame was `placed`, or its delay after capture, microseconds; frames are
+    /// waited for at most `most_us`.
     fn news(
         &mut self,
         placed: Result<Micros, Misplaced>,

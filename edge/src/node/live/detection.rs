@@ -1,8 +1,10 @@
-//! The threads that find people without boxes, so that detection costs no tick: one runs the detector ahead of each detection
-//! pass, one makes the sightings of the pass with its own network.
+//! The threads that detect people without boxes, so that detection delays no tick. One runs the
+//! detector before each detection pass, the other makes the sightings of the pass with its own
+//! network.
 //!
-//! The patches of a tick with a pass are sent together with its sightings, after the patches of later ticks. Only one pass runs
-//! at a time. A pass that fusion asks for meanwhile, or before the first detections, is skipped.
+//! The patches of a tick with a pass are sent together with its sightings, after the patches of
+//! later ticks. Only one pass runs at a time. A pass that fusion requests meanwhile, or before the
+//! first detections, is skipped.
 
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -23,7 +25,7 @@ use crate::node::beyond_view::say_beyond_view;
 use crate::pipeline::{EdgeOutput, EdgePipeline, StepRequest, ViewpointDetector};
 use crate::source::Frame;
 
-/// Most people of one picture: bounds how long the detector should take.
+/// Most people of one picture: bounds the time of the detector.
 const MOST_SIGHTED: usize = 32;
 
 /// Pictures for the detector.
@@ -35,7 +37,7 @@ pub(super) struct Pictures {
     pub(super) cameras: Vec<CameraIndex>,
 }
 
-/// A tick whose patches are ready and whose sightings are not.
+/// A tick with finished patches and unfinished sightings.
 pub(super) struct Pass {
     pub(super) start: TickStart,
     pub(super) frames: Vec<Option<Frame>>,
@@ -44,7 +46,7 @@ pub(super) struct Pass {
     pub(super) output: EdgeOutput,
 }
 
-/// The way to the threads.
+/// A handle of the threads.
 pub(super) struct DetectionThreads {
     pictures: SyncSender<Pictures>,
     passes: SyncSender<Pass>,
@@ -52,16 +54,17 @@ pub(super) struct DetectionThreads {
 }
 
 impl DetectionThreads {
-    /// Starts the threads: `detector` runs the detector, `sighter` makes sightings. They end when this is dropped.
+    /// Starts the threads: `detector` runs the detector, `sighter` makes sightings. They end when
+    /// the handle is dropped.
     ///
     /// # Errors
-    /// When the system has no thread left.
+    /// If the system cannot start a thread.
     pub(super) fn spawn(
         shared: &Arc<Shared>,
         (detector, sighter): (ViewpointDetector, EdgePipeline),
         period_us: Micros,
     ) -> std::io::Result<Self> {
-        // No queue: a request that comes during a run or a pass is refused.
+        // No queue: a request during a run or a pass is refused.
         let (pictures, to_detect_in) = sync_channel(0);
         let (passes, to_sight) = sync_channel(0);
         let schedule = Arc::new(Mutex::new(DetectionSchedule::new(period_us)));
@@ -85,7 +88,7 @@ impl DetectionThreads {
 
     /// Runs the detector on pictures, unless it is running.
     pub(super) fn detect(&self, pictures: Pictures) {
-        // The next tick asks again.
+        // The next tick tries again.
         drop(self.pictures.try_send(pictures));
     }
 
@@ -98,7 +101,7 @@ impl DetectionThreads {
         lock(&self.schedule).for_pass(tick, cameras)
     }
 
-    /// Hands over a pass; gives it back where one goes on.
+    /// Starts a pass; returns it if another one is running.
     pub(super) fn begin(&self, pass: Pass) -> Option<Pass> {
         self.passes.try_send(pass).err().map(|error| match error {
             TrySendError::Full(pass) | TrySendError::Disconnected(pass) => pass,
@@ -155,7 +158,7 @@ fn sight(shared: &Shared, mut pipeline: EdgePipeline, to_sight: &Receiver<Pass>)
             boxes: &start.boxes,
             detection_cameras: &start.detection_cameras,
             detections: Some(&detections),
-            // No patches: the boxes only say how far people have moved since they were detected.
+            // No patches: the boxes only give the motion of people since their detection.
             persons: Some(&[]),
             timing: None,
         };

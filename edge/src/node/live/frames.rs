@@ -13,23 +13,23 @@ use crate::live::Micros;
 use crate::live::health::{CameraWatch, PictureSample};
 use crate::source::Frame;
 
-/// Frames of a camera that are kept beside those for which a slower camera is waited for: the pipeline may be so
-/// many ticks late.
+/// Frames kept per camera in addition to those needed to wait for slower cameras. The pipeline can
+/// be late by this many ticks.
 pub(super) const SPARE: usize = 4;
-/// Most frames that are kept of a camera, whatever it is waited for: of pictures they take gigabytes.
+/// Most frames kept per camera: pictures take gigabytes.
 const MOST_KEPT: usize = 64;
-/// How fast a camera's usual lag follows, and what it had beyond is forgotten: by so much with each frame.
+/// Share by which the usual lag of a camera is updated, and a hitch decays, per frame.
 const LAG_SHARE: f64 = 0.02;
-/// Most periods that frames are waited for beyond the usual lag of their camera: one that stops for a moment
-/// delays nobody for long.
+/// Longest wait beyond the usual lag of a camera, periods. A camera that stalls delays the others
+/// only briefly.
 const MAX_HITCH_PERIODS: i64 = 4;
 
-/// A frame as a camera's thread hands it over.
+/// A frame delivered by a camera's thread.
 pub(super) struct DeliveredFrame {
     pub(super) frame: Frame,
-    /// Of a picture.
+    /// Set if the frame has a picture.
     pub(super) picture_sample: Option<PictureSample>,
-    /// From its capture to now, microseconds.
+    /// Time since its capture, microseconds.
     pub(super) lag_us: Micros,
 }
 
@@ -37,7 +37,7 @@ pub(super) struct DeliveredFrame {
 pub(super) struct FrameStore {
     slots: Mutex<Vec<Slot>>,
     changed: Condvar,
-    /// Longest after their tick that frames are waited for, microseconds.
+    /// Longest wait for frames after their tick, microseconds.
     most_lag_us: Micros,
     most_hitch_us: Micros,
     kept: usize,
@@ -48,16 +48,16 @@ struct Slot {
     frames: VecDeque<Frame>,
     watch: CameraWatch,
     lag: Lag,
-    /// Why it failed, until it gives pictures again.
+    /// Reason of the failure, until the camera delivers pictures again.
     reason: Option<String>,
 }
 
-/// From the capture of a camera's frames to when they come, microseconds.
+/// Delay of a camera's frames after capture, microseconds.
 #[derive(Debug, Clone, Copy, Default)]
 struct Lag {
-    /// A running mean; `None` before the first frame.
+    /// Running mean; `None` before the first frame.
     usual_us: Option<f64>,
-    /// The most of late beyond that.
+    /// Largest recent excess over the mean.
     hitch_us: f64,
 }
 
@@ -76,7 +76,8 @@ impl Lag {
 }
 
 impl FrameStore {
-    /// For frames every `period_us`, of which slow cameras are waited for up to `most_lag_us` after their tick.
+    /// For frames every `period_us`. Slow cameras are waited for up to `most_lag_us` after their
+    /// tick.
     pub(super) fn new(cameras: &[CameraIndex], period_us: Micros, most_lag_us: Micros) -> Self {
         let waiting = usize::try_from(most_lag_us / period_us.max(1)).unwrap_or(0);
         let slot = |&camera: &CameraIndex| Slot {
@@ -95,12 +96,12 @@ impl FrameStore {
         }
     }
 
-    /// Longest after their tick that frames are waited for, microseconds.
+    /// Longest wait for frames after their tick, microseconds.
     pub(super) fn most_lag_us(&self) -> Micros {
         self.most_lag_us
     }
 
-    /// Keeps a frame of the camera at position `at`; the oldest is lost when there are too many.
+    /// Stores a frame of the camera at index `at`; drops the oldest if there are too many.
     pub(super) fn put(&self, at: usize, delivery: DeliveredFrame, now_us: Micros) {
         let mut slots = self.lock();
         let Some(slot) = slots.get_mut(at) else {
@@ -113,7 +114,7 @@ impl FrameStore {
         );
         slot.reason = None;
         slot.lag.add(delivery.lag_us, self.most_hitch_us);
-        // Two frames of one tick, or a tick that comes again: the newest counts.
+        // If a tick is delivered twice or again, the newest frame counts.
         slot.frames.retain(|kept| kept.tick < delivery.frame.tick);
         if slot.frames.len() == self.kept {
             slot.frames.pop_front();
@@ -123,7 +124,8 @@ impl FrameStore {
         self.changed.notify_all();
     }
 
-    /// Notes that a camera has failed, and why; how long to wait until it is opened again, microseconds.
+    /// Records a failure of a camera and its reason; returns the time until it is opened again,
+    /// microseconds.
     pub(super) fn failed(&self, at: usize, why: &str) -> Micros {
         let mut slots = self.lock();
         let wait_us = slots.get_mut(at).map(|slot| {
@@ -133,7 +135,7 @@ impl FrameStore {
         wait_us.unwrap_or(Micros::MAX)
     }
 
-    /// From a tick's time to when the frames of the cameras that deliver should be there, microseconds.
+    /// Time from a tick until the frames of all working cameras should be there, microseconds.
     pub(super) fn lag_us(&self, now_us: Micros) -> Micros {
         let slots = self.lock();
         let delivering = slots
@@ -143,8 +145,8 @@ impl FrameStore {
         lags_us.max().unwrap_or(0).min(self.most_lag_us)
     }
 
-    /// Waits until every camera that delivers has a frame of `tick`, at most for `timeout`; whether it
-    /// has. `now_us` reads the clock.
+    /// Waits at most `timeout` until every working camera has a frame of `tick`; returns whether
+    /// this is so. `now_us` reads the clock.
     pub(super) fn wait(&self, tick: Tick, timeout: Duration, now_us: impl Fn() -> Micros) -> bool {
         let is_there = |slots: &mut Vec<Slot>| {
             let now_us = now_us();
@@ -163,8 +165,8 @@ impl FrameStore {
         !result.timed_out()
     }
 
-    /// Takes the frames of `tick`, one per camera, `None` where there is none or the camera shows nothing
-    /// that is to be believed. Frames of earlier ticks are dropped.
+    /// Takes the frames of `tick`, one per camera. `None` stands for a missing frame or a camera
+    /// whose picture is not usable. Earlier frames are dropped.
     pub(super) fn take(&self, tick: Tick, now_us: Micros, into: &mut Vec<Option<Frame>>) {
         into.clear();
         let mut slots = self.lock();
@@ -179,7 +181,7 @@ impl FrameStore {
         }));
     }
 
-    /// How the cameras are.
+    /// The status of the cameras.
     pub(super) fn status(&self, now_us: Micros) -> Vec<CameraStatus> {
         let mut slots = self.lock();
         let status = |slot: &mut Slot| {
@@ -195,7 +197,7 @@ impl FrameStore {
         slots.iter_mut().map(status).collect()
     }
 
-    /// Wakes whoever waits.
+    /// Wakes the waiting threads.
     pub(super) fn wake(&self) {
         self.changed.notify_all();
     }
@@ -205,7 +207,7 @@ impl FrameStore {
     }
 }
 
-/// Whether frames still come.
+/// Whether the camera delivers frames.
 fn delivers(health: CameraHealth) -> bool {
     !matches!(health, CameraHealth::Silent | CameraHealth::Failed)
 }

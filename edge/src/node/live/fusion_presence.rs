@@ -1,29 +1,29 @@
-//! Whether fusion is there, for whoever reads the edge's log: said once when it goes, and once when it is back.
+//! Messages about fusion's presence for the edge's log: one when it goes, and one when it is back.
 
 use crate::live::{Micros, SECOND_US};
 
-/// What comes sooner was under way when fusion went; none is back so soon, microseconds.
+/// Boxes that arrive sooner after a disconnection were already on their way, microseconds.
 const UNDER_WAY_US: Micros = SECOND_US / 2;
 
-/// What was said of it last.
+/// The last reported state.
 #[derive(Debug, Default)]
 pub(super) struct FusionPresence {
-    /// Since when it is gone.
+    /// Set while fusion is gone.
     gone: Option<Gone>,
 }
 
-/// What is known of a fusion that is gone.
+/// Data of an absence.
 #[derive(Debug, Clone, Copy)]
 struct Gone {
-    /// When that was noticed; its lease ends seconds after its last word.
+    /// Time of the notice; the lease ends seconds after the last message.
     noticed_us: Micros,
-    /// Since when nothing came from it.
+    /// Time since which no message came.
     silent_since_us: Micros,
 }
 
 impl FusionPresence {
-    /// Fusion has gone, as is known at `now_us`; its last boxes came `silent_us` before, `None` where none ever did. What to
-    /// say, the first time.
+    /// Records at `now_us` that fusion is gone. Its last boxes came `silent_us` before, `None` if
+    /// there were none. Returns the message for the log, if the state is new.
     pub(super) fn gone(&mut self, silent_us: Option<Micros>, now_us: Micros) -> Option<String> {
         if self.gone.is_some() {
             return None;
@@ -41,7 +41,7 @@ impl FusionPresence {
         ))
     }
 
-    /// Boxes of fusion have come at `now_us`. What to say, if it was gone.
+    /// Records boxes of fusion at `now_us`. Returns the message for the log, if fusion was gone.
     pub(super) fn heard(&mut self, now_us: Micros) -> Option<String> {
         let gone = self.gone?;
         if now_us.saturating_sub(gone.noticed_us) < UNDER_WAY_US {

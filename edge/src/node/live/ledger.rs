@@ -14,7 +14,7 @@ use crate::live::rate::thumbnail_share::ThumbnailShare;
 use crate::live::rate::{MessageKind, Overload, RateController};
 use crate::live::tick_clock::TickClock;
 
-/// What a live edge knows and counts.
+/// State and counts of a live edge.
 #[derive(Debug)]
 pub(super) struct Ledger {
     pub(super) ticks: TickClock,
@@ -24,10 +24,10 @@ pub(super) struct Ledger {
     thumbnails: ThumbnailShare,
     held_back: u64,
     rate_hz: f64,
-    /// Ticks that nobody worked on.
+    /// Ticks that were not processed.
     pub(super) missed: u64,
     pub(super) failures: Failures,
-    /// The tick that was worked on last.
+    /// The last processed tick.
     pub(super) last: Option<Tick>,
 }
 
@@ -49,7 +49,7 @@ impl Ledger {
         }
     }
 
-    /// Takes boxes that arrived at `now_us`.
+    /// Adds boxes that arrived at `now_us`.
     pub(super) fn take_boxes(&mut self, boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
         let live = boxes.live;
         let silent_us = self.boxes.silent_us(now_us).unwrap_or(0);
@@ -60,7 +60,7 @@ impl Ledger {
         };
         if self.ticks.set(&live, now_us) || arrival == BoxSetArrival::NewSession {
             self.rate.forget_delays(now_us);
-            // Ticks may begin again.
+            // Ticks may restart.
             self.last = None;
         }
         self.rate.follow(live.every_nth_tick);
@@ -71,7 +71,7 @@ impl Ledger {
         arrival
     }
 
-    /// Whether a message of `payload` bytes may go now; counts it either way.
+    /// Whether a message of `payload` bytes may be sent now; counts it in both cases.
     pub(super) fn admit(&mut self, message: MessageKind, payload: usize, now_us: Micros) -> bool {
         if self.budget.take(message.total_bytes(payload), now_us) {
             self.rate.sent(message, payload, now_us);
@@ -82,12 +82,13 @@ impl Ledger {
         }
     }
 
-    /// Most bytes that the picture of a thumbnail may have now; 0: none is sent.
+    /// Most bytes of a thumbnail's picture now; 0 means that none may be sent.
     pub(super) fn thumbnail_room(&mut self, now_us: Micros) -> usize {
         self.thumbnails.room(&mut self.budget, &self.rate, now_us)
     }
 
-    /// Whether a thumbnail may go now whose picture has so many bytes, and its message `payload`; counts it if so.
+    /// Whether a thumbnail with this picture size and message `payload`, bytes, may be sent now;
+    /// counts it if so.
     pub(super) fn admit_thumbnail(
         &mut self,
         picture: usize,
@@ -100,7 +101,7 @@ impl Ledger {
             && self.admit(message, payload, now_us)
     }
 
-    /// What stands in patches of `tick` that are sent at `now_us`.
+    /// The timing data of patches of `tick` sent at `now_us`.
     pub(super) fn timing(&self, tick: Tick, now_us: Micros) -> Option<PatchTiming> {
         let after_us = self.ticks.after_us(now_us, tick)?;
         Some(PatchTiming {
@@ -110,7 +111,7 @@ impl Ledger {
         })
     }
 
-    /// That the computer is too slow for all people at every tick, in words.
+    /// A message if the computer is too slow for all people at every tick.
     pub(super) fn overload(&self) -> Option<String> {
         let Overload {
             done_per_s,
@@ -124,7 +125,7 @@ impl Ledger {
         ))
     }
 
-    /// What the status says, without the cameras.
+    /// The live status without the cameras.
     pub(super) fn describe(&self, now_us: Micros) -> LiveStatus {
         let plan = self.rate.last_plan();
         let most = f64::from(u16::MAX);

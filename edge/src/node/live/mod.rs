@@ -1,9 +1,9 @@
-//! An edge that runs live: nobody waits for anybody.
+//! An edge in live mode: no part waits for another one.
 //!
-//! A thread per camera puts frames into the [`frames`] store as they come (recordings as their ticks come), a thread
-//! runs the pipeline on the frames of a tick and the newest boxes, and the loop here receives what fusion
-//! says and tells once a second how the edge is. Where pictures may leave the edge, one more thread makes thumbnails.
-//! What they share is locked for microseconds.
+//! A thread per camera puts frames into the [`frames`] store as they arrive (recordings at their
+//! ticks). Another thread runs the pipeline on the frames of a tick and the newest boxes. The loop
+//! here receives fusion's messages and sends the edge's status once a second. If pictures may leave
+//! the edge, one more thread makes thumbnails. Shared data are locked for microseconds.
 
 mod camera;
 mod detection;
@@ -51,40 +51,40 @@ use self::shared::Shared;
 
 pub(super) use self::publishers::EdgePublishers;
 
-/// How often an edge says how it is.
+/// Interval of the edge's status.
 const STATUS_EVERY: Duration = Duration::from_secs(1);
 
-/// An edge at work, live.
+/// A running edge in live mode.
 pub(super) struct LiveEdge {
-    /// What the edge says of itself.
+    /// The edge's status.
     pub(super) status: Status,
     shared: Arc<Shared>,
-    /// Why fusion refuses the viewpoint, as it was said last.
+    /// Why fusion refuses the viewpoint, as last reported.
     refused: Option<String>,
-    /// Why the edge should end, as fusion said last.
+    /// Why the edge should end, from fusion's last message.
     objection: Option<NodeError>,
     refusal: RepeatedRefusal,
-    /// What stands for the backend before it is known how many workers run it.
+    /// The backend's text before the number of workers is known.
     backend: String,
-    /// What has not been as it should since the start.
+    /// Problems since the start.
     notices: Vec<String>,
-    /// Whether the computer is too slow, as was said.
+    /// Whether the computer is reported as too slow.
     is_overloaded: bool,
-    /// The session of fusion that was followed last.
+    /// The last followed session of fusion.
     followed: Option<SessionId>,
-    /// Whether fusion is there, as was said.
+    /// Whether fusion is reported as present.
     presence: FusionPresence,
-    /// Why messages of fusion cannot be read, as was said last.
+    /// Why fusion's messages are unreadable, as last reported.
     foreign: Option<WireError>,
     failed: oneshot::Receiver<anyhow::Error>,
 }
 
 impl LiveEdge {
-    /// Starts cameras and pipeline, of an edge that introduces itself as `status` and goes by `clock`; `ring` keeps
-    /// its sets, if anything does.
+    /// Starts cameras and pipeline. `status` is the first status, `clock` the venue's clock; `ring`
+    /// stores the sets, if present.
     ///
     /// # Errors
-    /// When the system has no thread left.
+    /// If the system cannot start a thread.
     pub(super) fn spawn(
         parts: Parts,
         status: Status,
@@ -111,21 +111,21 @@ impl LiveEdge {
         })
     }
 
-    /// Whether the link's budget lets so many bytes pass beside the patches now.
+    /// Whether the link's budget has room for this many bytes in addition to the patches.
     pub(super) fn admission(&self) -> impl Fn(usize) -> bool + Send + use<> {
         let shared = Arc::clone(&self.shared);
         move |bytes| shared.admits(bytes)
     }
 
-    /// Takes a message; says how the run has ended, if it has. Without keys anybody on the machine may say
-    /// anything: what would end the edge counts from the session that it follows, or when it is said again
-    /// and again.
+    /// Processes a message; returns the end of the run, if it ended. Without keys, any program on
+    /// the machine can send messages. A message that would end the edge therefore counts only from
+    /// the followed session, or if it is repeated.
     ///
     /// # Errors
-    /// As [`Self::run`].
+    /// See [`Self::run`].
     pub(super) fn receive(&mut self, incoming: EdgeIncoming) -> Result<Option<Ending>, NodeError> {
         match incoming {
-            // A fusion in lock-step says so in its status, too.
+            // A fusion in lock-step is also recognised by its status.
             EdgeIncoming::Boxes(boxes)
                 if boxes.live.is_none() || Some(boxes.viewpoint) != self.status.viewpoint =>
             {
@@ -137,7 +137,7 @@ impl LiveEdge {
                 return Ok(Some(Ending::Done));
             }
             EdgeIncoming::Boxes(boxes) => match self.shared.take_boxes(boxes) {
-                // Fusion uses nothing of an edge before it knows what files it holds.
+                // Fusion uses no data of an edge before it knows the edge's files.
                 BoxSetArrival::NewSession => {
                     self.say_if_back();
                     self.say_whom_it_follows();
@@ -151,14 +151,14 @@ impl LiveEdge {
                 self.weigh(&fusion);
                 return self.give_up();
             }
-            // It comes back, and finds the cameras open.
+            // It will return and find the cameras open.
             EdgeIncoming::FusionGone => self.say_gone(),
             EdgeIncoming::Unreadable(_, error) => self.cannot_read(&error),
         }
         Ok(None)
     }
 
-    /// Says that the computer is too slow when that begins, and when it is over.
+    /// Reports the start and the end of overload.
     fn say_overload(&mut self) {
         let overload = self.shared.overload();
         if overload.is_some() == self.is_overloaded {
@@ -169,7 +169,7 @@ impl LiveEdge {
         say(format_args!("{}: {said}", self.status.node));
     }
 
-    /// Says that fusion has gone, if that is new.
+    /// Reports that fusion has gone, if new.
     fn say_gone(&mut self) {
         let silent_us = self.shared.silent_us();
         let now_us = self.shared.clock.now_us();
@@ -178,14 +178,14 @@ impl LiveEdge {
         }
     }
 
-    /// Says that fusion is back, if it was gone.
+    /// Reports that fusion is back, if it was gone.
     fn say_if_back(&mut self) {
         if let Some(said) = self.presence.heard(self.shared.clock.now_us()) {
             say(format_args!("{}: {said}", self.status.node));
         }
     }
 
-    /// Says that another fusion, or a new life of the same, is followed than before.
+    /// Reports a change of the followed fusion or its session.
     fn say_whom_it_follows(&mut self) {
         let session = self.shared.session();
         if let (Some(before), Some(now)) = (self.followed, session) {
@@ -197,11 +197,11 @@ impl LiveEdge {
         self.followed = session.or(self.followed);
     }
 
-    /// Works until fusion says that the run is over, or somebody stops the edge.
+    /// Works until fusion ends the run, or the edge is stopped.
     ///
     /// # Errors
-    /// When a file differs from fusion's, another node speaks for the viewpoint, fusion runs in lock-step all
-    /// of a sudden, or the pipeline fails.
+    /// If a file differs from fusion's, another node has the same viewpoint, fusion changed to
+    /// lock-step, or the pipeline fails.
     pub(super) async fn run(
         &mut self,
         ends: &mut EdgeEnds,
@@ -238,7 +238,7 @@ impl LiveEdge {
         }
     }
 
-    /// Ends cameras and pipeline, and says so: why, if the edge gives up.
+    /// Ends cameras and pipeline, and reports it with the error, if any.
     pub(super) fn leave(&mut self, error: Option<&NodeError>) {
         self.shared.stop();
         service_manager::end_work();
@@ -247,7 +247,7 @@ impl LiveEdge {
         self.send_status();
     }
 
-    /// Sends the status now.
+    /// Sends the status.
     fn send_status(&mut self) {
         let now_us = self.shared.clock.now_us();
         self.status.ready = !self.shared.is_stopped() && self.refused.is_none();
@@ -275,7 +275,7 @@ impl LiveEdge {
             .send(MessageKind::Status, self.shared.encode(&self.status));
     }
 
-    /// How the node is, beside its work.
+    /// The health of the node, without its work.
     fn health(&self) -> NodeHealth {
         let mut health = NodeHealth {
             system_clock: Some(self.shared.clock.system()),
@@ -301,7 +301,7 @@ impl LiveEdge {
         health
     }
 
-    /// Counts a message that cannot be read, and says once why when it is of another version.
+    /// Counts an unreadable message, and reports once if it has another version.
     fn cannot_read(&mut self, error: &WireError) {
         self.status.unreadable += 1;
         if let WireError::Version { .. } = error
@@ -315,7 +315,7 @@ impl LiveEdge {
         }
     }
 
-    /// Takes what fusion says of the edge.
+    /// Processes what fusion's status reports about the edge.
     fn weigh(&mut self, fusion: &Status) {
         let mut edges = fusion.live.iter().flat_map(|live| &live.edges);
         let link = edges.find(|edge| edge.viewpoint == self.status.node);
@@ -326,7 +326,7 @@ impl LiveEdge {
             return;
         }
         self.refusal.note_acceptance();
-        // What is said while the edge takes part is of another of its name.
+        // A refusal while this edge is accepted concerns another edge with its name.
         let refused = link.filter(|link| !link.live);
         let refused = refused.and_then(|link| link.refused.clone());
         // Numbers in the reason change all the time.
@@ -344,7 +344,7 @@ impl LiveEdge {
         self.refused = refused;
     }
 
-    /// Ends the edge when fusion's objections stand.
+    /// Ends the edge when fusion's objections are confirmed.
     fn give_up(&mut self) -> Result<Option<Ending>, NodeError> {
         if !self.refusal.is_confirmed(self.shared.clock.now_us()) {
             return Ok(None);
@@ -353,7 +353,8 @@ impl LiveEdge {
     }
 }
 
-/// Whether an edge of the status `own` can work with a fusion that says this of itself, and this of the edge.
+/// Checks that an edge with the status `own` can work with fusion, by fusion's status and its
+/// `link` to the edge.
 fn object(own: &Status, fusion: &Status, link: Option<&EdgeLink>) -> Result<(), NodeError> {
     if fusion.live.is_none() {
         return Err(NodeError::Failed(anyhow!(

@@ -1,4 +1,4 @@
-//! What a tick came to, on its way out: to the link, and to the ring.
+//! Sending of a tick's results to the link and the ring.
 
 use farfield_proto::message::fill::SetKind;
 
@@ -8,7 +8,8 @@ use crate::live::rate::MessageKind;
 use crate::pipeline::EdgeOutput;
 use crate::ring::record::Label;
 
-/// Sends and keeps what `start` came to. Sightings first: fusion knows from the patches how many to wait for.
+/// Sends and stores the results of `start`. Sightings first: the patches state how many sightings
+/// fusion must wait for.
 pub(super) fn send(shared: &Shared, start: &TickStart, output: EdgeOutput) {
     let label = |session, kind| Label {
         session,

@@ -1,4 +1,4 @@
-//! Where the pipeline's thread leaves a picture with which it is done, for who makes a thumbnail of it.
+//! Transfer of a used picture from the pipeline's thread to the thumbnail thread.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -8,10 +8,10 @@ use farfield_proto::tick::Tick;
 use crate::picture::Picture;
 use crate::source::{Frame, FrameContent};
 
-/// Longest time until a thread that waits for a picture sees that it shall stop.
+/// Longest time until a waiting thread notices that it must stop.
 const NAP: Duration = Duration::from_millis(50);
 
-/// Where the pipeline's thread puts pictures with which it is done, one at a time, where one is wanted.
+/// A slot in which the pipeline's thread puts one requested picture after use.
 #[derive(Debug, Default)]
 pub(super) struct PictureDesk {
     on_it: Mutex<OnDesk>,
@@ -22,14 +22,14 @@ pub(super) struct PictureDesk {
 enum OnDesk {
     #[default]
     Nothing,
-    /// A picture of the camera at this position in the viewpoint is wanted.
+    /// A picture of the camera at this index is requested.
     Wanted(usize),
-    /// Here it is.
+    /// The requested picture.
     Picture(Tick, Picture),
 }
 
 impl PictureDesk {
-    /// Hands over the picture that is wanted, if it is among these `frames`, which nobody needs any more.
+    /// Passes on the requested picture, if it is among these no longer needed `frames`.
     pub(super) fn offer(&self, frames: &mut [Option<Frame>]) {
         let mut on_it = self.lock();
         let OnDesk::Wanted(at) = *on_it else { return };
@@ -49,7 +49,8 @@ impl PictureDesk {
         }
     }
 
-    /// Asks for a picture of the camera at position `at`, and waits for it for so long, or until it `shall_stop`.
+    /// Requests a picture of the camera at index `at`. Waits for at most the given time, or until
+    /// `shall_stop`.
     pub(super) fn take(
         &self,
         at: usize,

@@ -1,4 +1,4 @@
-//! What a live edge publishes on. Nothing blocks: what cannot go at once is dropped.
+//! The publishers of a live edge. Nothing blocks: a message that cannot be sent at once is dropped.
 
 use farfield_node::session::{self, Delivery, has_listener, put_status};
 use farfield_proto::key::Keys;
@@ -8,21 +8,23 @@ use zenoh::{Session, Wait as _};
 
 use crate::live::rate::MessageKind;
 
-/// The publishers of a live edge: patches best effort, as the next are better; sightings and statuses reliable,
-/// as a lost one would be missed for a second; thumbnails behind all of these.
+/// The publishers of a live edge. Patches are best effort, because newer ones follow. Sightings and
+/// statuses are reliable, because the next one comes a second later. Thumbnails have the lowest
+/// priority.
 pub(in crate::node) struct EdgePublishers {
     patches: Publisher<'static>,
     sightings: Publisher<'static>,
     status: Publisher<'static>,
-    /// Where pictures may leave the edge.
+    /// Set if pictures may leave the edge.
     thumbnails: Option<Publisher<'static>>,
 }
 
 impl EdgePublishers {
-    /// Declares them for a venue and viewpoint of these names; `pictures`: whether these may leave the edge.
+    /// Declares the publishers of a venue and viewpoint; with `pictures`, also the one of
+    /// thumbnails.
     ///
     /// # Errors
-    /// What Zenoh says.
+    /// The error of Zenoh.
     pub(in crate::node) async fn declare(
         session: &Session,
         [venue, viewpoint]: [&str; 2],
@@ -48,12 +50,12 @@ impl EdgePublishers {
         self.thumbnails.is_some()
     }
 
-    /// Whether somebody subscribes to them.
+    /// Whether thumbnails have a subscriber.
     pub(super) fn somebody_looks(&self) -> bool {
         self.thumbnails.as_ref().is_some_and(has_listener)
     }
 
-    /// Hands a message to the network.
+    /// Passes a message to the network.
     pub(super) fn put(&self, message: MessageKind, bytes: Vec<u8>) {
         let (publisher, sent) = match message {
             MessageKind::Patches(_) => (&self.patches, self.patches.put(bytes).wait()),
@@ -64,7 +66,7 @@ impl EdgePublishers {
                 None => return,
             },
         };
-        // While fusion is away there is nobody to send to.
+        // While fusion is away there is no receiver.
         if let Err(error) = sent {
             debug!(key = %publisher.key_expr(), %error, "not sent");
         }

@@ -1,4 +1,4 @@
-//! What the threads of a live edge share.
+//! The data shared by the threads of a live edge.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -27,10 +27,10 @@ use crate::node::ring::RingHandle;
 use crate::node::workers::Workers;
 use crate::ring::record::Label;
 
-/// Longest time until a thread that sleeps sees that it shall stop.
+/// Longest time until a sleeping thread notices that it must stop.
 const NAP: Duration = Duration::from_millis(50);
 
-/// The clock, the state, the frames and the way out.
+/// The clock, the state, the frames and the output.
 pub(super) struct Shared {
     pub(super) clock: VenueClock,
     pub(super) frames: FrameStore,
@@ -42,14 +42,14 @@ pub(super) struct Shared {
     spoken: Arc<SpokenVersion>,
     ring: Option<RingHandle>,
     workers: OnceLock<Workers>,
-    /// Calls of networks that go on.
+    /// Running calls of networks.
     pub(super) works: WorkWatch,
     stop: CancellationToken,
 }
 
 impl Shared {
-    /// For the cameras of `parts`; what is sent goes to `publishers`, in the version that fusion reads, and to `ring` if
-    /// there is one.
+    /// For the cameras of `parts`. Messages go to `publishers`, in the version that fusion reads,
+    /// and to `ring` if present.
     pub(super) fn new(
         parts: &Parts,
         clock: VenueClock,
@@ -74,40 +74,40 @@ impl Shared {
         }
     }
 
-    /// The state, for microseconds.
+    /// The state; hold the lock for microseconds only.
     pub(super) fn ledger(&self) -> MutexGuard<'_, Ledger> {
-        // All parts are valid on their own, whatever a thread that panicked left undone.
+        // Each part is valid on its own, even after a panic of another thread.
         self.ledger.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes boxes that have just arrived.
+    /// Adds boxes that have just arrived.
     pub(super) fn take_boxes(&self, boxes: BoxSet) -> BoxSetArrival {
         let now_us = self.clock.now_us();
         self.ledger().take_boxes(boxes, now_us)
     }
 
-    /// Fusion's session, once there is one.
+    /// Fusion's session, once known.
     pub(super) fn session(&self) -> Option<SessionId> {
         self.ledger().boxes.session()
     }
 
-    /// How long fusion's boxes have not come, microseconds; `None` while none ever has.
+    /// Time since the last boxes of fusion, microseconds; `None` before the first.
     pub(super) fn silent_us(&self) -> Option<Micros> {
         let now_us = self.clock.now_us();
         self.ledger().boxes.silent_us(now_us)
     }
 
-    /// The version of messages in which fusion is spoken to.
+    /// The message version that fusion reads.
     pub(super) fn message_version(&self) -> u8 {
         self.spoken.get()
     }
 
-    /// The bytes of a message for fusion.
+    /// Encodes a message for fusion.
     pub(super) fn encode<M: Message>(&self, message: &M) -> Vec<u8> {
         wire::encode_as(message, self.message_version())
     }
 
-    /// Sends a message if the budget allows it; whether it does.
+    /// Sends a message if the budget has room; returns whether it was sent.
     pub(super) fn send(&self, message: MessageKind, bytes: Vec<u8>) -> bool {
         let now_us = self.clock.now_us();
         let admitted = self.ledger().admit(message, bytes.len(), now_us);
@@ -122,12 +122,12 @@ impl Shared {
         self.publishers.has_pictures()
     }
 
-    /// Whether somebody subscribes to them.
+    /// Whether thumbnails have a subscriber.
     pub(super) fn somebody_looks(&self) -> bool {
         self.publishers.somebody_looks()
     }
 
-    /// Sends a thumbnail where there is room for it. It is kept nowhere.
+    /// Sends a thumbnail if there is room. It is not stored.
     pub(super) fn send_thumbnail(&self, thumbnail: &Thumbnail) {
         let bytes = self.encode(thumbnail);
         let (picture, payload) = (thumbnail.jpeg.len(), bytes.len());
@@ -137,47 +137,47 @@ impl Shared {
         }
     }
 
-    /// Keeps a message on disk, whether it is sent or not.
+    /// Stores a message on disk, whether sent or not.
     pub(super) fn keep(&self, label: Label, message: &[u8]) {
         if let Some(ring) = &self.ring {
             ring.store(label, message);
         }
     }
 
-    /// Why not all messages are kept, when that is so.
+    /// Why some messages are not stored, if so.
     pub(super) fn ring_failure(&self) -> Option<String> {
         self.ring.as_ref().and_then(RingHandle::failure)
     }
 
-    /// Whether the budget lets so many bytes pass beside the patches now.
+    /// Whether the budget has room for this many bytes in addition to the patches.
     pub(super) fn admits(&self, bytes: usize) -> bool {
         let now_us = self.clock.now_us();
         self.ledger().admit(MessageKind::Status, bytes, now_us)
     }
 
-    /// Counts how long a stage took.
+    /// Records the duration of a stage.
     pub(super) fn count(&self, stage: &'static str, us: u32) {
         self.lock_stages().entry(stage).or_default().record(us);
     }
 
-    /// All stages so far.
+    /// The durations of all stages.
     pub(super) fn stages(&self) -> Vec<StageTime> {
         let stages = self.lock_stages();
         let times = stages.iter().filter_map(|(stage, h)| h.stage_time(stage));
         times.collect()
     }
 
-    /// How the edge is, but for its cameras.
+    /// The live status without the cameras.
     pub(super) fn describe(&self, now_us: Micros) -> LiveStatus {
         self.ledger().describe(now_us)
     }
 
-    /// That the computer is too slow for all people at every tick, in words.
+    /// A message if the computer is too slow for all people at every tick.
     pub(super) fn overload(&self) -> Option<String> {
         self.ledger().overload()
     }
 
-    /// Notes that the networks are called, for at most so many crops.
+    /// Records a call of the networks for at most this many crops.
     pub(super) fn begin_work(&self, caller: Caller, crops: usize) {
         let crops_per_s = self.workers().map_or(f64::INFINITY, |it| it.crops_per_s);
         let expected_us = crops as f64 / crops_per_s * SECOND_US as f64;
@@ -185,7 +185,7 @@ impl Shared {
             .begin(caller, self.clock.now_us(), expected_us as Micros);
     }
 
-    /// Notes that a tick was done, with so many crops in so much time.
+    /// Records a finished tick, its crops and its duration.
     pub(super) fn count_work(&self, crops: usize, took_us: u32) {
         let now_us = self.clock.now_us();
         let mut ledger = self.ledger();
@@ -195,7 +195,7 @@ impl Shared {
         }
     }
 
-    /// Notes that a tick could not be done.
+    /// Records a failed tick.
     pub(super) fn note_failure(&self, error: &anyhow::Error) {
         let now_us = self.clock.now_us();
         let mut ledger = self.ledger();
@@ -203,7 +203,7 @@ impl Shared {
         ledger.failures.failed(format!("{error:#}"), now_us);
     }
 
-    /// That the networks are late or fail, in words, and whether the edge should give up.
+    /// Messages about late and failing networks, each with a flag that the edge should give up.
     pub(super) fn trouble(&self) -> [Option<(String, bool)>; 2] {
         let now_us = self.clock.now_us();
         [
@@ -212,12 +212,12 @@ impl Shared {
         ]
     }
 
-    /// Notes who runs the network; the first word counts.
+    /// Sets the workers of the network, once.
     pub(super) fn set_workers(&self, workers: Workers) {
         self.workers.get_or_init(|| workers);
     }
 
-    /// Who runs the network, once that was measured.
+    /// The workers of the network, once measured.
     pub(super) fn workers(&self) -> Option<Workers> {
         self.workers.get().copied()
     }
@@ -235,7 +235,7 @@ impl Shared {
         self.stop.is_cancelled()
     }
 
-    /// Sleeps until the clock shows `until_us`; `false` when the edge shall stop.
+    /// Sleeps until `until_us`; `false` if the edge must stop.
     pub(super) fn sleep_until(&self, until_us: Micros) -> bool {
         while !self.is_stopped() {
             let left_us = until_us - self.clock.now_us();
@@ -247,7 +247,7 @@ impl Shared {
         false
     }
 
-    /// Sleeps; `false` when the edge shall stop.
+    /// Sleeps; `false` if the edge must stop.
     pub(super) fn pause(&self, us: Micros) -> bool {
         self.sleep_until(self.clock.now_us().saturating_add(us))
     }

@@ -1,4 +1,4 @@
-//! A live edge from its start to its end, over a real Zenoh router, with a fusion that follows a script.
+//! A live edge from start to end, over a real Zenoh router, with a scripted fusion.
 
 mod thumbnails;
 
@@ -30,7 +30,7 @@ use crate::node::config::{EdgeArgs, EdgeConfig};
 use crate::node::run::run;
 use crate::source::{RecordedSources, Sources};
 
-/// Far above what a loaded machine takes; a test that waits as long has failed.
+/// Far longer than a loaded machine needs; a test that waits this long has failed.
 const PATIENCE: Duration = Duration::from_secs(30);
 const RATE_HZ: i64 = 30;
 
@@ -40,7 +40,7 @@ const CALIBRATION: &str = "[c0]\nname = \"c0\"\nsize = [640, 480]\n\
     matrix = [[640.0, 0.0, 319.5], [0.0, 640.0, 239.5], [0.0, 0.0, 1.0]]\n\
     distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nrotation = [0.0, 0.0, 0.0]\ntranslation = [0.0, 0.0, 0.0]\n";
 
-/// A venue whose camera has a person standing in the middle of its picture.
+/// A venue whose camera shows a standing person in the middle of its picture.
 fn venue(folder: &Path) -> std::path::PathBuf {
     std::fs::write(folder.join("c.toml"), CALIBRATION).unwrap();
     let keypoints: Vec<String> = (0..17)
@@ -58,7 +58,7 @@ fn venue(folder: &Path) -> std::path::PathBuf {
 
 type Subscribed = Subscriber<FifoChannelHandler<Sample>>;
 
-/// Fusion as far as an edge knows it.
+/// The messages of fusion that an edge uses.
 struct Script {
     session: Session,
     boxes: Publisher<'static>,
@@ -110,7 +110,7 @@ impl Script {
         Tick((self.clock.now_us() - self.epoch_us) * RATE_HZ / 1_000_000)
     }
 
-    /// Says where the person is, for the tick after next.
+    /// Sends the position of the person for the tick after next.
     async fn say_boxes(&mut self, persons: u32, detect: bool, order: Order) {
         self.sequence += 1;
         let boxes = self.boxes(persons, detect, order);
@@ -191,7 +191,7 @@ impl Script {
         self.venue.hashes.calibration.clone()
     }
 
-    /// Speaks every tick until a message comes for which `is_it`.
+    /// Sends boxes every tick until a message matches `is_it`.
     async fn until<M: Message>(
         &mut self,
         persons: u32,
@@ -311,7 +311,7 @@ async fn an_edge_follows_fusion_into_live_mode_and_through_its_death_and_return(
     assert_eq!(live.epoch_us, Some(fusion.epoch_us as u64));
     assert!(live.bytes_per_s > 0 && status.stages.iter().any(|s| s.stage == "capture to sent"));
 
-    // Another life, at the same place, with the same ticks.
+    // A new process with the same place and ticks.
     let epoch_us = fusion.epoch_us;
     drop(fusion);
     let mut fusion = Script::open(&venue, &endpoint, 2, Some(epoch_us)).await;
@@ -430,11 +430,11 @@ async fn no_single_message_whatever_it_says_ends_an_edge_or_silences_it() {
         fusion.say_status(&calibration, Vec::new()).await;
     }
 
-    // On a machine that stands still for long enough the foreign sessions are believed for a while.
+    // On a machine that stalls, the foreign sessions are followed for a while.
     let counted = |status: &Status| status.unreadable >= 5 && status.failure.is_none();
     fusion.until(1, |f| &f.statuses, counted).await;
     fusion.until(1, |f| &f.patches, with_person).await;
-    // Nor does one that says of itself to be far ahead of all others.
+    // A session with a far higher sequence number also has no effect.
     let now = fusion.now();
     fusion.sequence += 1 << 30;
     fusion

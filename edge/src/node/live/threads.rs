@@ -1,4 +1,5 @@
-//! The threads of a live edge: one per camera, one for the pipeline, and one for thumbnails where these may leave it.
+//! The threads of a live edge: one per camera, one for the pipeline, and one for thumbnails if
+//! these may leave the edge.
 
 use std::sync::Arc;
 
@@ -11,8 +12,8 @@ use super::ticker::Ticker;
 use crate::node::beyond_view::say_beyond_view;
 use crate::node::parts::Parts;
 
-/// Starts the threads, which end when `shared` is stopped. Those of cameras may still wait for a frame then, so
-/// nobody waits for them.
+/// Starts the threads, which end when `shared` is stopped. Camera threads may still wait for a
+/// frame then, so they are not joined.
 pub(super) fn spawn(
     parts: Parts,
     shared: &Arc<Shared>,

@@ -1,8 +1,8 @@
-//! The thread that makes thumbnails: of one camera after the other, each once a second at most.
+//! The thread that makes thumbnails, of each camera in turn, at most one per camera and second.
 //!
-//! It asks the pipeline's thread for a picture. That hands over one with which it is done, which takes it no longer than
-//! a lock; making it small is nobody's business but this thread's. While nobody subscribes to them, or the link has no room, nothing
-//! is made.
+//! It requests a picture from the pipeline's thread, which passes on a used one and only takes a
+//! lock. The picture is reduced in this thread. Without a subscriber, or without room on the link,
+//! no thumbnail is made.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,7 +20,7 @@ pub(super) struct Thumbnails {
     pub(super) shared: Arc<Shared>,
     pub(super) venue: Arc<Venue>,
     pub(super) viewpoint: ViewpointIndex,
-    /// Those of the viewpoint, in file order.
+    /// The cameras of the viewpoint, in file order.
     pub(super) cameras: Vec<CameraIndex>,
 }
 
@@ -33,7 +33,7 @@ impl Thumbnails {
         let mut turn = 0;
         let mut due_us = self.shared.clock.now_us();
         loop {
-            // A clock that was set, or a picture that took long, makes no burst.
+            // A clock change or a slow picture causes no burst.
             let now_us = self.shared.clock.now_us();
             due_us = (due_us + each_us).clamp(now_us, now_us + each_us);
             if !self.shared.sleep_until(due_us) {
@@ -46,8 +46,8 @@ impl Thumbnails {
         }
     }
 
-    /// Sends a thumbnail of `camera`, at position `at`, where somebody looks and there is room; waits for a picture for
-    /// `patience_us` at most.
+    /// Sends a thumbnail of `camera`, at index `at`, if there are a subscriber and room. Waits for
+    /// a picture for at most `patience_us`.
     fn make(
         &self,
         maker: &mut ThumbnailMaker,

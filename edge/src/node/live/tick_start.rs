@@ -1,4 +1,3 @@
-//! What is known at the start of a tick, for whoever works on it.
 
 use std::sync::Arc;
 
@@ -8,12 +7,12 @@ use farfield_proto::tick::Tick;
 
 use crate::live::rate::SendPlan;
 
-/// What is known at the start of a tick.
+/// State at the start of a tick.
 pub(super) struct TickStart {
     pub(super) tick: Tick,
     pub(super) boxes: Arc<BoxSet>,
     pub(super) detection_cameras: Vec<CameraIndex>,
-    /// Whether fusion is silent, so that it must be watched where people go.
+    /// Whether fusion is silent, so that this edge must follow people itself.
     pub(super) is_watched: bool,
     pub(super) plan: SendPlan,
     pub(super) may_send: bool,

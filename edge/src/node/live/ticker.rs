@@ -1,4 +1,4 @@
-//! The thread that computes: the frames of a tick and the newest boxes in, messages out, tick after tick.
+//! The computing thread: it turns the frames of each tick and the newest boxes into messages.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -29,9 +29,9 @@ use crate::source::Frame;
 
 /// Name of the stage from the capture of a tick to the sending of its last patch.
 const CAPTURE_TO_SENT: &str = "capture to sent";
-/// How long it waits where there is nothing to wait for, microseconds.
+/// Sleep without work, microseconds.
 const IDLE_US: Micros = 10_000;
-/// The largest timing: what messages are measured with before their own is known.
+/// The largest timing: its size is used before the real one is known.
 const LARGEST_TIMING: PatchTiming = PatchTiming {
     sent_after_us: i32::MIN,
     clock_correction_us: i32::MIN,
@@ -41,20 +41,20 @@ const LARGEST_TIMING: PatchTiming = PatchTiming {
     }),
 };
 
-/// Works on tick after tick.
+/// Processes tick after tick.
 pub(super) struct Ticker {
     shared: Arc<Shared>,
     pipeline: EdgePipeline,
     viewpoint: ViewpointIndex,
     frames: Vec<Option<Frame>>,
     chosen: Vec<PersonId>,
-    /// The people as this edge follows them itself.
+    /// The people as followed by this edge itself.
     own_boxes: OwnBoxes,
     rate_hz: f64,
-    /// For how long it does without fusion, microseconds.
+    /// Longest time without fusion, microseconds.
     longest_alone_us: Micros,
     laps: Vec<(EdgeStage, u32)>,
-    /// The threads that find people without boxes, where that takes a network.
+    /// The detection threads, if detection needs a network.
     detection: Option<DetectionThreads>,
 }
 
@@ -79,15 +79,15 @@ impl Ticker {
         }
     }
 
-    /// What it works with.
+    /// The pipeline.
     pub(super) fn pipeline(&self) -> &EdgePipeline {
         &self.pipeline
     }
 
-    /// Plans with the workers that were measured to be fastest, and lets another thread look for people.
+    /// Plans with the measured workers and starts the detection threads.
     ///
     /// # Errors
-    /// When the network cannot be loaded again.
+    /// If the network cannot be loaded again.
     pub(super) fn share_work(&mut self, workers: Option<Workers>) -> anyhow::Result<()> {
         if let Some(best) = workers {
             let mut ledger = self.shared.ledger();
@@ -127,8 +127,8 @@ impl Ticker {
         }
     }
 
-    /// The tick to work on next, and how long its frames are waited for; `None` while nobody knows.
-    /// Ticks that are over are counted and left out.
+    /// The next tick and the waiting time for its frames; `None` while unknown. Past ticks are
+    /// counted as missed.
     fn next_tick(&self) -> Option<(Tick, Micros)> {
         let now_us = self.shared.clock.now_us();
         let lag_us = self.shared.frames.lag_us(now_us);
@@ -176,7 +176,7 @@ impl Ticker {
         } else if let Some(boxes) = in_force {
             Arc::clone(boxes)
         } else {
-            // Fusion is gone: what there is to see is for whoever asks for it later.
+            // Fusion is gone: an empty box set, so that sightings are stored for later.
             Arc::new(BoxSet {
                 session,
                 tick,
@@ -254,7 +254,7 @@ impl Ticker {
         Ok(())
     }
 
-    /// Lets the patches of a tick out; with a detection pass, when that is done.
+    /// Sends the patches of a tick, or passes them to a detection pass, which sends them when done.
     fn send(&mut self, start: TickStart, output: EdgeOutput) {
         if start.is_watched {
             let sets = &output.patch_sets;
@@ -282,12 +282,12 @@ impl Ticker {
         }
     }
 
-    /// Runs the detector on the pictures of `tick` if the next detection pass needs that.
+    /// Runs the detector on the pictures of `tick` if the next detection pass needs it.
     fn detect_ahead(&self, tick: Tick) {
         let Some(threads) = &self.detection else {
             return;
         };
-        // Before the first picture a run would take no time, and say that later ones take none.
+        // Without a picture a run would take no time and give a wrong duration.
         if self.frames.iter().all(Option::is_none) {
             return;
         }
@@ -311,15 +311,15 @@ impl Ticker {
         }
     }
 
-    /// The first tick from `from` on with a detection pass. Regular ones need not be asked for: what fusion asks for comes late where
-    /// its boxes are made just before their tick.
+    /// The first tick with a detection pass, from `from`. Regular passes are known in advance,
+    /// because a request of fusion comes late if its boxes are made just before their tick.
     fn next_pass(&self, boxes: &NewestBoxes, from: Tick) -> Tick {
         let regular = aligned(from, self.pipeline.ticks_per_pass());
         let asked = boxes.next_detection_request(from);
         asked.map_or(regular, |(asked, _)| asked.min(regular))
     }
 
-    /// Counts the stages; what the detection pass of the tick took, microseconds, if it had one.
+    /// Records the stages; returns the duration of the tick's detection pass, microseconds.
     fn count_laps(&mut self, detects: bool) -> u32 {
         let stages = split_detection(&self.laps, self.pipeline.detection_share());
         let mut pass_us = 0;
@@ -347,15 +347,16 @@ impl Ticker {
     }
 }
 
-/// From which tick on the next is looked for, where every `nth` is worked on, `next` is the first that was not, and `due` the
-/// last whose frames are there. Of those that are over only the newest is worked on, while its frames are kept.
+/// The first tick to process, if every `nth` is processed. `next` is the first unprocessed tick,
+/// `due` the last whose frames are there. Of past ticks only the newest is processed, while its
+/// frames are kept.
 fn newest_due(next: Tick, due: Tick, nth: i64) -> Tick {
     let newest = Tick(due.0.div_euclid(nth) * nth);
     let is_kept = usize::try_from(due - newest).is_ok_and(|late| late <= KEPT_TICKS);
     next.max(if is_kept { newest } else { due })
 }
 
-/// The first tick from `tick` on that `nth` divides.
+/// The first tick from `tick` that is a multiple of `nth`.
 fn aligned(tick: Tick, nth: i64) -> Tick {
     tick + (-tick.0).rem_euclid(nth)
 }

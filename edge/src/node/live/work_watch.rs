@@ -1,41 +1,43 @@
-//! Whether the networks come back: a call that hangs must not leave an edge that says it works.
+//! Detection of network calls that hang, so that a hanging edge does not report that it works.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::live::{Micros, SECOND_US};
 
-/// A call is late when it takes so many times as long as is expected, and so much longer, microseconds.
+/// A call is late if it takes this multiple of the expected time and this much longer,
+/// microseconds.
 const LATE_TIMES: Micros = 10;
 const LATE_US: Micros = 2 * SECOND_US;
-/// It hangs when it is late by so much, microseconds: whoever started the edge starts it again.
+/// A call hangs if it is late by this, microseconds. The edge then ends, and its supervisor
+/// restarts it.
 const HANGS_US: Micros = 8 * SECOND_US;
 
-/// Which of the threads that call networks.
+/// The callers of networks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Caller {
-    /// Who makes patches of people with boxes.
+    /// Patches of people with boxes.
     Patches,
-    /// The detector, which finds people without boxes.
+    /// The detector for people without boxes.
     Detector,
-    /// The sightings of the people that it found.
+    /// Sightings of detected people.
     Sightings,
 }
 
-/// A call that goes on.
+/// A running call.
 #[derive(Debug, Clone, Copy)]
 struct Call {
     begun_us: Micros,
     expected_us: Micros,
 }
 
-/// The calls that go on.
+/// The running calls.
 #[derive(Debug, Default)]
 pub(super) struct WorkWatch {
     calls: Mutex<[Option<Call>; 3]>,
 }
 
 impl WorkWatch {
-    /// A call begins at `begun_us`, and should take so long.
+    /// Records the start of a call at `begun_us` with its expected duration.
     pub(super) fn begin(&self, caller: Caller, begun_us: Micros, expected_us: Micros) {
         self.lock()[caller as usize] = Some(Call {
             begun_us,
@@ -43,12 +45,12 @@ impl WorkWatch {
         });
     }
 
-    /// It has come back.
+    /// Records the end of a call.
     pub(super) fn end(&self, caller: Caller) {
         self.lock()[caller as usize] = None;
     }
 
-    /// That a call is late at `now_us`, in words, and whether it hangs.
+    /// A message if a call is late at `now_us`, with a flag that it hangs.
     pub(super) fn late(&self, now_us: Micros) -> Option<(String, bool)> {
         let calls = self.lock();
         let late_us = |call: &Call| {

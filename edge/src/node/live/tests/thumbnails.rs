@@ -1,4 +1,4 @@
-//! Pictures leave an edge where the venue says so and somebody looks, and never else.
+//! Thumbnails leave an edge only if the venue allows them and there is a subscriber.
 
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use crate::source::{Frame, FrameContent, FrameSource, SourceError, SourceInfo, S
 const TICKS: Range<Tick> = Tick(0)..Tick(2000);
 const ALLOWED: &str = "[security]\npictures = true\n";
 
-/// A camera that gives pictures of noise, for the test's camera.
+/// A camera with pictures of noise, in place of the test's camera.
 #[derive(Debug)]
 struct Noise;
 
@@ -55,7 +55,8 @@ impl FrameSource for NoisyFrames {
     }
 }
 
-/// An edge of a venue whose file begins with `more`, and a fusion that follows nobody; `work` says what is heard of both.
+/// Runs `work` with an edge whose venue file begins with `more`, and a fusion without tracked
+/// people.
 async fn with_edge(more: &str, work: impl AsyncFnOnce(&mut Script)) {
     let folder = tempfile::tempdir().unwrap();
     let venue = venue(folder.path());
@@ -68,11 +69,11 @@ async fn with_edge(more: &str, work: impl AsyncFnOnce(&mut Script)) {
     let mut fusion = Script::open(&venue, "tcp/127.0.0.1:0", 1, None).await;
     let edge = start_edge_with(&venue, &fusion.endpoint.clone(), Arc::new(Noise));
     work(&mut fusion).await;
-    // It ends by itself at its first own detection pass: its venue says that the camera gives keypoints.
+    // It ends on its own at its first detection pass, because its venue has a keypoint camera.
     edge.abort();
 }
 
-/// Speaks until so many messages have come, and `patches` sets of patches; both.
+/// Sends boxes until `thumbnails` and `patches` messages have come; returns both.
 async fn hear(
     fusion: &mut Script,
     heard: &Subscribed,
@@ -114,7 +115,7 @@ async fn where_the_venue_allows_it_thumbnails_come_while_somebody_looks() {
         let apart = thumbnails[1].tick - first.tick;
         assert!(apart >= RATE_HZ / 2, "one a second: {apart} ticks");
         let shown = image::load_from_memory(&first.jpeg).unwrap();
-        // Noise, and as few bytes as a link may have of which nothing is known.
+        // Noise within the fewest bytes that an unknown link may have.
         assert_eq!((shown.width(), shown.height()), (160, 120));
     })
     .await;
@@ -129,7 +130,7 @@ async fn where_the_venue_says_nothing_no_picture_leaves_the_edge_whoever_listens
             .await
             .unwrap();
         let mut thumbnails = hear(fusion, &heard, 0, 10).await;
-        // Longer than until one would come.
+        // Longer than the first thumbnail takes.
         tokio::time::sleep(Duration::from_secs(3)).await;
         while let Ok(Some(sample)) = heard.try_recv() {
             thumbnails.push(wire::decode(&sample.payload().to_bytes()).unwrap());
