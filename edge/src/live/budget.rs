@@ -1,27 +1,28 @@
-//! The byte budget: what was sent in the last second, and whether more may be sent.
+//! The byte budget: the bytes sent in the last second, and whether more may be sent.
 //!
-//! A sliding window, not a token bucket: a bucket lets a burst through on top of its rate. The bound holds over every
-//! window of a second, wherever it begins, and 50 ms more, because the network may bunch messages.
+//! A sliding window is used, not a token bucket, because a bucket allows a burst above its rate.
+//! The bound holds over every window of one second, plus 50 ms because the network may bunch
+//! messages.
 
 use super::{Micros, SECOND_US};
 
 /// Width of a slot of the window, microseconds.
 const SLOT_US: Micros = 10_000;
-/// The window: a second, 50 ms for the network's jitter, and the slot that has only begun.
+/// The window: one second, 50 ms for the network's jitter, and the current partial slot.
 const SLOTS: i64 = SECOND_US / SLOT_US + 5 + 1;
 
-/// Bytes in a sliding window, of constant size.
+/// Bytes in a sliding window, in constant memory.
 #[derive(Debug, Clone)]
 pub struct ByteBudget {
-    /// Most bytes in any second; `None`: no bound.
+    /// Most bytes in any second; `None` without a bound.
     most: Option<u64>,
     slots: [u64; SLOTS as usize],
-    /// Number of the newest slot, by time.
+    /// Number of the newest slot by time.
     newest: i64,
 }
 
 impl ByteBudget {
-    /// At most `bytes_per_s` in any second; 0: no bound.
+    /// Allows at most `bytes_per_s` in any second; 0 means no bound.
     pub fn new(bytes_per_s: f64) -> Self {
         Self {
             most: (bytes_per_s > 0.0).then_some(bytes_per_s as u64),
@@ -35,7 +36,7 @@ impl ByteBudget {
         self.most
     }
 
-    /// Counts `bytes` as sent at `now_us` if they fit; says whether they do.
+    /// Counts `bytes` as sent at `now_us` if they fit; returns whether they fit.
     pub fn take(&mut self, bytes: usize, now_us: Micros) -> bool {
         self.advance(now_us);
         let bytes = bytes as u64;
@@ -47,7 +48,7 @@ impl ByteBudget {
         true
     }
 
-    /// Bytes that still fit at `now_us`; `None`: any number.
+    /// Bytes that still fit at `now_us`; `None` without a bound.
     pub fn left(&mut self, now_us: Micros) -> Option<u64> {
         self.advance(now_us);
         let used: u64 = self.slots.iter().sum();
@@ -62,7 +63,7 @@ impl ByteBudget {
             .sum()
     }
 
-    /// A clock that goes back stays in the slot where it was.
+    /// If the clock goes back, the slot stays the same.
     fn advance(&mut self, now_us: Micros) {
         let now = now_us.div_euclid(SLOT_US);
         let passed = (now - self.newest).clamp(0, SLOTS);

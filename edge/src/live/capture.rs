@@ -1,4 +1,4 @@
-//! Which tick a camera's frame belongs to and its offset from it: by the clock, or by a trigger's count.
+//! The tick and offset of a camera's frame, from the clock or from a trigger's count.
 
 use farfield_proto::message::MAX_CAPTURE_OFFSET_US;
 use farfield_proto::tick::Tick;
@@ -8,41 +8,41 @@ use super::delivery::Delivery;
 use super::tick_clock::TickClock;
 use super::{Micros, SECOND_US};
 
-/// Longest that a picture takes from its capture to the edge, microseconds: where a camera says more, its clock is another than the
-/// venue's.
+/// Longest time from capture to arrival, microseconds. If a camera reports more, its clock is not
+/// synchronised with the venue's.
 const LONGEST_DELAY_US: Micros = SECOND_US;
 
-/// Time between two frames, in periods of the count, from which one was lost without being counted.
+/// Time between two frames, in count periods, from which a frame was lost without being counted.
 const GAP_PERIODS: f64 = 1.5;
 
-/// A frame as it came: its number, and when.
+/// A frame on arrival: its number and times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Arrived {
-    /// The source's own count.
+    /// The count of the source.
     pub number: i64,
-    /// The time stamp of its driver or stream, on a clock of its own, microseconds.
+    /// Time stamp of the driver or stream on its own clock, microseconds.
     pub stamp_us: Option<Micros>,
-    /// Capture as the camera says it, Unix time by its own clock, microseconds.
+    /// Capture time reported by the camera, Unix time by its clock, microseconds.
     pub captured_unix_us: Option<Micros>,
-    /// Arrival by the own clock, microseconds.
+    /// Arrival by this machine's clock, microseconds.
     pub now_us: Micros,
 }
 
-/// Where a frame belongs.
+/// The place of a frame in time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PlacedFrame {
     /// Its tick.
     pub tick: Tick,
-    /// Its capture less the tick's time, microseconds.
+    /// Capture time minus tick time, microseconds.
     pub offset_us: i32,
-    /// How long after its capture it arrived, microseconds.
+    /// Arrival minus capture, microseconds.
     pub lag_us: Micros,
 }
 
-/// Why a frame belongs to no tick.
+/// Why a frame has no tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Misplaced {
-    /// Fusion has not sent the time of tick 0 yet.
+    /// Fusion has not yet sent the time of tick 0.
     #[error("the venue's time is not known yet")]
     NoEpoch,
     /// The trigger has drifted away from the venue's ticks.
@@ -51,37 +51,38 @@ pub enum Misplaced {
         offset_us / 1000, MAX_CAPTURE_OFFSET_US / 1000
     )]
     Drifted {
-        /// Capture less the time of the tick, microseconds.
+        /// Capture time minus tick time, microseconds.
         offset_us: Micros,
     },
 }
 
-/// What a camera says of the time from a capture to the arrival, microseconds.
+/// Time from capture to arrival by the camera's report, microseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MeasuredDelay {
-    /// So long it takes.
+    /// The delay.
     Delay(Micros),
-    /// Its clock is not the venue's: it would have taken so long.
+    /// The delay would be this long, so the camera's clock is not the venue's.
     ForeignClock(Micros),
 }
 
-/// Places the frames of one live camera.
+/// Assigns ticks to the frames of one live camera.
 #[derive(Debug, Clone)]
 pub struct FramePlacer {
     tick_from: TickFrom,
-    /// As the venue says it.
+    /// The delay set in the venue file.
     delay_us: Option<Micros>,
-    /// By what the camera says.
+    /// The delay by the camera's report.
     measured_us: Option<Micros>,
     delivery: Delivery,
-    /// Number, tick and capture of the last frame.
+    /// Number, tick and capture time of the last frame.
     last: Option<(i64, Tick, Micros)>,
-    /// Of the clock, when it was placed.
+    /// Steps of the clock at the last frame.
     steps: u64,
 }
 
 impl FramePlacer {
-    /// `delay_us`: how long before its arrival, or its time stamp, a frame was captured; `None`: as the camera says, else 0.
+    /// `delay_us` is the time from capture to arrival or time stamp; `None` uses the camera's
+    /// report, or else 0.
     pub fn new(tick_from: TickFrom, delay_us: Option<Micros>) -> Self {
         Self {
             tick_from,
@@ -93,16 +94,16 @@ impl FramePlacer {
         }
     }
 
-    /// Where a frame belongs. By the clock: to the tick nearest to its capture. By the count: as many
-    /// ticks after the frame before as the count says, or as its time says where that is more; only the first
-    /// is placed by the clock, and the first after a step of the clock or after one that has drifted.
+    /// Assigns a tick. In clock mode it is the tick nearest to the capture. In count mode the tick
+    /// advances by the count, or by the time if that is more. Only the first frame is placed by the
+    /// clock, and the first one after a clock step or a drift.
     ///
     /// # Errors
-    /// [`Misplaced`]; later frames may fit again.
+    /// [`Misplaced`]; later frames can be valid again.
     pub fn place(&mut self, frame: Arrived, clock: &TickClock) -> Result<PlacedFrame, Misplaced> {
         let captured_us = self.captured_us(frame, clock);
         if self.steps != clock.steps() {
-            // The tick of the last frame was that of a clock which was wrong.
+            // The last tick came from a wrong clock.
             (self.steps, self.last) = (clock.steps(), None);
         }
         let by_clock = clock.tick_at(captured_us).ok_or(Misplaced::NoEpoch)?;
@@ -134,17 +135,17 @@ impl FramePlacer {
         })
     }
 
-    /// Whether the time stamps are no times, and the arrivals are gone by.
+    /// Whether the time stamps are unusable, so that arrival times are used.
     pub fn distrusts_stamps(&self) -> bool {
         self.delivery.is_distrusted()
     }
 
-    /// By how much the clock of the time stamps was set ahead since the last call, microseconds, if it was set.
+    /// Step of the time stamps' clock since the last call, microseconds, if any.
     pub fn take_step_us(&mut self) -> Option<Micros> {
         self.delivery.take_step_us()
     }
 
-    /// How long even the quickest frame takes from its capture, by what the camera says, microseconds.
+    /// Delay of the quickest frames, by the camera's report.
     pub fn measured_delay(&self) -> Option<MeasuredDelay> {
         self.measured_us.map(|us| match us {
             0..=LONGEST_DELAY_US => MeasuredDelay::Delay(us),
@@ -152,7 +153,8 @@ impl FramePlacer {
         })
     }
 
-    /// Capture by the own clock: the time stamp where there is one, carried over by the quickest delivery, less what that takes.
+    /// Capture by this machine's clock: the time stamp, if any, converted by the quickest delivery,
+    /// minus its delay.
     fn captured_us(&mut self, frame: Arrived, clock: &TickClock) -> Micros {
         let quickest_us = frame.stamp_us.map_or(frame.now_us, |stamp_us| {
             self.delivery.captured_us(stamp_us, frame.now_us)
@@ -171,7 +173,7 @@ impl FramePlacer {
         }
         let delay_us = self.usable_delay_us();
         if before_us.is_some() != delay_us.is_some() {
-            // The tick of the last frame was that of another capture.
+            // The last tick belongs to another capture time.
             self.last = None;
         }
         quickest_us - delay_us.unwrap_or(0)
@@ -240,7 +242,7 @@ mod tests {
         for n in 0..50 {
             let captured = 1_000_000 + n * 20_000;
             let jitter = (n * 7919) % 9000;
-            // The driver's clock began at another time.
+            // The driver's clock has another origin.
             let frame = arrived(n, Some(captured - 777_777), captured + 500 + jitter);
             offsets.push(placer.place(frame, &clock()).unwrap().offset_us);
         }
@@ -268,7 +270,7 @@ mod tests {
     #[test]
     fn a_trigger_counts_on_where_the_clock_would_waver() {
         let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
-        // Captured half a period off the ticks: the clock says one tick or the other.
+        // Captured half a period off the ticks: by the clock it could be either tick.
         for n in 0..20 {
             let wobble = if n % 2 == 0 { -300 } else { 300 };
             let frame = arrived(n, None, 1_010_000 + n * 20_000 + wobble);
@@ -295,7 +297,7 @@ mod tests {
     #[test]
     fn a_trigger_that_drifts_away_is_refused_with_the_numbers() {
         let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
-        // A percent too slow.
+        // One percent too slow.
         let refused = (0..2000).find_map(|n| {
             let frame = arrived(n, None, 1_000_000 + n * 20_200);
             placer.place(frame, &clock()).err()
@@ -306,8 +308,8 @@ mod tests {
 
     #[test]
     fn a_trigger_is_counted_from_the_right_clock_once_that_is_known() {
-        // Symptom to prevent: the first frame was placed before the clock was corrected, and all others counted
-        // from there: off by the clock's error for as long as the edge ran.
+        // Symptom to prevent: the first frame was placed before the clock was corrected, and all
+        // others counted from it. They were off by the clock's error until the edge ended.
         let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         let mut clock = clock();
         let frame = |n: i64| arrived(n, None, 1_000_000 + n * 20_000);
@@ -330,7 +332,7 @@ mod tests {
         let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         let place = |n: i64| placer.place(arrived(n, None, 1_000_000 + n * 20_200), &clock());
         let refused = (0..2000).map(place).filter(Result::is_err).count();
-        // A tenth of a second is drifted in 500 frames.
+        // A drift of 0.1 s takes 500 frames.
         assert_eq!(refused, 3);
     }
 

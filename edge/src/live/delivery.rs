@@ -1,59 +1,64 @@
-//! How long a camera's frames take until they are here: the capture of a frame from the time that its driver or stream
-//! gives it, whose clock is nobody else's.
+//! Capture times from the time stamps of a driver or stream, whose clock is independent of this
+//! machine's.
 //!
 //! ```text
 //!   captured = stamp + min over the last minute of (arrival - stamp)
 //! ```
 //!
-//! What coding, network and decoding take beyond the quickest is jitter, and falls out. The stamps must be those of a clock:
-//! some streams only count frames as if they came at a fixed rate. So stamps count while they go as fast as time does.
+//! Delays beyond the quickest delivery are jitter and cancel out. The stamps must come from a real
+//! clock, but some streams only count frames at a fixed rate. Stamps are therefore used only while
+//! they advance as fast as time.
 //!
-//! A stamp that no delivery explains (the picture came before it was captured, or before the one before it) is wrong: its
-//! picture is taken to be of when it came. Where such stamps agree for a while, the clock was set, and times begin anew.
+//! A stamp is wrong if no delivery explains it: the picture would have arrived before its capture
+//! or before the previous picture. Its arrival time is used instead. If such stamps agree for a
+//! while, the clock was set, and the estimate restarts.
 
 use super::{Micros, SECOND_US};
 
-/// For how long the quickest delivery is remembered, microseconds, in two halves: clocks that are 100 ppm apart drift by
-/// 6 ms meanwhile.
+/// Memory of the quickest delivery, microseconds, in two halves. Clocks that differ by 100 ppm
+/// drift by 6 ms in this time.
 const DELIVERY_US: Micros = 60 * SECOND_US;
-/// Stamps and arrivals are compared over so long, microseconds: streams that are far from a clock are found soon, those that are
-/// a few hundredths off in half a minute.
+/// Intervals over which stamps and arrivals are compared, microseconds. Streams far from a real
+/// clock are recognised soon, those a few hundredths off in half a minute.
 const COMPARE_US: Micros = 2 * SECOND_US;
 const COMPARE_LONG_US: Micros = 10 * SECOND_US;
-/// Largest difference between the two, as a share of either time and microseconds: a tenth of a second is more than deliveries
-/// of any one network differ by for long.
+/// Largest difference between the two, as a share of the interval and in microseconds. Deliveries
+/// of one network do not differ by 0.1 s for long.
 const APART_SHARE: f64 = 0.02;
 const APART_LONG_SHARE: f64 = 0.002;
 const APART_US: Micros = 100_000;
-/// When for the whole of such a time everything came later than the quickest by more, microseconds, that was of another clock or path.
+/// If all deliveries of a memory half exceed the quickest one by more, microseconds, the quickest
+/// belongs to another clock or path.
 const SHIFT_US: Micros = 10_000;
 
-/// Stamps that no delivery explains are of a clock that was set when so many in a row agree to [`APART_US`], for so long,
-/// microseconds: pictures that a network held up come in a burst, whose stamps do not go as time does.
+/// Unexplained stamps mean a clock step if this many in a row agree to [`APART_US`] for this time,
+/// microseconds. Pictures that a network held up come in a burst, and their stamps do not advance
+/// like time.
 const FEWEST_AFTER_STEP: u32 = 5;
 const STEP_LASTS_US: Micros = 200_000;
 
-/// What is known of one camera's deliveries.
+/// The deliveries of one camera.
 #[derive(Debug, Clone, Default)]
 pub struct Delivery {
-    /// Least arrival less stamp, of this and the last half of [`DELIVERY_US`].
+    /// Least difference of arrival and stamp, in the current and the previous half of
+    /// [`DELIVERY_US`].
     quickest_us: [Option<Micros>; 2],
     turned_at_us: Option<Micros>,
-    /// Where the comparison at hand began: stamp and arrival, and the least difference since.
+    /// Start of the short comparison: stamp and arrival, and the least difference since.
     since: Option<Since>,
     short: Comparison,
-    /// Stamp and arrival where that over a longer time began.
+    /// Stamp and arrival at the start of the long comparison.
     since_long: Option<[Micros; 2]>,
     long: Comparison,
-    /// The last stamp that a delivery explained.
+    /// The last explained stamp.
     last_stamp_us: Option<Micros>,
     unexplained: Option<Unexplained>,
-    /// By how much the clock of the stamps was set, until that is taken.
+    /// Step of the stamps' clock, until taken.
     step_us: Option<Micros>,
 }
 
-/// Stamps in a row that no delivery explains, and that agree: how many, arrival less stamp and arrival of the first, and
-/// the least difference since.
+/// Consecutive unexplained stamps that agree: their number, the difference and the arrival of the
+/// first, and the least difference since.
 #[derive(Debug, Clone, Copy)]
 struct Unexplained {
     count: u32,
@@ -62,7 +67,7 @@ struct Unexplained {
     least_us: Micros,
 }
 
-/// How stamps and arrivals compared last.
+/// State of a comparison of stamps and arrivals.
 #[derive(Debug, Clone, Copy, Default)]
 struct Comparison {
     /// Whether the stamps were ahead (1) or behind (-1).
@@ -71,11 +76,12 @@ struct Comparison {
 }
 
 impl Comparison {
-    /// Takes what the stamps and the own clock have advanced by.
+    /// Adds the advance of the stamps and of this machine's clock.
     fn take(&mut self, stamped_us: Micros, span_us: Micros, share: f64) {
         let apart_us = stamped_us.saturating_sub(span_us);
         let most_us = APART_US + (share * span_us as f64) as Micros;
-        // Once it is a jump, or a network that held everything up; twice the same way it is the stamps' rate.
+        // One such difference is a jump, or a network that held up all messages. Two in the same
+        // direction mean that the rates differ.
         let apart = if apart_us.saturating_abs() > most_us {
             apart_us.signum()
         } else {
@@ -95,8 +101,8 @@ struct Since {
 }
 
 impl Delivery {
-    /// When a frame was captured by the own clock, or rather when it would be here had it come as quickly as any; that is
-    /// `now_us` where its stamp says nothing.
+    /// Capture time by this machine's clock, plus the delay of the quickest delivery; `now_us` if
+    /// the stamp is unusable.
     pub fn captured_us(&mut self, stamp_us: Micros, now_us: Micros) -> Micros {
         let took_us = now_us.saturating_sub(stamp_us);
         if !self.is_explained(stamp_us, took_us) && !self.is_set(took_us, now_us) {
@@ -119,7 +125,7 @@ impl Delivery {
         stamp_us.saturating_add(quickest_us)
     }
 
-    /// By how much the clock of the stamps was set ahead since the last call, microseconds, if it was set.
+    /// Step of the stamps' clock since the last call, microseconds, if any.
     pub fn take_step_us(&mut self) -> Option<Micros> {
         self.step_us.take()
     }
@@ -129,14 +135,14 @@ impl Delivery {
         self.quickest_us.iter().flatten().min().copied()
     }
 
-    /// Whether pictures that come in order can have such a stamp.
+    /// Whether pictures in order can have this stamp.
     fn is_explained(&self, stamp_us: Micros, took_us: Micros) -> bool {
         let is_ahead = |quickest_us: Micros| took_us < quickest_us.saturating_sub(APART_US);
         let is_back = |last_us: Micros| stamp_us < last_us.saturating_sub(APART_US);
         !self.quickest_of_all_us().is_some_and(is_ahead) && !self.last_stamp_us.is_some_and(is_back)
     }
 
-    /// Counts a stamp that no delivery explains; says whether the clock was set. Then all begins anew.
+    /// Counts an unexplained stamp; returns whether the clock was set. Then the estimate restarts.
     fn is_set(&mut self, took_us: Micros, now_us: Micros) -> bool {
         let first = Unexplained {
             count: 0,
@@ -160,12 +166,12 @@ impl Delivery {
         is_set
     }
 
-    /// Whether the newest stamp, `stamp_us`, is one that a delivery explains.
+    /// Whether `stamp_us`, the newest stamp, is explained.
     pub fn explains(&self, stamp_us: Micros) -> bool {
         self.last_stamp_us == Some(stamp_us)
     }
 
-    /// Whether the stamps do not go as time does.
+    /// Whether the stamps do not advance like time.
     pub fn is_distrusted(&self) -> bool {
         self.short.is_distrusted || self.long.is_distrusted
     }
@@ -178,7 +184,7 @@ impl Delivery {
         };
         let since = self.since.get_or_insert(begins);
         since.least_us = since.least_us.min(took_us);
-        // Of a stream that was away it is the longer.
+        // After a pause of the stream it is longer.
         let span_us = now_us - since.now_us;
         if span_us < COMPARE_US {
             return;
@@ -230,7 +236,7 @@ mod tests {
         let mut delivery = Delivery::default();
         let mut errors = Vec::new();
         for captured_us in captures(20) {
-            // The camera's clock began at another time, and is 100 ppm fast.
+            // The camera's clock has another origin and is 100 ppm fast.
             let stamp_us = (captured_us as f64 * 1.0001) as Micros - 777_777;
             let now_us = captured_us + 30_000 + jitter(captured_us);
             errors.push(delivery.captured_us(stamp_us, now_us) - captured_us - 30_000);
@@ -241,7 +247,7 @@ mod tests {
 
     #[test]
     fn a_stream_that_only_counts_frames_is_taken_by_its_arrivals() {
-        // 20 frames a second that say they are 25.
+        // 20 frames per second whose stamps count 25.
         let mut delivery = Delivery::default();
         let mut errors = Vec::new();
         for n in 0..400 {
@@ -252,7 +258,8 @@ mod tests {
         assert!(errors[100..].iter().all(|&us| us == 0), "{errors:?}");
     }
 
-    /// Once streams that were 2 to 7 % off were believed, and their pictures placed up to 158 ms early, in a sawtooth.
+    /// Symptom to prevent: streams 2 to 7 % off were accepted, and their pictures placed up to 158
+    /// ms early, in a sawtooth.
     #[test]
     fn a_stream_that_counts_frames_at_nearly_their_rate_is_found_out_within_half_a_minute() {
         for (rate_hz, stamped_hz) in [(24.0, 25.0), (28.5, 30.0), (49.0, 50.0), (30.0, 29.0)] {
@@ -274,7 +281,7 @@ mod tests {
         let mut delivery = Delivery::default();
         let mut stamp_us = 0;
         for captured_us in captures(120) {
-            // 50 pictures a second that say they are 52, until the camera is started again.
+            // 50 pictures per second whose stamps count 52, until the camera restarts.
             let step_us = if captured_us < 60_000_000 {
                 19_231
             } else {
@@ -336,7 +343,7 @@ mod tests {
         }
     }
 
-    /// Errors of the placed captures, and steps that were reported, of a camera whose stamps are `wrong_us` off.
+    /// Errors of the captures and reported steps, for a camera whose stamps are `wrong_us` off.
     fn placed(wrong_us: impl Fn(usize) -> Micros) -> (Vec<Micros>, Vec<Micros>) {
         let mut delivery = Delivery::default();
         let (mut errors, mut steps) = (Vec::new(), Vec::new());
@@ -354,7 +361,7 @@ mod tests {
     fn one_stamp_that_is_hours_off_costs_one_picture_at_most() {
         const HOURS_US: Micros = 3 * 3600 * SECOND_US;
         for wrong_us in [HOURS_US, -HOURS_US, i64::MAX / 2, i64::MIN / 2, 500_000] {
-            // At each place between two comparisons.
+            // At each position between two comparisons.
             for at in 300..420 {
                 let (errors, steps) = placed(|n| if n == at { wrong_us } else { 0 });
                 let worst = errors[100..].iter().map(|us| us.abs()).max();
@@ -373,7 +380,7 @@ mod tests {
                 panic!("{step_us}: {steps:?}")
             };
             assert!((reported_us - step_us).abs() < 50_000, "{reported_us}");
-            // Until then a picture is of when it came.
+            // Until then the arrival time is used.
             assert!(errors[100..].iter().all(|us| us.abs() <= 40_000));
             assert!(errors[450..].iter().all(|us| us.abs() < 5_000));
         }
@@ -383,7 +390,7 @@ mod tests {
     fn a_wrong_first_stamp_and_stamps_that_are_there_twice_do_no_harm() {
         let (errors, _) = placed(|n| if n == 0 { 3600 * SECOND_US } else { 0 });
         assert!(errors[50..].iter().all(|us| us.abs() < 5_000));
-        // Every tenth stamp is that of the picture before.
+        // Every tenth stamp repeats the previous one.
         let (errors, steps) = placed(|n| if n % 10 == 9 { -20_000 } else { 0 });
         assert!(errors[100..].iter().all(|us| us.abs() <= 25_000));
         assert!(steps.is_empty());
@@ -393,7 +400,7 @@ mod tests {
     fn pictures_that_were_held_up_for_long_are_of_when_they_were_captured() {
         let mut delivery = Delivery::default();
         for (n, captured_us) in (0..).zip(captures(40)) {
-            // They come within a fifth of a second then.
+            // They arrive within a fifth of a second then.
             let held_until_us = 30_000_000 + 200 * Micros::max(n - 400, 0);
             let is_held = (9_000_000..30_000_000).contains(&captured_us);
             let now_us = if is_held {

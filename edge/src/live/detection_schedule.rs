@@ -1,8 +1,9 @@
 //! When the detector runs, so that its result is ready at the detection pass.
 //!
-//! A run of the detector takes several ticks, and a different number on each edge; fusion can only use sightings of one common
-//! tick. So each edge starts the detector before the pass, early enough to finish in time. At the tick of the pass it only
-//! crops the people that were detected: a pass costs these crops, however slow the detector is.
+//! A run of the detector takes several ticks, and a different number on each edge. Fusion can only
+//! combine sightings of one tick. Each edge therefore starts the detector before the pass, early
+//! enough to finish in time. At the tick of the pass it only crops the detected people, so a pass
+//! costs these crops, however slow the detector is.
 
 use farfield_proto::id::CameraIndex;
 use farfield_proto::tick::Tick;
@@ -10,23 +11,23 @@ use farfield_proto::tick::Tick;
 use super::Micros;
 use crate::inference::CameraDetections;
 
-/// How much longer than the last runs the next one may take, as a share.
+/// Safety margin for the duration of the next run, as a share.
 const MARGIN: f64 = 0.25;
-/// How fast the duration of a long run is forgotten: by this share with each later run.
+/// Share by which the duration of a long run decays with each later run.
 const FORGOTTEN: f64 = 0.1;
 
-/// The newest detections of each camera, and when the detector runs next.
+/// The newest detections of each camera, and the time of the next run.
 #[derive(Debug)]
 pub struct DetectionSchedule {
     period_us: Micros,
-    /// How long a run takes, microseconds: the longest of the recent ones.
+    /// Duration of a run, microseconds: the longest of the recent ones.
     takes_us: f64,
-    /// Each with the tick of its pass.
+    /// Detections with the tick of their pass.
     newest: Vec<(Tick, CameraDetections)>,
 }
 
 impl DetectionSchedule {
-    /// For ticks that are `period_us` apart, without any detections yet.
+    /// A schedule without detections, for ticks `period_us` apart.
     pub fn new(period_us: Micros) -> Self {
         Self {
             period_us,
@@ -51,23 +52,25 @@ impl DetectionSchedule {
         (takes_us / self.period_us as f64).ceil() as i64 + 1
     }
 
-    /// Whether the detector must run on the pictures of `tick` for the next pass, at tick `pass`: it has not run for it yet, and
-    /// a run on the next pictures would end too late. The edge works on every `nth` tick.
+    /// Whether the detector must run on the pictures of `tick` for the next pass, at tick `pass`:
+    /// there was no run for this pass, and a run on the next pictures would end too late. The edge
+    /// processes every `nth` tick.
     pub fn is_due(&self, tick: Tick, pass: Tick, nth: i64) -> bool {
         let mut newest = self.newest.iter();
         let is_done =
             newest.any(|(of, detections)| *of == pass && self.is_recent(detections, pass));
-        // The first run measures how long a run takes.
+        // The first run measures the duration.
         let is_late = self.newest.is_empty() || pass - tick < self.lead_ticks() + nth;
         is_late && !is_done
     }
 
-    /// Whether detections are recent enough for `tick`. Within twice the time of a run the next one has ended.
+    /// Whether detections are recent enough for `tick`. Within two durations the next run has
+    /// ended.
     fn is_recent(&self, detections: &CameraDetections, tick: Tick) -> bool {
         tick - detections.tick <= 2 * self.lead_ticks()
     }
 
-    /// The detections of `cameras` for the pass at `tick`; `None` if one of them has none that are recent enough.
+    /// The detections of `cameras` for the pass at `tick`; `None` if a camera has no recent ones.
     pub fn for_pass(&self, tick: Tick, cameras: &[CameraIndex]) -> Option<Vec<CameraDetections>> {
         let of_camera = |camera: &CameraIndex| {
             let mut newest = self.newest.iter().map(|(_, detections)| detections);
@@ -99,8 +102,8 @@ mod tests {
         Tick(tick.0.div_euclid(100) * 100 + 100)
     }
 
-    /// The age in ticks of the detections that each pass uses, at every hundredth tick. A run takes `took_ticks`, and the edge works
-    /// on every `nth` tick.
+    /// The age in ticks of the detections used at every hundredth tick. A run takes `took_ticks`;
+    /// the edge processes every `nth` tick.
     fn ages(took_ticks: i64, nth: i64) -> Vec<Option<i64>> {
         let mut schedule = DetectionSchedule::new(PERIOD_US);
         let mut busy: Option<Tick> = None;

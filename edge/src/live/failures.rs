@@ -1,31 +1,31 @@
-//! Inference that fails again and again: what is reported of it, and when an edge gives up.
+//! Repeated failures of inference: what is reported, and when an edge gives up.
 
 use super::{Micros, SECOND_US};
 
-/// A failure is reported for so long, microseconds: until it would have come again.
+/// Time for which a failure is reported, microseconds. A lasting failure would repeat within it.
 const REPORTED_US: Micros = 2 * SECOND_US;
-/// An edge whose inference fails for so long without any success is of no use: whoever started it starts it again,
-/// microseconds.
+/// An edge gives up if inference fails for this time without a success, microseconds. Its
+/// supervisor then restarts it.
 const GIVEN_UP_US: Micros = 10 * SECOND_US;
-/// Fewest failures after which it gives up.
+/// Fewest failures before it gives up.
 const ENOUGH: u64 = 5;
 
 /// The failures of an edge's inference.
 #[derive(Debug, Clone, Default)]
 pub struct Failures {
-    /// Since when it has failed without a success between, and how often.
+    /// Time of the first failure since the last success, and number of failures since.
     since: Option<(Micros, u64)>,
     last: Option<(Micros, String)>,
     all: u64,
 }
 
 impl Failures {
-    /// Inference has worked.
+    /// Records a success.
     pub fn worked(&mut self) {
         self.since = None;
     }
 
-    /// Inference has failed at `now_us`.
+    /// Records a failure at `now_us`.
     pub fn failed(&mut self, why: String, now_us: Micros) {
         let (since_us, times) = self.since.unwrap_or((now_us, 0));
         self.since = Some((since_us, times + 1));
@@ -33,7 +33,8 @@ impl Failures {
         self.all += 1;
     }
 
-    /// What failed in the last seconds, in words, and whether the edge should give up; `None` where nothing did.
+    /// A message about failures in the last seconds, and whether the edge should give up; `None`
+    /// without failures.
     pub fn recent(&self, now_us: Micros) -> Option<(String, bool)> {
         let (at_us, why) = self.last.as_ref()?;
         if now_us - at_us > REPORTED_US {
@@ -80,7 +81,7 @@ mod tests {
                 failures.worked();
             }
         }
-        // Few failures long after each other are no lasting one.
+        // A few failures with long pauses are no lasting failure.
         let mut rare = Failures::default();
         assert!((0..4).all(|i| !fail(&mut rare, i * 20)));
     }

@@ -1,24 +1,25 @@
-//! The health of a camera, from its pictures and from their absence.
+//! The health of a camera, from its pictures and their absence.
 
 use farfield_proto::message::live::CameraHealth;
 
 use super::{Micros, SECOND_US};
 use crate::picture::Picture;
 
-/// A camera whose picture stays the same, bit for bit, for longer than this is frozen, microseconds: the noise of a
-/// sensor never repeats.
+/// A camera is frozen if its picture stays equal, bit for bit, for longer than this, microseconds.
+/// The noise of a sensor never repeats.
 pub const FROZEN_US: Micros = SECOND_US / 2;
-/// Mean of the sampled bytes (0 to 255) below which a picture is black: a covered lens has noise, studio black is 0.
+/// Mean of the sampled bytes (0 to 255) below which a picture is black. A covered lens has noise;
+/// studio black is 0.
 pub const BLACK_BELOW: f64 = 6.0;
-/// Tick periods without a frame after which a camera is silent.
+/// Periods without a frame after which a camera is silent.
 pub const SILENT_PERIODS: i64 = 3;
-/// First and longest time until a camera that failed is opened again, microseconds.
+/// First and longest pause before a failed camera is opened again, microseconds.
 pub const BACKOFF_US: [Micros; 2] = [SECOND_US, 30 * SECOND_US];
-/// Bytes of a picture that are sampled: enough that some lie on a person far away, few enough to cost less than
-/// copying the picture.
+/// Sampled bytes of a picture: enough to cover a distant person, few enough to cost less than a
+/// copy of the picture.
 const SAMPLES: usize = 1 << 16;
 
-/// Digest of sampled bytes of a picture, by which it is compared with the next.
+/// Digest of sampled bytes of a picture, for comparison with the next one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureSample {
     /// Hash of the sampled bytes.
@@ -30,7 +31,7 @@ pub struct PictureSample {
 /// Samples evenly spread bytes of a picture. Hash: FNV-1a, 64 bits.
 pub fn sample_picture(picture: &Picture) -> PictureSample {
     let (bytes, [offset, gain]) = picture.telling_bytes();
-    // Odd and no multiple of 3, so that all colours and, row by row, other columns are met.
+    // Odd and not a multiple of 3, so that all colours, and other columns in each row, are sampled.
     let mut stride = (bytes.len() / SAMPLES) | 1;
     if stride.is_multiple_of(3) {
         stride += 2;
@@ -53,12 +54,12 @@ pub fn sample_picture(picture: &Picture) -> PictureSample {
 pub struct CameraWatch {
     period_us: Micros,
     last: Option<PictureSample>,
-    /// Since when the picture has been the same.
+    /// Since when the picture is unchanged.
     same_since_us: Micros,
     seen_us: Option<Micros>,
     failed: bool,
     failures: u32,
-    /// Arrivals and offsets of the last second.
+    /// Number and offsets of the frames in the last second.
     frames: u32,
     offsets_us: i64,
     counted_since_us: Option<Micros>,
@@ -66,7 +67,7 @@ pub struct CameraWatch {
 }
 
 impl CameraWatch {
-    /// Of a camera that should give a frame every `period_us`.
+    /// For a camera with a frame every `period_us`.
     pub fn new(period_us: Micros) -> Self {
         Self {
             period_us,
@@ -82,7 +83,7 @@ impl CameraWatch {
         }
     }
 
-    /// Notes a frame that arrived at `now_us`; `sample` where it is a picture.
+    /// Records a frame that arrived at `now_us`, with a `sample` if it is a picture.
     pub fn saw(&mut self, sample: Option<PictureSample>, offset_us: i32, now_us: Micros) {
         let same = sample.is_some() && sample.map(|g| g.hash) == self.last.map(|g| g.hash);
         if !same {
@@ -97,8 +98,8 @@ impl CameraWatch {
         self.offsets_us += i64::from(offset_us);
     }
 
-    /// Notes that the source has failed; how long to wait until it is opened again, microseconds: twice as
-    /// long each time, until a new picture comes.
+    /// Records a failure of the source; returns the pause before it is opened again, microseconds.
+    /// The pause doubles until a new picture arrives.
     pub fn failed(&mut self) -> Micros {
         let [first, longest] = BACKOFF_US;
         let wait_us = (first << self.failures.min(10)).min(longest);
@@ -107,7 +108,7 @@ impl CameraWatch {
         wait_us
     }
 
-    /// How it is at `now_us`.
+    /// The health at `now_us`.
     pub fn health(&self, now_us: Micros) -> CameraHealth {
         let (Some(seen_us), false) = (self.seen_us, self.failed) else {
             return if self.failed {
@@ -126,7 +127,8 @@ impl CameraWatch {
         }
     }
 
-    /// Frames per second and their mean offset from their ticks, microseconds, of the last whole second.
+    /// Frames per second and their mean offset from the ticks, microseconds, in the last complete
+    /// second.
     pub fn rate(&mut self, now_us: Micros) -> (f32, i32) {
         self.count(now_us);
         self.rate
@@ -165,7 +167,7 @@ mod tests {
         image.into()
     }
 
-    /// A camera's pictures, one per period, from a function of the frame's number.
+    /// The pictures of a camera, one per period, made by `shot` from the frame number.
     fn watched(frames: i64, shot: impl Fn(i64) -> Picture) -> (CameraWatch, Micros) {
         let mut watch = CameraWatch::new(PERIOD);
         for n in 0..frames {

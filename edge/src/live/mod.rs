@@ -1,8 +1,7 @@
-//! The pure parts of an edge that runs live: which tick it is, which boxes are in force, how much may be sent, and the
-//! health of the cameras.
+//! The pure parts of a live edge: current tick, current boxes, sending rates, and camera health.
 //!
-//! Time is an argument everywhere, as microseconds of a clock that the caller reads; the same calls give the
-//! same answers. The shell that reads clocks, cameras and sockets is `node::live`.
+//! Time is always an argument, in microseconds of a clock that the caller reads. Equal calls give
+//! equal results. The shell that reads clocks, cameras and sockets is `node::live`.
 
 pub mod budget;
 pub mod capture;

@@ -1,10 +1,11 @@
-//! The newest boxes that fusion has sent, and the detection passes that it has asked for.
+//! The newest boxes of fusion, and its requests for detection passes.
 //!
-//! Box sets get lost, come twice and overtake each other: only a set newer than all before counts, so that a duplicate
-//! or a late one changes nothing. Without keys any process on the machine may send box sets: a foreign session is
-//! ignored while fusion's own goes on, and one that was accepted ends when it stops. Detection passes are scheduled by
-//! tick for all viewpoints alike, so those of a replaced set are kept until their tick. A set may come in several
-//! messages ([`crate::box_parts`]): the first of them that comes replaces the set before.
+//! Box sets can be lost, repeated or reordered. Only a set newer than all before counts, so
+//! duplicates and late sets have no effect. Without keys any process on the machine can send box
+//! sets. A foreign session is ignored while fusion's own continues, and one that was accepted ends
+//! when it stops. Detection passes are scheduled by tick for all viewpoints, so the requests of a
+//! replaced set are kept until their tick. A set can consist of several messages
+//! ([`crate::box_parts`]); the first that arrives replaces the previous set.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -17,35 +18,36 @@ use farfield_proto::tick::Tick;
 use super::{Micros, SECOND_US};
 use crate::box_parts::BoxParts;
 
-/// Age up to which boxes are used, microseconds: as long as fusion by default keeps a person without views.
+/// Longest age of boxes in use, microseconds. By default fusion keeps a person without views as
+/// long.
 pub const LIFE_US: Micros = SECOND_US;
-/// Another session is accepted when the one that is followed has sent nothing new for so long, microseconds: a running
-/// fusion sends at least ten times a second, and none restarts in less.
+/// Another session is accepted if the followed one sent nothing new for this time, microseconds. A
+/// running fusion sends at least ten times a second, and a restart takes longer.
 const TAKEOVER_US: Micros = 3 * SECOND_US / 10;
-/// A session that seemed to be over is accepted again after [`LIFE_US`] without anything new, when so many of its sets
-/// have come in order.
+/// A session that seemed to be over is accepted again after [`LIFE_US`] without other news, if this
+/// many of its sets came in order.
 const KEEPS_COMING: u32 = 3;
-/// Ticks whose detection passes are kept: more than the longest horizon of boxes at any rate.
+/// Ticks with stored detection requests: more than the longest horizon of boxes at any rate.
 const MAX_DETECTION_REQUESTS: usize = 256;
-/// Sessions of fusion that are known to be over.
+/// Number of stored sessions that are over.
 const MAX_PAST_SESSIONS: usize = 8;
 
-/// How a box set that arrived was taken.
+/// Result of the arrival of a box set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BoxSetArrival {
-    /// The first of a session.
+    /// The first set of a session.
     NewSession,
-    /// Newer than all before.
+    /// Newer than all previous sets.
     Newer,
     /// Another message of the newest set.
     Part,
-    /// A duplicate, overtaken by a newer one, or of a session that is over.
+    /// A duplicate, older than another set, or from a session that is over.
     Stale,
-    /// Of another session, while the one that is followed goes on.
+    /// From another session, while the followed one continues.
     Foreign,
 }
 
-/// Sets that are stale but keep coming.
+/// Stale sets that arrive in order.
 #[derive(Debug, Clone, Copy)]
 struct StaleSequence {
     session: SessionId,
@@ -57,16 +59,16 @@ struct StaleSequence {
 #[derive(Debug, Default)]
 pub struct NewestBoxes {
     newest: Option<(Arc<BoxSet>, u32, Micros)>,
-    /// Which messages of the newest have come.
+    /// The messages of the newest set that have arrived.
     parts: Option<BoxParts>,
-    /// In order of tick.
+    /// In order of ticks.
     detection_requests: VecDeque<(Tick, Vec<CameraIndex>)>,
     past: VecDeque<SessionId>,
     claim: Option<StaleSequence>,
 }
 
 impl NewestBoxes {
-    /// Takes a box set that arrived at `now_us`; what is not made for a live edge is stale.
+    /// Adds a box set that arrived at `now_us`. Sets without data for a live edge are stale.
     pub fn hear(&mut self, mut boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
         let Some(sequence) = boxes.live.map(|live| live.sequence) else {
             return BoxSetArrival::Stale;
@@ -80,7 +82,7 @@ impl NewestBoxes {
             BoxSetArrival::NewSession => self.leave_session(boxes.session),
             BoxSetArrival::Newer | BoxSetArrival::Part | BoxSetArrival::Stale => {}
         }
-        // Those of a stale one may still be ahead.
+        // The detection requests of a stale set can still be in the future.
         if arrival != BoxSetArrival::Stale || self.session() == Some(boxes.session) {
             self.keep_detection_request(&boxes);
         }
@@ -94,7 +96,7 @@ impl NewestBoxes {
         arrival
     }
 
-    /// Whether it is another message of the newest set, which it then completes.
+    /// Adds another message of the newest set; `false` if it is none.
     fn add_part(&mut self, boxes: &BoxSet, sequence: u32) -> bool {
         let (Some((newest, last, _)), Some(parts)) = (&mut self.newest, &mut self.parts) else {
             return false;
@@ -142,7 +144,7 @@ impl NewestBoxes {
         claim.sets >= KEEPS_COMING
     }
 
-    /// The session that is followed is over, and `next` is not.
+    /// Ends the followed session and starts `next`.
     fn leave_session(&mut self, next: SessionId) {
         self.past.retain(|past| *past != next);
         if let Some(last) = self.session() {
@@ -154,23 +156,23 @@ impl NewestBoxes {
         }
     }
 
-    /// The newest boxes, if they arrived at most [`LIFE_US`] before `now_us`.
+    /// The newest boxes, if they arrived within [`LIFE_US`] before `now_us`.
     pub fn at(&self, now_us: Micros) -> Option<&Arc<BoxSet>> {
         let (boxes, _, heard_us) = self.newest.as_ref()?;
         (now_us - heard_us <= LIFE_US).then_some(boxes)
     }
 
-    /// The newest boxes, however old.
+    /// The newest boxes of any age.
     pub fn last(&self) -> Option<&Arc<BoxSet>> {
         self.newest.as_ref().map(|(boxes, ..)| boxes)
     }
 
-    /// Fusion's session, once there is one; it stays when boxes grow old.
+    /// Fusion's session, once known; it remains when boxes are too old.
     pub fn session(&self) -> Option<SessionId> {
         self.newest.as_ref().map(|(boxes, ..)| boxes.session)
     }
 
-    /// The newest box set and how long it was held, for fusion to measure the round trip by.
+    /// The newest box set and its age, from which fusion measures the round trip.
     pub fn echo(&self, now_us: Micros) -> Option<BoxEcho> {
         let (_, sequence, heard_us) = self.newest.as_ref()?;
         Some(BoxEcho {
@@ -179,12 +181,13 @@ impl NewestBoxes {
         })
     }
 
-    /// How long nothing new has come, microseconds; `None` when nothing ever has.
+    /// Time since the last new boxes, microseconds; `None` before the first.
     pub fn silent_us(&self, now_us: Micros) -> Option<Micros> {
         self.newest.as_ref().map(|(_, _, at)| now_us - at)
     }
 
-    /// The cameras of the detection pass at `tick`; earlier ticks are forgotten. Ticks must not go back.
+    /// The cameras of the detection pass at `tick`; earlier requests are removed. Ticks must not
+    /// decrease.
     pub fn take_detection_request(&mut self, tick: Tick) -> Vec<CameraIndex> {
         while self
             .detection_requests
@@ -203,7 +206,7 @@ impl NewestBoxes {
         }
     }
 
-    /// The first tick from `tick` on with a detection pass, as far as is known, and its cameras.
+    /// The first known detection pass from `tick`, and its cameras.
     pub fn next_detection_request(&self, tick: Tick) -> Option<(Tick, &[CameraIndex])> {
         let requests = self.detection_requests.iter();
         let mut requests = requests.map(|(of, cameras)| (*of, &cameras[..]));
@@ -231,7 +234,7 @@ impl NewestBoxes {
     }
 }
 
-/// Whether number `a` was given after `b`, of numbers that wrap.
+/// Whether `a` comes after `b` in wrapping sequence numbers.
 fn is_after(a: u32, b: u32) -> bool {
     a != b && a.wrapping_sub(b) < 1 << 31
 }
@@ -288,7 +291,7 @@ mod tests {
 
     #[test]
     fn a_foreign_session_is_not_believed_while_fusion_speaks() {
-        // Symptom to prevent: one forged set made the real session one of the past, for ever.
+        // Symptom to prevent: after one forged set the real session counted as over forever.
         let mut newest = NewestBoxes::default();
         for sequence in 0..100 {
             let now_us = i64::from(sequence) * SECOND_US / 10;
@@ -300,7 +303,8 @@ mod tests {
         assert_eq!(newest.at(10 * SECOND_US).unwrap().tick, Tick(199));
     }
 
-    /// Fusion goes on from `from` ten times a second; how long until the edge follows it again.
+    /// Fusion continues from `from` ten times a second; returns the time until the edge follows it
+    /// again.
     fn back_after_us(newest: &mut NewestBoxes, from: u32, since_us: Micros) -> Micros {
         let back = (from..from + 100).find_map(|sequence| {
             let us = i64::from(sequence - from) * SECOND_US / 10;
@@ -320,7 +324,7 @@ mod tests {
         );
         assert!(back_after_us(&mut newest, 8, SECOND_US) <= 3 * SECOND_US / 2);
         assert_eq!(newest.session(), Some(SessionId(1)));
-        // The liar is of the past now.
+        // The forged session is over now.
         assert_eq!(
             newest.hear(boxes(2, 1), 3 * SECOND_US),
             BoxSetArrival::Stale
@@ -329,7 +333,7 @@ mod tests {
 
     #[test]
     fn a_number_far_ahead_does_not_shut_fusion_out() {
-        // Symptom to prevent: after one forged set all real ones were stale, for half of all numbers.
+        // Symptom to prevent: after one forged set half of all sequence numbers were stale.
         let mut newest = NewestBoxes::default();
         newest.hear(boxes(1, 7), 0);
         assert_eq!(

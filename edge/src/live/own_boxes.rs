@@ -1,9 +1,11 @@
-//! Boxes that an edge makes itself while fusion says nothing: each person's last box, carried on by what its maps show.
+//! Boxes that an edge makes while fusion is silent: the last box of each person, moved by what its
+//! maps show.
 //!
-//! Fusion predicts boxes from all viewpoints; without it an edge has its own maps alone. They are enough to keep a person
-//! in the crop for some seconds, so that the ring holds patches of the outage and not only sightings: the box stays where
-//! most keypoints have it that were seen before, and grows as they spread. Where two boxes of a camera show one person, as
-//! when people pass each other, it is that of the box which expected it there; the other goes on as it went.
+//! Fusion predicts boxes from all viewpoints; an edge alone has only its own maps. They keep a
+//! person in the crop for some seconds, so that the ring stores patches of the outage and not only
+//! sightings. The box follows the median motion of its keypoints and grows with their spread. If
+//! two boxes of a camera show one person, as when people pass each other, the person belongs to the
+//! box that expected it there. The other box continues its motion.
 
 use std::collections::BTreeMap;
 
@@ -15,39 +17,43 @@ use farfield_proto::tick::Tick;
 
 use super::Micros;
 
-/// Least height of a peak that counts, of 255.
+/// Least height of a peak, of 255.
 const LEAST_PEAK: f32 = 77.0;
-/// So many keypoints must be seen at two ticks for a box to follow them.
+/// Keypoints that must be seen at two ticks for a box to follow them.
 const ENOUGH_KEYPOINTS: usize = 4;
-/// Share of a new measurement of how fast a box moves.
+/// Weight of a new measurement of a box's velocity.
 const RATE_SHARE: f32 = 0.3;
-/// Share of a new look in where a keypoint is on the body: limbs move, the median of all hardly.
+/// Weight of a new measurement of a keypoint's place on the body. Limbs move, but the median of all
+/// keypoints hardly.
 const BODY_SHARE: f32 = 0.1;
-/// Most that a box grows or shrinks by from one look to the next.
+/// Largest growth or shrinkage of a box per measurement.
 const MOST_GROWTH: f32 = 1.03;
-/// Two boxes show one person where their keypoints are nearer to each other than this share of a box's height, mostly.
+/// Two boxes show one person if the median distance of their keypoints is below this share of a
+/// box's height.
 const SAME_SHARE: f32 = 0.08;
-/// For so long somebody is followed whom the maps do not show, seconds.
+/// Time for which a person is followed without being visible in the maps, seconds.
 const UNSEEN_S: f64 = 0.5;
-/// When fusion has been silent for so long, it is watched where people go, microseconds; it speaks ten times a second at
-/// least.
+/// Silence of fusion after which people are observed, microseconds. Fusion sends at least ten times
+/// a second.
 const WATCH_FROM_US: Micros = 150_000;
-/// When fusion has been silent for so long, boxes are what was watched, and no predictions any more, microseconds.
+/// Silence of fusion after which boxes come from observations instead of predictions, microseconds.
 const LEAD_FROM_US: Micros = 300_000;
-/// For so long they still are when fusion speaks again, microseconds: it predicted people from before the silence, and needs
-/// a round trip and a detection pass to know better. Meanwhile these patches show it where everybody went.
+/// Time for which own boxes continue after fusion returns, microseconds. Fusion predicted people
+/// from before the silence and needs a round trip and a detection pass. Until then the patches show
+/// it the current positions.
 const HAND_BACK_US: Micros = 400_000;
 
-/// Who leads at a tick.
+/// The source of the boxes at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lead {
     /// Fusion's boxes alone.
     Fusion,
-    /// Fusion's boxes, and it is watched where people go.
+    /// Fusion's boxes; people are also observed.
     Watched,
-    /// The edge's own boxes: fusion says nothing.
+    /// The edge's own boxes: fusion is silent.
     Own,
-    /// The edge's own boxes, and fusion's of those that it does not follow: fusion has just come back.
+    /// The edge's own boxes, and fusion's for people that the edge does not follow: fusion has just
+    /// returned.
     HandingBack,
 }
 
@@ -55,38 +61,40 @@ pub enum Lead {
 #[derive(Debug, Clone)]
 struct Followed {
     at: CameraBox,
-    /// The tick of [`Self::at`], at which it was last seen.
+    /// The tick of [`Self::at`], at which the person was last seen.
     tick: Tick,
-    /// Where its keypoints are from the middle of the box, over the box's height.
+    /// Positions of the keypoints relative to the middle of the box, divided by the box's height.
     body: Vec<Option<[f32; 2]>>,
 }
 
-/// Where each keypoint is in a picture, undistorted pixels, if it is there.
+/// Position of each keypoint in a picture, undistorted pixels, if visible.
 type Keypoints = Vec<Option<[f32; 2]>>;
 
-/// What a patch shows of a person in a camera.
+/// Content of a patch: a person in a camera.
 #[derive(Debug, Clone, Copy)]
 struct Seen<'a> {
     key: (PersonId, CameraIndex),
     keypoints_px: &'a Keypoints,
-    /// How far that is from where the person was expected, and the height of its box, pixels; `None` of who is not followed.
+    /// Distance from the expected position and height of the box, pixels; `None` if the person is
+    /// not followed.
     off_px: Option<(f32, f32)>,
 }
 
-/// The people of a viewpoint, as it follows them itself.
+/// The people of a viewpoint as followed by the edge itself.
 #[derive(Debug, Default)]
 pub struct OwnBoxes {
-    /// Until when the own boxes lead.
+    /// End of the lead of own boxes.
     leads_until_us: Option<Micros>,
     followed: BTreeMap<(PersonId, CameraIndex), Followed>,
     decoder: Decoder,
-    /// Finds the peaks of decoded maps as it does of those that it packs.
+    /// Finds the peaks of decoded maps with the same code as in encoding.
     fitter: Encoder,
     maps: Option<Maps>,
 }
 
 impl OwnBoxes {
-    /// Who leads at `now_us`, when fusion has been silent for `silent_us`; after `longest_us` none does.
+    /// The source of the boxes at `now_us`, if fusion has been silent for `silent_us`; after
+    /// `longest_us` none leads.
     pub fn lead(&mut self, silent_us: Micros, longest_us: Micros, now_us: Micros) -> Lead {
         if (LEAD_FROM_US..=longest_us).contains(&silent_us) {
             self.leads_until_us = Some(now_us + HAND_BACK_US);
@@ -103,12 +111,12 @@ impl OwnBoxes {
         }
     }
 
-    /// Forgets everybody: fusion says again where they are.
+    /// Removes all people, because fusion reports them again.
     pub fn clear(&mut self) {
         self.followed.clear();
     }
 
-    /// Takes what the patches of `sets`, cut by `boxes`, show; ticks must rise.
+    /// Adds the content of the patches of `sets`, cut by `boxes`; ticks must rise.
     pub fn see(&mut self, boxes: &BoxSet, sets: &[PatchSet], rate_hz: f64) {
         for set in sets {
             let keypoints = set.persons.iter().map(|patch| self.keypoints(patch));
@@ -130,7 +138,7 @@ impl OwnBoxes {
         }
     }
 
-    /// The boxes of `tick`, in the place of those of `before`; `None` while nobody is followed.
+    /// The boxes of `tick` in place of those of `before`; `None` if no person is followed.
     pub fn at(&self, tick: Tick, before: &BoxSet) -> Option<BoxSet> {
         let mut persons: Vec<PersonBoxes> = Vec::new();
         for ((person, _), followed) in &self.followed {
@@ -151,7 +159,7 @@ impl OwnBoxes {
         })
     }
 
-    /// The same, with those of `boxes` that are not followed.
+    /// The same, with those of `boxes` for people that are not followed.
     pub fn beside(&self, tick: Tick, boxes: &BoxSet) -> Option<BoxSet> {
         let mut set = self.at(tick, boxes)?;
         let is_followed = |id| self.followed.keys().any(|(person, _)| *person == id);
@@ -169,7 +177,7 @@ impl OwnBoxes {
         Some(set)
     }
 
-    /// What a patch shows, against where its person was expected.
+    /// Compares a patch with the expected position of its person.
     fn compared<'a>(
         &self,
         patch: &PersonPatch,
@@ -192,7 +200,7 @@ impl OwnBoxes {
         }
     }
 
-    /// Takes what one patch shows.
+    /// Adds the content of one patch.
     fn take(&mut self, boxes: &BoxSet, seen: &Seen<'_>, tick: Tick) {
         if let Some(followed) = self.followed.get_mut(&seen.key) {
             followed.see(seen.keypoints_px, tick);
@@ -212,7 +220,7 @@ impl OwnBoxes {
         }
     }
 
-    /// The highest peak of each map, where there is a clear one; `None` of maps that cannot be read.
+    /// The highest clear peak of each map; `None` if the maps cannot be read.
     fn keypoints(&mut self, patch: &PersonPatch) -> Option<Keypoints> {
         let maps = self.maps.get_or_insert_with(|| Maps::new(1, 1, 1));
         self.decoder.decode(&patch.maps, maps).ok()?;
@@ -228,7 +236,7 @@ impl OwnBoxes {
 }
 
 impl Seen<'_> {
-    /// Whether what `other` shows is who this one shows, and was expected here rather than there.
+    /// Whether `other` shows the same person, which was expected nearer to this box.
     fn has_taken(&self, other: &Self) -> bool {
         let (Some((off_px, height_px)), Some((other_off_px, _))) = (self.off_px, other.off_px)
         else {
@@ -242,7 +250,7 @@ impl Seen<'_> {
     }
 }
 
-/// How far the keypoints that both have are apart, mostly, pixels; `None` where these are few.
+/// Median distance of the common keypoints, pixels; `None` if there are few.
 fn apart_px(a: impl Iterator<Item = Option<[f32; 2]>>, b: &Keypoints) -> Option<f32> {
     let pairs = a.zip(b).filter_map(|(a, b)| Some((a?, (*b)?)));
     let apart: Vec<f64> = pairs
@@ -272,7 +280,7 @@ impl Followed {
         let growth = now_px / (known * height_px).max(1.0);
         let growth = growth.clamp(1.0 / MOST_GROWTH, MOST_GROWTH);
         let scale_px = growth * height_px;
-        // A keypoint that jumps to another person, or to the other side, is one of many.
+        // A keypoint that jumps to another person or side hardly changes the median.
         let place = |i: usize| median(common.iter().map(|(a, b)| b[i] - scale_px * a[i]));
         let mut at = before;
         for i in [0, 1] {
@@ -303,14 +311,14 @@ impl Followed {
     }
 }
 
-/// Where keypoints are from the middle of a box, over its height.
+/// Positions of keypoints relative to the middle of a box, divided by its height.
 fn body(at: &CameraBox, keypoints_px: &[Option<[f32; 2]>]) -> Vec<Option<[f32; 2]>> {
     let (center_px, height_px) = (at.bounding_box.center_px, at.bounding_box.size_px[1]);
     let own = |px: &[f32; 2]| [0, 1].map(|i| (px[i] - center_px[i]) / height_px);
     keypoints_px.iter().map(|px| px.as_ref().map(own)).collect()
 }
 
-/// The box so many ticks on, without growing by its age.
+/// The box moved by `ticks`, without growth by its age.
 fn carried(at: &CameraBox, ticks: i64) -> CameraBox {
     let (mut moved, n) = (*at, ticks as f32);
     for i in [0, 1] {
@@ -326,7 +334,7 @@ fn median(values: impl Iterator<Item = f32>) -> f32 {
     upper_median(values.map(f64::from).collect()).unwrap_or(0.0) as f32
 }
 
-/// How far the points are from their middle, mostly.
+/// Median distance of the points from their median.
 fn spread(points: impl Iterator<Item = [f32; 2]> + Clone) -> f32 {
     let middle = [0, 1].map(|i| median(points.clone().map(|p| p[i])));
     median(points.map(|p| (p[0] - middle[0]).hypot(p[1] - middle[1])))
@@ -344,7 +352,7 @@ mod tests {
     use super::*;
 
     const RATE_HZ: f64 = 60.0;
-    /// Where the keypoints are from the middle of the person, pixels.
+    /// Positions of the keypoints relative to the middle of the person, pixels.
     const BODY: [[f32; 2]; 6] = [
         [0.0, -80.0],
         [-20.0, -50.0],
@@ -388,7 +396,8 @@ mod tests {
         }
     }
 
-    /// What the network sees of a person at `place_px`, `scale` large, in a crop around `boxes`: nothing outside.
+    /// The network's result for a person at `place_px` of size `scale`, in a crop around `boxes`;
+    /// nothing outside.
     fn patches(tick: i64, boxes: &BoxSet, place_px: [f32; 2], scale: f32) -> PatchSet {
         let own = &boxes.persons[0].cameras[0].bounding_box;
         let step_px = own.size_px[1] / 64.0;
@@ -432,7 +441,7 @@ mod tests {
 
     #[test]
     fn a_person_who_turns_back_is_followed_for_seconds_by_what_the_maps_show() {
-        // Straight on, the box of fusion would be 900 pixels off at the end.
+        // Without turning, fusion's box would be 900 pixels off at the end.
         let place_px = |tick: i64| {
             let t = tick as f32 / 60.0;
             [500.0 + 90.0 * (2.0 * t).sin(), 400.0 - 12.0 * t]
@@ -490,7 +499,7 @@ mod tests {
 
     #[test]
     fn who_passes_behind_another_goes_on_and_is_found_on_the_other_side() {
-        // One stands; the other runs past behind it, and both boxes show the one in front.
+        // One person stands, another runs past behind, and both boxes show the one in front.
         let standing = [500.0, 400.0];
         let running = |tick: i64| [380.0 + 6.0 * tick as f32, 402.0];
         let mut first = boxes(0, vec![camera_box(standing)]);

@@ -1,9 +1,10 @@
-//! A refusal by fusion ends a working edge, so it must be repeated before it counts: without keys, anybody in the
-//! network can send a single one.
+//! A refusal by fusion ends a running edge, so it counts only if repeated. Without keys, any
+//! program in the network can send a single one.
 
 use super::{Micros, SECOND_US};
 
-/// How often a refusal must have come, and over how long, microseconds; fusion repeats it once a second.
+/// Number of refusals needed, and their least duration, microseconds. Fusion repeats a refusal once
+/// a second.
 const ENOUGH: u32 = 3;
 const LASTS_US: Micros = 3 * SECOND_US / 2;
 
@@ -15,18 +16,18 @@ pub struct RepeatedRefusal {
 }
 
 impl RepeatedRefusal {
-    /// Fusion refuses the edge at `now_us`.
+    /// Records a refusal at `now_us`.
     pub fn note_refusal(&mut self, now_us: Micros) {
         self.since_us.get_or_insert(now_us);
         self.said = self.said.saturating_add(1);
     }
 
-    /// Fusion accepts the edge: refusals so far do not count.
+    /// Records an acceptance, which cancels earlier refusals.
     pub fn note_acceptance(&mut self) {
         *self = Self::default();
     }
 
-    /// Whether the refusal was repeated often and long enough to count.
+    /// Whether the refusal was repeated often and long enough.
     pub fn is_confirmed(&self, now_us: Micros) -> bool {
         let lasts = self.since_us.is_some_and(|at| now_us - at >= LASTS_US);
         lasts && self.said >= ENOUGH

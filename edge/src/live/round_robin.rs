@@ -1,20 +1,21 @@
-//! Round robin: which persons are sent at a tick when not all fit.
+//! Round robin: the persons sent at a tick if not all fit.
 //!
-//! A person is measured where two viewpoints show it at the same tick, so all edges must serve it at the same ticks: the
-//! choice follows from the tick and the person's id alone. A round takes 1, 2, 4, 8, ... ticks, so that an edge on a
-//! thin link serves a person at a subset of the ticks at which an edge on a wider one does.
+//! A person is measured if two viewpoints show it at the same tick, so all edges must serve it at
+//! the same ticks. The choice therefore depends only on the tick and the person's id. A round takes
+//! 1, 2, 4, 8, ... ticks, so that the ticks of an edge on a thin link are a subset of those on a
+//! wider link.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::tick::Tick;
 
-/// For so many processed ticks the same persons are the ones that are sent more often than others.
+/// Processed ticks after which other persons are the ones sent more often.
 const TURN_TICKS: i64 = 256;
 
-/// Puts into `chosen` those of `persons` that are due at the `number`th processed tick, in order of their ids, so that
-/// on average at most `most` (at least 1) persons are sent per tick.
+/// Fills `chosen` with those of `persons` that are due at the processed tick with this `number`, in
+/// order of their ids. On average at most `most` (at least 1) persons are sent per tick.
 ///
-/// Some are sent once in a round and, where a whole round does not take all that there is room for, others twice: in turn,
-/// by tick and id alone.
+/// A person is sent once per round. If a round has room for more, some persons are sent twice, in
+/// turn, depending only on tick and id.
 pub fn choose(
     persons: impl Iterator<Item = PersonId>,
     most: f64,
@@ -29,7 +30,7 @@ pub fn choose(
     while (round as f64) * most < n {
         round *= 2;
     }
-    // Of n persons k go twice in a round: (n + k) / round of them per tick.
+    // If k of n persons are sent twice per round, (n + k) / round are sent per tick.
     let twice = (round as f64 * most - n).max(0.0) as usize;
     let turn = number.0.div_euclid(TURN_TICKS);
     chosen.sort_unstable_by_key(|person| (rank(*person, turn), *person));
@@ -46,8 +47,8 @@ pub fn choose(
     chosen.sort_unstable();
 }
 
-/// Who goes before whom in a turn: as good as drawn by lot, and the same at all edges (the finalizer of `SplitMix64`,
-/// Steele 2014, figure 13).
+/// The priority of a person in a turn: a hash that is equal at all edges (the finalizer of
+/// `SplitMix64`, Steele 2014, figure 13).
 fn rank(person: PersonId, turn: i64) -> u64 {
     let mut z = (turn as u64)
         .wrapping_mul(0x9e37_79b9_7f4a_7c15)

@@ -1,39 +1,39 @@
-//! Which tick it is: the venue's clock on this machine.
+//! The venue's ticks by this machine's clock.
 //!
 //! ```text
 //!   tick = round((own clock + correction - epoch) x rate)
 //! ```
 //!
-//! Epoch and correction come from fusion. A small change of the correction is slewed, so that ticks keep their length; a
-//! large one is a step, as with NTP (RFC 5905, section 11.3).
+//! Epoch and correction come from fusion. A small change of the correction is slewed, so that ticks
+//! keep their length; a large one is a step, as in NTP (RFC 5905, section 11.3).
 
 use farfield_proto::message::live::LiveBoxes;
 use farfield_proto::tick::Tick;
 
 use super::{Micros, SECOND_US};
 
-/// A change of the correction from which the clock is stepped, microseconds: a tick at 60 Hz. To slew
-/// more would take seconds in which every tick is wrong.
+/// Change of the correction from which the clock is stepped, microseconds: a tick at 60 Hz. A slew
+/// of more would take seconds, with wrong ticks throughout.
 pub const STEP_FROM_US: Micros = 16_667;
-/// How fast the clock is slewed, microseconds per second: half a percent, so that a tick of 60 Hz
-/// changes by 83 microseconds.
+/// Slew rate, microseconds per second: half a percent, which changes a tick of 60 Hz by 83
+/// microseconds.
 pub const SLEW_US_PER_S: Micros = 5_000;
 
-/// The venue's ticks on this machine's clock.
+/// The venue's ticks by this machine's clock.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TickClock {
     rate_hz: f64,
     epoch_us: Option<u64>,
-    /// In force.
+    /// The current correction.
     correction_us: Micros,
-    /// Where it is slewed to.
+    /// The target of the slew.
     wanted_us: Micros,
     slewed_at_us: Option<Micros>,
     steps: u64,
 }
 
 impl TickClock {
-    /// A clock that does not know the epoch yet.
+    /// A clock without an epoch.
     pub fn new(rate_hz: f64) -> Self {
         Self {
             rate_hz,
@@ -45,12 +45,12 @@ impl TickClock {
         }
     }
 
-    /// Takes what fusion says at `now_us` of the own clock; says whether the clock was stepped, so that
-    /// earlier differences of times mean nothing any more.
+    /// Sets epoch and correction from fusion's message at `now_us`. Returns whether the clock was
+    /// stepped, which invalidates earlier time differences.
     pub fn set(&mut self, live: &LiveBoxes, now_us: Micros) -> bool {
         self.slew(now_us);
         let mut stepped = self.epoch_us.replace(live.epoch_us) != Some(live.epoch_us);
-        // A fusion that has just started does not know the clock yet; the one before it did.
+        // A restarted fusion does not know the correction yet, so the previous one stays.
         self.wanted_us = live
             .clock_correction_us
             .map_or(self.wanted_us, Micros::from);
@@ -62,28 +62,28 @@ impl TickClock {
         stepped
     }
 
-    /// How often the clock was stepped: what was counted on from a tick before a step is of another time.
+    /// Number of steps. Counts from a tick before a step are invalid.
     pub fn steps(&self) -> u64 {
         self.steps
     }
 
-    /// Moves the correction towards the wanted one for the time since the last call.
+    /// Slews the correction for the time since the last call.
     pub fn slew(&mut self, now_us: Micros) {
         let since_us = self.slewed_at_us.map_or(0, |at| (now_us - at).max(0));
         let most_us = since_us.saturating_mul(SLEW_US_PER_S) / SECOND_US;
-        // What is too short for a microsecond of slew is kept for the next call.
+        // Time too short for a microsecond of slew is kept for the next call.
         if most_us > 0 || self.slewed_at_us.is_none() {
             self.slewed_at_us = Some(now_us);
         }
         self.correction_us += (self.wanted_us - self.correction_us).clamp(-most_us, most_us);
     }
 
-    /// Unix time of tick 0, microseconds; `None` until fusion has said it.
+    /// Unix time of tick 0, microseconds; `None` before fusion's first message.
     pub fn epoch_us(&self) -> Option<u64> {
         self.epoch_us
     }
 
-    /// The correction in force, microseconds.
+    /// The current correction, microseconds.
     pub fn correction_us(&self) -> i32 {
         self.correction_us as i32
     }
@@ -94,7 +94,7 @@ impl TickClock {
         Some(Tick((since_us as f64 * self.rate_hz / 1e6).round() as i64))
     }
 
-    /// When `tick` is, by the own clock, microseconds.
+    /// Time of `tick` by this machine's clock, microseconds.
     pub fn own_time_us(&self, tick: Tick) -> Option<Micros> {
         let epoch_us = Micros::try_from(self.epoch_us?).ok()?;
         let since_us = (tick.seconds(self.rate_hz) * 1e6).round() as Micros;
@@ -105,12 +105,12 @@ impl TickClock {
         )
     }
 
-    /// How long `own_us` is after `tick`, microseconds.
+    /// Time from `tick` to `own_us`, microseconds.
     pub fn after_us(&self, own_us: Micros, tick: Tick) -> Option<Micros> {
         Some(own_us.saturating_sub(self.own_time_us(tick)?))
     }
 
-    /// From one tick to the next, microseconds.
+    /// Length of a tick, microseconds.
     pub fn period_us(&self) -> Micros {
         (1e6 / self.rate_hz).round() as Micros
     }
@@ -174,8 +174,8 @@ mod tests {
 
     #[test]
     fn a_correction_outlives_the_fusion_that_has_told_it() {
-        // Symptom to prevent: a fusion that had just started told a correction of 0 until it knew better, and
-        // a clock that was right stepped away.
+        // Symptom to prevent: a restarted fusion sent a correction of 0 until it had measured one,
+        // and a correct clock was stepped away.
         let mut clock = TickClock::new(60.0);
         clock.set(&live(0, -80_000), 0);
         let not_known = LiveBoxes {
@@ -184,7 +184,7 @@ mod tests {
         };
         assert!(!clock.set(&not_known, SECOND_US));
         assert_eq!(clock.correction_us(), -80_000);
-        // A slew that is under way goes on.
+        // A slew in progress continues.
         clock.set(&live(0, -81_000), SECOND_US);
         assert!(!clock.set(&not_known, 2 * SECOND_US));
         assert_eq!(clock.correction_us(), -81_000);

@@ -1,15 +1,15 @@
-//! SMPTE timecode as a tick: hours, minutes, seconds and frames since midnight, SMPTE ST 12-1.
+//! SMPTE timecode as a tick: hours, minutes, seconds and frames since midnight (SMPTE ST 12-1).
 //!
-//! Code of 29.97 and 59.94 Hz may drop numbers so that it keeps up with the clock: of every minute but each
-//! tenth the first two (four) frame numbers are left out. After 24 hours the code begins again at 0; a recording
-//! that runs across midnight goes on counting, but one that begins after it cannot be told from one of the day
-//! before.
+//! Timecode at 29.97 and 59.94 Hz can drop numbers to keep up with the clock. It skips the first
+//! two (four) frame numbers of every minute except each tenth. After 24 hours the code restarts at
+//! 0. A recording across midnight continues to count, but one that starts after midnight looks like
+//! one of the previous day.
 
 use std::fmt;
 
-/// Rates that timecode counts in, frames per second, whole.
+/// Integer rates at which timecode counts, frames per second.
 const COUNTED_HZ: [u32; 7] = [24, 25, 30, 48, 50, 60, 120];
-/// Largest relative difference between a venue's rate and a counted one: 59.94 is counted as 60.
+/// Largest relative difference between a venue's rate and a counted rate: 59.94 is counted as 60.
 const RATE_TOLERANCE: f64 = 0.002;
 
 /// A time of day in frames.
@@ -19,10 +19,10 @@ pub struct Timecode {
     frames: i64,
 }
 
-/// Why text is not a timecode.
+/// Why a text is not a timecode.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TimecodeError {
-    /// It is not `HH:MM:SS:FF` or, with dropped numbers, `HH:MM:SS;FF`.
+    /// The text is not `HH:MM:SS:FF` or, in drop-frame code, `HH:MM:SS;FF`.
     #[error(
         "found timecode {found:?}, expected HH:MM:SS:FF, or HH:MM:SS;FF where numbers are dropped"
     )]
@@ -30,7 +30,7 @@ pub enum TimecodeError {
         /// The text.
         found: String,
     },
-    /// There is no such time, or its number is a dropped one.
+    /// The time does not exist, or its number is a dropped one.
     #[error("found timecode {found:?}, which does not exist at {counted_hz} frames per second")]
     NotThere {
         /// The text.
@@ -38,17 +38,17 @@ pub enum TimecodeError {
         /// Frames counted per second.
         counted_hz: u32,
     },
-    /// The rate has no timecode, or none that drops numbers.
+    /// The rate has no timecode, or no drop-frame timecode.
     #[error("at {rate_hz} frames per second there is no{} timecode", if *.drops { " drop-frame" } else { "" })]
     Rate {
         /// The rate.
         rate_hz: Rate,
-        /// Whether the code drops numbers.
+        /// Whether the code is drop-frame.
         drops: bool,
     },
 }
 
-/// Frames per second, compared and shown in thousandths.
+/// Frames per second, compared and printed in thousandths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rate {
     thousandths: i64,
@@ -61,10 +61,11 @@ impl fmt::Display for Rate {
 }
 
 impl Timecode {
-    /// Reads the timecode of a recording of `rate_hz` frames per second.
+    /// Parses the timecode of a recording with `rate_hz` frames per second.
     ///
     /// # Errors
-    /// [`TimecodeError`] when the text has another form, the time does not exist, or the rate has no timecode.
+    /// [`TimecodeError`] if the text has another form, the time does not exist, or the rate has no
+    /// timecode.
     pub fn parse(text: &str, rate_hz: f64) -> Result<Self, TimecodeError> {
         let form = || TimecodeError::Form {
             found: text.to_owned(),
@@ -103,14 +104,14 @@ impl Timecode {
     }
 }
 
-/// What is counted at a rate: 30 at 29.97.
+/// The counted rate: 30 for 29.97.
 fn counted(rate_hz: f64) -> Option<u32> {
     COUNTED_HZ
         .into_iter()
         .find(|&hz| (rate_hz / f64::from(hz) - 1.0).abs() <= RATE_TOLERANCE)
 }
 
-/// The four numbers, and whether a `;` or `.` says that numbers are dropped.
+/// The four numbers, and whether a `;` or `.` marks drop-frame code.
 fn fields(text: &str) -> Option<([u32; 4], bool)> {
     let at = text.rfind([':', ';', '.'])?;
     let (time, frames) = (&text[..at], &text[at + 1..]);
@@ -219,7 +220,7 @@ mod tests {
             let text = |s: u32, f: u32| format!("{:02}:{:02}:{:02};{f:02}", s / 3600, s / 60 % 60, s % 60);
             let order = (a, fa).cmp(&(b, fb));
             prop_assert_eq!(frames(&text(a, fa), hz).cmp(&frames(&text(b, fb), hz)), order);
-            // The two numbers of a minute, and what dropping leaves over in a day: 86 ms.
+            // The two numbers of a minute, and the remainder of dropping in a day: 86 ms.
             let of_clock = (f64::from(a) + f64::from(fa) / 30.0) * hz;
             prop_assert!((frames(&text(a, fa), hz) as f64 - of_clock).abs() < 2.0 + 2.6);
         }

@@ -1,110 +1,120 @@
-//! How much the edge's link carries, estimated from delay and loss alone.
+//! Estimate of the capacity of the edge's link, from delay and loss only.
 //!
-//! Fusion reports the one-way delay of the newest patches that arrived. The least of the last seconds is the base delay;
-//! what exceeds it is a queue that the edge itself has filled (LEDBAT, RFC 6817, section 2.4.2). A standing queue, or a
-//! loss above that of radio links, lowers the rate to a little less than what arrives, so that the queue empties.
-//! Without either, the rate grows, slowly first, then faster, and by the more the less it is, but by
-//! no more than half of itself a second. Less by a share and more by no larger an amount brings edges that share a bottleneck to the same rate, whoever came first (Chiu 1989); with growth by
-//! a share they keep what they once had. And whoever has little bears more of a queue: all see the same one, and what each
-//! has in it is its rate times its delay (as in TCP Vegas, Brakmo 1994). Loss that stays however little is sent is the
-//! link's own, and no reason to send still less.
+//! Fusion reports the one-way delay of the newest patches. The minimum of the last seconds is the
+//! base delay. The excess is a queue that the edge has filled (LEDBAT, RFC 6817, section 2.4.2). A
+//! standing queue, or loss above that of radio links, lowers the rate to a little below the
+//! arriving rate, so that the queue empties. Without either, the rate grows, slowly at first, then
+//! faster. It grows faster at low rates, but by at most half of itself per second.
+//!
+//! A multiplicative decrease with an additive increase brings edges on one bottleneck to the same
+//! rate, in whatever order they start (Chiu 1989). With a multiplicative increase they would keep
+//! their ratios. An edge with a low rate tolerates a longer queue: all edges see the same queue,
+//! and the part of each is its rate times its delay (as in TCP Vegas, Brakmo 1994). Loss that does
+//! not fall with the rate is a property of the link and no reason to send less.
 
 use farfield_proto::message::live::HeardPatches;
 use farfield_proto::tick::Tick;
 
 use crate::live::{Micros, SECOND_US};
 
-/// The rate for which the numbers below hold, bytes per second: what each of four edges has of 1 Mbit/s.
+/// The rate for which the constants below hold, bytes per second: the share of each of four edges
+/// in 1 Mbit/s.
 const USUAL_RATE: f64 = 31_000.0;
-/// An edge with another rate grows by so many times [`GROWTH_PER_S`], at least and at most.
+/// Least and largest factor of [`GROWTH_PER_S`] at other rates.
 const GROWTH_TIMES: [f64; 2] = [0.5, 3.0];
-/// And bears so many times the queue, at least and at most: jitter is no less where there is more room.
+/// Least and largest factor of the tolerated queue at other rates. Jitter does not fall at higher
+/// rates.
 const QUEUE_TIMES: [f64; 2] = [1.0, 3.0];
-/// A standing queue that is longer lowers the rate, microseconds: more than a tick at 60 Hz. At [`USUAL_RATE`].
+/// A longer standing queue lowers the rate, microseconds: more than a tick at 60 Hz. At
+/// [`USUAL_RATE`].
 const QUEUE_US: Micros = 20_000;
-/// Below, the link has room, microseconds. At [`USUAL_RATE`].
+/// Below this queue the link has room, microseconds. At [`USUAL_RATE`].
 const EMPTY_US: Micros = 8_000;
-/// A queue stands when nothing came faster for so long, microseconds: jitter does not last.
+/// A queue stands if no message was faster for this time, microseconds. Jitter does not last.
 const STANDS_US: Micros = 200_000;
 /// Window over which the least one-way delay is the base delay, microseconds, in two halves.
 const BASE_DELAY_WINDOW_US: Micros = 20 * SECOND_US;
-/// Loss above this share, beside what the link loses however little is sent, means a full link, not radio noise.
+/// Loss above this share, relative to the link's own loss, means a full link and not radio noise.
 const LOSS: f64 = 0.15;
-/// Silences that are nearer to each other than this may be of a full link.
+/// Silences closer to each other than this can come from a full link.
 const AGAIN_US: Micros = 5 * SECOND_US;
-/// A full link answers after a silence through the queue that silenced it, longer than this, microseconds; a link that was
-/// away answers with its base delay at once.
+/// After a silence a full link delivers through a queue longer than this, microseconds. An
+/// interrupted link delivers with its base delay at once.
 const FULL_QUEUE_US: Micros = 60_000;
-/// Fusion sends boxes ten times a second at least: when none came for so long, the whole link was away, or fusion was,
-/// microseconds. A full link carries boxes on, because their direction has room.
+/// Without boxes for this time the whole link or fusion was away, microseconds. Fusion sends boxes
+/// at least ten times a second, and a full link still delivers them, because their direction has
+/// room.
 const OUTAGE_US: Micros = SECOND_US / 4;
-/// Above, next to nothing gets through.
+/// Above this loss almost no message arrives.
 const CHOKED_LOSS: f64 = 0.5;
-/// Share of a new report in the loss of late, and in that of the last seconds.
+/// Weights of a new report in the recent loss and in the loss of the last seconds.
 const LOSS_SHARES: [f64; 2] = [0.05, 0.02];
-/// What is still lost when the rate was lowered for so long for loss alone is the link's own, microseconds: reports tell of
-/// the last second.
+/// If loss remains after the rate was lowered for this time because of loss alone, it is the link's
+/// own, microseconds. Reports cover the last second.
 const FUTILE_LOSS_US: Micros = 5 * SECOND_US / 2;
-/// Shortest time between two steps down, microseconds: a step must be seen before the next.
+/// Shortest time between two decreases, microseconds: the effect of one must be visible before the
+/// next.
 const STEP_PAUSE_US: Micros = 250_000;
-/// When fusion has reported nothing new for so long, the link counts as cut, microseconds.
+/// Without a new report for this time the link counts as cut, microseconds.
 const SILENCE_US: Micros = 700_000;
-/// What fusion reports of the last second is complete after so long, microseconds.
+/// Time after which fusion's report of the last second is complete, microseconds.
 const WHOLE_US: Micros = 3 * SECOND_US / 2;
-/// The rate never falls below, bytes per second: one person every few ticks.
+/// Lowest rate, bytes per second: one person every few ticks.
 const LEAST_RATE: f64 = 1_000.0;
-/// Growth after a step down, bytes per second in each second: four edges on a link of 1 Mbit/s take two seconds for what
-/// a step leaves free. At [`USUAL_RATE`].
+/// Growth after a decrease, bytes per second per second. Four edges on a link of 1 Mbit/s fill the
+/// freed capacity in two seconds. At [`USUAL_RATE`].
 const GROWTH_PER_S: f64 = 1_500.0;
-/// Growth doubles in so long without a queue, microseconds.
+/// Time without a queue in which growth doubles, microseconds.
 const BOLDER_US: Micros = 6 * SECOND_US;
-/// The rate grows by no larger share of itself in a second.
+/// Largest growth per second, as a share of the rate.
 const MOST_GROWTH_SHARE_PER_S: f64 = 0.5;
-/// Steps down in a row that do not halve a queue, after which it is taken for other traffic or for a longer base delay.
+/// Consecutive decreases that do not halve a queue, after which the queue counts as other traffic
+/// or a longer base delay.
 const FUTILE_STEPS: u32 = 6;
-/// Ticks of which it is remembered when they were sent.
+/// Ticks whose sending times are stored.
 const TICKS: i64 = 512;
-/// Width of a slot of what was sent, microseconds, and how many there are: five seconds.
+/// Width of a slot of sent bytes, microseconds, and number of slots: five seconds.
 const SLOT_US: Micros = 20_000;
 const SLOTS: i64 = 250;
 
-/// What one link can take.
+/// The capacity of one link.
 #[derive(Debug, Clone)]
 pub(super) struct LinkLoad {
-    /// Bytes per second with overhead; infinite until the link was full for the first time.
+    /// Bytes per second with overhead; infinite until the link was full once.
     rate: f64,
     base_delay: WindowMin,
     recent: [(Micros, Micros); 16],
     n_recent: usize,
-    /// What was lost since the last step down, a running mean.
+    /// Running mean of the loss since the last decrease.
     loss: f64,
-    /// The same of the last seconds, whatever was done.
+    /// Running mean of the loss in the last seconds.
     usual_loss: f64,
-    /// What the link loses however little is sent.
+    /// The link's own loss, which does not depend on the rate.
     own_loss: f64,
-    /// When the rate was first lowered for loss alone, and what it was before.
+    /// Time of the first decrease because of loss alone, and the rate before it.
     lossy_since: Option<(Micros, f64)>,
     sent: SentLog,
     since_us: Option<Micros>,
     back: Option<BackAfterSilence>,
     newest: Option<Tick>,
-    /// When the first was sent of those since the last word.
+    /// Sending time of the first message since the last report.
     unanswered_us: Option<Micros>,
     next_step_at_us: Micros,
     grown_at_us: Micros,
-    /// Steps down since the queue was last empty, with the queue and the rate before the first.
+    /// Decreases since the queue was last empty, with the queue and the rate before the first.
     steps: u32,
     before: (Micros, f64),
 }
 
-/// When something was reported again after a silence.
+/// The first report after a silence.
 #[derive(Debug, Clone, Copy)]
 struct BackAfterSilence {
     at_us: Micros,
     /// The base delay before it, microseconds.
     base_us: Option<Micros>,
-    /// Whether the link seems full: it was silent before, and neither lost little nor answered without a queue since. A link
-    /// that was cut is back for good, a full one is silent again and again.
+    /// Whether the link seems full: it was silent before, and since then had neither little loss
+    /// nor an answer without a queue. An interrupted link recovers for good; a full one is silent
+    /// repeatedly.
     is_full: bool,
 }
 
@@ -133,12 +143,12 @@ impl Default for LinkLoad {
 }
 
 impl LinkLoad {
-    /// What may be sent, bytes per second with overhead.
+    /// The rate that may be sent, bytes per second with overhead.
     pub(super) fn rate(&self) -> f64 {
         self.rate
     }
 
-    /// Notes a message of `tick`: its payload, and what it is with all that the protocols add.
+    /// Records a message of `tick`: its payload, and its size with overhead.
     pub(super) fn sent(
         &mut self,
         tick: Option<Tick>,
@@ -152,18 +162,18 @@ impl LinkLoad {
         }
     }
 
-    /// Payload that was sent in the last second, bytes.
+    /// Payload sent in the last second, bytes.
     pub(super) fn payload_per_s(&self, now_us: Micros) -> u64 {
         self.sent.second_before(now_us).0
     }
 
-    /// Whether nothing was reported of what was sent for so long that the link must be cut.
+    /// Whether the link counts as cut, because reports about sent messages are missing.
     pub(super) fn is_silent(&self, now_us: Micros) -> bool {
         self.newest.is_some() && self.is_unanswered(now_us)
     }
 
-    /// Whether hardly anything gets through: more than half is lost, whoever is to blame, nothing was reported for long, be
-    /// it that nothing ever was, or that was so again and again until a moment ago.
+    /// Whether almost no message arrives: more than half is lost, for whatever reason, or reports
+    /// were missing for long, or repeatedly until just now.
     pub(super) fn is_choked(&self, now_us: Micros) -> bool {
         let is_full = |back: BackAfterSilence| back.is_full && now_us - back.at_us < WHOLE_US;
         let is_just_back = self.back.is_some_and(is_full);
@@ -176,8 +186,8 @@ impl LinkLoad {
         since_us.is_some_and(|since_us| now_us - since_us > SILENCE_US)
     }
 
-    /// Fusion's boxes come again after `silent_us` without any. What was not answered meanwhile, and what was lost in the
-    /// last second, says nothing of what the link carries; delays still do.
+    /// Records that fusion's boxes return after `silent_us`. Unanswered messages and losses of that
+    /// time do not measure the link's capacity; delays still do.
     pub(super) fn hear_boxes_after(&mut self, silent_us: Micros, now_us: Micros) {
         if silent_us < OUTAGE_US {
             return;
@@ -188,20 +198,21 @@ impl LinkLoad {
         }
     }
 
-    /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones; the rate is kept.
+    /// Discards delays after a clock step or a restart of fusion, because they are not comparable;
+    /// the rate is kept.
     pub(super) fn forget_delays(&mut self, now_us: Micros) {
         self.base_delay = WindowMin::default();
         self.n_recent = 0;
         self.loss = 0.0;
         self.newest = None;
-        // Who is asked now is not to blame for what the one before did not answer.
+        // The new fusion is not responsible for missing answers of the previous one.
         self.unanswered_us = None;
-        // What is under way was sent by the old clock, and the last second is not whole.
+        // Messages in transit were sent by the old clock, and the last second is incomplete.
         self.since_us = Some(now_us + SECOND_US);
     }
 
-    /// Takes fusion's report at `now_us`. `correction_us`: correction of the own clock in force, microseconds;
-    /// `limited`: whether more would be sent if the rate allowed it.
+    /// Adds fusion's report at `now_us`. `correction_us` is the current correction of this
+    /// machine's clock; `limited` is whether a higher rate would be used.
     pub(super) fn hear(
         &mut self,
         heard: &HeardPatches,
@@ -209,7 +220,8 @@ impl LinkLoad {
         limited: bool,
         now_us: Micros,
     ) {
-        // What was never sent cannot have arrived; and after it nothing would be new any more.
+        // A report about a tick that was not sent is invalid, and would make all later reports
+        // stale.
         let was_sent = self.sent.last.is_some_and(|last| heard.tick <= last);
         if !was_sent || self.newest.is_some_and(|tick| heard.tick <= tick) {
             return;
@@ -218,10 +230,10 @@ impl LinkLoad {
             self.note_back(now_us);
         }
         if self.is_silent(now_us) {
-            // The link is back. What was lost meanwhile says nothing of what it carries.
+            // The link is back. Losses in the silence do not measure its capacity.
             self.forget_delays(now_us);
         }
-        // Against the own clock as it is, so that corrections do not look like queues.
+        // Relative to the uncorrected clock, so that corrections do not look like queues.
         let delay_us = Micros::from(heard.one_way_us) + Micros::from(correction_us);
         if let Some(back) = &mut self.back {
             let has_queue = |base_us| delay_us - base_us > FULL_QUEUE_US;
@@ -279,11 +291,11 @@ impl LinkLoad {
         }
     }
 
-    /// Notes that something is reported again after a silence.
+    /// Records the first report after a silence.
     fn note_back(&mut self, now_us: Micros) {
         let of_late = |back: &BackAfterSilence| now_us - back.at_us < AGAIN_US;
         let before = self.back.filter(of_late);
-        // What was measured since the silence before may be with a queue that stands.
+        // Delays measured since the previous silence can contain a standing queue.
         let earlier_us = before.and_then(|back| back.base_us);
         let base_us = self.base_delay.min().into_iter().chain(earlier_us).min();
         let is_lossy = self.loss.max(self.usual_loss) > self.own_loss + LOSS;
@@ -298,15 +310,15 @@ impl LinkLoad {
         let [of_late, of_seconds] = LOSS_SHARES;
         self.loss += of_late * (lost - self.loss);
         self.usual_loss += of_seconds * (lost - self.usual_loss);
-        // It gets better with the weather, and is then noticed again when it gets worse.
+        // Own loss can fall, for example with the weather, and a later rise is detected again.
         self.own_loss = self.own_loss.min(self.usual_loss + LOSS / 2.0);
         if self.usual_loss < LOSS / 2.0 {
             self.lossy_since = None;
         }
     }
 
-    /// Whether less was sent for so long, for loss alone, that the loss must be the link's own: then the rate is what it
-    /// was before.
+    /// Whether the rate was lowered long enough because of loss alone that the loss must be the
+    /// link's own. The rate then returns to its earlier value.
     fn is_futile(&mut self, now_us: Micros) -> bool {
         let long_ago = |(since_us, _): &mut (Micros, f64)| now_us - *since_us >= FUTILE_LOSS_US;
         let Some((_, rate)) = self.lossy_since.take_if(long_ago) else {
@@ -317,9 +329,9 @@ impl LinkLoad {
         true
     }
 
-    /// The queue that stands, microseconds; `None` while too little is known.
+    /// The standing queue, microseconds; `None` if too little is known.
     fn queue_us(&self, now_us: Micros) -> Option<Micros> {
-        /// A few late words are not a queue.
+        /// A few late reports are no queue.
         const FEWEST: usize = 4;
         let known = self.n_recent.min(self.recent.len());
         let newest_first =
@@ -331,7 +343,7 @@ impl LinkLoad {
         for (_, (at_us, delay_us)) in standing {
             (least_us, since_us, words) = (least_us.min(delay_us), at_us, words + 1);
         }
-        // Nor is what comes all at once after a pause.
+        // Reports that arrive at once after a pause are no queue either.
         if words < FEWEST || now_us - since_us < STANDS_US / 2 {
             return None;
         }
@@ -354,14 +366,15 @@ impl LinkLoad {
             self.take_for_base_delay();
             return;
         }
-        // The longer the queue, the faster it has to go.
+        // The longer the queue, the faster it must empty.
         let share = (0.92 - queue_us as f64 / SECOND_US as f64).clamp(0.5, 0.92);
         self.rate = self.rate.min(arrived * share).max(LEAST_RATE);
         self.loss = 0.0;
         self.next_step_at_us = now_us + loop_us.max(0) + STEP_PAUSE_US;
     }
 
-    /// A queue that stays when less is sent is not the edge's own: it becomes part of the base delay.
+    /// A queue that remains at lower rates is not the edge's own and becomes part of the base
+    /// delay.
     fn take_for_base_delay(&mut self) {
         self.base_delay = WindowMin::default();
         self.n_recent = 0;
@@ -381,13 +394,14 @@ impl LinkLoad {
     }
 }
 
-/// How many times the queue of an edge of [`USUAL_RATE`] one bears, or its growth: the less it has, the more, between the
-/// bounds. So of edges that see the same queue who has most goes first, and who has least comes back first.
+/// The factor of the tolerated queue, or of growth, relative to an edge at [`USUAL_RATE`]: larger
+/// for lower rates, within the bounds. Of edges that see the same queue, the one with the highest
+/// rate decreases first, and the one with the lowest grows first.
 fn times(rate: f64, [least, most]: [f64; 2]) -> f64 {
     (USUAL_RATE / rate.max(1.0)).clamp(least, most)
 }
 
-/// The least of the last [`BASE_DELAY_WINDOW_US`], to half of that: two halves that take turns.
+/// The minimum of the last [`BASE_DELAY_WINDOW_US`] or half of it: two halves in turn.
 #[derive(Debug, Clone, Default)]
 struct WindowMin {
     halves: [Option<Micros>; 2],
@@ -410,7 +424,7 @@ impl WindowMin {
     }
 }
 
-/// What was sent in the last seconds, of constant size.
+/// Bytes sent in the last seconds, in constant memory.
 #[derive(Debug, Clone)]
 struct SentLog {
     /// Payload and total per slot, with the slot's number.
@@ -444,7 +458,7 @@ impl SentLog {
         }
     }
 
-    /// When `tick` was sent.
+    /// The sending time of `tick`.
     fn when(&self, tick: Tick) -> Option<Micros> {
         let (known, at) = self.ticks[tick.0.rem_euclid(TICKS) as usize];
         (known == tick).then_some(at)

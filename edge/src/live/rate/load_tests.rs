@@ -1,4 +1,4 @@
-//! What delay and loss say, one word at a time; the closed loop is in the tests of the controller.
+//! Single effects of delay and loss; the tests of the controller cover the closed loop.
 
 use super::*;
 
@@ -10,7 +10,8 @@ fn heard(tick: i64, one_way_us: i32, bytes: u32) -> HeardPatches {
     }
 }
 
-/// 60 ticks a second of 1000 bytes for `ticks` ticks from `from`, heard 40 ms later with `delay_us`.
+/// Sends 60 ticks of 1000 bytes per second for `ticks` ticks from `from`; reports arrive 40 ms
+/// later with `delay_us`.
 fn run(load: &mut LinkLoad, from: i64, ticks: i64, delay_us: impl Fn(i64) -> i32, share: f64) {
     for tick in from..from + ticks {
         let now = tick * SECOND_US / 60;
@@ -63,7 +64,8 @@ fn noise_of_a_radio_link_is_no_fullness_but_a_third_lost_is() {
 
 #[test]
 fn what_a_link_loses_however_little_is_sent_does_not_bring_the_rate_down() {
-    // Symptom to prevent: a fifth lost at random, and the rate fell by a quarter every second, to the least.
+    // Symptom to prevent: a fifth was lost at random, and the rate fell by a quarter every second,
+    // to the minimum.
     for share in [0.8, 0.7] {
         let mut load = LinkLoad::default();
         run(&mut load, 0, 1_800, |_| 10_000, share);
@@ -76,7 +78,7 @@ fn what_a_link_loses_however_little_is_sent_does_not_bring_the_rate_down() {
 
 #[test]
 fn a_link_that_drops_what_is_too_much_is_not_taken_for_one_that_loses_at_random() {
-    // A policer of 30 kB/s: what is above goes, whatever the delay.
+    // A policer of 30 kB/s drops the excess, independent of the delay.
     let mut load = LinkLoad::default();
     let mut rates = Vec::new();
     for tick in 0..3_600 {
@@ -100,7 +102,7 @@ fn a_corrected_clock_is_no_queue() {
     for tick in 0..600 {
         let now = tick * SECOND_US / 60;
         load.sent(Some(Tick(tick)), 900, 1000, now);
-        // The clock is slewed by 80 ms: what is sent seems sent earlier.
+        // The clock is slewed by 80 ms, so that messages seem to be sent earlier.
         let correction = -(tick as i32) * 133;
         load.hear(
             &heard(tick - 2, 10_000 - correction, 54_000),
@@ -143,8 +145,8 @@ fn an_edge_that_sends_seldom_is_not_cut_off() {
 
 #[test]
 fn a_word_of_what_was_never_sent_changes_nothing() {
-    // Symptom to prevent: after one word of the last tick of all, every real one was old news, and the link
-    // counted as cut for ever.
+    // Symptom to prevent: after one report about the last possible tick, all real ones were stale,
+    // and the link counted as cut forever.
     let mut load = LinkLoad::default();
     load.hear(&heard(5, 0, 0), 0, true, 0);
     run(&mut load, 0, 60, |_| 10_000, 1.0);
@@ -155,8 +157,8 @@ fn a_word_of_what_was_never_sent_changes_nothing() {
     assert!(!load.is_silent(3 * SECOND_US) && load.rate().is_infinite());
 }
 
-/// The link is away for `silent_ticks` from tick `from`; boxes stop with it where `both_ways`, then the first report comes
-/// with `delay_us`. Whether passes are refused right after it.
+/// Interrupts the link for `silent_ticks` from tick `from`, with `both_ways` also the boxes. The
+/// first report then has `delay_us`. Returns whether passes are refused right after it.
 fn is_choked_after(
     load: &mut LinkLoad,
     (from, silent_ticks): (i64, i64),
@@ -179,7 +181,8 @@ fn is_choked_after(
 
 #[test]
 fn a_link_that_is_away_again_and_again_is_not_full() {
-    // Symptom to prevent: away for 0.7 s every 4 s, passes were refused for a second, and fusion lost everybody.
+    // Symptom to prevent: with interruptions of 0.7 s every 4 s, passes were refused for a second,
+    // and fusion lost all people.
     for both_ways in [true, false] {
         let mut load = LinkLoad::default();
         for cut in 0..10 {

@@ -1,5 +1,6 @@
-//! What an edge does of a tick so that its link's queue stays empty and its computer keeps up: first a higher compression
-//! level, and no second crops of tilted people; then fewer persons per tick (round robin) or fewer ticks, whichever gets more of them through.
+//! Choice of what an edge sends, so that its link's queue stays empty and its computer keeps up.
+//! First come a higher compression level and no second crops of tilted people. Then come fewer
+//! persons per tick (round robin) or fewer ticks, whichever sends more persons.
 
 mod load;
 mod sighting_share;
@@ -18,49 +19,51 @@ pub use self::work::PLANNED;
 use self::work::{Wish, Work};
 use super::Micros;
 
-/// Bytes of a message beside its persons.
+/// Bytes of a message in addition to its persons.
 const HEAD_BYTES: f64 = 40.0;
-/// Share of a byte budget that patches may plan with: the rest is for statuses and sightings.
+/// Share of a byte budget for patches; the rest is for statuses and sightings.
 const PATCH_SHARE: f64 = 0.85;
-/// How long there must be room for a lower compression level before it is taken, microseconds.
+/// Time for which there must be room before a lower compression level is used, microseconds.
 const PATIENCE_US: Micros = 1_000_000;
-/// Share of the rate that a lower compression level may take at first.
+/// Share of the rate that a lower compression level may use at first.
 const ROOM: f64 = 0.85;
-/// Fewer ticks must get so many times as many persons through: each of them is farther from the next.
+/// Fewer ticks must send this many times as many persons, because the ticks are farther apart.
 const GAIN: f64 = 1.3;
-/// While the link is cut, every eighth tick is sent nevertheless, or the next that is worked on: one may get through.
+/// While the link is cut, every eighth tick, or the next processed one, is still sent as a probe.
 const PROBE_EVERY: u16 = 8;
 /// Number of compression levels.
 const LEVELS: usize = CompressionLevel::SMALLEST.number() as usize + 1;
-/// What a person costs at each compression level before it was measured, bytes.
+/// Bytes of a person at each compression level before measurements.
 const USUAL_BYTES: [f64; LEVELS] = [450.0, 300.0, 240.0, 190.0, 150.0, 125.0, 100.0];
 
-/// What to send of a tick.
+/// What to send at a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SendPlan {
     /// Compression level of the patches.
     pub level: CompressionLevel,
-    /// Most persons on average over the ticks that are processed, at least 1; `None`: all.
+    /// Largest mean number of persons per processed tick, at least 1; `None` for all.
     pub persons: Option<f64>,
-    /// Only ticks that this divides are processed: a multiple of what fusion plans for all edges, so that they share ticks.
+    /// Only multiples of this are processed: a multiple of fusion's plan for all edges, so that
+    /// edges share ticks.
     pub every_nth: u16,
 }
 
-/// What an edge sends.
+/// Kind of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MessageKind {
     /// Patches of a tick.
     Patches(Tick),
     /// Sightings.
     Sightings,
-    /// A status, or stored sets that fusion has asked for: not counted in the bytes that fusion reports as arrived.
+    /// A status, or stored sets that fusion requested; not counted in the bytes that fusion reports
+    /// as arrived.
     Status,
-    /// A thumbnail: not counted in them either.
+    /// A thumbnail; also not counted in them.
     Thumbnail,
 }
 
 impl MessageKind {
-    /// The bytes of a message of `payload` with all that the protocols add.
+    /// The size of a message with `payload`, with protocol overhead.
     pub fn total_bytes(self, payload: usize) -> usize {
         let packets = match self {
             Self::Patches(_) | Self::Sightings | Self::Status => 1,
@@ -71,7 +74,7 @@ impl MessageKind {
     }
 }
 
-/// Finds the plan for every tick from what the link carries and what persons cost.
+/// Plans every tick from the capacity of the link and the cost of persons.
 #[derive(Debug, Clone)]
 pub struct RateController {
     rate_hz: f64,
@@ -81,26 +84,27 @@ pub struct RateController {
     load: LinkLoad,
     work: Work,
     sightings: SightingShare,
-    /// Per level, bytes per person as measured.
+    /// Measured bytes per person by level.
     measured: [Option<f64>; LEVELS],
-    /// What persons cost against the usual.
+    /// Ratio of the measured to the usual bytes.
     scale: f64,
     plan: SendPlan,
-    /// The level that is sure to fit: as many ticks as there is room for go a level finer, where all persons are sent.
+    /// The level that fits for certain. If all persons are sent, a share of the ticks uses the next
+    /// finer level.
     level: CompressionLevel,
-    /// The share of ticks that go a level finer.
+    /// The share of ticks at the finer level.
     finer_share: f64,
-    /// What is left for a tick at a finer level, as a share of what that costs more.
+    /// Credit for a tick at the finer level, as a share of its additional cost.
     left: f64,
     limited: bool,
-    /// That the computer is too slow, if it is.
+    /// Set if the computer is too slow.
     overload: Option<Overload>,
     room_since_us: Option<Micros>,
-    /// Fusion's plan: all edges work only on ticks that this divides.
+    /// Fusion's plan: all edges process only multiples of this.
     common_nth: u16,
-    /// n, where the edge would work on every n-th tick without it: of the last tick with people.
+    /// The edge's own n (every n-th tick) without that plan, at the last tick with people.
     own_nth: u16,
-    /// What the last plan wishes of the time.
+    /// The wish of the last plan.
     wish: Wish,
     /// The persons of the last plan.
     asked: usize,
@@ -109,15 +113,15 @@ pub struct RateController {
 /// A computer that is too slow for all ticks and persons.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Overload {
-    /// What is done, persons per second.
+    /// Processed persons per second.
     pub done_per_s: f64,
-    /// What all ticks and persons would be, persons per second.
+    /// Persons per second for all ticks and persons.
     pub asked_per_s: f64,
 }
 
 impl RateController {
-    /// Never a lower compression level than `best`; `budget_bytes_per_s` 0: no bound but the link's. `message_bytes`:
-    /// size at which messages are split.
+    /// The level is never below `best`. A `budget_bytes_per_s` of 0 means no bound except the
+    /// link's. `message_bytes` is the size at which messages are split.
     pub fn new(
         rate_hz: f64,
         best: CompressionLevel,
@@ -152,32 +156,33 @@ impl RateController {
         }
     }
 
-    /// Takes fusion's plan: all edges work only on ticks that `every_nth` divides; 0: it says nothing.
+    /// Sets fusion's plan: all edges process only multiples of `every_nth`; 0 means no plan.
     pub fn follow(&mut self, every_nth: u16) {
         self.common_nth = every_nth.max(1);
     }
 
-    /// n, where the edge would work on every n-th tick without a plan of fusion; 0: there is nobody to work on.
+    /// The edge's own n (every n-th tick) without a plan of fusion; 0 without people.
     pub fn needed_nth(&self) -> u16 {
         if self.asked > 0 { self.own_nth } else { 0 }
     }
 
-    /// A clock was stepped, or fusion restarted: earlier delays cannot be compared with later ones.
+    /// Discards delays after a clock step or a restart of fusion, because they are not comparable.
     pub fn forget_delays(&mut self, now_us: Micros) {
         self.load.forget_delays(now_us);
     }
 
-    /// Fusion's boxes come again after `silent_us` without any.
+    /// Records that fusion's boxes return after `silent_us`.
     pub fn hear_boxes_after(&mut self, silent_us: Micros, now_us: Micros) {
         self.load.hear_boxes_after(silent_us, now_us);
     }
 
-    /// Takes fusion's report of the link. `correction_us`: correction of the own clock in force, microseconds.
+    /// Adds fusion's report of the link. `correction_us` is the current correction of this
+    /// machine's clock, microseconds.
     pub fn hear(&mut self, heard: &HeardPatches, correction_us: i32, now_us: Micros) {
         self.load.hear(heard, correction_us, self.limited, now_us);
     }
 
-    /// Notes a message that was sent.
+    /// Records a sent message.
     pub fn sent(&mut self, message: MessageKind, payload: usize, now_us: Micros) {
         let total = message.total_bytes(payload);
         match message {
@@ -187,12 +192,12 @@ impl RateController {
                 self.load.sent(None, payload, total, now_us);
             }
             MessageKind::Status => self.load.sent(None, 0, total, now_us),
-            // A full link drops them first: they tell nothing of what it carries.
+            // A full link drops them first, so they do not measure its capacity.
             MessageKind::Thumbnail => {}
         }
     }
 
-    /// Notes what the `persons` of a tick came to at a compression level, all messages together.
+    /// Records the size of a tick with `persons` at a compression level, all messages together.
     pub fn packed(
         &mut self,
         level: CompressionLevel,
@@ -200,7 +205,7 @@ impl RateController {
         messages: usize,
         payload: usize,
     ) {
-        /// How fast the mean follows.
+        /// Weight of a new value in the mean.
         const SHARE: f64 = 0.05;
         if persons == 0 {
             return;
@@ -212,37 +217,38 @@ impl RateController {
         self.scale += SHARE * (bytes / USUAL_BYTES[level] - self.scale);
     }
 
-    /// The network takes so many crops at a time, and was measured to make so many crops a second.
+    /// Sets the number of crops that the network processes in parallel, and its measured speed.
     pub fn set_workers(&mut self, workers: usize, crops_per_s: f64) {
         self.work.set_workers(workers, crops_per_s);
     }
 
-    /// Notes a tick that was done at `now_us`, whose `crops` took so long.
+    /// Records a tick that ended at `now_us`, its `crops` and its duration.
     pub fn worked(&mut self, crops: usize, took_us: u32, now_us: Micros) {
         self.work.add(crops, took_us, now_us);
     }
 
-    /// Whether there is time for so many crops at each tick of the last plan.
+    /// Whether there is time for this many crops at each tick of the last plan.
     pub fn has_time_for(&self, crops: usize) -> bool {
         self.work.ticks(crops, Wish::Begin) <= f64::from(self.plan.every_nth)
     }
 
-    /// That the computer has no time for all ticks and persons, if it is so.
+    /// Set if the computer has no time for all ticks and persons.
     pub fn overload(&self) -> Option<Overload> {
         self.overload
     }
 
-    /// Payload that was sent in the last second, bytes.
+    /// Payload sent in the last second, bytes.
     pub fn payload_per_s(&self, now_us: Micros) -> u64 {
         self.load.payload_per_s(now_us)
     }
 
-    /// What patches may take, were there no sightings, bytes per second with overhead; infinite where nothing bounds it.
+    /// Rate for patches without sightings, bytes per second with overhead; infinite without a
+    /// bound.
     pub fn rate(&self) -> f64 {
         self.load.rate().min(PATCH_SHARE * self.budget())
     }
 
-    /// What the link carries and the operator allows, bytes per second with overhead.
+    /// Rate that the link and the operator allow, bytes per second with overhead.
     fn whole_rate(&self) -> f64 {
         self.load.rate().min(self.budget())
     }
@@ -251,7 +257,7 @@ impl RateController {
         self.budget.unwrap_or(f64::INFINITY)
     }
 
-    /// Whether the link carries all persons at the best level, as far as is known.
+    /// Whether the link seems to have room for all persons at the best level.
     pub fn has_room(&self, now_us: Micros) -> bool {
         !self.limited && !self.load.is_silent(now_us)
     }
@@ -262,26 +268,26 @@ impl RateController {
         finer.unwrap_or(self.level)
     }
 
-    /// The plan that was made last.
+    /// The last plan.
     pub fn last_plan(&self) -> SendPlan {
         self.plan
     }
 
-    /// Whether patches of `tick` are sent at all: while the link is cut only some are, as probes.
+    /// Whether patches of `tick` are sent at all; while the link is cut only probes are.
     pub fn may_send(&self, tick: Tick, now_us: Micros) -> bool {
         let nth = self.plan.every_nth;
         let probed = i64::from(nth) * i64::from(PROBE_EVERY.div_ceil(nth));
         !self.load.is_silent(now_us) || tick.0.rem_euclid(probed) == 0
     }
 
-    /// Whether a detection pass may be made now, by what the link carries: `is_regular`, or asked for by fusion. None that is
-    /// asked for while hardly anything gets through.
+    /// Whether the link allows a detection pass now: a regular one with `is_regular`, else one
+    /// requested by fusion. Requested ones are refused while almost no message arrives.
     pub fn may_detect(&self, is_regular: bool, now_us: Micros) -> bool {
         (is_regular || !self.load.is_choked(now_us))
             && self.sightings.may_detect(is_regular, now_us)
     }
 
-    /// What to send of the next tick, at which there are boxes of `persons`.
+    /// Plans the next tick, with boxes of `persons`.
     pub fn plan(&mut self, persons: usize, now_us: Micros) -> SendPlan {
         let left = self.sightings.left_for_patches(self.whole_rate(), now_us);
         let per_tick = left.min(self.rate()) / self.rate_hz;
@@ -306,11 +312,11 @@ impl RateController {
         let is_less = every_nth > 1 || share(persons) > 1.0;
         let mut most = is_less.then(|| persons_within(share, ticks, persons));
         if self.wish == Wish::GoOn && self.asked == persons {
-            // What can be borne is no reason to take more up.
+            // A bearable load is no reason to process more.
             most = most.map(|most| self.plan.persons.map_or(most, |last| most.min(last)));
         }
         self.asked = persons;
-        // What fewer ticks leave of the link is for them.
+        // Capacity left by fewer ticks is used for a finer level.
         while is_less
             && let Some(finer) = level.finer().filter(|finer| *finer >= self.best)
             && self.cost(finer, persons) <= per_tick * ticks
@@ -323,7 +329,7 @@ impl RateController {
             done_per_s: done * self.rate_hz,
             asked_per_s: persons as f64 * self.rate_hz,
         });
-        // Who has no time for more, or is not asked for more, would not send more over a wider link.
+        // The rate is no limit if the edge has no time for more, or there is no more to send.
         let asked = self.cost(self.best, persons) / of_time.max(self.common_nth.into());
         self.limited = level > self.best || asked > per_tick;
         self.level = level;
@@ -339,9 +345,9 @@ impl RateController {
         self.plan
     }
 
-    /// The level of a tick at which all `persons` are sent: as many ticks go a level finer than `level` as there are bytes for.
-    /// Levels are a fifth to a half apart, and whoever sends so much less than its part of a shared link leaves that to the
-    /// others.
+    /// The level of a tick with all `persons`. As many ticks as the bytes allow use the level finer
+    /// than `level`. Levels differ by a fifth to a half, so an edge that stays below its share of a
+    /// shared link loses that share to others.
     fn filled(
         &mut self,
         level: CompressionLevel,
@@ -361,7 +367,8 @@ impl RateController {
         finer
     }
 
-    /// The n that the edge needs; 0 without `persons`. While what it does can be borne it leaves no more ticks out.
+    /// The n (every n-th tick) that the edge needs; 0 without `persons`. While its load is bearable
+    /// it does not skip more ticks.
     fn need(&mut self, level: CompressionLevel, per_tick: f64, persons: usize) -> u16 {
         self.wish = Wish::Begin;
         let mut nth = self.needed(level, per_tick, persons);
@@ -375,14 +382,14 @@ impl RateController {
         nth
     }
 
-    /// n, where every n-th tick gets most of `persons` through a second; 0 where there are none. What a
-    /// message costs beside its persons is paid once a tick, so that fewer ticks carry more of them, up to all.
+    /// The n at which every n-th tick sends the most `persons` per second; 0 without persons. The
+    /// fixed cost of a message is paid once per tick, so fewer ticks can carry more persons.
     fn needed(&self, level: CompressionLevel, per_tick: f64, persons: usize) -> u16 {
         let share = |persons| self.share(level, per_tick, persons);
         if persons == 0 || share(persons) <= 1.0 {
             return u16::from(persons > 0);
         }
-        // Powers of two divide each other: edges share ticks also while a plan changes.
+        // Powers of two divide each other, so edges share ticks also while a plan changes.
         let fewest =
             (share(1).clamp(1.0, f64::from(MAX_NTH_TICK)).ceil() as u16).next_power_of_two();
         let per_tick = |nth: u16| persons_within(share, nth.into(), persons) / f64::from(nth);
@@ -396,7 +403,7 @@ impl RateController {
         best
     }
 
-    /// How much a tick of so many `persons` takes of what there is for one: of `per_tick` bytes, or of the time.
+    /// Share of the `per_tick` bytes, or of the time, that a tick with this many `persons` takes.
     fn share(&self, level: CompressionLevel, per_tick: f64, persons: usize) -> f64 {
         let of_link = self.cost(level, persons) / per_tick;
         of_link.max(self.work.ticks(persons, self.wish))
@@ -413,7 +420,8 @@ impl RateController {
     }
 }
 
-/// How many of `persons` fit on average into what there is for so many `ticks`, at least 1; `share`: what so many persons take.
+/// Mean number of `persons` that fit into this many `ticks`, at least 1; `share` gives the cost of
+/// a number of persons.
 fn persons_within(share: impl Fn(usize) -> f64, ticks: f64, persons: usize) -> f64 {
     let whole = (1..persons).rev().find(|&n| share(n) <= ticks);
     whole.map_or(1.0, |n| {

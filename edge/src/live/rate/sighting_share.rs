@@ -1,24 +1,26 @@
-//! What a link leaves for sightings, and so which detection passes are made.
+//! The share of a link for sightings, which decides which detection passes are made.
 //!
-//! A pass sends everybody whom the cameras of a viewpoint see, about 90 bytes each, and fusion asks for passes when
-//! somebody is new, unexplained or lost: just when a link is full. Passes would then keep it full, and nobody would ever be
-//! found again. So sightings take a share of the rate: each pass occupies that share for as long as its bytes need, one
-//! that fusion asks for waits until little of that is left, a regular one, at which all viewpoints look, is rather made
-//! (the virtual scheduling of ITU-T I.371, with a tolerance for each). Patches are planned with what sightings leave.
+//! A pass sends all visible people, about 90 bytes each. Fusion requests passes for new,
+//! unexplained or lost people, which is just when a link is full. Such passes would keep it full,
+//! and no person would be detected again. Sightings therefore get a share of the rate, and each
+//! pass occupies it for the time that its bytes need. A requested pass waits until little of that
+//! time is left. A regular pass, which all viewpoints make, has a larger tolerance. This is the
+//! virtual scheduling of ITU-T I.371 with a tolerance per kind. Patches get the capacity that
+//! sightings leave.
 
 use crate::live::budget::ByteBudget;
 use crate::live::{Micros, SECOND_US};
 
-/// Share of the rate that sightings may take.
+/// Share of the rate for sightings.
 const SHARE: f64 = 0.25;
-/// For so long sightings may still occupy their share when a pass is made that was asked for, microseconds.
+/// Time for which earlier sightings may still occupy the share at a requested pass, microseconds.
 const ASKED_TOLERANCE_US: Micros = SECOND_US / 2;
-/// The same for a regular pass: more than their usual period.
+/// The same at a regular pass: more than the usual period.
 const REGULAR_TOLERANCE_US: Micros = 3 * SECOND_US / 2;
-/// Longest time for which no pass is made, however thin the link, microseconds.
+/// Longest time without a pass on any link, microseconds.
 const LONGEST_US: Micros = 5 * SECOND_US;
 
-/// How long sightings occupy their share of the link.
+/// The occupation of the share by sightings.
 #[derive(Debug, Clone)]
 pub(super) struct SightingShare {
     sent: ByteBudget,
@@ -35,7 +37,7 @@ impl Default for SightingShare {
 }
 
 impl SightingShare {
-    /// Counts sightings of `total` bytes that are sent over a link of `rate` bytes per second.
+    /// Records sightings of `total` bytes on a link of `rate` bytes per second.
     pub(super) fn sent(&mut self, total: usize, rate: f64, now_us: Micros) {
         self.sent.take(total, now_us);
         let takes_us = total as f64 / (SHARE * rate) * SECOND_US as f64;
@@ -53,8 +55,8 @@ impl SightingShare {
         self.free_at_us <= now_us + tolerance_us
     }
 
-    /// Bytes per second that are left of `rate` for patches: without the sightings of the last second, which get no more
-    /// than their share.
+    /// The part of `rate` for patches, bytes per second: without the sightings of the last second,
+    /// which count at most their share.
     pub(super) fn left_for_patches(&mut self, rate: f64, now_us: Micros) -> f64 {
         (rate - self.sent.sent(now_us) as f64).max((1.0 - SHARE) * rate)
     }
@@ -66,10 +68,11 @@ mod tests {
 
     use super::*;
 
-    /// A period of regular passes, ticks at 60 Hz.
+    /// Period of regular passes, ticks at 60 Hz.
     const PERIOD: i64 = 60;
 
-    /// The ticks at which an edge makes passes of `bytes` that is asked for one at every tick; 4,600 are of fifty people.
+    /// The ticks at which an edge makes passes of `bytes` if one is requested at every tick; 4,600
+    /// bytes are fifty people.
     fn passes(bytes: usize, rate: f64, ticks: i64) -> Vec<i64> {
         let mut share = SightingShare::default();
         let mut made = Vec::new();
@@ -122,7 +125,7 @@ mod tests {
             let ticks = 6_000;
             let made = passes(bytes, rate, ticks).len() as f64;
             let seconds = ticks as f64 / 60.0;
-            // What is begun at the end, and what is never made wait for longer than five seconds.
+            // The last pass, and those that never wait longer than five seconds.
             let most = SHARE * rate * (seconds + 2.0) + bytes as f64;
             let least_often = seconds / 5.0 * bytes as f64;
             prop_assert!(made * bytes as f64 <= most.max(1.2 * least_often + bytes as f64));

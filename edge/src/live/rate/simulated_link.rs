@@ -1,4 +1,4 @@
-//! A simulated link before fusion: a queue behind a rate, delay, jitter, loss.
+//! A simulated link to fusion: a queue before a rate limit, delay, jitter and loss.
 
 use std::collections::VecDeque;
 
@@ -8,24 +8,25 @@ use super::*;
 use crate::live::{SECOND_US, round_robin};
 
 pub(super) const RATE_HZ: f64 = 60.0;
-/// What a person costs at each level, bytes; not what the controller believes at first.
+/// Bytes of a person at each level; differs from the controller's initial values.
 const TRUE_BYTES: [usize; LEVELS] = [700, 450, 380, 300, 250, 215, 190];
 
 /// A link and the fusion behind it.
 pub(super) struct SimulatedLink {
     pub(super) bytes_per_s: f64,
-    /// What does not get through within so long is dropped, microseconds; 0: no queue at all.
+    /// A message that would wait longer is dropped, microseconds; 0 means no queue.
     pub(super) longest_queue_us: i64,
     pub(super) one_way_us: i64,
     pub(super) jitter_us: i64,
     pub(super) loss: f64,
-    /// When nothing gets through, either way, seconds.
+    /// Interval without any delivery in both directions, seconds.
     pub(super) cut_s: std::ops::Range<i64>,
-    /// From when on the way takes how long, seconds and microseconds.
+    /// A change of the delay: its time, seconds, and the new delay, microseconds.
     pub(super) then: (i64, i64),
-    /// Bytes of a detection pass, for which fusion asks at every tick; 0: never.
+    /// Bytes of a detection pass, which fusion requests at every tick; 0 for none.
     pub(super) pass_bytes: usize,
-    /// How far what a person costs differs from edge to edge, each way, as a share of it: one stands nearer than another.
+    /// Spread of the bytes per person between edges, as a share in each direction: distances
+    /// differ.
     pub(super) sizes_apart: f64,
 }
 
@@ -44,17 +45,17 @@ impl SimulatedLink {
     }
 }
 
-/// What came of a run.
+/// Result of a run.
 #[derive(Debug, Default)]
 pub(super) struct RunOutcome {
-    /// Of the last half.
+    /// In the last half.
     pub(super) worst_queue_us: i64,
     pub(super) arrived_bytes_per_s: f64,
     pub(super) lost: f64,
     pub(super) plan: Option<SendPlan>,
-    /// Persons sent per second, of all that there are.
+    /// Persons sent per second, as a share of all.
     pub(super) persons_share: f64,
-    /// Detection passes.
+    /// Number of detection passes.
     pub(super) passes: u32,
 }
 
@@ -70,12 +71,12 @@ impl Random {
     }
 }
 
-/// One edge before the link: what of it is under way, and what fusion says of it.
+/// One edge on the link: its messages in transit, and fusion's reports about them.
 #[derive(Default)]
 struct SimulatedEdge {
-    /// When it arrives, tick, when it was sent, payload.
+    /// Arrival, tick, sending time, payload.
     under_way: VecDeque<(i64, i64, i64, usize)>,
-    /// Sightings under way: when they arrive, payload.
+    /// Sightings in transit: arrival, payload.
     sightings: VecDeque<(i64, usize)>,
     arrived: VecDeque<(i64, usize)>,
     newest: Option<(i64, i64)>,
@@ -84,12 +85,12 @@ struct SimulatedEdge {
     chosen: Vec<PersonId>,
     sent_n: f64,
     lost_n: f64,
-    /// What a person costs, of [`TRUE_BYTES`].
+    /// Bytes of a person, relative to [`TRUE_BYTES`].
     size: f64,
 }
 
 impl SimulatedEdge {
-    /// Fusion takes what has arrived by `now`, and says so.
+    /// Fusion processes the messages that arrived by `now`, and reports them.
     fn report(&mut self, line: &SimulatedLink, now: i64) {
         let by_arrival = self.under_way.make_contiguous();
         by_arrival.sort_by_key(|(at, ..)| *at);
@@ -124,7 +125,8 @@ impl SimulatedEdge {
         }
     }
 
-    /// Sends what the controller plans of `tick`. `free_at`: when the link has sent all that is before it.
+    /// Sends the plan of the controller for `tick`. `free_at` is the time when the link has sent
+    /// all earlier messages.
     fn send(
         &mut self,
         controller: &mut RateController,
@@ -191,7 +193,7 @@ impl SimulatedEdge {
         }
     }
 
-    /// What came of the `seconds` that counted.
+    /// The result of the `seconds` that counted.
     fn outcome(mut self, seconds: f64, persons: usize) -> RunOutcome {
         self.outcome.arrived_bytes_per_s /= seconds;
         self.outcome.lost = self.lost_n / f64::max(self.sent_n, 1.0);
@@ -217,7 +219,7 @@ pub(super) fn run(
     alone.into_iter().next().unwrap()
 }
 
-/// Edges that see the same `persons` before one link, each `apart_s` later than the one before.
+/// Edges that see the same `persons` on one link, each starting `apart_s` after the previous one.
 pub(super) fn run_together(
     controllers: &mut [&mut RateController],
     line: &SimulatedLink,
@@ -239,7 +241,7 @@ pub(super) fn run_together(
     let counts_from = seconds.start * 60 + (half_s * RATE_HZ) as i64;
     for tick in seconds.start * 60..seconds.end * 60 {
         let now = tick * SECOND_US / 60;
-        // Nobody is always the first.
+        // The first edge changes, so that no edge is always first.
         let first = (tick as usize).wrapping_mul(7) / 3;
         let begun = (now / SECOND_US - seconds.start).checked_div(apart_s);
         let begun = begun.map_or(edges.len(), |last| edges.len().min(last as usize + 1));

@@ -1,4 +1,4 @@
-//! The controller at the end of a simulated link.
+//! The controller with a simulated link.
 
 use farfield_proto::id::PersonId;
 
@@ -55,8 +55,8 @@ fn one_megabit_carries_eight_persons_at_a_lower_quality_without_a_queue() {
 
 #[test]
 fn edges_before_one_bottleneck_share_it_whoever_came_first() {
-    // Symptom to prevent: rates grew by a share of themselves, so who had more kept more, and who came last found
-    // the others' queue there and called it empty: 4, 19, 33 and 50 kB/s of 125.
+    // Symptom to prevent: rates grew in proportion, so differences remained, and a late edge took
+    // the queue of the others for the base delay. The result was 4, 19, 33 and 50 kB/s of 125.
     for (n, mbit_s) in [(2, 0.5), (4, 1.0), (4, 2.0), (16, 4.0)] {
         for (one_way_us, apart_s) in [(1_000, 0), (10_000, 5), (50_000, 5)] {
             let line = SimulatedLink {
@@ -94,7 +94,8 @@ fn edges_before_one_bottleneck_share_it_whoever_came_first() {
 
 #[test]
 fn edges_whose_persons_cost_more_or_less_share_a_thin_bottleneck_all_the_same() {
-    // Symptom to prevent: who had more bore as much of a queue as who had less, and they stayed up to 29 % from the mean.
+    // Symptom to prevent: all edges tolerated the same queue, and their rates stayed up to 29 %
+    // from the mean.
     for sizes_apart in [0.1, 0.2, 0.3] {
         for (mbit_s, jitter_us) in [(0.5, 10_000), (1.0, 500), (1.0, 10_000)] {
             let line = SimulatedLink {
@@ -129,7 +130,8 @@ fn edges_whose_persons_cost_more_or_less_share_a_thin_bottleneck_all_the_same() 
 
 #[test]
 fn a_link_that_jitters_is_used_all_the_same() {
-    // Symptom to prevent: with more room a shorter queue was borne, and jitter alone was one: a fifth of 2 Mbit/s was used.
+    // Symptom to prevent: a wider link tolerated a shorter queue, and jitter alone exceeded it: a
+    // fifth of 2 Mbit/s was used.
     for mbit_s in [0.1, 1.0, 2.0] {
         for jitter_us in [5_000, 20_000, 40_000] {
             let line = SimulatedLink {
@@ -180,8 +182,8 @@ fn ticks_go_a_level_finer_as_far_as_the_budget_reaches_and_the_status_names_the_
 
 #[test]
 fn detection_passes_that_fusion_asks_for_do_not_keep_a_shared_link_full() {
-    // Symptom to prevent: nobody was found behind a full link, so passes were asked for at every tick, and their sightings
-    // alone, 60 kB/s of each edge, kept the link of 125 kB/s full for good.
+    // Symptom to prevent: no person was detected over a full link, so passes were requested at
+    // every tick. Their sightings, 60 kB/s of each edge, kept the link of 125 kB/s full forever.
     let line = SimulatedLink {
         bytes_per_s: 125_000.0,
         one_way_us: 10_000,
@@ -329,9 +331,9 @@ fn a_budget_is_planned_for_without_a_word_from_fusion() {
     assert!(plan.every_nth > 10);
 }
 
-/// What is sent a second by `plan` of `persons`, as many at each tick as their turn makes it, bytes.
+/// Bytes per second of `plan` for `persons`, with round robin at each tick.
 fn planned_bytes_per_s(edge: &RateController, plan: SendPlan, persons: u32) -> f64 {
-    /// So many that everybody's turn to be sent more often comes.
+    /// Enough that each person has a turn of being sent more often.
     const PROCESSED: i64 = 1 << 14;
     let most = plan.persons.unwrap_or(f64::from(persons));
     let mut chosen = Vec::new();
@@ -353,7 +355,7 @@ fn nobody_in_sight_costs_only_a_sign_of_life() {
     );
 }
 
-/// A controller on a wide link whose every person takes so long, after some seconds at the plan that it makes itself.
+/// A controller on a wide link with this time per person, after some seconds at its own plan.
 fn on_a_computer(person_us: u32, workers: usize, persons: usize) -> RateController {
     let mut edge = controller(0.0);
     edge.set_workers(workers, f64::INFINITY);
@@ -361,7 +363,7 @@ fn on_a_computer(person_us: u32, workers: usize, persons: usize) -> RateControll
     edge
 }
 
-/// Works on `persons` that take `person_us` each, one after the other.
+/// Processes `persons` of `person_us` each, one after the other.
 fn compute(
     edge: &mut RateController,
     person_us: u32,
@@ -390,7 +392,7 @@ fn a_computer_that_is_too_slow_works_on_ticks_that_all_edges_share() {
     assert_eq!(plan(35_000, 1), (4, Some(1.0), true));
     let (nth, persons, is_told) = plan(35_000, 2);
     assert!(nth == 4 && is_told, "{nth}");
-    // 50 ms of the 67 for people of 35 ms.
+    // 50 ms of 67 for people of 35 ms.
     assert!((persons.unwrap() - 1.43).abs() < 0.05, "{persons:?}");
     let overload = on_a_computer(35_000, 1, 2).overload().unwrap();
     assert!((overload.done_per_s - 21.4).abs() < 0.5, "{overload:?}");

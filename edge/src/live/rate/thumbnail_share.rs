@@ -1,35 +1,36 @@
-//! What a link leaves for thumbnails: nothing while it carries less than all that fusion needs, and little otherwise.
+//! The share of a link for thumbnails: none while the link carries less than fusion needs, and
+//! little otherwise.
 //!
-//! Pictures are for people to look at; poses are not made of them. So they are the first that is left out, and what is
-//! sent of them is small enough that the patches behind it wait for a tick at the most.
+//! Thumbnails are for people; poses do not depend on them. They are dropped first, and each is so
+//! small that the next patches wait for at most one tick.
 
 use farfield_proto::message::thumbnail::MAX_THUMBNAIL_BYTES;
 
 use super::{MessageKind, Micros, RateController};
 use crate::live::budget::ByteBudget;
 
-/// Share of a byte budget that all thumbnails of the edge may take.
+/// Share of a byte budget for all thumbnails of the edge.
 const SHARE: f64 = 0.1;
-/// Share of a byte budget that is left free by them: what other messages may need within the next second.
+/// Share of a byte budget that thumbnails leave free for other messages within the next second.
 const SPARE: f64 = 0.25;
-/// How long one thumbnail may occupy the link, seconds: about a tick at 60 Hz.
+/// Longest time for which one thumbnail occupies the link, seconds: about a tick at 60 Hz.
 const LONGEST_S: f64 = 0.02;
-/// The rate that is assumed of a link of which nothing is known yet, bytes per second: 2 Mbit/s.
+/// Assumed rate of an unknown link, bytes per second: 2 Mbit/s.
 const USUAL_BYTES_PER_S: f64 = 250_000.0;
-/// Bytes of a message beside the picture, at most.
+/// Most bytes of a message in addition to the picture.
 const HEAD_BYTES: usize = 32;
 
-/// How many bytes of thumbnails were sent, and may be.
+/// Counts the bytes of thumbnails.
 #[derive(Debug, Clone)]
 pub struct ThumbnailShare(ByteBudget);
 
 impl ThumbnailShare {
-    /// Of a link with this budget; 0: none.
+    /// For a link with this budget; 0 means no budget.
     pub fn new(budget_bytes_per_s: f64) -> Self {
         Self(ByteBudget::new(SHARE * budget_bytes_per_s))
     }
 
-    /// Most bytes that the picture of a thumbnail may have that is sent at `now_us`; 0: none is.
+    /// Most bytes of the picture of a thumbnail at `now_us`; 0 if none may be sent.
     pub fn room(
         &mut self,
         budget: &mut ByteBudget,
@@ -48,7 +49,7 @@ impl ThumbnailShare {
         let least = bounds.into_iter().flatten().min();
         let total = usize::try_from(least.unwrap_or(u64::MAX)).unwrap_or(usize::MAX);
         let head = MessageKind::Thumbnail.total_bytes(HEAD_BYTES);
-        // Each datagram's worth of it has an overhead.
+        // Each datagram has an overhead.
         let of_picture = total.saturating_sub(head).min(MAX_THUMBNAIL_BYTES);
         let overhead = MessageKind::Thumbnail.total_bytes(of_picture) - of_picture;
         total
@@ -56,7 +57,7 @@ impl ThumbnailShare {
             .min(MAX_THUMBNAIL_BYTES)
     }
 
-    /// Counts a thumbnail that is sent at `now_us`: `total` bytes with all that the protocols add.
+    /// Counts a thumbnail sent at `now_us`: `total` bytes with protocol overhead.
     pub fn sent(&mut self, total: usize, now_us: Micros) -> bool {
         self.0.take(total, now_us)
     }
@@ -73,7 +74,7 @@ mod tests {
     use super::*;
     use crate::live::SECOND_US;
 
-    /// An edge at 60 Hz whose patches of a tick have so many bytes, with thumbnails wherever there is room.
+    /// An edge at 60 Hz with patches of fixed size per tick, and thumbnails whenever there is room.
     struct Edge {
         budget: ByteBudget,
         rate: RateController,
@@ -92,7 +93,7 @@ mod tests {
             }
         }
 
-        /// Tries a thumbnail that fills the room; its bytes.
+        /// Sends a thumbnail that fills the room; returns its bytes.
         fn thumbnail(&mut self, now_us: Micros) -> usize {
             let room = self.share.room(&mut self.budget, &self.rate, now_us);
             if room == 0 {
@@ -104,7 +105,7 @@ mod tests {
             room
         }
 
-        /// Persons of a tick, as the rate allows, and then a thumbnail.
+        /// Sends the persons of a tick that the rate allows, and then a thumbnail.
         fn tick(&mut self, tick: i64, persons: usize) {
             let now_us = tick * SECOND_US / 60;
             let plan = self.rate.plan(persons, now_us);

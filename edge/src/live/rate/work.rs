@@ -1,43 +1,46 @@
-//! How many people the edge has time for, beside what its link carries.
+//! The number of people that the edge has time for, independent of its link.
 //!
-//! The time of a tick is measured as that of a round: as many crops as there are workers of the network take as long as
-//! one. The plan must not swing between two rates. So the slowest mean of the last seconds decides whether an edge takes more ticks
-//! up, and the mean of all decides whether it leaves more out.
+//! The time of a tick is measured per round: as many crops as the network has workers take as long
+//! as one. The plan must not oscillate between two rates. The slowest mean of the last seconds
+//! therefore decides whether an edge processes more ticks, and the mean of all decides whether it
+//! skips more.
 
 use super::super::{Micros, SECOND_US};
 
-/// Share of its time that an edge plans with. Ticks vary: four edges on two cores at 0.9 dropped every third tick of their plan,
-/// each another one, and fusion had one view where it needs two.
+/// Share of its time that an edge plans with. Durations vary: at 0.9 four edges on two cores each
+/// dropped every third planned tick, a different one each, and fusion had one view where it needs
+/// two.
 pub const PLANNED: f64 = 0.75;
-/// Share of its time that ticks may take before an edge leaves more of them out. With one share for both, an edge swung between 15
-/// and 7.5 Hz.
+/// Share of its time that ticks may take before an edge skips more of them. With one share for
+/// both, an edge oscillated between 15 and 7.5 Hz.
 const BEARABLE: f64 = 0.95;
-/// Rounds of which the mean is taken, but for those that took longest: another program has held them up.
+/// Rounds in a mean, and the number of slowest ones that are ignored because another program
+/// delayed them.
 const ROUNDS: usize = 12;
 const HELD_UP: usize = 1;
-/// Means count for so long, at least for half of it, microseconds: the plan follows within 3 s of a faster edge,
-/// and does not swing within less.
+/// Lifetime of means, microseconds, at least half of it. The plan follows a faster edge within 3 s
+/// and does not oscillate faster.
 const WINDOW_US: Micros = 3 * SECOND_US;
 
-/// What an edge would do with its time.
+/// The load that an edge asks about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Wish {
-    /// Take up so many ticks.
+    /// To process more ticks.
     Begin,
-    /// Go on with so many ticks.
+    /// To continue with the current ticks.
     GoOn,
 }
 
-/// What rounds took in a part of the window.
+/// Durations of rounds in a part of the window.
 #[derive(Debug, Clone, Copy, Default)]
 struct Past {
     slowest_us: f64,
-    /// The means, each times how long its tick took, and the time of all.
+    /// Sum of the means weighted with the duration of their ticks, and sum of the durations.
     sum: f64,
     time_us: f64,
 }
 
-/// What ticks cost the edge.
+/// The cost of ticks.
 #[derive(Debug, Clone)]
 pub(super) struct Work {
     period_us: f64,
@@ -45,7 +48,7 @@ pub(super) struct Work {
     /// The newest rounds, microseconds.
     rounds_us: [u32; ROUNDS],
     n_rounds: usize,
-    /// The half of the window that goes on, and the one before.
+    /// The current and the previous half of the window.
     past: [Option<Past>; 2],
     turned_at_us: Micros,
 }
@@ -62,8 +65,8 @@ impl Work {
         }
     }
 
-    /// So many crops are worked on at a time, and so many crops a second were measured beforehand: they count until enough
-    /// ticks were.
+    /// Sets the number of parallel crops, and the measured crops per second, which count until
+    /// enough ticks are known.
     pub(super) fn set_workers(&mut self, workers: usize, crops_per_s: f64) {
         self.workers = workers.max(1);
         let round_us = self.workers as f64 * SECOND_US as f64 / crops_per_s;
@@ -71,7 +74,7 @@ impl Work {
         self.past = [Some(measured).filter(|_| round_us.is_finite()), None];
     }
 
-    /// Notes a tick that ended at `now_us`, whose `crops` took so long.
+    /// Records a tick that ended at `now_us`, its `crops` and its duration.
     pub(super) fn add(&mut self, crops: usize, took_us: u32, now_us: Micros) {
         if crops == 0 {
             return;
@@ -94,7 +97,7 @@ impl Work {
         self.past[0] = Some(self.past[0].unwrap_or_default().with(mean_us, tick_us));
     }
 
-    /// For how many ticks a tick of so many `crops` takes the time that there is for them; 0 before it was measured.
+    /// The number of ticks whose time a tick with this many `crops` takes; 0 before measurements.
     pub(super) fn ticks(&self, crops: usize, wish: Wish) -> f64 {
         let past = self.past.iter().flatten();
         let share_us = match wish {
@@ -130,7 +133,7 @@ mod tests {
 
     const PERIOD_US: Micros = 16_667;
 
-    /// What ticks of `crops` cost, each of which takes `tick_us`, from tick `from` on.
+    /// Adds ticks of `crops` with the duration `tick_us`, from tick `from`.
     fn feed(work: &mut Work, crops: usize, tick_us: u32, from: i64, ticks: i64) {
         for tick in from..from + ticks {
             work.add(crops, tick_us, tick * PERIOD_US);

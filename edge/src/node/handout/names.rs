@@ -1,5 +1,5 @@
-//! Which files may be fetched: those that the fetched venue file and its cards name, and nothing among the
-//! keys. Without keys whoever answers first says what is in the list.
+//! The files that may be fetched: those named by the fetched venue file and its cards, and none
+//! among the keys. Without keys, any program that answers first defines the list.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -48,7 +48,7 @@ struct SecurityExcerpt {
     certificates: Option<String>,
 }
 
-/// The names that are known so far.
+/// The files named so far.
 #[derive(Debug)]
 pub(super) struct VenueFileNames {
     /// The folder of the venue file.
@@ -60,7 +60,7 @@ pub(super) struct VenueFileNames {
 }
 
 impl VenueFileNames {
-    /// Nothing but the venue file is known yet, which lies in `folder`; nothing goes into `keys`.
+    /// Only the venue file in `folder` is known yet. No file is written into `keys`.
     pub(super) fn new(folder: &Path, keys: Vec<PathBuf>) -> Self {
         Self {
             folder: folder.to_owned(),
@@ -69,10 +69,10 @@ impl VenueFileNames {
         }
     }
 
-    /// Learns what `file` names, whose text is `text`.
+    /// Adds the files that `file` with the content `text` names.
     ///
     /// # Errors
-    /// When it is not what the list says it is.
+    /// If `file` does not have the listed content.
     pub(super) fn learn(&mut self, file: &SharedFile, text: &str) -> anyhow::Result<()> {
         let what = || format!("fusion's {}", file.kind.name());
         match file.kind {
@@ -106,10 +106,10 @@ impl VenueFileNames {
         Ok(())
     }
 
-    /// Whether `file` may be written to `target`.
+    /// Checks that `file` may be written to `target`.
     ///
     /// # Errors
-    /// When nothing names it, it would lie among the keys, or it is too long.
+    /// If no file names it, `target` is among the keys, or it is too long.
     pub(super) fn check(&self, file: &SharedFile, target: &Path) -> anyhow::Result<()> {
         let name = file.kind.name();
         let most = match file.kind {
@@ -144,13 +144,13 @@ impl VenueFileNames {
     }
 }
 
-/// `path` without what changes nothing in it.
+/// `path` without `.` components.
 fn plain(path: &Path) -> PathBuf {
     let parts = path.components();
     parts.filter(|part| *part != Component::CurDir).collect()
 }
 
-/// Where `path` really is: what is there of it without links, the rest as it stands.
+/// The real path: links are resolved in the existing part; the rest is kept.
 fn real(path: &Path) -> io::Result<PathBuf> {
     let path = std::path::absolute(path)?;
     for there in path.ancestors() {

@@ -236,7 +236,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let (mut keeper, handle) = keeper(dir.path());
         let now = clock::now();
-        // Every segment is opened for reading only: no write goes through.
+        // Every segment is open for reading only, so all writes fail.
         keeper.ring.refuse_writes(dir.path(), true);
         for (tick, after) in [(1, 0), (2, 1), (3, 4), (4, 5)] {
             keeper.store(label(tick), &[0; 100], now + Duration::from_secs(after));
