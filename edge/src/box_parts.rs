@@ -1,21 +1,22 @@
-//! Puts the messages of a box set together again.
+//! Assembly of the messages of a box set.
 //!
-//! Live, any of them may be missing: who stands in one that has not come yet keeps the boxes of the set before, moved on
-//! to the new tick. In lock-step all come, in order, and a set is worked on when it is whole.
+//! In live mode any message can be missing. Persons in a missing message keep the boxes of the
+//! previous set, moved to the new tick. In lock-step all messages come in order, and a complete set
+//! is processed.
 
 use farfield_proto::message::{BoxSet, PersonBoxes};
 
-/// A box set of which some messages have come.
+/// A box set of which some messages have arrived.
 #[derive(Debug, Clone)]
 pub struct BoxParts {
-    /// Which of its messages have come.
+    /// Which of its messages have arrived.
     came: Vec<bool>,
-    /// Persons from the set before, who stood in no message yet, by id.
+    /// Persons of the previous set, by id, that were in no message yet.
     carried: Vec<PersonBoxes>,
 }
 
 impl BoxParts {
-    /// Begins with the first message of a new set that has come, and completes its persons with those of `before`.
+    /// Starts with the first received message of a new set, and adds the persons of `before`.
     pub fn begin(set: &mut BoxSet, before: Option<&BoxSet>) -> Self {
         let mut came = vec![false; usize::from(set.parts)];
         came[usize::from(set.part)] = true;
@@ -36,7 +37,8 @@ impl BoxParts {
         this
     }
 
-    /// Adds another message of the same set to what `whole` has; `false`: it has come before, or is of another set.
+    /// Adds another message of the same set to `whole`; `false` if it is a duplicate or of another
+    /// set.
     pub fn add(&mut self, whole: &mut BoxSet, set: &BoxSet) -> bool {
         let came = self.came.get_mut(usize::from(set.part));
         let Some(came @ false) = came.filter(|_| set.parts == whole.parts) else {
@@ -48,7 +50,7 @@ impl BoxParts {
         whole.persons.extend(set.persons.iter().cloned());
         self.forget_carried(&set.persons);
         if self.is_whole() {
-            // Who stands in none of its messages has left.
+            // Persons in none of its messages have left.
             let carried = std::mem::take(&mut self.carried);
             let left = |person: &PersonBoxes| carried.iter().any(|of| of.person == person.person);
             whole.persons.retain(|person| !left(person));
@@ -91,7 +93,8 @@ pub(crate) mod tests {
 
     use super::*;
 
-    /// Message `part` of `parts` of a set with `persons`, each at x = `tick` pixels and moving by one a tick.
+    /// Message `part` of `parts` of a set with `persons`, each at x = `tick` pixels and moving by
+    /// one per tick.
     pub(crate) fn message(tick: i64, [part, parts]: [u16; 2], persons: &[u32]) -> BoxSet {
         let camera = CameraBox {
             camera: CameraIndex(0),

@@ -1,7 +1,9 @@
-//! Camera choice: which camera of the viewpoint a person's crop is cut from (Ohashi 2020, eq. (5), extended).
+//! Camera choice: the camera of the viewpoint from which a person's crop is cut (Ohashi 2020, eq.
+//! (5), extended).
 //!
-//! Works on boxes in undistorted pixels that were already moved on to the tick of the pictures. The caller leaves out
-//! cameras without a picture at this tick, so a dead camera is replaced within the tick. No pixel is read here.
+//! Works on boxes in undistorted pixels that are already moved to the tick of the pictures. The
+//! caller leaves out cameras without a picture at this tick, so a dead camera is replaced within
+//! the tick. No pixels are read here.
 
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
@@ -9,32 +11,32 @@ use farfield_proto::frames::{Pixel, Undistorted};
 use farfield_proto::message::CameraBox;
 use farfield_proto::venue::parameters::CameraChoice;
 
-/// Samples per side of a box that are tested for being inside the image.
+/// Samples per side of a box in the test for being inside the image.
 const SAMPLES_PER_SIDE: usize = 8;
 
-/// Share of a box inside the image below which a camera does not see the person: so thin a strip holds no whole
-/// limb.
+/// Least share of a box inside the image for a camera to see the person; a thinner strip contains
+/// no complete limb.
 const MIN_INSIDE: f64 = 0.06;
 
-/// Pixels on the person (root of the box's area) from which more do not help: a crop of a common
+/// Pixels on the person (root of the box's area) above which more do not help: a crop of a common
 /// network (192 x 256) is then no longer enlarged.
 const ENOUGH_PX: f64 = 220.0;
 
-/// How much better another camera must be before the choice changes: a change of camera is a change
-/// of calibration error, and shows as a jump.
+/// Ratio by which another camera must be better to replace the current one. A change of camera
+/// changes the calibration error, which is visible as a jump.
 const HYSTERESIS: f64 = 1.1;
 
-/// One camera that has a picture, and where the person should be in it.
+/// A camera with a picture, and the expected box in it.
 #[derive(Debug, Clone, Copy)]
 pub struct CameraCandidate<'a> {
     /// The camera.
     pub model: &'a CameraModel,
-    /// The person's box in it, moved on to the tick of the picture.
+    /// The person's box, moved to the tick of the picture.
     pub camera_box: CameraBox,
 }
 
 impl CameraCandidate<'_> {
-    /// Share of the box that lies inside the image, 0 to 1, from an 8 x 8 grid of samples.
+    /// Share of the box inside the image, 0 to 1, from an 8 x 8 grid of samples.
     pub fn inside(&self) -> f64 {
         let b = &self.camera_box.bounding_box;
         let n = SAMPLES_PER_SIDE;
@@ -46,7 +48,7 @@ impl CameraCandidate<'_> {
     }
 
     /// Distance of the projected torso to the image centre, pixels as recorded; in undistorted
-    /// pixels where the lens model ends.
+    /// pixels beyond the lens model.
     fn distance_to_center_px(&self) -> f64 {
         let [x, y] = self.camera_box.torso_px.map(f64::from);
         let torso = Pixel::<Undistorted>::new(x, y);
@@ -58,15 +60,15 @@ impl CameraCandidate<'_> {
         (recorded - nalgebra::Vector2::new((width - 1.0) / 2.0, (height - 1.0) / 2.0)).norm()
     }
 
-    /// Score of the camera for the person, above 0, no unit; `None` when it does not see the person.
+    /// Score of the camera for the person, above 0, no unit; `None` if it does not see the person.
     ///
     /// ```text
     ///   inside^2  min(1, pixels / enough)^(1/2)  exp(-r^2 / 2),   r: distance / half the diagonal
     /// ```
     ///
-    /// The share inside the image weighs most, as nothing replaces what is outside; then resolution (root of the box's
-    /// area, pixels); then the distance of eq. (5), relative to the image so that wide and tele lenses compare. The
-    /// weights are our own.
+    /// The share inside the image has the largest weight, because nothing replaces the outside.
+    /// Then come resolution (root of the box's area, pixels) and the distance of eq. (5), relative
+    /// to the image so that wide and tele lenses compare. The weights are our own.
     fn worth(&self) -> Option<f64> {
         let inside = self.inside();
         if inside < MIN_INSIDE {
@@ -90,7 +92,8 @@ fn point_of(b: &BoundingBox, u: f64, v: f64) -> Pixel<Undistorted> {
     )
 }
 
-/// Chooses the camera for one person as the venue asks: see [`choose_camera`] and [`nearest_center`].
+/// Chooses the camera for one person by the venue's setting: [`choose_camera`] or
+/// [`nearest_center`].
 pub fn choose(
     choice: CameraChoice,
     views: &[CameraCandidate<'_>],
@@ -102,10 +105,10 @@ pub fn choose(
     }
 }
 
-/// Chooses the camera for one person: position in `views`, `None` when no camera sees the person.
+/// Chooses the camera for one person: index in `views`, `None` if no camera sees the person.
 ///
-/// A box half outside counts where nothing better is there. `last` is the position of the camera
-/// that was chosen at the last tick, which another must beat by 10 %. Equal views: the first.
+/// A box half outside is used only without a better one. `last` is the index of the camera chosen
+/// at the last tick, which another must exceed by 10 %. Of equal views the first is chosen.
 pub fn choose_camera(views: &[CameraCandidate<'_>], last: Option<usize>) -> Option<usize> {
     let mut best: Option<(usize, f64)> = None;
     for (i, view) in views.iter().enumerate() {
@@ -122,8 +125,9 @@ pub fn choose_camera(views: &[CameraCandidate<'_>], last: Option<usize>) -> Opti
     best.map(|(i, _)| i)
 }
 
-/// Plain eq. (5) of the paper, to be measured against: the camera whose image centre lies nearest
-/// to the projected torso, in pixels, whatever it sees. Position in `views`; the first of equals.
+/// Eq. (5) of the paper without extensions, for comparisons: the camera whose image centre is
+/// nearest to the projected torso, in pixels, whatever it sees. Index in `views`; the first of
+/// equals.
 pub fn nearest_center(views: &[CameraCandidate<'_>]) -> Option<usize> {
     let mut best: Option<(usize, f64)> = None;
     for (i, view) in views.iter().enumerate() {

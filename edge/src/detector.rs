@@ -1,7 +1,7 @@
-//! Person detection by an ONNX detector: how people are found before fusion has boxes for them.
+//! Detection of people by an ONNX network, before fusion has boxes for them.
 //!
-//! Two output layouts are read: YOLOX's raw grid, whose overlapping boxes are thinned out here,
-//! and RTMDet's finished detections.
+//! Two output layouts are supported: YOLOX's raw grid, whose overlapping boxes are suppressed here,
+//! and RTMDet's final detections.
 
 use std::path::Path;
 
@@ -14,8 +14,8 @@ use crate::network::{Contract, OnnxModel, TensorAxis, read_card};
 use crate::picture::Picture;
 use crate::tiles::thinned_out;
 
-/// Least confidence of a detection, 0 to 1. Low, because fusion requires a second viewpoint and several keypoints before
-/// it initiates a track.
+/// Least confidence of a detection, 0 to 1. It is low, because fusion requires a second viewpoint
+/// and several keypoints for a new track.
 const MIN_SCORE: f32 = 0.3;
 
 /// Strides of YOLOX's three grids, input pixels.
@@ -38,12 +38,12 @@ pub struct OnnxDetector {
 }
 
 impl OnnxDetector {
-    /// Reads the card at `card_path` and loads the detector that it names; one empty picture is
-    /// run to check the real output.
+    /// Reads the card at `card_path` and loads its detector. One empty picture is run to check the
+    /// real output.
     ///
     /// # Errors
-    /// [`NetworkError`] naming the file when a file cannot be read, the model is not ONNX, or its
-    /// input or output is not what the card says; when no backend starts.
+    /// [`NetworkError`] with the file, if a file cannot be read, the model is not ONNX, or its
+    /// input or output does not match the card; also if no backend starts.
     pub fn load(card_path: &Path) -> Result<Self, NetworkError> {
         let text = read_card(card_path)?;
         let card = DetectorCard::parse(&text, card_path)?;
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn a_yolox_cell_is_decoded_on_its_own_grid() {
-        // An input of 64 x 32: 32 + 8 + 2 cells. The 3rd cell of the second row of stride 16.
+        // An input of 64 x 32: 32 + 8 + 2 cells. The third cell of the second row of stride 16.
         let (length, cells) = (YOLOX_HEAD + 2, 42);
         let mut values = vec![0.0; cells * length];
         let cell = 32 + 4 + 2;

@@ -1,4 +1,4 @@
-//! Cameras and venues for the tests of the core.
+//! Cameras and venues for unit tests.
 
 use std::path::Path;
 
@@ -40,7 +40,7 @@ pub(crate) fn bent(name: &str, size_px: [u32; 2]) -> CameraModel {
     )
 }
 
-/// A fisheye that sees 180 degrees across its picture, of which 120 are used.
+/// A fisheye with 180 degrees across its picture, of which 120 are used.
 pub(crate) fn fisheye(name: &str, size_px: [u32; 2]) -> CameraModel {
     let [width, height] = size_px.map(f64::from);
     let focal_px = width / std::f64::consts::PI;
@@ -55,8 +55,8 @@ pub(crate) fn fisheye(name: &str, size_px: [u32; 2]) -> CameraModel {
     CameraModel::new(name, size_px, intrinsics, lens, at_origin).unwrap()
 }
 
-/// A venue of one viewpoint with pinhole cameras of 640 x 480 pixels; one source per camera, as it
-/// stands in a venue file.
+/// A venue of one viewpoint with pinhole cameras of 640 x 480 pixels and one source per camera, in
+/// the syntax of a venue file.
 pub(crate) fn venue(sources: &[&str]) -> Venue {
     let head = "name = \"hall\"\nrate_hz = 60.0\ncalibration = \"c.toml\"\nnetwork = \"n.toml\"\n[[viewpoint]]\nname = \"v\"\n";
     let calibrated = |i: usize| {

@@ -1,8 +1,8 @@
-//! Maps drawn from 2D candidates: how recordings that exist only as keypoints are fused.
+//! Maps drawn from 2D candidates, for the fusion of recordings that exist only as keypoints.
 //!
-//! Every candidate of a keypoint in the picture is drawn, of whichever person, as a Gaussian of the source's sigma
-//! with the candidate's score as its height; where two overlap, the higher value counts. No picture and no network
-//! are involved.
+//! Every candidate of a keypoint, of any person, becomes a Gaussian with the source's sigma and the
+//! candidate's score as its height. Where Gaussians overlap, the higher value counts. No picture
+//! and no network are involved.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::grid::CellGrid;
@@ -10,13 +10,13 @@ use farfield_proto::patch::{Maps, quantize};
 
 use crate::source::KeypointCandidate;
 
-/// Sigmas from its centre at which a Gaussian ends: below 1/255 of the highest score there.
+/// Radius of a Gaussian in sigmas; beyond it the value is below 1/255 of the largest score.
 const REACH_SIGMAS: f64 = 3.34;
 
 /// Draws one map per keypoint of `peaks` over `grid` (a crop in undistorted pixels of `camera`).
 ///
-/// `into` is cleared and takes the grid's size. Positions are undistorted first; a candidate beyond
-/// the lens model is left out. Cost: (6.7 sigma)^2 cells per candidate that reaches into the grid.
+/// `into` is cleared and gets the grid's size. Positions are undistorted first; candidates beyond
+/// the lens model are left out. Cost: (6.7 sigma)^2 cells per candidate that overlaps the grid.
 pub fn draw_maps(
     peaks: &[Vec<KeypointCandidate>],
     camera: &CameraModel,
@@ -44,7 +44,7 @@ pub fn draw_maps(
     }
 }
 
-/// Draws one Gaussian into a map of rows of `width` cells, keeping what is higher already.
+/// Draws one Gaussian into a map of rows of `width` cells, keeping higher values.
 pub fn draw_peak(cells: &mut [u8], width: usize, center: [f64; 2], score: f32, sigma: f64) {
     let reach = REACH_SIGMAS * sigma;
     let span = |c: f64, size: usize| {

@@ -1,11 +1,11 @@
-//! Panics and long messages of backends, drivers and libraries become one line.
+//! Conversion of panics and long messages of backends, drivers and libraries to one line.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Runs what may panic in code that is not ours; its message is the error.
+/// Runs foreign code that can panic; the message becomes the error.
 pub(crate) fn guarded<R>(work: impl FnOnce() -> Result<R, String>) -> Result<R, String> {
-    // What the work borrows is thrown away when it fails.
+    // Data borrowed by the work are discarded if it fails.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(panic_message(&*panic)))
 }
 
@@ -15,7 +15,7 @@ fn panic_message(panic: &(dyn Any + Send)) -> String {
     first_line(text.unwrap_or("the backend panicked"))
 }
 
-/// The backends' messages may hold a back trace; people need their first line.
+/// A backend's message can contain a back trace; only its first line is for users.
 pub(crate) fn first_line(message: &str) -> String {
     message.lines().next().unwrap_or_default().trim().to_owned()
 }

@@ -1,14 +1,15 @@
-//! Pixels in, patches out: what runs in the edge box of one viewpoint.
+//! Pixels in, patches out: the software of the edge computer of one viewpoint.
 //!
-//! Read [`pipeline`] first: [`pipeline::EdgePipeline::step`] is one tick from frames and boxes to patches and
-//! sightings, and calls the other parts in order: [`choose`] (which camera serves a person), [`crop`] (box in a [`picture`] to network
-//! input), [`inference`] (what is asked of networks), [`tiles`] (where the detector runs), [`gaussian_maps`] (sources
-//! without pixels), [`peaks`]. Then [`live`]: what an edge decides by its clock and its link, with time as an argument.
-//! [`thumbnail`] makes pictures small for people to look at, where the venue allows it.
+//! Read [`pipeline`] first: [`pipeline::EdgePipeline::step`] computes one tick, from frames and
+//! boxes to patches and sightings. It calls the other parts in order: [`choose`] (the camera for a
+//! person), [`crop`] (from a box in a [`picture`] to network input), [`inference`] (interfaces of
+//! networks), [`tiles`] (where the detector runs), [`gaussian_maps`] (sources without pixels),
+//! [`peaks`]. Then read [`live`]: decisions by clock and link, with time as an argument.
+//! [`thumbnail`] makes small pictures for people, if the venue allows it.
 //!
-//! These compute and never wait. [`source`] reads frames, `network` and `detector` run ONNX, [`ring`] is the layout of
-//! the edge's store, and `node` owns Zenoh, clock, files and threads. This crate never sees another viewpoint, and
-//! never a 3D pose.
+//! These modules compute and never wait. [`source`] reads frames, `network` and `detector` run
+//! ONNX, [`ring`] defines the layout of the edge's store, and `node` owns Zenoh, clock, files and
+//! threads. This crate never sees another viewpoint or a 3D pose.
 
 pub mod box_parts;
 pub mod choose;

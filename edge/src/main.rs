@@ -1,4 +1,4 @@
-//! The lean edge binary, for boxes that run nothing else.
+//! The small edge binary, for computers that run nothing else.
 
 use std::process::ExitCode;
 use std::sync::Arc;

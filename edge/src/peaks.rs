@@ -1,7 +1,7 @@
-//! Peaks of a map, refined below the cell.
+//! Peaks of a map with sub-cell accuracy.
 //!
-//! A map is a slice of rows of `width` cells, values about 0 to 1; values that are not above zero
-//! carry nothing.
+//! A map is a slice of rows of `width` cells with values of about 0 to 1. Values that are not above
+//! zero are ignored.
 
 /// A local maximum of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -12,10 +12,10 @@ pub struct MapPeak {
     pub value: f32,
 }
 
-/// Smallest value whose logarithm is taken: below it a neighbour is noise.
+/// Smallest value for the logarithm; a smaller neighbour is noise.
 const FLOOR: f32 = 1e-3;
 
-/// The highest peak of a map above `threshold`; `None` when nothing is.
+/// The highest peak of a map above `threshold`, if any.
 ///
 /// Of equal cells the first counts. NaN never counts.
 pub fn best_peak(map: &[f32], width: usize, threshold: f32) -> Option<MapPeak> {
@@ -60,8 +60,8 @@ fn is_local_maximum(map: &[f32], width: usize, index: usize) -> bool {
     true
 }
 
-/// The peak at `index`, moved to the top of a parabola through the logarithms of the neighbours,
-/// per axis; exact for a Gaussian. At the map's border it stays on the cell in that axis.
+/// The peak at `index`, moved to the maximum of a parabola through the logarithms of the
+/// neighbours, per axis; exact for a Gaussian. At the map's border it is not moved in that axis.
 fn refined(map: &[f32], width: usize, index: usize) -> MapPeak {
     let (x, y, height) = (index % width, index / width, map.len() / width);
     let along = |inside: bool, stride: usize| {
@@ -79,7 +79,7 @@ fn refined(map: &[f32], width: usize, index: usize) -> MapPeak {
     }
 }
 
-/// Where the parabola through the logarithms of three neighbours has its top, -0.5 to 0.5.
+/// The maximum of the parabola through the logarithms of three neighbours, -0.5 to 0.5.
 fn top(before: f32, at: f32, after: f32) -> f64 {
     let [a, b, c] = [before, at, after].map(|v| f64::from(v.max(FLOOR)).ln());
     let bend = a - 2.0 * b + c;

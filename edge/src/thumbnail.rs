@@ -1,5 +1,4 @@
-//! A camera's picture made small, for people to look at: without the distortion of its lens, as a JPEG file of so many
-//! bytes at most.
+//! A small picture of a camera for people: without distortion, as a JPEG file of limited size.
 
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
@@ -10,7 +9,7 @@ use image::codecs::jpeg::JpegEncoder;
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
 use crate::picture::Picture;
 
-/// Longer side, pixels, and qualities of JPEG (1 to 100), from the best thumbnail to the smallest.
+/// Longer side, pixels, and JPEG qualities (1 to 100), from the best thumbnail to the smallest.
 const SIZES: [(u16, &[u8]); 4] = [
     (MAX_THUMBNAIL_PX, &[60, 40]),
     (240, &[40]),
@@ -29,10 +28,10 @@ pub struct ThumbnailMaker {
 }
 
 impl ThumbnailMaker {
-    /// The `picture` of `camera` as a JPEG file of `most_bytes` at most, as good as these allow; `None` where
-    /// they allow none.
+    /// The `picture` of `camera` as a JPEG file of at most `most_bytes`, in the best possible
+    /// quality; `None` if none fits.
     ///
-    /// It shows the camera's whole undistorted image; what its lens does not draw is black.
+    /// It shows the camera's whole undistorted image; pixels beyond the lens model are black.
     ///
     /// Cost: one pass over the picture for each size that is tried.
     pub fn make(
@@ -56,7 +55,8 @@ impl ThumbnailMaker {
         None
     }
 
-    /// Puts the undistorted image into `pixels`, with a longer side of `longest_px` at most; its width and height.
+    /// Writes the undistorted image, with a longer side of at most `longest_px`, into `pixels`;
+    /// returns its width and height.
     fn shrink(
         &mut self,
         picture: &Picture,
@@ -108,7 +108,8 @@ mod tests {
     use super::*;
     use crate::fixtures::{bent, pinhole};
 
-    /// Grey with noise, which is hard to shrink, and a red square of 200 x 200 pixels around `at`.
+    /// Grey with noise, which is hard to compress, and a red square of 200 x 200 pixels around
+    /// `at`.
     fn picture(size: [u32; 2], at: [u32; 2]) -> Picture {
         let mut state = 7u32;
         let image = RgbImage::from_fn(size[0], size[1], |x, y| {
@@ -133,7 +134,7 @@ mod tests {
         }
     }
 
-    /// The middle of what is red.
+    /// The centre of the red pixels.
     fn middle_of_red(image: &RgbImage) -> [f64; 2] {
         let red = image
             .enumerate_pixels()

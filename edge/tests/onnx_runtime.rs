@@ -1,4 +1,5 @@
-//! The backend that this machine has gives what the networks mean, and refuses what does not fit.
+//! The backend of this machine gives the expected results and refuses files that do not match their
+//! card.
 #![cfg(feature = "network")]
 
 mod hues;
@@ -22,12 +23,12 @@ fn refusal(card: &Path) -> String {
         .to_string()
 }
 
-/// The card of the good network with one thing changed, beside a copy of its model.
+/// The card of the good network with one change, next to a copy of its model.
 fn changed(folder: &Path, from: &str, to: &str) -> PathBuf {
     with_changes(folder, &[(from, to)])
 }
 
-/// The same with several things changed.
+/// The same with several changes.
 fn with_changes(folder: &Path, changes: &[(&str, &str)]) -> PathBuf {
     let read = std::fs::read_to_string(hues::testdata("hues17_128x96.toml"));
     let mut card = read.expect("the card is committed");
@@ -54,7 +55,7 @@ fn a_network_with_14_maps_is_refused_by_name() {
 #[test]
 fn a_network_that_does_not_fit_its_card_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
-    // Twice as wide, and its cells with it: a card that is right in itself, of another network.
+    // Twice as wide, with its cells: a consistent card of another network.
     let twice = [("width = 96", "width = 192"), ("width = 24", "width = 48")];
     let image = [("name = \"image\"", "name = \"picture\"")];
     let maps = [("name = \"heatmaps\"", "name = \"maps\"")];

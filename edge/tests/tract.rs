@@ -1,4 +1,5 @@
-//! `ort-tract` gives what the network means. A binary of its own: a process has one backend.
+//! `ort-tract` gives the expected results. A separate test binary, because a process has one
+//! backend.
 #![cfg(feature = "network")]
 
 mod hues;
@@ -17,8 +18,9 @@ fn tract_agrees_with_the_reference_and_says_what_it_costs() {
     hues::check_against_reference();
 }
 
-/// RTMDet's layout ended the process: tract counts the integers of `labels` symbolically, `ort`
-/// knows no such type and panics. The output is cast to floats before the file is loaded.
+/// Symptom to prevent: RTMDet's layout ended the process, because tract counts the integers of
+/// `labels` symbolically and `ort` panics on that type. The output is cast to floats before
+/// loading.
 #[test]
 fn a_detector_with_integer_labels_runs_on_tract() {
     assert!(

@@ -1,4 +1,5 @@
-//! Where a crop lies: a similarity from input pixels and map cells to undistorted image pixels.
+//! Position of a crop: a similarity transform from input pixels and map cells to undistorted image
+//! pixels.
 
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::frames::{Pixel, Undistorted};
@@ -6,7 +7,7 @@ use farfield_proto::grid::CellGrid;
 use farfield_proto::model_card::{CellToInput, HeatmapCard};
 use nalgebra::Vector2;
 
-/// What is made of a crop: the size of the input, of the maps, and how the two lie on each other.
+/// The sizes of a crop's input and maps, and their relation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CropShape {
     /// Width and height of the input, pixels.
@@ -18,7 +19,7 @@ pub struct CropShape {
 }
 
 impl CropShape {
-    /// The shape that a network's card asks for.
+    /// The shape in a network's card.
     pub fn of_card(card: &HeatmapCard) -> Self {
         Self {
             input_px: [card.input.width as usize, card.input.height as usize],
@@ -27,7 +28,7 @@ impl CropShape {
         }
     }
 
-    /// An input from which no maps are made, as a detector's; the grid of its crops means nothing.
+    /// An input without maps, as for a detector; the grid of its crops is unused.
     pub fn without_maps(input_px: [usize; 2]) -> Self {
         Self {
             input_px,
@@ -39,7 +40,7 @@ impl CropShape {
         }
     }
 
-    /// The shape of maps that are drawn, not inferred: cells are their own input.
+    /// The shape of drawn maps: cells are input pixels.
     pub fn of_grid(cells: [u16; 2]) -> Self {
         Self {
             input_px: cells.map(usize::from),
@@ -52,7 +53,7 @@ impl CropShape {
     }
 }
 
-/// A crop laid over the undistorted image.
+/// A crop of the undistorted image.
 ///
 /// The edges of the (grown) box are the outer edges of the input's border pixels, so the centre of
 /// the box is the input's centre ((width - 1) / 2, (height - 1) / 2).
@@ -63,8 +64,8 @@ pub struct CropGeometry {
 }
 
 impl CropGeometry {
-    /// Lays the input over `b`, which is grown to the input's aspect and never cut. `None` when
-    /// the box is too small or too far away for a valid grid.
+    /// Fits the input to `b`, which is grown to the input's aspect and never cut. `None` if the box
+    /// is too small or too far away for a valid grid.
     pub fn new(b: &BoundingBox, shape: CropShape) -> Option<Self> {
         if !b.is_valid() {
             return None;
@@ -73,7 +74,7 @@ impl CropGeometry {
         let size = Vector2::from(b.size_px.map(f64::from));
         let pixels_per_input = (size.x / input.x).max(size.y / input.y);
         let (sin, cos) = f64::from(b.rotation_rad).sin_cos();
-        // Both cells and input pixels run along the box's axes.
+        // Cells and input pixels both run along the box's axes.
         let step = Vector2::new(cos, sin) * pixels_per_input;
         let from_center =
             Vector2::repeat(shape.cell_to_input.offset) - (input - Vector2::repeat(1.0)) / 2.0;
@@ -83,7 +84,7 @@ impl CropGeometry {
                 from_center.x * step.y + from_center.y * step.x,
             );
         let step_of_cell = step * shape.cell_to_input.scale;
-        // The grid as the wire carries it is the truth: pixels are sampled where it says.
+        // The transmitted, rounded grid is the reference: pixels are sampled at its positions.
         let grid = CellGrid {
             origin_px: [origin.x as f32, origin.y as f32],
             step_px: [step_of_cell.x as f32, step_of_cell.y as f32],
@@ -104,20 +105,20 @@ impl CropGeometry {
         self.shape.input_px
     }
 
-    /// The undistorted pixel under an input pixel (fractions allowed).
+    /// The undistorted pixel at an input pixel (fractions allowed).
     pub fn pixel(&self, x: f64, y: f64) -> Pixel<Undistorted> {
         let CellToInput { scale, offset } = self.shape.cell_to_input;
         self.grid.pixel((x - offset) / scale, (y - offset) / scale)
     }
 
-    /// The input pixel over an undistorted pixel; inverse of [`Self::pixel`].
+    /// The input pixel at an undistorted pixel; the inverse of [`Self::pixel`].
     pub fn input(&self, pixel: Pixel<Undistorted>) -> Vector2<f64> {
         let CellToInput { scale, offset } = self.shape.cell_to_input;
         self.grid.cell(pixel) * scale + Vector2::repeat(offset)
     }
 
-    /// Image pixels from one input pixel to its right neighbour; above 1 in length the crop
-    /// shrinks.
+    /// Vector between neighbouring input pixels in image pixels; a length above 1 means that the
+    /// crop is reduced.
     pub fn step_px(&self) -> Vector2<f64> {
         Vector2::from(self.grid.step_px.map(f64::from)) / self.shape.cell_to_input.scale
     }
@@ -180,7 +181,8 @@ mod tests {
                 f64::from(b.center_px[1]) + along * sin + down * cos,
             );
             let at = crop.input(p);
-            // Grids lie on quarter pixels of the image, steps on 1/256: a fifth of a pixel at most.
+            // Grids are rounded to quarter pixels of the image, steps to 1/256: a fifth of a pixel
+            // at most.
             let slack = 0.5 + 0.01 + 0.2 / crop.step_px().norm();
             prop_assert!(at.x > -slack && at.x < 191.0 + slack, "{at}");
             prop_assert!(at.y > -slack && at.y < 255.0 + slack, "{at}");

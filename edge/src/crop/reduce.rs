@@ -1,13 +1,13 @@
-//! Shrinking a plane by a whole factor: the antialiasing filter of a crop.
+//! Reduction of a plane by a whole factor: the antialiasing filter of a crop.
 
 use nalgebra::Vector2;
 
 use crate::picture::Plane;
 
-/// Largest factor: 256 rows of 8-bit values still fit 16-bit sums.
+/// Largest factor: 256 rows of 8-bit values fit 16-bit sums.
 const MAX_FACTOR: usize = 256;
 
-/// A part of a plane, possibly shrunk: values side by side, row by row.
+/// A part of a plane, possibly reduced: values side by side, row by row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Raster<'a, T> {
     pub(super) texels: &'a [T],
@@ -20,7 +20,7 @@ pub(super) struct Raster<'a, T> {
 }
 
 impl<'a> Raster<'a, u8> {
-    /// All of `plane` as it is.
+    /// All of `plane` at full size.
     pub(super) fn of_plane<const N: usize>(plane: &Plane<'a, N>) -> Self {
         Self {
             texels: plane.texels,
@@ -38,11 +38,12 @@ pub(super) struct Region {
     size: [usize; 2],
 }
 
-/// Whole texels around those under a crop, so that no block in use is a partial one.
+/// Blocks of margin around a crop, so that no used block is partial.
 const MARGIN_BLOCKS: usize = 2;
 
 impl Region {
-    /// What is needed of `plane` for a crop within these bounds; of all of the picture without. `None` when there is nothing.
+    /// The part of `plane` for a crop within these bounds, or the whole plane without bounds;
+    /// `None` if it is empty.
     pub(super) fn of_crop<const N: usize>(
         bounds_px: Option<[f64; 4]>,
         factor: usize,
@@ -62,8 +63,8 @@ impl Region {
         }
     }
 
-    /// The texels of `plane` within `margin` of them around left, top, right, bottom of the picture; `None` when there are
-    /// none.
+    /// The texels of `plane` within `margin` texels around left, top, right, bottom of the picture;
+    /// `None` if there are none.
     fn around<const N: usize>(
         bounds_px: [f64; 4],
         margin: f64,
@@ -87,16 +88,16 @@ impl Region {
     }
 }
 
-/// What a mean is stored as.
+/// The stored type of a mean.
 pub(super) trait Mean {
     fn of(sum: u32, weight: MeanWeight) -> Self;
 }
 
-/// One divided by how many there are.
+/// The reciprocal of a count.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MeanWeight {
     exact: f32,
-    /// In 1 / 2^32: no division and no fraction for each texel.
+    /// In units of 1 / 2^32: integer arithmetic without a division per texel.
     fixed: u64,
 }
 
@@ -115,20 +116,20 @@ impl Mean for f32 {
     }
 }
 
-/// The nearest whole number.
+/// Rounded to the nearest integer.
 impl Mean for u8 {
     fn of(sum: u32, weight: MeanWeight) -> Self {
         ((u64::from(sum) * weight.fixed + (1 << 31)) >> 32) as u8
     }
 }
 
-/// Texels of a plane for each pixel of the input.
+/// Texels of a plane per pixel of the input.
 pub(super) fn texels_per_input<const N: usize>(plane: &Plane<'_, N>, step_px: Vector2<f64>) -> f64 {
     let spacing_px = plane.spacing_px[0].max(plane.spacing_px[1]);
     step_px.norm() / spacing_px as f64
 }
 
-/// The factor for a crop with so many texels per pixel of its input.
+/// The factor for a crop with this many texels per pixel of its input.
 pub(super) fn factor(texels_per_input: f64) -> usize {
     (texels_per_input.round() as usize).clamp(1, MAX_FACTOR)
 }
@@ -142,8 +143,8 @@ pub(super) struct Reducer<T> {
 }
 
 impl<T: Mean> Reducer<T> {
-    /// Shrinks `region` of `plane` by `factor`. Blocks at the right and lower edge may hold fewer
-    /// texels; they are means of what is there.
+    /// Reduces `region` of `plane` by `factor`. Blocks at the right and lower edge can have fewer
+    /// texels; they are means of these.
     pub(super) fn reduce<const N: usize>(
         &mut self,
         plane: &Plane<'_, N>,

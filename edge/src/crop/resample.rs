@@ -9,19 +9,19 @@ use super::warp::{Stretch, Warp};
 use super::yuv::{SampledYuv, YuvSampler};
 use crate::picture::{Picture, Plane};
 
-/// How pixels become the values of a tensor: (pixel x scale - mean) / std per channel.
+/// Conversion of pixels to the values of a tensor: (pixel x scale - mean) / std per channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelFormat {
     gain: [f32; 3],
     bias: [f32; 3],
-    /// Which of red, green, blue each channel of the tensor takes.
+    /// The colour (red, green, blue) of each channel of the tensor.
     source: [usize; 3],
     /// The value of unknown pixels per channel.
     unknown: [f32; 3],
 }
 
 impl PixelFormat {
-    /// Values as a picture has them, 0 to 255: red, green, blue; unknown pixels are 0.
+    /// Red, green and blue as in a picture, 0 to 255; unknown pixels are 0.
     pub const RGB: Self = Self {
         gain: [1.0; 3],
         bias: [0.0; 3],
@@ -29,8 +29,8 @@ impl PixelFormat {
         unknown: [0.0; 3],
     };
 
-    /// The format that a network's card asks for. Unknown pixels get the card's `pad` where it has
-    /// one, else its mean, which is 0 in the tensor.
+    /// The format of a network's card. Unknown pixels get the card's `pad`, or else its mean, which
+    /// is 0 in the tensor.
     pub fn new(input: &NetworkInput, normalize: &Normalize) -> Self {
         let gain = normalize.std.map(|std| normalize.scale / std);
         let bias = [0, 1, 2].map(|c| -normalize.mean[c] / normalize.std[c]);
@@ -53,9 +53,9 @@ impl PixelFormat {
 
 /// Cuts crops out of pictures. Owns its buffers; keep one per thread.
 ///
-/// Each plane of a picture is sampled by itself. One that the crop enlarges is sampled bilinearly. One that it shrinks by s is first
-/// reduced by the whole factor round(s) (a box filter over the pixels that fall on one input pixel), and
-/// sampled from that; where the rest is still above 1.1, four taps are averaged.
+/// Each plane of a picture is sampled separately. An enlarged plane is sampled bilinearly. A plane
+/// reduced by s is first reduced by the whole factor round(s) (a box filter over the pixels of one
+/// input pixel) and then sampled. If the remaining factor is above 1.1, four taps are averaged.
 #[derive(Debug, Default)]
 pub struct Cropper {
     warp: Warp,
@@ -69,12 +69,13 @@ pub struct Cropper {
 impl Cropper {
     /// Writes the crop as `into`, [3, height, width], the channels in the order of `format`.
     ///
-    /// The lens of `camera` is undone; without a camera the crop is in the picture's own pixels.
+    /// The distortion of `camera` is removed; without a camera the crop is in the picture's own
+    /// pixels.
     ///
     /// Cost: one pass over the picture's pixels under the crop and one over the input's.
     ///
     /// # Panics
-    /// When `into` is not 3 x width x height of the crop's input.
+    /// If `into` is not 3 x width x height of the crop's input.
     pub fn crop(
         &mut self,
         picture: &Picture,
@@ -98,7 +99,7 @@ impl Cropper {
             crop,
             format,
             size_px,
-            // With the mesh's error of a pixel at most.
+            // The mesh has an error of at most one pixel.
             is_inside: bounds_px.is_some_and(|[left, top, right, bottom]| {
                 left.min(top) > 1.0 && right < size_px[0] - 2.0 && bottom < size_px[1] - 2.0
             }),
@@ -122,14 +123,14 @@ impl Cropper {
     }
 }
 
-/// One crop in the making.
+/// The output of one crop.
 struct CropTarget<'a> {
     warp: &'a Warp,
     camera: Option<&'a CameraModel>,
     crop: &'a CropGeometry,
     format: &'a PixelFormat,
     size_px: [f64; 2],
-    /// Whether all of it is inside the picture.
+    /// Whether the crop is completely inside the picture.
     is_inside: bool,
     stretches: &'a mut Vec<Stretch>,
     row: &'a mut [Vec<f32>; 3],
@@ -137,7 +138,7 @@ struct CropTarget<'a> {
 }
 
 impl CropTarget<'_> {
-    /// Nothing of the picture is in the crop.
+    /// The crop is completely outside the picture.
     fn fill_unknown(self) {
         let [width, height] = self.crop.input_px();
         let planes = self.into.chunks_exact_mut(width * height);
@@ -203,7 +204,7 @@ impl CropTarget<'_> {
     }
 }
 
-/// NaN fails every comparison: beyond the lens model is outside too.
+/// NaN fails every comparison, so positions beyond the lens model count as outside.
 fn is_inside([x, y]: [f64; 2], [width, height]: [f64; 2]) -> bool {
     x >= -0.5 && x < width - 0.5 && y >= -0.5 && y < height - 0.5
 }
@@ -290,7 +291,8 @@ mod tests {
                     let at = (y * 48 + x) as usize;
                     let inside = camera.sees(crop.pixel(f64::from(x), f64::from(y)));
                     let near = p.x().min(p.y()).min(249.0 - p.x()).min(249.0 - p.y());
-                    // A tenth of an input pixel: the mesh of a bent lens is coarse at this size.
+                    // A tenth of an input pixel: the mesh of a distorting lens is coarse at this
+                    // size.
                     let tolerance = 0.1 * crop.step_px().norm().max(1.0);
                     if inside && near > 8.0 {
                         let (column, row) = (tensor[at], tensor[48 * 64 + at]);
@@ -303,7 +305,7 @@ mod tests {
         }
     }
 
-    /// As videos code a picture: colour once for two by two pixels.
+    /// Encodes a picture like a video: one colour value for two by two pixels.
     fn coded(image: &RgbImage, coding: ColourCoding) -> Picture {
         let (width, height) = image.dimensions();
         let [offset, gain] = coding.brightness();
@@ -341,7 +343,7 @@ mod tests {
 
     #[test]
     fn a_crop_is_the_same_of_a_video_as_of_its_colours() {
-        // An odd size, and colours that change slowly: as sharp as colours of videos are.
+        // An odd size, and smooth colours, because videos have no sharper ones.
         let image = RgbImage::from_fn(251, 253, |x, y| {
             image::Rgb([x as u8, y as u8, 255 - u32::midpoint(x, y) as u8])
         });
@@ -366,7 +368,7 @@ mod tests {
                 Cropper::default().crop(&coded, Some(&camera), &crop, &PLAIN, &mut found);
                 let apart = expected.iter().zip(&found).map(|(a, b)| (a - b).abs());
                 let worst = apart.fold(0.0, f32::max);
-                // What rounding to whole values of brightness and colour costs; twice a step at the edges.
+                // Rounding of luma and chroma to integers, and twice a step at the edges.
                 assert!(worst < 6.0, "{size} px: {worst}");
                 let mean = expected.iter().zip(&found).map(|(a, b)| a - b).sum::<f32>();
                 let mean = mean / expected.len() as f32;
@@ -377,7 +379,7 @@ mod tests {
 
     #[test]
     fn a_crop_that_shrinks_is_antialiased() {
-        // The finest chequers: every pixel differs from its neighbours. Shrunk, they are grey.
+        // The finest chequers: every pixel differs from its neighbours. Reduced, they are grey.
         let image = RgbImage::from_fn(1000, 1000, |x, y| {
             image::Rgb([if (x + y) % 2 == 0 { 255 } else { 0 }; 3])
         });

@@ -1,4 +1,4 @@
-//! Sampling pictures of red, green, blue, in the order of the equations: the same bits on every machine.
+//! Sampling of RGB pictures in the order of the equations: the same bits on every machine.
 
 use nalgebra::Vector2;
 
@@ -7,7 +7,7 @@ use super::reduce::{Raster, Reducer, Region, factor, texels_per_input};
 use super::warp::Stretch;
 use crate::picture::Plane;
 
-/// Where the four taps of an input pixel lie around its centre, in texels.
+/// Positions of the four taps around the centre of an input pixel, texels.
 type Taps = [[f32; 2]; 4];
 
 /// Samples pictures. Owns its buffers.
@@ -16,15 +16,16 @@ pub(super) struct RgbSampler {
     reducer: Reducer<f32>,
 }
 
-/// A picture as one crop samples it.
+/// A picture prepared for one crop.
 pub(super) enum SampledRgb<'a> {
     Bytes(Raster<'a, u8>, Option<Taps>),
     Means(Raster<'a, f32>, Option<Taps>),
 }
 
 impl RgbSampler {
-    /// Makes the picture ready for a crop whose pixels lie within `bounds_px` (left, top, right, bottom; all of the picture without),
-    /// each as far from the next as `step_px` says. `None` where nothing of the picture is in there.
+    /// Prepares the picture for a crop with pixels within `bounds_px` (left, top, right, bottom;
+    /// `None` for the whole picture) and the pixel distance `step_px`. `None` if the crop is
+    /// outside the picture.
     pub(super) fn sample<'a>(
         &'a mut self,
         plane: &Plane<'a, 3>,
@@ -52,7 +53,8 @@ impl RgbSampler {
 }
 
 impl SampledRgb<'_> {
-    /// Calls `told` with the position of each pixel and the colour there; beyond the picture's edge it is that of the edge.
+    /// Calls `emit` with the position and the colour of each pixel; outside the picture the colour
+    /// of the edge is used.
     pub(super) fn row(&self, stretches: &[Stretch], told: impl FnMut([f64; 2], [f32; 3])) {
         match self {
             Self::Bytes(raster, None) => {
@@ -110,7 +112,7 @@ fn four_taps<T: Copy + Into<f32>>(raster: &Raster<'_, T>, taps: &Taps, x: f32, y
     sum
 }
 
-/// The raster at (`x`, `y`) texels; its border goes on outside.
+/// The raster at (`x`, `y`) texels; its border continues outside.
 #[inline]
 fn bilinear<T: Copy + Into<f32>>(raster: &Raster<'_, T>, x: f32, y: f32) -> [f32; 3] {
     let [width, height] = raster.size;

@@ -1,11 +1,11 @@
-//! Where each pixel of the input is taken from: undistorted crop to distorted picture.
+//! Source position of each input pixel: from the undistorted crop to the distorted picture.
 //!
-//! Without distortion the mapping is a similarity and is computed exactly. With distortion the lens
-//! model is evaluated on a mesh of every [`MESH_STEP`]th pixel and interpolated bilinearly between.
-//! The error of that is at most h^2 / 8 of the second derivatives, h the mesh step in image pixels:
-//! below 0.05 px for a crop of 1000 px under a lens that bends the image's corner by 100 px (see the
-//! test), far below what resampling itself does. A fisheye bends more: below 0.2 px for a crop of 1000 px in a picture of
-//! 1920, of which the network's input has 192.
+//! Without distortion the mapping is a similarity transform and is computed exactly. With
+//! distortion the lens model is evaluated on a mesh of every [`MESH_STEP`]th pixel and interpolated
+//! bilinearly. The error is at most h^2 / 8 of the second derivatives, with the mesh step h in
+//! image pixels. It is below 0.05 px for a crop of 1000 px under a lens that moves the image's
+//! corner by 100 px (see the test), far below the error of resampling. A fisheye bends more: below
+//! 0.2 px for a crop of 1000 px in a picture of 1920, for 192 input pixels.
 
 use farfield_proto::camera::CameraModel;
 
@@ -17,36 +17,36 @@ const MESH_STEP: usize = 8;
 /// The mapping from input pixels to distorted pixels. Owns its buffers, set up per crop.
 #[derive(Debug, Default)]
 pub(super) struct Warp {
-    /// Distorted positions of the nodes, row by row; NaN where the lens model ends.
+    /// Distorted positions of the nodes, row by row; NaN beyond the lens model.
     nodes: Vec<[f64; 2]>,
     columns: usize,
     rows: usize,
     step: [usize; 2],
     bent: bool,
-    /// Whether the lens model may end inside the picture: a fisheye's does where it is used no further.
+    /// Whether the lens model can end inside the picture, as for a fisheye with a limited view.
     ends_within_pictures: bool,
     reach_px: f64,
 }
 
-/// Pixels of a row that are taken from a straight line of the picture.
+/// Pixels of a row that are sampled along a straight line of the picture.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stretch {
     pub(super) pixels: usize,
-    /// The distorted position of the first; NaN where there is none.
+    /// The distorted position of the first pixel; NaN beyond the lens model.
     pub(super) start_px: [f64; 2],
-    /// How far the next is from each.
+    /// The vector from each pixel to the next.
     pub(super) step_px: [f64; 2],
 }
 
 impl Warp {
-    /// Sets the mesh up for one crop.
+    /// Prepares the mesh for one crop.
     pub(super) fn prepare(&mut self, crop: &CropGeometry, camera: Option<&CameraModel>) {
         let [width, height] = crop.input_px();
         self.bent = camera.is_some_and(|camera| !camera.lens().is_none());
         self.ends_within_pictures = camera.is_some_and(|camera| camera.lens().is_fisheye());
-        // What lies between nodes is nowhere farther from them than these are apart: a fisheye pulls together.
+        // Positions between nodes are at most this far from them: a fisheye contracts.
         self.reach_px = 1.5 * MESH_STEP as f64 * crop.step_px().norm();
-        // A similarity is bilinear: its corners say all.
+        // A similarity transform is bilinear, so its corners suffice.
         self.step = if self.bent {
             [MESH_STEP, MESH_STEP]
         } else {
@@ -79,9 +79,9 @@ impl Warp {
             .map_or([f64::NAN; 2], |p| [p.x(), p.y()])
     }
 
-    /// The smallest rectangle around all source positions, [left, top, right, bottom] in distorted
-    /// pixels; `None` when a part of the crop is beyond the lens model. Where that is a fisheye's, the rectangle is one
-    /// around all that is not; also `None` when there is nothing.
+    /// The smallest rectangle around all source positions: left, top, right, bottom in distorted
+    /// pixels. `None` if a part of the crop is beyond the lens model; for a fisheye only if all of
+    /// it is.
     pub(super) fn bounds(&self) -> Option<[f64; 4]> {
         if self.ends_within_pictures {
             return self.bounds_of_drawn();
@@ -107,7 +107,7 @@ impl Warp {
         Some([l - beyond, t - beyond, r + beyond, b + beyond])
     }
 
-    /// Writes where the pixels of input row `y` are taken from.
+    /// Writes the source positions of input row `y`.
     pub(super) fn row(
         &self,
         crop: &CropGeometry,
@@ -149,7 +149,7 @@ impl Warp {
 }
 
 impl Stretch {
-    /// Where its pixels are taken from.
+    /// The source positions of its pixels.
     pub(super) fn positions(&self) -> impl Iterator<Item = [f64; 2]> + use<> {
         let ([x, y], [across, down]) = (self.start_px, self.step_px);
         (0..self.pixels).map(move |j| [x + j as f64 * across, y + j as f64 * down])

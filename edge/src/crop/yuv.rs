@@ -1,6 +1,7 @@
-//! Sampling videos, whose brightness and colour lie in planes of bytes: in whole numbers, which takes less time than fractions.
+//! Sampling of videos, with luma and chroma in planes of bytes, in integer arithmetic, which is
+//! faster than floating point.
 //!
-//! Colours are converted for the pixels of the input alone, after they were sampled.
+//! Colours are converted after sampling, only for the pixels of the input.
 
 use nalgebra::Vector2;
 
@@ -9,11 +10,11 @@ use super::reduce::{Raster, Reducer, Region, factor, texels_per_input};
 use super::warp::Stretch;
 use crate::picture::{Plane, YuvPicture, YuvToRgb};
 
-/// Positions are counted in texels / 2^16, what lies between texels in 1 / 2^8.
+/// Positions have units of texels / 2^16, interpolation weights of 1 / 2^8.
 const TEXEL: f64 = 65536.0;
-/// Sampled values are counted in 1 / 2^16.
+/// Sampled values have units of 1 / 2^16.
 const PER_VALUE: f32 = 1.0 / 65536.0;
-/// Positions farther from the first texel than this are as good as this, texels: sums of two do not overflow.
+/// Largest distance of positions from the first texel, texels: the sum of two does not overflow.
 const FARTHEST: f64 = 16383.0;
 
 /// Samples pictures. Owns its buffers.
@@ -23,7 +24,7 @@ pub(super) struct YuvSampler {
     rows: [Vec<i32>; 3],
 }
 
-/// A picture as one crop samples it.
+/// A picture prepared for one crop.
 pub(super) struct SampledYuv<'a> {
     coding: YuvToRgb,
     brightness: Sampled<'a, 1>,
@@ -34,13 +35,14 @@ pub(super) struct SampledYuv<'a> {
 /// Planes of one geometry.
 struct Sampled<'a, const N: usize> {
     rasters: [Raster<'a, u8>; N],
-    /// Where taps lie around an input pixel's centre, texels / 2^16.
+    /// Positions of taps around the centre of an input pixel, texels / 2^16.
     taps: Vec<[i32; 2]>,
 }
 
 impl YuvSampler {
-    /// Makes `picture` ready for a crop whose pixels lie within `bounds_px` (left, top, right, bottom; all of the picture without), each
-    /// as far from the next as `step_px` says. `None` where nothing of the picture is in there.
+    /// Prepares `picture` for a crop with pixels within `bounds_px` (left, top, right, bottom;
+    /// `None` for the whole picture) and the pixel distance `step_px`. `None` if the crop is
+    /// outside the picture.
     pub(super) fn sample<'a>(
         &'a mut self,
         picture: &'a YuvPicture,
@@ -72,7 +74,8 @@ impl YuvSampler {
             vec![[0; 2]]
         };
         let colour = match planes.colour {
-            // Videos have it half as sharp as brightness: nobody sees what a single tap skips of it.
+            // Chroma of videos has half the resolution of luma, so texels skipped by a single tap
+            // are invisible.
             Some([u, v]) => Some(Sampled {
                 rasters: [of(&u, for_u)?, of(&v, for_v)?],
                 taps: vec![[0; 2]],
@@ -92,7 +95,8 @@ impl YuvSampler {
 }
 
 impl SampledYuv<'_> {
-    /// Writes red, green and blue of a row of as many pixels; beyond the picture's edge they are those of the edge.
+    /// Writes red, green and blue of a row of pixels; outside the picture the colour of the edge is
+    /// used.
     pub(super) fn row(&mut self, stretches: &[Stretch], rgb: &mut [Vec<f32>; 3]) {
         let [y, u, v] = &mut *self.rows;
         self.brightness.row(stretches, [&mut *y]);
@@ -147,11 +151,11 @@ impl<const N: usize> Sampled<'_, N> {
     }
 }
 
-/// From pixels of the picture to texels / 2^16.
+/// Conversion from pixels of the picture to texels / 2^16.
 struct Scale {
     origin_px: [f64; 2],
     per_px: [f64; 2],
-    /// A little inside the last texel, so that there is one to the right and below.
+    /// Slightly inside the last texel, so that there is a texel to the right and below.
     last: [i32; 2],
 }
 
@@ -185,7 +189,8 @@ impl Scale {
     }
 }
 
-/// Adds the values along `line` beside `tap`, each divided by 2^`shift`. On its own, so that the compiler keeps all of it in registers.
+/// Adds the values along `line`, displaced by `tap`, each divided by 2^`shift`. A separate
+/// function, so that the compiler keeps all values in registers.
 #[inline(never)]
 fn add_samples(
     raster: &Raster<'_, u8>,

@@ -1,4 +1,4 @@
-//! The interfaces of the keypoint network and of the detector, as the pipeline calls them, whatever runs them.
+//! The interfaces of the keypoint network and the detector, independent of their backend.
 
 mod window;
 
@@ -13,7 +13,7 @@ pub use window::DetectorWindow;
 
 use crate::picture::Picture;
 
-/// One crop as a network takes it: [3, height, width], normalised, in the card's channel order.
+/// One crop as a network's input: [3, height, width], normalised, in the card's channel order.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct InputTensor {
     /// The values, channel by channel, row by row.
@@ -22,21 +22,21 @@ pub struct InputTensor {
 
 /// A network that turns crops into part confidence maps.
 pub trait KeypointNetwork: Send {
-    /// What the network expects and gives.
+    /// The network's input and output.
     fn card(&self) -> &HeatmapCard;
 
     /// The maps of all `inputs`, [inputs, keypoints, height, width], row by row.
     ///
-    /// The same inputs give the same bytes.
+    /// Equal inputs give equal bytes.
     ///
     /// # Errors
-    /// [`NetworkError`] when the backend fails or gives something else than the card says.
+    /// [`NetworkError`] if the backend fails or returns a result that differs from the card.
     fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError>;
 
-    /// The same once more, to run at the same time; `None` where there can only be one.
+    /// A second instance for parallel use; `None` if only one can exist.
     ///
     /// # Errors
-    /// [`NetworkError`] when it cannot be loaded again.
+    /// [`NetworkError`] if it cannot be loaded again.
     fn another(&self) -> Result<Option<Box<dyn KeypointNetwork>>, NetworkError>;
 }
 
@@ -45,11 +45,11 @@ pub trait KeypointNetwork: Send {
 pub struct DetectorInput {
     /// Width and height of the input, pixels.
     pub size_px: [u32; 2],
-    /// Where a picture of another aspect ratio is placed in the input.
+    /// Position of a picture of another aspect ratio in the input.
     pub letterbox: Letterbox,
 }
 
-/// A detector that finds people in pictures.
+/// A detector of people in pictures.
 pub trait PersonDetector: Send {
     /// Its input.
     fn input(&self) -> DetectorInput;
@@ -57,7 +57,7 @@ pub trait PersonDetector: Send {
     /// The people in the part `window` of `picture`, highest score first, in its distorted pixels.
     ///
     /// # Errors
-    /// [`NetworkError`] when the backend fails or gives something else than the card says.
+    /// [`NetworkError`] if the backend fails or returns a result that differs from the card.
     fn detect(
         &mut self,
         picture: &Picture,
@@ -65,7 +65,7 @@ pub trait PersonDetector: Send {
     ) -> Result<Vec<Detection>, NetworkError>;
 }
 
-/// One person found in a picture.
+/// One person detected in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detection {
     /// Upper left corner (x, y) of the box, distorted pixels.
@@ -76,7 +76,7 @@ pub struct Detection {
     pub score: f32,
 }
 
-/// The people that the detector found in one picture.
+/// The people detected in one picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraDetections {
     /// The camera.
@@ -93,13 +93,13 @@ pub enum NetworkError {
     /// No inference backend could be started.
     #[error("{problem}")]
     Backend {
-        /// What was tried and what happened.
+        /// The attempts and their results.
         problem: String,
     },
     /// The model card cannot be used.
     #[error(transparent)]
     Card(#[from] FileError),
-    /// The model file cannot be used, or is not what its card says.
+    /// The model file cannot be used or does not match its card.
     #[error("{}: {problem}", path.display())]
     Model {
         /// The model file.
@@ -112,15 +112,15 @@ pub enum NetworkError {
     Run {
         /// The model file.
         path: PathBuf,
-        /// The backend's words.
+        /// The backend's message.
         problem: String,
     },
-    /// A network gave another number of values than its card says.
+    /// A network returned another number of values than its card states.
     #[error("the network gave {got} values, its card says {expected}")]
     Length {
-        /// How many came.
+        /// Number of values returned.
         got: usize,
-        /// How many the card and the batch make.
+        /// Number of values by the card and the batch.
         expected: usize,
     },
 }

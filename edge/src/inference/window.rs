@@ -4,10 +4,11 @@
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::model_card::Letterbox;
 
-/// A part of a picture, upright, of the aspect of a detector's input; it may reach beyond the picture.
+/// A part of a picture, upright, with the aspect of a detector's input; it can extend beyond the
+/// picture.
 ///
-/// Distorted pixels as recorded, counted from the outer corner of the first one (whose centre is then
-/// at 0.5).
+/// In distorted pixels as recorded, from the outer corner of the first pixel (whose centre is at
+/// 0.5).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DetectorWindow {
     /// Left and top, distorted pixels from the outer corner.
@@ -17,7 +18,7 @@ pub struct DetectorWindow {
 }
 
 impl DetectorWindow {
-    /// The whole picture of `size_px` in an input of `input_px`, laid into it as `letterbox` says.
+    /// The whole picture of `size_px` in an input of `input_px`, placed by `letterbox`.
     pub fn whole(size_px: [u32; 2], input_px: [u32; 2], letterbox: Letterbox) -> Self {
         let picture = size_px.map(f64::from);
         let input = input_px.map(f64::from);
@@ -40,8 +41,9 @@ impl DetectorWindow {
         f64::from(input_px[0]) / self.size_px[0]
     }
 
-    /// Whether a box (left, top, right, bottom) lies inside, at least `margin_px` from those edges
-    /// that are not beyond a picture of `picture_px` (width and height): the picture ends there anyway.
+    /// Whether a box (left, top, right, bottom) is inside, with a distance of at least `margin_px`
+    /// to the edges. Edges outside a picture of `picture_px` (width and height) do not count,
+    /// because the picture ends there.
     pub fn holds(&self, [l, t, r, b]: [f64; 4], margin_px: f64, picture_px: [u32; 2]) -> bool {
         let [left, top] = self.min_px;
         let [right, bottom] = self.max_px();
@@ -51,7 +53,7 @@ impl DetectorWindow {
         after(left, l) && after(top, t) && before(right, r, width) && before(bottom, b, height)
     }
 
-    /// The window as a box, pixels with their centres at whole numbers.
+    /// The window as a box, in pixels with integer centres.
     #[cfg(feature = "network")]
     pub(crate) fn bounding_box(&self) -> BoundingBox {
         BoundingBox {

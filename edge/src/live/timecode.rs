@@ -145,7 +145,8 @@ mod tests {
         assert_eq!(frames("00:01:00:00", 29.97), 1800);
     }
 
-    /// SMPTE ST 12-1: 17 982 frames in ten minutes, 107 892 in an hour, 2 589 408 in a day of 29.97 Hz.
+    /// SMPTE ST 12-1 at 29.97 Hz: 17 982 frames in ten minutes, 107 892 in an hour, 2 589 408 in a
+    /// day.
     #[test]
     fn drop_frame_code_keeps_up_with_the_clock() {
         let hz = 30_000.0 / 1001.0;

@@ -1,4 +1,4 @@
-//! The inference backend of this process: ONNX Runtime where it is found, else `ort-tract`.
+//! The inference backend of this process: ONNX Runtime if found, else `ort-tract`.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -12,38 +12,39 @@ use super::library::{Places, VARIABLE};
 use super::{providers, trial};
 use crate::inference::NetworkError;
 
-/// What to start.
+/// The backend to start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum BackendChoice {
-    /// ONNX Runtime where it is found, else `ort-tract`.
+    /// ONNX Runtime if found, else `ort-tract`.
     #[default]
     Best,
-    /// `ort-tract`, even where ONNX Runtime is found.
+    /// `ort-tract`, even if ONNX Runtime is found.
     Tract,
 }
 
-/// The running backend. One per process: the library behind it is global.
+/// The running backend. There is one per process, because its library is global.
 #[derive(Debug)]
 pub struct InferenceBackend {
     environment: Environment,
     description: String,
     is_tract: bool,
-    /// Whether a library was found and not used.
+    /// Whether a library was found but not usable.
     has_refused: bool,
 }
 
 static BACKEND: OnceLock<Result<InferenceBackend, String>> = OnceLock::new();
 
 impl InferenceBackend {
-    /// Starts the backend, or gives the one that runs already. Logs the one line that says which.
+    /// Starts the backend, or returns the running one, and logs which one it is.
     ///
-    /// ONNX Runtime is looked for in `$ORT_DYLIB_PATH`, beside the binary, in the system's library
-    /// folders and in installed `onnxruntime` Python packages, in that order. Each library is tried in a process of
-    /// its own first; one that cannot be used is reported with its path, and the next is tried.
+    /// ONNX Runtime is searched in `$ORT_DYLIB_PATH`, in the folder of the binary, in the system's
+    /// library folders and in installed `onnxruntime` Python packages, in that order. Each library
+    /// is first tried in a separate process. An unusable library is reported with its path, and the
+    /// next one is tried.
     ///
     /// # Errors
-    /// [`NetworkError::Backend`] when `$ORT_DYLIB_PATH` is set and is no usable library; when
-    /// [`BackendChoice::Tract`] is asked for after ONNX Runtime was started.
+    /// [`NetworkError::Backend`] if `$ORT_DYLIB_PATH` is set but is no usable library, or if
+    /// [`BackendChoice::Tract`] is requested after ONNX Runtime was started.
     pub fn start(choice: BackendChoice) -> Result<&'static Self, NetworkError> {
         let started = BACKEND.get_or_init(|| {
             let backend = match choice {
@@ -72,7 +73,7 @@ impl InferenceBackend {
         }
     }
 
-    /// One line for people: which backend, from where, and what it costs.
+    /// One line for the operator: the backend, its path, and its consequences.
     pub fn describe(&self) -> &str {
         &self.description
     }
@@ -82,12 +83,12 @@ impl InferenceBackend {
         self.is_tract
     }
 
-    /// Whether a library was found that cannot be used; [`Self::describe`] says which, and why.
+    /// Whether an unusable library was found; [`Self::describe`] names it and the reason.
     pub fn has_refused(&self) -> bool {
         self.has_refused
     }
 
-    /// Which execution providers the library was built with, by ONNX Runtime's names.
+    /// The execution providers of the library, by ONNX Runtime's names.
     pub fn providers(&self) -> Vec<&'static str> {
         if self.is_tract {
             Vec::new()
@@ -96,7 +97,7 @@ impl InferenceBackend {
         }
     }
 
-    /// Whether networks can be asked to run on `provider` at all.
+    /// Whether the backend supports `provider`.
     pub fn has(&self, provider: Provider) -> bool {
         provider == Provider::Cpu
             || self
@@ -116,7 +117,7 @@ impl InferenceBackend {
         }
         let mut refused = Vec::new();
         if let Some(path) = first_accepted(places, &mut refused) {
-            // `ort` loads one library in the life of a process, whatever comes of it.
+            // `ort` loads only one library per process, even if that fails.
             match Self::onnx_runtime(&path) {
                 Ok(mut backend) => {
                     backend.description += &refused.concat();
@@ -153,7 +154,7 @@ impl InferenceBackend {
             .with_telemetry(false)
             .build()
             .map_err(|e| e.to_string())?;
-        // Every message of the library below a warning would be made and thrown away.
+        // Messages below a warning would be created and discarded.
         environment.set_log_level(ort::logging::LogLevel::Warning);
         let description = format!("inference by ONNX Runtime (`{}`)", path.display());
         Ok(Self {
@@ -183,16 +184,16 @@ impl InferenceBackend {
     }
 }
 
-/// Tries a library and returns the exit code, where another process of this program started this one for that; else `None`.
+/// In a process started for a trial: tries the library and returns the exit code. Otherwise `None`.
 ///
 /// A `main` calls it before it reads its arguments.
 pub fn answer_trial() -> Option<ExitCode> {
     trial::answer(|path| InferenceBackend::onnx_runtime(path).map(|_| ()))
 }
 
-/// The first library that a process of its own can load. Why others cannot be is added to `refused`.
+/// The first library that a separate process can load. Errors of the others are added to `refused`.
 fn first_accepted(places: &Places, refused: &mut Vec<String>) -> Option<PathBuf> {
-    // Python is asked only when nothing that is installed can be used.
+    // Python packages are searched only if no installed library is usable.
     for find in [Places::installed, Places::of_python_packages] {
         for path in find(places) {
             match trial::accepts(&path) {
@@ -204,7 +205,7 @@ fn first_accepted(places: &Places, refused: &mut Vec<String>) -> Option<PathBuf>
     None
 }
 
-/// The end of a sentence on a library that cannot be used.
+/// The part of a message about an unusable library.
 fn refusal(path: &Path, problem: &str) -> String {
     format!("; `{}` cannot be used: {problem}", path.display())
 }

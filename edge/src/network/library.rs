@@ -1,17 +1,17 @@
-//! Where an ONNX Runtime library may lie.
+//! Search for ONNX Runtime libraries.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The variable that names the library, above everything else.
+/// The variable with the library's path; it has priority.
 pub(super) const VARIABLE: &str = "ORT_DYLIB_PATH";
 
-/// The places that are searched, taken from the process once.
+/// The searched places, read from the process once.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Places {
-    /// `$ORT_DYLIB_PATH`, when it is set and not empty.
+    /// `$ORT_DYLIB_PATH`, if set and not empty.
     pub(super) variable: Option<PathBuf>,
     /// Folder of the running binary.
     pub(super) beside_binary: Option<PathBuf>,
@@ -45,7 +45,7 @@ impl Places {
         }
     }
 
-    /// Libraries beside the binary and in the system's folders, in that order.
+    /// Libraries in the folder of the binary and in the system's folders, in that order.
     pub(super) fn installed(&self) -> Vec<PathBuf> {
         self.beside_binary
             .iter()
@@ -54,8 +54,8 @@ impl Places {
             .collect()
     }
 
-    /// Libraries inside installed `onnxruntime` Python packages: of the `python3` on the path
-    /// first, then of the user's and the system's other Pythons.
+    /// Libraries in installed `onnxruntime` Python packages: first of the `python3` on the path,
+    /// then of the user's and the system's other Pythons.
     pub(super) fn of_python_packages(&self) -> Vec<PathBuf> {
         let mut packages: Vec<PathBuf> = package_of_python3().into_iter().collect();
         let mut roots: Vec<PathBuf> = Vec::new();
@@ -90,7 +90,7 @@ impl Places {
     }
 }
 
-/// Asks `python3` where its `onnxruntime` lies, without importing it.
+/// Asks `python3` for the path of `onnxruntime`, without importing it.
 fn package_of_python3() -> Option<PathBuf> {
     const ASK: &str = "import importlib.util as u; s = u.find_spec('onnxruntime'); \
                        print(s.submodule_search_locations[0] if s else '')";
@@ -105,7 +105,8 @@ fn package_of_python3() -> Option<PathBuf> {
     (answer.status.success() && !line.trim().is_empty()).then(|| PathBuf::from(line.trim()))
 }
 
-/// The ONNX Runtime libraries in a folder, the highest version first; a file that has several names counts once.
+/// The ONNX Runtime libraries in a folder, the highest version first; a file with several names
+/// counts once.
 fn libraries(folder: &Path) -> Vec<PathBuf> {
     let entries = sorted_entries(folder);
     let named = entries
@@ -120,8 +121,8 @@ fn libraries(folder: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
-/// The version in the name of an ONNX Runtime library; empty when the name has none, `None` when it
-/// is another file.
+/// The version in the name of an ONNX Runtime library; empty if the name has none, `None` if it is
+/// another file.
 fn version(name: &str) -> Option<Vec<u32>> {
     let rest = match name {
         "onnxruntime.dll" | "libonnxruntime.dylib" => "",
@@ -135,7 +136,7 @@ fn version(name: &str) -> Option<Vec<u32>> {
         .collect()
 }
 
-/// The names in a folder, sorted; none when there is no such folder.
+/// The names in a folder, sorted; empty if the folder does not exist.
 fn sorted_entries(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut names: Vec<String> = entries

@@ -1,8 +1,8 @@
-//! Networks of ONNX files, run by ONNX Runtime where it is found and by `ort-tract` elsewhere.
+//! Networks from ONNX files, run by ONNX Runtime if found and by `ort-tract` otherwise.
 //!
-//! [`InferenceBackend`] finds and starts the one or the other, once per process, after another process has tried to load it
-//! ([`answer_trial`]); [`OnnxKeypointNetwork`] is a
-//! network of the pipeline. A file that does not fit its card is refused at start.
+//! [`InferenceBackend`] finds and starts the backend, once per process, after a trial in another
+//! process ([`answer_trial`]). [`OnnxKeypointNetwork`] is a network of the pipeline. A file that
+//! does not match its card is refused at the start.
 
 mod backend;
 mod library;
@@ -33,20 +33,21 @@ pub struct OnnxKeypointNetwork {
 }
 
 impl OnnxKeypointNetwork {
-    /// Reads the card at `card_path` and loads the network that it names. One zero crop is run, so
-    /// that exports which do not state their shapes are checked too.
+    /// Reads the card at `card_path` and loads its network. One zero crop is run, so that exports
+    /// without stated shapes are also checked.
     ///
     /// # Errors
-    /// [`NetworkError`] naming the file when a file cannot be read, the model is not ONNX, or its
-    /// input or output is not what the card says; when no backend starts.
+    /// [`NetworkError`] with the file, if a file cannot be read, the model is not ONNX, or its
+    /// input or output does not match the card; also if no backend starts.
     pub fn load(card_path: &Path) -> Result<Self, NetworkError> {
         Self::load_on(card_path, Provider::Cpu)
     }
 
-    /// As [`Self::load`], to run on `provider`.
+    /// Like [`Self::load`], on `provider`.
     ///
     /// # Errors
-    /// As [`Self::load`], and when the backend has no such provider, or that refuses the network.
+    /// Those of [`Self::load`]; also if the backend lacks the provider, or that refuses the
+    /// network.
     pub fn load_on(card_path: &Path, provider: Provider) -> Result<Self, NetworkError> {
         let text = read_card(card_path)?;
         let card = HeatmapCard::parse(&text, card_path)?;
@@ -86,7 +87,8 @@ impl KeypointNetwork for OnnxKeypointNetwork {
     fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError> {
         let per_crop: usize = output_shape(&self.card).iter().product();
         let mut maps = Vec::with_capacity(inputs.len() * per_crop);
-        // An export with a fixed batch takes that many at a time, the last ones filled with zeros.
+        // An export with a fixed batch takes that many at a time; the last batch is padded with
+        // zeros.
         for inputs in inputs.chunks(self.model.batch().unwrap_or(inputs.len()).max(1)) {
             let batch = self.model.batch().unwrap_or(inputs.len());
             self.values.clear();

@@ -1,4 +1,4 @@
-//! One ONNX file, loaded and held to what its card says.
+//! One ONNX file, loaded and checked against its card.
 
 use std::path::{Path, PathBuf};
 
@@ -16,22 +16,22 @@ use super::providers::{compiled_folder, compiles, registration};
 use crate::guarded::{first_line, guarded};
 use crate::inference::NetworkError;
 
-/// Threads of one network. Edges share their cores with decoders and, in tests, with each other;
-/// one thread also keeps sums in one order.
+/// Threads per network. Edges share their cores with decoders and, in tests, with each other; one
+/// thread also fixes the order of sums.
 const INTRA_THREADS: usize = 1;
 
-/// What one axis of an output must be.
+/// The expected size of one axis of an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum TensorAxis {
     /// One entry per input.
     Batch,
-    /// That many; the words name the entries in errors.
+    /// This many; the text names the entries in errors.
     Fixed(&'static str, usize),
     /// Any number.
     Any,
 }
 
-/// What a card says of its network.
+/// The card's requirements for its network.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Contract<'a> {
     pub(crate) input: &'a NetworkInput,
@@ -49,7 +49,7 @@ pub(crate) struct OnnxModel {
     output: String,
     /// Height and width of the input.
     size_px: [usize; 2],
-    /// The batch that the export is fixed to, if it is.
+    /// The fixed batch of the export, if any.
     batch: Option<usize>,
 }
 
@@ -61,7 +61,8 @@ pub(crate) fn read_card(path: &Path) -> Result<String, NetworkError> {
     })
 }
 
-/// What a download has left in the place of a network; `None` where it may be one. No message of ONNX begins so.
+/// What a failed download left in place of a network; `None` otherwise. No ONNX file starts with
+/// these bytes.
 fn stand_in(bytes: &[u8]) -> Option<&'static str> {
     if bytes.starts_with(b"version https://git-lfs") {
         return Some(
@@ -74,7 +75,8 @@ fn stand_in(bytes: &[u8]) -> Option<&'static str> {
 }
 
 impl OnnxModel {
-    /// Loads `path` on the backend of this process, to run on `provider`, and checks the shapes that the file states.
+    /// Loads `path` on this process's backend and on `provider`, and checks the shapes that the
+    /// file states.
     ///
     /// `card` is the text of the card, which is part of the fingerprint.
     pub(crate) fn load(
@@ -102,7 +104,7 @@ impl OnnxModel {
         let compiled = compiled_folder(&hash, backend.describe());
         let on = registration(provider, &compiled);
         if compiles(provider) {
-            // Without it nothing is kept, and the next start takes as long.
+            // Without the folder nothing is cached, and the next start takes as long.
             std::fs::create_dir_all(&compiled).ok();
         }
         let session = guarded(|| open(backend, path, (&bytes, contract.output), on.as_slice())).map_err(|e| {
@@ -155,7 +157,7 @@ impl OnnxModel {
         })
     }
 
-    /// Runs one input of zeros and checks the shape that really comes out.
+    /// Runs one input of zeros and checks the shape of the result.
     pub(crate) fn try_out(&mut self, contract: &Contract<'_>) -> Result<(), NetworkError> {
         let batch = self.batch.unwrap_or(1);
         let zeros = vec![0.0; batch * self.values_per_input()];
@@ -178,7 +180,7 @@ impl OnnxModel {
         &self.hash
     }
 
-    /// The batch that the export is fixed to, if it is.
+    /// The fixed batch of the export, if any.
     pub(crate) fn batch(&self) -> Option<usize> {
         self.batch
     }
@@ -187,7 +189,7 @@ impl OnnxModel {
         3 * self.size_px[0] * self.size_px[1]
     }
 
-    /// Runs `batch` inputs, one after the other in `values`, and hands shape and values of the
+    /// Runs `batch` inputs, one after the other in `values`, and passes shape and values of the
     /// output to `read`.
     pub(crate) fn run<R>(
         &mut self,
@@ -198,7 +200,7 @@ impl OnnxModel {
         self.run_with(batch, values, |shape, values, _| read(shape, values))
     }
 
-    /// As [`Self::run`], with the values of the output named `labels` too, where there is one.
+    /// Like [`Self::run`], also with the values of the output `labels`, if there is one.
     pub(crate) fn run_with<R>(
         &mut self,
         batch: usize,
@@ -224,7 +226,7 @@ impl OnnxModel {
         let labels = outputs
             .get(LABELS)
             .and_then(|labels| labels.try_extract_tensor::<i64>().ok());
-        // Whole numbers, which the file's cut-down form gives as floats.
+        // Integers, which the reduced file returns as floats.
         let from_floats: Option<Vec<i64>> = outputs
             .get(LABELS_AS_FLOATS)
             .and_then(|labels| labels.try_extract_tensor::<f32>().ok())
@@ -253,13 +255,13 @@ fn open(
         .map_err(|e| text(&e))?;
     match reduced {
         Some(model) => builder.commit_from_memory(&model),
-        // By its name, for weights may lie in files beside it.
+        // By file name, because weights can be in separate files in the same folder.
         None => builder.commit_from_file(path),
     }
     .map_err(|e| text(&e))
 }
 
-/// The shape of the input or output `name` as the file states it, -1 where it is left open.
+/// The shape of the input or output `name` as stated in the file, -1 for open axes.
 fn stated_shape(outlets: &[Outlet], kind: &str, name: &str) -> Result<Vec<i64>, String> {
     let Some(outlet) = outlets.iter().find(|outlet| outlet.name() == name) else {
         let names: Vec<String> = outlets
@@ -283,7 +285,7 @@ fn stated_shape(outlets: &[Outlet], kind: &str, name: &str) -> Result<Vec<i64>, 
     }
 }
 
-/// Holds a shape to what is expected; a size below 0 is left open by the file.
+/// Checks a shape against the expected one; a size below 0 is open in the file.
 fn check_shape(
     kind: &str,
     name: &str,

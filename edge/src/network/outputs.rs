@@ -1,14 +1,14 @@
-//! An ONNX file cut down to the outputs that are read, for `ort-tract`.
+//! Reduction of an ONNX file to the outputs that are read, for `ort-tract`.
 //!
-//! Tract counts integers symbolically, and `ort` ends the process's thread when a loaded session has
-//! such an output, as RTMDet's `labels` is. So the other outputs are taken out of the graph before it is
-//! loaded, and `labels` goes through one more node that makes floats of it. Of the file's protobuf
-//! only the few fields are read that lead there; all others are passed on byte by byte.
+//! Tract counts integers symbolically, and `ort` panics if a loaded session has such an output,
+//! like `labels` of RTMDet. The other outputs are therefore removed from the graph before loading,
+//! and `labels` gets an additional node that converts it to floats. Of the file's protobuf only the
+//! necessary fields are parsed; all others are copied byte by byte.
 
-/// The output of the classes, as RTMDet's exports call it.
+/// The output of the classes in RTMDet's exports.
 pub(super) const LABELS: &str = "labels";
 
-/// What [`reduced`] gives in its place: the same classes as 32-bit floats, exact up to 2^24.
+/// Its replacement in [`reduced`]: the same classes as 32-bit floats, exact up to 2^24.
 pub(super) const LABELS_AS_FLOATS: &str = "labels_as_floats";
 
 // Field numbers of onnx.proto.
@@ -32,8 +32,8 @@ const FLOAT: u64 = 1;
 /// `AttributeProto.INT`.
 const INTEGER: u64 = 2;
 
-/// `model` with no outputs but `needed` and [`LABELS_AS_FLOATS`]; `None` when it has no others
-/// anyway, has no `needed`, or is no ONNX file.
+/// `model` with only the outputs `needed` and [`LABELS_AS_FLOATS`]; `None` if it has no others, has
+/// no `needed`, or is no ONNX file.
 pub(super) fn reduced(model: &[u8], needed: &str) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(model.len() + 128);
     let mut is_changed = false;
@@ -75,7 +75,7 @@ fn reduced_graph(graph: &[u8], needed: &str) -> Option<Vec<u8>> {
     (has_needed && has_others).then_some(out)
 }
 
-/// The node that makes floats of the labels.
+/// The node that converts the labels to floats.
 fn cast_of_labels() -> Vec<u8> {
     let mut to = Vec::new();
     put(&mut to, ATTRIBUTE_NAME, b"to");
@@ -89,7 +89,7 @@ fn cast_of_labels() -> Vec<u8> {
     node
 }
 
-/// The output of that node, its shape left open.
+/// The output of that node, with an open shape.
 fn float_labels() -> Vec<u8> {
     let (mut tensor, mut kind, mut value) = (Vec::new(), Vec::new(), Vec::new());
     put_integer(&mut tensor, TENSOR_ELEMENT, FLOAT);
@@ -105,11 +105,11 @@ struct ProtobufField<'a> {
     number: u64,
     /// With its number and length.
     whole: &'a [u8],
-    /// Of a text, bytes or an inner message.
+    /// For a text, bytes or an inner message.
     content: Option<&'a [u8]>,
 }
 
-/// All fields of a message in their order; `None` when it is none.
+/// All fields of a message in order; `None` if the data are no message.
 fn fields(message: &[u8]) -> Option<Vec<ProtobufField<'_>>> {
     let mut found = Vec::new();
     let mut rest = message;
@@ -139,7 +139,7 @@ fn fields(message: &[u8]) -> Option<Vec<ProtobufField<'_>>> {
     Some(found)
 }
 
-/// Takes a number of 7 bits per byte, the lowest first, off the front.
+/// Removes a varint (7 bits per byte, the lowest first) from the front.
 fn varint(rest: &mut &[u8]) -> Option<u64> {
     let mut value = 0;
     for shift in (0..64).step_by(7) {

@@ -1,4 +1,5 @@
-//! Execution providers of the running ONNX Runtime: which it was built with, and what a session needs to run on one.
+//! Execution providers of the running ONNX Runtime: the supported ones, and the configuration of a
+//! session for one.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +7,7 @@ use farfield_proto::venue::Provider;
 use ort::ep::{self, ExecutionProvider, ExecutionProviderDispatch};
 use ort::session::builder::SessionBuilder;
 
-/// Types that stand for providers by their names, and the function that asks for each.
+/// Defines types for providers by name, and the function that checks each.
 macro_rules! providers {
     ($($provider:ident $name:literal)*) => {
         $(
@@ -16,13 +17,13 @@ macro_rules! providers {
                 const NAME: &'static str = $name;
 
                 fn register(&self, _: &mut SessionBuilder) -> ort::Result<()> {
-                    // It is asked for, and never used.
+                    // It is only checked for, never used.
                     Ok(())
                 }
             }
         )*
 
-        /// The names of those that the library has. To be called when a backend has been started.
+        /// The names of the library's providers. Call it after the backend was started.
         pub(super) fn built_in() -> Vec<&'static str> {
             let all = [$(($provider::NAME, $provider::is_available())),*];
             all.into_iter().filter(|(_, is_there)| matches!(is_there, Ok(true))).map(|(name, _)| name).collect()
@@ -42,12 +43,13 @@ pub(super) fn runtime_name(provider: Provider) -> &'static str {
     }
 }
 
-/// Whether `provider` keeps what it has compiled.
+/// Whether `provider` caches compiled networks.
 pub(super) fn compiles(provider: Provider) -> bool {
     matches!(provider, Provider::TensorRt | Provider::OpenVino)
 }
 
-/// What puts a session on `provider`, which keeps what it compiles in the folder `compiled`; `None`: the processor needs nothing.
+/// The registration of a session on `provider`, with the cache folder `compiled`; `None` for the
+/// CPU.
 pub(super) fn registration(
     provider: Provider,
     compiled: &Path,
@@ -66,11 +68,11 @@ pub(super) fn registration(
         Provider::Qnn => ep::QNN::default().build(),
         Provider::Cpu => return None,
     };
-    // Else the processor would run the network, and nobody would know.
+    // Otherwise the CPU would run the network without a message.
     Some(dispatch.error_on_failure())
 }
 
-/// Where compiled networks are kept between starts: of the file with that fingerprint, for this library.
+/// The cache folder of compiled networks, for the file with this fingerprint and this library.
 pub(super) fn compiled_folder(model_hash: &str, library: &str) -> PathBuf {
     let base = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
     let home = || Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache"));

@@ -1,8 +1,8 @@
-//! Tries a library in a process of its own. One that is cut off, broken or hangs while it is loaded ends that process, and
-//! the next place is tried.
+//! Trial of a library in a separate process. A truncated, broken or hanging library ends only that
+//! process, and the next place is tried.
 //!
-//! The process is this program again, so its `main` calls [`super::answer_trial`] first. In a program that does not, libraries
-//! are loaded untried.
+//! The process is this program again, so its `main` calls [`super::answer_trial`] first. In
+//! programs that do not, libraries are loaded without a trial.
 
 use std::io::{BufRead as _, BufReader, Read};
 use std::path::Path;
@@ -13,20 +13,19 @@ use std::time::Duration;
 
 use crate::guarded::{first_line, guarded};
 
-/// First argument of the process that tries; the library is the second.
+/// First argument of the trial process; the library is the second.
 const TRY: &str = "--try-onnxruntime";
-/// What it answers before the problem; without a problem the library can be used.
+/// Prefix of its answer; the rest is the problem, empty if the library is usable.
 const ANSWER: &str = "farfield tried it:";
-/// How long loading may take: one of 35 MB takes seconds from a slow card or a network drive.
+/// Longest time for loading: 35 MB take seconds from a slow card or a network drive.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// An answer is a line, and libraries may write some of their own.
+/// Most bytes read. An answer is a line, but libraries can also print.
 const MOST_BYTES: u64 = 1 << 16;
 
-/// Whether this program answers when it is started again to try a library.
+/// Whether this program answers trials when started again.
 static ANSWERS: AtomicBool = AtomicBool::new(false);
 
-/// Tries a library with `load` and returns the exit code, where this process was started for that; `None` of any other
-/// process.
+/// In a trial process: tries a library with `load` and returns the exit code. Otherwise `None`.
 pub(super) fn answer(load: impl FnOnce(&Path) -> Result<(), String>) -> Option<ExitCode> {
     let mut args = std::env::args_os().skip(1);
     if args.next().is_none_or(|first| first != TRY) {
@@ -41,10 +40,10 @@ pub(super) fn answer(load: impl FnOnce(&Path) -> Result<(), String>) -> Option<E
     Some(ExitCode::SUCCESS)
 }
 
-/// Whether a process that loads the library at `path` comes through it.
+/// Checks that a process can load the library at `path`.
 ///
 /// # Errors
-/// Why it does not.
+/// The reason if it cannot.
 pub(super) fn accepts(path: &Path) -> Result<(), String> {
     if !ANSWERS.load(Ordering::Relaxed) {
         return Ok(());
@@ -67,7 +66,7 @@ fn accepts_within(mut program: Command, path: &Path, patience: Duration) -> Resu
     let stdout = process.stdout.take();
     std::thread::spawn(move || sender.send(stdout.and_then(answer_in)));
     let answer = answer.recv_timeout(patience);
-    // Of what it does after its answer, or without one, nothing is wanted.
+    // Its output after the answer is ignored.
     process.kill().ok();
     let ended = process.wait();
     match answer {
@@ -86,7 +85,7 @@ fn accepts_within(mut program: Command, path: &Path, patience: Duration) -> Resu
     }
 }
 
-/// The problem that is answered, empty for none; `None` where the process ends without an answer.
+/// The problem in the answer, empty for none; `None` if the process ends without an answer.
 fn answer_in(stdout: impl Read) -> Option<String> {
     let lines = BufReader::new(stdout.take(MOST_BYTES)).split(b'\n');
     lines.map_while(Result::ok).find_map(|line| {
@@ -100,7 +99,7 @@ fn answer_in(stdout: impl Read) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// What is said of a library whose process runs `script`.
+    /// The result for a library whose process runs `script`.
     fn tried(script: &str) -> Result<(), String> {
         let mut shell = Command::new("sh");
         shell.args(["-c", script, "sh"]);

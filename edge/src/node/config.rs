@@ -94,7 +94,7 @@ fn name(text: &str) -> Result<String, String> {
 #[cfg(feature = "study")]
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct ClockFaultArgs {
-    /// It is ahead by so many milliseconds.
+    /// The clock is ahead by this many milliseconds.
     #[arg(
         long = "clock-shift-ms",
         hide = true,

@@ -1,19 +1,19 @@
-//! How brightness and colour of a video become red, green, blue: ITU-R BT.601, BT.709 and BT.2020.
+//! Conversion of a video's luma and chroma to RGB: ITU-R BT.601, BT.709 and BT.2020.
 
-/// By which shares red, green and blue make up brightness.
+/// The weights of red, green and blue in luma.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ColourMatrix {
-    /// BT.601. Also of videos that do not say theirs, as for ffmpeg.
+    /// BT.601. Also for videos without a stated matrix, as in ffmpeg.
     #[default]
     Bt601,
-    /// BT.709, as most HD videos.
+    /// BT.709, used by most HD videos.
     Bt709,
-    /// BT.2020 with a constant or another luminance.
+    /// BT.2020 with constant or non-constant luminance.
     Bt2020,
 }
 
 impl ColourMatrix {
-    /// The one that ffmpeg and ffprobe call so.
+    /// Parses the name in ffmpeg and ffprobe.
     pub fn parse(text: &str) -> Self {
         match text {
             "bt709" => Self::Bt709,
@@ -22,7 +22,7 @@ impl ColourMatrix {
         }
     }
 
-    /// Shares of red and blue in brightness.
+    /// Weights of red and blue in luma.
     fn shares(self) -> [f32; 2] {
         match self {
             Self::Bt601 => [0.299, 0.114],
@@ -32,10 +32,10 @@ impl ColourMatrix {
     }
 }
 
-/// How the values of a picture are to be read.
+/// Interpretation of a picture's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ColourCoding {
-    /// How colour is mixed.
+    /// The colour matrix.
     pub matrix: ColourMatrix,
     /// Whether black is 0 and white 255; else 16 and 235.
     pub is_full_range: bool,
@@ -48,7 +48,7 @@ impl ColourCoding {
         is_full_range: true,
     };
 
-    /// Brightness, 0 black to 255 white and beyond, is (value - offset) x gain.
+    /// Brightness (0 black to 255 white, and beyond) is (value - offset) x gain.
     pub(crate) fn brightness(self) -> [f32; 2] {
         if self.is_full_range {
             [0.0, 1.0]
@@ -89,7 +89,7 @@ pub(crate) struct YuvToRgb {
 }
 
 impl YuvToRgb {
-    /// Red, green, blue, 0 to 255, of brightness and colour as they are stored.
+    /// Red, green, blue, 0 to 255, from stored luma and chroma.
     #[inline]
     pub(crate) fn rgb(&self, y: f32, u: f32, v: f32) -> [f32; 3] {
         let y = (y - self.offset) * self.gain;

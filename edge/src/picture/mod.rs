@@ -1,4 +1,5 @@
-//! Pictures as their sources store them. Colours are converted where a crop needs them, never in a whole picture.
+//! Pictures as stored by their sources. Colours are converted only for crops, never for a whole
+//! picture.
 
 mod colour;
 mod pool;
@@ -16,17 +17,17 @@ pub use yuv::{YuvLayout, YuvPicture};
 pub enum Picture {
     /// Red, green, blue.
     Rgb(RgbImage),
-    /// Brightness, and mostly colour apart from it, as videos are coded.
+    /// Luma, usually with separate chroma, as in videos.
     Yuv(YuvPicture),
 }
 
-/// A part of a picture in which values lie side by side, N a texel, row by row.
+/// A part of a picture with values side by side, N per texel, row by row.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Plane<'a, const N: usize> {
     pub(crate) texels: &'a [u8],
     /// Width and height, texels.
     pub(crate) size: [usize; 2],
-    /// Pixels of the picture across and down for each texel, which lies in their middle.
+    /// Pixels of the picture across and down per texel, which is in their middle.
     pub(crate) spacing_px: [usize; 2],
 }
 
@@ -41,7 +42,7 @@ impl<'a> Plane<'a, 3> {
 }
 
 impl<const N: usize> Plane<'_, N> {
-    /// The pixel of the picture on which texel (0, 0) lies.
+    /// The pixel of the picture at texel (0, 0).
     pub(crate) fn origin_px(&self) -> [f64; 2] {
         self.spacing_px.map(|px| (px as f64 - 1.0) / 2.0)
     }
@@ -62,7 +63,7 @@ impl Picture {
         }
     }
 
-    /// All of it in red, green, blue.
+    /// The whole picture in RGB.
     pub fn into_rgb(self) -> RgbImage {
         match self {
             Self::Rgb(image) => image,
@@ -78,7 +79,8 @@ impl Picture {
         }
     }
 
-    /// Bytes by which two pictures of a source are told apart; (mean - first) x second is how bright they are, 0 to 255.
+    /// Bytes that distinguish two pictures of a source. With the returned offset and gain, (mean -
+    /// offset) x gain is the brightness, 0 to 255.
     pub fn telling_bytes(&self) -> (&[u8], [f64; 2]) {
         let (bytes, coding) = match self {
             Self::Rgb(image) => (&image.as_raw()[..], ColourCoding::FULL_RANGE),

@@ -1,10 +1,10 @@
-//! Buffers that are used again: a new one for each picture of 3 MB costs the kernel as much as a crop.
+//! Reused buffers: a new buffer of 3 MB per picture costs the kernel as much as a crop.
 
 use std::io::Read;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Buffers kept while none is needed: as many as are on their way from a source to its crops.
+/// Most unused buffers kept: as many as are in use between a source and its crops.
 const KEPT: usize = 4;
 
 /// The buffers of one source.
@@ -12,14 +12,14 @@ const KEPT: usize = 4;
 pub struct BufferPool(Arc<Mutex<Vec<Vec<u8>>>>);
 
 impl BufferPool {
-    /// Reads so many bytes into a buffer; fewer where the reader ends, also by an error.
+    /// Reads this many bytes into a buffer; fewer if the reader ends or fails.
     pub fn read(&self, reader: &mut impl Read, n_bytes: usize) -> PooledBytes {
         self.write(n_bytes, |bytes| {
             reader.take(n_bytes as u64).read_to_end(bytes).ok();
         })
     }
 
-    /// An empty buffer with room for so many bytes, as `write` fills it.
+    /// An empty buffer with room for this many bytes, filled by `write`.
     pub fn write(&self, n_bytes: usize, write: impl FnOnce(&mut Vec<u8>)) -> PooledBytes {
         let kept = self.kept().pop();
         let mut bytes = kept.unwrap_or_default();
@@ -33,12 +33,12 @@ impl BufferPool {
     }
 
     fn kept(&self) -> std::sync::MutexGuard<'_, Vec<Vec<u8>>> {
-        // Buffers are as good as any after a panic.
+        // Buffers remain valid after a panic.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Bytes that give their buffer back when they are dropped.
+/// Bytes that return their buffer when dropped.
 #[derive(Debug, Clone)]
 pub struct PooledBytes {
     bytes: Vec<u8>,

@@ -1,4 +1,4 @@
-//! Pictures with brightness and colour in planes of their own.
+//! Pictures with luma and chroma in separate planes.
 
 use image::{GrayImage, RgbImage};
 
@@ -6,16 +6,17 @@ use super::Plane;
 use super::colour::ColourCoding;
 use super::pool::PooledBytes;
 
-/// Which planes there are.
+/// The planes of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum YuvLayout {
-    /// Brightness alone.
+    /// Luma only.
     Grey,
-    /// Brightness, then two planes of colour, one value of each for so many pixels across and down, which lie around it.
+    /// Luma, then two planes of chroma, each with one value for this many pixels across and down,
+    /// centred among them.
     Planar([u8; 2]),
 }
 
-/// A picture of planes of bytes, one behind the other, each row by row.
+/// A picture of byte planes, one after the other, each row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct YuvPicture {
     size_px: [u32; 2],
@@ -27,7 +28,7 @@ pub struct YuvPicture {
 /// The planes of a picture.
 pub(crate) struct YuvPlanes<'a> {
     pub(crate) brightness: Plane<'a, 1>,
-    /// U (blue) and V (red); `None` of grey pictures.
+    /// U (blue) and V (red); `None` for grey pictures.
     pub(crate) colour: Option<[Plane<'a, 1>; 2]>,
 }
 
@@ -46,7 +47,7 @@ impl YuvLayout {
         }
     }
 
-    /// Width and height of a plane of colour.
+    /// Width and height of a chroma plane.
     fn colour_size(self, [width, height]: [u32; 2]) -> [usize; 2] {
         let [across, down] = self.spacing_px();
         match self {
@@ -60,7 +61,7 @@ impl YuvLayout {
 }
 
 impl YuvPicture {
-    /// A picture of these bytes; `None` where they are not as many as its layout has.
+    /// A picture of these bytes; `None` if their number does not match the layout.
     pub fn new(
         size_px: [u32; 2],
         layout: YuvLayout,
@@ -80,12 +81,12 @@ impl YuvPicture {
         self.size_px
     }
 
-    /// How its values are to be read.
+    /// Interpretation of its values.
     pub fn coding(&self) -> ColourCoding {
         self.coding
     }
 
-    /// The plane of brightness.
+    /// The plane of luma.
     pub fn brightness(&self) -> &[u8] {
         &self.bytes[..self.size_px[0] as usize * self.size_px[1] as usize]
     }
@@ -109,7 +110,7 @@ impl YuvPicture {
         }
     }
 
-    /// All of it in red, green, blue; colour is not interpolated.
+    /// The whole picture in RGB; chroma is not interpolated.
     pub fn to_rgb(&self) -> RgbImage {
         let YuvPlanes { brightness, colour } = self.planes();
         let coding = self.coding.to_rgb();
@@ -144,7 +145,7 @@ mod tests {
         let layout = YuvLayout::Planar([2, 2]);
         assert_eq!(layout.n_bytes([3, 3]), 9 + 2 * 4);
         let mut bytes = vec![100; 9];
-        // White colour everywhere but at the lower right, which is red.
+        // Neutral chroma, except for red at the lower right.
         bytes.extend([128, 128, 128, 90]);
         bytes.extend([128, 128, 128, 240]);
         let coding = ColourCoding::default();

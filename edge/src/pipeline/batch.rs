@@ -1,4 +1,4 @@
-//! All crops of a tick, gathered for one inference. Every worker cuts its share of them, and runs it.
+//! All crops of a tick, collected for one inference. Each worker cuts and processes its share.
 
 use farfield_proto::camera::CameraModel;
 use rayon::prelude::*;
@@ -7,36 +7,36 @@ use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 use crate::picture::Picture;
 
-/// Most crops of one call of the network: bounds its memory (at 192 x 256 about 19 MB of input).
-/// More crops than this take several calls.
+/// Most crops per call of the network: bounds its memory (at 192 x 256 about 19 MB of input). More
+/// crops take several calls.
 pub(super) const MAX_CROPS_PER_CALL: usize = 32;
 
-/// A picture and the camera that it is of.
+/// A picture and its camera.
 pub(super) type TakenPicture<'a> = (&'a Picture, &'a CameraModel);
 
-/// One of those who work at the same time.
+/// A worker; workers run in parallel.
 struct Worker {
     network: Box<dyn KeypointNetwork>,
     cropper: Cropper,
 }
 
-/// A crop, and the position of its camera at the viewpoint.
+/// A crop and the index of its camera in the viewpoint.
 struct Wanted {
     camera: usize,
     crop: CropGeometry,
 }
 
-/// The network with its input and output buffers, used again every tick.
+/// The network with its input and output buffers, reused every tick.
 pub struct Batch {
     /// At least one.
     workers: Vec<Worker>,
-    /// What runs all crops in place of the workers' networks, while it does.
+    /// Runs all crops in place of the workers' networks, if set.
     accelerator: Option<Box<dyn KeypointNetwork>>,
     shape: CropShape,
     format: PixelFormat,
     box_margin: f64,
     wanted: Vec<Wanted>,
-    /// As many as are cut are in use, the others are kept for their memory.
+    /// The first `cut` are in use; the others keep their memory.
     inputs: Vec<InputTensor>,
     cut: usize,
     maps: Vec<f32>,
@@ -44,7 +44,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// With one worker, who has `network`.
+    /// A batch with one worker that uses `network`.
     pub fn new(network: Box<dyn KeypointNetwork>) -> Self {
         let card = network.card();
         let (shape, format, box_margin) = (
@@ -70,10 +70,10 @@ impl Batch {
         }
     }
 
-    /// Lets `workers` work at the same time, at least one; as many as there are then.
+    /// Sets the number of parallel workers, at least one; returns the resulting number.
     ///
     /// # Errors
-    /// When the network cannot be loaded again.
+    /// If the network cannot be loaded again.
     pub fn set_workers(&mut self, workers: usize) -> Result<usize, NetworkError> {
         self.workers.truncate(workers.max(1));
         while self.workers.len() < workers
@@ -87,24 +87,25 @@ impl Batch {
         Ok(self.workers.len())
     }
 
-    /// Lets `accelerator` run all crops, which has the same network; the workers cut them. `None`: as before.
+    /// Makes `accelerator`, with the same network, run all crops; the workers still cut them.
+    /// `None` restores the workers.
     pub fn accelerate(&mut self, accelerator: Option<Box<dyn KeypointNetwork>>) {
         self.accelerator = accelerator;
     }
 
-    /// Makes one worker do all on the processor: the same bits on every computer.
+    /// Makes one worker do everything on the CPU, which gives the same bits on every computer.
     ///
     /// # Errors
-    /// None with one worker or more.
+    /// None, because there is always one worker.
     pub fn work_alone(&mut self) -> Result<(), NetworkError> {
         self.accelerator = None;
         self.set_workers(1).map(|_| ())
     }
 
-    /// The same network once more; `None` where there can only be one.
+    /// A second instance of the network; `None` if only one can exist.
     ///
     /// # Errors
-    /// When it cannot be loaded again.
+    /// If it cannot be loaded again.
     pub(super) fn another(&self) -> Result<Option<Box<dyn KeypointNetwork>>, NetworkError> {
         self.workers[0].network.another()
     }
@@ -113,29 +114,30 @@ impl Batch {
         self.shape
     }
 
-    /// What a detected box is grown by.
+    /// Growth of a detected box.
     pub(super) fn box_margin(&self) -> f64 {
         self.box_margin
     }
 
-    /// Forgets the crops of the last tick.
+    /// Removes the crops of the last tick.
     pub(super) fn clear(&mut self) {
         self.wanted.clear();
         self.cut = 0;
     }
 
-    /// How many crops were pushed since.
+    /// Number of crops added since.
     pub(super) fn len(&self) -> usize {
         self.wanted.len()
     }
 
-    /// Adds a crop of the camera at that position; the number by which [`Self::map`] knows it.
+    /// Adds a crop of the camera at this index; returns its number for [`Self::map`].
     pub(super) fn push(&mut self, camera: usize, crop: CropGeometry) -> usize {
         self.wanted.push(Wanted { camera, crop });
         self.wanted.len() - 1
     }
 
-    /// Cuts what was pushed since the last time out of the cameras' `pictures`, in their order. What has none stays unknown.
+    /// Cuts the new crops from the `pictures` of the cameras, in their order. Crops without a
+    /// picture stay unknown.
     pub(super) fn cut(&mut self, pictures: &[Option<TakenPicture<'_>>]) {
         let n = self.wanted.len();
         let [width, height] = self.shape.input_px;
@@ -162,7 +164,7 @@ impl Batch {
         self.cut = n;
     }
 
-    /// Runs the network on everything that was cut. An accelerator that fails is not asked again.
+    /// Runs the network on all cut crops. An accelerator that fails is not used again.
     pub(super) fn infer(&mut self) -> Result<(), NetworkError> {
         let inputs = &self.inputs[..self.cut];
         let values_per_crop = self.values_per_crop;
@@ -185,10 +187,10 @@ impl Batch {
         })
     }
 
-    /// Runs the network on so many crops of nothing, to learn what it takes.
+    /// Runs the network on this many empty crops, to measure its time.
     ///
     /// # Errors
-    /// When the network fails.
+    /// If the network fails.
     pub fn rehearse(&mut self, crops: usize) -> Result<(), NetworkError> {
         let [width, height] = self.shape.input_px;
         self.clear();

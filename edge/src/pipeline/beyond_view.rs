@@ -1,19 +1,19 @@
-//! What fisheye cameras showed beyond the part of their view that is used.
+//! Content of fisheye cameras beyond the used part of their view.
 
 use std::fmt;
 
-/// What was left out because it lay beyond the part of a camera's view that is used
-/// ([`farfield_proto::camera::FISHEYE_HALF_VIEW_RAD`]), since the start.
+/// Content left out since the start, because it was beyond the used part of a camera's view
+/// ([`farfield_proto::camera::FISHEYE_HALF_VIEW_RAD`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct BeyondView {
-    /// Detections of which no part lay in it.
+    /// Detections completely outside the used view.
     pub detections: u64,
     /// Keypoints of detected people.
     pub keypoints: u64,
 }
 
 impl BeyondView {
-    /// Words by which a line that says it is known.
+    /// Text that identifies such a line of output.
     pub const WORDS: &str = "beyond 120 degrees of view (60 off its axis) were left out";
 
     /// Whether nothing was left out.

@@ -1,4 +1,4 @@
-//! The cameras of a viewpoint, and what must hold for them before the first tick and at each.
+//! The cameras of a viewpoint, and the checks before the first tick and at each tick.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
@@ -12,7 +12,7 @@ use super::error::PipelineError;
 use crate::crop::CropShape;
 use crate::source::FrameContent;
 
-/// How the maps of a camera without pictures are made.
+/// How to draw the maps of a camera without pictures.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Drawing {
     pub(super) shape: CropShape,
@@ -25,12 +25,12 @@ pub(super) struct EdgeCamera {
     pub(super) index: CameraIndex,
     pub(super) model: CameraModel,
     pub(super) drawing: Option<Drawing>,
-    /// What it showed of people and was not used.
+    /// Content with people that was not used.
     pub(super) beyond_view: BeyondView,
 }
 
 impl EdgeCamera {
-    /// What is wrong with a frame of this camera, if anything.
+    /// The mismatch of a frame with this camera, if any.
     pub(super) fn mismatch(&self, content: &FrameContent, n_keypoints: usize) -> Option<String> {
         match (content, self.drawing.is_some()) {
             (FrameContent::Image(picture), false) => {
@@ -87,8 +87,8 @@ pub(super) fn cameras_of(
     viewpoint.cameras.iter().map(camera).collect()
 }
 
-/// Refuses what cannot be sent, or cannot be made: maps too large, pictures without a network,
-/// keypoints of two kinds.
+/// Refuses venues that cannot be sent or processed: maps that are too large, pictures without a
+/// network, keypoints of two kinds.
 pub(super) fn check_shapes(
     cameras: &[EdgeCamera],
     keypoints: &KeypointSet,

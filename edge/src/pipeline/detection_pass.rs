@@ -1,4 +1,5 @@
-//! Detection passes: finding people without boxes, at regular ticks on all cameras, else on those that fusion names.
+//! Detection passes: detection of people without boxes, at regular ticks on all cameras, else on
+//! cameras that fusion names.
 
 use std::borrow::Cow;
 
@@ -30,7 +31,8 @@ impl EdgePipeline {
         self.ticks_per_pass
     }
 
-    /// Whether this edge can find people without boxes at all; `detections` says where they are.
+    /// Whether this edge can detect people without boxes; `detections` are those of the request, if
+    /// any.
     pub(super) fn can_sight(&self, detections: Option<&[CameraDetections]>) -> bool {
         let reads_pictures =
             self.batch.is_some() && (self.detector.is_some() || detections.is_some());
@@ -39,7 +41,8 @@ impl EdgePipeline {
             .any(|c| c.drawing.is_some() || reads_pictures)
     }
 
-    /// Puts the crops of detected people into the batch: of the request's detections, or of a run of the detector now.
+    /// Adds the crops of detected people to the batch: from the request's detections, or from a run
+    /// of the detector now.
     pub(super) fn detect(
         &mut self,
         frames: &[Option<Frame>],
@@ -104,8 +107,9 @@ impl EdgePipeline {
     }
 }
 
-/// The detected people, moved to the tick of the request: a person with a box moves with it. A crop from an old detection would
-/// otherwise show an empty place, in which a network still sees a person.
+/// The detected people, moved to the tick of the request: a person with a box moves with it.
+/// Otherwise a crop from an old detection would show an empty place, in which a network still sees
+/// a person.
 fn moved_with_boxes<'a>(
     detected: &'a CameraDetections,
     request: &StepRequest<'_>,
@@ -127,7 +131,8 @@ fn moved_with_boxes<'a>(
     moved.collect()
 }
 
-/// A detection, moved like the nearest box around it, from the box's first place to its second; unchanged without such a box.
+/// A detection, moved like the nearest box around it from the box's first to its second position;
+/// unchanged without such a box.
 fn moved_with(detection: &Detection, moves: &[[BoundingBox; 2]], model: &CameraModel) -> Detection {
     let middle = [0, 1].map(|i| f64::from(detection.min_px[i].midpoint(detection.max_px[i])));
     let Some(seen) = model.undistort(Pixel::<Distorted>::new(middle[0], middle[1])) else {

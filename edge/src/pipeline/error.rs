@@ -1,36 +1,36 @@
-//! What can be wrong with an edge's parts, or with what it is given.
+//! Errors of an edge's parts and inputs.
 
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::tick::Tick;
 
 use crate::inference::NetworkError;
 
-/// Why an edge cannot start, or a step cannot be taken.
+/// Why an edge cannot start or process a tick.
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
     /// The venue has no such viewpoint.
     #[error("the venue has no viewpoint number {}", index.0)]
     UnknownViewpoint {
-        /// What was asked for.
+        /// The requested viewpoint.
         index: ViewpointIndex,
     },
-    /// A camera gives pictures, and there is no network to read them.
+    /// A camera delivers pictures, but there is no network.
     #[error("camera `{camera}` gives pictures, but the venue names no `network`")]
     NoNetwork {
         /// The camera.
         camera: String,
     },
-    /// The maps would not fit the wire.
+    /// The maps exceed the limits of messages.
     #[error("{what} is {got}, at most {limit} can be sent")]
     TooLarge {
-        /// Which number.
+        /// The limited quantity.
         what: &'static str,
-        /// What it is.
+        /// Its value.
         got: usize,
-        /// What the wire holds.
+        /// Its limit.
         limit: usize,
     },
-    /// Keypoint files know COCO's 17 keypoints, the network others.
+    /// Keypoint files use COCO's 17 keypoints, but the network uses others.
     #[error(
         "camera `{camera}` gives COCO's 17 keypoints, but the network knows others; one venue has one set"
     )]
@@ -38,25 +38,25 @@ pub enum PipelineError {
         /// The camera of kind `keypoints`.
         camera: String,
     },
-    /// The frames do not belong to the cameras of the viewpoint.
+    /// The frames do not match the cameras of the viewpoint.
     #[error("{got} frames for {expected} cameras")]
     FrameCount {
-        /// How many came.
+        /// Number of frames.
         got: usize,
-        /// How many cameras the viewpoint has.
+        /// Number of cameras.
         expected: usize,
     },
-    /// The frames of one step are of several ticks.
+    /// The frames of one step have different ticks.
     #[error("camera `{camera}`: its frame is of tick {got}, others of {expected}")]
     MixedTicks {
         /// The camera.
         camera: String,
         /// The tick of its frame.
         got: Tick,
-        /// The tick of the frames before it.
+        /// The tick of the previous frames.
         expected: Tick,
     },
-    /// The frames are of another tick than the request.
+    /// The frames and the request have different ticks.
     #[error("frames of tick {got} for a request of tick {expected}")]
     OtherTick {
         /// The tick of the frames.
@@ -64,20 +64,20 @@ pub enum PipelineError {
         /// The tick of the request.
         expected: Tick,
     },
-    /// A frame is not what the calibration or the venue file says of its camera.
+    /// A frame does not match the calibration or the venue file.
     #[error("camera `{camera}`: {problem}")]
     WrongFrame {
         /// The camera.
         camera: String,
-        /// What came and what was expected.
+        /// What was found and what was expected.
         problem: String,
     },
-    /// The boxes are another viewpoint's.
+    /// The boxes belong to another viewpoint.
     #[error("boxes for viewpoint number {}, this is {}", got.0, expected.0)]
     OtherViewpoint {
-        /// For whom they are.
+        /// The viewpoint of the boxes.
         got: ViewpointIndex,
-        /// Who this is.
+        /// The viewpoint of this edge.
         expected: ViewpointIndex,
     },
     /// The network or the detector failed.

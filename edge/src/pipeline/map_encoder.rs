@@ -1,16 +1,15 @@
-//! What turns a crop's maps into bytes: the project's codec, unless a study has put another in its place.
+//! Encoding of a crop's maps: the project's codec, unless a study replaces it.
 
 use farfield_proto::patch::{CompressionLevel, EncodedMaps, Encoder, FLOOR, Maps};
 
-/// Another codec in the place of the project's, for studies: what it makes of the maps is then sent
-/// exactly.
+/// A replacement of the codec, for studies. Its result is then sent losslessly.
 #[cfg(feature = "study")]
 pub trait StandIn: Send {
-    /// Turns `maps`, of which nothing was left out yet, into what its decoder would give.
+    /// Replaces complete `maps` by the result of the other codec's decoder.
     fn recode(&mut self, maps: &mut Maps);
 }
 
-/// The codec of an edge, and how closely it keeps maps.
+/// The codec of an edge, with its level.
 pub(super) struct MapEncoder {
     encoder: Encoder,
     level: CompressionLevel,
@@ -29,18 +28,18 @@ impl MapEncoder {
         }
     }
 
-    /// How closely the next maps are kept.
+    /// Sets the level of the next maps.
     pub(super) fn set_level(&mut self, level: CompressionLevel) {
         self.level = level;
     }
 
-    /// Lets `stand_in` do the codec's work from now on, whatever the level.
+    /// Replaces the codec by `stand_in` from now on, at every level.
     #[cfg(feature = "study")]
     pub(super) fn set_stand_in(&mut self, stand_in: Box<dyn StandIn>) {
         self.stand_in = Some(stand_in);
     }
 
-    /// Cells below this are not sent: whoever paints maps may leave them 0.
+    /// Cells below this value are not sent, so a painter can skip them.
     pub(super) fn floor(&self) -> u8 {
         #[cfg(feature = "study")]
         if self.stand_in.is_some() {
@@ -49,7 +48,7 @@ impl MapEncoder {
         FLOOR
     }
 
-    /// The bytes of `maps`, which a stand-in changes into what it would give back.
+    /// Encodes `maps`. A replacement changes them to its decoded result.
     pub(super) fn encode(&mut self, maps: &mut Maps) -> EncodedMaps {
         #[cfg(feature = "study")]
         if let Some(stand_in) = &mut self.stand_in {

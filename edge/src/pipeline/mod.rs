@@ -1,10 +1,10 @@
-//! One step of an edge: the frames of a tick and fusion's boxes in, patches and sightings out.
+//! One step of an edge: from the frames of a tick and fusion's boxes to patches and sightings.
 //!
-//! Per person the box is moved on to the tick, a camera is chosen and the crop is cut. All crops of the tick, those
-//! of detections too, go through the network in one batch. The maps are quantised, encoded and split into messages.
-//! Cameras whose source is a file of keypoints have their maps drawn instead ([`crate::gaussian_maps`]); cameras
-//! simulated without pixels have them painted by their source. Pure except for the network and the detector: no
-//! clock, no file, no socket.
+//! For each person the box is moved to the tick, a camera is chosen and the crop is cut. All crops
+//! of the tick, including those of detections, go through the network in one batch. The maps are
+//! quantised, encoded and split into messages. For cameras with keypoint files the maps are drawn
+//! ([`crate::gaussian_maps`]). For cameras simulated without pixels the source paints them. Except
+//! for the network and the detector this is pure: no clock, no file, no socket.
 
 mod batch;
 mod beyond_view;
@@ -50,7 +50,7 @@ pub use map_encoder::StandIn;
 pub use request::StepRequest;
 pub use viewpoint_detector::ViewpointDetector;
 
-/// A part of a step whose duration is measured.
+/// A measured part of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum EdgeStage {
     /// Choosing cameras, cutting crops of persons with boxes.
@@ -66,14 +66,14 @@ pub enum EdgeStage {
 /// What an edge sends for one tick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EdgeOutput {
-    /// The persons with boxes that a camera sees, in at least one message.
+    /// The persons with boxes that a camera sees; at least one message.
     pub patch_sets: Vec<PatchSet>,
-    /// The people found without boxes; empty when no detection pass ran.
+    /// The people detected without boxes; empty without a detection pass.
     pub sighting_sets: Vec<SightingSet>,
 }
 
 impl EdgeOutput {
-    /// Adds the sightings of the same tick, which were made apart.
+    /// Adds the sightings of the same tick, which were made separately.
     pub fn add_sightings(&mut self, sets: Vec<SightingSet>) {
         for set in &mut self.patch_sets {
             set.sighting_parts = sets.len() as u16;
@@ -105,8 +105,8 @@ impl EdgePipeline {
     /// The edge of `viewpoint`. Without a `detector`, cameras with pictures give no sightings.
     ///
     /// # Errors
-    /// [`PipelineError`] when the viewpoint does not exist, a camera gives pictures without a
-    /// `network`, or the maps of the network or a source's `grid` do not fit the wire.
+    /// [`PipelineError`] if the viewpoint does not exist, a camera delivers pictures without a
+    /// `network`, or the maps of the network or a source's `grid` exceed the limits of messages.
     pub fn new(
         venue: &Venue,
         viewpoint: ViewpointIndex,
@@ -145,12 +145,12 @@ impl EdgePipeline {
         })
     }
 
-    /// Processes one tick. `frames` has one entry per camera of the viewpoint, in the venue's order, `None` for
-    /// a camera that gave nothing; `mark` is called after each stage, to measure times.
+    /// Processes one tick. `frames` has one entry per camera of the viewpoint, in the venue's
+    /// order, `None` for a missing frame. `mark` is called after each stage, for time measurements.
     ///
     /// # Errors
-    /// [`PipelineError`] when the frames are not of the tick, frames or boxes do not belong to this viewpoint, or
-    /// the network fails. The pipeline can be used again.
+    /// [`PipelineError`] if the frames have another tick, frames or boxes do not belong to this
+    /// viewpoint, or the network fails. The pipeline remains usable.
     pub fn step(
         &mut self,
         frames: &[Option<Frame>],
@@ -231,7 +231,7 @@ impl EdgePipeline {
         })
     }
 
-    /// Cuts the crops that wait for it.
+    /// Cuts the waiting crops.
     fn cut(&mut self, frames: &[Option<Frame>]) {
         let Some(batch) = &mut self.batch else {
             return;
@@ -248,16 +248,16 @@ impl EdgePipeline {
         batch.cut(&pictures);
     }
 
-    /// The networks; `None` where no camera gives pictures.
+    /// The networks; `None` if no camera delivers pictures.
     pub fn batch(&mut self) -> Option<&mut Batch> {
         self.batch.as_mut()
     }
 
-    /// Hands out the detector, and a pipeline with its own network that makes sightings of the detected people. `None` without a
-    /// detector, or if the network cannot be loaded twice.
+    /// Separates the detector, and a pipeline with its own network that makes sightings of detected
+    /// people. `None` without a detector, or if the network cannot be loaded twice.
     ///
     /// # Errors
-    /// [`PipelineError`] when the network cannot be loaded again.
+    /// [`PipelineError`] if the network cannot be loaded again.
     pub fn detach_detection(&mut self) -> Result<Option<(ViewpointDetector, Self)>, PipelineError> {
         let (Some(_), Some(batch)) = (&self.detector, &self.batch) else {
             return Ok(None);
@@ -285,46 +285,47 @@ impl EdgePipeline {
         Ok(self.detector.take().map(|detector| (detector, sighter)))
     }
 
-    /// Sets the compression level of the next steps; at first it is the venue's `[link] quality`, else
-    /// [`CompressionLevel::LOSSLESS`].
+    /// Sets the compression level of the next steps. Initially it is the venue's `[link] quality`,
+    /// or else [`CompressionLevel::LOSSLESS`].
     pub fn set_compression_level(&mut self, level: CompressionLevel) {
         self.encoder.set_level(level);
     }
 
-    /// Whether the legs of tilted people get a second, upright crop in the next steps; at first they do.
+    /// Whether the legs of tilted people get a second, upright crop in the next steps; initially
+    /// true.
     pub fn set_second_crops(&mut self, second_crops: bool) {
         self.second_crops = second_crops;
     }
 
-    /// Sets in which version of the messages what the next steps make will be written, and so what fits one; at first
-    /// [`wire::VERSION`].
+    /// Sets the message version of the next steps, which determines how much fits one message.
+    /// Initially [`wire::VERSION`].
     pub fn set_message_version(&mut self, version: u8) {
         self.message_version = version;
     }
 
-    /// Lets `stand_in` do the codec's work from now on, whatever the compression level.
+    /// Replaces the codec by `stand_in` from now on, at every compression level.
     #[cfg(feature = "study")]
     pub fn set_stand_in(&mut self, stand_in: Box<dyn StandIn>) {
         self.encoder.set_stand_in(stand_in);
     }
 
-    /// Which share of the last step's inference, by crops, was on people without boxes, 0 to 1.
+    /// Share of people without boxes in the crops of the last inference, 0 to 1.
     pub fn detection_share(&self) -> f64 {
         self.detection_share
     }
 
-    /// How many crops of people with boxes the last step had.
+    /// Crops of people with boxes in the last step.
     pub fn tracked_crops(&self) -> usize {
         self.tracked_crops
     }
 
-    /// For how many of these people a step with second crops may cut one.
+    /// Number of these people for whom a step can cut a second crop.
     pub fn count_second_crops(persons: &[PersonBoxes]) -> usize {
         let may_have_two = |person: &&PersonBoxes| person.cameras.iter().any(is_turned);
         persons.iter().filter(may_have_two).count()
     }
 
-    /// What was left out so far of each camera that showed people beyond the part of its view that is used.
+    /// The content left out so far, for each camera that showed people beyond its used view.
     pub fn beyond_view(&self) -> impl Iterator<Item = (&str, BeyondView)> {
         self.cameras
             .iter()
@@ -332,7 +333,7 @@ impl EdgePipeline {
             .map(|camera| (camera.model.name(), camera.beyond_view))
     }
 
-    /// Refuses what does not belong together.
+    /// Refuses frames and boxes that do not belong together.
     fn check(
         &self,
         frames: &[Option<Frame>],

@@ -1,10 +1,10 @@
-//! Splits the persons and sightings of a tick into messages, each readable alone.
+//! Splitting of the persons and sightings of a tick into messages that are readable alone.
 
 use farfield_proto::message::parts::split;
 use farfield_proto::message::{PatchSet, PersonPatch, Sighting, SightingSet};
 use farfield_proto::wire;
 
-/// The patch sets of a tick: the persons split over copies of `head`, numbered; at least one.
+/// The patch sets of a tick: the persons split over numbered copies of `head`; at least one.
 pub(super) fn patch_sets(head: &PatchSet, persons: Vec<PersonPatch>) -> Vec<PatchSet> {
     let mut probe = PatchSet {
         persons: Vec::new(),
@@ -28,8 +28,8 @@ pub(super) fn patch_sets(head: &PatchSet, persons: Vec<PersonPatch>) -> Vec<Patc
         .collect()
 }
 
-/// The sighting sets of a tick: the sightings split over copies of `head`, numbered, so that each fits a message as
-/// `version` writes it; at least one.
+/// The sighting sets of a tick: the sightings split over numbered copies of `head`, so that each
+/// fits a message of `version`; at least one.
 pub(super) fn sighting_sets(
     head: &SightingSet,
     sightings: Vec<Sighting>,

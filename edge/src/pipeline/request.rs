@@ -1,4 +1,3 @@
-//! What the pipeline is asked to do at a tick.
 
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::message::BoxSet;
@@ -7,25 +6,26 @@ use farfield_proto::tick::Tick;
 
 use crate::inference::CameraDetections;
 
-/// What the pipeline is asked to do at a tick: in lock-step all that fusion asks for, live what time and link allow.
+/// The pipeline's task at a tick: in lock-step all that fusion requests, in live mode what time and
+/// link allow.
 #[derive(Debug, Clone, Copy)]
 pub struct StepRequest<'a> {
     /// The tick of the frames.
     pub tick: Tick,
-    /// Where people are expected; may be made for another tick, and is then moved on.
+    /// Expected positions of people, moved to the frames' tick if they are for another one.
     pub boxes: &'a BoxSet,
-    /// The cameras of this tick's detection pass; empty for none.
+    /// The cameras of this tick's detection pass; empty without a pass.
     pub detection_cameras: &'a [CameraIndex],
-    /// Detections of an earlier tick; with them the detector does not run now.
+    /// Detections of an earlier tick; if present, the detector does not run now.
     pub detections: Option<&'a [CameraDetections]>,
-    /// The persons with boxes that are processed, ascending; `None`: all.
+    /// The persons with boxes to process, ascending; `None` for all.
     pub persons: Option<&'a [PersonId]>,
-    /// Placeholder for the timing that is filled in when a message is sent; it counts towards the message's size.
+    /// Placeholder for the timing that is set on sending; it counts towards the message's size.
     pub timing: Option<PatchTiming>,
 }
 
 impl<'a> StepRequest<'a> {
-    /// All that fusion asks for in `boxes`, at their tick.
+    /// All that fusion requests in `boxes`, at their tick.
     pub fn of(boxes: &'a BoxSet) -> Self {
         Self {
             tick: boxes.tick,

@@ -1,4 +1,4 @@
-//! People without boxes: detections, and persons of keypoint files, as sightings.
+//! Sightings of people without boxes: from detections, and from persons of keypoint files.
 
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::camera::CameraModel;
@@ -13,7 +13,8 @@ use crate::inference::Detection;
 use crate::peaks::best_peak;
 use crate::source::KeypointCandidate;
 
-/// Least height of a keypoint's peak in a sighting, 0 to 1: where there is nothing, networks answer up to this.
+/// Least height of a keypoint's peak in a sighting, 0 to 1. Without content networks answer up to
+/// this value.
 const LEAST_PEAK: f32 = 0.06;
 
 /// A detection whose crop waits for the network.
@@ -21,7 +22,7 @@ pub(super) struct Pending {
     camera: CameraIndex,
     score: f32,
     crop: CropGeometry,
-    /// Its number in the batch.
+    /// Index in the batch.
     input: usize,
 }
 
@@ -31,13 +32,14 @@ impl Pending {
     }
 }
 
-/// 1 where a fisheye gave nothing, to be counted. Of other lenses the model ends where their pictures do.
+/// 1 if `found` is missing for a fisheye. The models of other lenses end at the edge of the
+/// picture.
 fn beyond_view<T>(found: Option<&T>, model: &CameraModel) -> u64 {
     u64::from(found.is_none() && model.lens().is_fisheye())
 }
 
-/// Puts the crops of detections of the camera at position `at` into the batch; detections beyond the lens model, or what is used of it, are left out;
-/// those of a fisheye are counted.
+/// Adds the crops of detections of the camera at index `at` to the batch. Detections beyond the
+/// lens model or its used part are left out; those of a fisheye are counted.
 pub(super) fn enqueue(
     detections: &[Detection],
     (at, camera, model): (usize, CameraIndex, &CameraModel),
@@ -61,8 +63,9 @@ pub(super) fn enqueue(
     pending
 }
 
-/// Reads the peaks of a detection's maps, after inference. Peaks outside the image are left out: the network
-/// guessed them from nothing; so are those beyond what is used of a fisheye, which are counted.
+/// Reads the peaks of a detection's maps after inference. Peaks outside the image are left out,
+/// because the network guessed them. So are peaks beyond the used part of a fisheye, which are
+/// counted.
 pub(super) fn read(
     pending: &Pending,
     model: &CameraModel,
@@ -89,8 +92,8 @@ pub(super) fn read(
     .snapped()
 }
 
-/// Persons whose keypoints are grouped already; their score is the mean of their keypoints' scores. Keypoints that the
-/// lens model does not draw, or beyond what is used of it, are left out; those of a fisheye are counted.
+/// Sightings from grouped persons, with the mean of their keypoints' scores. Keypoints beyond the
+/// lens model or its used part are left out; those of a fisheye are counted.
 pub(super) fn from_persons(
     persons: &[Vec<Option<KeypointCandidate>>],
     (camera, model): (CameraIndex, &CameraModel),
@@ -126,17 +129,17 @@ pub(super) fn from_persons(
     sightings
 }
 
-/// Keeps the [`MAX_SIGHTINGS`] sightings of highest score, where there are more.
+/// Keeps at most the [`MAX_SIGHTINGS`] sightings of highest score.
 pub(super) fn bounded(mut sightings: Vec<Sighting>) -> Vec<Sighting> {
     if sightings.len() > MAX_SIGHTINGS {
-        // Stable, so that the same pictures give the same choice.
+        // Stable, so that equal pictures give equal results.
         sightings.sort_by(|a, b| b.score.total_cmp(&a.score));
         sightings.truncate(MAX_SIGHTINGS);
     }
     sightings
 }
 
-/// The upright box around a detection after the lens is undone, grown by `margin`.
+/// The upright box around an undistorted detection, grown by `margin`.
 fn undistorted_box(detection: &Detection, model: &CameraModel, margin: f64) -> Option<BoundingBox> {
     let [left, top] = detection.min_px.map(f64::from);
     let [right, bottom] = detection.max_px.map(f64::from);
@@ -146,7 +149,7 @@ fn undistorted_box(detection: &Detection, model: &CameraModel, margin: f64) -> O
         f64::NEG_INFINITY,
         f64::NEG_INFINITY,
     ];
-    // A lens bends the edges of a box: corners, middles of the edges and the centre.
+    // A lens bends the edges of a box, so corners, middles of edges and the centre are used.
     for i in 0..9 {
         let (u, v) = (f64::from(i % 3) / 2.0, f64::from(i / 3) / 2.0);
         let at = Pixel::<Distorted>::new(left + u * (right - left), top + v * (bottom - top));
@@ -186,7 +189,7 @@ mod tests {
         let b = undistorted_box(&detection, &pinhole("a", [640, 480]), 1.25).unwrap();
         assert_near(b.center_px, [520.0, 350.0]);
         assert_near(b.size_px, [50.0, 125.0]);
-        // The bent lens draws things nearer to the centre than a pinhole.
+        // The lens moves points towards the centre, compared with a pinhole.
         let undone = undistorted_box(&detection, &bent("a", [640, 480]), 1.25).unwrap();
         assert!(undone.center_px[0] > 520.5 && undone.size_px[1] > 125.0);
     }
@@ -229,7 +232,7 @@ mod tests {
 
     #[test]
     fn an_ordinary_lens_is_not_told_of_a_fisheyes_view() {
-        // Keypoint files may name places outside the picture, which no lens model says anything of.
+        // Keypoint files may contain positions outside the picture, for which no lens model holds.
         let barrel = Distortion {
             k1: -0.1,
             ..Distortion::default()
@@ -257,7 +260,7 @@ mod tests {
             score: 0.9,
         };
         assert_eq!(undistorted_box(&at(600.0), &camera, 1.25), None);
-        // The part of a person within is looked at.
+        // The part of a person inside the view is used.
         let cut = undistorted_box(&at(530.0), &camera, 1.0).unwrap();
         let right_px = cut.center_px[0] + 0.5 * cut.size_px[0];
         let rim_px = 319.5 + camera.intrinsics().fx_px * 60.0_f64.to_radians().tan();

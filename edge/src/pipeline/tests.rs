@@ -1,4 +1,4 @@
-//! The steps of an edge, with a network that answers with what it is shown.
+//! The steps of an edge with a network that returns its input.
 
 mod detection;
 
@@ -43,7 +43,7 @@ struct EchoNetwork {
     calls: Arc<AtomicUsize>,
 }
 
-/// The network, and how often it was called.
+/// The network and its number of calls.
 fn mirror() -> (Box<dyn KeypointNetwork>, Arc<AtomicUsize>) {
     let calls = Arc::new(AtomicUsize::new(0));
     let card = HeatmapCard::parse(CARD, Path::new("n.toml")).unwrap();
@@ -83,7 +83,7 @@ impl KeypointNetwork for EchoNetwork {
     }
 }
 
-/// Always finds the same box.
+/// Always returns the same boxes.
 struct Finds(Vec<Detection>);
 
 impl PersonDetector for Finds {
@@ -157,7 +157,7 @@ fn pipeline(sources: &[&str]) -> EdgePipeline {
     EdgePipeline::new(&venue(sources), ViewpointIndex(0), Some(network), None).unwrap()
 }
 
-/// All that fusion asks for in `boxes`, at the tick of the frames.
+/// All that fusion requests in `boxes`, at the tick of the frames.
 fn step(
     edge: &mut EdgePipeline,
     frames: &[Option<Frame>],
@@ -178,7 +178,7 @@ fn patches(output: &EdgeOutput) -> Vec<&PersonPatch> {
         .collect()
 }
 
-/// Where the map of a keypoint has its peak, undistorted pixels.
+/// The peak of a keypoint's map, undistorted pixels.
 fn peak_of(patch: &PersonPatch, keypoint: usize) -> Option<[f64; 2]> {
     let mut maps = Maps::new(1, 1, 1);
     Decoder::new().decode(&patch.maps, &mut maps).unwrap();
@@ -361,7 +361,7 @@ fn workers_share_the_crops_of_a_tick_and_change_nothing() {
     let people = boxes(&[], vec![person(320.0), person(330.0), person(310.0)]);
     let frames = [Some(disc(320.0, 240.0))];
     let alone = step(&mut edge, &frames, &people).unwrap();
-    // Three turned people are six crops: four workers take two each, and one has nothing to do.
+    // Three tilted people are six crops: four workers take two each, and one has no work.
     for (workers, shares) in [(4, 3), (2, 2), (0, 1)] {
         let batch = edge.batch().unwrap();
         assert_eq!(batch.set_workers(workers).unwrap(), workers.max(1));
@@ -373,7 +373,7 @@ fn workers_share_the_crops_of_a_tick_and_change_nothing() {
     assert_eq!(step(&mut edge, &frames, &people).unwrap(), alone);
 }
 
-/// Gives what `network` gives for some calls, and fails from then on.
+/// Returns the results of `network` for some calls, then fails.
 struct FakeFailingAccelerator {
     network: Box<dyn KeypointNetwork>,
     calls_left: usize,
@@ -435,7 +435,7 @@ fn candidates(x: f64, y: f64) -> KeypointFrame {
     }
 }
 
-/// Paints one cell of every map at the middle of the box that it is given.
+/// Paints one cell of every map, at the middle of the given box.
 #[derive(Debug)]
 struct OneCellPainter;
 

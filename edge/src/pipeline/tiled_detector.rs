@@ -1,4 +1,4 @@
-//! The detector, run over the windows of a picture that the tile plan names.
+//! The detector, run over the windows of a picture in the tile plan.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::CameraIndex;
@@ -11,12 +11,12 @@ use crate::tiles::{self, TilePlan};
 /// Detects people in the pictures of a venue, window by window.
 pub(super) struct TiledDetector {
     detector: Box<dyn PersonDetector>,
-    /// Of every camera of the venue that gives pictures.
+    /// For every camera of the venue with pictures.
     plans: Vec<(CameraIndex, TilePlan)>,
 }
 
 impl TiledDetector {
-    /// Plans the windows of all cameras of the venue that give pictures.
+    /// Plans the windows of all cameras of the venue with pictures.
     pub(super) fn new(venue: &Venue, detector: Box<dyn PersonDetector>) -> Self {
         let cameras: Vec<(CameraIndex, &CameraModel)> = (0..)
             .map(CameraIndex)
@@ -38,11 +38,11 @@ impl TiledDetector {
         }
     }
 
-    /// The people in a picture of `camera`, highest score first; detection pass `number` covers one cell of the
-    /// field, the next pass the next cell.
+    /// The people in a picture of `camera`, highest score first. Detection pass `number` covers one
+    /// cell of the field, the next pass the next cell.
     ///
     /// # Errors
-    /// [`NetworkError`] when the detector fails.
+    /// [`NetworkError`] if the detector fails.
     pub(super) fn detect_in(
         &mut self,
         picture: &Picture,

@@ -1,4 +1,4 @@
-//! A person with a box at one tick: the choice of the camera, and the crops of its picture.
+//! A person with a box at one tick: choice of the camera and crops of its picture.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::message::{CameraBox, PersonBoxes};
@@ -9,28 +9,28 @@ use crate::choose::{CameraCandidate, choose};
 use crate::crop::{CropGeometry, enclosing_upright};
 use crate::source::{Frame, FrameContent};
 
-/// Tilt of a box from which the legs get an upright crop of their own, radians (10 degrees): below,
-/// one crop serves networks that were trained on people turned by up to 40 degrees.
+/// Tilt of a box from which the legs get a separate upright crop, radians (10 degrees). Below, one
+/// crop suffices for networks trained on rotations of up to 40 degrees.
 const TWO_CROPS_FROM_RAD: f32 = 0.175;
 
-/// Most ticks that a box is moved on or back: its rates are not extrapolated beyond.
+/// Most ticks by which a box is moved in either direction; its rates are not extrapolated further.
 const MOST_TICKS: i64 = 60;
 
-/// One person at this tick: who, in which camera, on which crops.
+/// One person at this tick: id, camera and crops.
 pub(super) struct Tracked {
     pub(super) person: PersonId,
-    /// Position among the cameras of the viewpoint.
+    /// Index among the cameras of the viewpoint.
     pub(super) camera: usize,
-    /// Where that camera should see them.
+    /// Expected region in that camera.
     pub(super) region: CameraBox,
     pub(super) crops: Vec<CropGeometry>,
     pub(super) crop_of_keypoint: Vec<u8>,
-    /// Number of the first crop in the batch.
+    /// Index of the first crop in the batch.
     pub(super) input: usize,
 }
 
 impl EdgePipeline {
-    /// Chooses the camera for a person, and cuts the crops; `None` when no camera sees the person.
+    /// Chooses the camera for a person and cuts the crops; `None` if no camera sees the person.
     pub(super) fn track(
         &mut self,
         boxes: &PersonBoxes,
@@ -63,7 +63,7 @@ impl EdgePipeline {
         let EdgeCamera { drawing, .. } = &self.cameras[camera];
         let mut crop_of_keypoint = vec![0; self.keypoints.len()];
         if let Some(drawing) = drawing {
-            // What is drawn does not depend on how the crop is turned.
+            // Drawn maps do not depend on the rotation of the crop.
             let crops = vec![CropGeometry::new(&bounding_box, drawing.shape)?];
             return Some(Tracked {
                 person: boxes.person,
@@ -101,7 +101,7 @@ impl EdgePipeline {
     }
 }
 
-/// The box and the projected joints of a person, moved on by `ticks`, back where that is negative.
+/// The box and the projected joints of a person, moved by `ticks`, which can be negative.
 pub(super) fn moved_on(camera_box: &CameraBox, ticks: i64) -> CameraBox {
     let ticks = ticks.clamp(-MOST_TICKS, MOST_TICKS);
     let n = ticks as f32;
@@ -114,12 +114,12 @@ pub(super) fn moved_on(camera_box: &CameraBox, ticks: i64) -> CameraBox {
     }
 }
 
-/// Whether a camera sees the person so tilted that the legs get a crop of their own.
+/// Whether the person is so tilted that the legs get a separate crop.
 pub(super) fn is_turned(camera_box: &CameraBox) -> bool {
     turned_by(camera_box.bounding_box.rotation_rad) > TWO_CROPS_FROM_RAD
 }
 
-/// How far a rotation is from upright, 0 to pi.
+/// Angle between a rotation and upright, 0 to pi.
 fn turned_by(rotation_rad: f32) -> f32 {
     let turn = rotation_rad.rem_euclid(std::f32::consts::TAU);
     turn.min(std::f32::consts::TAU - turn)

@@ -7,7 +7,7 @@ use super::tiled_detector::TiledDetector;
 use crate::inference::{CameraDetections, NetworkError};
 use crate::source::{Frame, FrameContent};
 
-/// Finds people in the pictures of a viewpoint.
+/// Detects people in the pictures of a viewpoint.
 pub struct ViewpointDetector {
     detector: TiledDetector,
     /// The cameras of the viewpoint, in the venue's order.
@@ -28,11 +28,11 @@ impl ViewpointDetector {
         }
     }
 
-    /// Runs the detector on the pictures of `cameras` at `tick`, for the detection pass at tick `pass`, the same or a later one.
-    /// `frames` has one entry per camera of the viewpoint.
+    /// Runs the detector on the pictures of `cameras` at `tick`, for the detection pass at tick
+    /// `pass`, which is `tick` or later. `frames` has one entry per camera of the viewpoint.
     ///
     /// # Errors
-    /// [`NetworkError`] when the detector fails.
+    /// [`NetworkError`] if the detector fails.
     pub fn detect(
         &mut self,
         frames: &[Option<Frame>],
@@ -40,7 +40,7 @@ impl ViewpointDetector {
         tick: Tick,
         pass: Tick,
     ) -> Result<Vec<CameraDetections>, NetworkError> {
-        // Passes that follow each other at once, because of a new person, are on the same cell.
+        // Passes in quick succession, because of a new person, use the same cell.
         let number = pass.0.div_euclid(self.ticks_per_pass);
         let with_frames = self.cameras.iter().copied().zip(frames);
         let asked = with_frames.filter(|(camera, _)| cameras.contains(camera));

@@ -1,4 +1,4 @@
-//! The index of the ring: which sets are stored, and where.
+//! The index of the ring: the stored sets and their locations.
 
 use farfield_proto::id::SessionId;
 use farfield_proto::message::fill::{FillRequest, MAX_STORED};
@@ -7,15 +7,15 @@ use farfield_proto::wire::MAX_MESSAGE_BYTES;
 
 use super::record::{Label, RECORD_HEAD_BYTES, SEGMENT_HEAD_BYTES};
 
-/// Bytes of an answer beside its messages.
+/// Bytes of an answer in addition to its messages.
 const ANSWER_HEAD_BYTES: usize = 64;
-/// Bytes that a message takes in an answer beside its own.
+/// Bytes in an answer for each message in addition to its own.
 const STORED_HEAD_BYTES: usize = 8;
 
-/// Where a record is.
+/// Location of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RecordLocation {
-    /// Position of its segment in the ring.
+    /// Index of its segment in the ring.
     pub segment: usize,
     /// Offset in the segment, bytes.
     pub at: u64,
@@ -23,27 +23,27 @@ pub struct RecordLocation {
     pub len: usize,
 }
 
-/// All records of the segments, in the order in which they were stored: 12 bytes each. Where sets are tiny an index by session
-/// and tick took a third of the ring's size in memory; questions come seldom, and may scan it.
+/// All records of the segments in order of storage, 12 bytes each. For small sets an index by
+/// session and tick took a third of the ring's size in memory. Requests are rare and can scan.
 #[derive(Debug, Default)]
 pub struct RingIndex {
     segments: Vec<SegmentIndex>,
 }
 
-/// The records of one segment, which follow each other without a gap.
+/// The records of one segment, which are contiguous.
 #[derive(Debug, Default)]
 struct SegmentIndex {
-    /// Which of the segments was begun when; 0: it has no records.
+    /// Sequence number of the segment's start; 0 without records.
     begun: u64,
     ticks: Vec<Tick>,
     /// Lengths of the messages, bytes.
     lens: Vec<u32>,
-    /// The sessions, each with the number of its first record.
+    /// The sessions, each with the index of its first record.
     sessions: Vec<(usize, SessionId)>,
 }
 
 impl SegmentIndex {
-    /// The records of `session`, with their place in segment number `segment`.
+    /// The records of `session`, with their locations in segment `segment`.
     fn of_session(
         &self,
         segment: usize,
@@ -69,12 +69,12 @@ impl SegmentIndex {
 pub struct Found {
     /// The records.
     pub places: Vec<RecordLocation>,
-    /// The tick after the last that they are about.
+    /// The tick after the last one that they cover.
     pub to: Tick,
 }
 
 impl RingIndex {
-    /// Notes the next record of segment number `segment`, with a message of `len` bytes.
+    /// Adds the next record of segment `segment`, with a message of `len` bytes.
     pub fn add(&mut self, label: Label, segment: usize, len: usize) {
         let begun = self.segments.iter().map(|it| it.begun).max();
         if self.segments.len() <= segment {
@@ -92,7 +92,7 @@ impl RingIndex {
         index.lens.push(len as u32);
     }
 
-    /// Forgets the records of a segment that is written over.
+    /// Removes the records of a segment that is overwritten.
     pub fn forget(&mut self, segment: usize) {
         if let Some(index) = self.segments.get_mut(segment) {
             index.ticks.clear();
@@ -106,12 +106,12 @@ impl RingIndex {
         self.segments.iter().map(|it| it.ticks.len()).sum()
     }
 
-    /// Whether there is none.
+    /// Whether there are no records.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The records of the ticks that are asked for, by tick, and those of a tick as they were stored.
+    /// The records of the requested ticks, by tick, and in order of storage within a tick.
     fn asked(&self, request: &FillRequest) -> Vec<(Tick, RecordLocation)> {
         let mut segments: Vec<usize> = (0..self.segments.len()).collect();
         segments.sort_by_key(|&segment| self.segments[segment].begun);
@@ -124,7 +124,7 @@ impl RingIndex {
         asked
     }
 
-    /// Whole ticks from the request's first, up to its `max_bytes`; at least one tick.
+    /// Complete ticks from the request's first, up to its `max_bytes`; at least one tick.
     pub fn find(&self, request: &FillRequest) -> Found {
         let mut found = Found {
             places: Vec::new(),
@@ -141,7 +141,7 @@ impl RingIndex {
             let fits_message = bytes + cost <= MAX_MESSAGE_BYTES - ANSWER_HEAD_BYTES
                 && found.places.len() < MAX_STORED;
             if is_first_tick && !fits_message {
-                // No answer can hold all of it; what there is room for is better than nothing.
+                // No answer can hold the whole tick; a part of it is better than none.
                 continue;
             }
             if !is_first_tick && (bytes + cost > most || !fits_message) {
@@ -171,7 +171,7 @@ mod tests {
         }
     }
 
-    /// Of records in two segments, by turns.
+    /// An index of records that alternate between two segments.
     fn index(records: &[(u64, i64, usize)]) -> RingIndex {
         let mut index = RingIndex::default();
         for (i, &(session, tick, len)) in records.iter().enumerate() {
@@ -180,7 +180,7 @@ mod tests {
         index
     }
 
-    /// The records that answer, by segment and number in it, and the tick after.
+    /// The records of the answer, by segment and index in it, and the tick after.
     fn ask(index: &RingIndex, from: i64, to: i64, max_bytes: u32) -> (Vec<usize>, i64) {
         let found = index.find(&FillRequest {
             session: SessionId(1),
@@ -205,7 +205,8 @@ mod tests {
 
     #[test]
     fn a_record_takes_few_bytes_of_memory() {
-        // Symptom: the index of a ring of small sets took a third of `ring_mib`, 110 bytes a set.
+        // Symptom to prevent: the index of a ring of small sets took a third of `ring_mib`, 110
+        // bytes per set.
         let mut index = RingIndex::default();
         let n_records = 1 << 14;
         for tick in 0..n_records {
@@ -226,7 +227,7 @@ mod tests {
             (1, 9, 100),
             (2, 6, 100),
         ]);
-        // Those of tick 5 lie in two segments, of which the first was begun before.
+        // The records of tick 5 are in two segments, of which the first was started earlier.
         assert_eq!(ask(&index, 0, 20, 1000), (vec![0, 1, 2, 3], 20));
         assert_eq!(ask(&index, 20, 0, 1000).0, Vec::<usize>::new());
         assert_eq!(ask(&index, 0, 20, 350), (vec![0, 1, 2], 9));

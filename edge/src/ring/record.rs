@@ -1,4 +1,4 @@
-//! Segments and records as bytes.
+//! Encoding of segments and records.
 
 use farfield_proto::id::SessionId;
 use farfield_proto::message::fill::SetKind;
@@ -11,32 +11,32 @@ const MAGIC: &[u8; 8] = b"FFRING1\n";
 pub const SEGMENT_HEAD_BYTES: usize = 16;
 /// Bytes of a record before its message.
 pub const RECORD_HEAD_BYTES: usize = 25;
-/// Those of them that the checksum does not cover.
+/// Bytes of these that the checksum does not cover.
 const UNCHECKED_BYTES: usize = 8;
 
-/// What a record is about.
+/// Identification of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Label {
-    /// The session of fusion whose person ids are meant.
+    /// The session of fusion that defines the person ids.
     pub session: SessionId,
     /// The tick of the pictures.
     pub tick: Tick,
-    /// What the message is.
+    /// The kind of the message.
     pub kind: SetKind,
 }
 
 /// A record in a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RingRecord<'a> {
-    /// What it is about.
+    /// Its identification.
     pub label: Label,
-    /// The message as it travels.
+    /// The message as transmitted.
     pub message: &'a [u8],
     /// Offset of the record in its segment, bytes.
     pub at: usize,
 }
 
-/// The head of the segment of this number.
+/// The head of the segment with this number.
 pub fn segment_head(number: u64) -> [u8; SEGMENT_HEAD_BYTES] {
     let mut head = [0; SEGMENT_HEAD_BYTES];
     head[..8].copy_from_slice(MAGIC);
@@ -44,7 +44,7 @@ pub fn segment_head(number: u64) -> [u8; SEGMENT_HEAD_BYTES] {
     head
 }
 
-/// The number of a segment; `None` when it is none of ours.
+/// The number of a segment; `None` if the data are no segment.
 pub fn segment_number(segment: &[u8]) -> Option<u64> {
     let (magic, rest) = segment.split_at_checked(8)?;
     let number = rest.first_chunk().copied().map(u64::from_le_bytes);
@@ -67,7 +67,7 @@ pub fn put_record(label: Label, message: &[u8], bytes: &mut Vec<u8>) {
     bytes[at + 4..at + UNCHECKED_BYTES].copy_from_slice(&checksum.to_le_bytes());
 }
 
-/// The whole records of a segment up to the first that is torn, and where that is.
+/// The complete records of a segment up to the first incomplete one, and the offset of that one.
 pub fn records(segment: &[u8]) -> (Vec<RingRecord<'_>>, usize) {
     let (mut found, mut at) = (Vec::new(), SEGMENT_HEAD_BYTES);
     while let Some(record) = record_at(segment, at) {
@@ -77,7 +77,7 @@ pub fn records(segment: &[u8]) -> (Vec<RingRecord<'_>>, usize) {
     (found, at.min(segment.len()))
 }
 
-/// The record that begins at `at`; `None` when it is torn, or there is none.
+/// The record at `at`; `None` if it is incomplete or missing.
 pub fn record_at(segment: &[u8], at: usize) -> Option<RingRecord<'_>> {
     let rest = segment.get(at..)?;
     let (len, rest) = rest.split_first_chunk()?;

@@ -1,4 +1,4 @@
-//! The field, cut into cells, of which each detection pass covers one.
+//! The field, divided into cells; each detection pass covers one cell.
 
 use farfield_proto::venue::Field;
 
@@ -10,7 +10,7 @@ pub(super) struct Cell {
 }
 
 impl Cell {
-    /// The place at `share` (0 to 1) of both sides.
+    /// The point at `share` (0 to 1) of both sides.
     pub(super) fn at(&self, share: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|i| self.min_m[i] + share[i] * (self.max_m[i] - self.min_m[i]))
     }
@@ -20,7 +20,7 @@ impl Cell {
     }
 }
 
-/// The field in `count` cells, a power of two: halved again and again along its longer side.
+/// The field in `count` cells, a power of two: halved repeatedly along the longer side.
 pub(super) fn cells(field: &Field, count: usize) -> Vec<Cell> {
     let whole = Cell {
         min_m: [field.min_m[0], field.min_m[1]],

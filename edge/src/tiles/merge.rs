@@ -1,29 +1,31 @@
-//! The detections of overlapping windows of a picture, merged to one list.
+//! Merging of the detections of overlapping windows into one list.
 
 use crate::inference::{Detection, DetectorWindow};
 
-/// Overlap (intersection over union) from which two boxes are one person; YOLOX's own default.
+/// Overlap (intersection over union) from which two boxes are one person; YOLOX's default.
 const SAME_PERSON: f32 = 0.45;
 
-/// A box that ends this near to an edge of its window is cut by it, input pixels: boxes of detectors
-/// are as exact as that.
+/// Distance to an edge of its window within which a box counts as cut, input pixels: the accuracy
+/// of detectors' boxes.
 const AT_EDGE_INPUT_PX: f64 = 3.0;
 
-/// Two boxes are one person when at least [`INSIDE`] of the smaller one lies in the larger one, its area is at least
-/// [`ALIKE`] of the larger one's (a person farther away is smaller), and their upper edges are within [`AT_TOP`] of the
-/// larger one's height: head and trunk are a part of the person, one who sits in front is not.
+/// Two boxes are one person under three conditions. At least [`INSIDE`] of the smaller box is
+/// inside the larger one. Its area is at least [`ALIKE`] of the larger one's (a more distant person
+/// is smaller). Their upper edges differ by at most [`AT_TOP`] of the larger one's height: head and
+/// trunk belong to the person, a person who sits in front does not.
 const INSIDE: f32 = 0.8;
 const ALIKE: f32 = 1.0 / 3.0;
 const AT_TOP: f32 = 0.2;
 
-/// Share of a cut box that lies in a whole one from which it is a part of that person.
+/// Share of a cut box inside a complete one from which it is a part of that person.
 const PART_OF: f32 = 0.6;
 
-/// The detections of the windows of a picture of `picture_px` (width and height), as one list, highest score first.
+/// The detections of the windows of a picture of `picture_px` (width and height) as one list,
+/// highest score first.
 ///
-/// A box that is cut by the edge of its window is dropped where another window, as fine or finer, holds its place
-/// whole (whatever that window found there), and where it is a part of a box that another window holds whole. Of boxes
-/// that overlap, the one of highest score stays.
+/// A box cut by the edge of its window is dropped in two cases. Either another window of the same
+/// or finer scale contains its place completely, whatever it detected there. Or the box is a part
+/// of a complete box in another window. Of overlapping boxes the one with the highest score stays.
 pub fn merged(
     found: &[(DetectorWindow, Vec<Detection>)],
     input_px: [u32; 2],
@@ -58,7 +60,7 @@ pub fn merged(
         }
         kept.push(*detection);
     }
-    // Stable, so that the same pictures give the same list.
+    // Stable, so that equal pictures give equal lists.
     kept.sort_by(|a, b| b.score.total_cmp(&a.score));
     thinned_out(kept)
 }
@@ -111,7 +113,7 @@ fn overlap(a: &Detection, b: &Detection) -> f32 {
     both / (area(size(a)) + area(size(b)) - both).max(f32::MIN_POSITIVE)
 }
 
-/// Share of `a` that lies in `b`.
+/// Share of `a` inside `b`.
 fn part(a: &Detection, b: &Detection) -> f32 {
     shared(a, b) / area(size(a)).max(f32::MIN_POSITIVE)
 }
@@ -160,7 +162,7 @@ mod tests {
         let right = window([300.0, 0.0], [500.0, 312.5]);
         let both = [(left, vec![cut]), (right, vec![all])];
         assert_eq!(merged(&both, INPUT_PX, PICTURE_PX), [all]);
-        // The other window holds the place and detects nobody there.
+        // The other window contains the place and detects no person there.
         let denied = [(left, vec![cut]), (right, vec![])];
         assert_eq!(merged(&denied, INPUT_PX, PICTURE_PX), []);
         // No other window is as fine there.

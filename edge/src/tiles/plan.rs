@@ -1,9 +1,9 @@
-//! Which parts of each camera's picture the detector runs on, and in which detection pass.
+//! The parts of each camera's picture on which the detector runs, by detection pass.
 //!
-//! Where a pass would need more tiles than it may have, they are spread over several passes. For that the field is cut
-//! into cells, not the pictures: all edges cover the same cell of the field at the same ticks, because a track is only
-//! initiated from two viewpoints at one tick. Every edge computes the same plan for all cameras of the venue, so
-//! nothing has to be agreed on.
+//! If a pass would need too many tiles, they are spread over several passes. For that the field is
+//! divided into cells, not the pictures: a track starts only from two viewpoints at one tick, so
+//! all edges must cover the same cell at the same ticks. Every edge computes the same plan for all
+//! cameras of the venue, so edges need not communicate.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::venue::Field;
@@ -13,23 +13,22 @@ use super::cells::{Cell, cells};
 use super::standing::{Standing, StandingAt, on_floor, under_picture};
 use crate::inference::{DetectorInput, DetectorWindow};
 
-/// Finest scale of a tile, input pixels per pixel of the picture: beyond it enlarging adds no detail.
+/// Finest scale of a tile, input pixels per pixel of the picture; enlarging adds no detail.
 pub(super) const FINEST_SCALE: f64 = 1.0;
 
-/// How much finer a scale is than the one before: a person is 48 to 96 pixels tall in the first that
-/// shows them well enough.
+/// Ratio of successive scales: a person is 48 to 96 pixels tall in the first scale that is fine
+/// enough.
 const SCALE_STEP: f64 = 2.0;
-/// People are planned for as smaller than computed by this factor: only a grid of places is tried, and people stand
-/// between them.
+/// Factor on the computed size of people, because only a grid of places is evaluated.
 const SLACK: f64 = 0.9;
-/// And their boxes as larger by this factor, for the same reason.
+/// Factor on their boxes for the same reason.
 const LARGER: f64 = 1.04;
-/// Cells of the field at most. Where a cell still needs more tiles than a pass may have, it gets them.
+/// Most cells of the field. A cell that still needs more tiles than a pass allows gets them.
 const MOST_CELLS: usize = 256;
-/// Tiles of one camera in one pass at most, as many as `births.tiles_per_look` may ask for.
+/// Most tiles of one camera in one pass: the maximum of `births.tiles_per_look`.
 const MOST_TILES: usize = 256;
-/// Least side of a detector's input for tiles to be of use, pixels: people are up to 96 pixels tall in the first scale
-/// that is fine enough, and with their surroundings do not fit into less.
+/// Least side of a detector's input for tiles, pixels. People are up to 96 pixels tall in the first
+/// scale that is fine enough, and with their surroundings do not fit smaller inputs.
 const LEAST_INPUT_PX: u32 = 128;
 
 /// The windows of the pictures of one camera.
@@ -42,7 +41,7 @@ pub struct TilePlan {
 }
 
 impl TilePlan {
-    /// The windows of detection pass number `pass`: each pass covers the next cell.
+    /// The windows of detection pass `pass`: each pass covers the next cell.
     pub fn windows(&self, pass: i64) -> impl Iterator<Item = DetectorWindow> + '_ {
         let turn = i64::try_from(self.cells.len().max(1)).unwrap_or(i64::MAX);
         let cell = pass.rem_euclid(turn) as usize;
@@ -50,21 +49,22 @@ impl TilePlan {
         std::iter::once(self.whole).chain(tiles.copied())
     }
 
-    /// Windows of the pass that has most of them.
+    /// The number of windows in the largest pass.
     pub(super) fn most_windows(&self) -> usize {
         1 + self.cells.iter().map(Vec::len).max().unwrap_or(0)
     }
 }
 
-/// Plans for `cameras`, in their order: a person of 1.7 m standing anywhere in the `field` is whole in some window in
-/// which they are at least [`TALL_ENOUGH_PX`] tall, or which has the picture's full resolution, as far as the picture
-/// itself holds them whole. Seen from above, a person counts as at least a quarter of that height: the breadth of the
-/// shoulders.
+/// Plans the windows of `cameras`, in their order. A person of 1.7 m standing anywhere in the
+/// `field` is complete in a window that shows the person at least [`TALL_ENOUGH_PX`] tall or has
+/// the picture's full resolution. This holds as far as the picture contains the person. Seen from
+/// above, a person counts as at least a quarter of that height: the width of the shoulders.
 ///
-/// With 0 `tiles_per_pass`, or an input of less than 128 pixels a side, there are no tiles, only the whole pictures.
-/// Else the field is cut into as few cells (a power of two, at most 256) as leave each camera at most `tiles_per_pass`
-/// tiles a pass. All plans have the same number of cells. Where a 256th of the field would still need more than 256
-/// tiles of a camera, it gets the 256 coarsest, and people far away may be missed.
+/// With 0 `tiles_per_pass`, or an input with a side below 128 pixels, there are only the whole
+/// pictures. Otherwise the field is divided into the fewest cells (a power of two, at most 256)
+/// with at most `tiles_per_pass` tiles per camera and pass. All plans have the same number of
+/// cells. If a 256th of the field still needs more than 256 tiles of a camera, it gets the 256
+/// coarsest, and distant people may be missed.
 ///
 /// Cost: some milliseconds per camera and doubling of the cells.
 pub fn plan(
@@ -124,7 +124,8 @@ fn plan_in_cells(
     }
 }
 
-/// The tiles for `people`, scale by scale, the coarsest first; no further scale beyond [`MOST_TILES`].
+/// The tiles for `people`, scale by scale, the coarsest first; no further scale after
+/// [`MOST_TILES`].
 fn tiles_for(
     people: &[Standing],
     picture_px: [u32; 2],
@@ -152,8 +153,8 @@ fn tiles_for(
     tiles
 }
 
-/// Windows of `size_px` over all of `people`, overlapping by the largest of them; without those that
-/// hold nobody, and one more than [`MOST_TILES`] at most.
+/// Windows of `size_px` over all `people`, overlapping by the largest person. Empty windows are
+/// left out; there is at most one more than [`MOST_TILES`].
 fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<DetectorWindow> {
     let picture = picture_px.map(f64::from);
     let longest = |p: &&Standing| {
@@ -162,7 +163,7 @@ fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<De
     };
     let overlap_px = LARGER * people.iter().map(longest).fold(0.0, f64::max);
     let cut = |p: &&Standing| -> [f64; 4] {
-        // A neighbour between two that were tried.
+        // A person between two evaluated places.
         let more = 0.5 * overlap_px;
         let [l, t, r, b] = p.around_px;
         [
@@ -207,16 +208,16 @@ fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<De
         .collect()
 }
 
-/// Where windows of `size` start to cover `from..to` of a picture of `picture` pixels, each over the
-/// last by at least `overlap`.
+/// Starts of windows of `size` that cover `from..to` in a picture of `picture` pixels, with an
+/// overlap of at least `overlap`.
 fn starts([from, to]: [f64; 2], size: f64, overlap: f64, picture: f64) -> Vec<f64> {
     let length = to - from;
-    // Inside the picture, as far as it is large enough.
+    // Inside the picture if it is large enough.
     let inside = |start: f64| start.min(picture - size).max(0.0);
     if length <= size {
         return vec![inside((from + to - size) / 2.0)];
     }
-    // A window that hardly moves on still moves on by a quarter.
+    // A window moves by at least a quarter.
     let step = (size - overlap).max(size / 4.0);
     let count = ((length - size) / step).ceil() as usize + 1;
     let even = (length - size) / (count - 1).max(1) as f64;

@@ -1,35 +1,36 @@
-//! How large people are in a picture, for standing persons at sample places of the floor.
+//! Sizes of people in a picture: standing persons at sample places of the floor.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Distorted, Pixel, Point, World};
 
 use super::cells::Cell;
 
-/// Stature of the person that tiles are planned for, metres.
+/// Height of the person for whom tiles are planned, metres.
 const STATURE_M: f64 = 1.7;
 
-/// Places that are tried along each side of the field and of the picture.
+/// Sample places along each side of the field and of the picture.
 const STEPS: usize = 64;
-/// Feet are sampled as far below a picture's lower edge as this share of its height: the heads of these people are
-/// still in the picture.
+/// Feet are sampled down to this share of a picture's height below its lower edge, because the
+/// heads of these people are still in the picture.
 const BELOW: f64 = 0.6;
-/// Half the width of a person's box, statures: arms held out, or a long stride.
+/// Half the width of a person's box, body heights: raised arms or a long stride.
 const HALF_WIDTH: f64 = 0.3;
-/// Above the head and below the feet, statures: a raised hand, a lens that bends.
+/// Margin above the head and below the feet, body heights: a raised hand, a bending lens.
 const OVER: f64 = 0.08;
-/// Breadth of the shoulders, statures: what is left of a person's height for a camera above them.
+/// Width of the shoulders, body heights: the size of a person for a camera above.
 const SHOULDERS: f64 = 0.25;
 
-/// A person standing somewhere in the field, as a camera sees them.
+/// A person standing in the field, as seen by a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Standing {
-    /// Left, top, right and bottom, pixels from the picture's outer corner; not cut by its edges.
+    /// Left, top, right and bottom, pixels from the picture's outer corner; not cut at its edges.
     pub(super) around_px: [f64; 4],
-    /// From the feet to the crown, or from shoulder to shoulder where that is longer, pixels.
+    /// Length from feet to crown, or between the shoulders if longer, pixels.
     pub(super) long_px: f64,
 }
 
-/// A person at `feet_m` (world, metres) as `camera` sees them; `None` when no part is in its picture.
+/// A person at `feet_m` (world, metres) as seen by `camera`; `None` if completely outside the
+/// picture.
 pub(super) fn standing(camera: &CameraModel, feet_m: [f64; 3]) -> Option<Standing> {
     let drawn = |[x, y, z]: [f64; 3]| -> Option<Pixel<Distorted>> {
         let p_w = Point::<World>::new([x, y, z].into());
@@ -38,11 +39,11 @@ pub(super) fn standing(camera: &CameraModel, feet_m: [f64; 3]) -> Option<Standin
     let [x, y, z] = feet_m;
     let (feet, crown) = (drawn(feet_m)?, drawn([x, y, z + STATURE_M])?);
     let upright_px = (feet.vector_px() - crown.vector_px()).norm();
-    // As tall as they would be for a camera at their own height.
+    // The height for a camera at the person's own height.
     let full_px = upright_px.max(STATURE_M * pixels_per_metre(camera, feet_m)?);
     let long_px = upright_px.max(SHOULDERS * full_px);
     let beside = HALF_WIDTH * full_px;
-    // From above, arms reach beyond head and feet.
+    // From above, arms extend beyond head and feet.
     let lying = 1.0 - (feet.y() - crown.y()).abs() / full_px;
     let over = (OVER + (HALF_WIDTH - OVER) * lying) * full_px;
     let around_px = [
@@ -56,8 +57,8 @@ pub(super) fn standing(camera: &CameraModel, feet_m: [f64; 3]) -> Option<Standin
     (l < width && r > 0.0 && t < height && b > 0.0).then_some(Standing { around_px, long_px })
 }
 
-/// Pixels of `camera` per metre across its line of sight, at the nearer of feet and crown; `None` behind
-/// the camera. A fisheye draws by angles, so that distance counts there, not depth.
+/// Pixels of `camera` per metre across its line of sight, at the nearer of feet and crown; `None`
+/// behind the camera. A fisheye projects angles, so the distance counts there instead of the depth.
 fn pixels_per_metre(camera: &CameraModel, [x, y, z]: [f64; 3]) -> Option<f64> {
     let is_fisheye = camera.lens().is_fisheye();
     let depth_m = |z: f64| {
@@ -70,11 +71,11 @@ fn pixels_per_metre(camera: &CameraModel, [x, y, z]: [f64; 3]) -> Option<f64> {
     (nearest_m > 0.0).then(|| k.fx_px.min(k.fy_px) / nearest_m)
 }
 
-/// Where a person stands (world x and y, metres), and their outline in the picture.
+/// The place of a person (world x and y, metres), and its outline in the picture.
 pub(super) type StandingAt = ([f64; 2], Standing);
 
-/// People on a grid of a cell of the field, as `camera` draws them; fine enough, with `cells` cells in
-/// the field, that neighbours far away differ little.
+/// People on a grid over a cell of the field, as seen by `camera`. With `cells` cells in the field,
+/// the grid is so fine that distant neighbours differ little.
 pub(super) fn on_floor(
     camera: &CameraModel,
     cell: &Cell,
@@ -89,8 +90,8 @@ pub(super) fn on_floor(
     })
 }
 
-/// People whose feet are under the points of a grid of the picture, so that neighbours near the
-/// camera differ little.
+/// People whose feet are at the points of a grid over the picture, so that near neighbours differ
+/// little.
 pub(super) fn under_picture(camera: &CameraModel, floor_m: f64) -> Vec<StandingAt> {
     let share = |i: usize| i as f64 / (STEPS - 1) as f64;
     let [width, height] = camera.size_px().map(f64::from);

@@ -1,4 +1,4 @@
-//! What must hold of every plan, whatever the camera and the field.
+//! Properties of every plan, for any camera and field.
 
 use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
 use farfield_proto::frames::Transform;
@@ -16,10 +16,10 @@ const INPUT: DetectorInput = DetectorInput {
     size_px: [416, 256],
     letterbox: Letterbox::TopLeft,
 };
-/// Of the heights that a plan promises: pixels are counted in `f64`.
+/// Tolerance for the promised heights: pixels are computed in `f64`.
 const ROUNDING_PX: f64 = 1e-6;
 
-/// A camera at `eye_m` that looks at `at_m` (world, metres), level.
+/// A level camera at `eye_m` that looks at `at_m` (world, metres).
 fn camera(eye_m: [f64; 3], at_m: [f64; 3], focal_px: f64, k1: f64) -> CameraModel {
     camera_of(eye_m, at_m, focal_px, k1, [1920, 1200])
 }
@@ -34,7 +34,7 @@ fn camera_of(
 ) -> CameraModel {
     let (eye, at) = (Vector3::from(eye_m), Vector3::from(at_m));
     let forward = (at - eye).normalize();
-    // Straight down, the picture's upper edge is north.
+    // If the camera looks straight down, the picture's upper edge is north.
     let up = if forward.z < -0.999 {
         Vector3::y()
     } else {
@@ -58,7 +58,8 @@ fn camera_of(
     CameraModel::new("c", size_px, intrinsics, lens, Transform::new(motion)).unwrap()
 }
 
-/// The strongest barrel that is drawn, -k1: 0.1, or what a picture's corner bears, since a lens that folds inside its picture is none.
+/// The strongest valid barrel distortion, -k1: 0.1, or the limit at the picture's corner, because a
+/// lens must not fold inside its picture.
 ///
 /// ```text
 ///   r (1 + k1 r^2) is largest at r^2 = -1 / (3 k1), where it is 2 r / 3:   -k1 < 4 / (27 c^2),   c: the corner
@@ -84,7 +85,7 @@ fn field(half_m: [f64; 2]) -> Field {
     }
 }
 
-/// Somebody whom the picture has whole, and a window of `windows` that shows them well enough.
+/// Whether one of `windows` shows a person, complete in the picture, large enough.
 fn is_served(windows: &[DetectorWindow], around_px: [f64; 4], long_px: f64) -> bool {
     windows.iter().any(|window| {
         let scale = window.scale(INPUT.size_px);
@@ -158,7 +159,7 @@ fn far_people_are_detected_in_tiles_where_they_are() {
         ends.clone()
             .all(|[right, bottom]| right <= 1920.0 + 1e-9 && bottom <= 1200.0 + 1e-9)
     );
-    // Nobody is far away in the lower part of the picture.
+    // No person in the lower part of the picture is far away.
     let lowest = tiles.iter().filter(|w| w.scale(INPUT.size_px) > 0.9);
     assert!(lowest.clone().count() > 0);
     assert!(lowest.clone().all(|w| w.min_px[1] < 800.0));
@@ -201,7 +202,7 @@ fn an_input_too_small_for_a_person_gets_no_tiles() {
 
 #[test]
 fn no_pass_has_more_than_256_tiles() {
-    // 8K pictures of people all over them, as small as tiles are made for, in few of the cells.
+    // 8K pictures full of people as small as tiles are made for, in few of the cells.
     let camera = camera_of(
         [0.0, -200.0, 60.0],
         [0.0, 0.0, 0.0],
@@ -222,10 +223,10 @@ fn no_pass_has_more_than_256_tiles() {
 #[test]
 fn under_a_ceiling_camera_shoulders_are_what_counts() {
     let over = |focal_px| camera([0.0, 0.0, 6.0], [0.0, 0.0, 0.0], focal_px, 0.0);
-    // Under a long lens shoulders alone are as large as somebody upright has to be.
+    // Under a long lens the shoulders alone are as large as an upright person must be.
     let near = plan(&[&over(2700.0)], &field([1.5, 1.0]), INPUT, 8);
     assert_eq!(near[0].most_windows(), 1);
-    // Under a wide one they are not, but nobody there is so small as to need the full size.
+    // Under a wide lens they are not, but no person is so small that full resolution is needed.
     let wide = plan(&[&over(1200.0)], &field([4.0, 3.0]), INPUT, 64);
     let finest = wide[0].cells[0].iter().map(|w| w.scale(INPUT.size_px));
     assert!(finest.fold(0.0, f64::max) < 0.7);

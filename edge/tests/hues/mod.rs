@@ -1,4 +1,5 @@
-//! What the networks of `testdata/` must give, computed without a network; see `make_networks.py`.
+//! Expected results of the networks in `testdata/`, computed without a network; see
+//! `make_networks.py`.
 
 use std::path::PathBuf;
 
@@ -12,7 +13,7 @@ use image::{Rgb, RgbImage};
 const WIDTH: usize = 96;
 const HEIGHT: usize = 128;
 const MAPS: usize = 17;
-/// Both backends sum 64 values of f32 in their own order.
+/// Both backends sum 64 values of f32 in different orders.
 const TOLERANCE: f32 = 1e-5;
 
 /// A file of `testdata/`.
@@ -29,7 +30,7 @@ pub(crate) fn hue(keypoint: usize) -> [f32; 3] {
     [ramp(0.0), ramp(4.0), ramp(2.0)]
 }
 
-/// Inputs with blobs of some hues, each another.
+/// Inputs with blobs of different hues.
 fn inputs(n: usize) -> Vec<InputTensor> {
     let blob = |i: usize| {
         let mut values = vec![0.2; 3 * WIDTH * HEIGHT];
@@ -72,7 +73,7 @@ fn reference(input: &InputTensor) -> Vec<f32> {
     maps
 }
 
-/// Loads the network and holds it to the reference, one by one and in a batch.
+/// Loads the network and compares it with the reference, single and in a batch.
 pub(crate) fn check_against_reference() {
     let mut network = OnnxKeypointNetwork::load(&testdata("hues17_128x96.toml"))
         .expect("the network fits its card");
@@ -110,7 +111,8 @@ pub(crate) fn check_against_reference() {
     assert!(network.infer(&[]).expect("an empty batch runs").is_empty());
 }
 
-/// A picture of 640 x 480 with one person that `chroma_160.onnx` finds at (200, 120) to (280, 360).
+/// A picture of 640 x 480 with one person that `chroma_160.onnx` detects at (200, 120) to (280,
+/// 360).
 fn picture() -> RgbImage {
     RgbImage::from_fn(640, 480, |x, y| {
         let is_person = (200..280).contains(&x) && (120..360).contains(&y);
@@ -118,7 +120,8 @@ fn picture() -> RgbImage {
     })
 }
 
-/// Loads the detector, whose `labels` are 64-bit integers, and shows it one person and none.
+/// Loads the detector, whose `labels` are 64-bit integers, and runs it with one person and with
+/// none.
 pub(crate) fn check_detector() {
     let mut detector =
         OnnxDetector::load(&testdata("chroma_160.toml")).expect("the detector fits its card");
@@ -141,7 +144,7 @@ pub(crate) fn check_detector() {
     );
 }
 
-/// The same detector and picture, but persons are of a class that it never gives: labels are read.
+/// The same detector and picture, but the card's person class never occurs: labels are read.
 pub(crate) fn check_labels() {
     let folder = tempfile::tempdir().expect("a folder can be made");
     let card = std::fs::read_to_string(testdata("chroma_160.toml")).expect("the card is committed");

@@ -13,10 +13,10 @@ use serde::Deserialize;
 
 /// Longest venue file, calibration or card that is fetched, bytes.
 const MAX_TEXT_BYTES: u64 = 16 << 20;
-/// Longest network that is fetched, bytes: ONNX files are no longer.
+/// Longest network that is fetched, bytes; ONNX files are not longer.
 const MAX_NETWORK_BYTES: u64 = 2 << 30;
 
-/// The order in which files are fetched: what names others before the others.
+/// The order of fetching: files that name others come first.
 pub(super) fn order(kind: FileKind) -> u8 {
     match kind {
         FileKind::Venue => 0,
@@ -33,7 +33,7 @@ pub(super) fn names_others(kind: FileKind) -> bool {
     )
 }
 
-/// What of a venue file is needed to know which files belong to it.
+/// The fields of a venue file that name other files.
 #[derive(Debug, Deserialize)]
 struct VenueExcerpt {
     calibration: String,
@@ -53,7 +53,7 @@ struct SecurityExcerpt {
 pub(super) struct VenueFileNames {
     /// The folder of the venue file.
     folder: PathBuf,
-    /// Paths from there, by what they are.
+    /// Paths relative to the folder, by kind.
     named: BTreeMap<FileKind, PathBuf>,
     /// Folders of keys.
     keys: Vec<PathBuf>,

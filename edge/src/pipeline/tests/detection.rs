@@ -1,4 +1,4 @@
-//! The detection passes of an edge: on which cameras, and what is said of them.
+//! The detection passes of an edge: their cameras and their messages.
 
 use super::*;
 
@@ -71,7 +71,8 @@ fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
     assert_eq!(all.collect::<Vec<_>>(), output.patch_sets);
 }
 
-/// The sightings of `at` in a picture whose disc is there, of a person detected `ticks` before at `detected_at`.
+/// The sightings of the box at `at` in a picture with the disc there, of a person detected `ticks`
+/// before at `detected_at`.
 fn sighted_after(detected_at: f32, ticks: i64, at: f64, boxes: &BoxSet) -> Vec<Sighting> {
     let mut edge = pipeline(&[PICTURES]);
     let detections = [CameraDetections {
@@ -100,7 +101,7 @@ fn a_detected_person_is_cropped_where_its_box_has_moved() {
     let mut with_box = box_at(0, [400.0, 240.0], 0.0);
     with_box.rate.center_px = [5.0, 0.0];
     let boxes = boxes(&[0], vec![vec![with_box]]);
-    // 20 ticks before, the person was 100 px to the left of where the disc and the box are now.
+    // 20 ticks before, the person was 100 px to the left of the current position of disc and box.
     let sightings = sighted_after(300.0, 20, 400.0, &boxes);
     let peak = sightings[0].keypoints[0].expect("the disc is in the crop");
     assert!((peak.position_px[0] - 400.0).abs() < 3.0, "{peak:?}");
