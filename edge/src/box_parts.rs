@@ -140,7 +140,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn who_stands_in_a_message_that_is_missing_is_moved_on_from_the_set_before() {
+    fn persons_of_a_missing_message_are_moved_from_the_previous_set() {
         let before = message(10, [0, 1], &[1, 2, 3]);
         let mut whole = message(12, [0, 2], &[1, 2]);
         let parts = BoxParts::begin(&mut whole, Some(&before));
@@ -152,7 +152,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn who_stands_in_none_of_the_messages_has_left() {
+    fn a_person_in_no_message_has_left() {
         let before = message(10, [0, 1], &[1, 2, 9]);
         let mut whole = message(11, [1, 2], &[2]);
         let mut parts = BoxParts::begin(&mut whole, Some(&before));
@@ -162,7 +162,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_message_that_comes_twice_or_has_another_count_changes_nothing() {
+    fn duplicates_and_messages_with_another_count_are_ignored() {
         let mut whole = message(11, [0, 2], &[1]);
         let mut parts = BoxParts::begin(&mut whole, None);
         assert!(!parts.add(&mut whole, &message(11, [0, 2], &[7])));
@@ -172,7 +172,7 @@ pub(crate) mod tests {
 
     proptest! {
         #[test]
-        fn whatever_the_order_a_whole_set_has_its_persons_and_no_others(
+        fn a_complete_set_has_its_persons_in_any_order_of_messages(
             mut order in Just((0u16..5).collect::<Vec<_>>()).prop_shuffle(),
             before in prop::collection::btree_set(0u32..20, 0..12),
         ) {

@@ -69,7 +69,7 @@ impl CameraCandidate<'_> {
     /// The share inside the image has the largest weight, because nothing replaces the outside.
     /// Then come resolution (root of the box's area, pixels) and the distance of eq. (5), relative
     /// to the image so that wide and tele lenses compare. The weights are our own.
-    fn worth(&self) -> Option<f64> {
+    fn score(&self) -> Option<f64> {
         let inside = self.inside();
         if inside < MIN_INSIDE {
             return None;
@@ -112,14 +112,14 @@ pub fn choose(
 pub fn choose_camera(views: &[CameraCandidate<'_>], last: Option<usize>) -> Option<usize> {
     let mut best: Option<(usize, f64)> = None;
     for (i, view) in views.iter().enumerate() {
-        let Some(worth) = view.worth() else { continue };
-        let worth = if last == Some(i) {
-            worth * HYSTERESIS
+        let Some(score) = view.score() else { continue };
+        let score = if last == Some(i) {
+            score * HYSTERESIS
         } else {
-            worth
+            score
         };
-        if best.is_none_or(|(_, b)| worth > b) {
-            best = Some((i, worth));
+        if best.is_none_or(|(_, b)| score > b) {
+            best = Some((i, score));
         }
     }
     best.map(|(i, _)| i)
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_half_outside_counts_only_where_nothing_better_is_there() {
+    fn a_box_half_outside_is_chosen_only_without_a_better_one() {
         let model = pinhole("a", [640, 480]);
         let cut = CameraCandidate {
             model: &model,
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tele_lens_wins_although_its_torso_is_more_pixels_from_the_centre() {
+    fn a_tele_lens_wins_despite_a_larger_distance_in_pixels() {
         let model = pinhole("a", [1920, 1200]);
         let wide = CameraCandidate {
             model: &model,

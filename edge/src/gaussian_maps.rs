@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_candidate_just_outside_still_reaches_in_and_a_far_one_does_not() {
+    fn only_candidates_near_the_grid_reach_into_it() {
         let camera = pinhole("a", [640, 480]);
         let left_of_grid = grid().pixel(-2.0, 30.0);
         let near = KeypointCandidate {

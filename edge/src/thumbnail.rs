@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thumbnail_shows_the_undistorted_image_where_boxes_and_poses_are_drawn() {
+    fn a_thumbnail_shows_the_undistorted_image() {
         let size = [1280, 720];
         for camera in [pinhole("a", size), bent("a", size)] {
             let seen = Pixel::new(1000.0, 200.0);
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn fewer_bytes_give_a_smaller_picture_and_too_few_none() {
+    fn fewer_bytes_give_a_smaller_thumbnail_or_none() {
         let size = [1920, 1080];
         let (camera, image) = (pinhole("a", size), picture(size, [900, 500]));
         let mut maker = ThumbnailMaker::default();
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_or_upright_picture_is_not_made_larger() {
+    fn a_small_or_upright_picture_is_not_enlarged() {
         for (size, expected) in [([64, 48], (64, 48)), ([720, 1280], (180, 320))] {
             let (camera, image) = (pinhole("a", size), picture(size, [30, 20]));
             let file = ThumbnailMaker::default().make(&image, &camera, MAX_THUMBNAIL_BYTES);

@@ -7,7 +7,7 @@ mod hues;
 use farfield_edge::network::{BackendChoice, InferenceBackend};
 
 #[test]
-fn tract_agrees_with_the_reference_and_says_what_it_costs() {
+fn tract_agrees_with_the_reference_and_reports_its_cost() {
     let backend = InferenceBackend::start(BackendChoice::Tract).unwrap();
     assert!(backend.is_tract());
     let line = backend.describe();

@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_lies_where_the_card_says() {
+    fn cells_are_placed_by_the_card() {
         let b = BoundingBox {
             center_px: [300.0, 200.0],
             size_px: [192.0, 256.0],

@@ -90,7 +90,7 @@ impl Region {
 
 /// The stored type of a mean.
 pub(super) trait Mean {
-    fn of(sum: u32, weight: MeanWeight) -> Self;
+    fn from_sum(sum: u32, weight: MeanWeight) -> Self;
 }
 
 /// The reciprocal of a count.
@@ -102,7 +102,7 @@ pub(super) struct MeanWeight {
 }
 
 impl MeanWeight {
-    fn of(count: usize) -> Self {
+    fn new(count: usize) -> Self {
         Self {
             exact: 1.0 / count as f32,
             fixed: (1 << 32) / count as u64,
@@ -111,14 +111,14 @@ impl MeanWeight {
 }
 
 impl Mean for f32 {
-    fn of(sum: u32, weight: MeanWeight) -> Self {
+    fn from_sum(sum: u32, weight: MeanWeight) -> Self {
         sum as f32 * weight.exact
     }
 }
 
 /// Rounded to the nearest integer.
 impl Mean for u8 {
-    fn of(sum: u32, weight: MeanWeight) -> Self {
+    fn from_sum(sum: u32, weight: MeanWeight) -> Self {
         ((u64::from(sum) * weight.fixed + (1 << 31)) >> 32) as u8
     }
 }
@@ -162,7 +162,7 @@ impl<T: Mean> Reducer<T> {
         for block in 0..height {
             let first = block * factor;
             let rows = factor.min(region_height - first);
-            let whole = MeanWeight::of(rows * factor);
+            let whole = MeanWeight::new(rows * factor);
             self.sums.clear();
             self.sums.resize(N * region_width, 0);
             for y in 0..rows {
@@ -182,10 +182,10 @@ impl<T: Mean> Reducer<T> {
                 let weight = if columns.len() == N * factor {
                     whole
                 } else {
-                    MeanWeight::of(rows * columns.len() / N)
+                    MeanWeight::new(rows * columns.len() / N)
                 };
                 for sum in sums {
-                    self.means.push(T::of(sum, weight));
+                    self.means.push(T::from_sum(sum, weight));
                 }
             }
         }
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_of_colour_lies_around_the_pixels_that_share_a_value() {
+    fn a_chroma_sample_is_centred_among_its_pixels() {
         let texels = [0; 50 * 25];
         let half = Plane::<1> {
             spacing_px: [2; 2],

@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crop_is_the_same_of_a_video_as_of_its_colours() {
+    fn a_crop_of_a_video_equals_that_of_its_rgb_picture() {
         // An odd size, and smooth colours, because videos have no sharper ones.
         let image = RgbImage::from_fn(251, 253, |x, y| {
             image::Rgb([x as u8, y as u8, 255 - u32::midpoint(x, y) as u8])
@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crop_that_shrinks_is_antialiased() {
+    fn a_reduced_crop_is_antialiased() {
         // The finest chequers: every pixel differs from its neighbours. Reduced, they are grey.
         let image = RgbImage::from_fn(1000, 1000, |x, y| {
             image::Rgb([if (x + y) % 2 == 0 { 255 } else { 0 }; 3])
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_outside_the_image_is_unknown() {
+    fn pixels_outside_the_image_are_unknown() {
         let image = RgbImage::from_pixel(100, 100, image::Rgb([200; 3]));
         let b = BoundingBox {
             center_px: [0.0, 50.0],

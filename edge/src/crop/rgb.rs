@@ -55,20 +55,20 @@ impl RgbSampler {
 impl SampledRgb<'_> {
     /// Calls `emit` with the position and the colour of each pixel; outside the picture the colour
     /// of the edge is used.
-    pub(super) fn row(&self, stretches: &[Stretch], told: impl FnMut([f64; 2], [f32; 3])) {
+    pub(super) fn row(&self, stretches: &[Stretch], emit: impl FnMut([f64; 2], [f32; 3])) {
         match self {
             Self::Bytes(raster, None) => {
-                sample_row(raster, stretches, |x, y| bilinear(raster, x, y), told);
+                sample_row(raster, stretches, |x, y| bilinear(raster, x, y), emit);
             }
             Self::Means(raster, None) => {
-                sample_row(raster, stretches, |x, y| bilinear(raster, x, y), told);
+                sample_row(raster, stretches, |x, y| bilinear(raster, x, y), emit);
             }
             Self::Bytes(raster, Some(taps)) => {
                 sample_row(
                     raster,
                     stretches,
                     |x, y| four_taps(raster, taps, x, y),
-                    told,
+                    emit,
                 );
             }
             Self::Means(raster, Some(taps)) => {
@@ -76,7 +76,7 @@ impl SampledRgb<'_> {
                     raster,
                     stretches,
                     |x, y| four_taps(raster, taps, x, y),
-                    told,
+                    emit,
                 );
             }
         }
@@ -88,7 +88,7 @@ fn sample_row<T>(
     raster: &Raster<'_, T>,
     stretches: &[Stretch],
     sample: impl Fn(f32, f32) -> [f32; 3],
-    mut told: impl FnMut([f64; 2], [f32; 3]),
+    mut emit: impl FnMut([f64; 2], [f32; 3]),
 ) {
     let [per_px, _] = raster.texel_px.map(|px| 1.0 / px);
     let [left, top] = raster.origin_px;
@@ -97,7 +97,7 @@ fn sample_row<T>(
             (at[0] - left) as f32 * per_px,
             (at[1] - top) as f32 * per_px,
         );
-        told(at, sample(x, y));
+        emit(at, sample(x, y));
     }
 }
 

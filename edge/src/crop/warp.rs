@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bounds_of_a_crop_at_the_rim_of_a_fisheye_hold_all_that_is_drawn_of_it() {
+    fn crop_bounds_at_the_rim_of_a_fisheye_contain_all_drawn_pixels() {
         let camera = fisheye("a", [1920, 1200]);
         let b = BoundingBox {
             center_px: [1950.0, 600.0],

@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_at_the_pictures_own_edge_is_held_whole() {
+    fn a_box_at_the_edge_of_the_picture_is_inside() {
         let window = DetectorWindow {
             min_px: [0.0, 100.0],
             size_px: [400.0, 300.0],

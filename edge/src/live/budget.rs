@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn without_a_bound_all_fits_and_is_counted() {
+    fn without_a_bound_everything_fits_and_is_counted() {
         let mut budget = ByteBudget::new(0.0);
         assert!(budget.take(1 << 30, 0) && budget.take(1 << 30, 0));
         assert_eq!(budget.sent(0), 1 << 31);
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_sent_is_forgotten_after_the_window() {
+    fn sent_bytes_expire_after_the_window() {
         let mut budget = ByteBudget::new(1000.0);
         assert!(budget.take(1000, 5));
         assert!(!budget.take(1, SECOND_US));

@@ -168,8 +168,8 @@ impl FramePlacer {
         } else if let (Some(stamp_us), Some(unix_us)) = (frame.stamp_us, frame.captured_unix_us)
             && self.delivery.explains(stamp_us)
         {
-            let said_us = unix_us.saturating_sub(clock.correction_us().into());
-            self.measured_us = Some(quickest_us.saturating_sub(said_us));
+            let camera_us = unix_us.saturating_sub(clock.correction_us().into());
+            self.measured_us = Some(quickest_us.saturating_sub(camera_us));
         }
         let delay_us = self.usable_delay_us();
         if before_us.is_some() != delay_us.is_some() {
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn the_drivers_stamp_takes_the_jitter_of_delivery_away() {
+    fn driver_stamps_remove_the_jitter_of_delivery() {
         let mut placer = FramePlacer::new(TickFrom::Clock, Some(0));
         let mut offsets = Vec::new();
         for n in 0..50 {
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_camera_says_of_its_captures_counts_unless_its_clock_is_another() {
+    fn reported_capture_times_count_unless_the_camera_clock_is_foreign() {
         let captured = |delay_us: Micros| {
             let mut placer = FramePlacer::new(TickFrom::Clock, None);
             let frame = Arrived {
@@ -262,13 +262,13 @@ mod tests {
         };
         assert_eq!(captured(140_000), (Tick(58), MeasuredDelay::Delay(140_000)));
         for foreign_us in [-40_000, 3_600_000_000] {
-            let said = MeasuredDelay::ForeignClock(foreign_us);
-            assert_eq!(captured(foreign_us), (Tick(65), said));
+            let delay = MeasuredDelay::ForeignClock(foreign_us);
+            assert_eq!(captured(foreign_us), (Tick(65), delay));
         }
     }
 
     #[test]
-    fn a_trigger_counts_on_where_the_clock_would_waver() {
+    fn a_trigger_count_is_stable_between_two_ticks() {
         let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         // Captured half a period off the ticks: by the clock it could be either tick.
         for n in 0..20 {
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_lost_with_and_without_being_counted_leave_holes() {
+    fn counted_and_uncounted_lost_frames_leave_gaps() {
         let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         let mut tick = |number, now_us| {
             placer
@@ -295,19 +295,19 @@ mod tests {
     }
 
     #[test]
-    fn a_trigger_that_drifts_away_is_refused_with_the_numbers() {
+    fn a_drifting_trigger_is_refused_with_the_numbers() {
         let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         // One percent too slow.
         let refused = (0..2000).find_map(|n| {
             let frame = arrived(n, None, 1_000_000 + n * 20_200);
             placer.place(frame, &clock()).err()
         });
-        let said = refused.unwrap().to_string();
-        assert!(said.contains("100 ms"), "{said}");
+        let error = refused.unwrap().to_string();
+        assert!(error.contains("100 ms"), "{error}");
     }
 
     #[test]
-    fn a_trigger_is_counted_from_the_right_clock_once_that_is_known() {
+    fn a_trigger_is_counted_from_the_corrected_clock() {
         // Symptom to prevent: the first frame was placed before the clock was corrected, and all
         // others counted from it. They were off by the clock's error until the edge ended.
         let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trigger_that_has_drifted_away_starts_anew_by_the_clock() {
+    fn a_drifted_trigger_restarts_from_the_clock() {
         let mut placer = FramePlacer::new(TickFrom::Count, Some(0));
         let place = |n: i64| placer.place(arrived(n, None, 1_000_000 + n * 20_200), &clock());
         let refused = (0..2000).map(place).filter(Result::is_err).count();

@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_is_reported_for_seconds_and_a_lasting_one_ends_the_edge() {
+    fn a_failure_is_reported_and_a_lasting_one_ends_the_edge() {
         let mut failures = Failures::default();
         assert_eq!(failures.recent(0), None);
         assert!(!fail(&mut failures, 0));
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_works_in_between_goes_on() {
+    fn a_success_between_failures_keeps_the_edge_running() {
         let mut failures = Failures::default();
         for second in 0..60 {
             assert!(!fail(&mut failures, second));

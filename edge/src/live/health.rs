@@ -30,7 +30,7 @@ pub struct PictureSample {
 
 /// Samples evenly spread bytes of a picture. Hash: FNV-1a, 64 bits.
 pub fn sample_picture(picture: &Picture) -> PictureSample {
-    let (bytes, [offset, gain]) = picture.telling_bytes();
+    let (bytes, [offset, gain]) = picture.sample_bytes();
     // Odd and not a multiple of 3, so that all colours, and other columns in each row, are sampled.
     let mut stride = (bytes.len() / SAMPLES) | 1;
     if stride.is_multiple_of(3) {
@@ -177,13 +177,13 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_with_somebody_who_moves_works() {
+    fn a_camera_with_a_moving_person_works() {
         let (watch, now) = watched(90, |n| picture(30, 5 + n as u32));
         assert_eq!(watch.health(now), CameraHealth::Works);
     }
 
     #[test]
-    fn fake_a_camera_that_freezes_is_frozen_and_works_with_the_next_new_picture() {
+    fn fake_a_frozen_camera_works_again_with_the_next_new_picture() {
         let (mut watch, now) = watched(90, |n| picture(30, 5 + n.min(40) as u32));
         assert_eq!(watch.health(now), CameraHealth::Frozen);
         watch.saw(Some(sample_picture(&picture(30, 200))), 0, now);
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn black_of_a_video_is_black_though_it_is_stored_as_16() {
+    fn video_black_stored_as_16_is_black() {
         let mean = |value: u8, coding: ColourCoding| {
             let bytes = vec![value; 64 * 48].into();
             let picture = YuvPicture::new([64, 48], YuvLayout::Grey, coding, bytes);
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn fake_a_camera_that_gives_nothing_is_silent() {
+    fn fake_a_camera_without_frames_is_silent() {
         let (watch, now) = watched(10, |n| picture(30, 5 + n as u32));
         assert_eq!(watch.health(now + 2 * PERIOD), CameraHealth::Works);
         assert_eq!(watch.health(now + 3 * PERIOD), CameraHealth::Silent);
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn fake_a_camera_that_fails_again_and_again_is_opened_less_and_less_often() {
+    fn fake_a_camera_that_fails_repeatedly_is_opened_less_often() {
         let mut watch = CameraWatch::new(PERIOD);
         let waits: Vec<Micros> = (0..7).map(|_| watch.failed() / SECOND_US).collect();
         assert_eq!(waits, [1, 2, 4, 8, 16, 30, 30]);

@@ -69,7 +69,7 @@ pub struct NewestBoxes {
 
 impl NewestBoxes {
     /// Adds a box set that arrived at `now_us`. Sets without data for a live edge are stale.
-    pub fn hear(&mut self, mut boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
+    pub fn receive(&mut self, mut boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
         let Some(sequence) = boxes.live.map(|live| live.sequence) else {
             return BoxSetArrival::Stale;
         };
@@ -274,30 +274,30 @@ mod tests {
     }
 
     #[test]
-    fn boxes_of_a_session_that_is_over_do_not_come_back() {
+    fn boxes_of_an_ended_session_are_stale() {
         let mut newest = NewestBoxes::default();
-        assert_eq!(newest.hear(boxes(1, 50), 0), BoxSetArrival::NewSession);
+        assert_eq!(newest.receive(boxes(1, 50), 0), BoxSetArrival::NewSession);
         let later_us = TAKEOVER_US + 1;
         assert_eq!(
-            newest.hear(boxes(2, 3), later_us),
+            newest.receive(boxes(2, 3), later_us),
             BoxSetArrival::NewSession
         );
         assert_eq!(
-            newest.hear(boxes(1, 51), later_us + 1),
+            newest.receive(boxes(1, 51), later_us + 1),
             BoxSetArrival::Stale
         );
         assert_eq!(newest.session(), Some(SessionId(2)));
     }
 
     #[test]
-    fn a_foreign_session_is_not_believed_while_fusion_speaks() {
+    fn a_foreign_session_is_ignored_while_fusion_sends() {
         // Symptom to prevent: after one forged set the real session counted as over forever.
         let mut newest = NewestBoxes::default();
         for sequence in 0..100 {
             let now_us = i64::from(sequence) * SECOND_US / 10;
-            newest.hear(boxes(1, sequence), now_us);
+            newest.receive(boxes(1, sequence), now_us);
             let forged = boxes(2 + u64::from(sequence), 1 << 20);
-            assert_eq!(newest.hear(forged, now_us + 1), BoxSetArrival::Foreign);
+            assert_eq!(newest.receive(forged, now_us + 1), BoxSetArrival::Foreign);
         }
         assert_eq!(newest.session(), Some(SessionId(1)));
         assert_eq!(newest.at(10 * SECOND_US).unwrap().tick, Tick(199));
@@ -308,57 +308,57 @@ mod tests {
     fn back_after_us(newest: &mut NewestBoxes, from: u32, since_us: Micros) -> Micros {
         let back = (from..from + 100).find_map(|sequence| {
             let us = i64::from(sequence - from) * SECOND_US / 10;
-            let arrival = newest.hear(boxes(1, sequence), since_us + us);
+            let arrival = newest.receive(boxes(1, sequence), since_us + us);
             matches!(arrival, BoxSetArrival::Newer | BoxSetArrival::NewSession).then_some(us)
         });
         back.unwrap()
     }
 
     #[test]
-    fn a_foreign_session_that_was_believed_in_an_outage_does_not_last() {
+    fn a_foreign_session_accepted_in_an_outage_does_not_last() {
         let mut newest = NewestBoxes::default();
-        newest.hear(boxes(1, 7), 0);
+        newest.receive(boxes(1, 7), 0);
         assert_eq!(
-            newest.hear(boxes(2, 0), SECOND_US),
+            newest.receive(boxes(2, 0), SECOND_US),
             BoxSetArrival::NewSession
         );
         assert!(back_after_us(&mut newest, 8, SECOND_US) <= 3 * SECOND_US / 2);
         assert_eq!(newest.session(), Some(SessionId(1)));
         // The forged session is over now.
         assert_eq!(
-            newest.hear(boxes(2, 1), 3 * SECOND_US),
+            newest.receive(boxes(2, 1), 3 * SECOND_US),
             BoxSetArrival::Stale
         );
     }
 
     #[test]
-    fn a_number_far_ahead_does_not_shut_fusion_out() {
+    fn a_number_far_ahead_does_not_block_fusion() {
         // Symptom to prevent: after one forged set half of all sequence numbers were stale.
         let mut newest = NewestBoxes::default();
-        newest.hear(boxes(1, 7), 0);
+        newest.receive(boxes(1, 7), 0);
         assert_eq!(
-            newest.hear(boxes(1, 7 + (1 << 30)), 1),
+            newest.receive(boxes(1, 7 + (1 << 30)), 1),
             BoxSetArrival::Newer
         );
         assert!(back_after_us(&mut newest, 8, 2) <= 3 * SECOND_US / 2);
         assert_eq!(newest.echo(0).map(|echo| echo.sequence < 100), Some(true));
         let next = newest.echo(0).unwrap().sequence + 1;
-        assert_eq!(newest.hear(boxes(1, next), 9), BoxSetArrival::Newer);
+        assert_eq!(newest.receive(boxes(1, next), 9), BoxSetArrival::Newer);
     }
 
     #[test]
     fn a_duplicate_after_an_outage_is_still_stale() {
         let mut newest = NewestBoxes::default();
-        newest.hear(boxes(1, 7), 0);
+        newest.receive(boxes(1, 7), 0);
         for _ in 0..10 {
-            assert_eq!(newest.hear(boxes(1, 6), 2 * LIFE_US), BoxSetArrival::Stale);
+            assert_eq!(newest.receive(boxes(1, 6), 2 * LIFE_US), BoxSetArrival::Stale);
         }
     }
 
     #[test]
-    fn old_boxes_die_but_the_session_is_kept() {
+    fn old_boxes_expire_but_the_session_is_kept() {
         let mut newest = NewestBoxes::default();
-        newest.hear(boxes(1, 0), 0);
+        newest.receive(boxes(1, 0), 0);
         assert!(newest.at(LIFE_US).is_some());
         assert!(newest.at(LIFE_US + 1).is_none());
         assert_eq!(newest.session(), Some(SessionId(1)));
@@ -372,10 +372,10 @@ mod tests {
     }
 
     #[test]
-    fn a_look_waits_for_its_tick_whatever_comes_after_it() {
+    fn a_detection_request_waits_for_its_tick() {
         let mut newest = NewestBoxes::default();
         for sequence in 0..20 {
-            newest.hear(boxes(1, sequence), 0);
+            newest.receive(boxes(1, sequence), 0);
         }
         assert_eq!(newest.take_detection_request(Tick(106)), []);
         assert_eq!(newest.take_detection_request(Tick(107)), [CameraIndex(1)]);
@@ -385,22 +385,22 @@ mod tests {
     }
 
     #[test]
-    fn a_set_in_parts_is_used_from_its_first_message_on() {
+    fn a_split_set_is_used_from_its_first_message() {
         let mut newest = NewestBoxes::default();
-        newest.hear(message(1, [0, 1], &[1, 2]), 0);
+        newest.receive(message(1, [0, 1], &[1, 2]), 0);
         assert_eq!(
-            newest.hear(message(2, [0, 2], &[1]), 1),
+            newest.receive(message(2, [0, 2], &[1]), 1),
             BoxSetArrival::Newer
         );
         let persons = |newest: &NewestBoxes| newest.at(2).map(|boxes| boxes.persons.len());
         assert_eq!(persons(&newest), Some(2));
         assert_eq!(
-            newest.hear(message(2, [1, 2], &[3, 4]), 2),
+            newest.receive(message(2, [1, 2], &[3, 4]), 2),
             BoxSetArrival::Part
         );
         assert_eq!(persons(&newest), Some(3));
         assert_eq!(
-            newest.hear(message(2, [1, 2], &[3, 4]), 3),
+            newest.receive(message(2, [1, 2], &[3, 4]), 3),
             BoxSetArrival::Stale
         );
         assert_eq!(
@@ -419,7 +419,7 @@ mod tests {
             order.extend(again);
             let mut most = None;
             for sequence in order {
-                let arrival = newest.hear(boxes(1, sequence), 0);
+                let arrival = newest.receive(boxes(1, sequence), 0);
                 prop_assert_eq!(arrival == BoxSetArrival::Stale, most.is_some_and(|m| sequence <= m));
                 most = most.max(Some(sequence));
                 prop_assert_eq!(newest.echo(0).map(|echo| echo.sequence), most);

@@ -160,7 +160,7 @@ impl OwnBoxes {
     }
 
     /// The same, with those of `boxes` for people that are not followed.
-    pub fn beside(&self, tick: Tick, boxes: &BoxSet) -> Option<BoxSet> {
+    pub fn merged_with(&self, tick: Tick, boxes: &BoxSet) -> Option<BoxSet> {
         let mut set = self.at(tick, boxes)?;
         let is_followed = |id| self.followed.keys().any(|(person, _)| *person == id);
         let others = boxes.persons.iter().filter(|it| !is_followed(it.person));
@@ -440,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn a_person_who_turns_back_is_followed_for_seconds_by_what_the_maps_show() {
+    fn a_person_who_turns_back_is_followed_by_its_maps() {
         // Without turning, fusion's box would be 900 pixels off at the end.
         let place_px = |tick: i64| {
             let t = tick as f32 / 60.0;
@@ -465,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn own_boxes_lead_a_little_longer_than_fusion_is_silent() {
+    fn own_boxes_lead_slightly_longer_than_fusion_is_silent() {
         let mut own = OwnBoxes::default();
         let mut lead = |silent_ms: Micros, now_ms: Micros| {
             own.lead(1_000 * silent_ms, 5_000_000, 1_000 * now_ms)
@@ -480,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_not_followed_is_where_fusion_has_it() {
+    fn a_person_not_followed_keeps_the_box_of_fusion() {
         let first = boxes(0, vec![camera_box([500.0, 400.0])]);
         let mut own = OwnBoxes::default();
         own.see(&first, &[patches(0, &first, [500.0, 400.0], 1.0)], RATE_HZ);
@@ -489,7 +489,7 @@ mod tests {
         let mut other = next.persons[0].clone();
         other.person = PersonId(3);
         next.persons.push(other);
-        let both = own.beside(Tick(12), &next).unwrap();
+        let both = own.merged_with(Tick(12), &next).unwrap();
         assert_eq!(both.session, SessionId(2));
         let at = |i: usize| both.persons[i].cameras[0].bounding_box.center_px[0];
         assert_eq!([both.persons[0].person.0, both.persons[1].person.0], [3, 7]);
@@ -498,7 +498,7 @@ mod tests {
     }
 
     #[test]
-    fn who_passes_behind_another_goes_on_and_is_found_on_the_other_side() {
+    fn a_person_who_passes_behind_another_is_found_again() {
         // One person stands, another runs past behind, and both boxes show the one in front.
         let standing = [500.0, 400.0];
         let running = |tick: i64| [380.0 + 6.0 * tick as f32, 402.0];
@@ -531,15 +531,15 @@ mod tests {
     }
 
     #[test]
-    fn who_is_not_seen_is_let_go_after_half_a_second() {
+    fn an_unseen_person_is_dropped_after_half_a_second() {
         let first = boxes(0, vec![camera_box([500.0, 400.0])]);
         let mut own = OwnBoxes::default();
         assert_eq!(own.at(Tick(1), &first), None);
         own.see(&first, &[patches(0, &first, [500.0, 400.0], 1.0)], RATE_HZ);
-        let nobody = |tick| patches(tick, &first, [9_000.0, 400.0], 1.0);
-        own.see(&first, &[nobody(30)], RATE_HZ);
+        let elsewhere = |tick| patches(tick, &first, [9_000.0, 400.0], 1.0);
+        own.see(&first, &[elsewhere(30)], RATE_HZ);
         assert!(own.at(Tick(31), &first).is_some());
-        own.see(&first, &[nobody(31)], RATE_HZ);
+        own.see(&first, &[elsewhere(31)], RATE_HZ);
         assert_eq!(own.at(Tick(32), &first), None);
         own.see(&first, &[patches(40, &first, [500.0, 400.0], 1.0)], RATE_HZ);
         own.clear();

@@ -12,14 +12,14 @@ const LASTS_US: Micros = 3 * SECOND_US / 2;
 #[derive(Debug, Clone, Default)]
 pub struct RepeatedRefusal {
     since_us: Option<Micros>,
-    said: u32,
+    count: u32,
 }
 
 impl RepeatedRefusal {
     /// Records a refusal at `now_us`.
     pub fn note_refusal(&mut self, now_us: Micros) {
         self.since_us.get_or_insert(now_us);
-        self.said = self.said.saturating_add(1);
+        self.count = self.count.saturating_add(1);
     }
 
     /// Records an acceptance, which cancels earlier refusals.
@@ -30,7 +30,7 @@ impl RepeatedRefusal {
     /// Whether the refusal was repeated often and long enough.
     pub fn is_confirmed(&self, now_us: Micros) -> bool {
         let lasts = self.since_us.is_some_and(|at| now_us - at >= LASTS_US);
-        lasts && self.said >= ENOUGH
+        lasts && self.count >= ENOUGH
     }
 }
 

@@ -75,26 +75,26 @@ mod tests {
     }
 
     #[test]
-    fn everybody_goes_when_there_is_room() {
+    fn all_persons_are_sent_if_there_is_room() {
         assert_eq!(at(3, 9.0, 7), ids(3).collect::<Vec<_>>());
         assert_eq!(at(0, 1.0, 7), []);
     }
 
     #[test]
-    fn no_more_go_than_there_is_room_for_on_average() {
+    fn on_average_the_number_of_persons_stays_within_the_room() {
         for tick in 0..8 {
             assert_eq!(at(8, 2.0, tick).len(), 2);
         }
     }
 
     #[test]
-    fn room_for_two_persons_and_three_quarters_is_used_up() {
+    fn room_for_two_and_three_quarter_persons_is_used_fully() {
         let sent: usize = (0..4096).map(|tick| at(8, 2.75, tick).len()).sum();
         assert_eq!(sent, 4096 * 11 / 4);
     }
 
     #[test]
-    fn nobody_is_always_the_one_who_goes_less() {
+    fn the_persons_sent_less_often_take_turns() {
         let mut turns = [0; 8];
         for tick in 0..TURN_TICKS * 100 {
             for person in at(8, 3.0, tick) {
@@ -107,7 +107,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn everybody_goes_in_a_round_and_on_average_no_more_than_there_is_room_for(
+        fn each_person_is_sent_once_per_round_within_the_room(
             n in 1u32..20, most in 1.0f64..20.0, start in -1000i64..1000,
         ) {
             let round = i64::from(((f64::from(n) / most).ceil() as u32).next_power_of_two());
@@ -120,7 +120,7 @@ mod tests {
         }
 
         #[test]
-        fn who_goes_at_a_thin_link_goes_at_a_wider_one_too(
+        fn persons_sent_on_a_thin_link_are_sent_on_a_wider_one(
             n in 1u32..20, thin in 1.0f64..20.0, more in 0.0f64..20.0, tick in 0i64..1000,
         ) {
             let wide = at(n, thin + more, tick);

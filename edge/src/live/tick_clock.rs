@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_large_correction_is_a_step_and_a_small_one_takes_its_time() {
+    fn a_large_correction_is_a_step_and_a_small_one_is_slewed() {
         let mut clock = TickClock::new(60.0);
         assert!(clock.set(&live(0, 500_000), 0));
         assert_eq!(clock.correction_us(), 500_000);
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_correction_outlives_the_fusion_that_has_told_it() {
+    fn a_correction_outlives_the_fusion_that_sent_it() {
         // Symptom to prevent: a restarted fusion sent a correction of 0 until it had measured one,
         // and a correct clock was stepped away.
         let mut clock = TickClock::new(60.0);
@@ -214,7 +214,7 @@ mod tests {
         }
 
         #[test]
-        fn however_it_is_called_a_slew_has_one_speed(steps in prop::collection::vec(1i64..3000, 1..200)) {
+        fn the_slew_rate_does_not_depend_on_the_calls(steps in prop::collection::vec(1i64..3000, 1..200)) {
             let mut clock = TickClock::new(60.0);
             clock.set(&live(0, 0), 0);
             clock.set(&live(0, 10_000), 0);

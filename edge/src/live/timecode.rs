@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_timecode_is_refused() {
+    fn invalid_timecodes_are_refused() {
         for text in [
             "",
             "1:2:3:4",
@@ -205,11 +205,11 @@ mod tests {
             Timecode::parse("00:00:00:00", 37.0),
             Err(TimecodeError::Rate { .. })
         ));
-        let said = Timecode::parse("00:00:00;00", 25.0)
+        let error = Timecode::parse("00:00:00;00", 25.0)
             .unwrap_err()
             .to_string();
         assert_eq!(
-            said,
+            error,
             "at 25.000 frames per second there is no drop-frame timecode"
         );
     }
@@ -227,7 +227,7 @@ mod tests {
         }
 
         #[test]
-        fn no_text_brings_it_down(text in ".{0,16}", hz in 0.0f64..200.0) {
+        fn no_text_panics(text in ".{0,16}", hz in 0.0f64..200.0) {
             drop(Timecode::parse(&text, hz));
         }
     }

@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_variable_that_names_no_library_is_an_error_that_names_it() {
+    fn a_variable_without_a_library_is_an_error_with_its_path() {
         let problem = refusal("/nowhere/libonnxruntime.so".into());
         assert!(
             problem.contains("$ORT_DYLIB_PATH") && problem.contains("/nowhere/libonnxruntime.so")

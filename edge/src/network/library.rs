@@ -14,7 +14,7 @@ pub(super) struct Places {
     /// `$ORT_DYLIB_PATH`, if set and not empty.
     pub(super) variable: Option<PathBuf>,
     /// Folder of the running binary.
-    pub(super) beside_binary: Option<PathBuf>,
+    pub(super) binary_folder: Option<PathBuf>,
     /// The system's library folders.
     pub(super) system: Vec<PathBuf>,
     /// The user's home, for Python packages.
@@ -39,7 +39,7 @@ impl Places {
         let exe = std::env::current_exe().ok();
         Self {
             variable: set(VARIABLE).map(PathBuf::from),
-            beside_binary: exe.and_then(|exe| exe.parent().map(Path::to_path_buf)),
+            binary_folder: exe.and_then(|exe| exe.parent().map(Path::to_path_buf)),
             system,
             home: set("HOME").map(PathBuf::from),
         }
@@ -47,7 +47,7 @@ impl Places {
 
     /// Libraries in the folder of the binary and in the system's folders, in that order.
     pub(super) fn installed(&self) -> Vec<PathBuf> {
-        self.beside_binary
+        self.binary_folder
             .iter()
             .chain(&self.system)
             .flat_map(|folder| libraries(folder))
@@ -167,17 +167,17 @@ mod tests {
     }
 
     #[test]
-    fn the_binary_comes_before_the_system_and_the_newest_version_before_older_ones() {
+    fn the_binary_folder_and_newer_versions_come_first() {
         let folder = tempfile::tempdir().unwrap();
-        let (beside, system) = (folder.path().join("bin"), folder.path().join("lib"));
-        let first = touch(&beside, "libonnxruntime.so");
+        let (binary, system) = (folder.path().join("bin"), folder.path().join("lib"));
+        let first = touch(&binary, "libonnxruntime.so");
         let third = touch(&system, "libonnxruntime.so.1.9.0");
         let second = touch(&system, "libonnxruntime.so.1.24.3");
         #[cfg(unix)]
         std::os::unix::fs::symlink(&second, system.join("libonnxruntime.so")).unwrap();
         let missing = folder.path().join("no");
         let places = Places {
-            beside_binary: Some(beside),
+            binary_folder: Some(binary),
             system: vec![missing, system],
             ..Places::default()
         };

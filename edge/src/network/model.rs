@@ -326,7 +326,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_download_left_in_the_place_of_a_network_is_named() {
+    fn remains_of_a_failed_download_are_named() {
         let named = |bytes: &[u8]| stand_in(bytes).unwrap_or_default();
         assert!(named(b"version https://git-lfs.github.com/spec/v1\n").contains("git lfs pull"));
         assert!(named(b"\n<!DOCTYPE html><html>").contains("web page"));

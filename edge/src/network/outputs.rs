@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_come_as_floats_and_other_outputs_not_at_all() {
+    fn labels_become_floats_and_other_outputs_are_removed() {
         let model = chroma();
         assert_eq!(output_names(&model), ["dets", "labels"]);
         let less = reduced(&model, "dets").unwrap();
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_such_output_is_left_as_it_is() {
+    fn a_model_without_labels_is_unchanged() {
         assert_eq!(reduced(&chroma(), "boxes"), None);
         assert_eq!(reduced(b"", "dets"), None);
         assert_eq!(reduced(b"not a network\n", "dets"), None);

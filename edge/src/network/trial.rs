@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_process_that_dies_hangs_or_refuses_is_the_reason() {
+    fn a_trial_that_dies_hangs_or_refuses_is_reported() {
         assert_eq!(tried(&format!("echo '{ANSWER}'")), Ok(()));
         let written = format!("echo hello; printf 'and {ANSWER}'; kill -SEGV $$");
         assert_eq!(

@@ -48,7 +48,7 @@ fn reason(text: &str) -> Option<&'static str> {
     let expired = "fusion's certificate has run out";
     let not_yet = "fusion's certificate is not valid yet: is this machine's clock right?";
     let hung_up = "fusion answered and hung up: it does not take this edge's certificate";
-    let nobody_answers = "nobody answers there";
+    let no_answer = "nobody answers there";
     // The first match decides.
     let reasons = [
         // Rejections by the other side, about this edge's certificate. The entries below would
@@ -65,9 +65,9 @@ fn reason(text: &str) -> Option<&'static str> {
         ("UnknownIssuer", other_venue),
         ("BadSignature", other_venue),
         ("refused", "nobody listens there"),
-        ("imed out", nobody_answers),
-        ("elapsed", nobody_answers),
-        ("imeout", nobody_answers),
+        ("imed out", no_answer),
+        ("elapsed", no_answer),
+        ("imeout", no_answer),
         ("lost", hung_up),
         ("losed", hung_up),
     ];
@@ -80,20 +80,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_fusion_did_not_like_is_not_taken_for_what_this_edge_did_not_like() {
+    fn rejections_by_fusion_concern_the_certificate_of_this_edge() {
         // QUIC reports either text for the same rejection, depending on when the answer arrives.
         for text in [
             "Cannot initialize QUIC streams 127.0.0.1: aborted by peer: the cryptographic handshake failed: error 48: invalid peer certificate: UnknownIssuer",
             "Read error on QUIC link 127.0.0.1:4 => 127.0.0.1:5: connection lost",
             "Can not create a new TLS link bound to \"127.0.0.1\": received fatal alert: CertificateExpired",
         ] {
-            let told = reason(text).unwrap();
-            assert!(told.contains("this edge's certificate"), "{text}: {told}");
+            let message = reason(text).unwrap();
+            assert!(message.contains("this edge's certificate"), "{text}: {message}");
         }
     }
 
     #[test]
-    fn what_this_edge_did_not_like_is_told_of_fusion() {
+    fn rejections_by_this_edge_concern_the_certificate_of_fusion() {
         let text = "Can not create a new QUIC link bound to 127.0.0.1: the cryptographic handshake failed: error 48: invalid peer certificate: UnknownIssuer";
         assert!(reason(text).unwrap().contains("another venue"));
         assert_eq!(reason("something else"), None);

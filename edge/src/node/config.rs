@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_no_venue_and_no_viewpoint_can_have_are_refused() {
+    fn invalid_names_of_venues_and_viewpoints_are_refused() {
         // Symptom to prevent: an edge with such a name waited forever.
         let args = read("north-east_1.a", "hall-3").unwrap();
         assert_eq!(args.viewpoint, "north-east_1.a");

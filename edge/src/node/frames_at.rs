@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_without_a_frame_is_a_gap_and_later_frames_wait_for_theirs() {
+    fn a_missing_frame_is_a_gap_and_later_frames_wait() {
         assert_eq!(
             ticks_found(&[1, 2, 5], &[1, 2, 3, 4, 5, 6]),
             [Some(1), Some(2), None, None, Some(5), None]

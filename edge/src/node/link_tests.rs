@@ -39,7 +39,7 @@ async fn next(ends: &mut EdgeEnds) -> EdgeIncoming {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
+async fn boxes_arrive_patches_leave_in_order_and_a_disconnection_is_reported() {
     let (fusion, endpoint) = router().await;
     let patches = fusion
         .declare_subscriber("link-test/patch/*")
@@ -68,7 +68,7 @@ async fn boxes_arrive_patches_leave_in_order_and_fusion_is_missed() {
             .unwrap();
         timeout(PATIENCE, ends.matched.changed())
             .await
-            .expect("nobody listens for patches")
+            .expect("there is no subscriber to patches")
             .unwrap();
     }
     ends.outgoing

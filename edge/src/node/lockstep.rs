@@ -52,7 +52,7 @@ fn is_live(incoming: &EdgeIncoming) -> bool {
     }
 }
 
-fn is_worth_a_word(unheard: u32) -> bool {
+fn is_reminder_due(unheard: u32) -> bool {
     unheard >= SILENT_CALLS && (unheard - SILENT_CALLS).is_multiple_of(REMIND_EVERY)
 }
 
@@ -151,7 +151,7 @@ impl LockStepEdge {
         }
         self.n_calls = self.n_calls.wrapping_add(1);
         self.unheard = self.unheard.saturating_add(1);
-        if self.ordered.is_none() && is_worth_a_word(self.unheard) {
+        if self.ordered.is_none() && is_reminder_due(self.unheard) {
             let name = &self.status.node;
             say(format_args!(
                 "{name}: {}",
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_before_the_run_is_counted_and_another_version_is_given_up_on() {
+    fn unreadable_messages_before_the_run_are_tolerated_up_to_a_limit() {
         // Symptom to prevent: one message ended every edge, also live ones, which wait here for
         // fusion.
         let newer = WireError::Version { got: 99 };
@@ -307,19 +307,19 @@ mod tests {
     }
 
     #[test]
-    fn a_fusion_that_says_nothing_is_told_of_with_what_to_look_for() {
+    fn a_silent_fusion_is_reported_with_a_remedy() {
         let keys = NodeHealth {
             certificate_ends_s: Some(7),
             ..NodeHealth::default()
         };
         assert!(silence("ne", &keys).contains("--renew ne"));
         assert!(silence("ne", &NodeHealth::default()).contains("`name`"));
-        let told: Vec<u32> = (0..300).filter(|&n| is_worth_a_word(n)).collect();
-        assert_eq!(told, [50, 150, 250]);
+        let reminders: Vec<u32> = (0..300).filter(|&n| is_reminder_due(n)).collect();
+        assert_eq!(reminders, [50, 150, 250]);
     }
 
     #[test]
-    fn a_long_failure_is_cut_and_still_read_by_fusion() {
+    fn a_long_failure_is_cut_and_readable_by_fusion() {
         let mut edge = LockStepEdge::new(status("here"));
         let error = NodeError::Failed(anyhow!("tick 7: {}", "\u{2026}".repeat(5000)));
         edge.leaves(Some(&error));

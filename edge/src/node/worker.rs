@@ -14,7 +14,7 @@ use farfield_proto::venue::VenueCamera;
 use farfield_proto::wire::{self, SpokenVersion};
 use tokio::sync::mpsc;
 
-use super::beyond_view::say_beyond_view;
+use super::beyond_view::report_beyond_view;
 use super::frames_at::FramesAt;
 use super::link::EdgeOutgoing;
 use super::parts::Parts;
@@ -209,6 +209,6 @@ fn run(
             break;
         }
     }
-    say_beyond_view(&work.parts.pipeline);
+    report_beyond_view(&work.parts.pipeline);
     work
 }

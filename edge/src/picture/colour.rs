@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn black_white_and_pure_colours_are_what_the_standards_say() {
+    fn black_white_and_pure_colours_match_the_standards() {
         for matrix in [
             ColourMatrix::Bt601,
             ColourMatrix::Bt709,
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn what_ffmpeg_calls_a_matrix_is_known() {
+    fn names_of_matrices_in_ffmpeg_are_known() {
         assert_eq!(ColourMatrix::parse("bt709"), ColourMatrix::Bt709);
         assert_eq!(ColourMatrix::parse("bt2020nc"), ColourMatrix::Bt2020);
         for other in ["smpte170m", "bt470bg", "unknown", ""] {

@@ -81,7 +81,7 @@ impl Picture {
 
     /// Bytes that distinguish two pictures of a source. With the returned offset and gain, (mean -
     /// offset) x gain is the brightness, 0 to 255.
-    pub fn telling_bytes(&self) -> (&[u8], [f64; 2]) {
+    pub fn sample_bytes(&self) -> (&[u8], [f64; 2]) {
         let (bytes, coding) = match self {
             Self::Rgb(image) => (&image.as_raw()[..], ColourCoding::FULL_RANGE),
             Self::Yuv(picture) => (picture.brightness(), picture.coding()),

@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_of_another_number_are_no_picture() {
+    fn a_wrong_number_of_bytes_is_no_picture() {
         let of = |n| {
             let (layout, coding) = (YuvLayout::Grey, ColourCoding::FULL_RANGE);
             YuvPicture::new([4, 2], layout, coding, vec![7; n].into())

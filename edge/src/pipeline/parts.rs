@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn sightings_of_a_crowd_fit_their_messages_in_every_version_that_is_written() {
+    fn sightings_of_a_crowd_fit_messages_of_every_written_version() {
         let person = |i: u16| {
             let peak = |k: u16| KeypointPeak {
                 position_px: [90.3 * f32::from(i), 500.7 + 11.3 * f32::from(k)],

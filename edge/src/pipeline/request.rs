@@ -1,4 +1,3 @@
-
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::message::BoxSet;
 use farfield_proto::message::live::PatchTiming;

@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_turned_inside_out_is_left_out() {
+    fn an_inverted_box_is_left_out() {
         let detection = Detection {
             min_px: [500.0, 300.0],
             max_px: [500.0, 300.0],
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn an_ordinary_lens_is_not_told_of_a_fisheyes_view() {
+    fn only_fisheye_lenses_report_a_limited_view() {
         // Keypoint files may contain positions outside the picture, for which no lens model holds.
         let barrel = Distortion {
             k1: -0.1,
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_fisheye_shows_beyond_sixty_degrees_is_left_out_and_counted() {
+    fn fisheye_content_beyond_60_degrees_is_left_out_and_counted() {
         // 180 degrees across: 60 off the axis are 213 pixels from the middle.
         let camera = fisheye("a", [640, 480]);
         let at = |x: f32| Detection {

@@ -203,7 +203,7 @@ fn assert_near(peak: Option<[f64; 2]>, x: f64, y: f64) {
 }
 
 #[test]
-fn what_the_network_sees_is_where_the_picture_has_it() {
+fn peaks_are_at_the_position_in_the_picture() {
     let mut edge = pipeline(&[PICTURES]);
     let output = step(
         &mut edge,
@@ -236,7 +236,7 @@ fn a_turned_box_gives_the_legs_an_upright_crop() {
 }
 
 #[test]
-fn without_time_for_second_crops_the_turned_one_serves_the_legs_too() {
+fn without_second_crops_the_tilted_crop_includes_the_legs() {
     let mut edge = pipeline(&[PICTURES]);
     let turned = boxes(&[], vec![vec![box_at(0, [320.0, 240.0], 0.785)]]);
     assert_eq!(EdgePipeline::count_second_crops(&turned.persons), 1);
@@ -400,7 +400,7 @@ impl KeypointNetwork for FakeFailingAccelerator {
 }
 
 #[test]
-fn fake_an_accelerator_that_fails_loses_no_tick_and_is_not_asked_again() {
+fn fake_a_failing_accelerator_loses_no_tick_and_is_replaced() {
     let (network, on_processor) = mirror();
     let (accelerated, on_device) = mirror();
     let mut edge =
@@ -457,7 +457,7 @@ impl MapPainter for OneCellPainter {
 }
 
 #[test]
-fn painted_maps_are_asked_for_the_box_at_the_frames_tick() {
+fn painted_maps_use_the_box_at_the_tick_of_the_frame() {
     let mut edge = EdgePipeline::new(&venue(&[PAINTED]), ViewpointIndex(0), None, None).unwrap();
     let mut camera_box = box_at(0, [280.0, 240.0], 1.2);
     camera_box.rate.center_px = [10.0, 0.0];
@@ -497,7 +497,7 @@ fn pictures_and_keypoints_may_be_mixed_in_one_viewpoint() {
 }
 
 #[test]
-fn what_does_not_belong_together_is_refused() {
+fn mismatched_inputs_are_refused() {
     let refused =
         |sources: &[&str]| EdgePipeline::new(&venue(sources), ViewpointIndex(0), None, None).err();
     assert!(

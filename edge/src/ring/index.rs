@@ -50,23 +50,23 @@ impl SegmentIndex {
         session: SessionId,
     ) -> impl Iterator<Item = (Tick, RecordLocation)> {
         let (mut at, mut sessions) = (SEGMENT_HEAD_BYTES as u64, self.sessions.iter().peekable());
-        let mut is_asked = false;
+        let mut is_wanted = false;
         let records = self.ticks.iter().zip(&self.lens).enumerate();
         records.filter_map(move |(number, (&tick, &len))| {
             if let Some((_, of)) = sessions.next_if(|(first, _)| *first == number) {
-                is_asked = *of == session;
+                is_wanted = *of == session;
             }
             let len = len as usize;
             let place = RecordLocation { segment, at, len };
             at += (RECORD_HEAD_BYTES + len) as u64;
-            is_asked.then_some((tick, place))
+            is_wanted.then_some((tick, place))
         })
     }
 }
 
 /// The records that answer a fill request.
 #[derive(Debug, PartialEq, Eq)]
-pub struct Found {
+pub struct FoundRecords {
     /// The records.
     pub places: Vec<RecordLocation>,
     /// The tick after the last one that they cover.
@@ -112,27 +112,27 @@ impl RingIndex {
     }
 
     /// The records of the requested ticks, by tick, and in order of storage within a tick.
-    fn asked(&self, request: &FillRequest) -> Vec<(Tick, RecordLocation)> {
+    fn requested(&self, request: &FillRequest) -> Vec<(Tick, RecordLocation)> {
         let mut segments: Vec<usize> = (0..self.segments.len()).collect();
         segments.sort_by_key(|&segment| self.segments[segment].begun);
         let records = segments
             .into_iter()
             .flat_map(|segment| self.segments[segment].of_session(segment, request.session));
         let ticks = request.from..request.to;
-        let mut asked: Vec<_> = records.filter(|(tick, _)| ticks.contains(tick)).collect();
-        asked.sort_by_key(|(tick, _)| *tick);
-        asked
+        let mut requested: Vec<_> = records.filter(|(tick, _)| ticks.contains(tick)).collect();
+        requested.sort_by_key(|(tick, _)| *tick);
+        requested
     }
 
     /// Complete ticks from the request's first, up to its `max_bytes`; at least one tick.
-    pub fn find(&self, request: &FillRequest) -> Found {
-        let mut found = Found {
+    pub fn find(&self, request: &FillRequest) -> FoundRecords {
+        let mut found = FoundRecords {
             places: Vec::new(),
             to: request.to,
         };
         let most = (request.max_bytes as usize).min(MAX_MESSAGE_BYTES - ANSWER_HEAD_BYTES);
         let (mut bytes, mut whole, mut of_tick) = (0, 0, None);
-        for (tick, place) in self.asked(request) {
+        for (tick, place) in self.requested(request) {
             if of_tick != Some(tick) {
                 whole = found.places.len();
             }
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_tick_comes_whatever_it_takes() {
+    fn the_first_tick_is_returned_at_any_size() {
         let index = index(&[(1, 5, 900), (1, 5, 900), (1, 6, 100)]);
         assert_eq!(ask(&index, 5, 9, 10), (vec![0, 1], 6));
     }
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_over_is_forgotten() {
+    fn overwritten_records_are_removed() {
         let mut index = index(&[(1, 5, 100), (1, 6, 100), (1, 5, 100)]);
         index.forget(0);
         assert_eq!(ask(&index, 0, 9, 1000), (vec![1], 9));

@@ -166,7 +166,7 @@ mod tests {
         }
 
         #[test]
-        fn no_bytes_bring_the_reader_down(bytes in any::<Vec<u8>>()) {
+        fn no_bytes_panic_the_reader(bytes in any::<Vec<u8>>()) {
             let (found, end) = records(&bytes);
             prop_assert!(end <= bytes.len() && found.len() <= bytes.len());
             drop((segment_number(&bytes), records(&[&segment_head(1), &bytes[..]].concat())));

@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_read_until_the_last_whole_one() {
+    fn pictures_are_read_up_to_the_last_complete_one() {
         let found = all(b"P6\n2 1\n255\nabcdefP6\n2 1\n255\nghijklP6\n2 1\n255\nmno");
         let rgb = |bytes: &[u8; 6]| {
             let image = RgbImage::from_raw(2, 1, bytes.to_vec());

@@ -152,7 +152,7 @@ pub enum SourceError {
         period_s: f64,
     },
     /// The file was cut: it announces more frames than it contains.
-    #[error("{at}: holds {found} frames, its header announces {announced}: the file was cut{said}")]
+    #[error("{at}: holds {found} frames, its header announces {announced}: the file was cut{tool_output}")]
     Cut {
         /// Which source.
         at: SourceOrigin,
@@ -161,10 +161,10 @@ pub enum SourceError {
         /// Frames that the container announces.
         announced: u64,
         /// Output of the reading program, with a leading separator; can be empty.
-        said: String,
+        tool_output: String,
     },
     /// The recording ended early, or a live source ended.
-    #[error("{at}: ended after {read} frames{}{said}", expected.map(|n| format!(", expected {n}")).unwrap_or_default())]
+    #[error("{at}: ended after {read} frames{}{tool_output}", expected.map(|n| format!(", expected {n}")).unwrap_or_default())]
     Ended {
         /// Which source.
         at: SourceOrigin,
@@ -173,10 +173,10 @@ pub enum SourceError {
         /// Expected number of frames; `None` for live sources.
         expected: Option<u64>,
         /// Output of the decoder, with a leading separator; can be empty.
-        said: String,
+        tool_output: String,
     },
     /// A live source is open but provides no pictures.
-    #[error("{at}: no picture for {silent_s} s after {read} frames{said}")]
+    #[error("{at}: no picture for {silent_s} s after {read} frames{tool_output}")]
     Silent {
         /// Which source.
         at: SourceOrigin,
@@ -185,7 +185,7 @@ pub enum SourceError {
         /// Frames read before.
         read: u64,
         /// Output of the decoder, with a leading separator; can be empty.
-        said: String,
+        tool_output: String,
     },
     /// The decoder returned more frames than the file lists.
     #[error("{at}: has more frames than the {expected} that its index lists")]
@@ -329,7 +329,7 @@ mod tests {
 
     #[test]
     fn pictures_on_their_side_are_recognised() {
-        let said = |found_px| {
+        let message = |found_px| {
             let at = SourceOrigin {
                 camera: "a".to_owned(),
                 place: "a.mp4".to_owned(),
@@ -342,8 +342,8 @@ mod tests {
             }
             .to_string()
         };
-        assert!(said([1080, 1920]).contains("turned on their side"));
-        assert!(said([1280, 720]).ends_with("of this camera is 1920x1080"));
+        assert!(message([1080, 1920]).contains("turned on their side"));
+        assert!(message([1280, 720]).ends_with("of this camera is 1920x1080"));
     }
 
     #[test]

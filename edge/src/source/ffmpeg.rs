@@ -199,7 +199,7 @@ impl Ffmpeg {
             .wait()
             .is_ok_and(|status| status.success());
         let messages = self.messages.take().and_then(|thread| thread.join().ok());
-        (success, said("ffmpeg", &messages.unwrap_or_default()))
+        (success, message_suffix("ffmpeg", &messages.unwrap_or_default()))
     }
 
     #[cfg(test)]
@@ -283,7 +283,7 @@ pub(super) fn collect_messages(stderr: impl Read + Send + 'static) -> JoinHandle
     collect(stderr, |line| Some(line.to_owned()))
 }
 
-/// The same for an ffmpeg that also writes frame times; of the other lines only errors are kept.
+/// The same for an ffmpeg that also writes frame times; of the other lines only errors are lines.
 fn collect_timed_messages(
     stderr: impl Read + Send + 'static,
     mut reader: FrameTimeReader,
@@ -305,13 +305,13 @@ fn collect(
     mut worth_keeping: impl FnMut(&str) -> Option<String> + Send + 'static,
 ) -> JoinHandle<String> {
     /// The last lines explain why a decoder failed.
-    const KEPT_LINES: usize = 3;
-    const KEPT_CHARS: usize = 400;
+    const MAX_LINES: usize = 3;
+    const MAX_CHARS: usize = 400;
     // Longer than any URL: a part of a secret is also secret.
     const LINE_BYTES: u64 = 1 << 16;
     std::thread::spawn(move || {
         let mut stderr = BufReader::new(stderr);
-        let mut kept = VecDeque::new();
+        let mut lines = VecDeque::new();
         let mut line = Vec::new();
         while stderr
             .by_ref()
@@ -321,20 +321,20 @@ fn collect(
         {
             let text = worth_keeping(String::from_utf8_lossy(&line).trim());
             line.clear();
-            if let Some(text) = text.filter(|text| !text.is_empty() && kept.back() != Some(text)) {
-                kept.push_back(text.chars().take(KEPT_CHARS).collect());
+            if let Some(text) = text.filter(|text| !text.is_empty() && lines.back() != Some(text)) {
+                lines.push_back(text.chars().take(MAX_CHARS).collect());
             }
-            if kept.len() > KEPT_LINES {
-                kept.pop_front();
+            if lines.len() > MAX_LINES {
+                lines.pop_front();
             }
         }
         // ffmpeg repeats URLs with passwords, and text from the camera.
-        one_line(&Vec::from(kept).join("; "))
+        one_line(&Vec::from(lines).join("; "))
     })
 }
 
 /// A program's messages as the end of an error message; empty without messages.
-pub(super) fn said(tool: &str, messages: &str) -> String {
+pub(super) fn message_suffix(tool: &str, messages: &str) -> String {
     if messages.is_empty() {
         return String::new();
     }
@@ -368,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn options_of_the_venue_win_over_what_is_usual() {
+    fn options_of_the_venue_override_the_defaults() {
         let options = [("hwaccel", "vaapi"), ("rtsp_transport", "udp")];
         let options = options.map(|(name, value)| (name.to_owned(), value.to_owned()));
         let found = live_input("rtsp://cam/1", &options.into());

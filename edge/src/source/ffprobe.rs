@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 use ffmpeg_sidecar::ffprobe::ffprobe_path;
 use serde::Deserialize;
 
-use super::ffmpeg::{collect_messages, file_input, has_filter, said, start_problem};
+use super::ffmpeg::{collect_messages, file_input, has_filter, message_suffix, start_problem};
 use super::video_format::{FieldOrder, HdrTransfer, VideoFormat};
 use super::{RecordingLabels, SourceError, SourceOrigin};
 use crate::picture::ColourMatrix;
@@ -47,7 +47,7 @@ pub(super) struct VideoStream {
     /// Storage format of the pictures.
     pub(super) format: VideoFormat,
     /// Messages of `ffprobe`, with a leading separator.
-    pub(super) said: String,
+    pub(super) tool_output: String,
 }
 
 /// Reads the whole container of `path`, without decoding.
@@ -113,7 +113,7 @@ pub(super) fn read_stream(path: &Path, at: &SourceOrigin) -> Result<VideoStream,
                 "ffprobe's answer is not what it should be: {problem}"
             ))
         })?
-        .into_stream(said("ffprobe", &messages))
+        .into_stream(message_suffix("ffprobe", &messages))
         .ok_or_else(|| unreadable("it has no video stream".to_owned()))
 }
 
@@ -170,7 +170,7 @@ struct Format {
 }
 
 impl Listing {
-    fn into_stream(self, said: String) -> Option<VideoStream> {
+    fn into_stream(self, tool_output: String) -> Option<VideoStream> {
         let stream = self.streams.into_iter().next()?;
         let size_px = [stream.width, stream.height];
         if size_px.contains(&0) {
@@ -229,7 +229,7 @@ impl Listing {
             },
             rate_hz,
             times_s: times_s(frames, unit_s, rate_hz).unwrap_or_default(),
-            said,
+            tool_output,
         })
     }
 }
@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rotated_phone_video_is_as_large_as_it_is_decoded() {
+    fn a_rotated_phone_video_has_its_decoded_size() {
         let size_px = |more: &str| stream(more).unwrap().size_px;
         assert_eq!(size_px(""), [96, 64]);
         let by_matrix = r#", "side_data_list": [{}, {"rotation": -90}]"#;
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_without_a_time_leaves_no_times() {
+    fn one_frame_without_a_time_removes_all_times() {
         let got = read(
             r#"{
                 "packets": [{"pts": 0, "flags": "K_"}, {"flags": "__"}],
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_that_is_none_is_told_from_the_times() {
+    fn a_missing_rate_is_computed_from_the_times() {
         // Matroska's form of a variable rate: milliseconds and no mean rate.
         let got = read(
             r#"{
@@ -368,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn the_timecode_of_the_stream_counts_before_that_of_the_container() {
+    fn the_timecode_of_the_stream_has_priority() {
         let timecode = |stream: &str, format: &str| {
             let json = format!(
                 r#"{{"streams": [{{"width": 96, "height": 64{stream}}}], "format": {{{format}}}}}"#

@@ -53,7 +53,7 @@ pub(super) struct FrameTimes {
     /// Consecutive pictures without a time.
     in_vain: u32,
     /// Whether the end of waiting was reported.
-    is_told: bool,
+    is_reported: bool,
 }
 
 /// The two connected ends.
@@ -71,7 +71,7 @@ pub(super) fn frame_times() -> (FrameTimeReader, FrameTimes) {
         next: None,
         matrix: ColourMatrix::default(),
         in_vain: 0,
-        is_told: false,
+        is_reported: false,
     };
     (reader, times)
 }
@@ -122,7 +122,7 @@ impl FrameTimeReader {
 
 impl FrameTimes {
     /// The time of a picture, microseconds; `None` if the stream has none.
-    pub(super) fn of(&mut self, number: u64) -> Option<i64> {
+    pub(super) fn for_picture(&mut self, number: u64) -> Option<i64> {
         loop {
             let Some(time) = self.next.take().or_else(|| self.wait()) else {
                 self.in_vain = self.in_vain.saturating_add(1);
@@ -147,8 +147,8 @@ impl FrameTimes {
 
     /// Whether pictures no longer wait for their times; `true` once.
     pub(super) fn gives_up(&mut self) -> bool {
-        let gives_up = self.in_vain >= MOST_IN_VAIN && !self.is_told;
-        self.is_told |= gives_up;
+        let gives_up = self.in_vain >= MOST_IN_VAIN && !self.is_reported;
+        self.is_reported |= gives_up;
         gives_up
     }
 
@@ -186,16 +186,16 @@ mod tests {
             assert!(reader.read(&format!("{mark} {line}")));
         }
         assert!(!reader.read("[rtsp @ 0x1] [error] method DESCRIBE failed: 404 Not Found"));
-        assert_eq!(times.of(0), Some(100_000));
-        assert_eq!(times.of(1), None);
-        assert_eq!(times.of(2), None, "its line was lost");
-        assert_eq!(times.of(3), Some(90_000_000_000));
+        assert_eq!(times.for_picture(0), Some(100_000));
+        assert_eq!(times.for_picture(1), None);
+        assert_eq!(times.for_picture(2), None, "its line was lost");
+        assert_eq!(times.for_picture(3), Some(90_000_000_000));
         drop(reader);
-        assert_eq!(times.of(4), None);
+        assert_eq!(times.for_picture(4), None);
     }
 
     #[test]
-    fn a_filter_that_begins_to_count_again_goes_on_with_the_pictures() {
+    fn a_restarted_filter_continues_the_count_of_pictures() {
         let (mut reader, mut times) = frame_times();
         let mut say = |line: &str| assert!(reader.read(&format!("[Parsed_showinfo_0] {line}")));
         say("config in time_base: 1/1000");
@@ -208,7 +208,7 @@ mod tests {
         say("n: 1 pts: 16");
         say("n: 2 pts: 20");
         say("n: 0 pts: 24");
-        let got: Vec<_> = (0..7).map(|number| times.of(number)).collect();
+        let got: Vec<_> = (0..7).map(|number| times.for_picture(number)).collect();
         let ms = |ms: i64| Some(1000 * ms);
         assert_eq!(
             got,
@@ -217,10 +217,10 @@ mod tests {
     }
 
     #[test]
-    fn times_that_do_not_come_are_waited_for_a_few_times_and_no_more() {
+    fn missing_times_are_waited_for_only_a_few_times() {
         let (mut reader, mut times) = frame_times();
         for number in 0..100 {
-            assert_eq!(times.of(number), None);
+            assert_eq!(times.for_picture(number), None);
             assert_eq!(times.gives_up(), number + 1 == u64::from(MOST_IN_VAIN));
         }
         // The number of failed waits is checked, not a clock.
@@ -232,13 +232,13 @@ mod tests {
         ] {
             reader.read(&format!("[Parsed_showinfo_0] {line}"));
         }
-        assert_eq!(times.of(100), Some(4_000));
+        assert_eq!(times.for_picture(100), Some(4_000));
         assert_eq!(times.in_vain, 0, "they come again, and are waited for");
-        assert!(!times.gives_up(), "it is said once");
+        assert!(!times.gives_up(), "it is reported once");
     }
 
     #[test]
-    fn lines_that_nobody_wrote_so_break_nothing() {
+    fn malformed_lines_are_ignored() {
         let (mut reader, mut times) = frame_times();
         for line in [
             "[Parsed_showinfo config in time_base: 1/0",
@@ -250,6 +250,6 @@ mod tests {
         ] {
             assert!(reader.read(line));
         }
-        assert_eq!([times.of(0), times.of(1)], [None, None]);
+        assert_eq!([times.for_picture(0), times.for_picture(1)], [None, None]);
     }
 }

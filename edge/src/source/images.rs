@@ -81,7 +81,7 @@ impl FrameSource for ImageSource {
                 at: self.at.clone(),
                 read: self.read,
                 expected: Some(self.frames),
-                said: String::new(),
+                tool_output: String::new(),
             }),
         }
     }
@@ -309,12 +309,12 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_is_named_by_both_numbers() {
+    fn a_gap_is_reported_with_both_numbers() {
         let folder = folder(&[1, 2, 5], |n| format!("{n:04}.png"));
-        let said = probe(&folder.path().join("%04d.png"), &expected([8, 6])).unwrap_err();
+        let error = probe(&folder.path().join("%04d.png"), &expected([8, 6])).unwrap_err();
         assert!(
-            said.to_string().contains("image 2 is followed by image 5"),
-            "{said}"
+            error.to_string().contains("image 2 is followed by image 5"),
+            "{error}"
         );
     }
 
@@ -324,25 +324,25 @@ mod tests {
         RgbImage::new(6, 8)
             .save(folder.path().join("0002.png"))
             .unwrap();
-        let said = probe(&folder.path().join("%04d.png"), &expected([8, 6]))
+        let error = probe(&folder.path().join("%04d.png"), &expected([8, 6]))
             .unwrap_err()
             .to_string();
         assert!(
-            said.contains("0002.png") && said.contains("6x8") && said.contains("8x6"),
-            "{said}"
+            error.contains("0002.png") && error.contains("6x8") && error.contains("8x6"),
+            "{error}"
         );
     }
 
     #[test]
-    fn a_damaged_picture_is_refused_by_name_and_nothing_follows() {
+    fn a_damaged_picture_ends_the_source_with_its_name() {
         let folder = folder(&[1, 2, 3], |n| format!("{n:04}.png"));
         let path = folder.path().join("0002.png");
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
         let mut source = open(&folder.path().join("%04d.png"), expected([8, 6]), Tick(10)).unwrap();
         assert!(source.next_frame().unwrap().is_some());
-        let said = source.next_frame().unwrap_err().to_string();
-        assert!(said.contains("0002.png"), "{said}");
+        let error = source.next_frame().unwrap_err().to_string();
+        assert!(error.contains("0002.png"), "{error}");
         assert_eq!(source.next_frame(), Ok(None));
     }
 
@@ -372,9 +372,9 @@ mod tests {
             probe(&folder.path().join("none/%d.png"), &expected([8, 6])),
             Err(SourceError::NotThere { .. })
         ));
-        let said = probe(&folder.path().join("%d.png"), &expected([8, 6]))
+        let error = probe(&folder.path().join("%d.png"), &expected([8, 6]))
             .unwrap_err()
             .to_string();
-        assert!(said.contains("`source.path`: no file fits"), "{said}");
+        assert!(error.contains("`source.path`: no file fits"), "{error}");
     }
 }

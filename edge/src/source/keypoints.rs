@@ -51,8 +51,8 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
         });
     };
     let mut last = first;
-    let mut contents = KeypointContents::of(expected.size_px);
-    let (mut leaps, mut repeats) = (LeapCounter::of(expected.rate_hz), RepeatCounter::default());
+    let mut contents = KeypointContents::new(expected.size_px);
+    let (mut leaps, mut repeats) = (LeapCounter::new(expected.rate_hz), RepeatCounter::default());
     let mut add = |frame: KeypointFrame| {
         contents.add(&frame);
         leaps.add(&frame);
@@ -66,9 +66,9 @@ pub(super) fn probe(path: &Path, expected: &ExpectedSource) -> Result<SourceInfo
     contents.check(expected)?;
     Ok(SourceInfo {
         ticks: Some(first..last + 1),
-        repeats: repeats.found(),
+        repeats: repeats.report(),
         contents: Some(contents),
-        leaps: leaps.found(),
+        leaps: leaps.report(),
         ..SourceInfo::default()
     })
 }
@@ -118,7 +118,7 @@ impl FrameSource for KeypointSource {
                     at: self.lines.expected.at.clone(),
                     read: self.read,
                     expected: Some((self.ticks.end - self.ticks.start).unsigned_abs()),
-                    said: String::new(),
+                    tool_output: String::new(),
                 })
             }
             None => Ok(None),
@@ -273,11 +273,11 @@ fn json_problem(problem: &serde_json::Error) -> String {
     if problem.is_eof() {
         return "not JSON: the line ends early".to_owned();
     }
-    let said = problem.to_string();
-    let said = said.split(" at line ").next().unwrap_or_default();
+    let text = problem.to_string();
+    let reason = text.split(" at line ").next().unwrap_or_default();
     match problem.column() {
-        0 => format!("not JSON: {said}"),
-        column => format!("not JSON at column {column}: {said}"),
+        0 => format!("not JSON: {reason}"),
+        column => format!("not JSON at column {column}: {reason}"),
     }
 }
 

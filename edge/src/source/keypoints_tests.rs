@@ -39,7 +39,7 @@ fn refusal(content: &str) -> String {
 }
 
 #[test]
-fn ticks_are_those_that_the_lines_name() {
+fn ticks_are_read_from_the_lines() {
     let file = file(format!("{}\n{}\r\n\n{}", line(300), line(301), line(302)).as_bytes());
     let info = probe(file.path(), &expected()).unwrap();
     assert_eq!(info.ticks, Some(Tick(300)..Tick(303)));
@@ -55,32 +55,32 @@ fn ticks_are_those_that_the_lines_name() {
 }
 
 #[test]
-fn shares_of_the_picture_in_place_of_pixels_are_refused() {
+fn shares_of_the_picture_instead_of_pixels_are_refused() {
     let line = |tick: i64, scale: f64| {
         let point = format!("[{},{},0.9]", 0.4 * scale, 0.7 * scale);
         let points = vec![point; 17].join(",");
         format!(r#"{{"tick":{tick},"persons":[{{"keypoints":[{points}]}}]}}"#)
     };
     let file_of = |scale: f64| format!("{}\n{}", line(0, scale), line(1, scale));
-    let said = refusal(&file_of(1.0));
+    let error = refusal(&file_of(1.0));
     assert!(
-        said.contains("34 of 34 keypoints lie within 1.5 pixels"),
-        "{said}"
+        error.contains("34 of 34 keypoints lie within 1.5 pixels"),
+        "{error}"
     );
     // One far keypoint and many missing ones do not turn shares into pixels.
     let lines: Vec<String> = (0..8).map(|tick| line(tick, 1.0)).collect();
     let with_one_far = lines.join("\n").replacen("[0.4,0.7,", "[300,200,", 1);
-    let said_of_most = refusal(&with_one_far.replacen("[0.4,0.7,0.9]", "[0,0,0]", 50));
+    let other_error = refusal(&with_one_far.replacen("[0.4,0.7,0.9]", "[0,0,0]", 50));
     assert!(
-        said_of_most.contains("85 of 86 keypoints"),
-        "{said_of_most}"
+        other_error.contains("85 of 86 keypoints"),
+        "{other_error}"
     );
-    assert!(said.contains("expected pixels of 640 x 480"), "{said}");
+    assert!(error.contains("expected pixels of 640 x 480"), "{error}");
     assert!(probe(file(file_of(400.0).as_bytes()).path(), &expected()).is_ok());
 }
 
 #[test]
-fn frames_that_are_held_are_told_before_the_first_tick() {
+fn repeated_frames_are_reported_before_the_first_tick() {
     let repeats = |times: i64| {
         let at = |tick: i64| line(tick).replace("1.5", &format!("{}.5", 3 * (tick / times)));
         let lines: Vec<String> = (0..60).map(at).collect();
@@ -128,7 +128,7 @@ fn peaks_hold_every_candidate() {
 }
 
 #[test]
-fn a_wrong_line_is_named_with_its_field() {
+fn a_wrong_line_is_reported_with_its_field() {
     let good = line(0);
     let cases = [
         (
@@ -182,9 +182,9 @@ fn a_wrong_line_is_named_with_its_field() {
         ),
     ];
     for (text, says) in cases {
-        let said = refusal(&format!("\n{text}\n"));
-        assert!(said.starts_with("cam0.jsonl:2: camera `cam0`: "), "{said}");
-        assert!(said.contains(says), "{said}\nshould say: {says}");
+        let error = refusal(&format!("\n{text}\n"));
+        assert!(error.starts_with("cam0.jsonl:2: camera `cam0`: "), "{error}");
+        assert!(error.contains(says), "{error}\nexpected: {says}");
     }
 }
 
@@ -215,10 +215,10 @@ fn a_file_that_is_empty_absent_or_a_folder_is_refused() {
 #[test]
 fn a_line_without_end_is_refused_before_it_fills_the_memory() {
     let long = vec![b' '; MAX_LINE_BYTES as usize + 1];
-    let said = probe(file(&long).path(), &expected())
+    let error = probe(file(&long).path(), &expected())
         .unwrap_err()
         .to_string();
-    assert!(said.contains("longer than"), "{said}");
+    assert!(error.contains("longer than"), "{error}");
 }
 
 #[test]

@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn dropping_the_taker_ends_a_thread_that_waits_for_room() {
+    fn dropping_the_consumer_ends_a_waiting_thread() {
         let prefetch = Prefetch::spawn(WhenFull::Wait, |sender| {
             let mut tick = 0;
             while sender.push(Ok(frame(tick))) {

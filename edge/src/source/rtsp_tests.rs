@@ -111,7 +111,7 @@ fn stream(mut to: &TcpStream, pictures: &[Vec<Vec<u8>>]) -> std::io::Result<()> 
 }
 
 #[test]
-fn sender_reports_say_when_the_camera_took_its_pictures() {
+fn sender_reports_give_the_capture_times() {
     let Some(studio) = studio() else { return };
     let clip = studio.record(
         "-f lavfi -i nullsrc=size=96x64:rate=30,geq=lum=16+3*N:cb=128:cr=128 -frames:v 60 -pix_fmt yuv420p \
@@ -144,7 +144,7 @@ fn sender_reports_say_when_the_camera_took_its_pictures() {
     }
     drop(source);
     camera.join().unwrap();
-    assert!(unknown > 30, "before the first report nobody can know it");
+    assert!(unknown > 30, "before the first report it is unknown");
     for (picture, after_us) in known {
         let brightness = f64::from(picture.to_grey().get_pixel(48, 32).0[0]);
         let shown = ((brightness * 219.0 / 255.0) / 3.0).round() as i64;

@@ -64,7 +64,7 @@ impl SenderClock {
             let (mut pictures, mut steady) = (BufReader::new(pictures), SteadyOffset::default());
             let now_us = || clock::unix_time().as_micros() as i64;
             let ended = read_times(&mut pictures, now_us, |time| {
-                if let Some(offset_us) = steady.hear(time) {
+                if let Some(offset_us) = steady.add(time) {
                     heard.store(offset_us, Ordering::Relaxed);
                 }
             });
@@ -131,7 +131,7 @@ struct SteadyOffset {
 impl SteadyOffset {
     /// Adds the time of a picture and returns the offset; `None` means that the picture has no
     /// report.
-    fn hear(&mut self, time: Option<PictureTime>) -> Option<i64> {
+    fn add(&mut self, time: Option<PictureTime>) -> Option<i64> {
         let Some(time) = time else {
             self.agree = 0;
             return None;
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn the_boxes_say_times_of_the_next_picture_in_units_of_the_track() {
+    fn boxes_contain_times_of_the_next_picture_in_track_units() {
         assert_eq!(heard(*b"avc1", 0), [[7_500_000, 600_000]]);
         assert_eq!(heard(*b"mp4v", 0), [[0; 2]; 0], "it is not known of which");
         let just_written_us = 7_501_000;
@@ -289,15 +289,15 @@ mod tests {
     }
 
     #[test]
-    fn only_times_that_agree_for_long_are_those_of_reports() {
+    fn only_times_that_agree_for_long_come_from_reports() {
         let mut steady = SteadyOffset::default();
         let time = |n: i64| PictureTime {
             unix_us: 1_000_000 + n * 40_000,
             stamp_us: n * 40_000,
         };
-        assert!((0..29).all(|n| steady.hear(Some(time(n))).is_none()));
-        assert_eq!(steady.hear(None), None);
-        let heard: Vec<Option<i64>> = (0..30).map(|n| steady.hear(Some(time(n)))).collect();
+        assert!((0..29).all(|n| steady.add(Some(time(n))).is_none()));
+        assert_eq!(steady.add(None), None);
+        let heard: Vec<Option<i64>> = (0..30).map(|n| steady.add(Some(time(n)))).collect();
         assert_eq!((heard[28], heard[29]), (None, Some(1_000_000)));
     }
 

@@ -86,25 +86,25 @@ mod tests {
     }
 
     #[test]
-    fn different_lengths_are_refused_naming_both_and_what_they_share() {
+    fn different_lengths_are_refused_with_both_and_the_common_range() {
         let infos = infos(&[Some((0, 100)), Some((0, 100)), Some((5, 90))]);
-        let said = common_ticks(&infos, None).unwrap_err().to_string();
+        let error = common_ticks(&infos, None).unwrap_err().to_string();
         assert!(
-            said.contains("camera `cam0` has ticks 0..100, camera `cam2` has 5..90"),
-            "{said}"
+            error.contains("camera `cam0` has ticks 0..100, camera `cam2` has 5..90"),
+            "{error}"
         );
-        assert!(said.contains("at most 5..90"), "{said}");
+        assert!(error.contains("at most 5..90"), "{error}");
         assert_eq!(common_ticks(&infos, Some(ticks(5, 90))), Ok(ticks(5, 90)));
     }
 
     #[test]
-    fn ticks_outside_a_recording_are_refused_naming_it() {
+    fn ticks_outside_a_recording_are_refused_with_its_name() {
         let infos = infos(&[Some((0, 100)), Some((0, 90))]);
-        let said = common_ticks(&infos, Some(ticks(50, 91)))
+        let error = common_ticks(&infos, Some(ticks(50, 91)))
             .unwrap_err()
             .to_string();
         assert_eq!(
-            said,
+            error,
             "`--ticks` 50..91 is outside the recording of camera `cam1`, which has 0..90"
         );
         assert!(common_ticks(&infos, Some(ticks(-1, 5))).is_err());

@@ -89,7 +89,7 @@ impl FrameSource for V4lSource {
             at: self.expected.at.clone(),
             read: self.read,
             expected: None,
-            said: String::new(),
+            tool_output: String::new(),
         };
         let (frame, stamp_us) = self.prefetch.pop().ok_or_else(ended)??;
         self.read += 1;

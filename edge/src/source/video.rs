@@ -107,16 +107,16 @@ fn check_whole(stream: &VideoStream, at: &SourceOrigin) -> Result<(), SourceErro
         .filter(|&announced| stream.packets < announced)
         .filter(|_| stream.is_counted || !loses_frames(stream))
     {
-        let said = stream.said.clone();
+        let tool_output = stream.tool_output.clone();
         return Err(SourceError::Cut {
             at: at(),
             found: stream.packets,
             announced,
-            said,
+            tool_output,
         });
     }
     if stream.frames == 0 {
-        let problem = format!("it has no frames{}", stream.said);
+        let problem = format!("it has no frames{}", stream.tool_output);
         return Err(SourceError::Unreadable { at: at(), problem });
     }
     Ok(())
@@ -342,30 +342,30 @@ impl VideoSource {
         self.prefetch.pop_within(patience).map_err(|_| {
             self.done = true;
             self.ffmpeg.kill();
-            let (_, said) = self.ffmpeg.finish();
+            let (_, tool_output) = self.ffmpeg.finish();
             SourceError::Silent {
                 at: self.at.clone(),
                 silent_s: patience.as_secs(),
                 read: self.read,
-                said,
+                tool_output,
             }
         })
     }
 
     /// Called once, after the last frame.
     fn end(&mut self) -> Result<Option<Frame>, SourceError> {
-        let (success, said) = self.ffmpeg.finish();
+        let (success, tool_output) = self.ffmpeg.finish();
         if self.expected != Some(self.read) {
             let (at, read, expected) = (self.at.clone(), self.read, self.expected);
             return Err(SourceError::Ended {
                 at,
                 read,
                 expected,
-                said,
+                tool_output,
             });
         }
-        if !success || !said.is_empty() {
-            tracing::warn!(camera = %self.at.camera, said, "frames of the recording are damaged");
+        if !success || !tool_output.is_empty() {
+            tracing::warn!(camera = %self.at.camera, tool_output, "frames of the recording are damaged");
         }
         Ok(None)
     }
@@ -448,7 +448,7 @@ fn read_frames(
         };
         let failed = frame.is_err();
         let stamped = frame.map(|frame| {
-            let stamp_us = times.as_mut().and_then(|times| times.of(number));
+            let stamp_us = times.as_mut().and_then(|times| times.for_picture(number));
             matrix = times.as_ref().map_or(matrix, FrameTimes::matrix);
             if times.as_mut().is_some_and(FrameTimes::gives_up) {
                 tracing::warn!(

@@ -238,7 +238,7 @@ fn rounded(rate_hz: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn said(format: VideoFormat) -> Vec<(String, bool)> {
+    fn remarks_of(format: VideoFormat) -> Vec<(String, bool)> {
         let remarks = format.remarks(Some(25.0)).into_iter();
         remarks
             .map(|it| {
@@ -251,13 +251,13 @@ mod tests {
     }
 
     #[test]
-    fn usual_pictures_need_no_word_and_no_filter() {
+    fn ordinary_pictures_need_no_remark_and_no_filter() {
         for rotation_deg in [0.0, 90.0, -90.0, 270.0, 360.0] {
             let format = VideoFormat {
                 rotation_deg,
                 ..VideoFormat::default()
             };
-            assert_eq!(said(format), []);
+            assert_eq!(remarks_of(format), []);
             assert_eq!(format.filters(), [None, None]);
         }
         for text in ["1:1", "0:1", "N/A", "", "1215:1216", "1:0"] {
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn the_field_that_is_shown_first_counts_and_half_a_turn_exchanges_them() {
+    fn half_a_turn_swaps_the_order_of_fields() {
         let parity = |order: &str, rotation_deg: f64| {
             let format = VideoFormat {
                 field_order: FieldOrder::parse(order),
@@ -287,12 +287,12 @@ mod tests {
     }
 
     #[test]
-    fn each_property_is_named_with_how_it_is_read() {
+    fn each_property_is_reported_with_its_treatment() {
         let mut format = VideoFormat {
             field_order: Some(FieldOrder::TopFirst),
             ..VideoFormat::default()
         };
-        let (words, is_warning) = said(format).remove(0);
+        let (words, is_warning) = remarks_of(format).remove(0);
         assert!(
             is_warning
                 && words
@@ -306,7 +306,7 @@ mod tests {
             rotation_deg: 180.0,
             ..VideoFormat::default()
         };
-        let remarks = said(format);
+        let remarks = remarks_of(format);
         for ((words, is_warning), (start, warns)) in remarks.iter().zip([
             ("has high dynamic range (HLG): read as it is", true),
             ("has pixels that are not square, 4 wide to 3 high", false),
@@ -316,7 +316,7 @@ mod tests {
         }
         assert_eq!((remarks.len(), format.filters()), (3, [None, None]));
         format.can_tone_map = true;
-        let (words, is_warning) = said(format).remove(0);
+        let (words, is_warning) = remarks_of(format).remove(0);
         let [_, filter] = format.filters();
         assert!(!is_warning && words.contains(&filter.unwrap()), "{words}");
     }

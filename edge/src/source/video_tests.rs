@@ -97,16 +97,16 @@ fn images(mut source: impl FrameSource) -> Vec<(i64, RgbImage)> {
 }
 
 fn refusal(path: &Path) -> String {
-    let said = probe(path, &expected()).unwrap_err().to_string();
+    let error = probe(path, &expected()).unwrap_err().to_string();
     assert!(
-        said.starts_with("videos/left.mp4: camera `left`: "),
-        "{said}"
+        error.starts_with("videos/left.mp4: camera `left`: "),
+        "{error}"
     );
-    said
+    error
 }
 
 #[test]
-fn the_timecode_of_a_recording_is_its_first_tick_where_the_venue_says_so() {
+fn a_timecode_gives_the_first_tick_if_the_venue_uses_it() {
     let Some(studio) = studio() else { return };
     let by_timecode = ExpectedSource {
         tick_from: TickFrom::Timecode,
@@ -127,10 +127,10 @@ fn the_timecode_of_a_recording_is_its_first_tick_where_the_venue_says_so() {
     );
     let mut source = open(&path, by_timecode.clone(), first + 3).unwrap();
     assert_eq!(source.next_frame().unwrap().unwrap().tick, first + 3);
-    let said = probe(&studio.clip(), &by_timecode).unwrap_err().to_string();
+    let error = probe(&studio.clip(), &by_timecode).unwrap_err().to_string();
     assert!(
-        said.contains("`tick_from`") && said.contains("found none"),
-        "{said}"
+        error.contains("`tick_from`") && error.contains("found none"),
+        "{error}"
     );
 }
 
@@ -147,7 +147,7 @@ fn every_frame_comes_once_and_unchanged() {
 }
 
 #[test]
-fn a_run_from_the_middle_begins_with_exactly_that_frame() {
+fn a_run_from_the_middle_starts_at_exactly_that_frame() {
     let Some(studio) = studio() else { return };
     // Compressed with references between frames: seeking by key frames would not be exact.
     let clip = studio.record(
@@ -175,15 +175,15 @@ fn a_video_cut_in_the_middle_is_refused_before_the_first_tick() {
         "a.mkv",
     );
     for (clip, announced) in [(studio.clip(), 24), (mkv, 23)] {
-        let said = refusal(&studio.cut(&clip, 0.6));
+        let error = refusal(&studio.cut(&clip, 0.6));
         let says = format!("its header announces {announced}: the file was cut");
-        assert!(said.contains(&says), "{said}");
+        assert!(error.contains(&says), "{error}");
     }
     let without_index = studio.record("-i clip.mp4 -c copy", "plain.mp4");
-    let said = refusal(&studio.cut(&without_index, 0.6));
+    let error = refusal(&studio.cut(&without_index, 0.6));
     assert!(
-        said.contains("cannot be read") && said.contains("moov atom not found"),
-        "{said}"
+        error.contains("cannot be read") && error.contains("moov atom not found"),
+        "{error}"
     );
 }
 
@@ -216,10 +216,10 @@ fn another_pixel_size_is_refused_with_both_sizes() {
         "-f lavfi -i testsrc2=size=64x96:rate=30 -frames:v 3",
         "a.mp4",
     );
-    let said = refusal(&clip);
+    let error = refusal(&clip);
     assert!(
-        said.contains("64x96 pixels") && said.contains("`size` of this camera is 96x64"),
-        "{said}"
+        error.contains("64x96 pixels") && error.contains("`size` of this camera is 96x64"),
+        "{error}"
     );
 }
 
@@ -265,7 +265,7 @@ fn combs(image: &RgbImage) -> f64 {
 }
 
 #[test]
-fn interlaced_pictures_are_read_whole_one_for_each_and_the_same_from_the_middle() {
+fn interlaced_pictures_are_deinterlaced_one_for_one() {
     let Some(studio) = studio() else { return };
     let clip = studio.record(INTERLACED, "fields.mkv");
     let info = probe(&clip, &expected()).unwrap();
@@ -283,8 +283,8 @@ fn interlaced_pictures_are_read_whole_one_for_each_and_the_same_from_the_middle(
         rate_hz: 60.0,
         ..expected()
     };
-    let said = probe(&clip, &fields).unwrap_err().to_string();
-    assert!(said.contains("30.000 pictures of two fields"), "{said}");
+    let error = probe(&clip, &fields).unwrap_err().to_string();
+    assert!(error.contains("30.000 pictures of two fields"), "{error}");
     let rest = images(open(&clip, expected(), Tick(117)).unwrap());
     assert!(rest == whole[17..], "{} frames", rest.len());
 }
@@ -343,7 +343,7 @@ fn pictures_of_both_ranges_are_read_alike() {
 }
 
 #[test]
-fn colours_are_those_that_ffmpeg_shows_whatever_mixes_them() {
+fn colours_match_ffmpeg_for_every_matrix() {
     let Some(studio) = studio() else { return };
     // Soft colours, because ffmpeg does not interpolate chroma.
     let drawn = "-f lavfi -i gradients=s=96x64:r=30:c0=orange:c1=navy:x0=0:y0=0:x1=95:y1=63:nb_colors=2:seed=1 -frames:v 1";
@@ -368,13 +368,13 @@ fn colours_are_those_that_ffmpeg_shows_whatever_mixes_them() {
 }
 
 #[test]
-fn the_password_of_a_camera_that_is_not_there_is_in_no_error() {
+fn errors_do_not_contain_the_password_of_a_camera() {
     let Some(_studio) = studio() else { return };
     let url = "http://admin:geheim-42@127.0.0.1:1/video?token=t0ken&channel=3";
     let mut source = open_live((url, &BTreeMap::new()), true, expected(), Tick(7)).unwrap();
-    let said = source.next_frame().unwrap_err().to_string();
-    let tells = said.contains("channel=3") && !said.contains("geheim") && !said.contains("t0ken");
-    assert!(tells, "{said}");
+    let error = source.next_frame().unwrap_err().to_string();
+    let is_redacted = error.contains("channel=3") && !error.contains("geheim") && !error.contains("t0ken");
+    assert!(is_redacted, "{error}");
 }
 
 #[test]
@@ -384,10 +384,10 @@ fn another_rate_is_refused_with_both_rates() {
         let args = format!("-f lavfi -i testsrc2=size=96x64:rate={rate} -frames:v 30");
         studio.record(&args, "rate.mp4")
     };
-    let said = refusal(&record("25"));
+    let error = refusal(&record("25"));
     assert!(
-        said.contains("25.000 frames per second") && said.contains("`rate_hz` is 30.0"),
-        "{said}"
+        error.contains("25.000 frames per second") && error.contains("`rate_hz` is 30.0"),
+        "{error}"
     );
     assert!(probe(&record("30000/1001"), &expected()).is_ok());
 }
@@ -401,10 +401,10 @@ fn a_variable_rate_is_refused_with_the_frame() {
          -vf setpts=(N+gt(N\\,4)-0.3*gte(N\\,18)-0.7*gte(N\\,19))/30/TB -fps_mode passthrough",
         "variable.mkv",
     );
-    let said = refusal(&clip);
+    let error = refusal(&clip);
     assert!(
-        said.contains("variable frame rate") && said.contains("between frames 4 and 5"),
-        "{said}"
+        error.contains("variable frame rate") && error.contains("between frames 4 and 5"),
+        "{error}"
     );
     // A caller that needs only pictures gets all of them.
     let (info, source) = open_alone(&clip).unwrap();
@@ -415,7 +415,7 @@ fn a_variable_rate_is_refused_with_the_frame() {
 }
 
 #[test]
-fn lost_frames_are_told_neither_as_another_rate_nor_as_a_file_that_was_cut() {
+fn lost_frames_are_reported_as_lost() {
     let Some(studio) = studio() else { return };
     let record = |rate: u8, lost: u8, name: &str| {
         let args = format!(
@@ -424,13 +424,13 @@ fn lost_frames_are_told_neither_as_another_rate_nor_as_a_file_that_was_cut() {
         refusal(&studio.record(&args, name))
     };
     // Ten of ninety are lost: 27 frames per second. The others must not be converted to that rate.
-    let said = record(30, 10, "lost.mkv");
+    let error = record(30, 10, "lost.mkv");
     for words in ["frames were lost", "between frames 29 and 30", "-r 30 OUT"] {
-        assert!(said.contains(words), "{words}: {said}");
+        assert!(error.contains(words), "{words}: {error}");
     }
     // A recording at 25 per second has that rate, whatever it lost.
-    let said = record(25, 1, "slower.mkv");
-    assert!(said.contains("25.000") && !said.contains("lost"), "{said}");
+    let error = record(25, 1, "slower.mkv");
+    assert!(error.contains("25.000") && !error.contains("lost"), "{error}");
 }
 
 #[test]
@@ -478,13 +478,13 @@ fn files_that_hold_no_video_are_refused_by_name() {
 }
 
 #[test]
-fn a_missing_program_is_named_with_how_to_install_it() {
-    let said = ffmpeg::start_problem(
+fn a_missing_program_is_reported_with_install_commands() {
+    let error = ffmpeg::start_problem(
         &expected().at,
         "ffmpeg",
         &std::io::ErrorKind::NotFound.into(),
     );
-    assert!(said.to_string().contains("`apt install ffmpeg`"), "{said}");
+    assert!(error.to_string().contains("`apt install ffmpeg`"), "{error}");
 }
 
 #[test]
@@ -516,7 +516,7 @@ fn a_live_source_counts_arrivals_and_its_end_is_an_error() {
 }
 
 #[test]
-fn the_pictures_of_a_stream_have_the_times_that_it_gives_them() {
+fn pictures_of_a_stream_have_the_times_of_the_stream() {
     /// Rounding of 90 kHz clocks, downwards.
     const ROUNDING_US: i64 = 12;
     let Some(_studio) = studio() else { return };
@@ -558,7 +558,7 @@ fn a_live_source_of_another_size_is_refused() {
 }
 
 #[test]
-fn a_stream_that_goes_silent_without_closing_is_given_up() {
+fn a_stream_that_is_silent_without_closing_is_given_up() {
     // Symptom to prevent: the edge waited for a hanging camera until it ended.
     let Some(studio) = studio() else { return };
     let clip = studio.record(

@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_share_the_field_out_along_its_longer_side() {
+    fn cells_divide_the_field_along_its_longer_side() {
         let field = Field {
             min_m: [-10.0, -4.0, 0.0],
             max_m: [10.0, 4.0, 2.5],

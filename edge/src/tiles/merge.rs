@@ -46,7 +46,7 @@ pub fn merged(
     let mut kept: Vec<Detection> = Vec::new();
     for (window, detection) in all() {
         if !is_whole(window, detection) {
-            let is_said = found.iter().any(|(other, _)| {
+            let is_covered = found.iter().any(|(other, _)| {
                 other != window
                     && other.size_px[0] <= window.size_px[0]
                     && is_whole(other, detection)
@@ -54,7 +54,7 @@ pub fn merged(
             let is_part = all().any(|(other, whole)| {
                 other != window && is_whole(other, whole) && part(detection, whole) > PART_OF
             });
-            if is_said || is_part {
+            if is_covered || is_part {
                 continue;
             }
         }
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_person_in_two_windows_is_one_by_the_box_of_highest_score() {
+    fn a_person_in_two_windows_keeps_the_box_of_highest_score() {
         let (a, b) = (
             at([380.0, 100.0, 400.0, 150.0], 0.6),
             at([381.0, 101.0, 401.0, 151.0], 0.8),
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_cut_by_its_window_is_dropped_where_another_window_holds_the_place_whole() {
+    fn a_cut_box_is_dropped_if_another_window_contains_its_place() {
         let cut = at([480.0, 100.0, 499.5, 150.0], 0.9);
         let all = at([480.0, 98.0, 530.0, 152.0], 0.5);
         let left = window([0.0; 2], [500.0, 312.5]);
@@ -171,14 +171,14 @@ mod tests {
     }
 
     #[test]
-    fn a_leg_in_a_tile_is_a_part_of_somebody_near() {
-        let somebody = at([450.0, 50.0, 700.0, 900.0], 0.7);
+    fn a_leg_in_a_tile_is_a_part_of_a_near_person() {
+        let person = at([450.0, 50.0, 700.0, 900.0], 0.7);
         let leg = at([480.0, 250.0, 560.0, 312.0], 0.8);
         let found = [
-            (whole(), vec![somebody]),
+            (whole(), vec![person]),
             (window([300.0, 0.0], [500.0, 312.5]), vec![leg]),
         ];
-        assert_eq!(merged(&found, INPUT_PX, PICTURE_PX), [somebody]);
+        assert_eq!(merged(&found, INPUT_PX, PICTURE_PX), [person]);
     }
 
     #[test]
@@ -199,17 +199,17 @@ mod tests {
     }
 
     #[test]
-    fn who_stands_half_behind_somebody_stays() {
+    fn a_person_half_hidden_by_another_stays() {
         let front = at([0.0, 0.0, 40.0, 100.0], 0.8);
         for hidden in [0.5, 0.55, 0.6] {
-            let beside = 40.0 * (1.0 - hidden);
-            let behind = at([beside, 1.0, beside + 40.0, 99.0], 0.5);
+            let offset = 40.0 * (1.0 - hidden);
+            let behind = at([offset, 1.0, offset + 40.0, 99.0], 0.5);
             assert_eq!(thinned_out(vec![front, behind]), [front, behind]);
         }
     }
 
     #[test]
-    fn who_crouches_or_sits_in_front_of_somebody_stays() {
+    fn a_person_crouching_in_front_of_another_stays() {
         let standing = at([0.0, 0.0, 36.0, 100.0], 0.8);
         let crouching = at([-6.0, 45.0, 44.0, 103.0], 0.6);
         let sitting = at([2.0, 50.0, 34.0, 100.0], 0.6);
@@ -219,13 +219,13 @@ mod tests {
     }
 
     #[test]
-    fn head_and_trunk_of_somebody_are_not_somebody_else() {
-        let somebody = at([0.0, 0.0, 40.0, 100.0], 0.8);
+    fn head_and_trunk_are_no_second_person() {
+        let person = at([0.0, 0.0, 40.0, 100.0], 0.8);
         let upper = at([3.0, 0.0, 40.0, 45.0], 0.5);
         let far_away = at([10.0, 60.0, 22.0, 95.0], 0.4);
         assert_eq!(
-            thinned_out(vec![somebody, upper, far_away]),
-            [somebody, far_away]
+            thinned_out(vec![person, upper, far_away]),
+            [person, far_away]
         );
     }
 }

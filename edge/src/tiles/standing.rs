@@ -42,14 +42,14 @@ pub(super) fn standing(camera: &CameraModel, feet_m: [f64; 3]) -> Option<Standin
     // The height for a camera at the person's own height.
     let full_px = upright_px.max(STATURE_M * pixels_per_metre(camera, feet_m)?);
     let long_px = upright_px.max(SHOULDERS * full_px);
-    let beside = HALF_WIDTH * full_px;
+    let half_width = HALF_WIDTH * full_px;
     // From above, arms extend beyond head and feet.
     let lying = 1.0 - (feet.y() - crown.y()).abs() / full_px;
     let over = (OVER + (HALF_WIDTH - OVER) * lying) * full_px;
     let around_px = [
-        feet.x().min(crown.x()) - beside + 0.5,
+        feet.x().min(crown.x()) - half_width + 0.5,
         feet.y().min(crown.y()) - over + 0.5,
-        feet.x().max(crown.x()) + beside + 0.5,
+        feet.x().max(crown.x()) + half_width + 0.5,
         feet.y().max(crown.y()) + over + 0.5,
     ];
     let [width, height] = camera.size_px().map(f64::from);

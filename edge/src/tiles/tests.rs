@@ -70,7 +70,7 @@ fn most_bent(focal_px: f64) -> f64 {
 }
 
 #[test]
-fn the_strongest_lens_that_is_drawn_is_one() {
+fn the_strongest_generated_lens_is_valid() {
     for focal_px in [900.0, 901.0, 930.0, 1000.0, 6000.0] {
         let bent = |k1| camera([0.0, -9.0, 3.0], [0.0, 0.0, 1.0], focal_px, k1);
         bent(-most_bent(focal_px));
@@ -102,7 +102,7 @@ fn cell_count(plans: &[TilePlan]) -> i64 {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
     #[test]
-    fn everybody_in_the_field_is_whole_and_tall_enough_in_some_window(
+    fn every_person_is_complete_and_tall_enough_in_some_window(
         half_m in prop::array::uniform2(4.0f64..55.0),
         bearing in 0.0..std::f64::consts::TAU,
         away in 0.0f64..2.0,
@@ -131,7 +131,7 @@ proptest! {
             if is_whole {
                 prop_assert!(
                     is_served(&windows, person.around_px, person.long_px),
-                    "nobody sees {person:?}"
+                    "no window shows {person:?}"
                 );
             }
         }
@@ -139,7 +139,7 @@ proptest! {
 }
 
 #[test]
-fn a_room_in_which_everybody_is_large_needs_no_tiles() {
+fn a_room_with_large_people_needs_no_tiles() {
     let camera = camera([5.0, 0.0, 2.5], [0.0, 0.0, 1.0], 1200.0, -0.08);
     let plans = plan(&[&camera], &field([2.5, 2.5]), INPUT, 4);
     assert_eq!(plans[0].most_windows(), 1);
@@ -147,7 +147,7 @@ fn a_room_in_which_everybody_is_large_needs_no_tiles() {
 }
 
 #[test]
-fn far_people_are_detected_in_tiles_where_they_are() {
+fn distant_people_get_tiles_at_their_places() {
     let camera = camera([0.0, -60.0, 6.0], [0.0, 40.0, 1.0], 2600.0, -0.05);
     let plans = plan(&[&camera], &field([20.0, 40.0]), INPUT, 100);
     let tiles = &plans[0].cells[0];
@@ -166,7 +166,7 @@ fn far_people_are_detected_in_tiles_where_they_are() {
 }
 
 #[test]
-fn all_cameras_share_the_cells_that_the_neediest_needs() {
+fn all_cameras_use_the_cells_of_the_most_demanding_one() {
     let near = camera([5.0, 0.0, 2.5], [0.0, 0.0, 1.0], 1200.0, -0.08);
     let far = camera([0.0, -60.0, 6.0], [0.0, 40.0, 1.0], 2600.0, -0.05);
     let plans = plan(&[&near, &far], &field([20.0, 40.0]), INPUT, 4);
@@ -221,7 +221,7 @@ fn no_pass_has_more_than_256_tiles() {
 }
 
 #[test]
-fn under_a_ceiling_camera_shoulders_are_what_counts() {
+fn under_a_ceiling_camera_the_width_of_shoulders_counts() {
     let over = |focal_px| camera([0.0, 0.0, 6.0], [0.0, 0.0, 0.0], focal_px, 0.0);
     // Under a long lens the shoulders alone are as large as an upright person must be.
     let near = plan(&[&over(2700.0)], &field([1.5, 1.0]), INPUT, 8);

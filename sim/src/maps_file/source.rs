@@ -161,7 +161,7 @@ impl MapsSource {
                 at: self.at.clone(),
                 read: self.next,
                 expected: None,
-                said: String::new(),
+                tool_output: String::new(),
             }),
         }
     }

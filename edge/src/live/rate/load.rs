@@ -188,7 +188,7 @@ impl LinkLoad {
 
     /// Records that fusion's boxes return after `silent_us`. Unanswered messages and losses of that
     /// time do not measure the link's capacity; delays still do.
-    pub(super) fn hear_boxes_after(&mut self, silent_us: Micros, now_us: Micros) {
+    pub(super) fn boxes_returned_after(&mut self, silent_us: Micros, now_us: Micros) {
         if silent_us < OUTAGE_US {
             return;
         }
@@ -213,7 +213,7 @@ impl LinkLoad {
 
     /// Adds fusion's report at `now_us`. `correction_us` is the current correction of this
     /// machine's clock; `limited` is whether a higher rate would be used.
-    pub(super) fn hear(
+    pub(super) fn receive_report(
         &mut self,
         heard: &HeardPatches,
         correction_us: i32,

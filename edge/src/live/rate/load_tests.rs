@@ -2,7 +2,7 @@
 
 use super::*;
 
-fn heard(tick: i64, one_way_us: i32, bytes: u32) -> HeardPatches {
+fn report(tick: i64, one_way_us: i32, bytes: u32) -> HeardPatches {
     HeardPatches {
         tick: Tick(tick),
         one_way_us,
@@ -17,19 +17,19 @@ fn run(load: &mut LinkLoad, from: i64, ticks: i64, delay_us: impl Fn(i64) -> i32
         let now = tick * SECOND_US / 60;
         load.sent(Some(Tick(tick)), 900, 1000, now);
         let bytes = (54_000.0 * share) as u32;
-        load.hear(&heard(tick - 2, delay_us(tick), bytes), 0, true, now);
+        load.receive_report(&report(tick - 2, delay_us(tick), bytes), 0, true, now);
     }
 }
 
 #[test]
-fn a_steady_way_is_no_queue_however_long_it_is() {
+fn a_constant_delay_is_no_queue() {
     let mut load = LinkLoad::default();
     run(&mut load, 0, 600, |_| 900_000, 1.0);
     assert!(load.rate().is_infinite());
 }
 
 #[test]
-fn a_queue_that_stands_brings_the_rate_below_what_arrives() {
+fn a_standing_queue_lowers_the_rate_below_the_arrivals() {
     let mut load = LinkLoad::default();
     run(&mut load, 0, 240, |_| 10_000, 1.0);
     run(&mut load, 240, 60, |_| 60_000, 1.0);
@@ -54,7 +54,7 @@ fn jitter_is_no_queue() {
 }
 
 #[test]
-fn noise_of_a_radio_link_is_no_fullness_but_a_third_lost_is() {
+fn radio_noise_is_ignored_but_a_loss_of_a_third_is_not() {
     let mut load = LinkLoad::default();
     run(&mut load, 0, 900, |_| 10_000, 0.93);
     assert!(load.rate().is_infinite());
@@ -63,7 +63,7 @@ fn noise_of_a_radio_link_is_no_fullness_but_a_third_lost_is() {
 }
 
 #[test]
-fn what_a_link_loses_however_little_is_sent_does_not_bring_the_rate_down() {
+fn the_own_loss_of_a_link_does_not_lower_the_rate() {
     // Symptom to prevent: a fifth was lost at random, and the rate fell by a quarter every second,
     // to the minimum.
     for share in [0.8, 0.7] {
@@ -77,7 +77,7 @@ fn what_a_link_loses_however_little_is_sent_does_not_bring_the_rate_down() {
 }
 
 #[test]
-fn a_link_that_drops_what_is_too_much_is_not_taken_for_one_that_loses_at_random() {
+fn a_policer_is_not_mistaken_for_random_loss() {
     // A policer of 30 kB/s drops the excess, independent of the delay.
     let mut load = LinkLoad::default();
     let mut rates = Vec::new();
@@ -86,7 +86,7 @@ fn a_link_that_drops_what_is_too_much_is_not_taken_for_one_that_loses_at_random(
         let sent = (load.rate() / 60.0).min(1_000.0);
         load.sent(Some(Tick(tick)), (0.9 * sent) as usize, sent as usize, now);
         let arrived = 0.9 * (60.0 * sent).min(30_000.0);
-        load.hear(&heard(tick - 2, 10_000, arrived as u32), 0, true, now);
+        load.receive_report(&report(tick - 2, 10_000, arrived as u32), 0, true, now);
         rates.push(sent * 60.0);
     }
     let late = &rates[1_200..];
@@ -104,8 +104,8 @@ fn a_corrected_clock_is_no_queue() {
         load.sent(Some(Tick(tick)), 900, 1000, now);
         // The clock is slewed by 80 ms, so that messages seem to be sent earlier.
         let correction = -(tick as i32) * 133;
-        load.hear(
-            &heard(tick - 2, 10_000 - correction, 54_000),
+        load.receive_report(
+            &report(tick - 2, 10_000 - correction, 54_000),
             correction,
             true,
             now,
@@ -115,17 +115,17 @@ fn a_corrected_clock_is_no_queue() {
 }
 
 #[test]
-fn words_that_come_twice_or_late_change_nothing() {
+fn repeated_and_late_reports_are_ignored() {
     let mut load = LinkLoad::default();
     run(&mut load, 0, 300, |_| 10_000, 1.0);
     for _ in 0..100 {
-        load.hear(&heard(200, 900_000, 0), 0, true, 5 * SECOND_US);
+        load.receive_report(&report(200, 900_000, 0), 0, true, 5 * SECOND_US);
     }
     assert!(load.rate().is_infinite());
 }
 
 #[test]
-fn a_cut_link_is_silent_until_it_is_heard_of_again() {
+fn a_cut_link_is_silent_until_the_next_report() {
     let mut load = LinkLoad::default();
     assert!(!load.is_silent(9 * SECOND_US));
     run(&mut load, 0, 60, |_| 10_000, 1.0);
@@ -137,21 +137,21 @@ fn a_cut_link_is_silent_until_it_is_heard_of_again() {
 }
 
 #[test]
-fn an_edge_that_sends_seldom_is_not_cut_off() {
+fn an_edge_that_rarely_sends_is_not_cut_off() {
     let mut load = LinkLoad::default();
     run(&mut load, 0, 2, |_| 10_000, 1.0);
     assert!(!load.is_silent(9 * SECOND_US));
 }
 
 #[test]
-fn a_word_of_what_was_never_sent_changes_nothing() {
+fn a_report_about_an_unsent_tick_is_ignored() {
     // Symptom to prevent: after one report about the last possible tick, all real ones were stale,
     // and the link counted as cut forever.
     let mut load = LinkLoad::default();
-    load.hear(&heard(5, 0, 0), 0, true, 0);
+    load.receive_report(&report(5, 0, 0), 0, true, 0);
     run(&mut load, 0, 60, |_| 10_000, 1.0);
     for tick in [60, 1 << 40, i64::MAX] {
-        load.hear(&heard(tick, i32::MAX, 0), 0, true, SECOND_US);
+        load.receive_report(&report(tick, i32::MAX, 0), 0, true, SECOND_US);
     }
     run(&mut load, 60, 120, |_| 10_000, 1.0);
     assert!(!load.is_silent(3 * SECOND_US) && load.rate().is_infinite());
@@ -171,16 +171,16 @@ fn is_choked_after(
     }
     let back = from + silent_ticks;
     if both_ways {
-        load.hear_boxes_after(at(silent_ticks), at(back));
+        load.boxes_returned_after(at(silent_ticks), at(back));
     }
     load.sent(Some(Tick(back)), 900, 1000, at(back));
     let now_us = at(back + 2);
-    load.hear(&heard(back, delay_us, 27_000), 0, true, now_us);
+    load.receive_report(&report(back, delay_us, 27_000), 0, true, now_us);
     load.is_choked(now_us)
 }
 
 #[test]
-fn a_link_that_is_away_again_and_again_is_not_full() {
+fn a_link_with_repeated_outages_is_not_full() {
     // Symptom to prevent: with interruptions of 0.7 s every 4 s, passes were refused for a second,
     // and fusion lost all people.
     for both_ways in [true, false] {
@@ -198,7 +198,7 @@ fn a_link_that_is_away_again_and_again_is_not_full() {
 }
 
 #[test]
-fn a_link_that_answers_through_a_queue_or_lost_much_before_is_full() {
+fn a_queue_or_loss_after_silence_means_a_full_link() {
     let cut = |delay_us: i32, share: f64| {
         let mut load = LinkLoad::default();
         run(&mut load, 0, 190, |_| 10_000, 1.0);
@@ -212,7 +212,7 @@ fn a_link_that_answers_through_a_queue_or_lost_much_before_is_full() {
 }
 
 #[test]
-fn boxes_that_come_again_let_passes_be_made_at_once() {
+fn returning_boxes_allow_passes_at_once() {
     let mut load = LinkLoad::default();
     run(&mut load, 0, 120, |_| 10_000, 1.0);
     for tick in 120..180 {
@@ -220,8 +220,8 @@ fn boxes_that_come_again_let_passes_be_made_at_once() {
     }
     let now_us = 3 * SECOND_US;
     assert!(load.is_choked(now_us) && load.is_silent(now_us));
-    load.hear_boxes_after(OUTAGE_US - 1, now_us);
+    load.boxes_returned_after(OUTAGE_US - 1, now_us);
     assert!(load.is_choked(now_us), "boxes kept coming");
-    load.hear_boxes_after(SECOND_US, now_us);
+    load.boxes_returned_after(SECOND_US, now_us);
     assert!(!load.is_choked(now_us) && !load.is_silent(now_us));
 }

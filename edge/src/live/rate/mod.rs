@@ -151,7 +151,7 @@ impl RateController {
             room_since_us: None,
             common_nth: 1,
             own_nth: 0,
-            wish: Wish::Begin,
+            wish: Wish::TakeMore,
             asked: 0,
         }
     }
@@ -172,14 +172,14 @@ impl RateController {
     }
 
     /// Records that fusion's boxes return after `silent_us`.
-    pub fn hear_boxes_after(&mut self, silent_us: Micros, now_us: Micros) {
-        self.load.hear_boxes_after(silent_us, now_us);
+    pub fn boxes_returned_after(&mut self, silent_us: Micros, now_us: Micros) {
+        self.load.boxes_returned_after(silent_us, now_us);
     }
 
     /// Adds fusion's report of the link. `correction_us` is the current correction of this
     /// machine's clock, microseconds.
-    pub fn hear(&mut self, heard: &HeardPatches, correction_us: i32, now_us: Micros) {
-        self.load.hear(heard, correction_us, self.limited, now_us);
+    pub fn receive_report(&mut self, heard: &HeardPatches, correction_us: i32, now_us: Micros) {
+        self.load.receive_report(heard, correction_us, self.limited, now_us);
     }
 
     /// Records a sent message.
@@ -229,7 +229,7 @@ impl RateController {
 
     /// Whether there is time for this many crops at each tick of the last plan.
     pub fn has_time_for(&self, crops: usize) -> bool {
-        self.work.ticks(crops, Wish::Begin) <= f64::from(self.plan.every_nth)
+        self.work.ticks(crops, Wish::TakeMore) <= f64::from(self.plan.every_nth)
     }
 
     /// Set if the computer has no time for all ticks and persons.
@@ -311,7 +311,7 @@ impl RateController {
         let share = |persons| self.share(level, per_tick, persons);
         let is_less = every_nth > 1 || share(persons) > 1.0;
         let mut most = is_less.then(|| persons_within(share, ticks, persons));
-        if self.wish == Wish::GoOn && self.asked == persons {
+        if self.wish == Wish::Continue && self.asked == persons {
             // A bearable load is no reason to process more.
             most = most.map(|most| self.plan.persons.map_or(most, |last| most.min(last)));
         }
@@ -370,10 +370,10 @@ impl RateController {
     /// The n (every n-th tick) that the edge needs; 0 without `persons`. While its load is bearable
     /// it does not skip more ticks.
     fn need(&mut self, level: CompressionLevel, per_tick: f64, persons: usize) -> u16 {
-        self.wish = Wish::Begin;
+        self.wish = Wish::TakeMore;
         let mut nth = self.needed(level, per_tick, persons);
         if (1..nth).contains(&self.own_nth) {
-            self.wish = Wish::GoOn;
+            self.wish = Wish::Continue;
             nth = self.own_nth.max(self.needed(level, per_tick, persons));
         }
         if nth > 0 {

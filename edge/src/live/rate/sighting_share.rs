@@ -87,12 +87,12 @@ mod tests {
     }
 
     #[test]
-    fn while_nothing_bounds_the_link_every_pass_is_made() {
+    fn an_unbounded_link_allows_every_pass() {
         assert_eq!(passes(5_600, f64::INFINITY, 600).len(), 600);
     }
 
     #[test]
-    fn on_a_quarter_of_a_megabit_all_regular_passes_are_made_and_some_that_are_asked_for() {
+    fn a_quarter_megabit_allows_all_regular_and_some_requested_passes() {
         let made = passes(4_600, 31_000.0, 600);
         assert!((0..10).all(|second| made.contains(&(second * PERIOD))));
         assert!((14..=20).contains(&made.len()), "{made:?}");
@@ -100,14 +100,14 @@ mod tests {
     }
 
     #[test]
-    fn over_a_link_that_carries_less_than_regular_passes_some_of_these_are_left_out() {
+    fn a_thinner_link_skips_some_regular_passes() {
         let made = passes(4_600, 4_000.0, 6_000);
         assert!((18..=25).contains(&made.len()), "{made:?}");
         assert!(made.iter().any(|tick| tick % PERIOD == 0));
     }
 
     #[test]
-    fn patches_get_what_sightings_leave_and_never_less_than_their_share() {
+    fn patches_get_the_rest_and_at_least_their_share() {
         let mut share = SightingShare::default();
         assert!((share.left_for_patches(10_000.0, 0) - 10_000.0).abs() < 1e-9);
         share.sent(2_000, 10_000.0, 0);
@@ -119,7 +119,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn over_time_sightings_take_no_more_than_their_share(
+        fn sightings_stay_within_their_share_over_time(
             bytes in 100usize..20_000, rate in 2_000.0f64..1e6,
         ) {
             let ticks = 6_000;

@@ -116,11 +116,11 @@ impl SimulatedEdge {
         }
     }
 
-    fn hear(&mut self, controller: &mut RateController, line: &SimulatedLink, now: i64) {
+    fn deliver_reports(&mut self, controller: &mut RateController, line: &SimulatedLink, now: i64) {
         while self.words.front().is_some_and(|(at, _)| *at <= now) {
             let (at, word) = self.words.pop_front().unwrap();
             if !line.is_cut(at) {
-                controller.hear(&word, 0, at);
+                controller.receive_report(&word, 0, at);
             }
         }
     }
@@ -248,7 +248,7 @@ pub(super) fn run_together(
         for turn in 0..begun {
             let of = (first + turn) % begun;
             let (edge, controller) = (&mut edges[of], &mut *controllers[of]);
-            edge.hear(controller, line, now);
+            edge.deliver_reports(controller, line, now);
             let way = (line, &mut free_at, &mut random);
             edge.send(controller, way, persons, tick, tick > counts_from);
         }

@@ -25,7 +25,7 @@ fn wide() -> SimulatedLink {
 }
 
 #[test]
-fn a_wide_link_carries_everybody_at_the_best_quality() {
+fn a_wide_link_carries_all_people_at_the_best_quality() {
     let got = run(&mut controller(0.0), &wide(), 8, 10, 0);
     let all = SendPlan {
         level: CompressionLevel::DEFAULT,
@@ -36,7 +36,7 @@ fn a_wide_link_carries_everybody_at_the_best_quality() {
 }
 
 #[test]
-fn one_megabit_carries_eight_persons_at_a_lower_quality_without_a_queue() {
+fn one_megabit_carries_eight_persons_without_a_queue() {
     for one_way_us in [0, 10_000, 40_000, 100_000] {
         let line = SimulatedLink {
             bytes_per_s: 125_000.0,
@@ -54,7 +54,7 @@ fn one_megabit_carries_eight_persons_at_a_lower_quality_without_a_queue() {
 }
 
 #[test]
-fn edges_before_one_bottleneck_share_it_whoever_came_first() {
+fn edges_share_a_bottleneck_in_any_order_of_start() {
     // Symptom to prevent: rates grew in proportion, so differences remained, and a late edge took
     // the queue of the others for the base delay. The result was 4, 19, 33 and 50 kB/s of 125.
     for (n, mbit_s) in [(2, 0.5), (4, 1.0), (4, 2.0), (16, 4.0)] {
@@ -93,7 +93,7 @@ fn edges_before_one_bottleneck_share_it_whoever_came_first() {
 }
 
 #[test]
-fn edges_whose_persons_cost_more_or_less_share_a_thin_bottleneck_all_the_same() {
+fn edges_with_different_costs_share_a_thin_bottleneck() {
     // Symptom to prevent: all edges tolerated the same queue, and their rates stayed up to 29 %
     // from the mean.
     for sizes_apart in [0.1, 0.2, 0.3] {
@@ -129,7 +129,7 @@ fn edges_whose_persons_cost_more_or_less_share_a_thin_bottleneck_all_the_same() 
 }
 
 #[test]
-fn a_link_that_jitters_is_used_all_the_same() {
+fn a_link_with_jitter_is_used_fully() {
     // Symptom to prevent: a wider link tolerated a shorter queue, and jitter alone exceeded it: a
     // fifth of 2 Mbit/s was used.
     for mbit_s in [0.1, 1.0, 2.0] {
@@ -155,7 +155,7 @@ fn a_link_that_jitters_is_used_all_the_same() {
 }
 
 #[test]
-fn ticks_go_a_level_finer_as_far_as_the_budget_reaches_and_the_status_names_the_level_of_most() {
+fn spare_budget_makes_some_ticks_a_level_finer() {
     let mut finer_n = 0;
     for budget in (60_000..240_000).step_by(3_000) {
         let mut controller = controller(f64::from(budget));
@@ -181,7 +181,7 @@ fn ticks_go_a_level_finer_as_far_as_the_budget_reaches_and_the_status_names_the_
 }
 
 #[test]
-fn detection_passes_that_fusion_asks_for_do_not_keep_a_shared_link_full() {
+fn requested_detection_passes_do_not_keep_a_shared_link_full() {
     // Symptom to prevent: no person was detected over a full link, so passes were requested at
     // every tick. Their sightings, 60 kB/s of each edge, kept the link of 125 kB/s full forever.
     let line = SimulatedLink {
@@ -201,7 +201,7 @@ fn detection_passes_that_fusion_asks_for_do_not_keep_a_shared_link_full() {
 }
 
 #[test]
-fn a_link_that_drops_what_it_cannot_carry_is_found_by_its_losses() {
+fn a_link_without_a_queue_is_measured_by_its_losses() {
     let line = SimulatedLink {
         bytes_per_s: 60_000.0,
         longest_queue_us: 0,
@@ -216,7 +216,7 @@ fn a_link_that_drops_what_it_cannot_carry_is_found_by_its_losses() {
 }
 
 #[test]
-fn a_lossy_and_jittery_link_that_is_wide_is_used_in_full() {
+fn a_wide_link_with_loss_and_jitter_is_used_fully() {
     for (loss, jitter_us) in [(0.01, 5_000), (0.05, 20_000), (0.05, 0)] {
         let line = SimulatedLink {
             loss,
@@ -280,7 +280,7 @@ fn quality_comes_back_when_the_link_does() {
 }
 
 #[test]
-fn a_way_that_gets_longer_for_good_is_no_queue_for_long() {
+fn a_lasting_increase_of_delay_becomes_the_base_delay() {
     let line = SimulatedLink {
         then: (10, 150_000),
         ..wide()
@@ -294,7 +294,7 @@ fn a_way_that_gets_longer_for_good_is_no_queue_for_long() {
 }
 
 #[test]
-fn a_link_that_was_cut_carries_what_it_did_before() {
+fn a_restored_link_carries_its_former_rate() {
     let mut edge = controller(0.0);
     let line = SimulatedLink {
         cut_s: 10..15,
@@ -313,7 +313,7 @@ fn a_link_that_was_cut_carries_what_it_did_before() {
 }
 
 #[test]
-fn a_budget_is_planned_for_without_a_word_from_fusion() {
+fn a_budget_is_respected_without_reports_of_fusion() {
     for budget in [50_000.0, 20_000.0, 7_000.0, 3_000.0, 1_000.0] {
         let mut edge = controller(budget);
         let plan = edge.plan(8, 0);
@@ -346,7 +346,7 @@ fn planned_bytes_per_s(edge: &RateController, plan: SendPlan, persons: u32) -> f
 }
 
 #[test]
-fn nobody_in_sight_costs_only_a_sign_of_life() {
+fn without_people_only_keepalives_are_sent() {
     let mut edge = controller(0.0);
     let plan = edge.plan(0, 0);
     assert_eq!(
@@ -382,7 +382,7 @@ fn compute(
 }
 
 #[test]
-fn a_computer_that_is_too_slow_works_on_ticks_that_all_edges_share() {
+fn a_slow_computer_processes_ticks_that_all_edges_share() {
     let plan = |person_us, persons| {
         let edge = on_a_computer(person_us, 1, persons);
         let plan = edge.last_plan();
@@ -390,8 +390,8 @@ fn a_computer_that_is_too_slow_works_on_ticks_that_all_edges_share() {
     };
     assert_eq!(plan(10_000, 1), (1, None, false));
     assert_eq!(plan(35_000, 1), (4, Some(1.0), true));
-    let (nth, persons, is_told) = plan(35_000, 2);
-    assert!(nth == 4 && is_told, "{nth}");
+    let (nth, persons, is_overloaded) = plan(35_000, 2);
+    assert!(nth == 4 && is_overloaded, "{nth}");
     // 50 ms of 67 for people of 35 ms.
     assert!((persons.unwrap() - 1.43).abs() < 0.05, "{persons:?}");
     let overload = on_a_computer(35_000, 1, 2).overload().unwrap();
@@ -400,7 +400,7 @@ fn a_computer_that_is_too_slow_works_on_ticks_that_all_edges_share() {
 }
 
 #[test]
-fn a_computer_that_has_time_again_does_every_tick_within_four_seconds() {
+fn a_computer_with_time_again_processes_every_tick_within_4_s() {
     let mut edge = on_a_computer(35_000, 1, 1);
     compute(&mut edge, 5_000, 1, 6 * SECOND_US..7 * SECOND_US);
     assert_eq!(edge.last_plan().every_nth, 4, "it does not swing");
@@ -409,7 +409,7 @@ fn a_computer_that_has_time_again_does_every_tick_within_four_seconds() {
 }
 
 #[test]
-fn an_edge_leaves_more_ticks_out_only_where_what_it_does_cannot_be_borne() {
+fn an_edge_skips_more_ticks_only_under_an_unbearable_load() {
     let mut edge = on_a_computer(45_000, 1, 1);
     let mut nth_at = |person_us, second: Micros| {
         let time_us = second * SECOND_US..(second + 6) * SECOND_US;
@@ -423,7 +423,7 @@ fn an_edge_leaves_more_ticks_out_only_where_what_it_does_cannot_be_borne() {
 }
 
 #[test]
-fn an_edge_that_gets_slower_takes_no_more_people_up() {
+fn a_slower_edge_takes_no_more_people() {
     let mut edge = on_a_computer(45_000, 1, 2);
     let before = edge.last_plan();
     compute(&mut edge, 52_000, 2, 6 * SECOND_US..7 * SECOND_US);
@@ -433,7 +433,7 @@ fn an_edge_that_gets_slower_takes_no_more_people_up() {
 }
 
 #[test]
-fn a_tick_without_anybody_is_no_reason_to_leave_more_ticks_out() {
+fn a_tick_without_people_does_not_skip_more_ticks() {
     let mut edge = on_a_computer(45_000, 1, 1);
     compute(&mut edge, 55_000, 1, 6 * SECOND_US..9 * SECOND_US);
     edge.plan(0, 9 * SECOND_US);
@@ -442,7 +442,7 @@ fn a_tick_without_anybody_is_no_reason_to_leave_more_ticks_out() {
 }
 
 #[test]
-fn a_slow_second_is_no_reason_to_leave_more_ticks_out() {
+fn a_slow_second_does_not_skip_more_ticks() {
     let mut edge = on_a_computer(45_000, 1, 1);
     compute(&mut edge, 75_000, 1, 6 * SECOND_US..7 * SECOND_US);
     assert_eq!(edge.last_plan().every_nth, 4);
@@ -451,7 +451,7 @@ fn a_slow_second_is_no_reason_to_leave_more_ticks_out() {
 }
 
 #[test]
-fn there_is_time_for_as_many_crops_as_fit_into_the_ticks_of_the_plan() {
+fn time_allows_the_crops_that_fit_the_planned_ticks() {
     // 35 ms each: one fits into 50 of 67 ms.
     let mut edge = on_a_computer(35_000, 1, 1);
     assert!(edge.has_time_for(1) && !edge.has_time_for(2));
@@ -478,11 +478,11 @@ fn an_edge_works_only_on_ticks_of_fusions_plan() {
     assert_eq!(followed(10_000, 0), (1, None, 1), "fusion says nothing");
     let mut empty = on_a_computer(35_000, 1, 1);
     empty.plan(0, 6 * SECOND_US);
-    assert_eq!(empty.needed_nth(), 0, "nobody is in sight");
+    assert_eq!(empty.needed_nth(), 0, "no person is visible");
 }
 
 #[test]
-fn what_fewer_ticks_leave_of_a_thin_link_is_for_finer_patches() {
+fn capacity_left_by_fewer_ticks_is_used_for_finer_patches() {
     let mut edge = controller(100_000.0);
     let all = edge.plan(8, 0);
     assert!(all.level > CompressionLevel::DEFAULT && all.persons.is_none());

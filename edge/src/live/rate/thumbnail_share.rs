@@ -122,13 +122,13 @@ mod tests {
     }
 
     #[test]
-    fn without_a_budget_a_thumbnail_occupies_a_thin_link_for_a_tick_at_the_most() {
+    fn without_a_budget_a_thumbnail_takes_at_most_a_tick() {
         let bytes = Edge::new(0.0).thumbnail(0);
         assert!((4_000..=5_000).contains(&bytes), "{bytes}");
     }
 
     #[test]
-    fn under_a_budget_thumbnails_take_a_tenth_of_it_and_each_a_tick_of_the_link() {
+    fn thumbnails_take_a_tenth_of_a_budget() {
         let mut edge = Edge::new(125_000.0);
         for tick in 0..600 {
             edge.tick(tick, 2);
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn while_the_link_carries_fewer_people_than_there_are_nothing_is_sent_of_them() {
+    fn no_thumbnail_is_sent_while_people_are_left_out() {
         let mut edge = Edge::new(60_000.0);
         for tick in 0..600 {
             edge.tick(tick, 22);
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn while_the_link_is_cut_nothing_is_sent_of_them() {
+    fn no_thumbnail_is_sent_while_the_link_is_cut() {
         let mut edge = Edge::new(0.0);
         let heard = HeardPatches {
             tick: Tick(0),
@@ -159,7 +159,7 @@ mod tests {
             bytes: 300,
         };
         edge.rate.sent(MessageKind::Patches(Tick(0)), 300, 0);
-        edge.rate.hear(&heard, 0, 10_000);
+        edge.rate.receive_report(&heard, 0, 10_000);
         assert!(edge.thumbnail(20_000) > 0);
         edge.rate.sent(MessageKind::Patches(Tick(3)), 300, 50_000);
         assert_eq!(edge.thumbnail(2 * SECOND_US), 0);
@@ -167,7 +167,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_thumbnail_never_takes_what_other_messages_may_need(
+        fn a_thumbnail_leaves_room_for_other_messages(
             budget in 5_000.0f64..1e6, used in 0.0f64..1.0, at in 0i64..10 * SECOND_US,
         ) {
             let mut edge = Edge::new(budget);

@@ -26,9 +26,9 @@ const WINDOW_US: Micros = 3 * SECOND_US;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Wish {
     /// To process more ticks.
-    Begin,
+    TakeMore,
     /// To continue with the current ticks.
-    GoOn,
+    Continue,
 }
 
 /// Durations of rounds in a part of the window.
@@ -101,8 +101,8 @@ impl Work {
     pub(super) fn ticks(&self, crops: usize, wish: Wish) -> f64 {
         let past = self.past.iter().flatten();
         let share_us = match wish {
-            Wish::Begin => past.map(|it| it.slowest_us).fold(0.0, f64::max) / PLANNED,
-            Wish::GoOn => {
+            Wish::TakeMore => past.map(|it| it.slowest_us).fold(0.0, f64::max) / PLANNED,
+            Wish::Continue => {
                 let (sum, time_us) = past.fold((0.0, 0.0), |(sum, time_us), it| {
                     (sum + it.sum, time_us + it.time_us)
                 });
@@ -141,47 +141,47 @@ mod tests {
     }
 
     #[test]
-    fn before_it_was_measured_nothing_bounds_it() {
+    fn work_is_unbounded_before_measurements() {
         let mut work = Work::new(60.0);
         feed(&mut work, 2, 200_000, 0, 11);
-        assert!(work.ticks(8, Wish::Begin) < 1e-9);
+        assert!(work.ticks(8, Wish::TakeMore) < 1e-9);
         feed(&mut work, 2, 200_000, 20, 1);
-        assert!(work.ticks(8, Wish::Begin) > 1.0);
+        assert!(work.ticks(8, Wish::TakeMore) > 1.0);
     }
 
     #[test]
-    fn two_workers_do_two_people_in_the_time_of_one() {
+    fn two_workers_process_two_people_in_the_time_of_one() {
         let mut work = Work::new(60.0);
         work.set_workers(2, 100.0);
         assert!(
-            (work.ticks(2, Wish::Begin) - 1.6).abs() < 1e-3,
+            (work.ticks(2, Wish::TakeMore) - 1.6).abs() < 1e-3,
             "as it was measured beforehand"
         );
         feed(&mut work, 2, 12_500, 0, 300);
         assert!(
-            (work.ticks(1, Wish::Begin) - 1.0).abs() < 1e-3
-                && (work.ticks(2, Wish::Begin) - 1.0).abs() < 1e-3
+            (work.ticks(1, Wish::TakeMore) - 1.0).abs() < 1e-3
+                && (work.ticks(2, Wish::TakeMore) - 1.0).abs() < 1e-3
         );
-        assert!((work.ticks(3, Wish::Begin) - 2.0).abs() < 1e-3);
+        assert!((work.ticks(3, Wish::TakeMore) - 2.0).abs() < 1e-3);
     }
 
     #[test]
-    fn a_tick_that_another_program_held_up_changes_nothing() {
+    fn a_tick_delayed_by_another_program_is_ignored() {
         let mut work = Work::new(60.0);
         feed(&mut work, 1, 10_000, 0, 60);
-        let before = work.ticks(1, Wish::Begin);
+        let before = work.ticks(1, Wish::TakeMore);
         feed(&mut work, 1, 300_000, 60, 1);
-        assert!((work.ticks(1, Wish::Begin) - before).abs() < 1e-9);
+        assert!((work.ticks(1, Wish::TakeMore) - before).abs() < 1e-9);
     }
 
     #[test]
-    fn what_was_slow_counts_for_seconds_and_not_for_ever() {
+    fn a_slow_round_counts_for_seconds_only() {
         let mut work = Work::new(60.0);
         feed(&mut work, 1, 60_000, 0, 60);
-        let slow = work.ticks(1, Wish::Begin);
+        let slow = work.ticks(1, Wish::TakeMore);
         feed(&mut work, 1, 10_000, 60, 60);
-        assert!((work.ticks(1, Wish::Begin) - slow).abs() < 1e-9);
+        assert!((work.ticks(1, Wish::TakeMore) - slow).abs() < 1e-9);
         feed(&mut work, 1, 10_000, 120, 180);
-        assert!((work.ticks(1, Wish::Begin) - slow / 6.0).abs() < 1e-9);
+        assert!((work.ticks(1, Wish::TakeMore) - slow / 6.0).abs() < 1e-9);
     }
 }

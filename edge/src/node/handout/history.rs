@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_were_replaced_are_not_taken_back_without_a_word() {
+    fn replaced_files_are_refused_unless_accepted() {
         let folder = tempfile::tempdir().unwrap();
         let venue = folder.path().join("venue.toml");
         let read = || HandoutHistory::read(&venue).unwrap();
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_remembered_has_a_bound() {
+    fn the_history_has_a_bound() {
         let folder = tempfile::tempdir().unwrap();
         let venue = folder.path().join("venue.toml");
         let mut history = HandoutHistory::read(&venue).unwrap();
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_torn_file_is_set_aside_and_what_can_be_read_of_it_counts() {
+    fn a_torn_file_is_set_aside_and_its_readable_lines_count() {
         // Symptom to prevent: after a power cut the unit did not start again.
         let folder = tempfile::tempdir().unwrap();
         let venue = folder.path().join("venue.toml");

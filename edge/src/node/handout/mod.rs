@@ -72,7 +72,7 @@ fn first_contact(args: &EdgeArgs) -> Result<FirstContact, NodeError> {
             args.venue.display()
         ))
     })?;
-    let beside = folder(&args.venue).join(CERTIFICATES);
+    let default_keys = folder(&args.venue).join(CERTIFICATES);
     let keys = args
         .certificates
         .clone()
@@ -81,7 +81,7 @@ fn first_contact(args: &EdgeArgs) -> Result<FirstContact, NodeError> {
                 .as_ref()
                 .and_then(|venue| venue.security.certificates.clone())
         })
-        .or_else(|| beside.is_dir().then_some(beside));
+        .or_else(|| default_keys.is_dir().then_some(default_keys));
     let identity = keys.map(|keys| load_identity(&keys, &args.viewpoint));
     let identity = identity.transpose().map_err(NodeError::refused)?;
     if let Some(identity) = &identity {
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_whose_certificate_nobody_would_admit_does_not_wait_for_fusion() {
+    fn an_edge_with_an_invalid_certificate_does_not_wait_for_fusion() {
         assert!(contact("hall", 4000, 1).is_ok());
         for (venue, year, newest, words) in [
             ("hall", 2021, 1, "has ended"),

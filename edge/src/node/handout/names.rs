@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_the_venue_file_names_is_taken() {
+    fn only_files_named_by_the_venue_file_are_accepted() {
         let folder = tempfile::tempdir().unwrap();
         let names = names(folder.path(), VENUE);
         check(&names, &shared(FileKind::Calibration, "sub/c.toml")).unwrap();
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_larger_than_any_of_its_kind_is_refused() {
+    fn a_file_too_large_for_its_kind_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let names = names(folder.path(), VENUE);
         let file = SharedFile {

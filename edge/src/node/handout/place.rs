@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_there_already_is_left_alone_wherever_it_lies() {
+    fn an_existing_equal_file_is_left_alone_anywhere() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("hall")).unwrap();
         let venue = folder.path().join("hall/venue.toml");
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_appears_only_when_it_is_whole_and_right() {
+    fn a_file_appears_only_when_complete_and_correct() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("venue.toml");
         std::fs::write(&path, "old").unwrap();
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn two_who_fetch_into_one_folder_do_not_write_into_each_others_files() {
+    fn two_processes_in_one_folder_use_separate_files() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("venue.toml");
         let file = shared(FileKind::Venue, "", "new");

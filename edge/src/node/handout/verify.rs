@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn only_fusions_signature_under_this_very_list_counts() {
+    fn only_a_signature_of_fusion_under_this_list_is_valid() {
         let (ours, other) = (authority(), authority());
         let server = || ExtendedKeyUsagePurpose::ServerAuth;
         let now = UnixTime::now();

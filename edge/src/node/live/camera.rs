@@ -20,7 +20,7 @@ use crate::live::{Micros, SECOND_US};
 use crate::source::{Frame, FrameContent, FrameSource, SourceError, Sources};
 
 /// Interval of checks for the venue's time.
-const LOOK_EVERY_US: Micros = 10_000;
+const CHECK_EVERY_US: Micros = 10_000;
 /// A recording is opened this long before its first tick. A longer wait means that the clock was
 /// set back.
 const AHEAD_US: Micros = 2 * SECOND_US;
@@ -54,7 +54,7 @@ impl LiveCamera {
             return;
         };
         // A message is printed again only if it changed.
-        let mut said = String::new();
+        let mut reported = String::new();
         while !self.shared.is_stopped() {
             let pause = if camera.source.is_live() {
                 self.watch(&camera)
@@ -63,13 +63,13 @@ impl LiveCamera {
             };
             match pause {
                 Pause::Stopped => return,
-                Pause::NoTick => drop(self.shared.pause(LOOK_EVERY_US)),
+                Pause::NoTick => drop(self.shared.pause(CHECK_EVERY_US)),
                 Pause::Failed(error) => {
                     let text = error.to_string();
                     let wait_us = self.shared.frames.failed(self.at, &text);
-                    if text != said {
+                    if text != reported {
                         say(format_args!("{text}; it is opened again until it works"));
-                        said = text;
+                        reported = text;
                     }
                     if !self.shared.pause(wait_us) {
                         return;
@@ -90,7 +90,7 @@ impl LiveCamera {
         };
         let mut from = None;
         while from.is_none() {
-            if !self.shared.pause(LOOK_EVERY_US) {
+            if !self.shared.pause(CHECK_EVERY_US) {
                 return Pause::Stopped;
             }
             from = self.next_tick(&ticks);
@@ -142,7 +142,7 @@ impl LiveCamera {
         if now_us - due_us > LATE_PERIODS * period_us {
             return Ok(());
         }
-        let picture_sample = look_at(&frame.content);
+        let picture_sample = sample_of(&frame.content);
         if !self.shared.sleep_until(due_us) {
             return Err(Pause::Stopped);
         }
@@ -198,7 +198,7 @@ impl LiveCamera {
             now_us,
         };
         let placed = placer.place(arrived, &self.shared.ledger().ticks)?;
-        let picture_sample = look_at(&frame.content);
+        let picture_sample = sample_of(&frame.content);
         let frame = Frame {
             tick: placed.tick,
             capture_offset_us: placed.offset_us,
@@ -291,7 +291,7 @@ impl ReportedTimes {
     }
 }
 
-fn look_at(content: &FrameContent) -> Option<PictureSample> {
+fn sample_of(content: &FrameContent) -> Option<PictureSample> {
     match content {
         FrameContent::Image(image) => Some(sample_picture(image)),
         FrameContent::Painted(maps) => maps

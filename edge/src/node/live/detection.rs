@@ -21,7 +21,7 @@ use super::work_watch::Caller;
 use crate::inference::CameraDetections;
 use crate::live::Micros;
 use crate::live::detection_schedule::DetectionSchedule;
-use crate::node::beyond_view::say_beyond_view;
+use crate::node::beyond_view::report_beyond_view;
 use crate::pipeline::{EdgeOutput, EdgePipeline, StepRequest, ViewpointDetector};
 use crate::source::Frame;
 
@@ -175,5 +175,5 @@ fn sight(shared: &Shared, mut pipeline: EdgePipeline, to_sight: &Receiver<Pass>)
         }
         outbox::send(shared, &start, output);
     }
-    say_beyond_view(&pipeline);
+    report_beyond_view(&pipeline);
 }

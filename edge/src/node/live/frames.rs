@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_store_nobody_takes_from_stays_small() {
+    fn a_store_without_a_consumer_stays_small() {
         let store = store();
         for tick in 0..1000 {
             put(&store, 0, tick, None);
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_camera_is_waited_for_and_one_that_stops_for_a_moment_hardly() {
+    fn a_slow_camera_is_waited_for_but_a_stalled_one_only_briefly() {
         let lag_after = |lags_us: &[Micros]| {
             let mut lag = Lag::default();
             for us in lags_us {
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_has_failed_delays_nobody() {
+    fn a_failed_camera_delays_no_tick() {
         let store = store();
         put(&store, 0, 1, None);
         assert_eq!(store.lag_us(PERIOD), 3_000);
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn fake_a_black_camera_is_left_out_of_the_tick_and_named_in_the_status() {
+    fn fake_a_black_camera_is_left_out_and_named_in_the_status() {
         let store = store();
         let black = PictureSample { hash: 1, mean: 0.0 };
         put(&store, 0, 7, Some(black));

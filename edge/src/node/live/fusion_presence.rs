@@ -42,7 +42,7 @@ impl FusionPresence {
     }
 
     /// Records boxes of fusion at `now_us`. Returns the message for the log, if fusion was gone.
-    pub(super) fn heard(&mut self, now_us: Micros) -> Option<String> {
+    pub(super) fn returned(&mut self, now_us: Micros) -> Option<String> {
         let gone = self.gone?;
         if now_us.saturating_sub(gone.noticed_us) < UNDER_WAY_US {
             return None;
@@ -58,42 +58,42 @@ mod tests {
     use super::*;
 
     #[test]
-    fn that_fusion_is_gone_and_that_it_is_back_are_said_once() {
+    fn absence_and_return_of_fusion_are_reported_once() {
         let mut fusion = FusionPresence::default();
-        assert_eq!(fusion.heard(0), None, "it was there all along");
-        let said = fusion.gone(Some(180_000), SECOND_US).unwrap();
+        assert_eq!(fusion.returned(0), None, "it was there all along");
+        let message = fusion.gone(Some(180_000), SECOND_US).unwrap();
         assert!(
-            said.starts_with("fusion is gone (last heard 0.2 s ago): "),
-            "{said}"
+            message.starts_with("fusion is gone (last heard 0.2 s ago): "),
+            "{message}"
         );
         assert_eq!(fusion.gone(Some(0), 2 * SECOND_US), None);
-        let said = fusion.heard(8 * SECOND_US).unwrap();
-        assert_eq!(said, "fusion is back after 7.2 s");
-        assert_eq!(fusion.heard(9 * SECOND_US), None);
+        let message = fusion.returned(8 * SECOND_US).unwrap();
+        assert_eq!(message, "fusion is back after 7.2 s");
+        assert_eq!(fusion.returned(9 * SECOND_US), None);
         assert!(fusion.gone(Some(0), 9 * SECOND_US).is_some(), "once more");
     }
 
     #[test]
-    fn it_was_away_since_its_last_word_and_not_since_its_lease_ended() {
+    fn an_absence_starts_with_the_last_message() {
         // Symptom to prevent: stopped for 5 s, noticed after 4 s, "back after 1 s".
         let mut fusion = FusionPresence::default();
         fusion.gone(Some(4 * SECOND_US), 10 * SECOND_US).unwrap();
-        let said = fusion.heard(11 * SECOND_US).unwrap();
-        assert_eq!(said, "fusion is back after 5.0 s");
+        let message = fusion.returned(11 * SECOND_US).unwrap();
+        assert_eq!(message, "fusion is back after 5.0 s");
     }
 
     #[test]
-    fn boxes_that_were_under_way_when_fusion_went_are_no_sign_of_it() {
+    fn boxes_in_transit_do_not_end_an_absence() {
         let mut fusion = FusionPresence::default();
         fusion.gone(Some(0), SECOND_US).unwrap();
-        assert_eq!(fusion.heard(SECOND_US + 3_000), None);
-        assert!(fusion.heard(2 * SECOND_US).is_some());
+        assert_eq!(fusion.returned(SECOND_US + 3_000), None);
+        assert!(fusion.returned(2 * SECOND_US).is_some());
     }
 
     #[test]
-    fn a_fusion_that_never_sent_boxes_is_waited_for() {
+    fn absence_before_the_first_boxes_is_reported() {
         let mut fusion = FusionPresence::default();
-        let said = fusion.gone(None, SECOND_US).unwrap();
-        assert_eq!(said, "fusion is gone: waiting for it");
+        let message = fusion.gone(None, SECOND_US).unwrap();
+        assert_eq!(message, "fusion is gone: waiting for it");
     }
 }

@@ -53,7 +53,7 @@ impl Ledger {
     pub(super) fn take_boxes(&mut self, boxes: BoxSet, now_us: Micros) -> BoxSetArrival {
         let live = boxes.live;
         let silent_us = self.boxes.silent_us(now_us).unwrap_or(0);
-        let arrival = self.boxes.hear(boxes, now_us);
+        let arrival = self.boxes.receive(boxes, now_us);
         let is_followed = matches!(arrival, BoxSetArrival::NewSession | BoxSetArrival::Newer);
         let (Some(live), true) = (live, is_followed) else {
             return arrival;
@@ -64,9 +64,9 @@ impl Ledger {
             self.last = None;
         }
         self.rate.follow(live.every_nth_tick);
-        self.rate.hear_boxes_after(silent_us, now_us);
+        self.rate.boxes_returned_after(silent_us, now_us);
         if let Some(heard) = &live.heard {
-            self.rate.hear(heard, self.ticks.correction_us(), now_us);
+            self.rate.receive_report(heard, self.ticks.correction_us(), now_us);
         }
         arrival
     }

@@ -139,54 +139,54 @@ impl LiveEdge {
             EdgeIncoming::Boxes(boxes) => match self.shared.take_boxes(boxes) {
                 // Fusion uses no data of an edge before it knows the edge's files.
                 BoxSetArrival::NewSession => {
-                    self.say_if_back();
-                    self.say_whom_it_follows();
+                    self.report_return();
+                    self.report_followed_session();
                     self.send_status();
                 }
                 BoxSetArrival::Foreign => self.status.unreadable += 1,
-                BoxSetArrival::Newer => self.say_if_back(),
+                BoxSetArrival::Newer => self.report_return(),
                 BoxSetArrival::Part | BoxSetArrival::Stale => {}
             },
             EdgeIncoming::Fusion(fusion) => {
-                self.weigh(&fusion);
+                self.process_status(&fusion);
                 return self.give_up();
             }
             // It will return and find the cameras open.
-            EdgeIncoming::FusionGone => self.say_gone(),
+            EdgeIncoming::FusionGone => self.report_absence(),
             EdgeIncoming::Unreadable(_, error) => self.cannot_read(&error),
         }
         Ok(None)
     }
 
     /// Reports the start and the end of overload.
-    fn say_overload(&mut self) {
+    fn report_overload(&mut self) {
         let overload = self.shared.overload();
         if overload.is_some() == self.is_overloaded {
             return;
         }
         self.is_overloaded = overload.is_some();
-        let said = overload.unwrap_or_else(|| "does every tick again".to_owned());
-        say(format_args!("{}: {said}", self.status.node));
+        let message = overload.unwrap_or_else(|| "does every tick again".to_owned());
+        say(format_args!("{}: {message}", self.status.node));
     }
 
     /// Reports that fusion has gone, if new.
-    fn say_gone(&mut self) {
+    fn report_absence(&mut self) {
         let silent_us = self.shared.silent_us();
         let now_us = self.shared.clock.now_us();
-        if let Some(said) = self.presence.gone(silent_us, now_us) {
-            say(format_args!("{}: {said}", self.status.node));
+        if let Some(message) = self.presence.gone(silent_us, now_us) {
+            say(format_args!("{}: {message}", self.status.node));
         }
     }
 
     /// Reports that fusion is back, if it was gone.
-    fn say_if_back(&mut self) {
-        if let Some(said) = self.presence.heard(self.shared.clock.now_us()) {
-            say(format_args!("{}: {said}", self.status.node));
+    fn report_return(&mut self) {
+        if let Some(message) = self.presence.returned(self.shared.clock.now_us()) {
+            say(format_args!("{}: {message}", self.status.node));
         }
     }
 
     /// Reports a change of the followed fusion or its session.
-    fn say_whom_it_follows(&mut self) {
+    fn report_followed_session(&mut self) {
         let session = self.shared.session();
         if let (Some(before), Some(now)) = (self.followed, session) {
             say(format_args!(
@@ -224,7 +224,7 @@ impl LiveEdge {
                 }
                 _ = statuses.tick() => {
                     self.shared.clock.discipline();
-                    self.say_overload();
+                    self.report_overload();
                     self.send_status();
                     let mut trouble = self.shared.trouble().into_iter().flatten();
                     if let Some((words, _)) = trouble.find(|(_, gives_up)| *gives_up) {
@@ -316,10 +316,10 @@ impl LiveEdge {
     }
 
     /// Processes what fusion's status reports about the edge.
-    fn weigh(&mut self, fusion: &Status) {
+    fn process_status(&mut self, fusion: &Status) {
         let mut edges = fusion.live.iter().flat_map(|live| &live.edges);
         let link = edges.find(|edge| edge.viewpoint == self.status.node);
-        self.objection = object(&self.status, fusion, link).err();
+        self.objection = check_fusion(&self.status, fusion, link).err();
         if self.objection.is_some() {
             self.status.unreadable += 1;
             self.refusal.note_refusal(self.shared.clock.now_us());
@@ -355,7 +355,7 @@ impl LiveEdge {
 
 /// Checks that an edge with the status `own` can work with fusion, by fusion's status and its
 /// `link` to the edge.
-fn object(own: &Status, fusion: &Status, link: Option<&EdgeLink>) -> Result<(), NodeError> {
+fn check_fusion(own: &Status, fusion: &Status, link: Option<&EdgeLink>) -> Result<(), NodeError> {
     if fusion.live.is_none() {
         return Err(NodeError::Failed(anyhow!(
             "fusion runs in lock-step now: start the edge again"

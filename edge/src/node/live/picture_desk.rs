@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_is_handed_over_only_where_it_is_wanted_and_only_once() {
+    fn only_a_requested_picture_is_passed_on_and_only_once() {
         let desk = PictureDesk::default();
         let mut frames = pictures(1);
         desk.offer(&mut frames);
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_picture_stays_and_is_not_waited_for_for_ever() {
+    fn other_content_stays_and_waiting_for_a_picture_ends() {
         let desk = PictureDesk::default();
         *desk.lock() = OnDesk::Wanted(0);
         let keypoints = FrameContent::Keypoints(KeypointFrame::default());

@@ -51,7 +51,7 @@ impl EdgePublishers {
     }
 
     /// Whether thumbnails have a subscriber.
-    pub(super) fn somebody_looks(&self) -> bool {
+    pub(super) fn has_thumbnail_subscriber(&self) -> bool {
         self.thumbnails.as_ref().is_some_and(has_listener)
     }
 

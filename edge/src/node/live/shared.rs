@@ -123,8 +123,8 @@ impl Shared {
     }
 
     /// Whether thumbnails have a subscriber.
-    pub(super) fn somebody_looks(&self) -> bool {
-        self.publishers.somebody_looks()
+    pub(super) fn has_thumbnail_subscriber(&self) -> bool {
+        self.publishers.has_thumbnail_subscriber()
     }
 
     /// Sends a thumbnail if there is room. It is not stored.

@@ -267,7 +267,7 @@ fn start_edge_with(
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_edge_follows_fusion_into_live_mode_and_through_its_death_and_return() {
+async fn an_edge_survives_a_restart_of_fusion_in_live_mode() {
     let folder = tempfile::tempdir().unwrap();
     let venue = venue(folder.path());
     let mut fusion = Script::open(&venue, "tcp/127.0.0.1:0", 1, None).await;
@@ -330,7 +330,7 @@ async fn an_edge_follows_fusion_into_live_mode_and_through_its_death_and_return(
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_refused_edge_says_so_and_waits_but_ends_when_the_files_differ() {
+async fn a_refused_edge_waits_but_ends_if_files_differ() {
     let folder = tempfile::tempdir().unwrap();
     let venue = venue(folder.path());
     let mut fusion = Script::open(&venue, "tcp/127.0.0.1:0", 1, None).await;
@@ -355,13 +355,13 @@ async fn a_refused_edge_says_so_and_waits_but_ends_when_the_files_differ() {
             |status: &Status| status.failure.is_none() && status.ready,
         )
         .await;
-    let said = async {
+    let ended = async {
         while !edge.is_finished() {
             fusion.say_status("another", Vec::new()).await;
             tokio::time::sleep(Duration::from_millis(100)).await;
         }
     };
-    timeout(PATIENCE, said).await.expect("the edge goes on");
+    timeout(PATIENCE, ended).await.expect("the edge goes on");
     let ending = edge.await;
     let error = ending.unwrap().unwrap_err();
     assert!(matches!(&error, NodeError::Refused(_)));
@@ -384,7 +384,7 @@ fn link(live: bool, refused: &str) -> EdgeLink {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn no_single_message_whatever_it_says_ends_an_edge_or_silences_it() {
+async fn no_single_message_ends_or_silences_an_edge() {
     let folder = tempfile::tempdir().unwrap();
     let venue = venue(folder.path());
     let mut fusion = Script::open(&venue, "tcp/127.0.0.1:0", 1, None).await;

@@ -9,7 +9,7 @@ use super::camera::LiveCamera;
 use super::shared::Shared;
 use super::thumbnails::Thumbnails;
 use super::ticker::Ticker;
-use crate::node::beyond_view::say_beyond_view;
+use crate::node::beyond_view::report_beyond_view;
 use crate::node::parts::Parts;
 
 /// Starts the threads, which end when `shared` is stopped. Camera threads may still wait for a
@@ -53,7 +53,7 @@ pub(super) fn spawn(
     let work = move || {
         let mut ticker = Ticker::new(shared, pipeline, viewpoint, &venue);
         let outcome = ticker.share_work(workers).map(|()| ticker.run());
-        say_beyond_view(ticker.pipeline());
+        report_beyond_view(ticker.pipeline());
         if let Err(error) = outcome {
             drop(failed.send(error));
         }

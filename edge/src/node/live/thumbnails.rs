@@ -60,7 +60,7 @@ impl Thumbnails {
         let Some(session) = shared.session() else {
             return;
         };
-        if room() < LEAST_THUMBNAIL_BYTES || !shared.somebody_looks() {
+        if room() < LEAST_THUMBNAIL_BYTES || !shared.has_thumbnail_subscriber() {
             return;
         }
         let patience = Duration::from_micros(patience_us.unsigned_abs());

@@ -160,7 +160,7 @@ impl Ticker {
             .lead(silent_us, self.longest_alone_us, now_us);
         let own = ledger.boxes.last().and_then(|last| match lead {
             Lead::Own => self.own_boxes.at(tick, last),
-            Lead::HandingBack => self.own_boxes.beside(tick, last),
+            Lead::HandingBack => self.own_boxes.merged_with(tick, last),
             Lead::Fusion | Lead::Watched => None,
         });
         let in_force = ledger.boxes.at(now_us);
@@ -366,7 +366,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_edge_that_is_late_takes_the_newest_tick_that_all_share() {
+    fn a_late_edge_takes_the_newest_tick_that_all_share() {
         let next =
             |last: i64, due: i64, nth| aligned(newest_due(Tick(last + 1), Tick(due), nth), nth).0;
         assert_eq!(next(8, 9, 1), 9, "in time");

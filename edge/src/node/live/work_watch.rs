@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_call_that_does_not_come_back_is_named_and_then_ends_the_edge() {
+    fn a_hanging_call_is_reported_and_then_ends_the_edge() {
         let watch = WorkWatch::default();
         watch.begin(Caller::Patches, 0, 100_000);
         watch.begin(Caller::Detector, 0, 5 * SECOND_US);

@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_sets_stay_and_the_disk_holds_no_more_than_was_allowed() {
+    fn the_newest_sets_stay_within_the_limit_of_the_disk() {
         let dir = tempfile::tempdir().unwrap();
         let mut ring = Ring::open(dir.path(), 64 << 10).unwrap();
         for tick in 0..2000 {
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_is_found_again_and_a_torn_record_noticed() {
+    fn an_existing_ring_is_reused_and_a_torn_record_detected() {
         let dir = tempfile::tempdir().unwrap();
         let mut ring = Ring::open(dir.path(), 64 << 10).unwrap();
         for tick in 0..50 {
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_are_no_segments_are_begun_anew() {
+    fn files_that_are_no_segments_are_replaced() {
         let dir = tempfile::tempdir().unwrap();
         fs::write(path(dir.path(), 3), [7; 5000]).unwrap();
         fs::write(path(dir.path(), 4), vec![7; 50_000]).unwrap();
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_in_the_place_of_a_segment_is_named_and_what_it_leads_to_stays() {
+    fn a_symbolic_link_as_a_segment_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let theirs = dir.path().join("theirs");
         fs::write(&theirs, [7; 5000]).unwrap();

@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_that_is_too_large_costs_itself_only() {
+    fn a_message_that_is_too_large_loses_only_itself() {
         let dir = tempfile::tempdir().unwrap();
         let (mut keeper, handle) = keeper(dir.path());
         let now = clock::now();
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_that_failed_is_tried_again_and_what_was_lost_is_counted() {
+    fn a_failed_disk_is_retried_and_losses_are_counted() {
         let dir = tempfile::tempdir().unwrap();
         let (mut keeper, handle) = keeper(dir.path());
         let now = clock::now();

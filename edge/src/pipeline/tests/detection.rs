@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn only_the_cameras_that_are_asked_run_the_detector() {
+fn only_requested_cameras_run_the_detector() {
     let venue = venue(&[KEYPOINTS, KEYPOINTS]);
     let mut edge = EdgePipeline::new(&venue, ViewpointIndex(0), None, None).unwrap();
     let frames = [1.0, 2.0].map(|x| Some(frame(FrameContent::Keypoints(candidates(x, 2.0)))));
@@ -17,7 +17,7 @@ fn only_the_cameras_that_are_asked_run_the_detector() {
 }
 
 #[test]
-fn a_pass_without_people_is_reported_and_an_edge_without_a_detector_reports_no_pass() {
+fn a_pass_without_people_is_reported_only_with_a_detector() {
     let mut edge = EdgePipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
     let output = step(&mut edge, &[None], &boxes(&[0, 1], Vec::new())).unwrap();
     assert_eq!(
@@ -44,7 +44,7 @@ fn a_pass_without_people_is_reported_and_an_edge_without_a_detector_reports_no_p
 }
 
 #[test]
-fn keypoint_sources_need_no_network_and_are_sighted_as_grouped() {
+fn keypoint_sources_give_grouped_sightings_without_a_network() {
     let mut edge = EdgePipeline::new(&venue(&[KEYPOINTS]), ViewpointIndex(0), None, None).unwrap();
     let frames = [Some(frame(FrameContent::Keypoints(candidates(
         333.0, 222.0,
@@ -97,7 +97,7 @@ fn sighted_after(detected_at: f32, ticks: i64, at: f64, boxes: &BoxSet) -> Vec<S
 }
 
 #[test]
-fn a_detected_person_is_cropped_where_its_box_has_moved() {
+fn a_detected_person_is_cropped_at_its_moved_box() {
     let mut with_box = box_at(0, [400.0, 240.0], 0.0);
     with_box.rate.center_px = [5.0, 0.0];
     let boxes = boxes(&[0], vec![vec![with_box]]);
@@ -108,7 +108,7 @@ fn a_detected_person_is_cropped_where_its_box_has_moved() {
 }
 
 #[test]
-fn a_detected_person_without_a_box_is_cropped_where_it_was() {
+fn a_detected_person_without_a_box_is_cropped_in_place() {
     let elsewhere = box_at(0, [560.0, 240.0], 0.0);
     for persons in [vec![], vec![vec![elsewhere]]] {
         let boxes = boxes(&[0], persons);

@@ -22,7 +22,7 @@ const FEWEST_POINTS: u64 = 2 * COCO17.len() as u64;
 const MARGIN: f64 = 0.1;
 /// From this share of keypoints beyond the margin, they belong to another picture. For people at
 /// the edge of the picture only a few are outside.
-const TOLD_SHARE: f64 = 0.1;
+const MAX_OUTSIDE_SHARE: f64 = 0.1;
 
 /// Summary of a keypoint file.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -49,7 +49,7 @@ pub struct KeypointContents {
 
 impl KeypointContents {
     /// An empty summary for a camera with pictures of `size_px`.
-    pub(super) fn of(size_px: [u32; 2]) -> Self {
+    pub(super) fn new(size_px: [u32; 2]) -> Self {
         Self {
             size_px,
             ..Self::default()
@@ -109,8 +109,8 @@ impl KeypointContents {
             ));
         }
         let share = self.outside as f64 / self.sure.max(1) as f64;
-        let is_told = self.sure >= FEWEST_POINTS && share > TOLD_SHARE;
-        is_told.then(|| Advice::doubtful(
+        let is_suspect = self.sure >= FEWEST_POINTS && share > MAX_OUTSIDE_SHARE;
+        is_suspect.then(|| Advice::doubtful(
             format!(
                 "{} of its {} keypoints ({:.0} %) lie outside its picture of {width} x {height}, as far as x = {:.0}, y = {:.0}",
                 self.outside,
@@ -139,7 +139,7 @@ mod tests {
 
     /// The same with a score per point.
     fn scored(points: impl IntoIterator<Item = ([f64; 2], f32)>) -> KeypointContents {
-        let mut contents = KeypointContents::of([100, 50]);
+        let mut contents = KeypointContents::new([100, 50]);
         for ([x, y], score) in points {
             let position = Pixel::new(x, y);
             let seen = KeypointCandidate { position, score };
@@ -152,15 +152,15 @@ mod tests {
     }
 
     #[test]
-    fn a_file_without_anybody_is_doubted() {
-        let mut nobody = KeypointContents::of([100, 50]);
-        nobody.add(&KeypointFrame::default());
-        let doubt = nobody.doubt().unwrap();
+    fn a_file_without_people_causes_a_warning() {
+        let mut empty = KeypointContents::new([100, 50]);
+        empty.add(&KeypointFrame::default());
+        let doubt = empty.doubt().unwrap();
         assert_eq!(doubt.problem, "none of its 1 lines holds anybody");
     }
 
     #[test]
-    fn keypoints_of_larger_pictures_are_doubted_with_how_far_they_reach() {
+    fn keypoints_outside_the_picture_cause_a_warning_with_their_extent() {
         let of_double_size = contents((0..40).map(|i| [5.0 * f64::from(i), 2.5 * f64::from(i)]));
         let doubt = of_double_size.doubt().unwrap();
         for words in ["100 x 50", "x = 195, y = 98", "(42 %)"] {
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn feet_that_a_network_guesses_below_the_picture_are_nothing_to_speak_of() {
+    fn guessed_feet_below_the_picture_cause_no_warning() {
         let cut_off = contents((0..40).map(|i| [50.0, if i % 12 == 0 { 70.0 } else { 48.0 }]));
         assert_eq!((cut_off.outside, cut_off.doubt()), (4, None));
         let a_little = contents((0..40).map(|_| [109.0, 54.0]));

@@ -28,7 +28,7 @@ const FEWEST_COMMON: usize = 5;
 /// recording, the sample and simulated scenes have none. A hundred pictures sorted by file name
 /// leap in one of six frames.
 const FEWEST_LEAPS: u64 = 5;
-const TOLD_SHARE: f64 = 0.02;
+const MIN_LEAP_SHARE: f64 = 0.02;
 
 type Person = Vec<Option<KeypointCandidate>>;
 
@@ -44,7 +44,7 @@ pub(super) struct LeapCounter {
 
 impl LeapCounter {
     /// An empty counter for a file with `rate_hz` lines per second.
-    pub(super) fn of(rate_hz: f64) -> Self {
+    pub(super) fn new(rate_hz: f64) -> Self {
         let slower = (CARRIED_HZ / rate_hz).max(1.0);
         Self {
             carried_share: CARRIED_SHARE * slower * slower,
@@ -85,10 +85,10 @@ impl LeapCounter {
     }
 
     /// The counts, if they show a wrong order.
-    pub(super) fn found(&self) -> Option<LeapingFrames> {
+    pub(super) fn report(&self) -> Option<LeapingFrames> {
         let LeapingFrames { leaps, frames } = self.counted;
-        let is_told = leaps >= FEWEST_LEAPS && leaps as f64 >= TOLD_SHARE * frames as f64;
-        is_told.then_some(self.counted)
+        let is_significant = leaps >= FEWEST_LEAPS && leaps as f64 >= MIN_LEAP_SHARE * frames as f64;
+        is_significant.then_some(self.counted)
     }
 }
 
@@ -132,13 +132,13 @@ mod tests {
         (0..17).map(|k| Some(seen(k))).collect()
     }
 
-    fn found(frames: impl IntoIterator<Item = Vec<Person>>) -> Option<LeapingFrames> {
-        let mut counter = LeapCounter::of(30.0);
+    fn count(frames: impl IntoIterator<Item = Vec<Person>>) -> Option<LeapingFrames> {
+        let mut counter = LeapCounter::new(30.0);
         for persons in frames {
             let peaks = Vec::new();
             counter.add(&KeypointFrame { persons, peaks });
         }
-        counter.found()
+        counter.report()
     }
 
     /// Two walking people in picture `i`.
@@ -147,38 +147,38 @@ mod tests {
     }
 
     #[test]
-    fn lines_that_are_sorted_by_the_names_of_their_pictures_leap() {
+    fn lines_sorted_by_file_names_leap() {
         let mut names: Vec<String> = (0..120).map(|i: usize| i.to_string()).collect();
         names.sort();
         let numbers = names.iter().map(|name| name.parse().unwrap());
-        let told = found(numbers.map(walking)).unwrap();
-        assert_eq!(told.frames, 119);
-        assert!((15..30).contains(&told.leaps), "{told:?}");
+        let report = count(numbers.map(walking)).unwrap();
+        assert_eq!(report.frames, 119);
+        assert!((15..30).contains(&report.leaps), "{report:?}");
     }
 
     #[test]
-    fn lines_of_two_cameras_by_turns_leap_at_each() {
+    fn alternating_lines_of_two_cameras_leap_at_each_line() {
         let turns = (0..60).map(|i| match i % 2 {
             0 => vec![person(4.0 * f64::from(i))],
             _ => vec![person(900.0 - 4.0 * f64::from(i))],
         });
-        let told = found(turns).unwrap();
-        assert!(told.leaps > 40, "{told:?}");
+        let report = count(turns).unwrap();
+        assert!(report.leaps > 40, "{report:?}");
     }
 
     #[test]
-    fn who_walks_runs_turns_or_comes_in_does_not_leap() {
-        assert_eq!(found((0..120).map(walking)), None);
+    fn ordinary_motion_is_no_leap() {
+        assert_eq!(count((0..120).map(walking)), None);
         // Up to a third of their height per frame, and back.
         let there_and_back = |i: i32| vec![person(600.0 * (0.1 * f64::from(i)).sin())];
-        assert_eq!(found((0..120).map(there_and_back)), None);
+        assert_eq!(count((0..120).map(there_and_back)), None);
         // One person leaves as another enters, every thirty frames.
         let by_turns = |i: usize| vec![person(700.0 * (i / 30 % 2) as f64 + 3.0 * i as f64)];
-        assert_eq!(found((0..140).map(by_turns)), None);
+        assert_eq!(count((0..140).map(by_turns)), None);
     }
 
     #[test]
-    fn sides_that_are_exchanged_now_and_then_do_not_leap() {
+    fn occasionally_swapped_sides_are_no_leap() {
         let from_in_front = |i: usize| {
             let mut seen = person(400.0);
             for (k, at) in seen.iter_mut().flatten().enumerate().skip(1) {
@@ -191,12 +191,12 @@ mod tests {
             }
             vec![seen]
         };
-        assert_eq!(found((0..120).map(from_in_front)), None);
+        assert_eq!(count((0..120).map(from_in_front)), None);
     }
 
     #[test]
-    fn frames_between_which_nobody_is_shown_say_nothing() {
+    fn frames_separated_by_empty_ones_are_not_compared() {
         let apart = (0..60).flat_map(|i| [vec![person(300.0 * f64::from(i % 4))], Vec::new()]);
-        assert_eq!(found(apart), None);
+        assert_eq!(count(apart), None);
     }
 }

@@ -10,7 +10,7 @@ use crate::source::{KeypointFrame, RepeatedFrames};
 
 /// Share of repeated frames from which they are reported. If 55 frames per second are written at
 /// 60, the share is 1/12; complete recordings have none.
-const TOLD_SHARE: f64 = 0.08;
+const MIN_REPEATED_SHARE: f64 = 0.08;
 /// Fewest leaps after repeated frames; a recording that only stalls has fewer.
 const FEWEST_LEAPS: u64 = 10;
 /// Smallest leap, pixels. In a file of whole pixels a standing person moves by one pixel along both
@@ -49,9 +49,9 @@ impl RepeatCounter {
     }
 
     /// The counts, if they show a wrong rate.
-    pub(super) fn found(&self) -> Option<RepeatedFrames> {
-        let is_told = self.leaps >= FEWEST_LEAPS && self.counted.repeated_share() >= TOLD_SHARE;
-        is_told.then_some(self.counted)
+    pub(super) fn report(&self) -> Option<RepeatedFrames> {
+        let is_significant = self.leaps >= FEWEST_LEAPS && self.counted.repeated_share() >= MIN_REPEATED_SHARE;
+        is_significant.then_some(self.counted)
     }
 }
 
@@ -85,19 +85,19 @@ mod tests {
         }
     }
 
-    fn nobody() -> KeypointFrame {
+    fn empty() -> KeypointFrame {
         KeypointFrame {
             persons: Vec::new(),
             peaks: vec![Vec::new(); 17],
         }
     }
 
-    fn found(frames: impl IntoIterator<Item = KeypointFrame>) -> Option<RepeatedFrames> {
+    fn count(frames: impl IntoIterator<Item = KeypointFrame>) -> Option<RepeatedFrames> {
         let mut counter = RepeatCounter::default();
         for frame in frames {
             counter.add(frame);
         }
-        counter.found()
+        counter.report()
     }
 
     /// A person who walks for 120 frames and is detected in `new` of every `of` frames.
@@ -106,47 +106,47 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_were_written_until_the_next_are_counted() {
+    fn repeated_frames_are_counted() {
         for (new, of, repeated) in [(1, 2, 60), (2, 5, 72), (4, 5, 24), (5, 6, 20), (11, 12, 10)] {
-            let told = RepeatedFrames {
+            let expected = RepeatedFrames {
                 repeated,
                 frames: 120,
             };
-            assert_eq!(found(held(new, of)), Some(told), "{new} of {of}");
+            assert_eq!(count(held(new, of)), Some(expected), "{new} of {of}");
         }
     }
 
     #[test]
-    fn who_walks_is_new_in_every_frame() {
-        assert_eq!(found(held(1, 1)), None);
+    fn a_walking_person_is_new_in_every_frame() {
+        assert_eq!(count(held(1, 1)), None);
     }
 
     #[test]
-    fn who_stands_still_without_noise_is_not_held() {
-        assert_eq!(found((0..120).map(|_| person(400.0))), None);
+    fn standing_still_without_noise_is_no_repetition() {
+        assert_eq!(count((0..120).map(|_| person(400.0))), None);
         // Walks and stops: a motion that starts from rest is no leap.
         let stops = |i: usize| {
             let phase = (i % 20) as f64;
             person(40.0 * (i / 20) as f64 + 0.4 * (phase - 10.0).max(0.0).powi(2))
         };
-        assert_eq!(found((0..400).map(stops)), None);
+        assert_eq!(count((0..400).map(stops)), None);
         // In whole pixels, alternating between two positions.
-        assert_eq!(found((0..120).map(|i| person(f64::from(i / 3 % 2)))), None);
+        assert_eq!(count((0..120).map(|i| person(f64::from(i / 3 % 2)))), None);
     }
 
     #[test]
-    fn a_file_that_stuck_now_and_then_is_not_one_of_another_rate() {
+    fn occasional_stalls_are_no_lower_rate() {
         let thrice = |i: usize| person(4.0 * (i - (i % 40).saturating_sub(30)) as f64);
-        assert_eq!(found((0..120).map(thrice)), None);
+        assert_eq!(count((0..120).map(thrice)), None);
         let seldom = |i: usize| person(4.0 * (i - usize::from(i % 20 == 19)) as f64);
-        assert_eq!(found((0..400).map(seldom)), None);
+        assert_eq!(count((0..400).map(seldom)), None);
     }
 
     #[test]
-    fn frames_without_people_say_nothing() {
-        let apart = held(1, 2).flat_map(|frame| [frame, nobody()]);
-        assert_eq!(found(apart), None);
-        let after = held(1, 2).chain((0..400).map(|_| nobody()));
-        assert_eq!(found(after).map(|it| it.frames), Some(120));
+    fn frames_without_people_are_not_counted() {
+        let apart = held(1, 2).flat_map(|frame| [frame, empty()]);
+        assert_eq!(count(apart), None);
+        let after = held(1, 2).chain((0..400).map(|_| empty()));
+        assert_eq!(count(after).map(|it| it.frames), Some(120));
     }
 }

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn values_are_held_to_what_the_camera_has() {
+    fn values_are_checked_against_the_camera() {
         let mut mode = description("Auto Exposure", Type::Menu, [0, 3]);
         let name = |text: &str| MenuItem::Name(text.to_owned());
         mode.items = Some(vec![

@@ -53,26 +53,26 @@ const GBRG: MosaicColours = [[1, 2], [0, 1]];
 const BGGR: MosaicColours = [[2, 1], [1, 0]];
 
 const fn mosaic(name: &'static str, colours: MosaicColours, bits: u8) -> PixelFormat {
-    of(name, Arrangement::Mosaic { colours, bits })
+    pixel_format(name, Arrangement::Mosaic { colours, bits })
 }
 
 const fn grey(name: &'static str, bits: u8) -> PixelFormat {
-    of(name, Arrangement::Grey { bits })
+    pixel_format(name, Arrangement::Grey { bits })
 }
 
-const fn of(name: &'static str, arrangement: Arrangement) -> PixelFormat {
+const fn pixel_format(name: &'static str, arrangement: Arrangement) -> PixelFormat {
     PixelFormat { name, arrangement }
 }
 
 /// All readable formats in order of preference: colour before grey, then the least work first.
 pub(super) static FORMATS: [PixelFormat; 23] = [
-    of("NV12", Arrangement::SemiPlanar),
-    of("YU12", Arrangement::Planar),
-    of("YUYV", Arrangement::Pairs { brightness: 0 }),
-    of("UYVY", Arrangement::Pairs { brightness: 1 }),
-    of("RGB3", Arrangement::Rgb([0, 1, 2])),
-    of("BGR3", Arrangement::Rgb([2, 1, 0])),
-    of("MJPG", Arrangement::Jpeg),
+    pixel_format("NV12", Arrangement::SemiPlanar),
+    pixel_format("YU12", Arrangement::Planar),
+    pixel_format("YUYV", Arrangement::Pairs { brightness: 0 }),
+    pixel_format("UYVY", Arrangement::Pairs { brightness: 1 }),
+    pixel_format("RGB3", Arrangement::Rgb([0, 1, 2])),
+    pixel_format("BGR3", Arrangement::Rgb([2, 1, 0])),
+    pixel_format("MJPG", Arrangement::Jpeg),
     mosaic("RGGB", RGGB, 8),
     mosaic("GRBG", GRBG, 8),
     mosaic("GBRG", GBRG, 8),
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_picture_is_none() {
+    fn invalid_bytes_are_no_picture() {
         assert!(decoded("MJPG", [2, 2], 0, b"no jpeg").is_none());
         for format in &FORMATS {
             assert!(decoded(format.name, [4, 4], 0, &[]).is_none());

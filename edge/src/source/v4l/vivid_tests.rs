@@ -141,7 +141,7 @@ fn colours_are_the_same_in_every_format() {
 }
 
 #[test]
-fn frames_that_the_driver_lost_leave_holes_in_the_ticks() {
+fn frames_lost_by_the_driver_leave_gaps_in_the_ticks() {
     if !has_test_camera() {
         return;
     }
@@ -175,7 +175,7 @@ fn frames_that_the_driver_lost_leave_holes_in_the_ticks() {
 }
 
 #[test]
-fn what_the_camera_has_not_is_refused_with_what_it_has() {
+fn unsupported_settings_are_refused_with_the_supported_ones() {
     if !has_test_camera() {
         return;
     }

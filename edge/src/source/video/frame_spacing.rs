@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_that_rises_and_falls_is_told_by_the_frame_that_is_farthest_off() {
+    fn a_varying_rate_is_reported_with_its_largest_deviation() {
         // As on a phone: no interval is half a period off, and the mean is right.
         let off_s = |n: f64| (0.05 - 5e-5 * n) * (n * std::f64::consts::PI / 100.0).sin();
         let phone = times_s(201, off_s);
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn times_in_whole_milliseconds_and_a_rate_a_little_off_are_even() {
+    fn rounded_times_and_a_slightly_wrong_rate_are_even() {
         let rounded: Vec<f64> = times_s(5000, |n| n * 1e-5)
             .iter()
             .map(|at_s| (at_s * 1e3).round() / 1e3)
@@ -104,14 +104,14 @@ mod tests {
     }
 
     #[test]
-    fn the_clock_of_a_camera_that_warms_up_for_an_hour_is_even() {
+    fn clock_drift_of_a_warming_camera_is_even() {
         let n = 3600.0 * HZ;
         let warming = times_s(3600 * 60, |at| 4e-5 * (at / HZ) * (1.0 - at / n));
         assert_eq!(farthest_off(&warming), None);
     }
 
     #[test]
-    fn the_usual_gap_is_that_of_most_frames_whatever_was_lost() {
+    fn the_usual_gap_ignores_lost_frames() {
         let lost = times_s(100, |n| 8.0 / HZ * (n / 25.0).floor());
         assert!((usual_gap_s(&lost).unwrap() - 1.0 / HZ).abs() < 1e-9);
         assert_eq!(usual_gap_s(&[1.0]), None);

@@ -99,7 +99,7 @@ async fn hear(
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn where_the_venue_allows_it_thumbnails_come_while_somebody_looks() {
+async fn an_allowed_thumbnail_is_sent_while_there_is_a_subscriber() {
     with_edge(ALLOWED, async |fusion: &mut Script| {
         let session = fusion.session.clone();
         let heard = session
@@ -122,7 +122,7 @@ async fn where_the_venue_allows_it_thumbnails_come_while_somebody_looks() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn where_the_venue_says_nothing_no_picture_leaves_the_edge_whoever_listens() {
+async fn no_picture_leaves_the_edge_without_permission_of_the_venue() {
     with_edge("", async |fusion: &mut Script| {
         let session = fusion.session.clone();
         let heard = session
@@ -141,7 +141,7 @@ async fn where_the_venue_says_nothing_no_picture_leaves_the_edge_whoever_listens
 }
 
 #[test]
-fn without_keys_no_picture_goes_to_another_machine() {
+fn without_keys_no_picture_is_sent_to_another_machine() {
     let folder = tempfile::tempdir().unwrap();
     let path = venue(folder.path());
     std::fs::write(
