@@ -47,7 +47,7 @@ pub enum Misplaced {
     NoEpoch,
     /// The trigger has drifted away from the venue's ticks.
     #[error(
-        "its frames are {} ms off the ticks that the trigger's count says, at most {} ms can be corrected: give trigger and clocks one source of time",
+        "its frames are {} ms off the ticks of the trigger's count, at most {} ms can be corrected: use one source of time for trigger and clocks",
         offset_us / 1000, MAX_CAPTURE_OFFSET_US / 1000
     )]
     Drifted {

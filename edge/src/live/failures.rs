@@ -41,7 +41,7 @@ impl Failures {
             return None;
         }
         let is_lasting = |(since_us, times)| now_us - since_us >= GIVEN_UP_US && times >= ENOUGH;
-        let words = format!("ticks are not done, {} so far: {why}", self.all);
+        let words = format!("ticks fail, {} so far: {why}", self.all);
         Some((words, self.since.is_some_and(is_lasting)))
     }
 }
@@ -61,7 +61,7 @@ mod tests {
         assert_eq!(failures.recent(0), None);
         assert!(!fail(&mut failures, 0));
         let (words, _) = failures.recent(SECOND_US).unwrap();
-        assert_eq!(words, "ticks are not done, 1 so far: no memory");
+        assert_eq!(words, "ticks fail, 1 so far: no memory");
         assert_eq!(failures.recent(3 * SECOND_US), None);
         let ends = (1..30).find(|&second| fail(&mut failures, second));
         assert_eq!(ends, Some(10));

@@ -49,7 +49,7 @@ pub(super) fn accepts(path: &Path) -> Result<(), String> {
         return Ok(());
     }
     let program = std::env::current_exe()
-        .map_err(|error| format!("it cannot be tried, as this program's file is gone: {error}"))?;
+        .map_err(|error| format!("it cannot be tried, because this program's file is gone: {error}"))?;
     accepts_within(Command::new(program), path, PATIENCE)
 }
 

@@ -92,7 +92,7 @@ fn tried(
     let agrees = difference <= MOST_DIFFERENCE;
     if !agrees {
         return Ok(Err(format!(
-            "is not used: its maps differ from the processor's by {difference:.3}, and {MOST_DIFFERENCE} is the most"
+            "is not used: its maps differ from the processor's by {difference:.3}, at most {MOST_DIFFERENCE} is allowed"
         )));
     }
     batch.accelerate(Some(Box::new(network)));

@@ -43,12 +43,12 @@ impl<S: Subscriber> Layer<S> for Attempts {
 
 /// The meaning of Zenoh's message.
 fn reason(text: &str) -> Option<&'static str> {
-    let other_name = "fusion's certificate is not good for that address: `farfield certs --renew fusion --host` makes one that is";
-    let other_venue = "whoever answers there has a certificate of another venue";
-    let expired = "fusion's certificate has run out";
+    let other_name = "fusion's certificate is not valid for that address: make a new one with `farfield certs --renew fusion --host`";
+    let other_venue = "the node there has a certificate of another venue";
+    let expired = "fusion's certificate has expired";
     let not_yet = "fusion's certificate is not valid yet: is this machine's clock right?";
-    let hung_up = "fusion answered and hung up: it does not take this edge's certificate";
-    let no_answer = "nobody answers there";
+    let hung_up = "fusion closed the connection: it rejects this edge's certificate";
+    let no_answer = "no answer from there";
     // The first match decides.
     let reasons = [
         // Rejections by the other side, about this edge's certificate. The entries below would
@@ -64,7 +64,7 @@ fn reason(text: &str) -> Option<&'static str> {
         ("NotValidYet", not_yet),
         ("UnknownIssuer", other_venue),
         ("BadSignature", other_venue),
-        ("refused", "nobody listens there"),
+        ("refused", "no node listens there"),
         ("imed out", no_answer),
         ("elapsed", no_answer),
         ("imeout", no_answer),

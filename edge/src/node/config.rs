@@ -41,31 +41,31 @@ pub struct EdgeArgs {
     pub connect: Vec<String>,
     /// Talk to other machines without TLS.
     ///
-    /// Everyone in the network may read and send along.
+    /// Any program in the network can then read and send messages.
     #[arg(long)]
     pub allow_plaintext: bool,
-    /// Fetch what differs of the venue's files from fusion first.
+    /// Fetch the venue's files that differ from fusion first.
     ///
     /// The venue file, its calibration and its networks, signed.
     #[arg(long)]
     pub from_fusion: bool,
     /// With `--from-fusion`: the venue's name.
     ///
-    /// While there is no venue file to say it.
+    /// Needed while there is no venue file.
     #[arg(long, value_name = "NAME", value_parser = name, requires = "from_fusion")]
     pub venue_name: Option<String>,
-    /// With `--from-fusion`: take files that fusion had replaced by others since.
+    /// With `--from-fusion`: accept files that fusion has since replaced.
     #[arg(long, requires = "from_fusion")]
     pub accept_older: bool,
     /// Folder of this node's keys; the venue file's, if left out.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
-    /// Refuse to start unless the recordings hold these.
+    /// Refuse to start unless the recordings contain these ticks.
     ///
-    /// Half-open: B is not among them.
+    /// Half-open: B is excluded.
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub ticks: Option<Range<Tick>>,
-    /// Folder for what is kept of the patches, live.
+    /// Folder for stored patches, in live mode.
     ///
     /// See `[recording] ring_mib`. Default: `farfield-ring/VENUE/VIEWPOINT`.
     #[arg(long, value_name = "DIR")]
@@ -73,7 +73,7 @@ pub struct EdgeArgs {
     /// End when standard input closes.
     #[arg(long, hide = true)]
     pub managed: bool,
-    /// What is wrong with the clock on purpose.
+    /// A simulated clock error.
     #[cfg(feature = "study")]
     #[command(flatten)]
     pub clock_fault: ClockFaultArgs,
@@ -86,7 +86,7 @@ fn name(text: &str) -> Result<String, String> {
         return Ok(text.to_owned());
     }
     Err(format!(
-        "found {text:?}, expected 1 to 64 ASCII letters, digits, `-`, `_` or `.`, as the venue file has it"
+        "found {text:?}, expected 1 to 64 ASCII letters, digits, `-`, `_` or `.`, as in the venue file"
     ))
 }
 
@@ -213,7 +213,7 @@ impl EdgeConfig {
         let is_wanted = self.venue.security.pictures;
         if is_wanted && !self.reach.is_private() {
             say(format_args!(
-                "{}: no pictures are sent, though the venue file says `pictures = true` in [security]: without keys others could see them; `farfield certs` makes some",
+                "{}: no pictures are sent, although the venue file has `pictures = true` in [security]: without keys others could see them; make keys with `farfield certs`",
                 self.name
             ));
         }

@@ -60,9 +60,9 @@ fn is_reminder_due(unheard: u32) -> bool {
 fn silence(node: &str, health: &NodeHealth) -> String {
     match health.certificate_ends_s {
         Some(_) => format!(
-            "fusion was reached, but says nothing to this node: it refuses its certificate (what fusion says there names it: older keys are refused once `farfield certs --renew {node}` has made new ones), or has just gone"
+            "fusion was reached, but does not answer this node: it rejects this node's certificate, or has just stopped (fusion's log names the certificate; older keys are rejected once `farfield certs --renew {node}` has made new ones)"
         ),
-        None => "whoever was reached is no fusion of this venue, or has just gone: has its venue file the same `name`?".to_owned(),
+        None => "a node was reached, but no fusion of this venue answers: it has just stopped, or its venue file has another `name`".to_owned(),
     }
 }
 

@@ -194,7 +194,7 @@ fn open_ring(config: &EdgeConfig) -> Option<RingThread> {
         Ok(ring) => Some(ring),
         Err(error) => {
             say(format_args!(
-                "{}: sets are not kept: {error:#}",
+                "{}: sets are not stored: {error:#}",
                 config.name
             ));
             None

@@ -32,7 +32,7 @@ pub enum PipelineError {
     },
     /// Keypoint files use COCO's 17 keypoints, but the network uses others.
     #[error(
-        "camera `{camera}` gives COCO's 17 keypoints, but the network knows others; one venue has one set"
+        "camera `{camera}` has COCO's 17 keypoints, but the network has others; a venue must have one set"
     )]
     OtherKeypoints {
         /// The camera of kind `keypoints`.

@@ -258,7 +258,7 @@ mod tests {
         assert_eq!(
             ask(&index, 0, 9, 1000),
             (vec![1, 0], 9),
-            "it was begun anew"
+            "it was restarted"
         );
     }
 }

@@ -226,7 +226,7 @@ pub enum SourceError {
         problem: String,
     },
     /// The recording continues beyond the ticks that have an exact time.
-    #[error("{at}: holds {frames} frames from tick {first} on, more than ticks can be told apart")]
+    #[error("{at}: holds {frames} frames from tick {first} on, beyond the last valid tick")]
     TooLong {
         /// Which source.
         at: SourceOrigin,
@@ -279,7 +279,7 @@ pub enum SourceError {
         shared: Option<Range<Tick>>,
     },
     /// All sources are live, so the run has no end.
-    #[error("every source is live: say how many ticks to run with `--ticks`")]
+    #[error("every source is live: set the ticks to run with `--ticks`")]
     Endless,
 }
 
@@ -288,11 +288,11 @@ fn shared_ticks(shared: Option<&Range<Tick>>) -> String {
     match shared.filter(|shared| shared.start < shared.end) {
         Some(Range { start, end }) => {
             format!(
-                "if they begin at the same moment, choose ticks that all have with `--ticks` (at most {start}..{end}); if they end at it, \
-                 cut them at their beginning"
+                "if they begin at the same moment, choose common ticks with `--ticks` (at most {start}..{end}); if they end \
+                 at the same moment, cut them at their beginning"
             )
         }
-        None => "there is no tick that all have: are they of one time? Files of keypoints name their ticks line by line"
+        None => "they have no tick in common: check that they are of the same time (keypoint files name the tick of each line)"
             .to_owned(),
     }
 }
@@ -300,7 +300,7 @@ fn shared_ticks(shared: Option<&Range<Tick>>) -> String {
 /// The addition to the message for pictures with exchanged width and height.
 fn turned(found_px: [u32; 2], expected_px: [u32; 2]) -> &'static str {
     if found_px[0] != found_px[1] && found_px == [expected_px[1], expected_px[0]] {
-        ": they are turned on their side (a phone that was held upright?); the lens must be calibrated as the camera stands"
+        ": they are turned on their side (a phone held upright?); calibrate the lens with the camera in the same orientation"
     } else {
         ""
     }

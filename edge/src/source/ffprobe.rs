@@ -94,7 +94,7 @@ pub(super) fn read_stream(path: &Path, at: &SourceOrigin) -> Result<VideoStream,
         let detail = detail.map(|d| format!(" ({d})")).unwrap_or_default();
         // MP4 and MOV write their index at the end of a recording.
         let cause = if messages.contains("moov atom not found") {
-            ": it has no index: either its recording was cut off, or it is no video"
+            ": it has no index: its recording was interrupted, or it is no video"
         } else {
             ""
         };
@@ -110,7 +110,7 @@ pub(super) fn read_stream(path: &Path, at: &SourceOrigin) -> Result<VideoStream,
     listing
         .map_err(|problem| {
             unreadable(format!(
-                "ffprobe's answer is not what it should be: {problem}"
+                "ffprobe's answer is invalid: {problem}"
             ))
         })?
         .into_stream(message_suffix("ffprobe", &messages))

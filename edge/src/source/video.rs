@@ -453,7 +453,7 @@ fn read_frames(
             if times.as_mut().is_some_and(FrameTimes::gives_up) {
                 tracing::warn!(
                     camera = %expected.at.camera,
-                    "ffmpeg says no times of the stream's pictures: they count as taken when they come"
+                    "ffmpeg reports no times of the stream's pictures: their arrival times are used"
                 );
             }
             (frame, stamp_us)

@@ -140,7 +140,7 @@ impl VideoFormat {
             ),
             None => (
                 "two fields a picture, read as one".to_owned(),
-                "that of the fields".to_owned(),
+                "the rate of the fields".to_owned(),
             ),
         };
         Some(Advice {
@@ -166,7 +166,7 @@ impl VideoFormat {
             )
         } else {
             (
-                "read as it is, so pale, as this ffmpeg has no filter `zscale`",
+                "read as it is, so pale, because this ffmpeg has no filter `zscale`",
                 format!("with an ffmpeg that has it: {command}"),
             )
         };
@@ -206,8 +206,8 @@ impl VideoFormat {
             return None;
         };
         Some(Advice {
-            problem: format!("is turned by {by} when it is read, as its rotation tag says"),
-            remedy: "see the picture: if it is upside down, remove the tag (`ffmpeg -i IN -c copy -metadata:s:v rotate=0 OUT`, \
+            problem: format!("is turned by {by} when it is read, by its rotation tag"),
+            remedy: "check the picture: if it is upside down, remove the tag (`ffmpeg -i IN -c copy -metadata:s:v rotate=0 OUT`, \
                      from ffmpeg 6 on `ffmpeg -display_rotation 0 -i IN -c copy OUT`); calibrate with pictures that are \
                      turned alike"
                 .to_owned(),

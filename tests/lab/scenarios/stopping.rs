@@ -121,7 +121,7 @@ fn an_edge_without_a_fusion_says_so_and_leaves_when_told() {
         stderr.read_line(&mut line).unwrap();
         assert_eq!(
             line,
-            format!("north-east: waiting for fusion at {endpoint} (nobody listens there)\n")
+            format!("north-east: waiting for fusion at {endpoint} (no node listens there)\n")
         );
         signal(name, edge.0.id());
         let status = wait_for("the edge's end", SOON, || edge.0.try_wait().unwrap());

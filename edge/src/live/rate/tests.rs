@@ -475,7 +475,7 @@ fn an_edge_works_only_on_ticks_of_fusions_plan() {
         (4, Some(1.0), 4),
         "every other of them"
     );
-    assert_eq!(followed(10_000, 0), (1, None, 1), "fusion says nothing");
+    assert_eq!(followed(10_000, 0), (1, None, 1), "fusion has no plan");
     let mut empty = on_a_computer(35_000, 1, 1);
     empty.plan(0, 6 * SECOND_US);
     assert_eq!(empty.needed_nth(), 0, "no person is visible");

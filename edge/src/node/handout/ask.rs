@@ -120,12 +120,12 @@ impl Fusion {
             .await;
         let replies = replies.map_err(|error| anyhow!("{error}"))?;
         let reply = replies.recv_async().await;
-        let reply = reply.map_err(|_| anyhow!("fusion hands no files out (yet)"))?;
+        let reply = reply.map_err(|_| anyhow!("fusion does not hand out files (yet)"))?;
         match reply.result() {
             Ok(sample) => Ok(wire::decode(&sample.payload().to_bytes())?),
             Err(refusal) => {
                 let bytes = refusal.payload().to_bytes();
-                Err(anyhow!("fusion says: {}", String::from_utf8_lossy(&bytes)))
+                Err(anyhow!("fusion answers: {}", String::from_utf8_lossy(&bytes)))
             }
         }
     }

@@ -43,7 +43,7 @@ impl HandoutHistory {
             Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
             Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
             Err(error) => {
-                let problem = format!("cannot read what fusion has handed out so far: {error}");
+                let problem = format!("cannot read the history of fusion's files: {error}");
                 return Err(FileError::new(path, problem));
             }
         };
@@ -73,7 +73,7 @@ impl HandoutHistory {
             Err(error) => format!("it cannot be set aside: {error:#}"),
         };
         say(format_args!(
-            "{path}:{line}: expected the hash of a set of files and when it came; {what}; of what fusion has handed out so far {n} sets are known: older files than these would not be noticed"
+            "{path}:{line}: expected the hash of a set of files and the time when it came; {what}; {n} earlier sets of fusion's files are known: older ones would not be detected"
         ));
     }
 
@@ -92,7 +92,7 @@ impl HandoutHistory {
         };
         let (came_s, replaced_s) = (self.sets[place].1, self.sets[place + 1].1);
         anyhow::bail!(
-            "fusion hands out older files than this edge has had: these came {} and were replaced {}; does an old copy of fusion, or of its folder, run? If they are meant, say --accept-older, or change anything in fusion's venue file, even a comment ({} keeps account)",
+            "fusion hands out older files than this edge has had: these came {} and were replaced {}; check that no old copy of fusion, or of its folder, runs. To accept them, use --accept-older, or change anything in fusion's venue file, even a comment (the history is in {})",
             ago(now_s - came_s),
             ago(now_s - replaced_s),
             self.path.display()

@@ -68,7 +68,7 @@ fn first_contact(args: &EdgeArgs) -> Result<FirstContact, NodeError> {
     let named = known.as_ref().map(|venue| venue.name.clone());
     let venue = args.venue_name.clone().or(named).ok_or_else(|| {
         NodeError::Refused(anyhow!(
-            "{} cannot be read yet: say with --venue-name NAME which venue to ask fusion for",
+            "{} cannot be read yet: set the venue to ask fusion for with --venue-name NAME",
             args.venue.display()
         ))
     })?;
@@ -165,7 +165,7 @@ async fn fetch_by(args: &EdgeArgs, contact: &FirstContact) -> Result<(), NodeErr
     if let Err(error) = history.note(&list, clock::unix_s()) {
         // On a read-only disk the files already exist.
         say(format_args!(
-            "{}: older files of fusion would not be noticed: {error:#}",
+            "{}: older files of fusion would not be detected: {error:#}",
             args.viewpoint
         ));
     }
@@ -230,7 +230,7 @@ fn check_kinds(list: &FileList) -> anyhow::Result<()> {
         let is_new = seen.insert(file.kind);
         ensure!(
             is_new,
-            "fusion's list has two files of a kind: {}",
+            "fusion's list has two files of one kind: {}",
             file.kind.name()
         );
     }

@@ -136,7 +136,7 @@ impl VenueFileNames {
                 .with_context(|| format!("finding {}", target.display()))?;
             ensure!(
                 !target.starts_with(&keys),
-                "fusion's {name} would lie among the keys in {}: nothing is written there",
+                "fusion's {name} would be among the keys in {}, where no file is written",
                 keys.display()
             );
         }

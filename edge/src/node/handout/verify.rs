@@ -30,7 +30,7 @@ fn verify_at<'a>(
         .context("fusion's list of files is not signed, but this edge has keys")?;
     let anchor = anchor_from_trusted_cert(authority).context("ca.pem")?;
     let der = CertificateDer::from(signature.certificate.as_slice());
-    let certificate = EndEntityCert::try_from(&der).context("the certificate of who signed")?;
+    let certificate = EndEntityCert::try_from(&der).context("the certificate of the signature")?;
     certificate
         .verify_for_usage(
             ALL_VERIFICATION_ALGS,
@@ -42,14 +42,14 @@ fn verify_at<'a>(
             None,
             None,
         )
-        .map_err(|error| anyhow!("whoever signed the list of files is not fusion: {error}"))?;
+        .map_err(|error| anyhow!("the list of files is not signed by fusion: {error}"))?;
     certificate
         .verify_signature(
             webpki::ring::ECDSA_P256_SHA256,
             &[SIGNED_AHEAD, &signed.list].concat(),
             &signature.ecdsa,
         )
-        .map_err(|error| anyhow!("the signature under fusion's list of files is wrong: {error}"))?;
+        .map_err(|error| anyhow!("the signature of fusion's list of files is invalid: {error}"))?;
     Ok(&signed.list)
 }
 

@@ -253,17 +253,17 @@ impl ReportedTimes {
             && self.is_new(Report::Late)
         {
             news.push(format!(
-                "its pictures come {} ms after their capture, and `deadline_ms` in [link] is {}: they are not used",
+                "its pictures arrive {} ms after their capture, but `deadline_ms` in [link] is {}: they are not used",
                 lag_us / 1000,
                 most_us / 1000
             ));
         }
         if placer.distrusts_stamps() && self.is_new(Report::Distrusted) {
-            news.push("the times in its stream do not go as time does; its pictures are taken to be of the time at which they come".to_owned());
+            news.push("the times in its stream do not advance like a clock; the arrival times of its pictures are used".to_owned());
         }
         if let Some(step_us) = placer.take_step_us() {
             news.push(format!(
-                "the clock of its stream was set by {} s against that of this machine; its times begin anew",
+                "the clock of its stream was set by {} s relative to this machine's; its times are measured again",
                 signed(step_us as f64 / 1e6, 1)
             ));
         }
@@ -271,13 +271,13 @@ impl ReportedTimes {
             Some(MeasuredDelay::Delay(us)) if self.is_new(Report::Delay) => {
                 let ms = us / 1000;
                 news.push(format!(
-                    "its pictures come {ms} ms after their capture, by its sender reports"
+                    "its pictures arrive {ms} ms after their capture, by its sender reports"
                 ));
             }
             Some(MeasuredDelay::ForeignClock(us)) if self.is_new(Report::ForeignClock) => {
                 let off_s = signed(us as f64 / -1e6, 3);
                 news.push(format!(
-                    "its clock is {off_s} s off, so that its sender reports do not say how late its pictures come: give it the venue's NTP server, or set `capture_delay_ms`"
+                    "its clock is {off_s} s off, so its sender reports do not give the delay of its pictures: set the venue's NTP server on it, or set `capture_delay_ms`"
                 ));
             }
             _ => {}

@@ -119,7 +119,7 @@ impl Ledger {
         } = self.rate.overload()?;
         let nth = f64::from(self.rate.last_plan().every_nth);
         Some(format!(
-            "{:.0} of {:.0} Hz: it makes {done_per_s:.0} of {asked_per_s:.0} crops a second; a smaller network, fewer people or a faster computer would carry all",
+            "{:.0} of {:.0} Hz: it processes {done_per_s:.0} of {asked_per_s:.0} crops a second; use a smaller network, fewer people or a faster computer",
             self.rate_hz / nth,
             self.rate_hz
         ))

@@ -165,7 +165,7 @@ impl LiveEdge {
             return;
         }
         self.is_overloaded = overload.is_some();
-        let message = overload.unwrap_or_else(|| "does every tick again".to_owned());
+        let message = overload.unwrap_or_else(|| "processes every tick again".to_owned());
         say(format_args!("{}: {message}", self.status.node));
     }
 
@@ -308,7 +308,7 @@ impl LiveEdge {
             && self.foreign.as_ref() != Some(error)
         {
             say(format_args!(
-                "{}: fusion cannot be understood: {error}",
+                "{}: messages of fusion cannot be read: {error}",
                 self.status.node
             ));
             self.foreign = Some(error.clone());
@@ -334,7 +334,7 @@ impl LiveEdge {
             let name = &self.status.node;
             match &refused {
                 Some(why) => say(format_args!("{name}: refused by fusion: {why}")),
-                None => say(format_args!("{name}: taken again by fusion")),
+                None => say(format_args!("{name}: accepted again by fusion")),
             }
         }
         let failure = refused
@@ -364,7 +364,7 @@ fn check_fusion(own: &Status, fusion: &Status, link: Option<&EdgeLink>) -> Resul
     compare_files(own, fusion)?;
     if link.is_some_and(|link| link.refuses_process(own.process)) {
         return Err(NodeError::Failed(anyhow!(
-            "another node speaks for viewpoint {}: end one of the two",
+            "another node has viewpoint {}: stop one of the two",
             own.node
         )));
     }

@@ -60,7 +60,7 @@ impl WorkWatch {
         let latest = calls.iter().flatten().max_by_key(|call| late_us(call))?;
         let seconds = (now_us - latest.begun_us) / SECOND_US;
         (late_us(latest) >= 0).then(|| {
-            let words = format!("the network does not come back, since {seconds} s");
+            let words = format!("the network has not answered for {seconds} s");
             (words, late_us(latest) >= HANGS_US)
         })
     }
@@ -83,7 +83,7 @@ mod tests {
         let (words, hangs) = watch.late(4 * SECOND_US).unwrap();
         assert_eq!(
             (words.as_str(), hangs),
-            ("the network does not come back, since 4 s", false)
+            ("the network has not answered for 4 s", false)
         );
         assert!(watch.late(11 * SECOND_US).unwrap().1);
         watch.end(Caller::Patches);

@@ -118,7 +118,7 @@ impl RingHandle {
         let reason = self.state.reason();
         (lost > 0).then(|| {
             let reason = reason.as_deref().unwrap_or(TOO_SLOW);
-            format!("{lost} sets are not kept for after an outage: {reason}")
+            format!("{lost} sets were not stored for fusion to fetch after an outage: {reason}")
         })
     }
 }

@@ -113,7 +113,7 @@ fn a_detected_person_without_a_box_is_cropped_in_place() {
     for persons in [vec![], vec![vec![elsewhere]]] {
         let boxes = boxes(&[0], persons);
         let seen = |at| sighted_after(300.0, 20, at, &boxes)[0].keypoints[0];
-        assert!(seen(310.0).is_some(), "who has hardly moved");
-        assert_eq!(seen(400.0), None, "who has left");
+        assert!(seen(310.0).is_some(), "a person who has hardly moved");
+        assert_eq!(seen(400.0), None, "a person who has left");
     }
 }

@@ -103,8 +103,8 @@ impl KeypointContents {
         let [width, height] = self.size_px;
         if self.points == 0 {
             return Some(Advice::doubtful(
-                format!("none of its {} lines holds anybody", self.lines),
-                "look whether what wrote it found people in this camera's pictures: a line holds them under `persons` \
+                format!("none of its {} lines contains a person", self.lines),
+                "check that the program that wrote it detected people in this camera's pictures: a line has them in `persons` \
                          (docs/venue.md)",
             ));
         }
@@ -156,7 +156,7 @@ mod tests {
         let mut empty = KeypointContents::new([100, 50]);
         empty.add(&KeypointFrame::default());
         let doubt = empty.doubt().unwrap();
-        assert_eq!(doubt.problem, "none of its 1 lines holds anybody");
+        assert_eq!(doubt.problem, "none of its 1 lines contains a person");
     }
 
     #[test]

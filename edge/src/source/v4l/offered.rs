@@ -16,7 +16,7 @@ pub(super) fn offered(device: &Device, wanted_px: [u32; 2]) -> String {
     let one = |fourcc: FourCC| {
         let name = fourcc.to_string().trim_end().to_owned();
         if !FORMATS.iter().any(|known| known.fourcc() == fourcc) {
-            return format!("{name} (which is not read here)");
+            return format!("{name} (not supported)");
         }
         let [width, height] = wanted_px;
         match rates(device, fourcc, wanted_px) {

@@ -221,7 +221,7 @@ fn an_edge_says_why_it_waits(scheme: &str) {
                 holds: [-9, -2],
                 ..good
             }),
-            "fusion's certificate has run out",
+            "fusion's certificate has expired",
         ),
         (
             Some(Wanted {
@@ -235,7 +235,7 @@ fn an_edge_says_why_it_waits(scheme: &str) {
                 host: "elsewhere.lan",
                 ..good
             }),
-            "fusion's certificate is not good for that address",
+            "fusion's certificate is not valid for that address",
         ),
         (None, "has a certificate of another venue"),
     ] {
@@ -263,9 +263,9 @@ fn an_edge_says_why_it_waits(scheme: &str) {
     let hall = hall_at(scheme);
     let edge = start(&hall, &hall.path("certs"));
     let words = if scheme == "tls" {
-        "nobody listens there"
+        "no node listens there"
     } else {
-        "nobody answers there"
+        "no answer from there"
     };
     waiting.push((None, edge, words, hall));
     let said: Vec<bool> = waiting
