@@ -144,7 +144,7 @@ impl<const N: usize> Sampled<'_, N> {
             for (raster, values) in self.rasters.iter().zip(&mut into) {
                 for &tap in &self.taps {
                     let values = &mut values[pixels.clone()];
-                    add_samples(raster, &line, (tap, shift), scale.last, values);
+                    add_samples(raster, &line, tap, shift, scale.last, values);
                 }
             }
         }
@@ -195,7 +195,8 @@ impl Scale {
 fn add_samples(
     raster: &Raster<'_, u8>,
     line: &Line,
-    (tap, shift): ([i32; 2], u32),
+    tap: [i32; 2],
+    shift: u32,
     last: [i32; 2],
     values: &mut [i32],
 ) {

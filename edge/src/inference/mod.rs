@@ -1,15 +1,13 @@
 //! The interfaces of the keypoint network and the detector, independent of their backend.
 
-mod window;
-
 use std::path::PathBuf;
 
+#[cfg(feature = "network")]
+use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::model_card::{HeatmapCard, Letterbox};
 use farfield_proto::tick::Tick;
 use farfield_proto::toml_file::FileError;
-
-pub use window::DetectorWindow;
 
 use crate::picture::Picture;
 
@@ -123,4 +121,94 @@ pub enum NetworkError {
         /// Number of values by the card and the batch.
         expected: usize,
     },
+}
+
+/// A part of a picture, upright, with the aspect of a detector's input; it can extend beyond the
+/// picture.
+///
+/// In distorted pixels as recorded, from the outer corner of the first pixel (whose centre is at
+/// 0.5).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DetectorWindow {
+    /// Left and top, distorted pixels from the outer corner.
+    pub min_px: [f64; 2],
+    /// Width and height, distorted pixels.
+    pub size_px: [f64; 2],
+}
+
+impl DetectorWindow {
+    /// The whole picture of `size_px` in an input of `input_px`, placed by `letterbox`.
+    pub fn whole(size_px: [u32; 2], input_px: [u32; 2], letterbox: Letterbox) -> Self {
+        let picture = size_px.map(f64::from);
+        let input = input_px.map(f64::from);
+        let pixels_per_input = (picture[0] / input[0]).max(picture[1] / input[1]);
+        let size_px = input.map(|side| side * pixels_per_input);
+        let min_px = match letterbox {
+            Letterbox::TopLeft => [0.0; 2],
+            Letterbox::Centre => [0, 1].map(|i| (picture[i] - size_px[i]) / 2.0),
+        };
+        Self { min_px, size_px }
+    }
+
+    /// Right and bottom, distorted pixels from the outer corner.
+    pub fn max_px(&self) -> [f64; 2] {
+        [0, 1].map(|i| self.min_px[i] + self.size_px[i])
+    }
+
+    /// Input pixels per pixel of the picture, for an input as wide as `input_px`.
+    pub fn scale(&self, input_px: [u32; 2]) -> f64 {
+        f64::from(input_px[0]) / self.size_px[0]
+    }
+
+    /// Whether a box (left, top, right, bottom) is inside, with a distance of at least `margin_px`
+    /// to the edges. Edges outside a picture of `picture_px` (width and height) do not count,
+    /// because the picture ends there.
+    pub fn holds(&self, [l, t, r, b]: [f64; 4], margin_px: f64, picture_px: [u32; 2]) -> bool {
+        let [left, top] = self.min_px;
+        let [right, bottom] = self.max_px();
+        let [width, height] = picture_px.map(f64::from);
+        let after = |edge: f64, at: f64| edge <= 0.0 || at >= edge + margin_px;
+        let before = |edge: f64, at: f64, end: f64| edge >= end || at <= edge - margin_px;
+        after(left, l) && after(top, t) && before(right, r, width) && before(bottom, b, height)
+    }
+
+    /// The window as a box, in pixels with integer centres.
+    #[cfg(feature = "network")]
+    pub(crate) fn bounding_box(&self) -> BoundingBox {
+        BoundingBox {
+            center_px: [0, 1].map(|i| (self.min_px[i] + self.size_px[i] / 2.0 - 0.5) as f32),
+            size_px: self.size_px.map(|side| side as f32),
+            rotation_rad: 0.0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_whole_picture_keeps_its_aspect_and_its_corner() {
+        for (letterbox, left_px) in [(Letterbox::TopLeft, 0.0), (Letterbox::Centre, -420.0)] {
+            let window = DetectorWindow::whole([1080, 1920], [416, 416], letterbox);
+            let near = |a: [f64; 2], b: [f64; 2]| (0..2).all(|i| (a[i] - b[i]).abs() < 1e-9);
+            assert!(near(window.min_px, [left_px, 0.0]) && near(window.size_px, [1920.0; 2]));
+            assert!((window.scale([416, 416]) - 416.0 / 1920.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_box_at_the_edge_of_the_picture_is_inside() {
+        let window = DetectorWindow {
+            min_px: [0.0, 100.0],
+            size_px: [400.0, 300.0],
+        };
+        let holds = |b| window.holds(b, 2.0, [1000, 400]);
+        assert!(
+            holds([0.0, 150.0, 50.0, 400.0]),
+            "left and bottom of the picture"
+        );
+        assert!(!holds([0.0, 101.0, 50.0, 200.0]), "cut at the top");
+        assert!(!holds([300.0, 150.0, 399.0, 200.0]), "cut at the right");
+    }
 }

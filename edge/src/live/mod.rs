@@ -12,7 +12,6 @@ pub mod health;
 pub mod newest_boxes;
 pub mod own_boxes;
 pub mod rate;
-pub mod refusal;
 pub mod round_robin;
 pub mod tick_clock;
 pub mod timecode;

@@ -351,7 +351,10 @@ mod tests {
         let mut newest = NewestBoxes::default();
         newest.receive(boxes(1, 7), 0);
         for _ in 0..10 {
-            assert_eq!(newest.receive(boxes(1, 6), 2 * LIFE_US), BoxSetArrival::Stale);
+            assert_eq!(
+                newest.receive(boxes(1, 6), 2 * LIFE_US),
+                BoxSetArrival::Stale
+            );
         }
     }
 

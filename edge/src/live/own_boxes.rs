@@ -94,7 +94,7 @@ pub struct OwnBoxes {
 
 impl OwnBoxes {
     /// The source of the boxes at `now_us`, if fusion has been silent for `silent_us`; after
-    /// `longest_us` none leads.
+    /// `longest_us` own boxes end.
     pub fn lead(&mut self, silent_us: Micros, longest_us: Micros, now_us: Micros) -> Lead {
         if (LEAD_FROM_US..=longest_us).contains(&silent_us) {
             self.leads_until_us = Some(now_us + HAND_BACK_US);

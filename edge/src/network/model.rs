@@ -107,7 +107,7 @@ impl OnnxModel {
             // Without the folder nothing is cached, and the next start takes as long.
             std::fs::create_dir_all(&compiled).ok();
         }
-        let session = guarded(|| open(backend, path, (&bytes, contract.output), on.as_slice())).map_err(|e| {
+        let session = guarded(|| open(backend, path, &bytes, contract.output, on.as_slice())).map_err(|e| {
             let advice = if backend.is_tract() {
                 " (ort-tract cannot run every network: install the Python package `onnxruntime`)"
             } else {
@@ -239,7 +239,8 @@ impl OnnxModel {
 fn open(
     backend: &InferenceBackend,
     path: &Path,
-    (bytes, output): (&[u8], &str),
+    bytes: &[u8],
+    output: &str,
     on: &[ExecutionProviderDispatch],
 ) -> Result<Session, String> {
     let text = |e: &dyn std::fmt::Display| first_line(&e.to_string());

@@ -48,8 +48,9 @@ pub(super) fn accepts(path: &Path) -> Result<(), String> {
     if !ANSWERS.load(Ordering::Relaxed) {
         return Ok(());
     }
-    let program = std::env::current_exe()
-        .map_err(|error| format!("it cannot be tried, because this program's file is gone: {error}"))?;
+    let program = std::env::current_exe().map_err(|error| {
+        format!("it cannot be tried, because this program's file is gone: {error}")
+    })?;
     accepts_within(Command::new(program), path, PATIENCE)
 }
 

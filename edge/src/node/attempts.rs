@@ -1,9 +1,14 @@
-//! Why the last attempt to reach fusion failed. Zenoh reports it only in its log, in technical
-//! terms.
+//! Waiting for fusion: messages for the operator, and the reason why the last attempt failed. Zenoh
+//! reports that reason only in its log, in technical terms.
 
+use std::convert::Infallible;
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 use farfield_node::log::message;
+use farfield_node::process::say;
+use farfield_node::service_manager;
+use tokio::time::{MissedTickBehavior, interval};
 use tracing::level_filters::LevelFilter;
 use tracing::{Event, Subscriber};
 use tracing_subscriber::Layer;
@@ -75,6 +80,25 @@ fn reason(text: &str) -> Option<&'static str> {
     found.map(|(_, reason)| *reason)
 }
 
+/// Time until the first report that the edge waits for fusion.
+const SILENCE: Duration = Duration::from_millis(500);
+/// Interval of further reports.
+const REMIND_EVERY: Duration = Duration::from_secs(10);
+
+/// Prints the result of `waiting` at intervals, if there is one.
+pub(super) async fn remind(waiting: impl Fn() -> Option<String>) -> Infallible {
+    tokio::time::sleep(SILENCE).await;
+    let mut reminders = interval(REMIND_EVERY);
+    reminders.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        reminders.tick().await;
+        if let Some(line) = waiting() {
+            service_manager::tell(&line);
+            say(format_args!("{line}"));
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -88,7 +112,10 @@ mod tests {
             "Can not create a new TLS link bound to \"127.0.0.1\": received fatal alert: CertificateExpired",
         ] {
             let message = reason(text).unwrap();
-            assert!(message.contains("this edge's certificate"), "{text}: {message}");
+            assert!(
+                message.contains("this edge's certificate"),
+                "{text}: {message}"
+            );
         }
     }
 

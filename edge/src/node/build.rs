@@ -14,11 +14,9 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Provider, Venue, VenueCamera};
 use farfield_proto::wire;
 
-use super::acceleration::{Acceleration, accelerate};
+use super::acceleration::{Acceleration, Workers, accelerate};
 use super::config::EdgeConfig;
-use super::parts::Parts;
-use super::worker::EdgeWork;
-use super::workers::Workers;
+use super::worker::{EdgeWork, Parts};
 use crate::detector::OnnxDetector;
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError, PersonDetector};
 use crate::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwork};

@@ -11,12 +11,12 @@ use farfield_node::process::{Ending, NodeError, say};
 use farfield_proto::message::health::NodeHealth;
 use farfield_proto::message::{BoxSet, Order, Status};
 use farfield_proto::tick::Tick;
+use farfield_proto::venue::same_files::{OtherFile, OwnFiles};
 use farfield_proto::wire::{self, WireError};
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 use tracing::debug;
 
-use super::compare::compare_files;
 use super::link::{EdgeEnds, EdgeIncoming, EdgeOutgoing};
 use super::worker::EdgeWorker;
 use crate::box_parts::BoxParts;
@@ -247,6 +247,20 @@ impl LockStepEdge {
         self.ordered
             .map_or_else(String::new, |tick| format!(" at tick {tick}"))
     }
+}
+
+/// Compares the fingerprints of this edge's files with fusion's.
+///
+/// # Errors
+/// [`NodeError::Refused`] with the first difference.
+pub(super) fn compare_files(own: &Status, fusion: &Status) -> Result<(), NodeError> {
+    let Some(OtherFile { what, theirs, ours }) = OwnFiles::from(own).other_file(fusion) else {
+        return Ok(());
+    };
+    Err(NodeError::Refused(anyhow!(
+        "fusion holds another {what} than viewpoint {}: its fingerprint there is {theirs}, here {ours}; start this edge with --from-fusion to fetch it, or copy the same file to both",
+        own.node
+    )))
 }
 
 #[cfg(test)]

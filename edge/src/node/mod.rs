@@ -5,25 +5,17 @@
 
 mod acceleration;
 mod attempts;
-mod beyond_view;
 mod build;
-mod compare;
 mod config;
-mod frames_at;
 mod handout;
 mod link;
 mod live;
 mod lockstep;
-mod parts;
-mod reminder;
 mod ring;
 mod run;
-mod stage_times;
 mod worker;
-mod workers;
 
-pub use self::acceleration::{Acceleration, accelerate};
+pub use self::acceleration::{Acceleration, Workers, accelerate, find_workers};
 pub use self::build::{Networks, load_networks, probe_sources};
 pub use self::config::EdgeArgs;
 pub use self::run::main;
-pub use self::workers::{Workers, find_workers};

@@ -16,14 +16,13 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
-use super::attempts;
+use super::attempts::{self, remind};
 use super::build::{Built, build};
 use super::config::{EdgeArgs, EdgeConfig};
 use super::handout;
 use super::link::{EdgeEnds, EdgeIncoming, EdgeSession};
 use super::live::{EdgePublishers, LiveEdge};
 use super::lockstep::{LockStepEdge, LockStepEnding};
-use super::reminder::remind;
 use super::ring::{RingThread, answer_questions};
 use super::worker::EdgeWorker;
 use crate::source::Sources;
@@ -75,7 +74,7 @@ pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {
         .context("starting the pipeline's thread");
     let worker = worker.map_err(NodeError::Failed)?;
     let run = LockStepEdge::new(built.status);
-    let outcome = Box::pin(work(config, run, worker, (&mut ends, &stop))).await;
+    let outcome = Box::pin(work(config, run, worker, &mut ends, &stop)).await;
     stop.cancel();
     if timeout(DRAIN, ends.close(&tasks, &leave)).await.is_err() {
         warn!("tasks still running, leaving anyway");
@@ -115,12 +114,13 @@ async fn work(
     config: &EdgeConfig,
     mut run: LockStepEdge,
     mut worker: EdgeWorker,
-    (ends, stop): (&mut EdgeEnds, &CancellationToken),
+    ends: &mut EdgeEnds,
+    stop: &CancellationToken,
 ) -> Result<Ending, NodeError> {
     let outcome = match run.run(ends, &mut worker, stop).await {
         Ok(LockStepEnding::Live(first)) => {
             // Its encoder holds whole rows of maps: too much for a stack.
-            return Box::pin(work_live(config, run.status, worker, first, (ends, stop))).await;
+            return Box::pin(work_live(config, run.status, worker, first, ends, stop)).await;
         }
         Ok(LockStepEnding::End(ending)) => Ok(ending),
         Err(error) => Err(error),
@@ -145,7 +145,8 @@ async fn work_live(
     status: Status,
     worker: EdgeWorker,
     first: EdgeIncoming,
-    (ends, stop): (&mut EdgeEnds, &CancellationToken),
+    ends: &mut EdgeEnds,
+    stop: &CancellationToken,
 ) -> Result<Ending, NodeError> {
     let work = worker.recall().await.map_err(NodeError::Failed)?;
     let ring = open_ring(config);

@@ -8,19 +8,18 @@ use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
+use farfield_node::process::say;
+use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::message::{BoxSet, DETECTION_STAGE, StageTime};
 use farfield_proto::tick::Tick;
-use farfield_proto::venue::VenueCamera;
+use farfield_proto::venue::{Venue, VenueCamera};
 use farfield_proto::wire::{self, SpokenVersion};
 use tokio::sync::mpsc;
 
-use super::beyond_view::report_beyond_view;
-use super::frames_at::FramesAt;
+use super::acceleration::Workers;
 use super::link::EdgeOutgoing;
-use super::parts::Parts;
-use super::stage_times::split_detection;
-use crate::pipeline::{EdgeOutput, StepRequest};
-use crate::source::{Frame, SourceError};
+use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};
+use crate::source::{Frame, FrameSource, SourceError, Sources};
 
 /// The thread's result for each tick.
 pub(super) type Done = anyhow::Result<Tick>;
@@ -160,7 +159,7 @@ impl EdgeWorker {
         let (jobs, to_do) = sync_channel(2);
         let (done_tx, done) = mpsc::channel(2);
         let thread = std::thread::Builder::new().name("pipeline".to_owned());
-        let thread = thread.spawn(move || run(work, &to_do, (&outgoing, &spoken), &done_tx))?;
+        let thread = thread.spawn(move || run(work, &to_do, &outgoing, &spoken, &done_tx))?;
         Ok(Self { jobs, done, thread })
     }
 
@@ -192,7 +191,8 @@ impl EdgeWorker {
 fn run(
     mut work: EdgeWork,
     to_do: &Receiver<BoxSet>,
-    (outgoing, spoken): (&mpsc::Sender<EdgeOutgoing>, &SpokenVersion),
+    outgoing: &mpsc::Sender<EdgeOutgoing>,
+    spoken: &SpokenVersion,
     done: &mpsc::Sender<Done>,
 ) -> EdgeWork {
     while let Ok(boxes) = to_do.recv() {
@@ -211,4 +211,130 @@ fn run(
     }
     report_beyond_view(&work.parts.pipeline);
     work
+}
+
+/// The cameras of a viewpoint, their sources, and the pipeline.
+pub(super) struct Parts {
+    pub(super) venue: Arc<Venue>,
+    pub(super) viewpoint: ViewpointIndex,
+    /// The cameras of the viewpoint, in file order.
+    pub(super) cameras: Vec<CameraIndex>,
+    pub(super) sources: Arc<dyn Sources>,
+    pub(super) pipeline: EdgePipeline,
+    /// Measured speed of the network, if the edge may run live.
+    pub(super) workers: Option<Workers>,
+}
+
+/// Prints a line per camera of `pipeline` for which content was left out.
+pub(super) fn report_beyond_view(pipeline: &EdgePipeline) {
+    for (camera, left_out) in pipeline.beyond_view() {
+        say(format_args!("camera `{camera}`: {left_out}"));
+    }
+}
+
+/// The durations by name. The `share` of the inference for sightings counts as detection, which
+/// separates the cost of detection from that of tracking.
+pub(super) fn split_detection(laps: &[(EdgeStage, u32)], share: f64) -> [(&'static str, u32); 4] {
+    let of = |wanted: EdgeStage| {
+        let laps = laps.iter().filter(|(stage, _)| *stage == wanted);
+        laps.map(|(_, us)| us).sum::<u32>()
+    };
+    let keypoints_us = (f64::from(of(EdgeStage::Infer)) * share).round() as u32;
+    [
+        (name(EdgeStage::Crop), of(EdgeStage::Crop)),
+        (DETECTION_STAGE, of(EdgeStage::Detect) + keypoints_us),
+        (name(EdgeStage::Infer), of(EdgeStage::Infer) - keypoints_us),
+        (name(EdgeStage::Encode), of(EdgeStage::Encode)),
+    ]
+}
+
+fn name(stage: EdgeStage) -> &'static str {
+    match stage {
+        EdgeStage::Crop => "crop",
+        EdgeStage::Detect => DETECTION_STAGE,
+        EdgeStage::Infer => "infer",
+        EdgeStage::Encode => "encode",
+    }
+}
+
+/// Frames of one camera by tick. Requested ticks must not decrease.
+pub(super) struct FramesAt {
+    source: Box<dyn FrameSource>,
+    /// A frame that came before its tick was requested.
+    ahead: Option<Frame>,
+    ended: bool,
+}
+
+impl FramesAt {
+    pub(super) fn new(source: Box<dyn FrameSource>) -> Self {
+        Self {
+            source,
+            ahead: None,
+            ended: false,
+        }
+    }
+
+    /// The frame of `tick`; `None` if the camera has none. Earlier frames are dropped.
+    ///
+    /// # Errors
+    /// The error of the source, which is not read again.
+    pub(super) fn at(&mut self, tick: Tick) -> Result<Option<Frame>, SourceError> {
+        loop {
+            match self.ahead.take() {
+                Some(frame) if frame.tick == tick => return Ok(Some(frame)),
+                Some(frame) if frame.tick > tick => {
+                    self.ahead = Some(frame);
+                    return Ok(None);
+                }
+                _ if self.ended => return Ok(None),
+                _ => {}
+            }
+            self.ended = true;
+            self.ahead = self.source.next_frame()?;
+            self.ended = self.ahead.is_none();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::{FrameContent, KeypointFrame};
+
+    struct Recorded(Vec<i64>);
+
+    impl FrameSource for Recorded {
+        fn next_frame(&mut self) -> Result<Option<Frame>, SourceError> {
+            if self.0.is_empty() {
+                return Ok(None);
+            }
+            let tick = Tick(self.0.remove(0));
+            Ok(Some(Frame {
+                tick,
+                capture_offset_us: 0,
+                content: FrameContent::Keypoints(KeypointFrame::default()),
+            }))
+        }
+    }
+
+    fn ticks_found(recorded: &[i64], asked: &[i64]) -> Vec<Option<i64>> {
+        let mut frames = FramesAt::new(Box::new(Recorded(recorded.to_vec())));
+        asked
+            .iter()
+            .map(|&t| frames.at(Tick(t)).unwrap().map(|f| f.tick.0))
+            .collect()
+    }
+
+    #[test]
+    fn a_missing_frame_is_a_gap_and_later_frames_wait() {
+        assert_eq!(
+            ticks_found(&[1, 2, 5], &[1, 2, 3, 4, 5, 6]),
+            [Some(1), Some(2), None, None, Some(5), None]
+        );
+    }
+
+    #[test]
+    fn frames_before_the_tick_are_dropped() {
+        assert_eq!(ticks_found(&[1, 2, 3, 4], &[3, 4]), [Some(3), Some(4)]);
+    }
 }

@@ -1,5 +1,7 @@
 //! The cameras of a viewpoint, and the checks before the first tick and at each tick.
 
+use std::fmt;
+
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
@@ -7,7 +9,6 @@ use farfield_proto::patch::{MAX_KEYPOINTS, MAX_SIDE};
 use farfield_proto::venue::Venue;
 
 use super::batch::Batch;
-use super::beyond_view::BeyondView;
 use super::error::PipelineError;
 use crate::crop::CropShape;
 use crate::source::FrameContent;
@@ -125,4 +126,36 @@ pub(super) fn check_shapes(
         }
     }
     Ok(())
+}
+
+/// Content left out since the start, because it was beyond the used part of a camera's view
+/// ([`farfield_proto::camera::FISHEYE_HALF_VIEW_RAD`]).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct BeyondView {
+    /// Detections completely outside the used view.
+    pub detections: u64,
+    /// Keypoints of detected people.
+    pub keypoints: u64,
+}
+
+impl BeyondView {
+    /// Text that identifies such a line of output.
+    pub const WORDS: &str = "beyond 120 degrees of view (60 off its axis) were left out";
+
+    /// Whether nothing was left out.
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+impl fmt::Display for BeyondView {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} detections and {} keypoints {}",
+            self.detections,
+            self.keypoints,
+            Self::WORDS
+        )
+    }
 }

@@ -68,7 +68,9 @@ impl EdgePipeline {
             if let (Some(detected), Some(FrameContent::Image(_))) = (detected, content) {
                 pending.extend(sighting::enqueue(
                     &moved_with_boxes(detected, request, &camera.model),
-                    (at, camera.index, &camera.model),
+                    at,
+                    camera.index,
+                    &camera.model,
                     batch,
                     &mut camera.beyond_view,
                 ));
@@ -100,8 +102,12 @@ impl EdgePipeline {
                 Some(FrameContent::Painted(painter)) => Cow::Owned(painter.persons()),
                 Some(FrameContent::Image(_)) | None => continue,
             };
-            let of = (camera.index, &camera.model);
-            sightings.extend(sighting::from_persons(&given, of, &mut camera.beyond_view));
+            sightings.extend(sighting::from_persons(
+                &given,
+                camera.index,
+                &camera.model,
+                &mut camera.beyond_view,
+            ));
         }
         sighting::bounded(sightings)
     }

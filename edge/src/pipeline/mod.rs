@@ -7,17 +7,14 @@
 //! for the network and the detector this is pure: no clock, no file, no socket.
 
 mod batch;
-mod beyond_view;
 mod camera;
 mod detection_pass;
 mod error;
 mod map_encoder;
 mod parts;
-mod request;
 mod sighting;
 #[cfg(test)]
 mod tests;
-mod tiled_detector;
 mod tracked;
 mod viewpoint_detector;
 
@@ -25,7 +22,8 @@ use std::collections::BTreeMap;
 
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::message::{PatchSet, PersonBoxes, PersonPatch, SightingSet};
+use farfield_proto::message::live::PatchTiming;
+use farfield_proto::message::{BoxSet, PatchSet, PersonBoxes, PersonPatch, SightingSet};
 use farfield_proto::patch::{CompressionLevel, Maps, quantize};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -35,19 +33,18 @@ use farfield_proto::wire;
 use self::batch::TakenPicture;
 use self::camera::{EdgeCamera, cameras_of, check_shapes};
 use self::map_encoder::MapEncoder;
-use self::tiled_detector::TiledDetector;
 use self::tracked::{Tracked, is_turned};
+use self::viewpoint_detector::TiledDetector;
 use crate::crop::CropGeometry;
 use crate::gaussian_maps::draw_maps;
-use crate::inference::{KeypointNetwork, PersonDetector};
+use crate::inference::{CameraDetections, KeypointNetwork, PersonDetector};
 use crate::source::{Frame, FrameContent, MapCrop};
 
 pub use batch::Batch;
-pub use beyond_view::BeyondView;
+pub use camera::BeyondView;
 pub use error::PipelineError;
 #[cfg(feature = "study")]
 pub use map_encoder::StandIn;
-pub use request::StepRequest;
 pub use viewpoint_detector::ViewpointDetector;
 
 /// A measured part of a step.
@@ -444,5 +441,42 @@ impl EdgePipeline {
             crop_of_keypoint: tracked.crop_of_keypoint,
             maps,
         })
+    }
+}
+
+/// The pipeline's task at a tick: in lock-step all that fusion requests, in live mode what time and
+/// link allow.
+#[derive(Debug, Clone, Copy)]
+pub struct StepRequest<'a> {
+    /// The tick of the frames.
+    pub tick: Tick,
+    /// Expected positions of people, moved to the frames' tick if they are for another one.
+    pub boxes: &'a BoxSet,
+    /// The cameras of this tick's detection pass; empty without a pass.
+    pub detection_cameras: &'a [CameraIndex],
+    /// Detections of an earlier tick; if present, the detector does not run now.
+    pub detections: Option<&'a [CameraDetections]>,
+    /// The persons with boxes to process, ascending; `None` for all.
+    pub persons: Option<&'a [PersonId]>,
+    /// Placeholder for the timing that is set on sending; it counts towards the message's size.
+    pub timing: Option<PatchTiming>,
+}
+
+impl<'a> StepRequest<'a> {
+    /// All that fusion requests in `boxes`, at their tick.
+    pub fn of(boxes: &'a BoxSet) -> Self {
+        Self {
+            tick: boxes.tick,
+            boxes,
+            detection_cameras: &boxes.detection_cameras,
+            detections: None,
+            persons: None,
+            timing: None,
+        }
+    }
+
+    pub(super) fn includes(&self, person: PersonId) -> bool {
+        self.persons
+            .is_none_or(|persons| persons.binary_search(&person).is_ok())
     }
 }

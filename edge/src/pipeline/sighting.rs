@@ -7,7 +7,7 @@ use farfield_proto::id::CameraIndex;
 use farfield_proto::message::{KeypointPeak, MAX_SIGHTINGS, Sighting};
 
 use super::batch::Batch;
-use super::beyond_view::BeyondView;
+use super::camera::BeyondView;
 use crate::crop::CropGeometry;
 use crate::inference::Detection;
 use crate::peaks::best_peak;
@@ -42,7 +42,9 @@ fn beyond_view<T>(found: Option<&T>, model: &CameraModel) -> u64 {
 /// lens model or its used part are left out; those of a fisheye are counted.
 pub(super) fn enqueue(
     detections: &[Detection],
-    (at, camera, model): (usize, CameraIndex, &CameraModel),
+    at: usize,
+    camera: CameraIndex,
+    model: &CameraModel,
     batch: &mut Batch,
     beyond: &mut BeyondView,
 ) -> Vec<Pending> {
@@ -96,7 +98,8 @@ pub(super) fn read(
 /// lens model or its used part are left out; those of a fisheye are counted.
 pub(super) fn from_persons(
     persons: &[Vec<Option<KeypointCandidate>>],
-    (camera, model): (CameraIndex, &CameraModel),
+    camera: CameraIndex,
+    model: &CameraModel,
     beyond: &mut BeyondView,
 ) -> Vec<Sighting> {
     let mut sightings = Vec::new();
@@ -221,7 +224,7 @@ mod tests {
         ];
         let mut beyond = BeyondView::default();
         let camera = pinhole("a", [640, 480]);
-        let sightings = from_persons(&persons, (CameraIndex(2), &camera), &mut beyond);
+        let sightings = from_persons(&persons, CameraIndex(2), &camera, &mut beyond);
         assert!(beyond.is_none());
         assert_eq!(sightings.len(), 1);
         assert!((sightings[0].score - 0.6).abs() < 1e-6);
@@ -246,7 +249,7 @@ mod tests {
         });
         let mut beyond = BeyondView::default();
         let persons = [vec![seen, None]];
-        assert!(from_persons(&persons, (CameraIndex(0), &camera), &mut beyond).is_empty());
+        assert!(from_persons(&persons, CameraIndex(0), &camera, &mut beyond).is_empty());
         assert!(beyond.is_none(), "{beyond}");
     }
 
@@ -273,7 +276,7 @@ mod tests {
         };
         let mut beyond = BeyondView::default();
         let persons = [vec![seen(500.0), seen(560.0), seen(620.0), None]];
-        let sightings = from_persons(&persons, (CameraIndex(0), &camera), &mut beyond);
+        let sightings = from_persons(&persons, CameraIndex(0), &camera, &mut beyond);
         assert_eq!((beyond.detections, beyond.keypoints), (0, 2));
         let kept: Vec<bool> = sightings[0].keypoints.iter().map(Option::is_some).collect();
         assert_eq!(kept, [true, false, false, false]);

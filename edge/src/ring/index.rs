@@ -255,10 +255,6 @@ mod tests {
         index.forget(0);
         assert_eq!(ask(&index, 0, 9, 1000), (vec![1], 9));
         index.add(label(1, 6), 0, 100);
-        assert_eq!(
-            ask(&index, 0, 9, 1000),
-            (vec![1, 0], 9),
-            "it was restarted"
-        );
+        assert_eq!(ask(&index, 0, 9, 1000), (vec![1, 0], 9), "it was restarted");
     }
 }

@@ -152,7 +152,9 @@ pub enum SourceError {
         period_s: f64,
     },
     /// The file was cut: it announces more frames than it contains.
-    #[error("{at}: holds {found} frames, its header announces {announced}: the file was cut{tool_output}")]
+    #[error(
+        "{at}: holds {found} frames, its header announces {announced}: the file was cut{tool_output}"
+    )]
     Cut {
         /// Which source.
         at: SourceOrigin,

@@ -199,7 +199,10 @@ impl Ffmpeg {
             .wait()
             .is_ok_and(|status| status.success());
         let messages = self.messages.take().and_then(|thread| thread.join().ok());
-        (success, message_suffix("ffmpeg", &messages.unwrap_or_default()))
+        (
+            success,
+            message_suffix("ffmpeg", &messages.unwrap_or_default()),
+        )
     }
 
     #[cfg(test)]

@@ -108,11 +108,7 @@ pub(super) fn read_stream(path: &Path, at: &SourceOrigin) -> Result<VideoStream,
         problem,
     };
     listing
-        .map_err(|problem| {
-            unreadable(format!(
-                "ffprobe's answer is invalid: {problem}"
-            ))
-        })?
+        .map_err(|problem| unreadable(format!("ffprobe's answer is invalid: {problem}")))?
         .into_stream(message_suffix("ffprobe", &messages))
         .ok_or_else(|| unreadable("it has no video stream".to_owned()))
 }

@@ -71,10 +71,7 @@ fn shares_of_the_picture_instead_of_pixels_are_refused() {
     let lines: Vec<String> = (0..8).map(|tick| line(tick, 1.0)).collect();
     let with_one_far = lines.join("\n").replacen("[0.4,0.7,", "[300,200,", 1);
     let other_error = refusal(&with_one_far.replacen("[0.4,0.7,0.9]", "[0,0,0]", 50));
-    assert!(
-        other_error.contains("85 of 86 keypoints"),
-        "{other_error}"
-    );
+    assert!(other_error.contains("85 of 86 keypoints"), "{other_error}");
     assert!(error.contains("expected pixels of 640 x 480"), "{error}");
     assert!(probe(file(file_of(400.0).as_bytes()).path(), &expected()).is_ok());
 }
@@ -183,7 +180,10 @@ fn a_wrong_line_is_reported_with_its_field() {
     ];
     for (text, says) in cases {
         let error = refusal(&format!("\n{text}\n"));
-        assert!(error.starts_with("cam0.jsonl:2: camera `cam0`: "), "{error}");
+        assert!(
+            error.starts_with("cam0.jsonl:2: camera `cam0`: "),
+            "{error}"
+        );
         assert!(error.contains(says), "{error}\nexpected: {says}");
     }
 }
@@ -197,12 +197,15 @@ fn ticks_are_in_order_and_without_gaps() {
         "{gap}"
     );
     assert!(refusal(&lines(&[4, 4])).contains("found 4 twice"));
-    assert!(refusal(&lines(&[4, 3])).contains("found 3 after 4: ticks must be in order"));
+    assert!(refusal(&lines(&[4, 3])).contains("found 3 after 4"));
 }
 
 #[test]
 fn a_file_that_is_empty_absent_or_a_folder_is_refused() {
-    assert!(refusal("\n").contains("it has no lines"));
+    assert!(matches!(
+        probe(file(b"\n").path(), &expected()),
+        Err(SourceError::Unreadable { .. })
+    ));
     let folder = tempfile::tempdir().unwrap();
     for path in [folder.path().to_owned(), folder.path().join("absent.jsonl")] {
         assert!(matches!(
@@ -215,10 +218,9 @@ fn a_file_that_is_empty_absent_or_a_folder_is_refused() {
 #[test]
 fn a_line_without_end_is_refused_before_it_fills_the_memory() {
     let long = vec![b' '; MAX_LINE_BYTES as usize + 1];
-    let error = probe(file(&long).path(), &expected())
-        .unwrap_err()
-        .to_string();
-    assert!(error.contains("longer than"), "{error}");
+    let error = probe(file(&long).path(), &expected()).unwrap_err();
+    let limit = MAX_LINE_BYTES.to_string();
+    assert!(error.to_string().contains(&limit), "{error}");
 }
 
 #[test]

@@ -19,11 +19,9 @@ mod ffprobe;
 mod frame_times;
 mod images;
 mod keypoints;
-mod painted;
 mod queue;
 #[cfg(feature = "node")]
 mod sender_clock;
-mod sources;
 mod ticks;
 #[cfg(all(feature = "node", target_os = "linux"))]
 mod v4l;
@@ -31,10 +29,15 @@ mod v4l;
 mod video;
 mod video_format;
 
+use std::fmt::Debug;
 use std::ops::Range;
 use std::sync::Arc;
 
+use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Distorted, Pixel};
+use farfield_proto::grid::CellGrid;
+use farfield_proto::message::CameraBox;
+use farfield_proto::patch::Maps;
 use farfield_proto::plain_text::one_line;
 use farfield_proto::secrets::Secrets;
 use farfield_proto::tick::Tick;
@@ -44,8 +47,6 @@ use crate::picture::Picture;
 
 pub use error::{SourceError, SourceOrigin};
 pub use keypoints::KeypointContents;
-pub use painted::{MapCrop, MapPainter};
-pub use sources::{RecordedSources, Sources};
 pub use ticks::common_ticks;
 pub use video_format::{FieldOrder, HdrTransfer, VideoFormat};
 
@@ -328,7 +329,7 @@ pub fn open(
         #[cfg(feature = "node")]
         Source::Ffmpeg { url, options } => {
             let asks_camera = camera.capture_delay_s.is_none();
-            let opened = video::open_live((url, options), asks_camera, expected, from)?;
+            let opened = video::open_live(url, options, asks_camera, expected, from)?;
             Ok(Box::new(opened))
         }
         #[cfg(all(feature = "node", target_os = "linux"))]
@@ -368,6 +369,80 @@ fn not_built(expected: ExpectedSource, kind: &'static str, needs: &'static str) 
         kind,
         needs,
     }
+}
+
+/// Opens the sources of a venue's cameras.
+pub trait Sources: Debug + Send + Sync {
+    /// See [`probe`].
+    ///
+    /// # Errors
+    /// [`SourceError`], with the file and the problem.
+    fn probe(&self, camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceError>;
+
+    /// See [`open`].
+    ///
+    /// # Errors
+    /// All errors of [`Self::probe`], and [`SourceError::OutsideClip`] if the recording does not
+    /// have tick `from`.
+    fn open(
+        &self,
+        camera: &VenueCamera,
+        venue: &Venue,
+        from: Tick,
+    ) -> Result<Box<dyn FrameSource>, SourceError>;
+}
+
+/// Recordings, live cameras and keypoint files. Simulated sources are refused.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct RecordedSources;
+
+impl Sources for RecordedSources {
+    fn probe(&self, camera: &VenueCamera, venue: &Venue) -> Result<SourceInfo, SourceError> {
+        probe(camera, venue)
+    }
+
+    fn open(
+        &self,
+        camera: &VenueCamera,
+        venue: &Venue,
+        from: Tick,
+    ) -> Result<Box<dyn FrameSource>, SourceError> {
+        open(camera, venue, from)
+    }
+}
+
+/// A crop for which maps are painted.
+#[derive(Debug, Clone, Copy)]
+pub struct MapCrop<'a> {
+    /// The person's box at the frame's tick.
+    pub region: &'a CameraBox,
+    /// Positions of the cells, in undistorted pixels of `camera`.
+    pub grid: &'a CellGrid,
+    /// Requested sigma, cells.
+    pub sigma_cells: f64,
+    /// The camera.
+    pub camera: &'a CameraModel,
+    /// Cells below this value (0 to 255) are dropped after painting, so the painter can skip them.
+    pub floor: u8,
+}
+
+/// What one camera saw at one tick, as the maps that a network would return.
+///
+/// The maps are those of the keypoints of [`farfield_proto::keypoints::COCO17`]. Equal crops give
+/// equal maps, independent of earlier calls.
+pub trait MapPainter: Debug + Send + Sync {
+    /// Paints the 17 maps of `crop` into `into`, which has the grid's size and contains only zeros.
+    fn paint(&self, crop: &MapCrop<'_>, into: &mut Maps);
+
+    /// For the camera's health: a hash of the picture and its mean brightness, 0 to 255; `None`
+    /// without a picture.
+    fn picture_sample(&self) -> Option<(u64, f64)> {
+        None
+    }
+
+    /// The people that a detector returns for the whole picture: `[person][keypoint]`, 17 each,
+    /// `None` for a missing keypoint.
+    fn persons(&self) -> Vec<Vec<Option<KeypointCandidate>>>;
 }
 
 #[cfg(test)]

@@ -129,7 +129,7 @@ fn sender_reports_give_the_capture_times() {
             .and_then(|()| stream(&to, &pictures))
             .ok();
     });
-    let mut source = open_live((&url, &BTreeMap::new()), true, expected(), Tick(0)).unwrap();
+    let mut source = open_live(&url, &BTreeMap::new(), true, expected(), Tick(0)).unwrap();
     let mut unknown = 0;
     let mut known = Vec::new();
     while known.len() < 20 {

@@ -261,7 +261,8 @@ fn open_ticks(
 /// Opens a live source. With `asks_camera`, the capture times of the camera are read if the
 /// protocol has them.
 pub(super) fn open_live(
-    (url, options): (&str, &BTreeMap<String, String>),
+    url: &str,
+    options: &BTreeMap<String, String>,
     asks_camera: bool,
     expected: ExpectedSource,
     from: Tick,
@@ -314,7 +315,7 @@ impl VideoSource {
         } = decoding;
         let pictures = PictureReader::new(BufReader::new(stdout), expected.size_px);
         let decode = move |sender: Sender<Stamped>| {
-            read_frames((pictures, matrix), times, &expected, from, &sender);
+            read_frames(pictures, matrix, times, &expected, from, &sender);
         };
         let prefetch =
             Prefetch::spawn(when_full, decode).map_err(|problem| SourceError::Unreadable {
@@ -422,7 +423,8 @@ impl Drop for VideoSource {
 }
 
 fn read_frames(
-    (mut pictures, mut matrix): (PictureReader<impl BufRead>, ColourMatrix),
+    mut pictures: PictureReader<impl BufRead>,
+    mut matrix: ColourMatrix,
     mut times: Option<FrameTimes>,
     expected: &ExpectedSource,
     from: Tick,

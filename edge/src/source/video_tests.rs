@@ -96,11 +96,12 @@ fn images(mut source: impl FrameSource) -> Vec<(i64, RgbImage)> {
         .collect()
 }
 
-fn refusal(path: &Path) -> String {
-    let error = probe(path, &expected()).unwrap_err().to_string();
+fn refusal(path: &Path) -> SourceError {
+    let error = probe(path, &expected()).unwrap_err();
+    let message = error.to_string();
     assert!(
-        error.starts_with("videos/left.mp4: camera `left`: "),
-        "{error}"
+        message.starts_with("videos/left.mp4: camera `left`: "),
+        "{message}"
     );
     error
 }
@@ -127,11 +128,8 @@ fn a_timecode_gives_the_first_tick_if_the_venue_uses_it() {
     );
     let mut source = open(&path, by_timecode.clone(), first + 3).unwrap();
     assert_eq!(source.next_frame().unwrap().unwrap().tick, first + 3);
-    let error = probe(&studio.clip(), &by_timecode).unwrap_err().to_string();
-    assert!(
-        error.contains("`tick_from`") && error.contains("found none"),
-        "{error}"
-    );
+    let error = probe(&studio.clip(), &by_timecode).unwrap_err();
+    assert!(matches!(error, SourceError::Timecode { .. }), "{error}");
 }
 
 #[test]
@@ -176,15 +174,13 @@ fn a_video_cut_in_the_middle_is_refused_before_the_first_tick() {
     );
     for (clip, announced) in [(studio.clip(), 24), (mkv, 23)] {
         let error = refusal(&studio.cut(&clip, 0.6));
-        let says = format!("its header announces {announced}: the file was cut");
-        assert!(error.contains(&says), "{error}");
+        let is_cut = matches!(error, SourceError::Cut { announced: n, .. } if n == announced);
+        assert!(is_cut, "{error}");
     }
     let without_index = studio.record("-i clip.mp4 -c copy", "plain.mp4");
     let error = refusal(&studio.cut(&without_index, 0.6));
-    assert!(
-        error.contains("cannot be read") && error.contains("moov atom not found"),
-        "{error}"
-    );
+    assert!(matches!(error, SourceError::Unreadable { .. }), "{error}");
+    assert!(error.to_string().contains("moov atom not found"), "{error}");
 }
 
 #[test]
@@ -196,16 +192,15 @@ fn a_recording_that_shrinks_after_the_probe_does_not_end_quietly() {
     let mut source =
         VideoSource::new(decoded.unwrap(), expected(), Tick(100), WhenFull::Wait).unwrap();
     source.expected = Some(FRAMES as u64);
-    let problem = loop {
+    let error = loop {
         match source.next_frame() {
             Ok(frame) => assert!(frame.is_some(), "ended quietly"),
-            Err(problem) => break problem.to_string(),
+            Err(error) => break error,
         }
     };
-    assert!(
-        problem.contains("ended after") && problem.contains("expected 24"),
-        "{problem}"
-    );
+    let expected = Some(FRAMES as u64);
+    let is_early = matches!(error, SourceError::Ended { expected: n, .. } if n == expected);
+    assert!(is_early, "{error}");
     assert_eq!(source.next_frame(), Ok(None));
 }
 
@@ -217,10 +212,15 @@ fn another_pixel_size_is_refused_with_both_sizes() {
         "a.mp4",
     );
     let error = refusal(&clip);
-    assert!(
-        error.contains("64x96 pixels") && error.contains("`size` of this camera is 96x64"),
-        "{error}"
-    );
+    let SourceError::PixelSize {
+        found_px,
+        expected_px,
+        ..
+    } = error
+    else {
+        panic!("{error}")
+    };
+    assert_eq!((found_px, expected_px), ([64, 96], SIZE_PX));
 }
 
 #[test]
@@ -283,8 +283,10 @@ fn interlaced_pictures_are_deinterlaced_one_for_one() {
         rate_hz: 60.0,
         ..expected()
     };
-    let error = probe(&clip, &fields).unwrap_err().to_string();
-    assert!(error.contains("30.000 pictures of two fields"), "{error}");
+    let error = probe(&clip, &fields).unwrap_err();
+    let is_interlaced =
+        matches!(error, SourceError::Fields { found_hz, .. } if (found_hz - 30.0).abs() < 1e-3);
+    assert!(is_interlaced, "{error}");
     let rest = images(open(&clip, expected(), Tick(117)).unwrap());
     assert!(rest == whole[17..], "{} frames", rest.len());
 }
@@ -371,9 +373,10 @@ fn colours_match_ffmpeg_for_every_matrix() {
 fn errors_do_not_contain_the_password_of_a_camera() {
     let Some(_studio) = studio() else { return };
     let url = "http://admin:geheim-42@127.0.0.1:1/video?token=t0ken&channel=3";
-    let mut source = open_live((url, &BTreeMap::new()), true, expected(), Tick(7)).unwrap();
+    let mut source = open_live(url, &BTreeMap::new(), true, expected(), Tick(7)).unwrap();
     let error = source.next_frame().unwrap_err().to_string();
-    let is_redacted = error.contains("channel=3") && !error.contains("geheim") && !error.contains("t0ken");
+    let is_redacted =
+        error.contains("channel=3") && !error.contains("geheim") && !error.contains("t0ken");
     assert!(is_redacted, "{error}");
 }
 
@@ -385,10 +388,16 @@ fn another_rate_is_refused_with_both_rates() {
         studio.record(&args, "rate.mp4")
     };
     let error = refusal(&record("25"));
-    assert!(
-        error.contains("25.000 frames per second") && error.contains("`rate_hz` is 30.0"),
-        "{error}"
-    );
+    let SourceError::Rate {
+        found_hz,
+        expected_hz,
+        ..
+    } = error
+    else {
+        panic!("{error}")
+    };
+    assert!((found_hz - 25.0).abs() < 1e-3, "{found_hz}");
+    assert!((expected_hz - 30.0).abs() < 1e-9, "{expected_hz}");
     assert!(probe(&record("30000/1001"), &expected()).is_ok());
 }
 
@@ -402,10 +411,8 @@ fn a_variable_rate_is_refused_with_the_frame() {
         "variable.mkv",
     );
     let error = refusal(&clip);
-    assert!(
-        error.contains("variable frame rate") && error.contains("between frames 4 and 5"),
-        "{error}"
-    );
+    let is_variable = matches!(error, SourceError::VariableRate { before: 4, .. });
+    assert!(is_variable, "{error}");
     // A caller that needs only pictures gets all of them.
     let (info, source) = open_alone(&clip).unwrap();
     assert_eq!(info.size_px, Some(SIZE_PX));
@@ -425,12 +432,14 @@ fn lost_frames_are_reported_as_lost() {
     };
     // Ten of ninety are lost: 27 frames per second. The others must not be converted to that rate.
     let error = record(30, 10, "lost.mkv");
-    for words in ["frames were lost", "between frames 29 and 30", "-r 30 OUT"] {
-        assert!(error.contains(words), "{words}: {error}");
-    }
+    let is_lost = matches!(error, SourceError::VariableRate { before: 29, .. });
+    assert!(is_lost, "{error}");
+    assert!(error.to_string().contains("-r 30 OUT"), "{error}");
     // A recording at 25 per second has that rate, whatever it lost.
     let error = record(25, 1, "slower.mkv");
-    assert!(error.contains("25.000") && !error.contains("lost"), "{error}");
+    let is_slower =
+        matches!(error, SourceError::Rate { found_hz, .. } if (found_hz - 25.0).abs() < 1e-3);
+    assert!(is_slower, "{error}");
 }
 
 #[test]
@@ -465,16 +474,21 @@ fn edit_lists_shorten_a_recording_and_are_counted() {
 fn files_that_hold_no_video_are_refused_by_name() {
     let Some(studio) = studio() else { return };
     let path = studio.0.path().join("x.mp4");
-    assert!(refusal(&path).contains("`source`: cannot be opened"));
+    assert!(matches!(refusal(&path), SourceError::NotThere { .. }));
+    let unreadable = |path: &Path| {
+        let error = refusal(path);
+        assert!(matches!(error, SourceError::Unreadable { .. }), "{error}");
+        error.to_string()
+    };
     for bytes in [&b""[..], b"no video at all", &[0; 5000]] {
         std::fs::write(&path, bytes).unwrap();
-        assert!(refusal(&path).contains("cannot be read"));
+        unreadable(&path);
     }
     std::fs::write(&path, b"").unwrap();
-    assert!(refusal(&path).contains("the file is empty"));
+    assert!(unreadable(&path).contains("0 bytes"));
     let sound = studio.record("-f lavfi -i sine=duration=0.2", "sound.wav");
-    assert!(refusal(&sound).contains("no video stream"));
-    assert!(refusal(studio.0.path()).contains("cannot be read"));
+    assert!(unreadable(&sound).contains("video stream"));
+    unreadable(studio.0.path());
 }
 
 #[test]
@@ -484,7 +498,10 @@ fn a_missing_program_is_reported_with_install_commands() {
         "ffmpeg",
         &std::io::ErrorKind::NotFound.into(),
     );
-    assert!(error.to_string().contains("`apt install ffmpeg`"), "{error}");
+    assert!(
+        error.to_string().contains("`apt install ffmpeg`"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -492,7 +509,7 @@ fn a_live_source_counts_arrivals_and_its_end_is_an_error() {
     let Some(_studio) = studio() else { return };
     let url = "lavfi:testsrc2=size=96x64:rate=30:duration=0.5";
     assert_eq!(probe_live(url, &expected()).unwrap(), SourceInfo::default());
-    let mut source = open_live((url, &BTreeMap::new()), true, expected(), Tick(7)).unwrap();
+    let mut source = open_live(url, &BTreeMap::new(), true, expected(), Tick(7)).unwrap();
     let mut last = Tick(6);
     let problem = loop {
         match source.next_frame() {
@@ -522,7 +539,7 @@ fn pictures_of_a_stream_have_the_times_of_the_stream() {
     let Some(_studio) = studio() else { return };
     let port = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
     let url = format!("rtp://127.0.0.1:{}", port.unwrap().port());
-    let mut source = open_live((&url, &BTreeMap::new()), true, expected(), Tick(0)).unwrap();
+    let mut source = open_live(&url, &BTreeMap::new(), true, expected(), Tick(0)).unwrap();
     let words = "-nostdin -loglevel error -re -f lavfi -i testsrc2=size=96x64:rate=25 -c:v mpeg4 -g 5 -f rtp_mpegts";
     let mut camera = Command::new("ffmpeg");
     let mut camera = camera.args(words.split(' ')).arg(&url).spawn().unwrap();
@@ -545,7 +562,8 @@ fn pictures_of_a_stream_have_the_times_of_the_stream() {
 fn a_live_source_of_another_size_is_refused() {
     let Some(_studio) = studio() else { return };
     let mut source = open_live(
-        ("lavfi:testsrc2=size=64x96", &BTreeMap::new()),
+        "lavfi:testsrc2=size=64x96",
+        &BTreeMap::new(),
         true,
         expected(),
         Tick(0),
@@ -575,7 +593,7 @@ fn a_stream_that_is_silent_without_closing_is_given_up() {
         // Open, and without another byte.
         wait.recv().unwrap_err();
     });
-    let mut source = open_live((&url, &BTreeMap::new()), true, expected(), Tick(0)).unwrap();
+    let mut source = open_live(&url, &BTreeMap::new(), true, expected(), Tick(0)).unwrap();
     let problem = std::iter::from_fn(|| Some(source.next_frame())).find_map(Result::err);
     let problem = problem.unwrap();
     assert!(
@@ -599,7 +617,8 @@ fn a_stream_that_is_silent_without_closing_is_given_up() {
 fn dropping_a_source_leaves_no_process_behind() {
     let Some(_studio) = studio() else { return };
     let mut source = open_live(
-        ("lavfi:testsrc2=size=96x64", &BTreeMap::new()),
+        "lavfi:testsrc2=size=96x64",
+        &BTreeMap::new(),
         true,
         expected(),
         Tick(0),

@@ -7,7 +7,6 @@
 //! are added. The detections of all windows are [`merged`] into one list. This module is pure and
 //! reads no pixels.
 
-mod cells;
 mod merge;
 mod plan;
 mod standing;

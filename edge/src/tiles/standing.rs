@@ -3,7 +3,7 @@
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Distorted, Pixel, Point, World};
 
-use super::cells::Cell;
+use super::plan::Cell;
 
 /// Height of the person for whom tiles are planned, metres.
 const STATURE_M: f64 = 1.7;

@@ -161,7 +161,8 @@ fn a_report_about_an_unsent_tick_is_ignored() {
 /// first report then has `delay_us`. Returns whether passes are refused right after it.
 fn is_choked_after(
     load: &mut LinkLoad,
-    (from, silent_ticks): (i64, i64),
+    from: i64,
+    silent_ticks: i64,
     both_ways: bool,
     delay_us: i32,
 ) -> bool {
@@ -187,9 +188,9 @@ fn a_link_with_repeated_outages_is_not_full() {
         let mut load = LinkLoad::default();
         for cut in 0..10 {
             run(&mut load, cut * 240, 190, |_| 10_000, 1.0);
-            let away = (cut * 240 + 190, 45);
+            let from = cut * 240 + 190;
             assert!(
-                !is_choked_after(&mut load, away, both_ways, 12_000),
+                !is_choked_after(&mut load, from, 45, both_ways, 12_000),
                 "{cut}, {both_ways}"
             );
         }
@@ -202,9 +203,9 @@ fn a_queue_or_loss_after_silence_means_a_full_link() {
     let cut = |delay_us: i32, share: f64| {
         let mut load = LinkLoad::default();
         run(&mut load, 0, 190, |_| 10_000, 1.0);
-        is_choked_after(&mut load, (190, 45), false, delay_us);
+        is_choked_after(&mut load, 190, 45, false, delay_us);
         run(&mut load, 240, 190, |_| 10_000, share);
-        is_choked_after(&mut load, (430, 45), false, delay_us)
+        is_choked_after(&mut load, 430, 45, false, delay_us)
     };
     assert!(cut(600_000, 1.0));
     assert!(cut(12_000, 0.6));

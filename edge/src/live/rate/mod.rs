@@ -179,7 +179,8 @@ impl RateController {
     /// Adds fusion's report of the link. `correction_us` is the current correction of this
     /// machine's clock, microseconds.
     pub fn receive_report(&mut self, heard: &HeardPatches, correction_us: i32, now_us: Micros) {
-        self.load.receive_report(heard, correction_us, self.limited, now_us);
+        self.load
+            .receive_report(heard, correction_us, self.limited, now_us);
     }
 
     /// Records a sent message.

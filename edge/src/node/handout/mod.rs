@@ -5,7 +5,6 @@ mod ask;
 mod history;
 mod names;
 mod place;
-mod verify;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -20,10 +19,9 @@ use farfield_proto::wire;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::attempts;
+use super::attempts::{self, remind};
 use super::config::EdgeArgs;
-use super::reminder::remind;
-use ask::Fusion;
+use ask::{Fusion, verify};
 use history::HandoutHistory;
 use names::VenueFileNames;
 use place::Part;
@@ -137,7 +135,7 @@ async fn fetch_by(args: &EdgeArgs, contact: &FirstContact) -> Result<(), NodeErr
         never = remind(|| waiting(fusion.failure())) => match never {},
     };
     let list = match &contact.identity {
-        Some(identity) => verify::verify(&signed, identity).map_err(NodeError::Refused)?,
+        Some(identity) => verify(&signed, identity).map_err(NodeError::Refused)?,
         None => &signed.list,
     };
     let list: FileList = wire::decode(list)

@@ -14,14 +14,12 @@ use farfield_proto::id::CameraIndex;
 use farfield_proto::message::{DETECTION_STAGE, SIGHTING_STAGE};
 use farfield_proto::tick::Tick;
 
-use super::outbox;
-use super::shared::Shared;
-use super::tick_start::TickStart;
+use super::shared::{Shared, TickStart, send_output};
 use super::work_watch::Caller;
 use crate::inference::CameraDetections;
 use crate::live::Micros;
 use crate::live::detection_schedule::DetectionSchedule;
-use crate::node::beyond_view::report_beyond_view;
+use crate::node::worker::report_beyond_view;
 use crate::pipeline::{EdgeOutput, EdgePipeline, StepRequest, ViewpointDetector};
 use crate::source::Frame;
 
@@ -173,7 +171,7 @@ fn sight(shared: &Shared, mut pipeline: EdgePipeline, to_sight: &Receiver<Pass>)
             }
             Err(error) => shared.note_failure(&error.into()),
         }
-        outbox::send(shared, &start, output);
+        send_output(shared, &start, output);
     }
     report_beyond_view(&pipeline);
 }

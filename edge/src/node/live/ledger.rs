@@ -66,7 +66,8 @@ impl Ledger {
         self.rate.follow(live.every_nth_tick);
         self.rate.boxes_returned_after(silent_us, now_us);
         if let Some(heard) = &live.heard {
-            self.rate.receive_report(heard, self.ticks.correction_us(), now_us);
+            self.rate
+                .receive_report(heard, self.ticks.correction_us(), now_us);
         }
         arrival
     }

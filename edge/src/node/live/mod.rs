@@ -10,13 +10,8 @@ mod detection;
 mod frames;
 mod fusion_presence;
 mod ledger;
-mod outbox;
-mod picture_desk;
-mod publishers;
 mod shared;
-mod threads;
 mod thumbnails;
-mod tick_start;
 mod ticker;
 mod work_watch;
 
@@ -37,19 +32,21 @@ use tokio::sync::oneshot;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
-use super::compare::compare_files;
-use super::link::{EdgeEnds, EdgeIncoming};
-use super::parts::Parts;
-use super::ring::RingHandle;
-use super::workers::Workers;
-use crate::live::newest_boxes::BoxSetArrival;
-use crate::live::rate::MessageKind;
-use crate::live::refusal::RepeatedRefusal;
-
+use self::camera::LiveCamera;
 use self::fusion_presence::FusionPresence;
 use self::shared::Shared;
+use self::thumbnails::Thumbnails;
+use self::ticker::Ticker;
+use super::acceleration::Workers;
+use super::link::{EdgeEnds, EdgeIncoming};
+use super::lockstep::compare_files;
+use super::ring::RingHandle;
+use super::worker::{Parts, report_beyond_view};
+use crate::live::failures::RepeatedRefusal;
+use crate::live::newest_boxes::BoxSetArrival;
+use crate::live::rate::MessageKind;
 
-pub(super) use self::publishers::EdgePublishers;
+pub(super) use self::shared::EdgePublishers;
 
 /// Interval of the edge's status.
 const STATUS_EVERY: Duration = Duration::from_secs(1);
@@ -94,7 +91,7 @@ impl LiveEdge {
     ) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::new(&parts, clock, publishers, ring));
         let (failed_tx, failed) = oneshot::channel();
-        threads::spawn(parts, &shared, failed_tx)?;
+        spawn_threads(parts, &shared, failed_tx)?;
         Ok(Self {
             backend: status.backend.clone(),
             notices: status.health.notices.clone(),
@@ -369,6 +366,58 @@ fn check_fusion(own: &Status, fusion: &Status, link: Option<&EdgeLink>) -> Resul
         )));
     }
     Ok(())
+}
+
+/// Starts the threads, which end when `shared` is stopped. Camera threads may still wait for a
+/// frame then, so they are not joined.
+fn spawn_threads(
+    parts: Parts,
+    shared: &Arc<Shared>,
+    failed: oneshot::Sender<anyhow::Error>,
+) -> std::io::Result<()> {
+    for (at, &index) in parts.cameras.iter().enumerate() {
+        let camera = LiveCamera {
+            shared: Arc::clone(shared),
+            venue: Arc::clone(&parts.venue),
+            sources: Arc::clone(&parts.sources),
+            index,
+            at,
+        };
+        std::thread::Builder::new()
+            .name(format!("camera {at}"))
+            .spawn(move || camera.run())?;
+    }
+    if shared.has_pictures() {
+        let thumbnails = Thumbnails {
+            shared: Arc::clone(shared),
+            venue: Arc::clone(&parts.venue),
+            viewpoint: parts.viewpoint,
+            cameras: parts.cameras.clone(),
+        };
+        std::thread::Builder::new()
+            .name("thumbnails".to_owned())
+            .spawn(move || thumbnails.run())?;
+    }
+    let Parts {
+        venue,
+        pipeline,
+        workers,
+        viewpoint,
+        ..
+    } = parts;
+    let shared = Arc::clone(shared);
+    let work = move || {
+        let mut ticker = Ticker::new(shared, pipeline, viewpoint, &venue);
+        let outcome = ticker.share_work(workers).map(|()| ticker.run());
+        report_beyond_view(ticker.pipeline());
+        if let Err(error) = outcome {
+            drop(failed.send(error));
+        }
+    };
+    std::thread::Builder::new()
+        .name("pipeline".to_owned())
+        .spawn(work)
+        .map(drop)
 }
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
-//! The data shared by the threads of a live edge.
+//! The data shared by the threads of a live edge, and the output: publishers and the sending of a
+//! tick's results to the link and the ring.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -6,25 +7,31 @@ use std::time::Duration;
 
 use farfield_node::clock::VenueClock;
 use farfield_node::histogram::Histogram;
-use farfield_proto::id::SessionId;
+use farfield_node::session::{self, Delivery, has_listener, put_status};
+use farfield_proto::id::{CameraIndex, SessionId};
+use farfield_proto::key::Keys;
+use farfield_proto::message::fill::SetKind;
 use farfield_proto::message::live::LiveStatus;
 use farfield_proto::message::thumbnail::Thumbnail;
 use farfield_proto::message::{BoxSet, StageTime};
 use farfield_proto::tick::Tick;
 use farfield_proto::wire::{self, Message, SpokenVersion};
 use tokio_util::sync::CancellationToken;
+use tracing::debug;
+use zenoh::pubsub::Publisher;
+use zenoh::{Session, Wait as _};
 
 use super::frames::FrameStore;
 use super::ledger::Ledger;
-use super::picture_desk::PictureDesk;
-use super::publishers::EdgePublishers;
+use super::thumbnails::PictureDesk;
 use super::work_watch::{Caller, WorkWatch};
 use crate::live::newest_boxes::BoxSetArrival;
-use crate::live::rate::MessageKind;
+use crate::live::rate::{MessageKind, SendPlan};
 use crate::live::{Micros, SECOND_US};
-use crate::node::parts::Parts;
+use crate::node::acceleration::Workers;
 use crate::node::ring::RingHandle;
-use crate::node::workers::Workers;
+use crate::node::worker::Parts;
+use crate::pipeline::EdgeOutput;
 use crate::ring::record::Label;
 
 /// Longest time until a sleeping thread notices that it must stop.
@@ -254,5 +261,115 @@ impl Shared {
 
     fn lock_stages(&self) -> MutexGuard<'_, BTreeMap<&'static str, Histogram>> {
         self.stages.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// State at the start of a tick.
+pub(super) struct TickStart {
+    pub(super) tick: Tick,
+    pub(super) boxes: Arc<BoxSet>,
+    pub(super) detection_cameras: Vec<CameraIndex>,
+    /// Whether fusion is silent, so that this edge must follow people itself.
+    pub(super) is_watched: bool,
+    pub(super) plan: SendPlan,
+    pub(super) may_send: bool,
+    /// Whether there is time for the second crops of tilted people.
+    pub(super) has_time_for_second_crops: bool,
+}
+
+/// Sends and stores the results of `start`. Sightings first: the patches state how many sightings
+/// fusion must wait for.
+pub(super) fn send_output(shared: &Shared, start: &TickStart, output: EdgeOutput) {
+    let label = |session, kind| Label {
+        session,
+        tick: start.tick,
+        kind,
+    };
+    for set in &output.sighting_sets {
+        let bytes = shared.encode(set);
+        shared.keep(label(set.session, SetKind::Sightings), &bytes);
+        shared.send(MessageKind::Sightings, bytes);
+    }
+    let messages = output.patch_sets.len();
+    let (mut persons, mut payload) = (0, 0);
+    for mut set in output.patch_sets {
+        let now_us = shared.clock.now_us();
+        set.timing = shared.ledger().timing(start.tick, now_us);
+        let bytes = shared.encode(&set);
+        shared.keep(label(set.session, SetKind::Patches), &bytes);
+        persons += set.persons.len();
+        payload += bytes.len();
+        if start.may_send {
+            shared.send(MessageKind::Patches(start.tick), bytes);
+        }
+    }
+    let mut ledger = shared.ledger();
+    ledger
+        .rate
+        .packed(start.plan.level, persons, messages, payload);
+}
+
+/// The publishers of a live edge. Patches are best effort, because newer ones follow. Sightings and
+/// statuses are reliable, because the next one comes a second later. Thumbnails have the lowest
+/// priority.
+pub(in crate::node) struct EdgePublishers {
+    patches: Publisher<'static>,
+    sightings: Publisher<'static>,
+    status: Publisher<'static>,
+    /// Set if pictures may leave the edge.
+    thumbnails: Option<Publisher<'static>>,
+}
+
+impl EdgePublishers {
+    /// Declares the publishers of a venue and viewpoint; with `pictures`, also the one of
+    /// thumbnails.
+    ///
+    /// # Errors
+    /// The error of Zenoh.
+    pub(in crate::node) async fn declare(
+        session: &Session,
+        [venue, viewpoint]: [&str; 2],
+        pictures: bool,
+    ) -> anyhow::Result<Self> {
+        let keys = Keys::new(venue);
+        let publisher = |key, delivery| session::publisher(session, key, delivery);
+        let thumbnails = if pictures {
+            Some(publisher(keys.thumbnail(viewpoint), Delivery::Leisurely).await?)
+        } else {
+            None
+        };
+        Ok(Self {
+            thumbnails,
+            patches: publisher(keys.patch(viewpoint), Delivery::BestEffort).await?,
+            sightings: publisher(keys.sighting(viewpoint), Delivery::Reliable).await?,
+            status: publisher(keys.status(viewpoint), Delivery::Reliable).await?,
+        })
+    }
+
+    /// Whether pictures may leave the edge.
+    pub(super) fn has_pictures(&self) -> bool {
+        self.thumbnails.is_some()
+    }
+
+    /// Whether thumbnails have a subscriber.
+    pub(super) fn has_thumbnail_subscriber(&self) -> bool {
+        self.thumbnails.as_ref().is_some_and(has_listener)
+    }
+
+    /// Passes a message to the network.
+    pub(super) fn put(&self, message: MessageKind, bytes: Vec<u8>) {
+        let (publisher, sent) = match message {
+            MessageKind::Patches(_) => (&self.patches, self.patches.put(bytes).wait()),
+            MessageKind::Sightings => (&self.sightings, self.sightings.put(bytes).wait()),
+            MessageKind::Status => (&self.status, put_status(&self.status, bytes)),
+            MessageKind::Thumbnail => match &self.thumbnails {
+                Some(thumbnails) => (thumbnails, thumbnails.put(bytes).wait()),
+                None => return,
+            },
+        };
+        // While fusion is away there is no receiver.
+        if let Err(error) = sent {
+            debug!(key = %publisher.key_expr(), %error, "not sent");
+        }
     }
 }

@@ -14,16 +14,14 @@ use tracing::debug;
 
 use super::detection::{DetectionThreads, Pass, Pictures};
 use super::frames::SPARE as KEPT_TICKS;
-use super::outbox;
-use super::shared::Shared;
-use super::tick_start::TickStart;
+use super::shared::{Shared, TickStart, send_output};
 use super::work_watch::Caller;
 use crate::live::Micros;
 use crate::live::newest_boxes::NewestBoxes;
 use crate::live::own_boxes::{Lead, OwnBoxes};
 use crate::live::round_robin;
-use crate::node::stage_times::split_detection;
-use crate::node::workers::Workers;
+use crate::node::acceleration::Workers;
+use crate::node::worker::split_detection;
 use crate::pipeline::{EdgeOutput, EdgePipeline, EdgeStage, StepRequest};
 use crate::source::Frame;
 
@@ -269,7 +267,7 @@ impl Ticker {
             _ => None,
         };
         let (Some(threads), Some(detections)) = (&self.detection, pass) else {
-            return outbox::send(&self.shared, &start, output);
+            return send_output(&self.shared, &start, output);
         };
         let pass = threads.begin(Pass {
             frames: self.frames.clone(),
@@ -278,7 +276,7 @@ impl Ticker {
             output,
         });
         if let Some(Pass { start, output, .. }) = pass {
-            outbox::send(&self.shared, &start, output);
+            send_output(&self.shared, &start, output);
         }
     }
 

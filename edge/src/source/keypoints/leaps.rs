@@ -87,7 +87,8 @@ impl LeapCounter {
     /// The counts, if they show a wrong order.
     pub(super) fn report(&self) -> Option<LeapingFrames> {
         let LeapingFrames { leaps, frames } = self.counted;
-        let is_significant = leaps >= FEWEST_LEAPS && leaps as f64 >= MIN_LEAP_SHARE * frames as f64;
+        let is_significant =
+            leaps >= FEWEST_LEAPS && leaps as f64 >= MIN_LEAP_SHARE * frames as f64;
         is_significant.then_some(self.counted)
     }
 }

@@ -50,7 +50,8 @@ impl RepeatCounter {
 
     /// The counts, if they show a wrong rate.
     pub(super) fn report(&self) -> Option<RepeatedFrames> {
-        let is_significant = self.leaps >= FEWEST_LEAPS && self.counted.repeated_share() >= MIN_REPEATED_SHARE;
+        let is_significant =
+            self.leaps >= FEWEST_LEAPS && self.counted.repeated_share() >= MIN_REPEATED_SHARE;
         is_significant.then_some(self.counted)
     }
 }

@@ -222,7 +222,10 @@ fn keypoint_files_without_anybody_and_of_larger_pictures_are_told_of_by_a_check_
     assert_eq!(finished.code, 0, "{}", finished.stderr);
     let said = lines(&finished);
     let larger = ["camera `north-east`", "outside its picture of 1920 x 1200"];
-    let nobody = ["camera `south-west`", "none of its 120 lines contains a person"];
+    let nobody = [
+        "camera `south-west`",
+        "none of its 120 lines contains a person",
+    ];
     assert!(says(&said, "warning", &larger), "{said:#?}");
     assert!(says(&said, "warning", &nobody), "{said:#?}");
     let finished = folder.farfield(&["run", "venue.toml", "--out", "out", "--ticks", "0..5"]);
