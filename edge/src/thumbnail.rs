@@ -17,7 +17,7 @@ const SIZES: [(u16, &[u8]); 4] = [
     (112, &[25]),
 ];
 /// No camera gives a thumbnail in fewer bytes.
-pub const LEAST_THUMBNAIL_BYTES: usize = 700;
+pub const MIN_THUMBNAIL_BYTES: usize = 700;
 
 /// Makes thumbnails. Owns its buffers.
 #[derive(Debug, Default)]
@@ -40,7 +40,7 @@ impl ThumbnailMaker {
         camera: &CameraModel,
         most_bytes: usize,
     ) -> Option<Vec<u8>> {
-        if most_bytes < LEAST_THUMBNAIL_BYTES {
+        if most_bytes < MIN_THUMBNAIL_BYTES {
             return None;
         }
         for (longest_px, qualities) in SIZES {
@@ -180,7 +180,7 @@ mod tests {
         }
         let whole = maker.make(&image, &camera, MAX_THUMBNAIL_BYTES).unwrap();
         assert!(last < whole.len(), "{last}");
-        assert_eq!(maker.make(&image, &camera, LEAST_THUMBNAIL_BYTES - 1), None);
+        assert_eq!(maker.make(&image, &camera, MIN_THUMBNAIL_BYTES - 1), None);
         assert_eq!(maker.make(&image, &camera, 0), None);
     }
 

@@ -15,7 +15,7 @@ const TEXEL: f64 = 65536.0;
 /// Sampled values have units of 1 / 2^16.
 const PER_VALUE: f32 = 1.0 / 65536.0;
 /// Largest distance of positions from the first texel, texels: the sum of two does not overflow.
-const FARTHEST: f64 = 16383.0;
+const MAX_POSITION: f64 = 16383.0;
 
 /// Samples pictures. Owns its buffers.
 #[derive(Debug, Default)]
@@ -171,14 +171,14 @@ impl Scale {
             origin_px: raster.origin_px,
             per_px: raster.texel_px.map(|px| TEXEL / f64::from(px)),
             last: raster.size.map(|n| {
-                let texels = (n.saturating_sub(1) as f64).min(FARTHEST);
+                let texels = (n.saturating_sub(1) as f64).min(MAX_POSITION);
                 ((texels * TEXEL) as i32 - 1).max(0)
             }),
         }
     }
 
     fn line(&self, stretch: &Stretch) -> Line {
-        let farthest = FARTHEST * TEXEL;
+        let farthest = MAX_POSITION * TEXEL;
         let fixed =
             |px: f64, axis: usize| (px * self.per_px[axis]).clamp(-farthest, farthest) as i32;
         let start = |axis: usize| fixed(stretch.start_px[axis] - self.origin_px[axis], axis);

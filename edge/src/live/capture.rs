@@ -10,7 +10,7 @@ use super::{Micros, SECOND_US};
 
 /// Longest time from capture to arrival, microseconds. If a camera reports more, its clock is not
 /// synchronised with the venue's.
-const LONGEST_DELAY_US: Micros = SECOND_US;
+const MAX_DELAY_US: Micros = SECOND_US;
 
 /// Time between two frames, in count periods, from which a frame was lost without being counted.
 const GAP_PERIODS: f64 = 1.5;
@@ -148,7 +148,7 @@ impl FramePlacer {
     /// Delay of the quickest frames, by the camera's report.
     pub fn measured_delay(&self) -> Option<MeasuredDelay> {
         self.measured_us.map(|us| match us {
-            0..=LONGEST_DELAY_US => MeasuredDelay::Delay(us),
+            0..=MAX_DELAY_US => MeasuredDelay::Delay(us),
             _ => MeasuredDelay::ForeignClock(us),
         })
     }

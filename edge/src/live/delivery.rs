@@ -34,7 +34,7 @@ const SHIFT_US: Micros = 10_000;
 /// Unexplained stamps mean a clock step if this many in a row agree to [`APART_US`] for this time,
 /// microseconds. Pictures that a network held up come in a burst, and their stamps do not advance
 /// like time.
-const FEWEST_AFTER_STEP: u32 = 5;
+const MIN_AFTER_STEP: u32 = 5;
 const STEP_LASTS_US: Micros = 200_000;
 
 /// The deliveries of one camera.
@@ -154,7 +154,7 @@ impl Delivery {
         let mut row = self.unexplained.filter(agrees).unwrap_or(first);
         row.count += 1;
         row.least_us = row.least_us.min(took_us);
-        let is_set = row.count >= FEWEST_AFTER_STEP && now_us - row.from_us >= STEP_LASTS_US;
+        let is_set = row.count >= MIN_AFTER_STEP && now_us - row.from_us >= STEP_LASTS_US;
         self.unexplained = Some(row);
         if is_set {
             self.step_us = self

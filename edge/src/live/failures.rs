@@ -8,9 +8,9 @@ use super::{Micros, SECOND_US};
 const REPORTED_US: Micros = 2 * SECOND_US;
 /// An edge gives up if inference fails for this time without a success, microseconds. Its
 /// supervisor then restarts it.
-const GIVEN_UP_US: Micros = 10 * SECOND_US;
+const GIVE_UP_AFTER_US: Micros = 10 * SECOND_US;
 /// Fewest failures before it gives up.
-const ENOUGH: u64 = 5;
+const MIN_FAILURES: u64 = 5;
 
 /// The failures of an edge's inference.
 #[derive(Debug, Clone, Default)]
@@ -42,7 +42,8 @@ impl Failures {
         if now_us - at_us > REPORTED_US {
             return None;
         }
-        let is_lasting = |(since_us, times)| now_us - since_us >= GIVEN_UP_US && times >= ENOUGH;
+        let is_lasting =
+            |(since_us, times)| now_us - since_us >= GIVE_UP_AFTER_US && times >= MIN_FAILURES;
         let words = format!("ticks fail, {} so far: {why}", self.all);
         Some((words, self.since.is_some_and(is_lasting)))
     }
@@ -50,7 +51,7 @@ impl Failures {
 
 /// Number of refusals needed, and their least duration, microseconds. Fusion repeats a refusal once
 /// a second.
-const ENOUGH_REFUSALS: u32 = 3;
+const MIN_REFUSALS: u32 = 3;
 const REFUSALS_LAST_US: Micros = 3 * SECOND_US / 2;
 
 /// Refusals since the last acceptance.
@@ -77,7 +78,7 @@ impl RepeatedRefusal {
         let lasts = self
             .since_us
             .is_some_and(|at| now_us - at >= REFUSALS_LAST_US);
-        lasts && self.count >= ENOUGH_REFUSALS
+        lasts && self.count >= MIN_REFUSALS
     }
 }
 

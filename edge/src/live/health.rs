@@ -84,7 +84,7 @@ impl CameraWatch {
     }
 
     /// Records a frame that arrived at `now_us`, with a `sample` if it is a picture.
-    pub fn saw(&mut self, sample: Option<PictureSample>, offset_us: i32, now_us: Micros) {
+    pub fn record(&mut self, sample: Option<PictureSample>, offset_us: i32, now_us: Micros) {
         let same = sample.is_some() && sample.map(|g| g.hash) == self.last.map(|g| g.hash);
         if !same {
             self.same_since_us = now_us;
@@ -171,7 +171,7 @@ mod tests {
     fn watched(frames: i64, shot: impl Fn(i64) -> Picture) -> (CameraWatch, Micros) {
         let mut watch = CameraWatch::new(PERIOD);
         for n in 0..frames {
-            watch.saw(Some(sample_picture(&shot(n))), 1000, n * PERIOD);
+            watch.record(Some(sample_picture(&shot(n))), 1000, n * PERIOD);
         }
         (watch, frames * PERIOD)
     }
@@ -186,7 +186,7 @@ mod tests {
     fn fake_a_frozen_camera_works_again_with_the_next_new_picture() {
         let (mut watch, now) = watched(90, |n| picture(30, 5 + n.min(40) as u32));
         assert_eq!(watch.health(now), CameraHealth::Frozen);
-        watch.saw(Some(sample_picture(&picture(30, 200))), 0, now);
+        watch.record(Some(sample_picture(&picture(30, 200))), 0, now);
         assert_eq!(watch.health(now), CameraHealth::Works);
     }
 
@@ -225,7 +225,7 @@ mod tests {
         let waits: Vec<Micros> = (0..7).map(|_| watch.failed() / SECOND_US).collect();
         assert_eq!(waits, [1, 2, 4, 8, 16, 30, 30]);
         assert_eq!(watch.health(0), CameraHealth::Failed);
-        watch.saw(None, 0, 0);
+        watch.record(None, 0, 0);
         assert_eq!(watch.health(0), CameraHealth::Works);
         assert_eq!(watch.failed(), SECOND_US);
     }
@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn frames_without_pictures_neither_freeze_nor_are_black() {
         let mut watch = CameraWatch::new(PERIOD);
-        (0..120).for_each(|n| watch.saw(None, -500, n * PERIOD));
+        (0..120).for_each(|n| watch.record(None, -500, n * PERIOD));
         assert_eq!(watch.health(120 * PERIOD), CameraHealth::Works);
         let (per_s, offset_us) = watch.rate(120 * PERIOD);
         assert!((per_s - 60.0).abs() < 1.5, "{per_s}");

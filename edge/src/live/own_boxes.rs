@@ -18,16 +18,16 @@ use farfield_proto::tick::Tick;
 use super::Micros;
 
 /// Least height of a peak, of 255.
-const LEAST_PEAK: f32 = 77.0;
+const MIN_PEAK: f32 = 77.0;
 /// Keypoints that must be seen at two ticks for a box to follow them.
-const ENOUGH_KEYPOINTS: usize = 4;
+const MIN_KEYPOINTS: usize = 4;
 /// Weight of a new measurement of a box's velocity.
 const RATE_SHARE: f32 = 0.3;
 /// Weight of a new measurement of a keypoint's place on the body. Limbs move, but the median of all
 /// keypoints hardly.
 const BODY_SHARE: f32 = 0.1;
 /// Largest growth or shrinkage of a box per measurement.
-const MOST_GROWTH: f32 = 1.03;
+const MAX_GROWTH: f32 = 1.03;
 /// Two boxes show one person if the median distance of their keypoints is below this share of a
 /// box's height.
 const SAME_SHARE: f32 = 0.08;
@@ -191,7 +191,7 @@ impl OwnBoxes {
             let expected = followed.body.iter().map(|own| {
                 own.map(|own| [0, 1].map(|i| at.bounding_box.center_px[i] + height_px * own[i]))
             });
-            Some((apart_px(expected, keypoints_px)?, height_px))
+            Some((distance_px(expected, keypoints_px)?, height_px))
         });
         Seen {
             key,
@@ -225,7 +225,7 @@ impl OwnBoxes {
         let maps = self.maps.get_or_insert_with(|| Maps::new(1, 1, 1));
         self.decoder.decode(&patch.maps, maps).ok()?;
         let place = |(keypoint, peak): (usize, Option<([f32; 2], f32)>)| {
-            let ([x, y], _) = peak.filter(|(_, height)| *height >= LEAST_PEAK)?;
+            let ([x, y], _) = peak.filter(|(_, height)| *height >= MIN_PEAK)?;
             let crop = usize::from(*patch.crop_of_keypoint.get(keypoint)?);
             let px = patch.crops.get(crop)?.pixel(x.into(), y.into());
             Some([px.x() as f32, px.y() as f32])
@@ -245,18 +245,18 @@ impl Seen<'_> {
         self.key != other.key
             && self.key.1 == other.key.1
             && (off_px, self.key) < (other_off_px, other.key)
-            && apart_px(self.keypoints_px.iter().copied(), other.keypoints_px)
+            && distance_px(self.keypoints_px.iter().copied(), other.keypoints_px)
                 .is_some_and(|px| px < SAME_SHARE * height_px)
     }
 }
 
 /// Median distance of the common keypoints, pixels; `None` if there are few.
-fn apart_px(a: impl Iterator<Item = Option<[f32; 2]>>, b: &Keypoints) -> Option<f32> {
+fn distance_px(a: impl Iterator<Item = Option<[f32; 2]>>, b: &Keypoints) -> Option<f32> {
     let pairs = a.zip(b).filter_map(|(a, b)| Some((a?, (*b)?)));
     let apart: Vec<f64> = pairs
         .map(|(a, b)| f64::from((a[0] - b[0]).hypot(a[1] - b[1])))
         .collect();
-    if apart.len() < ENOUGH_KEYPOINTS {
+    if apart.len() < MIN_KEYPOINTS {
         return None;
     }
     upper_median(apart).map(|px| px as f32)
@@ -267,7 +267,7 @@ impl Followed {
         let pairs = self.body.iter().zip(keypoints_px);
         let common: Vec<([f32; 2], [f32; 2])> =
             pairs.filter_map(|(a, b)| Some(((*a)?, (*b)?))).collect();
-        if common.len() < ENOUGH_KEYPOINTS {
+        if common.len() < MIN_KEYPOINTS {
             return;
         }
         let ticks = tick - self.tick;
@@ -278,7 +278,7 @@ impl Followed {
             spread(common.iter().map(|(_, b)| *b)),
         ];
         let growth = now_px / (known * height_px).max(1.0);
-        let growth = growth.clamp(1.0 / MOST_GROWTH, MOST_GROWTH);
+        let growth = growth.clamp(1.0 / MAX_GROWTH, MAX_GROWTH);
         let scale_px = growth * height_px;
         // A keypoint that jumps to another person or side hardly changes the median.
         let place = |i: usize| median(common.iter().map(|(a, b)| b[i] - scale_px * a[i]));

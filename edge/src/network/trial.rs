@@ -20,7 +20,7 @@ const ANSWER: &str = "farfield tried it:";
 /// Longest time for loading: 35 MB take seconds from a slow card or a network drive.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Most bytes read. An answer is a line, but libraries can also print.
-const MOST_BYTES: u64 = 1 << 16;
+const MAX_BYTES: u64 = 1 << 16;
 
 /// Whether this program answers trials when started again.
 static ANSWERS: AtomicBool = AtomicBool::new(false);
@@ -88,7 +88,7 @@ fn accepts_within(mut program: Command, path: &Path, patience: Duration) -> Resu
 
 /// The problem in the answer, empty for none; `None` if the process ends without an answer.
 fn answer_in(stdout: impl Read) -> Option<String> {
-    let lines = BufReader::new(stdout.take(MOST_BYTES)).split(b'\n');
+    let lines = BufReader::new(stdout.take(MAX_BYTES)).split(b'\n');
     lines.map_while(Result::ok).find_map(|line| {
         let line = String::from_utf8_lossy(&line);
         let (_, problem) = line.split_once(ANSWER)?;
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     /// The result for a library whose process runs `script`.
-    fn tried(script: &str) -> Result<(), String> {
+    fn trial_of(script: &str) -> Result<(), String> {
         let mut shell = Command::new("sh");
         shell.args(["-c", script, "sh"]);
         accepts_within(shell, Path::new("/x.so"), Duration::from_secs(2))
@@ -109,14 +109,14 @@ mod tests {
 
     #[test]
     fn a_trial_that_dies_hangs_or_refuses_is_reported() {
-        assert_eq!(tried(&format!("echo '{ANSWER}'")), Ok(()));
+        assert_eq!(trial_of(&format!("echo '{ANSWER}'")), Ok(()));
         let written = format!("echo hello; printf 'and {ANSWER}'; kill -SEGV $$");
         assert_eq!(
-            tried(&written),
+            trial_of(&written),
             Ok(()),
             "what comes after the answer does not count"
         );
-        let refused = tried(&format!("echo \"{ANSWER}$2 is no library\""));
+        let refused = trial_of(&format!("echo \"{ANSWER}$2 is no library\""));
         assert_eq!(refused, Err("/x.so is no library".to_owned()));
         for (script, words) in [
             ("kill -BUS $$", "SIGBUS"),
@@ -124,7 +124,7 @@ mod tests {
             ("exec sleep 60", "longer than 2 s"),
             ("exec yes", "ends a process"),
         ] {
-            let problem = tried(script).unwrap_err();
+            let problem = trial_of(script).unwrap_err();
             assert!(problem.contains(words), "{script}: {problem}");
         }
     }

@@ -15,7 +15,7 @@ use crate::pipeline::Batch;
 
 /// Largest difference from the CPU's maps, whose peaks are about 1. At half precision networks
 /// differ by some thousandths.
-const MOST_DIFFERENCE: f32 = 0.02;
+const MAX_DIFFERENCE: f32 = 0.02;
 /// Crops per timed round, and number of rounds. A viewpoint of a team game sees about as many
 /// people.
 const CROPS: usize = 16;
@@ -52,7 +52,7 @@ pub fn accelerate(
     let mut refused = Vec::new();
     let others = providers.iter().take_while(|it| **it != Provider::Cpu);
     for &provider in others {
-        match tried(batch, card, provider, processor) {
+        match try_provider(batch, card, provider, processor) {
             Ok(Ok((crops_per_s, difference))) => {
                 return Ok(Acceleration {
                     provider,
@@ -78,7 +78,7 @@ pub fn accelerate(
 }
 
 /// Speed of `provider`, crops per second, and difference of its maps; or why it is not used.
-fn tried(
+fn try_provider(
     batch: &mut Batch,
     card: &Path,
     provider: Provider,
@@ -92,10 +92,10 @@ fn tried(
     let mut network = OnnxKeypointNetwork::load_on(card, provider)?;
     let difference = difference(&mut network, &mut OnnxKeypointNetwork::load(card)?)?;
     // NaN fails every comparison.
-    let agrees = difference <= MOST_DIFFERENCE;
+    let agrees = difference <= MAX_DIFFERENCE;
     if !agrees {
         return Ok(Err(format!(
-            "is not used: its maps differ from the processor's by {difference:.3}, at most {MOST_DIFFERENCE} is allowed"
+            "is not used: its maps differ from the processor's by {difference:.3}, at most {MAX_DIFFERENCE} is allowed"
         )));
     }
     batch.accelerate(Some(Box::new(network)));
@@ -156,7 +156,7 @@ impl Acceleration {
 const GAIN: f64 = 1.15;
 /// Duration of a trial per number of workers, and most crops per worker in it.
 const TRIAL: Duration = Duration::from_millis(150);
-const MOST_CROPS: usize = 16;
+const MAX_CROPS: usize = 16;
 
 /// A number of workers and its speed.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -179,7 +179,7 @@ pub fn find_workers(batch: &mut Batch) -> Result<Vec<Workers>, NetworkError> {
         if batch.set_workers(workers)? < workers {
             break;
         }
-        let more = measured(batch, workers)?;
+        let more = measure(batch, workers)?;
         let is_slower = |best: &Workers| more.crops_per_s < GAIN * best.crops_per_s;
         if found.last().is_some_and(is_slower) {
             break;
@@ -191,7 +191,7 @@ pub fn find_workers(batch: &mut Batch) -> Result<Vec<Workers>, NetworkError> {
 }
 
 /// Measures `batch` with its current number of workers.
-fn measured(batch: &mut Batch, workers: usize) -> Result<Workers, NetworkError> {
+fn measure(batch: &mut Batch, workers: usize) -> Result<Workers, NetworkError> {
     // The first run of a network also allocates buffers, which matters little for long runs.
     let first_s = took_s(batch, workers)?;
     let round_s = if first_s > TRIAL.as_secs_f64() {
@@ -206,7 +206,7 @@ fn measured(batch: &mut Batch, workers: usize) -> Result<Workers, NetworkError> 
         });
     }
     let rounds = (TRIAL.as_secs_f64() / round_s) as usize;
-    let crops = workers * rounds.clamp(1, MOST_CROPS);
+    let crops = workers * rounds.clamp(1, MAX_CROPS);
     Ok(Workers {
         workers,
         crops_per_s: crops as f64 / took_s(batch, crops)?,

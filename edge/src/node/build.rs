@@ -170,10 +170,10 @@ pub(super) fn build(config: &EdgeConfig) -> Result<Built, NodeError> {
         .with_context(|| format!("viewpoint {}", config.name))
         .map_err(NodeError::Refused)?;
     let viewpoint = venue.viewpoints.get(usize::from(config.viewpoint.0));
-    let asked = viewpoint.map_or(&[][..], |it| &it.providers);
+    let requested = viewpoint.map_or(&[][..], |it| &it.providers);
     let (mut backend, mut health) = (backend, NodeHealth::default());
     let measured = if config.may_run_live {
-        measure(&mut pipeline, venue, asked).map_err(NodeError::refused)?
+        measure(&mut pipeline, venue, requested).map_err(NodeError::refused)?
     } else {
         None
     };
@@ -240,29 +240,29 @@ fn note_acceleration(
     acceleration.workers
 }
 
-/// Chooses the fastest of `asked` and the CPU, with the best number of workers, and configures
+/// Chooses the fastest of `requested` and the CPU, with the best number of workers, and configures
 /// `pipeline` with it.
 fn measure(
     pipeline: &mut EdgePipeline,
     venue: &Venue,
-    asked: &[Provider],
+    requested: &[Provider],
 ) -> Result<Option<Acceleration>, NetworkError> {
     let (Some(batch), Some(card)) = (pipeline.batch(), &venue.network) else {
         return Ok(None);
     };
-    accelerate(batch, card, asked).map(Some)
+    accelerate(batch, card, requested).map(Some)
 }
 
 /// The ticks that all recordings have, which fusion can request; `None` if all sources are live.
 fn shared_ticks(
     infos: &[(String, SourceInfo)],
-    asked: Option<&Range<Tick>>,
+    requested: Option<&Range<Tick>>,
 ) -> Result<Option<Range<Tick>>, SourceError> {
     if infos.iter().all(|(_, info)| info.ticks.is_none()) {
         return Ok(None);
     }
-    if let Some(asked) = asked {
-        source::common_ticks(infos, Some(asked.clone()))?;
+    if let Some(requested) = requested {
+        source::common_ticks(infos, Some(requested.clone()))?;
     }
     match source::common_ticks(infos, None) {
         // Fusion may have a `--ticks` range. Otherwise it refuses the run for the same reason.

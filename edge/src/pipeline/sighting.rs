@@ -15,7 +15,7 @@ use crate::source::KeypointCandidate;
 
 /// Least height of a keypoint's peak in a sighting, 0 to 1. Without content networks answer up to
 /// this value.
-const LEAST_PEAK: f32 = 0.06;
+const MIN_PEAK: f32 = 0.06;
 
 /// A detection whose crop waits for the network.
 pub(super) struct Pending {
@@ -78,7 +78,7 @@ pub(super) fn read(
     let grid = pending.crop.grid();
     let peak = |keypoint| {
         let map = batch.map(pending.input, keypoint);
-        let peak = best_peak(map, grid.width.into(), LEAST_PEAK)?;
+        let peak = best_peak(map, grid.width.into(), MIN_PEAK)?;
         let pixel = grid.pixel(peak.cell[0], peak.cell[1]);
         beyond.keypoints += beyond_view(model.distort(pixel).as_ref(), model);
         model.sees(pixel).then(|| KeypointPeak {

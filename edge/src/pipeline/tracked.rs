@@ -14,7 +14,7 @@ use crate::source::{Frame, FrameContent};
 const TWO_CROPS_FROM_RAD: f32 = 0.175;
 
 /// Most ticks by which a box is moved in either direction; its rates are not extrapolated further.
-const MOST_TICKS: i64 = 60;
+const MAX_TICKS: i64 = 60;
 
 /// One person at this tick: id, camera and crops.
 pub(super) struct Tracked {
@@ -103,7 +103,7 @@ impl EdgePipeline {
 
 /// The box and the projected joints of a person, moved by `ticks`, which can be negative.
 pub(super) fn moved_on(camera_box: &CameraBox, ticks: i64) -> CameraBox {
-    let ticks = ticks.clamp(-MOST_TICKS, MOST_TICKS);
+    let ticks = ticks.clamp(-MAX_TICKS, MAX_TICKS);
     let n = ticks as f32;
     let along = |p: [f32; 2]| [0, 1].map(|i| p[i] + n * camera_box.rate.center_px[i]);
     CameraBox {

@@ -19,7 +19,7 @@ const WAITING: usize = 256;
 const PATIENCE: Duration = Duration::from_millis(50);
 /// Consecutive pictures that wait in vain before waiting stops, until a picture finds its time.
 /// Each wait delays all later pictures.
-const MOST_IN_VAIN: u32 = 5;
+const MAX_IN_VAIN: u32 = 5;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct FrameTime {
@@ -147,13 +147,13 @@ impl FrameTimes {
 
     /// Whether pictures no longer wait for their times; `true` once.
     pub(super) fn gives_up(&mut self) -> bool {
-        let gives_up = self.in_vain >= MOST_IN_VAIN && !self.is_reported;
+        let gives_up = self.in_vain >= MAX_IN_VAIN && !self.is_reported;
         self.is_reported |= gives_up;
         gives_up
     }
 
     fn wait(&self) -> Option<FrameTime> {
-        if self.in_vain < MOST_IN_VAIN {
+        if self.in_vain < MAX_IN_VAIN {
             self.times.recv_timeout(PATIENCE).ok()
         } else {
             self.times.try_recv().ok()
@@ -221,7 +221,7 @@ mod tests {
         let (mut reader, mut times) = frame_times();
         for number in 0..100 {
             assert_eq!(times.for_picture(number), None);
-            assert_eq!(times.gives_up(), number + 1 == u64::from(MOST_IN_VAIN));
+            assert_eq!(times.gives_up(), number + 1 == u64::from(MAX_IN_VAIN));
         }
         // The number of failed waits is checked, not a clock.
         assert_eq!(times.in_vain, 100);

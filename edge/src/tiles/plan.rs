@@ -13,22 +13,22 @@ use super::standing::{Standing, StandingAt, on_floor, under_picture};
 use crate::inference::{DetectorInput, DetectorWindow};
 
 /// Finest scale of a tile, input pixels per pixel of the picture; enlarging adds no detail.
-pub(super) const FINEST_SCALE: f64 = 1.0;
+pub(super) const MAX_SCALE: f64 = 1.0;
 
 /// Ratio of successive scales: a person is 48 to 96 pixels tall in the first scale that is fine
 /// enough.
 const SCALE_STEP: f64 = 2.0;
 /// Factor on the computed size of people, because only a grid of places is evaluated.
-const SLACK: f64 = 0.9;
+const SIZE_SLACK: f64 = 0.9;
 /// Factor on their boxes for the same reason.
-const LARGER: f64 = 1.04;
+const BOX_SLACK: f64 = 1.04;
 /// Most cells of the field. A cell that still needs more tiles than a pass allows gets them.
-const MOST_CELLS: usize = 256;
+const MAX_CELLS: usize = 256;
 /// Most tiles of one camera in one pass: the maximum of `births.tiles_per_look`.
-const MOST_TILES: usize = 256;
+const MAX_TILES: usize = 256;
 /// Least side of a detector's input for tiles, pixels. People are up to 96 pixels tall in the first
 /// scale that is fine enough, and with their surroundings do not fit smaller inputs.
-const LEAST_INPUT_PX: u32 = 128;
+const MIN_INPUT_PX: u32 = 128;
 
 /// The windows of the pictures of one camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -73,7 +73,7 @@ pub fn plan(
     tiles_per_pass: usize,
 ) -> Vec<TilePlan> {
     let tiles_per_pass = match input.size_px.iter().min() {
-        Some(&least) if least >= LEAST_INPUT_PX => tiles_per_pass.min(MOST_TILES),
+        Some(&least) if least >= MIN_INPUT_PX => tiles_per_pass.min(MAX_TILES),
         _ => 0,
     };
     let floor_m = field.floor_m;
@@ -93,9 +93,9 @@ pub fn plan(
             .map(|(camera, under)| plan_in_cells(camera, under, &cells, floor_m, input))
             .collect();
         let fits = plans.iter().all(|p| p.most_windows() <= 1 + tiles_per_pass);
-        if fits || count >= MOST_CELLS {
+        if fits || count >= MAX_CELLS {
             let cells = plans.iter_mut().flat_map(|plan| &mut plan.cells);
-            cells.for_each(|tiles| tiles.truncate(MOST_TILES));
+            cells.for_each(|tiles| tiles.truncate(MAX_TILES));
             return plans;
         }
         count *= 2;
@@ -124,7 +124,7 @@ fn plan_in_cells(
 }
 
 /// The tiles for `people`, scale by scale, the coarsest first; no further scale after
-/// [`MOST_TILES`].
+/// [`MAX_TILES`].
 fn tiles_for(
     people: &[Standing],
     picture_px: [u32; 2],
@@ -132,11 +132,11 @@ fn tiles_for(
     input_px: [u32; 2],
 ) -> Vec<DetectorWindow> {
     let coarsest = whole.scale(input_px);
-    let needed = |p: &Standing| (TALL_ENOUGH_PX / (SLACK * p.long_px)).min(FINEST_SCALE);
+    let needed = |p: &Standing| (TALL_ENOUGH_PX / (SIZE_SLACK * p.long_px)).min(MAX_SCALE);
     let finest = people.iter().map(needed).fold(0.0, f64::max);
     let mut tiles = Vec::new();
     let mut scale = coarsest;
-    while scale < finest && tiles.len() <= MOST_TILES {
+    while scale < finest && tiles.len() <= MAX_TILES {
         let coarser = scale;
         scale = (scale * SCALE_STEP).min(finest);
         let here: Vec<&Standing> = people
@@ -153,14 +153,14 @@ fn tiles_for(
 }
 
 /// Windows of `size_px` over all `people`, overlapping by the largest person. Empty windows are
-/// left out; there is at most one more than [`MOST_TILES`].
+/// left out; there is at most one more than [`MAX_TILES`].
 fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<DetectorWindow> {
     let picture = picture_px.map(f64::from);
     let longest = |p: &&Standing| {
         let [l, t, r, b] = p.around_px;
         (r - l).max(b - t)
     };
-    let overlap_px = LARGER * people.iter().map(longest).fold(0.0, f64::max);
+    let overlap_px = BOX_SLACK * people.iter().map(longest).fold(0.0, f64::max);
     let cut = |p: &&Standing| -> [f64; 4] {
         // A person between two evaluated places.
         let more = 0.5 * overlap_px;
@@ -203,7 +203,7 @@ fn grid(people: &[&Standing], picture_px: [u32; 2], size_px: [f64; 2]) -> Vec<De
         *l < right && *r > left && *t < bottom && *b > top
     };
     all.filter(|window| boxes.iter().any(|b| touches(window, b)))
-        .take(MOST_TILES + 1)
+        .take(MAX_TILES + 1)
         .collect()
 }
 

@@ -7,7 +7,7 @@ use farfield_proto::venue::Field;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
 
-use super::plan::FINEST_SCALE;
+use super::plan::MAX_SCALE;
 use super::standing::standing;
 use super::*;
 use crate::inference::{DetectorInput, DetectorWindow};
@@ -90,7 +90,7 @@ fn is_served(windows: &[DetectorWindow], around_px: [f64; 4], long_px: f64) -> b
     windows.iter().any(|window| {
         let scale = window.scale(INPUT.size_px);
         let tall_enough =
-            long_px * scale >= TALL_ENOUGH_PX - ROUNDING_PX || scale >= FINEST_SCALE - 1e-9;
+            long_px * scale >= TALL_ENOUGH_PX - ROUNDING_PX || scale >= MAX_SCALE - 1e-9;
         tall_enough && window.holds(around_px, 0.0, [1920, 1200])
     })
 }

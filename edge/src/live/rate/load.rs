@@ -37,7 +37,7 @@ const BASE_DELAY_WINDOW_US: Micros = 20 * SECOND_US;
 /// Loss above this share, relative to the link's own loss, means a full link and not radio noise.
 const LOSS: f64 = 0.15;
 /// Silences closer to each other than this can come from a full link.
-const AGAIN_US: Micros = 5 * SECOND_US;
+const REPEATED_SILENCE_US: Micros = 5 * SECOND_US;
 /// After a silence a full link delivers through a queue longer than this, microseconds. An
 /// interrupted link delivers with its base delay at once.
 const FULL_QUEUE_US: Micros = 60_000;
@@ -60,14 +60,14 @@ const SILENCE_US: Micros = 700_000;
 /// Time after which fusion's report of the last second is complete, microseconds.
 const WHOLE_US: Micros = 3 * SECOND_US / 2;
 /// Lowest rate, bytes per second: one person every few ticks.
-const LEAST_RATE: f64 = 1_000.0;
+const MIN_RATE: f64 = 1_000.0;
 /// Growth after a decrease, bytes per second per second. Four edges on a link of 1 Mbit/s fill the
 /// freed capacity in two seconds. At [`USUAL_RATE`].
 const GROWTH_PER_S: f64 = 1_500.0;
 /// Time without a queue in which growth doubles, microseconds.
-const BOLDER_US: Micros = 6 * SECOND_US;
+const GROWTH_DOUBLES_US: Micros = 6 * SECOND_US;
 /// Largest growth per second, as a share of the rate.
-const MOST_GROWTH_SHARE_PER_S: f64 = 0.5;
+const MAX_GROWTH_SHARE_PER_S: f64 = 0.5;
 /// Consecutive decreases that do not halve a queue, after which the queue counts as other traffic
 /// or a longer base delay.
 const FUTILE_STEPS: u32 = 6;
@@ -293,7 +293,7 @@ impl LinkLoad {
 
     /// Records the first report after a silence.
     fn note_back(&mut self, now_us: Micros) {
-        let of_late = |back: &BackAfterSilence| now_us - back.at_us < AGAIN_US;
+        let of_late = |back: &BackAfterSilence| now_us - back.at_us < REPEATED_SILENCE_US;
         let before = self.back.filter(of_late);
         // Delays measured since the previous silence can contain a standing queue.
         let earlier_us = before.and_then(|back| back.base_us);
@@ -332,19 +332,19 @@ impl LinkLoad {
     /// The standing queue, microseconds; `None` if too little is known.
     fn queue_us(&self, now_us: Micros) -> Option<Micros> {
         /// A few late reports are no queue.
-        const FEWEST: usize = 4;
+        const MIN_REPORTS: usize = 4;
         let known = self.n_recent.min(self.recent.len());
         let newest_first =
             (1..=known).map(|back| self.recent[(self.n_recent - back) % self.recent.len()]);
         let standing = newest_first
             .enumerate()
-            .take_while(|(n, (at_us, _))| *n < FEWEST || now_us - at_us <= STANDS_US);
+            .take_while(|(n, (at_us, _))| *n < MIN_REPORTS || now_us - at_us <= STANDS_US);
         let (mut least_us, mut since_us, mut words) = (Micros::MAX, now_us, 0);
         for (_, (at_us, delay_us)) in standing {
             (least_us, since_us, words) = (least_us.min(delay_us), at_us, words + 1);
         }
         // Reports that arrive at once after a pause are no queue either.
-        if words < FEWEST || now_us - since_us < STANDS_US / 2 {
+        if words < MIN_REPORTS || now_us - since_us < STANDS_US / 2 {
             return None;
         }
         Some(least_us - self.base_delay.min()?)
@@ -368,7 +368,7 @@ impl LinkLoad {
         }
         // The longer the queue, the faster it must empty.
         let share = (0.92 - queue_us as f64 / SECOND_US as f64).clamp(0.5, 0.92);
-        self.rate = self.rate.min(arrived * share).max(LEAST_RATE);
+        self.rate = self.rate.min(arrived * share).max(MIN_RATE);
         self.loss = 0.0;
         self.next_step_at_us = now_us + loop_us.max(0) + STEP_PAUSE_US;
     }
@@ -388,8 +388,8 @@ impl LinkLoad {
         if now_us < self.next_step_at_us || !self.rate.is_finite() {
             return;
         }
-        let calm = (now_us - self.next_step_at_us) as f64 / BOLDER_US as f64;
-        let most = self.rate * MOST_GROWTH_SHARE_PER_S;
+        let calm = (now_us - self.next_step_at_us) as f64 / GROWTH_DOUBLES_US as f64;
+        let most = self.rate * MAX_GROWTH_SHARE_PER_S;
         self.rate += (GROWTH_PER_S * times(self.rate, GROWTH_TIMES) * calm.exp2()).min(most) * dt_s;
     }
 }

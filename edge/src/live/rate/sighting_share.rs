@@ -14,11 +14,11 @@ use crate::live::{Micros, SECOND_US};
 /// Share of the rate for sightings.
 const SHARE: f64 = 0.25;
 /// Time for which earlier sightings may still occupy the share at a requested pass, microseconds.
-const ASKED_TOLERANCE_US: Micros = SECOND_US / 2;
+const REQUESTED_TOLERANCE_US: Micros = SECOND_US / 2;
 /// The same at a regular pass: more than the usual period.
 const REGULAR_TOLERANCE_US: Micros = 3 * SECOND_US / 2;
 /// Longest time without a pass on any link, microseconds.
-const LONGEST_US: Micros = 5 * SECOND_US;
+const MAX_PAUSE_US: Micros = 5 * SECOND_US;
 
 /// The occupation of the share by sightings.
 #[derive(Debug, Clone)]
@@ -42,7 +42,7 @@ impl SightingShare {
         self.sent.take(total, now_us);
         let takes_us = total as f64 / (SHARE * rate) * SECOND_US as f64;
         let free_at_us = self.free_at_us.max(now_us) + takes_us as Micros;
-        self.free_at_us = free_at_us.min(now_us + LONGEST_US + REGULAR_TOLERANCE_US);
+        self.free_at_us = free_at_us.min(now_us + MAX_PAUSE_US + REGULAR_TOLERANCE_US);
     }
 
     /// Whether a detection pass may be made now.
@@ -50,7 +50,7 @@ impl SightingShare {
         let tolerance_us = if is_regular {
             REGULAR_TOLERANCE_US
         } else {
-            ASKED_TOLERANCE_US
+            REQUESTED_TOLERANCE_US
         };
         self.free_at_us <= now_us + tolerance_us
     }

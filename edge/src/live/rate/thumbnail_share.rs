@@ -14,7 +14,7 @@ const SHARE: f64 = 0.1;
 /// Share of a byte budget that thumbnails leave free for other messages within the next second.
 const SPARE: f64 = 0.25;
 /// Longest time for which one thumbnail occupies the link, seconds: about a tick at 60 Hz.
-const LONGEST_S: f64 = 0.02;
+const MAX_OCCUPATION_S: f64 = 0.02;
 /// Assumed rate of an unknown link, bytes per second: 2 Mbit/s.
 const USUAL_BYTES_PER_S: f64 = 250_000.0;
 /// Most bytes of a message in addition to the picture.
@@ -44,7 +44,7 @@ impl ThumbnailShare {
         let left = budget.left(now_us).map(|left| left.saturating_sub(spare));
         let own = self.0.left(now_us);
         let rate = Some(rate.rate()).filter(|rate| rate.is_finite());
-        let longest = LONGEST_S * rate.unwrap_or(USUAL_BYTES_PER_S);
+        let longest = MAX_OCCUPATION_S * rate.unwrap_or(USUAL_BYTES_PER_S);
         let bounds = [left, own, Some(longest as u64)];
         let least = bounds.into_iter().flatten().min();
         let total = usize::try_from(least.unwrap_or(u64::MAX)).unwrap_or(usize::MAX);

@@ -26,7 +26,7 @@ use super::place::Part;
 /// Longest wait for an answer: a chunk over a link of 64 kbit/s.
 const PATIENCE: Duration = Duration::from_secs(15);
 /// Pause before an unanswered query is repeated.
-const AGAIN: Duration = Duration::from_millis(300);
+const RETRY_AFTER: Duration = Duration::from_millis(300);
 /// Attempts per chunk before the file is given up.
 const TRIES: u32 = 20;
 
@@ -58,7 +58,7 @@ impl Fusion {
                 Err(error) if is_final(&error) => return Err(error),
                 Err(error) => debug!(%error, "no list of files"),
             }
-            tokio::time::sleep(AGAIN).await;
+            tokio::time::sleep(RETRY_AFTER).await;
         }
     }
 
@@ -105,7 +105,7 @@ impl Fusion {
                 Err(error) => debug!(%error, "no chunk"),
             }
             tries += 1;
-            tokio::time::sleep(AGAIN).await;
+            tokio::time::sleep(RETRY_AFTER).await;
         }
     }
 

@@ -24,7 +24,7 @@ use crate::pipeline::{EdgeOutput, EdgePipeline, StepRequest, ViewpointDetector};
 use crate::source::Frame;
 
 /// Most people of one picture: bounds the time of the detector.
-const MOST_SIGHTED: usize = 32;
+const MAX_SIGHTED: usize = 32;
 
 /// Pictures for the detector.
 pub(super) struct Pictures {
@@ -119,7 +119,7 @@ fn detect(
 ) {
     while let Ok(pictures) = to_detect_in.recv() {
         let begun = clock::now();
-        shared.begin_work(Caller::Detector, MOST_SIGHTED);
+        shared.begin_work(Caller::Detector, MAX_SIGHTED);
         let Pictures {
             tick,
             pass,

@@ -17,7 +17,7 @@ use crate::source::Frame;
 /// be late by this many ticks.
 pub(super) const SPARE: usize = 4;
 /// Most frames kept per camera: pictures take gigabytes.
-const MOST_KEPT: usize = 64;
+const MAX_FRAMES: usize = 64;
 /// Share by which the usual lag of a camera is updated, and a hitch decays, per frame.
 const LAG_SHARE: f64 = 0.02;
 /// Longest wait beyond the usual lag of a camera, periods. A camera that stalls delays the others
@@ -92,7 +92,7 @@ impl FrameStore {
             changed: Condvar::new(),
             most_lag_us,
             most_hitch_us: MAX_HITCH_PERIODS * period_us,
-            kept: waiting.saturating_add(SPARE).min(MOST_KEPT),
+            kept: waiting.saturating_add(SPARE).min(MAX_FRAMES),
         }
     }
 
@@ -107,7 +107,7 @@ impl FrameStore {
         let Some(slot) = slots.get_mut(at) else {
             return;
         };
-        slot.watch.saw(
+        slot.watch.record(
             delivery.picture_sample,
             delivery.frame.capture_offset_us,
             now_us,

@@ -23,7 +23,7 @@ use zenoh::{Session, Wait as _};
 
 use super::frames::FrameStore;
 use super::ledger::Ledger;
-use super::thumbnails::PictureDesk;
+use super::thumbnails::PictureSlot;
 use super::work_watch::{Caller, WorkWatch};
 use crate::live::newest_boxes::BoxSetArrival;
 use crate::live::rate::{MessageKind, SendPlan};
@@ -35,14 +35,14 @@ use crate::pipeline::EdgeOutput;
 use crate::ring::record::Label;
 
 /// Longest time until a sleeping thread notices that it must stop.
-const NAP: Duration = Duration::from_millis(50);
+const MAX_SLEEP: Duration = Duration::from_millis(50);
 
 /// The clock, the state, the frames and the output.
 pub(super) struct Shared {
     pub(super) clock: VenueClock,
     pub(super) frames: FrameStore,
     /// Pictures for thumbnails.
-    pub(super) desk: PictureDesk,
+    pub(super) picture_slot: PictureSlot,
     ledger: Mutex<Ledger>,
     stages: Mutex<BTreeMap<&'static str, Histogram>>,
     publishers: EdgePublishers,
@@ -69,7 +69,7 @@ impl Shared {
         Self {
             clock,
             frames: FrameStore::new(&parts.cameras, period_us, most_lag_us),
-            desk: PictureDesk::default(),
+            picture_slot: PictureSlot::default(),
             ledger: Mutex::new(Ledger::new(venue.rate_hz, &venue.parameters.link)),
             stages: Mutex::default(),
             publishers,
@@ -249,7 +249,7 @@ impl Shared {
             if left_us <= 0 {
                 return true;
             }
-            std::thread::sleep(Duration::from_micros(left_us.unsigned_abs()).min(NAP));
+            std::thread::sleep(Duration::from_micros(left_us.unsigned_abs()).min(MAX_SLEEP));
         }
         false
     }

@@ -16,7 +16,7 @@ use super::shared::Shared;
 use crate::live::{Micros, SECOND_US};
 use crate::picture::Picture;
 use crate::source::{Frame, FrameContent};
-use crate::thumbnail::{LEAST_THUMBNAIL_BYTES, ThumbnailMaker};
+use crate::thumbnail::{MIN_THUMBNAIL_BYTES, ThumbnailMaker};
 
 /// Makes thumbnails of the cameras of a viewpoint.
 pub(super) struct Thumbnails {
@@ -63,11 +63,13 @@ impl Thumbnails {
         let Some(session) = shared.session() else {
             return;
         };
-        if room() < LEAST_THUMBNAIL_BYTES || !shared.has_thumbnail_subscriber() {
+        if room() < MIN_THUMBNAIL_BYTES || !shared.has_thumbnail_subscriber() {
             return;
         }
         let patience = Duration::from_micros(patience_us.unsigned_abs());
-        let taken = shared.desk.take(at, patience, || shared.is_stopped());
+        let taken = shared
+            .picture_slot
+            .take(at, patience, || shared.is_stopped());
         let (Some((tick, picture)), Some(known)) = (taken, self.venue.camera(camera)) else {
             return;
         };
@@ -85,30 +87,32 @@ impl Thumbnails {
 }
 
 /// Longest time until a waiting thread notices that it must stop.
-const NAP: Duration = Duration::from_millis(50);
+const MAX_SLEEP: Duration = Duration::from_millis(50);
 
 /// A slot in which the pipeline's thread puts one requested picture after use.
 #[derive(Debug, Default)]
-pub(super) struct PictureDesk {
-    on_it: Mutex<OnDesk>,
-    came: Condvar,
+pub(super) struct PictureSlot {
+    state: Mutex<SlotState>,
+    changed: Condvar,
 }
 
 #[derive(Debug, Default)]
-enum OnDesk {
+enum SlotState {
     #[default]
-    Nothing,
+    Empty,
     /// A picture of the camera at this index is requested.
-    Wanted(usize),
+    Requested(usize),
     /// The requested picture.
     Picture(Tick, Picture),
 }
 
-impl PictureDesk {
+impl PictureSlot {
     /// Passes on the requested picture, if it is among these no longer needed `frames`.
     pub(super) fn offer(&self, frames: &mut [Option<Frame>]) {
-        let mut on_it = self.lock();
-        let OnDesk::Wanted(at) = *on_it else { return };
+        let mut state = self.lock();
+        let SlotState::Requested(at) = *state else {
+            return;
+        };
         let is_picture = |frame: &mut Frame| matches!(frame.content, FrameContent::Image(_));
         let frame = frames
             .get_mut(at)
@@ -119,9 +123,9 @@ impl PictureDesk {
             ..
         }) = frame
         {
-            *on_it = OnDesk::Picture(tick, picture);
-            drop(on_it);
-            self.came.notify_all();
+            *state = SlotState::Picture(tick, picture);
+            drop(state);
+            self.changed.notify_all();
         }
     }
 
@@ -133,24 +137,24 @@ impl PictureDesk {
         patience: Duration,
         shall_stop: impl Fn() -> bool,
     ) -> Option<(Tick, Picture)> {
-        let mut on_it = self.lock();
-        *on_it = OnDesk::Wanted(at);
-        let naps = patience.as_millis() / NAP.as_millis();
+        let mut state = self.lock();
+        *state = SlotState::Requested(at);
+        let naps = patience.as_millis() / MAX_SLEEP.as_millis();
         for _ in 0..naps.max(1) {
-            let waited = self.came.wait_timeout(on_it, NAP);
-            on_it = waited.unwrap_or_else(PoisonError::into_inner).0;
-            if matches!(*on_it, OnDesk::Picture(..)) || shall_stop() {
+            let waited = self.changed.wait_timeout(state, MAX_SLEEP);
+            state = waited.unwrap_or_else(PoisonError::into_inner).0;
+            if matches!(*state, SlotState::Picture(..)) || shall_stop() {
                 break;
             }
         }
-        match std::mem::take(&mut *on_it) {
-            OnDesk::Picture(tick, picture) => Some((tick, picture)),
-            OnDesk::Nothing | OnDesk::Wanted(_) => None,
+        match std::mem::take(&mut *state) {
+            SlotState::Picture(tick, picture) => Some((tick, picture)),
+            SlotState::Empty | SlotState::Requested(_) => None,
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, OnDesk> {
-        self.on_it.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, SlotState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -175,30 +179,30 @@ mod tests {
 
     #[test]
     fn only_a_requested_picture_is_passed_on_and_only_once() {
-        let desk = PictureDesk::default();
+        let slot = PictureSlot::default();
         let mut frames = pictures(1);
-        desk.offer(&mut frames);
+        slot.offer(&mut frames);
         assert!(frames.iter().all(Option::is_some));
-        *desk.lock() = OnDesk::Wanted(1);
-        desk.offer(&mut frames);
+        *slot.lock() = SlotState::Requested(1);
+        slot.offer(&mut frames);
         assert_eq!(frames.each_ref().map(Option::is_some), [true, false]);
         let mut later = pictures(2);
-        desk.offer(&mut later);
+        slot.offer(&mut later);
         assert!(later.iter().all(Option::is_some));
-        assert!(matches!(*desk.lock(), OnDesk::Picture(Tick(1), _)));
+        assert!(matches!(*slot.lock(), SlotState::Picture(Tick(1), _)));
     }
 
     #[test]
     fn other_content_stays_and_waiting_for_a_picture_ends() {
-        let desk = PictureDesk::default();
-        *desk.lock() = OnDesk::Wanted(0);
+        let slot = PictureSlot::default();
+        *slot.lock() = SlotState::Requested(0);
         let keypoints = FrameContent::Keypoints(KeypointFrame::default());
         let mut frames = [Some(frame(1, keypoints))];
-        desk.offer(&mut frames);
-        desk.offer(&mut []);
+        slot.offer(&mut frames);
+        slot.offer(&mut []);
         assert!(frames[0].is_some());
-        assert_eq!(desk.take(0, NAP, || false), None);
-        assert_eq!(desk.take(0, Duration::from_hours(1), || true), None);
-        assert!(matches!(*desk.lock(), OnDesk::Nothing));
+        assert_eq!(slot.take(0, MAX_SLEEP, || false), None);
+        assert_eq!(slot.take(0, Duration::from_hours(1), || true), None);
+        assert!(matches!(*slot.lock(), SlotState::Empty));
     }
 }

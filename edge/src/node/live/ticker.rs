@@ -121,7 +121,7 @@ impl Ticker {
                 debug!(tick = tick.0, error = format!("{error:#}"), "tick not done");
                 self.shared.note_failure(&error);
             }
-            self.shared.desk.offer(&mut self.frames);
+            self.shared.picture_slot.offer(&mut self.frames);
         }
     }
 

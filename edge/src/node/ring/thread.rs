@@ -20,7 +20,7 @@ use crate::ring::record::Label;
 /// Messages waiting for the disk: some seconds of a busy viewpoint.
 const QUEUE: usize = 1024;
 /// Pause after a failed write: a full disk may be cleared.
-const AGAIN: Duration = Duration::from_secs(5);
+const RETRY_AFTER: Duration = Duration::from_secs(5);
 /// The reason if messages only came too fast.
 const TOO_SLOW: &str = "the disk was too slow";
 
@@ -182,7 +182,7 @@ impl Keeper {
             }
             Err(error) => {
                 self.state.lose(&error.to_string());
-                if self.try_at.replace(now + AGAIN).is_none() {
+                if self.try_at.replace(now + RETRY_AFTER).is_none() {
                     say(format_args!("sets are not kept for now: {error}"));
                 }
             }

@@ -17,7 +17,7 @@ const SHARE_OF_PICTURE: f64 = 1.5;
 /// origin itself are missing ones.
 const FAR_SHARE: f64 = 0.01;
 /// ... and if there are at least the keypoints of two people.
-const FEWEST_POINTS: u64 = 2 * COCO17.len() as u64;
+const MIN_POINTS: u64 = 2 * COCO17.len() as u64;
 /// Networks can place hidden keypoints outside the picture by this share of its width and height.
 const MARGIN: f64 = 0.1;
 /// From this share of keypoints beyond the margin, they belong to another picture. For people at
@@ -85,7 +85,7 @@ impl KeypointContents {
     pub(super) fn check(&self, expected: &ExpectedSource) -> Result<(), SourceError> {
         let far = self.away - self.near;
         let is_few = far < FEWEST_REACHING as u64 || far as f64 <= FAR_SHARE * self.away as f64;
-        if self.near >= FEWEST_POINTS && is_few {
+        if self.near >= MIN_POINTS && is_few {
             return Err(SourceError::Unreadable {
                 at: expected.at.clone(),
                 problem: format!(
@@ -109,7 +109,7 @@ impl KeypointContents {
             ));
         }
         let share = self.outside as f64 / self.sure.max(1) as f64;
-        let is_suspect = self.sure >= FEWEST_POINTS && share > MAX_OUTSIDE_SHARE;
+        let is_suspect = self.sure >= MIN_POINTS && share > MAX_OUTSIDE_SHARE;
         is_suspect.then(|| Advice::doubtful(
             format!(
                 "{} of its {} keypoints ({:.0} %) lie outside its picture of {width} x {height}, as far as x = {:.0}, y = {:.0}",

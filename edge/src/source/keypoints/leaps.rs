@@ -21,13 +21,13 @@ const CARRIED_PX: f64 = 8.0;
 /// stop between frames.
 const CARRIED_HZ: f64 = 10.0;
 /// Largest number of people compared per frame.
-const MOST_PEOPLE: usize = 16;
+const MAX_PEOPLE: usize = 16;
 /// Fewest keypoints that a person must have in both frames.
-const FEWEST_COMMON: usize = 5;
+const MIN_COMMON: usize = 5;
 /// Fewest leaps for a report, and their smallest share of the frames with people. The Shelf
 /// recording, the sample and simulated scenes have none. A hundred pictures sorted by file name
 /// leap in one of six frames.
-const FEWEST_LEAPS: u64 = 5;
+const MIN_LEAPS: u64 = 5;
 const MIN_LEAP_SHARE: f64 = 0.02;
 
 type Person = Vec<Option<KeypointCandidate>>;
@@ -64,7 +64,7 @@ impl LeapCounter {
         }
         mem::swap(&mut self.before_that, &mut self.before);
         self.before.clear();
-        self.before.extend(now.iter().take(MOST_PEOPLE).cloned());
+        self.before.extend(now.iter().take(MAX_PEOPLE).cloned());
     }
 
     /// Whether a person of `now` is where `person` was, or where it would be with constant
@@ -75,7 +75,7 @@ impl LeapCounter {
         let came = ways
             .filter_map(|earlier| moved_px(earlier, person))
             .min_by(|a, b| a.norm().total_cmp(&b.norm()));
-        now.iter().take(MOST_PEOPLE).any(|now| {
+        now.iter().take(MAX_PEOPLE).any(|now| {
             // With too few common keypoints the motion is unknown.
             moved_px(person, now).is_none_or(|moved| {
                 let is_near = |from: Vector2<f64>| (moved - from).norm() <= most_px;
@@ -87,8 +87,7 @@ impl LeapCounter {
     /// The counts, if they show a wrong order.
     pub(super) fn report(&self) -> Option<LeapingFrames> {
         let LeapingFrames { leaps, frames } = self.counted;
-        let is_significant =
-            leaps >= FEWEST_LEAPS && leaps as f64 >= MIN_LEAP_SHARE * frames as f64;
+        let is_significant = leaps >= MIN_LEAPS && leaps as f64 >= MIN_LEAP_SHARE * frames as f64;
         is_significant.then_some(self.counted)
     }
 }
@@ -101,7 +100,7 @@ fn moved_px(before: &Person, now: &Person) -> Option<Vector2<f64>> {
     let both = both.filter_map(|(a, b)| Some((sure(a)?, sure(b)?)));
     let moved = both.map(|(a, b)| b.position.vector_px() - a.position.vector_px());
     let moved: Vec<Vector2<f64>> = moved.collect();
-    if moved.len() < FEWEST_COMMON {
+    if moved.len() < MIN_COMMON {
         return None;
     }
     let along = |axis: usize| upper_median(moved.iter().map(|by| by[axis]).collect());

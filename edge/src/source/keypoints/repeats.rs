@@ -12,7 +12,7 @@ use crate::source::{KeypointFrame, RepeatedFrames};
 /// 60, the share is 1/12; complete recordings have none.
 const MIN_REPEATED_SHARE: f64 = 0.08;
 /// Fewest leaps after repeated frames; a recording that only stalls has fewer.
-const FEWEST_LEAPS: u64 = 10;
+const MIN_LEAPS: u64 = 10;
 /// Smallest leap, pixels. In a file of whole pixels a standing person moves by one pixel along both
 /// axes.
 const LEAP_PX: f64 = 1.5;
@@ -51,7 +51,7 @@ impl RepeatCounter {
     /// The counts, if they show a wrong rate.
     pub(super) fn report(&self) -> Option<RepeatedFrames> {
         let is_significant =
-            self.leaps >= FEWEST_LEAPS && self.counted.repeated_share() >= MIN_REPEATED_SHARE;
+            self.leaps >= MIN_LEAPS && self.counted.repeated_share() >= MIN_REPEATED_SHARE;
         is_significant.then_some(self.counted)
     }
 }

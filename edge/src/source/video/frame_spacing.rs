@@ -13,8 +13,8 @@ const GAP_PERIODS: Range<f64> = 0.5..1.5;
 /// Largest deviation of a frame from even times: one period, because containers round times to
 /// milliseconds, plus a share of the recording's length, because the clock of a camera drifts while
 /// it warms up.
-const MOST_OFF_PERIODS: f64 = 1.0;
-const WANDERS: f64 = 1e-4;
+const MAX_OFF_PERIODS: f64 = 1.0;
+const CLOCK_DRIFT: f64 = 1e-4;
 
 /// An irregular interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,7 +61,7 @@ pub(super) struct FarOff {
 pub(super) fn farthest_off(times_s: &[f64]) -> Option<FarOff> {
     let period_s = mean_period_s(times_s)?;
     let first_s = times_s[0];
-    let most_s = MOST_OFF_PERIODS * period_s + WANDERS * (times_s[times_s.len() - 1] - first_s);
+    let most_s = MAX_OFF_PERIODS * period_s + CLOCK_DRIFT * (times_s[times_s.len() - 1] - first_s);
     let late = times_s.iter().enumerate();
     let late = late.map(|(n, at_s)| (n, at_s - first_s - n as f64 * period_s));
     let (frame, late_s) = late.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
