@@ -103,7 +103,7 @@ fn an_old_key_is_refused_once_its_node_has_a_new_one_and_both_sides_say_so() {
         &fusion,
         "the node of certificate walk/north-east/1: north-east has newer keys",
     );
-    wait_for(&old, "refuses its certificate");
+    wait_for(&old, "rejects this node's certificate");
 
     // The others, and the node with its new key, notice nothing.
     let mut honest: Vec<NodeProcess> = VIEWPOINTS

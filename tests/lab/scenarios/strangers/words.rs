@@ -257,7 +257,7 @@ fn an_edge_says_why_it_waits(scheme: &str) {
     waiting.push((
         Some(session),
         edge,
-        "it does not take this edge's certificate",
+        "it rejects this edge's certificate",
         hall,
     ));
     let hall = hall_at(scheme);
