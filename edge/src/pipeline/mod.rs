@@ -316,7 +316,7 @@ impl EdgePipeline {
         self.tracked_crops
     }
 
-    /// Number of these people for whom a step can cut a second crop.
+    /// Number of these people with a possible second crop in a step.
     pub fn count_second_crops(persons: &[PersonBoxes]) -> usize {
         let may_have_two = |person: &&PersonBoxes| person.cameras.iter().any(is_turned);
         persons.iter().filter(may_have_two).count()

@@ -5,7 +5,7 @@ use farfield_proto::frames::{Distorted, Pixel, Point, World};
 
 use super::plan::Cell;
 
-/// Height of the person for whom tiles are planned, metres.
+/// Height of the person assumed in the plan of tiles, metres.
 const STATURE_M: f64 = 1.7;
 
 /// Sample places along each side of the field and of the picture.
