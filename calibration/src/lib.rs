@@ -1,5 +1,4 @@
-//! Calibration of a wide field: how each camera sees (intrinsics), and where it stands (extrinsics). Pure: values and text
-//! in, values and text out.
+//! Calibration of cameras: intrinsics, and extrinsics over a wide field. Pure: values and text in, values and text out.
 
 pub mod adjustment;
 pub mod alignment;

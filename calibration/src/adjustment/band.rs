@@ -1,11 +1,11 @@
-//! Cholesky's factorisation of a symmetric banded matrix, and forward and back substitution.
+//! Cholesky factorisation of a symmetric banded matrix, and forward and back substitution.
 
-/// The lower half of a symmetric matrix whose entries are zero more than `below` places under the diagonal.
+/// The lower half of a symmetric matrix with zeros more than `below` places under the diagonal.
 #[derive(Debug, Clone)]
 pub(super) struct Band {
     size: usize,
     below: usize,
-    /// Row by row, `below + 1` entries each; the last is the diagonal.
+    /// By rows of `below + 1` entries each; the last is the diagonal.
     entries: Vec<f64>,
 }
 
@@ -18,7 +18,7 @@ impl Band {
         }
     }
 
-    /// Adds to the entry (`row`, `column`), with `column` at most `row`.
+    /// Adds to the entry (`row`, `column`); `column` is at most `row`.
     pub(super) fn add(&mut self, row: usize, column: usize, value: f64) {
         let place = self.place(row, column);
         if let Some(entry) = self.entries.get_mut(place) {
@@ -44,7 +44,7 @@ impl Band {
         &self.entries[row * width..(row + 1) * width]
     }
 
-    /// Turns the matrix into its factor L with L L' = A; false when it is not positive definite.
+    /// Replaces the matrix by its factor L with L L' = A; false if it is not positive definite.
     pub(super) fn factorise(&mut self) -> bool {
         let width = self.below + 1;
         for row in 0..self.size {
@@ -68,7 +68,7 @@ impl Band {
         true
     }
 
-    /// Overwrites `right`, rows of `columns` numbers, by L^-1 of it.
+    /// Replaces `right`, rows of `columns` numbers, by L^-1 `right`.
     pub(super) fn forward(&self, right: &mut [f64], columns: usize) {
         if columns == 0 {
             return;
@@ -93,7 +93,7 @@ impl Band {
         }
     }
 
-    /// Overwrites `right` by L'^-1 of it.
+    /// Replaces `right` by L'^-1 `right`.
     pub(super) fn backward(&self, right: &mut [f64]) {
         for row in (0..self.size).rev() {
             let value = right[row] / self.entry(row, row);

@@ -1,9 +1,9 @@
-//! What an adjustment holds of a camera, and what a camera saw.
+//! The state of a camera in an adjustment, and its observations.
 
 use farfield_proto::camera::{CameraModel, Distortion, Intrinsics, LensModel};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// One camera as the adjustment holds it.
+/// The state of one camera in the adjustment.
 ///
 /// A point X of the world is seen from R (X - C); time in seconds is `pivot_s + (frame - pivot_frame) period_s`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,15 +14,15 @@ pub struct CameraState {
     pub center_w: Vector3<f64>,
     /// Pinhole, pixels.
     pub intrinsics: Intrinsics,
-    /// Lens, as k1, k2, p1, p2, k3, k4, k5, k6 of OpenCV; of a fisheye k1, k2, k3, k4 of its model, then zeros.
+    /// Lens: k1, k2, p1, p2, k3, k4, k5, k6 of OpenCV; for a fisheye k1, k2, k3, k4 of its model, then zeros.
     pub distortion: [f64; 8],
     /// Whether the lens is OpenCV's fisheye.
     pub is_fisheye: bool,
     /// Time of frame `pivot_frame`, seconds.
     pub pivot_s: f64,
-    /// The frame at which time and rate do not mix: about the middle of what the camera saw.
+    /// The frame at which time and rate are independent: near the middle of the camera's sights.
     pub pivot_frame: f64,
-    /// Time from frame to frame, seconds.
+    /// Time between frames, seconds.
     pub period_s: f64,
 }
 
@@ -56,7 +56,7 @@ impl CameraState {
         }
     }
 
-    /// The lens as proto has it.
+    /// The lens in the form of `farfield_proto`.
     pub fn lens(&self) -> LensModel {
         let [k1, k2, p1, p2, k3, k4, k5, k6] = self.distortion;
         if self.is_fisheye {
@@ -80,20 +80,20 @@ impl CameraState {
     }
 }
 
-/// One sight of the point by one camera.
+/// One sight of the point in one camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
     /// Index of the camera.
     pub camera: usize,
-    /// Index of the point, where the path is a set of points.
+    /// Index of the point, if the path is a set of points.
     pub point: usize,
-    /// Frame of the camera, where the path is a curve in time.
+    /// Frame of the camera, if the path is a curve in time.
     pub frame: f64,
     /// Distorted pixels.
     pub px: [f64; 2],
     /// Standard deviation of each coordinate, pixels.
     pub sigma_px: f64,
-    /// How fast the point moves across the picture, pixels per second of the camera's clock, where the path is a set of points:
-    /// what a clock that moves would have seen. Zero where that is not known, and along a curve.
+    /// Velocity of the point in the picture, pixels per second of the camera's clock, if the path is a set of points: it gives
+    /// the sight at another clock offset. Zero if it is not known, and along a curve.
     pub velocity: [f64; 2],
 }

@@ -1,9 +1,9 @@
-//! How well the cameras are known: the inverse of the reduced matrix, with the seven free directions taken out.
+//! Uncertainty of the cameras: the inverse of the reduced matrix, without the seven free directions.
 //!
-//! The result is what remains after the found camera centres have been laid on the true ones by a similarity: the
-//! displacements of the centres have no mean, no turn and no stretch about their middle (Umeyama 1991, linearised; of centres on a line cameras do not turn about it
-//! on average). So it
-//! can be compared with a truth, and does not depend on which camera happened to be the first.
+//! The result is the uncertainty after alignment of the camera centres with the true ones by a similarity: the displacements
+//! of the centres have no mean, no rotation and no scale about their middle (Umeyama 1991, linearised). If the centres are on
+//! a line, the cameras do not rotate about it on average. So the result can be compared with a truth, and does not depend on
+//! which camera is the first.
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
@@ -12,25 +12,25 @@ use super::path::Path;
 use super::problem::Problem;
 use super::projection::TIME;
 
-/// Least eigenvalue of the scaled matrix over which a direction counts as determined.
+/// Least eigenvalue of the scaled matrix for a determined direction.
 const LEAST_EIGENVALUE: f64 = 1e-9;
 
-/// Share of the spread of the centres that lies off their main line below which they lie on a line.
+/// Centres lie on a line if the share of their spread off it is smaller.
 const ON_A_LINE: f64 = 1e-6;
 
-/// Least share that a camera has in an undetermined direction to be named.
+/// Least share of a camera in an undetermined direction to be listed.
 const LEAST_SHARE: f64 = 0.05;
 
 /// Standard deviations of one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraSigma {
-    /// Of the centre, root of the summed variances of the three axes, in the world's unit.
+    /// Of the centre: root of the summed variances of the three axes, in the world's unit.
     pub position: f64,
-    /// Of the rotation, root of the summed variances about the three axes, radians.
+    /// Of the rotation: root of the summed variances about the three axes, radians.
     pub rotation_rad: f64,
-    /// Of the focal length, as a share; zero where it is fixed.
+    /// Of the focal length, relative; zero if it is fixed.
     pub focal_share: f64,
-    /// Of the time, seconds; zero where it is fixed.
+    /// Of the time, seconds; zero if it is fixed.
     pub time_s: f64,
     /// Covariance of the centre.
     pub position_covariance: Matrix3<f64>,
@@ -39,31 +39,31 @@ pub struct CameraSigma {
 /// A direction that the sights do not determine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Degenerate {
-    /// Eigenvalue of the scaled matrix: 1 is as well as if nothing else were free, 0 not at all.
+    /// Eigenvalue of the scaled matrix: 1 as if nothing else were free, 0 if undetermined.
     pub eigenvalue: f64,
-    /// Cameras that move in it, the most first, with their share (summing to at most one).
+    /// Cameras that move in this direction, the largest share first (the shares sum to at most one).
     pub cameras: Vec<(usize, f64)>,
 }
 
-/// What is known of all cameras.
+/// The uncertainty of all cameras.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covariance {
-    /// Per camera; `None` where its pose is fixed.
+    /// One per camera; `None` if its pose is fixed.
     pub cameras: Vec<Option<CameraSigma>>,
-    /// Directions that are not determined.
+    /// Undetermined directions.
     pub degenerate: Vec<Degenerate>,
 }
 
-/// The covariance of the cameras of `problem` at its minimum; `None` when no camera is free or nothing was seen.
+/// The covariance of the cameras of `problem` at its minimum; `None` without a free camera or observations.
 pub fn covariance(problem: &Problem) -> Option<Covariance> {
-    let columns = Columns::of(problem);
-    let normal = Normal::of(problem, &columns);
+    let columns = Columns::new(problem);
+    let normal = Normal::new(problem, &columns);
     let matrix = normal.reduce(0.0)?.matrix;
     let n = columns.count;
     if n == 0 {
         return None;
     }
-    // Scaled so that each direction counts as what it can tell of itself.
+    // Scale each parameter by its own information.
     let scale: Vec<f64> = (0..n)
         .map(|i| 1.0 / normal.cameras[(i, i)].max(1e-300).sqrt())
         .collect();
@@ -114,11 +114,12 @@ pub fn covariance(problem: &Problem) -> Option<Covariance> {
 }
 
 fn shares(columns: &Columns, v: &[f64]) -> Vec<(usize, f64)> {
-    let of = |own: &[(usize, usize, f64)]| own.iter().map(|(_, c, _)| v[*c] * v[*c]).sum::<f64>();
+    let share =
+        |own: &[(usize, usize, f64)]| own.iter().map(|(_, c, _)| v[*c] * v[*c]).sum::<f64>();
     let mut shares: Vec<(usize, f64)> = columns
         .of_camera
         .iter()
-        .map(|own| of(own))
+        .map(|own| share(own))
         .enumerate()
         .filter(|(_, share)| *share > LEAST_SHARE)
         .collect();
@@ -126,8 +127,8 @@ fn shares(columns: &Columns, v: &[f64]) -> Vec<(usize, f64)> {
     shares
 }
 
-/// The conditions that fix the frame, one column each, over the scaled parameters: the displaced centres have no mean, no
-/// turn, no stretch; and, where every camera's clock is free along a curve, the clocks no mean.
+/// The conditions that fix the gauge, one column each, over the scaled parameters: the displacements of the centres have no
+/// mean, no rotation and no scale; and, if every camera's clock is free along a curve, the clocks have no mean.
 fn gauge(problem: &Problem, columns: &Columns, scale: &[f64]) -> DMatrix<f64> {
     let posed: Vec<(usize, Vector3<f64>)> = problem
         .cameras
@@ -140,7 +141,7 @@ fn gauge(problem: &Problem, columns: &Columns, scale: &[f64]) -> DMatrix<f64> {
         .collect();
     let n = columns.count;
     let mut conditions = DMatrix::zeros(n, 9);
-    // Fixed cameras hold the frame themselves.
+    // Fixed cameras fix the gauge themselves.
     if posed.len() == problem.cameras.len() && posed.len() > 1 {
         let middle = posed
             .iter()
@@ -161,7 +162,7 @@ fn gauge(problem: &Problem, columns: &Columns, scale: &[f64]) -> DMatrix<f64> {
             }
         }
         if let Some(line) = line(&posed, &middle) {
-            hold_about(&mut conditions, problem, columns, scale, &line);
+            fix_rotation_about(&mut conditions, problem, columns, scale, &line);
         }
     }
     let clocks: Vec<usize> = columns
@@ -178,7 +179,7 @@ fn gauge(problem: &Problem, columns: &Columns, scale: &[f64]) -> DMatrix<f64> {
     conditions
 }
 
-/// The line on which all centres lie, if they do.
+/// The line of all centres, if they are on one.
 fn line(posed: &[(usize, Vector3<f64>)], middle: &Vector3<f64>) -> Option<Vector3<f64>> {
     let spread = posed.iter().fold(Matrix3::zeros(), |spread, (_, center)| {
         spread + (center - middle) * (center - middle).transpose()
@@ -189,8 +190,8 @@ fn line(posed: &[(usize, Vector3<f64>)], middle: &Vector3<f64>) -> Option<Vector
     (off_line < ON_A_LINE * spread.trace()).then(|| eigen.eigenvectors.column(most).into_owned())
 }
 
-/// Adds the condition that cameras do not turn about `line` on average: their centres on it do not show such a turn of the world.
-fn hold_about(
+/// Adds the condition that cameras do not rotate about `line` on average: centres on it do not determine such a rotation.
+fn fix_rotation_about(
     conditions: &mut DMatrix<f64>,
     problem: &Problem,
     columns: &Columns,
@@ -205,7 +206,7 @@ fn hold_about(
     }
 }
 
-/// An orthonormal basis of what is orthogonal to the columns of `conditions`.
+/// An orthonormal basis of the complement of the columns of `conditions`.
 fn complement(conditions: &DMatrix<f64>) -> DMatrix<f64> {
     let n = conditions.nrows();
     let mut normed = conditions.clone();

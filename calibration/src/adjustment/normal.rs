@@ -1,4 +1,4 @@
-//! The normal equations, in blocks: nodes of the path (banded), cameras (dense), and what couples them.
+//! The normal equations in blocks: nodes of the path (banded), cameras (dense), and the coupling.
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2};
 
@@ -8,19 +8,19 @@ use super::path::{Path, Support, sum};
 use super::problem::{AdjustedCamera, Problem};
 use super::projection::{PARAMETERS, TIME};
 
-/// Residual of a sight that has no projection (behind the camera, beyond the lens, off the path), standard deviations.
+/// Residual of a sight without a projection (behind the camera, outside the range of the lens, off the path), standard deviations.
 const NO_PROJECTION: f64 = 1e3;
 
-/// Where the free parameters of each camera are among all of them.
+/// The columns of the free parameters of each camera.
 #[derive(Debug, Clone)]
 pub(super) struct Columns {
-    /// Per camera: (parameter, column, standard deviation of the prior).
+    /// Per camera, (parameter, column, standard deviation of the prior).
     pub(super) of_camera: Vec<Vec<(usize, usize, f64)>>,
     pub(super) count: usize,
 }
 
 impl Columns {
-    pub(super) fn of(problem: &Problem) -> Self {
+    pub(super) fn new(problem: &Problem) -> Self {
         let mut count = 0;
         let of_camera = problem.cameras.iter().map(|camera| {
             let mut columns = Vec::new();
@@ -35,7 +35,7 @@ impl Columns {
     }
 }
 
-/// Half the summed loss, priors and stiffness of the path included.
+/// Half the summed loss, with priors and the stiffness of the path.
 pub(super) fn cost(problem: &Problem) -> f64 {
     let folds = fold_radii(problem);
     let seen = problem.observations.iter().map(|observation| {
@@ -47,7 +47,7 @@ pub(super) fn cost(problem: &Problem) -> f64 {
     0.5 * (seen + prior_cost(problem) + stiffness_cost(&problem.path))
 }
 
-/// Residual of a sight in standard deviations; `None` where there is no projection.
+/// Residual of a sight in standard deviations; `None` without a projection.
 pub(super) fn residual(
     problem: &Problem,
     observation: &Observation,
@@ -61,7 +61,7 @@ pub(super) fn residual(
     Some((px - seen_px(observation, camera)) / observation.sigma_px)
 }
 
-/// Where the point was seen, moved to when the clock says now that the frame was taken.
+/// The observed pixel, corrected for the change of the camera's clock since the start.
 fn seen_px(observation: &Observation, camera: &AdjustedCamera) -> Vector2<f64> {
     let later_s = camera.state.pivot_s - camera.start.pivot_s;
     Vector2::from(observation.px) - Vector2::from(observation.velocity) * later_s
@@ -95,7 +95,7 @@ fn stiffness_cost(path: &Path) -> f64 {
     spline.stiffness * bends.sum::<f64>()
 }
 
-/// Hessian (Gauss and Newton's, with the weights of the loss) and gradient of [`cost`].
+/// Gauss-Newton Hessian, with the weights of the loss, and gradient of [`cost`].
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
     pub(super) nodes: Band,
@@ -108,7 +108,7 @@ pub(super) struct Normal {
 }
 
 impl Normal {
-    pub(super) fn of(problem: &Problem, columns: &Columns) -> Self {
+    pub(super) fn new(problem: &Problem, columns: &Columns) -> Self {
         let rows = 3 * problem.path.node_count();
         let mut normal = Self {
             nodes: Band::zeros(rows, 3 * problem.path.reach() + 2),
@@ -240,7 +240,7 @@ impl Normal {
         }
     }
 
-    /// Eliminates the nodes, with every diagonal entry raised by `damping` times itself.
+    /// Eliminates the nodes, with every diagonal entry increased by `damping` times itself.
     pub(super) fn reduce(&self, damping: f64) -> Option<Reduced> {
         let mut nodes = self.nodes.clone();
         for row in 0..self.node_gradient.len() {
@@ -274,7 +274,7 @@ impl Normal {
     }
 }
 
-/// Takes from `matrix` the squares of the rows of `eliminated`, and from `right` the rows times `node_right`.
+/// Subtracts the squares of the rows of `eliminated` from `matrix`, and the rows times `node_right` from `right`.
 fn subtract_products(
     matrix: &mut DMatrix<f64>,
     right: &mut DVector<f64>,
@@ -306,7 +306,7 @@ fn subtract_products(
     }
 }
 
-/// The system of the cameras alone, with what brings the nodes back.
+/// The system of the cameras alone, with the factors for the nodes.
 #[derive(Debug, Clone)]
 pub(super) struct Reduced {
     nodes: Band,
@@ -324,7 +324,7 @@ pub(super) struct Step {
 }
 
 impl Reduced {
-    /// The step that solves the system; `None` when it is not positive definite.
+    /// The step that solves the system; `None` if it is not positive definite.
     pub(super) fn solve(&self) -> Option<Step> {
         let count = self.right.len();
         let cameras = if count == 0 {

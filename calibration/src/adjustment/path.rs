@@ -1,4 +1,4 @@
-//! Where the seen points are: each for itself, along a smooth curve in time, or on a rigid body.
+//! The positions of the observed points: each independent, along a smooth curve in time, or on a rigid body.
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 
@@ -10,20 +10,20 @@ use super::camera_state::{CameraState, Observation};
 /// (1-u)^3 / 6, (3u^3 - 6u^2 + 4) / 6, (-3u^3 + 3u^2 + 3u + 1) / 6, u^3 / 6.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spline {
-    /// Time at which it starts, seconds.
+    /// Start time, seconds.
     pub start_s: f64,
-    /// Time from knot to knot, seconds.
+    /// Time between knots, seconds.
     pub spacing_s: f64,
     /// Control points, world.
     pub controls: Vec<Vector3<f64>>,
-    /// Weight of the squared second differences of the controls: holds the curve where nobody saw it.
+    /// Weight of the squared second differences of the controls: it determines the curve where there are no observations.
     pub stiffness: f64,
 }
 
-/// One rigid body, somewhere else at each moment.
+/// One rigid body with a pose for each moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bodies {
-    /// Per moment the world from the body.
+    /// Per moment, the world from the body.
     pub poses: Vec<Isometry3<f64>>,
     /// The points of the body, in its own axes.
     pub shape: Vec<Vector3<f64>>,
@@ -40,7 +40,7 @@ impl Bodies {
         point / self.shape.len().max(1)
     }
 
-    /// The turned arm of a point, and the pose that it belongs to.
+    /// The rotated offset of a point from the body's origin, and the body's pose.
     fn arm(&self, point: usize) -> Option<(Vector3<f64>, &Isometry3<f64>)> {
         let pose = self.poses.get(self.moment(point))?;
         let shape = self.shape.get(point % self.shape.len().max(1))?;
@@ -48,18 +48,18 @@ impl Bodies {
     }
 }
 
-/// What was seen.
+/// The observed points.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Path {
-    /// Points that have nothing to do with each other, by [`Observation::point`].
+    /// Independent points, by [`Observation::point`].
     Points(Vec<Vector3<f64>>),
     /// One curve, by the times of the frames.
     Curve(Spline),
-    /// Points of a rigid body. Its nodes are a turn (radians, world axes) and a shift for each moment.
+    /// Points of a rigid body. Its nodes are a rotation (radians, world axes) and a shift for each moment.
     Bodies(Bodies),
 }
 
-/// The nodes that a place on the path depends on.
+/// The nodes that determine a point of the path.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Support {
     pub(super) first: usize,
@@ -67,12 +67,12 @@ pub(super) struct Support {
     pub(super) weights: [f64; 4],
     /// Derivatives of the weights by time, 1/s.
     pub(super) slopes: [f64; 4],
-    /// Of a body, from its origin to the point: its first node turns it.
+    /// For a body, the offset of the point from its origin; the first node rotates it.
     arm: Option<Vector3<f64>>,
 }
 
 impl Support {
-    /// The place by the `i`-th of the nodes.
+    /// The derivative of the point by the `i`-th of the nodes.
     pub(super) fn by_node(&self, i: usize) -> Matrix3<f64> {
         match self.arm {
             Some(arm) if i == 0 => -arm.cross_matrix(),
@@ -131,7 +131,7 @@ impl Spline {
 }
 
 impl Path {
-    /// The points or controls; none of bodies.
+    /// The points or controls; empty for bodies.
     pub fn nodes(&self) -> &[Vector3<f64>] {
         match self {
             Self::Points(points) => points,
@@ -140,7 +140,7 @@ impl Path {
         }
     }
 
-    /// The points or controls, to be moved; none of bodies.
+    /// The points or controls, mutable; empty for bodies.
     pub fn nodes_mut(&mut self) -> &mut [Vector3<f64>] {
         match self {
             Self::Points(points) => points,
@@ -149,7 +149,7 @@ impl Path {
         }
     }
 
-    /// How many nodes of three numbers move.
+    /// The number of nodes, of three numbers each.
     pub fn node_count(&self) -> usize {
         match self {
             Self::Points(_) | Self::Curve(_) => self.nodes().len(),
@@ -173,7 +173,7 @@ impl Path {
         }
     }
 
-    /// Where the point was that `observation` saw; `None` when the path does not reach there.
+    /// The point of `observation`; `None` outside the path.
     pub fn place(&self, observation: &Observation, camera: &CameraState) -> Option<Vector3<f64>> {
         if let Self::Bodies(bodies) = self {
             let (arm, pose) = bodies.arm(observation.point)?;
@@ -207,7 +207,7 @@ impl Path {
         }
     }
 
-    /// How many nodes before itself a node is coupled to.
+    /// The number of previous nodes to which a node is coupled.
     pub(super) fn reach(&self) -> usize {
         match self {
             Self::Points(_) => 0,

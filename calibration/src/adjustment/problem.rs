@@ -1,11 +1,10 @@
-//! What is adjusted: cameras, their freedoms, observations.
+//! The problem of an adjustment: cameras, their free parameters, observations.
 
 use super::camera_state::{CameraState, Observation};
-use super::loss::Loss;
 use super::path::Path;
 use super::projection::PARAMETERS;
 
-/// A group of a camera's numbers that is free or fixed as one.
+/// A group of a camera's parameters that are free or fixed together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Block {
     /// Rotation and centre.
@@ -44,7 +43,7 @@ impl Block {
     }
 }
 
-/// Which numbers of a camera may move, and how far from where they started (standard deviations of a prior).
+/// The free parameters of a camera, with the standard deviations of priors about their start.
 ///
 /// Units of the parameters: radians and metres for the pose, shares for focal length and rate, pixels for the principal
 /// point, seconds for the time.
@@ -54,20 +53,20 @@ pub struct Free {
 }
 
 impl Free {
-    /// Nothing moves.
+    /// No free parameter.
     pub fn none() -> Self {
         Self {
             sigmas: [None; PARAMETERS],
         }
     }
 
-    /// With `block` free, without a prior.
+    /// Frees `block` without a prior.
     #[must_use]
     pub fn with(self, block: Block) -> Self {
         self.with_prior(block, f64::INFINITY)
     }
 
-    /// With `block` free, with a prior of standard deviation `sigma` about where it starts.
+    /// Frees `block` with a prior of standard deviation `sigma` about its start.
     #[must_use]
     pub fn with_prior(mut self, block: Block, sigma: f64) -> Self {
         for parameter in block.parameters() {
@@ -76,7 +75,7 @@ impl Free {
         self
     }
 
-    /// With `block` fixed again.
+    /// Fixes `block`.
     #[must_use]
     pub fn without(mut self, block: Block) -> Self {
         for parameter in block.parameters() {
@@ -92,19 +91,19 @@ impl Free {
     }
 }
 
-/// A camera with its freedoms.
+/// A camera with its free parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdjustedCamera {
-    /// Where it is now.
+    /// The current state.
     pub state: CameraState,
-    /// Where priors pull it to: where it started.
+    /// The start, which is the mean of priors.
     pub start: CameraState,
-    /// What may move.
+    /// The free parameters.
     pub free: Free,
 }
 
 impl AdjustedCamera {
-    /// A camera whose priors, if any, hold it to `state`.
+    /// A camera whose priors, if any, have the mean `state`.
     pub fn new(state: CameraState, free: Free) -> Self {
         Self {
             state,
@@ -114,15 +113,44 @@ impl AdjustedCamera {
     }
 }
 
-/// All that an adjustment needs.
+/// All inputs of an adjustment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Problem {
     /// The cameras.
     pub cameras: Vec<AdjustedCamera>,
-    /// What they saw.
+    /// The observed points.
     pub path: Path,
     /// The sights.
     pub observations: Vec<Observation>,
-    /// How residuals count.
+    /// The loss of residuals.
     pub loss: Loss,
+}
+
+/// A robust loss rho of the squared residual s (in standard deviations, over both image axes); its cost is 1/2 rho(s).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Loss {
+    /// Least squares: rho = s.
+    Squared,
+    /// Cauchy: rho = c2 ln(1 + s / c2), with c in standard deviations.
+    Cauchy(f64),
+    /// Huber: s up to c2, then 2 c sqrt(s) - c2, with c in standard deviations.
+    Huber(f64),
+}
+
+impl Loss {
+    /// rho(s) and its derivative, which is the weight of the residual in the normal equations.
+    pub fn value_and_weight(self, s: f64) -> (f64, f64) {
+        match self {
+            Self::Squared => (s, 1.0),
+            Self::Cauchy(c) => {
+                let ratio = s / (c * c);
+                (c * c * libm::log1p(ratio), 1.0 / (1.0 + ratio))
+            }
+            Self::Huber(c) if s <= c * c => (s, 1.0),
+            Self::Huber(c) => {
+                let root = s.sqrt();
+                (2.0 * c * root - c * c, c / root)
+            }
+        }
+    }
 }

@@ -1,31 +1,32 @@
-//! Where a camera draws a point, and the derivatives by all that can move.
+//! Projection of a point by a camera, with derivatives by all parameters.
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, UnitQuaternion, Vector2, Vector3};
 
 use super::camera_state::CameraState;
 
-/// Numbers of a camera, in this order: rotation (3, rad), centre (3, m), focal length (share), principal point (2, px),
-/// distortion (8), time (s), rate (share of the period).
+/// Number of a camera's parameters, in this order: rotation (3, rad), centre (3, m), focal length (relative), principal point
+/// (2, px), distortion (8), time (s), rate (relative to the period).
 pub const PARAMETERS: usize = 19;
 
 /// Index of the time among the parameters; the rate follows.
 pub(super) const TIME: usize = 17;
 
-/// Points nearer than this share of a unit are not projected.
+/// Points closer than this, in units of the world, are not projected.
 const NEAR: f64 = 1e-6;
 
-/// Least slope of the radius that the lens draws, by the radius of the pinhole.
+/// Least derivative of the distorted radius by that of the pinhole.
 const LEAST_SLOPE: f64 = 0.02;
 
-/// Step in which the fold is looked for, at the axis.
+/// Step of the search for the fold, at the axis.
 const FOLD_STEP: f64 = 0.005;
 
-/// How far off its axis a fisheye is asked what it draws, radians (80 degrees): a point further out has hardly a place
-/// among the ideal pinhole's.
+/// Largest angle off the axis of a fisheye, radians (80 degrees): points farther out have extremely large coordinates in the
+/// ideal pinhole.
 const FISHEYE_HALF_VIEW_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
 
-/// Steps of the inverse of the lens, and how near it has to come, in focal lengths.
+/// Most steps of the inverse of the lens.
 const MOST_NEWTON_STEPS: usize = 40;
+/// Accuracy of the inverse of the lens, in focal lengths.
 const UNDISTORTED: f64 = 1e-12;
 
 /// A projection with its derivatives.
@@ -35,12 +36,12 @@ pub struct Projected {
     pub px: Vector2<f64>,
     /// By the world point, px/m.
     pub by_point: Matrix2x3<f64>,
-    /// By the camera's parameters; those of time and rate are left at zero, because they act through the path.
+    /// By the camera's parameters; zero for time and rate, which act through the path.
     pub by_camera: SMatrix<f64, 2, PARAMETERS>,
 }
 
 impl CameraState {
-    /// The distorted pixel of `point_w`; `None` behind the camera, or where the lens model folds back.
+    /// The distorted pixel of `point_w`; `None` behind the camera, or where the lens model folds.
     pub fn project(&self, point_w: &Vector3<f64>, fold_radius: f64) -> Option<Vector2<f64>> {
         let (n, _) = self.normalised(point_w, fold_radius)?;
         let (drawn, _) = self.draw(&n);
@@ -79,7 +80,7 @@ impl CameraState {
         })
     }
 
-    /// The state moved by `step`, in the order and units of [`PARAMETERS`].
+    /// The state after `step`, in the order and units of [`PARAMETERS`].
     #[must_use]
     pub fn moved(&self, step: &[f64; PARAMETERS]) -> Self {
         let mut moved = *self;
@@ -100,7 +101,7 @@ impl CameraState {
         moved
     }
 
-    /// How far this state is from `start`, in the parameters (pose left at zero: it carries no prior).
+    /// The difference from `start` in the parameters; zero for the pose, which has no prior.
     pub(super) fn distance_from(&self, start: &Self) -> [f64; PARAMETERS] {
         let mut d = [0.0; PARAMETERS];
         d[6] = libm::log(self.intrinsics.fx_px / start.intrinsics.fx_px);
@@ -114,7 +115,7 @@ impl CameraState {
         d
     }
 
-    /// The radius (tangent of the angle to the axis) at which the lens model folds back, or 50 where it does not before; of a
+    /// The radius (tangent of the angle to the axis) at which the lens model folds, or 50 if it does not fold before; for a
     /// fisheye at most that of 80 degrees.
     pub fn fold_radius(&self) -> f64 {
         if self.is_fisheye {
@@ -151,13 +152,13 @@ impl CameraState {
         libm::tan(theta)
     }
 
-    /// The unit vector, camera axes, of what is drawn at `px`; `None` where nothing is drawn before the lens model folds.
+    /// The direction of `px`, a unit vector in camera axes; `None` if the lens model folds before it reaches the pixel.
     pub fn bearing(&self, px: [f64; 2], fold_radius: f64) -> Option<Vector3<f64>> {
         let i = &self.intrinsics;
         let target = Vector2::new((px[0] - i.cx_px) / i.fx_px, (px[1] - i.cy_px) / i.fy_px);
         let mut n = target;
         if self.is_fisheye {
-            // Straight from the angle: as radii of a pinhole the steps towards the rim would be long.
+            // Start from the angle: with the pinhole's radius the steps near the rim would be long.
             let theta = f64::min(target.norm(), libm::atan(0.9 * fold_radius));
             n *= libm::tan(theta) / target.norm().max(f64::MIN_POSITIVE);
         }
@@ -252,7 +253,7 @@ impl CameraState {
     }
 }
 
-/// The angle's powers 3, 5, 7, 9 in the direction of `n`; nothing by the last four.
+/// The powers 3, 5, 7, 9 of the angle in the direction of `n`; zero for the last four coefficients.
 fn by_fisheye_coefficients(n: &Vector2<f64>) -> SMatrix<f64, 2, 8> {
     let mut by = SMatrix::<f64, 2, 8>::zeros();
     let Some(direction) = n.try_normalize(1e-12) else {

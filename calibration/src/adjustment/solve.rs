@@ -1,13 +1,13 @@
-//! Levenberg and Marquardt's damped steps.
+//! Damped steps (Levenberg-Marquardt).
 
 use super::normal::{Columns, Normal, Step, cost, fold_radii, residual};
 use super::problem::Problem;
 use super::projection::PARAMETERS;
 
-/// When to stop.
+/// The limits of an adjustment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Most steps that are tried.
+    /// Most attempted steps.
     pub steps: usize,
     /// Relative decrease of the cost below which it has converged.
     pub decrease: f64,
@@ -22,27 +22,29 @@ impl Default for Limits {
     }
 }
 
-/// How an adjustment ended.
+/// The outcome of an adjustment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// Half the summed loss at the start and at the end.
     pub cost: [f64; 2],
-    /// Steps that were tried.
+    /// Attempted steps.
     pub steps: usize,
     /// Whether the cost stopped falling within the limits.
     pub converged: bool,
 }
 
-/// Damping at the start, where it is given up, and where it stops to fall.
+/// Damping at the start.
 const DAMPING: f64 = 1e-4;
+/// An adjustment ends at this damping.
 const MOST_DAMPING: f64 = 1e12;
+/// Least damping.
 const LEAST_DAMPING: f64 = 1e-12;
 
 /// Moves the cameras and the path of `problem` to the nearest minimum of its cost.
 ///
-/// Seven directions (six where the scale is held by priors) change nothing, and damping leaves them where they are.
+/// Seven directions (six if priors fix the scale) have no effect, and damping leaves them unchanged.
 pub fn adjust(problem: &mut Problem, limits: Limits) -> Outcome {
-    let columns = Columns::of(problem);
+    let columns = Columns::new(problem);
     let mut current = cost(problem);
     let start = current;
     let (mut damping, mut growth) = (DAMPING, 2.0);
@@ -50,24 +52,24 @@ pub fn adjust(problem: &mut Problem, limits: Limits) -> Outcome {
     let mut converged = false;
     let mut slow = 0;
     'steps: while steps < limits.steps {
-        let normal = Normal::of(problem, &columns);
+        let normal = Normal::new(problem, &columns);
         loop {
             steps += 1;
             let tried = normal.reduce(damping).and_then(|reduced| reduced.solve());
             let better = tried.and_then(|step| {
                 let moved = moved(problem, &columns, &step);
                 let found = cost(&moved);
-                (found < current).then(|| (moved, found, promised(&normal, &step, damping)))
+                (found < current).then(|| (moved, found, predicted(&normal, &step, damping)))
             });
-            if let Some((moved, found, promised)) = better {
-                let gain = (current - found) / promised.max(f64::MIN_POSITIVE);
+            if let Some((moved, found, predicted)) = better {
+                let gain = (current - found) / predicted.max(f64::MIN_POSITIVE);
                 *problem = moved;
                 let decrease = (current - found) / current.max(f64::MIN_POSITIVE);
                 current = found;
                 let shrink = 1.0 - (2.0 * gain - 1.0) * (2.0 * gain - 1.0) * (2.0 * gain - 1.0);
                 damping = (damping * shrink.clamp(0.1, 2.0)).max(LEAST_DAMPING);
                 growth = 2.0;
-                // One small step may be an unlucky one.
+                // A single small step can be an exception.
                 slow = if decrease < limits.decrease {
                     slow + 1
                 } else {
@@ -97,8 +99,8 @@ pub fn adjust(problem: &mut Problem, limits: Limits) -> Outcome {
     }
 }
 
-/// The decrease of the cost that the quadratic model promises: -g'd - 1/2 d'Hd with (H + damping D) d = -g.
-fn promised(normal: &Normal, step: &Step, damping: f64) -> f64 {
+/// The decrease of the cost by the quadratic model: -g'd - 1/2 d'Hd with (H + damping D) d = -g.
+fn predicted(normal: &Normal, step: &Step, damping: f64) -> f64 {
     let mut total = 0.0;
     for (i, d) in step.cameras.iter().enumerate() {
         let diagonal = normal.cameras[(i, i)];
@@ -130,7 +132,7 @@ impl Problem {
         cost(self)
     }
 
-    /// Length of each residual in pixels, in the order of the observations; `None` where there is no projection.
+    /// Length of each residual in pixels, in the order of the observations; `None` without a projection.
     pub fn residuals_px(&self) -> Vec<Option<f64>> {
         let folds = fold_radii(self);
         let each = self.observations.iter();

@@ -1,4 +1,4 @@
-//! What the adjustment promises, on small problems with a known answer.
+//! Properties of the adjustment on small problems with known solutions.
 
 use farfield_proto::camera::{Distortion, Intrinsics};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -98,7 +98,7 @@ fn disturb(problem: &mut Problem) {
     }
 }
 
-/// Distance of the first two cameras, over that of the next: does not depend on the frame.
+/// Distances between cameras relative to the first one; independent of the gauge.
 fn shape(problem: &Problem) -> Vec<f64> {
     let centers: Vec<_> = problem.cameras.iter().map(|c| c.state.center_w).collect();
     let unit = (centers[0] - centers[1]).norm();
@@ -109,7 +109,7 @@ fn shape(problem: &Problem) -> Vec<f64> {
 }
 
 #[test]
-fn disturbed_cameras_and_points_come_back() {
+fn disturbed_cameras_and_points_converge_to_the_truth() {
     let mut problem = scene(0.0, 0);
     let truth = shape(&problem);
     disturb(&mut problem);
@@ -121,7 +121,7 @@ fn disturbed_cameras_and_points_come_back() {
 }
 
 #[test]
-fn a_freed_lens_comes_back() {
+fn a_free_lens_converges_to_the_truth() {
     let mut problem = scene(0.0, 0);
     disturb(&mut problem);
     for camera in &mut problem.cameras {
@@ -137,7 +137,7 @@ fn a_freed_lens_comes_back() {
 }
 
 #[test]
-fn outliers_move_nothing_under_a_robust_loss() {
+fn a_robust_loss_ignores_outliers() {
     let mut problem = scene(0.0, 0);
     let truth = shape(&problem);
     for (i, observation) in problem.observations.iter_mut().enumerate() {
@@ -154,7 +154,7 @@ fn outliers_move_nothing_under_a_robust_loss() {
 }
 
 #[test]
-fn unknown_clocks_come_back_along_a_curve() {
+fn unknown_clocks_converge_along_a_curve() {
     let mut problem = scene(0.0, 0);
     let mut spline = Spline::over(-0.5, 12.5, 0.1, 1e-9);
     for (k, control) in spline.controls.iter_mut().enumerate() {
@@ -179,7 +179,7 @@ fn unknown_clocks_come_back_along_a_curve() {
 }
 
 #[test]
-fn the_covariance_tells_the_scatter_of_many_trials() {
+fn the_covariance_matches_the_scatter_of_many_trials() {
     const TRIALS: u64 = 40;
     let truth: Vec<_> = scene(0.0, 0)
         .cameras
@@ -202,13 +202,13 @@ fn the_covariance_tells_the_scatter_of_many_trials() {
         let variances = known.cameras.iter().flatten().map(|c| c.position.powi(2));
         predicted += variances.sum::<f64>() / truth.len() as f64;
     }
-    // A variance out of 40 trials with five free numbers each is known to a tenth.
+    // A variance from 40 trials with five free parameters each is accurate to a tenth.
     let ratio = scattered / predicted;
     assert!((0.7..1.4).contains(&ratio), "{ratio}");
 }
 
 #[test]
-fn cameras_that_share_nothing_are_degenerate() {
+fn cameras_without_common_points_are_degenerate() {
     let mut problem = scene(0.1, 0);
     problem
         .observations
@@ -227,7 +227,7 @@ fn any_state() -> impl Strategy<Value = CameraState> {
         .prop_map(|(angle, c, is_fisheye)| {
             let mut state = looking_at_middle(angle);
             if is_fisheye {
-                // Wide: 65 degrees off the axis in the corners.
+                // Wide angle: 65 degrees off the axis in the corners.
                 (state.intrinsics.fx_px, state.intrinsics.fy_px) = (1000.0, 990.0);
                 let [k1, k2, k3, k4, ..] = c.map(|c| 0.3 * c);
                 state.distortion = [k1, k2, k3, k4, 0.0, 0.0, 0.0, 0.0];
@@ -243,7 +243,7 @@ fn any_state() -> impl Strategy<Value = CameraState> {
 
 proptest! {
     #[test]
-    fn a_bearing_is_drawn_where_it_came_from(state in any_state(), x in 0.0f64..1920.0, y in 0.0f64..1200.0) {
+    fn a_bearing_projects_to_its_pixel(state in any_state(), x in 0.0f64..1920.0, y in 0.0f64..1200.0) {
         let fold = state.fold_radius();
         let bearing = state.bearing([x, y], fold).unwrap();
         let back = state.camera_from_world.inverse() * bearing * 3.0 + state.center_w;
@@ -252,7 +252,7 @@ proptest! {
     }
 
     #[test]
-    fn derivatives_are_those_of_the_projection(state in any_state(), x in -1.0f64..1.0, y in -1.0f64..1.0, z in -0.5f64..0.5) {
+    fn derivatives_match_finite_differences(state in any_state(), x in -1.0f64..1.0, y in -1.0f64..1.0, z in -0.5f64..0.5) {
         const STEP: f64 = 1e-6;
         let point = Vector3::new(x, y, z);
         let analytic = state.project_with_derivatives(&point, 10.0).unwrap();

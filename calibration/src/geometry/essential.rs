@@ -1,16 +1,16 @@
-//! The essential matrices of five sights (Nister 2004, solved as in Stewenius, Engels and Nister 2006).
+//! Essential matrices from five pairs of rays (Nister 2004, solved as in Stewenius, Engels and Nister 2006).
 
 use nalgebra::{Matrix3, SMatrix, SVector, Schur, Vector3};
 
 use super::polynomial::{Cubic, Linear, Quadratic, add_cube, add_square};
 
-/// Most iterations for the eigenvalues; 20 to 40 are usual.
+/// Most iterations for the eigenvalues; usually 20 to 40 are needed.
 const MOST_ITERATIONS: usize = 300;
 
 type Matrix10 = SMatrix<f64, 10, 10>;
 
-/// All E with b' E a = 0 for the five pairs (a, b) of sights, and the properties of an essential matrix; none where the
-/// sights are degenerate.
+/// All E with b' E a = 0 for the five pairs (a, b) of rays and the properties of an essential matrix; none if the rays are
+/// degenerate.
 pub(super) fn five_point(a: &[Vector3<f64>; 5], b: &[Vector3<f64>; 5]) -> Vec<Matrix3<f64>> {
     let Some(basis) = null_space(a, b) else {
         return Vec::new();
@@ -19,7 +19,7 @@ pub(super) fn five_point(a: &[Vector3<f64>; 5], b: &[Vector3<f64>; 5]) -> Vec<Ma
         return Vec::new();
     };
     let mut found = Vec::new();
-    // Without a limit nearly degenerate sights can keep it busy for ever.
+    // Without a limit nearly degenerate rays could cause an endless loop.
     let Some(schur) = Schur::try_new(action, f64::EPSILON, MOST_ITERATIONS) else {
         return Vec::new();
     };
@@ -48,7 +48,7 @@ pub(super) fn five_point(a: &[Vector3<f64>; 5], b: &[Vector3<f64>; 5]) -> Vec<Ma
 
 /// Four orthonormal matrices that span all E with b' E a = 0.
 fn null_space(a: &[Vector3<f64>; 5], b: &[Vector3<f64>; 5]) -> Option<[Matrix3<f64>; 4]> {
-    // Orthonormal rows of the conditions, then what is orthogonal to them.
+    // Orthonormal rows of the conditions, then rows orthogonal to them.
     let mut rows: Vec<SVector<f64, 9>> = Vec::with_capacity(9);
     for (a, b) in a.iter().zip(b) {
         let row = SVector::<f64, 9>::from_fn(|k, _| b[k / 3] * a[k % 3]);
@@ -71,14 +71,14 @@ fn null_space(a: &[Vector3<f64>; 5], b: &[Vector3<f64>; 5]) -> Option<[Matrix3<f
     free.try_into().ok()
 }
 
-/// What of `row` is orthogonal to `others`, normed; `None` when it is shorter than `least`.
+/// The part of `row` orthogonal to `others`, normalised; `None` if it is shorter than `least`.
 fn orthogonal_part(
     row: &SVector<f64, 9>,
     others: &[SVector<f64, 9>],
     least: f64,
 ) -> Option<SVector<f64, 9>> {
     let mut rest = *row;
-    // Twice, against rounding.
+    // Twice, to reduce rounding errors.
     for _ in 0..2 {
         for other in others {
             rest -= other * other.dot(&rest);
@@ -146,7 +146,7 @@ fn set_row(rows: &mut SMatrix<f64, 10, 20>, row: usize, cubic: &Cubic) {
     }
 }
 
-/// Multiplication by x among the monomials x2, xy, xz, y2, yz, z2, x, y, z, 1, once the cubic ones are eliminated.
+/// Multiplication by x of the monomials x2, xy, xz, y2, yz, z2, x, y, z, 1, after elimination of the cubic ones.
 fn action_matrix(rows: &SMatrix<f64, 10, 20>) -> Option<Matrix10> {
     let cubic: Matrix10 = rows.fixed_view::<10, 10>(0, 0).into_owned();
     let rest: Matrix10 = rows.fixed_view::<10, 10>(0, 10).into_owned();
@@ -182,7 +182,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn five_sights_give_the_true_matrix_among_others(
+        fn five_pairs_of_rays_give_the_true_matrix_among_others(
             turn in prop::array::uniform3(-0.8f64..0.8),
             shift in prop::array::uniform3(-1.0f64..1.0),
             points in prop::array::uniform5(prop::array::uniform3(-1.0f64..1.0)),
@@ -200,7 +200,7 @@ mod tests {
                 .iter()
                 .map(|e| (e - truth).norm().min((e + truth).norm()))
                 .fold(f64::INFINITY, f64::min);
-            // Five points at random may be nearly degenerate.
+            // Five random points can be nearly degenerate.
             prop_assert!(nearest < 1e-3, "{nearest} of {}", found.len());
         }
     }

@@ -1,9 +1,7 @@
-//! Geometry of few views: relative pose of two, pose of one before known points, the point that several see.
+//! Geometry of few views: relative pose of two cameras, pose of one from known points, triangulation of a point.
 //!
-//! Sights are unit vectors in the camera's axes (x right, y down, z forward), so that lenses are out of the way; errors
-//! are angles in radians.
+//! Sights are unit vectors in the camera's axes (x right, y down, z forward), without lenses; errors are angles in radians.
 
-mod consensus;
 mod essential;
 mod polynomial;
 mod resection;

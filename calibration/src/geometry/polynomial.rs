@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix4, Schur};
 
-/// Exponents of x, y, z; a polynomial of first degree has the last 4, of second the last 10, of third all.
+/// Exponents of x, y, z. A polynomial of first degree has the last 4, of second degree the last 10, of third degree all.
 const EXPONENTS: [[u8; 3]; 20] = [
     [3, 0, 0],
     [2, 1, 0],
@@ -26,7 +26,7 @@ const EXPONENTS: [[u8; 3]; 20] = [
     [0, 0, 0],
 ];
 
-/// Places of the products of a polynomial of `N` coefficients with one of first degree.
+/// Indices of the products of a polynomial of `N` coefficients with one of first degree.
 const fn products<const N: usize>() -> [[usize; 4]; N] {
     let mut places = [[0; 4]; N];
     let mut i = 0;

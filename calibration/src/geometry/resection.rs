@@ -1,26 +1,26 @@
-//! Where a camera stands that saw known points.
+//! The pose of a camera from known points.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::consensus::{sample, samples_needed};
 use super::polynomial::quartic_roots;
 
-/// A camera's pose before known points.
+/// A camera's pose from known points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resection {
     /// World axes to camera axes.
     pub camera_from_world: UnitQuaternion<f64>,
     /// The pinhole, world.
     pub center_w: Vector3<f64>,
-    /// Indices of the points that agree.
+    /// Indices of the inliers.
     pub inliers: Vec<usize>,
 }
 
-/// The pose that most of `pairs` (sight, point of the world) agree with within `threshold_rad`, from at most `most` random
-/// samples; `None` for fewer than 6 pairs or when none was found.
+/// The pose with which most of `pairs` (sight, point of the world) agree within `threshold_rad`, from at most `most` random
+/// samples; `None` for fewer than 6 pairs or without a result.
 ///
-/// It is as good as its best sample of three: to be refined by an adjustment.
+/// It is only as accurate as its best sample of three and needs refinement by an adjustment.
 pub fn resect(
     pairs: &[(Vector3<f64>, Vector3<f64>)],
     threshold_rad: f64,
@@ -71,7 +71,7 @@ fn angle_rad((rotation, center): &Pose, (sight, point): &(Vector3<f64>, Vector3<
     libm::atan2(sine, cosine)
 }
 
-/// The poses from which three points are seen along three sights (Grunert 1841, as in Haralick et al. 1994).
+/// The poses at which three points are on three rays (Grunert 1841, as in Haralick et al. 1994).
 pub(crate) fn three_point(sights: &[Vector3<f64>; 3], points: &[Vector3<f64>; 3]) -> Vec<Pose> {
     let square = |i: usize, j: usize| (points[i] - points[j]).norm_squared();
     let (a2, b2, c2) = (square(1, 2), square(0, 2), square(0, 1));
@@ -118,7 +118,7 @@ pub(crate) fn three_point(sights: &[Vector3<f64>; 3], points: &[Vector3<f64>; 3]
     poses
 }
 
-/// The pose that takes three points to three places before the camera.
+/// The pose that maps three points to three positions in front of the camera.
 fn rigid(points: &[Vector3<f64>; 3], seen: &[Vector3<f64>; 3]) -> Option<Pose> {
     let axes = |p: &[Vector3<f64>; 3]| {
         let first = (p[1] - p[0]).try_normalize(1e-12)?;
@@ -130,6 +130,36 @@ fn rigid(points: &[Vector3<f64>; 3], seen: &[Vector3<f64>; 3]) -> Option<Pose> {
     Some((rotation, points[0] - rotation.inverse() * seen[0]))
 }
 
+/// Probability that at least one sample has no outliers.
+const CONFIDENCE: f64 = 0.999;
+
+/// `N` different indices below `count`; `None` if there are fewer.
+pub(super) fn sample<const N: usize>(rng: &mut ChaCha8Rng, count: usize) -> Option<[usize; N]> {
+    if count < N {
+        return None;
+    }
+    let mut chosen = [usize::MAX; N];
+    let mut filled = 0;
+    while filled < N {
+        let index = rng.random_range(0..count);
+        if !chosen.contains(&index) {
+            chosen[filled] = index;
+            filled += 1;
+        }
+    }
+    Some(chosen)
+}
+
+/// The number of samples of `size` that is needed if `share` of the data are inliers, at most `most`.
+pub(super) fn samples_needed(share: f64, size: i32, most: usize) -> usize {
+    let clean = (0..size).fold(1.0, |product, _| product * share);
+    if clean <= 0.0 {
+        return most;
+    }
+    let needed = libm::log(1.0 - CONFIDENCE) / libm::log1p(-clean.min(1.0 - 1e-12));
+    (needed.ceil() as usize).clamp(1, most)
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -138,7 +168,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn three_sights_give_the_true_pose_among_others(
+        fn three_rays_give_the_true_pose_among_others(
             turn in prop::array::uniform3(-1.0f64..1.0),
             points in prop::array::uniform3(prop::array::uniform3(-1.0f64..1.0)),
         ) {

@@ -1,15 +1,15 @@
-//! The point that several cameras see.
+//! Triangulation of a point that several cameras see.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// A half-line: where it starts and its direction, a unit vector.
+/// A ray: its origin and its direction, a unit vector.
 pub type Sight = (Vector3<f64>, Vector3<f64>);
 
-/// Least sine of the angle of two sights that fix a point.
+/// Least sine of the angle between two rays that determine a point.
 const LEAST_SINE: f64 = 0.01;
 
-/// The point that most sights agree with within `threshold_rad`, with the indices of those; `None` when no two agree at an
-/// angle that fixes a point.
+/// The point with which most sights agree within `threshold_rad`, with their indices; `None` if no two agree at a sufficient
+/// angle.
 ///
 /// Every pair of sights proposes its nearest point; the winner is the least-squares point of all that agree.
 pub fn triangulate(sights: &[Sight], threshold_rad: f64) -> Option<(Vector3<f64>, Vec<usize>)> {
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn parallel_sights_fix_no_point() {
+    fn parallel_sights_determine_no_point() {
         let sights = [
             (Vector3::zeros(), Vector3::x()),
             (Vector3::y() * 0.001, Vector3::x()),

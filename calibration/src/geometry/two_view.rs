@@ -1,27 +1,27 @@
-//! How one camera stands to another, from what both saw of the same moments.
+//! The relative pose of two cameras, from their sights at the same moments.
 
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
 
-use super::consensus::{sample, samples_needed};
 use super::essential::five_point;
+use super::resection::{sample, samples_needed};
 
 /// A pair of sights, first and second camera.
 pub type TwoViews = (Vector3<f64>, Vector3<f64>);
 
-/// The second camera from the first: `x_b = R x_a + t`, with |t| = 1.
+/// The pose of the second camera relative to the first: `x_b = R x_a + t`, with |t| = 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RelativePose {
     /// R.
     pub rotation: UnitQuaternion<f64>,
     /// t.
     pub translation: Vector3<f64>,
-    /// Indices of the pairs that agree and lie before both cameras.
+    /// Indices of the pairs that agree and lie in front of both cameras.
     pub inliers: Vec<usize>,
     /// Mean loss, 0 (all fit exactly) to 1 (none fits).
     pub loss: f64,
-    /// Median angle between the two sights of an agreeing pair, radians: small angles tell little of depth.
+    /// Median angle between the two sights of an agreeing pair, radians: small angles hardly determine depth.
     pub parallax_rad: f64,
 }
 
@@ -39,9 +39,9 @@ pub fn sampson_rad(e: &Matrix3<f64>, (a, b): &TwoViews) -> f64 {
     b.dot(&line_b) / norm.max(1e-15)
 }
 
-/// The relative pose that most pairs agree with, within `threshold_rad`, from at most `most` random samples.
+/// The relative pose with which most pairs agree within `threshold_rad`, from at most `most` random samples.
 ///
-/// `None` for fewer than 8 pairs, or when no sample gave a pose before both cameras.
+/// `None` for fewer than 8 pairs, or if no sample gave a pose with points in front of both cameras.
 pub fn relative_pose(
     pairs: &[TwoViews],
     threshold_rad: f64,
@@ -76,8 +76,8 @@ pub fn relative_pose(
     better.filter(|pose| pose.inliers.len() >= 8)
 }
 
-/// The relative pose nearest to `start` (R, t) that the pairs agree with, within about `threshold_rad`; `None` where fewer
-/// than 8 do.
+/// The relative pose nearest to `start` (R, t) with which the pairs agree within about `threshold_rad`; `None` if fewer than 8
+/// agree.
 pub fn refined_pose(
     start: &(UnitQuaternion<f64>, Vector3<f64>),
     pairs: &[TwoViews],
@@ -87,8 +87,8 @@ pub fn refined_pose(
     finished(pose, pairs, threshold_rad).filter(|pose| pose.inliers.len() >= 8)
 }
 
-/// Mean loss (0 all fit, 1 none) of the best of `samples` random essential matrices: quick, and without a pose. Gives up
-/// after a third of the samples where none has come below `hopeless`.
+/// Mean loss (0: all fit, 1: none) of the best of `samples` random essential matrices; faster than a pose. It stops after a
+/// third of the samples if the loss is still above `hopeless`.
 pub fn least_loss(
     pairs: &[TwoViews],
     threshold_rad: f64,
@@ -116,7 +116,7 @@ pub fn least_loss(
     best / count
 }
 
-/// Summed squared distance over the threshold, at most 1 each; `None` as soon as it is over `limit`.
+/// Summed squared distance relative to the threshold, at most 1 each; `None` as soon as it exceeds `limit`.
 fn summed_loss(
     e: &Matrix3<f64>,
     pairs: &[TwoViews],
@@ -136,11 +136,11 @@ fn summed_loss(
 
 type Pose = (UnitQuaternion<f64>, Vector3<f64>);
 
-/// Which of the four poses of an essential matrix has most of its pairs before both cameras.
+/// The one of the four poses of an essential matrix with most pairs in front of both cameras.
 fn oriented(e: &Matrix3<f64>, pairs: &[TwoViews], threshold_rad: f64) -> Option<Pose> {
     let svd = e.svd(true, true);
     let (mut u, mut v_t) = (svd.u?, svd.v_t?);
-    // nalgebra sorts the singular values, so the last is the zero one; signs make both rotations.
+    // nalgebra sorts the singular values, so the last one is zero; the signs make both matrices rotations.
     if u.determinant() < 0.0 {
         u = -u;
     }
@@ -162,7 +162,7 @@ fn oriented(e: &Matrix3<f64>, pairs: &[TwoViews], threshold_rad: f64) -> Option<
     best.map(|(_, pose)| pose)
 }
 
-/// Pairs within the threshold and before both cameras, with the cosine of their parallax.
+/// Pairs within the threshold and in front of both cameras, with the cosine of their parallax.
 fn agreeing<'a>(
     (r, t): &Pose,
     pairs: &'a [TwoViews],
@@ -198,13 +198,13 @@ fn finished(pose: Pose, pairs: &[TwoViews], threshold_rad: f64) -> Option<Relati
     })
 }
 
-/// Gauss and Newton on Sampson's distances, with Cauchy's weights.
+/// Damped Gauss-Newton steps on Sampson's distances, with Cauchy's weights.
 fn refined(start: &Pose, pairs: &[TwoViews], threshold_rad: f64) -> Pose {
     const STEP: f64 = 1e-6;
     let scale = 0.5 * threshold_rad;
-    let of = |pose: &Pose| pose.1.cross_matrix() * pose.0.to_rotation_matrix().matrix();
+    let essential = |pose: &Pose| pose.1.cross_matrix() * pose.0.to_rotation_matrix().matrix();
     let cost = |pose: &Pose| {
-        let e = of(pose);
+        let e = essential(pose);
         let each = pairs.iter().map(|pair| {
             let d = sampson_rad(&e, pair) / scale;
             libm::log1p(d * d)
@@ -218,9 +218,9 @@ fn refined(start: &Pose, pairs: &[TwoViews], threshold_rad: f64) -> Pose {
         let steps: [Matrix3<f64>; 5] = std::array::from_fn(|k| {
             let mut by = SVector::<f64, 5>::zeros();
             by[k] = STEP;
-            of(&moved(&pose, &by))
+            essential(&moved(&pose, &by))
         });
-        let e = of(&pose);
+        let e = essential(&pose);
         let mut hessian = SMatrix::<f64, 5, 5>::zeros();
         let mut gradient = SVector::<f64, 5>::zeros();
         for pair in pairs {
@@ -254,7 +254,7 @@ fn refined(start: &Pose, pairs: &[TwoViews], threshold_rad: f64) -> Pose {
     pose
 }
 
-/// `pose` turned by the first three numbers, its translation moved on the sphere by the last two.
+/// `pose` rotated by the first three numbers, with its translation moved on the sphere by the last two.
 fn moved((r, t): &Pose, by: &SVector<f64, 5>) -> Pose {
     let aside = if t.x.abs() < 0.7 {
         Vector3::x()
@@ -276,7 +276,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn three_in_ten_wrong_pairs_do_not_matter() {
+    fn a_third_of_wrong_pairs_does_not_change_the_pose() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(0.1, 0.9, -0.2));
         let translation = Vector3::new(-0.8, 0.1, 0.5).normalize();
