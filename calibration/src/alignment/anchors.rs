@@ -1,35 +1,34 @@
-//! What is known of the venue, and the similarity that it asks for.
+//! Known facts about the venue, and the similarity that follows from them.
 
 use std::collections::BTreeSet;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::click::{Click, camera, meeting};
 use super::floor::floor;
 use super::mark_fit::{MarkFit, fit_marks};
-use super::marks::{FoundPlace, MarkFreedom, Marks};
+use super::marks::{Click, FoundPlace, MarkFreedom, Marks, camera, meeting};
 use super::similarity::{Similarity, SimilarityError, mirrored_rms, rms};
 use super::wand::wand_scale;
 use crate::adjustment::CameraState;
 
-/// A mirror image counts as one when it fits this much better, and the proper fit is worse than a share of the extent.
+/// A mirror image is reported if it fits this much better, and the proper fit is worse than a share of the extent.
 const MIRROR_GAIN: f64 = 0.3;
 const MIRROR_SHARE: f64 = 0.01;
 
-/// Least extent of known places across the line that they are nearest to, as a share of that along it (lengths).
+/// Least extent of known places across their best line, relative to the extent along it (lengths).
 const LEAST_SPREAD: f64 = 0.05;
 
-/// Where places were found, and where they are.
+/// Places in the world of the cameras, and in the venue.
 type Places = (Vec<Vector3<f64>>, Vec<Vector3<f64>>);
 
-/// A point of the venue whose place is known, and which cameras saw.
+/// A point of the venue at a known place, with its clicks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KnownPoint {
-    /// What it is called in errors.
+    /// Its name in errors.
     pub name: String,
-    /// Where it is, venue, metres.
+    /// Its place in the venue, metres.
     pub position_m: [f64; 3],
-    /// Where at least two cameras saw it.
+    /// Its clicks in at least two cameras.
     pub clicks: Vec<Click>,
 }
 
@@ -44,23 +43,23 @@ pub struct KnownDistance {
     pub distance_m: f64,
 }
 
-/// What is known of the venue; all of it may be empty.
+/// Known facts about the venue; all lists can be empty.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Anchors {
     /// Places of cameras by name, venue, metres.
     pub centers_m: Vec<(String, [f64; 3])>,
     /// Known points.
     pub points: Vec<KnownPoint>,
-    /// Known distances; the scale where fewer than three places are known.
+    /// Known distances; they give the scale if fewer than three places are known.
     pub distances: Vec<KnownDistance>,
-    /// Points of the floor, each with the clicks of at least two cameras: three say where the floor is and which way is
-    /// up, where fewer than three places are known.
+    /// Points of the floor, each with clicks in at least two cameras. Three points give the height of the floor and the
+    /// direction of up if fewer than three places are known.
     pub floor: Vec<Vec<Click>>,
-    /// What was clicked in pictures; counts beside all of the above.
+    /// Clicks in pictures, in addition to all of the above.
     pub marks: Option<Marks>,
 }
 
-/// What the anchors settled.
+/// The alignment to the venue that follows from the anchors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Alignment {
     /// From the world of the adjustment to the venue.
@@ -69,12 +68,12 @@ pub struct Alignment {
     pub has_scale: bool,
     /// Whether z is up and the floor at zero.
     pub has_floor: bool,
-    /// Root of the mean squared distance of the known places to where they were found, metres; `None` without any.
+    /// Root of the mean squared residual of the known places, metres; `None` without any.
     pub rms_m: Option<f64>,
 }
 
 impl Anchors {
-    /// The cameras that it speaks of; some more than once.
+    /// The cameras that it names; a camera can occur more than once.
     pub fn cameras(&self) -> impl Iterator<Item = &str> {
         let centers = self.centers_m.iter().map(|(name, _)| name);
         let distances = self.distances.iter().flat_map(|it| [&it.first, &it.second]);
@@ -85,7 +84,7 @@ impl Anchors {
         named.map(String::as_str).chain(marks)
     }
 
-    /// What remains of it without the cameras `names`: for those that have no pose.
+    /// The anchors without the cameras `names`, which have no pose.
     #[must_use]
     pub fn without(&self, names: &[&str]) -> Self {
         let has = |name: &String| !names.contains(&name.as_str());
@@ -105,7 +104,7 @@ impl Anchors {
         left
     }
 
-    /// What of it does not count, in words, where only some cameras have a pose; `None` where all of it does.
+    /// A message about the facts that are ignored because their cameras have no pose; `None` if all count.
     pub fn lost(&self, has_pose: impl Fn(&str) -> bool) -> Option<String> {
         let without: BTreeSet<&str> = self.cameras().filter(|name| !has_pose(name)).collect();
         let (whose, why) = match without.len() {
@@ -123,7 +122,7 @@ impl Anchors {
     /// The similarity from the world of `cameras` (by name) to the venue.
     ///
     /// # Errors
-    /// What does not fit, in words: an unknown camera, clicks that do not meet, places on a line, a mirror image.
+    /// A message: an unknown camera, clicks that do not meet, places on a line, a mirror image.
     pub fn align(&self, cameras: &[(String, CameraState)]) -> Result<Alignment, String> {
         if let Some(fitted) = self.fit_marks(cameras)? {
             return Ok(Alignment {
@@ -152,7 +151,7 @@ impl Anchors {
         })
     }
 
-    /// The fit of what was clicked, with the known places beside it; `None` where nothing clicked is known to be anywhere.
+    /// The fit to the clicks and known places; `None` if no clicked mark has a known position.
     ///
     /// # Errors
     /// As [`fit_marks`].
@@ -170,7 +169,7 @@ impl Anchors {
         fit_marks(marks, &places, cameras, MarkFreedom::Similarity).map(Some)
     }
 
-    /// Where the known places were found, and where they are.
+    /// Known places in the world of the cameras and in the venue.
     fn places(&self, cameras: &[(String, CameraState)]) -> Result<Places, String> {
         let mut found = Vec::new();
         let mut known = Vec::new();
@@ -185,8 +184,8 @@ impl Anchors {
         Ok((found, known))
     }
 
-    /// The known place without which the others fit best, and the root of their mean squared distance then, metres; `None`
-    /// of fewer than four, which leave nothing to compare.
+    /// The known place without which the others fit best, and their root of the mean squared residual then, metres.
+    /// `None` for fewer than four places, whose residuals say nothing.
     pub fn odd_place(&self, cameras: &[(String, CameraState)]) -> Option<(String, f64)> {
         let (found, known) = self.places(cameras).ok()?;
         if known.len() < 4 {
@@ -230,7 +229,7 @@ impl Anchors {
         Ok(Some(wand_scale(&lengths)?.scale))
     }
 
-    /// Turns and lifts so that the floor is z = 0 and the cameras are above it.
+    /// The rotation and shift after which the floor is z = 0 and the cameras are above it.
     fn level(&self, cameras: &[(String, CameraState)]) -> Result<Option<Similarity>, String> {
         let clicked = self.marks.iter().flat_map(|marks| &marks.floor);
         let clicked = clicked.map(|point| (point.name.clone(), &point.clicks));
@@ -248,7 +247,7 @@ impl Anchors {
     }
 }
 
-/// Error where places lie so nearly on one line that a turn about it stays open.
+/// Refuses places that are so nearly on one line that a rotation about it is undetermined.
 fn check_spread(places: &[Vector3<f64>], whose: &str) -> Result<(), String> {
     let middle = places.iter().fold(Vector3::zeros(), |s, p| s + p) / places.len() as f64;
     let spread = places.iter().fold(Matrix3::zeros(), |s, p| {
@@ -260,20 +259,20 @@ fn check_spread(places: &[Vector3<f64>], whose: &str) -> Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "{whose} lie nearly on one line: across it they extend {:.1} % of what they do along it, expected at least {:.0} %; \
-         which way is up would stay open. Give a place that is off the line",
+        "{whose} lie nearly on one line: their extent across it is {:.1} % of that along it, expected at least {:.0} %; \
+         the direction of up would be undetermined. Add a place that is off the line",
         100.0 * lengths[1] / lengths[2].max(f64::MIN_POSITIVE),
         100.0 * LEAST_SPREAD
     ))
 }
 
 fn onto(found: &[Vector3<f64>], known: &[Vector3<f64>]) -> Result<Alignment, String> {
-    let say = |error: SimilarityError| format!("known places: {error}");
+    let message = |error: SimilarityError| format!("known places: {error}");
     check_spread(known, "the known places")?;
-    check_spread(found, "the known places, as they were found,")?;
-    let venue_from_found = Similarity::between(found, known).map_err(say)?;
+    check_spread(found, "the known places, as the cameras see them,")?;
+    let venue_from_found = Similarity::between(found, known).map_err(message)?;
     let left_m = rms(&venue_from_found, found, known);
-    let mirrored_m = mirrored_rms(found, known).map_err(say)?;
+    let mirrored_m = mirrored_rms(found, known).map_err(message)?;
     let middle = known.iter().fold(Vector3::zeros(), |s, p| s + p) / known.len() as f64;
     let extent = known
         .iter()
@@ -281,7 +280,7 @@ fn onto(found: &[Vector3<f64>], known: &[Vector3<f64>]) -> Result<Alignment, Str
         .fold(0.0, f64::max);
     if mirrored_m < MIRROR_GAIN * left_m && left_m > MIRROR_SHARE * extent {
         return Err(format!(
-            "the known places fit a mirror image of the cameras ({mirrored_m:.3} m) and not the cameras ({left_m:.3} m): \
+            "the known places fit a mirror image of the cameras ({mirrored_m:.3} m), but not the cameras ({left_m:.3} m): \
              two axes of the known places are exchanged or one points the wrong way, or the videos are mirrored"
         ));
     }
@@ -292,22 +291,21 @@ fn onto(found: &[Vector3<f64>], known: &[Vector3<f64>]) -> Result<Alignment, Str
         rms_m: Some(left_m),
     })
 }
-/// What is known of cameras without a pose, in words, and does not count: whoever gave it must not hear that nothing is
-/// known.
+/// A message about ignored facts of cameras without a pose, for errors that report missing facts.
 pub(crate) struct Lost(pub(crate) Option<String>);
 
 impl Lost {
-    /// `what` is missing, and why though something was given.
-    pub(crate) fn found(&self, what: &str) -> String {
+    /// Describes the missing fact `what`, and the ignored facts if there are any.
+    pub(crate) fn missing(&self, what: &str) -> String {
         let lost = self.0.as_ref();
         lost.map_or_else(|| what.to_owned(), |lost| format!("{what}; {lost}"))
     }
 
-    /// What to do: `otherwise`, where nothing was lost.
+    /// The remedy; `otherwise` if no facts were ignored.
     pub(crate) fn remedy(&self, otherwise: &str) -> String {
         if self.0.is_none() {
             return otherwise.to_owned();
         }
-        format!("do first what is said of the camera without a pose, or {otherwise}")
+        format!("first fix the camera without a pose, or {otherwise}")
     }
 }

@@ -1,7 +1,7 @@
-//! The file of what was clicked, while it is being clicked: read, changed and written again, whole or not.
+//! The file of clicked marks while it is being clicked: read, changed and written again, complete or not.
 //!
-//! What [`Marks::parse`] takes must be whole: a point of the floor that one camera has is refused. Here it may be on its way. The
-//! text that is written is what is read by both.
+//! [`Marks::parse`] refuses an incomplete file, such as a point of the floor that only one camera has. [`ClickedFile`] accepts
+//! it. Both read the same text.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -14,25 +14,26 @@ use serde::{Deserialize, Serialize};
 use super::mark_file::{Clicked, LengthBetween, Reader};
 use super::marks::{KnownMark, Marks};
 
-/// Longest name of a place or point, bytes, and of a file with this many names nobody will think.
+/// Longest name of a place or point, bytes.
 const LONGEST_NAME: usize = 64;
+/// Most names in a file.
 const MOST_NAMES: usize = 1000;
 
-/// What was clicked so far. As JSON it is what a page and the command say to each other.
+/// All clicks so far. As JSON, the page and the command exchange it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ClickedFile {
-    /// Whose marks and lines may be clicked by name.
+    /// The court whose marks and lines can be clicked by name.
     pub court: Option<String>,
-    /// Length and width of the court where they are not the usual ones, metres.
+    /// Length and width of the court if they differ from the usual ones, metres.
     pub size_m: Option<[f64; 2]>,
-    /// How well is clicked, pixels, where the file says it.
+    /// Standard deviation of a click, pixels, if the file has it.
     pub click_sigma_px: Option<f64>,
-    /// How well places are known, metres, where the file says it.
+    /// Standard deviation of a place, metres, if the file has it.
     pub place_sigma_m: Option<f64>,
     /// Names of points on the floor.
     pub floor: Vec<String>,
-    /// Places that are known, metres.
+    /// Known places, metres.
     pub places: BTreeMap<String, [f64; 3]>,
     /// Lengths between clicked points.
     pub lengths: Vec<LengthBetween>,
@@ -40,34 +41,34 @@ pub struct ClickedFile {
     pub camera: BTreeMap<String, BTreeMap<String, Vec<[f64; 2]>>>,
 }
 
-/// All that was clicked, as a page says it, and of what it is a change.
+/// All clicks as the page sends them, and the revision that they change.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClickedChange {
-    /// Of which revision it is a change.
+    /// The revision that this changes.
     pub revision: u64,
-    /// What is clicked now.
+    /// The clicks after the change.
     pub clicked: ClickedFile,
 }
 
 impl ClickedChange {
-    /// Reads the JSON of a page. What is clicked is not checked yet: [`ClickedFile::checked`].
+    /// Reads the JSON of a page. [`ClickedFile::checked`] checks the clicks.
     ///
     /// # Errors
-    /// In words, where it is none.
+    /// A message if it is invalid.
     pub fn parse(json: &[u8]) -> Result<Self, String> {
         let read = serde_json::from_slice(json);
-        read.map_err(|error| format!("what was clicked cannot be read: {error}"))
+        read.map_err(|error| format!("the clicked marks cannot be read: {error}"))
     }
 }
 
 impl ClickedFile {
-    /// Reads the text of a file; `path` is only named in errors. An empty text is a file in which nothing is clicked yet.
+    /// Reads the text of a file; `path` is only for errors. An empty text is a file without clicks.
     ///
     /// # Errors
-    /// [`FileError`] as of [`Marks::parse`], but for points that too few cameras saw, and names that nobody can read.
+    /// [`FileError`] as in [`Marks::parse`], except for points in too few cameras; also for unreadable names.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
-        let reader = Reader::of(text, path)?;
+        let reader = Reader::new(text, path)?;
         reader.click_sigma_px()?;
         reader.place_sigma_m()?;
         let raw = reader.raw;
@@ -86,10 +87,10 @@ impl ClickedFile {
         Ok(read)
     }
 
-    /// Whether a file can hold this name of a place, point or camera.
+    /// Checks a name of a place, point or camera.
     ///
     /// # Errors
-    /// In words, where it is empty, too long or cannot be read.
+    /// A message if it is empty, too long or not printable.
     pub fn check_name(name: &str) -> Result<(), String> {
         let is_name = !name.trim().is_empty() && !name.chars().any(char::is_control);
         if is_name && name.len() <= LONGEST_NAME {
@@ -97,11 +98,11 @@ impl ClickedFile {
         }
         let shown: String = name.chars().take(LONGEST_NAME).collect();
         Err(format!(
-            "found the name {shown:?}, expected 1 to {LONGEST_NAME} characters that can be read"
+            "found the name {shown:?}, expected 1 to {LONGEST_NAME} printable characters"
         ))
     }
 
-    /// Names that were given and not taken from a court: what stands in a file and on a page, cameras' too.
+    /// Checks all names that do not come from a court, including names of cameras.
     fn check_given_names(&self) -> Result<(), String> {
         let ends = self.lengths.iter().flat_map(|it| &it.between);
         let given = self.floor.iter().chain(self.places.keys()).chain(ends);
@@ -119,10 +120,10 @@ impl ClickedFile {
         Ok(())
     }
 
-    /// The text of the file. Pixels are rounded to hundredths, which no eye can click.
+    /// The text of the file. Pixels are rounded to hundredths: no click is more accurate.
     pub fn text(&self) -> String {
-        let mut text = "# Clicked with `farfield calibrate marks`; docs/calibration.md says what it may hold.\n".to_owned();
-        // Writing to a string does not fail.
+        let mut text = "# Clicked with `farfield calibrate marks`; docs/calibration.md describes the fields.\n".to_owned();
+        // Writing to a string cannot fail.
         if let Some(court) = &self.court {
             writeln!(text, "court = {}", quoted(court)).ok();
         }
@@ -163,16 +164,16 @@ impl ClickedFile {
         text
     }
 
-    /// What was said so far, checked: the same after it was written and read. `path` is only named in errors.
+    /// This file, checked and rounded as if written and read. `path` is only for errors.
     ///
     /// # Errors
-    /// In words, with the field, where [`Self::parse`] would not take it.
+    /// A message with the field if [`Self::parse`] would refuse it.
     pub fn checked(&self, path: &Path) -> Result<Self, String> {
-        Self::parse(&self.text(), path).map_err(said_of_no_text)
+        Self::parse(&self.text(), path).map_err(message_without_line)
     }
 
-    /// This in the place of `before`, where the pictures of some cameras alone were shown: what was clicked in the others stays as
-    /// it was, and so do the names that were clicked there.
+    /// Replaces `before`, of which only some cameras were shown. Clicks in the other cameras are kept, and the names that they
+    /// use.
     #[must_use]
     pub fn in_place_of(&self, before: &Self, is_shown: impl Fn(&str) -> bool) -> Self {
         let mut merged = self.clone();
@@ -189,7 +190,7 @@ impl ClickedFile {
         merged
     }
 
-    /// Whether a place, a point of the floor or the end of a length is given by this name.
+    /// Whether this file defines a place, a point of the floor or the end of a length of this name.
     fn gives(&self, name: &str) -> bool {
         let mut ends = self.lengths.iter().flat_map(|it| &it.between);
         self.places.contains_key(name)
@@ -197,7 +198,7 @@ impl ClickedFile {
             || ends.any(|end| end == name)
     }
 
-    /// Takes over all that `other` gives by `name`.
+    /// Copies all that `other` defines under `name`.
     fn take_name(&mut self, name: &str, other: &Self) {
         if let Some(at_m) = other.places.get(name) {
             self.places.insert(name.to_owned(), *at_m);
@@ -216,22 +217,22 @@ impl ClickedFile {
         }
     }
 
-    /// Why `--marks` would refuse it as it is; `None` where it would not.
+    /// The error with which `--marks` would refuse the file; `None` if it would not.
     pub fn problem(&self, path: &Path) -> Option<String> {
         let read = Marks::parse(&self.text(), path);
-        read.err().map(said_of_no_text)
+        read.err().map(message_without_line)
     }
 
-    /// The court that it names.
+    /// The court of the file.
     ///
     /// # Errors
-    /// In words: an unknown name, or a size that its rules do not allow.
+    /// A message: an unknown name, or a size that its rules do not allow.
     pub fn court(&self) -> Result<Option<Court>, String> {
         let court = self.court.as_deref();
         court.map(|name| Court::of(name, self.size_m)).transpose()
     }
 
-    /// What one camera saw of what is known: marks, lines and places. `path` is only named in errors.
+    /// The clicks of one camera at known marks, lines and places. `path` is only for errors.
     ///
     /// # Errors
     /// As [`Self::checked`].
@@ -239,7 +240,7 @@ impl ClickedFile {
         let mut alone = self.clone();
         alone.camera.retain(|name, _| name == camera);
         let text = alone.text();
-        let reader = Reader::of(&text, path).map_err(said_of_no_text)?;
+        let reader = Reader::new(&text, path).map_err(message_without_line)?;
         let clicked = reader.clicked.get(camera).into_iter().flatten();
         let known = clicked.filter_map(|(name, pixels)| {
             let own = pixels.iter().map(|px| (camera.to_owned(), *px));
@@ -253,15 +254,15 @@ impl ClickedFile {
             known: known.collect(),
             floor: Vec::new(),
             lengths: Vec::new(),
-            click_sigma_px: reader.click_sigma_px().map_err(said_of_no_text)?,
-            place_sigma_m: reader.place_sigma_m().map_err(said_of_no_text)?,
+            click_sigma_px: reader.click_sigma_px().map_err(message_without_line)?,
+            place_sigma_m: reader.place_sigma_m().map_err(message_without_line)?,
             court: reader.court,
         })
     }
 }
 
-/// An error in a text that is in no file yet: no line of the file is meant.
-fn said_of_no_text(error: FileError) -> String {
+/// The message of an error in a text that is not a file yet, so that its line has no meaning.
+fn message_without_line(error: FileError) -> String {
     FileError {
         line: None,
         ..error
@@ -291,7 +292,7 @@ fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }
 
-/// A name as a key: quoted where it has to be.
+/// A name as a TOML key, quoted if necessary.
 fn key(name: &str) -> String {
     let is_bare = !name.is_empty()
         && name
@@ -300,7 +301,7 @@ fn key(name: &str) -> String {
     if is_bare {
         name.to_owned()
     } else {
-        // A basic string: of the other kinds some are no keys.
+        // A basic string: not all other strings are valid keys.
         serde_json::to_string(name).unwrap_or_else(|_| quoted(name))
     }
 }
@@ -321,13 +322,13 @@ mod tests {
         [camera.north]\ncorner_north_west = [512.5, 388.25]\ntouchline_north = [[400.0, 361.0], [900.0, 352.5]]\nscratch = [8.0, 6.0]\n";
 
     #[test]
-    fn what_is_half_clicked_is_read_and_what_it_lacks_is_said() {
+    fn an_incomplete_file_is_read_and_its_problem_is_reported() {
         let begun = read(BEGUN).unwrap();
         assert_eq!(begun.camera["north"]["touchline_north"].len(), 2);
-        let told = begun.problem(Path::new("clicked.toml")).unwrap();
+        let message = begun.problem(Path::new("clicked.toml")).unwrap();
         assert!(
-            told.contains("`floor[0]`: found `scratch` clicked in 1 cameras"),
-            "{told}"
+            message.contains("`floor[0]`: found `scratch` clicked in 1 cameras"),
+            "{message}"
         );
         assert_eq!(read("").unwrap(), ClickedFile::default());
         assert!(
@@ -338,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_whole_is_what_marks_takes() {
+    fn a_complete_file_is_valid_for_marks() {
         let text = "court = \"futsal\"\n[camera.\"cam 1\"]\ncorner_north_west = [512.5, 388.0]\n";
         let whole = read(text).unwrap();
         assert_eq!(whole.problem(Path::new("clicked.toml")), None);
@@ -357,15 +358,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_of_the_file_that_is_meant_and_of_none_of_its_lines() {
+    fn errors_name_the_file_and_field_but_no_line() {
         let file = ClickedFile {
             court: Some("fustal".to_owned()),
             ..ClickedFile::default()
         };
         let path = Path::new("hall/marks.toml");
-        let told = file.checked(path).unwrap_err();
-        assert!(told.starts_with("hall/marks.toml: `court`"), "{told}");
-        assert_eq!(file.marks_of("north", path).unwrap_err(), told);
+        let message = file.checked(path).unwrap_err();
+        assert!(message.starts_with("hall/marks.toml: `court`"), "{message}");
+        assert_eq!(file.marks_of("north", path).unwrap_err(), message);
     }
 
     #[test]
@@ -375,7 +376,7 @@ mod tests {
         ));
         let before = before.unwrap();
         let is_shown = |name: &str| name == "north";
-        // As it was before anybody gave a name or clicked in the south.
+        // The state before a name was given or the south was clicked.
         let older = read("court = \"futsal\"\n[camera.north]\ncorner_north_west = [1, 2]\n");
         let mut older = older.unwrap();
         let clicked = older.camera["north"].clone();
@@ -389,35 +390,41 @@ mod tests {
             (&before.places, &before.floor, &before.lengths)
         );
         assert_eq!(merged.checked(Path::new("clicked.toml")), Ok(merged));
-        // Where all are shown, all is as it is said.
+        // If all cameras are shown, the file is replaced as a whole.
         assert_eq!(older.in_place_of(&before, |_| true), older);
     }
 
     #[test]
-    fn names_that_nobody_can_read_are_refused() {
+    fn unreadable_names_are_refused() {
         for name in ["", "  ", "a\u{7}b", &"x".repeat(65)] {
             let file = ClickedFile {
                 floor: vec![name.to_owned()],
                 ..ClickedFile::default()
             };
-            let told = file.checked(Path::new("clicked.toml")).unwrap_err();
-            assert!(told.contains("characters that can be read"), "{told}");
+            let message = file.checked(Path::new("clicked.toml")).unwrap_err();
+            assert!(message.contains("printable characters"), "{message}");
         }
     }
 
     #[test]
-    fn a_name_that_is_none_of_the_court_is_refused_with_its_field() {
+    fn an_unknown_mark_of_the_court_is_refused_with_its_field() {
         let mut file = read(BEGUN).unwrap();
         let north = file.camera.get_mut("north").unwrap();
         north.insert("corner_nort_west".to_owned(), vec![[1.0, 2.0]]);
-        let told = file.checked(Path::new("clicked.toml")).unwrap_err();
-        assert!(told.contains("camera.north.corner_nort_west"), "{told}");
-        assert!(told.contains("did you mean `corner_north_west`?"), "{told}");
+        let message = file.checked(Path::new("clicked.toml")).unwrap_err();
+        assert!(
+            message.contains("camera.north.corner_nort_west"),
+            "{message}"
+        );
+        assert!(
+            message.contains("did you mean `corner_north_west`?"),
+            "{message}"
+        );
     }
 
     proptest! {
         #[test]
-        fn what_is_written_is_read_again(
+        fn a_written_file_is_read_again(
             names in prop::collection::btree_set("[ -~äß☃]{1,12}", 0..6),
             camera in "[ -~ß]{0,8}[!-~ß]",
             at in prop::array::uniform2(-1e5f64..1e5),

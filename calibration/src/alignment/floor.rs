@@ -1,4 +1,4 @@
-//! The floor from points that lie on it: clicked ones, or where a ball rolled.
+//! The floor from points on it: clicked points, or the path of a rolling ball.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -7,30 +7,29 @@ use super::similarity::Similarity;
 /// A floor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Floor {
-    /// Turns up to z, and lifts the floor to z = 0 with the middle of its points at the origin. It keeps lengths.
+    /// Rotates up to z, and moves the floor to z = 0 with the middle of its points at the origin. It keeps lengths.
     pub level: Similarity,
-    /// Root of the mean squared distance of the points that fit to it, in the units of the points.
+    /// Root of the mean squared distance of the inliers to the floor, in the units of the points.
     pub rms: f64,
-    /// Indices of points that do not lie on it.
+    /// Indices of points that are not on it.
     pub outliers: Vec<usize>,
 }
 
-/// Distance of a point that lies on the floor, as a share of the extent of all: bumps, and a ball that hops.
+/// Largest distance of an inlier, relative to the extent of all points: bumps, and a ball that hops.
 const NEAR_SHARE: f64 = 0.01;
 /// Most triples of points that propose a floor.
 const MOST_TRIPLES: usize = 2000;
-/// Share of the points that must lie on it.
+/// Least share of inliers.
 const LEAST_SHARE: f64 = 0.5;
-/// Least extent of the points across the line that they are nearest to, as a share of that along it (squares).
+/// Least extent of the points across their best line, relative to the extent along it (squares).
 const LEAST_SPREAD: f64 = 1e-6;
 
-/// The plane that most of `points` lie on, with the pinholes `centers` above it.
+/// The plane of most `points`, with the pinholes `centers` above it.
 ///
-/// Of three points, and of any that all fit, it is the plane of least squares. Of a path, points that hopped off the floor are
-/// left out.
+/// If all points fit, it is their plane of least squares. Points that are off the floor, such as hops of a ball, are left out.
 ///
 /// # Errors
-/// In words: fewer than three points, points on one line, no plane that half of them lie on, cameras on both sides.
+/// A message: fewer than three points, points on one line, no plane with half of the points, cameras on both sides.
 pub fn floor(points: &[Vector3<f64>], centers: &[Vector3<f64>]) -> Result<Floor, String> {
     if points.len() < 3 {
         return Err(format!(
@@ -125,11 +124,11 @@ fn plane(points: &[Vector3<f64>]) -> Result<(Vector3<f64>, Vector3<f64>, f64), S
     Ok((middle, up, rms))
 }
 
-/// Planes through triples of the points, spread evenly over all triples.
+/// Planes through triples of the points, evenly distributed over all triples.
 fn proposed(points: &[Vector3<f64>]) -> impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + '_ {
     let n = points.len();
     (0..MOST_TRIPLES).filter_map(move |index| {
-        // Steps that share no factor with most counts visit the points in ever new company.
+        // Steps that share no factor with most counts combine different points in each round.
         let at =
             |step: usize, from: usize| points.get((index * step + from + index / n.max(1)) % n);
         let (a, b, c) = (at(1, 0)?, at(3, n / 3)?, at(7, 2 * n / 3)?);
@@ -146,7 +145,7 @@ mod tests {
         UnitQuaternion::from_scaled_axis(Vector3::new(0.4, -1.2, 0.3))
     }
 
-    /// A ball that rolled, in a turned world, with its hops.
+    /// The path of a rolling ball with `hops`, in a rotated world.
     fn path(hops: usize) -> Vec<Vector3<f64>> {
         let points = (0..60).map(|i| {
             let t = 0.1 * i as f64;
@@ -161,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_on_the_ground_gives_up_and_leaves_out_hops() {
+    fn a_path_on_the_ground_determines_up_without_its_hops() {
         let centers =
             [Vector3::new(5.0, 0.0, 2.5), Vector3::new(-5.0, 3.0, 3.0)].map(|c| tilted() * c);
         let found = floor(&path(18), &centers).unwrap();
@@ -177,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_floor_is_refused() {
+    fn points_without_a_floor_are_refused() {
         let centers = [Vector3::new(0.0, 0.0, 2.0), Vector3::new(1.0, 0.0, -2.0)];
         let line: Vec<_> = (0..5)
             .map(|i| Vector3::new(f64::from(i), 0.0, 0.0))

@@ -1,22 +1,22 @@
-//! The file of what was clicked in pictures.
+//! The file of marks that were clicked in pictures.
 //!
 //! ```toml
 //! court = "futsal"                 # marks and lines by name; `farfield_proto::court::Court`
-//! size_m = [38.0, 20.0]            # of the court, where it is not the usual one
-//! click_sigma_px = 1.0             # how well is clicked, and how well places are known; these are the defaults
+//! size_m = [38.0, 20.0]            # of the court, if it is not the usual one
+//! click_sigma_px = 1.0             # standard deviations of clicks and places; these are the defaults
 //! place_sigma_m = 0.005
-//! floor = ["scratch", "tape"]      # on the floor, wherever that is
+//! floor = ["scratch", "tape"]      # unknown points on the floor
 //!
-//! [places]                         # other places that are known, metres
+//! [places]                         # other known places, metres
 //! door_post = [3.1, -10.2, 0.0]
 //!
 //! [[lengths]]                      # a wand, or a distance along the floor
 //! between = ["wand_red_1", "wand_blue_1"]
 //! length_m = 1.0
 //!
-//! [camera.north]                   # pixels as the lens drew them; (0, 0) is the centre of the first
+//! [camera.north]                   # distorted pixels; (0, 0) is the centre of the first
 //! corner_north_west = [512.5, 388.0]
-//! touchline_north = [[400.0, 361.0], [900.0, 352.5]]   # a line: anywhere on it, as often as one likes
+//! touchline_north = [[400.0, 361.0], [900.0, 352.5]]   # a line: any number of points on it
 //! scratch = [801.0, 640.0]
 //! ```
 
@@ -27,19 +27,21 @@ use farfield_proto::court::Court;
 use farfield_proto::toml_file::{FileError, Place, TomlFile, unknown_name};
 use serde::{Deserialize, Serialize};
 
-use super::click::Click;
-use super::marks::{ClickedLength, ClickedPoint, Known, KnownMark, Marks};
+use super::marks::{Click, ClickedLength, ClickedPoint, Known, KnownMark, Marks};
 
-/// Most clicks of a file.
+/// Most clicks in a file.
 const MOST_CLICKS: usize = 10_000;
-/// Largest pixel, and farthest place.
+/// Largest coordinate, pixels.
 const LARGEST_PX: f64 = 1e6;
+/// Largest coordinate of a place, metres.
 const FARTHEST_M: f64 = 1e4;
-/// What is believed where the file does not say.
+/// Default standard deviation of a click.
 const CLICK_SIGMA_PX: f64 = 1.0;
+/// Default standard deviation of a place.
 const PLACE_SIGMA_M: f64 = 0.005;
-/// Standard deviations that can be meant.
+/// Allowed standard deviations of a click.
 const CLICK_SIGMAS_PX: [f64; 2] = [0.01, 50.0];
+/// Allowed standard deviations of a place.
 const PLACE_SIGMAS_M: [f64; 2] = [1e-5, 1.0];
 
 #[derive(Deserialize)]
@@ -59,28 +61,28 @@ pub(super) struct Raw {
     camera: BTreeMap<String, BTreeMap<String, toml::Value>>,
 }
 
-/// A length between two points that are clicked.
+/// A known length between two clicked points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LengthBetween {
-    /// Their names.
+    /// The names of the points.
     pub between: [String; 2],
     /// Metres.
     pub length_m: f64,
 }
 
-/// What was clicked in one camera: pixels by the name of the mark, one of a point, several of a line.
+/// Clicks of one camera: pixels by the name of the mark, one of a point, several of a line.
 pub(super) type Clicked = BTreeMap<String, Vec<[f64; 2]>>;
 
 impl Marks {
-    /// Reads the text of a file of marks; `path` is only named in errors.
+    /// Reads the text of a file of marks; `path` is only for errors.
     ///
     /// # Errors
-    /// [`FileError`] with line and field: not TOML, an unknown court, a name that is neither a mark nor a line nor given in the
-    /// file, a name that is two things, pixels or metres that are none, a point of floor or length that fewer than two
-    /// cameras saw, nothing at all.
+    /// [`FileError`] with line and field: not TOML, an unknown court, a name that is neither a mark nor a line nor defined in
+    /// the file, a name with two meanings, invalid pixels or metres, a point of floor or length that fewer than two cameras
+    /// saw, no clicks at all.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
-        Reader::of(text, path)?.marks()
+        Reader::new(text, path)?.marks()
     }
 }
 
@@ -102,7 +104,7 @@ fn court(file: &TomlFile<'_>, raw: &Raw) -> Result<Option<Court>, FileError> {
         .map_err(|problem| file.error(&Place::field("size_m"), problem))
 }
 
-/// A file while it is read.
+/// A file of marks that may be incomplete.
 pub(super) struct Reader<'a> {
     file: TomlFile<'a>,
     pub(super) raw: Raw,
@@ -112,11 +114,11 @@ pub(super) struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Reads all but what has to be clicked in several cameras.
+    /// Reads a file without checking that points have clicks in several cameras.
     ///
     /// # Errors
-    /// As [`Marks::parse`], but for points that too few cameras saw.
-    pub(super) fn of(text: &'a str, path: &'a Path) -> Result<Self, FileError> {
+    /// As [`Marks::parse`], except for points in too few cameras.
+    pub(super) fn new(text: &'a str, path: &'a Path) -> Result<Self, FileError> {
         let file = TomlFile::parse(text, path)?;
         let raw: Raw = file.read()?;
         let mut reader = Self {
@@ -133,8 +135,8 @@ impl<'a> Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// What the court knows of a name.
-    fn of_court(&self, name: &str) -> Option<Known> {
+    /// The position of a name of the court.
+    fn known_in_court(&self, name: &str) -> Option<Known> {
         let court = self.court.as_ref()?;
         let mark = court.mark(name).map(|mark| Known::Place(mark.position_m));
         mark.or_else(|| court.line(name).map(|line| Known::OnLine(line.shape)))
@@ -142,17 +144,17 @@ impl Reader<'_> {
 
     pub(super) fn known(&self, name: &str) -> Option<Known> {
         let place = self.raw.places.get(name).map(|at_m| Known::Place(*at_m));
-        place.or_else(|| self.of_court(name))
+        place.or_else(|| self.known_in_court(name))
     }
 
-    /// Names that are given twice, or clicked without meaning anything.
+    /// Refuses names that are defined twice, and clicked names that are not defined.
     fn check_names(&self) -> Result<(), FileError> {
         let floor = self.raw.floor.iter().enumerate();
         let floor = floor.map(|(i, name)| (name, Place::field("floor").index(i)));
         let places = self.raw.places.keys();
         let places = places.map(|name| (name, Place::field("places").key(name)));
         for (name, place) in places.chain(floor) {
-            if self.of_court(name).is_some() {
+            if self.known_in_court(name).is_some() {
                 let problem = format!("found `{name}`, which the court has, expected another name");
                 return Err(self.file.error(&place, problem));
             }
@@ -184,7 +186,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// All names that may be clicked.
+    /// All names that can be clicked.
     fn names<'b>(&'b self, given: &[&'b str]) -> Vec<&'b str> {
         let court = self.court.iter();
         let marks = court
@@ -236,8 +238,12 @@ impl Reader<'_> {
             })
         });
         let known: Vec<KnownMark> = known.collect();
-        // One that is only named says nothing of where it is.
-        let is_clicked = |_: &&Court| known.iter().any(|it| self.of_court(&it.name).is_some());
+        // A court that is only named does not locate anything.
+        let is_clicked = |_: &&Court| {
+            known
+                .iter()
+                .any(|it| self.known_in_court(&it.name).is_some())
+        };
         let marks = Marks {
             court: self.court.as_ref().filter(is_clicked).cloned(),
             known,
@@ -301,7 +307,7 @@ impl Reader<'_> {
         let own = clicks.get(name).cloned().unwrap_or_default();
         if own.len() < 2 || matches!(self.known(name), Some(Known::OnLine(_))) {
             let problem = format!(
-                "found `{name}` clicked in {} cameras, expected a point that two or more see",
+                "found `{name}` clicked in {} cameras, expected a point clicked in two or more",
                 own.len()
             );
             return Err(self.file.error(place, problem));
@@ -345,13 +351,11 @@ impl Reader<'_> {
         })
     }
 
-    /// How well is clicked, pixels.
     pub(super) fn click_sigma_px(&self) -> Result<f64, FileError> {
         let given = self.raw.click_sigma_px;
         self.sigma("click_sigma_px", given, CLICK_SIGMA_PX, CLICK_SIGMAS_PX)
     }
 
-    /// How well places are known, metres.
     pub(super) fn place_sigma_m(&self) -> Result<f64, FileError> {
         let given = self.raw.place_sigma_m;
         self.sigma("place_sigma_m", given, PLACE_SIGMA_M, PLACE_SIGMAS_M)
@@ -361,10 +365,10 @@ impl Reader<'_> {
         &self,
         field: &str,
         given: Option<f64>,
-        usual: f64,
+        default: f64,
         [least, most]: [f64; 2],
     ) -> Result<f64, FileError> {
-        let sigma = given.unwrap_or(usual);
+        let sigma = given.unwrap_or(default);
         if (least..=most).contains(&sigma) {
             return Ok(sigma);
         }
@@ -419,7 +423,7 @@ door_post = [7, 7]
     }
 
     #[test]
-    fn what_is_wrong_is_said_with_line_and_field() {
+    fn errors_have_line_and_field() {
         for (from, to, expected) in [
             (
                 "futsal",
@@ -472,9 +476,9 @@ door_post = [7, 7]
             let error = read(&SOUND.replacen(from, to, 1)).unwrap_err();
             assert!(error.contains(expected), "{error}");
         }
-        let unseen = SOUND.replacen("[\"scratch\"]", "[\"scratch\", \"dent\"]", 1);
+        let unclicked = SOUND.replacen("[\"scratch\"]", "[\"scratch\", \"dent\"]", 1);
         assert!(
-            read(&unseen)
+            read(&unclicked)
                 .unwrap_err()
                 .contains("`floor[1]`: found `dent` clicked in 0 cameras")
         );
@@ -485,8 +489,8 @@ door_post = [7, 7]
 
     proptest! {
         #[test]
-        fn no_text_makes_it_panic(text in "[a-z_\\[\\]=,.\"0-9 \n-]{0,200}") {
-            // Either is fine.
+        fn no_text_causes_a_panic(text in "[a-z_\\[\\]=,.\"0-9 \n-]{0,200}") {
+            // Both results are allowed.
             prop_assert!(read(&text).is_ok() || read(&text).is_err());
         }
     }

@@ -1,8 +1,8 @@
-//! The similarity that lays cameras on what was clicked in their pictures: least squares of the clicks, with what is left of each.
+//! The similarity that aligns cameras with the clicks in their pictures: least squares, with the residual of each click.
 //!
-//! Residuals are in the pictures, not in the venue: a click far from its camera is worth as little as it is, one camera is enough
-//! for a mark, and a line says nothing along itself. Places of cameras, points of the floor and known lengths count beside them,
-//! each over its standard deviation. Cauchy's loss keeps wrong clicks from pulling; they are named.
+//! Residuals are in pixels, not in the venue. So a click far from its camera has its true weight, one camera is enough for a
+//! mark, and a line does not constrain the direction along itself. Places of cameras, points of the floor and known lengths are
+//! added, each over its standard deviation. Cauchy's loss limits the effect of wrong clicks; these are reported as outliers.
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -12,58 +12,58 @@ use super::sight::{Seen, Sights, across_m};
 use super::similarity::Similarity;
 use crate::adjustment::CameraState;
 
-/// Rotation (3, rad), logarithm of the scale, shift (3, m), about the middle of what is known.
+/// Rotation (3, rad), logarithm of the scale, shift (3, m), about the middle of the known positions.
 const UNKNOWNS: usize = 7;
-/// Tuning of Cauchy's loss: 95 % efficient where all is well.
+/// Tuning constant of Cauchy's loss: 95 % efficient for normal errors.
 const CAUCHY: f64 = 2.385;
-/// Standard deviations beyond which something is an outlier, where the rest is as noisy as it was said to be.
+/// Residuals beyond this are outliers, standard deviations.
 const OUTLIER_SIGMAS: f64 = 4.0;
-/// Steps of the fit, and the step at which it ends (radians, shares, metres).
+/// Most steps of the fit.
 const STEPS: usize = 100;
+/// The fit ends at a smaller step (radians, shares, metres).
 const LAST_STEP: f64 = 1e-10;
-/// Steps of the derivative.
+/// Step of the numerical derivative.
 const BY: f64 = 1e-6;
-/// A residual of what cannot be drawn at all, standard deviations.
+/// Residual of a point that cannot be projected, standard deviations.
 const NOT_DRAWN: f64 = 1e3;
-/// Least eigenvalue over the greatest, of the scaled normal matrix, of what is determined.
+/// Least ratio of the smallest to the largest eigenvalue of the scaled normal matrix of a determined fit.
 const LEAST_EIGENVALUE: f64 = 1e-10;
 
-/// What is left of one click, place, point or length.
+/// The residual of one click, place, point or length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MarkResidual {
     /// Its name.
     pub name: String,
-    /// In which camera; `None` of what is not in one picture.
+    /// Its camera; `None` if it is not a click.
     pub camera: Option<String>,
     /// In the picture, pixels.
     pub px: Option<f64>,
-    /// In the venue, across the line of sight, metres.
+    /// Across the line of sight in the venue, metres.
     pub m: f64,
-    /// Over its standard deviation.
+    /// Divided by its standard deviation.
     pub sigmas: f64,
-    /// Whether it is farther off than the others let expect.
+    /// Whether it exceeds the limit for outliers.
     pub is_outlier: bool,
 }
 
-/// Where the cameras come to lie.
+/// The alignment of the cameras with the venue.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MarkFit {
     /// From the world of the cameras to the venue.
     pub venue_from_found: Similarity,
-    /// Of rotation (rad), logarithm of the scale and shift (m), in this order and about `middle_m`; raised where what is left is more
-    /// than the standard deviations say.
+    /// Of rotation (rad), logarithm of the scale and shift (m), in this order and about `middle_m`. It is enlarged if the
+    /// residuals exceed their standard deviations.
     pub covariance: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
-    /// The middle of what is known, venue, metres.
+    /// The middle of the known positions, venue, metres.
     pub middle_m: [f64; 3],
-    /// Per click, place, point and length.
+    /// One per click, place, point and length.
     pub residuals: Vec<MarkResidual>,
-    /// Root of the mean squared distance in the venue of those that are no outliers, metres.
+    /// Root of the mean squared residual in the venue without outliers, metres.
     pub rms_m: f64,
 }
 
 impl MarkFit {
-    /// Standard deviation of where a point of the venue comes to lie, root of the summed variances of the three axes, metres:
-    /// of the alignment alone.
+    /// Standard deviation of a point of the venue due to the alignment: root of the summed variances of the three axes, metres.
     pub fn sigma_m(&self, at_m: [f64; 3]) -> f64 {
         let arm = Vector3::from(at_m) - Vector3::from(self.middle_m);
         let mut by = SMatrix::<f64, 3, UNKNOWNS>::zeros();
@@ -77,24 +77,24 @@ impl MarkFit {
             .sqrt()
     }
 
-    /// Those that are farther off than the others let expect.
+    /// The residuals that are outliers.
     pub fn outliers(&self) -> impl Iterator<Item = &MarkResidual> {
         self.residuals.iter().filter(|it| it.is_outlier)
     }
 }
 
-/// Lays `cameras` on `marks`, and on `places` beside them.
+/// Aligns `cameras` with `marks` and `places`.
 ///
 /// # Errors
-/// In words: an unknown camera, a click that its lens does not draw, too little to begin with (three marks or places that are not
-/// on one line and that two cameras saw, or two cameras with four marks each), or something left open.
+/// A message: an unknown camera, a click outside the range of its lens, too few observations (three marks or places that are
+/// not on one line and that two cameras saw, or two cameras with four marks each), or an undetermined alignment.
 pub fn fit_marks(
     marks: &Marks,
     places: &[FoundPlace],
     cameras: &[(String, CameraState)],
     freedom: MarkFreedom,
 ) -> Result<MarkFit, String> {
-    let sights = Sights::of(marks, places, cameras)?;
+    let sights = Sights::new(marks, places, cameras)?;
     let mut fitted = start(&sights, freedom)?;
     let middle = sights.middle();
     let mut damping = 1e-3;
@@ -148,7 +148,7 @@ fn total_loss(sights: &Sights<'_>, similarity: &Similarity) -> f64 {
     each.sum()
 }
 
-/// A residual over its standard deviation; entries that are not there are zero.
+/// A residual over its standard deviation; missing entries are zero.
 fn weighed(sights: &Sights<'_>, seen: &Seen, similarity: &Similarity) -> Vector3<f64> {
     let residual = sights.residual(seen, similarity);
     residual.map_or_else(|| Vector3::repeat(NOT_DRAWN), |(r, sigma)| r / sigma)
@@ -179,7 +179,7 @@ fn normal(
         right += by.transpose() * here * weight;
     }
     if freedom == MarkFreedom::Rigid {
-        // The scale stays where it is.
+        // The scale is fixed.
         for i in 0..UNKNOWNS {
             matrix[(3, i)] = 0.0;
             matrix[(i, 3)] = 0.0;
@@ -216,11 +216,11 @@ fn finished(
         7.0
     };
     let agreeing = lengths.iter().filter(|l| fits(l)).count();
-    // Some few agree on something by chance.
+    // A minority can agree by chance.
     if rows < unknowns || 2 * agreeing < lengths.len() {
         return Err(contradiction(sights, agreeing));
     }
-    // Never below one: few marks may agree by chance.
+    // At least one: few marks may agree by chance.
     let raise = (squares / (rows - unknowns).max(1.0)).max(1.0);
     let (mut matrix, _) = normal(sights, &fitted, &middle, freedom);
     let scales = SVector::<f64, UNKNOWNS>::from_fn(|i, _| 1.0 / matrix[(i, i)].max(1e-300).sqrt());
@@ -232,7 +232,7 @@ fn finished(
     let least = matrix.symmetric_eigenvalues().min();
     let inverse = matrix.cholesky().map(|c| c.inverse());
     let Some(inverse) = inverse.filter(|_| least > LEAST_EIGENVALUE) else {
-        return Err("the clicked marks leave open where the cameras stand: click marks that are not on one line".to_owned());
+        return Err("the clicked marks do not determine the positions of the cameras: click marks that are not on one line".to_owned());
     };
     let mut covariance = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|i, j| {
         raise * inverse[(i, j)] * scales[i] * scales[j]
@@ -261,12 +261,12 @@ fn finished(
     })
 }
 
-/// What is said of marks of which only these many agree.
+/// The error for marks of which only `agreeing` agree.
 fn contradiction(sights: &Sights<'_>, agreeing: usize) -> String {
     let names = sights.seen.iter().map(|seen| seen.name.as_str());
     let named: Vec<&str> = names.take(8).collect();
     format!(
-        "the clicked marks contradict each other: of {} only {agreeing} agree ({}), expected half of them or more; look for \
+        "the clicked marks contradict each other: of {} only {agreeing} agree ({}), expected half of them or more; check for \
          exchanged names",
         sights.seen.len(),
         named.join(", ")
@@ -290,7 +290,7 @@ fn residual(sights: &Sights<'_>, seen: &Seen, fitted: &Similarity, sigmas: f64) 
 }
 
 impl Known {
-    /// How many rows of a residual say something.
+    /// The number of informative entries of a click's residual.
     pub(super) fn rows(&self) -> f64 {
         match self {
             Self::Place(_) => 2.0,

@@ -1,4 +1,4 @@
-//! A first similarity from what was clicked, such that wrong clicks do not decide.
+//! A first similarity from the clicks, robust to wrong clicks.
 
 use std::collections::BTreeMap;
 
@@ -15,22 +15,22 @@ use crate::geometry::{Sight, three_point, triangulate};
 const CLICK_RAD: f64 = 0.02;
 /// Most triples of places that are tried.
 const MOST_TRIPLES: usize = 3000;
-/// Most triples of the marks of one camera: each costs a quartic, and up to four poses to weigh.
+/// Most triples of the marks of one camera: each costs a quartic and up to four poses to evaluate.
 const MOST_TRIPLES_OF_CAMERA: usize = 400;
-/// Residual beyond which something counts as wrong, standard deviations.
+/// Residual beyond which an observation counts as wrong, standard deviations.
 const MOST_SIGMAS: f64 = 30.0;
-/// Least size of a triple of places across its longest side, as a share of it.
+/// Least height of a triple of places over its longest side, relative to that side.
 const LEAST_SPREAD: f64 = 0.05;
-/// Clicks that the pose of one camera needs.
+/// Least number of clicks for the pose of one camera.
 const LEAST_CLICKS: usize = 4;
 
-/// Of the similarities that triples of places, and pairs of cameras, propose, the one that most agrees with.
+/// The similarity with which most observations agree, among those proposed by triples of places and by cameras.
 pub(super) fn start(sights: &Sights<'_>, freedom: MarkFreedom) -> Result<Similarity, String> {
     let places = places(sights);
-    let mut proposed = of_triples(&places, freedom);
-    proposed.extend(of_cameras(sights, freedom));
+    let mut proposed = from_triples(&places, freedom);
+    proposed.extend(from_cameras(sights, freedom));
     if freedom == MarkFreedom::Rigid {
-        proposed.extend(of_three_marks(sights));
+        proposed.extend(from_three_marks(sights));
     }
     let cost = |it: &Similarity| {
         let each = sights.seen.iter().map(|seen| {
@@ -51,7 +51,7 @@ pub(super) fn start(sights: &Sights<'_>, freedom: MarkFreedom) -> Result<Similar
     })
 }
 
-/// Places that are known, and where the cameras have them.
+/// Known places in the world of the cameras, and in the venue.
 fn places(sights: &Sights<'_>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     let mut clicked: BTreeMap<&str, (Vec<Sight>, Vector3<f64>)> = BTreeMap::new();
     let mut found = Vec::new();
@@ -82,7 +82,7 @@ fn places(sights: &Sights<'_>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     found
 }
 
-fn of_triples(places: &[(Vector3<f64>, Vector3<f64>)], freedom: MarkFreedom) -> Vec<Similarity> {
+fn from_triples(places: &[(Vector3<f64>, Vector3<f64>)], freedom: MarkFreedom) -> Vec<Similarity> {
     let each = triples(places, MOST_TRIPLES).into_iter();
     let proposed = each.filter_map(|chosen| {
         let (found, known) = (chosen.map(|it| it.0), chosen.map(|it| it.1));
@@ -103,7 +103,7 @@ fn fitted(
     Some(with_freedom(similarity, &found[0], &known[0], freedom))
 }
 
-/// With the scale left as it is where only place and turn may change, `found` still at `known`.
+/// Sets the scale to 1 for [`MarkFreedom::Rigid`]; `found` still maps to `known`.
 fn with_freedom(
     it: Similarity,
     found: &Vector3<f64>,
@@ -131,8 +131,8 @@ fn is_spread(points: &[Vector3<f64>; 3]) -> bool {
     p.cross(&q).norm() > LEAST_SPREAD * longest
 }
 
-/// Where single cameras stand by three of their clicks each: so that a wrong one does not spoil all.
-fn of_three_marks(sights: &Sights<'_>) -> Vec<Similarity> {
+/// Proposals from three clicks of one camera, so that one wrong click does not spoil all of them.
+fn from_three_marks(sights: &Sights<'_>) -> Vec<Similarity> {
     let mut proposed = Vec::new();
     for (index, (_, state)) in sights.cameras.iter().enumerate() {
         let clicked = sights.seen.iter().filter_map(|seen| match &seen.what {
@@ -166,7 +166,7 @@ fn of_three_marks(sights: &Sights<'_>) -> Vec<Similarity> {
     proposed
 }
 
-/// Triples of `all`; of more than `most` every n-th.
+/// Triples of `all`; if there are more than `most`, every n-th.
 fn triples<T: Copy>(all: &[T], most: usize) -> Vec<[T; 3]> {
     let n = all.len();
     let every = (n * n.saturating_sub(1) * n.saturating_sub(2) / 6)
@@ -187,8 +187,8 @@ fn triples<T: Copy>(all: &[T], most: usize) -> Vec<[T; 3]> {
     chosen
 }
 
-/// Where single cameras stand by their own clicks; two of them tell the scale.
-fn of_cameras(sights: &Sights<'_>, freedom: MarkFreedom) -> Vec<Similarity> {
+/// Proposals from the poses of cameras by their own clicks; two of them give the scale.
+fn from_cameras(sights: &Sights<'_>, freedom: MarkFreedom) -> Vec<Similarity> {
     let mut posed: Vec<(&CameraState, UnitQuaternion<f64>, Vector3<f64>)> = Vec::new();
     for (index, (_, state)) in sights.cameras.iter().enumerate() {
         let (mut points, mut pixels) = (Vec::new(), Vec::new());

@@ -1,36 +1,93 @@
-//! What was clicked in pictures, and what is known of it: marks and lines of a court, places, the floor, lengths.
+//! Clicks in pictures, the intersection of their lines of sight, and the facts known about them: marks and lines of a
+//! court, places, the floor, lengths.
 
+use farfield_proto::court::{Court, LineShape};
 use nalgebra::Vector3;
 
-use super::click::Click;
-use farfield_proto::court::{Court, LineShape};
+use crate::adjustment::CameraState;
+use crate::geometry::triangulate;
 
-/// Where something that was clicked is known to be.
+/// The name of a camera, and a distorted pixel in it.
+pub type Click = (String, [f64; 2]);
+
+/// Largest angle between a click and the point on which all clicks agree, radians.
+const CLICK_RAD: f64 = 0.02;
+
+pub(super) fn camera<'a>(
+    cameras: &'a [(String, CameraState)],
+    name: &str,
+) -> Result<&'a CameraState, String> {
+    let found = cameras.iter().find(|(other, _)| other == name);
+    found.map(|(_, state)| state).ok_or_else(|| {
+        let names: Vec<&str> = cameras.iter().map(|(name, _)| name.as_str()).collect();
+        format!(
+            "found camera `{name}`, expected one of {}",
+            names.join(", ")
+        )
+    })
+}
+
+/// The point on which at least two of the clicks agree.
+pub(super) fn meeting(
+    cameras: &[(String, CameraState)],
+    clicks: &[Click],
+    what: &str,
+) -> Result<Vector3<f64>, String> {
+    let mut sights = Vec::new();
+    for (name, px) in clicks {
+        let state = camera(cameras, name)?;
+        let bearing = state.bearing(*px, state.fold_radius()).ok_or_else(|| {
+            format!(
+                "{what}: the lens of camera `{name}` cannot produce ({}, {})",
+                px[0], px[1]
+            )
+        })?;
+        sights.push((state.center_w, state.camera_from_world.inverse() * bearing));
+    }
+    let (point, agreeing) = triangulate(&sights, CLICK_RAD).ok_or_else(|| {
+        format!(
+            "{what}: the lines of sight of its clicks in {} cameras do not meet, expected at least two that do",
+            clicks.len()
+        )
+    })?;
+    if agreeing.len() < sights.len() {
+        let off = (0..sights.len())
+            .find(|i| !agreeing.contains(i))
+            .unwrap_or(0);
+        let name = clicks.get(off).map_or("", |(name, _)| name.as_str());
+        return Err(format!(
+            "{what}: the line of sight of its click in camera `{name}` does not meet the others"
+        ));
+    }
+    Ok(point)
+}
+
+/// The known position of a mark.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Known {
-    /// At one place, venue, metres.
+    /// A place in the venue, metres.
     Place([f64; 3]),
-    /// Somewhere on a line of the floor; beyond its ends too.
+    /// A line of the floor, or its extension.
     OnLine(LineShape),
 }
 
-/// Something that is known, and where cameras saw it.
+/// A mark at a known position, with its clicks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KnownMark {
     /// Its name.
     pub name: String,
-    /// Where it is.
+    /// Its position.
     pub known: Known,
-    /// Where it was clicked; one camera is enough.
+    /// Its clicks; one camera is enough.
     pub clicks: Vec<Click>,
 }
 
-/// A point that was clicked, and of which nothing is known by itself.
+/// A clicked point at an unknown position.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClickedPoint {
     /// Its name.
     pub name: String,
-    /// Where it was clicked: two cameras or more.
+    /// Its clicks, in two or more cameras.
     pub clicks: Vec<Click>,
 }
 
@@ -43,16 +100,16 @@ pub struct ClickedLength {
     pub length_m: f64,
 }
 
-/// All that was clicked.
+/// All clicks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Marks {
-    /// The court whose marks or lines were clicked: the venue is laid out as it is.
+    /// The court whose marks or lines were clicked; it defines the axes of the venue.
     pub court: Option<Court>,
-    /// What is known to be somewhere.
+    /// Marks at known positions.
     pub known: Vec<KnownMark>,
     /// Points on the floor.
     pub floor: Vec<ClickedPoint>,
-    /// Lengths.
+    /// Known lengths.
     pub lengths: Vec<ClickedLength>,
     /// Standard deviation of a click along each axis, pixels.
     pub click_sigma_px: f64,
@@ -61,7 +118,7 @@ pub struct Marks {
 }
 
 impl Marks {
-    /// The cameras in which something was clicked; some more than once.
+    /// The cameras with clicks; a camera can occur more than once.
     pub fn cameras(&self) -> impl Iterator<Item = &str> {
         let known = self.known.iter().map(|it| &it.clicks);
         let ends = self.lengths.iter().flat_map(|it| &it.ends);
@@ -70,7 +127,7 @@ impl Marks {
         clicks.map(|(camera, _)| camera.as_str())
     }
 
-    /// What remains of it without the cameras `names`.
+    /// The marks without clicks in the cameras `names`.
     #[must_use]
     pub fn without(&self, names: &[&str]) -> Self {
         let mut left = self.clone();
@@ -95,7 +152,7 @@ impl Marks {
 }
 
 impl Known {
-    /// The place of it that is nearest to `near`, venue, metres.
+    /// Its point nearest to `near`, venue, metres.
     pub(super) fn nearest(&self, near: &Vector3<f64>) -> Vector3<f64> {
         match self {
             Self::Place(at_m) => Vector3::from(*at_m),
@@ -115,14 +172,14 @@ impl Known {
     }
 }
 
-/// What may be changed.
+/// The degrees of freedom of a fit to marks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MarkFreedom {
-    /// Place, turn and size.
+    /// Shift, rotation and scale.
     Similarity,
-    /// Place and turn: the cameras are in metres already.
+    /// Shift and rotation: the cameras are already in metres.
     Rigid,
 }
 
-/// A place that was found, and is known: its name, where it is in the world of the cameras, and in the venue.
+/// A known place: its name, its position in the world of the cameras, and in the venue.
 pub type FoundPlace = (String, Vector3<f64>, Vector3<f64>);

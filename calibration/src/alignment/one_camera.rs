@@ -1,5 +1,5 @@
-//! Where one camera stands by what was clicked in its picture alone: told while it is clicked, so that a wrong corner shows at
-//! once. The result of a calibration is [`super::fit_marks`] of all cameras together.
+//! The pose of one camera from the clicks in its picture alone. It is shown while clicking, so that a wrong corner is visible
+//! at once. The result of a calibration is [`super::fit_marks`] of all cameras together.
 
 use farfield_proto::court::{Court, LineShape, PlacedCourt};
 use nalgebra::{Isometry3, Vector2, Vector3};
@@ -9,62 +9,63 @@ use super::marks::{Known, KnownMark, MarkFreedom, Marks};
 use crate::adjustment::CameraState;
 use crate::board::{PoseError, pose_from_points};
 
-/// Marks whose places are known that a pose needs.
+/// Least number of marks at known places for a pose.
 pub const LEAST_MARKS: usize = 4;
 /// Longest piece of a line that is drawn straight, metres: lenses bend lines.
 const PIECE_M: f64 = 0.5;
-/// How far beyond the picture lines are drawn, as a share of its longer side.
+/// Lines are drawn up to this far beyond the picture, relative to its longer side.
 const BEYOND: f64 = 0.25;
-/// A turned court fits as well where its residual is at most so many times the other, and at least this, pixels.
+/// A rotated court fits as well if its residual is at most this multiple of the other one.
 const AS_GOOD: f64 = 1.5;
+/// Residuals below this are treated as this, pixels.
 const CLICK_PX: f64 = 0.5;
 
-/// Whether the court could lie the other way round.
+/// Whether the court fits after half a turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HalfTurn {
-    /// Turned by half about its middle it fits as well: which end is which is up to who clicks.
+    /// It fits as well after half a turn about its middle: the user decides which end is which.
     FitsAsWell,
-    /// What else was clicked tells.
-    IsTold,
+    /// Other clicks rule it out.
+    RuledOut,
 }
 
-/// Where a camera stands by its own marks.
+/// The pose of a camera from its own marks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OneCameraFit {
     /// The camera in the venue.
     pub state: CameraState,
-    /// What is left of each click, in the order of the marks.
+    /// The residual of each click, in the order of the marks.
     pub residuals: Vec<MarkResidual>,
-    /// Root of their mean square over those that are no outliers, pixels.
+    /// Root of the mean squared residual without outliers, pixels.
     pub rms_px: f64,
-    /// Why the marks agree on nothing; then all of them are fitted as well as they can be.
+    /// The reason why the marks contradict each other; then all of them are fitted as well as possible.
     pub contradiction: Option<String>,
-    /// Whether marks on one plane, seen small, leave a second pose open.
+    /// Whether a second pose fits too: marks on one plane that look small.
     pub is_ambiguous: bool,
-    /// Whether it stands below the floor: left and right, or two marks, were swapped.
+    /// Whether it is below the floor: left and right, or two marks, were swapped.
     pub is_under_floor: bool,
-    /// Whether the court could lie the other way round.
+    /// Whether the court fits after half a turn.
     pub half_turn: HalfTurn,
 }
 
-/// Why there is no pose yet.
+/// The reason why there is no pose.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OneCameraError {
     /// Too few marks, lines not counted.
-    #[error("found {found} marks at known places, expected {LEAST_MARKS}: lines count beside them")]
+    #[error("found {found} marks at known places, expected {LEAST_MARKS}; lines do not count")]
     TooFew {
-        /// How many there are.
+        /// The number of marks.
         found: usize,
     },
     /// All on one line.
-    #[error("all marks are on one line, expected one beside it")]
+    #[error("all marks are on one line, expected one off the line")]
     OnALine,
-    /// Nothing draws them.
-    #[error("no place of the camera fits these marks: {0}")]
+    /// No pose fits.
+    #[error("no position of the camera fits these marks: {0}")]
     None(String),
 }
 
-/// Where the camera `name` with the lens of `lens` stands by `marks`, of which no other camera's clicks count.
+/// The pose of the camera `name` with the lens of `lens` from its own clicks in `marks`.
 ///
 /// # Errors
 /// [`OneCameraError`].
@@ -89,7 +90,7 @@ pub fn fit_one_camera(
     let cameras = [(name.to_owned(), at_origin(lens))];
     let fitted = match fit_marks(marks, &[], &cameras, MarkFreedom::Rigid) {
         Ok(fitted) => fitted,
-        // All of them, as well as they can be: the picture shows which one is off.
+        // Fit all of them as well as possible: the picture shows which one is wrong.
         Err(contradiction) => {
             let state = state_at(lens, &pose.camera_from_world);
             return Ok(OneCameraFit {
@@ -131,7 +132,7 @@ fn at_origin(lens: &CameraState) -> CameraState {
     CameraState::at_origin(lens.intrinsics, lens.lens())
 }
 
-/// Marks at known places, and where the camera saw them.
+/// Marks at known places, and their pixels in the camera.
 fn places_of(marks: &Marks, name: &str) -> (Vec<[f64; 3]>, Vec<[f64; 2]>) {
     let clicked = marks.known.iter().flat_map(|mark| {
         let own = mark.clicks.iter().filter(|(camera, _)| camera == name);
@@ -143,7 +144,7 @@ fn places_of(marks: &Marks, name: &str) -> (Vec<[f64; 3]>, Vec<[f64; 2]>) {
     clicked.unzip()
 }
 
-/// What is left of each click where the camera stands at `state`.
+/// The residual of each click for the camera `state`.
 fn residuals(marks: &Marks, name: &str, state: &CameraState) -> Vec<MarkResidual> {
     let fold = state.fold_radius();
     let mut all = Vec::new();
@@ -151,7 +152,7 @@ fn residuals(marks: &Marks, name: &str, state: &CameraState) -> Vec<MarkResidual
         for (_, px) in mark.clicks.iter().filter(|(camera, _)| camera == name) {
             let at = match mark.known {
                 Known::Place(at_m) => Some(Vector3::from(at_m)),
-                // The place of the line that the click sees.
+                // The point of the line that the click sees.
                 Known::OnLine(_) => state.bearing(*px, fold).and_then(|bearing| {
                     let ray = state.camera_from_world.inverse() * bearing;
                     let t = -state.center_w.z / ray.z;
@@ -178,16 +179,16 @@ fn residuals(marks: &Marks, name: &str, state: &CameraState) -> Vec<MarkResidual
     all
 }
 
-/// A court looks the same from both ends: whether anything that was clicked beside it tells them apart.
+/// A court looks the same from both ends: checks whether other clicks distinguish them.
 fn half_turn(marks: &Marks, name: &str, lens: &CameraState) -> HalfTurn {
     let Some(court) = &marks.court else {
-        return HalfTurn::IsTold;
+        return HalfTurn::RuledOut;
     };
     let is_of_court =
         |mark: &&KnownMark| court.mark(&mark.name).is_some() || court.line(&mark.name).is_some();
     let of_court = marks.known.iter().filter(is_of_court).count();
     if of_court == 0 {
-        return HalfTurn::IsTold;
+        return HalfTurn::RuledOut;
     }
     if of_court == marks.known.len() {
         return HalfTurn::FitsAsWell;
@@ -203,7 +204,7 @@ fn half_turn(marks: &Marks, name: &str, lens: &CameraState) -> HalfTurn {
         let model = lens.lens();
         let pose = pose_from_points(&lens.intrinsics, &model, &points, &pixels);
         let pose_in_venue = pose.ok()?.camera_from_world;
-        // Lines too: of a court of which they alone were clicked, nothing else turns.
+        // Lines count too: they may be the only clicks on the court.
         let left = residuals(marks, name, &state_at(lens, &pose_in_venue));
         let squares = left.iter().filter_map(|it| it.px).map(|px| px * px);
         let rms_px = (squares.sum::<f64>() / left.len().max(1) as f64).sqrt();
@@ -213,7 +214,7 @@ fn half_turn(marks: &Marks, name: &str, lens: &CameraState) -> HalfTurn {
     if rms_px(&turned).is_some_and(|turned_px| turned_px <= AS_GOOD * own_px.max(CLICK_PX)) {
         HalfTurn::FitsAsWell
     } else {
-        HalfTurn::IsTold
+        HalfTurn::RuledOut
     }
 }
 
@@ -239,7 +240,7 @@ fn turned_by_half(known: Known) -> Known {
     }
 }
 
-/// The lines of `court` as the camera at `state` draws them in its picture of `size_px`: by name, in pieces, distorted pixels.
+/// The lines of `court` as the camera `state` projects them into a picture of `size_px`: by name, in pieces, distorted pixels.
 pub fn drawn_lines(
     court: &Court,
     state: &CameraState,
@@ -250,12 +251,12 @@ pub fn drawn_lines(
         centre_m: [0.0, 0.0],
         turn_rad: 0.0,
     };
-    let eye = Eye::of(state, size_px);
+    let view = View::new(state, size_px);
     let lines = court.lines.iter().map(|line| {
         let points = finely(&placed.points_m(&line.shape));
         let seen = points
             .iter()
-            .map(|[x, y]| eye.near_picture(&Vector3::new(*x, *y, 0.0)));
+            .map(|[x, y]| view.near_picture(&Vector3::new(*x, *y, 0.0)));
         let mut pieces: Vec<Vec<[f64; 2]>> = vec![Vec::new()];
         for px in seen {
             match (px, pieces.last_mut()) {
@@ -270,21 +271,21 @@ pub fn drawn_lines(
     lines.filter(|(_, pieces)| !pieces.is_empty()).collect()
 }
 
-/// Where the camera at `state` draws the marks of `court` that are in its picture of `size_px`: by name, distorted pixels.
+/// The marks of `court` inside the picture of `size_px` of the camera `state`: by name, distorted pixels.
 pub fn drawn_marks(
     court: &Court,
     state: &CameraState,
     size_px: [u32; 2],
 ) -> Vec<(String, [f64; 2])> {
-    let eye = Eye::of(state, size_px);
+    let view = View::new(state, size_px);
     let marks = court.marks.iter().filter_map(|mark| {
-        let px = eye.near_picture(&Vector3::from(mark.position_m))?;
-        eye.is_inside(px).then(|| (mark.name.clone(), px))
+        let px = view.near_picture(&Vector3::from(mark.position_m))?;
+        view.is_inside(px).then(|| (mark.name.clone(), px))
     });
     marks.collect()
 }
 
-/// Points between `points`, so that no piece is long.
+/// `points` with more points between them, so that no piece is long.
 fn finely(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut all = Vec::new();
     for pair in points.windows(2) {
@@ -303,14 +304,14 @@ fn finely(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
 }
 
 /// A camera with the size of its picture.
-struct Eye<'a> {
+struct View<'a> {
     state: &'a CameraState,
     fold: f64,
     size_px: [f64; 2],
 }
 
-impl<'a> Eye<'a> {
-    fn of(state: &'a CameraState, size_px: [u32; 2]) -> Self {
+impl<'a> View<'a> {
+    fn new(state: &'a CameraState, size_px: [u32; 2]) -> Self {
         Self {
             state,
             fold: state.fold_radius(),
@@ -318,7 +319,7 @@ impl<'a> Eye<'a> {
         }
     }
 
-    /// Where a point is drawn, in the picture or not far beyond.
+    /// The pixel of a point, inside the picture or not far outside.
     fn near_picture(&self, at: &Vector3<f64>) -> Option<[f64; 2]> {
         let px = self.state.project(at, self.fold)?;
         let beyond = BEYOND * self.size_px[0].max(self.size_px[1]);

@@ -1,11 +1,11 @@
-//! One camera's marks while they are clicked: what agrees, what does not, and what cannot be known.
+//! The marks of one camera: which agree, which do not, and what they leave undetermined.
 
 use farfield_proto::court::Court;
 
 use super::tests::{court_marks, on_line, venue};
 use super::*;
 
-/// Some of what the first camera of the venue sees of a futsal court, from the goal beside it to the far corner.
+/// Some marks of a futsal court that the first camera of the venue sees, from the near goal to the far corner.
 const SEEN: [&str; 7] = [
     "penalty_area_front_north_west",
     "penalty_area_front_south_west",
@@ -16,7 +16,7 @@ const SEEN: [&str; 7] = [
     "centre_circle_north",
 ];
 
-/// Marks of the first camera alone, clicked to `sigma_px`.
+/// Marks of the first camera alone, clicked with an error of `sigma_px`.
 fn seen_by_first(names: &[&str], sigma_px: f64, seed: u64) -> Marks {
     let mut marks = court_marks(&venue()[..1].to_vec(), names, sigma_px, seed);
     marks.court = Court::of("futsal", None).ok();
@@ -32,7 +32,7 @@ fn fitted(marks: &Marks) -> OneCameraFit {
 }
 
 #[test]
-fn marks_of_one_camera_say_where_it_stands() {
+fn the_pose_of_one_camera_follows_from_its_marks() {
     let truth = &venue()[0].1;
     let exact = fitted(&seen_by_first(&SEEN, 0.0, 1));
     assert!((exact.state.center_w - truth.center_w).norm() < 1e-4);
@@ -51,7 +51,7 @@ fn marks_of_one_camera_say_where_it_stands() {
 }
 
 #[test]
-fn a_wrong_corner_is_named_also_among_few() {
+fn a_wrong_corner_is_an_outlier_also_among_few() {
     for (wrong, name) in SEEN.iter().enumerate() {
         for count in [6, 7] {
             if wrong >= count {
@@ -73,7 +73,7 @@ fn a_wrong_corner_is_named_also_among_few() {
 }
 
 #[test]
-fn two_marks_with_each_others_names_are_both_named() {
+fn two_marks_with_exchanged_names_are_both_outliers() {
     let mut marks = seen_by_first(&SEEN, 0.5, 5);
     let other = marks.known[4].clicks.clone();
     marks.known[4].clicks = std::mem::replace(&mut marks.known[5].clicks, other);
@@ -88,7 +88,7 @@ fn two_marks_with_each_others_names_are_both_named() {
 }
 
 #[test]
-fn lines_count_beside_marks() {
+fn lines_are_fitted_with_marks() {
     let mut marks = seen_by_first(&SEEN[..4], 0.0, 1);
     marks.known.push(on_line(&venue(), 0, "touchline_south"));
     let found = fitted(&marks);
@@ -101,11 +101,11 @@ fn lines_count_beside_marks() {
         .iter()
         .filter_map(|it| it.px)
         .fold(0.0, f64::max);
-    assert!(most > 5.0, "a click beside its line shows: {most} px");
+    assert!(most > 5.0, "a click off its line has a residual: {most} px");
 }
 
 #[test]
-fn too_little_is_said_with_what_is_missing() {
+fn too_few_marks_are_refused_with_their_number() {
     let lens = &venue()[0].1;
     let three = fit_one_camera(&seen_by_first(&SEEN[..3], 0.0, 1), "c0", lens);
     assert_eq!(three, Err(OneCameraError::TooFew { found: 3 }));
@@ -120,7 +120,7 @@ fn too_little_is_said_with_what_is_missing() {
 }
 
 #[test]
-fn a_court_alone_never_says_which_end_is_which_and_a_door_does() {
+fn a_door_rules_out_a_half_turn_that_a_court_alone_allows() {
     let mut marks = seen_by_first(&SEEN, 0.5, 1);
     assert_eq!(fitted(&marks).half_turn, HalfTurn::FitsAsWell);
     let state = &venue()[0].1;
@@ -131,18 +131,18 @@ fn a_court_alone_never_says_which_end_is_which_and_a_door_does() {
         known: Known::Place(door_m),
         clicks: vec![("c0".to_owned(), px.into())],
     });
-    assert_eq!(fitted(&marks).half_turn, HalfTurn::IsTold);
+    assert_eq!(fitted(&marks).half_turn, HalfTurn::RuledOut);
 }
 
 #[test]
-fn lines_of_a_court_beside_known_places_say_which_end_is_which_and_the_halfway_line_does_not() {
+fn lines_rule_out_a_half_turn_unless_they_are_symmetric() {
     let mut marks = seen_by_first(&SEEN, 0.0, 1);
-    // Places of one's own: they stay where they are when the court is turned.
+    // Places that do not belong to the court do not turn with it.
     for (number, mark) in marks.known.iter_mut().enumerate() {
         mark.name = format!("own {number}");
     }
     for (line, expected) in [
-        ("touchline_south", HalfTurn::IsTold),
+        ("touchline_south", HalfTurn::RuledOut),
         ("halfway_line", HalfTurn::FitsAsWell),
     ] {
         let mut with_line = marks.clone();
@@ -165,7 +165,7 @@ fn a_court_clicked_mirrored_puts_the_camera_under_the_floor() {
 }
 
 #[test]
-fn the_court_is_drawn_where_the_camera_saw_it() {
+fn the_court_is_drawn_at_the_pixels_that_the_camera_saw() {
     let court = Court::of("futsal", None).unwrap();
     let state = &venue()[0].1;
     let marks = drawn_marks(&court, state, [1920, 1200]);

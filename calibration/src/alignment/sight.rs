@@ -1,17 +1,16 @@
-//! What was clicked, as residuals of a similarity.
+//! Clicks, places and lengths as residuals of a similarity.
 
 use farfield_proto::court::LineShape;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::click::{camera, meeting};
-use super::marks::{ClickedPoint, FoundPlace, Known, Marks};
+use super::marks::{ClickedPoint, FoundPlace, Known, Marks, camera, meeting};
 use super::similarity::Similarity;
 use crate::adjustment::CameraState;
 
-/// Height of a ray's slope below which it does not meet the floor.
+/// Least slope of a ray that meets the floor.
 const LEAST_SLOPE: f64 = 1e-6;
 
-/// One click, place, point or length.
+/// One click, place, point or length, with its name.
 #[derive(Debug, Clone)]
 pub(super) struct Seen {
     pub(super) name: String,
@@ -20,18 +19,18 @@ pub(super) struct Seen {
 
 #[derive(Debug, Clone)]
 pub(super) enum What {
-    /// Index of the camera, distorted pixel, its unit vector in the world of the cameras, and what is there.
+    /// Index of the camera, distorted pixel, direction in the world of the cameras, and the known position.
     Click {
         camera: usize,
         px: [f64; 2],
         direction: Vector3<f64>,
         known: Known,
     },
-    /// Found, and known.
+    /// A place in the world of the cameras, and in the venue.
     Place(Vector3<f64>, Vector3<f64>),
-    /// Found; on the floor. How well it was triangulated, in found units.
+    /// A point of the floor in the world of the cameras, and its standard deviation in the same units.
     Floor(Vector3<f64>, f64),
-    /// Both ends as found, metres between them, and how well they were triangulated.
+    /// Both ends in the world of the cameras, the length in metres, and its standard deviation in units of the cameras.
     Length([Vector3<f64>; 2], f64, f64),
 }
 
@@ -43,7 +42,7 @@ impl Seen {
         }
     }
 
-    /// How many numbers of its residual say something.
+    /// The number of informative entries of its residual.
     pub(super) fn rows(&self) -> f64 {
         match &self.what {
             What::Click { known, .. } => known.rows(),
@@ -53,7 +52,7 @@ impl Seen {
     }
 }
 
-/// All that a fit looks at.
+/// All observations of a fit.
 pub(super) struct Sights<'a> {
     pub(super) seen: Vec<Seen>,
     pub(super) cameras: &'a [(String, CameraState)],
@@ -63,7 +62,7 @@ pub(super) struct Sights<'a> {
 }
 
 impl<'a> Sights<'a> {
-    pub(super) fn of(
+    pub(super) fn new(
         marks: &Marks,
         places: &[FoundPlace],
         cameras: &'a [(String, CameraState)],
@@ -132,7 +131,7 @@ impl<'a> Sights<'a> {
         })
     }
 
-    /// The middle of what is known, venue.
+    /// The middle of the known positions, venue.
     pub(super) fn middle(&self) -> Vector3<f64> {
         let known = self.seen.iter().filter_map(|seen| match &seen.what {
             What::Click {
@@ -156,7 +155,7 @@ impl<'a> Sights<'a> {
         if count > 0.0 { sum / count } else { sum }
     }
 
-    /// What is left of `seen`, with its standard deviation: pixels of a click, metres of others; `None` where nothing is drawn.
+    /// The residual of `seen` and its standard deviation: pixels for a click, otherwise metres; `None` if nothing is projected.
     pub(super) fn residual(&self, seen: &Seen, venue: &Similarity) -> Option<(Vector3<f64>, f64)> {
         match &seen.what {
             What::Click {
@@ -190,7 +189,7 @@ impl<'a> Sights<'a> {
     }
 }
 
-/// Metres in the venue of a pixel, at what a click is of.
+/// Size of a pixel in the venue at the clicked position, metres.
 pub(super) fn across_m(seen: &Seen, state: &CameraState, venue: &Similarity) -> f64 {
     let origin = venue.apply(&state.center_w);
     let at = match &seen.what {
@@ -202,7 +201,7 @@ pub(super) fn across_m(seen: &Seen, state: &CameraState, venue: &Similarity) -> 
     at.map_or(0.0, |at| (at - origin).norm() / state.intrinsics.fx_px)
 }
 
-/// The place of `known` that a ray sees, or passes nearest to.
+/// The point of `known` on the ray, or nearest to it.
 fn seen_place(
     known: &Known,
     origin: &Vector3<f64>,
@@ -213,7 +212,7 @@ fn seen_place(
         Known::OnLine(LineShape::Segment { from_m, to_m }) => {
             let [a, b] = [from_m, to_m].map(|p| Vector3::new(p[0], p[1], 0.0));
             let along = (b - a).try_normalize(1e-12)?;
-            // The point of the line that is nearest to the ray: (a + s along - origin - t direction) is across both.
+            // The point of the line nearest to the ray: (a + s along - origin - t direction) is perpendicular to both.
             let c = along.dot(direction);
             let from = origin - a;
             let matrix = Matrix2::new(1.0, -c, c, -1.0);
@@ -229,7 +228,7 @@ fn seen_place(
     }
 }
 
-/// Where the clicks of a point meet, and how well that is known, in the units of the cameras.
+/// The intersection of the clicks of a point, and its standard deviation, in units of the cameras.
 pub(super) fn met(
     cameras: &[(String, CameraState)],
     point: &ClickedPoint,

@@ -1,4 +1,4 @@
-//! The similarity that lays one set of points on another.
+//! The similarity that maps one set of points to another.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -11,17 +11,17 @@ pub struct Similarity {
     pub scale: f64,
     /// R.
     pub rotation: UnitQuaternion<f64>,
-    /// Where the origin comes to lie.
+    /// The new position of the origin.
     pub shift: Vector3<f64>,
 }
 
-/// Why no similarity was found.
+/// The reason why no similarity was found.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum SimilarityError {
     /// Fewer than three points, or two lists of different lengths.
     #[error("found {found} points, expected at least 3")]
     TooFew {
-        /// How many there are.
+        /// The number of points.
         found: usize,
     },
     /// All on one line.
@@ -29,11 +29,11 @@ pub enum SimilarityError {
     OneLine,
 }
 
-/// Least ratio of the second to the first singular value of points that are not on a line.
+/// Least ratio of the second to the first singular value for points that are not on a line.
 const LEAST_SPREAD: f64 = 1e-6;
 
 impl Similarity {
-    /// Nothing moves.
+    /// The identity.
     pub fn identity() -> Self {
         Self {
             scale: 1.0,
@@ -43,7 +43,7 @@ impl Similarity {
     }
 
     /// The similarity with the least summed squared distance of the moved `from` to `to` (Umeyama 1991, eq. (40) to (42));
-    /// a reflection is never taken.
+    /// never a reflection.
     ///
     /// # Errors
     /// [`SimilarityError`] for fewer than three points, or points on a line.
@@ -51,7 +51,7 @@ impl Similarity {
         fit(from, to, Handedness::Kept)
     }
 
-    /// Where `point` comes to lie.
+    /// The new position of `point`.
     pub fn apply(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * point * self.scale + self.shift
     }
@@ -139,7 +139,7 @@ pub fn rms(similarity: &Similarity, from: &[Vector3<f64>], to: &[Vector3<f64>]) 
     (squares.sum::<f64>() / from.len().max(1) as f64).sqrt()
 }
 
-/// The RMS that a mirrored `from` would leave on `to`: what is left of it tells a mirror image from a bad fit.
+/// The RMS that a mirrored `from` would leave on `to`; it distinguishes a mirror image from a bad fit.
 ///
 /// # Errors
 /// As [`Similarity::between`].
@@ -165,7 +165,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_similarity_comes_back(
+        fn a_similarity_is_recovered_from_its_points(
             points in prop::collection::vec(any_vector(10.0), 5..20),
             turn in any_vector(1.5),
             shift in any_vector(50.0),

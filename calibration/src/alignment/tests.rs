@@ -1,4 +1,4 @@
-//! Cameras laid on what was clicked in their pictures, with the truth beside it.
+//! Alignment of cameras with clicked marks, compared with the truth.
 
 use farfield_proto::camera::{Distortion, Intrinsics};
 use farfield_proto::court::{Court, LineShape};
@@ -52,7 +52,7 @@ pub(super) fn venue() -> Cameras {
     cameras.collect()
 }
 
-/// From the venue to a world of the adjustment's own.
+/// From the venue to another world, as an adjustment would have it.
 fn elsewhere() -> Similarity {
     Similarity {
         scale: 0.23,
@@ -74,7 +74,7 @@ fn seen_px(state: &CameraState, at_m: [f64; 3]) -> Option<[f64; 2]> {
     is_inside.then(|| px.into())
 }
 
-/// Clicks of `at_m` in all cameras that see it, off by `sigma_px`.
+/// Clicks at `at_m` in all cameras that see it, with an error of `sigma_px`.
 fn clicks(cameras: &Cameras, at_m: [f64; 3], sigma_px: f64, rng: &mut ChaCha8Rng) -> Vec<Click> {
     let mut gauss = || {
         let radius = (-2.0 * libm::log(rng.random_range(1e-12..1.0))).sqrt();
@@ -98,7 +98,7 @@ fn no_marks() -> Marks {
     }
 }
 
-/// Marks of a futsal court as all cameras see them.
+/// Marks of a futsal court as seen by all cameras.
 pub(super) fn court_marks(cameras: &Cameras, names: &[&str], sigma_px: f64, seed: u64) -> Marks {
     let court = Court::of("futsal", None).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -116,7 +116,7 @@ pub(super) fn court_marks(cameras: &Cameras, names: &[&str], sigma_px: f64, seed
     }
 }
 
-/// Points of a line that one camera sees.
+/// Clicks on a line that one camera sees.
 pub(super) fn on_line(cameras: &Cameras, camera: usize, name: &str) -> KnownMark {
     let court = Court::of("futsal", None).unwrap();
     let shape = court.line(name).unwrap().shape;
@@ -163,7 +163,7 @@ const CORNERS: [&str; 9] = [
     "centre",
 ];
 
-/// Metres by which the worst camera is off.
+/// Largest error of a camera, metres.
 fn worst_m(found: &MarkFit, cameras: &Cameras, truth: &Cameras) -> f64 {
     let each = cameras.iter().zip(truth);
     each.map(|((_, a), (_, b))| (found.venue_from_found.apply(&a.center_w) - b.center_w).norm())
@@ -175,7 +175,7 @@ fn fit(marks: &Marks, cameras: &Cameras) -> Result<MarkFit, String> {
 }
 
 #[test]
-fn clicked_marks_lay_the_cameras_on_the_court() {
+fn clicked_marks_align_the_cameras_with_the_court() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
     let exact = fit(&court_marks(&truth, &CORNERS, 0.0, 1), &cameras).unwrap();
@@ -196,7 +196,7 @@ fn clicked_marks_lay_the_cameras_on_the_court() {
 }
 
 #[test]
-fn what_is_said_of_the_uncertainty_is_true() {
+fn the_reported_uncertainty_matches_the_errors() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
     let mut ratios = Vec::new();
@@ -210,12 +210,12 @@ fn what_is_said_of_the_uncertainty_is_true() {
     }
     let squares: f64 = ratios.iter().map(|r| r * r).sum::<f64>() / ratios.len() as f64;
     println!("error over sigma {:.2}", squares.sqrt());
-    // Clicks alone are drawn; the 5 mm of the places are believed besides.
+    // Only clicks have errors here; the fit also assumes 5 mm for places.
     assert!(squares.sqrt() > 0.6 && squares.sqrt() < 1.2);
 }
 
 #[test]
-fn a_mark_that_was_taken_for_another_is_named() {
+fn a_mark_clicked_at_another_one_is_an_outlier() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
     let mut marks = court_marks(&truth, &CORNERS, 0.5, 4);
@@ -230,23 +230,23 @@ fn a_mark_that_was_taken_for_another_is_named() {
 }
 
 #[test]
-fn marks_of_which_less_than_half_agree_are_refused() {
+fn marks_are_refused_if_less_than_half_agree() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
     let mut marks = court_marks(&truth, &CORNERS, 0.5, 4);
-    // Five of nine are somewhere else, each elsewhere.
+    // Five of nine are wrong, each in another way.
     for (index, mark) in marks.known.iter_mut().enumerate().skip(4) {
         if let Known::Place(at_m) = &mut mark.known {
             at_m[0] += [3.0, -4.0, 6.0, -5.0, 2.0][index - 4];
             at_m[1] += [-5.0, 2.0, 3.0, -3.0, 6.0][index - 4];
         }
     }
-    let said = fit(&marks, &cameras).unwrap_err();
-    assert!(said.contains("contradict each other"), "{said}");
+    let message = fit(&marks, &cameras).unwrap_err();
+    assert!(message.contains("contradict each other"), "{message}");
 }
 
 #[test]
-fn one_click_in_one_camera_is_named() {
+fn one_wrong_click_in_one_camera_is_an_outlier() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
     let mut marks = court_marks(&truth, &CORNERS, 0.5, 5);
@@ -261,13 +261,13 @@ fn one_click_in_one_camera_is_named() {
 }
 
 #[test]
-fn marks_that_one_camera_each_sees_are_enough() {
+fn marks_seen_by_one_camera_each_are_enough() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
     let court = Court::of("futsal", None).unwrap();
     let names: Vec<&str> = court.marks.iter().map(|mark| mark.name.as_str()).collect();
     let mut marks = court_marks(&truth, &names, 0.0, 1);
-    // No mark is left in two cameras.
+    // No mark is in two cameras.
     for (index, mark) in marks.known.iter_mut().enumerate() {
         let own = if index % 2 == 0 { "c0" } else { "c3" };
         mark.clicks.retain(|(name, _)| name == own);
@@ -278,7 +278,7 @@ fn marks_that_one_camera_each_sees_are_enough() {
 }
 
 #[test]
-fn lines_help_where_marks_are_few() {
+fn lines_improve_a_fit_with_few_marks() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
     let few = ["halfway_north", "halfway_south", "penalty_spot_west"];
@@ -310,7 +310,7 @@ fn lines_help_where_marks_are_few() {
 }
 
 #[test]
-fn cameras_in_metres_keep_their_size_when_asked() {
+fn a_rigid_fit_keeps_the_scale() {
     let truth = venue();
     let turned = Similarity {
         scale: 1.0,
@@ -325,7 +325,7 @@ fn cameras_in_metres_keep_their_size_when_asked() {
 }
 
 #[test]
-fn too_little_or_one_line_is_refused() {
+fn too_few_marks_or_marks_on_one_line_are_refused() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
     for names in [
@@ -345,7 +345,7 @@ fn too_little_or_one_line_is_refused() {
 }
 
 #[test]
-fn a_wand_and_the_floor_give_metres_and_up_without_any_place() {
+fn a_wand_and_the_floor_give_scale_and_up_without_known_places() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
     let mut rng = ChaCha8Rng::seed_from_u64(8);
@@ -397,7 +397,7 @@ fn a_wand_and_the_floor_give_metres_and_up_without_any_place() {
 }
 
 #[test]
-fn marks_and_places_of_cameras_count_together() {
+fn marks_and_places_of_cameras_are_fitted_together() {
     let truth = venue();
     let cameras = moved(&truth, &elsewhere());
     let anchors = Anchors {

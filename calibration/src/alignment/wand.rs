@@ -1,31 +1,31 @@
-//! The scale from things whose length is known: a wand that was carried through the field, distances between cameras.
+//! The scale from known lengths: a wand that was carried through the field, distances between cameras.
 
 use farfield_proto::order_statistics::upper_median;
 
 /// A scale from several lengths.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WandScale {
-    /// Metres over the units of the cameras.
+    /// Metres per unit of the cameras.
     pub scale: f64,
-    /// Its standard deviation, as a share, told from how the lengths differ; `None` of one length.
+    /// Its relative standard deviation, from the differences of the lengths; `None` for one length.
     pub sigma_share: Option<f64>,
-    /// Indices of lengths that do not fit the others.
+    /// Indices of lengths that contradict the others.
     pub outliers: Vec<usize>,
 }
 
-/// Share by which a length may be off and not be an outlier, beside what the others let expect.
+/// Relative error below which a length is never an outlier.
 const LEAST_SHARE: f64 = 0.002;
-/// Median absolute deviations of an outlier (of a normal distribution: four standard deviations).
+/// Limit of an outlier in median absolute deviations (for a normal distribution: four standard deviations).
 const DEVIATIONS: f64 = 5.9;
-/// Share of the lengths that must agree.
+/// Least share of the lengths that must agree.
 const LEAST_AGREEING: f64 = 0.6;
-/// Share by which those that agree may differ.
+/// Relative error above which a length is always an outlier.
 const MOST_SHARE: f64 = 0.05;
 
-/// The scale that most of `lengths` agree on: each as it was found, in the units of the cameras, and as it is, metres.
+/// The scale on which most of `lengths` agree. Each is a pair: in units of the cameras, and in metres.
 ///
 /// # Errors
-/// In words: no length, one that is none, or lengths that contradict each other.
+/// A message: no length, an invalid length, or lengths that contradict each other.
 pub fn wand_scale(lengths: &[(f64, f64)]) -> Result<WandScale, String> {
     let mut logs = Vec::new();
     for (found, known) in lengths {
@@ -50,7 +50,7 @@ pub fn wand_scale(lengths: &[(f64, f64)]) -> Result<WandScale, String> {
         let least = logs.iter().copied().fold(f64::INFINITY, f64::min);
         let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         return Err(format!(
-            "the known distances contradict each other by a factor of {:.2}: look for a wrong one",
+            "the known distances contradict each other by a factor of {:.2}: find and correct the wrong one",
             libm::exp(most - least)
         ));
     }
@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_wrong_length_among_many_is_named_and_not_used() {
+    fn a_wrong_length_among_many_is_an_outlier_and_not_used() {
         let mut lengths: Vec<(f64, f64)> = (0..12)
             .map(|i| (0.25 * (1.0 + 1e-3 * libm::sin(f64::from(i))), 1.0))
             .collect();
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn one_length_is_enough_and_says_nothing_of_itself() {
+    fn one_length_gives_a_scale_without_uncertainty() {
         let found = wand_scale(&[(2.0, 5.0)]).unwrap();
         assert!((found.scale - 2.5).abs() < 1e-12 && found.sigma_share.is_none());
     }

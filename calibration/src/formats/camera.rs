@@ -1,4 +1,4 @@
-//! One camera as every format can say it, and what an import says beside it.
+//! One camera in a form common to all formats, and the remarks of an import.
 
 use std::f64::consts::FRAC_PI_2;
 use std::fmt;
@@ -9,13 +9,13 @@ use farfield_proto::frames::Transform;
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
-/// Whether no coefficient does anything.
+/// Whether the coefficients have no effect.
 pub(super) fn all_zero(coefficients: &[f64]) -> bool {
     coefficients.iter().all(|&c| c == 0.0)
 }
 
-/// One camera: name, picture, lens and place. Pixels as in [`farfield_proto::frames::Pixel`], (0, 0) being the centre of
-/// the first pixel; the camera looks along +z with x right and y down.
+/// One camera: name, picture size, lens and pose. Pixels as in [`farfield_proto::frames::Pixel`]: (0, 0) is the centre of
+/// the first pixel. The camera looks along +z with x right and y down.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraRecord {
     /// Its name in the file.
@@ -31,13 +31,13 @@ pub struct CameraRecord {
 }
 
 impl CameraRecord {
-    /// The camera of the same pictures after so many clockwise turns by 90 degrees: its lens and its place are turned with them.
+    /// The camera of the same pictures after `quarters` clockwise turns by 90 degrees; lens and pose turn with them.
     #[must_use]
     pub fn turned(&self, quarters: u32) -> Self {
         (0..quarters % 4).fold(self.clone(), |camera, _| camera.turned_once())
     }
 
-    /// What was to the right is below: (x, y) becomes (-y, x) from the principal point.
+    /// Turns right into down: (x, y) from the principal point becomes (-y, x).
     fn turned_once(self) -> Self {
         let [width, height] = self.size_px;
         let k = self.intrinsics;
@@ -65,21 +65,21 @@ impl CameraRecord {
     }
 }
 
-/// How sure a remark of an import is.
+/// How certain a remark of an import is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(into = "&'static str")]
 pub enum RemarkKind {
-    /// The file does not say it, and something had to be taken.
+    /// The file does not state it, and a value was assumed.
     Assumed,
-    /// The numbers leave no doubt, and it was put right.
+    /// The numbers leave no doubt, and the value was corrected.
     Corrected,
-    /// The numbers speak against the file, and the remark says which option would change it; or what is written holds less
-    /// than what was read. Nothing was changed.
+    /// The numbers contradict the file, and the remark names the option that would change it; or the written file stores less
+    /// than was read. Nothing was changed.
     Doubtful,
 }
 
 impl RemarkKind {
-    /// As programs read it.
+    /// The name in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Assumed => "assumed",
@@ -95,14 +95,14 @@ impl From<RemarkKind> for &'static str {
     }
 }
 
-/// One thing that the reader of a converted file must know.
+/// One fact that the user of a converted file must know.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct Remark {
-    /// How sure it is.
+    /// How certain it is.
     pub kind: RemarkKind,
-    /// The camera that it is about; `None` when it is about all.
+    /// The camera concerned; `None`: all cameras.
     pub camera: Option<String>,
-    /// A sentence.
+    /// A sentence for the user.
     pub text: String,
 }
 
@@ -135,23 +135,23 @@ impl fmt::Display for Remark {
     }
 }
 
-/// Unit of length of a file.
+/// The unit of length of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum FileUnit {
-    /// The format says millimetres.
+    /// The format defines millimetres.
     Millimetres,
-    /// The format says metres, but tools write others into it.
+    /// The format defines metres, but tools write other units.
     Metres,
-    /// The format has no unit.
+    /// The format defines no unit.
     None,
 }
 
-/// World to camera as a file has it: any unit, perhaps mirrored.
+/// World to camera as in the file: any unit, perhaps mirrored.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct RawPose {
     /// Its rows are the camera's axes; orthonormal, determinant 1 or -1.
     pub(super) rotation: Matrix3<f64>,
-    /// In the unit of the file.
+    /// In the file's unit.
     pub(super) translation: Vector3<f64>,
 }
 
@@ -164,13 +164,13 @@ impl RawPose {
         }
     }
 
-    /// Where the camera is, in the unit of the file.
+    /// The position of the camera in the file's unit.
     pub(super) fn center(&self) -> Vector3<f64> {
         -(self.rotation.transpose() * self.translation)
     }
 }
 
-/// A camera as a file has it.
+/// A camera as in the file.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct RawCamera {
     pub(super) name: String,
@@ -181,7 +181,7 @@ pub(super) struct RawCamera {
     pub(super) pose: Option<RawPose>,
 }
 
-/// All that a reader of one format found.
+/// The result of the reader of one format.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct RawSet {
     pub(super) cameras: Vec<RawCamera>,
@@ -189,13 +189,13 @@ pub(super) struct RawSet {
     pub(super) remarks: Vec<Remark>,
 }
 
-/// Cameras of whose four coefficients nobody says whose they are: read as Brown's, they may be a fisheye's just as well.
+/// Cameras with four distortion coefficients and no stated model: read as Brown's, they may as well be a fisheye's.
 #[derive(Debug, Default)]
-pub(super) struct UnsaidFour(Vec<String>);
+pub(super) struct AmbiguousFour(Vec<String>);
 
-impl UnsaidFour {
-    /// Notes `camera`, whose `coefficients` nothing says the lens of. Some numbers do: zeros are no fisheye that anybody has
-    /// calibrated, and a run takes no fisheye that folds within its picture.
+impl AmbiguousFour {
+    /// Records `camera` if its `coefficients` leave the model open. Zeros do not: no calibrated fisheye has them.
+    /// Neither do coefficients with which a fisheye folds inside its picture: a run refuses those.
     pub(super) fn note(&mut self, camera: &RawCamera, coefficients: &[f64]) {
         let Ok(four) = <[f64; 4]>::try_from(coefficients) else {
             return;
@@ -215,13 +215,13 @@ impl UnsaidFour {
         }
     }
 
-    /// What is said of them, once.
+    /// One remark about all recorded cameras.
     pub(super) fn remark(&self) -> Option<Remark> {
         (!self.0.is_empty()).then(|| {
             let text = format!(
-                "the file does not say whether the four distortion coefficients of `{}` are a fisheye's: taken as k1, k2, p1, p2; \
-                 if they are, say so in the file (`fisheye = true` in each table of TOML, `distortion_model: equidistant` in \
-                 OpenCV's YAML and JSON), or turn it into another with `farfield calibrate convert --four-are-fisheye`",
+                "the file does not state whether the four distortion coefficients of `{}` are a fisheye's: taken as k1, k2, p1, p2; \
+                 if they are, state it in the file (`fisheye = true` in each table of TOML, `distortion_model: equidistant` in \
+                 OpenCV's YAML and JSON), or convert the file with `farfield calibrate convert --four-are-fisheye`",
                 self.0.join("`, `")
             );
             Remark::of_all(RemarkKind::Assumed, text)
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_camera_draws_what_the_turned_picture_shows() {
+    fn a_turned_camera_projects_to_the_pixels_of_the_turned_picture() {
         let camera = CameraRecord {
             name: "a".to_owned(),
             size_px: [1280, 720],

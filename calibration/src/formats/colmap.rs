@@ -1,5 +1,5 @@
-//! COLMAP's text: `cameras.txt` and `images.txt`. The centre of the first pixel is (0.5, 0.5), the quaternion's real part
-//! comes first, world to camera; there is no unit of length.
+//! COLMAP's text files `cameras.txt` and `images.txt`. The centre of the first pixel is (0.5, 0.5). The quaternion's real part
+//! comes first, world to camera. There is no unit of length.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -12,11 +12,11 @@ use super::camera::{CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSe
 use super::tree::{Source, whole_size};
 use super::{ExportError, Format, TextFile, placed};
 
-/// How far a quaternion may be from length 1.
+/// Largest deviation of a quaternion's length from 1.
 const QUATERNION_TOLERANCE: f64 = 1e-2;
-/// Where COLMAP has the centre of the first pixel.
+/// COLMAP's coordinate of the centre of the first pixel.
 const HALF: f64 = 0.5;
-/// COLMAP's camera models that are read, and how many parameters each has.
+/// The supported camera models of COLMAP, and the number of parameters of each.
 const MODELS: [(&str, usize); 7] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -27,14 +27,14 @@ const MODELS: [(&str, usize); 7] = [
     ("FULL_OPENCV", 12),
 ];
 
-/// Whether the text has lines as `cameras.txt` has.
+/// Whether the text has the lines of `cameras.txt`.
 pub(super) fn is_cameras(text: &str) -> bool {
     let line = text.lines().find(|line| is_data(line)).unwrap_or_default();
     let model = line.split_whitespace().nth(1).unwrap_or_default();
     MODELS.iter().any(|(name, _)| *name == model) || model.ends_with("_FISHEYE") || model == "FOV"
 }
 
-/// Whether the text has lines as `images.txt` has.
+/// Whether the text has the lines of `images.txt`.
 pub(super) fn is_images(text: &str) -> bool {
     let line = text.lines().find(|line| is_data(line)).unwrap_or_default();
     let words: Vec<&str> = line.split_whitespace().collect();
@@ -160,7 +160,7 @@ fn optics(model: &str, p: &[f64]) -> Result<(Intrinsics, LensModel), String> {
     Ok((intrinsics, lens))
 }
 
-/// Two lines an image, of which the second has its points, and may be empty.
+/// Two lines per image; the second has its points, and may be empty.
 fn read_images(
     source: &Source<'_>,
     optics: &BTreeMap<u64, Optics>,
@@ -217,13 +217,13 @@ fn read_images(
                 translation: Vector3::new(tx, ty, tz),
             }),
         });
-        // The points, of which none is needed.
+        // The line of points is not needed.
         _ = lines.next();
     }
     Ok(found)
 }
 
-/// `cameras.txt`, `images.txt` and an empty `points3D.txt`, without which COLMAP reads neither.
+/// `cameras.txt`, `images.txt` and an empty `points3D.txt`, which COLMAP needs to read the others.
 pub(super) fn write(cameras: &[CameraRecord]) -> Result<Vec<TextFile>, ExportError> {
     let mut optics = String::from("# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
     let mut images = String::from(

@@ -1,22 +1,22 @@
-//! Whether two calibrations say the same, and by how much they do not.
+//! Compares two calibrations and measures by how much they differ.
 
 use nalgebra::Vector2;
 
 use super::camera::CameraRecord;
 
-/// Two cameras nearer to each other stand at one place, metres: files keep a tenth of a millimetre.
+/// Cameras closer than this stand at one place, metres: files keep a tenth of a millimetre.
 const SAME_PLACE_M: f64 = 1e-3;
-/// And so much apart they look the same way, radians: 1 mm at 10 m.
+/// Smaller rotations count as none, radians: 1 mm at 10 m.
 const SAME_TURN_RAD: f64 = 1e-4;
-/// And lenses that draw every point so near are the same, pixels: below what any keypoint is worth.
+/// Lenses that project all points closer than this are equal, pixels: below the accuracy of any keypoint.
 const SAME_LENS_PX: f64 = 0.5;
 /// Points along each side of a picture where lenses are compared.
 const GRID: u32 = 5;
 
-/// What `b` says otherwise than `a`, in words: which cameras, how far apart they stand. `None` where both say the same.
-/// Cameras are compared by their names; where these differ, in order.
+/// Describes how `b` differs from `a`: the cameras and the distances. `None` if they agree.
+/// Cameras are matched by name, or by order if no names match.
 pub fn difference(a: &[CameraRecord], b: &[CameraRecord]) -> Option<String> {
-    let by_name = |of: &CameraRecord| b.iter().find(|it| it.name == of.name);
+    let by_name = |camera: &CameraRecord| b.iter().find(|it| it.name == camera.name);
     let named: Vec<_> = a.iter().filter_map(|it| Some((it, by_name(it)?))).collect();
     let have_names = named.len() == a.len().max(b.len());
     let pairs = if named.is_empty() && a.len() == b.len() {
@@ -63,11 +63,11 @@ pub fn difference(a: &[CameraRecord], b: &[CameraRecord]) -> Option<String> {
     let unplaced = pairs
         .iter()
         .find(|(a, b)| a.camera_from_world.is_some() != b.camera_from_world.is_some());
-    parts.extend(unplaced.map(|(a, _)| format!("only one says where camera {} stands", a.name)));
+    parts.extend(unplaced.map(|(a, _)| format!("only one has a pose of camera {}", a.name)));
     (!parts.is_empty()).then(|| parts.join(", "))
 }
 
-/// The largest of a measure, and the camera that has it.
+/// The largest value of a measure, and its camera.
 fn largest<'a>(
     pairs: &[(&'a CameraRecord, &CameraRecord)],
     measure: impl Fn(&CameraRecord, &CameraRecord) -> Option<f64>,
@@ -78,7 +78,7 @@ fn largest<'a>(
     measured.max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// How far apart two lenses draw the same direction at most, pixels; infinite for pictures of other sizes.
+/// The largest distance between the pixels of one direction in two lenses; infinite for different picture sizes.
 fn lens_px(a: &CameraRecord, b: &CameraRecord) -> f64 {
     if a.size_px != b.size_px {
         return f64::INFINITY;
@@ -108,7 +108,7 @@ mod tests {
     use nalgebra::{Translation3, Vector3};
 
     #[test]
-    fn what_differs_is_said_in_metres_degrees_and_pixels() {
+    fn differences_are_reported_in_metres_degrees_and_pixels() {
         let a = ring(Vector3::z(), LensModel::ideal());
         assert_eq!(difference(&a, &a), None);
         let mut renamed = a.clone();
@@ -119,12 +119,12 @@ mod tests {
         let mut moved = a.clone();
         let pose = moved[1].camera_from_world.unwrap();
         moved[1].camera_from_world = Some(Translation3::new(0.3, 0.0, 0.0) * pose);
-        let said = difference(&a, &moved).unwrap();
-        assert_eq!(said, "it places camera cam1 0.300 m away");
+        let text = difference(&a, &moved).unwrap();
+        assert_eq!(text, "it places camera cam1 0.300 m away");
         let mut longer = a.clone();
         longer[2].intrinsics.fx_px *= 1.01;
-        let said = difference(&a, &longer).unwrap();
-        assert_eq!(said, "its lens of camera cam2 draws up to 9.6 px elsewhere");
+        let text = difference(&a, &longer).unwrap();
+        assert_eq!(text, "its lens of camera cam2 draws up to 9.6 px elsewhere");
         longer[2].size_px = [1280, 720];
         assert!(difference(&a, &longer).unwrap().contains("another size"));
         assert!(

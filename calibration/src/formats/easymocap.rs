@@ -5,13 +5,13 @@ use std::fmt::Write as _;
 
 use farfield_proto::toml_file::FileError;
 
-use super::camera::{CameraRecord, FileUnit, RawCamera, RawPose, RawSet, UnsaidFour};
+use super::camera::{AmbiguousFour, CameraRecord, FileUnit, RawCamera, RawPose, RawSet};
 use super::opencv::{value, yaml_matrix};
 use super::toml_tables::lens;
 use super::tree::{Node, Source, whole_size};
 use super::{ExportError, Format, ImportOptions, TextFile, placed};
 
-/// Farthest that the two ways in which a rotation is written may be from each other.
+/// Largest difference between the two forms of one rotation.
 const SAME_ROTATION: f64 = 1e-3;
 
 pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<RawSet, FileError> {
@@ -23,14 +23,14 @@ pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<Ra
         .collect();
     let find = |name: &str| roots.iter().find_map(|root| root.get(name));
     let mut cameras = Vec::new();
-    let mut unsaid = UnsaidFour::default();
+    let mut ambiguous = AmbiguousFour::default();
     for (key, matrix) in roots.iter().flat_map(Node::fields) {
         let Some(name) = key.strip_prefix("K_") else {
             continue;
         };
         let distortion = find(&format!("dist_{name}"))
             .or_else(|| find(&format!("D_{name}")))
-            .ok_or_else(|| matrix.error(format!("`dist_{name}` is missing beside it")))?;
+            .ok_or_else(|| matrix.error(format!("its `dist_{name}` is missing")))?;
         let size = match (find(&format!("W_{name}")), find(&format!("H_{name}"))) {
             (Some(width), Some(height)) => whole_size([width.number()?, height.number()?]),
             _ => None,
@@ -44,14 +44,14 @@ pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<Ra
             pose: pose(name, &find)?,
         };
         if !options.four_are_fisheye {
-            unsaid.note(&camera, &coefficients);
+            ambiguous.note(&camera, &coefficients);
         }
         cameras.push(camera);
     }
     Ok(RawSet {
         cameras,
         unit: FileUnit::Metres,
-        remarks: unsaid.remark().into_iter().collect(),
+        remarks: ambiguous.remark().into_iter().collect(),
     })
 }
 
@@ -74,7 +74,7 @@ fn pose<'a>(
         }
     }
     let translation = find(&format!("T_{name}"))
-        .ok_or_else(|| node.error(format!("`T_{name}` is missing beside it")))?
+        .ok_or_else(|| node.error(format!("its `T_{name}` is missing")))?
         .vector()?;
     Ok(Some(RawPose {
         rotation,

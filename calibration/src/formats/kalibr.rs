@@ -1,4 +1,4 @@
-//! Kalibr's `camchain.yaml`: each camera says where it stands from the one before it, `T_cn_cnm1`; the first is the world.
+//! Kalibr's `camchain.yaml`: each camera has its pose relative to the previous one, `T_cn_cnm1`; the first is the world.
 
 use std::fmt::Write as _;
 
@@ -21,7 +21,7 @@ pub(super) fn read(source: &Source<'_>) -> Result<RawSet, FileError> {
         rotation: Matrix3::identity(),
         translation: Vector3::zeros(),
     };
-    // `cam10` comes after `cam9`.
+    // Numeric order: `cam10` comes after `cam9`.
     for index in 0.. {
         let Some(table) = root.get(&format!("cam{index}")) else {
             break;
@@ -102,7 +102,7 @@ fn camera(name: String, table: &Node<'_>, pose: RawPose) -> Result<RawCamera, Fi
     })
 }
 
-/// One `camchain.yaml`. The world of the cameras is lost: the first camera is it.
+/// One `camchain.yaml`. The first camera becomes the world.
 pub(super) fn write(cameras: &[CameraRecord]) -> Result<String, ExportError> {
     let mut text = String::new();
     let mut before = None;

@@ -1,13 +1,13 @@
-//! What a format cannot hold of cameras that are written in it: nothing is refused for it, and nothing is lost unsaid.
+//! Facts about cameras that an output format cannot store. They are reported as remarks; the export still succeeds.
 
 use super::Format;
 use super::camera::{CameraRecord, Remark, RemarkKind};
 
-/// A pose nearer to that of the world itself is the same, metres and radians.
+/// A pose closer than this to the identity counts as the identity, metres and radians.
 const SAME_WORLD: f64 = 1e-9;
 
-/// What is lost of `cameras` in `format`, a remark each: names, where the world is, the unit of length. What a format
-/// cannot say of a lens is refused by [`super::export`].
+/// Remarks on what `format` cannot store of `cameras`: names, the pose of the world, the unit of length.
+/// [`super::export`] refuses lenses that the format cannot store.
 pub fn losses(cameras: &[CameraRecord], format: Format) -> Vec<Remark> {
     let lost = match format {
         Format::Caliscope => vec![names(cameras, format, |i| format!("cam_{i}"))],
@@ -30,7 +30,7 @@ pub fn losses(cameras: &[CameraRecord], format: Format) -> Vec<Remark> {
         .collect()
 }
 
-/// Numbers in the place of names; `numbered` is what a camera is called then.
+/// Reports numbers instead of names; `numbered` gives the name that the format uses.
 fn names(
     cameras: &[CameraRecord],
     format: Format,
@@ -44,13 +44,13 @@ fn names(
         .collect();
     (!renamed.is_empty()).then(|| {
         format!(
-            "the format `{format}` has numbers in the place of names: {}",
+            "the format `{format}` has numbers instead of names: {}",
             renamed.join(", ")
         )
     })
 }
 
-/// The first camera in the place of the world.
+/// Reports that the first camera becomes the world.
 fn world(cameras: &[CameraRecord], format: Format) -> Option<String> {
     let first = cameras.first()?;
     let pose = first.camera_from_world?;
@@ -58,19 +58,19 @@ fn world(cameras: &[CameraRecord], format: Format) -> Option<String> {
         pose.rotation.angle() < SAME_WORLD && pose.translation.vector.norm() < SAME_WORLD;
     (!is_world).then(|| {
         format!(
-            "the format `{format}` cannot hold where the world is: camera `{}` is its origin there, and which way is up and \
-             where the floor is are lost; keep the file that was read",
+            "the format `{format}` does not store the pose of the world: camera `{}` becomes the origin, and the direction of up \
+             and the position of the floor are lost; keep the original file",
             first.name
         )
     })
 }
 
-/// Lengths without a unit.
+/// Reports lengths without a unit.
 fn unit(cameras: &[CameraRecord], format: Format) -> Option<String> {
     let is_placed = cameras.iter().any(|it| it.camera_from_world.is_some());
     is_placed.then(|| {
         format!(
-            "the format `{format}` has no unit of length: its numbers are metres, which whoever reads it must be told"
+            "the format `{format}` has no unit of length: its numbers are metres; set metres in the program that reads it"
         )
     })
 }
@@ -83,10 +83,10 @@ mod tests {
     use super::super::{ImportOptions, export, import};
     use super::*;
 
-    /// What is said of a file without one, by whoever writes it and whoever reads it.
+    /// The part that the remarks of both the export and the import contain.
     const NO_UNIT: &str = "no unit of length";
 
-    /// Cameras of these names, the first at `first_m` of the world.
+    /// Cameras with these names; the first stands at `first_m`.
     fn cameras(names: &[&str], first_m: f64) -> Vec<CameraRecord> {
         let camera = |(i, name): (usize, &&str)| {
             let along_m = first_m + 2.0 * i as f64;
@@ -106,14 +106,14 @@ mod tests {
         names.iter().enumerate().map(camera).collect()
     }
 
-    fn said(cameras: &[CameraRecord], format: Format) -> Vec<String> {
+    fn texts(cameras: &[CameraRecord], format: Format) -> Vec<String> {
         let remarks = losses(cameras, format).into_iter();
         remarks.map(|remark| remark.text).collect()
     }
 
     #[test]
-    fn names_that_become_numbers_are_told_with_these_once() {
-        let lost = said(
+    fn one_remark_lists_all_names_that_become_numbers() {
+        let lost = texts(
             &cameras(&["north", "cam_1", "south"], 0.0),
             Format::Caliscope,
         );
@@ -126,33 +126,36 @@ mod tests {
         );
         let none: [String; 0] = [];
         assert_eq!(
-            said(&cameras(&["cam_0", "cam_1"], 3.0), Format::Caliscope),
+            texts(&cameras(&["cam_0", "cam_1"], 3.0), Format::Caliscope),
             none
         );
     }
 
     #[test]
-    fn a_world_that_becomes_the_first_camera_is_told() {
-        let lost = said(&cameras(&["north", "south"], 3.0), Format::Kalibr);
+    fn a_world_that_becomes_the_first_camera_is_reported() {
+        let lost = texts(&cameras(&["north", "south"], 3.0), Format::Kalibr);
         let [names, world] = lost.as_slice() else {
             panic!("{lost:?}")
         };
         assert!(names.contains("`south` is `cam1`"), "{names}");
         assert!(
-            world.contains("camera `north` is its origin there"),
+            world.contains("camera `north` becomes the origin"),
             "{world}"
         );
         let none: [String; 0] = [];
-        assert_eq!(said(&cameras(&["cam0", "cam1"], 0.0), Format::Kalibr), none);
+        assert_eq!(
+            texts(&cameras(&["cam0", "cam1"], 0.0), Format::Kalibr),
+            none
+        );
     }
 
-    fn has_moved((read, written): (&CameraRecord, &CameraRecord)) -> bool {
-        let of = |camera: &CameraRecord| camera.camera_from_world.unwrap().to_homogeneous();
-        (of(read) - of(written)).abs().max() > SAME_WORLD
+    fn has_moved(read: &CameraRecord, written: &CameraRecord) -> bool {
+        let matrix = |camera: &CameraRecord| camera.camera_from_world.unwrap().to_homogeneous();
+        (matrix(read) - matrix(written)).abs().max() > SAME_WORLD
     }
 
     #[test]
-    fn what_comes_back_otherwise_than_it_was_written_is_told_and_nothing_else() {
+    fn losses_are_exactly_what_a_round_trip_changes() {
         let cameras = cameras(&["north", "south"], 3.0);
         for format in Format::ALL {
             let files = export(&cameras, format).unwrap();
@@ -167,16 +170,16 @@ mod tests {
             let is_renamed = pairs.clone().any(|(a, b)| a.name != b.name);
             let assumed: Vec<&str> = back.remarks.iter().map(|it| it.text.as_str()).collect();
             let differences = [
-                ("numbers in the place of names", is_renamed),
-                ("where the world is", pairs.any(has_moved)),
+                ("numbers instead of names", is_renamed),
+                ("the pose of the world", pairs.any(|(a, b)| has_moved(a, b))),
                 (NO_UNIT, assumed.iter().any(|text| text.contains(NO_UNIT))),
             ];
-            let lost = said(&cameras, format);
-            for (words, is_there) in differences {
-                let is_told = lost.iter().any(|text| text.contains(words));
-                assert_eq!(is_told, is_there, "{format}: {words}");
+            let lost = texts(&cameras, format);
+            for (part, is_expected) in differences {
+                let is_reported = lost.iter().any(|text| text.contains(part));
+                assert_eq!(is_reported, is_expected, "{format}: {part}");
             }
-            let count = differences.iter().filter(|(_, is_there)| *is_there);
+            let count = differences.iter().filter(|(_, is_expected)| *is_expected);
             assert_eq!(lost.len(), count.count(), "{format}: {lost:?}");
         }
     }

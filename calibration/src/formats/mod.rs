@@ -1,16 +1,15 @@
 //! Calibrations of other tools, read and written: `farfield calibrate convert`.
 //!
-//! [`import`] takes the texts of one calibration and guesses whose they are; [`export`] writes what it found in another
-//! tool's way. In between every camera is a [`CameraRecord`]: metres, a right-handed world, pixels from the centre of the
-//! first one, OpenCV's axes. What a file does not say, or says in another unit, is told in [`Remark`]s; what is certain is
-//! put right, what is not can be asked for by [`ImportOptions`]. What the file that is written cannot hold, [`losses`] tells.
+//! [`import`] reads the files of one calibration and recognises their format. [`export`] writes cameras in another format.
+//! In between every camera is a [`CameraRecord`]: metres, a right-handed world, pixels from the centre of the first one,
+//! OpenCV's axes. Facts that a file lacks or has in another unit are reported as [`Remark`]s. Certain facts are corrected;
+//! the caller can state the others in [`ImportOptions`]. [`losses`] reports facts that the output format cannot store.
 
 mod axes;
 mod camera;
 mod colmap;
 mod compare;
 mod easymocap;
-mod films;
 mod kalibr;
 mod losses;
 mod opencv;
@@ -41,7 +40,7 @@ const MAX_TEXT_BYTES: usize = 32 << 20;
 /// Most cameras of one calibration.
 const MAX_CAMERAS: usize = 4096;
 
-/// Whose file it is.
+/// The format of a calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Format {
     /// TOML with one table per camera, metres: ours, aniposelib's, Pose2Sim's.
@@ -101,7 +100,7 @@ impl Format {
         }
     }
 
-    /// The format of this name; `aniposelib`, `anipose` and `pose2sim` are ours too.
+    /// The format with this name; `aniposelib`, `anipose` and `pose2sim` also mean [`Format::Farfield`].
     pub fn from_name(name: &str) -> Option<Self> {
         if matches!(name, "aniposelib" | "anipose" | "pose2sim") {
             return Some(Self::Farfield);
@@ -116,58 +115,58 @@ impl fmt::Display for Format {
     }
 }
 
-/// A file by its name: read by the caller, or to be written by him.
+/// A file and its name: one that the caller has read, or one to write.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TextFile {
-    /// Its name; of a file to be written, without a folder.
+    /// Its name; for a file to write, without a folder.
     pub path: PathBuf,
-    /// All of it.
+    /// The whole content.
     pub text: String,
 }
 
-/// What the caller knows better than the file. The default is to believe the file.
+/// Facts that the caller states because the file lacks them or has them wrong. By default the file is trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ImportOptions {
-    /// Whose the files are; `None`: guessed by their content.
+    /// The format; `None`: recognised by content.
     pub format: Option<Format>,
-    /// How many metres one unit of length of the file is; `None`: by format and numbers.
+    /// Metres in one unit of length of the file; `None`: derived from format and numbers.
     pub metres_per_unit: Option<f64>,
-    /// Which axis of the file's world points up; it becomes z. `None`: the world is left as it is.
+    /// The axis of the file's world that points up; it becomes z. `None`: the world is not rotated.
     pub up: Option<WorldAxis>,
-    /// Which point of the file's world becomes the origin; `None`: the file's own stays.
+    /// The point of the file's world that becomes the origin; `None`: the origin does not move.
     pub origin: Option<Origin>,
-    /// Which axis of a left-handed world is turned round.
+    /// The axis of a left-handed world that is reversed.
     pub mirrored: Option<WorldAxis>,
-    /// Which way the poses of the file go.
+    /// The direction of the poses in the file.
     pub pose: PoseMeaning,
-    /// The cameras' axes in the file.
+    /// The axes of the cameras in the file.
     pub camera_axes: CameraAxes,
-    /// Whether distortions of four coefficients are a fisheye's where the file does not say.
+    /// Whether four distortion coefficients belong to a fisheye lens if the file does not state the model.
     pub four_are_fisheye: bool,
-    /// Width and height of the videos where they show the middle of the sensor only (Vicon), pixels.
+    /// Width and height of videos that are cropped to the middle of the sensor (Vicon), pixels.
     pub video_px: Option<[u32; 2]>,
-    /// Whether only lenses are asked for: poses are left out, and nothing is said of them.
+    /// Whether only lenses are read: poses and remarks about them are left out.
     pub only_lenses: bool,
 }
 
-/// What was read.
+/// The result of [`import`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
-    /// Whose files they are.
+    /// The format of the files.
     pub format: Format,
-    /// The cameras in the order of the files; at least one, names all different.
+    /// The cameras in the order of the files; at least one, all names different.
     pub cameras: Vec<CameraRecord>,
-    /// The point of the file's world that is the origin of these cameras, metres; `None`: the file's own.
+    /// The point of the file's world that is the origin of these cameras, metres; `None`: the file's own origin.
     pub origin_m: Option<[f64; 3]>,
-    /// What was assumed, put right, or is doubtful.
+    /// Facts that were assumed or corrected, and warnings.
     pub remarks: Vec<Remark>,
 }
 
-/// Reads the texts of one calibration.
+/// Reads the files of one calibration.
 ///
 /// # Errors
-/// [`FileError`] with file, line and field: no known format, broken syntax, a field that is missing or no usable number, a
-/// mirrored world without the option that says which axis, no camera, two of one name.
+/// [`FileError`] with file, line and field: an unknown format, wrong syntax, a missing or unusable field, a mirrored world
+/// without the option that states the axis, no camera, two cameras of one name.
 pub fn import(files: &[TextFile], options: &ImportOptions) -> Result<Imported, FileError> {
     let sources: Vec<Source<'_>> = files
         .iter()
@@ -219,8 +218,8 @@ pub fn import(files: &[TextFile], options: &ImportOptions) -> Result<Imported, F
     }?;
     if raw.cameras.is_empty() {
         return Err(first.error(format!(
-            "no camera was found, expected a calibration of the format `{format}` (that of a venue is the file which its \
-             `calibration` names)"
+            "no camera was found, expected a calibration of the format `{format}` (the calibration of a venue is the file that \
+             its field `calibration` names)"
         )));
     }
     if raw.cameras.len() > MAX_CAMERAS {
@@ -267,10 +266,10 @@ fn read_colmap(sources: &[Source<'_>]) -> Result<camera::RawSet, FileError> {
     }
 }
 
-/// Whose files these are, by their content.
+/// Recognises the format by content.
 ///
 /// # Errors
-/// [`FileError`] naming the first file where it is none of the known ones.
+/// [`FileError`] for the first file if its format is unknown.
 fn guess(sources: &[Source<'_>]) -> Result<Format, FileError> {
     let Some(first) = sources.first() else {
         return Err(FileError::new("", "no file was given"));
@@ -281,7 +280,7 @@ fn guess(sources: &[Source<'_>]) -> Result<Format, FileError> {
             qualisys::guess(first).or_else(|| text.contains("<Cameras").then_some(Format::Vicon));
         return match found {
             Some(format) => Ok(format),
-            // Broken XML says where; other XML says that it is not known.
+            // Broken XML is reported with its line, other XML as an unknown format.
             None => Err(xml::parse(first).err().unwrap_or_else(|| {
                 first.error(
                     "found XML, expected <calibration> of Qualisys or Theia, or <Cameras> of Vicon",
@@ -322,11 +321,11 @@ fn guess(sources: &[Source<'_>]) -> Result<Format, FileError> {
         return Ok(Format::OpenCvYaml);
     }
     Err(first.error(format!(
-        "its content is of no known format, expected one of {FORMATS_READ}; if it is one, name it and its syntax error will be said"
+        "its content is of no known format, expected one of {FORMATS_READ}; if it is one of these, name the format to see its syntax error"
     )))
 }
 
-/// Why cameras cannot be written in a format.
+/// The reason why cameras cannot be written in a format.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ExportError {
     /// A camera has no pose, and the format needs one.
@@ -334,37 +333,37 @@ pub enum ExportError {
         "camera `{camera}` has no pose, and the format `{format}` needs one: only opencv-yaml and opencv-json do without"
     )]
     NoPose {
-        /// Which camera.
+        /// The camera.
         camera: String,
-        /// Which format.
+        /// The format.
         format: Format,
     },
-    /// The format has no such lens.
-    #[error("camera `{camera}`: the format `{format}` cannot say its lens; it has {has}")]
+    /// The format does not support the lens.
+    #[error("camera `{camera}`: the format `{format}` cannot store its lens; it has {has}")]
     Lens {
-        /// Which camera.
+        /// The camera.
         camera: String,
-        /// Which format.
+        /// The format.
         format: Format,
-        /// What the format has.
+        /// The lens that the format supports.
         has: &'static str,
     },
     /// Two cameras would be written to one file.
     #[error(
-        "two cameras would both be written to `{}`, expected names that differ in more than signs and capitals", path.display()
+        "two cameras would both be written to `{}`, expected names that differ in letters or digits other than in case", path.display()
     )]
     SameFile {
-        /// Which file.
+        /// The file.
         path: PathBuf,
     },
-    /// The format cannot say the name.
+    /// The format does not support the name.
     #[error("camera `{camera}`: the format `{format}` cannot have this name, expected {expected}")]
     Name {
-        /// Which camera.
+        /// The camera.
         camera: String,
-        /// Which format.
+        /// The format.
         format: Format,
-        /// What it can have.
+        /// The names that the format supports.
         expected: &'static str,
     },
     /// There is nothing to write.
@@ -374,11 +373,11 @@ pub enum ExportError {
 
 /// The files of `cameras` in `format`.
 ///
-/// Kalibr's has the first camera as its world, COLMAP's no unit of length, Caliscope's and Kalibr's numbers instead of names:
-/// [`losses`] says so.
+/// Kalibr uses the first camera as the world, COLMAP has no unit of length, Caliscope and Kalibr number the cameras: see
+/// [`losses`].
 ///
 /// # Errors
-/// [`ExportError`] for a camera without a pose or with a lens or a name that the format has not.
+/// [`ExportError`] for a camera without a pose, or with a lens or a name that the format does not support.
 pub fn export(cameras: &[CameraRecord], format: Format) -> Result<Vec<TextFile>, ExportError> {
     if cameras.is_empty() {
         return Err(ExportError::NoCamera);
@@ -405,7 +404,7 @@ pub fn export(cameras: &[CameraRecord], format: Format) -> Result<Vec<TextFile>,
         Format::Colmap => colmap::write(cameras)?,
         Format::Kalibr => one("camchain.yaml", kalibr::write(cameras)?),
     };
-    // Some disks take capitals for small letters.
+    // Some file systems ignore case.
     let mut seen = BTreeSet::new();
     for file in &files {
         if !seen.insert(file.path.to_string_lossy().to_lowercase()) {
@@ -424,7 +423,7 @@ fn placed(camera: &CameraRecord, format: Format) -> Result<Isometry3<f64>, Expor
     })
 }
 
-/// The name of a camera's file: nothing in it leads out of a folder.
+/// A file name that cannot lead out of a folder.
 fn file_name(camera: &str, extension: &str) -> PathBuf {
     let safe = |c: char| {
         if c.is_alphanumeric() || "-_ ".contains(c) {

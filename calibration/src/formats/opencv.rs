@@ -1,4 +1,4 @@
-//! OpenCV's YAML and JSON: one camera a file, or several in one, as its samples, its users and ROS name the fields.
+//! OpenCV's YAML and JSON, with one or several cameras per file. Field names follow OpenCV's samples, common use, and ROS.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
 
 use super::camera::{
-    CameraRecord, FileUnit, RawCamera, RawPose, RawSet, Remark, RemarkKind, UnsaidFour,
+    AmbiguousFour, CameraRecord, FileUnit, RawCamera, RawPose, RawSet, Remark, RemarkKind,
 };
 use super::toml_tables::lens;
 use super::tree::{Node, Source, whole_size};
@@ -69,8 +69,8 @@ const FISHEYE: [&str; 5] = [
 
 /// The tree of a YAML or JSON text.
 ///
-/// OpenCV's `%YAML:1.0` and its tags are read as they are; what it writes for "not a number" is none in any format, and
-/// becomes nothing, which a reader then refuses by name.
+/// OpenCV's `%YAML:1.0` and its tags are accepted. Its spelling of NaN and infinity is invalid in both formats; these become
+/// null, which a reader then refuses by field name.
 pub(super) fn value(source: &Source<'_>) -> Result<Value, FileError> {
     let text = source.text.trim_start_matches('\u{feff}');
     if text.trim_start().starts_with(['{', '[']) {
@@ -92,10 +92,10 @@ pub(super) fn value(source: &Source<'_>) -> Result<Value, FileError> {
     })
 }
 
-/// Words that OpenCV writes for numbers that are none; no other writer spells them so.
+/// OpenCV's spelling of NaN and infinity; no other writer uses it.
 const NO_NUMBERS: [&str; 3] = ["-.Inf", ".Inf", ".Nan"];
 
-/// `text` with `null` for [`NO_NUMBERS`], which neither JSON nor YAML spells so.
+/// Replaces [`NO_NUMBERS`] by `null`.
 fn without_bare_nan(text: &str) -> String {
     let mut kept = String::with_capacity(text.len());
     for part in text.split_inclusive([' ', ',', '[', ']', '\n', '\r', '\t']) {
@@ -108,10 +108,10 @@ fn without_bare_nan(text: &str) -> String {
     kept
 }
 
-/// All cameras of `files`, which are of one kind.
+/// All cameras of `sources`, which are of one format.
 pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<RawSet, FileError> {
     let mut cameras = Vec::new();
-    let mut unsaid = UnsaidFour::default();
+    let mut ambiguous = AmbiguousFour::default();
     let mut remarks = Vec::new();
     let values = sources.iter().map(value).collect::<Result<Vec<_>, _>>()?;
     let roots: Vec<Node<'_>> = sources
@@ -119,19 +119,19 @@ pub(super) fn read(sources: &[Source<'_>], options: &ImportOptions) -> Result<Ra
         .zip(&values)
         .map(|(source, value)| Node::root(*source, value))
         .collect();
-    if let Some(pair) = stereo(&roots, options, &mut unsaid)? {
+    if let Some(pair) = stereo(&roots, options, &mut ambiguous)? {
         cameras.extend(pair);
     }
     for (root, source) in roots.iter().zip(sources) {
         for (name, table) in tables(root, source.path) {
-            let mut camera = camera(name, &table, options, &mut unsaid)?;
+            let mut camera = camera(name, &table, options, &mut ambiguous)?;
             if is_column(table.any(&SIZE)) {
                 remarks.extend(height_first(&mut camera));
             }
             cameras.push(camera);
         }
     }
-    remarks.extend(unsaid.remark());
+    remarks.extend(ambiguous.remark());
     Ok(RawSet {
         cameras,
         unit: FileUnit::Metres,
@@ -165,11 +165,11 @@ fn tables<'a>(root: &Node<'a>, path: &Path) -> Vec<(String, Node<'a>)> {
     found
 }
 
-/// The two files, or one, of OpenCV's stereo sample: M1, D1, M2, D2 and R, T from the first camera to the second.
+/// The one or two files of OpenCV's stereo sample: M1, D1, M2, D2 and R, T from the first camera to the second.
 fn stereo(
     roots: &[Node<'_>],
     options: &ImportOptions,
-    unsaid: &mut UnsaidFour,
+    ambiguous: &mut AmbiguousFour,
 ) -> Result<Option<[RawCamera; 2]>, FileError> {
     let find = |name: &str| roots.iter().find_map(|root| root.get(name));
     let (Some(m1), Some(m2)) = (find("M1"), find("M2")) else {
@@ -181,8 +181,8 @@ fn stereo(
         );
     };
     let mut one = |name: &str, matrix: &Node<'_>, distortion: Option<Node<'_>>, pose| {
-        let distortion = distortion
-            .ok_or_else(|| matrix.error("expected `D1` and `D2` beside `M1` and `M2`"))?;
+        let distortion =
+            distortion.ok_or_else(|| matrix.error("expected `D1` and `D2` with `M1` and `M2`"))?;
         let coefficients = distortion.numbers()?;
         let camera = RawCamera {
             name: name.to_owned(),
@@ -192,7 +192,7 @@ fn stereo(
             pose: Some(pose),
         };
         if !options.four_are_fisheye {
-            unsaid.note(&camera, &coefficients);
+            ambiguous.note(&camera, &coefficients);
         }
         Ok(camera)
     };
@@ -214,7 +214,7 @@ fn camera(
     name: String,
     table: &Node<'_>,
     options: &ImportOptions,
-    unsaid: &mut UnsaidFour,
+    ambiguous: &mut AmbiguousFour,
 ) -> Result<RawCamera, FileError> {
     let matrix = table.need(&MATRIX)?;
     let list = table.need(&DISTORTION)?;
@@ -233,7 +233,7 @@ fn camera(
             rotation: rotation.rotation()?,
             translation: translation.vector()?,
         }),
-        // ROS calls its rectification R.
+        // R alone is the rectification of ROS.
         _ => None,
     };
     let camera = RawCamera {
@@ -244,7 +244,7 @@ fn camera(
         pose,
     };
     if named.or(flag).is_none() && !options.four_are_fisheye {
-        unsaid.note(&camera, &coefficients);
+        ambiguous.note(&camera, &coefficients);
     }
     Ok(camera)
 }
@@ -255,11 +255,12 @@ fn is_column(size: Option<Node<'_>>) -> bool {
     rows.iter().any(|(_, row)| !row.items().is_empty())
 }
 
-/// Turns a size round that Python has as rows and columns: its principal point is nowhere near the middle of the picture, and in
-/// the middle of the turned one.
+/// Swaps a size that Python wrote as [rows, columns]: the principal point is far from the middle of the picture, and in the
+/// middle of the swapped one.
 fn height_first(camera: &mut RawCamera) -> Option<Remark> {
-    /// Distance of a principal point from the middle that no lens has, and that most have, of the picture's side.
+    /// Distance of a principal point from the middle, relative to the picture's side: larger than in any lens.
     const ABSURD: f64 = 0.25;
+    /// The same distance, not exceeded by most lenses.
     const USUAL: f64 = 0.1;
     let [width, height] = camera.size_px?;
     let Intrinsics { cx_px, cy_px, .. } = camera.intrinsics;
@@ -289,7 +290,7 @@ fn size(table: &Node<'_>) -> Result<Option<[u32; 2]>, FileError> {
     table.any(&SIZE).map(|size| size.size()).transpose()
 }
 
-/// A matrix as OpenCV writes it into YAML, indented by `indent`.
+/// A matrix in OpenCV's YAML, indented by `indent`.
 pub(super) fn yaml_matrix(name: &str, rows: usize, data: &[f64], indent: &str) -> String {
     let columns = data.len() / rows.max(1);
     let numbers: Vec<String> = data.iter().map(|v| format!("{v:?}")).collect();
@@ -321,7 +322,7 @@ fn matrices(camera: &CameraRecord) -> Vec<(&'static str, usize, Vec<f64>)> {
     all
 }
 
-/// One file a camera, as `cv::FileStorage` reads it.
+/// The file of one camera, as `cv::FileStorage` reads it.
 pub(super) fn write(camera: &CameraRecord, format: Format) -> TextFile {
     let [width, height] = camera.size_px;
     let model = match camera.lens.is_fisheye() {

@@ -1,7 +1,7 @@
-//! Qualisys' `.qca.txt` and Theia's flavour of it: one XML schema, two meanings of the pose.
+//! Qualisys' `.qca.txt` and Theia's variant: one XML schema, two meanings of the pose.
 //!
 //! Both: focal lengths and principal point in 1/64 pixel, the point counted from the sensor's corner and not from that of the
-//! field of view; millimetres; distortion coefficients as OpenCV has them, *not* scaled (Pose2Sim divides them by 64).
+//! field of view; millimetres; distortion coefficients as in OpenCV, *not* scaled (Pose2Sim divides them by 64).
 //! Qualisys: x, y, z is the camera's *position*; the rows of r are the camera's axes with y up and z backwards, so that a turn
 //! by pi about x gives OpenCV's. Theia: x, y, z and r are the rigid motion itself, camera = r world + (x, y, z).
 
@@ -14,22 +14,21 @@ use nalgebra::{Matrix3, Vector3};
 use super::camera::{
     CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind, all_zero,
 };
-use super::films::{Films, taken, words};
 use super::tree::{Source, orthonormal, whole_size};
-use super::xml::{Element, escaped, parse};
+use super::xml::{Element, Films, escaped, parse, select_filming, words};
 use super::{ExportError, Format, placed};
 
-/// Parts of a pixel in which lengths on the sensor are written.
+/// Lengths on the sensor are in this fraction of a pixel.
 const PARTS: f64 = 64.0;
-/// No sensor is so wide in pixels, and none so narrow in 64ths of one.
+/// No sensor is this wide in pixels, and none this narrow in 64ths of a pixel.
 const WIDEST_IN_PIXELS: f64 = 20_000.0;
 
-/// A turn by pi about x.
+/// A rotation by pi about x.
 fn half_turn() -> Matrix3<f64> {
     Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0))
 }
 
-/// Which of the two an XML text is: Theia's root element has no attributes.
+/// Distinguishes the two: Theia's root element has no attributes.
 pub(super) fn guess(source: &Source<'_>) -> Option<Format> {
     let document = parse(source).ok()?;
     let root = document.root_element();
@@ -55,7 +54,7 @@ pub(super) fn read(source: &Source<'_>, format: Format) -> Result<RawSet, FileEr
     let all = root.need_child("cameras")?.children("camera").into_iter();
     let (off, on): (Vec<_>, Vec<_>) = all.partition(is_off);
     for element in &off {
-        let text = "the file says that it is not active: left out";
+        let text = "the file marks it as not active: left out";
         remarks.push(Remark::of_camera(
             RemarkKind::Assumed,
             element.need_text("serial")?,
@@ -71,10 +70,10 @@ pub(super) fn read(source: &Source<'_>, format: Format) -> Result<RawSet, FileEr
             films(element)?,
         ));
     }
-    let taken = taken(&described, &mut remarks);
+    let selected = select_filming(&described, &mut remarks);
     let mut cameras = Vec::new();
-    for ((element, (name, ..)), is_taken) in on.iter().zip(described).zip(taken) {
-        if is_taken {
+    for ((element, (name, ..)), is_selected) in on.iter().zip(described).zip(selected) {
+        if is_selected {
             cameras.push(camera(name.to_owned(), element, format, &mut remarks)?);
         }
     }
@@ -85,9 +84,9 @@ pub(super) fn read(source: &Source<'_>, format: Format) -> Result<RawSet, FileEr
     })
 }
 
-/// By what the file says of its video; where it says nothing, by its model.
+/// Decides by the file's fields about video, or else by the model.
 fn films(camera: &Element<'_, '_>) -> Result<Films, FileError> {
-    let says_video = |name: &str| {
+    let states_video = |name: &str| {
         camera
             .text(name)
             .is_some_and(|text| text.starts_with(|c: char| c.is_ascii_digit()))
@@ -102,7 +101,7 @@ fn films(camera: &Element<'_, '_>) -> Result<Films, FileError> {
     let model = camera.text("model").unwrap_or_default().to_lowercase();
     let words = words(&model);
     let has = |word: &str| words.iter().any(|it| it == word);
-    // Hybrids film and see markers; an Oqus whose number ends in c films in colour.
+    // Hybrids film and see markers. An Oqus whose number ends in c films in colour.
     let is_colour = |word: &String| {
         word.strip_suffix('c')
             .is_some_and(|number| number.parse::<u32>().is_ok())
@@ -117,7 +116,7 @@ fn films(camera: &Element<'_, '_>) -> Result<Films, FileError> {
         || has("oqus") && words.iter().any(is_colour);
     Ok(match model.trim() {
         "" | "none" => Films::Known,
-        _ if video || says_video("videoresolution") => Films::Known,
+        _ if video || states_video("videoresolution") => Films::Known,
         _ if has("arqus") || has("oqus") || has("proreflex") || words.iter().any(is_miqus) => {
             Films::Never
         }
@@ -136,7 +135,7 @@ fn camera(
     let view = element
         .child("fov_video")
         .or_else(|| element.child("fov_video_max"));
-    // A view is in pixels; without one, no sensor is wide enough.
+    // A view is in pixels. Without one, compare with the widest possible sensor.
     let widest = match &view {
         Some(view) => 8.0 * (view.number("right")?.max(view.number("bottom")?) + 1.0),
         None => WIDEST_IN_PIXELS,
@@ -203,7 +202,7 @@ fn camera(
 }
 
 fn distortion(lens: &Element<'_, '_>) -> Result<LensModel, FileError> {
-    // The tag is written without its "i".
+    // The tag is usually written without its "i".
     let tangential = |i: u8| {
         let [usual, other] = [
             format!("tangentalDistortion{i}"),
@@ -251,7 +250,7 @@ fn pose(transform: &Element<'_, '_>, format: Format) -> Result<RawPose, FileErro
     })
 }
 
-/// One file, as `format` (Qualisys or Theia) means it.
+/// One file in the variant `format` (Qualisys or Theia).
 pub(super) fn write(cameras: &[CameraRecord], format: Format) -> Result<String, ExportError> {
     let root = match format {
         Format::Theia => "<calibration>",

@@ -1,4 +1,4 @@
-//! Which of many files are calibrations, by their content.
+//! Finds calibrations among many files by their content.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use farfield_proto::toml_file::FileError;
 use super::opencv::{DISTORTION, MATRIX};
 use super::{Format, ImportOptions, Imported, TextFile, colmap, import};
 
-/// Words of which the beginning of every calibration has one.
+/// The beginning of every calibration contains one of these.
 const MARKS: [&str; 9] = [
     "<calibration",
     "<Cameras",
@@ -26,19 +26,19 @@ const MARKS: [&str; 9] = [
 pub struct Candidate {
     /// Its files.
     pub files: Vec<TextFile>,
-    /// What they say, with the place of one camera at least; else why they are of no use.
+    /// The cameras, at least one of them with a pose; otherwise the reason why the files are not usable.
     pub read: Result<Imported, FileError>,
 }
 
-/// Whether a file that begins so may be a calibration, or a part of one: cheap, to be asked of every file.
+/// Whether a file with this beginning may be a calibration, or a part of one: a cheap test for every file.
 pub fn may_be_calibration(beginning: &str) -> bool {
     MARKS.iter().any(|mark| beginning.contains(mark))
         || colmap::is_cameras(beginning)
         || colmap::is_images(beginning)
 }
 
-/// The calibrations among `files`, in their order. What a file is called does not count, only which folder it lies in: a
-/// calibration of several files has them in one.
+/// The calibrations among `files`, in their order. File names do not matter, but all files of one calibration must be in one
+/// folder.
 pub fn candidates(files: Vec<TextFile>) -> Vec<Candidate> {
     let mut found = Vec::new();
     let mut parts: BTreeMap<(PathBuf, Format), Vec<TextFile>> = BTreeMap::new();
@@ -58,7 +58,7 @@ pub fn candidates(files: Vec<TextFile>) -> Vec<Candidate> {
         _ => true,
     };
     for ((_, format), group) in parts {
-        // One file of all cameras is a calibration of its own; files of one camera each are one together.
+        // A file with several cameras is a calibration of its own; files with one camera each form one calibration.
         let (all, each): (Vec<TextFile>, Vec<TextFile>) = match format {
             Format::OpenCvYaml | Format::OpenCvJson => {
                 group.into_iter().partition(|file| cameras_in(file) > 1)
@@ -79,9 +79,9 @@ pub fn candidates(files: Vec<TextFile>) -> Vec<Candidate> {
     found
 }
 
-/// What a file is of a calibration.
+/// The role of a file in a calibration.
 enum Part {
-    /// All of it.
+    /// The whole calibration.
     Whole,
     /// One of several files.
     Of(Format),
@@ -131,7 +131,7 @@ fn candidate(files: Vec<TextFile>) -> Candidate {
             .iter()
             .any(|it| it.camera_from_world.is_some());
         let first = files.first().map(|it| it.path.clone()).unwrap_or_default();
-        let problem = "it holds lenses, and does not say where cameras stand";
+        let problem = "it has lenses, but no poses of cameras";
         is_placed
             .then_some(imported)
             .ok_or_else(|| FileError::new(first, problem))
@@ -147,11 +147,11 @@ mod tests {
     use nalgebra::Vector3;
 
     #[test]
-    fn every_format_is_found_under_any_name_and_other_files_are_not() {
+    fn every_format_is_recognised_under_any_name_and_other_files_are_not() {
         let cameras = ring(Vector3::z(), LensModel::ideal());
         for format in Format::ALL {
             let mut written = export(&cameras, format).unwrap();
-            // COLMAP's own reader wants it; it is empty.
+            // COLMAP itself needs this file; it is empty.
             written.retain(|it| !it.path.ends_with("points3D.txt"));
             let count = written.len();
             let mut files: Vec<TextFile> = written
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_one_and_lenses_alone_are_found_with_the_reason() {
+    fn broken_files_and_lenses_without_poses_are_returned_with_the_reason() {
         let cameras = ring(Vector3::z(), LensModel::ideal());
         let whole = export(&cameras, Format::Farfield).unwrap().remove(0).text;
         let cut = &whole[..whole.len() - 70];
@@ -192,9 +192,6 @@ mod tests {
             .map(|it| it.read.as_ref().unwrap_err().to_string())
             .collect();
         assert!(reasons[0].starts_with("cut.toml:"), "{reasons:?}");
-        assert!(
-            reasons[1].contains("lenses, and does not say where"),
-            "{reasons:?}"
-        );
+        assert!(reasons[1].contains("no poses of cameras"), "{reasons:?}");
     }
 }

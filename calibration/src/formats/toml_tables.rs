@@ -1,4 +1,4 @@
-//! TOML with one table per camera: ours, aniposelib's, Pose2Sim's, FreeMoCap's (millimetres) and Caliscope's (`cam_id`, 3 x 3
+//! TOML with one table per camera: Farfield, aniposelib, Pose2Sim, FreeMoCap (millimetres) and Caliscope (`cam_id`, 3 x 3
 //! rotations).
 
 use std::collections::BTreeMap;
@@ -10,12 +10,13 @@ use serde_json::Value;
 use toml::de::DeTable;
 
 use super::camera::{
-    CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind, UnsaidFour,
+    AmbiguousFour, CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark,
+    RemarkKind,
 };
 use super::tree::{Node, Source};
 use super::{ExportError, Format, ImportOptions, placed};
 
-/// The fields by which a table is known as a camera's.
+/// A table with one of these fields is a camera.
 const CAMERA_FIELDS: [&str; 5] = ["size", "matrix", "distortions", "rotation", "translation"];
 
 pub(super) fn value(source: &Source<'_>) -> Result<Value, FileError> {
@@ -40,19 +41,19 @@ pub(super) fn read(
     let root = Node::root(*source, &value);
     let mut remarks = Vec::new();
     let mut cameras = Vec::new();
-    let mut unsaid = UnsaidFour::default();
+    let mut ambiguous = AmbiguousFour::default();
     let starts = starts(source.text);
     let mut tables = tables(&root);
     tables.sort_by_key(|(_, table)| starts.get(table.place()).copied());
     for (name, table) in tables {
         if table.get("ignore").map_or(Ok(false), |flag| flag.flag())? {
-            let text = "the file says `ignore`: left out";
+            let text = "the file sets `ignore`: left out";
             remarks.push(Remark::of_camera(RemarkKind::Assumed, &name, text));
             continue;
         }
-        cameras.push(camera(name, &table, options, &mut unsaid)?);
+        cameras.push(camera(name, &table, options, &mut ambiguous)?);
     }
-    remarks.extend(unsaid.remark());
+    remarks.extend(ambiguous.remark());
     let unit = if format == Format::FreeMoCap {
         FileUnit::Millimetres
     } else {
@@ -65,11 +66,11 @@ pub(super) fn read(
     })
 }
 
-/// Where every table begins in the text, bytes, by the names that lead to it: values of TOML are sorted by name, and some
-/// keypoints know their cameras by the order of the file alone.
+/// The byte offset of every table, by its path of keys. TOML values are sorted by name, and some keypoint files know their
+/// cameras only by the order of the file.
 fn starts(text: &str) -> BTreeMap<Vec<String>, usize> {
     let mut starts = BTreeMap::new();
-    // Text that is no TOML was refused before.
+    // Invalid TOML was refused before.
     let Ok(root) = DeTable::parse(text) else {
         return starts;
     };
@@ -85,7 +86,7 @@ fn starts(text: &str) -> BTreeMap<Vec<String>, usize> {
     starts
 }
 
-/// Every table that describes a camera, with the camera's name.
+/// All tables that describe a camera, with the camera's name.
 fn tables<'a>(root: &Node<'a>) -> Vec<(String, Node<'a>)> {
     let is_camera = |table: &Node<'_>| CAMERA_FIELDS.iter().any(|field| table.get(field).is_some());
     let mut found = Vec::new();
@@ -117,15 +118,15 @@ fn camera(
     name: String,
     table: &Node<'_>,
     options: &ImportOptions,
-    unsaid: &mut UnsaidFour,
+    ambiguous: &mut AmbiguousFour,
 ) -> Result<RawCamera, FileError> {
     let list = table.need(&["distortions"])?;
     let coefficients = list.numbers()?;
-    let said = table.get("fisheye").map(|flag| flag.flag()).transpose()?;
+    let stated = table.get("fisheye").map(|flag| flag.flag()).transpose()?;
     let lens = lens(
         &list,
         &coefficients,
-        said.unwrap_or(options.four_are_fisheye),
+        stated.unwrap_or(options.four_are_fisheye),
     )?;
     let pose = match (table.get("rotation"), table.get("translation")) {
         (Some(rotation), Some(translation)) => Some(RawPose {
@@ -153,13 +154,13 @@ fn camera(
         lens,
         pose,
     };
-    if said.is_none() && !options.four_are_fisheye {
-        unsaid.note(&camera, &coefficients);
+    if stated.is_none() && !options.four_are_fisheye {
+        ambiguous.note(&camera, &coefficients);
     }
     Ok(camera)
 }
 
-/// The lens of a list in OpenCV's order.
+/// The lens of coefficients in OpenCV's order.
 pub(super) fn lens(
     list: &Node<'_>,
     coefficients: &[f64],
@@ -185,7 +186,6 @@ pub(super) fn lens(
     })
 }
 
-/// A TOML string or key.
 fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
@@ -197,7 +197,6 @@ fn rows(m: &Matrix3<f64>) -> String {
     format!("[{}]", rows.join(", "))
 }
 
-/// `cameras` as one file.
 pub(super) fn write(cameras: &[CameraRecord], format: Format) -> Result<String, ExportError> {
     let units_per_metre = if format == Format::FreeMoCap {
         1e3
@@ -279,7 +278,7 @@ mod tests {
         assert_eq!(names(&tables("cameras.")), expected);
     }
 
-    /// A camera with these distortions, and what else its table says.
+    /// The table of a camera with these distortions and `more` fields.
     fn table(name: &str, distortions: &str, more: &str) -> String {
         let fields = FIELDS.replace("[0, 0, 0, 0]", distortions);
         format!("[{name}]\n{fields}{more}\n")
@@ -291,12 +290,12 @@ mod tests {
     }
 
     #[test]
-    fn four_coefficients_without_a_word_are_taken_for_browns_and_that_is_said_once() {
+    fn four_coefficients_without_a_model_are_browns_with_one_remark() {
         let four = "[-0.1, 0.02, 0.001, -0.002]";
         let text = table("north", four, "") + &table("east", four, "");
-        let said = remarks(&text);
-        let [only] = said.as_slice() else {
-            panic!("{said:?}")
+        let texts = remarks(&text);
+        let [only] = texts.as_slice() else {
+            panic!("{texts:?}")
         };
         assert!(
             only.contains("of `north`, `east` are a fisheye's"),
@@ -308,13 +307,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_stated_and_what_can_only_be_browns_is_read_without_a_word() {
+    fn a_stated_model_and_unambiguous_coefficients_cause_no_remark() {
         let none: [String; 0] = [];
         let four = "[-0.1, 0.02, 0.001, -0.002]";
-        for word in ["fisheye = false", "fisheye = true"] {
-            assert_eq!(remarks(&table("a", four, word)), none);
+        for stated in ["fisheye = false", "fisheye = true"] {
+            assert_eq!(remarks(&table("a", four, stated)), none);
         }
-        // No lens at all; a fisheye that would fold within its picture; more coefficients than a fisheye has.
+        // No lens at all; a fisheye that would fold inside its picture; more coefficients than a fisheye has.
         for distortions in [
             "[0, 0, 0, 0]",
             "[-3.0, 0, 0, 0]",
@@ -325,22 +324,22 @@ mod tests {
     }
 
     #[test]
-    fn lists_of_other_lengths_are_refused_with_their_line_and_what_was_expected() {
+    fn lists_of_other_lengths_are_refused_with_line_and_expected_length() {
         let refused = |distortions: &str, more: &str| {
             let error = read_text(&table("a", distortions, more)).unwrap_err();
             error.to_string()
         };
         for (distortions, count) in [("[0.1]", 1), ("[0, 0, 0]", 3), ("[0, 0, 0, 0, 0, 0]", 6)] {
-            let said = refused(distortions, "");
+            let message = refused(distortions, "");
             let found = format!("distortions`: found {count} values, expected 4, 5, 8, 12 or 14");
-            assert!(said.contains(&found), "{said}");
+            assert!(message.contains(&found), "{message}");
         }
         for (distortions, count) in [("[0.1, 0.2, 0.3]", 3), ("[0, 0, 0, 0, 0]", 5)] {
-            let said = refused(distortions, "fisheye = true");
+            let message = refused(distortions, "fisheye = true");
             let found = format!("found {count} values, expected 4 of a fisheye lens");
             assert!(
-                said.contains(&found) && said.contains("Calib.toml:4"),
-                "{said}"
+                message.contains(&found) && message.contains("Calib.toml:4"),
+                "{message}"
             );
         }
     }

@@ -1,4 +1,4 @@
-//! Texts as other tools write them, and what in them trips readers.
+//! Files as other tools write them, with the details that readers get wrong.
 
 #![expect(
     clippy::float_cmp,
@@ -56,7 +56,7 @@ fn a_missing_number_among_the_coefficients_is_refused_by_name() {
 }
 
 #[test]
-fn the_rectification_of_ros_is_no_pose() {
+fn the_rectification_of_ros_is_not_a_pose() {
     let text = "image_width: 640\nimage_height: 480\ncamera_name: front\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [800, 0, 320, 0, 800, 240, 0, 0, 1]\n\
                 distortion_model: equidistant\ndistortion_coefficients:\n  rows: 1\n  cols: 4\n  data: [0.1, 0.2, 0.3, 0.4]\n\
                 R: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n";
@@ -70,7 +70,7 @@ fn the_rectification_of_ros_is_no_pose() {
 }
 
 #[test]
-fn four_coefficients_without_a_word_are_no_fisheye_unless_asked() {
+fn four_coefficients_without_a_model_are_a_fisheye_only_on_request() {
     let four =
         "!!opencv-matrix\n   rows: 4\n   cols: 1\n   dt: d\n   data: [ 0.1, 0.2, 0.01, 0.02 ]\n";
     let text = format!("%YAML:1.0\n---\nK: {MATRIX}D: {four}");
@@ -97,8 +97,8 @@ fn four_coefficients_without_a_word_are_no_fisheye_unless_asked() {
 }
 
 #[test]
-fn four_coefficients_of_easymocap_and_of_stereo_are_told_as_all_are_and_zeros_are_not() {
-    let said = |path: &str, four: &str| {
+fn four_coefficients_without_a_model_are_reported_unless_zero() {
+    let remarks_about_four = |path: &str, four: &str| {
         let list =
             format!("!!opencv-matrix\n   rows: 4\n   cols: 1\n   dt: d\n   data: [ {four} ]\n");
         let identity = "!!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]\n";
@@ -112,22 +112,22 @@ fn four_coefficients_of_easymocap_and_of_stereo_are_told_as_all_are_and_zeros_ar
             _ => format!("K: {MATRIX}D: {list}"),
         };
         let found = read(&[(path, format!("%YAML:1.0\n---\n{text}"))]).expect("read");
-        let remarks = found.remarks.into_iter().map(|remark| remark.text);
-        let told = remarks.filter(|text| text.contains("taken as k1, k2, p1, p2"));
-        told.collect::<Vec<_>>()
+        let texts = found.remarks.into_iter().map(|remark| remark.text);
+        let about_four = texts.filter(|text| text.contains("taken as k1, k2, p1, p2"));
+        about_four.collect::<Vec<_>>()
     };
     let none: [String; 0] = [];
-    for (path, whose) in [
+    for (path, cameras) in [
         ("intri.yml", "`01`, `02`"),
         ("stereo.yml", "`1`, `2`"),
         ("a.yml", "`a`"),
     ] {
-        let told = said(path, "0.1, 0.2, 0.01, 0.02");
-        let [only] = told.as_slice() else {
-            panic!("{path}: {told:?}")
+        let remarks = remarks_about_four(path, "0.1, 0.2, 0.01, 0.02");
+        let [only] = remarks.as_slice() else {
+            panic!("{path}: {remarks:?}")
         };
-        assert!(only.contains(&format!("of {whose} are")), "{only}");
-        assert_eq!(said(path, "0., 0., 0., 0."), none, "{path}");
+        assert!(only.contains(&format!("of {cameras} are")), "{only}");
+        assert_eq!(remarks_about_four(path, "0., 0., 0., 0."), none, "{path}");
     }
 }
 
@@ -149,7 +149,7 @@ fn the_two_files_of_opencvs_stereo_sample_are_two_cameras() {
 }
 
 #[test]
-fn easymocap_says_its_rotation_twice_and_both_must_agree() {
+fn the_two_rotations_in_an_easymocap_file_must_agree() {
     let intri = format!("%YAML:1.0\n---\nnames:\n   - \"01\"\nK_01: {MATRIX}dist_01: {FIVE}");
     let extri = |rodrigues: &str| {
         format!(
@@ -183,8 +183,8 @@ fn easymocap_says_its_rotation_twice_and_both_must_agree() {
 }
 
 #[test]
-fn what_the_lines_of_python_write_of_a_pickle_is_read() {
-    // json.dump of a dictionary of NumPy arrays, as OpenCap pickles it: columns are lists of lists, the size is rows and columns.
+fn a_pickle_dumped_to_json_by_python_is_read() {
+    // json.dump of a dictionary of NumPy arrays, as OpenCap pickles it. Columns are lists of lists; the size is [rows, columns].
     let json = r#"{"distortion": [[0.1, -0.2, 0.0, 0.0, 0.05]], "intrinsicMat": [[1600.0, 0.0, 640.0], [0.0, 1600.0, 360.0],
         [0.0, 0.0, 1.0]], "imageSize": [[720.0], [1280.0]], "rotation": [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]],
         "translation": [[100.0], [800.0], [3500.0]]}"#;
@@ -193,16 +193,22 @@ fn what_the_lines_of_python_write_of_a_pickle_is_read() {
     assert_eq!(camera.size_px, [1280, 720]);
     let at_mm = camera.camera_from_world.expect("placed").translation.vector * 1e3;
     assert!((at_mm - nalgebra::Vector3::new(100.0, 800.0, 3500.0)).norm() < 1e-9);
-    let said: Vec<&str> = read.remarks.iter().map(|r| r.text.as_str()).collect();
+    let kinds: Vec<RemarkKind> = read.remarks.iter().map(|r| r.kind).collect();
+    assert!(kinds.contains(&RemarkKind::Corrected), "{:?}", read.remarks);
+    let texts: Vec<&str> = read.remarks.iter().map(|r| r.text.as_str()).collect();
     assert!(
-        said.iter()
-            .any(|it| it.contains("height first: taken as 1280 x 720")),
-        "{said:?}"
+        texts
+            .iter()
+            .any(|text| text.contains("taken as 1280 x 720")),
+        "{texts:?}"
     );
-    assert!(said.iter().any(|it| it.contains("millimetres")), "{said:?}");
+    assert!(
+        texts.iter().any(|text| text.contains("millimetres")),
+        "{texts:?}"
+    );
 }
 
-/// One camera of a `.qca.txt` whose view begins at (100, 50); with Qualisys' root or Theia's.
+/// One camera of a `.qca.txt` whose view begins at (100, 50); `root` holds the attributes of the root element.
 fn qca(root: &str) -> String {
     format!(
         "<?xml version='1.0'?>\n<calibration{root}>\n<cameras>\n<camera active=\"1\" serial=\"7\" model=\"Miqus Video\" viewrotation=\"90\">\n\
@@ -216,7 +222,7 @@ fn qca(root: &str) -> String {
 }
 
 #[test]
-fn qualisys_counts_from_the_sensor_in_64ths_and_has_positions_and_theia_has_motions() {
+fn qualisys_files_hold_positions_and_theia_files_rigid_motions_both_in_64ths() {
     let qualisys = read(&[("a.qca.txt", qca(" qtm-version=\"2021\""))]).expect("Qualisys");
     let theia = read(&[("a.txt", qca(""))]).expect("Theia");
     assert_eq!(
@@ -244,16 +250,16 @@ fn qualisys_counts_from_the_sensor_in_64ths_and_has_positions_and_theia_has_moti
         .translation
         .vector;
     assert!((moved - nalgebra::Vector3::new(1.0, 2.0, 3.0)).norm() < 1e-12);
-    let said: Vec<&str> = qualisys.remarks.iter().map(|r| r.text.as_str()).collect();
+    let texts: Vec<&str> = qualisys.remarks.iter().map(|r| r.text.as_str()).collect();
     assert!(
-        said.iter().any(|s| s.contains("turned by 90"))
-            && said.iter().any(|s| s.contains("no video")),
-        "{said:?}"
+        texts.iter().any(|text| text.contains("turned by 90"))
+            && texts.iter().any(|text| text.contains("no video")),
+        "{texts:?}"
     );
 }
 
-/// Which cameras are taken of a `.qca.txt` with cameras of these models, and what is said.
-fn taken_of(models: &[&str], change: impl Fn(String) -> String) -> (Vec<String>, String) {
+/// The cameras that an import uses of a `.qca.txt` with these models, and its remarks.
+fn selected(models: &[&str], change: impl Fn(String) -> String) -> (Vec<String>, String) {
     let whole = qca(" qtm-version=\"2021\"");
     let begin = whole.find("<camera ").expect("a camera");
     let end = whole.find("</camera>").expect("its end") + "</camera>\n".len();
@@ -268,24 +274,25 @@ fn taken_of(models: &[&str], change: impl Fn(String) -> String) -> (Vec<String>,
     let tail = whole.find("</cameras>").expect("the end");
     let text = change([&whole[..begin], &cameras, &whole[tail..]].concat());
     let read = read(&[("a.qca.txt", text)]).expect("Qualisys");
-    let said: Vec<String> = read.remarks.iter().map(ToString::to_string).collect();
+    let remarks: Vec<String> = read.remarks.iter().map(ToString::to_string).collect();
     (
         read.cameras.into_iter().map(|it| it.name).collect(),
-        said.join("\n"),
+        remarks.join("\n"),
     )
 }
 
 #[test]
-fn of_qualisys_cameras_those_that_only_see_markers_are_left_out_and_unknown_ones_taken() {
+fn marker_cameras_of_qualisys_are_left_out_and_unknown_models_used() {
     let same = |text: String| text;
-    let (taken, said) = taken_of(&["Miqus Hybrid", "Miqus Video", "Miqus Video"], same);
-    assert_eq!(taken, ["cam0", "cam1", "cam2"]);
-    assert!(!said.contains("model"), "{said}");
-    let (taken, said) = taken_of(&["Miqus Hybrid", "Miqus Hybrid", "Miqus M3"], same);
-    assert_eq!(taken, ["cam0", "cam1"]);
+    let (cameras, remarks) = selected(&["Miqus Hybrid", "Miqus Video", "Miqus Video"], same);
+    assert_eq!(cameras, ["cam0", "cam1", "cam2"]);
+    assert!(!remarks.contains("model"), "{remarks}");
+    let (cameras, remarks) = selected(&["Miqus Hybrid", "Miqus Hybrid", "Miqus M3"], same);
+    assert_eq!(cameras, ["cam0", "cam1"]);
     assert!(
-        said.contains("camera `cam2`: model `Miqus M3` sees markers and films no video: left out"),
-        "{said}"
+        remarks
+            .contains("camera `cam2`: model `Miqus M3` sees markers and films no video: left out"),
+        "{remarks}"
     );
     let models = [
         "Miqus Ultra 9",
@@ -295,21 +302,21 @@ fn of_qualisys_cameras_those_that_only_see_markers_are_left_out_and_unknown_ones
         "Miqus M5u",
         "M1",
     ];
-    let (taken, said) = taken_of(&models, same);
-    assert_eq!(taken, ["cam0", "cam2"]);
+    let (cameras, remarks) = selected(&models, same);
+    assert_eq!(cameras, ["cam0", "cam2"]);
     assert!(
-        said.contains("camera `cam0`: model `Miqus Ultra 9` is not known: taken"),
-        "{said}"
+        remarks.contains("camera `cam0`: model `Miqus Ultra 9` is not known: taken"),
+        "{remarks}"
     );
-    assert!(!said.contains("camera `cam2`: model"), "{said}");
-    // Nothing is left out where nothing would be left.
-    let (taken, said) = taken_of(&["Oqus 7+", "Oqus 5+"], same);
-    assert_eq!(taken, ["cam0", "cam1"]);
-    assert!(said.contains("like all others: taken"), "{said}");
+    assert!(!remarks.contains("camera `cam2`: model"), "{remarks}");
+    // Cameras are not left out if none would remain.
+    let (cameras, remarks) = selected(&["Oqus 7+", "Oqus 5+"], same);
+    assert_eq!(cameras, ["cam0", "cam1"]);
+    assert!(remarks.contains("like all others: taken"), "{remarks}");
 }
 
 #[test]
-fn what_a_qualisys_file_says_of_video_counts_more_than_the_model() {
+fn video_fields_of_a_qualisys_file_outrank_the_model() {
     let films = |text: String| {
         text.replace(
             "model=\"Oqus 7+\"",
@@ -317,7 +324,7 @@ fn what_a_qualisys_file_says_of_video_counts_more_than_the_model() {
         )
     };
     assert_eq!(
-        taken_of(&["Miqus Video", "Oqus 7+"], films).0,
+        selected(&["Miqus Video", "Oqus 7+"], films).0,
         ["cam0", "cam1"]
     );
     let empty = |text: String| {
@@ -325,13 +332,13 @@ fn what_a_qualisys_file_says_of_video_counts_more_than_the_model() {
         text.replacen(view, "left=\"0\" top=\"0\" right=\"0\" bottom=\"0\"", 1)
     };
     assert_eq!(
-        taken_of(&["Miqus Ultra 9", "Miqus Video"], empty).0,
+        selected(&["Miqus Ultra 9", "Miqus Video"], empty).0,
         ["cam1"]
     );
 }
 
 #[test]
-fn a_missing_attribute_is_named_with_its_line() {
+fn a_missing_attribute_is_refused_with_its_line() {
     let text =
         qca(" qtm-version=\"2021\"").replace("focalLengthU=\"64000\"", "focalLengthU=\"wide\"");
     let error = read(&[("a.qca.txt", text)]).expect_err("no number");
@@ -391,7 +398,7 @@ fn two_cameras_are_not_written_to_one_file() {
 }
 
 #[test]
-fn vicon_counts_on_the_whole_sensor_and_the_real_part_comes_last() {
+fn vicon_pixels_refer_to_the_whole_sensor_and_quaternions_end_with_the_real_part() {
     let options = ImportOptions {
         video_px: Some([1920, 1080]),
         ..ImportOptions::default()
@@ -428,7 +435,7 @@ fn vicon_counts_on_the_whole_sensor_and_the_real_part_comes_last() {
 }
 
 #[test]
-fn vicons_coefficients_per_pixel_are_turned_round_and_said() {
+fn vicon_coefficients_per_pixel_are_inverted_with_a_remark() {
     let found = read(&[("a.xcp", xcp("3e-8 0 0"))]).expect("Vicon");
     let k1 = coefficients(&found.cameras[0])[0];
     assert!((k1 + 3e-8 * 1700.0 * 1700.0).abs() < 0.02, "{k1}");
@@ -443,7 +450,7 @@ fn vicons_coefficients_per_pixel_are_turned_round_and_said() {
 }
 
 #[test]
-fn colmap_has_its_first_pixel_at_a_half_and_lines_without_points() {
+fn colmap_puts_the_first_pixel_at_a_half_and_has_lines_without_points() {
     let cameras = "# a comment\n1 SIMPLE_RADIAL 640 480 800 320 240 -0.1\n2 OPENCV_FISHEYE 640 480 500 500 320 240 .1 .2 .3 .4\n";
     let images = "# comment\n1 0.5 0.5 0.5 0.5 1 2 3 1 north.jpg\n\n2 1 0 0 0 4 5 6 2 south.jpg\n12.5 3.5 -1\n";
     let found = read(&[
@@ -482,7 +489,7 @@ fn colmap_has_its_first_pixel_at_a_half_and_lines_without_points() {
 }
 
 #[test]
-fn the_poses_of_kalibr_are_chained() {
+fn kalibr_poses_are_chained() {
     let camera = |i: usize, step: &str| {
         format!(
             "cam{i}:\n{step}  camera_model: pinhole\n  distortion_coeffs: [0.1, 0.2, 0.01, 0.02]\n  distortion_model: radtan\n  \

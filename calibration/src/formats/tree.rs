@@ -1,4 +1,4 @@
-//! Values of TOML, YAML and JSON read alike, so that every refusal names the file, the line and the field.
+//! Values of TOML, YAML and JSON with one interface, so that every error names the file, the line and the field.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::camera::all_zero;
 
-/// How far R R' of a rotation may be from the identity: files keep six digits or more.
+/// Largest deviation of R R' of a rotation from the identity: files keep six digits or more.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 /// Longest Rodrigues vector, radians: a whole turn with room for rounding.
 const MAX_ROTATION_RAD: f64 = std::f64::consts::TAU + 1e-3;
@@ -24,12 +24,12 @@ pub(super) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// What is wrong with the file as a whole.
+    /// An error about the file as a whole.
     pub(super) fn error(&self, problem: impl Into<String>) -> FileError {
         FileError::new(self.path, problem)
     }
 
-    /// Where the names of `place` stand one after the other, from 1; of the last that is found.
+    /// The line, from 1, of the last name of `place` that is found, if each name is searched after the previous one.
     fn line(&self, place: &[String]) -> Option<usize> {
         let mut from = 0;
         let mut found = None;
@@ -44,7 +44,7 @@ impl Source<'_> {
     }
 }
 
-/// The next place of `word` that is not a part of a longer word.
+/// The next occurrence of `word` that is not part of a longer word.
 fn find_word(text: &str, from: usize, word: &str) -> Option<usize> {
     let is_part = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
     let rest = text.get(from..)?;
@@ -56,7 +56,7 @@ fn find_word(text: &str, from: usize, word: &str) -> Option<usize> {
         .map(|(at, _)| from + at)
 }
 
-/// A value and where it stands.
+/// A value and its path in the file.
 #[derive(Clone)]
 pub(super) struct Node<'a> {
     source: Source<'a>,
@@ -77,7 +77,7 @@ impl<'a> Node<'a> {
         self.value
     }
 
-    /// The names that lead to it, from the root.
+    /// The names that lead to it from the root.
     pub(super) fn place(&self) -> &[String] {
         &self.place
     }
@@ -102,7 +102,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// The fields of a table; none of anything else.
+    /// The fields of a table; empty for other values.
     pub(super) fn fields(&self) -> Vec<(&'a str, Self)> {
         let table = self.value.as_object();
         let fields = table.into_iter().flatten();
@@ -111,7 +111,7 @@ impl<'a> Node<'a> {
             .collect()
     }
 
-    /// The elements of a list, by their numbers; none of anything else.
+    /// The elements of a list with their names; empty for other values.
     pub(super) fn items(&self) -> Vec<(&'a str, Self)> {
         let list = self.value.as_array().into_iter().flatten();
         list.map(|value| {
@@ -130,7 +130,7 @@ impl<'a> Node<'a> {
         Some(self.child(name, value))
     }
 
-    /// The first of `names` that is there.
+    /// The first of `names` that exists.
     pub(super) fn any(&self, names: &[&str]) -> Option<Self> {
         names.iter().find_map(|name| self.get(name))
     }
@@ -189,7 +189,7 @@ impl<'a> Node<'a> {
         Ok(all)
     }
 
-    /// An OpenCV matrix says its size beside the data.
+    /// Compares the data of an OpenCV matrix with its `rows` and `cols`.
     fn check_shape(&self, count: usize) -> Result<(), FileError> {
         let (Some(rows), Some(columns)) = (self.get("rows"), self.get("cols")) else {
             return Ok(());
@@ -198,7 +198,7 @@ impl<'a> Node<'a> {
         let (Some(rows), Some(columns)) = (whole(&rows), whole(&columns)) else {
             return Err(rows.error("expected `rows` and `cols` as whole numbers"));
         };
-        // `2d` has two numbers an element.
+        // `2d` has two numbers per element.
         let element = self.get("dt").and_then(|dt| dt.text()).unwrap_or_default();
         let digits: String = element.chars().take_while(char::is_ascii_digit).collect();
         let channels: u64 = digits.parse().unwrap_or(1);
@@ -206,7 +206,7 @@ impl<'a> Node<'a> {
             return Ok(());
         }
         Err(self.error(format!(
-            "found {count} numbers, expected {rows} x {columns}, as `rows` and `cols` say"
+            "found {count} numbers, expected {rows} x {columns} as in `rows` and `cols`"
         )))
     }
 
@@ -258,7 +258,7 @@ impl<'a> Node<'a> {
         Ok(*Rotation3::from_scaled_axis(vector).matrix())
     }
 
-    /// `m` where it is orthonormal to what files round to, made exactly so.
+    /// `m` made exactly orthonormal; an error if it is off by more than the rounding of files.
     pub(super) fn orthonormal(&self, m: Matrix3<f64>) -> Result<Matrix3<f64>, FileError> {
         orthonormal(m).ok_or_else(|| {
             let rows: Vec<[f64; 3]> = (0..3).map(|i| [m[(i, 0)], m[(i, 1)], m[(i, 2)]]).collect();
@@ -295,7 +295,7 @@ impl<'a> Node<'a> {
     }
 }
 
-/// The nearest orthonormal matrix with the same handedness; `None` where `m` is none.
+/// The nearest orthonormal matrix with the same handedness; `None` if `m` is not a rotation.
 pub(super) fn orthonormal(m: Matrix3<f64>) -> Option<Matrix3<f64>> {
     let off = (m * m.transpose() - Matrix3::identity()).abs().max();
     if off.is_nan() || off > ROTATION_TOLERANCE {
@@ -308,7 +308,6 @@ pub(super) fn orthonormal(m: Matrix3<f64>) -> Option<Matrix3<f64>> {
     Some(svd.u? * svd.v_t?)
 }
 
-/// Whole pixels above 0.
 pub(super) fn whole_size(size: [f64; 2]) -> Option<[u32; 2]> {
     let whole = size
         .iter()
@@ -316,7 +315,7 @@ pub(super) fn whole_size(size: [f64; 2]) -> Option<[u32; 2]> {
     whole.then(|| size.map(|s| s as u32))
 }
 
-/// Appends all numbers below `value`; what was found instead of one.
+/// Appends all numbers below `value`; the error names a value that is not a finite number.
 fn flatten(value: &Value, depth: usize, all: &mut Vec<f64>) -> Result<(), String> {
     match value {
         Value::Array(list) if depth > 0 => list.iter().try_for_each(|v| flatten(v, depth - 1, all)),
@@ -356,35 +355,35 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_number_is_named_with_its_line() {
+    fn a_wrong_number_is_refused_with_its_line() {
         let text = "{\n\"left\": {\"K\": [1, 2]},\n\"K\": [1]}";
-        let said = check(text, |root| {
+        let message = check(text, |root| {
             let left = root.get("left")?.get("K")?;
             left.intrinsics().err().map(|error| error.to_string())
         });
         assert_eq!(
-            said.as_deref(),
+            message.as_deref(),
             Some("a.json:2: `left.K`: found 2 numbers, expected 9")
         );
     }
 
     #[test]
     fn a_matrix_whose_rows_and_columns_contradict_its_data_is_refused() {
-        let said = check(
+        let message = check(
             "{\"K\": {\"rows\": 3, \"cols\": 3, \"data\": [1, 2]}}",
             |root| root.get("K")?.numbers().err().map(|error| error.problem),
         );
         assert_eq!(
-            said.as_deref(),
-            Some("found 2 numbers, expected 3 x 3, as `rows` and `cols` say")
+            message.as_deref(),
+            Some("found 2 numbers, expected 3 x 3 as in `rows` and `cols`")
         );
     }
 
     #[test]
     fn a_matrix_for_row_vectors_is_recognised() {
-        let said = check("{\"K\": [800, 0, 0, 0, 800, 0, 320, 240, 1]}", |root| {
+        let message = check("{\"K\": [800, 0, 0, 0, 800, 0, 320, 240, 1]}", |root| {
             root.get("K")?.intrinsics().err().map(|error| error.problem)
         });
-        assert!(said.is_some_and(|said| said.contains("row vectors")));
+        assert!(message.is_some_and(|text| text.contains("row vectors")));
     }
 }

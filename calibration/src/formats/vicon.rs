@@ -1,8 +1,8 @@
-//! Vicon's `.xcp`: XML, millimetres, the rotation as a quaternion with the real part last (world to camera), the position of
-//! the camera.
+//! Vicon's `.xcp`: XML, millimetres. The rotation is a quaternion (world to camera) with the real part last; the position is
+//! that of the camera.
 //!
-//! `PRINCIPAL_POINT` is counted on the whole sensor; a video that shows its middle only is cropped by
-//! (`SENSOR_SIZE` - video) / 2 at its left and upper edge, which the file does not say ([`super::ImportOptions::video_px`]).
+//! `PRINCIPAL_POINT` refers to the whole sensor. A video of its middle is cropped by (`SENSOR_SIZE` - video) / 2 at its left
+//! and upper edge; the file does not state the crop ([`super::ImportOptions::video_px`]).
 //! `VICON_RADIAL2` has the coefficients of r^2, r^4, r^6 in its fields 4 to 6.
 
 use std::fmt::Write as _;
@@ -14,16 +14,15 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use super::camera::{
     CameraRecord, FileUnit, LensModel, RawCamera, RawPose, RawSet, Remark, RemarkKind, all_zero,
 };
-use super::films::{Films, taken, words};
 use super::tree::{Source, whole_size};
-use super::xml::{Element, escaped, parse};
+use super::xml::{Element, Films, escaped, parse, select_filming, words};
 use super::{ExportError, Format, ImportOptions, placed};
 
-/// A first coefficient that is smaller is one per square pixel: without unit it would move nothing by a tenth of a pixel.
+/// Smaller first coefficients are per square pixel: without unit they would move nothing by a tenth of a pixel.
 const PER_PIXEL: f64 = 1e-4;
-/// How far a quaternion may be from length 1.
+/// Largest deviation of a quaternion's length from 1.
 const QUATERNION_TOLERANCE: f64 = 1e-2;
-/// Radii at which a lens model is turned round.
+/// Radii at which a lens model is inverted.
 const RADII: u32 = 40;
 
 pub(super) fn read(source: &Source<'_>, options: &ImportOptions) -> Result<RawSet, FileError> {
@@ -41,9 +40,9 @@ pub(super) fn read(source: &Source<'_>, options: &ImportOptions) -> Result<RawSe
         let films = films(&kind.join(" "));
         described.push((element.need_text("DEVICEID")?, kind.join(" "), films));
     }
-    let taken = taken(&described, &mut remarks);
-    for ((element, (name, ..)), is_taken) in all.iter().zip(described).zip(taken) {
-        if !is_taken {
+    let selected = select_filming(&described, &mut remarks);
+    for ((element, (name, ..)), is_selected) in all.iter().zip(described).zip(selected) {
+        if !is_selected {
             continue;
         }
         let frames = element
@@ -79,7 +78,7 @@ pub(super) fn read(source: &Source<'_>, options: &ImportOptions) -> Result<RawSe
     })
 }
 
-/// By its type. Vicon writes `VideoCamera` or `Vue` for what films, and the model of what sees markers.
+/// Decides by type: Vicon writes `VideoCamera` or `Vue` for cameras that film, and the model for cameras that see markers.
 fn films(kind: &str) -> Films {
     const MARKERS: [&str; 7] = ["vero", "vantage", "valkyrie", "bonita", "viper", "mx", "t"];
     let words = words(kind);
@@ -205,7 +204,7 @@ fn radial(key: &Element<'_, '_>) -> Result<[f64; 3], FileError> {
     Ok(k)
 }
 
-/// Coefficients without unit are OpenCV's; those per pixel correct the drawn picture, and are turned round.
+/// Coefficients without unit are OpenCV's. Those per pixel correct the distorted picture, and are inverted.
 fn lens(
     name: &str,
     k: &[f64; 3],
@@ -218,9 +217,9 @@ fn lens(
     }
     let f2 = focal * focal;
     let correcting = [k[0] * f2, k[1] * f2 * f2, k[2] * f2 * f2 * f2];
-    let (k, worst) = turned_round(&correcting, radius_px / focal);
+    let (k, worst) = inverted(&correcting, radius_px / focal);
     let text = format!(
-        "its distortion is per pixel and corrects the drawn picture; turned round into OpenCV's k1, k2, k3, to {:.2} px",
+        "its distortion is per pixel and corrects the distorted picture; inverted to OpenCV's k1, k2, k3 within {:.2} px",
         worst * focal
     );
     remarks.push(Remark::of_camera(RemarkKind::Corrected, name, text));
@@ -228,8 +227,8 @@ fn lens(
 }
 
 /// Coefficients that draw what `correcting` corrects, ideal = drawn (1 + sum k drawn^2i), up to the drawn radius `to` (focal
-/// lengths): least squares over the radius; and the largest difference.
-fn turned_round(correcting: &[f64; 3], to: f64) -> ([f64; 3], f64) {
+/// lengths): least squares over the radius. Also returns the largest difference.
+fn inverted(correcting: &[f64; 3], to: f64) -> ([f64; 3], f64) {
     let ideal = |r: f64| {
         r * (1.0 + r * r * (correcting[0] + r * r * (correcting[1] + r * r * correcting[2])))
     };
@@ -254,7 +253,6 @@ fn turned_round(correcting: &[f64; 3], to: f64) -> ([f64; 3], f64) {
     (k.into(), worst)
 }
 
-/// One file.
 pub(super) fn write(cameras: &[CameraRecord]) -> Result<String, ExportError> {
     let mut text = String::from(
         "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"no\" ?>\n<Cameras NAME=\"\" VERSION=\"1.0\">\n",
@@ -317,9 +315,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lens_per_pixel_is_turned_round_to_a_hundredth_of_a_pixel() {
+    fn inverting_a_lens_per_pixel_errs_by_less_than_five_hundredths_of_a_pixel() {
         // A barrel of 5 % at the corner of a sensor of 1920 x 1080 with f = 1500.
-        let (k, worst) = turned_round(&[0.09, 0.01, 0.0], 1101.0 / 1500.0);
+        let (k, worst) = inverted(&[0.09, 0.01, 0.0], 1101.0 / 1500.0);
         assert!(worst * 1500.0 < 0.05, "{}", worst * 1500.0);
         assert!((k[0] + 0.09).abs() < 0.02, "{k:?}");
     }

@@ -1,14 +1,15 @@
-//! Attributes of XML elements, with the line in every refusal.
+//! XML formats of marker systems: attributes with the line in every error, and the choice of cameras that film video.
 
 use farfield_proto::toml_file::FileError;
 use roxmltree::{Document, ParsingOptions};
 
+use super::camera::{Remark, RemarkKind};
 use super::tree::Source;
 
 /// Elements and texts of the largest file that is read.
 const MOST_NODES: u32 = 200_000;
 
-/// One element and where it stands.
+/// One element and its source.
 #[derive(Clone, Copy)]
 pub(super) struct Element<'a, 'd> {
     pub(super) source: Source<'a>,
@@ -72,7 +73,7 @@ impl<'d> Element<'_, 'd> {
         self.parse_number(attribute, text)
     }
 
-    /// The number, or 0 where there is none.
+    /// The number, or 0 if the attribute is missing.
     pub(super) fn number_or_zero(&self, attribute: &str) -> Result<f64, FileError> {
         self.text(attribute)
             .map_or(Ok(0.0), |text| self.parse_number(attribute, text))
@@ -107,9 +108,51 @@ impl<'d> Element<'_, 'd> {
     }
 }
 
-/// `text` inside an attribute.
+/// `text` escaped for an attribute.
 pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('"', "&quot;")
+}
+
+/// Whether a camera films.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Films {
+    /// The file states it, or does not state the model.
+    Known,
+    /// The model is unknown.
+    Perhaps,
+    /// It sees markers only, or its picture is empty.
+    Never,
+}
+
+/// Whether each camera, given with its name and model, is used; uncertain decisions add a remark.
+///
+/// Unknown models are used: a list of models is soon outdated, and a missing camera is worse than an additional one.
+pub(super) fn select_filming(
+    cameras: &[(&str, String, Films)],
+    remarks: &mut Vec<Remark>,
+) -> Vec<bool> {
+    let some_film = cameras.iter().any(|(_, _, films)| *films != Films::Never);
+    let decide = |(name, model, films): &(&str, String, Films)| {
+        let text = match films {
+            Films::Known => return true,
+            Films::Perhaps => format!("model `{model}` is not known: taken, as it may film"),
+            Films::Never if some_film => {
+                format!("model `{model}` sees markers and films no video: left out")
+            }
+            Films::Never => {
+                format!("model `{model}` sees markers and films no video, like all others: taken")
+            }
+        };
+        remarks.push(Remark::of_camera(RemarkKind::Assumed, name, text));
+        *films != Films::Never || !some_film
+    };
+    cameras.iter().map(decide).collect()
+}
+
+/// The words of a model in lower case.
+pub(super) fn words(model: &str) -> Vec<String> {
+    let words = model.split(|c: char| !c.is_alphanumeric());
+    words.map(str::to_lowercase).collect()
 }

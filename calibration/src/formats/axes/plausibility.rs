@@ -1,5 +1,5 @@
-//! What speaks against the world that comes out, whatever was stated of the file's: cameras that look past each other, its
-//! size, the axis that points up, the floor. Nothing is changed; it is said.
+//! Warnings about an implausible world: cameras that do not look at one place, its size, the axis that points up, the floor.
+//! The checks also run if the caller stated these facts. They change nothing.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -9,15 +9,15 @@ use nalgebra::{Matrix3, Vector3};
 use super::super::camera::{RawCamera, RawPose, Remark, RemarkKind};
 use super::{CameraAxes, PoseMeaning, TOO_NEAR_M, WorldAxis, reread, spread, turn_up};
 
-/// Share of the mean direction "up" that an axis must have to be called so: cameras look down by 60 degrees at most.
+/// Smallest share of the mean direction "up" for an axis to count as up: cameras look down by 60 degrees at most.
 const UP_SHARE: f64 = 0.5;
-/// By how much more of that direction another axis than the stated one must have, to speak against it.
+/// Another axis contradicts the stated one if its share of that direction is larger by this.
 const CLEARLY_MORE: f64 = 0.3;
-/// Mean share of the viewing directions along "down", 45 degrees, beyond which upper edges of pictures point along the floor, and
-/// say nothing against a stated axis.
+/// Mean share of the viewing directions along "down" (45 degrees). Beyond it the upper edges of pictures point along the floor,
+/// and do not contradict a stated axis.
 const LOOKS_DOWN: f64 = FRAC_1_SQRT_2;
 
-/// Where the axes of cameras come nearest to each other. `None` where all look along one direction.
+/// The point nearest to the optical axes of all cameras. `None` if all axes are parallel.
 pub(super) fn meeting_place(poses: &[RawPose]) -> Option<Vector3<f64>> {
     let mut normal = Matrix3::zeros();
     let mut right = Vector3::zeros();
@@ -34,8 +34,8 @@ pub(super) fn meeting_place(poses: &[RawPose]) -> Option<Vector3<f64>> {
     Some(normal.cholesky()?.solve(&right))
 }
 
-/// How well cameras look at one place: the share that has it in front, and how far their axes pass it, by the mean distance
-/// to it. `None` where all look along one direction.
+/// How well cameras look at one place: the share of cameras that have it in front, and the distance of their axes to it
+/// relative to the mean distance. `None` if all axes are parallel.
 fn convergence(poses: &[RawPose]) -> Option<(f64, f64)> {
     let place = meeting_place(poses)?;
     let n = poses.len() as f64;
@@ -51,8 +51,8 @@ fn convergence(poses: &[RawPose]) -> Option<(f64, f64)> {
     Some((in_front, passed.sqrt() / distance.max(1e-12)))
 }
 
-/// Cameras around a field look at it: where they do not, another meaning of the poses may be the right one.
-pub(super) fn look_at_directions(cameras: &[RawCamera], remarks: &mut Vec<Remark>) {
+/// Warns if cameras do not look at one place, and names the options under which they would.
+pub(super) fn check_directions(cameras: &[RawCamera], remarks: &mut Vec<Remark>) {
     let poses: Vec<RawPose> = cameras.iter().filter_map(|camera| camera.pose).collect();
     if poses.len() < 2 {
         return;
@@ -65,9 +65,9 @@ pub(super) fn look_at_directions(cameras: &[RawCamera], remarks: &mut Vec<Remark
         convergence(&read)
     };
     let as_written = judge(PoseMeaning::AsFormat, CameraAxes::OpenCv);
-    // Of cameras that all look one way only another reading can say something.
+    // For parallel axes only the other interpretations can converge.
     let (in_front, passed) = as_written.unwrap_or((0.0, f64::INFINITY));
-    // At half the distance the axes meet nowhere.
+    // Beyond half the distance the axes do not meet.
     let meets = as_written.is_none() || (in_front > 0.5 && passed < 0.5);
     if in_front >= 1.0 && passed < 0.2 {
         return;
@@ -109,15 +109,14 @@ pub(super) fn look_at_directions(cameras: &[RawCamera], remarks: &mut Vec<Remark
         Some((_, remedy)) => format!("{found}; all would look at one place if {remedy}"),
         None if meets => return,
         None => {
-            format!("{found}; if they stand around a field, look at the meaning of their poses")
+            format!("{found}; if they stand around a field, check the meaning of their poses")
         }
     };
     remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
 }
 
-/// How large the world is that comes out of a stated unit: whoever states one that cannot be must hear of it, and nobody who
-/// states that of a stadium.
-pub(super) fn look_at_size(cameras: &[RawCamera], stated: f64, remarks: &mut Vec<Remark>) {
+/// Warns if the `stated` unit gives a world that is impossibly large or small. A stadium is not too large.
+pub(super) fn check_size(cameras: &[RawCamera], stated: f64, remarks: &mut Vec<Remark>) {
     let Some(spread_m) = spread(cameras).filter(|spread_m| *spread_m > 0.0) else {
         return;
     };
@@ -135,9 +134,9 @@ pub(super) fn look_at_size(cameras: &[RawCamera], stated: f64, remarks: &mut Vec
     remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
 }
 
-/// Which axis of the world points up, judged by the upper edges of the pictures. The world is z up, and the `stated` axis of
-/// the file's was turned there; `None`: none was stated, and the world is the file's.
-pub(super) fn look_at_up(
+/// Warns if the upper edges of the pictures contradict the axis that points up. The `stated` axis of the file's world has
+/// already been rotated to z; `None`: the world is the file's own.
+pub(super) fn check_up(
     cameras: &[RawCamera],
     stated: Option<WorldAxis>,
     remarks: &mut Vec<Remark>,
@@ -150,7 +149,7 @@ pub(super) fn look_at_up(
         let rows = poses.iter().map(|pose| pose.rotation.row(row).transpose());
         rows.sum::<Vector3<f64>>() / poses.len() as f64
     };
-    // In the axes that whoever stated one knows.
+    // The stated axis refers to the file's axes.
     let file_from_world = stated.map_or_else(Matrix3::identity, turn_up);
     let up = file_from_world * -mean(1);
     let share = |axis: WorldAxis| up.dot(&axis.vector());
@@ -167,18 +166,18 @@ pub(super) fn look_at_up(
         _ => None,
     };
     let is_below = poses.iter().all(|pose| pose.center().z < 0.0);
-    let said = other.or_else(|| is_below.then(|| ALL_BELOW.to_owned()));
-    remarks.extend(said.map(|text| Remark::of_all(RemarkKind::Doubtful, text)));
+    let text = other.or_else(|| is_below.then(|| ALL_BELOW.to_owned()));
+    remarks.extend(text.map(|text| Remark::of_all(RemarkKind::Doubtful, text)));
 }
 
-/// What is said where the pictures show no axis to be up, and none was stated.
-const UNDECIDED: &str = "the pictures do not agree on which way is up: the world lies askew, or cameras stand on their side";
+/// The pictures show no axis to be up, and none was stated.
+const UNDECIDED: &str = "the pictures do not agree on which way is up: the world is tilted, or cameras stand on their side";
 
-/// What is said of cameras under the floor.
+/// All cameras are below the floor.
 const ALL_BELOW: &str = "z is up, but all cameras stand below 0: the floor is not where z is 0, or the board that gave the world \
                          was seen mirrored, which no reprojection error shows";
 
-/// What is said where the pictures show another axis to be up than was taken for it.
+/// The pictures show another axis to be up than the one used.
 fn other_axis(axis: WorldAxis, stated: Option<WorldAxis>) -> String {
     let name = axis.name();
     let Some(stated) = stated.map(WorldAxis::name) else {
@@ -204,7 +203,7 @@ mod tests {
 
     use super::*;
 
-    /// Three cameras beside each other, 3 m above the floor, that look along y of it and down by so many degrees.
+    /// Three cameras in a row, 3 m above the floor, that look along y and down by `degrees`.
     fn tilted(degrees: f64) -> Vec<RawCamera> {
         let (down, along) = degrees.to_radians().sin_cos();
         // Rows: right, down, forward.
@@ -224,30 +223,30 @@ mod tests {
         [-1.0, 0.0, 1.0].map(camera).to_vec()
     }
 
-    fn said(degrees: f64, stated: Option<WorldAxis>) -> String {
+    fn warnings(degrees: f64, stated: Option<WorldAxis>) -> String {
         let mut remarks = Vec::new();
-        look_at_up(&tilted(degrees), stated, &mut remarks);
+        check_up(&tilted(degrees), stated, &mut remarks);
         let texts = remarks.into_iter().map(|remark| remark.text);
         texts.collect::<Vec<_>>().join("\n")
     }
 
     #[test]
-    fn pictures_that_look_down_say_nothing_against_an_axis_that_is_stated() {
+    fn cameras_that_look_down_do_not_contradict_a_stated_axis() {
         for degrees in [0.0, 40.0, 50.0, 60.0, 90.0] {
-            assert_eq!(said(degrees, Some(WorldAxis::Z)), "", "{degrees}");
+            assert_eq!(warnings(degrees, Some(WorldAxis::Z)), "", "{degrees}");
         }
-        assert!(said(60.0, None).contains("y is up there"));
+        assert!(warnings(60.0, None).contains("y is up there"));
     }
 
     #[test]
-    fn an_axis_that_another_one_clearly_beats_is_spoken_against() {
+    fn an_axis_with_a_clearly_larger_share_contradicts_the_stated_one() {
         // -z was stated, and all upper edges point along z.
         let mut upside_down = tilted(10.0);
         for pose in upside_down.iter_mut().filter_map(|it| it.pose.as_mut()) {
             pose.rotation *= turn_up(WorldAxis::MinusZ);
         }
         let mut remarks = Vec::new();
-        look_at_up(&upside_down, Some(WorldAxis::MinusZ), &mut remarks);
+        check_up(&upside_down, Some(WorldAxis::MinusZ), &mut remarks);
         let [only] = remarks.as_slice() else {
             panic!("{remarks:?}")
         };
