@@ -1,5 +1,5 @@
-//! Levenberg-Marquardt over one camera and the poses of its boards; the poses are eliminated block by block, so that the
-//! system to solve is as large as the camera's parameters only.
+//! Levenberg-Marquardt over one camera and the poses of its boards. The poses are eliminated block by block, so that the system
+//! has only the camera's parameters.
 
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix2x6, Matrix6, Translation3, UnitQuaternion, Vector2,
@@ -8,19 +8,19 @@ use nalgebra::{
 
 use super::projection::Optics;
 
-/// Steps of a fit at most.
+/// Most steps of a fit.
 const MOST_STEPS: usize = 200;
-/// A fit ends where a step lowers the cost by less, as a share of it.
+/// A fit ends at a smaller relative decrease of the cost.
 const SMALL_SHARE: f64 = 1e-12;
 
-/// One picture: points of the board (metres) and where they were seen (pixels).
+/// One picture: points of the board (metres) and their pixels.
 #[derive(Debug, Clone)]
 pub(super) struct Sighting {
     pub(super) board: Vec<Vector3<f64>>,
     pub(super) pixels: Vec<Vector2<f64>>,
 }
 
-/// A camera and where the boards stand: camera from board.
+/// A camera and the poses of the boards in it.
 #[derive(Debug, Clone)]
 pub(super) struct State {
     pub(super) optics: Optics,
@@ -37,7 +37,7 @@ struct Block {
     cost: f64,
 }
 
-/// By a small turn and shift of the camera's axes: p' = p + turn x p + shift.
+/// The derivative by a small rotation and shift of the camera's axes: p' = p + turn x p + shift.
 pub(super) fn by_pose(by_point: &nalgebra::Matrix2x3<f64>, p: &Vector3<f64>) -> Matrix2x6<f64> {
     let turned = by_point * -p.cross_matrix();
     let mut all = Matrix2x6::zeros();
@@ -46,7 +46,7 @@ pub(super) fn by_pose(by_point: &nalgebra::Matrix2x3<f64>, p: &Vector3<f64>) -> 
     all
 }
 
-/// `pose` after the small turn and shift `step`.
+/// `pose` after the small rotation and shift `step`.
 pub(super) fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
     let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
     let shift = Translation3::from(step.fixed_rows::<3>(3).into_owned());
@@ -55,7 +55,7 @@ pub(super) fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64
     moved
 }
 
-/// Drawn minus seen, pixels; `None` where a point is not drawn.
+/// Projected minus observed, pixels; `None` if a point cannot be projected.
 pub(super) fn residuals(
     optics: &Optics,
     pose: &Isometry3<f64>,
@@ -133,7 +133,7 @@ pub(super) fn reduced(state: &State, sightings: &[Sighting]) -> Option<DMatrix<f
     Some(sum)
 }
 
-/// One step at this damping.
+/// One step with this damping.
 fn step(state: &State, blocks: &[Block], damping: f64) -> Option<State> {
     let m = state.optics.coefficients.count();
     let mut matrix = DMatrix::zeros(m, m);
@@ -144,7 +144,7 @@ fn step(state: &State, blocks: &[Block], damping: f64) -> Option<State> {
             damped(&block.camera, damping) - &block.mixed * pose.solve(&block.mixed.transpose());
         right -= &block.camera_gradient - &block.mixed * pose.solve(&block.pose_gradient);
     }
-    // Equal scales: focal lengths in pixels beside sixth-order coefficients.
+    // Scale the parameters: focal lengths are in pixels, others are sixth-order coefficients.
     let scale = matrix.diagonal().map(|d| 1.0 / d.max(1e-30).sqrt());
     let scaled = DMatrix::from_fn(m, m, |i, j| matrix[(i, j)] * scale[i] * scale[j]);
     let change = scaled
@@ -165,7 +165,7 @@ fn step(state: &State, blocks: &[Block], damping: f64) -> Option<State> {
     Some(next)
 }
 
-/// The state with the least sum of squared distances, from `state`; `None` where not even the start draws all points.
+/// The state with the least sum of squared residuals, from `state`; `None` if the start does not project all points.
 pub(super) fn adjust(mut state: State, sightings: &[Sighting]) -> Option<State> {
     let mut lowest = cost(&state, sightings)?;
     let mut damping = 1e-3;
@@ -195,19 +195,19 @@ pub(super) fn adjust(mut state: State, sightings: &[Sighting]) -> Option<State> 
     Some(state)
 }
 
-/// The pose alone, with a known camera, from `start`.
+/// Adjusts the pose alone, with a known camera, from `start`.
 pub(super) fn adjust_pose(
     optics: &Optics,
     start: Isometry3<f64>,
     sighting: &Sighting,
 ) -> Option<Isometry3<f64>> {
-    let of = |pose: &Isometry3<f64>| {
+    let cost = |pose: &Isometry3<f64>| {
         let all = residuals(optics, pose, sighting)?;
         let sum = all.iter().map(Vector2::norm_squared).sum::<f64>();
         sum.is_finite().then_some(sum)
     };
     let mut pose = start;
-    let mut lowest = of(&pose)?;
+    let mut lowest = cost(&pose)?;
     let mut damping = 1e-3;
     for _ in 0..MOST_STEPS {
         let now = block(optics, &pose, sighting)?;
@@ -217,10 +217,10 @@ pub(super) fn adjust_pose(
                 .cholesky()
                 .map(|c| c.solve(&-now.pose_gradient));
             let next = solved.map(|step| moved(&pose, &step));
-            match next.and_then(|next| Some((of(&next)?, next))) {
-                Some((cost, next)) if cost < lowest => {
-                    gained = Some(lowest - cost);
-                    (lowest, pose) = (cost, next);
+            match next.and_then(|next| Some((cost(&next)?, next))) {
+                Some((next_cost, next)) if next_cost < lowest => {
+                    gained = Some(lowest - next_cost);
+                    (lowest, pose) = (next_cost, next);
                     damping = (damping * 0.1).max(1e-12);
                     break;
                 }
@@ -234,7 +234,7 @@ pub(super) fn adjust_pose(
     Some(pose)
 }
 
-/// The inverse of a pose's normal matrix: covariance for a variance of one square pixel; turn (rad), then shift (m).
+/// The inverse of a pose's normal matrix, the covariance for a variance of one square pixel: rotation (rad), then shift (m).
 pub(super) fn pose_covariance(
     optics: &Optics,
     pose: &Isometry3<f64>,

@@ -1,4 +1,4 @@
-//! Whether pictures of boards carry the camera that was fitted to them.
+//! Checks that pictures of boards determine the fitted camera, and remarks on the result.
 
 use std::collections::BTreeMap;
 
@@ -7,20 +7,19 @@ use farfield_proto::frames::Transform;
 use nalgebra::{DMatrix, Isometry3, Vector2};
 
 use super::BoardView;
-use super::coverage::Coverage;
-use super::found::{BoardError, LARGEST_COEFFICIENT, PictureFit};
-use super::print::Print;
+use super::detect::Print;
+use super::outcome::{BoardError, Coverage, LARGEST_COEFFICIENT, PictureFit};
 use super::projection::Optics;
 use crate::formats::LensModel;
 
-/// Largest standard deviation of a focal length, as a share of it.
+/// Largest relative standard deviation of a focal length.
 const FOCAL_SHARE: f64 = 0.05;
-/// A lens that is known worse at a corner of the picture is worth a word, pixels.
+/// A larger standard deviation at a corner of the picture causes a remark, pixels.
 const CORNER_PX: f64 = 2.0;
-/// So far towards a corner boards should reach.
+/// Boards should reach this share of the distance to a corner.
 const REACHED: f64 = 0.8;
 
-pub(super) fn refuse_what_is_not_carried(
+pub(super) fn check_determined(
     size_px: [u32; 2],
     optics: &Optics,
     covariance: &DMatrix<f64>,
@@ -55,7 +54,7 @@ pub(super) fn refuse_what_is_not_carried(
     refuse_folds(size_px, optics)
 }
 
-/// A lens draws what is farther from its axis farther from the principal point, over the whole picture.
+/// Refuses a lens whose radius does not increase over the whole picture.
 fn refuse_folds(size_px: [u32; 2], optics: &Optics) -> Result<(), BoardError> {
     let intrinsics = optics.intrinsics();
     match optics.lens() {
@@ -113,7 +112,7 @@ fn refuse_folds(size_px: [u32; 2], optics: &Optics) -> Result<(), BoardError> {
     }
 }
 
-/// The rays that an ideal lens would draw at the picture's corners, and what the covariance says of them.
+/// The largest standard deviation at the corners of the picture, for the rays that an ideal lens would project there.
 pub(super) fn corner_sigma_px(
     size_px: [u32; 2],
     optics: &Optics,
@@ -151,9 +150,9 @@ pub(super) fn remarks(
     pictures: &[PictureFit],
     views: &[&BoardView],
 ) -> Vec<String> {
-    let mut said = prints(views);
+    let mut remarks = prints(views);
     if corner_sigma_px > CORNER_PX || coverage.radius < REACHED {
-        said.push(format!(
+        remarks.push(format!(
             "the boards reach {:.0} % of the way to the picture's corners, where the lens is known to {corner_sigma_px:.1} px: \
              take pictures with the board in the corners",
             100.0 * coverage.radius
@@ -165,15 +164,15 @@ pub(super) fn remarks(
         .map(|p| p.name.as_str())
         .collect();
     if !hurting.is_empty() {
-        said.push(format!(
-            "`{}` stand out: blurred, or corners mistaken; leave them out and look whether the result changes",
+        remarks.push(format!(
+            "`{}` have much larger residuals: blurred, or corners mistaken; leave them out and check whether the result changes",
             hurting.join("`, `")
         ));
     }
-    said
+    remarks
 }
 
-/// How the board is printed, where that is unusual, or differs from picture to picture.
+/// Remarks on unusual or mixed prints of the board.
 fn prints(views: &[&BoardView]) -> Vec<String> {
     let mut counts: BTreeMap<Print, usize> = BTreeMap::new();
     for view in views {
@@ -184,8 +183,8 @@ fn prints(views: &[&BoardView]) -> Vec<String> {
         Some(if *count == views.len() {
             format!("the board is printed {words}")
         } else {
-            let of = views.len();
-            format!("the board is printed {words} in {count} of {of} pictures, otherwise in the rest: use one board")
+            let total = views.len();
+            format!("the board is printed {words} in {count} of {total} pictures, and otherwise in the rest: use one board")
         })
     });
     each.collect()

@@ -1,4 +1,4 @@
-//! `ChArUco` boards of all prints, drawn into pictures.
+//! `ChArUco` boards of all prints in rendered pictures.
 
 use calib_targets_charuco::resolve_dictionary;
 use farfield_proto::camera::{Distortion, Intrinsics};
@@ -10,9 +10,9 @@ use crate::formats::LensModel;
 
 const SIZE: [u32; 2] = [480, 270];
 const FOCAL_PX: f64 = 420.0;
-/// Corners of pictures of few rays to a pixel are off by less; the next corner is 35 px away.
+/// Largest error of corners in pictures with few rays per pixel; the next corner is 35 px away.
 const MOST_OFF_PX: f64 = 0.5;
-/// Rays to a pixel along each side.
+/// Rays per pixel along each side.
 const RAYS: u32 = 3;
 
 fn board(squares: [u32; 2]) -> Charuco {
@@ -34,8 +34,8 @@ fn optics() -> Optics {
     Optics::new(&intrinsics, &LensModel::Rational(Distortion::default()))
 }
 
-/// Whether the board is white at a place, squares from its upper left; a margin of half a square is white, and there is no
-/// board beyond it.
+/// Whether the board is white at a point, in squares from its upper left; `None` outside of it. A margin of half a square is
+/// white.
 fn is_white(board: &Charuco, print: Print, at: [f64; 2]) -> Option<bool> {
     let [columns, rows] = board.squares.map(f64::from);
     let [x, y] = at;
@@ -58,7 +58,7 @@ fn is_white_inside(board: &Charuco, is_legacy: bool, [x, y]: [f64; 2]) -> bool {
         .filter(|i| has_marker(i % board.squares[0], i / board.squares[0]));
     let dictionary = resolve_dictionary(&board.dictionary).expect("a dictionary of OpenCV's");
     let code = dictionary.codes()[before.count()];
-    // A marker is its bits with a black border of one.
+    // A marker is its bits with a black border of one bit.
     let side = dictionary.marker_size() as f64 + 2.0;
     let share = board.marker_m / board.square_m;
     let bit = [x, y].map(|v| ((v.fract() - 0.5) / share + 0.5) * side);
@@ -68,14 +68,14 @@ fn is_white_inside(board: &Charuco, is_legacy: bool, [x, y]: [f64; 2]) -> bool {
     !is_on_marker || !is_border && (code >> ((v - 1) * dictionary.marker_size() + u - 1)) & 1 == 0
 }
 
-/// The picture of a board, grey beside it.
+/// A picture of a board on grey.
 fn drawn(board: &Charuco, print: Print, camera_from_board: &Isometry3<f64>) -> Vec<u8> {
     let board_from_camera = camera_from_board.inverse();
-    let eye = board_from_camera * Point3::origin();
+    let camera_m = board_from_camera * Point3::origin();
     let level = |x: f64, y: f64| {
         let ray = Vector3::new((x - 239.5) / FOCAL_PX, (y - 134.5) / FOCAL_PX, 1.0);
         let along = board_from_camera * ray;
-        let at = eye + along * (-eye.z / along.z);
+        let at = camera_m + along * (-camera_m.z / along.z);
         let white = is_white(board, print, [at.x, at.y].map(|v| v / board.square_m));
         white.map_or(128.0, |white| if white { 230.0 } else { 25.0 })
     };
@@ -91,7 +91,7 @@ fn drawn(board: &Charuco, print: Print, camera_from_board: &Isometry3<f64>) -> V
     rows.map(|(x, y)| pixel(x, y)).collect()
 }
 
-/// The board before the camera, `shift_m` from its axis, tilted another way for each `i`.
+/// The board in front of the camera, `shift_m` from its axis, tilted differently for each `i`.
 fn pose(board: &Charuco, i: usize, shift_m: [f64; 2]) -> Isometry3<f64> {
     let turn = 2.4 * i as f64;
     let tilt = Vector3::new(libm::cos(turn), libm::sin(turn), 0.2) * 0.4;
@@ -109,11 +109,11 @@ fn detected(board: &Charuco, pixels: &[u8]) -> Result<BoardView, DetectError> {
     detect_charuco("", &picture, board)
 }
 
-/// The largest distance of a corner from where it was drawn, pixels.
+/// The largest error of a corner, pixels.
 fn off_px(view: &BoardView, camera_from_board: &Isometry3<f64>) -> f64 {
     let each = view.board_m.iter().zip(&view.pixels).map(|([x, y], px)| {
         let at = camera_from_board * Point3::new(*x, *y, 0.0);
-        let drawn = optics().draw(&at.coords).expect("before the camera");
+        let drawn = optics().draw(&at.coords).expect("in front of the camera");
         libm::hypot(drawn.pixel.x - px[0], drawn.pixel.y - px[1])
     });
     each.fold(0.0, f64::max)
@@ -128,9 +128,9 @@ fn prints() -> [Print; 4] {
     })
 }
 
-/// Symptom: of a board of before `OpenCV` 4.6 no corner was found.
+/// Symptom: no corner of a board from before `OpenCV` 4.6 was found.
 #[test]
-fn a_board_is_found_however_it_is_printed() {
+fn a_board_is_detected_in_every_print() {
     for print in prints() {
         for squares in [[8, 6], [7, 6]] {
             let board = board(squares);
@@ -145,9 +145,9 @@ fn a_board_is_found_however_it_is_printed() {
     }
 }
 
-/// Every other row of markers is the same in both layouts, one square aside.
+/// Every other row of markers is the same in both layouts, shifted by one square.
 #[test]
-fn a_part_of_a_board_is_not_taken_for_one_of_the_other_layout() {
+fn a_part_of_a_board_is_not_mistaken_for_the_other_layout() {
     let board = board([8, 6]);
     let mut found = 0;
     for print in prints() {
@@ -174,7 +174,7 @@ fn a_part_of_a_board_is_not_taken_for_one_of_the_other_layout() {
 }
 
 #[test]
-fn boards_with_an_odd_number_of_rows_are_of_today() {
+fn boards_with_an_odd_number_of_rows_have_the_current_layout() {
     let board = board([6, 5]);
     let print = Print {
         is_legacy: true,
@@ -203,14 +203,14 @@ fn the_print_of_a_board_is_reported() {
         let found = calibrate(SIZE, &views, Coefficients::Five).expect("six tilted boards");
         let focal_px = found.intrinsics.fx_px;
         assert!((focal_px / FOCAL_PX - 1.0).abs() < 0.01, "{focal_px}");
-        let said = found.remarks.iter().any(|it| it.contains("is printed"));
-        assert_eq!(said, !word.is_empty(), "{:?}", found.remarks);
-        let said = found.remarks.iter().any(|it| it.contains(word));
-        assert!(word.is_empty() || said, "{:?}", found.remarks);
+        let is_reported = found.remarks.iter().any(|it| it.contains("is printed"));
+        assert_eq!(is_reported, !word.is_empty(), "{:?}", found.remarks);
+        let has_word = found.remarks.iter().any(|it| it.contains(word));
+        assert!(word.is_empty() || has_word, "{:?}", found.remarks);
     }
 }
 
-/// Symptom: a wrong word on the board was answered with advice to take other pictures.
+/// Symptom: the answer to a wrong description of the board was the advice to take other pictures.
 #[test]
 fn a_wrong_description_of_a_board_is_corrected() {
     let right = board([8, 6]);

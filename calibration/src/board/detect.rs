@@ -1,17 +1,14 @@
-//! Corners of chessboards in grey pictures, by the crates `calib-targets-*` and `chess-corners`.
+//! Corners of chessboards in grey pictures, by the crates `calib-targets-*` and `chess-corners`, and their refinement to a few
+//! hundredths of a pixel.
 
 use calib_targets_chessboard::{
     ChessboardDetection, ChessboardDetector, ChessboardParams, DetectorConfig, GrayImageView,
     default_chess_config, detect_corners,
 };
 use chess_corners::UpscaleConfig;
-
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::BoardView;
-use super::picture::GrayPicture;
-use super::print::Print;
-use super::refine::refined;
 
 /// Most pixels of a picture.
 const MOST_PIXELS: usize = 1 << 28;
@@ -27,20 +24,20 @@ pub struct Chessboard {
     pub square_m: f64,
 }
 
-/// Why a picture gives no corners.
+/// The reason why a picture gives no corners.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DetectError {
-    /// The bytes are not those of the picture.
+    /// The bytes do not match the picture.
     #[error("found {found} bytes, expected {width} x {height}")]
     Bytes {
-        /// How many.
+        /// The number of bytes.
         found: usize,
         /// Width, pixels.
         width: u32,
         /// Height, pixels.
         height: u32,
     },
-    /// The board cannot be one.
+    /// The board is impossible.
     #[error("{0}")]
     Board(String),
     /// There is no board in the picture.
@@ -51,12 +48,12 @@ pub enum DetectError {
     OtherBoard {
         /// Corners along its sides.
         found: [u32; 2],
-        /// What was given.
+        /// The stated size.
         expected: [u32; 2],
     },
 }
 
-/// `picture` as the crates have it.
+/// `picture` as a view of the detector crates.
 pub(super) fn view<'a>(picture: &GrayPicture<'a>) -> Result<GrayImageView<'a>, DetectError> {
     let (width, height) = (picture.width as usize, picture.height as usize);
     let count = width
@@ -76,9 +73,9 @@ pub(super) fn view<'a>(picture: &GrayPicture<'a>) -> Result<GrayImageView<'a>, D
     })
 }
 
-/// How the picture is looked at, one after the other until the whole board is found: as it is, coarse to fine for large
-/// squares out of focus, and enlarged for small ones.
-pub(super) fn looks() -> [DetectorConfig; 3] {
+/// The searches, one after the other until the whole board is found: the picture as it is, coarse to fine for large squares out
+/// of focus, and enlarged for small squares.
+pub(super) fn searches() -> [DetectorConfig; 3] {
     let usual = default_chess_config();
     let coarse = usual.with_multiscale(DetectorConfig::chess_multiscale().multiscale);
     [usual, coarse, usual.with_upscale(UpscaleConfig::fixed(2))]
@@ -100,11 +97,11 @@ pub(super) fn check_board(squares: [u32; 2], square_m: f64) -> Result<(), Detect
 
 /// The corners of a chessboard, or of a part of it, in a picture.
 ///
-/// Which corner is the first is not known: of two pictures the same corner may have different coordinates, and of a part of
-/// the board the first is that part's. For [`super::calibrate`] any will do; for the pose of one board in two cameras not.
+/// The first corner is arbitrary: the same corner can have different coordinates in two pictures, and the first corner of a
+/// visible part is that part's. This does not matter for [`super::calibrate`], but for the pose of one board in two cameras.
 ///
 /// # Errors
-/// [`DetectError`] where the bytes are not those of a picture, nothing is found, or a larger board than this.
+/// [`DetectError`] if the bytes do not match the picture, nothing is found, or the board is larger than stated.
 pub fn detect_chessboard(
     name: &str,
     picture: &GrayPicture<'_>,
@@ -115,8 +112,8 @@ pub fn detect_chessboard(
     let full = (board.corners[0] * board.corners[1]) as usize;
     let mut best: Option<ChessboardDetection> = None;
     let mut other: Option<([u32; 2], usize)> = None;
-    for look in looks() {
-        let corners = detect_corners(&view, &look);
+    for search in searches() {
+        let corners = detect_corners(&view, &search);
         for params in ChessboardParams::sweep_default() {
             let Ok(detector) = ChessboardDetector::new(params) else {
                 continue;
@@ -141,7 +138,7 @@ pub fn detect_chessboard(
             break;
         }
     }
-    // A part of a larger board is none of this size; a pattern beside a whole one is no larger board.
+    // A part of a larger board is not the stated board; a pattern next to a whole board is not a larger board.
     let seen = best.as_ref().map_or(0, |best| best.corners.len());
     let other = other.filter(|(_, count)| seen < full && *count > seen);
     match (best.filter(|_| other.is_none()), other) {
@@ -169,10 +166,10 @@ pub fn detect_chessboard(
     }
 }
 
-/// Share of a square's side around a corner that is looked at: the next corner is one side away.
+/// Radius of the inspected area around a corner, relative to a square's side: the next corner is one side away.
 const REACH: f64 = 0.35;
 
-/// Where a corner is, distorted pixels.
+/// The refined position of a corner, distorted pixels.
 pub(super) fn place(
     picture: &GrayPicture<'_>,
     found: nalgebra::Point2<f32>,
@@ -195,4 +192,112 @@ fn extent(found: &ChessboardDetection) -> [u32; 2] {
 fn fits(found: [u32; 2], board: [u32; 2]) -> bool {
     let [a, b] = board;
     (found[0] <= a && found[1] <= b) || (found[0] <= b && found[1] <= a)
+}
+
+/// The print of a `ChArUco` board.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Print {
+    /// White on black (Caliscope's `inverted`).
+    pub is_negative: bool,
+    /// The layout of `OpenCV` before 4.6: with an even number of rows the first square is white. Odd numbers do not differ.
+    pub is_legacy: bool,
+}
+
+impl Print {
+    /// Describes an unusual print.
+    pub(super) fn in_words(self) -> Option<&'static str> {
+        match (self.is_negative, self.is_legacy) {
+            (false, false) => None,
+            (true, false) => Some("white on black"),
+            (false, true) => Some("as OpenCV drew boards before 4.6 (its first square is white)"),
+            (true, true) => Some("as OpenCV drew boards before 4.6, and white on black"),
+        }
+    }
+}
+
+/// A grey picture: one byte per pixel, by rows from the upper left.
+#[derive(Debug, Clone, Copy)]
+pub struct GrayPicture<'a> {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// `width` x `height` bytes.
+    pub pixels: &'a [u8],
+}
+
+/// Most rounds.
+const MOST_ROUNDS: usize = 20;
+/// A round with a smaller step is the last, pixels.
+const STILL_PX: f64 = 1e-3;
+/// Least and largest half side of the window, pixels: smaller ones have too few gradients, in larger ones the lens bends lines.
+const WINDOW_PX: [f64; 2] = [2.0, 10.0];
+
+/// The corner near `start`; `start` itself if there is none within half the window. Within `reach_px` of the corner there is
+/// nothing but its four squares.
+pub(super) fn refined(
+    picture: &GrayPicture<'_>,
+    start: Vector2<f64>,
+    reach_px: f64,
+) -> Vector2<f64> {
+    let half = reach_px.clamp(WINDOW_PX[0], WINDOW_PX[1]).floor();
+    let mut at = start;
+    for _ in 0..MOST_ROUNDS {
+        let Some(next) = round(picture, at, half) else {
+            return start;
+        };
+        let step = (next - at).norm();
+        at = next;
+        if (at - start).norm() > 0.5 * half + 1.0 {
+            return start;
+        }
+        if step < STILL_PX {
+            break;
+        }
+    }
+    at
+}
+
+/// Least squares of g . (p - corner) = 0 over the window around `at`, with a Gaussian weight.
+fn round(picture: &GrayPicture<'_>, at: Vector2<f64>, half: f64) -> Option<Vector2<f64>> {
+    let side = half as i32;
+    let mut matrix = Matrix2::zeros();
+    let mut right = Vector2::zeros();
+    for (dy, dx) in (-side..=side).flat_map(|dy| (-side..=side).map(move |dx| (dy, dx))) {
+        let offset = Vector2::new(f64::from(dx), f64::from(dy));
+        let p = at + offset;
+        let value = |dx: f64, dy: f64| bilinear(picture, p.x + dx, p.y + dy);
+        let gradient = Vector2::new(
+            value(1.0, 0.0)? - value(-1.0, 0.0)?,
+            value(0.0, 1.0)? - value(0.0, -1.0)?,
+        );
+        let weight = libm::exp(-offset.norm_squared() / (half * half));
+        let outer = weight * gradient * gradient.transpose();
+        matrix += outer;
+        right += outer * offset;
+    }
+    // A single edge determines one direction only.
+    let eigenvalues = matrix.symmetric_eigenvalues();
+    if eigenvalues.min() < 0.02 * eigenvalues.max() {
+        return None;
+    }
+    Some(at + matrix.cholesky()?.solve(&right))
+}
+
+fn bilinear(picture: &GrayPicture<'_>, x: f64, y: f64) -> Option<f64> {
+    let (left, top) = (x.floor(), y.floor());
+    let inside = left >= 0.0
+        && top >= 0.0
+        && left + 1.0 < f64::from(picture.width)
+        && top + 1.0 < f64::from(picture.height);
+    if !inside {
+        return None;
+    }
+    let first = top as usize * picture.width as usize + left as usize;
+    let at = |offset: usize| picture.pixels.get(first + offset).map(|v| f64::from(*v));
+    let below = picture.width as usize;
+    let (fx, fy) = (x - left, y - top);
+    let upper = at(0)? * (1.0 - fx) + at(1)? * fx;
+    let lower = at(below)? * (1.0 - fx) + at(below + 1)? * fx;
+    Some(upper * (1.0 - fy) + lower * fy)
 }

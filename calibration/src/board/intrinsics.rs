@@ -1,31 +1,31 @@
-//! How a camera sees, from boards in several pictures: Zhang 2000's closed form, then the least squares of [`super::adjust`];
-//! and whether the pictures carry what was asked of them.
+//! Intrinsics of a camera from boards in several pictures: Zhang 2000's closed form, then the least squares of
+//! [`super::adjust`], and a check that the pictures determine the requested parameters.
 
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::{DMatrix, Vector2};
 
 use super::BoardView;
 use super::adjust::{Sighting, State, adjust, reduced, residuals};
-use super::carried::{corner_sigma_px, refuse_what_is_not_carried, remarks};
-use super::coverage::Coverage;
-use super::found::{BoardCalibration, BoardError, FEWEST_PICTURES, LeftOut, PictureFit};
-use super::homography::homography;
+use super::carried::{check_determined, corner_sigma_px, remarks};
+use super::outcome::{
+    BoardCalibration, BoardError, Coverage, FEWEST_PICTURES, LeftOut, PictureFit,
+};
 use super::projection::Coefficients;
-use super::start::{start_fisheye, start_pinhole};
+use super::start::{homography, start_fisheye, start_pinhole};
 use super::turned::turned;
 
-/// Fewest corners of a picture that is used.
+/// Least number of corners in a used picture.
 const FEWEST_CORNERS: usize = 8;
-/// A picture whose RMS is so many times the median of all hurts.
+/// A picture hurts if its RMS is this many times the median.
 const HURTS: f64 = 2.0;
-/// No picture hurts below this RMS, pixels.
+/// A picture with a smaller RMS never hurts, pixels.
 const HARMLESS_PX: f64 = 0.3;
 
 /// The intrinsics of a camera with pictures of `size_px` (width, height) from `views` of a flat board (z = 0).
 ///
 /// # Errors
-/// [`BoardError`] where the pictures cannot carry what was asked: too few, boards all parallel, coefficients without bound,
-/// a lens that folds.
+/// [`BoardError`] if the pictures do not determine the requested parameters: too few, parallel boards, coefficients without
+/// bound, a lens that folds.
 pub fn calibrate(
     size_px: [u32; 2],
     views: &[BoardView],
@@ -62,9 +62,9 @@ pub fn calibrate(
         .and_then(|matrix| inverse(&matrix))
         .ok_or(BoardError::Parallel)?
         * (sum / freedom);
-    refuse_what_is_not_carried(size_px, &state.optics, &covariance)?;
+    check_determined(size_px, &state.optics, &covariance)?;
     let names = ["fx", "fy", "cx", "cy"];
-    let coverage = Coverage::of(size_px, sightings.iter().flat_map(|s| &s.pixels));
+    let coverage = Coverage::new(size_px, sightings.iter().flat_map(|s| &s.pixels));
     let corner_sigma_px = corner_sigma_px(size_px, &state.optics, &covariance);
     Ok(BoardCalibration {
         remarks: remarks(&coverage, corner_sigma_px, &pictures, &used),
@@ -81,7 +81,7 @@ pub fn calibrate(
     })
 }
 
-/// The camera and the boards that fit, from nothing.
+/// Fits the camera and the poses of the boards without a start.
 fn fit(
     size_px: [u32; 2],
     sightings: &[Sighting],
@@ -95,7 +95,7 @@ fn fit(
     state.ok_or(BoardError::Parallel)
 }
 
-/// The views that are not `turned`; the others are named in `left_out`, and too many of them are refused.
+/// The views that are not `turned`; the others are added to `left_out`. Too many of them are refused.
 fn without_turned<'a>(
     used: Vec<&'a BoardView>,
     turned: &[bool],
@@ -108,12 +108,12 @@ fn without_turned<'a>(
     if 3 * names.len() > of || left.len() < FEWEST_PICTURES {
         return Err(BoardError::Turned { turned: names, of });
     }
-    let reason = "taken with the camera turned by half a turn against the others";
+    let reason = "taken with the camera turned by half a turn relative to the others";
     left_out.extend(names.into_iter().map(|name| (name, reason.to_owned())));
     Ok(left)
 }
 
-/// Views with enough finite points, and the others with the reason.
+/// Views with enough finite points, and the other views with the reason.
 fn sort_out(views: &[BoardView]) -> Result<(Vec<&BoardView>, Vec<LeftOut>), BoardError> {
     let mut used = Vec::new();
     let mut left_out = Vec::new();
@@ -178,7 +178,7 @@ fn judge_pictures(
     Ok((pictures, sum))
 }
 
-/// By equal scales, for parameters of very different size.
+/// The inverse with scaled parameters, whose sizes differ widely.
 fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let scale = matrix.diagonal().map(|d| 1.0 / d.max(1e-300).sqrt());
     let n = matrix.nrows();

@@ -1,22 +1,17 @@
-//! Cameras from boards and known points: chessboards and `ChArUco` in pictures ([`detect_chessboard`], [`detect_charuco`]), how a
-//! camera sees ([`calibrate`]), and where it stands by points whose places are known ([`pose_from_points`]).
+//! Intrinsics and poses of cameras from boards and known points: detection of chessboards and `ChArUco` boards in pictures
+//! ([`detect_chessboard`], [`detect_charuco`]), intrinsics ([`calibrate`]), and the pose of a camera from points at known places
+//! ([`pose_from_points`]).
 //!
-//! Pictures come as grey bytes; who decodes files is the caller.
+//! Pictures are grey bytes; the caller decodes files.
 
 mod adjust;
 mod carried;
 mod charuco;
-mod coverage;
 mod detect;
-mod found;
-mod homography;
 mod intrinsics;
-mod other_charuco;
-mod picture;
+mod outcome;
 mod pose;
-mod print;
 mod projection;
-mod refine;
 mod size;
 mod start;
 mod turned;
@@ -24,19 +19,15 @@ mod turned;
 use nalgebra::{Vector2, Vector3};
 
 use self::adjust::Sighting;
-pub use self::charuco::{Charuco, detect_charuco};
-pub use self::coverage::Coverage;
-pub use self::detect::{Chessboard, DetectError, detect_chessboard};
-pub use self::found::{BoardCalibration, BoardError, PictureFit};
+pub use self::charuco::{Charuco, OtherCharuco, detect_charuco, other_charuco};
+pub use self::detect::{Chessboard, DetectError, GrayPicture, Print, detect_chessboard};
 pub use self::intrinsics::calibrate;
-pub use self::other_charuco::{OtherCharuco, other_charuco};
-pub use self::picture::GrayPicture;
+pub use self::outcome::{BoardCalibration, BoardError, Coverage, PictureFit};
 pub use self::pose::{OtherPose, PointPose, PoseError, pose_from_points};
-pub use self::print::Print;
 pub use self::projection::Coefficients;
 pub use self::size::check_size;
 
-/// Raise it whenever another lens comes of the same pictures: what was found with another one is looked for again.
+/// Raise it whenever the same pictures give another lens: cached results of other revisions are computed again.
 pub const BOARD_REVISION: u32 = 1;
 
 /// The corners of a board in one picture.
@@ -46,9 +37,9 @@ pub struct BoardView {
     pub name: String,
     /// Corners on the board, x along a row, y along a column, metres.
     pub board_m: Vec<[f64; 2]>,
-    /// Where each was seen, distorted pixels; (0, 0) is the centre of the first.
+    /// Their distorted pixels; (0, 0) is the centre of the first.
     pub pixels: Vec<[f64; 2]>,
-    /// How the board is printed.
+    /// The print of the board.
     pub print: Print,
 }
 

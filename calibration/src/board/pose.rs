@@ -1,8 +1,8 @@
-//! Where a camera stands, from points whose places are known (marks on the floor, a board): several starts, each refined
-//! through the whole lens, and the best two solutions compared.
+//! The pose of a camera from points at known places (marks on the floor, a board): several starts, each refined with the whole
+//! lens, and a comparison of the best two solutions.
 //!
-//! A flat set of points seen small has two poses that fit nearly alike, mirrored at the line of sight (Schweighofer and Pinz
-//! 2006); a small residual alone does not tell which is true.
+//! A flat set of points that looks small has two poses that fit nearly alike, mirrored at the line of sight (Schweighofer and
+//! Pinz 2006); the residual alone does not decide between them.
 
 use farfield_proto::camera::Intrinsics;
 use nalgebra::{
@@ -11,21 +11,21 @@ use nalgebra::{
 };
 
 use super::adjust::{Sighting, adjust_pose, pose_covariance, residuals};
-use super::homography::{homography, pose};
 use super::projection::Optics;
+use super::start::{homography, pose};
 use crate::formats::LensModel;
 
-/// Fewest points: three have up to four solutions.
+/// Least number of points: three have up to four solutions.
 const FEWEST: usize = 4;
-/// Most points: what is clicked by hand is far below.
+/// Most points: far more than are clicked by hand.
 const MOST: usize = 10_000;
-/// Two poses are one when they are turned by less, radians.
+/// Poses whose rotations differ by less are the same, radians.
 const SAME_RAD: f64 = 1e-3;
-/// A second solution whose RMS is at most so many times the best one's may be the true one.
+/// A second solution with an RMS of at most this multiple of the best one's may be the true one.
 const AMBIGUOUS: f64 = 2.0;
-/// What a click is worth at best, pixels: below it the residuals of two solutions say nothing.
+/// Accuracy of a click at best, pixels: smaller residuals do not distinguish two solutions.
 const CLICK_PX: f64 = 0.5;
-/// Points are flat when their extent along one direction is a smaller share of the largest one.
+/// Points are flat if their extent along one direction is a smaller share of the largest one.
 const FLAT: f64 = 0.1;
 
 /// A second pose that fits.
@@ -37,35 +37,35 @@ pub struct OtherPose {
     pub rms_px: f64,
 }
 
-/// Where a camera stands.
+/// The pose of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointPose {
     /// Camera from world, metres.
     pub camera_from_world: Isometry3<f64>,
-    /// Drawn minus given, for each point, pixels.
+    /// Projected minus given, for each point, pixels.
     pub residuals_px: Vec<[f64; 2]>,
     /// Root of their mean squared length, pixels.
     pub rms_px: f64,
-    /// Covariance for points given to one pixel in each direction: turn of the camera's axes (rad), shift (m).
+    /// Covariance for points with a standard deviation of one pixel per axis: rotation of the camera's axes (rad), shift (m).
     pub covariance_at_1_px: Matrix6<f64>,
-    /// The next best pose, where there is one with all points in front.
+    /// The next best pose with all points in front, if any.
     pub other: Option<OtherPose>,
-    /// Whether the other one fits so well that the points do not tell which is true: add points off their plane.
+    /// Whether the other pose may be the true one: add points off their plane.
     pub is_ambiguous: bool,
-    /// Whether the camera stands below points that lie on a level plane (z up): mostly their left and right, or two of them,
-    /// were swapped, which a flat set fits without any residual.
+    /// Whether the camera is below points on a level plane (z up): usually left and right, or two points, were swapped, which a
+    /// flat set fits without any residual.
     pub is_under_points: bool,
 }
 
 impl PointPose {
-    /// The camera's place in the world, metres.
+    /// The position of the camera in the world, metres.
     pub fn center_m(&self) -> Point3<f64> {
         self.camera_from_world.inverse() * Point3::origin()
     }
 
-    /// Standard deviation of the camera's place if each point was given to `click_px`, metres.
+    /// Standard deviation of the camera's position for points with a standard deviation of `click_px`, metres.
     pub fn center_sigma_m(&self, click_px: f64) -> f64 {
-        // center = -R' t; a turn w and a shift s move it by -R' (s - t x w).
+        // center = -R' t; a rotation w and a shift s move it by -R' (s - t x w).
         let t = self.camera_from_world.translation.vector;
         let mut jacobian = nalgebra::Matrix3x6::zeros();
         jacobian
@@ -79,16 +79,16 @@ impl PointPose {
     }
 }
 
-/// Why points give no pose.
+/// The reason why points give no pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PoseError {
     /// Too few or too many.
     #[error("found {found} points, expected {FEWEST} to {MOST}")]
     Count {
-        /// How many.
+        /// The number of points.
         found: usize,
     },
-    /// Not as many pixels as points.
+    /// The numbers of pixels and points differ.
     #[error("found {points} points and {pixels} pixels, expected as many")]
     Pairs {
         /// Points.
@@ -99,24 +99,24 @@ pub enum PoseError {
     /// A coordinate is not finite.
     #[error("point {index} (from 0) has a coordinate that is not finite")]
     NotFinite {
-        /// Which.
+        /// The index.
         index: usize,
     },
     /// The points lie on a line, or at one place.
-    #[error("the points lie on a line, expected some beside it")]
+    #[error("the points lie on a line, expected some off the line")]
     OnALine,
-    /// No pose draws all points.
+    /// No pose projects all points.
     #[error(
-        "no pose of the camera has all points in front of it: a point or the focal length is far off"
+        "no pose of the camera has all points in front of it: a point or the focal length is wrong"
     )]
     None,
 }
 
-/// Where the camera with this lens stands, that sees `points_m` (world, z up, metres) at `pixels` (distorted; (0, 0) is the
-/// centre of the first).
+/// The pose of a camera with this lens that sees `points_m` (world, z up, metres) at `pixels` (distorted; (0, 0) is the centre
+/// of the first).
 ///
 /// # Errors
-/// [`PoseError`] for fewer than four points, points on a line, numbers that are not finite, and where nothing fits.
+/// [`PoseError`] for fewer than four points, points on a line, numbers that are not finite, and if no pose fits.
 pub fn pose_from_points(
     intrinsics: &Intrinsics,
     lens: &LensModel,
@@ -129,12 +129,12 @@ pub fn pose_from_points(
         board: points_m.iter().copied().map(Vector3::from).collect(),
         pixels: pixels.iter().copied().map(Vector2::from).collect(),
     };
-    let cloud = Cloud::of(&sighting.board)?;
+    let cloud = Cloud::new(&sighting.board)?;
     let mut found: Vec<(f64, Isometry3<f64>)> = Vec::new();
     for start in starts(&optics, &sighting, &cloud) {
         keep(&mut found, &optics, start, &sighting);
     }
-    // The mirrored twin of every solution, so that it is found where it is a minimum.
+    // Also try the mirrored twin of every solution, so that it is found if it is a minimum.
     for (_, solution) in found.clone() {
         if let Some(axis) = cloud.flat_axis() {
             keep(
@@ -198,7 +198,7 @@ struct Cloud {
 }
 
 impl Cloud {
-    fn of(points: &[Vector3<f64>]) -> Result<Self, PoseError> {
+    fn new(points: &[Vector3<f64>]) -> Result<Self, PoseError> {
         let n = points.len() as f64;
         let mean: Vector3<f64> = points.iter().sum::<Vector3<f64>>() / n;
         let scatter: Matrix3<f64> = points
@@ -229,14 +229,14 @@ impl Cloud {
         })
     }
 
-    /// The normal of points that are flat.
+    /// The normal of flat points.
     fn flat_axis(&self) -> Option<Vector3<f64>> {
         let is_flat = self.extents.z < FLAT * self.extents.x;
         is_flat.then(|| self.axes.column(2).into_owned())
     }
 }
 
-/// Refines `start`, and keeps it where it is another pose than those found.
+/// Refines `start`, and adds it to `found` unless it is a known pose.
 fn keep(
     found: &mut Vec<(f64, Isometry3<f64>)>,
     optics: &Optics,
@@ -260,7 +260,7 @@ fn keep(
     }
 }
 
-/// Poses to begin with: of the points' plane, by the linear equations, and 24 turns of the cloud at its apparent distance.
+/// Start poses: from the points' plane, from the linear equations, and 24 rotations of the cloud at its apparent distance.
 fn starts(optics: &Optics, sighting: &Sighting, cloud: &Cloud) -> Vec<Isometry3<f64>> {
     let image: Vec<Vector2<f64>> = sighting
         .pixels
@@ -268,7 +268,7 @@ fn starts(optics: &Optics, sighting: &Sighting, cloud: &Cloud) -> Vec<Isometry3<
         .map(|px| normalised(optics, px))
         .collect();
     let mut all = Vec::new();
-    // The points' own plane as z = 0.
+    // The points' own plane becomes z = 0.
     let cloud_from_world = Isometry3::from_parts(
         Translation3::identity(),
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
@@ -304,7 +304,7 @@ fn starts(optics: &Optics, sighting: &Sighting, cloud: &Cloud) -> Vec<Isometry3<
     all
 }
 
-/// Where an ideal lens would draw the pixel, focal lengths; the axis' side of 80 degrees.
+/// The undistorted pixel in focal lengths; at most 80 degrees off the axis.
 fn normalised(optics: &Optics, px: &Vector2<f64>) -> Vector2<f64> {
     let Intrinsics {
         fx_px,
@@ -318,7 +318,7 @@ fn normalised(optics: &Optics, px: &Vector2<f64>) -> Vector2<f64> {
         let theta = target.norm().min(1.4);
         ray = target.try_normalize(1e-12).unwrap_or_else(Vector2::zeros) * libm::tan(theta);
     }
-    // A start need not be exact: some steps of a fixed-point search.
+    // A start need not be exact: a few Newton steps are enough.
     for _ in 0..20 {
         let Some(drawn) = optics.draw(&ray.push(1.0)) else {
             break;
@@ -342,7 +342,7 @@ fn normalised(optics: &Optics, px: &Vector2<f64>) -> Vector2<f64> {
     }
 }
 
-/// Direct linear transformation of points in space (Hartley and Zisserman 2004, 7.1); six points and more.
+/// Direct linear transformation for six or more points in space (Hartley and Zisserman 2004, 7.1).
 fn linear(points: &[Vector3<f64>], image: &[Vector2<f64>]) -> Option<Isometry3<f64>> {
     if points.len() < 6 {
         return None;
@@ -407,7 +407,7 @@ fn twin(pose: &Isometry3<f64>, axis: &Vector3<f64>, mean: &Vector3<f64>) -> Isom
     } else {
         normal
     };
-    // Turns the normal to its mirror image, 2 (n . s) s - n, through the line of sight.
+    // Rotates the normal to its mirror image, 2 (n . s) s - n, about the line of sight.
     let mirrored = 2.0 * normal.dot(&sight) * sight - normal;
     let turn = UnitQuaternion::rotation_between(&normal, &mirrored)
         .unwrap_or_else(UnitQuaternion::identity);

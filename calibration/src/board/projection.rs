@@ -1,18 +1,17 @@
-//! Where a lens draws a point of the camera, and how that changes with the point and with the lens: what every fit here
-//! needs.
+//! The projection of a point in the camera by a lens, with derivatives by the point and by the lens's parameters.
 
 use farfield_proto::camera::{Distortion, Intrinsics};
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
 use crate::formats::LensModel;
 
-/// Which coefficients of the lens are found.
+/// The coefficients of the lens that are fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Coefficients {
     /// k1, k2, p1, p2, k3 of OpenCV's model.
     #[default]
     Five,
-    /// And k4, k5, k6 of its denominator: for wide lenses, with twenty pictures and more.
+    /// Also k4, k5, k6 of its denominator: for wide lenses, with twenty or more pictures.
     Eight,
     /// The four of the fisheye model ([`LensModel::KannalaBrandt`]).
     Fisheye,
@@ -28,7 +27,7 @@ impl Coefficients {
         }
     }
 
-    /// fx, fy, cx, cy and the coefficients.
+    /// The number of parameters: fx, fy, cx, cy and the coefficients.
     pub(super) fn count(self) -> usize {
         4 + self.names().len()
     }
@@ -37,14 +36,14 @@ impl Coefficients {
 /// Most parameters of a camera.
 pub(super) const MOST: usize = 12;
 
-/// A camera's parameters while they are fitted: fx, fy, cx, cy (pixels), then the coefficients.
+/// The fitted parameters of a camera: fx, fy, cx, cy (pixels), then the coefficients.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Optics {
     pub(super) coefficients: Coefficients,
     pub(super) values: [f64; MOST],
 }
 
-/// A drawn point and its derivatives.
+/// A projected point and its derivatives.
 pub(super) struct Drawn {
     /// Pixels.
     pub(super) pixel: Vector2<f64>,
@@ -101,7 +100,7 @@ impl Optics {
         }
     }
 
-    /// Where `p` (metres, in the camera) is drawn; `None` where the lens draws nothing: behind a pinhole, on the axis' back.
+    /// Projects `p` (metres, in the camera); `None` outside the range of the lens: behind a pinhole, on the back of the axis.
     pub(super) fn draw(&self, p: &Vector3<f64>) -> Option<Drawn> {
         let [fx, fy, cx, cy, ..] = self.values;
         let mut by_parameter = [Vector2::zeros(); MOST];
@@ -186,7 +185,7 @@ impl Optics {
         Some((at, by_point))
     }
 
-    /// Kannala and Brandt 2006 as OpenCV has it, in focal lengths.
+    /// Kannala and Brandt 2006 as in OpenCV, in focal lengths.
     fn fisheye(
         &self,
         p: &Vector3<f64>,
@@ -253,7 +252,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn derivatives_are_those_of_the_drawn_pixel(
+        fn derivatives_match_finite_differences(
             optics in any_optics(), x in -1.5f64..1.5, y in -1.5f64..1.5, z in 2.0f64..5.0,
         ) {
             const STEP: f64 = 1e-6;
@@ -279,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fisheye_draws_what_opencvs_documentation_says() {
+    fn a_fisheye_projects_as_in_opencvs_documentation() {
         let lens = LensModel::KannalaBrandt([0.1, -0.02, 0.0, 0.0]);
         let intrinsics = Intrinsics {
             fx_px: 500.0,

@@ -1,21 +1,21 @@
-//! Whether the board in the pictures is as large as was said: one that is said to be larger is found in part in every picture.
+//! Checks that the board in the pictures has the stated size: of a larger one every picture would show a part only.
 
 use super::BoardView;
 use super::detect::Chessboard;
-use super::found::BoardError;
+use super::outcome::BoardError;
 
-/// Pictures with a larger board that are too few to say anything: a pattern of something else.
+/// This many pictures with a larger board are ignored: they show a pattern of something else.
 const FEW: usize = 1;
 
-/// Refuses a chessboard of another size than `board`. `views` are all pictures that show it, `larger` is what
-/// [`super::DetectError::OtherBoard`] said of pictures that show more corners.
+/// Refuses a chessboard of another size than `board`. `views` are all pictures that show it, `larger` the sizes from
+/// [`super::DetectError::OtherBoard`] of pictures with more corners.
 ///
-/// It is larger than was said where more pictures show a larger one than show it from end to end, and more than a third of all.
-/// It is smaller where no picture shows it whole and half of them end at the same corners: those of a board that is only ever
-/// seen in part end anywhere.
+/// The board is larger than stated if the pictures of a larger one outnumber those of the whole stated board and a third of
+/// all. It is smaller if no picture shows it whole and half of them end at the same corners: parts of a board that is never
+/// seen whole end at different corners.
 ///
 /// # Errors
-/// [`BoardError::OtherSize`] with the most that was found.
+/// [`BoardError::OtherSize`] with the largest size that was found.
 pub fn check_size(
     board: &Chessboard,
     views: &[BoardView],
@@ -47,7 +47,7 @@ pub fn check_size(
     })
 }
 
-/// The most along the shorter and along the longer side.
+/// The largest shorter and longer side.
 fn most(sizes: impl Iterator<Item = [u32; 2]>) -> [u32; 2] {
     sizes.fold([0, 0], |[a, b], [c, d]| [a.max(c), b.max(d)])
 }
@@ -57,13 +57,13 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// Corners along both sides of what was seen.
+/// Corners along both sides of the visible part.
 fn extent(view: &BoardView, square_m: f64) -> [u32; 2] {
     [0, 1].map(|axis| {
         let along = || view.board_m.iter().map(|at| at[axis]);
         let span_m =
             along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min);
-        // A float becomes the nearest whole number that there is.
+        // A float is converted to the nearest value of the integer type.
         (span_m / square_m).round().max(0.0) as u32 + 1
     })
 }
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn one_picture_from_end_to_end_is_enough_whichever_way_it_is_turned() {
+    fn one_picture_of_the_whole_board_is_enough_in_any_orientation() {
         assert_eq!(check([4, 7], &[[7, 4]], &[]), Ok(()));
         assert_eq!(
             check([7, 4], &[[3, 3], [4, 2], [3, 7], [7, 4]], &[]),
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn patterns_of_something_else_in_a_few_pictures_are_no_other_board() {
+    fn other_patterns_in_a_few_pictures_are_ignored() {
         assert_eq!(check([4, 7], &[[4, 7], [4, 6]], &[[9, 12]]), Ok(()));
         // A tiled floor, in two pictures of a video that shows the whole board in a hundred.
         let many = [[4, 7]; 100];
@@ -114,19 +114,25 @@ mod tests {
     }
 
     #[test]
-    fn a_board_that_is_only_ever_seen_in_part_is_taken() {
+    fn a_board_that_is_only_seen_in_part_is_accepted() {
         let parts = [[7, 6], [5, 9], [8, 6], [4, 7], [6, 6], [7, 9]];
         assert_eq!(check([8, 11], &parts, &[]), Ok(()));
     }
 
     #[test]
-    fn a_board_that_is_said_to_be_larger_or_smaller_is_refused() {
-        let said = check([5, 9], &[[7, 4], [4, 7], [4, 6]], &[]).unwrap_err();
-        assert!(said.contains("4 x 7") && said.contains("5 x 9"), "{said}");
+    fn a_board_stated_too_large_or_too_small_is_refused() {
+        let message = check([5, 9], &[[7, 4], [4, 7], [4, 6]], &[]).unwrap_err();
+        assert!(
+            message.contains("4 x 7") && message.contains("5 x 9"),
+            "{message}"
+        );
         for wrong in [[4, 8], [5, 7], [8, 4]] {
             assert!(check(wrong, &[[4, 7], [7, 4]], &[]).is_err(), "{wrong:?}");
         }
-        let said = check([3, 6], &[[3, 6]], &[[7, 4], [4, 7]]).unwrap_err();
-        assert!(said.contains("4 x 7") && said.contains("3 x 6"), "{said}");
+        let message = check([3, 6], &[[3, 6]], &[[7, 4], [4, 7]]).unwrap_err();
+        assert!(
+            message.contains("4 x 7") && message.contains("3 x 6"),
+            "{message}"
+        );
     }
 }

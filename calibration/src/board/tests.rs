@@ -29,7 +29,7 @@ pub(super) fn pinhole() -> LensModel {
     })
 }
 
-/// Noise of `sigma` px that is the same in every run: a sum of twelve even numbers is nearly normal.
+/// Deterministic noise of standard deviation `sigma` px: a sum of twelve uniform numbers is nearly normal.
 struct Noise(u64);
 
 impl Noise {
@@ -46,7 +46,7 @@ impl Noise {
     }
 }
 
-/// `count` pictures of a board of 9 x 6 corners, tilted by `tilt_rad`, all over the picture.
+/// `count` pictures of a board of 9 x 6 corners, tilted by `tilt_rad`, distributed over the picture.
 pub(super) fn views(optics: &Optics, count: usize, tilt_rad: f64, sigma_px: f64) -> Vec<BoardView> {
     let mut noise = Noise(7);
     (0..count)
@@ -92,7 +92,7 @@ pub(super) fn views(optics: &Optics, count: usize, tilt_rad: f64, sigma_px: f64)
 }
 
 #[test]
-fn boards_without_noise_give_the_pinhole_back() {
+fn boards_without_noise_give_the_true_pinhole() {
     let truth = Optics::new(&intrinsics(1400.0), &pinhole());
     let found =
         calibrate(SIZE, &views(&truth, 15, 0.5, 0.0), Coefficients::Five).expect("good pictures");
@@ -118,7 +118,7 @@ fn boards_without_noise_give_the_pinhole_back() {
 }
 
 #[test]
-fn boards_without_noise_give_the_fisheye_back() {
+fn boards_without_noise_give_the_true_fisheye() {
     let lens = LensModel::KannalaBrandt([-0.02, 0.005, -0.002, 0.0003]);
     let truth = Optics::new(&intrinsics(600.0), &lens);
     let found = calibrate(SIZE, &views(&truth, 15, 0.5, 0.0), Coefficients::Fisheye)
@@ -134,9 +134,9 @@ fn boards_without_noise_give_the_fisheye_back() {
     }
 }
 
-/// Each parameter within 4 of its own standard deviations, and these of the size that the noise gives.
+/// Each parameter is within 4 of its standard deviations, and these match the noise.
 #[test]
-fn the_covariance_tells_how_far_off_the_parameters_are() {
+fn the_covariance_matches_the_errors_of_the_parameters() {
     let truth = Optics::new(&intrinsics(1400.0), &pinhole());
     let found =
         calibrate(SIZE, &views(&truth, 20, 0.5, 0.2), Coefficients::Five).expect("good pictures");
@@ -163,7 +163,7 @@ fn the_covariance_tells_how_far_off_the_parameters_are() {
 }
 
 #[test]
-fn a_picture_with_wrong_corners_is_named() {
+fn a_picture_with_wrong_corners_is_reported() {
     let truth = Optics::new(&intrinsics(1400.0), &pinhole());
     let mut views = views(&truth, 15, 0.5, 0.1);
     for (i, pixel) in views[4].pixels.iter_mut().enumerate() {
@@ -180,19 +180,19 @@ fn a_picture_with_wrong_corners_is_named() {
 }
 
 #[test]
-fn boards_that_are_all_parallel_carry_no_focal_length() {
+fn parallel_boards_determine_no_focal_length() {
     let truth = Optics::new(&intrinsics(1400.0), &pinhole());
     let error =
         calibrate(SIZE, &views(&truth, 12, 0.0, 0.2), Coefficients::Five).expect_err("no tilt");
-    let named = matches!(
+    let is_expected = matches!(
         error,
         BoardError::Parallel | BoardError::FocalLength { .. } | BoardError::Coefficient { .. }
     );
-    assert!(named, "{error}");
+    assert!(is_expected, "{error}");
 }
 
 #[test]
-fn few_pictures_do_not_carry_eight_coefficients() {
+fn few_pictures_do_not_determine_eight_coefficients() {
     let truth = Optics::new(&intrinsics(1700.0), &LensModel::ideal());
     let mut views = views(&truth, 6, 0.4, 0.25);
     for view in &mut views {
@@ -205,20 +205,24 @@ fn few_pictures_do_not_carry_eight_coefficients() {
         view.pixels.retain(|_| *flags.next().unwrap_or(&false));
     }
     let error = calibrate(SIZE, &views, Coefficients::Eight).expect_err("eight on six pictures");
-    let named = matches!(
+    let is_expected = matches!(
         error,
         BoardError::Coefficient { .. } | BoardError::Folds(_) | BoardError::FocalLength { .. }
     );
-    assert!(named, "{error}");
+    assert!(is_expected, "{error}");
 }
 
 #[test]
-fn two_pictures_are_too_few_and_the_others_are_named() {
+fn two_pictures_are_too_few_and_the_others_have_reasons() {
     let truth = Optics::new(&intrinsics(1400.0), &pinhole());
     let mut views = views(&truth, 3, 0.5, 0.0);
     views[1].board_m.truncate(5);
     views[1].pixels.truncate(5);
     let error = calibrate(SIZE, &views, Coefficients::Five).expect_err("two");
+    let BoardError::TooFewPictures { found, left_out } = &error else {
+        panic!("{error}")
+    };
+    assert_eq!((*found, left_out[0].0.as_str()), (2, "01"));
     assert!(error.to_string().contains("`01`: 5 corners"), "{error}");
 }
 
@@ -261,7 +265,7 @@ fn seen(
 }
 
 #[test]
-fn known_marks_give_the_place_of_the_camera() {
+fn known_marks_give_the_pose_of_the_camera() {
     for center in [
         [1.46, -1.91, 1.9],
         [2.58, 0.71, 1.69],
@@ -290,7 +294,7 @@ fn known_marks_give_the_place_of_the_camera() {
 }
 
 #[test]
-fn points_all_around_give_a_pose_too() {
+fn points_in_space_give_a_pose() {
     let points = [
         [0.0, 0.0, 0.0],
         [1.0, 0.0, 0.2],
@@ -313,7 +317,7 @@ fn points_all_around_give_a_pose_too() {
 }
 
 #[test]
-fn marks_with_left_and_right_swapped_fit_from_below_and_are_told() {
+fn marks_with_left_and_right_swapped_fit_from_below_and_are_reported() {
     let truth = camera_at([3.0, 0.5, 2.0]);
     let flat: Vec<[f64; 3]> = marks().iter().filter(|p| p[2] == 0.0).copied().collect();
     let pixels = seen(&truth, &pinhole(), &flat, 0.0);
@@ -328,7 +332,7 @@ fn marks_with_left_and_right_swapped_fit_from_below_and_are_told() {
     );
 }
 
-/// A small board far away: Schweighofer and Pinz' ambiguity.
+/// A small board far away: the ambiguity of Schweighofer and Pinz.
 #[test]
 fn a_small_flat_set_far_away_is_ambiguous() {
     let points = [
@@ -358,7 +362,7 @@ fn points_on_a_line_are_refused() {
     assert_eq!(error, PoseError::OnALine);
 }
 
-/// A drawn board: squares of `side` px, `columns` x `rows` of them, with a white rim; slightly turned and blurred by averaging.
+/// A rendered board of `columns` x `rows` squares with side `side` px and a white rim, slightly rotated and antialiased.
 fn drawn_board(columns: u32, rows: u32, side: f64, turn: f64) -> (u32, u32, Vec<u8>) {
     let (width, height) = (640u32, 480u32);
     let (c, s) = (libm::cos(turn), libm::sin(turn));
@@ -380,7 +384,7 @@ fn drawn_board(columns: u32, rows: u32, side: f64, turn: f64) -> (u32, u32, Vec<
 }
 
 #[test]
-fn a_drawn_chessboard_is_found_to_a_tenth_of_a_pixel() {
+fn a_rendered_chessboard_is_detected_to_a_tenth_of_a_pixel() {
     let (width, height, pixels) = drawn_board(8, 5, 40.0, 0.2);
     let picture = GrayPicture {
         width,
@@ -397,7 +401,7 @@ fn a_drawn_chessboard_is_found_to_a_tenth_of_a_pixel() {
     for [x, y] in &found.pixels {
         let u = (c * (x - 320.0) + s * (y - 240.0)) / 40.0;
         let v = (-s * (x - 320.0) + c * (y - 240.0)) / 40.0;
-        // Corners at whole numbers along the eight squares, at halves along the five.
+        // Corners are at integers along the eight squares, at halves along the five.
         let off = [u - u.round(), v - 0.5 - (v - 0.5).round()].map(|d| (40.0 * d).abs());
         assert!(off[0] < 0.1 && off[1] < 0.1, "{off:?}");
     }
@@ -410,7 +414,7 @@ fn a_drawn_chessboard_is_found_to_a_tenth_of_a_pixel() {
 }
 
 #[test]
-fn an_empty_picture_has_no_board_and_too_few_bytes_are_named() {
+fn an_empty_picture_has_no_board_and_missing_bytes_are_refused() {
     let pixels = vec![128; 640 * 480];
     let board = Chessboard {
         corners: [4, 7],

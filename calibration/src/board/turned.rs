@@ -1,23 +1,23 @@
-//! Pictures that were taken with the camera turned by half a turn among others: a chessboard looks the same then, and the
-//! principal point lies on the other side of the picture's middle.
+//! Detects pictures that were taken with the camera turned by half a turn. A chessboard looks the same then, but the principal
+//! point lies on the other side of the picture's middle.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector2, Vector3};
 
 use super::adjust::{Sighting, State, adjust, adjust_pose, residuals};
 use super::projection::Optics;
 
-/// Distances of the principal point from the middle at which the search begins, as shares of the picture's longer side, and
-/// directions: a half turn of all pictures is the same again, so that half of them are enough.
+/// Distances of the principal point from the middle at which the search starts, relative to the picture's longer side.
 const DISTANCES: [f64; 2] = [0.01, 0.03];
+/// Number of directions, over half a circle: a half turn of all pictures is equivalent.
 const DIRECTIONS: usize = 4;
-/// Rounds of telling pictures apart and fitting anew, at most.
+/// Most rounds of classifying and fitting.
 const ROUNDS: usize = 6;
-/// Share of the squared distances that must go when pictures are turned back, and what each of these must gain, in
-/// variances of a coordinate: labels that were chosen among many gain a little of noise alone.
+/// Least relative decrease of the squared residuals when pictures are turned back.
 const LEAST_SHARE: f64 = 0.06;
+/// Least gain of each turned picture, in variances of a coordinate: a choice among many has a small gain from noise alone.
 const LEAST_GAIN: f64 = 15.0;
 
-/// Which of the pictures were taken with the camera turned by half a turn, the lesser part of them; `None` where nothing says so.
+/// Whether each picture was turned by half a turn, if a minority was; `None` without sufficient evidence.
 pub(super) fn turned(
     size_px: [u32; 2],
     state: &State,
@@ -60,7 +60,7 @@ pub(super) fn turned(
     (is_much && turned.contains(&true)).then_some(turned)
 }
 
-/// Squared distances of a picture under one camera, square pixels.
+/// Squared residuals of a picture with one camera, square pixels.
 struct Costs {
     as_is: f64,
     turned: f64,
@@ -72,7 +72,7 @@ impl Costs {
     }
 }
 
-/// Every picture as it is, and turned back.
+/// Every picture as given, and turned back.
 struct Pictures<'a> {
     middle_px: Vector2<f64>,
     side_px: f64,
@@ -105,7 +105,7 @@ impl<'a> Pictures<'a> {
         }
     }
 
-    /// What each picture costs under the principal point that tells them apart the best.
+    /// The costs of each picture for the principal point that separates them best.
     fn start(&self, optics: &Optics) -> Option<Vec<Costs>> {
         let mut best: Option<(f64, Vec<Costs>)> = None;
         for distance in DISTANCES {
@@ -143,7 +143,7 @@ impl<'a> Pictures<'a> {
         each.collect()
     }
 
-    /// The camera that fits where the pictures `turned` are turned back.
+    /// The camera fitted with the pictures `turned` turned back.
     fn fit(&self, optics: &Optics, turned: &[bool]) -> Option<State> {
         let pictures = self.as_is.iter().zip(&self.turned).zip(turned);
         let (mut sightings, mut poses) = (Vec::new(), Vec::new());
@@ -173,7 +173,7 @@ mod tests {
 
     use super::*;
 
-    /// The same picture from a camera that was turned by half a turn.
+    /// Turns a picture by half a turn.
     fn turn(view: &mut BoardView) {
         for px in &mut view.pixels {
             for (at, size) in px.iter_mut().zip(SIZE) {
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_a_camera_that_was_turned_are_named_and_left_out() {
+    fn turned_pictures_are_left_out_with_the_reason() {
         for noise_px in [0.02, 0.2] {
             let truth = Optics::new(&intrinsics(1400.0), &pinhole());
             let mut views = views(&truth, 20, 0.5, noise_px);
@@ -191,7 +191,7 @@ mod tests {
                 turn(&mut views[i]);
             }
             let found =
-                calibrate(SIZE, &views, Coefficients::Five).expect("fifteen as they should be");
+                calibrate(SIZE, &views, Coefficients::Five).expect("fifteen upright pictures");
             let names: Vec<&str> = found.left_out.iter().map(|it| it.0.as_str()).collect();
             assert_eq!(names, ["02", "07", "11", "12", "19"], "{noise_px} px");
             assert!(found.left_out[0].1.contains("half a turn"));
@@ -206,9 +206,9 @@ mod tests {
         }
     }
 
-    /// What few pictures gain can be lost among corners that are off by so much: a limit that the documentation names.
+    /// With noisy corners the gain of a few pictures can be too small: a documented limit.
     #[test]
-    fn of_few_turned_pictures_some_may_go_unseen_and_no_others_are_named() {
+    fn a_few_turned_pictures_may_be_missed_but_no_others_are_reported() {
         let truth = Optics::new(&intrinsics(1400.0), &pinhole());
         for (noise_px, turned) in [(0.3, &[5][..]), (0.4, &[2, 7, 11])] {
             let mut views = views(&truth, 12, 0.5, noise_px);
@@ -217,14 +217,14 @@ mod tests {
             }
             let found = calibrate(SIZE, &views, Coefficients::Five).expect("nine or more");
             let named: Vec<&str> = found.left_out.iter().map(|it| it.0.as_str()).collect();
-            println!("{noise_px} px, {turned:?} turned: {named:?} named");
+            println!("{noise_px} px, {turned:?} turned: {named:?} reported");
             let all: Vec<String> = turned.iter().map(|i| format!("{i:02}")).collect();
-            assert!(named.iter().all(|it| all.iter().any(|of| of == it)));
+            assert!(named.iter().all(|it| all.iter().any(|name| name == it)));
         }
     }
 
     #[test]
-    fn as_many_pictures_one_way_as_the_other_are_refused() {
+    fn nearly_equal_numbers_of_both_orientations_are_refused() {
         let truth = Optics::new(&intrinsics(1400.0), &pinhole());
         let mut views = views(&truth, 20, 0.5, 0.2);
         for view in views.iter_mut().skip(11) {
@@ -237,9 +237,9 @@ mod tests {
         assert_eq!((turned.len(), of), (9, 20));
     }
 
-    /// Where the principal point is in the middle nothing tells which pictures were turned, and nothing depends on it.
+    /// With the principal point in the middle turned pictures cannot be distinguished, and make no difference.
     #[test]
-    fn pictures_that_were_not_turned_are_never_called_so() {
+    fn upright_pictures_are_never_reported_as_turned() {
         for (center, wrong) in [
             ([959.5, 599.5], 0.0),
             ([990.0, 570.0], 0.0),
@@ -253,7 +253,7 @@ mod tests {
                         ..intrinsics(1400.0)
                     };
                     let mut views = views(&Optics::new(&optics, &pinhole()), count, 0.5, noise_px);
-                    // A picture whose corners are mistaken.
+                    // A picture with wrong corners.
                     for (i, px) in views[1].pixels.iter_mut().enumerate() {
                         px[0] += wrong * (i % 3) as f64;
                     }
