@@ -1,9 +1,8 @@
-//! What speaks for and against a calibration that was found.
+//! Findings about a calibration from a moving point.
 
 use super::chain::{Chain, Pair};
 use super::freed::{Bars, ClockUnit, suspects};
-use super::halves::{Apart, halves};
-use super::over_time::knocked_at;
+use super::halves::{Apart, halves, knocked_at};
 use super::refine::{bounded, noise_px};
 use super::request::{PointCamera, PointRequest};
 use crate::adjustment::{CameraState, Covariance, Problem};
@@ -13,26 +12,31 @@ use crate::report::{
     other_focal_length, uncertain_place,
 };
 
-/// Residuals within this many standard deviations are used; less than these shares are doubtful, and wrong.
+/// Residuals within this many standard deviations are used.
 const USED_SIGMAS: f64 = 4.0;
+/// A smaller share of used residuals is a warning.
 const USUAL_SHARE: f64 = 0.8;
+/// A smaller share of used residuals is an error.
 const LEAST_SHARE: f64 = 0.6;
-/// Halves disagree when they draw a point at the usual depth so many pixels apart: doubtful where it is also so many of
-/// their standard deviations, and wrong.
+/// The halves of the data disagree if they project the same points this many pixels apart. It is a warning if the distance
+/// also exceeds this many of their standard deviations.
 const HALVES_SIGMAS: f64 = 5.0;
 const DOUBTFUL_HALVES_PX: f64 = 1.5;
+/// The same for an error, whatever the standard deviations.
 const WRONG_HALVES_PX: f64 = 3.0;
-/// Noise that is doubtful, and wrong, pixels: not a share of the gate, which a user widens at will.
+/// Noise above which there is a warning, pixels: independent of the gate, which users can widen.
 const DOUBTFUL_NOISE_PX: f64 = 1.5;
+/// The same for an error.
 const WRONG_NOISE_PX: f64 = 3.0;
 
-/// How late a synchronised camera is that is doubtful, and wrong, frames; and the share by which its focal length is off.
+/// Delays of a synchronised camera above which there is a warning, and an error, frames.
 const LATE_FRAMES: [f64; 2] = [0.25, 0.75];
+/// Relative errors of a focal length above which there is a warning, and an error.
 const FOCAL: [f64; 2] = [0.03, 0.06];
-/// Instants of a board by which a camera should hang on another.
+/// Number of instants of a board that should link a camera to another.
 const USUAL_INSTANTS: usize = 15;
 
-/// All that a report is made of.
+/// All inputs of a report.
 pub(super) struct Found<'a> {
     pub(super) request: &'a PointRequest,
     pub(super) chain: &'a Chain,
@@ -42,24 +46,24 @@ pub(super) struct Found<'a> {
     pub(super) alignment: Alignment,
     /// The cameras of the problem by name.
     pub(super) named: Vec<(String, CameraState)>,
-    /// What is known of these.
+    /// The known facts about these cameras.
     pub(super) anchors: Anchors,
 }
 
-/// What is said of the cameras; [`super::venue`] has what is said of the whole.
+/// The report on the cameras; [`super::venue`] has the findings about the alignment.
 pub(super) fn assess(found: &Found<'_>) -> Report {
     let apart = halves(&found.problem);
     let cameras = camera_reports(found, &apart);
     let mut findings = not_connected(found);
     let span_m = span_m(found);
     for (report, state) in cameras.iter().zip(states(found)) {
-        findings.extend(of_camera(report, span_m));
-        findings.extend(of_place(report, &state, found));
+        findings.extend(camera_findings(report, span_m));
+        findings.extend(place_findings(report, &state, found));
     }
     findings.extend(degenerate(found));
     findings.extend(knocked(found, &cameras));
     findings.extend(weak_links(found));
-    findings.extend(suspicious(found));
+    findings.extend(suspect_findings(found));
     Report {
         cameras,
         anchors_rms_m: found.alignment.rms_m,
@@ -76,7 +80,7 @@ pub(super) fn states(found: &Found<'_>) -> Vec<CameraState> {
         .collect()
 }
 
-fn asked<'a>(found: &'a Found<'_>, index: usize) -> Option<&'a PointCamera> {
+fn request_of<'a>(found: &'a Found<'_>, index: usize) -> Option<&'a PointCamera> {
     found.request.cameras.get(*found.posed.get(index)?)
 }
 
@@ -100,7 +104,7 @@ fn camera_reports(found: &Found<'_>, apart: &[Option<Apart>]) -> Vec<CameraRepor
     let states = states(found);
     let mut reports = Vec::new();
     for (index, state) in states.iter().enumerate() {
-        let Some(camera) = asked(found, index) else {
+        let Some(camera) = request_of(found, index) else {
             continue;
         };
         let own = found.problem.observations.iter().zip(&residuals);
@@ -134,7 +138,7 @@ fn camera_reports(found: &Found<'_>, apart: &[Option<Apart>]) -> Vec<CameraRepor
             halves_deg: half.map_or(f64::NAN, |it| it.turned_rad.to_degrees()),
             halves_px: half.map_or(f64::NAN, |it| it.px),
             halves_across_m: half.map_or(f64::NAN, |it| it.across * scale),
-            coverage: PictureCoverage::of(camera.size_px, used_px),
+            coverage: PictureCoverage::new(camera.size_px, used_px),
         });
     }
     reports
@@ -146,7 +150,7 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
     let each = without.map(|(index, camera)| {
         let own = found.chain.pairs.iter().filter(|p| p.first == index || p.second == index);
         let best = own.max_by(|a, b| a.share().total_cmp(&b.share()));
-        let said = best.map_or_else(
+        let reason = best.map_or_else(
             || "it shares no moment with another camera".to_owned(),
             |pair| {
                 let other = if pair.first == index { pair.second } else { pair.first };
@@ -159,12 +163,12 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
                     )
                 } else if pair.is_sound() {
                     format!(
-                        "it agrees with `{name}` ({percent:.0} % of {common} common moments), but not with where the \
-                         others together put the point"
+                        "it agrees with `{name}` ({percent:.0} % of {common} common moments), but not with the positions of \
+                         the point from the other cameras together"
                     )
                 } else {
                     format!(
-                        "with no camera enough agrees (at best {percent:.0} % of {common} common moments, with `{name}`)"
+                        "it does not agree enough with any camera (at best {percent:.0} % of {common} common moments, with `{name}`)"
                     )
                 }
             },
@@ -174,20 +178,20 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
         let (expected, remedy) = if is_sound && found.chain.has_no_scale(index) {
             (
                 "moments that three cameras share, ten or more of each camera",
-                "carry the point where three cameras see it at once; corners of a board may be given as one body (--charuco)",
+                "carry the point where three cameras see it at once; corners of a board can be given as one body (--charuco)",
             )
         } else {
             (
                 "one pose that fits them all, on 40 % of 15 common moments or more",
-                "carry the point where it and another camera both see it; or its video is of another camera, mirrored or late, \
-                 or its lens is wrong",
+                "carry the point where it and another camera both see it; check whether its video is of another camera, mirrored or \
+                 late, and its lens",
             )
         };
         finding(
             &camera.name,
             Cause::NotConnected,
             true,
-            lost.found(&said),
+            lost.missing(&reason),
             expected,
             remedy,
         )
@@ -195,7 +199,7 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
     each.collect()
 }
 
-fn of_camera(report: &CameraReport, span_m: f64) -> Vec<Finding> {
+fn camera_findings(report: &CameraReport, span_m: f64) -> Vec<Finding> {
     let mut findings = Vec::new();
     let name = &report.name;
     if report.used_share < USUAL_SHARE {
@@ -205,7 +209,7 @@ fn of_camera(report: &CameraReport, span_m: f64) -> Vec<Finding> {
             report.used_share < LEAST_SHARE,
             format!("{:.0} % of its sights fit", 100.0 * report.used_share),
             "80 % or more",
-            "it was moved on the way, or something else was taken for the point",
+            "it was moved during the recording, or something else was taken for the point",
         ));
     }
     if report.noise_px > DOUBTFUL_NOISE_PX {
@@ -215,37 +219,37 @@ fn of_camera(report: &CameraReport, span_m: f64) -> Vec<Finding> {
             report.noise_px > WRONG_NOISE_PX,
             format!("its residuals are {:.1} px", report.noise_px),
             &format!("below {DOUBTFUL_NOISE_PX:.1} px"),
-            "look at its lens, its clock and whether it was moved",
+            "check its lens and its clock, and whether it was moved",
         ));
     }
     findings.extend(uncertain_place(
         report,
         span_m,
-        "carry the point near it and far from it, high and low, where other cameras see it too",
+        "carry the point near it and far from it, high and low, where other cameras also see it",
     ));
     findings.extend(other_focal_length(report));
     findings.extend(empty_picture(report, "carry the point"));
-    findings.extend(of_halves(report));
+    findings.extend(halves_finding(report));
     findings
 }
 
-/// What the halves of the data say of a camera.
-fn of_halves(report: &CameraReport) -> Option<Finding> {
+/// The finding about the halves of the data.
+fn halves_finding(report: &CameraReport) -> Option<Finding> {
     let name = &report.name;
     let apart_px = report.halves_px;
-    // What one half cannot draw at all is infinitely far off, and wrong; what nobody compared is no number.
+    // An infinite distance means that one half cannot project the points, which is an error. NaN means not compared.
     if apart_px.is_nan() {
         return Some(finding(
             name,
             Cause::HalvesUnchecked,
             false,
-            "halves not checked: one of them has too few of its sights, or of other cameras'"
+            "halves not checked: one of them has too few sights of it or of other cameras"
                 .to_owned(),
-            "15 sights or more in each half (of a board instants, shared with another camera), in three cameras that do not stand on one line",
-            "carry the point before it at the beginning and at the end",
+            "15 sights or more in each half (with a board: instants shared with another camera), in three cameras that do not stand on one line",
+            "carry the point in front of it at the beginning and at the end",
         ));
     }
-    // Each half is as uncertain as the whole times the root of two, and there are two.
+    // Each half has the standard deviation of the whole times the root of two, and there are two.
     let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
     let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
     let is_wrong = apart_px > WRONG_HALVES_PX;
@@ -255,19 +259,19 @@ fn of_halves(report: &CameraReport) -> Option<Finding> {
             Cause::HalvesDisagree,
             is_wrong,
             format!(
-                "first and second half put it {:.3} m and {:.3} degrees apart, which moves what it saw by {apart_px:.1} px, {:.0} mm",
+                "first and second half put it {:.3} m and {:.3} degrees apart, which moves its sights by {apart_px:.1} px, {:.0} mm",
                 report.halves_m,
                 report.halves_deg,
                 1000.0 * report.halves_across_m
             ),
             &format!("{DOUBTFUL_HALVES_PX:.1} px or less"),
-            "it was moved on the way, its clock wanders, or its lens is not as given",
+            "it was moved during the recording, its clock drifts, or its lens is not as given",
         )
     })
 }
 
-/// Cameras that fit better with another clock or focal length.
-fn suspicious(found: &Found<'_>) -> Vec<Finding> {
+/// Findings about cameras that fit better with another clock or focal length.
+fn suspect_findings(found: &Found<'_>) -> Vec<Finding> {
     let bars = Bars {
         late: LATE_FRAMES,
         focal: FOCAL,
@@ -276,14 +280,14 @@ fn suspicious(found: &Found<'_>) -> Vec<Finding> {
         hz: None,
         is_frame: true,
     };
-    let name = |index: usize| asked(found, index).map_or("", |it| it.name.as_str());
+    let name = |index: usize| request_of(found, index).map_or("", |it| it.name.as_str());
     let each = suspects(&found.problem, bars);
     each.iter()
         .map(|it| it.finding(name(it.camera), bars, unit))
         .collect()
 }
 
-/// Cameras that hang on the others by few instants of a board.
+/// Findings about cameras that are linked to the others by few instants of a board.
 fn weak_links(found: &Found<'_>) -> Vec<Finding> {
     if found.request.board.is_none() {
         return Vec::new();
@@ -301,7 +305,7 @@ fn weak_links(found: &Found<'_>) -> Vec<Finding> {
                 name(*index),
                 Cause::Uncertain,
                 false,
-                format!("it hangs on the others by the board at {} instants, with `{}`", best.agreeing, name(other)),
+                format!("it is linked to the others by the board at {} instants, with `{}`", best.agreeing, name(other)),
                 &format!("{USUAL_INSTANTS} instants or more"),
                 "show the board longer where it and another camera both see it, near and far, tilted each way",
             )
@@ -310,7 +314,7 @@ fn weak_links(found: &Found<'_>) -> Vec<Finding> {
     each.collect()
 }
 
-/// Cameras that fit at some times only.
+/// Findings about cameras that fit only part of the time.
 fn knocked(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
     let bounds = bounded(&cameras.iter().map(|it| it.noise_px).collect::<Vec<_>>());
     let residuals = found.problem.residuals_px();
@@ -328,13 +332,13 @@ fn knocked(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
             true,
             format!("moved, or its clock jumped, at about {percent:.0} % of its sights"),
             "sights that fit equally well at all times",
-            "leave out what it saw before or after, or calibrate again",
+            "leave out its sights before or after, or calibrate again",
         ))
     });
     each.collect()
 }
 
-fn of_place(report: &CameraReport, state: &CameraState, found: &Found<'_>) -> Vec<Finding> {
+fn place_findings(report: &CameraReport, state: &CameraState, found: &Found<'_>) -> Vec<Finding> {
     let mut findings = Vec::new();
     if found.alignment.has_floor && found.alignment.has_scale && state.center_w.z < 0.0 {
         findings.push(finding(
@@ -343,7 +347,7 @@ fn of_place(report: &CameraReport, state: &CameraState, found: &Found<'_>) -> Ve
             true,
             format!("it stands {:.2} m under the floor", -state.center_w.z),
             "above it",
-            "z of the known places must point up, and the floor be at zero",
+            "z of the known places must point up, and the floor must be at zero",
         ));
     }
     let size = found.request.cameras.iter().find(|c| c.name == report.name);
@@ -366,7 +370,7 @@ fn of_place(report: &CameraReport, state: &CameraState, found: &Found<'_>) -> Ve
             Cause::LensFolds,
             false,
             "its lens model folds before the corners of its picture".to_owned(),
-            "a model that draws all of it",
+            "a model that covers the whole picture",
             "calibrate its lens with pictures of a board in the corners",
         ));
     }
@@ -377,15 +381,15 @@ fn degenerate(found: &Found<'_>) -> Vec<Finding> {
     let Some(covariance) = &found.covariance else {
         return Vec::new();
     };
-    let name = |index: &usize| asked(found, *index).map_or("", |c| c.name.as_str());
+    let name = |index: &usize| request_of(found, *index).map_or("", |c| c.name.as_str());
     let each = covariance.degenerate.iter().map(|direction| {
         let names: Vec<&str> = direction.cameras.iter().map(|(index, _)| name(index)).collect();
         finding(
             "",
             Cause::Degenerate,
             true,
-            format!("the sights leave undetermined how {} stand", names.join(", ")),
-            "sights that fix every camera",
+            format!("the sights do not determine the poses of {}", names.join(", ")),
+            "sights that determine every camera",
             "carry the point across the field, near and far, high and low: not along one line or at one distance",
         )
     });

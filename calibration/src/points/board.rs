@@ -1,7 +1,7 @@
-//! Cameras from a board that was carried about as one rigid body: its corners have numbers, and their distances are known.
+//! Calibration from a board that was moved as one rigid body: its corners have numbers, and their distances are known.
 //!
-//! Each camera finds the board at each instant; pairs of cameras that saw it at the same instants find each other, the pairs
-//! that agree best become one world, and all is adjusted with a pose of the board per instant. So cameras hang together
+//! Each camera finds the pose of the board at each instant. Cameras that saw it at the same instants give relative poses; the
+//! pairs that agree best form one world. All is adjusted with a pose of the board per instant. So cameras are connected even
 //! though no corner is seen by three of them, and metres come from the squares.
 
 use std::collections::BTreeMap;
@@ -11,8 +11,7 @@ use rayon::prelude::*;
 
 use super::chain::{Chain, Pair, evenly};
 use super::refine::{Refined, bounded, freedom, noise_px, weigh};
-use super::request::Lenses;
-use super::rigid_board::RigidBoard;
+use super::request::{Lenses, RigidBoard};
 use super::view::View;
 use crate::adjustment::{
     AdjustedCamera, Bodies, CameraState, Limits, Loss, Observation, Path, Problem, adjust,
@@ -21,14 +20,15 @@ use crate::board::pose_from_points;
 
 /// The number of a sight is this times the instant, plus the number of the corner.
 pub const CORNERS_PER_INSTANT: usize = 1000;
-/// Corners from which a camera finds the board: of four a single wrong one is not seen.
+/// Least number of corners for a pose of the board: with four, a single wrong one would not be noticed.
 const LEAST_CORNERS: usize = 5;
-/// Instants at which two cameras find each other, and the most that are compared.
+/// Least number of common instants of two cameras.
 const LEAST_INSTANTS: usize = 3;
+/// Most instants that are compared.
 const MOST_INSTANTS: usize = 60;
-/// A board that was found in one camera is drawn this many gates off, at most, in another that agrees.
+/// Two cameras agree if the board's pose from one projects into the other with an error of at most so many gates.
 const AGREES_GATES: f64 = 3.0;
-/// Tuning of Cauchy's loss.
+/// Tuning constant of Cauchy's loss.
 const CAUCHY: f64 = 2.385;
 /// Rounds of estimating the noise and adjusting.
 const ROUNDS: usize = 4;
@@ -36,15 +36,15 @@ const ROUNDS: usize = 4;
 /// The sights of a camera at one instant, by corner.
 type Corners = BTreeMap<usize, [f64; 2]>;
 
-/// What a camera saw of the board.
+/// The sights of the board in a camera.
 struct Seen {
     state: CameraState,
     corners: BTreeMap<usize, Corners>,
-    /// Per instant the camera from the board, the best first.
+    /// Per instant, the poses of the board in the camera, the best first.
     poses: BTreeMap<usize, Vec<Isometry3<f64>>>,
 }
 
-/// How two cameras stand to each other.
+/// The relative pose of two cameras.
 struct Link {
     first: usize,
     second: usize,
@@ -53,7 +53,7 @@ struct Link {
     agreeing: usize,
 }
 
-/// Poses of as many of `views` as hang together by the board, adjusted.
+/// Poses of as many of `views` as are connected by the board, adjusted.
 pub(super) fn by_board(
     views: &[View],
     board: &RigidBoard,
@@ -63,7 +63,7 @@ pub(super) fn by_board(
     let shape = board.shape();
     let seen: Vec<Seen> = views
         .par_iter()
-        .map(|view| Seen::of(view, &shape))
+        .map(|view| Seen::new(view, &shape))
         .collect();
     let indices: Vec<(usize, usize)> = (0..seen.len())
         .flat_map(|i| (i + 1..seen.len()).map(move |j| (i, j)))
@@ -90,7 +90,7 @@ pub(super) fn by_board(
 }
 
 impl Seen {
-    fn of(view: &View, shape: &[Vector3<f64>]) -> Self {
+    fn new(view: &View, shape: &[Vector3<f64>]) -> Self {
         let mut corners: BTreeMap<usize, Corners> = BTreeMap::new();
         for (number, sight) in &view.seen {
             let own = corners.entry(number / CORNERS_PER_INSTANT).or_default();
@@ -107,30 +107,30 @@ impl Seen {
         }
     }
 
-    /// Root mean squared distance of what was seen at an instant from a board there, pixels.
+    /// Root mean squared distance of the corners at an instant from those of a board at a pose, pixels.
     fn off_px(
         &self,
         instant: usize,
         camera_from_board: &Isometry3<f64>,
         shape: &[Vector3<f64>],
     ) -> Option<f64> {
-        let eye = CameraState {
+        let state = CameraState {
             camera_from_world: camera_from_board.rotation,
             center_w: camera_from_board.inverse().translation.vector,
             ..self.state
         };
-        let fold_radius = eye.fold_radius();
+        let fold_radius = state.fold_radius();
         let own = self.corners.get(&instant)?;
         let mut squares = 0.0;
         for (corner, px) in own {
-            let drawn = eye.project(shape.get(*corner)?, fold_radius)?;
+            let drawn = state.project(shape.get(*corner)?, fold_radius)?;
             squares += (drawn - Vector2::from(*px)).norm_squared();
         }
         Some((squares / own.len().max(1) as f64).sqrt())
     }
 }
 
-/// The camera from the board, the best first: seen small a board has two poses that fit nearly alike.
+/// The poses of the board in the camera, the best first: a board that looks small has two poses that fit nearly alike.
 fn poses(
     state: &CameraState,
     corners: &Corners,
@@ -153,7 +153,7 @@ fn poses(
 }
 
 impl Link {
-    /// The pose between two cameras that the most common instants agree with.
+    /// The relative pose with which most common instants agree.
     fn between(
         seen: &[Seen],
         [first, second]: [usize; 2],
@@ -180,7 +180,7 @@ impl Link {
                 each.reduce(f64::min)
             });
             let off: Vec<f64> = off.filter(|px| *px < AGREES_GATES * gate_px).collect();
-            // Of as many that agree those that agree better.
+            // With equal counts, the smaller distances win.
             (off.len(), -off.iter().sum::<f64>())
         };
         let scored = proposals.map(|it| (score(&it), it));
@@ -198,7 +198,7 @@ impl Link {
     }
 }
 
-/// The cameras along the links that the most instants agree with, in the world of the first.
+/// Poses of the cameras along the links with the most agreeing instants, in the world of the first.
 fn placed(seen: &[Seen], links: &[Link]) -> Vec<Option<CameraState>> {
     let mut poses: Vec<Option<Isometry3<f64>>> = vec![None; seen.len()];
     let sound = || links.iter().filter(|it| it.agreeing >= LEAST_INSTANTS);
@@ -226,7 +226,7 @@ fn placed(seen: &[Seen], links: &[Link]) -> Vec<Option<CameraState>> {
     each.collect()
 }
 
-/// Where the board is at each instant that two placed cameras saw: by the camera whose pose of it suits all of them best.
+/// The pose of the board at each instant that two placed cameras saw: the one that fits all of them best.
 fn boards(
     seen: &[Seen],
     cameras: &[Option<CameraState>],

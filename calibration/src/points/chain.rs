@@ -1,4 +1,4 @@
-//! Poses from nothing: the best pair first, then one camera after the other before the points that are known by then.
+//! Rough poses without a start: first the best pair, then one camera after the other from the points known by then.
 
 use std::collections::BTreeMap;
 
@@ -13,31 +13,33 @@ use crate::adjustment::{
 };
 use crate::geometry::{RelativePose, Sight, relative_pose, resect, triangulate};
 
-/// Common moments that a pair needs, and the most that are looked at.
+/// Least number of common moments of a pair.
 const LEAST_COMMON: usize = 15;
+/// Most common moments that are used.
 const MOST_COMMON: usize = 250;
-/// Share of the common moments of a pair that must agree.
+/// Least share of agreeing moments of a pair.
 const LEAST_SHARE: f64 = 0.4;
-/// Random samples per pair, and per resection.
+/// Random samples per pair.
 const PAIR_SAMPLES: usize = 400;
+/// Random samples per resection.
 const RESECTION_SAMPLES: usize = 400;
-/// Known points that a camera must agree with to be added.
+/// Least number of known points with which an added camera agrees.
 const LEAST_POINTS: usize = 10;
-/// Moments in an adjustment on the way.
+/// Most moments of an intermediate adjustment.
 const MOST_MOMENTS: usize = 300;
-/// Parallax beyond which more does not make a better pair, radians.
+/// Parallax above which a pair does not improve, radians.
 const ENOUGH_PARALLAX_RAD: f64 = 0.6;
-/// Pairs that are tried as the first.
+/// Number of pairs that are tried as the first.
 const STARTS: usize = 4;
 
-/// How two cameras stand to each other.
+/// The relative pose of two cameras.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Pair {
     pub(super) first: usize,
     pub(super) second: usize,
-    /// Moments that were compared.
+    /// Number of compared moments.
     pub(super) common: usize,
-    /// Those of them that agree.
+    /// Number of agreeing moments.
     pub(super) agreeing: usize,
     pub(super) pose: Option<RelativePose>,
 }
@@ -47,12 +49,12 @@ impl Pair {
         self.agreeing as f64 / self.common.max(1) as f64
     }
 
-    /// Whether enough of it agrees for one pose.
+    /// Whether enough moments agree for a pose.
     pub(super) fn is_sound(&self) -> bool {
         self.common >= LEAST_COMMON && self.share() >= LEAST_SHARE
     }
 
-    /// How good a first pair it is.
+    /// Its quality as the first pair.
     fn worth(&self) -> f64 {
         self.pose.as_ref().map_or(0.0, |pose| {
             let parallax = pose.parallax_rad.min(ENOUGH_PARALLAX_RAD);
@@ -66,12 +68,12 @@ impl Pair {
 pub(super) struct Chain {
     pub(super) cameras: Vec<Option<CameraState>>,
     pub(super) pairs: Vec<Pair>,
-    /// Per camera the moments that it and two others with a pose saw: only these tell how far it is from one against the other.
+    /// Per camera, the moments that it and two others with a pose saw: only these relate its distances to the others.
     pub(super) shared_with_two: Vec<usize>,
 }
 
 impl Chain {
-    /// Whether a camera shares too few moments with two others for its distance to one to be comparable with that to the other.
+    /// Whether a camera shares too few moments with two others to relate its distances to them.
     pub(super) fn has_no_scale(&self, index: usize) -> bool {
         let shared = self.shared_with_two.get(index).copied();
         shared.unwrap_or(0) < LEAST_POINTS
@@ -84,7 +86,7 @@ impl Chain {
     }
 }
 
-/// Poses of as many of `views` as hang together within `gate_px`.
+/// Poses of as many of `views` as agree within `gate_px`.
 pub(super) fn chain(views: &[View], gate_px: f64, seed: u64) -> Chain {
     let pairs = all_pairs(views, gate_px, seed);
     let mut starts: Vec<&Pair> = pairs.iter().filter(|p| p.is_sound()).collect();
@@ -164,7 +166,7 @@ fn pair(views: &[View], first: usize, second: usize, gate_px: f64, seed: u64) ->
     }
 }
 
-/// At most `most` of `all`, evenly spread.
+/// At most `most` of `all`, evenly spaced.
 pub(super) fn evenly<T: Clone>(all: &[T], most: usize) -> Vec<T> {
     if all.len() <= most {
         return all.to_vec();
@@ -204,7 +206,7 @@ fn grow(views: &[View], start: &Pair, gate_px: f64, seed: u64) -> Vec<Option<Cam
         if cameras[next].is_none() {
             refused[next] = true;
         } else {
-            // With more points another may fit now.
+            // With more points another camera may fit.
             refused = vec![false; views.len()];
         }
     }
@@ -234,7 +236,7 @@ fn placed(
     })
 }
 
-/// The points that the posed cameras agree on, by tick; of at most `most` ticks, evenly spread.
+/// The points on which the posed cameras agree, by tick; at most `most` ticks, evenly spaced.
 pub(super) fn points(
     views: &[View],
     cameras: &[Option<CameraState>],
@@ -261,7 +263,7 @@ pub(super) fn points(
     found.collect()
 }
 
-/// Adjusts the poses that are known by now to what they saw together.
+/// Adjusts the current poses to their common sights.
 pub(super) fn settle(
     views: &[View],
     cameras: &mut [Option<CameraState>],
@@ -281,7 +283,7 @@ pub(super) fn settle(
     }
 }
 
-/// How fast the point moves across the picture by the frames before and after, pixels per frame; zero where one is missing.
+/// Velocity of the point in the picture from the frames before and after, pixels per frame; zero if one is missing.
 fn velocity(view: &View, tick: usize) -> [f64; 2] {
     let px = |tick: Option<usize>| view.seen.get(&tick?).map(|it| it.px);
     let around = px(tick.checked_sub(1)).zip(px(tick.checked_add(1)));
@@ -290,7 +292,7 @@ fn velocity(view: &View, tick: usize) -> [f64; 2] {
     })
 }
 
-/// The posed cameras and what they saw together, with the indices of the cameras among all.
+/// The problem of the posed cameras and their common sights, with the indices of its cameras in `views`.
 pub(super) fn problem(
     views: &[View],
     cameras: &[Option<CameraState>],

@@ -1,41 +1,41 @@
-//! The last adjustment where cameras are not synchronised: every sight at its own time, the point on a smooth curve.
+//! The last adjustment of cameras that are not synchronised: every sight at its own time, the point on a smooth curve.
 
 use farfield_proto::order_statistics::value_after;
 use nalgebra::Vector3;
 
 use super::chain::{evenly, points};
-use super::clocks::range_s;
 use super::refine::{Refined, bounded, freedom, noise_px, weigh};
 use super::request::Lenses;
+use super::timing::range_s;
 use super::view::{Track, View};
 use crate::adjustment::{
     AdjustedCamera, Block, CameraState, Limits, Loss, Observation, Path, Problem, Spline, adjust,
 };
 
-/// Sights of a camera that are used, evenly spread.
+/// Most sights of a camera, evenly spaced.
 const MOST_SIGHTS: usize = 3000;
-/// Time from knot to knot, and most knots.
+/// Time between knots.
 const SPACING_S: f64 = 0.25;
+/// Most knots.
 const MOST_KNOTS: f64 = 3000.0;
-/// Stiffness of the curve: the bend from knot to knot that counts as one standard deviation, as a share of the usual
-/// distance from knot to knot.
+/// Stiffness of the curve: the bend between knots that counts as one standard deviation, relative to the usual distance
+/// between knots.
 const USUAL_BEND: f64 = 2.0;
-/// What is believed of a given rate, as a share.
+/// Relative standard deviation of a given rate.
 const RATE_PRIOR: f64 = 2e-3;
 /// Rounds of estimating the noise and adjusting.
 const ROUNDS: usize = 4;
-/// Tuning of Cauchy's loss.
+/// Tuning constant of Cauchy's loss.
 const CAUCHY: f64 = 2.385;
 
-/// Which clocks may move.
+/// Whether clocks are adjusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Clocks {
     Given,
     Free,
 }
 
-/// Adjusts all cameras that have a pose to all that they saw; `views` are the sights at common moments that the curve
-/// starts from.
+/// Adjusts all posed cameras to all their sights; `views` are the sights at common moments from which the curve starts.
 pub(super) fn refine_curve(
     tracks: &[Track],
     views: &[View],
@@ -139,7 +139,7 @@ fn start(
     })
 }
 
-/// Points that several cameras agree on, by time.
+/// Points on which several cameras agree, by time.
 fn known(
     views: &[View],
     cameras: &[Option<CameraState>],
@@ -156,7 +156,7 @@ fn known(
     each.collect()
 }
 
-/// A straight line between the known points around `time_s`, the nearest beyond both ends.
+/// Interpolates linearly between the known points around `time_s`; constant beyond both ends.
 fn between(known: &[(f64, Vector3<f64>)], time_s: f64) -> Option<Vector3<f64>> {
     let after = known.partition_point(|(t, _)| *t < time_s);
     let (Some(b), Some(a)) = (

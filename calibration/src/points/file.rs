@@ -1,32 +1,34 @@
-//! Text files of a single moving point: one per camera, `frame x y` per line.
+//! Text files with sightings of a moving point: one per camera, `frame x y` per line.
 
 use std::path::Path;
 
 use farfield_proto::toml_file::FileError;
 
-/// Where a camera saw the point.
+/// A sighting of the point in a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sighting {
-    /// Frame of the camera's own video; need not be whole.
+    /// The frame of the camera's own video; it can be fractional.
     pub frame: f64,
-    /// Column and row, pixels as the lens drew them; (0, 0) is the centre of the first.
+    /// Column and row, distorted pixels; (0, 0) is the centre of the first.
     pub px: [f64; 2],
 }
 
 /// Most lines of a file: 14 hours at 200 Hz.
 const MOST_LINES: usize = 10_000_000;
-/// Largest coordinate and frame.
+/// Largest absolute coordinate.
 const LARGEST_PX: f64 = 1e6;
+/// Largest frame.
 const LARGEST_FRAME: f64 = 1e9;
 
-/// Reads the text of one camera's file; `path` is only named in errors.
+/// Reads the text of one camera's file; `path` is only for errors.
 ///
-/// A line is a frame, x and y, apart by blanks, tabs, commas or semicolons. Lines that are empty or begin with `#` or `%`
-/// are left out, and the first of the others may be a heading. A position of `nan nan` or of exactly `0 0` says that the
-/// point was not seen in that frame. Frames must not fall, and a frame has one position.
+/// A line has a frame, x and y, separated by blanks, tabs, commas or semicolons. Empty lines and lines that begin with `#` or
+/// `%` are ignored, and the first other line can be a heading. A position of `nan nan` or of exactly `0 0` means that the
+/// point was not seen in that frame. Frames must not decrease, and a frame has one position.
 ///
 /// # Errors
-/// [`FileError`] with the line: not three numbers, a number out of range, a frame that falls or has two positions, no sighting at all.
+/// [`FileError`] with the line: not three numbers, a number out of range, a frame that decreases or has two positions, no
+/// sighting at all.
 pub fn parse(text: &str, path: &Path) -> Result<Vec<Sighting>, FileError> {
     let mut sightings: Vec<Sighting> = Vec::new();
     let mut last_frame = f64::NEG_INFINITY;
@@ -42,7 +44,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<Sighting>, FileError> {
             continue;
         }
         let may_be_heading = std::mem::take(&mut is_first);
-        // `nan 1 2` begins with a letter too, but is a sighting without a frame.
+        // `nan 1 2` begins with a letter but is a sighting without a frame, not a heading.
         let first = line.split(is_between).find(|part| !part.is_empty());
         let is_number = first.is_some_and(|part| part.parse::<f64>().is_ok());
         if may_be_heading && !is_number && line.starts_with(char::is_alphabetic) {
@@ -56,7 +58,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<Sighting>, FileError> {
         }
         if frame < last_frame {
             return Err(wrong(format!(
-                "found frame {frame} after frame {last_frame}, expected frames that do not fall"
+                "found frame {frame} after frame {last_frame}, expected frames that do not decrease"
             )));
         }
         let is_repeated = frame <= last_frame && is_last_seen;
@@ -86,13 +88,13 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<Sighting>, FileError> {
     if sightings.is_empty() {
         return Err(FileError::new(
             path,
-            "no sighting is in this file; expected lines of `frame x y`",
+            "the file has no sighting, expected lines of `frame x y`",
         ));
     }
     Ok(sightings)
 }
 
-/// What stands between two values of a line.
+/// Whether a character separates two values of a line.
 fn is_between(c: char) -> bool {
     c.is_whitespace() || matches!(c, ',' | ';')
 }
@@ -115,11 +117,11 @@ fn numbers(line: &str) -> Result<[f64; 3], String> {
     Ok([number(frame)?, number(x)?, number(y)?])
 }
 
-/// Reads `points.dat` and `IdMat.dat` of `MultiCamSelfCal`: three rows per camera (x, y, 1), a column per frame; and one row per
-/// camera, 1 where it saw the point. One list of sightings per camera; either path is only named in errors.
+/// Reads `points.dat` and `IdMat.dat` of `MultiCamSelfCal`: three rows per camera (x, y, 1), with a column per frame; and one
+/// row per camera, 1 where it saw the point. Returns one list of sightings per camera; both paths are only for errors.
 ///
 /// # Errors
-/// [`FileError`] with the line: not numbers, rows of different lengths, not as many rows as belong together.
+/// [`FileError`] with the line: not numbers, rows of different lengths, numbers of rows that do not match.
 pub fn parse_multicamselfcal(
     points: (&str, &Path),
     seen: (&str, &Path),
@@ -143,7 +145,7 @@ pub fn parse_multicamselfcal(
         .find(|row| is_other(row))
     {
         let problem = format!(
-            "found a row of {} numbers beside one of {frames}",
+            "found a row of {} numbers, expected {frames} as in the first row",
             row.len()
         );
         return Err(FileError::new(points.1, problem));
@@ -201,11 +203,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_with_its_line() {
+    fn invalid_files_are_refused_with_their_line() {
         for (text, expected) in [
             ("1 2 3\n2 x 3\n", "found `x`, expected a number"),
             ("1 2 3\n2 3\n", "found 2 values, expected 3"),
-            ("2 2 3\n1 2 3\n", "expected frames that do not fall"),
+            ("2 2 3\n1 2 3\n", "expected frames that do not decrease"),
             ("1 2 3\n1 2 4\n", "a second time"),
             ("1 2 3\n2 inf 3\n", "expected pixels"),
             ("1 2 3\n-1 2 3\n", "found frame -1"),

@@ -1,4 +1,4 @@
-//! Cameras whose sights fit better when one number that was taken as given may move: the clock, or the focal length.
+//! Detects cameras whose sights fit better if a given number may change: the clock or the focal length.
 
 use std::collections::BTreeMap;
 
@@ -8,21 +8,21 @@ use super::chain::evenly;
 use crate::adjustment::{Block, Limits, Path, Problem, adjust};
 use crate::report::{Cause, Finding, finding};
 
-/// Points that are compared, evenly spread: more change nothing and cost time.
+/// Most points that are compared, evenly spaced: more take time and change nothing.
 const MOST_POINTS: usize = 1200;
-/// Steps of each adjustment, and the decrease of the cost at which it ends.
+/// Limits of each adjustment: steps, and the relative decrease of the cost at which it ends.
 const LIMITS: Limits = Limits {
     steps: 12,
     decrease: 1e-4,
 };
-/// Gain from which a clock, and a focal length, is a suspect. On Shelf right clocks gain 0.002 and one that is late by a frame
-/// 0.13; right focal lengths, which postures pull at, gain 0.03 and one that is 5 % too long 0.06.
+/// Least gain of a suspect clock. On Shelf correct clocks gain 0.002, and one that is late by a frame 0.13.
 const CLOCK_GAIN: f64 = 0.02;
+/// Least gain of a suspect focal length. On Shelf correct ones gain 0.03 due to postures, and one that is 5 % too long 0.06.
 const FOCAL_GAIN: f64 = 0.045;
-/// Most suspects: where more are off than that the cause is another one.
+/// Most suspects: if more are off, there is another cause.
 const MOST_SUSPECTS: usize = 3;
 
-/// What of a camera was set free.
+/// The parameter of a camera that is adjusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Freed {
     /// The time of its frames.
@@ -31,38 +31,38 @@ pub(crate) enum Freed {
     Focal,
 }
 
-/// A camera that fits better with one number of it set free.
+/// A camera that fits better with one more parameter adjusted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Suspect {
     /// Its index in the problem.
     pub(crate) camera: usize,
     pub(crate) freed: Freed,
-    /// How late it is, in the unit of its clock; or its focal length over the given one.
+    /// Its delay in the unit of its clock; or its focal length relative to the given one.
     pub(crate) value: f64,
-    /// The cost that goes, over what each camera costs on average.
+    /// The decrease of the cost, relative to the average cost of a camera.
     gain: f64,
 }
 
-/// What of a clock and a focal length is doubtful, and what is wrong.
+/// Limits for clocks and focal lengths above which there is a warning, and an error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Bars {
-    /// How late, in the unit of the clocks.
+    /// Delay in the unit of the clocks.
     pub(crate) late: [f64; 2],
-    /// Share by which the focal length is off.
+    /// Relative error of the focal length.
     pub(crate) focal: [f64; 2],
 }
 
-/// How clocks are counted, for words.
+/// The unit of clocks, for messages.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ClockUnit {
-    /// Units per second, where that is known.
+    /// Units per second, if known.
     pub(crate) hz: Option<f64>,
-    /// Whether it is a frame.
+    /// Whether the unit is a frame.
     pub(crate) is_frame: bool,
 }
 
-/// The suspects of a `problem` that was adjusted, the worst first: each is set free before the next is looked for, so that a
-/// camera that only makes up for another is none. Only where the path is a set of points.
+/// The suspects of an adjusted `problem`, the worst first. Each suspect stays free while the next is searched, so that a camera
+/// that only compensates for another is not a suspect. Only for a path that is a set of points.
 pub(crate) fn suspects(problem: &Problem, bars: Bars) -> Vec<Suspect> {
     let mut suspects: Vec<Suspect> = Vec::new();
     let Some(mut current) = thinned(problem) else {
@@ -100,7 +100,7 @@ impl Suspect {
         self.off() > doubtful && self.gain > least_gain
     }
 
-    /// How far it is from what was given.
+    /// Its deviation from the given value.
     fn off(&self) -> f64 {
         match self.freed {
             Freed::Clock => self.value.abs(),
@@ -115,7 +115,7 @@ impl Suspect {
         }
     }
 
-    /// What is said of it, of the camera `name`.
+    /// The finding about it, for the camera `name`.
     pub(crate) fn finding(&self, name: &str, bars: Bars, unit: ClockUnit) -> Finding {
         let is_wrong = self.off() > self.bars(bars)[1];
         match self.freed {
@@ -135,10 +135,10 @@ impl Suspect {
                     Cause::Clock,
                     is_wrong,
                     format!(
-                        "its clock is {by} {word} against the others: with that taken out all that was seen fits better"
+                        "its clock is {by} {word} relative to the others: all sights fit better without that"
                     ),
-                    "frames of one number, or of one time, that are of one moment",
-                    "put its frame numbers or its offset right, or let clocks be found (--clocks unknown)",
+                    "frames of one number, or of one time, that belong to one moment",
+                    "correct its frame numbers or its offset, or let clocks be estimated (--clocks unknown)",
                 )
             }
             Freed::Focal => finding(
@@ -146,7 +146,7 @@ impl Suspect {
                 Cause::Focal,
                 is_wrong,
                 format!(
-                    "its focal length, left free, is {:.3} of the given one: with that all that was seen fits better",
+                    "its focal length, left free, is {:.3} of the given one: all sights fit better with that",
                     self.value
                 ),
                 &format!("within {:.0} %", 100.0 * bars.focal[0]),
@@ -156,7 +156,7 @@ impl Suspect {
     }
 }
 
-/// `problem` with one number of a camera set free and adjusted, and what that came to.
+/// Adjusts one more parameter of a camera, and returns the suspect with the adjusted problem.
 fn set_free(
     problem: &Problem,
     camera: usize,
@@ -170,14 +170,14 @@ fn set_free(
         Freed::Focal => Block::Focal,
     });
     if free.parameters().count() == own.free.parameters().count() {
-        // What was asked to move has moved already.
+        // The parameter is already free.
         return None;
     }
     own.free = free;
     adjust(&mut moved, LIMITS);
     let own = moved.cameras.get(camera)?;
     let value = match freed {
-        // What was taken earlier than its number says is late.
+        // A frame taken earlier than its number states belongs to a late clock.
         Freed::Clock => own.start.pivot_s - own.state.pivot_s,
         Freed::Focal => own.state.intrinsics.fx_px / own.start.intrinsics.fx_px,
     };
@@ -191,7 +191,7 @@ fn set_free(
     Some((suspect, moved))
 }
 
-/// The same with fewer points; `None` along a curve.
+/// The problem with fewer points; `None` along a curve.
 fn thinned(problem: &Problem) -> Option<Problem> {
     let Path::Points(points) = &problem.path else {
         return None;

@@ -1,4 +1,5 @@
-//! The first and the second half of the data, adjusted apart.
+//! Consistency over time: compares calibrations from the first and the second half of the data, and detects cameras that fit
+//! only part of the time.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,28 +8,30 @@ use farfield_proto::order_statistics::{percentile, upper_median};
 use crate::adjustment::{AdjustedCamera, Block, CameraState, Free, Limits, Path, Problem, adjust};
 use crate::alignment::Similarity;
 
-/// Sights of a camera that a half needs; of a body instants, for all its sights at one tell one pose.
+/// Least number of sights of a camera in a half. With a body they are instants, because all sights at one instant determine one
+/// pose.
 const LEAST_SIGHTS: usize = 15;
 
-/// Most sights of a camera at which halves are compared, and the share of these that is nearer than what is said.
+/// Most sights of a camera at which halves are compared.
 const MOST_COMPARED: usize = 1000;
+/// The reported distance is this percentile.
 const NEARER: f64 = 0.95;
 
-/// How far two halves put a camera from each other.
+/// The difference between the poses of a camera in two halves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Apart {
-    /// Their pinholes, in the unit of the problem.
+    /// Distance of the pinholes, in the unit of the problem.
     pub(crate) distance: f64,
-    /// Their axes.
+    /// Angle between the rotations.
     pub(crate) turned_rad: f64,
-    /// How far they draw a point apart where the camera saw points, pixels: 95 % of its sights are nearer. Infinite where one
-    /// draws it not. Nothing is said of parts of the picture where nothing was seen.
+    /// The 95th percentile of the distances between the projections of the points that the camera saw, pixels. Infinite if one
+    /// pose cannot project them. Parts of the picture without sights do not count.
     pub(crate) px: f64,
-    /// The same where the point is, across the line of sight, in the unit of the problem.
+    /// The same at the points, across the line of sight, in the unit of the problem.
     pub(crate) across: f64,
 }
 
-/// Per camera where in its picture it saw something and how deep that is, of at most [`MOST_COMPARED`] of its sights.
+/// Per camera, the pixel and depth of at most [`MOST_COMPARED`] of its sights.
 fn seen(problem: &Problem) -> Vec<Vec<([f64; 2], f64)>> {
     let mut seen = vec![Vec::new(); problem.cameras.len()];
     for it in &problem.observations {
@@ -47,10 +50,10 @@ fn seen(problem: &Problem) -> Vec<Vec<([f64; 2], f64)>> {
     seen
 }
 
-/// Per camera, how far the two halves put its centre from each other (in the unit of the problem) and turn it (radians),
-/// after the second was laid on the first by a similarity; `None` where a half has too little.
+/// Per camera, the difference between its poses in the two halves, after the second half was aligned with the first by a
+/// similarity; `None` if a half has too few sights.
 ///
-/// Lenses and clocks stay as the whole has them: a half starts from the whole, and what it then moves is the pose.
+/// Lenses and clocks stay as in the whole problem: a half starts from it and adjusts only poses.
 pub(crate) fn halves(problem: &Problem) -> Vec<Option<Apart>> {
     let none = vec![None; problem.cameras.len()];
     let moments: Vec<f64> = problem
@@ -67,7 +70,7 @@ pub(crate) fn halves(problem: &Problem) -> Vec<Option<Apart>> {
         half.observations.retain(|_| kept.next().unwrap_or(false));
         let counts = counts(&half);
         for (camera, count) in half.cameras.iter_mut().zip(&counts) {
-            // What saw nothing keeps its place.
+            // A camera with too few sights keeps its pose.
             let free = if *count < LEAST_SIGHTS {
                 Free::none()
             } else {
@@ -111,12 +114,12 @@ pub(crate) fn halves(problem: &Problem) -> Vec<Option<Apart>> {
     apart.collect()
 }
 
-/// [`Apart::px`] and [`Apart::across`] of two states of a camera that saw points there (pixels, depth).
+/// [`Apart::px`] and [`Apart::across`] of two states of a camera, for its sights (pixels, depth).
 fn drawn_apart(first: &CameraState, second: &CameraState, seen: &[([f64; 2], f64)]) -> (f64, f64) {
     let folds = [first.fold_radius(), second.fold_radius()];
     let focal_px = (first.intrinsics.fx_px * first.intrinsics.fy_px).sqrt();
     let apart = |(px, depth): &([f64; 2], f64)| {
-        // What the lens does not draw there says nothing.
+        // Pixels outside the range of the lens are ignored.
         let bearing = first.bearing(*px, folds[0])?;
         let ahead = bearing * (depth / bearing.z);
         let point = first.center_w + first.camera_from_world.inverse() * ahead;
@@ -133,7 +136,7 @@ fn drawn_apart(first: &CameraState, second: &CameraState, seen: &[([f64; 2], f64
     (most(px), most(across))
 }
 
-/// Per camera how much tells where it stands: its sights, and of bodies the instants at which another camera saw the body, too.
+/// Per camera, the number of its sights; for bodies, the instants at which another camera also saw the body.
 fn counts(half: &Problem) -> Vec<usize> {
     let mut counts = vec![0; half.cameras.len()];
     let Path::Bodies(bodies) = &half.path else {
@@ -153,7 +156,7 @@ fn counts(half: &Problem) -> Vec<usize> {
     counts
 }
 
-/// What orders an observation in time.
+/// The order of an observation in time.
 fn moment(problem: &Problem, observation: &crate::adjustment::Observation) -> f64 {
     match &problem.path {
         Path::Points(_) => observation.point as f64,
@@ -165,6 +168,46 @@ fn moment(problem: &Problem, observation: &crate::adjustment::Observation) -> f6
     }
 }
 
+/// Number of windows with equally many sights.
+const WINDOWS: usize = 20;
+/// Least number of sights in a window.
+const LEAST_WINDOW_SIGHTS: usize = 5;
+/// Number of neighbouring bad windows that indicate a knock.
+const LEAST_RUN: usize = 2;
+/// A window is bad if its share of fitting sights is below this share of the median.
+const BAD_SHARE: f64 = 0.5;
+
+/// The time at which a camera was knocked, as a share of all its sights, 0 to 1. `used` states whether each sight fits, in the
+/// order of time.
+///
+/// It is the beginning of the first run of bad windows, or its end if the run begins with the first window. There are 20
+/// windows, or 10 if sights are few.
+pub(crate) fn knocked_at(used: &[bool]) -> Option<f64> {
+    let windows = if used.len() >= WINDOWS * 2 * LEAST_WINDOW_SIGHTS {
+        WINDOWS
+    } else {
+        WINDOWS / 2
+    };
+    if used.len() < windows * LEAST_WINDOW_SIGHTS {
+        return None;
+    }
+    let shares = (0..windows).filter_map(|k| {
+        let own = used.get(k * used.len() / windows..(k + 1) * used.len() / windows)?;
+        let fitting = own.iter().filter(|fits| **fits).count();
+        Some(fitting as f64 / own.len().max(1) as f64)
+    });
+    let shares: Vec<f64> = shares.collect();
+    let bar = BAD_SHARE * upper_median(shares.clone())?;
+    let mut runs = shares.windows(LEAST_RUN);
+    let start = runs.position(|run| run.iter().all(|share| *share < bar))?;
+    let change = if start > 0 {
+        start
+    } else {
+        shares.iter().take_while(|share| **share < bar).count()
+    };
+    Some(change as f64 / windows as f64)
+}
+
 #[cfg(test)]
 mod tests {
     use farfield_proto::camera::{Distortion, Intrinsics};
@@ -173,7 +216,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn halves_that_are_turned_about_the_axis_of_the_camera_are_apart() {
+    fn halves_rotated_about_the_axis_of_the_camera_differ() {
         let intrinsics = Intrinsics {
             fx_px: 1100.0,
             fy_px: 1100.0,
@@ -185,7 +228,7 @@ mod tests {
             camera_from_world: UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.01),
             ..first
         };
-        // Turned about the axis, what is seen in the middle stays there.
+        // A rotation about the axis does not move the middle of the picture.
         let about = |x: f64, y: f64| vec![([960.0 + x, 600.0 + y], 8.0); 20];
         let (px, across) = drawn_apart(&first, &rolled, &about(400.0, 300.0));
         assert!((px - 0.01 * 500.0).abs() < 0.01, "{px}");
@@ -193,5 +236,39 @@ mod tests {
         assert!(drawn_apart(&first, &rolled, &about(0.0, 0.0)).0 < 1e-9);
         assert!(drawn_apart(&first, &first, &about(400.0, 300.0)).0 < 1e-9);
         assert!(drawn_apart(&first, &first, &[]).0.is_nan());
+    }
+}
+
+#[cfg(test)]
+mod knock_tests {
+    use super::*;
+
+    /// One sight in ten does not fit, and none between `from` and `to`.
+    fn used(count: usize, from: f64, to: f64) -> Vec<bool> {
+        let each = (0..count).map(|i| {
+            let at = i as f64 / count as f64;
+            i % 10 != 3 && !(from..to).contains(&at)
+        });
+        each.collect()
+    }
+
+    #[test]
+    fn a_knock_is_found_at_the_beginning_or_end_of_the_bad_part() {
+        for (count, from, to, change) in [
+            (400, 0.85, 1.0, 0.85),
+            (400, 0.5, 0.6, 0.5),
+            (400, 0.0, 0.2, 0.2),
+            (60, 0.6, 1.0, 0.6),
+        ] {
+            let at = knocked_at(&used(count, from, to)).unwrap();
+            assert!((at - change).abs() < 0.06, "{at} {change}");
+        }
+    }
+
+    #[test]
+    fn regular_outliers_and_too_few_sights_are_not_a_knock() {
+        assert_eq!(knocked_at(&used(400, 2.0, 2.0)), None);
+        assert_eq!(knocked_at(&used(30, 0.5, 1.0)), None);
+        assert_eq!(knocked_at(&[]), None);
     }
 }

@@ -1,4 +1,4 @@
-//! The whole way from sightings to a calibration.
+//! All steps of a calibration from a moving point.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,41 +9,40 @@ use nalgebra::{Isometry3, Translation3};
 use super::assess::{Found, assess};
 use super::board::{CORNERS_PER_INSTANT, by_board};
 use super::chain::{Chain, chain};
-use super::clocks::{at_common_moments, join_clocks, set_own_clock};
 use super::curve::{Clocks, refine_curve};
-use super::error::CalibrationError;
 use super::refine::{Refined, refine};
-use super::request::{PointCamera, PointRequest, Timing};
-use super::rigid_board::RigidBoard;
-use super::venue::of_alignment;
+use super::request::{CalibrationError, PointCamera, PointRequest, RigidBoard, Timing};
+use super::timing::{at_common_moments, join_clocks, set_own_clock};
+use super::venue::alignment_findings;
 use super::view::{Track, View};
 use crate::adjustment::{CameraState, Path, Problem, covariance};
 use crate::alignment::{Alignment, Anchors, Known, Similarity};
 use crate::formats::{CameraRecord, ExportError, Format, export};
 use crate::report::{FieldReport, Report, field_camera};
 
-/// Sightings that a camera needs.
+/// Least number of sightings of a camera.
 const LEAST_SIGHTINGS: usize = 20;
-/// Frame rates that are believed, 1/s.
+/// Accepted frame rates, 1/s.
 const RATES_HZ: [f64; 2] = [0.1, 1e5];
-/// Gates that are believed, pixels: at the least a search ends soon, and beyond the most anything agrees.
+/// Accepted gates, pixels: below, a search takes too long; above, anything agrees.
 const GATES_PX: [f64; 2] = [0.1, 50.0];
-/// How far the number of a frame may be from a whole one.
+/// Tolerance for the number of a frame to be whole.
 const WHOLE: f64 = 1e-6;
-/// The gate of the search for clocks and of poses between frames, over that of synchronised ones: clocks are a little off.
+/// Factor on the gate for the search of clocks, which are slightly off.
 const CLOCK_GATE: f64 = 2.0;
+/// Factor on the gate for poses from interpolated sights.
 const INTERPOLATED_GATE: f64 = 4.0;
 
-/// Where a calibration is.
+/// A stage of a calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
-    /// Looks for the lags of the clocks: the longest stage where they are unknown.
+    /// Finds the lags of the clocks: the longest stage if they are unknown.
     Clocks,
-    /// Looks for poses from nothing.
+    /// Finds rough poses.
     Poses,
-    /// Adjusts all to all.
+    /// Adjusts all cameras and points together.
     Adjustment,
-    /// Says how good it is.
+    /// Assesses the result.
     Report,
 }
 
@@ -59,10 +58,10 @@ pub struct FoundCamera {
 }
 
 impl FoundCamera {
-    /// As the rest of the system has it.
+    /// The camera model for the other crates.
     ///
     /// # Errors
-    /// [`CameraError`] where its numbers are none that a camera can have, or its lens model folds inside the picture.
+    /// [`CameraError`] if its numbers are invalid, or its lens model folds inside the picture.
     pub fn model(&self) -> Result<CameraModel, CameraError> {
         CameraModel::new(
             &self.name,
@@ -73,7 +72,7 @@ impl FoundCamera {
         )
     }
 
-    /// As calibrations of all formats have it.
+    /// The record for calibration files.
     pub fn record(&self) -> CameraRecord {
         CameraRecord {
             name: self.name.clone(),
@@ -91,25 +90,25 @@ impl FoundCamera {
     }
 }
 
-/// Where the point was.
+/// A position of the point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathPoint {
-    /// When, seconds on the clock of the camera with the most sights; the frame where cameras are synchronised.
+    /// Seconds on the clock of the camera with the most sights; the frame if cameras are synchronised.
     pub time_s: f64,
     /// Venue, metres.
     pub position_m: [f64; 3],
-    /// How many cameras saw it then.
+    /// The number of cameras that saw it.
     pub cameras: usize,
 }
 
-/// What was found.
+/// The result of a calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointCalibration {
     /// The cameras that have a pose, in the order of the request.
     pub cameras: Vec<FoundCamera>,
-    /// Where the point was whenever at least two of them saw it, in the order of time.
+    /// The positions of the point that at least two of them saw, in the order of time.
     pub path: Vec<PathPoint>,
-    /// What is said of it. Look at [`Report::passes`] before use.
+    /// The assessment. Check [`Report::passes`] before use.
     pub report: Report,
 }
 
@@ -117,15 +116,15 @@ impl PointCalibration {
     /// The calibration file.
     ///
     /// # Errors
-    /// Where no camera has a pose.
+    /// If no camera has a pose.
     pub fn toml(&self) -> Result<String, ExportError> {
         let records: Vec<CameraRecord> = self.cameras.iter().map(FoundCamera::record).collect();
         let files = export(&records, Format::Farfield)?;
         Ok(files.into_iter().map(|file| file.text).collect())
     }
 
-    /// With what is said of the field, where `alignment` gives it metres and a floor: it is where the point was, the places
-    /// that are known, and the court that was clicked.
+    /// Adds the report on the field if `alignment` gives metres and a floor. The field contains the path, the known places, and
+    /// the court that was clicked.
     pub(crate) fn with_field(mut self, alignment: &Alignment, anchors: &Anchors) -> Self {
         if !(alignment.has_scale && alignment.has_floor) {
             return self;
@@ -139,29 +138,29 @@ impl PointCalibration {
             Known::OnLine(_) => None,
         });
         let court = anchors.marks.as_ref().and_then(|it| it.court.as_ref());
-        let field = FieldReport::of(&cameras.collect::<Vec<_>>(), path, known, court);
-        let said = field.as_ref().and_then(FieldReport::finding);
-        self.report.findings.extend(said);
+        let field = FieldReport::new(&cameras.collect::<Vec<_>>(), path, known, court);
+        let finding = field.as_ref().and_then(FieldReport::finding);
+        self.report.findings.extend(finding);
         self.report.field = field;
         self
     }
 }
 
-/// Finds where the cameras stand, and how their clocks run, from what they saw of one moving point. `progress` is told of
-/// every stage as it begins.
+/// Finds the poses and clocks of cameras from their sightings of one moving point. `progress` is called at the start of every
+/// stage.
 ///
-/// A result is not a pass: what speaks against it is in [`PointCalibration::report`]. The same request gives the same bits.
+/// A result can still fail: its findings are in [`PointCalibration::report`]. The same request gives the same bits.
 ///
 /// # Errors
-/// [`CalibrationError`] where nothing can be made of the request: too few cameras or sightings, impossible lenses or rates,
-/// no two cameras that agree, known places that do not fit (a mirror image among them).
+/// [`CalibrationError`] if the request is unusable: too few cameras or sightings, impossible lenses or rates, no two cameras
+/// that agree, known places that do not fit (such as those of a mirror image).
 pub fn calibrate(
     request: &PointRequest,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<PointCalibration, CalibrationError> {
     check_request(request)?;
     let tracks = request.cameras.iter().map(|camera| {
-        let track = Track::of(camera)?;
+        let track = Track::new(camera)?;
         if track.seen.len() < LEAST_SIGHTINGS {
             return Err(CalibrationError::TooFewSightings {
                 camera: camera.name.clone(),
@@ -181,11 +180,11 @@ pub fn calibrate(
     finish(request, &chain, refined)
 }
 
-/// Refuses a request that no sightings would make usable: whoever has to look for them first asks beforehand.
+/// Refuses a request that would fail whatever the cameras saw. A caller checks this before it detects the point.
 ///
 /// # Errors
-/// [`CalibrationError`] where there are too few cameras or two of one name, and for numbers that are none: rates, offsets, the
-/// gate, what is known of the venue.
+/// [`CalibrationError`] for too few cameras or two of one name, and for invalid numbers: rates, offsets, the gate, known facts
+/// about the venue.
 pub fn check_request(request: &PointRequest) -> Result<(), CalibrationError> {
     if request.cameras.len() < 2 {
         return Err(CalibrationError::TooFewCameras {
@@ -227,7 +226,7 @@ pub fn check_request(request: &PointRequest) -> Result<(), CalibrationError> {
     Ok(())
 }
 
-/// With a gate that is no number, or none at all, the search for clocks would not end.
+/// Refuses gates with which the search for clocks would not end.
 fn check_gate(gate_px: f64) -> Result<(), CalibrationError> {
     if (GATES_PX[0]..=GATES_PX[1]).contains(&gate_px) {
         return Ok(());
@@ -238,7 +237,7 @@ fn check_gate(gate_px: f64) -> Result<(), CalibrationError> {
     )))
 }
 
-/// Frames of synchronised cameras are moments by their number: one between two numbers belongs to no moment.
+/// Refuses fractional frame numbers of synchronised cameras, which belong to no moment.
 fn check_frames(request: &PointRequest) -> Result<(), CalibrationError> {
     if request.timing != Timing::Synchronised {
         return Ok(());
@@ -248,7 +247,7 @@ fn check_frames(request: &PointRequest) -> Result<(), CalibrationError> {
         if let Some(sighting) = camera.sightings.iter().find(|s| is_between(s.frame)) {
             return Err(CalibrationError::Request(format!(
                 "camera `{}`: found frame {}, expected whole frames of synchronised cameras; give rates and offsets, or \
-                 leave the clocks to be found",
+                 let the clocks be estimated",
                 camera.name, sighting.frame
             )));
         }
@@ -256,13 +255,13 @@ fn check_frames(request: &PointRequest) -> Result<(), CalibrationError> {
     Ok(())
 }
 
-/// A board that can be one, of sights that have the numbers of its corners.
+/// Refuses an impossible board, and sights whose numbers do not belong to its corners.
 fn check_board(board: &RigidBoard, request: &PointRequest) -> Result<(), CalibrationError> {
     let refuse = |text: String| Err(CalibrationError::Request(text));
     let RigidBoard { squares, square_m } = board;
     if request.timing != Timing::Synchronised {
         return refuse(
-            "a board is one body of synchronised cameras only: found clocks that are given or unknown; leave out the board, or --clocks"
+            "a board needs synchronised cameras: found clocks that are given or unknown; leave out the board, or --clocks"
                 .to_owned(),
         );
     }
@@ -321,7 +320,7 @@ pub(crate) fn check_anchors(anchors: &Anchors) -> Result<(), CalibrationError> {
     if (1..3).contains(&known) && anchors.distances.is_empty() && anchors.marks.is_none() {
         let names: Vec<&str> = anchors.centers_m.iter().map(|(n, _)| n.as_str()).collect();
         return refuse(format!(
-            "found {known} known places ({}), which fix nothing: give three places, or a distance",
+            "found {known} known places ({}), which determine nothing: give three places, or a distance",
             names.join(", ")
         ));
     }
@@ -426,7 +425,7 @@ fn finish(
         .collect();
     let anchors = request.anchors.without(&without);
     let mut alignment = anchors.align(&named).map_err(CalibrationError::Alignment)?;
-    // Else metres are those of the squares.
+    // Otherwise metres are those of the squares.
     alignment.has_scale |= request.board.is_some();
     let found = Found {
         request,
@@ -441,7 +440,7 @@ fn finish(
     let mut report = assess(&found);
     report
         .findings
-        .extend(of_alignment(&found, &report.cameras));
+        .extend(alignment_findings(&found, &report.cameras));
     report.findings.sort_by_key(|finding| !finding.is_wrong());
     let cameras = found.posed.iter().zip(&found.problem.cameras);
     let cameras = cameras.filter_map(|(i, adjusted)| {
@@ -460,7 +459,7 @@ fn finish(
     Ok(calibration.with_field(&alignment, &found.anchors))
 }
 
-/// Where the point was at each moment that at least two cameras saw; along a curve, within each knot's span.
+/// The point at each moment that at least two cameras saw; along a curve, one moment per knot's span.
 fn path(problem: &Problem, venue: &Similarity) -> Vec<PathPoint> {
     let mut seen: BTreeMap<usize, (f64, BTreeSet<usize>)> = BTreeMap::new();
     for observation in &problem.observations {
@@ -510,7 +509,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_reads_back(
+        fn a_written_calibration_reads_back(
             turn in prop::array::uniform3(-1.8f64..1.8),
             center in prop::array::uniform3(-50.0f64..50.0),
             k1 in -0.05f64..0.05,

@@ -1,4 +1,4 @@
-//! The last adjustment: all moments, noise estimated per camera, lenses freed as asked.
+//! The last adjustment: all moments, noise estimated per camera, lenses free as requested.
 
 use farfield_proto::order_statistics::upper_median;
 
@@ -7,33 +7,34 @@ use super::request::Lenses;
 use super::view::View;
 use crate::adjustment::{AdjustedCamera, Block, CameraState, Free, Limits, Loss, Problem, adjust};
 
-/// Most moments of a last adjustment.
+/// Most moments of the last adjustment.
 const MOST_MOMENTS: usize = 4000;
-/// Tuning of Cauchy's loss: 95 % efficient where all is well.
+/// Tuning constant of Cauchy's loss: 95 % efficient for normal errors.
 const CAUCHY: f64 = 2.385;
 /// Median of the length of a residual of unit standard deviation per axis (Rayleigh).
 const RAYLEIGH_MEDIAN: f64 = 1.1774;
-/// Least noise that is believed, pixels.
+/// Least standard deviation of a sight, pixels.
 const LEAST_SIGMA_PX: f64 = 0.02;
-/// Noise of a camera over that of the one in the middle. Without limits one camera of few comes to weigh so much that all
-/// points follow it, and seems ever less noisy.
+/// Limits of a camera's noise relative to the median camera. Without limits, one of few cameras can gain so much weight that
+/// all points follow it, and its noise falls further.
 const NOISE_RATIOS: [f64; 2] = [0.5, 4.0];
 /// Rounds of estimating the noise and adjusting.
 const ROUNDS: usize = 4;
-/// What is believed of given lenses where they may move: focal length as a share, principal point as a share of the focal
-/// length, coefficients.
+/// Relative standard deviation of a given focal length that is adjusted.
 const FOCAL_PRIOR: f64 = 0.03;
+/// The same for the principal point, relative to the focal length.
 const PRINCIPAL_PRIOR: f64 = 0.02;
+/// The same for coefficients, absolute.
 const COEFFICIENT_PRIOR: f64 = 0.05;
 
-/// A refined problem, with the index of each of its cameras among all.
+/// A refined problem, with the index of each of its cameras in the request.
 #[derive(Debug, Clone)]
 pub(super) struct Refined {
     pub(super) problem: Problem,
     pub(super) posed: Vec<usize>,
 }
 
-/// What may move of a camera beside its pose.
+/// The parameters of a camera that are adjusted.
 pub(crate) fn freedom(lenses: Lenses, state: &CameraState) -> Free {
     let focal_px = state.intrinsics.fx_px;
     let pose = Free::none().with(Block::Pose);
@@ -55,7 +56,7 @@ pub(crate) fn freedom(lenses: Lenses, state: &CameraState) -> Free {
     }
 }
 
-/// Adjusts all `views` that have a pose, on the moments that several of them saw.
+/// Adjusts all `views` with a pose, on the moments that several of them saw.
 pub(super) fn refine(
     views: &[View],
     cameras: &[Option<CameraState>],
@@ -112,7 +113,7 @@ pub(super) fn refine(
     })
 }
 
-/// The views with the bearings that the lenses of `cameras` give them.
+/// The views with bearings from the lenses of `cameras`.
 fn seen_through(views: &[View], cameras: &[Option<CameraState>]) -> Vec<View> {
     let mut seen = views.to_vec();
     for (view, camera) in seen.iter_mut().zip(cameras) {
@@ -127,7 +128,7 @@ fn seen_through(views: &[View], cameras: &[Option<CameraState>]) -> Vec<View> {
     seen
 }
 
-/// Gives each observation the noise of its camera.
+/// Sets the standard deviation of each observation to the noise of its camera.
 pub(super) fn weigh(problem: &mut Problem, sigmas: &[f64]) {
     for observation in &mut problem.observations {
         if let Some(sigma) = sigmas.get(observation.camera) {
@@ -138,7 +139,7 @@ pub(super) fn weigh(problem: &mut Problem, sigmas: &[f64]) {
 
 /// Standard deviation per axis of each camera's residuals, from their median, pixels.
 ///
-/// Points take up freedom of their own: what is left is raised by the ratio of coordinates to coordinates less unknowns.
+/// Points are unknowns too: the median is raised by the ratio of all coordinates to the degrees of freedom.
 pub(super) fn noise_px(problem: &Problem) -> Vec<f64> {
     let mut lengths = vec![Vec::new(); problem.cameras.len()];
     let residuals = problem.residuals_px();
@@ -157,7 +158,7 @@ pub(super) fn noise_px(problem: &Problem) -> Vec<f64> {
     lengths.into_iter().map(sigma).collect()
 }
 
-/// The noise that adjustments weigh by: each within a range about that of the camera in the middle.
+/// The noise that adjustments use as weight: limited relative to the median camera.
 pub(super) fn bounded(noise_px: &[f64]) -> Vec<f64> {
     let usual = upper_median(noise_px.to_vec()).unwrap_or(1.0);
     let [low, high] = NOISE_RATIOS.map(|ratio| ratio * usual);

@@ -1,4 +1,4 @@
-//! What speaks against how a calibration lies in its venue: its length, its floor, its handedness, its known places.
+//! Findings about the alignment with the venue: scale, floor, handedness, known places.
 
 use farfield_proto::order_statistics::upper_median;
 use farfield_proto::plausibility::looks_over_heads;
@@ -10,30 +10,34 @@ use crate::adjustment::CameraState;
 use crate::alignment::{Alignment, Anchors, Lost};
 use crate::report::{CameraReport, Cause, Finding, finding};
 
-/// Distance of known places from where they were found that is doubtful: metres, and standard deviations of the places.
+/// Residual of known places above which there is a warning, metres.
 const DOUBTFUL_ANCHORS_M: f64 = 0.05;
+/// The same in standard deviations of the places.
 const ANCHORS_SIGMAS: f64 = 3.0;
-/// And that is wrong: as a share of the distance between cameras, and in metres.
+/// Residual of known places that is an error, relative to the distance between cameras.
 const WRONG_ANCHORS_SHARE: f64 = 0.02;
+/// The same in metres.
 const WRONG_ANCHORS_M: f64 = 0.5;
-/// A place without which so much of the distance is left is the wrong one.
+/// A place is wrong if the residual without it falls to this share.
 const ODD_SHARE: f64 = 1.0 / 3.0;
-/// Share by which a known distance may be off.
+/// Relative error of a known distance that is an error.
 const WRONG_DISTANCE: f64 = 0.02;
-/// Marks that are named, and the share of wrong ones, as one in so many, beyond which none can be believed.
+/// Most marks that are listed.
 const MOST_NAMED: usize = 6;
+/// It is an error if more than one mark in so many is an outlier.
 const WRONG_MARKS: f64 = 4.0;
-/// The z of a picture's upper edge below which a camera looks straight up or down, and says nothing of upright.
+/// Least z of the direction to a picture's upper edge. Below it a camera looks straight up or down and can be neither upright
+/// nor upside down.
 const LEAST_UPRIGHT: f64 = 0.1;
 
-/// Known places whose heights differ by no more than that lie in a plane, metres.
+/// Known places whose heights differ by at most this lie in a plane, metres.
 const LEVEL_M: f64 = 0.5;
 
-/// Cameras that were laid in their venue, and what is known of it: whatever they were calibrated from.
+/// Aligned cameras of any calibration, with the known facts about the venue.
 pub(crate) struct Laid<'a> {
-    /// Those that have a pose, in the world of the adjustment.
+    /// The cameras with a pose, in the world of the adjustment.
     pub(crate) cameras: &'a [(String, CameraState)],
-    /// What is known of them.
+    /// The known facts about them.
     pub(crate) anchors: &'a Anchors,
     pub(crate) alignment: &'a Alignment,
 }
@@ -60,9 +64,9 @@ impl Laid<'_> {
     }
 }
 
-/// What is said of `laid` cameras, of which `cameras` tells how well they are known: whether they stand upright, and fit
-/// known places, distances and marks.
-pub(crate) fn of_anchors(laid: &Laid<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
+/// Findings about aligned cameras: whether they are upright and fit known places, distances and marks. `cameras` has their
+/// uncertainties.
+pub(crate) fn anchor_findings(laid: &Laid<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
     let mut findings = Vec::new();
     findings.extend(upright(laid).or_else(|| looking_up(laid)));
     findings.extend(known_places(laid, cameras));
@@ -71,17 +75,17 @@ pub(crate) fn of_anchors(laid: &Laid<'_>, cameras: &[CameraReport]) -> Vec<Findi
     findings
 }
 
-/// What is said of the alignment, of all cameras together.
-pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
+/// Findings about the alignment of all cameras together.
+pub(super) fn alignment_findings(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
     let mut findings = Vec::new();
-    let has_pose = |name: &str| found.named.iter().any(|(of, _)| of == name);
+    let has_pose = |name: &str| found.named.iter().any(|(other, _)| other == name);
     let lost = Lost(found.request.anchors.lost(has_pose));
     if !found.alignment.has_scale {
         findings.push(finding(
             "",
             Cause::NoScale,
             true,
-            lost.found("nothing says how long a metre is"),
+            lost.missing("the length of a metre is unknown"),
             "a known distance, or three known places",
             &lost.remedy("measure the distance between two cameras, 5 m or more"),
         ));
@@ -91,7 +95,7 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
             "",
             Cause::NoFloor,
             true,
-            lost.found("nothing says where the floor is and which way is up"),
+            lost.missing("the floor and the direction of up are unknown"),
             "an upright world: a run refuses any other",
             &lost.remedy("give the places of three cameras or more, not on one line"),
         ));
@@ -101,12 +105,12 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
             "",
             Cause::Handedness,
             false,
-            lost.found("handedness was not checked: mirrored videos would not show"),
+            lost.missing("handedness was not checked: mirrored videos would not be visible"),
             "three known places or more",
             &lost.remedy("give the places of three cameras or more"),
         ));
     }
-    findings.extend(of_anchors(
+    findings.extend(anchor_findings(
         &Laid {
             cameras: &found.named,
             anchors: &found.anchors,
@@ -121,7 +125,7 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
             "",
             Cause::Uncertain,
             false,
-            "two cameras alone tell little of their clocks".to_owned(),
+            "two cameras alone hardly determine their clocks".to_owned(),
             "three or more",
             "add a camera, or give the offsets",
         ));
@@ -129,7 +133,7 @@ pub(super) fn of_alignment(found: &Found<'_>, cameras: &[CameraReport]) -> Vec<F
     findings
 }
 
-/// The squares of a board as known places and distances have them.
+/// Compares the squares of a board with known places and distances.
 fn squares(found: &Found<'_>) -> Option<Finding> {
     let board = found.request.board?;
     let scale = found.alignment.venue_from_found.scale;
@@ -140,7 +144,7 @@ fn squares(found: &Found<'_>) -> Option<Finding> {
             Cause::Anchors,
             true,
             format!(
-                "by the known places and distances a square of the board is {:.1} mm",
+                "according to the known places and distances a square of the board is {:.1} mm",
                 scale * mm
             ),
             &format!("{mm:.1} mm, as given, to 2 %"),
@@ -149,8 +153,8 @@ fn squares(found: &Found<'_>) -> Option<Finding> {
     })
 }
 
-/// Cameras stand upright. Where the known places lie in a plane their mirror image fits them as well, and what then stands
-/// on its head is the cameras.
+/// Reports cameras that are upside down. Known places in a plane also fit their mirror image, in which the cameras are upside
+/// down.
 fn upright(laid: &Laid<'_>) -> Option<Finding> {
     if !laid.alignment.has_floor {
         return None;
@@ -171,18 +175,18 @@ fn upright(laid: &Laid<'_>) -> Option<Finding> {
             Cause::Handedness,
             true,
             format!(
-                "the world stands on its head, known places fit their mirror image: {turned} of {} cameras have the upper \
-                 edge of their picture below",
+                "the world is upside down, and the known places fit their mirror image: {turned} of {} cameras have the upper \
+                 edge of their picture at the bottom",
                 states.len()
             ),
             "cameras that stand upright",
-            "look for two exchanged axes or a wrong sign in the known places, and for mirrored videos",
+            "check the known places for two exchanged axes or a wrong sign, and the videos for mirroring",
         )
     })
 }
 
-/// Cameras over people's heads look down. Where y was counted from below in all sights, cameras are upright in the mirror image
-/// of known places in a plane, too, and look up.
+/// Reports cameras that all look up although they are above people's heads. If y was counted from below in all sights, cameras
+/// are upright in the mirror image of known places in a plane, but look up.
 fn looking_up(laid: &Laid<'_>) -> Option<Finding> {
     let states = laid.states();
     let looks_up = |state: &CameraState| {
@@ -194,17 +198,17 @@ fn looking_up(laid: &Laid<'_>) -> Option<Finding> {
     let (low_m, high_m) = heights_m.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| {
         (low.min(z), high.max(z))
     });
-    let is_told_by_places = high_m - low_m > LEVEL_M;
+    let have_relief = high_m - low_m > LEVEL_M;
     (is_floor_known && states.len() >= 2 && states.iter().all(looks_up)).then(|| {
         finding(
             "",
             Cause::Handedness,
-            !is_told_by_places,
+            !have_relief,
             "all cameras look up, from more than 1.5 m above the floor; known places that lie in a plane fit their mirror image"
                 .to_owned(),
             "cameras that look down at people",
-            "look whether y is counted from below in what the cameras saw, or their videos are mirrored; if they really look up, \
-             say so by a camera whose height differs by a metre from that of the others",
+            "check whether y is counted from below in the sightings, or the videos are mirrored; if the cameras really look up, \
+             state it by a camera whose height differs by a metre from that of the others",
         )
     })
 }
@@ -220,23 +224,23 @@ fn known_places(laid: &Laid<'_>, cameras: &[CameraReport]) -> Option<Finding> {
     }
     let odd = laid.anchors.odd_place(laid.cameras);
     let odd = odd.filter(|(_, left_m)| *left_m < ODD_SHARE * rms_m);
-    let said = odd.map_or_else(String::new, |(name, left_m)| {
+    let without = odd.map_or_else(String::new, |(name, left_m)| {
         format!("; without `{name}` the others fit to {left_m:.3} m")
     });
     Some(finding(
         "",
         Cause::Anchors,
         rms_m > wrong_m,
-        format!("the known places are {rms_m:.3} m from where they were found{said}"),
+        format!("the known places are {rms_m:.3} m from where they were found{without}"),
         &format!("{:.3} m or less", bar_m.min(wrong_m)),
-        "look for exchanged names, another unit, or a wrong number among them",
+        "check for exchanged names, another unit, or a wrong number among them",
     ))
 }
 
-/// Marks that were clicked beside the others.
+/// Reports clicked marks that are outliers.
 fn marks(laid: &Laid<'_>) -> Option<Finding> {
     let fitted = laid.anchors.fit_marks(laid.cameras).ok()??;
-    let said: Vec<String> = fitted
+    let outliers: Vec<String> = fitted
         .outliers()
         .take(MOST_NAMED)
         .map(|it| match (&it.camera, it.px) {
@@ -256,10 +260,10 @@ fn marks(laid: &Laid<'_>) -> Option<Finding> {
             format!(
                 "{count} of {} clicked marks do not fit the others: {}",
                 fitted.residuals.len(),
-                said.join(", ")
+                outliers.join(", ")
             ),
             "marks that all fit one court",
-            "click them again, or look for exchanged names",
+            "click them again, or check for exchanged names",
         )
     })
 }
@@ -284,7 +288,7 @@ fn known_distances(laid: &Laid<'_>) -> Vec<Finding> {
                     known.first, known.second, known.distance_m
                 ),
                 "at most 2 % of difference",
-                "measure the distance again, and look at the known places and distances beside it",
+                "measure the distance again, and check the other known places and distances",
             )
         })
     });

@@ -1,20 +1,19 @@
-//! What each camera saw, with the lens taken out.
+//! The undistorted sights of each camera.
 
-use farfield_proto::order_statistics::upper_median;
 use std::collections::BTreeMap;
 
 use farfield_proto::camera::{CameraError, CameraModel};
 use farfield_proto::frames::Transform;
+use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Isometry3, Vector3};
 
-use super::error::CalibrationError;
-use super::request::PointCamera;
+use super::request::{CalibrationError, PointCamera};
 use crate::adjustment::CameraState;
 
-/// Neighbours on either side that a sighting is compared with.
+/// Number of neighbours on either side with which a sighting is compared.
 const NEIGHBOURS: usize = 2;
-/// Distance from what its neighbours foretell at which a sighting is an outlier: this many pixels, and this many times the
-/// usual distance.
+/// Distance from the prediction by its neighbours above which a sighting is an outlier: this many pixels, and this many times
+/// the usual distance.
 const OUTLIER_PX: f64 = 4.0;
 const OUTLIER_TIMES: f64 = 8.0;
 
@@ -42,8 +41,8 @@ pub(super) struct View {
 }
 
 impl Track {
-    /// Sights that the lens model does not reach, or that are far outside the picture, are left out.
-    pub(super) fn of(camera: &PointCamera) -> Result<Self, CalibrationError> {
+    /// Leaves out sights outside the range of the lens or far outside the picture.
+    pub(super) fn new(camera: &PointCamera) -> Result<Self, CalibrationError> {
         check_lens(camera)?;
         let mut state = CameraState::at_origin(camera.intrinsics, camera.lens);
         let fold_radius = state.fold_radius();
@@ -75,12 +74,12 @@ impl Track {
         Ok(Self { state, seen })
     }
 
-    /// Focal length, pixels: how many pixels a radian has at the axis.
+    /// Focal length, pixels: the number of pixels per radian at the axis.
     pub(super) fn focal_px(&self) -> f64 {
         focal_px(&self.state)
     }
 
-    /// By whole frame numbers.
+    /// The sights by whole frame number.
     pub(super) fn by_frame(&self) -> View {
         let seen = self.seen.iter();
         View {
@@ -89,8 +88,8 @@ impl Track {
         }
     }
 
-    /// Without the sights that do not lie where those before and after foretell: for interpolation, which a single
-    /// outlier spoils twice.
+    /// Leaves out the sights that are far from the prediction by their neighbours. Interpolation needs this, because one outlier
+    /// spoils two intervals.
     pub(super) fn without_outliers(&self) -> Self {
         let distances: Vec<f64> = (0..self.seen.len())
             .map(|i| self.unevenness_px(i))
@@ -104,7 +103,7 @@ impl Track {
         }
     }
 
-    /// Median distance of a sight to the straight lines through two of its neighbours each.
+    /// Median distance of a sight from the straight lines through pairs of its neighbours.
     fn unevenness_px(&self, index: usize) -> f64 {
         let from = index.saturating_sub(NEIGHBOURS);
         let to = (index + NEIGHBOURS + 1).min(self.seen.len());
@@ -127,8 +126,7 @@ impl Track {
         upper_median(distances).unwrap_or(0.0)
     }
 
-    /// The bearing and pixel at `frame`, by a straight line between its neighbours if these are at most `most_gap` frames
-    /// apart.
+    /// The bearing and pixel at `frame`, interpolated between its neighbours if these are at most `most_gap` frames apart.
     pub(super) fn at(&self, frame: f64, most_gap: f64) -> Option<Seen> {
         let after = self.seen.partition_point(|s| s.frame < frame);
         let b = self.seen.get(after)?;
@@ -155,7 +153,7 @@ impl View {
     }
 }
 
-/// Refuses numbers that are none. A lens that folds in a corner of its picture is let pass: the point may never be there.
+/// Refuses invalid numbers, but not a lens that folds in a corner of its picture: the point may never be there.
 fn check_lens(camera: &PointCamera) -> Result<(), CalibrationError> {
     let model = CameraModel::new(
         &camera.name,

@@ -1,24 +1,25 @@
-//! Which parts of a camera's picture the sights reach: where there are none, its lens and its pose are guessed.
+//! The parts of a camera's picture with sights: elsewhere its lens and its pose are not checked.
 
-/// Columns and rows of the grid that is laid over a picture.
+/// Columns of the grid over a picture.
 const COLUMNS: usize = 6;
+/// Rows of the grid over a picture.
 const ROWS: usize = 4;
 
 /// An edge of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PictureEdge {
-    /// Where x is 0.
+    /// The edge at x = 0.
     Left,
-    /// Where x is greatest.
+    /// The edge at the largest x.
     Right,
-    /// Where y is 0.
+    /// The edge at y = 0.
     Upper,
-    /// Where y is greatest.
+    /// The edge at the largest y.
     Lower,
 }
 
 impl PictureEdge {
-    /// As a word.
+    /// Its name in messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Left => "left",
@@ -29,16 +30,16 @@ impl PictureEdge {
     }
 }
 
-/// How many sights that fit are in each part of a picture.
+/// The number of fitting sights in each part of a picture.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PictureCoverage {
-    /// Sights per cell, row by row from the upper edge, each from the left.
+    /// Sights per cell, by rows from the top, each from the left.
     pub cells: [[usize; COLUMNS]; ROWS],
 }
 
 impl PictureCoverage {
-    /// Of a picture of `size_px`; what is outside of it counts nothing.
-    pub fn of(size_px: [u32; 2], pixels: impl IntoIterator<Item = [f64; 2]>) -> Self {
+    /// The coverage of a picture of `size_px`; pixels outside of it are ignored.
+    pub fn new(size_px: [u32; 2], pixels: impl IntoIterator<Item = [f64; 2]>) -> Self {
         let mut cells = [[0; COLUMNS]; ROWS];
         for px in pixels {
             let part = |axis: usize, parts: usize| {
@@ -63,7 +64,7 @@ impl PictureCoverage {
         empty.count() as f64 / (COLUMNS * ROWS) as f64
     }
 
-    /// Edges along which no cell has a sight.
+    /// Edges whose cells have no sight.
     pub fn empty_edges(&self) -> Vec<PictureEdge> {
         let row_is_empty = |row: usize| self.cells[row].iter().all(|count| *count == 0);
         let column_is_empty = |column: usize| self.cells.iter().all(|row| row[column] == 0);
@@ -83,20 +84,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn edges_without_a_sight_are_named() {
+    fn edges_without_sights_are_listed() {
         let size_px = [600, 400];
-        // The right half, but for the lowest quarter.
+        // The right half except for the lowest quarter.
         let pixels = (0..300).flat_map(|x| {
             let column = f64::from(300 + x);
             (0..6).map(move |y| [column, 50.0 * f64::from(y)])
         });
-        let found = PictureCoverage::of(size_px, pixels);
+        let found = PictureCoverage::new(size_px, pixels);
         assert_eq!(found.empty_edges(), [PictureEdge::Left, PictureEdge::Lower]);
         assert!((found.empty_share() - 15.0 / 24.0).abs() < 1e-12);
     }
 
     #[test]
-    fn what_is_outside_of_the_picture_counts_nothing() {
+    fn pixels_outside_of_the_picture_are_ignored() {
         let outside = [
             [-0.6, 5.0],
             [599.6, 5.0],
@@ -104,10 +105,10 @@ mod tests {
             [f64::NAN, 1.0],
             [1e300, 1.0],
         ];
-        let found = PictureCoverage::of([600, 400], outside);
+        let found = PictureCoverage::new([600, 400], outside);
         assert!((found.empty_share() - 1.0).abs() < 1e-12);
         let corners = [[-0.5, -0.5], [599.4, 399.4]];
-        let found = PictureCoverage::of([600, 400], corners);
+        let found = PictureCoverage::new([600, 400], corners);
         assert_eq!((found.cells[0][0], found.cells[3][5]), (1, 1));
     }
 }

@@ -1,45 +1,45 @@
-//! The map of the field that a calibration covers: where it is, how many cameras see it, how sure a point is there.
+//! The map of the field that a calibration covers: its extent, the number of cameras that see each cell, and the accuracy.
 
 use super::finding::finding;
 use super::{CameraReport, Cause, FieldCamera, FieldCell, FieldGrid, Finding, field_map};
 use farfield_proto::court::Court;
 use farfield_proto::order_statistics::percentile;
 
-/// The sight that the map is of: a keypoint that each camera sees to a pixel, so that maps can be compared.
+/// Standard deviation of a sight on the map, pixels: a fixed value, so that maps can be compared.
 pub const FIELD_SIGHT_PX: f64 = 1.0;
-/// Height of the map over the floor where people walk, and the greatest that is a person's, metres.
+/// Height of the map over the floor if people walk there, metres.
 const BODY_M: f64 = 1.0;
+/// Largest height of a person, metres.
 const MOST_BODY_M: f64 = 3.0;
-/// Cells along the longer side of the field, at most.
+/// Most cells along the longer side of the field.
 const MOST_ALONG: f64 = 40.0;
-/// From cell to cell, metres: the first that is not too fine.
+/// Sides of a cell, metres; the first that gives few enough cells is used.
 const STEPS_M: [f64; 10] = [0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 2.5, 5.0, 10.0, 25.0];
-/// Share of the places at each end of an axis that count as strays.
+/// Share of the places at each end of an axis that are ignored as outliers.
 const STRAY: f64 = 0.01;
-/// Share of the field that fewer than two cameras may see.
+/// Share of the field seen by fewer than two cameras above which there is a finding.
 const BLIND: f64 = 0.02;
 
-/// How well the field is known.
+/// The accuracy of a calibration over the field.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldReport {
-    /// The court that is part of it; `None` where it is only where somebody was.
+    /// The court that is part of it; `None` if the field is only where people or the point were.
     pub court: Option<Court>,
     /// Side of a cell, metres.
     pub step_m: f64,
     /// Height of the map over the floor, metres.
     pub height_m: f64,
-    /// Standard deviation of the sights that it is of, pixels.
+    /// Standard deviation of the sights of the map, pixels.
     pub sight_sigma_px: f64,
     /// The cells of the field.
     pub cells: Vec<FieldCell>,
 }
 
 impl FieldReport {
-    /// The field is the hull of `places_m`, venue: where the point or people were (without the strays among them), and of
-    /// `known_m`, what else is known to be in it, the whole of `court` too: there anybody can be.
-    /// `cameras` are in the venue too, and `reports` tell how well they are known. `None` where there is no field, or nothing is
-    /// known of the cameras.
-    pub(crate) fn of(
+    /// The field is the hull of `places_m`, where the point or people were (without outliers), of `known_m`, and of the whole
+    /// `court`. All are in the venue, and so are `cameras`. `None` if there is no field, or the uncertainty of all cameras is
+    /// unknown.
+    pub(crate) fn new(
         cameras: &[FieldCamera],
         places_m: impl IntoIterator<Item = [f64; 3]>,
         known_m: impl IntoIterator<Item = [f64; 3]>,
@@ -91,20 +91,20 @@ impl FieldReport {
         })
     }
 
-    /// Share of the field that at least `cameras` see, 0 to 1.
+    /// Share of the field that at least `cameras` cameras see, 0 to 1.
     pub fn share_seen_by(&self, cameras: usize) -> f64 {
         let seen = self.cells.iter().filter(|cell| cell.cameras >= cameras);
         seen.count() as f64 / self.cells.len().max(1) as f64
     }
 
-    /// The standard deviation that a share of the cells that have one do not exceed, metres; `None` where none has one.
+    /// The percentile `share` of the standard deviations of cells that have one, metres; `None` if none has one.
     pub fn sigma_m(&self, share: f64) -> Option<f64> {
         let mut sigmas: Vec<f64> = self.cells.iter().filter_map(|it| it.sigma_m).collect();
         sigmas.sort_by(f64::total_cmp);
         percentile(&sigmas, share)
     }
 
-    /// What is said of it: parts of the field in which nobody will be found.
+    /// The finding about parts of the field where nothing can be triangulated.
     pub(crate) fn finding(&self) -> Option<Finding> {
         let blind = self.cells.iter().filter(|cell| cell.cameras < 2);
         let blind: Vec<&FieldCell> = blind.collect();
@@ -131,13 +131,13 @@ impl FieldReport {
     }
 }
 
-/// A camera of the map, in the venue, with what is not known of it.
+/// A camera of the map in the venue, with its uncertainty.
 pub(crate) fn field_camera(
     state: crate::adjustment::CameraState,
     size_px: [u32; 2],
     report: &CameraReport,
 ) -> FieldCamera {
-    // These are roots of sums over three axes.
+    // The reported values are roots of sums over three axes.
     let per_axis = |sigma: f64| sigma / 3f64.sqrt();
     FieldCamera {
         state,
@@ -147,13 +147,13 @@ pub(crate) fn field_camera(
     }
 }
 
-/// Where the corners of a court are, venue.
+/// The corners of a court in the venue.
 fn corners_m(court: &Court) -> [[f64; 3]; 4] {
     let [x, y] = court.size_m.map(|side_m| 0.5 * side_m);
     [[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]
 }
 
-/// Least and greatest coordinate along an axis, strays left out.
+/// Smallest and largest coordinate along an axis, without outliers.
 fn ends(places: &[[f64; 3]], axis: usize) -> Option<[f64; 2]> {
     let mut sorted: Vec<f64> = places.iter().map(|at| at[axis]).collect();
     sorted.sort_by(f64::total_cmp);
@@ -163,7 +163,7 @@ fn ends(places: &[[f64; 3]], axis: usize) -> Option<[f64; 2]> {
     ])
 }
 
-/// Corners of the convex hull, against the clock (Andrew's monotone chain).
+/// Corners of the convex hull, counterclockwise (Andrew's monotone chain).
 fn hull(mut places: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     places.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     let half = |places: &mut dyn Iterator<Item = &[f64; 2]>| {
@@ -184,7 +184,7 @@ fn hull(mut places: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     corners
 }
 
-/// Above 0 where `c` is to the left of the way from `a` to `b`.
+/// Positive if `c` is to the left of the line from `a` to `b`.
 fn turn(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
@@ -224,7 +224,7 @@ mod tests {
         each.to_vec()
     }
 
-    /// A square walked through, and a few strays.
+    /// Places over a square, with a few outliers.
     fn walked(half_m: f64) -> Vec<[f64; 3]> {
         let line = |i: i32| half_m * (f64::from(i) / 20.0 - 1.0);
         let mut places: Vec<[f64; 3]> = (0..=40)
@@ -235,8 +235,8 @@ mod tests {
     }
 
     #[test]
-    fn the_field_is_where_somebody_was() {
-        let found = FieldReport::of(&from_above(), walked(4.0), [], None).unwrap();
+    fn the_field_is_the_hull_of_the_places() {
+        let found = FieldReport::new(&from_above(), walked(4.0), [], None).unwrap();
         assert!((found.step_m - 0.2).abs() < 1e-12 && (found.height_m - 1.0).abs() < 1e-12);
         assert!(
             found.cells.len() > 1400 && found.cells.len() <= 1600,
@@ -249,11 +249,11 @@ mod tests {
     }
 
     #[test]
-    fn a_court_is_field_wherever_nobody_was() {
+    fn a_court_belongs_to_the_field_as_a_whole() {
         let volleyball = Court::of("volleyball", None).unwrap();
         let walked_m = walked(4.0);
-        let found = FieldReport::of(&from_above(), walked_m, [], Some(&volleyball)).unwrap();
-        // 18 x 9 m, of which the two cameras share about 13 m.
+        let found = FieldReport::new(&from_above(), walked_m, [], Some(&volleyball)).unwrap();
+        // 18 x 9 m; the two cameras share about 13 m.
         let area_m2 = found.cells.len() as f64 * found.step_m * found.step_m;
         assert!((area_m2 - 162.0).abs() < 20.0, "{area_m2}");
         let share = found.share_seen_by(2);
@@ -262,26 +262,26 @@ mod tests {
     }
 
     #[test]
-    fn where_fewer_than_two_cameras_see_is_said() {
-        let found = FieldReport::of(&from_above(), walked(9.0), [], None).unwrap();
+    fn parts_seen_by_fewer_than_two_cameras_cause_a_finding() {
+        let found = FieldReport::new(&from_above(), walked(9.0), [], None).unwrap();
         assert!(found.share_seen_by(2) < 0.7);
-        let said = found.finding().unwrap();
+        let finding = found.finding().unwrap();
         assert!(
-            !said.is_wrong() && said.found.contains("fewer than two cameras"),
-            "{said}"
+            !finding.is_wrong() && finding.cause == Cause::Coverage,
+            "{finding}"
         );
     }
 
     #[test]
-    fn nothing_walked_or_one_line_is_no_field() {
-        assert!(FieldReport::of(&from_above(), Vec::new(), [], None).is_none());
+    fn no_places_or_one_line_are_no_field() {
+        assert!(FieldReport::new(&from_above(), Vec::new(), [], None).is_none());
         let line = (0..100).map(|i| [f64::from(i) * 0.1, 1.0, 0.0]);
-        assert!(FieldReport::of(&from_above(), line, [], None).is_none());
-        assert!(FieldReport::of(&[], walked(4.0), [], None).is_none());
+        assert!(FieldReport::new(&from_above(), line, [], None).is_none());
+        assert!(FieldReport::new(&[], walked(4.0), [], None).is_none());
     }
 
     #[test]
-    fn a_hull_holds_what_it_was_made_of() {
+    fn a_hull_contains_its_points() {
         let places = vec![
             [0.0, 0.0],
             [4.0, 0.0],

@@ -1,4 +1,4 @@
-//! How well a point of the field will be known, cell by cell: what of the field is seen, and how sure a triangulation is there.
+//! The accuracy of a triangulated point in each cell of the field, and the number of cameras that see it.
 
 use nalgebra::{Matrix2, Matrix3, Vector3};
 
@@ -6,30 +6,30 @@ use crate::adjustment::CameraState;
 
 /// Most cells of a map.
 const MOST_CELLS: usize = 250_000;
-/// Least eigenvalue of the information over the greatest that fixes a point.
+/// Least ratio of the smallest to the largest eigenvalue of the information for a determined point.
 const LEAST_EIGENVALUE: f64 = 1e-9;
 
-/// A camera with what is not known of it.
+/// A camera with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldCamera {
     /// Lens and pose in the venue.
     pub state: CameraState,
     /// Width and height of its pictures, pixels.
     pub size_px: [u32; 2],
-    /// Standard deviation of its place along each axis, metres: of `CameraReport::position_sigma_m` over the root of three.
+    /// Standard deviation of its position along each axis, metres: `CameraReport::position_sigma_m` over the root of three.
     pub position_sigma_m: f64,
     /// Standard deviation of its rotation about each axis, radians.
     pub rotation_sigma_rad: f64,
 }
 
-/// Where a map is made.
+/// The extent of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldGrid {
-    /// Least x and y, venue, metres.
+    /// Smallest x and y, venue, metres.
     pub from_m: [f64; 2],
-    /// Greatest x and y.
+    /// Largest x and y.
     pub to_m: [f64; 2],
-    /// From cell to cell.
+    /// Side of a cell.
     pub step_m: f64,
     /// Height above the floor.
     pub height_m: f64,
@@ -40,22 +40,21 @@ pub struct FieldGrid {
 pub struct FieldCell {
     /// Its middle, venue, metres.
     pub position_m: [f64; 3],
-    /// How many cameras see it.
+    /// The number of cameras that see it.
     pub cameras: usize,
-    /// Standard deviation of a point that all of them see, root of the summed variances of the three axes, metres; `None` where
-    /// fewer than two see it, or from one direction.
+    /// Standard deviation of a point that all of them see: root of the summed variances of the three axes, metres; `None` if
+    /// fewer than two see it, or all from one direction.
     pub sigma_m: Option<f64>,
 }
 
-/// The cells of `grid`, rows of rising y one after the other. A sight has a standard deviation of `sight_sigma_px` along each axis.
+/// The cells of `grid` by rows of increasing y. A sight has a standard deviation of `sight_sigma_px` along each axis.
 ///
-/// The information of a cell is the sum over the cameras that see it of J' C^-1 J, with J the derivative of the pixel by the point
-/// and C the variance of the sight, with that of the camera's place and rotation added. These are taken as independent from
-/// camera to camera: what moves all cameras alike (the alignment) is not in it ([`crate::alignment::MarkFit::sigma_m`] is
-/// that).
+/// The information of a cell is the sum over the cameras that see it of J' C^-1 J. J is the derivative of the pixel by the point,
+/// and C the variance of the sight plus that from the camera's position and rotation. Cameras are treated as independent:
+/// errors that move all cameras alike (the alignment) are not included ([`crate::alignment::MarkFit::sigma_m`] is that).
 ///
 /// # Errors
-/// In words: a grid without cells, or with more than 250,000.
+/// A message: a grid without cells, or with more than 250,000.
 pub fn field_map(
     cameras: &[FieldCamera],
     grid: &FieldGrid,
@@ -178,11 +177,11 @@ mod tests {
     };
 
     #[test]
-    fn what_is_said_of_a_cell_is_how_far_points_are_off() {
+    fn the_sigma_of_a_cell_matches_the_errors_of_points() {
         let cameras = cameras();
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let map = field_map(&cameras, &GRID, 2.0).unwrap();
-        // Near the middle, where all cameras are about as far: elsewhere the nearest point of rays is not the best one.
+        // Only near the middle, where all cameras have similar distances: elsewhere the nearest point to all rays is not optimal.
         let is_inner =
             |cell: &&FieldCell| libm::hypot(cell.position_m[0], cell.position_m[1]) < 3.5;
         for cell in map.iter().filter(is_inner) {
@@ -190,7 +189,7 @@ mod tests {
             let at = Vector3::from(cell.position_m);
             let mut squares = 0.0;
             for _ in 0..200 {
-                // Uniform of the standard deviation 2.
+                // Uniform with standard deviation 2.
                 let mut noise = || rng.random_range(-1.0..1.0) * 2.0 * 3f64.sqrt();
                 let sights: Vec<_> = cameras
                     .iter()
@@ -228,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_that_are_known_badly_make_points_that_are() {
+    fn uncertain_cameras_give_uncertain_points() {
         let sharp = field_map(&cameras(), &GRID, 1.0).unwrap();
         let mut loose = cameras();
         for camera in &mut loose {

@@ -1,41 +1,43 @@
-//! What speaks against a calibration.
+//! Findings about a calibration, and those about a camera that all calibrations share.
 
 use farfield_proto::finding::Severity;
 
-/// What kind of mistake it is.
+use super::{CameraReport, PictureEdge};
+
+/// The cause of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Cause {
     /// A camera has no pose: it shares too little with the others, or agrees with none.
     NotConnected,
-    /// Much of what a camera saw does not fit.
+    /// Many sights of a camera do not fit.
     Outliers,
-    /// The sights do not determine something.
+    /// The sights do not determine all parameters.
     Degenerate,
-    /// A camera's place is known badly.
+    /// The position of a camera is uncertain.
     Uncertain,
-    /// The halves of the data disagree: a camera was moved, or a clock wanders.
+    /// The halves of the data disagree: a camera was moved, or a clock drifts.
     HalvesDisagree,
     /// The halves of the data could not be compared.
     HalvesUnchecked,
-    /// The focal length had to move far from the given one.
+    /// The adjusted focal length is far from the given one.
     Focal,
     /// Residuals are much larger than those of other cameras.
     Residual,
     /// The lens model folds inside the picture.
     LensFolds,
-    /// Nothing says how long a metre is.
+    /// The scale is unknown.
     NoScale,
-    /// Nothing says which way is up.
+    /// The direction of up is unknown.
     NoFloor,
     /// Known places are far from where they were found.
     Anchors,
-    /// The world is mirrored or on its head, or nothing tells whether it is.
+    /// The world is mirrored or upside down, or this cannot be checked.
     Handedness,
-    /// A camera fits at some times and not at others: it was moved, or its clock jumped.
+    /// A camera fits only part of the time: it was moved, or its clock jumped.
     Knocked,
     /// A camera is under the floor.
     UnderFloor,
-    /// People walked where they tell little of the cameras: along one line, at one distance.
+    /// The walks of people determine the cameras poorly: along one line, or at one distance.
     Walk,
     /// Feet do not lie on one plane, or people do not stand upright on it.
     Feet,
@@ -43,16 +45,16 @@ pub enum Cause {
     TooFewPeople,
     /// The clock of a camera is not as given.
     Clock,
-    /// A part of the field is seen by too few cameras, or most of a picture saw nothing.
+    /// A part of the field is seen by too few cameras, or most of a picture has no sights.
     Coverage,
     /// People come out larger or smaller than they are.
     Stature,
 }
 
-/// One thing that speaks against a calibration.
+/// A finding about a calibration.
 pub type Finding = farfield_proto::finding::Finding<Cause>;
 
-/// A finding of a camera, or of all where `camera` is empty.
+/// A finding about a camera, or about all if `camera` is empty.
 pub(crate) fn finding(
     camera: &str,
     cause: Cause,
@@ -73,4 +75,73 @@ pub(crate) fn finding(
         expected: expected.to_owned(),
         remedy: remedy.to_owned(),
     }
+}
+
+/// Standard deviation of a position, relative to the distance between cameras, above which there is a warning.
+const DOUBTFUL_SIGMA: f64 = 0.005;
+/// The same for an error.
+const WRONG_SIGMA: f64 = 0.03;
+/// Relative change of the focal length above which there is a warning.
+const DOUBTFUL_FOCAL: f64 = 0.02;
+/// The same for an error.
+const WRONG_FOCAL: f64 = 0.06;
+/// Share of cells of a picture without sights above which there is a finding.
+const EMPTY: f64 = 0.6;
+
+/// The finding about an uncertain position, relative to `span_m`, the largest distance between cameras, metres.
+pub(crate) fn uncertain_place(report: &CameraReport, span_m: f64, remedy: &str) -> Option<Finding> {
+    let share = report.position_sigma_m / span_m;
+    (share.is_nan() || share > DOUBTFUL_SIGMA).then(|| {
+        finding(
+            &report.name,
+            Cause::Uncertain,
+            share.is_nan() || share > WRONG_SIGMA,
+            format!("its position is known to {:.3} m", report.position_sigma_m),
+            &format!("{:.3} m or better", DOUBTFUL_SIGMA * span_m),
+            remedy,
+        )
+    })
+}
+
+/// The finding about an adjusted focal length that differs from the given one.
+pub(crate) fn other_focal_length(report: &CameraReport) -> Option<Finding> {
+    let change = (report.focal_ratio - 1.0).abs();
+    (change > DOUBTFUL_FOCAL).then(|| {
+        finding(
+            &report.name,
+            Cause::Focal,
+            change > WRONG_FOCAL,
+            format!(
+                "its focal length is {:.3} of the given one",
+                report.focal_ratio
+            ),
+            "within a hundredth or two",
+            "calibrate its lens again, at the zoom and focus that it has now",
+        )
+    })
+}
+
+/// The finding about a picture that is mostly without sights: later sights there depend on an unchecked lens and pose.
+pub(crate) fn empty_picture(report: &CameraReport, what: &str) -> Option<Finding> {
+    let share = report.coverage.empty_share();
+    let edges = report.coverage.empty_edges();
+    let names: Vec<&str> = edges.into_iter().map(PictureEdge::name).collect();
+    let remedy = match names.as_slice() {
+        [] => format!("{what} in more of its picture"),
+        [only] => format!("{what} also at the {only} edge of its picture"),
+        [.., last] => {
+            let others = names[..names.len() - 1].join(", ");
+            format!("{what} also at the {others} and {last} edges of its picture")
+        }
+    };
+    (share > EMPTY).then(|| {
+        finding(
+            &report.name,
+            Cause::Coverage,
+            false,
+            format!("{:.0} % of its picture has no fitting sight", 100.0 * share),
+            "sights in most of the part of the field that it sees",
+            &remedy,
+        )
+    })
 }

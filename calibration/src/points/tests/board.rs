@@ -1,4 +1,4 @@
-//! A board that is carried about, of which each instant is seen by two cameras only.
+//! A moving board that only two cameras see at each instant.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::recorded::folder;
+use super::real::folder;
 use super::simulated::{SIZE_PX, gauss, worst};
 use super::*;
 use crate::adjustment::CameraState;
@@ -25,7 +25,7 @@ const BOARD: RigidBoard = RigidBoard {
 const INSTANTS: usize = 20;
 const NOISE_PX: f64 = 0.3;
 
-/// Four cameras side by side, low and high by turns, that look ahead.
+/// Four cameras in a row, alternately low and high, that look ahead.
 fn line() -> Vec<CameraState> {
     let intrinsics = super::simulated::cameras(&super::simulated::SMALL)[0].intrinsics;
     let each = (0..4).map(|i| CameraState {
@@ -43,7 +43,7 @@ fn line() -> Vec<CameraState> {
     each.collect()
 }
 
-/// What `truth` saw of the board between two neighbours at a time; `seen_by` says whether a camera took part.
+/// The sights of the board between two neighbours at a time; `seen_by` states whether a camera sees the board of a pair.
 fn request(truth: &[CameraState], seen_by: impl Fn(usize, usize) -> bool) -> PointRequest {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut cameras: Vec<PointCamera> = truth
@@ -110,9 +110,9 @@ fn distance_m(found: &PointCalibration, first: usize, second: usize) -> f64 {
     (found.cameras[first].state.center_w - found.cameras[second].state.center_w).norm()
 }
 
-/// Symptom: two cameras without a pose, whose clocks, lenses and videos were accused; and 6298.968 degrees.
+/// Symptom: two cameras without a pose were reported with wrong causes (clocks, lenses, videos); and an angle of 6298.968 degrees.
 #[test]
-fn points_that_no_three_cameras_see_accuse_none_and_no_angle_is_beyond_half_a_turn() {
+fn points_without_three_cameras_have_the_correct_cause_and_bounded_angles() {
     let found = quiet(&request(&line(), neighbours)).unwrap();
     assert_eq!(found.cameras.len(), 2);
     for it in &found.report.findings {
@@ -120,24 +120,25 @@ fn points_that_no_three_cameras_see_accuse_none_and_no_angle_is_beyond_half_a_tu
     }
     let lost = found.report.findings.iter();
     let lost = lost.filter(|it| it.cause == Cause::NotConnected);
-    let said: Vec<String> = lost.map(ToString::to_string).collect();
-    assert_eq!(said.len(), 2);
+    let texts: Vec<String> = lost.map(ToString::to_string).collect();
+    assert_eq!(texts.len(), 2);
     assert!(
-        said.iter()
+        texts
+            .iter()
             .any(|it| it.contains("no point is seen by it and two other cameras"))
     );
-    assert!(said.iter().all(|it| !it.contains("lens is")), "{said:?}");
+    assert!(texts.iter().all(|it| !it.contains("its lens")), "{texts:?}");
     for camera in &found.report.cameras {
         let deg = camera.determined_rotation_deg();
         assert!(deg.is_some_and(|deg| deg < 1.0), "{deg:?}");
     }
-    // What is advised: carry the point where three see it.
+    // The remedy: carry the point where three cameras see it.
     let found = quiet(&request(&line(), |pair, camera| camera.abs_diff(pair) <= 1)).unwrap();
     assert_eq!(found.cameras.len(), 4);
 }
 
 #[test]
-fn a_board_that_is_one_body_links_cameras_of_which_two_see_it_at_a_time() {
+fn a_rigid_board_links_cameras_of_which_two_see_it_at_a_time() {
     let truth = line();
     let mut request = request(&truth, neighbours);
     request.board = Some(BOARD);
@@ -157,7 +158,7 @@ fn a_board_that_is_one_body_links_cameras_of_which_two_see_it_at_a_time() {
     assert!(off_m < 0.02 && off_deg < 0.5 && (scale - 1.0).abs() < 0.01);
     let has = |cause: Cause| found.report.findings.iter().any(|it| it.cause == cause);
     assert!(!has(Cause::NoScale) && !has(Cause::NotConnected) && !has(Cause::Anchors));
-    // A distance that contradicts the squares is named.
+    // A distance that contradicts the squares is reported.
     request.anchors.distances = vec![KnownDistance {
         first: "c0".to_owned(),
         second: "c3".to_owned(),
@@ -169,20 +170,20 @@ fn a_board_that_is_one_body_links_cameras_of_which_two_see_it_at_a_time() {
 }
 
 #[test]
-fn numbers_that_are_no_corners_of_the_board_are_refused() {
+fn numbers_beyond_the_corners_of_the_board_are_refused() {
     let mut request = request(&line(), neighbours);
     request.board = Some(RigidBoard {
         squares: [7, 6],
         ..BOARD
     });
-    let said = quiet(&request).unwrap_err().to_string();
+    let message = quiet(&request).unwrap_err().to_string();
     assert!(
-        said.contains("which is corner 30, expected corners below 30"),
-        "{said}"
+        message.contains("which is corner 30, expected corners below 30"),
+        "{message}"
     );
 }
 
-/// The corners of Caliscope's recording; of each instant only what `kept` (instant, camera, corner) keeps.
+/// The corners of Caliscope's recording for which `kept` (instant, camera, corner) is true.
 fn caliscope(folder: &Path, kept: impl Fn(usize, usize, usize) -> bool) -> PointRequest {
     let path = folder.join("camera_array.toml");
     let text = fs::read_to_string(&path).unwrap();
@@ -220,7 +221,7 @@ fn caliscope(folder: &Path, kept: impl Fn(usize, usize, usize) -> bool) -> Point
     request
 }
 
-/// Cameras against Caliscope's own, metres and degrees of the worst after a similarity, and the ratio of lengths.
+/// Compares cameras with Caliscope's own: largest errors after a similarity, metres and degrees, and the ratio of lengths.
 fn against_theirs(folder: &Path, found: &PointCalibration) -> (f64, f64, f64) {
     let path = folder.join("camera_array.toml");
     let text = fs::read_to_string(&path).unwrap();
@@ -240,16 +241,16 @@ fn against_theirs(folder: &Path, found: &PointCalibration) -> (f64, f64, f64) {
 }
 
 #[test]
-fn the_board_of_caliscope_gives_its_cameras_also_where_two_see_it_at_a_time() {
+fn the_board_of_caliscope_gives_its_cameras_also_from_pairs_of_cameras() {
     let Some(folder) = folder("caliscope", "data/caliscope") else {
         return;
     };
     let whole = quiet(&caliscope(&folder, |_, _, _| true)).unwrap();
     let (off_m, off_deg, scale) = against_theirs(&folder, &whole);
     println!("all of it: {off_m:.4} m {off_deg:.3} degrees, scale {scale:.4}");
-    // Its cameras are not in step: halves of it put them 20 mm and 2 degrees apart, with the board and with free points.
+    // Its cameras are not synchronised: its halves differ by 20 mm and 2 degrees, with the board and with free points.
     assert!(off_m < 0.01 && off_deg < 1.0 && (scale - 1.0).abs() < 0.03);
-    // Neighbours take turns.
+    // Pairs of neighbours alternate.
     let two = quiet(&caliscope(&folder, |instant, camera, _| {
         neighbours(instant % 3, camera)
     }))

@@ -1,10 +1,9 @@
-//! From sightings to cameras, on simulated fields.
+//! Calibration from a moving point on simulated fields.
 
 mod board;
 mod faults;
 mod pictures;
 mod real;
-mod recorded;
 pub(crate) mod simulated;
 
 use farfield_proto::camera::{Intrinsics, LensModel};
@@ -27,7 +26,7 @@ fn at_rate(field: &Field, rate_hz: f64) -> Vec<CameraState> {
     states
 }
 
-/// With the true distance of the first two cameras, and where all of them stand.
+/// Adds the true distance of the first two cameras, and the true positions of all.
 fn with_scale(mut request: PointRequest, truth: &[CameraState]) -> PointRequest {
     request.anchors.distances = vec![KnownDistance {
         first: "c0".to_owned(),
@@ -45,7 +44,7 @@ fn found_states(found: &PointCalibration) -> Vec<CameraState> {
     found.cameras.iter().map(|c| c.state).collect()
 }
 
-/// Metres and degrees of the worst camera that the issue of this module asks for.
+/// Largest accepted errors of a camera, metres and degrees.
 const BARS: [(Field, f64, f64); 3] = [
     (SMALL, 0.0015, 0.006),
     (HALL, 0.004, 0.008),
@@ -53,7 +52,7 @@ const BARS: [(Field, f64, f64); 3] = [
 ];
 
 #[test]
-fn fields_of_three_sizes_are_found_from_nothing() {
+fn fields_of_three_sizes_are_calibrated_without_a_start() {
     for (field, bar_m, bar_deg) in BARS {
         for lenses in [Lenses::Given, Lenses::Focal] {
             let truth = at_rate(&field, 10.0);
@@ -78,7 +77,7 @@ fn fields_of_three_sizes_are_found_from_nothing() {
 }
 
 #[test]
-fn clicked_marks_lay_the_cameras_on_the_court_and_a_wrong_one_is_named() {
+fn clicked_marks_align_the_cameras_and_a_wrong_one_is_reported() {
     let truth = at_rate(&HALL, 10.0);
     let mut request = request(&HALL, &truth, &USUAL, Timing::Synchronised);
     let court = Court::of("volleyball", None).unwrap();
@@ -115,18 +114,21 @@ fn clicked_marks_lay_the_cameras_on_the_court_and_a_wrong_one_is_named() {
         assert!(off_m < 0.01, "{}: {off_m}", camera.name);
     }
     assert!(found.report.passes(), "{:?}", found.report.findings);
-    let said: Vec<String> = found
+    let findings: Vec<String> = found
         .report
         .findings
         .iter()
         .map(ToString::to_string)
         .collect();
     let expected = format!("`{name}` in camera `{camera}`");
-    assert!(said.iter().any(|it| it.contains(&expected)), "{said:?}");
+    assert!(
+        findings.iter().any(|it| it.contains(&expected)),
+        "{findings:?}"
+    );
 }
 
 #[test]
-fn a_camera_that_sees_the_ball_in_a_fifth_of_the_frames_does_not_matter() {
+fn a_camera_with_a_fifth_of_the_sights_does_not_reduce_the_accuracy() {
     let truth = at_rate(&HALL, 10.0);
     let errors = Errors {
         last_camera_share: 0.2,
@@ -140,7 +142,7 @@ fn a_camera_that_sees_the_ball_in_a_fifth_of_the_frames_does_not_matter() {
 }
 
 #[test]
-fn cameras_of_unknown_clocks_are_found() {
+fn cameras_with_unknown_clocks_are_calibrated() {
     let mut truth = at_rate(&HALL, 25.0);
     for (i, state) in truth.iter_mut().enumerate() {
         state.pivot_s = 1.3 * (i as f64) - 5.0 + 0.013 * (i * i) as f64;
@@ -156,7 +158,7 @@ fn cameras_of_unknown_clocks_are_found() {
     let states = found_states(&found);
     let (off_m, off_deg) = worst(&states, &truth);
     println!("unknown clocks: {off_m:.5} m {off_deg:.5} deg");
-    // Against the first camera, whose clock is as good as any.
+    // Relative to the first camera, whose clock is as good as any.
     let behind_s = |states: &[CameraState], i: usize| {
         (states[i].time_s(1000.0) - states[0].time_s(1000.0)) * 25.0
     };
@@ -181,7 +183,7 @@ fn the_same_request_gives_the_same_bits() {
 }
 
 #[test]
-fn what_cannot_be_used_is_refused_before_any_search() {
+fn unusable_requests_are_refused_before_any_search() {
     type Spoil = fn(&mut PointRequest);
     let truth = at_rate(&SMALL, 5.0);
     let sound = request(&SMALL, &truth, &USUAL, Timing::Synchronised);
@@ -221,7 +223,7 @@ fn distance(first: &str, second: &str, distance_m: f64) -> KnownDistance {
     }
 }
 
-/// Every second of `states` with a fisheye that sees 150 degrees across its picture.
+/// Gives every second camera a fisheye that sees 150 degrees across its picture.
 pub(crate) fn with_fisheyes(states: &mut [CameraState]) {
     for state in states.iter_mut().step_by(2) {
         let wide = CameraState::at_origin(
@@ -238,7 +240,7 @@ pub(crate) fn with_fisheyes(states: &mut [CameraState]) {
 }
 
 #[test]
-fn fisheyes_among_others_are_found_from_nothing() {
+fn fisheyes_among_others_are_calibrated_without_a_start() {
     let mut truth = at_rate(&SMALL, 10.0);
     with_fisheyes(&mut truth);
     let seen = request(&SMALL, &truth, &USUAL, Timing::Synchronised);
@@ -246,7 +248,7 @@ fn fisheyes_among_others_are_found_from_nothing() {
         let mut request = with_scale(seen.clone(), &truth);
         request.lenses = lenses;
         if lenses == Lenses::All {
-            // Known to a hundredth.
+            // Given to one percent.
             for camera in &mut request.cameras {
                 camera.intrinsics.fx_px *= 1.01;
                 camera.intrinsics.fy_px *= 1.01;
@@ -258,8 +260,8 @@ fn fisheyes_among_others_are_found_from_nothing() {
         let found = quiet(&request).unwrap();
         let (off_m, off_deg) = worst(&found_states(&found), &truth);
         println!("fisheyes, {lenses:?}: {off_m:.5} m {off_deg:.5} deg");
-        // The bars of ordinary lenses; a pixel of these is half as wide again. Where the principal point moves too, a camera
-        // turns with it: a pixel of it is 0.08 degrees.
+        // The bars of other lenses, doubled: a pixel of these is 1.5 times as wide. If the principal point is free too, the
+        // camera turns with it: one pixel of it is 0.08 degrees.
         let most_deg = if lenses == Lenses::All {
             0.1
         } else {

@@ -1,4 +1,4 @@
-//! From pictures of a ball to cameras: the finder of [`crate::ball`] before the calibration.
+//! Calibration from pictures of a ball: the finder of [`crate::ball`] followed by the calibration.
 
 use std::sync::Arc;
 
@@ -10,11 +10,11 @@ use crate::adjustment::CameraState;
 use crate::ball::tests::render::{Ball, ORANGE, SIZE_PX, Scene, seeded};
 use crate::ball::{Appearance, BallFinder, BallLens, BallRequest, ColourRange, sightings};
 
-/// What is drawn of each picture: the ball, and around it.
+/// Size of the rendered part of each picture around the ball.
 const DRAWN_PX: [u32; 2] = [200, 200];
 const RADIUS_M: f64 = 0.11;
 
-/// What the finder makes of `ticks` pictures of one camera, ten a second.
+/// Sightings by the finder in `ticks` pictures of one camera, ten a second.
 fn found(
     field: &Field,
     state: &CameraState,
@@ -59,7 +59,7 @@ fn found(
     sightings(&finder.finish())
 }
 
-/// Worst camera of `field` from pictures of `ticks` moments, metres and degrees.
+/// Largest errors of a camera of `field` from pictures of `ticks` moments, metres and degrees.
 fn from_pictures(field: &Field, ticks: u64) -> (f64, f64) {
     let truth = cameras(field);
     let background: Arc<Vec<[f64; 3]>> = Scene::about(&truth[0], [500.0, 500.0], DRAWN_PX)

@@ -1,12 +1,11 @@
-//! Recordings of others, scored against what they measured.
+//! Recordings of other projects, compared with their measurements.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use farfield_proto::camera::{Distortion, Intrinsics};
 use nalgebra::Vector3;
 
-use super::recorded::{drone, folder};
 use super::*;
 use crate::alignment::Similarity;
 
@@ -35,7 +34,7 @@ fn off_m(found: &PointCalibration, truth: &[Vector3<f64>]) -> Vec<f64> {
         .collect()
 }
 
-fn say(found: &PointCalibration) {
+fn print_report(found: &PointCalibration) {
     for c in &found.report.cameras {
         println!(
             "  {}: {} sights, {:.0} % used, rms {:.2} px, noise {:.2} px, focal {:.3}, sigma {:.4} {:.4} deg, halves {:.4} {:.4} deg, {:.5} Hz, {:.4} s",
@@ -58,8 +57,8 @@ fn say(found: &PointCalibration) {
     }
 }
 
-/// How far the path is from `track`, which has neither times nor a known rate: the best similarity over all rates and
-/// offsets, of the moments within a metre of it. Root mean square in metres, their share, the rate.
+/// Compares the path with `track`, which has neither times nor a known rate, by the best similarity over all rates and offsets.
+/// Returns the root mean square of the moments within a metre of it, metres, their share, and the rate.
 fn along(path: &[PathPoint], track: &[Vector3<f64>], scale: f64) -> (f64, f64, f64) {
     let fit = |rate_hz: f64, offset_s: f64, kept: &dyn Fn(usize, f64) -> bool| {
         let pairs: Vec<(Vector3<f64>, Vector3<f64>)> = path
@@ -75,7 +74,7 @@ fn along(path: &[PathPoint], track: &[Vector3<f64>], scale: f64) -> (f64, f64, f
             .collect();
         let (from, to): (Vec<_>, Vec<_>) = pairs.into_iter().unzip();
         let similarity = Similarity::between(&from, &to).ok()?;
-        // A drone that stands still fits anything at no scale.
+        // A drone that stands still fits any track at scale zero.
         if (similarity.scale / scale - 1.0).abs() > 0.05 {
             return None;
         }
@@ -85,8 +84,8 @@ fn along(path: &[PathPoint], track: &[Vector3<f64>], scale: f64) -> (f64, f64, f
             .map(|(a, b)| (similarity.apply(a) - b).norm());
         let mut off: Vec<f64> = off.collect();
         off.sort_by(f64::total_cmp);
-        let looked_at = (0..path.len()).filter(|i| kept(*i, 0.0)).count();
-        (2 * off.len() > looked_at).then_some((off, rate_hz, offset_s))
+        let compared = (0..path.len()).filter(|i| kept(*i, 0.0)).count();
+        (2 * off.len() > compared).then_some((off, rate_hz, offset_s))
     };
     let median = |off: &Vec<f64>| off[off.len() / 2];
     let better = |all: &mut dyn Iterator<Item = (f64, f64)>, stride: usize| {
@@ -119,12 +118,12 @@ fn along(path: &[PathPoint], track: &[Vector3<f64>], scale: f64) -> (f64, f64, f
     (rms_m, near.len() as f64 / off.len() as f64, rate)
 }
 
-/// `campos.txt` is not in the order of `cameras.txt`, as its README says: of all 720 orders this one leaves 0.3 m (root mean
-/// square) on the found centres, and the next best 9 m.
+/// `campos.txt` is not in the order of `cameras.txt`, as its README states. Of all 720 orders this one leaves 0.3 m (root mean
+/// square) at the centres, and the next best 9 m.
 const ORDER: [usize; 6] = [0, 4, 2, 1, 3, 5];
 
 #[test]
-fn six_unsynchronised_cameras_find_each_other_by_a_drone() {
+fn six_unsynchronised_cameras_are_calibrated_by_a_drone() {
     let Some(folder) = folder("six_unsynchronised_cameras", "data/drone") else {
         return;
     };
@@ -135,7 +134,7 @@ fn six_unsynchronised_cameras_find_each_other_by_a_drone() {
     let truth: Vec<_> = ORDER.iter().map(|i| all[*i]).collect();
     let mut off_m = off_m(&found, &truth);
     println!("{off_m:.3?}");
-    say(&found);
+    print_report(&found);
     let track = points(&folder.join("trajectory/rtk.txt"));
     let centers: Vec<_> = found.cameras.iter().map(|c| c.state.center_w).collect();
     let scale = Similarity::between(&centers, &truth).unwrap().scale;
@@ -197,7 +196,71 @@ fn a_carried_light_gives_the_centres_of_multicamselfcal() {
         let found = calibrate(&request, &mut |_| ()).unwrap();
         let off_m = off_m(&found, &truth);
         println!("{lenses:?} {off_m:.5?}");
-        say(&found);
+        print_report(&found);
         assert!(off_m.iter().all(|off| *off < 0.06), "{off_m:?}");
     }
+}
+
+/// A folder below `$FARFIELD_DATA`, otherwise below `shared` in the repository's root; prints that the test is skipped if it is missing.
+pub(super) fn folder(test: &str, needed: &str) -> Option<PathBuf> {
+    let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    let root = std::env::var_os("FARFIELD_DATA").map_or(default, PathBuf::from);
+    let path = root.join(needed);
+    if path.exists() {
+        return Some(path);
+    }
+    println!(
+        "{test} skipped: {} is not there (set FARFIELD_DATA to the folder that holds it)",
+        path.display()
+    );
+    None
+}
+
+/// The six cameras. `cam5` is `sonyG_2`: with it the adjusted focal length is 0.999 of the given one, with `sonyG_1` 0.968.
+pub(super) fn drone(folder: &Path) -> Vec<PointCamera> {
+    let names = [
+        "gopro3",
+        "mate7",
+        "mate10_1",
+        "sony5n_1440x1080",
+        "sony5100",
+        "sonyG_2",
+    ];
+    let each = names.into_iter().enumerate().map(|(i, lens)| {
+        let text = fs::read_to_string(folder.join(format!("intrinsics/{lens}.json"))).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let number = |v: &serde_json::Value| v.as_f64().unwrap();
+        let k = &json["K-matrix"];
+        let c: Vec<f64> = json["distCoeff"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(number)
+            .collect();
+        let path = folder.join(format!("detections/cam{i}.txt"));
+        let sightings = parse(&fs::read_to_string(&path).unwrap(), &path).unwrap();
+        PointCamera {
+            name: format!("cam{i}"),
+            size_px: [0, 1].map(|axis| number(&json["resolution"][axis]) as u32),
+            intrinsics: Intrinsics {
+                fx_px: number(&k[0][0]),
+                fy_px: number(&k[1][1]),
+                cx_px: number(&k[0][2]),
+                cy_px: number(&k[1][2]),
+            },
+            lens: Distortion {
+                k1: c[0],
+                k2: c[1],
+                p1: c[2],
+                p2: c[3],
+                k3: c.get(4).copied().unwrap_or(0.0),
+                ..Distortion::default()
+            }
+            .into(),
+            rate_hz: Some(number(&json["fps"])),
+            offset_s: None,
+            sightings,
+        }
+    });
+    each.collect()
 }

@@ -1,4 +1,4 @@
-//! A ball carried through a field, as cameras around it see it: what the tests of this module begin with.
+//! Simulated sightings of a ball that is carried through a field with cameras around it.
 
 use farfield_proto::camera::{Distortion, Intrinsics};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -18,7 +18,7 @@ pub(crate) struct Field {
     /// Distance of the cameras from the field's edge.
     pub(crate) away_m: f64,
     pub(crate) focal_px: f64,
-    /// Height of the ball above the floor, at most.
+    /// Largest height of the ball above the floor.
     pub(crate) ball_m: f64,
 }
 
@@ -49,7 +49,7 @@ pub(crate) const PITCH: Field = Field {
 
 pub(crate) const SIZE_PX: [u32; 2] = [1920, 1200];
 
-/// Around the field, looking at its middle.
+/// Cameras around the field that look at its middle.
 pub(crate) fn cameras(field: &Field) -> Vec<CameraState> {
     let half = field.size_m.map(|s| 0.5 * s + field.away_m);
     (0..field.cameras)
@@ -91,7 +91,7 @@ fn looking(center: &Vector3<f64>, at: &Vector3<f64>) -> UnitQuaternion<f64> {
     )))
 }
 
-/// Where the ball is, over a duration of 100 s: carried to and fro over the whole field, raised and lowered.
+/// The position of the ball, for 100 s: it moves over the whole field, up and down.
 pub(crate) fn ball(field: &Field, time_s: f64) -> Vector3<f64> {
     let wave = |rate: f64, phase: f64| libm::sin(rate * time_s + phase);
     Vector3::new(
@@ -101,7 +101,7 @@ pub(crate) fn ball(field: &Field, time_s: f64) -> Vector3<f64> {
     )
 }
 
-/// What is wrong with the sightings.
+/// Errors of the sightings.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Errors {
     pub(crate) noise_px: f64,
@@ -118,7 +118,7 @@ pub(crate) const USUAL: Errors = Errors {
     seed: 5,
 };
 
-/// Sightings of `count` frames over 100 s, camera by camera on the clock that its state has.
+/// A request with sightings of 100 s, each camera on the clock of its state.
 pub(crate) fn request(
     field: &Field,
     states: &[CameraState],
@@ -192,7 +192,7 @@ pub(crate) fn gauss(rng: &mut ChaCha8Rng) -> f64 {
     radius * libm::cos(std::f64::consts::TAU * rng.random_range(0.0..1.0))
 }
 
-/// Worst camera after similarity alignment of the centres: metres and degrees.
+/// Largest errors of a camera after similarity alignment of the centres: metres and degrees.
 pub(crate) fn worst(found: &[CameraState], truth: &[CameraState]) -> (f64, f64) {
     let centers = |states: &[CameraState]| states.iter().map(|s| s.center_w).collect::<Vec<_>>();
     let similarity = Similarity::between(&centers(found), &centers(truth)).unwrap();
