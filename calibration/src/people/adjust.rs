@@ -1,4 +1,4 @@
-//! The adjustment of all cameras to all keypoints of the persons that were found, and finding these again with it.
+//! The adjustment of all cameras to all keypoints of the matched persons, repeated with new matches.
 
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::Vector3;
@@ -12,22 +12,23 @@ use crate::adjustment::{
 };
 use crate::points::{Lenses, freedom};
 
-/// Tuning of Cauchy's loss: 95 % efficient where all is well.
+/// Tuning constant of Cauchy's loss: 95 % efficient for normal errors.
 const CAUCHY: f64 = 2.385;
 /// Median of the length of a residual of unit standard deviation per axis (Rayleigh).
 const RAYLEIGH_MEDIAN: f64 = 1.1774;
-/// The noise of a camera over the one that is expected, and over that of the camera in the middle: without limits one
-/// camera of few comes to weigh so much that all points follow it, and seems ever less noisy.
+/// Limits of a camera's noise relative to the expected one. Without limits, one of few cameras can gain so much weight that all
+/// points follow it, and its noise falls further.
 const NOISE: [f64; 2] = [0.3, 5.0];
+/// Limits of a camera's noise relative to the median camera.
 const NOISE_RATIOS: [f64; 2] = [0.6, 4.0];
-/// A keypoint of the least score counts as this much less sure.
+/// Smallest factor by which a low score reduces the weight of a keypoint.
 const LEAST_SCORE: f64 = 0.3;
-/// A round of finding persons and adjusting.
+/// A round of matching persons and adjusting.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Round {
-    /// Standard deviations of a keypoint within which it fits.
+    /// Gate of a matching keypoint, standard deviations.
     gate: f64,
-    /// About how many keypoints are looked at.
+    /// Approximate number of keypoints.
     most: usize,
     steps: usize,
     decrease: f64,
@@ -43,14 +44,14 @@ impl Round {
         }
     }
 
-    /// From rough poses.
+    /// For rough poses.
     pub(super) const FIRST: [Self; 2] = [
         Self::new(14.0, 2500, 25, 1e-3),
         Self::new(7.0, 4000, 25, 1e-3),
     ];
-    /// On the way.
+    /// For the rounds between.
     pub(super) const NEXT: [Self; 1] = [Self::new(5.0, 4000, 12, 1e-3)];
-    /// To the end.
+    /// For the end.
     pub(super) const LAST: [Self; 2] = [
         Self::new(4.0, 6000, 25, 1e-4),
         Self::new(4.0, MOST_POINTS, 30, 1e-7),
@@ -60,7 +61,7 @@ impl Round {
 /// Keypoints of the last adjustment.
 const MOST_POINTS: usize = 16_000;
 
-/// Where a point of the problem comes from.
+/// The origin of a point of the problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct PointOf {
     /// Index of the person.
@@ -69,26 +70,26 @@ pub(super) struct PointOf {
     pub(super) keypoint: usize,
 }
 
-/// What was adjusted.
+/// The result of an adjustment.
 #[derive(Debug, Clone)]
 pub(super) struct Adjusted {
     pub(super) problem: Problem,
-    /// Index of each of its cameras among all.
+    /// For each camera of the problem, its index in the request.
     pub(super) posed: Vec<usize>,
     pub(super) persons: Vec<Person>,
     /// Per point of the path, in the order of time.
     pub(super) points: Vec<PointOf>,
-    /// Per camera of the problem the noise of its keypoints over the expected one.
+    /// Per camera of the problem, the noise of its keypoints relative to the expected one.
     pub(super) noise: Vec<f64>,
-    /// Ticks that each one stands for at which persons were looked for.
-    pub(super) ticks_per_look: f64,
+    /// The number of ticks that each processed tick stands for.
+    pub(super) ticks_per_sample: f64,
 }
 
-/// Cameras on their way, by their index in the request.
+/// The state of the cameras during the rounds, by their index in the request.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Settling {
     pub(super) cameras: Vec<Option<CameraState>>,
-    /// The noise of their keypoints over the expected one.
+    /// The noise of their keypoints relative to the expected one.
     noise: Vec<f64>,
 }
 
@@ -101,7 +102,7 @@ impl Settling {
     }
 }
 
-/// Moves `settling` round by round; lenses move in the last round only. `None` where nobody is found.
+/// Improves `settling` round by round; lenses change in the last round only. `None` if no persons are matched.
 pub(super) fn settle(
     views: &[View],
     settling: &mut Settling,
@@ -115,10 +116,10 @@ pub(super) fn settle(
     let mut last = None;
     for (number, round) in rounds.iter().enumerate() {
         let is_last = number + 1 == rounds.len();
-        let (found, ticks_per_look) = found_persons(views, current, round.gate, round.most);
+        let (found, ticks_per_sample) = found_persons(views, current, round.gate, round.most);
         let freed = if is_last { lenses } else { Lenses::Given };
         let mut adjusted = problem(views, current, found, freed, noise)?;
-        adjusted.ticks_per_look = ticks_per_look;
+        adjusted.ticks_per_sample = ticks_per_sample;
         let limits = Limits {
             steps: round.steps,
             decrease: round.decrease,
@@ -134,7 +135,7 @@ pub(super) fn settle(
         }
         bound(noise, &adjusted.posed);
         if is_last {
-            // What is known of the cameras depends on how noisy the keypoints turned out to be.
+            // The covariance of the cameras depends on the measured noise of the keypoints.
             for observation in &mut adjusted.problem.observations {
                 let own = adjusted.posed.get(observation.camera);
                 let ratio = own.map_or(1.0, |i| noise[*i] / before[*i]);
@@ -147,7 +148,7 @@ pub(super) fn settle(
     last
 }
 
-/// Keeps the noise of each camera within a range about that of the one in the middle.
+/// Limits the noise of each camera relative to the median camera.
 fn bound(noise: &mut [f64], posed: &[usize]) {
     let known = posed.iter().filter_map(|i| noise.get(*i).copied());
     let middle = upper_median(known.collect()).unwrap_or(1.0);
@@ -158,7 +159,7 @@ fn bound(noise: &mut [f64], posed: &[usize]) {
     }
 }
 
-/// Persons at ticks that are evenly spread, as many as have about `most` keypoints, and how many ticks each of these stands for.
+/// Persons at evenly spaced ticks with about `most` keypoints, and the number of ticks that each processed tick stands for.
 fn found_persons(
     views: &[View],
     cameras: &[Option<CameraState>],
@@ -176,7 +177,7 @@ fn found_persons(
             .collect();
         each.into_iter().flatten().collect::<Vec<Person>>()
     };
-    // A few tell how many keypoints a tick has.
+    // A few ticks give the number of keypoints per tick.
     let few: Vec<i64> = evenly(&ticks, 30);
     let keypoints = |persons: &[Person]| {
         let each = persons.iter().flat_map(|it| &it.joints_m);
@@ -184,12 +185,12 @@ fn found_persons(
     };
     let per_tick = keypoints(&at(&few)) as f64 / few.len().max(1) as f64;
     let count = (most as f64 / per_tick.max(0.1)).ceil() as usize;
-    let looked_at = evenly(&ticks, count.max(10));
-    // Where networks look at every fifth frame only, a frame stands for five.
+    let sampled = evenly(&ticks, count.max(10));
+    // If networks process every fifth frame only, a frame stands for five.
     let steps = ticks.windows(2).map(|pair| (pair[1] - pair[0]) as f64);
     let usual_step = upper_median(steps.collect()).unwrap_or(1.0);
-    let per_look = usual_step * ticks.len() as f64 / looked_at.len().max(1) as f64;
-    (at(&looked_at), per_look)
+    let per_sample = usual_step * ticks.len() as f64 / sampled.len().max(1) as f64;
+    (at(&sampled), per_sample)
 }
 
 fn evenly(all: &[i64], most: usize) -> Vec<i64> {
@@ -238,13 +239,13 @@ fn problem(
                 let state = &adjusted[column].state;
                 let depth_m = (joint - state.center_w).norm().max(0.3);
                 let on_body_px = KEYPOINT_M * views[*camera].focal_px() / depth_m;
-                let sure = seen.score.clamp(LEAST_SCORE, 1.0);
+                let confidence = seen.score.clamp(LEAST_SCORE, 1.0);
                 Some(Observation {
                     camera: column,
                     point: nodes.len(),
                     frame: person.tick as f64,
                     px: seen.px,
-                    sigma_px: libm::hypot(on_body_px, KEYPOINT_PX) * noise[*camera] / sure,
+                    sigma_px: libm::hypot(on_body_px, KEYPOINT_PX) * noise[*camera] / confidence,
                     velocity: [0.0; 2],
                 })
             });
@@ -268,16 +269,16 @@ fn problem(
             loss: Loss::Cauchy(CAUCHY),
         },
         noise: vec![1.0; posed.len()],
-        ticks_per_look: 1.0,
+        ticks_per_sample: 1.0,
         posed,
         persons,
         points,
     })
 }
 
-/// Per camera how long residuals are over what their standard deviations foretell, from their median.
+/// Per camera, the length of residuals relative to their predicted standard deviations, from the median.
 ///
-/// Points take up freedom of their own: what is left is raised by the ratio of coordinates to coordinates less unknowns.
+/// Points are unknowns too: the ratio is raised by that of all coordinates to the degrees of freedom.
 fn noise_ratios(problem: &Problem) -> Vec<f64> {
     let mut lengths = vec![Vec::new(); problem.cameras.len()];
     let residuals = problem.residuals_px();
@@ -297,12 +298,12 @@ fn noise_ratios(problem: &Problem) -> Vec<f64> {
 }
 
 impl Adjusted {
-    /// Fills in how fast keypoints move in the pictures, pixels per tick, by what each camera saw up to so many ticks before and
-    /// after.
+    /// Sets the velocities of keypoints in the pictures, pixels per tick, from the sights of each camera up to `reaches` ticks
+    /// before and after.
     pub(super) fn measure_velocities(&mut self, views: &[View], reaches: &[i64]) {
         for observation in &mut self.problem.observations {
-            let of = self.points.get(observation.point);
-            let of = of.and_then(|of| Some((of.keypoint, self.persons.get(of.person)?)));
+            let point = self.points.get(observation.point);
+            let of = point.and_then(|of| Some((of.keypoint, self.persons.get(of.person)?)));
             let (Some((keypoint, person)), Some(index)) = (of, self.posed.get(observation.camera))
             else {
                 continue;
@@ -315,7 +316,7 @@ impl Adjusted {
         }
     }
 
-    /// Where the keypoints of each person are, the world of the problem.
+    /// The positions of the keypoints of each person in the world of the problem.
     pub(super) fn bodies(&self, keypoints: usize) -> Vec<Vec<Option<Vector3<f64>>>> {
         let mut bodies = vec![vec![None; keypoints]; self.persons.len()];
         for (of, at) in self.points.iter().zip(self.problem.path.nodes()) {

@@ -1,4 +1,4 @@
-//! Who is who among all cameras at one tick, by whole bodies, once poses are known.
+//! Matches bodies of all cameras at one tick by whole bodies, once poses are known.
 
 use std::collections::BTreeSet;
 
@@ -9,24 +9,26 @@ use super::view::{Body, View};
 use crate::adjustment::CameraState;
 use crate::geometry::{Sight, triangulate};
 
-/// Keypoints that two bodies must share, and their mean loss from which they are different bodies.
+/// Least number of keypoints that two bodies share.
 const LEAST_KEYPOINTS: usize = 6;
+/// Bodies with a larger mean loss are different.
 const MOST_LOSS: f64 = 0.5;
-/// Sine of the angle of two sights below which they tell no depth.
+/// Sine of the angle of two rays below which they do not determine the depth.
 const LEAST_SINE: f64 = 0.02;
-/// Depth beyond which a sight is not followed, metres.
+/// Largest depth of a keypoint, metres.
 const MOST_DEPTH_M: f64 = 500.0;
-/// Keypoints that a person needs, and the largest median distance of them from their middle, metres: more is no body.
+/// Least number of keypoints of a person.
 const LEAST_JOINTS: usize = 6;
+/// Largest median distance of a person's keypoints from their middle, metres.
 const MOST_SIZE_M: f64 = 1.3;
 
 /// A body that several cameras saw at one tick.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Person {
     pub(super) tick: i64,
-    /// Per camera that saw it: its index, and the body's among those of the tick.
+    /// The cameras that saw it, each with the index of the body among those of the tick.
     pub(super) members: Vec<(usize, usize)>,
-    /// Per keypoint where it is, where at least two cameras agree, metres.
+    /// Position of each keypoint on which at least two cameras agree, metres.
     pub(super) joints_m: Vec<Option<Vector3<f64>>>,
 }
 
@@ -38,7 +40,7 @@ struct Candidate<'a> {
     /// Standard deviation of a pixel, radians.
     px_rad: f64,
     body: &'a Body,
-    /// Per keypoint its direction in the world.
+    /// Direction of each keypoint in the world.
     sights: Vec<Option<Vector3<f64>>>,
 }
 
@@ -94,7 +96,7 @@ fn candidates<'a>(
     found
 }
 
-/// Mean loss of the distances at which the sights of shared keypoints pass each other; `None` where too few are shared.
+/// Mean loss of the distances between the rays of shared keypoints; `None` if too few are shared.
 fn loss(a: &Candidate<'_>, b: &Candidate<'_>, gate: f64) -> Option<f64> {
     let between = b.center_m - a.center_m;
     let (mut total, mut count) = (0.0, 0);
@@ -114,7 +116,7 @@ fn loss(a: &Candidate<'_>, b: &Candidate<'_>, gate: f64) -> Option<f64> {
             continue;
         }
         let apart_m = between.dot(&normal).abs() / sine2.sqrt();
-        // Both are noisy.
+        // Both keypoints are noisy.
         let sigma_m = 1.5 * KEYPOINT_M + a.px_rad * depth_a + b.px_rad * depth_b;
         let d = apart_m / (gate * sigma_m);
         total += (d * d).min(1.0);
@@ -122,7 +124,8 @@ fn loss(a: &Candidate<'_>, b: &Candidate<'_>, gate: f64) -> Option<f64> {
     (count >= LEAST_KEYPOINTS).then(|| total / count as f64)
 }
 
-/// Bodies joined the surest first, one of each camera: only those that fit all in the cluster with which they share enough.
+/// Clusters of bodies with at most one per camera, joined in the order of increasing loss. Two clusters are joined if at least
+/// two thirds of the pairs between them fit.
 fn clusters(candidates: &[Candidate<'_>], losses: &[(f64, usize, usize)]) -> Vec<Vec<usize>> {
     let mut cluster_of: Vec<usize> = (0..candidates.len()).collect();
     let mut clusters: Vec<Vec<usize>> = (0..candidates.len()).map(|i| vec![i]).collect();
@@ -143,7 +146,7 @@ fn clusters(candidates: &[Candidate<'_>], losses: &[(f64, usize, usize)]) -> Vec
             all += 1;
             fitting += usize::from(fits(x, y));
         }
-        // Cameras that stand opposite each other share few keypoints: most is enough.
+        // Cameras opposite each other share few keypoints, so not all pairs need to fit.
         if is_twice || 3 * fitting < 2 * all {
             continue;
         }
@@ -188,10 +191,10 @@ fn person(candidates: &[Candidate<'_>], cluster: &[usize], tick: i64, gate: f64)
     })
 }
 
-/// Where most sights meet, within the gate at about their distance.
+/// The point where most rays meet, within the gate at their approximate distance.
 fn meeting(own: &[&Candidate<'_>], sights: &[Sight], gate: f64) -> Option<Vector3<f64>> {
     let px_rad = own.iter().map(|it| it.px_rad).fold(0.0, f64::max);
-    // A first look with a wide gate tells the distance.
+    // A wide gate gives the distance first.
     let (rough, _) = triangulate(sights, 0.1)?;
     let nearest_m = sights
         .iter()

@@ -1,4 +1,4 @@
-//! Files of 2D keypoints, one JSON line per frame, as other tools write them and edges read them:
+//! Files of 2D keypoints, one JSON line per frame. Other tools write them and edges read them:
 //! `{"tick": 300, "persons": [{"keypoints": [[x, y, score], null, ...]}]}`. Other fields are ignored.
 
 use std::path::{Path, PathBuf};
@@ -7,16 +7,16 @@ use serde::Deserialize;
 
 use super::request::{DetectedFrame, Detection, Keypoint};
 
-/// Largest number of a frame, either way.
+/// Largest absolute number of a frame.
 const MOST_FRAMES: i64 = 1 << 48;
-/// Most people in a frame: more is no picture.
+/// Most people in a frame.
 const MOST_PERSONS: usize = 1000;
-/// Scores above 1 that are taken for 1: `OpenPose` overshoots by a few percent. A higher one is on another scale.
+/// Scores from 1 to this are read as 1: `OpenPose` overshoots by a few percent. A higher one is on another scale.
 const MOST_SCORE: f64 = 1.25;
-/// No pixel is farther from zero.
+/// Largest absolute pixel coordinate.
 const MOST_PX: f64 = 1e6;
 
-/// Why a file of keypoints cannot be read.
+/// The reason why a file of keypoints cannot be read.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{}, line {line}: {problem}", path.display())]
 pub struct KeypointFileError {
@@ -24,7 +24,7 @@ pub struct KeypointFileError {
     pub path: PathBuf,
     /// The line, from 1.
     pub line: usize,
-    /// What was found and what was expected.
+    /// The problem: the value found and the one expected.
     pub problem: String,
 }
 
@@ -39,11 +39,11 @@ struct Person {
     keypoints: Vec<Option<[f64; 3]>>,
 }
 
-/// Reads the frames of one camera, whose bodies have `count` keypoints; `path` is only named in errors. Frames must be in
-/// order, some may be missing.
+/// Reads the frames of one camera, whose bodies have `count` keypoints; `path` is only for errors. Frames must be in order;
+/// some may be missing.
 ///
 /// # Errors
-/// [`KeypointFileError`] names the first line that is not as expected.
+/// [`KeypointFileError`] for the first invalid line.
 pub fn parse(
     text: &str,
     path: &Path,
@@ -54,7 +54,7 @@ pub fn parse(
     frames.collect()
 }
 
-/// The frames of a file, a line at a time: of one that does not fit into memory.
+/// Reads the frames of a file line by line, for files that do not fit into memory.
 #[derive(Debug, Clone)]
 pub struct FrameLines {
     path: PathBuf,
@@ -64,7 +64,7 @@ pub struct FrameLines {
 }
 
 impl FrameLines {
-    /// Of a file whose bodies have `count` keypoints; `path` is only named in errors.
+    /// For a file whose bodies have `count` keypoints; `path` is only for errors.
     pub fn new(path: &Path, count: usize) -> Self {
         Self {
             path: path.to_owned(),
@@ -74,10 +74,10 @@ impl FrameLines {
         }
     }
 
-    /// The frame of the next line; `None` of an empty one.
+    /// The frame of the next line; `None` for an empty one.
     ///
     /// # Errors
-    /// [`KeypointFileError`] as of [`parse`].
+    /// [`KeypointFileError`] as in [`parse`].
     pub fn next(&mut self, line: &str) -> Result<Option<DetectedFrame>, KeypointFileError> {
         self.line += 1;
         if line.trim().is_empty() {
@@ -95,10 +95,10 @@ impl FrameLines {
 
 fn frame(line: &str, count: usize, last: Option<f64>) -> Result<DetectedFrame, String> {
     let line: Line = serde_json::from_str(line).map_err(|problem| {
-        let said = problem.to_string();
+        let message = problem.to_string();
         // The line is that of the file.
-        let said = said.split(" at line ").next().unwrap_or_default();
-        format!("column {}: {said}", problem.column())
+        let message = message.split(" at line ").next().unwrap_or_default();
+        format!("column {}: {message}", problem.column())
     })?;
     if !(-MOST_FRAMES..=MOST_FRAMES).contains(&line.tick) {
         return Err(format!(
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_line() {
+    fn invalid_files_are_refused_with_their_line() {
         for (text, expected) in [
             ("{\"tick\":3", "north.jsonl, line 1: column 9: EOF"),
             ("{\"tick\":3}", "missing field `persons`"),
@@ -204,14 +204,14 @@ mod tests {
                 "expected pixels",
             ),
         ] {
-            let said = read(text).unwrap_err();
-            assert!(said.contains(expected), "{said}");
+            let message = read(text).unwrap_err();
+            assert!(message.contains(expected), "{message}");
         }
     }
 
     proptest! {
         #[test]
-        fn no_text_makes_it_panic(text in "[\\[\\]{}\":,a-z0-9\\n.-]{0,200}") {
+        fn no_text_causes_a_panic(text in "[\\[\\]{}\":,a-z0-9\\n.-]{0,200}") {
             let _frames = read(&text);
         }
     }

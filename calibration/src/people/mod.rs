@@ -1,13 +1,12 @@
-//! Calibration from people: nobody carries anything. Cameras see people walk, as 2D keypoints; nobody says who is whom.
+//! Calibration from people who walk through the field, without any object and without known identities.
 //!
-//! [`calibrate`] starts from nothing but lenses and keypoints. Each camera alone finds how it stands over the floor, from
-//! upright bodies of a usual stature; paths of feet propose how two cameras stand to each other, and all keypoints of the
-//! bodies that fit decide; pairs become one rough world; then all cameras are adjusted to all keypoints of all bodies. Up
-//! and floor are those of feet; metres come from stature, a known distance or known places.
+//! [`calibrate`] needs only lenses and 2D keypoints. Each camera alone finds its pose relative to the floor, from upright
+//! bodies of a usual stature. Paths of feet propose relative poses of two cameras, and all keypoints of the matching bodies
+//! decide. Pairs are joined to one rough world; then all cameras are adjusted to all keypoints of all bodies. Up and floor
+//! follow from feet; metres come from stature, a known distance or known places.
 
 mod adjust;
 mod associate;
-mod error;
 mod file;
 mod judged;
 mod outcome;
@@ -19,10 +18,9 @@ mod tracklet;
 mod venue;
 mod view;
 
-pub use error::PeopleError;
 pub use file::{FrameLines, KeypointFileError, parse};
 pub use outcome::{PeopleStage, calibrate, check_request};
-pub use request::{DetectedFrame, Detection, Keypoint, PeopleCamera, PeopleRequest};
+pub use request::{DetectedFrame, Detection, Keypoint, PeopleCamera, PeopleError, PeopleRequest};
 pub use thinning::{MOST_KEYPOINTS, Thinning};
 pub use view::LEAST_RATE_HZ;
 

@@ -1,21 +1,20 @@
-//! The whole way from bodies in pictures to a calibration.
+//! All steps of a calibration from people.
 
 use std::collections::BTreeSet;
 
 use nalgebra::Vector2;
 
 use super::adjust::{Adjusted, Round, Settling, settle};
-use super::error::PeopleError;
-use super::judged::assess::{DOUBTFUL_CONTRADICTION, DOUBTFUL_NOISE, Found, Told, assess};
-use super::judged::contradiction::contradictions;
+use super::judged::assess::{DOUBTFUL_CONTRADICTION, DOUBTFUL_NOISE, Evidence, Found, assess};
+use super::judged::evidence::contradictions;
 use super::plan::{BodyPlan, USUAL_STATURE_M, other_sides};
-use super::request::{PeopleCamera, PeopleRequest};
+use super::request::{PeopleCamera, PeopleError, PeopleRequest};
 use super::start::clocks::{lags, refine};
 use super::start::floor_match::Feet;
 use super::start::graph::{Placed, places};
 use super::start::ground::{Ground, LEAST_BODIES, ground};
 use super::start::pair::{LEAST_MATCHED, Pair, Walkers, all_pairs, pair};
-use super::venue::{Standing, lay};
+use super::venue::{Standing, align};
 use super::view::{Clock, LEAST_RATE_HZ, Tracks, View};
 use crate::adjustment::{CameraState, covariance};
 use crate::alignment::Similarity;
@@ -23,62 +22,64 @@ use crate::points::{
     CalibrationError, FoundCamera, Lenses, PathPoint, PointCalibration, Timing, check_anchors,
 };
 
-/// Frame rates that are believed, 1/s.
+/// Accepted frame rates, 1/s.
 const RATES_HZ: [f64; 2] = [0.1, 1e5];
-/// Largest offset of a clock, either way, seconds (seconds since 1970 are 1.8e9), and largest number of a frame.
+/// Largest absolute offset of a clock, seconds (seconds since 1970 are 1.8e9).
 const MOST_OFFSET_S: f64 = 1e10;
+/// Largest absolute number of a frame.
 const MOST_FRAME: f64 = 1e12;
-/// How far the number of a frame may be from a whole one.
+/// Tolerance for the number of a frame to be whole.
 const WHOLE: f64 = 1e-6;
-/// Statures that are believed, metres.
+/// Accepted statures, metres.
 const STATURES_M: [f64; 2] = [0.5, 2.5];
 
-/// Ticks per second where cameras are not synchronised: enough to tell how people walk.
+/// Ticks per second of cameras that are not synchronised: enough to describe how people walk.
 const MOST_TICKS_HZ: f64 = 10.0;
-/// Most rounds of putting clocks right, and the change at which they are, seconds.
+/// Most rounds of refining clocks.
 const CLOCK_ROUNDS: usize = 10;
+/// Clocks are refined until they change by less, seconds.
 const CLOCK_S: f64 = 5e-4;
-/// Time before and after by which a keypoint's velocity is taken, seconds: farther away legs turn.
+/// Time before and after a sight for the velocity of a keypoint, seconds: legs turn within longer times.
 const VELOCITY_REACH_S: f64 = 0.1;
-/// What the pairs of a camera are worth in a mirror, over what they are without, from which it is mirrored.
+/// A camera is mirrored if its pairs are worth this many times more in a mirror.
 const MIRROR_GAIN: f64 = 1.5;
 
-/// Where a calibration from people is.
+/// A stage of a calibration from people.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PeopleStage {
-    /// Joins bodies to tracklets, and looks how each camera stands over the floor.
+    /// Joins bodies to tracklets, and finds the pose of each camera relative to the floor.
     Ground,
-    /// Looks for the lags of the clocks: the longest stage where they are unknown.
+    /// Finds the lags of the clocks: the longest stage if they are unknown.
     Clocks,
-    /// Looks how cameras stand to each other.
+    /// Finds the relative poses of pairs of cameras.
     Pairs,
-    /// Adjusts all to all, and looks again who is who.
+    /// Adjusts all cameras to all keypoints, and matches people again.
     Adjustment,
-    /// Says how good it is.
+    /// Assesses the result.
     Report,
 }
 
-/// Finds where the cameras stand from the people that they saw. `progress` is told of every stage as it begins.
+/// Finds the poses of cameras from the people that they saw. `progress` is called at the start of every stage.
 ///
-/// [`PointCalibration::path`] is where people's feet were. A result is not a pass: what speaks against it is in
+/// [`PointCalibration::path`] holds the positions of people's feet. A result can still fail: its findings are in
 /// [`PointCalibration::report`]. The same request gives the same bits.
 ///
 /// # Errors
-/// [`PeopleError`] where nothing can be made of the request: too few cameras or people, impossible lenses, no two cameras
-/// that agree, known places that do not fit (a mirror image among them).
+/// [`PeopleError`] if the request is unusable: too few cameras or people, impossible lenses, no two cameras that agree,
+/// known places that do not fit (such as those of a mirror image).
 pub fn calibrate(
     request: &PeopleRequest,
     progress: &mut dyn FnMut(PeopleStage),
 ) -> Result<PointCalibration, PeopleError> {
     check_request(request)?;
     let plan =
-        BodyPlan::of(&request.keypoints).map_err(|missing| PeopleError::Keypoints { missing })?;
+        BodyPlan::new(&request.keypoints).map_err(|missing| PeopleError::Keypoints { missing })?;
     progress(PeopleStage::Ground);
     let ticks_hz = ticks_hz(request);
-    let mut clocks = clocks_of(request, ticks_hz);
+    let mut clocks = initial_clocks(request, ticks_hz);
     let tracks = request.cameras.iter().zip(&clocks);
     let mut tracks: Vec<Tracks> = tracks
-        .map(|(camera, clock)| Tracks::of(camera, plan.count, clock.rate_hz))
+        .map(|(camera, clock)| Tracks::new(camera, plan.count, clock.rate_hz))
         .collect::<Result<_, _>>()?;
     let ready = (request.timing == Timing::Synchronised)
         .then(|| tracks.drain(..).map(Tracks::into_view).collect());
@@ -127,28 +128,28 @@ pub fn calibrate(
     progress(PeopleStage::Report);
     adjusted.measure_velocities(&views, &velocity_reaches(&clocks, ticks_hz));
     let contradictions = contradictions(request, &views, &adjusted, plan.count);
-    let doubted = doubted(&adjusted, &contradictions, views.len());
+    let suspicious = suspicious(&adjusted, &contradictions, views.len());
     let walkers = walkers(&views, &grounds, &plan, stature_m);
-    let mirrored = mirrored(request, &walkers, &pairs, &doubted, &plan, stature_m);
-    let told = Told {
+    let mirrored = mirrored(request, &walkers, &pairs, &suspicious, &plan, stature_m);
+    let evidence = Evidence {
         pairs,
         mirrored,
         bodies: counts,
         contradictions,
         clocks,
     };
-    finish(request, &plan, ticks_hz, told, adjusted)
+    finish(request, &plan, ticks_hz, evidence, adjusted)
 }
 
-/// Per camera how many ticks before and after a keypoint's velocity is taken: at least to the next frame that was looked at.
+/// Per camera, the number of ticks before and after a sight for the velocity of a keypoint: at least to the next processed frame.
 fn velocity_reaches(clocks: &[Clock], ticks_hz: f64) -> Vec<i64> {
-    let reach_s = |clock: &Clock| VELOCITY_REACH_S.max(1.0 / clock.looks_hz);
+    let reach_s = |clock: &Clock| VELOCITY_REACH_S.max(1.0 / clock.processed_hz);
     let each = clocks.iter();
     each.map(|it| (reach_s(it) * ticks_hz).round().max(1.0) as i64)
         .collect()
 }
 
-/// Frames of synchronised cameras are moments by their number: one between two numbers belongs to no moment.
+/// Refuses fractional frame numbers of synchronised cameras, which belong to no moment.
 fn check_frames(request: &PeopleRequest) -> Result<(), PeopleError> {
     if request.timing != Timing::Synchronised {
         return Ok(());
@@ -157,8 +158,8 @@ fn check_frames(request: &PeopleRequest) -> Result<(), PeopleError> {
         let is_between = |frame: f64| (frame - frame.round()).abs() > WHOLE;
         if let Some(found) = camera.frames.iter().find(|it| is_between(it.frame)) {
             return Err(PeopleError::Request(CalibrationError::Request(format!(
-                "camera `{}`: found frame {}, expected whole frames of synchronised cameras; give rates and offsets, or leave \
-                 the clocks to be found",
+                "camera `{}`: found frame {}, expected whole frames of synchronised cameras; give rates and offsets, or \
+                 let the clocks be estimated",
                 camera.name, found.frame
             ))));
         }
@@ -166,11 +167,10 @@ fn check_frames(request: &PeopleRequest) -> Result<(), PeopleError> {
     Ok(())
 }
 
-/// The clocks to begin with.
-fn clocks_of(request: &PeopleRequest, ticks_hz: f64) -> Vec<Clock> {
+fn initial_clocks(request: &PeopleRequest, ticks_hz: f64) -> Vec<Clock> {
     let each = request.cameras.iter().map(|camera| Clock {
         rate_hz: camera.rate_hz.unwrap_or(request.rate_hz),
-        looks_hz: looks_hz(camera, request),
+        processed_hz: processed_hz(camera, request),
         offset_s: match request.timing {
             Timing::Clocks => camera.offset_s.unwrap_or(0.0),
             Timing::Synchronised | Timing::Unknown => 0.0,
@@ -180,9 +180,9 @@ fn clocks_of(request: &PeopleRequest, ticks_hz: f64) -> Vec<Clock> {
     each.collect()
 }
 
-/// Frames per second that were looked at: of a video often one of several is. By what is between most of them: one stray frame
-/// does not count.
-fn looks_hz(camera: &PeopleCamera, request: &PeopleRequest) -> f64 {
+/// Processed frames per second; often only one of several frames of a video is processed. The median gap between frames
+/// decides, so that single frames do not matter.
+fn processed_hz(camera: &PeopleCamera, request: &PeopleRequest) -> f64 {
     let pairs = camera.frames.windows(2).filter_map(|pair| match pair {
         [a, b] => Some(b.frame - a.frame),
         _ => None,
@@ -193,7 +193,7 @@ fn looks_hz(camera: &PeopleCamera, request: &PeopleRequest) -> f64 {
     camera.rate_hz.unwrap_or(request.rate_hz) / usual.unwrap_or(1.0).max(1.0)
 }
 
-/// That the clock of a camera can be used.
+/// Refuses a camera whose clock is unusable.
 fn check_clock(camera: &PeopleCamera, request: &PeopleRequest) -> Result<(), PeopleError> {
     let refused = |text: String| Err(PeopleError::Request(CalibrationError::Request(text)));
     let name = &camera.name;
@@ -204,11 +204,11 @@ fn check_clock(camera: &PeopleCamera, request: &PeopleRequest) -> Result<(), Peo
             found: rate_hz,
         }));
     }
-    let looks_hz = looks_hz(camera, request);
-    if request.timing != Timing::Synchronised && looks_hz < LEAST_RATE_HZ {
+    let processed_hz = processed_hz(camera, request);
+    if request.timing != Timing::Synchronised && processed_hz < LEAST_RATE_HZ {
         return refused(format!(
-            "camera `{name}`: found {looks_hz} frames per second, expected {LEAST_RATE_HZ} or more of cameras that are not \
-             synchronised: between its frames people go too far"
+            "camera `{name}`: found {processed_hz} frames per second, expected {LEAST_RATE_HZ} or more of cameras that are not \
+             synchronised: people move too far between its frames"
         ));
     }
     let offset_s = camera.offset_s.unwrap_or(f64::NAN);
@@ -234,11 +234,11 @@ fn check_clock(camera: &PeopleCamera, request: &PeopleRequest) -> Result<(), Peo
     }
 }
 
-/// Refuses a request that nobody who is seen would make usable: whoever has to look for people first asks beforehand.
+/// Refuses a request that would fail whatever the cameras saw. A caller checks this before it detects people.
 ///
 /// # Errors
-/// [`PeopleError`] where there are too few cameras or two of one name, and for numbers that are none: rates, offsets, frames, the
-/// stature, what is known of the venue.
+/// [`PeopleError`] for too few cameras or two of one name, and for invalid numbers: rates, offsets, frames, the stature, known
+/// facts about the venue.
 pub fn check_request(request: &PeopleRequest) -> Result<(), PeopleError> {
     if request.cameras.len() < 2 {
         return Err(PeopleError::Request(CalibrationError::TooFewCameras {
@@ -267,17 +267,17 @@ pub fn check_request(request: &PeopleRequest) -> Result<(), PeopleError> {
     check_anchors(&request.anchors).map_err(PeopleError::Request)
 }
 
-/// Ticks per second: of synchronised cameras frames are ticks, else ten, or as many as the slowest camera gives.
+/// Ticks per second: frames of synchronised cameras are ticks; otherwise ten, or the rate of the slowest camera.
 fn ticks_hz(request: &PeopleRequest) -> f64 {
     if request.timing == Timing::Synchronised {
         return request.rate_hz;
     }
     let rates = request.cameras.iter();
-    let rates = rates.map(|camera| looks_hz(camera, request));
+    let rates = rates.map(|camera| processed_hz(camera, request));
     rates.fold(MOST_TICKS_HZ, f64::min)
 }
 
-/// The ground under each camera, and how many bodies told of it.
+/// The ground under each camera, and the number of usable bodies.
 fn grounds(views: &[View], plan: &BodyPlan, stature_m: f64) -> (Vec<Option<Ground>>, Vec<usize>) {
     let each = views
         .iter()
@@ -314,18 +314,18 @@ fn walkers<'a>(
     stature_m: f64,
 ) -> Vec<Option<Walkers<'a>>> {
     let each = views.iter().zip(grounds);
-    each.map(|(view, ground)| Some(Walkers::of(view, (*ground)?, plan, stature_m)))
+    each.map(|(view, ground)| Some(Walkers::new(view, (*ground)?, plan, stature_m)))
         .collect()
 }
 
-/// Recordings of two cameras for which there are more lags than can be tried.
+/// The error for two cameras with more lags than can be tried.
 fn too_long(request: &PeopleRequest, (first, second): (usize, usize)) -> PeopleError {
     let name = |index: usize| {
         let camera = request.cameras.get(index);
         camera.map_or("", |camera| camera.name.as_str())
     };
     PeopleError::Request(CalibrationError::Request(format!(
-        "cameras `{}` and `{}`: recordings this long, or frame numbers this far apart, leave too many clocks to be tried; \
+        "cameras `{}` and `{}`: recordings this long, or frame numbers this far apart, give too many lags to try; \
          expected an hour and a half or less: cut them, or give rates and offsets",
         name(first),
         name(second)
@@ -349,12 +349,12 @@ fn nothing_agrees(request: &PeopleRequest, pairs: &[Pair]) -> PeopleError {
     }
 }
 
-/// Of `doubted` cameras those that agree with the others only in a mirror.
+/// The `suspicious` cameras that agree with the others only in a mirror.
 fn mirrored(
     request: &PeopleRequest,
     walkers: &[Option<Walkers<'_>>],
     pairs: &[Pair],
-    doubted: &[usize],
+    suspicious: &[usize],
     plan: &BodyPlan,
     stature_m: f64,
 ) -> Vec<usize> {
@@ -374,7 +374,7 @@ fn mirrored(
             ground: own.ground.mirrored(),
             feet: feet.collect::<Feet>(),
         };
-        let others = (0..walkers.len()).filter(|i| !doubted.contains(i));
+        let others = (0..walkers.len()).filter(|i| !suspicious.contains(i));
         let (mut plain, mut mirrored) = (0.0, 0.0);
         for other in others {
             let is_own =
@@ -386,12 +386,12 @@ fn mirrored(
         }
         mirrored > MIRROR_GAIN * plain
     };
-    doubted.iter().filter(is_mirrored).copied().collect()
+    suspicious.iter().filter(is_mirrored).copied().collect()
 }
 
-/// The cameras that have no place, or one that does not suit what they saw.
-fn doubted(adjusted: &Adjusted, contradictions: &[f64], count: usize) -> Vec<usize> {
-    let is_doubted = |index: &usize| {
+/// The cameras without a pose, or with one that does not fit what they saw.
+fn suspicious(adjusted: &Adjusted, contradictions: &[f64], count: usize) -> Vec<usize> {
+    let is_suspicious = |index: &usize| {
         let Some(column) = adjusted.posed.iter().position(|it| it == index) else {
             return true;
         };
@@ -399,7 +399,7 @@ fn doubted(adjusted: &Adjusted, contradictions: &[f64], count: usize) -> Vec<usi
         let contradiction = contradictions.get(column).copied().unwrap_or(1.0);
         noise > DOUBTFUL_NOISE || contradiction > DOUBTFUL_CONTRADICTION
     };
-    (0..count).filter(is_doubted).collect()
+    (0..count).filter(is_suspicious).collect()
 }
 
 fn states(views: &[View], placed: &[Option<Placed>]) -> Vec<Option<CameraState>> {
@@ -418,7 +418,7 @@ fn finish(
     request: &PeopleRequest,
     plan: &BodyPlan,
     ticks_hz: f64,
-    told: Told,
+    evidence: Evidence,
     adjusted: Adjusted,
 ) -> Result<PointCalibration, PeopleError> {
     let posed = adjusted.posed.iter().zip(&adjusted.problem.cameras);
@@ -429,9 +429,9 @@ fn finish(
     let names = request.cameras.iter().map(|camera| camera.name.as_str());
     let without: Vec<&str> = names.filter(|name| !has_pose(name)).collect();
     let anchors = request.anchors.without(&without);
-    let standing = Standing::of(&adjusted, plan);
+    let standing = Standing::new(&adjusted, plan);
     let floor = standing.floor();
-    let (alignment, scale) = lay(
+    let (alignment, scale) = align(
         &anchors,
         &named,
         &standing,
@@ -448,7 +448,7 @@ fn finish(
     let found = Found {
         request,
         ticks_hz,
-        told,
+        evidence,
         covariance: covariance(&adjusted.problem),
         adjusted,
         alignment,
@@ -468,7 +468,12 @@ fn finish(
         let camera = request.cameras.get(*i)?;
         let venue = &found.alignment.venue_from_found;
         let mut state = venue.apply_to_camera(&adjusted.state);
-        if let Some(clock) = found.told.clocks.get(*i).filter(|it| it.ticks_hz.is_some()) {
+        if let Some(clock) = found
+            .evidence
+            .clocks
+            .get(*i)
+            .filter(|it| it.ticks_hz.is_some())
+        {
             (state.pivot_s, state.period_s) = (clock.offset_s, 1.0 / clock.rate_hz);
         }
         Some(FoundCamera {
@@ -485,7 +490,7 @@ fn finish(
     Ok(calibration.with_field(&found.alignment, &found.anchors))
 }
 
-/// Where people's feet were: the middle of the ankles of each person at each tick; frames are times at a rate of 1.
+/// Positions of people's feet: the middle of the ankles of each person at each tick. The time is the frame at a rate of 1.
 fn path(adjusted: &Adjusted, plan: &BodyPlan, venue: &Similarity, time_hz: f64) -> Vec<PathPoint> {
     let bodies = adjusted.bodies(plan.count);
     let each = adjusted

@@ -1,20 +1,21 @@
-//! Which keypoint is which, and how long limbs are: shares of the stature of Drillis and Contini 1966 (as in Winter 2009,
-//! figure 4.1).
+//! Indices of the keypoints of a body, and lengths of limbs as shares of the stature: Drillis and Contini 1966 (as in
+//! Winter 2009, figure 4.1).
 
 use farfield_proto::keypoints::KeypointSet;
 
-/// Usual noise of a keypoint on a body, metres, and in the picture, pixels.
+/// Usual noise of a keypoint on a body, metres.
 pub(super) const KEYPOINT_M: f64 = 0.025;
+/// Usual noise of a keypoint in the picture, pixels.
 pub(super) const KEYPOINT_PX: f64 = 1.0;
 
 /// Heights of standing people's joints, shares of the stature.
 pub(super) const ANKLE_HEIGHT: f64 = 0.039;
 const HIP_HEIGHT: f64 = 0.530;
 const SHOULDER_HEIGHT: f64 = 0.818;
-/// From ankle to hip and to shoulder, upright.
+/// Upright distances from ankle to hip and to shoulder.
 pub(super) const LEG: f64 = HIP_HEIGHT - ANKLE_HEIGHT;
 pub(super) const ANKLE_TO_SHOULDER: f64 = SHOULDER_HEIGHT - ANKLE_HEIGHT;
-/// Stature of adults where none is given, metres. Only rough starts depend on it.
+/// Stature of adults if none is given, metres. Only rough starts depend on it.
 pub(super) const USUAL_STATURE_M: f64 = 1.70;
 
 /// Indices of keypoints, left and right.
@@ -28,8 +29,8 @@ pub(super) struct BodyPlan {
 }
 
 impl BodyPlan {
-    /// `None`, with what is missing, where the network does not know shoulders, hips or ankles.
-    pub(super) fn of(set: &KeypointSet) -> Result<Self, String> {
+    /// The error is the first missing keypoint among shoulders, hips and ankles.
+    pub(super) fn new(set: &KeypointSet) -> Result<Self, String> {
         let both = |part: &str| {
             let index = |side: &str| {
                 let name = format!("{side}_{part}");
@@ -47,7 +48,7 @@ impl BodyPlan {
     }
 }
 
-/// Per keypoint the one of the other side; itself in the middle.
+/// Per keypoint, the index of the one on the other side; itself if it is in the middle.
 pub(super) fn other_sides(set: &KeypointSet) -> Vec<usize> {
     let names = set.names().iter().enumerate();
     let each = names.map(|(index, name)| {

@@ -1,40 +1,41 @@
-//! Which frames of a long recording are kept, so that memory stays bounded: an adjustment looks at a few thousand keypoints
-//! of all, and tracklets need frames that follow each other, not all of them.
+//! Selects frames of a long recording so that memory stays bounded. An adjustment uses a few thousand keypoints, and tracklets
+//! need only enough frames to follow each other.
 
 use crate::points::Timing;
 
-/// Frames per second that are kept where frames of one number are of one moment, and where what is between two frames counts:
-/// feet swing with 50 m/s^2, which leaves 7 mm of a straight line between frames that are 1/30 s apart.
+/// Frames per second that are kept of synchronised cameras.
 const KEPT_HZ: f64 = 10.0;
+/// Frames per second that are kept if bodies are interpolated between frames: feet accelerate with 50 m/s^2, so they deviate by
+/// 7 mm from a straight line between frames that are 1/30 s apart.
 const KEPT_BETWEEN_HZ: f64 = 25.0;
-/// Length of the stretches of which some are left out, seconds.
+/// Length of the stretches that are kept or left out, seconds.
 const STRETCH_S: f64 = 2.0;
 
-/// Keypoints of all cameras together that fit into about 0.7 GB: those of 400,000 bodies of 17 each.
+/// Keypoints of all cameras that need about 0.7 GB: 400,000 bodies of 17 each.
 pub const MOST_KEYPOINTS: usize = 400_000 * 17;
 
-/// Which frames are kept.
+/// Selects the frames to keep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thinning {
     rate_hz: f64,
     offset_s: f64,
-    /// Every such frame, where not all are kept.
+    /// One of so many frames is kept if `is_strided`.
     stride: i64,
     is_strided: bool,
-    /// Of so many stretches the first; whatever was begun in the same moment is kept in all cameras alike.
+    /// One of so many stretches is kept, the same in all cameras.
     stretches: i64,
-    /// Where nothing is known of clocks, stretches would not be the same: then all is kept for so long from the first frame on,
+    /// With unknown clocks stretches would differ between cameras. Then frames are kept for this long from the first one,
     /// seconds.
     until_s: f64,
-    /// Number of the first frame, where clocks are not known: numbers of cameras may begin anywhere, and recordings that were
-    /// started by hand begin within minutes.
+    /// Number of the first frame, with unknown clocks: cameras may start with any number, and recordings that were started
+    /// manually begin within minutes.
     begin: f64,
     is_unknown: bool,
 }
 
 impl Thinning {
-    /// For a camera of `rate_hz` whose frame 0 is at `offset_s`: all of them, until [`Self::coarsen`] says that it is too much.
-    /// Frames of rates that are none are not told apart.
+    /// For a camera of `rate_hz` whose frame 0 is at `offset_s`. It keeps all frames until [`Self::coarsen`] is called. An invalid
+    /// rate keeps all frames.
     pub fn new(rate_hz: f64, offset_s: f64, timing: Timing) -> Self {
         let kept_hz = match timing {
             Timing::Synchronised => KEPT_HZ,
@@ -61,7 +62,7 @@ impl Thinning {
         }
     }
 
-    /// Says the number of the recording's first frame, from which time counts where clocks are not known.
+    /// Sets the number of the recording's first frame, from which time counts with unknown clocks.
     pub fn begin(&mut self, number: f64) {
         if self.is_unknown && number.is_finite() {
             self.begin = number;
@@ -84,7 +85,8 @@ impl Thinning {
         if self.is_strided { self.stride } else { 1 }
     }
 
-    /// Keeps less: first ten frames a second, 25 or more where clocks differ, then half as much each time. `last` is the number of the last frame so far, `first` of the first.
+    /// Keeps fewer frames: first ten a second (25 or more if clocks differ), then half as many each time. `first` and `last` are
+    /// the numbers of the first and the last frame so far.
     pub fn coarsen(&mut self, first: f64, last: f64) {
         if !self.is_strided && self.stride > 1 {
             self.is_strided = true;
@@ -95,31 +97,31 @@ impl Thinning {
         }
     }
 
-    /// Keeps no more than `other`, of another camera, keeps.
+    /// Keeps no more than `other`, the selection of another camera.
     pub fn follow(&mut self, other: &Self) {
         self.is_strided |= other.is_strided;
         self.stretches = self.stretches.max(other.stretches);
         self.until_s = self.until_s.min(other.until_s);
     }
 
-    /// What is kept, in words; `None` where all is.
+    /// Describes the selection; `None` if all frames are kept.
     pub fn in_words(&self) -> Option<String> {
         let rate_hz = self.rate_hz / self.stride_now() as f64;
-        let mut said = Vec::new();
+        let mut parts = Vec::new();
         if self.stride_now() > 1 {
-            said.push(format!("{rate_hz:.1} frames a second"));
+            parts.push(format!("{rate_hz:.1} frames a second"));
         }
         if self.stretches > 1 {
-            let of_s = STRETCH_S * self.stretches as f64;
-            said.push(format!("{STRETCH_S} s of every {of_s} s"));
+            let period_s = STRETCH_S * self.stretches as f64;
+            parts.push(format!("{STRETCH_S} s of every {period_s} s"));
         }
         if self.until_s.is_finite() {
-            said.push(format!(
+            parts.push(format!(
                 "the first {:.0} s of each recording, within which all cameras must be started",
                 self.until_s
             ));
         }
-        (!said.is_empty()).then(|| said.join(", "))
+        (!parts.is_empty()).then(|| parts.join(", "))
     }
 }
 
@@ -133,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn synchronised_cameras_keep_all_or_the_same_frames_ten_a_second() {
+    fn synchronised_cameras_keep_the_same_frames() {
         let mut thinning = Thinning::new(60.0, 3.3, Timing::Synchronised);
         assert_eq!(kept(&thinning, 24).len(), 24);
         assert!(thinning.in_words().is_none());
@@ -146,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn stretches_are_of_the_same_time_in_all_cameras() {
+    fn stretches_cover_the_same_time_in_all_cameras() {
         let mut first = Thinning::new(60.0, 0.0, Timing::Clocks);
         let mut second = Thinning::new(30.0, 1.0, Timing::Clocks);
         first.coarsen(0.0, 1000.0);
@@ -169,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_of_unknown_clocks_keep_the_beginning() {
+    fn cameras_with_unknown_clocks_keep_the_beginning() {
         let mut thinning = Thinning::new(30.0, 0.0, Timing::Unknown);
         thinning.coarsen(0.0, 3000.0);
         assert_eq!(kept(&thinning, 3000).len(), 1500);
@@ -178,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_of_unknown_clocks_keep_their_own_beginning_whatever_number_it_has() {
+    fn with_unknown_clocks_the_beginning_may_have_any_number() {
         let mut early = Thinning::new(30.0, 0.0, Timing::Unknown);
         let mut late = Thinning::new(60.0, 0.0, Timing::Unknown);
         early.begin(0.0);
@@ -186,20 +188,20 @@ mod tests {
         early.coarsen(0.0, 3000.0);
         late.follow(&early);
         let frames = (900_000..906_000).filter(|it| late.keeps(f64::from(*it)));
-        // 50 s at 60 Hz, all of them: at 30 Hz there is none to be left out between two that are kept.
+        // 50 s at 60 Hz, all frames: the stride of the 30 Hz camera is one.
         assert_eq!(frames.count(), 3000);
         late.coarsen(900_000.0, 902_000.0);
         late.coarsen(900_000.0, 902_000.0);
         assert!(late.keeps(900_000.0) && !late.keeps(901_100.0));
         assert!(late.in_words().unwrap().contains("s of each recording"));
-        // Where clocks are known numbers count as they are.
+        // With known clocks the beginning has no effect.
         let mut given = Thinning::new(30.0, 0.0, Timing::Clocks);
         given.begin(900_000.0);
         assert_eq!(given, Thinning::new(30.0, 0.0, Timing::Clocks));
     }
 
     #[test]
-    fn rates_that_are_none_thin_nothing() {
+    fn invalid_rates_keep_all_frames() {
         for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e300] {
             let thinning = Thinning::new(rate_hz, f64::NAN, Timing::Clocks);
             assert!(thinning.keeps(0.0), "{rate_hz}");

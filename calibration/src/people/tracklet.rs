@@ -1,22 +1,23 @@
-//! Bodies of one camera joined over time, only where it is clear who is who: a tracklet breaks rather than err.
+//! Joins bodies of one camera over time where the match is clear: a tracklet ends rather than join two people.
 
 use nalgebra::Vector3;
 
-/// Time without a sight after which a tracklet ends, seconds.
+/// A tracklet ends after this time without a sight, seconds.
 const MOST_GAP_S: f64 = 0.5;
-/// Mean step of the keypoints that is followed, in sizes of the body: at once, and per second (3 m/s of a 1.5 m body).
+/// Largest mean step of the keypoints, in sizes of the body.
 const STEP: f64 = 0.12;
+/// Additional step per second (3 m/s of a 1.5 m body).
 const STEP_PER_S: f64 = 2.0;
-/// A second body that is nearly as near makes it unclear who is who.
+/// A match is clear if the second best step is this many times larger.
 const CLEAR: f64 = 1.6;
-/// Keypoints that must be seen both before and after.
+/// Least number of keypoints seen both before and after.
 const LEAST_SHARED: usize = 4;
 
 /// One keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Joint {
     pub(super) px: [f64; 2],
-    /// Unit vector, camera axes.
+    /// Unit vector in the camera's axes.
     pub(super) bearing: Vector3<f64>,
     pub(super) score: f64,
 }
@@ -30,14 +31,14 @@ pub(super) struct Body {
 }
 
 impl Body {
-    /// The mean bearing of the keypoints of `indices` that were seen; `None` of none.
+    /// The mean bearing of the visible keypoints among `indices`; `None` if none is visible.
     pub(super) fn bearing(&self, indices: &[usize]) -> Option<Vector3<f64>> {
         let seen = indices.iter().filter_map(|i| self.joints.get(*i)?.as_ref());
         let sum = seen.fold(Vector3::zeros(), |sum, joint| sum + joint.bearing);
         sum.try_normalize(0.1)
     }
 
-    /// As [`Self::bearing`], where all of them were seen.
+    /// As [`Self::bearing`]; `None` unless all of them are visible.
     pub(super) fn bearing_of_all(&self, indices: &[usize]) -> Option<Vector3<f64>> {
         let has = |i: &usize| self.joints.get(*i).is_some_and(Option::is_some);
         indices
@@ -55,7 +56,7 @@ pub(super) struct Tracked {
     pub(super) body: Body,
 }
 
-/// Tracklets of `frames` (number, bodies), in the order in which they begin.
+/// Tracklets of `frames` (number, bodies), ordered by their beginning.
 pub(super) fn tracklets(frames: Vec<(f64, Vec<Body>)>, rate_hz: f64) -> Vec<Vec<Tracked>> {
     let mut tracks: Vec<Vec<Tracked>> = Vec::new();
     let mut open: Vec<usize> = Vec::new();
@@ -79,7 +80,7 @@ pub(super) fn tracklets(frames: Vec<(f64, Vec<Body>)>, rate_hz: f64) -> Vec<Vec<
     tracks
 }
 
-/// Per body the tracklet that it clearly goes on.
+/// Per body, the tracklet that it clearly continues.
 fn followers(
     tracks: &[Vec<Tracked>],
     open: &[usize],
@@ -121,7 +122,7 @@ fn followers(
     each.collect()
 }
 
-/// Mean step of shared keypoints, in sizes of the body (angles); `None` where too few are shared.
+/// Median step of shared keypoints, in sizes of the body (angles); `None` if too few are shared.
 fn step(a: &Body, b: &Body) -> Option<f64> {
     let both = a.joints.iter().zip(&b.joints);
     let both = both.filter_map(|(a, b)| Some((a.as_ref()?.bearing, b.as_ref()?.bearing)));
@@ -131,12 +132,12 @@ fn step(a: &Body, b: &Body) -> Option<f64> {
     if sorted.len() < LEAST_SHARED || size <= 0.0 {
         return None;
     }
-    // The median: one keypoint that jumps says nothing.
+    // The median ignores single keypoints that jump.
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).map(|median| median / size)
 }
 
-/// The largest angle between a body's keypoints and their middle, doubled.
+/// The angular size of a body, from the spread of its keypoints.
 fn size(body: &Body) -> f64 {
     let seen = body.joints.iter().flatten();
     let count = seen.clone().count().max(1) as f64;
@@ -145,6 +146,6 @@ fn size(body: &Body) -> f64 {
         .fold(nalgebra::Vector3::zeros(), |sum, it| sum + it.bearing)
         / count;
     let squares: f64 = seen.map(|it| (it.bearing - middle).norm_squared()).sum();
-    // A standing body's keypoints are about evenly spread over its height: height^2 / 12.
+    // Keypoints of a standing body are about uniform over its height: variance height^2 / 12.
     (12.0 * squares / count).sqrt()
 }

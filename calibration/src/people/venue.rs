@@ -1,4 +1,4 @@
-//! From the world of the adjustment to the venue: up and floor by feet and upright bodies, metres by stature, places or a
+//! Aligns the world of the adjustment with the venue: up and floor by feet and upright bodies, metres by stature, places or a
 //! distance.
 
 use farfield_proto::order_statistics::{percentile, upper_median};
@@ -9,24 +9,25 @@ use super::plan::{ANKLE_HEIGHT, ANKLE_TO_SHOULDER, BodyPlan, USUAL_STATURE_M};
 use crate::adjustment::CameraState;
 use crate::alignment::{Alignment, Anchors, Similarity};
 
-/// How far a standing ankle is from the plane of all, and a body's axis from upright: a share of the stature, radians.
+/// Usual distance of a standing ankle from the plane of all, relative to the stature.
 const FOOT_SHARE: f64 = 0.02;
+/// Usual angle of a body's axis from the vertical.
 const LEAN_RAD: f64 = 0.15;
-/// Rounds of weighing those less that are far from the plane.
+/// Rounds that reduce the weight of ankles far from the plane.
 const ROUNDS: usize = 12;
 
-/// Bodies as the floor and the scale need them; lengths in the unit of the adjustment.
+/// Measures of bodies for the floor and the scale; lengths in the unit of the adjustment.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Standing {
-    /// The lower ankle of each body of which both were seen.
+    /// The lower ankle of each body with both ankles.
     pub(super) ankles: Vec<Vector3<f64>>,
     /// Unit vectors from ankles to shoulders.
     pub(super) axes: Vec<Vector3<f64>>,
-    /// Lengths from ankle over knee and hip to the shoulders, over what they are of a stature of 1.
+    /// Lengths from ankle over knee and hip to the shoulders, divided by the same length of a body of stature 1.
     pub(super) statures: Vec<f64>,
 }
 
-/// The floor, and how well feet lie on it.
+/// The floor, with measures of how well feet fit it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Floor {
     /// Unit vector.
@@ -35,19 +36,19 @@ pub(super) struct Floor {
     pub(super) ankles: f64,
     /// Median distance of the ankles from their plane.
     pub(super) apart: f64,
-    /// Extents of where feet stood along the floor, between their 10 and 90 %: along their main direction, and across it.
+    /// Extents of the positions of feet along the floor, from 10 to 90 %: along their main direction, and across it.
     pub(super) extent: [f64; 2],
     /// Angle between the mean of the bodies' axes and up, radians.
     pub(super) lean_rad: f64,
 }
 
 impl Standing {
-    pub(super) fn of(adjusted: &Adjusted, plan: &BodyPlan) -> Self {
+    pub(super) fn new(adjusted: &Adjusted, plan: &BodyPlan) -> Self {
         let mut standing = Self::default();
         for body in adjusted.bodies(plan.count) {
             let joint = |index: usize| body.get(index).copied().flatten();
-            let both = |of: [usize; 2]| Some([joint(of[0])?, joint(of[1])?]);
-            let middle = |of: [usize; 2]| both(of).map(|[a, b]| (a + b) / 2.0);
+            let both = |pair: [usize; 2]| Some([joint(pair[0])?, joint(pair[1])?]);
+            let middle = |pair: [usize; 2]| both(pair).map(|[a, b]| (a + b) / 2.0);
             let Some(ankles) = both(plan.ankles) else {
                 continue;
             };
@@ -76,10 +77,10 @@ impl Standing {
         standing
     }
 
-    /// The floor under the feet; `None` of fewer than ten bodies.
+    /// The floor under the feet; `None` for fewer than ten bodies.
     ///
-    /// Up is the n with the least sum of (n (ankle - middle))^2 / foot^2 + |n x axis|^2 / lean^2: where people walk along a
-    /// line their axes tell what their feet do not.
+    /// Up is the n with the least sum of (n (ankle - middle))^2 / foot^2 + |n x axis|^2 / lean^2: if people walk along a
+    /// line, their axes determine what their feet do not.
     pub(super) fn floor(&self) -> Option<Floor> {
         if self.ankles.len() < 10 {
             return None;
@@ -154,28 +155,28 @@ impl Standing {
         [width(&along.into_owned()), width(&across)]
     }
 
-    /// Median stature, the unit of the adjustment.
+    /// Median stature in the unit of the adjustment.
     pub(super) fn stature(&self) -> Option<f64> {
         upper_median(self.statures.clone()).filter(|it| *it > 0.0)
     }
 }
 
-/// Where the metres come from.
+/// The source of the scale.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Scale {
     /// Known places or distances.
     Measured,
     /// The stature of the people.
     Stature,
-    /// Nothing: people of usual stature are assumed.
+    /// None: people of usual stature are assumed.
     Assumed,
 }
 
-/// Lays what was adjusted into the venue.
+/// The alignment with the venue, and the source of its scale.
 ///
-/// Where no three places are known the origin is on the floor below the middle of the cameras, and the first camera in the
+/// Unless three places are known, the origin is on the floor below the middle of the cameras, and the first camera in the
 /// direction of x: a second calibration of the same cameras has the same axes.
-pub(super) fn lay(
+pub(super) fn align(
     anchors: &Anchors,
     cameras: &[(String, CameraState)],
     standing: &Standing,
@@ -240,9 +241,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_few_feet_beside_a_straight_walk_do_not_make_it_wide() {
+    fn a_few_feet_off_a_straight_walk_do_not_make_it_wide() {
         let ankles = (0..200).map(|i: u32| {
-            // One in twenty was taken for another's.
+            // One in twenty belongs to another person.
             let across = if i.is_multiple_of(20) {
                 4.0
             } else {

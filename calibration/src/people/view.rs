@@ -1,4 +1,4 @@
-//! What each camera saw, with the lens taken out: bodies by tick, joined to tracklets.
+//! The undistorted bodies that each camera saw, by tick and joined to tracklets.
 
 use std::collections::BTreeMap;
 
@@ -6,30 +6,29 @@ use farfield_proto::camera::{CameraError, CameraModel};
 use farfield_proto::frames::Transform;
 use nalgebra::{Isometry3, Vector2};
 
-use super::error::PeopleError;
-use super::request::{Detection, PeopleCamera};
+use super::request::{Detection, PeopleCamera, PeopleError};
 pub(super) use super::tracklet::{Body, Joint};
 use super::tracklet::{Tracked, tracklets};
 use crate::adjustment::CameraState;
 
 /// Keypoints below this score are not used.
 const LEAST_SCORE: f64 = 0.15;
-/// Keypoints that a body needs to be looked at.
+/// Least number of keypoints of a body that is used.
 const LEAST_KEYPOINTS: usize = 6;
-/// Time between two frames from which nothing is said of what was between them: seconds, and frames that were looked at where these
-/// are slower.
+/// Bodies are interpolated between frames up to this time apart, seconds.
 const MOST_BETWEEN_S: f64 = 0.15;
+/// For slow cameras, the same in processed frames.
 const MOST_BETWEEN_FRAMES: f64 = 1.5;
-/// Frames per second that are looked at below which a camera that is not synchronised says nothing of what was between its frames: people have
-/// gone on too far.
+/// Least number of processed frames per second of a camera that is not synchronised: at a lower rate people move too far between
+/// frames to interpolate.
 pub const LEAST_RATE_HZ: f64 = 3.0;
-/// Share of the keypoints of a camera that may lie outside of its picture.
+/// Largest share of a camera's keypoints outside of its picture.
 const OUTSIDE_SHARE: f64 = 0.2;
 
 /// One camera and the bodies that it saw by tick.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct View {
-    /// Its lens; the pose is of no meaning.
+    /// Its lens; the pose has no meaning.
     pub(super) state: CameraState,
     pub(super) ticks: BTreeMap<i64, Vec<Body>>,
 }
@@ -39,7 +38,7 @@ impl View {
         (self.state.intrinsics.fx_px * self.state.intrinsics.fy_px).sqrt()
     }
 
-    /// The view that the camera would have had in a mirror: `other_sides` gives the keypoint of the other side.
+    /// The view of the camera in a mirror; `other_sides` maps keypoints to those of the other side.
     pub(super) fn mirrored(&self, other_sides: &[usize]) -> Self {
         let turned = |body: &Body| {
             let joint = |other: &usize| {
@@ -67,15 +66,15 @@ impl View {
 pub(super) struct Clock {
     /// Frames per second of the camera.
     pub(super) rate_hz: f64,
-    /// Frames of it per second that were looked at.
-    pub(super) looks_hz: f64,
+    /// Its processed frames per second.
+    pub(super) processed_hz: f64,
     /// Time of its frame 0, seconds.
     pub(super) offset_s: f64,
-    /// Ticks per second; `None` where frames of all cameras are ticks.
+    /// Ticks per second; `None` if frames of all cameras are ticks.
     pub(super) ticks_hz: Option<f64>,
 }
 
-/// One camera and its tracklets, whenever they were.
+/// One camera and its tracklets, by frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Tracks {
     state: CameraState,
@@ -84,7 +83,7 @@ pub(super) struct Tracks {
 
 impl Tracks {
     /// The tracklets of `camera`, whose bodies have `count` keypoints, at `rate_hz` frames per second.
-    pub(super) fn of(
+    pub(super) fn new(
         camera: &PeopleCamera,
         count: usize,
         rate_hz: f64,
@@ -116,7 +115,7 @@ impl Tracks {
                     });
                 }
                 let seen = detection.keypoints.iter().flatten();
-                // What was not seen is often given some place or other.
+                // Keypoints that were not seen often have arbitrary positions.
                 let seen = seen.filter(|keypoint| keypoint.score >= LEAST_SCORE);
                 all += seen.clone().count();
                 outside += seen.filter(|k| is_outside(k.px, camera.size_px)).count();
@@ -138,7 +137,7 @@ impl Tracks {
         })
     }
 
-    /// The bodies at their frames, which are ticks; takes no second copy of them.
+    /// The bodies by frame, which is the tick, without a copy of them.
     pub(super) fn into_view(self) -> View {
         let mut ticks: BTreeMap<i64, Vec<Body>> = BTreeMap::new();
         for (number, track) in self.tracks.into_iter().enumerate() {
@@ -194,7 +193,7 @@ fn body(
     })
 }
 
-/// Refuses numbers that are none. A lens that folds in a corner of its picture is let pass.
+/// Refuses invalid numbers, but not a lens that folds in a corner of its picture.
 fn check_lens(camera: &PeopleCamera) -> Result<(), PeopleError> {
     let model = CameraModel::new(
         &camera.name,
@@ -209,7 +208,7 @@ fn check_lens(camera: &PeopleCamera) -> Result<(), PeopleError> {
     }
 }
 
-/// Bodies at whole ticks: as they were seen, or between two frames of a tracklet where clocks differ.
+/// Bodies at whole ticks: as seen, or interpolated between two frames of a tracklet if clocks differ.
 fn by_tick(tracks: &[Vec<Tracked>], clock: &Clock) -> BTreeMap<i64, Vec<Body>> {
     let mut ticks: BTreeMap<i64, Vec<Body>> = BTreeMap::new();
     for (number, track) in tracks.iter().enumerate() {
@@ -224,7 +223,7 @@ fn by_tick(tracks: &[Vec<Tracked>], clock: &Clock) -> BTreeMap<i64, Vec<Body>> {
             }
             continue;
         };
-        let most_s = MOST_BETWEEN_S.max(MOST_BETWEEN_FRAMES / clock.looks_hz);
+        let most_s = MOST_BETWEEN_S.max(MOST_BETWEEN_FRAMES / clock.processed_hz);
         let tick_of = |frame: f64| (frame / clock.rate_hz + clock.offset_s) * ticks_hz;
         for pair in track.windows(2) {
             let [a, b] = pair else { continue };
@@ -242,7 +241,7 @@ fn by_tick(tracks: &[Vec<Tracked>], clock: &Clock) -> BTreeMap<i64, Vec<Body>> {
     ticks
 }
 
-/// The body a `share` of the way from `a` to `b`, of the keypoints that both have.
+/// Interpolates the keypoints that both bodies have, by `share` from `a` to `b`.
 fn between(a: &Body, b: &Body, share: f64) -> Body {
     let joints = a.joints.iter().zip(&b.joints).map(|(a, b)| {
         let (a, b) = (a.as_ref()?, b.as_ref()?);
@@ -259,8 +258,8 @@ fn between(a: &Body, b: &Body, share: f64) -> Body {
     }
 }
 
-/// How fast a keypoint moves in the picture, pixels per tick, by the same tracklet before and after, the farthest of each that are
-/// at most `reach` ticks away: the farther, the less its noise counts.
+/// Velocity of a keypoint in the picture, pixels per tick, from the same tracklet at the farthest ticks before and after within
+/// `reach`: a longer time reduces the noise.
 pub(super) fn velocity_px(
     view: &View,
     tick: i64,
@@ -301,11 +300,11 @@ mod tests {
     }
 
     #[test]
-    fn slow_cameras_have_bodies_between_their_frames() {
+    fn slow_cameras_have_bodies_between_frames() {
         for rate_hz in [LEAST_RATE_HZ, 5.0, 6.0, 7.0, 25.0] {
             let clock = Clock {
                 rate_hz,
-                looks_hz: rate_hz,
+                processed_hz: rate_hz,
                 offset_s: 0.01,
                 ticks_hz: Some(rate_hz.min(10.0)),
             };
@@ -316,10 +315,10 @@ mod tests {
     }
 
     #[test]
-    fn videos_of_which_some_frames_are_looked_at_have_bodies_between_these() {
+    fn bodies_are_interpolated_between_processed_frames() {
         let clock = Clock {
             rate_hz: 30.0,
-            looks_hz: 5.0,
+            processed_hz: 5.0,
             offset_s: 0.01,
             ticks_hz: Some(10.0),
         };
@@ -328,10 +327,10 @@ mod tests {
     }
 
     #[test]
-    fn an_offset_beyond_all_whole_numbers_ends() {
+    fn an_offset_beyond_all_whole_numbers_terminates() {
         let clock = Clock {
             rate_hz: 10.0,
-            looks_hz: 10.0,
+            processed_hz: 10.0,
             offset_s: 1e18,
             ticks_hz: Some(10.0),
         };

@@ -1,52 +1,58 @@
-//! What speaks for and against a calibration from people: camera by camera; [`super::findings`] has what is said of the
-//! whole.
+//! Findings about a calibration from people, camera by camera; [`super::findings`] has those about the whole.
 
 use farfield_proto::order_statistics::upper_median;
 
-use super::findings::{of_all, people_report};
-pub(in crate::people) use super::found::{Found, Told};
-use super::suspects::of_suspects;
+pub(in crate::people) use super::evidence::{Evidence, Found};
+use super::findings::{overall_findings, people_report};
 use crate::adjustment::Observation;
-use crate::points::{Apart, Laid, halves, knocked_at, of_anchors};
+use crate::points::{
+    Apart, Bars, ClockUnit, Laid, Timing, anchor_findings, halves, knocked_at, suspects,
+};
 use crate::report::{
     CameraReport, Cause, Finding, PictureCoverage, Report, empty_picture, finding,
     other_focal_length, uncertain_place,
 };
 
-/// Residuals within this many standard deviations are used; less than these shares are doubtful, and wrong.
+/// Residuals within this many standard deviations are used.
 const USED_SIGMAS: f64 = 4.0;
+/// A smaller share of used residuals is a warning.
 const USUAL_SHARE: f64 = 0.75;
+/// A smaller share of used residuals is an error.
 const LEAST_SHARE: f64 = 0.5;
-/// Noise over the expected one (25 mm on the body and 1 px) that is doubtful, and wrong.
+/// Noise relative to the expected one (25 mm on the body and 1 px) above which there is a warning.
 pub(in crate::people) const DOUBTFUL_NOISE: f64 = 1.8;
+/// The same for an error.
 const WRONG_NOISE: f64 = 4.0;
-/// And that is wrong over the noise of the camera in the middle: one that fits much worse than the others stands wrong.
+/// Noise relative to the median camera above which a warning becomes an error: such a pose is wrong.
 const WRONG_NOISE_RATIO: f64 = 2.0;
-/// Share of persons that a camera sees elsewhere which is doubtful, and wrong.
+/// Share of persons that a camera sees elsewhere, above which there is a warning.
 pub(in crate::people) const DOUBTFUL_CONTRADICTION: f64 = 0.25;
+/// The same for an error.
 const WRONG_CONTRADICTION: f64 = 0.5;
-/// Halves disagree when they draw what a camera saw so many pixels apart: doubtful where it is also so many of their standard
-/// deviations; wrong, however uncertain they are, where it is also so many metres in the field (two deviations of a keypoint: 25
-/// mm), or so many times what it is of the camera in the middle. Clothes and the side from which people are seen move all cameras
-/// alike, and where they stand near, pixels are millimetres; a knock moves one.
+/// The halves of the data disagree if they project the same points this many pixels apart. It is a warning if the distance
+/// also exceeds this many of their standard deviations.
+///
+/// It is an error, whatever their uncertainty, if it also exceeds this many metres in the field (two standard deviations of a
+/// keypoint: 25 mm), or this many times the value of the median camera. Clothes and the side from which people are seen affect
+/// all cameras alike, and near the camera pixels are millimetres; a knock moves one camera.
 const HALVES_SIGMAS: f64 = 5.0;
 const DOUBTFUL_HALVES_PX: f64 = 2.0;
 const WRONG_HALVES_PX: f64 = 6.0;
 const WRONG_HALVES_M: f64 = 0.05;
 const WRONG_HALVES_RATIO: f64 = 3.0;
 
-/// What is said of what was found.
+/// The report on a solution.
 pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
     let apart = halves(&found.adjusted.problem);
     let sights = sights(found);
     let mut cameras = camera_reports(found, &apart, &sights);
-    let mut findings = of_all(found);
-    findings.extend(of_suspects(found));
-    // Before they are widened by what halves are apart: then hardly any could be too far.
+    let mut findings = overall_findings(found);
+    findings.extend(suspect_findings(found));
+    // Before the standard deviations are widened by the halves, which would hide nearly all disagreements.
     let halves_px = cameras.iter().map(|it| it.halves_px);
     let usual_px = upper_median(halves_px.filter(|px| px.is_finite()).collect()).unwrap_or(0.0);
     for report in &cameras {
-        findings.extend(of_halves(report, usual_px));
+        findings.extend(halves_finding(report, usual_px));
     }
     widen_sigmas(&mut cameras);
     let laid = Laid {
@@ -54,14 +60,17 @@ pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
         anchors: &found.anchors,
         alignment: &found.alignment,
     };
-    findings.extend(of_anchors(&laid, &cameras));
+    findings.extend(anchor_findings(&laid, &cameras));
     let span_m = found.span_m();
     for (index, report) in cameras.iter().enumerate() {
         let noise = found.adjusted.noise.get(index).copied().unwrap_or(f64::NAN);
         let usual = upper_median(found.adjusted.noise.clone()).unwrap_or(1.0);
-        findings.extend(of_noise(&report.name, noise, usual));
-        findings.extend(contradicting(report, found.told.contradictions.get(index)));
-        findings.extend(of_camera(report, span_m, cameras.len()));
+        findings.extend(noise_finding(&report.name, noise, usual));
+        findings.extend(contradicting(
+            report,
+            found.evidence.contradictions.get(index),
+        ));
+        findings.extend(camera_findings(report, span_m, cameras.len()));
         findings.extend(knocked(report, sights.get(index)));
     }
     findings.sort_by_key(|finding| !finding.is_wrong());
@@ -74,7 +83,7 @@ pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
     }
 }
 
-/// Per camera, in the order of time: length of each residual in pixels, and in standard deviations.
+/// The residuals of each camera in the order of time.
 fn sights(found: &Found<'_>) -> Vec<Vec<Residual>> {
     let problem = &found.adjusted.problem;
     let mut sights = vec![Vec::new(); problem.cameras.len()];
@@ -86,7 +95,7 @@ fn sights(found: &Found<'_>) -> Vec<Vec<Residual>> {
     sights
 }
 
-/// A residual's length in pixels, and in standard deviations; `None` where there is no projection.
+/// The length of a residual in pixels and in standard deviations; `None` without a projection.
 type Residual = Option<(f64, f64)>;
 
 fn is_used(sight: Residual) -> bool {
@@ -101,11 +110,11 @@ fn camera_reports(
     let scale = found.alignment.venue_from_found.scale;
     let mut reports = Vec::new();
     for (index, (state, own)) in found.states().iter().zip(sights).enumerate() {
-        let asked = found.adjusted.posed.get(index);
-        let Some(camera) = asked.and_then(|i| found.request.cameras.get(*i)) else {
+        let posed = found.adjusted.posed.get(index);
+        let Some(camera) = posed.and_then(|i| found.request.cameras.get(*i)) else {
             continue;
         };
-        let clock = asked.and_then(|i| found.told.clocks.get(*i));
+        let clock = posed.and_then(|i| found.evidence.clocks.get(*i));
         let used: Vec<f64> = own
             .iter()
             .copied()
@@ -139,17 +148,16 @@ fn camera_reports(
             halves_deg: half.map_or(f64::NAN, |it| it.turned_rad.to_degrees()),
             halves_px: half.map_or(f64::NAN, |it| it.px),
             halves_across_m: half.map_or(f64::NAN, |it| it.across * scale),
-            coverage: PictureCoverage::of(camera.size_px, used_px),
+            coverage: PictureCoverage::new(camera.size_px, used_px),
         });
     }
     reports
 }
 
-/// Widens the standard deviations of all cameras by what halves of the data are farther apart than they foretell, in the
-/// middle of the cameras: keypoints of one posture are wrong together, and the same way for many frames, which the
-/// covariance of the adjustment does not know.
+/// Widens the standard deviations of all cameras by the median ratio of the difference between halves to the predicted one.
+/// Errors of keypoints in one posture are correlated over many frames, which the covariance of the adjustment ignores.
 fn widen_sigmas(cameras: &mut [CameraReport]) {
-    // Each half is as uncertain as the whole times the root of two, and there are two.
+    // Each half has the standard deviation of the whole times the root of two, and there are two.
     let ratio = |halves: f64, sigma: f64| halves / (2.0 * sigma);
     let places = cameras
         .iter()
@@ -168,7 +176,7 @@ fn widen_sigmas(cameras: &mut [CameraReport]) {
     }
 }
 
-fn of_noise(name: &str, noise: f64, usual: f64) -> Option<Finding> {
+fn noise_finding(name: &str, noise: f64, usual: f64) -> Option<Finding> {
     let is_odd = noise > DOUBTFUL_NOISE && noise > WRONG_NOISE_RATIO * usual;
     (noise.is_nan() || noise > DOUBTFUL_NOISE).then(|| {
         finding(
@@ -176,10 +184,10 @@ fn of_noise(name: &str, noise: f64, usual: f64) -> Option<Finding> {
             Cause::Residual,
             noise.is_nan() || noise > WRONG_NOISE || is_odd,
             format!(
-                "its keypoints are off by {noise:.1} times what is usual, those of the camera in the middle by {usual:.1}"
+                "its keypoints are off by {noise:.1} times the usual noise, those of the median camera by {usual:.1}"
             ),
             "less than 1.8: 25 mm on the body and 1 px",
-            "look at its lens, its clock and whether it was moved",
+            "check its lens and its clock, and whether it was moved",
         )
     })
 }
@@ -193,15 +201,15 @@ fn contradicting(report: &CameraReport, share: Option<&f64>) -> Option<Finding> 
         Cause::Outliers,
         share > WRONG_CONTRADICTION,
         format!(
-            "of the people in its picture it sees {:.0} % elsewhere than the other cameras do",
+            "it sees {:.0} % of the people in its picture elsewhere than the other cameras do",
             100.0 * share
         ),
         "a quarter or less",
-        "its clock is off, it was moved, its lens is not as given, or its video is mirrored or another camera's",
+        "its clock is off, it was moved, its lens is not as given, or its video is mirrored or of another camera",
     ))
 }
 
-fn of_camera(report: &CameraReport, span_m: f64, cameras: usize) -> Vec<Finding> {
+fn camera_findings(report: &CameraReport, span_m: f64, cameras: usize) -> Vec<Finding> {
     let mut findings = Vec::new();
     let name = &report.name;
     if report.used_share < USUAL_SHARE {
@@ -211,15 +219,15 @@ fn of_camera(report: &CameraReport, span_m: f64, cameras: usize) -> Vec<Finding>
             report.used_share < LEAST_SHARE,
             format!("{:.0} % of its keypoints fit", 100.0 * report.used_share),
             "75 % or more",
-            "it was moved on the way, its clock is off, or its lens is not as given",
+            "it was moved during the recording, its clock is off, or its lens is not as given",
         ));
     }
-    // Of two cameras alone the distance is the unit.
+    // With two cameras their distance is the unit.
     if cameras > 2 {
         findings.extend(uncertain_place(
             report,
             span_m,
-            "let people walk near it and far from it, longer, where other cameras see them too",
+            "let people walk near it and far from it, for longer, and where other cameras also see them",
         ));
     }
     findings.extend(other_focal_length(report));
@@ -227,23 +235,23 @@ fn of_camera(report: &CameraReport, span_m: f64, cameras: usize) -> Vec<Finding>
     findings
 }
 
-/// What the halves of the data say of a camera; they draw what the camera in the middle saw `usual_px` apart.
-fn of_halves(report: &CameraReport, usual_px: f64) -> Option<Finding> {
+/// The finding about the halves of the data; those of the median camera differ by `usual_px`.
+fn halves_finding(report: &CameraReport, usual_px: f64) -> Option<Finding> {
     let name = &report.name;
     let apart_px = report.halves_px;
-    // What one half cannot draw at all is infinitely far off, and wrong; what nobody compared is no number.
+    // An infinite distance means that one half cannot project the points, which is an error. NaN means not compared.
     if apart_px.is_nan() {
         return Some(finding(
             name,
             Cause::HalvesUnchecked,
             false,
-            "halves not checked: one of them has too few of its keypoints, or of other cameras'"
+            "halves not checked: one of them has too few keypoints of it or of other cameras"
                 .to_owned(),
             "15 keypoints or more in each half, in three cameras that do not stand on one line",
-            "let people walk before it at the beginning and at the end",
+            "let people walk in front of it at the beginning and at the end",
         ));
     }
-    // Each half is as uncertain as the whole times the root of two, and there are two.
+    // Each half has the standard deviation of the whole times the root of two, and there are two.
     let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
     let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
     let is_odd = apart_px > WRONG_HALVES_RATIO * usual_px;
@@ -255,18 +263,18 @@ fn of_halves(report: &CameraReport, usual_px: f64) -> Option<Finding> {
             Cause::HalvesDisagree,
             is_wrong,
             format!(
-                "first and second half put it {:.3} m and {:.3} degrees apart, which moves what it saw by {apart_px:.1} px, {:.0} mm",
+                "first and second half put it {:.3} m and {:.3} degrees apart, which moves its keypoints by {apart_px:.1} px, {:.0} mm",
                 report.halves_m,
                 report.halves_deg,
                 1000.0 * report.halves_across_m
             ),
             &format!("{DOUBTFUL_HALVES_PX:.1} px or less"),
-            "it was moved on the way, its clock wanders, or its lens is not as given",
+            "it was moved during the recording, its clock drifts, or its lens is not as given",
         )
     })
 }
 
-/// A camera that fits at some times only.
+/// The finding about a camera that fits only part of the time.
 fn knocked(report: &CameraReport, sights: Option<&Vec<Residual>>) -> Option<Finding> {
     let used: Vec<bool> = sights?.iter().copied().map(is_used).collect();
     let percent = 100.0 * knocked_at(&used)?;
@@ -276,8 +284,32 @@ fn knocked(report: &CameraReport, sights: Option<&Vec<Residual>>) -> Option<Find
         true,
         format!("moved, or its clock jumped, at about {percent:.0} % of its keypoints"),
         "keypoints that fit equally well at all times",
-        "leave out what it saw before or after, or calibrate again",
+        "leave out its frames before or after, or calibrate again",
     ))
+}
+
+/// Delays of a camera above which there is a warning, and an error, seconds: people walk 1.5 m a second.
+const LATE_S: [f64; 2] = [0.012, 0.06];
+/// Errors of a focal length above which there is a warning, and an error: people determine it to 1 or 2 %.
+const FOCAL: [f64; 2] = [0.03, 0.045];
+
+/// Findings about cameras that fit better with another clock or focal length.
+pub(super) fn suspect_findings(found: &Found<'_>) -> Vec<Finding> {
+    let bars = Bars {
+        late: LATE_S.map(|late_s| late_s * found.ticks_hz),
+        focal: FOCAL,
+    };
+    let unit = ClockUnit {
+        hz: Some(found.ticks_hz),
+        is_frame: found.request.timing == Timing::Synchronised,
+    };
+    let suspects = suspects(&found.adjusted.problem, bars);
+    let each = suspects.iter().map(|it| {
+        let posed = found.adjusted.posed.get(it.camera);
+        let name = found.name(*posed.unwrap_or(&it.camera));
+        it.finding(name, bars, unit)
+    });
+    each.collect()
 }
 
 #[cfg(test)]
@@ -285,7 +317,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn halves_that_draw_a_point_far_apart_are_wrong_however_uncertain_they_are() {
+    fn halves_that_project_a_point_far_apart_are_wrong_despite_uncertainty() {
         let report = CameraReport {
             name: "north".to_owned(),
             sights: 1000,
@@ -303,23 +335,24 @@ mod tests {
             halves_across_m: 0.01,
             coverage: PictureCoverage::default(),
         };
-        let of = |px: f64, across_m: f64, usual_px: f64| {
+        let finding = |px: f64, across_m: f64, usual_px: f64| {
             let report = CameraReport {
                 halves_px: px,
                 halves_across_m: across_m,
                 ..report.clone()
             };
-            of_halves(&report, usual_px)
+            halves_finding(&report, usual_px)
         };
-        let is_wrong =
-            |px, across_m, usual_px| of(px, across_m, usual_px).is_some_and(|it| it.is_wrong());
+        let is_wrong = |px, across_m, usual_px| {
+            finding(px, across_m, usual_px).is_some_and(|it| it.is_wrong())
+        };
         let (px, across_m) = (WRONG_HALVES_PX, WRONG_HALVES_M);
         assert!(is_wrong(px + 0.1, across_m + 0.001, px));
         assert!(!is_wrong(px - 0.1, across_m + 0.001, px));
-        // Near, and no worse than the others: millimetres.
+        // Near the camera, and no worse than the others: millimetres.
         assert!(!is_wrong(px + 0.1, across_m - 0.001, px));
-        // One that alone is apart was moved.
+        // A single camera that is apart was moved.
         assert!(is_wrong(px + 0.1, 0.01, px / WRONG_HALVES_RATIO));
-        assert!(of(f64::NAN, 0.0, 1.0).is_some_and(|it| it.cause == Cause::HalvesUnchecked));
+        assert!(finding(f64::NAN, 0.0, 1.0).is_some_and(|it| it.cause == Cause::HalvesUnchecked));
     }
 }

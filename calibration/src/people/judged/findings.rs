@@ -1,7 +1,7 @@
-//! What speaks against a calibration from people as a whole: who was not connected, how people walked, the floor, the
-//! length of a metre.
+//! Findings about a calibration from people as a whole: cameras that are not connected, how people walked, the floor, the
+//! scale.
 
-use super::found::Found;
+use super::evidence::Found;
 use crate::alignment::Lost;
 use crate::people::plan::USUAL_STATURE_M;
 use crate::people::start::ground::LEAST_BODIES;
@@ -9,35 +9,43 @@ use crate::people::venue::Scale;
 use crate::report::{Cause, Finding, PeopleReport, finding};
 use farfield_proto::order_statistics::{percentile, upper_median};
 
-/// Seconds of a person that two cameras see, summed over persons: less is doubtful, and wrong.
+/// Seconds of a person that two cameras see, summed over persons, below which there is a warning.
 const USUAL_PERSON_S: f64 = 60.0;
+/// The same for an error.
 const LEAST_PERSON_S: f64 = 8.0;
-/// Extent of where feet stood across their main direction: less than this share of that along it, and less than so many
-/// metres, is a straight walk; less than the other share is wrong, as is less than the metres.
+/// Extent of the positions of feet across their main direction, relative to that along it, below which the walk is a line.
 const LINE_SHARE: f64 = 0.12;
+/// The same for an error.
 const WRONG_LINE_SHARE: f64 = 0.05;
+/// Extent across the main direction below which the walk is a line and an error, metres.
 const LINE_M: f64 = 0.6;
-/// Ratio of a camera's far to its near persons below which they all stand at one depth.
+/// Ratio of the distances to a camera's far and near persons below which all are at one depth.
 const ONE_DEPTH: f64 = 1.15;
-/// Median distance of standing ankles from their plane that is doubtful, and wrong, metres.
+/// Median distance of standing ankles from their plane above which there is a warning, metres.
 const DOUBTFUL_FEET_M: f64 = 0.05;
+/// The same for an error.
 const WRONG_FEET_M: f64 = 0.12;
-/// Mean lean of people that is doubtful, and wrong, degrees.
+/// Mean lean of people above which there is a warning, degrees.
 const DOUBTFUL_LEAN_DEG: f64 = 4.0;
+/// The same for an error.
 const WRONG_LEAN_DEG: f64 = 12.0;
-/// Height of the floor, by feet, in a venue that known places fix: doubtful, and wrong, metres; and its tilt, degrees.
+/// Height of the floor by feet, in a venue that known places fix, above which there is a warning, metres.
 const DOUBTFUL_FLOOR_M: f64 = 0.10;
+/// The same for an error.
 const WRONG_FLOOR_M: f64 = 0.20;
+/// Tilt of that floor above which there is a warning, degrees.
 const DOUBTFUL_TILT_DEG: f64 = 1.5;
+/// The same for an error.
 const WRONG_TILT_DEG: f64 = 3.0;
-/// Median statures that are doubtful, metres: adults are within; and those that are wrong.
+/// Median statures outside this range cause a warning, metres: adults are inside.
 const DOUBTFUL_STATURES_M: [f64; 2] = [1.5, 2.0];
+/// The same for an error.
 const WRONG_STATURES_M: [f64; 2] = [1.2, 2.1];
-/// Difference of given and found stature that is doubtful.
+/// Relative difference of given and measured stature above which there is a warning.
 const DOUBTFUL_STATURE: f64 = 0.05;
 
-/// What is said of all cameras together.
-pub(in crate::people) fn of_all(found: &Found<'_>) -> Vec<Finding> {
+/// Findings about all cameras together.
+pub(in crate::people) fn overall_findings(found: &Found<'_>) -> Vec<Finding> {
     let mut findings = not_connected(found);
     findings.extend(degenerate(found));
     findings.extend(only_two(found));
@@ -52,34 +60,35 @@ pub(in crate::people) fn of_all(found: &Found<'_>) -> Vec<Finding> {
 }
 
 fn not_connected(found: &Found<'_>) -> Vec<Finding> {
-    let is_named = |i: &usize| !found.adjusted.posed.contains(i) || found.told.mirrored.contains(i);
-    let without = (0..found.request.cameras.len()).filter(is_named);
+    let is_reported =
+        |i: &usize| !found.adjusted.posed.contains(i) || found.evidence.mirrored.contains(i);
+    let without = (0..found.request.cameras.len()).filter(is_reported);
     let each = without.map(|index| {
         let name = found.name(index);
         let is_posed = found.adjusted.posed.contains(&index);
-        let lost = Lost(found.request.anchors.lost(|of| of != name || is_posed));
-        if found.told.mirrored.contains(&index) {
+        let lost = Lost(found.request.anchors.lost(|camera| camera != name || is_posed));
+        if found.evidence.mirrored.contains(&index) {
             return finding(
                 name,
                 Cause::Handedness,
                 true,
-                lost.found("it agrees with the others only in a mirror"),
+                lost.missing("it agrees with the others only in a mirror"),
                 "a picture that is not mirrored",
                 "turn off mirroring in the camera, or flip the video",
             );
         }
-        let bodies = found.told.bodies.get(index).copied().unwrap_or(0);
-        let own = found.told.pairs.iter().filter(|p| p.first == index || p.second == index);
+        let bodies = found.evidence.bodies.get(index).copied().unwrap_or(0);
+        let own = found.evidence.pairs.iter().filter(|p| p.first == index || p.second == index);
         let best = own.max_by(|a, b| a.matched.cmp(&b.matched).then(b.loss.total_cmp(&a.loss)));
-        let said = match best {
+        let reason = match best {
             _ if bodies < LEAST_BODIES => {
-                format!("it saw {bodies} bodies with ankles and shoulders, of {LEAST_BODIES} that it needs")
+                format!("it saw {bodies} bodies with ankles and shoulders, and needs {LEAST_BODIES}")
             }
-            None => "it saw nobody whom another camera saw at the same time".to_owned(),
+            None => "it saw no person that another camera saw at the same time".to_owned(),
             Some(pair) => {
                 let other = if pair.first == index { pair.second } else { pair.first };
                 format!(
-                    "with no camera enough agrees: at best {} bodies with `{}`, {:.0} % of whose keypoints fit",
+                    "it does not agree enough with any camera: at best {} bodies with `{}`, {:.0} % of whose keypoints fit",
                     pair.matched,
                     found.name(other),
                     100.0 * (1.0 - pair.loss)
@@ -90,24 +99,23 @@ fn not_connected(found: &Found<'_>) -> Vec<Finding> {
             name,
             Cause::NotConnected,
             true,
-            lost.found(&said),
+            lost.missing(&reason),
             "twenty bodies that it and another camera see at the same time",
-            "let people walk on curves where it and another camera both see them; or its clock or lens is wrong",
+            "let people walk on curves where it and another camera both see them; check its clock and lens",
         )
     });
     each.collect()
 }
 
-/// Of two cameras nothing can be checked against a third: halves cannot be laid on each other, and the distance, which is
-/// the unit, has no uncertainty.
+/// Two cameras cannot be checked against a third: halves cannot be aligned with each other, and the distance, which is the
+/// unit, has no uncertainty.
 fn only_two(found: &Found<'_>) -> Option<Finding> {
     (found.adjusted.posed.len() == 2).then(|| {
         finding(
             "",
             Cause::HalvesUnchecked,
             true,
-            "two cameras were calibrated, and nothing checks how they stand to each other"
-                .to_owned(),
+            "two cameras were calibrated, and nothing checks their relative pose".to_owned(),
             "three cameras or more",
             "add a camera, or calibrate two by a board or by points",
         )
@@ -120,15 +128,15 @@ fn degenerate(found: &Found<'_>) -> Option<Finding> {
             "",
             Cause::Uncertain,
             true,
-            "how well the cameras are known could not be computed".to_owned(),
-            "people who fix every camera",
+            "the uncertainty of the cameras could not be computed".to_owned(),
+            "people who determine the pose of every camera",
             "let people walk across the whole field, near and far, on curves",
         ));
     };
     let direction = covariance.degenerate.first()?;
     let named = direction.cameras.iter().filter_map(|(index, _)| {
-        let asked = found.adjusted.posed.get(*index)?;
-        Some(found.name(*asked))
+        let posed = found.adjusted.posed.get(*index)?;
+        Some(found.name(*posed))
     });
     let names: Vec<&str> = named.collect();
     Some(finding(
@@ -136,18 +144,17 @@ fn degenerate(found: &Found<'_>) -> Option<Finding> {
         Cause::Degenerate,
         true,
         format!(
-            "the people leave undetermined how {} stand",
+            "the people do not determine the poses of {}",
             names.join(", ")
         ),
-        "people whom every camera sees together with others",
+        "people that every camera sees together with others",
         "let people walk across the whole field, near and far, on curves",
     ))
 }
 
-/// Persons at the ticks that were looked at, times the seconds that each of these stands for: a tick without anybody counts
-/// nothing.
+/// Persons at the processed ticks, times the seconds that each of these stands for. Ticks without people add nothing.
 fn person_seconds(found: &Found<'_>) -> f64 {
-    found.adjusted.persons.len() as f64 * found.adjusted.ticks_per_look / found.ticks_hz
+    found.adjusted.persons.len() as f64 * found.adjusted.ticks_per_sample / found.ticks_hz
 }
 
 fn too_few(found: &Found<'_>) -> Option<Finding> {
@@ -160,7 +167,7 @@ fn too_few(found: &Found<'_>) -> Option<Finding> {
             format!(
                 "people were seen by several cameras for {seconds:.0} s, summed over all of them"
             ),
-            "60 s or more: four people for half a minute, and better two minutes",
+            "60 s or more: four people for half a minute, or better for two minutes",
             "record longer, or more people",
         )
     })
@@ -182,7 +189,6 @@ fn straight_walk(found: &Found<'_>) -> Option<Finding> {
     })
 }
 
-/// Cameras that saw all people at about one depth.
 fn one_depth(found: &Found<'_>) -> Vec<Finding> {
     let problem = &found.adjusted.problem;
     let nodes = problem.path.nodes();
@@ -221,7 +227,7 @@ fn feet(found: &Found<'_>) -> Vec<Finding> {
                 "",
                 Cause::NoFloor,
                 true,
-                "nothing says where the floor is: too few bodies with both ankles and shoulders".to_owned(),
+                "the floor is unknown: too few bodies with both ankles and shoulders".to_owned(),
                 "an upright world: a run refuses any other",
                 "let people walk where their whole bodies are seen, or give the places of three cameras",
             ));
@@ -235,7 +241,7 @@ fn feet(found: &Found<'_>) -> Vec<Finding> {
             "",
             Cause::Feet,
             apart_m > WRONG_FEET_M,
-            format!("standing feet are {apart_m:.3} m from one plane at the median"),
+            format!("standing feet have a median distance of {apart_m:.3} m from their plane"),
             "0.05 m or less",
             "let people walk on level ground; give the places of three cameras where there is none",
         ));
@@ -246,7 +252,7 @@ fn feet(found: &Found<'_>) -> Vec<Finding> {
             "",
             Cause::Feet,
             lean_deg > WRONG_LEAN_DEG,
-            format!("people lean by {lean_deg:.1} degrees on the floor that their feet make"),
+            format!("people lean by {lean_deg:.1} degrees relative to the floor under their feet"),
             "4 degrees or less",
             "let people walk upright and in all directions, on level ground",
         ));
@@ -276,15 +282,15 @@ fn under_floor(found: &Found<'_>) -> Vec<Finding> {
 
 fn metres(found: &Found<'_>) -> Vec<Finding> {
     let mut findings = Vec::new();
-    let has_pose = |name: &str| found.named.iter().any(|(of, _)| of == name);
+    let has_pose = |name: &str| found.named.iter().any(|(other, _)| other == name);
     let lost = Lost(found.request.anchors.lost(has_pose));
     match found.scale {
         Scale::Assumed => findings.push(finding(
             "",
             Cause::NoScale,
             true,
-            lost.found(&format!(
-                "nothing says how long a metre is: people of {USUAL_STATURE_M:.2} m were assumed, which is good to 5 %"
+            lost.missing(&format!(
+                "the length of a metre is unknown: people of {USUAL_STATURE_M:.2} m were assumed, which is accurate to 5 %"
             )),
             "a known distance, three known places, or the stature of the people",
             &lost.remedy("measure the distance between two cameras, 5 m or more"),
@@ -293,7 +299,7 @@ fn metres(found: &Found<'_>) -> Vec<Finding> {
             "",
             Cause::Stature,
             false,
-            lost.found("metres come from the stature of the people, which is good to 1 to 2 %"),
+            lost.missing("metres come from the stature of the people, which is accurate to 1 to 2 %"),
             "a known distance",
             &lost.remedy("measure the distance between two cameras, 5 m or more"),
         )),
@@ -304,7 +310,9 @@ fn metres(found: &Found<'_>) -> Vec<Finding> {
             "",
             Cause::Handedness,
             false,
-            lost.found("handedness was not checked: if all videos were mirrored it would not show"),
+            lost.missing(
+                "handedness was not checked: if all videos were mirrored, it would not be visible",
+            ),
             "three known places or more",
             &lost.remedy("give the places of three cameras or more"),
         ));
@@ -312,7 +320,7 @@ fn metres(found: &Found<'_>) -> Vec<Finding> {
     findings
 }
 
-/// How tall people come out.
+/// The stature of the people in the result.
 pub(super) fn people_report(found: &Found<'_>) -> Option<PeopleReport> {
     let stature_m = found.alignment.venue_from_found.scale * found.standing.stature()?;
     let expected_m = found.request.stature_m.unwrap_or(USUAL_STATURE_M);
@@ -322,7 +330,7 @@ pub(super) fn people_report(found: &Found<'_>) -> Option<PeopleReport> {
     })
 }
 
-/// How tall people come out where metres were measured.
+/// Compares the stature of people with the expected one if metres were measured.
 fn statures(found: &Found<'_>) -> Option<Finding> {
     let PeopleReport {
         stature_m: here_m,
@@ -334,7 +342,7 @@ fn statures(found: &Found<'_>) -> Option<Finding> {
     let is_off = given_m.is_some() && (world_scale - 1.0).abs() > DOUBTFUL_STATURE;
     (is_wrong || is_off || (given_m.is_none() && is_beyond(DOUBTFUL_STATURES_M))).then(|| {
         let [least, most] = DOUBTFUL_STATURES_M;
-        let (expected, of) = match given_m {
+        let (expected, reference_m) = match given_m {
             Some(given_m) => (format!("{given_m:.2} m, as given"), given_m),
             None => (format!("{least:.1} to {most:.1} m of adults"), USUAL_STATURE_M),
         };
@@ -342,15 +350,15 @@ fn statures(found: &Found<'_>) -> Option<Finding> {
             "",
             Cause::Stature,
             is_wrong,
-            format!("people come out {here_m:.2} m tall: all distances times {world_scale:.2} would make them {of:.2} m"),
+            format!("people come out {here_m:.2} m tall: all distances times {world_scale:.2} would make them {reference_m:.2} m"),
             &expected,
-            "look for a wrong unit or number among the known distances and places, and at the focal lengths; give the \
-             stature of children (--stature-m)",
+            "check the known distances and places for a wrong unit or number, and the focal lengths; give the stature of \
+             children (--stature-m)",
         )
     })
 }
 
-/// The floor that known places make against the one that feet make.
+/// Compares the floor of the known places with the floor under the feet.
 fn known_floor(found: &Found<'_>) -> Option<Finding> {
     found.alignment.rms_m?;
     let venue = &found.alignment.venue_from_found;
@@ -368,7 +376,7 @@ fn known_floor(found: &Found<'_>) -> Option<Finding> {
             floor_m.abs() > WRONG_FLOOR_M || tilt_deg > WRONG_TILT_DEG,
             format!("people walk at a height of {floor_m:.2} m on ground that is tilted by {tilt_deg:.1} degrees"),
             "a level floor at zero",
-            "look at the heights of the known places, and for exchanged axes",
+            "check the heights of the known places, and their axes for an exchange",
         )
     })
 }

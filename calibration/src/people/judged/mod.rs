@@ -1,7 +1,5 @@
-//! What speaks for and against a calibration from people.
+//! Assessment of a calibration from people.
 
 pub(super) mod assess;
-pub(super) mod contradiction;
+pub(super) mod evidence;
 mod findings;
-mod found;
-mod suspects;

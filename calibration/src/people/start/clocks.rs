@@ -1,7 +1,7 @@
-//! When cameras that were started by hand took their frames, by the people that they saw.
+//! Clocks of cameras that were started manually, from the people that they saw.
 //!
-//! Whole seconds come from feet: the lag at which the floors of two cameras lie on each other best. What is left comes
-//! from the adjustment: a camera that is late sees everybody a little behind where they are, along their way.
+//! Whole ticks come from feet: the lag at which the floors of two cameras match best. The adjustment gives the rest: a late
+//! camera sees everyone a little behind along their path.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -14,25 +14,26 @@ use super::pair::Walkers;
 use crate::people::adjust::Adjusted;
 use crate::people::view::{Clock, View, velocity_px};
 
-/// Ticks between the lags that are tried first, at ten ticks per second.
+/// Step between the lags of the first search, at ten ticks per second.
 const COARSE_TICKS: i64 = 3;
-/// Share of the shorter recording that a lag must leave in common, and the least time, ticks.
+/// Least share of the shorter recording that overlaps at a lag.
 const LEAST_COMMON_SHARE: f64 = 0.35;
+/// Least overlap, ticks.
 const LEAST_COMMON_TICKS: f64 = 80.0;
-/// Of the shorter recording the busiest part of so many ticks is looked for in the longer one; and the most lags that are
-/// tried first, which an hour and a half needs.
+/// Length of the busiest part of the shorter recording that is searched in the longer one, ticks.
 const WINDOW_TICKS: i64 = 1500;
+/// Most lags of the first search; an hour and a half needs so many.
 const MOST_LAGS: i64 = 20_000;
-/// Lags of which the neighbours are tried.
+/// Number of best lags whose neighbours are tried.
 const MOST_KEPT: usize = 3;
-/// What is believed of given rates, a share.
+/// Relative standard deviation of given rates.
 const RATE_SIGMA: f64 = 2e-4;
-/// What is believed of the time before it is measured, seconds; only keeps the sums from being singular.
+/// Standard deviation of the time before it is measured, seconds; it only prevents singular sums.
 const TIME_SIGMA_S: f64 = 1.0;
-/// Residuals beyond so many standard deviations tell nothing of time.
+/// Residuals beyond this many standard deviations are not used for time.
 const MOST_SIGMAS: f64 = 4.0;
 
-/// How late the second camera is to the first.
+/// The delay of the second camera relative to the first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Lag {
     first: usize,
@@ -41,10 +42,10 @@ struct Lag {
     score: f64,
 }
 
-/// Per camera the ticks to be added to its own so that all agree, from the pairs that agree best; zero where none do.
+/// Per camera, the ticks to add to its own so that all agree, from the pairs that agree best; zero without such a pair.
 ///
 /// # Errors
-/// Two cameras whose recordings are so long that there are too many lags to be tried.
+/// Two cameras whose recordings are so long that there are too many lags to try.
 pub(in crate::people) fn lags(
     walkers: &[Option<Walkers<'_>>],
     seed: u64,
@@ -54,7 +55,7 @@ pub(in crate::people) fn lags(
         .collect();
     for (first, second) in &indices {
         if let (Some(a), Some(b)) = (&walkers[*first], &walkers[*second])
-            && Search::of(&a.feet, &b.feet).is_some_and(|it| it.count() > MOST_LAGS)
+            && Search::new(&a.feet, &b.feet).is_some_and(|it| it.count() > MOST_LAGS)
         {
             return Err((*first, *second));
         }
@@ -98,19 +99,19 @@ fn spread(count: usize, lags: &[Lag]) -> Vec<i64> {
     ticks.into_iter().map(|it| it.unwrap_or(0)).collect()
 }
 
-/// Where two recordings are looked for in each other.
+/// The search range for the lag of two recordings.
 struct Search<'a> {
     a: Cow<'a, Feet>,
     b: Cow<'a, Feet>,
-    /// Ticks of the shorter one.
+    /// Ticks of the shorter recording.
     shorter: f64,
-    /// The lags.
+    /// The smallest and largest lag.
     least: i64,
     most: i64,
 }
 
 impl<'a> Search<'a> {
-    fn of(a: &'a Feet, b: &'a Feet) -> Option<Self> {
+    fn new(a: &'a Feet, b: &'a Feet) -> Option<Self> {
         let ends = |feet: &Feet| Some((*feet.keys().next()?, *feet.keys().next_back()?));
         let length = |feet: &Feet| ends(feet).map(|(from, to)| to - from);
         let (a, b) = if length(b)? <= length(a)? {
@@ -130,13 +131,13 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// How many lags are tried first.
+    /// The number of lags of the first search.
     fn count(&self) -> i64 {
         (self.most - self.least) / COARSE_TICKS
     }
 }
 
-/// The part of [`WINDOW_TICKS`] in which the most feet were seen.
+/// The part of [`WINDOW_TICKS`] with the most feet.
 fn busiest(feet: &Feet) -> Cow<'_, Feet> {
     let each: Vec<(i64, usize)> = feet.iter().map(|(tick, own)| (*tick, own.len())).collect();
     let is_short = each
@@ -165,15 +166,15 @@ fn busiest(feet: &Feet) -> Cow<'_, Feet> {
     Cow::Owned(window.map(|(tick, own)| (*tick, own.clone())).collect())
 }
 
-/// The ticks to be added to those of `b`, and how well feet then agree.
+/// The ticks to add to those of `b`, and the score of the match of feet.
 fn lag(a: &Feet, b: &Feet, seed: u64) -> Option<(i64, f64)> {
-    let search = Search::of(a, b)?;
+    let search = Search::new(a, b)?;
     let (a, b) = (search.a.as_ref(), search.b.as_ref());
     let score = |ticks: i64, effort: Effort| {
         let best = motions(a, b, ticks, effort, seed)
             .first()
             .map(|it| it.score)?;
-        // Few common ticks agree by chance.
+        // A few common ticks can agree by chance.
         let shared = shared_ticks(a, b, ticks).len();
         Some(best * (shared as f64 / search.shorter.max(1.0)).min(1.0).sqrt())
     };
@@ -192,7 +193,7 @@ fn lag(a: &Feet, b: &Feet, seed: u64) -> Option<(i64, f64)> {
     fine.max_by(|x, y| x.1.total_cmp(&y.1))
 }
 
-/// Moves each posed camera's clock by what its keypoints are behind or ahead along their way, and returns the largest
+/// Corrects the clock of each posed camera by how far its keypoints are behind or ahead along their path. Returns the largest
 /// change, seconds. The clocks keep their mean.
 pub(in crate::people) fn refine(clocks: &mut [Clock], views: &[View], adjusted: &Adjusted) -> f64 {
     let mut sums: BTreeMap<usize, (Matrix2<f64>, Vector2<f64>)> = BTreeMap::new();
@@ -266,7 +267,7 @@ pub(in crate::people) fn refine(clocks: &mut [Clock], views: &[View], adjusted: 
         let Some(clock) = clocks.get_mut(index) else {
             continue;
         };
-        // What is ahead was taken later than its clock says.
+        // A keypoint that is ahead was taken later than its clock states.
         let step = step - mean;
         clock.offset_s += step.x - step.y * middle_s + clock.offset_s * step.y;
         clock.rate_hz /= 1.0 + step.y;
@@ -279,18 +280,18 @@ pub(in crate::people) fn refine(clocks: &mut [Clock], views: &[View], adjusted: 
 mod tests {
     use super::*;
 
-    /// Three people on curves, ten times a second, from one tick to another, as a camera of another place sees them.
+    /// Three people on curves at ten ticks per second, as seen from one place.
     fn feet(ticks: std::ops::Range<i64>, since: i64) -> Feet {
         let at = |tick: i64| {
             let t = tick as f64 * 0.1;
-            let each = (0..3).map(|who: usize| {
-                let phase = 1.7 * who as f64;
-                // Nobody walks the same way twice.
+            let each = (0..3).map(|person: usize| {
+                let phase = 1.7 * person as f64;
+                // Paths differ between people and never repeat.
                 let at = Vector2::new(
                     3.0 * libm::sin(0.5 * t + phase) + libm::sin(0.0113 * t * t / 10.0 + phase),
                     2.0 * libm::cos(0.37 * t + 2.0 * phase) + libm::cos(0.171 * t),
                 );
-                (who + 10 * (tick / 100) as usize, at)
+                (person + 10 * (tick / 100) as usize, at)
             });
             each.collect()
         };
@@ -300,14 +301,14 @@ mod tests {
     #[test]
     fn the_busiest_part_of_a_long_recording_is_found_in_a_longer_one() {
         let (long, short) = (feet(0..5000, 0), feet(1000..3600, 700));
-        let search = Search::of(&long, &short).unwrap();
+        let search = Search::new(&long, &short).unwrap();
         assert!(search.b.len() <= 1500 && search.a.len() == 5000);
         assert_eq!(lag(&long, &short, 1).unwrap().0, 700);
         assert_eq!(lag(&short, &long, 1).unwrap().0, -700);
     }
 
     #[test]
-    fn the_busiest_part_is_that_with_the_most_feet() {
+    fn the_busiest_part_has_the_most_feet() {
         let mut feet: Feet = (0..10_000).map(|tick| (tick, Vec::new())).collect();
         for tick in 6000..6400 {
             feet.insert(tick, vec![(0, Vector2::zeros())]);

@@ -1,6 +1,6 @@
-//! How the floors of two cameras lie on each other: a turn about the vertical and a shift, from the paths of feet.
+//! The relative position of two cameras' floors: a rotation about the vertical and a shift, from the paths of feet.
 //!
-//! Nobody says who is whom: every tracklet of one camera with every simultaneous one of the other proposes a motion of the
+//! Identities are unknown. Every tracklet of one camera with every simultaneous one of the other proposes a motion of the
 //! plane, and so do pairs of these; the feet of all others vote.
 
 use std::collections::BTreeMap;
@@ -9,24 +9,26 @@ use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Ticks that two tracklets must share.
+/// Least number of ticks that two tracklets share.
 const LEAST_SHARED: usize = 5;
-/// Root mean square distance of feet from their middle from which their path tells a turn, metres.
+/// Least root mean square distance of feet from their middle for their path to determine a rotation, metres.
 const LEAST_SPREAD_M: f64 = 0.35;
-/// Distance within which feet are the same: a sum, and a share of their distances from both cameras.
+/// Largest distance of matching feet: a constant part.
 const GATE_M: f64 = 0.35;
+/// The part that is relative to their distances from both cameras.
 const GATE_SHARE: f64 = 0.05;
-/// Turn and shift (in gates) from which two motions are different ones, and how many are kept.
+/// Two motions differ if their rotations differ by more, or their shifts by three gates.
 const SAME_RAD: f64 = 0.2;
+/// Number of motions that are kept.
 const MOST_KEPT: usize = 4;
 
-/// The feet of a camera: by tick, (tracklet, place).
+/// The feet of a camera by tick: (tracklet, position).
 pub(in crate::people) type Feet = BTreeMap<i64, Vec<(usize, Vector2<f64>)>>;
 
-/// How thoroughly to look.
+/// The effort of a search.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::people) struct Effort {
-    /// Most motions that are proposed by one pair of tracklets each, and by two.
+    /// Most motions proposed by one pair of tracklets, and by two.
     single: usize,
     double: usize,
     /// Ticks at which feet vote.
@@ -47,7 +49,7 @@ impl Effort {
     };
 }
 
-/// A foot in both cameras.
+/// The position of a foot in both cameras.
 type FootPair = (Vector2<f64>, Vector2<f64>);
 
 /// b = R(angle) a + shift.
@@ -55,7 +57,7 @@ type FootPair = (Vector2<f64>, Vector2<f64>);
 pub(in crate::people) struct PlaneMotion {
     pub(in crate::people) angle_rad: f64,
     pub(in crate::people) shift_m: Vector2<f64>,
-    /// Share of the feet, of those that could, that agree.
+    /// The share of feet that agree.
     pub(in crate::people) score: f64,
 }
 
@@ -96,7 +98,7 @@ impl PlaneMotion {
     }
 }
 
-/// The ticks of `a` that `b` has too, `late` before.
+/// The ticks of `a` that `b` also has, `late` ticks earlier.
 pub(in crate::people) fn shared_ticks(a: &Feet, b: &Feet, late: i64) -> Vec<i64> {
     let (Some(first), Some(last)) = (b.keys().next(), b.keys().next_back()) else {
         return Vec::new();
@@ -107,7 +109,7 @@ pub(in crate::people) fn shared_ticks(a: &Feet, b: &Feet, late: i64) -> Vec<i64>
         .collect()
 }
 
-/// Motions that many feet agree with, the best first; what `b` saw was `late` ticks later than it says.
+/// Motions on which many feet agree, the best first; the ticks of `b` are `late` too low.
 pub(in crate::people) fn motions(
     a: &Feet,
     b: &Feet,
@@ -146,7 +148,7 @@ pub(in crate::people) fn motions(
         .map(|it| settled(it, a, b, late, &ticks, 0))
         .collect();
     scored.sort_by(|x, y| y.score.total_cmp(&x.score));
-    // Only the best are worth a second look.
+    // Only the best are refined.
     let mut kept: Vec<PlaneMotion> = Vec::new();
     for it in scored {
         if kept.iter().any(|other| is_same(other, &it)) {
@@ -172,7 +174,6 @@ fn is_same(a: &PlaneMotion, b: &PlaneMotion) -> bool {
     turn < SAME_RAD && (a.shift_m - b.shift_m).norm() < 3.0 * GATE_M
 }
 
-/// Feet of each pair of tracklets at the ticks that they share.
 fn shared_tracklets(
     a: &Feet,
     b: &Feet,
@@ -192,13 +193,13 @@ fn shared_tracklets(
         .into_values()
         .filter(|pairs| pairs.len() >= LEAST_SHARED)
         .collect();
-    // The longest tell the most.
+    // The longest determine the motion best.
     shared.sort_by_key(|pairs| std::cmp::Reverse(pairs.len()));
     shared.truncate(2 * most);
     shared
 }
 
-/// The motion fitted again, `rounds` times, to the feet that agree with it, with its score.
+/// Refits the motion up to `rounds` times to the feet that agree with it, and sets its score.
 fn settled(
     mut motion: PlaneMotion,
     a: &Feet,
@@ -225,7 +226,7 @@ fn settled(
     motion
 }
 
-/// How many feet agree, of those of the camera that sees fewer, and which.
+/// The share of agreeing feet, relative to the camera that sees fewer, and the agreeing pairs.
 fn votes(
     motion: &PlaneMotion,
     a: &Feet,
@@ -266,7 +267,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn four_walkers_of_whom_nobody_knows_who_is_who_tell_the_motion_of_the_plane() {
+    fn four_walkers_without_identities_determine_the_motion_of_the_plane() {
         let truth = PlaneMotion {
             angle_rad: 2.4,
             shift_m: Vector2::new(3.0, -7.0),
@@ -275,14 +276,16 @@ mod tests {
         let (mut a, mut b) = (Feet::new(), Feet::new());
         for tick in 0..100_i64 {
             let t = tick as f64 * 0.1;
-            for who in 0..4 {
-                let phase = 1.7 * who as f64;
+            for person in 0..4 {
+                let phase = 1.7 * person as f64;
                 let at = Vector2::new(
                     3.0 * libm::sin(0.5 * t + phase),
                     2.0 * libm::cos(0.37 * t + 2.0 * phase),
                 );
-                a.entry(tick).or_default().push((who, at));
-                b.entry(tick).or_default().push((3 - who, truth.apply(&at)));
+                a.entry(tick).or_default().push((person, at));
+                b.entry(tick)
+                    .or_default()
+                    .push((3 - person, truth.apply(&at)));
             }
         }
         let found = motions(&a, &b, 0, Effort::FULL, 1);

@@ -1,5 +1,5 @@
-//! From pairs of cameras to all of them: pairs that contradict others are left out, then rotations are averaged, then
-//! places.
+//! Joins pairs of cameras to all of them: pairs that contradict others get less weight, then rotations are averaged, then
+//! positions.
 
 use std::collections::BTreeMap;
 
@@ -8,25 +8,26 @@ use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
 use super::ground::Ground;
 use super::pair::Pair;
 
-/// Three pairs agree when going around turns by less, and misses the start by less than this share of the way.
+/// Three pairs agree if the rotation around the loop is smaller than this.
 const LOOP_RAD: f64 = 0.12;
+/// And if the shift around the loop is smaller than this share of its length.
 const LOOP_SHARE: f64 = 0.3;
-/// A pair that is farther than this from the average is left out of it.
+/// Pairs farther than this from the average are left out of it.
 const FAR_RAD: f64 = 0.2;
 /// Rounds of averaging.
 const ROUNDS: usize = 30;
 
-/// A camera over the common floor: world axes to camera axes, and the pinhole, metres.
+/// A camera relative to the common floor: world axes to camera axes, and the pinhole, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::people) struct Placed {
     pub(in crate::people) camera_from_world: UnitQuaternion<f64>,
     pub(in crate::people) center_m: Vector3<f64>,
 }
 
-/// Places of the cameras that hang together, in the world over the floor (z up) of the best connected one.
+/// Poses of connected cameras in the world over the floor (z up) of the best connected one.
 pub(in crate::people) fn places(grounds: &[Option<Ground>], pairs: &[Pair]) -> Vec<Option<Placed>> {
     let sound: Vec<&Pair> = pairs.iter().filter(|pair| pair.is_sound()).collect();
-    let worth: Vec<f64> = sound.iter().map(|pair| believed(pair, &sound)).collect();
+    let worth: Vec<f64> = sound.iter().map(|pair| weight(pair, &sound)).collect();
     let mut places = vec![None; grounds.len()];
     let mut sums = vec![0.0; grounds.len()];
     for (pair, worth) in sound.iter().zip(&worth) {
@@ -43,7 +44,7 @@ pub(in crate::people) fn places(grounds: &[Option<Ground>], pairs: &[Pair]) -> V
         camera_from_world: ground.ground_from_camera.inverse(),
         center_m: Vector3::new(0.0, 0.0, ground.height_m),
     });
-    // Prim's tree, the most believed pair first.
+    // Prim's tree, the pair with the largest weight first.
     loop {
         let open = sound.iter().zip(&worth);
         let open =
@@ -77,8 +78,8 @@ fn before(second: &Placed, pair: &Pair) -> Placed {
     }
 }
 
-/// Its worth, raised by triples that agree with it and lowered by those that do not.
-fn believed(pair: &Pair, all: &[&Pair]) -> f64 {
+/// The worth of a pair, raised by triples that agree with it and lowered by those that do not.
+fn weight(pair: &Pair, all: &[&Pair]) -> f64 {
     let by_ends: BTreeMap<(usize, usize), &Pair> =
         all.iter().map(|it| ((it.first, it.second), *it)).collect();
     let most = all.iter().map(|it| it.second).max().unwrap_or(0);
@@ -106,7 +107,7 @@ fn agree(ab: &Pair, bc: &Pair, ac: &Pair) -> bool {
     around.angle_to(&ac.rotation) < LOOP_RAD && (shift_m - ac.shift_m).norm() < LOOP_SHARE * way_m
 }
 
-/// Each rotation becomes the mean of what its neighbours say, in turn; the root keeps its own.
+/// Each rotation in turn becomes the mean of the predictions by its neighbours; the root stays fixed.
 fn average_rotations(places: &mut [Option<Placed>], pairs: &[&Pair], worth: &[f64], root: usize) {
     for _ in 0..ROUNDS {
         for index in 0..places.len() {
@@ -115,15 +116,16 @@ fn average_rotations(places: &mut [Option<Placed>], pairs: &[&Pair], worth: &[f6
             };
             let (mut step, mut total) = (Vector3::zeros(), 0.0);
             for (pair, worth) in pairs.iter().zip(worth) {
-                let told = if pair.second == index {
+                let predicted = if pair.second == index {
                     places[pair.first].map(|it| after(&it, pair))
                 } else if pair.first == index {
                     places[pair.second].map(|it| before(&it, pair))
                 } else {
                     None
                 };
-                let Some(told) = told else { continue };
-                let turn = (told.camera_from_world * own.camera_from_world.inverse()).scaled_axis();
+                let Some(predicted) = predicted else { continue };
+                let turn =
+                    (predicted.camera_from_world * own.camera_from_world.inverse()).scaled_axis();
                 if turn.norm() < FAR_RAD {
                     step += turn * *worth;
                     total += worth;
@@ -140,7 +142,7 @@ fn average_rotations(places: &mut [Option<Placed>], pairs: &[&Pair], worth: &[f6
     }
 }
 
-/// Places that suit all pairs, by weighted least squares, far ones weighing less round by round.
+/// Positions by weighted least squares over all pairs; large residuals lose weight in each round.
 fn average_places(places: &mut [Option<Placed>], pairs: &[&Pair], worth: &[f64], root: usize) {
     let free: Vec<usize> = (0..places.len())
         .filter(|i| *i != root && places[*i].is_some())
@@ -154,11 +156,11 @@ fn average_places(places: &mut [Option<Placed>], pairs: &[&Pair], worth: &[f64],
             let (Some(a), Some(b)) = (places[pair.first], places[pair.second]) else {
                 continue;
             };
-            let told = pair.rotation * a.camera_from_world;
-            if told.angle_to(&b.camera_from_world) > FAR_RAD {
+            let predicted = pair.rotation * a.camera_from_world;
+            if predicted.angle_to(&b.camera_from_world) > FAR_RAD {
                 continue;
             }
-            // What leads from the first to the second in the world.
+            // The shift from the first to the second camera in the world.
             let step_m = -(b.camera_from_world.inverse() * pair.shift_m);
             let missed_m = (b.center_m - a.center_m - step_m).norm();
             let length_m = pair.shift_m.norm().max(0.1);
@@ -168,11 +170,11 @@ fn average_places(places: &mut [Option<Placed>], pairs: &[&Pair], worth: &[f64],
             for axis in 0..3 {
                 if let Some(i) = i {
                     matrix[(3 * i + axis, 3 * i + axis)] += weight;
-                    right[3 * i + axis] += weight * (b_fixed(j, &b) - step_m)[axis];
+                    right[3 * i + axis] += weight * (fixed_center(j, &b) - step_m)[axis];
                 }
                 if let Some(j) = j {
                     matrix[(3 * j + axis, 3 * j + axis)] += weight;
-                    right[3 * j + axis] += weight * (b_fixed(i, &a) + step_m)[axis];
+                    right[3 * j + axis] += weight * (fixed_center(i, &a) + step_m)[axis];
                 }
                 if let (Some(i), Some(j)) = (i, j) {
                     matrix[(3 * i + axis, 3 * j + axis)] -= weight;
@@ -192,7 +194,7 @@ fn average_places(places: &mut [Option<Placed>], pairs: &[&Pair], worth: &[f64],
     }
 }
 
-/// The place of a camera that does not move, or zero where it is an unknown.
-fn b_fixed(column: Option<&usize>, place: &Placed) -> Vector3<f64> {
+/// The position of a camera that is fixed, or zero if it is an unknown.
+fn fixed_center(column: Option<&usize>, place: &Placed) -> Vector3<f64> {
     column.map_or(place.center_m, |_| Vector3::zeros())
 }

@@ -1,9 +1,9 @@
-//! How one camera alone stands over the floor: which way is up, how high it is, where feet are, from upright bodies of a
+//! The pose of one camera relative to the floor: direction of up, height, and positions of feet, from upright bodies of a
 //! known stature.
 //!
-//! A body's ankles lie on a plane, its shoulders a known length above them along the vertical. What is looked for is the up
-//! direction n (in the camera's axes, 2 unknowns) and the height h over the plane of ankles. Bodies sway and bend: what
-//! is left of each is limited by Cauchy's loss.
+//! A body's ankles lie on a plane, its shoulders a known length above them along the vertical. The unknowns are the direction
+//! n of up (in the camera's axes, 2) and the height h over the plane of ankles. Bodies sway and bend: Cauchy's loss limits the
+//! residual of each.
 
 use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
@@ -11,18 +11,21 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use crate::people::plan::{ANKLE_TO_SHOULDER, BodyPlan, LEG};
 use crate::people::view::{Body, View};
 
-/// Bodies that a camera needs, and the most that are looked at.
+/// Least number of bodies of a camera.
 pub(in crate::people) const LEAST_BODIES: usize = 25;
+/// Most bodies that are used.
 const MOST_BODIES: usize = 400;
-/// Usual distance of a walking body's shoulders from straight above its ankles, as a share of the distance between them.
+/// Usual horizontal distance of a walking body's shoulders from its ankles, relative to the distance between them.
 const SWAY: f64 = 0.075;
-/// Sine of the angle below the horizon from which a sight meets the floor at a usable place.
+/// Least sine of the angle below the horizon at which a ray meets the floor at a usable place.
 const LEAST_DIP: f64 = 0.015;
-/// Steps of the grid of directions, degrees, and how many of its best are followed.
+/// Step of the grid of directions, degrees.
 const PITCH_STEP_DEG: i32 = 6;
+/// Step of the rotation about the axis, degrees.
 const ROLL_STEP_DEG: i32 = 10;
+/// Number of best directions that are refined.
 const STARTS: usize = 6;
-/// What a body costs that stands above the horizon: as much as one that is hopelessly off.
+/// The loss of a body above the horizon: as much as for one with a very large residual.
 const ABOVE_HORIZON: f64 = 6.0;
 
 /// A camera over the floor.
@@ -34,7 +37,7 @@ pub(in crate::people) struct Ground {
     pub(in crate::people) height_m: f64,
 }
 
-/// A body that tells where up is: directions to its ankles and its shoulders.
+/// An upright body: directions to its ankles and its shoulders.
 #[derive(Debug, Clone, Copy)]
 struct Upright {
     ankles: Vector3<f64>,
@@ -42,7 +45,7 @@ struct Upright {
 }
 
 impl Ground {
-    /// The ground under the same camera in a mirror that exchanges left and right.
+    /// The ground of the camera in a mirror that exchanges left and right.
     pub(in crate::people) fn mirrored(&self) -> Self {
         let up = self.ground_from_camera.inverse() * Vector3::z();
         Self {
@@ -51,8 +54,8 @@ impl Ground {
         }
     }
 
-    /// Where over the floor a body stands, metres from below the camera: by its ankles, or where these are hidden by its
-    /// hips.
+    /// The position of a body on the floor, metres from below the camera: by its ankles, or by its hips if the ankles are
+    /// hidden.
     pub(in crate::people) fn foot_m(
         &self,
         body: &Body,
@@ -70,7 +73,7 @@ impl Ground {
     }
 }
 
-/// The ground under `view`; an error says how many usable bodies there are.
+/// The ground under `view`; the error is the number of usable bodies.
 pub(in crate::people) fn ground(
     view: &View,
     plan: &BodyPlan,
@@ -104,10 +107,10 @@ pub(in crate::people) fn ground(
     })
 }
 
-/// Rows of the rotation: ahead, left, up.
+/// The rows of the rotation are ahead, left, up.
 fn ground_from_camera(up: &Vector3<f64>) -> UnitQuaternion<f64> {
     let forward = Vector3::z() - up * up.z;
-    // Straight down there is no ahead: the picture's upper edge is.
+    // Straight down, the picture's upper edge is ahead.
     let ahead = forward.try_normalize(0.05).unwrap_or_else(|| {
         let upper = -Vector3::y();
         (upper - up * up.dot(&upper)).normalize()
@@ -119,13 +122,13 @@ fn ground_from_camera(up: &Vector3<f64>) -> UnitQuaternion<f64> {
     )))
 }
 
-/// Directions all around with the height that suits the bodies: (loss, up, height).
+/// All directions with the height that fits the bodies: (loss, up, height).
 fn grid(bodies: &[Upright], length_m: f64) -> Vec<(f64, Vector3<f64>, f64)> {
     let mut found = Vec::new();
     for pitch in (-12..=84).step_by(PITCH_STEP_DEG as usize) {
         for roll in (-180..180).step_by(ROLL_STEP_DEG as usize) {
             let (p, r) = (f64::from(pitch).to_radians(), f64::from(roll).to_radians());
-            // Looking down by p, turned about the axis by r.
+            // Looking down by p, rotated about the axis by r.
             let up = Vector3::new(
                 libm::sin(r) * libm::cos(p),
                 -libm::cos(r) * libm::cos(p),
@@ -141,13 +144,13 @@ fn grid(bodies: &[Upright], length_m: f64) -> Vec<(f64, Vector3<f64>, f64)> {
     found
 }
 
-/// The height that gives one body its length: where the sight of the shoulders passes the vertical above the ankles.
+/// The height that gives one body its length: the ray of the shoulders passes nearest to the vertical above the ankles.
 fn height_m(body: &Upright, up: &Vector3<f64>, length_m: f64) -> Option<f64> {
     let dip = -body.ankles.dot(up);
     if dip < LEAST_DIP {
         return None;
     }
-    // At height 1: nearest approach of the line ankle + t up and the sight of the shoulders.
+    // At height 1: the points of the line ankle + t up and the ray of the shoulders that are nearest to each other.
     let ankle = body.ankles / dip;
     let s = body.shoulders;
     let across = up.dot(&s);
@@ -167,7 +170,7 @@ fn residual(
         return None;
     }
     let shoulders = body.ankles * (height_m / dip) + up * length_m;
-    // By the angle that the body has in the picture: in metres the floor could rise to the pinhole and cost nothing.
+    // Divide by the angular size of the body: in metres the floor could rise to the pinhole without loss.
     let length_rad = (body.shoulders - body.ankles).norm().max(1e-4);
     Some((shoulders.normalize() - body.shoulders) / (SWAY * length_rad))
 }
@@ -180,7 +183,7 @@ fn cost(bodies: &[Upright], up: &Vector3<f64>, height_m: f64, length_m: f64) -> 
     each.sum()
 }
 
-/// Gauss and Newton's steps with Cauchy's weights: (loss, up, height).
+/// Damped Gauss-Newton steps with Cauchy's weights: (loss, up, height).
 fn settle(
     mut up: Vector3<f64>,
     mut height_m: f64,
@@ -235,7 +238,7 @@ fn settle(
     (current, up, height_m)
 }
 
-/// `up` moved on the sphere by the first two numbers, the height by the third as a share.
+/// `up` moved on the sphere by the first two numbers, the height scaled by the exponential of the third.
 fn moved(up: &Vector3<f64>, height_m: f64, by: &Vector3<f64>) -> (Vector3<f64>, f64) {
     let aside = if up.x.abs() < 0.7 {
         Vector3::x()

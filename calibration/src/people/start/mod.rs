@@ -1,4 +1,4 @@
-//! Rough poses from nothing: the floor under each camera, how two cameras stand to each other, all of them, and their clocks.
+//! Rough poses without a start: the floor under each camera, relative poses of two cameras, all cameras, and their clocks.
 
 pub(super) mod clocks;
 pub(super) mod floor_match;

@@ -1,6 +1,6 @@
-//! How two cameras stand to each other, from people whom both saw and of whom nobody knows who is who.
+//! The relative pose of two cameras from people that both saw, without identities.
 //!
-//! Feet propose ([`super::floor_match`]); whole bodies decide: under each proposal bodies are paired, and the pose is
+//! Feet propose ([`super::floor_match`]) and whole bodies decide: for each proposal bodies are paired, and the pose is
 //! refined on all keypoints of the pairs, by their distances to the epipolar lines.
 
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
@@ -17,27 +17,30 @@ use crate::people::plan::{ANKLE_TO_SHOULDER, BodyPlan, KEYPOINT_M, KEYPOINT_PX};
 use crate::people::view::{Body, View};
 use farfield_proto::order_statistics::upper_median;
 
-/// Bodies seen by both that a pair needs.
+/// Least number of bodies seen by both cameras.
 pub(in crate::people) const LEAST_MATCHED: usize = 20;
-/// Mean loss of its keypoints (0 all fit, 1 none) from which a pair is none.
+/// Largest mean loss of the keypoints of a pair (0: all fit, 1: none).
 const MOST_LOSS: f64 = 0.55;
-/// Ticks that are compared.
+/// Most ticks that are compared.
 const MOST_TICKS: usize = 120;
-/// Keypoints that two bodies must share, and their mean loss from which they are different bodies.
+/// Least number of keypoints that two bodies share.
 const LEAST_KEYPOINTS: usize = 6;
+/// Bodies with a larger mean loss are different.
 const MOST_BODY_LOSS: f64 = 0.5;
-/// Gates of the rounds of pairing bodies, in standard deviations: starts are rough.
+/// Gates for pairing bodies in successive rounds, standard deviations: starts are rough.
 const GATES: [f64; 4] = [16.0, 8.0, 4.0, 3.0];
-/// Distance of feet within which bodies may be the same: a sum, and a share of their distances from both cameras.
+/// Largest distance of the feet of one body in two cameras: a constant part.
 const FOOT_GATE_M: f64 = 0.6;
+/// The part that is relative to the distances from both cameras.
 const FOOT_GATE_SHARE: f64 = 0.10;
-/// Keypoints that are refined on, and samples of five of them.
+/// Most keypoints for refinement.
 const MOST_PAIRS: usize = 1500;
+/// Samples of five keypoints.
 const SAMPLES: usize = 60;
-/// Parallax beyond which more does not make a better pair, radians.
+/// Parallax above which a pair does not improve, radians.
 const ENOUGH_PARALLAX_RAD: f64 = 0.5;
 
-/// One camera, ready to be compared.
+/// One camera, prepared for comparison.
 #[derive(Debug, Clone)]
 pub(in crate::people) struct Walkers<'a> {
     pub(in crate::people) view: &'a View,
@@ -46,7 +49,7 @@ pub(in crate::people) struct Walkers<'a> {
 }
 
 impl<'a> Walkers<'a> {
-    pub(in crate::people) fn of(
+    pub(in crate::people) fn new(
         view: &'a View,
         ground: Ground,
         plan: &BodyPlan,
@@ -66,18 +69,18 @@ impl<'a> Walkers<'a> {
     }
 }
 
-/// How the second camera stands to the first: `x_b = rotation x_a + shift_m`.
+/// The pose of the second camera relative to the first: `x_b = rotation x_a + shift_m`.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::people) struct Pair {
     pub(in crate::people) first: usize,
     pub(in crate::people) second: usize,
     pub(in crate::people) rotation: UnitQuaternion<f64>,
     pub(in crate::people) shift_m: Vector3<f64>,
-    /// Bodies that were paired, of at most those of 120 ticks.
+    /// Number of paired bodies, from at most 120 ticks.
     pub(in crate::people) matched: usize,
     /// Mean loss of their keypoints, 0 to 1.
     pub(in crate::people) loss: f64,
-    /// Median angle between the two sights of a keypoint.
+    /// Median angle between the two rays of a keypoint.
     pub(in crate::people) parallax_rad: f64,
 }
 
@@ -86,14 +89,14 @@ impl Pair {
         self.matched >= LEAST_MATCHED && self.loss < MOST_LOSS
     }
 
-    /// How much it is believed.
+    /// Its weight among pairs.
     pub(in crate::people) fn worth(&self) -> f64 {
         let parallax = self.parallax_rad.clamp(0.02, ENOUGH_PARALLAX_RAD);
         self.matched as f64 * (1.0 - self.loss) * parallax
     }
 }
 
-/// All pairs of `walkers` (by the index of their camera) that have anything in common.
+/// All pairs of `walkers` (by the index of their camera) with common bodies.
 pub(in crate::people) fn all_pairs(
     walkers: &[Option<Walkers<'_>>],
     plan: &BodyPlan,
@@ -118,7 +121,7 @@ pub(in crate::people) fn all_pairs(
         .collect()
 }
 
-/// How `b` stands to `a`; indices are left at zero.
+/// The pose of `b` relative to `a`; the indices are zero.
 pub(in crate::people) fn pair(
     a: &Walkers<'_>,
     b: &Walkers<'_>,
@@ -136,8 +139,12 @@ pub(in crate::people) fn pair(
     })
 }
 
-/// Pose of `b` from `a` where the floors lie on each other by `motion`, metres.
-fn of_motion(a: &Ground, b: &Ground, motion: &PlaneMotion) -> (UnitQuaternion<f64>, Vector3<f64>) {
+/// The pose of `b` relative to `a` if their floors are related by `motion`, metres.
+fn pose_from_motion(
+    a: &Ground,
+    b: &Ground,
+    motion: &PlaneMotion,
+) -> (UnitQuaternion<f64>, Vector3<f64>) {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), motion.angle_rad);
     let camera_from_ground = b.ground_from_camera.inverse();
     let shift = Vector3::new(motion.shift_m.x, motion.shift_m.y, a.height_m - b.height_m);
@@ -147,7 +154,7 @@ fn of_motion(a: &Ground, b: &Ground, motion: &PlaneMotion) -> (UnitQuaternion<f6
     )
 }
 
-/// Standard deviation of a keypoint's direction, radians: of the nearer camera, by the median distance of feet.
+/// Standard deviation of a keypoint's direction, radians: the larger one of both cameras, by the median distance of feet.
 fn sigma_rad(a: &Walkers<'_>, b: &Walkers<'_>) -> f64 {
     let own = |it: &Walkers<'_>| {
         let feet = it.feet.values().flatten();
@@ -167,7 +174,7 @@ fn refined(
     seed: u64,
 ) -> Option<Pair> {
     let sigma_rad = sigma_rad(a, b);
-    let (rotation, shift_m) = of_motion(&a.ground, &b.ground, motion);
+    let (rotation, shift_m) = pose_from_motion(&a.ground, &b.ground, motion);
     let mut pose = (rotation, shift_m.try_normalize(1e-3)?);
     let mut best: Option<RelativePose> = None;
     let mut matches = Vec::new();
@@ -201,7 +208,7 @@ fn refined(
     })
 }
 
-/// Bodies that are each other's best under `pose`, and whose feet are near each other under `motion`.
+/// Pairs of bodies with the least loss under `pose` and with near feet under `motion`; each body is in one pair.
 fn matched<'a>(
     a: &'a Walkers<'_>,
     b: &'a Walkers<'_>,
@@ -219,7 +226,7 @@ fn matched<'a>(
         .copied()
         .collect();
     let stride = ticks.len().div_ceil(MOST_TICKS).max(1);
-    let foot = |of: &Walkers<'_>, body: &Body| of.ground.foot_m(body, plan, stature_m);
+    let foot = |walkers: &Walkers<'_>, body: &Body| walkers.ground.foot_m(body, plan, stature_m);
     let is_near = |at_a: Option<Vector2<f64>>, at_b: Option<Vector2<f64>>| {
         let (Some(at_a), Some(at_b)) = (at_a, at_b) else {
             return true;
@@ -256,7 +263,7 @@ fn matched<'a>(
     found
 }
 
-/// Mean loss of the keypoints that two bodies share; `None` where they are not the same.
+/// Mean loss of the keypoints that two bodies share; `None` if they are different bodies.
 fn body_loss(e: &nalgebra::Matrix3<f64>, x: &Body, y: &Body, gate_rad: f64) -> Option<f64> {
     let both = x.joints.iter().zip(&y.joints);
     let both = both.filter_map(|(x, y)| Some((x.as_ref()?.bearing, y.as_ref()?.bearing)));
@@ -270,7 +277,7 @@ fn body_loss(e: &nalgebra::Matrix3<f64>, x: &Body, y: &Body, gate_rad: f64) -> O
     (count as usize >= LEAST_KEYPOINTS && loss < MOST_BODY_LOSS).then_some(loss)
 }
 
-/// The keypoints of paired bodies, at most 1,500 evenly spread.
+/// At most 1,500 evenly spaced keypoints of paired bodies.
 fn keypoints(matches: &[(&Body, &Body)]) -> Vec<TwoViews> {
     let each = matches.iter().flat_map(|(x, y)| {
         let both = x.joints.iter().zip(&y.joints);
@@ -281,7 +288,7 @@ fn keypoints(matches: &[(&Body, &Body)]) -> Vec<TwoViews> {
     all.into_iter().step_by(stride).collect()
 }
 
-/// The distance of the pinholes that gives bodies their usual length from ankles to shoulders.
+/// The distance of the pinholes at which bodies have their usual length from ankles to shoulders.
 fn baseline_m(
     matches: &[(&Body, &Body)],
     (rotation, translation): &(UnitQuaternion<f64>, Vector3<f64>),

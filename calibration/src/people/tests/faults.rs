@@ -1,4 +1,4 @@
-//! Planted faults: what a user does wrong is named, and does not pass.
+//! Planted faults: mistakes of users are reported, and such calibrations fail.
 
 use nalgebra::Vector3;
 
@@ -12,7 +12,6 @@ const SHORT: Walk = Walk {
     ..USUAL
 };
 
-/// Every camera of a small field that has fewer.
 fn six() -> Vec<CameraState> {
     cameras(&Field {
         cameras: 6,
@@ -20,8 +19,8 @@ fn six() -> Vec<CameraState> {
     })
 }
 
-/// Whether `cause` is said of `camera` (all cameras: ""), as something wrong.
-fn is_said(found: &PointCalibration, camera: &str, cause: Cause) -> bool {
+/// Whether the report has an error with `cause` about `camera` ("": all cameras).
+fn has_error(found: &PointCalibration, camera: &str, cause: Cause) -> bool {
     let mut findings = found.report.findings.iter();
     findings.any(|it| {
         it.is_wrong() && it.cause == cause && it.camera.as_deref().unwrap_or("") == camera
@@ -29,10 +28,10 @@ fn is_said(found: &PointCalibration, camera: &str, cause: Cause) -> bool {
 }
 
 #[test]
-fn a_good_one_passes_with_its_floor_at_zero_and_people_of_their_size() {
+fn a_good_calibration_passes_with_correct_floor_and_scale() {
     let truth = six();
     let found = quiet(&request(&SMALL, &truth, &SHORT)).unwrap();
-    say(&found);
+    print_report(&found);
     assert!(found.report.passes(), "{:?}", found.report.findings);
     for (found, truth) in found.cameras.iter().zip(&truth) {
         let off_m = found.state.center_w.z - truth.center_w.z;
@@ -66,16 +65,16 @@ fn a_known_distance_gives_the_scale() {
 }
 
 #[test]
-fn nothing_that_tells_metres_does_not_pass() {
+fn a_calibration_without_scale_fails() {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
     request.stature_m = None;
     let found = quiet(&request).unwrap();
-    assert!(is_said(&found, "", Cause::NoScale));
+    assert!(has_error(&found, "", Cause::NoScale));
 }
 
 #[test]
-fn a_straight_walk_is_named() {
+fn a_straight_walk_is_reported() {
     let truth = six();
     let walk = Walk {
         people: 1,
@@ -84,10 +83,10 @@ fn a_straight_walk_is_named() {
     };
     match quiet(&request(&SMALL, &truth, &walk)) {
         Ok(found) => {
-            say(&found);
-            assert!(is_said(&found, "", Cause::Walk));
+            print_report(&found);
+            assert!(has_error(&found, "", Cause::Walk));
         }
-        // That nothing is found at all is as good.
+        // It is also correct that there is no result.
         Err(error) => assert!(
             matches!(error, PeopleError::NothingAgrees { .. }),
             "{error}"
@@ -96,13 +95,13 @@ fn a_straight_walk_is_named() {
 }
 
 #[test]
-fn a_mirrored_video_is_named() {
+fn a_mirrored_video_is_reported() {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
     let width = f64::from(request.cameras[2].size_px[0]);
     for frame in &mut request.cameras[2].frames {
         for body in &mut frame.bodies {
-            // What is mirrored has its left on the right, and a network calls it so.
+            // In a mirrored picture networks exchange left and right.
             for pair in body.keypoints[1..].chunks_exact_mut(2) {
                 pair.swap(0, 1);
             }
@@ -112,12 +111,12 @@ fn a_mirrored_video_is_named() {
         }
     }
     let found = quiet(&request).unwrap();
-    say(&found);
-    assert!(is_said(&found, "c2", Cause::Handedness));
+    print_report(&found);
+    assert!(has_error(&found, "c2", Cause::Handedness));
 }
 
 #[test]
-fn a_camera_that_nobody_shares_people_with_is_named() {
+fn a_camera_without_shared_people_is_reported() {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
     // It was started after all others had been stopped.
@@ -125,26 +124,26 @@ fn a_camera_that_nobody_shares_people_with_is_named() {
         frame.frame += 1000.0;
     }
     let found = quiet(&request).unwrap();
-    say(&found);
-    assert!(is_said(&found, "c4", Cause::NotConnected));
+    print_report(&found);
+    assert!(has_error(&found, "c4", Cause::NotConnected));
 }
 
 #[test]
-fn a_camera_that_runs_late_does_not_pass() {
+fn a_late_camera_fails() {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
     for frame in &mut request.cameras[1].frames {
         frame.frame += 8.0;
     }
     let found = quiet(&request).unwrap();
-    say(&found);
+    print_report(&found);
     let mut own = found.report.findings.iter();
     assert!(own.any(|it| it.is_wrong() && it.camera.as_deref() == Some("c1")));
 }
 
 #[test]
-fn a_camera_that_was_knocked_half_way_is_named() {
-    // Two degrees to the side, and half a degree.
+fn a_camera_that_was_knocked_half_way_is_reported() {
+    // By two degrees and by half a degree.
     for by_px in [38.0, 9.6] {
         knocked_half_way(by_px);
     }
@@ -167,25 +166,25 @@ fn knocked_half_way(by_px: f64) {
         }
     }
     let found = quiet(&request).unwrap();
-    say(&found);
+    print_report(&found);
     let mut own = found.report.findings.iter();
     assert!(own.any(|it| it.is_wrong() && it.camera.as_deref() == Some("c3")));
 }
 
 #[test]
-fn a_wrong_focal_length_does_not_pass() {
+fn a_wrong_focal_length_fails() {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
     request.cameras[0].intrinsics.fx_px *= 1.25;
     request.cameras[0].intrinsics.fy_px *= 1.25;
     let found = quiet(&request).unwrap();
-    say(&found);
+    print_report(&found);
     let mut own = found.report.findings.iter();
     assert!(own.any(|it| it.is_wrong() && it.camera.as_deref() == Some("c0")));
 }
 
 #[test]
-fn exchanged_places_do_not_pass() {
+fn exchanged_places_fail() {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
     request.anchors.centers_m = (0..6)
@@ -205,7 +204,7 @@ fn exchanged_places_do_not_pass() {
 }
 
 #[test]
-fn places_that_put_cameras_under_the_floor_do_not_pass() {
+fn places_that_put_cameras_under_the_floor_fail() {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
     let lowered = |state: &CameraState| state.center_w - Vector3::z() * 4.0;
@@ -215,12 +214,12 @@ fn places_that_put_cameras_under_the_floor_do_not_pass() {
         .map(|(i, state)| (format!("c{i}"), lowered(state).into()))
         .collect();
     let found = quiet(&request).unwrap();
-    say(&found);
-    assert!(is_said(&found, "c0", Cause::UnderFloor));
-    assert!(is_said(&found, "", Cause::Anchors));
+    print_report(&found);
+    assert!(has_error(&found, "c0", Cause::UnderFloor));
+    assert!(has_error(&found, "", Cause::Anchors));
 }
 
-/// Calibrates with the places of all cameras given as `moved` says.
+/// Calibrates with the known places of all cameras changed by `moved`.
 fn with_places(moved: fn(Vector3<f64>) -> Vector3<f64>) -> PointCalibration {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
@@ -229,29 +228,29 @@ fn with_places(moved: fn(Vector3<f64>) -> Vector3<f64>) -> PointCalibration {
         .map(|(i, state)| (format!("c{i}"), moved(state.center_w).into()))
         .collect();
     let found = quiet(&request).unwrap();
-    say(&found);
+    print_report(&found);
     found
 }
 
 #[test]
-fn true_places_pass_and_those_that_lean_or_are_raised_or_of_which_one_is_off_do_not() {
+fn true_places_pass_and_tilted_raised_or_wrong_ones_fail() {
     let sound = with_places(|at| at);
     assert!(sound.report.passes());
     // Four degrees about x.
     let leaning =
         with_places(|at| nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), 0.07) * at);
-    assert!(is_said(&leaning, "", Cause::Anchors));
+    assert!(has_error(&leaning, "", Cause::Anchors));
     let raised = with_places(|at| at + Vector3::z() * 0.35);
-    assert!(is_said(&raised, "", Cause::Anchors));
+    assert!(has_error(&raised, "", Cause::Anchors));
     // One number of one camera is wrong by a metre.
     let off = with_places(|at| {
         let by = if at.x > 3.0 && at.y > 0.0 { 1.0 } else { 0.0 };
         at + Vector3::x() * by
     });
-    assert!(is_said(&off, "", Cause::Anchors));
+    assert!(has_error(&off, "", Cause::Anchors));
 }
 
-/// A grid of marks on the floor, each clicked in all cameras, and taken for one that is `moved`.
+/// A grid of marks on the floor, each clicked in all cameras, whose known places are changed by `moved`.
 fn floor_marks(truth: &[CameraState], moved: fn(usize, Vector3<f64>) -> Vector3<f64>) -> Marks {
     let known = (0..12).map(|index| {
         let at_m = Vector3::new(
@@ -280,12 +279,12 @@ fn floor_marks(truth: &[CameraState], moved: fn(usize, Vector3<f64>) -> Vector3<
 }
 
 #[test]
-fn marks_that_contradict_each_other_do_not_pass() {
+fn marks_that_contradict_each_other_fail() {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
     request.anchors.marks = Some(floor_marks(&truth, |_, at| at));
     let sound = quiet(&request).unwrap();
-    say(&sound);
+    print_report(&sound);
     assert!(sound.report.passes());
     let spoilt = |index: usize, at: Vector3<f64>| {
         let aside = [0.9, -1.3, 1.7][index % 3];
@@ -294,24 +293,24 @@ fn marks_that_contradict_each_other_do_not_pass() {
     };
     request.anchors.marks = Some(floor_marks(&truth, spoilt));
     let found = quiet(&request).unwrap();
-    say(&found);
-    assert!(is_said(&found, "", Cause::Anchors));
+    print_report(&found);
+    assert!(has_error(&found, "", Cause::Anchors));
 }
 
 #[test]
-fn two_cameras_alone_do_not_pass() {
+fn two_cameras_alone_fail() {
     let truth = cameras(&Field {
         cameras: 8,
         ..SMALL
     });
     let two = request(&SMALL, &truth[..2], &SHORT);
     let found = quiet(&two).unwrap();
-    say(&found);
-    assert!(is_said(&found, "", Cause::HalvesUnchecked));
+    print_report(&found);
+    assert!(has_error(&found, "", Cause::HalvesUnchecked));
 }
 
 #[test]
-fn a_huge_offset_ends_and_slow_cameras_and_huge_frames_are_refused() {
+fn huge_offsets_slow_cameras_and_huge_frames_are_refused() {
     type Spoil = fn(&mut PeopleRequest);
     let truth = six();
     let walk = Walk {
@@ -337,13 +336,13 @@ fn a_huge_offset_ends_and_slow_cameras_and_huge_frames_are_refused() {
     for (expected, spoil) in cases {
         let mut request = sound.clone();
         spoil(&mut request);
-        let said = quiet(&request).unwrap_err().to_string();
-        assert!(said.contains(expected), "{said}");
+        let message = quiet(&request).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
     }
 }
 
 #[test]
-fn keypoints_that_were_not_seen_may_be_anywhere() {
+fn keypoints_that_were_not_seen_can_have_any_position() {
     let truth = six();
     let mut request = request(&SMALL, &truth, &SHORT);
     for frame in &mut request.cameras[0].frames {
@@ -369,8 +368,8 @@ fn a_few_seconds_are_not_enough() {
     };
     match quiet(&request(&SMALL, &truth, &walk)) {
         Ok(found) => {
-            say(&found);
-            assert!(is_said(&found, "", Cause::TooFewPeople));
+            print_report(&found);
+            assert!(has_error(&found, "", Cause::TooFewPeople));
         }
         Err(error) => assert!(
             matches!(
@@ -383,7 +382,7 @@ fn a_few_seconds_are_not_enough() {
 }
 
 #[test]
-fn what_cannot_be_used_is_refused_by_name() {
+fn unusable_requests_are_refused_with_the_reason() {
     type Spoil = fn(&mut PeopleRequest);
     let truth = six();
     let walk = Walk {
@@ -422,15 +421,18 @@ fn what_cannot_be_used_is_refused_by_name() {
     for (expected, spoil) in cases {
         let mut request = sound.clone();
         spoil(&mut request);
-        let said = quiet(&request).unwrap_err().to_string();
-        assert!(said.contains(expected), "{said}");
+        let message = quiet(&request).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
     }
-    let mut nobody = sound;
-    for camera in &mut nobody.cameras {
+    let mut empty = sound;
+    for camera in &mut empty.cameras {
         camera.frames.clear();
     }
-    let said = quiet(&nobody).unwrap_err().to_string();
-    assert!(said.contains("found 0 bodies"), "{said}");
+    let error = quiet(&empty).unwrap_err();
+    assert!(
+        matches!(error, PeopleError::TooFewBodies { found: 0, .. }),
+        "{error}"
+    );
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! What a calibration is worth to those who use it: how far off joints come out that are triangulated with it, against the true
-//! cameras; and what a long recording loses that is thinned.
+//! The effect of a calibration on its users: errors of triangulated joints relative to those with the true cameras; and the
+//! effect of thinning a long recording.
 
 use nalgebra::Vector3;
 use rand::SeedableRng;
@@ -23,8 +23,8 @@ fn mean_errors_m(field: &Field, truth: &[CameraState], found: &[CameraState]) ->
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let (mut by_truth, mut by_found, mut count) = (0.0, 0.0, 0.0);
     for second in 0..60 {
-        for who in 0..4 {
-            for joint in body(field, &USUAL, who, f64::from(second) + 0.35) {
+        for person in 0..4 {
+            for joint in body(field, &USUAL, person, f64::from(second) + 0.35) {
                 let sights = sights(truth, &joint, &mut rng);
                 let meet = |cameras: &[CameraState]| {
                     let each = sights.iter().map(|(index, px)| {
@@ -46,7 +46,7 @@ fn mean_errors_m(field: &Field, truth: &[CameraState], found: &[CameraState]) ->
     (by_truth / count, by_found / count)
 }
 
-/// Where the cameras that see `joint` see it.
+/// The noisy pixels of `joint` in the cameras that see it.
 fn sights(
     cameras: &[CameraState],
     joint: &Vector3<f64>,
@@ -70,7 +70,7 @@ fn sights(
     sights
 }
 
-fn say_errors(what: &str, field: &Field, errors: (f64, f64)) -> f64 {
+fn print_errors(what: &str, field: &Field, errors: (f64, f64)) -> f64 {
     let (by_truth, by_found) = errors;
     println!(
         "{:?} m, {what}: joints off by {:.2} mm with the true cameras, {:.2} mm with those found",
@@ -81,22 +81,22 @@ fn say_errors(what: &str, field: &Field, errors: (f64, f64)) -> f64 {
     by_found - by_truth
 }
 
-/// Joints are half a millimetre farther off at most with cameras that were found from a ball.
+/// The error of joints grows by half a millimetre at most with cameras calibrated from a ball.
 #[test]
-fn joints_are_as_good_with_cameras_found_from_a_ball_as_with_the_true_ones() {
+fn joints_have_nearly_the_same_error_with_cameras_from_a_ball() {
     let fields = [
         (SMALL, ball::SMALL),
         (HALL, ball::HALL),
         (PITCH, ball::PITCH),
     ];
-    for (field, of_ball) in fields {
-        let mut truth = ball::cameras(&of_ball);
+    for (field, ball_field) in fields {
+        let mut truth = ball::cameras(&ball_field);
         for state in &mut truth {
             state.period_s = 0.1;
         }
-        let request = ball::request(&of_ball, &truth, &ball::USUAL, Timing::Synchronised);
+        let request = ball::request(&ball_field, &truth, &ball::USUAL, Timing::Synchronised);
         let found = crate::points::calibrate(&request, &mut |_| ()).unwrap();
-        let worse_m = say_errors(
+        let worse_m = print_errors(
             "ball",
             &field,
             mean_errors_m(&field, &truth, &found_states(&found)),
@@ -105,9 +105,9 @@ fn joints_are_as_good_with_cameras_found_from_a_ball_as_with_the_true_ones() {
     }
 }
 
-/// `FARFIELD_MEASURE=1 cargo test -p farfield-calibration --lib found_from_people -- --nocapture`
+/// `FARFIELD_MEASURE=1 cargo test -p farfield-calibration --lib cameras_from_people -- --nocapture`
 #[test]
-fn joints_are_3_mm_worse_at_most_with_cameras_found_from_people() {
+fn joints_are_at_most_3_mm_worse_with_cameras_from_people() {
     if std::env::var_os("FARFIELD_MEASURE").is_none() {
         println!("skipped: takes minutes; FARFIELD_MEASURE=1 runs it");
         return;
@@ -120,7 +120,7 @@ fn joints_are_3_mm_worse_at_most_with_cameras_found_from_people() {
         };
         let truth = cameras(&field);
         let found = quiet(&request(&field, &truth, &walk)).unwrap();
-        let worse_m = say_errors(
+        let worse_m = print_errors(
             "people",
             &field,
             mean_errors_m(&field, &truth, &found_states(&found)),
@@ -131,13 +131,13 @@ fn joints_are_3_mm_worse_at_most_with_cameras_found_from_people() {
 
 /// `FARFIELD_MEASURE=1 cargo test -p farfield-calibration --lib thinned -- --nocapture`
 #[test]
-fn a_recording_that_is_thinned_to_a_quarter_gives_the_same_cameras() {
+fn a_recording_thinned_to_a_quarter_gives_the_same_cameras() {
     if std::env::var_os("FARFIELD_MEASURE").is_none() {
         println!("skipped: takes minutes; FARFIELD_MEASURE=1 runs it");
         return;
     }
     let walk = Walk {
-        // Nothing is thinned of few people.
+        // With few people nothing would be thinned.
         people: 12,
         seconds: 120.0,
         held_share: 0.8,
@@ -153,7 +153,7 @@ fn a_recording_that_is_thinned_to_a_quarter_gives_the_same_cameras() {
         camera.frames.retain(|it| thinning.keeps(it.frame));
     }
     let off = |request: &PeopleRequest| worst(&found_states(&quiet(request).unwrap()), &truth);
-    let (of_all, of_thinned) = (off(&all), off(&thinned));
-    println!("worst camera, m and degrees: of all {of_all:.5?}, of a quarter {of_thinned:.5?}");
-    assert!(of_thinned.0 < of_all.0 + 0.001 && of_thinned.1 < of_all.1 + 0.01);
+    let (whole, quarter) = (off(&all), off(&thinned));
+    println!("worst camera, m and degrees: of all {whole:.5?}, of a quarter {quarter:.5?}");
+    assert!(quarter.0 < whole.0 + 0.001 && quarter.1 < whole.1 + 0.01);
 }

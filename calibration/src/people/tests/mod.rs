@@ -1,4 +1,4 @@
-//! From keypoints of people to cameras, on simulated fields and recordings.
+//! Calibration from people on simulated fields and on recordings.
 
 mod faults;
 mod measured;
@@ -19,7 +19,7 @@ fn found_states(found: &PointCalibration) -> Vec<CameraState> {
     found.cameras.iter().map(|c| c.state).collect()
 }
 
-fn say(found: &PointCalibration) {
+fn print_report(found: &PointCalibration) {
     for c in &found.report.cameras {
         println!(
             "  {}: {} sights, {:.0} % used, rms {:.2} px, noise {:.2} px, sigma {:.4} m {:.4} deg, halves {:.4} m {:.4} deg, {:.2} px {:.4} m; {:.0} % empty",
@@ -48,25 +48,25 @@ fn say(found: &PointCalibration) {
 fn run(field: &Field, walk: &Walk) -> (f64, f64) {
     let truth = cameras(field);
     let found = quiet(&request(field, &truth, walk)).unwrap();
-    say(&found);
+    print_report(&found);
     let (off_m, off_deg) = worst(&found_states(&found), &truth);
     println!("{:?}: {off_m:.4} m {off_deg:.4} deg", field.size_m);
     (off_m, off_deg)
 }
 
 #[test]
-fn a_small_field_is_found_from_people_alone() {
+fn a_small_field_is_calibrated_from_people_alone() {
     let walk = Walk {
         seconds: 20.0,
         ..USUAL
     };
     let (off_m, off_deg) = run(&SMALL, &walk);
-    // A sixth of the two minutes that the bars are for.
+    // The bars are for two minutes, six times as long.
     assert!(off_m < 0.016 && off_deg < 0.08);
 }
 
 #[test]
-fn a_small_field_is_found_from_people_alone_by_fisheyes_among_others() {
+fn a_small_field_with_some_fisheyes_is_calibrated_from_people_alone() {
     let walk = Walk {
         seconds: 20.0,
         ..USUAL
@@ -79,7 +79,7 @@ fn a_small_field_is_found_from_people_alone_by_fisheyes_among_others() {
     assert!(off_m < 0.02 && off_deg < 0.1);
 }
 
-/// What the issue of this module asks for, metres and degrees; of the last field it is only stated.
+/// Required accuracy after two minutes, metres and degrees; that of the last field is only printed.
 const BARS: [(Field, f64, f64); 3] = [
     (SMALL, 0.008, 0.04),
     (HALL, 0.015, 0.03),
@@ -94,7 +94,7 @@ fn two_minutes_of_four_people_on_fields_of_three_sizes() {
         return;
     }
     for (field, bar_m, bar_deg) in BARS {
-        // Networks err the same way for many frames: so does the second run.
+        // In the second run errors are correlated over many frames, as those of networks are.
         for held_share in [0.0, 0.8] {
             let walk = Walk {
                 seconds: 120.0,
@@ -111,9 +111,9 @@ fn two_minutes_of_four_people_on_fields_of_three_sizes() {
     }
 }
 
-/// As videos are: networks look at one of several frames, which keep their numbers.
+/// As with videos: networks process one of several frames, which keep their numbers.
 #[test]
-fn videos_that_were_started_by_hand_are_found_by_one_frame_of_four() {
+fn manually_started_videos_are_calibrated_from_every_fourth_frame() {
     let mut truth = cameras(&Field {
         cameras: 4,
         ..SMALL
@@ -130,13 +130,13 @@ fn videos_that_were_started_by_hand_are_found_by_one_frame_of_four() {
     request.timing = Timing::Unknown;
     for camera in &mut request.cameras {
         camera.rate_hz = Some(20.0);
-        // And one stray frame, as of a file that was put together by hand.
+        // And one stray frame, as in a file that was put together by hand.
         camera
             .frames
             .retain(|it| it.frame as i64 % 4 == 0 || it.frame as i64 == 401);
     }
     let found = quiet(&request).unwrap();
-    say(&found);
+    print_report(&found);
     let states = found_states(&found);
     assert_eq!(states.len(), truth.len());
     let (off_m, off_deg) = worst(&states, &truth);
@@ -146,12 +146,12 @@ fn videos_that_were_started_by_hand_are_found_by_one_frame_of_four() {
     for camera in &mut request.cameras {
         camera.frames.retain(|it| it.frame as i64 % 8 == 0);
     }
-    let said = quiet(&request).unwrap_err().to_string();
-    assert!(said.contains("found 2.5 frames per second"), "{said}");
+    let message = quiet(&request).unwrap_err().to_string();
+    assert!(message.contains("found 2.5 frames per second"), "{message}");
 }
 
 #[test]
-fn cameras_that_were_started_by_hand_are_found_with_their_clocks() {
+fn manually_started_cameras_are_calibrated_with_their_clocks() {
     let mut truth = cameras(&Field {
         cameras: 5,
         ..SMALL
@@ -170,7 +170,7 @@ fn cameras_that_were_started_by_hand_are_found_with_their_clocks() {
         camera.rate_hz = Some(1.0 / state.period_s);
     }
     let found = quiet(&request).unwrap();
-    say(&found);
+    print_report(&found);
     let states = found_states(&found);
     assert_eq!(states.len(), truth.len());
     let behind_s = |states: &[CameraState], i: usize| {

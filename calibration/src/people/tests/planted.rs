@@ -1,5 +1,5 @@
-//! More planted faults, each a line of a table that was written before any was tried: none passes, unless the cameras come out
-//! right in spite of it.
+//! More planted faults in a table. Its expectations were written before any run. No fault passes unless the cameras are
+//! correct despite it.
 
 use super::simulated::{MEAN_STATURE_M, SIZE_PX};
 use super::*;
@@ -7,7 +7,7 @@ use crate::alignment::KnownDistance;
 
 type Plant = fn(&mut PeopleRequest, &[CameraState]);
 
-/// Where all cameras stand.
+/// Makes the places of all cameras known.
 fn know_places(request: &mut PeopleRequest, truth: &[CameraState]) {
     let named = request.cameras.iter().zip(truth);
     request.anchors.centers_m = named
@@ -31,7 +31,7 @@ fn each_keypoint(camera: &mut PeopleCamera, change: impl Fn(f64, &mut Keypoint))
     }
 }
 
-/// What is planted, a word of what must be said of it, and how.
+/// The fault, a word that its report must contain, and the change.
 const FAULTS: [(&str, &str, Plant); 13] = [
     (
         "two cameras are swapped",
@@ -106,7 +106,7 @@ const FAULTS: [(&str, &str, Plant); 13] = [
             }
         }
     }),
-    ("everybody stands still", "", |request, _| {
+    ("all people stand still", "", |request, _| {
         for camera in &mut request.cameras {
             let first = camera.frames[0].bodies.clone();
             camera
@@ -116,7 +116,7 @@ const FAULTS: [(&str, &str, Plant); 13] = [
         }
     }),
     (
-        "half of what a camera sees is nobody",
+        "half of the bodies of a camera do not exist",
         "c0",
         |request, _| {
             for frame in &mut request.cameras[0].frames {
@@ -131,7 +131,7 @@ const FAULTS: [(&str, &str, Plant); 13] = [
     ),
 ];
 
-/// As far off as sixteen seconds without any fault are, metres and degrees.
+/// Largest error of a harmless fault: that of sixteen seconds without any fault, metres and degrees.
 const HARMLESS: (f64, f64) = (0.016, 0.1);
 
 fn worst_of_those_found(found: &PointCalibration, truth: &[CameraState]) -> (f64, f64) {
@@ -161,27 +161,27 @@ fn no_planted_fault_passes() {
     for (what, word, plant) in FAULTS {
         let mut request = sound.clone();
         plant(&mut request, &truth);
-        let (off, said) = match quiet(&request) {
+        let (off, report) = match quiet(&request) {
             Err(error) => (None, error.to_string()),
             Ok(found) => {
                 let wrong = found.report.findings.iter().filter(|it| it.is_wrong());
-                let said: Vec<String> = wrong.map(ToString::to_string).collect();
+                let errors: Vec<String> = wrong.map(ToString::to_string).collect();
                 let off = worst_of_those_found(&found, &truth);
-                (found.report.passes().then_some(off), said.join(" | "))
+                (found.report.passes().then_some(off), errors.join(" | "))
             }
         };
-        println!("{what}: {said}");
+        println!("{what}: {report}");
         if let Some((off_m, off_deg)) = off {
             println!("  passes: {off_m:.4} m {off_deg:.3} degrees off");
             if off_m > HARMLESS.0 || off_deg > HARMLESS.1 {
                 passed.push(what);
             }
-        } else if !said.contains(word) {
+        } else if !report.contains(word) {
             missed.push(what);
         }
     }
     assert!(
         passed.is_empty() && missed.is_empty(),
-        "passed: {passed:?}; not named: {missed:?}"
+        "passed: {passed:?}; not reported: {missed:?}"
     );
 }

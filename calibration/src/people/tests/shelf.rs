@@ -1,5 +1,5 @@
-//! Shelf (Belagiannis et al. 2014): five cameras around up to four people for 15 s, `OpenPose` candidates; against the
-//! published calibration, and half against half.
+//! Shelf (Belagiannis et al. 2014): five cameras around up to four people for 15 s, with `OpenPose` candidates. The results are
+//! compared with the published calibration, and one half with the other.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -15,13 +15,13 @@ use crate::alignment::{KnownDistance, Similarity};
 use crate::geometry::{Sight, triangulate};
 use crate::report::Cause;
 
-/// People of unknown stature; the scale is taken out of all that is compared.
+/// The stature of the people is unknown; comparisons ignore the scale.
 const STATURE_M: f64 = 1.75;
 
-/// `data/shelf` below `$FARFIELD_DATA`, else `../shared` beside the repository's root.
+/// `data/shelf` below `$FARFIELD_DATA`, otherwise below `shared` in the repository's root.
 fn folder() -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    let root = std::env::var_os("FARFIELD_DATA").map_or(beside, PathBuf::from);
+    let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    let root = std::env::var_os("FARFIELD_DATA").map_or(default, PathBuf::from);
     let shelf = root.join("data/shelf");
     if shelf.is_dir() {
         return Some(shelf);
@@ -76,8 +76,8 @@ fn apart(found: &[CameraState], other: &[CameraState]) -> Vec<(f64, f64)> {
     each.collect()
 }
 
-/// Residuals of keypoints in each camera against where the others alone put them, pixels, sorted; for the bodies that
-/// `judge` joins.
+/// Residuals of keypoints in each camera relative to the point triangulated from the others, pixels, sorted; for the bodies
+/// that `judge` matches.
 fn held_out_px(
     request: &PeopleRequest,
     judge: &[CameraState],
@@ -85,14 +85,14 @@ fn held_out_px(
 ) -> Vec<f64> {
     let clock = Clock {
         rate_hz: 20.0,
-        looks_hz: 20.0,
+        processed_hz: 20.0,
         offset_s: 0.0,
         ticks_hz: None,
     };
     let views: Vec<View> = request
         .cameras
         .iter()
-        .map(|camera| Tracks::of(camera, 17, 20.0).unwrap().view(&clock))
+        .map(|camera| Tracks::new(camera, 17, 20.0).unwrap().view(&clock))
         .collect();
     let judge: Vec<Option<CameraState>> = judge.iter().copied().map(Some).collect();
     let ticks: BTreeSet<i64> = views.iter().flat_map(|v| v.ticks.keys().copied()).collect();
@@ -112,7 +112,7 @@ fn held_out_px(
                         (cameras[*c].center_w, back * joint.bearing)
                     })
                     .collect();
-                // Two others may be wrong together.
+                // A point from two others could be wrong in both.
                 if sights.len() < 2 {
                     continue;
                 }
@@ -130,9 +130,9 @@ fn held_out_px(
     residuals
 }
 
-/// Bars are what was measured when this was written and a third more: nothing published is comparable.
+/// The bars are values measured when this test was written, plus a third: no published result is comparable.
 #[test]
-fn shelf_is_found_from_people_alone() {
+fn shelf_is_calibrated_from_people_alone() {
     let Some(folder) = folder() else { return };
     let truth: Vec<CameraState> = published(&folder)
         .cameras
@@ -140,7 +140,7 @@ fn shelf_is_found_from_people_alone() {
         .map(CameraState::of_model)
         .collect();
     let all = quiet(&request(&folder, &(300..601))).unwrap();
-    say(&all);
+    print_report(&all);
     let off = apart(&found_states(&all), &truth);
     println!("against the published one, m and degrees: {off:.4?}");
     let (early, late) = (request(&folder, &(300..450)), request(&folder, &(450..601)));
@@ -173,7 +173,7 @@ fn shelf_is_found_from_people_alone() {
     );
 }
 
-/// What `spoil` makes of all that the cameras saw, with their known distance.
+/// A request with all frames and a known distance, changed by `spoil`.
 fn spoilt(folder: &Path, spoil: impl Fn(&mut PeopleRequest)) -> PeopleRequest {
     let mut request = request(folder, &(300..601));
     request.stature_m = None;
@@ -186,11 +186,12 @@ fn spoilt(folder: &Path, spoil: impl Fn(&mut PeopleRequest)) -> PeopleRequest {
     request
 }
 
-/// The causes that are reported of a clock or a focal length, with the camera.
+/// The findings about clocks and focal lengths, with their cameras.
 fn suspects(found: &PointCalibration) -> Vec<(&str, Cause)> {
-    let of = found.report.findings.iter();
-    let of = of.filter(|it| matches!(it.cause, Cause::Clock | Cause::Focal));
-    of.map(|it| (it.camera.as_deref().unwrap_or(""), it.cause))
+    let findings = found.report.findings.iter();
+    let suspects = findings.filter(|it| matches!(it.cause, Cause::Clock | Cause::Focal));
+    suspects
+        .map(|it| (it.camera.as_deref().unwrap_or(""), it.cause))
         .collect()
 }
 
@@ -200,9 +201,9 @@ fn late_by(request: &mut PeopleRequest, frames: f64) {
     }
 }
 
-/// Symptom: a camera that was 100 ms late, and one whose focal length was given 5 % too long, passed without a word.
+/// Symptom: a camera that was 100 ms late, and one with a focal length 5 % too long, passed without a warning.
 #[test]
-fn a_late_camera_and_a_wrong_focal_length_are_named_and_a_right_one_is_not() {
+fn a_late_camera_and_a_wrong_focal_length_are_reported() {
     let Some(folder) = folder() else { return };
     let longer = |by: f64| {
         move |it: &mut PeopleRequest| {
@@ -211,49 +212,52 @@ fn a_late_camera_and_a_wrong_focal_length_are_named_and_a_right_one_is_not() {
         }
     };
     let right = quiet(&spoilt(&folder, |_| ())).unwrap();
-    say(&right);
+    print_report(&right);
     assert_eq!(suspects(&right), []);
     let people = right.report.people.unwrap();
     assert!((1.6..1.9).contains(&people.stature_m), "{people:?}");
     for frames in [2.0, -1.0, -3.0] {
         let late = quiet(&spoilt(&folder, |it| late_by(it, frames))).unwrap();
         println!("late by {frames}");
-        say(&late);
+        print_report(&late);
         assert_eq!(suspects(&late), [("cam2", Cause::Clock)], "{frames}");
         let mut findings = late.report.findings.iter();
-        let said = findings.find(|it| it.cause == Cause::Clock).unwrap();
-        let mut found = said
+        let finding = findings.find(|it| it.cause == Cause::Clock).unwrap();
+        let mut found = finding
             .found
             .split(['(', ' '])
             .filter_map(|it| it.parse().ok());
         let frames_found = found.next_back().unwrap_or(0.0_f64);
-        assert!((frames_found / frames.abs() - 1.0).abs() < 0.3, "{said}");
-        assert_eq!(said.is_wrong(), frames.abs() > 1.5, "{said}");
+        assert!((frames_found / frames.abs() - 1.0).abs() < 0.3, "{finding}");
+        assert_eq!(finding.is_wrong(), frames.abs() > 1.5, "{finding}");
     }
-    // One that is 5 % too short gains less than right ones do.
+    // A focal length 5 % too short is below the gain of correct ones.
     let lens = quiet(&spoilt(&folder, longer(1.05))).unwrap();
     println!("focal length 5 % too long");
-    say(&lens);
+    print_report(&lens);
     assert_eq!(suspects(&lens), [("cam2", Cause::Focal)]);
     assert!(!lens.report.passes());
-    // What is advised of a late camera takes the delay out.
+    // The remedy for a late camera, unknown clocks, removes the delay.
     let mut unknown = spoilt(&folder, |it| late_by(it, 2.0));
     unknown.timing = Timing::Unknown;
     let found = quiet(&unknown).unwrap();
     println!("late, clocks unknown");
-    say(&found);
+    print_report(&found);
     assert_eq!(suspects(&found), []);
 }
 
-/// Symptom: a distance a quarter too short gave people of 1.33 m without a word.
+/// Symptom: a distance that was a quarter too short gave people of 1.33 m without a warning.
 #[test]
-fn a_distance_that_makes_people_small_is_named_with_its_factor() {
+fn a_distance_that_makes_people_small_is_reported_with_its_factor() {
     let Some(folder) = folder() else { return };
     let short = spoilt(&folder, |it| it.anchors.distances[0].distance_m = 4.6);
     let found = quiet(&short).unwrap();
     let people = found.report.people.unwrap();
     println!("{people:?}");
     let mut findings = found.report.findings.iter();
-    let said = findings.find(|it| it.cause == Cause::Stature).unwrap();
-    assert!(said.found.contains("all distances times 1.2"), "{said}");
+    let finding = findings.find(|it| it.cause == Cause::Stature).unwrap();
+    assert!(
+        finding.found.contains("all distances times 1.2"),
+        "{finding}"
+    );
 }

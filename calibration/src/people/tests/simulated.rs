@@ -1,4 +1,4 @@
-//! People who walk through a field, as cameras around it see their keypoints: what the tests of this module begin with.
+//! Simulated people who walk through a field, and their keypoints in the cameras around it.
 
 use farfield_proto::camera::{Distortion, Intrinsics};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -45,20 +45,22 @@ pub(super) const PITCH: Field = Field {
     focal_px: 1300.0,
 };
 
-/// What people do, and what is wrong with what is seen of them.
+/// The motion of people, and the errors of their keypoints.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Walk {
     pub(super) people: usize,
     pub(super) seconds: f64,
-    /// Extent of the walks as a share of the field, along x and along y.
+    /// Extent of the walks relative to the field, along x and y.
     pub(super) extent: [f64; 2],
-    /// Noise of a keypoint: on the body, metres, and in the picture, pixels.
+    /// Noise of a keypoint on the body, metres.
     pub(super) noise_m: f64,
+    /// Noise of a keypoint in the picture, pixels.
     pub(super) noise_px: f64,
-    /// Share of the noise on the body (its variance) that stays for a second, for each keypoint, person and camera apart.
+    /// Share of the variance on the body that stays for a second, independent for each keypoint, person and camera.
     pub(super) held_share: f64,
-    /// Share of keypoints that are somewhere else on or about the body, and that are missing.
+    /// Share of keypoints at another place on or near the body.
     pub(super) outlier_share: f64,
+    /// Share of missing keypoints.
     pub(super) missed_share: f64,
     pub(super) seed: u64,
 }
@@ -79,7 +81,7 @@ pub(super) const USUAL: Walk = Walk {
 const STATURES_M: [f64; 4] = [1.62, 1.88, 1.73, 1.81];
 pub(super) const MEAN_STATURE_M: f64 = 1.76;
 
-/// Around the field, looking at its middle.
+/// Cameras around the field that look at its middle.
 pub(super) fn cameras(field: &Field) -> Vec<CameraState> {
     let half = field.size_m.map(|s| 0.5 * s + field.away_m);
     (0..field.cameras)
@@ -122,10 +124,10 @@ pub(super) fn looking(center: &Vector3<f64>, at: &Vector3<f64>) -> UnitQuaternio
     )))
 }
 
-/// Where a person is on the floor.
-fn place(field: &Field, walk: &Walk, who: usize, time_s: f64) -> Vector3<f64> {
-    let phase = 1.9 * who as f64;
-    // Slower where the field is larger, so that nobody walks faster than about 2 m/s.
+/// The position of a person on the floor.
+fn place(field: &Field, walk: &Walk, person: usize, time_s: f64) -> Vector3<f64> {
+    let phase = 1.9 * person as f64;
+    // Slower on larger fields, so that people walk at most about 2 m/s.
     let pace = (6.0 / field.size_m[1]).min(1.0);
     let wave = |rate: f64, shift: f64| libm::sin(rate * pace * time_s + shift);
     Vector3::new(
@@ -140,15 +142,16 @@ fn place(field: &Field, walk: &Walk, who: usize, time_s: f64) -> Vector3<f64> {
 }
 
 /// COCO's 17 keypoints of a walking body, world.
-pub(super) fn body(field: &Field, walk: &Walk, who: usize, time_s: f64) -> Vec<Vector3<f64>> {
-    let stature = STATURES_M[who % STATURES_M.len()];
-    // Nobody has the mean's proportions.
-    let legs = 1.0 + 0.02 * libm::sin(3.0 * who as f64 + 1.0);
-    let at = place(field, walk, who, time_s);
-    let step = place(field, walk, who, time_s + 0.05) - place(field, walk, who, time_s - 0.05);
+pub(super) fn body(field: &Field, walk: &Walk, person: usize, time_s: f64) -> Vec<Vector3<f64>> {
+    let stature = STATURES_M[person % STATURES_M.len()];
+    // Proportions differ from the mean.
+    let legs = 1.0 + 0.02 * libm::sin(3.0 * person as f64 + 1.0);
+    let at = place(field, walk, person, time_s);
+    let step =
+        place(field, walk, person, time_s + 0.05) - place(field, walk, person, time_s - 0.05);
     let ahead = step.try_normalize(1e-9).unwrap_or(Vector3::x());
     let left = Vector3::z().cross(&ahead);
-    let gait = std::f64::consts::TAU * 0.9 * time_s + 1.3 * who as f64;
+    let gait = std::f64::consts::TAU * 0.9 * time_s + 1.3 * person as f64;
     let (thigh, shank) = (0.245 * stature * legs, 0.246 * stature * legs);
     let leg = |side: f64| {
         let phase = gait
@@ -201,7 +204,7 @@ pub(super) fn body(field: &Field, walk: &Walk, who: usize, time_s: f64) -> Vec<V
     ]
 }
 
-/// What the cameras see, synchronised, with everything given but how they stand.
+/// A request with the sights of synchronised cameras, with everything known except their poses.
 pub(super) fn request(field: &Field, states: &[CameraState], walk: &Walk) -> PeopleRequest {
     let mut rng = ChaCha8Rng::seed_from_u64(walk.seed);
     let cameras = states.iter().enumerate().map(|(index, state)| {
@@ -224,7 +227,7 @@ pub(super) fn request(field: &Field, states: &[CameraState], walk: &Walk) -> Peo
     request
 }
 
-/// The bodies of one picture, in no order, with missing and false ones among them.
+/// The bodies of one picture in random order, with missing and false ones.
 fn seen(
     field: &Field,
     state: &CameraState,
@@ -233,20 +236,20 @@ fn seen(
     rng: &mut ChaCha8Rng,
 ) -> Vec<Detection> {
     let mut bodies = Vec::new();
-    for who in 0..walk.people {
+    for person in 0..walk.people {
         if rng.random_range(0.0..1.0) < 0.04 {
             continue;
         }
-        let joints = body(field, walk, who, time_s);
-        // What stays is drawn anew every second, from its own numbers.
+        let joints = body(field, walk, person, time_s);
+        // The constant part changes every second, with its own random numbers.
         let second = time_s.floor() as i64 as u64;
         let camera = state.center_w.x.to_bits() ^ state.center_w.y.to_bits().rotate_left(17);
-        let held = ChaCha8Rng::seed_from_u64(camera ^ (second << 8) ^ who as u64);
+        let held = ChaCha8Rng::seed_from_u64(camera ^ (second << 8) ^ person as u64);
         bodies.extend(detection(&joints, state, walk, held, rng));
     }
-    // What is no body is taken for one now and then.
+    // A false detection now and then.
     if rng.random_range(0.0..1.0) < 0.05 {
-        let nobody = (0..17).map(|_| {
+        let false_body = (0..17).map(|_| {
             Some(Keypoint {
                 px: [
                     rng.random_range(100.0..400.0),
@@ -256,7 +259,7 @@ fn seen(
             })
         });
         bodies.push(Detection {
-            keypoints: nobody.collect(),
+            keypoints: false_body.collect(),
         });
     }
     bodies.shuffle(rng);
@@ -274,7 +277,7 @@ fn detection(
     let mut keypoints = Vec::new();
     for (index, joint) in joints.iter().enumerate() {
         let depth_m = (state.camera_from_world * (joint - state.center_w)).z;
-        // An outlier is the same joint of the other side, or somewhere about the body.
+        // An outlier is the same joint of the other side, or a point near the body.
         let is_outlier = rng.random_range(0.0..1.0) < walk.outlier_share;
         let mut at = *joint;
         if is_outlier {
@@ -321,7 +324,7 @@ pub(super) fn gauss(rng: &mut ChaCha8Rng) -> f64 {
     radius * libm::cos(std::f64::consts::TAU * rng.random_range(0.0..1.0))
 }
 
-/// Worst camera after similarity alignment of the centres: metres and degrees.
+/// Largest errors of a camera after similarity alignment of the centres: metres and degrees.
 pub(super) fn worst(found: &[CameraState], truth: &[CameraState]) -> (f64, f64) {
     let centers = |states: &[CameraState]| states.iter().map(|s| s.center_w).collect::<Vec<_>>();
     let similarity = Similarity::between(&centers(found), &centers(truth)).unwrap();
