@@ -1,4 +1,4 @@
-//! Chessboards of the Pose2Sim demo beside what Qualisys found for the same cameras. Skipped where the recordings are not.
+//! Compares chessboards of the Pose2Sim demo with Qualisys' calibration of the same cameras. Skipped without the recordings.
 
 use std::path::PathBuf;
 
@@ -14,10 +14,10 @@ const BOARD: Chessboard = Chessboard {
     square_m: 0.06,
 };
 
-/// The folder of the demo: below `$FARFIELD_DATA`, else `../shared` beside the checkout.
+/// The folder of the demo: below `$FARFIELD_DATA`, else below `../shared` next to the checkout.
 fn demo() -> Option<PathBuf> {
-    let beside = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    let root = std::env::var_os("FARFIELD_DATA").map_or(beside, PathBuf::from);
+    let default = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    let root = std::env::var_os("FARFIELD_DATA").map_or(default, PathBuf::from);
     let folder = root.join("data/pose2sim/single");
     if !folder.exists() {
         println!(
@@ -29,7 +29,7 @@ fn demo() -> Option<PathBuf> {
     Some(folder)
 }
 
-/// What the pictures of a camera show, and their size.
+/// The boards in the pictures of a camera, and the size of the pictures.
 fn views(folder: &std::path::Path, camera: &str) -> ([u32; 2], Vec<BoardView>) {
     let mut size = [0, 0];
     let mut found = Vec::new();
@@ -56,7 +56,7 @@ fn views(folder: &std::path::Path, camera: &str) -> ([u32; 2], Vec<BoardView>) {
 }
 
 #[test]
-fn chessboards_give_the_focal_lengths_that_qualisys_found() {
+fn chessboards_give_the_focal_lengths_of_qualisys() {
     let Some(folder) = demo() else { return };
     let path = folder.join("Calib.qca.txt");
     let text = std::fs::read_to_string(&path).expect("Qualisys' file");
@@ -93,7 +93,7 @@ fn chessboards_give_the_focal_lengths_that_qualisys_found() {
             found
                 .remarks
                 .iter()
-                .any(|said| said.contains("board in the corners")),
+                .any(|text| text.contains("board in the corners")),
             "{:?}",
             found.remarks
         );
@@ -107,13 +107,13 @@ fn chessboards_give_the_focal_lengths_that_qualisys_found() {
             );
         }
         assert!(found.rms_px < 0.35, "{}: {}", their.name, found.rms_px);
-        // One lens, two calibrations: within 1.5 %, or four standard deviations.
+        // Two calibrations of one lens agree within 1.5 %, or four standard deviations.
         assert!(
             (a.fx_px - b.fx_px).abs() < f64::max(0.015 * b.fx_px, 4.0 * sigmas[0]),
             "{}: {a:?} {b:?}",
             their.name
         );
-        // OpenCV answers these with coefficients from 290 to 1080.
+        // OpenCV returns coefficients from 290 to 1080 here.
         let error =
             calibrate(size, &views, Coefficients::Eight).expect_err("eight on seven pictures");
         assert!(
@@ -122,7 +122,7 @@ fn chessboards_give_the_focal_lengths_that_qualisys_found() {
         );
         println!("    {error}");
     }
-    println!("{full} of 28 boards whole");
+    println!("{full} of 28 boards complete");
     assert!(full >= 20, "{full} of 28 boards");
 }
 
@@ -137,10 +137,10 @@ fn two_pictures_are_refused() {
     );
 }
 
-/// A board of 5 x 7 squares that OpenCV 5.0.0 drew (`cv2.aruco.CharucoBoard((5, 7), 0.04, 0.03, DICT_4X4_50)`), seen aslant
-/// and blurred a little; where its corners are is known from the warp.
+/// A board of 5 x 7 squares that OpenCV 5.0.0 drew (`cv2.aruco.CharucoBoard((5, 7), 0.04, 0.03, DICT_4X4_50)`), seen at an
+/// angle and slightly blurred; the warp gives the true corners.
 #[test]
-fn a_charuco_board_of_opencv_is_found_with_every_number_right() {
+fn corners_of_an_opencv_charuco_board_have_the_right_numbers() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/charuco_opencv.png");
     let picture = image::open(&path)
         .expect("a picture of the repository")
@@ -175,9 +175,9 @@ fn a_charuco_board_of_opencv_is_found_with_every_number_right() {
     assert!(error.to_string().contains("DICT_9X9_1"), "{error}");
 }
 
-/// Caliscope prints its boards so when asked: `inverted = true`.
+/// Caliscope prints its boards like this with `inverted = true`.
 #[test]
-fn a_charuco_board_that_is_white_on_black_is_found_as_the_other_is() {
+fn inverted_charuco_boards_are_detected_as_others() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/charuco_opencv.png");
     let mut picture = image::open(&path)
         .expect("a picture of the repository")
@@ -205,7 +205,7 @@ fn a_charuco_board_that_is_white_on_black_is_found_as_the_other_is() {
     }
 }
 
-/// Board metres to pixels, as it was drawn.
+/// From board metres to pixels, as the picture was drawn.
 const WARP: [[f64; 3]; 3] = [
     [1_306.305_16, -114.067_664, 69.754_042],
     [110.930_015, 1_053.041_302, 39.762_914],

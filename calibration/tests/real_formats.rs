@@ -1,4 +1,4 @@
-//! Files that other tools wrote, beside what those tools read out of them. Skipped where the recordings are not.
+//! Compares files of other tools with what those tools read from them. Skipped without the recordings.
 
 use std::path::PathBuf;
 
@@ -7,10 +7,10 @@ use farfield_calibration::formats::{
 };
 use farfield_proto::calibration::Calibration;
 
-/// The text of a recording: below `$FARFIELD_DATA`, else `../shared` beside the checkout.
+/// The text of a recording: below `$FARFIELD_DATA`, else below `../shared` next to the checkout.
 fn recording(name: &str) -> Option<TextFile> {
-    let beside = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    let root = std::env::var_os("FARFIELD_DATA").map_or(beside, PathBuf::from);
+    let default = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    let root = std::env::var_os("FARFIELD_DATA").map_or(default, PathBuf::from);
     let path = root.join("data").join(name);
     let text = std::fs::read_to_string(&path);
     if text.is_err() {
@@ -30,9 +30,9 @@ fn read(name: &str) -> Option<Imported> {
     Some(import(&[file], &ImportOptions::default()).expect("a file that its tool reads"))
 }
 
-/// Pose2Sim's conversion keeps 8 digits of the pose and sets the distortion to zero; two pictures were cut to 1080 columns.
+/// Pose2Sim's conversion keeps 8 digits of the pose and sets the distortion to zero; two pictures were cropped to 1080 columns.
 #[test]
-fn a_qualisys_file_is_read_as_pose2sim_reads_it_but_for_the_distortion() {
+fn qualisys_files_are_read_as_by_pose2sim_except_the_distortion() {
     let Some(found) = read("pose2sim/single/Calib.qca.txt") else {
         return;
     };
@@ -67,7 +67,7 @@ fn a_qualisys_file_is_read_as_pose2sim_reads_it_but_for_the_distortion() {
         let LensModel::Rational(d) = camera.lens else {
             panic!("a pinhole")
         };
-        // As the file has them; Pose2Sim divides by 64.
+        // These are the file's values; Pose2Sim divides by 64.
         assert!(
             (d.k1 + 0.047).abs() < 0.002 && (d.k2 - 0.137).abs() < 0.004,
             "{d:?}"
@@ -76,7 +76,7 @@ fn a_qualisys_file_is_read_as_pose2sim_reads_it_but_for_the_distortion() {
 }
 
 #[test]
-fn caliscopes_own_file_is_recognised() {
+fn caliscope_files_are_recognised() {
     let Some(found) = read("caliscope/camera_array.toml") else {
         return;
     };
@@ -86,7 +86,7 @@ fn caliscopes_own_file_is_recognised() {
 }
 
 #[test]
-fn json_of_people_who_use_opencv_is_read() {
+fn json_files_with_opencv_parameters_are_read() {
     let Some(found) = read("drone/intrinsics/gopro3.json") else {
         return;
     };

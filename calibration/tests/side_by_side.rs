@@ -1,4 +1,4 @@
-//! The adjustment of 28 cameras to 3,000 points, written down so that other programs can solve the same:
+//! The adjustment of 28 cameras to 3,000 points, written to a file that other programs can solve too:
 //! `tests/readers/adjustment.py` does.
 
 use std::fs;
@@ -19,7 +19,7 @@ const POINTS: u32 = 3000;
 const SIZE_PX: [f64; 2] = [1920.0, 1200.0];
 const NOISE_PX: f64 = 0.3;
 
-/// Around a field of 16 x 24 m.
+/// One of the cameras around a field of 16 x 24 m.
 fn camera(number: u32) -> CameraState {
     let angle = std::f64::consts::TAU * f64::from(number) / f64::from(CAMERAS);
     let height_m = 4.0 + libm::sin(5.0 * f64::from(number));
@@ -47,7 +47,7 @@ fn camera(number: u32) -> CameraState {
     }
 }
 
-/// Noisy sights of points in the field, and a start that is a centimetre and a few tenths of a degree off.
+/// Noisy sights of points in the field, with a start that is off by a centimetre and a few tenths of a degree.
 fn problem() -> Problem {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut within = |most: f64| rng.random_range(-most..most);
@@ -95,7 +95,7 @@ fn problem() -> Problem {
     }
 }
 
-/// Seconds that `work` takes.
+/// The result of `work`, and its seconds.
 #[expect(
     clippy::disallowed_methods,
     reason = "what is measured here is wall time, and nothing depends on it"
@@ -138,13 +138,13 @@ fn the_adjustment_of_28_cameras_ends_in_a_minimum() {
     )
     .unwrap();
     assert!(outcome.converged && outcome.cost[1] < start);
-    // Of 2 n squared standard deviations so many unknowns take one each.
+    // The expected sum of 2 n squared residuals over their variance is 2 n less the number of unknowns.
     let freedom = 2.0 * count as f64 - 7.0 * f64::from(CAMERAS) - 3.0 * f64::from(POINTS) + 7.0;
     let ratio = 2.0 * outcome.cost[1] / freedom;
     assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
 }
 
-/// Angles as rotation vectors from world to camera, centres, one factor on the focal length.
+/// Rotation vectors from world to camera, centres, and one factor on the focal length.
 fn json(problem: &Problem) -> serde_json::Value {
     let cameras = problem.cameras.iter().map(|it| {
         let state = &it.state;

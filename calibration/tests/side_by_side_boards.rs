@@ -1,5 +1,5 @@
-//! Rendered pictures of a `ChArUco` board, from pixels to poses, written down so that other programs can be held against it:
-//! `tests/readers/boards.py` renders them, runs this, and compares.
+//! Calibrates from rendered pictures of a `ChArUco` board, and writes the result to a file for comparison with other programs:
+//! `tests/readers/boards.py` renders the pictures, runs this, and compares.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,14 +13,15 @@ use farfield_calibration::points::{self, PointCamera, PointRequest, Sighting, Ti
 use serde_json::json;
 
 const CAMERAS: [&str; 4] = ["east", "middle", "north", "west"];
-/// Squares along a row and a column, and the corners of a row.
+/// Squares along a row and a column.
 const SQUARES: [u32; 2] = [8, 6];
 const SQUARE_M: f64 = 0.08;
+/// Corners of a row.
 const INNER: usize = 7;
-/// Corners of a board; each of each picture is a moment of its own.
+/// Corners of a board; each corner of each picture is its own moment.
 const CORNERS: usize = 35;
 
-/// The board in all pictures of a camera, by their numbers, and their size.
+/// The size of a camera's pictures, and the boards in them by number.
 fn views(folder: &Path) -> ([u32; 2], BTreeMap<usize, BoardView>) {
     let board = Charuco {
         squares: SQUARES,
@@ -48,7 +49,7 @@ fn views(folder: &Path) -> ([u32; 2], BTreeMap<usize, BoardView>) {
     (size_px, views)
 }
 
-/// Corners by their numbers, row by row.
+/// Corners by number, row by row.
 fn numbered(view: &BoardView) -> impl Iterator<Item = (usize, [f64; 2])> {
     let number = |[x, y]: &[f64; 2]| {
         let along = |at: &f64| (at / SQUARE_M).round() as usize - 1;
@@ -58,7 +59,7 @@ fn numbered(view: &BoardView) -> impl Iterator<Item = (usize, [f64; 2])> {
     corners.map(move |(board, px)| (number(board), *px))
 }
 
-/// Every corner of every picture as a sight of its own moment.
+/// Every corner of every picture as a sight at its own moment.
 fn sightings(views: &BTreeMap<usize, BoardView>) -> Vec<Sighting> {
     let mut all: Vec<(usize, [f64; 2])> = Vec::new();
     for (picture, view) in views {

@@ -1,18 +1,19 @@
-//! What stands still, so that what moves can be told from it.
+//! The still background, which separates what moves from it.
 
-/// How often the background moves towards the picture while it settles, and afterwards: once a picture, then every other.
+/// Pictures during which the background settles: it is updated at every picture then, and at every second one afterwards.
 const SETTLING: u64 = 30;
 const SETTLED_EVERY: u64 = 2;
-/// Steps, levels, while it settles and afterwards.
+/// Step while it settles, levels; 1 afterwards.
 const FIRST_STEP: u8 = 4;
-/// How many times its usual change a pixel must differ by.
+/// Least difference of a moving pixel, in units of its usual change.
 const TIMES: u8 = 3;
+/// Differences from here on do not update the usual change, levels.
 const MOST_CHANGE: u8 = 60;
 
-/// Median and usual change of every pixel, each moved by a level at a time (Manzanera & Richefeu 2007, "A new motion detection
-/// algorithm based on sigma-delta background estimation"): of its brightness, or of each of its colours.
+/// Median and usual change of every pixel, each updated by one level at a time (Manzanera & Richefeu 2007, "A new motion
+/// detection algorithm based on sigma-delta background estimation"), of its brightness or of each of its colours.
 ///
-/// Two bytes a pixel and colour, however many pictures.
+/// Memory is two bytes per pixel and colour, for any number of pictures.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Background {
     median: Vec<u8>,
@@ -22,7 +23,7 @@ pub(super) struct Background {
 }
 
 impl Background {
-    /// Makes room for pictures of `levels_per_row` x `height`.
+    /// Allocates for pictures of `levels_per_row` x `height`.
     pub(super) fn begin(&mut self, levels_per_row: usize, height: usize) {
         if self.median.len() != levels_per_row * height {
             self.median = vec![0; levels_per_row * height];
@@ -32,8 +33,8 @@ impl Background {
         }
     }
 
-    /// Clears each pixel of `mask` that differs by less than `contrast` levels, or than its usual change, in all that is known
-    /// of it, and learns `levels`, row `y` of the picture: `PER_PIXEL` levels a pixel.
+    /// Clears each pixel of `mask` whose levels all differ from the background by less than `contrast`, or by less than
+    /// [`TIMES`] times their usual change. Then learns `levels`, row `y` of the picture, with `PER_PIXEL` levels per pixel.
     pub(super) fn keep_moving<const PER_PIXEL: usize>(
         &mut self,
         y: usize,
@@ -70,7 +71,7 @@ impl Background {
         }
     }
 
-    /// After the last row.
+    /// Call it after the last row.
     pub(super) fn end(&mut self) {
         self.pictures += 1;
     }
@@ -92,12 +93,12 @@ impl Learning {
         }
     }
 
-    /// Takes in that a level is `now`, `off` from its `median`.
+    /// Updates `median` and `change` with the level `now`, which differs from `median` by `off`.
     fn apply(self, now: u8, off: u8, median: &mut u8, change: &mut u8) {
         if !self.is_due {
             return;
         }
-        // What lies far off is somebody passing, and says little of how this pixel usually changes.
+        // A large difference is a passing object, and carries little information on how this pixel usually changes.
         if off < MOST_CHANGE {
             let usual = off.max(1);
             *change = if *change < usual {

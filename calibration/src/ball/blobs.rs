@@ -1,34 +1,36 @@
-//! Connected pixels of a mask, from its rows.
+//! Connected components of a mask, built row by row.
 
-/// Most stretches of a picture: a mask that has more is of no single thing.
+/// Most runs of a picture: a mask with more is not of one thing.
 const MOST_RUNS: usize = 200_000;
-/// Pixels that may be missing between two stretches of one row that are one.
+/// Missing pixels of a row across which two runs become one.
 const GAP_PX: u32 = 1;
 
-/// A stretch of one row.
+/// Consecutive pixels of one row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Run {
     pub(super) row: u32,
-    /// First column, and the one after the last.
+    /// First column.
     pub(super) from: u32,
+    /// The column after the last.
     pub(super) to: u32,
 }
 
-/// Connected stretches.
+/// Connected runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Blob {
-    /// What its runs have for root.
+    /// Root of its runs.
     pub(super) root: usize,
     pub(super) area_px: f64,
-    /// First and last column, first and last row.
+    /// First and last column.
     pub(super) columns: [u32; 2],
+    /// First and last row.
     pub(super) rows: [u32; 2],
-    /// Sums of columns and rows over its pixels.
+    /// Sums of columns and of rows over its pixels.
     sums: [f64; 2],
 }
 
 impl Blob {
-    /// Mean of its pixels.
+    /// Mean position of its pixels.
     pub(super) fn middle_px(&self) -> [f64; 2] {
         self.sums.map(|sum| sum / self.area_px.max(1.0))
     }
@@ -39,14 +41,14 @@ impl Blob {
     }
 }
 
-/// The blobs of one picture; the room is used again for the next.
+/// The blobs of one picture; the buffers are used again for the next.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Blobs {
     runs: Vec<Run>,
-    /// The run that another hangs on; a root on itself.
+    /// Parent of each run in the union-find forest; a root is its own parent.
     parents: Vec<usize>,
     found: Vec<Blob>,
-    /// Where the blob of each run stands in `found`.
+    /// Index in `found` of the blob of each run.
     places: Vec<usize>,
     /// The runs of the row before.
     above: std::ops::Range<usize>,
@@ -62,7 +64,7 @@ impl Blobs {
         self.last_row = 0;
     }
 
-    /// The next row of the mask; rows come in order.
+    /// Adds the next row of the mask; rows come in order.
     pub(super) fn add_row(&mut self, row: u32, mask: &[bool]) {
         let first = self.runs.len();
         let mut at = 0;
@@ -95,7 +97,7 @@ impl Blobs {
         self.last_row = row;
     }
 
-    /// Joins the runs from `first` on to those of the row above that they touch, corners included.
+    /// Joins the runs from `first` on with the runs of the row above that they touch, corners included.
     fn join(&mut self, first: usize) {
         let mut upper = self.above.start;
         for lower in first..self.runs.len() {
@@ -106,7 +108,7 @@ impl Blobs {
                     let (low, high) = (x.min(y), x.max(y));
                     self.parents[high] = low;
                 }
-                // A run above that ends later may touch the next one below too.
+                // A run above that ends later may touch the next run below too.
                 if a.to > b.to {
                     break;
                 }
@@ -123,7 +125,7 @@ impl Blobs {
         index
     }
 
-    /// The blobs, after the last row, in the order of their first pixels.
+    /// The blobs in the order of their first pixels, after the last row.
     pub(super) fn blobs(&mut self) -> &[Blob] {
         self.found.clear();
         self.places.clear();
@@ -159,7 +161,7 @@ impl Blobs {
         &self.found
     }
 
-    /// What [`Self::blobs`] gave.
+    /// The result of [`Self::blobs`].
     pub(super) fn all(&self) -> &[Blob] {
         &self.found
     }
@@ -205,7 +207,7 @@ mod tests {
         assert!(found[0].size_px().iter().all(|s| (s - 2.0).abs() < 1e-12));
     }
 
-    /// Area and box of every component, by flooding.
+    /// Areas of all components, by flood fill.
     fn flooded(mask: &[Vec<bool>]) -> Vec<usize> {
         let mut left = mask.to_vec();
         let mut areas = Vec::new();
@@ -239,10 +241,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn blobs_are_what_flooding_finds(
+        fn blobs_equal_those_of_flood_fill(
             cells in prop::collection::vec(prop::collection::vec(prop::bool::weighted(0.4), 12), 1..12),
         ) {
-            // Gaps of one pixel are closed: spread columns so that there are none.
+            // Gaps of one pixel are closed here too.
             let mask: Vec<Vec<bool>> = cells.iter().map(|row| {
                 let mut row = row.clone();
                 for x in 1..row.len().saturating_sub(1) {

@@ -1,4 +1,4 @@
-//! What of a picture may be the thing: blobs of a credible size that are round.
+//! Candidates of one picture: round blobs of a plausible size.
 
 use nalgebra::Vector2;
 
@@ -8,30 +8,33 @@ use super::outline::{Seed, covered_middle, outline, rays};
 use super::picture::Picture;
 use super::round::fit;
 
-/// Diameter below which the middle is taken from what covers each pixel, pixels.
+/// Diameter below which the centre is computed from the covered share of each pixel, pixels.
 pub const SMALLEST_OUTLINE_PX: f64 = 7.0;
-/// Most blobs of a picture whose outline is looked for.
+/// Most blobs of a picture whose outline is searched.
 const MOST_BLOBS: usize = 24;
-/// Area of a blob over that of a disc: a part may be hidden, and it may be smeared.
+/// Limits of a blob's area over that of a disc: a part may be hidden, or motion may blur it.
 const LEAST_AREA: f64 = 0.3;
 const MOST_AREA: f64 = 2.0;
-/// Greater over lesser side of a blob's box.
+/// Longer over shorter side of a blob's box.
 const MOST_ASPECT: f64 = 2.5;
-/// Least share of the outline that is on the circle, of all the rays.
+/// Least share of all rays whose edge is on the circle.
 const LEAST_SHARE: f64 = 0.5;
-/// Share of the found disc that the blob must cover, and of the blob that may lie outside of it.
+/// Least share of the fitted disc that the blob must cover.
 const LEAST_COVER: f64 = 0.4;
+/// Greatest share of the blob outside the disc.
 const MOST_OUTSIDE: f64 = 0.25;
-/// A blob is a speck where another of so many times its area is within this share of that one's size.
+/// A blob is a speck if another one near it has at least so many times its area.
 const SPECK_TIMES: f64 = 5.0;
+/// Greatest distance of a speck from the larger blob, share of the size of that.
 const SPECK_REACH: f64 = 0.3;
-/// How much farther off the centre is than the noise of independent rays, and of independent pixels, would have it: neighbours share
-/// pixels, and a background goes together. Measured on drawn balls (`tests/centre.rs`).
+/// Error of the centre of an outline over that of independent rays: neighbours share pixels, and the background is correlated.
+/// Measured on drawn balls (`tests/centre.rs`).
 const OUTLINE_SIGMAS: f64 = 1.4;
+/// The same for a blob without an outline, over that of independent pixels.
 const COVER_SIGMAS: f64 = 3.5;
-/// Looks at an outline: the later ones from the middle that was found, so that what was hidden at first is looked for where it is.
-const LOOKS: usize = 3;
-/// What a blob without an outline counts, which may be anything small.
+/// Searches of an outline. Later ones start from the fitted centre, so that edges missed at first are searched in the right place.
+const SEARCHES: usize = 3;
+/// Score of a round blob too small for an outline: it may be any small thing.
 const SMALL_SCORE: f64 = 0.8;
 
 /// One candidate of one frame.
@@ -41,35 +44,35 @@ pub(super) struct Candidate {
     pub(super) px: [f64; 2],
     pub(super) diameter_px: f64,
     pub(super) sigma_px: f64,
-    /// 0 to 1: how much of it is as a ball is.
+    /// 0 to 1: how similar it is to a ball.
     pub(super) score: f64,
     pub(super) colour: [f64; 3],
 }
 
-/// Room that is used again from picture to picture.
+/// Buffers that are used again from picture to picture.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Room {
+pub(super) struct Buffers {
     chosen: Vec<(f64, Blob)>,
     rim_px: Vec<[f64; 2]>,
     rim: Vec<Vector2<f64>>,
 }
 
-/// The candidates among `blobs`, into `found`.
+/// Adds the candidates among `blobs` to `found`.
 pub(super) fn candidates(
     picture: &Picture<'_>,
     blobs: &mut Blobs,
     diameter_px: [f64; 2],
     lens: Option<&BallLens>,
-    room: &mut Room,
+    buffers: &mut Buffers,
     found: &mut Vec<Candidate>,
 ) {
     let quarter = std::f64::consts::FRAC_PI_4;
     let [least, most] = diameter_px.map(|d| quarter * d * d);
-    room.chosen.clear();
+    buffers.chosen.clear();
     for blob in blobs.blobs() {
         let [width, height] = blob.size_px();
         let aspect = (width / height).max(height / width);
-        // Pixels at the rim may be missing: those of the smallest are all rim.
+        // Pixels at the rim may be missing, and the smallest discs are all rim.
         let least = (LEAST_AREA * least)
             .min(least - 2.0 * diameter_px[0])
             .max(1.0);
@@ -79,36 +82,37 @@ pub(super) fn candidates(
         if is_credible {
             let off_round =
                 (blob.area_px / (width * height) - quarter).abs() + 0.3 * (aspect - 1.0);
-            room.chosen.push((off_round, *blob));
+            buffers.chosen.push((off_round, *blob));
         }
     }
-    room.chosen
+    buffers
+        .chosen
         .sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.root.cmp(&b.1.root)));
-    room.chosen.truncate(MOST_BLOBS);
-    let chosen = std::mem::take(&mut room.chosen);
+    buffers.chosen.truncate(MOST_BLOBS);
+    let chosen = std::mem::take(&mut buffers.chosen);
     for (_, blob) in &chosen {
         if is_speck(blobs, blob) {
             continue;
         }
-        let candidate = candidate(picture, blobs, blob, lens, room);
+        let candidate = candidate(picture, blobs, blob, lens, buffers);
         let [least, most] = diameter_px;
         found.extend(candidate.filter(|it| (0.8 * least..=1.25 * most).contains(&it.diameter_px)));
     }
-    room.chosen = chosen;
+    buffers.chosen = chosen;
 }
 
-/// Whether a blob is a speck at the rim of a larger one: a smeared ball and a shirt have many.
+/// True for a speck at the rim of a larger blob: blurred balls and shirts have many.
 fn is_speck(blobs: &Blobs, blob: &Blob) -> bool {
     let [x, y] = blob.middle_px();
-    let is_beside = |middle: f64, [first, last]: [u32; 2]| {
+    let is_near = |middle: f64, [first, last]: [u32; 2]| {
         let (first, last) = (f64::from(first), f64::from(last));
         let margin = SPECK_REACH * (last - first) + 2.0;
         (first - margin..=last + margin).contains(&middle)
     };
     blobs.all().iter().any(|other| {
         other.area_px > SPECK_TIMES * blob.area_px
-            && is_beside(x, other.columns)
-            && is_beside(y, other.rows)
+            && is_near(x, other.columns)
+            && is_near(y, other.rows)
     })
 }
 
@@ -117,43 +121,43 @@ fn candidate(
     blobs: &Blobs,
     blob: &Blob,
     lens: Option<&BallLens>,
-    room: &mut Room,
+    buffers: &mut Buffers,
 ) -> Option<Candidate> {
     let [width, height] = blob.size_px();
     let seed = Seed {
         middle_px: blob.middle_px(),
-        // The mask leaves out pixels that are covered in part.
+        // The mask lacks pixels that are covered in part.
         radius_px: (0.25 * (width + height)).max((blob.area_px / std::f64::consts::PI).sqrt()),
         colour: inner_colour(picture, blobs, blob)?,
     };
     if 2.0 * seed.radius_px < SMALLEST_OUTLINE_PX {
         return small(picture, &seed, [width, height], lens);
     }
-    let mut looked = seed;
+    let mut current = seed;
     let mut last = None;
-    for round in 0..LOOKS {
-        let known_px = (round > 0).then_some(looked.radius_px);
-        outline(picture, &looked, known_px, &mut room.rim_px);
-        let chart = Chart::about(lens, in_whole(picture, looked.middle_px));
-        room.rim.clear();
-        let rim = room
+    for round in 0..SEARCHES {
+        let known_px = (round > 0).then_some(current.radius_px);
+        outline(picture, &current, known_px, &mut buffers.rim_px);
+        let chart = Chart::about(lens, in_whole(picture, current.middle_px));
+        buffers.rim.clear();
+        let rim = buffers
             .rim_px
             .iter()
             .filter_map(|px| chart.on_plane(in_whole(picture, *px)));
-        room.rim.extend(rim);
-        let fitted = fit(&room.rim)?;
+        buffers.rim.extend(rim);
+        let fitted = fit(&buffers.rim)?;
         let (px, diameter) = chart.ball(fitted.centre, fitted.radius)?;
         let scale = chart.scale(fitted.centre);
-        looked.middle_px = in_part(picture, px);
-        looked.radius_px = fitted.radius * scale;
-        if !(0.4 * seed.radius_px..=2.0 * seed.radius_px + 2.0).contains(&looked.radius_px) {
+        current.middle_px = in_part(picture, px);
+        current.radius_px = fitted.radius * scale;
+        if !(0.4 * seed.radius_px..=2.0 * seed.radius_px + 2.0).contains(&current.radius_px) {
             return None;
         }
         last = Some((px, diameter, scale, fitted));
     }
     let (px, diameter_px, scale, fitted) = last?;
     let radius_px = fitted.radius * scale;
-    let share = fitted.share * room.rim.len() as f64 / rays(radius_px) as f64;
+    let share = fitted.share * buffers.rim.len() as f64 / rays(radius_px) as f64;
     let (cover, outside) = overlap(
         blobs,
         blob,
@@ -180,7 +184,7 @@ fn small(
     let (px, radius, sigma) = covered_middle(picture, seed)?;
     let aspect = (width.min(height) + 1.0) / (width.max(height) + 1.0);
     let chart = Chart::about(lens, in_whole(picture, px));
-    // Its outline is a circle about its middle to well below what can be seen of so small a thing.
+    // The outline of so small a thing is a circle about its middle to well below the noise.
     let scale = chart.scale(Vector2::zeros());
     Some(Candidate {
         px: in_whole(picture, px),
@@ -191,7 +195,7 @@ fn small(
     })
 }
 
-/// Share of the disc that the blob covers, and share of the blob outside of it (with a pixel's margin).
+/// Share of the disc that the blob covers, and share of the blob outside the disc (with a margin of one pixel).
 fn overlap(blobs: &Blobs, blob: &Blob, middle_px: [f64; 2], radius_px: f64) -> (f64, f64) {
     let inside: f64 = blobs
         .runs_of(blob)
@@ -205,7 +209,7 @@ fn overlap(blobs: &Blobs, blob: &Blob, middle_px: [f64; 2], radius_px: f64) -> (
     (inside / disc, 1.0 - near / blob.area_px.max(1.0))
 }
 
-/// Pixels of a stretch of a row within a disc.
+/// Pixels of a part of a row within a disc.
 fn within(row: u32, [from, to]: [u32; 2], middle_px: [f64; 2], radius_px: f64) -> f64 {
     let down = f64::from(row) - middle_px[1];
     let half = radius_px * radius_px - down * down;
@@ -218,8 +222,8 @@ fn within(row: u32, [from, to]: [u32; 2], middle_px: [f64; 2], radius_px: f64) -
     (right - left).max(0.0)
 }
 
-/// Mean colour of the pixels of a blob that are nearer to its middle than half of its radius: where it is smeared, those at the
-/// ends are mixed with what is behind. Of all where none is.
+/// Mean colour of the blob's pixels that are nearer to its middle than half its radius, or of all pixels if there are none.
+/// Pixels at the ends of a blurred blob are mixed with the background.
 fn inner_colour(picture: &Picture<'_>, blobs: &Blobs, blob: &Blob) -> Option<[f64; 3]> {
     let [x, y] = blob.middle_px();
     let most = 0.25 * blob.area_px / std::f64::consts::PI;
@@ -240,7 +244,7 @@ fn inner_colour(picture: &Picture<'_>, blobs: &Blobs, blob: &Blob) -> Option<[f6
     Some(sum.map(|channel| channel / count))
 }
 
-/// From the picture's own pixels to those of the whole one, and back.
+/// Converts pixels of this picture to those of the whole one; [`in_part`] is the inverse.
 fn in_whole(picture: &Picture<'_>, px: [f64; 2]) -> [f64; 2] {
     let [left, top] = picture.origin_px().map(f64::from);
     [px[0] + left, px[1] + top]

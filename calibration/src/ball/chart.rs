@@ -1,4 +1,4 @@
-//! From pixels to a plane in which the outline of a sphere is a circle, and back.
+//! Maps pixels to a plane in which the outline of a sphere is a circle, and back.
 
 use farfield_proto::camera::{CameraError, CameraModel, Intrinsics, LensModel};
 use farfield_proto::frames::Transform;
@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Vector2, Vector3};
 
 use crate::adjustment::CameraState;
 
-/// How a camera sees, for outlines.
+/// The lens of a camera, for outlines.
 #[derive(Debug, Clone, Copy)]
 pub struct BallLens {
     state: CameraState,
@@ -18,8 +18,8 @@ impl BallLens {
     /// The lens of pictures of `size_px`.
     ///
     /// # Errors
-    /// [`CameraError`] where a number is none that a lens can have. A model that folds in a corner is let pass: outlines there
-    /// are fitted without it.
+    /// [`CameraError`] for numbers that a lens cannot have. A model that folds in a corner is allowed: outlines there are fitted
+    /// without it.
     pub fn new(
         size_px: [u32; 2],
         intrinsics: Intrinsics,
@@ -42,16 +42,16 @@ impl BallLens {
         self.state.bearing(px, self.fold_radius)
     }
 
-    fn draws(&self, bearing: &Vector3<f64>) -> Option<Vector2<f64>> {
+    fn project(&self, bearing: &Vector3<f64>) -> Option<Vector2<f64>> {
         self.state.project(bearing, self.fold_radius)
     }
 }
 
-/// A plane about one place of the picture.
+/// A plane about one position of the picture.
 ///
-/// With a lens: the stereographic projection of the unit sphere from the point opposite to that place, in focal lengths.
-/// It takes every circle on the sphere to a circle, and the outline of a ball is one: all its tangent rays are at one angle to
-/// the ray of its centre. Without: the picture itself.
+/// With a lens: the stereographic projection of the unit sphere from the point opposite to that position, in focal lengths. It
+/// maps every circle on the sphere to a circle. The outline of a ball is one, as all its tangent rays are at one angle to the
+/// ray of its centre. Without a lens: the picture itself.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Chart<'a> {
     lens: Option<(&'a BallLens, [Vector3<f64>; 3])>,
@@ -80,8 +80,8 @@ impl<'a> Chart<'a> {
         Some(scale * Vector2::new(bearing.dot(x), bearing.dot(y)))
     }
 
-    /// The pixel at which the centre of a ball is drawn whose outline is the circle of `radius` about `centre`, and twice
-    /// the angle that it spans to either side, in focal lengths.
+    /// The pixel of the centre of a ball whose outline is the circle of `radius` about `centre`, and the angle that the ball
+    /// spans, in focal lengths.
     pub(super) fn ball(&self, centre: Vector2<f64>, radius: f64) -> Option<([f64; 2], f64)> {
         let Some((lens, [x, y, z])) = &self.lens else {
             let px = centre + Vector2::from(self.about_px);
@@ -99,7 +99,7 @@ impl<'a> Chart<'a> {
         let (middle, half) = (0.5 * (near + far), 0.5 * (far - near));
         let across = x * toward.x + y * toward.y;
         let axis = z * libm::cos(middle) + across * libm::sin(middle);
-        let px = lens.draws(&axis)?;
+        let px = lens.project(&axis)?;
         Some((px.into(), 2.0 * half * lens.focal_px))
     }
 
@@ -115,11 +115,11 @@ impl<'a> Chart<'a> {
     }
 }
 
-/// How far the middle of a ball's outline lies outward of where its centre is drawn, pixels of a pinhole of `focal_px`:
-/// f tan(theta) sin(alpha)^2 / (cos(theta)^2 - sin(alpha)^2).
+/// Distance by which the middle of a ball's outline is farther from the principal point than its centre, pixels of a pinhole of
+/// `focal_px`: f tan(theta) sin(alpha)^2 / (cos(theta)^2 - sin(alpha)^2).
 ///
-/// theta is the angle of the centre to the axis, alpha that by which the ball appears to either side of it, radians. Of the
-/// outline in the plane through the axis, both ends are drawn at f tan(theta -+ alpha); this is their mean less f tan(theta).
+/// theta is the angle of the centre to the axis, alpha the angular radius of the ball, radians. In the plane through the axis
+/// the ends of the outline are at f tan(theta -+ alpha); the result is their mean less f tan(theta).
 pub fn outline_offset_px(focal_px: f64, theta_rad: f64, alpha_rad: f64) -> f64 {
     let (sine, cosine) = (libm::sin(alpha_rad), libm::cos(theta_rad));
     focal_px * libm::tan(theta_rad) * sine * sine / (cosine * cosine - sine * sine)
@@ -159,7 +159,7 @@ mod tests {
             let lens = lens(k1);
             let centre = Vector3::new(x, y, z);
             let radius_m = 0.11;
-            let seen = lens.draws(&centre).unwrap();
+            let seen = lens.project(&centre).unwrap();
             let chart = Chart::about(Some(&lens), [seen.x + off[0], seen.y + off[1]]);
             // Three tangent rays, and the circle through them.
             let axis = centre.normalize();
@@ -169,7 +169,7 @@ mod tests {
             let rim: Vec<Vector2<f64>> = [0.3f64, 2.0, 4.4].iter().map(|turn| {
                 let across = side * libm::cos(*turn) + up * libm::sin(*turn);
                 let ray = axis * libm::cos(alpha) + across * libm::sin(alpha);
-                let px = lens.draws(&ray).unwrap();
+                let px = lens.project(&ray).unwrap();
                 chart.on_plane(px.into()).unwrap()
             }).collect();
             let (circle, r) = crate::ball::round::circle_through(&rim[0], &rim[1], &rim[2]).unwrap();
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn the_outline_is_off_by_what_is_known_of_it() {
+    fn the_outline_offset_equals_known_values() {
         // Ball of 0.11 m at 3 m and 10 m, 30 degrees off the axis, focal length of 1,400 px.
         let offset = |distance_m: f64| {
             outline_offset_px(1400.0, 30f64.to_radians(), libm::asin(0.11 / distance_m))

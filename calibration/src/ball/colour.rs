@@ -1,12 +1,12 @@
-//! Colours by hue, saturation and value, and a table that tells quickly which are meant.
+//! Colours by hue, saturation and value, and a lookup table of a range of them.
 
 use std::str::FromStr;
 
-/// A range of colours. Source of hue, saturation and value: Smith 1978, "Color gamut transform pairs", on sRGB bytes as they
-/// are, as picture editors show them.
+/// A range of colours. Source of hue, saturation and value: Smith 1978, "Color gamut transform pairs", on sRGB bytes without
+/// linearisation, as in picture editors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColourRange {
-    /// From and to, degrees, 0 to 360; where `from` is the larger one the range goes through red: `[350, 20]`.
+    /// From and to, degrees, 0 to 360; if `from` is larger the range goes through red: `[350, 20]`.
     pub hue_deg: [f64; 2],
     /// Least and most, 0 (grey) to 1.
     pub saturation: [f64; 2],
@@ -14,24 +14,28 @@ pub struct ColourRange {
     pub value: [f64; 2],
 }
 
-/// How far the colours of a ball go about the one that was given: hue, degrees; saturation and value, share of them.
+/// Range of hue to either side of a given colour, degrees.
 const HUE_ABOUT_DEG: f64 = 16.0;
+/// Least saturation, share of that of the given colour.
 const LEAST_SATURATION: f64 = 0.55;
+/// Least value, share of that of the given colour.
 const LEAST_VALUE: f64 = 0.35;
-/// Saturation below which a colour is white or grey and its hue is noise, and the most that such a ball then has.
+/// Saturation below which a colour is white or grey, and its hue is noise.
 const GREY: f64 = 0.2;
+/// Greatest saturation of a white or grey ball.
 const MOST_GREY: f64 = 0.3;
-/// What counts as a saturated colour while nothing is known: skin and wood are below it.
+/// Least saturation of a strong colour: skin and wood are below it.
 const SATURATED: f64 = 0.55;
+/// Least value of a strong colour.
 const NOT_DARK: f64 = 0.25;
 
-/// Levels of a channel in the table: 32 KiB stay in the nearest cache.
+/// Levels of a channel in the table: its 32 KiB stay in the first-level cache.
 const LEVELS: usize = 32;
 const SHIFT: u32 = 3;
 
 impl ColourRange {
-    /// All colours that are like `rgb` under the light and in the shade of one ball: hue within 16 degrees, at least 0.55 of its
-    /// saturation, at least 0.35 of its value; of white and grey (saturation below 0.2) any hue, and a saturation of 0.3 at most.
+    /// The colours of a ball of colour `rgb` in light and shade: hue within 16 degrees, at least 0.55 of its saturation and 0.35
+    /// of its value. For white and grey (saturation below 0.2): any hue, saturation up to 0.3.
     pub fn about(rgb: [u8; 3]) -> Self {
         let [hue, saturation, value] = hsv(rgb);
         if saturation < GREY {
@@ -49,7 +53,7 @@ impl ColourRange {
         }
     }
 
-    /// Any strong colour: what a first pass looks for, when the ball's is not known.
+    /// Any strong colour: for a first pass when the ball's colour is unknown.
     pub fn saturated() -> Self {
         Self {
             hue_deg: [0.0, 360.0],
@@ -58,7 +62,7 @@ impl ColourRange {
         }
     }
 
-    /// Whether `rgb` is in it.
+    /// True if `rgb` is in the range.
     pub fn contains(&self, rgb: [u8; 3]) -> bool {
         let [hue, saturation, value] = hsv(rgb);
         let [from, to] = self.hue_deg;
@@ -72,7 +76,7 @@ impl ColourRange {
             && (self.value[0]..=self.value[1]).contains(&value)
     }
 
-    /// Whether its numbers are such that anything can be in it.
+    /// True if all numbers are within their limits and in order.
     pub(super) fn is_sound(&self) -> bool {
         let is_range = |[low, high]: [f64; 2], most: f64| low >= 0.0 && low <= high && high <= most;
         let hues = self.hue_deg.iter().all(|h| (0.0..=360.0).contains(h));
@@ -80,8 +84,8 @@ impl ColourRange {
     }
 }
 
-/// `#rrggbb`, with what is like it ([`ColourRange::about`]), or `HUE-HUE,SAT-SAT,VALUE-VALUE` in degrees and percent, for
-/// example `20-45,60-100,30-100`.
+/// Parses `#rrggbb` with similar colours ([`ColourRange::about`]), or `HUE-HUE,SAT-SAT,VALUE-VALUE` in degrees and percent,
+/// for example `20-45,60-100,30-100`.
 impl FromStr for ColourRange {
     type Err = String;
 
@@ -119,7 +123,7 @@ impl FromStr for ColourRange {
     }
 }
 
-/// Hue (degrees, 0 to 360; 0 of greys), saturation and value (0 to 1) of an sRGB colour.
+/// Hue (degrees, 0 to 360; 0 for greys), saturation and value (0 to 1) of an sRGB colour.
 pub fn hsv(rgb: [u8; 3]) -> [f64; 3] {
     let [r, g, b] = rgb.map(f64::from);
     let most = r.max(g).max(b);
@@ -127,7 +131,7 @@ pub fn hsv(rgb: [u8; 3]) -> [f64; 3] {
     if range <= 0.0 {
         return [0.0, 0.0, most / 255.0];
     }
-    // The comparisons are of numbers that were copied, not computed.
+    // The compared numbers are copies, so that equality is exact.
     let sixth = if r >= most {
         (g - b) / range
     } else if g >= most {
@@ -139,14 +143,14 @@ pub fn hsv(rgb: [u8; 3]) -> [f64; 3] {
     [60.0 * turned, range / most, most / 255.0]
 }
 
-/// Which colours are in a range, by their upper five bits.
+/// Lookup table of a range, by the upper five bits of each channel.
 #[derive(Debug, Clone)]
 pub(super) struct ColourTable {
     is_in: Vec<bool>,
 }
 
 impl ColourTable {
-    pub(super) fn of(range: &ColourRange) -> Self {
+    pub(super) fn new(range: &ColourRange) -> Self {
         let level = |index: usize| ((index << SHIFT) + (1 << (SHIFT - 1))) as u8;
         let colours = (0..LEVELS * LEVELS * LEVELS).map(|index| {
             [
@@ -194,12 +198,12 @@ mod tests {
         assert!(red.hue_deg[0] > red.hue_deg[1]);
         assert!(red.contains([230, 10, 20]) && red.contains([120, 5, 5]));
         assert!(!red.contains([230, 120, 20]) && !red.contains([120, 110, 115]));
-        let table = ColourTable::of(&red);
+        let table = ColourTable::new(&red);
         assert!(table.contains(230, 10, 20) && !table.contains(20, 10, 230));
     }
 
     #[test]
-    fn a_white_ball_is_white_under_any_light_and_no_colour_is() {
+    fn a_white_ball_is_white_in_any_light() {
         let white = ColourRange::about([240, 238, 230]);
         for like in [
             [255, 255, 255],
@@ -215,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_are_read_or_refused_in_words() {
+    fn ranges_are_parsed_or_rejected() {
         let read: ColourRange = "20-45,60-100,30-100".parse().unwrap();
         assert!((read.hue_deg[1] - 45.0).abs() < 1e-12 && (read.saturation[0] - 0.6).abs() < 1e-12);
         assert_eq!("#ff8000".parse(), Ok(ColourRange::about([255, 128, 0])));

@@ -1,69 +1,68 @@
-//! The pictures of one camera in, the sightings of one thing out.
+//! Finds the sightings of one thing in the pictures of one camera.
 
 use std::fmt::Write as _;
 
-use super::appearance::Appearance;
 use super::blobs::Blobs;
-use super::candidate::{Candidate, Room, candidates};
+use super::candidate::{Buffers, Candidate, candidates};
 use super::chart::BallLens;
 use super::colour::{ColourRange, hsv};
-use super::error::BallError;
-use super::mask::Mask;
-use super::picture::Picture;
+use super::mask::{Appearance, Mask};
+use super::picture::{BallError, Picture};
 use super::track::{Choice, choose};
 use crate::points::Sighting;
 
-/// What is looked for in the pictures of one camera.
+/// What to search for in the pictures of one camera.
 #[derive(Debug, Clone, Copy)]
 pub struct BallRequest {
-    /// By what it is told.
+    /// How the thing differs from everything else.
     pub appearance: Appearance,
-    /// Least and most diameter that it can have in a picture, pixels, 1 to 2000.
+    /// Smallest and largest diameter that it can have in a picture, pixels, 1 to 2000.
     pub diameter_px: [f64; 2],
-    /// How the camera sees; without it the middle of the outline stands for the centre, which is off toward the corners of wide
-    /// lenses ([`super::outline_offset_px`]).
+    /// The camera's lens. Without it the middle of the outline is used as the centre, which is wrong toward the corners of
+    /// wide lenses ([`super::outline_offset_px`]).
     pub lens: Option<BallLens>,
 }
 
 /// Where the thing was in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallSighting {
-    /// The frame as it was numbered by the caller.
+    /// Number of the frame, as the caller gave it.
     pub frame: u64,
-    /// Its centre in the middle of the exposure, distorted pixels of the whole picture; (0, 0) is the centre of the first.
+    /// Centre at the middle of the exposure, distorted pixels of the whole picture; (0, 0) is the centre of the first pixel.
     pub px: [f64; 2],
-    /// How large it appears: the angle that it spans times the focal length; without a lens the diameter of its outline.
+    /// Apparent diameter: the angle that the thing spans, times the focal length; without a lens the diameter of its outline.
     /// A ball of radius R is at about 2 f R / diameter from the camera.
     pub diameter_px: f64,
-    /// Standard deviation of the centre along each axis, pixels, told from how the outline lies about the circle. It does not
-    /// know of what is common to all of the outline.
+    /// Standard deviation of the centre along each axis, pixels, from the scatter of the outline about the circle. Errors that
+    /// the whole outline shares are not included.
     pub sigma_px: f64,
-    /// 0 to 1: which share of an undisturbed, round outline was found. At most 0.8 of things too small for one.
+    /// 0 to 1: share of an undisturbed, round outline that was found. At most 0.8 for things too small for an outline.
     pub score: f64,
 }
 
-/// Raise it whenever other sightings come of the same pictures: what was found with another one is looked for again.
+/// Increase it whenever the same pictures give other sightings: results of another revision are then computed again.
 pub const FINDER_REVISION: u32 = 1;
 
-/// Most frames with something in them, and most candidates of one.
+/// Largest number of frames with candidates.
 const MOST_FRAMES: usize = 2_000_000;
+/// Largest number of candidates of one frame.
 const MOST_KEPT: usize = 8;
 const DIAMETERS_PX: [f64; 2] = [1.0, 2000.0];
 
-/// Looks at the pictures of one camera, and finds what moves through them.
+/// Finds what moves through the pictures of one camera.
 #[derive(Debug, Clone)]
 pub struct BallFinder {
     request: BallRequest,
     mask: Mask,
     blobs: Blobs,
-    room: Room,
+    buffers: Buffers,
     found: Vec<Candidate>,
     kept: Vec<(u64, Candidate)>,
     last_frame: Option<u64>,
 }
 
 impl BallFinder {
-    /// A finder that has seen nothing yet.
+    /// A finder without pictures.
     ///
     /// # Errors
     /// [`BallError::Request`] for an impossible diameter or range of colours.
@@ -74,7 +73,7 @@ impl BallFinder {
             return Err(BallError::Request {
                 field: "diameter_px",
                 found: format!("{least} to {most}"),
-                expected: "two rising numbers of pixels from 1 to 2000",
+                expected: "two increasing numbers of pixels from 1 to 2000",
             });
         }
         if let Appearance::Colour(range) | Appearance::MovingColour(range) = &request.appearance
@@ -83,31 +82,31 @@ impl BallFinder {
             return Err(BallError::Request {
                 field: "colour",
                 found: format!("{range:?}"),
-                expected: "hues of 0 to 360 degrees, rising saturations and values of 0 to 1",
+                expected: "hues of 0 to 360 degrees, increasing saturations and values of 0 to 1",
             });
         }
         Ok(Self {
-            mask: Mask::of(&request.appearance),
+            mask: Mask::new(&request.appearance),
             request,
             blobs: Blobs::default(),
-            room: Room::default(),
+            buffers: Buffers::default(),
             found: Vec::new(),
             kept: Vec::new(),
             last_frame: None,
         })
     }
 
-    /// Looks at the picture of `frame`; how many candidates it has. Work and room are bounded by the size of the picture; what
-    /// stays of it is eight candidates.
+    /// Processes the picture of `frame` and returns its number of candidates. Time and memory are bounded by the size of the
+    /// picture; at most eight candidates are kept.
     ///
     /// # Errors
-    /// [`BallError`] for a frame that does not rise, a grey picture where colours are asked, one of another size or place where
-    /// motion is, more frames than are kept.
+    /// [`BallError`] for a frame that is not later than the one before, a grey picture when a colour is requested, a picture of
+    /// another size or origin when motion is requested, or too many frames.
     pub fn look(&mut self, frame: u64, picture: &Picture<'_>) -> Result<usize, BallError> {
         if let Some(last) = self.last_frame.filter(|last| *last >= frame) {
             return Err(BallError::Order { found: frame, last });
         }
-        self.mask.look(picture, &mut self.blobs)?;
+        self.mask.find(picture, &mut self.blobs)?;
         self.last_frame = Some(frame);
         self.found.clear();
         candidates(
@@ -115,7 +114,7 @@ impl BallFinder {
             &mut self.blobs,
             self.request.diameter_px,
             self.request.lens.as_ref(),
-            &mut self.room,
+            &mut self.buffers,
             &mut self.found,
         );
         self.found.sort_by(|a, b| b.score.total_cmp(&a.score));
@@ -127,7 +126,7 @@ impl BallFinder {
         Ok(self.found.len())
     }
 
-    /// The one thing that moves, over all that was seen: at most one sighting per frame, in their order.
+    /// The sightings of the one thing that moves, at most one per frame, in the order of frames.
     pub fn finish(&self) -> Vec<BallSighting> {
         let chosen = choose(&self.kept, Choice::Roundest);
         let sightings = chosen.into_iter().filter_map(|index| self.kept.get(index));
@@ -142,8 +141,8 @@ impl BallFinder {
             .collect()
     }
 
-    /// The colour of the most saturated round thing that moves: after a first pass with [`Appearance::MovingColour`] of
-    /// [`ColourRange::saturated`] over some pictures, what a second one looks for. `None` where nothing was found.
+    /// The colour of the most saturated round thing that moves, or `None` if there is none. A first pass over some pictures
+    /// with [`Appearance::MovingColour`] of [`ColourRange::saturated`] gives the colour for a second pass.
     pub fn colour(&self) -> Option<ColourRange> {
         let chosen = choose(&self.kept, Choice::MostSaturated);
         let mut colours: Vec<[f64; 3]> = chosen
@@ -156,13 +155,13 @@ impl BallFinder {
     }
 }
 
-/// Hue, so that reds on both sides of 0 stand together.
+/// Hue, with the reds on both sides of 0 next to each other.
 fn hue(colour: &[f64; 3]) -> f64 {
     let [hue, ..] = hsv(colour.map(|c| c as u8));
     if hue > 300.0 { hue - 360.0 } else { hue }
 }
 
-/// As [`crate::points`] takes them.
+/// The sightings as [`crate::points`] takes them.
 pub fn sightings(found: &[BallSighting]) -> Vec<Sighting> {
     let each = found.iter().map(|it| Sighting {
         frame: it.frame as f64,
@@ -171,7 +170,7 @@ pub fn sightings(found: &[BallSighting]) -> Vec<Sighting> {
     each.collect()
 }
 
-/// As [`crate::points::parse`] reads them: `frame x y` on each line, pixels to four digits.
+/// The sightings as [`crate::points::parse`] reads them: `frame x y` on each line, pixels with four decimals.
 pub fn sightings_text(found: &[BallSighting]) -> String {
     let mut text = "frame x y\n".to_owned();
     for it in found {

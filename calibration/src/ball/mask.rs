@@ -1,18 +1,36 @@
-//! Which pixels may be of the thing.
+//! How a thing differs from everything else, and the pixels that may belong to it.
 
-use super::appearance::Appearance;
 use super::background::Background;
 use super::blobs::Blobs;
-use super::colour::ColourTable;
-use super::error::BallError;
-use super::picture::{Picture, PixelLayout};
+use super::colour::{ColourRange, ColourTable};
+use super::picture::{BallError, Picture, PixelLayout};
 
-/// What is asked of a pixel, with the room that it needs.
+/// How the thing differs from everything else.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Appearance {
+    /// By colour alone: for scenes without large things of this colour.
+    Colour(ColourRange),
+    /// By colour and motion: for scenes where seats or signs have the colour too. The camera must stand still.
+    MovingColour(ColourRange),
+    /// A light in the dark, by its brightness.
+    Bright {
+        /// Least brightness, 0 to 255.
+        least: u8,
+    },
+    /// A difference from the still background: a drone against the sky. The camera must stand still. What moves with the
+    /// thing, as a hand that carries it, is part of it.
+    Moving {
+        /// Least difference, levels of 255.
+        contrast: u8,
+    },
+}
+
+/// The conditions for a pixel, with buffers.
 #[derive(Debug, Clone)]
 pub(super) struct Mask {
     colours: Option<ColourTable>,
     least_brightness: u8,
-    /// Least change, levels, of what moves.
+    /// Least change of a moving pixel, levels.
     contrast: Option<u8>,
     background: Background,
     place_px: Option<[u32; 4]>,
@@ -24,11 +42,11 @@ pub(super) struct Mask {
 const COLOUR_CONTRAST: u8 = 16;
 
 impl Mask {
-    pub(super) fn of(appearance: &Appearance) -> Self {
+    pub(super) fn new(appearance: &Appearance) -> Self {
         let (colours, least_brightness, contrast) = match appearance {
-            Appearance::Colour(range) => (Some(ColourTable::of(range)), 0, None),
+            Appearance::Colour(range) => (Some(ColourTable::new(range)), 0, None),
             Appearance::MovingColour(range) => {
-                (Some(ColourTable::of(range)), 0, Some(COLOUR_CONTRAST))
+                (Some(ColourTable::new(range)), 0, Some(COLOUR_CONTRAST))
             }
             Appearance::Bright { least } => (None, *least, None),
             Appearance::Moving { contrast } => (None, 0, Some(*contrast)),
@@ -47,8 +65,8 @@ impl Mask {
     /// Finds the blobs of `picture`.
     ///
     /// # Errors
-    /// [`BallError`] for a grey picture where colours are asked, or one of another size where motion is.
-    pub(super) fn look(
+    /// [`BallError`] for a grey picture when a colour is requested, or another size or origin when motion is requested.
+    pub(super) fn find(
         &mut self,
         picture: &Picture<'_>,
         blobs: &mut Blobs,
@@ -75,21 +93,21 @@ impl Mask {
         self.row.resize(width as usize, false);
         self.brightness.resize(width as usize, 0);
         for y in 0..height {
-            self.of_row(y, picture.row(y), picture.layout());
+            self.fill_row(y, picture.row(y), picture.layout());
             blobs.add_row(y, &self.row);
         }
         self.background.end();
         Ok(())
     }
 
-    fn of_row(&mut self, y: u32, bytes: &[u8], layout: PixelLayout) {
+    fn fill_row(&mut self, y: u32, bytes: &[u8], layout: PixelLayout) {
         if let Some(table) = &self.colours {
             for (is_in, pixel) in self.row.iter_mut().zip(bytes.chunks_exact(3)) {
                 *is_in = matches!(pixel, [r, g, b] if table.contains(*r, *g, *b));
             }
         }
         if self.colours.is_some() {
-            // By each of its colours: an orange ball is as bright as grey boards and grass.
+            // All three channels are compared: an orange ball is as bright as grey boards and grass.
             if let Some(contrast) = self.contrast {
                 self.background
                     .keep_moving::<3>(y as usize, bytes, contrast, &mut self.row);
@@ -115,7 +133,7 @@ impl Mask {
     }
 }
 
-/// A quarter of red and blue, half of green: near enough to the luminance.
+/// A quarter of red and blue, half of green: close enough to the luminance.
 fn brightness_of(pixel: &[u8]) -> u8 {
     match pixel {
         [r, g, b] => ((u16::from(*r) + 2 * u16::from(*g) + u16::from(*b)) / 4) as u8,

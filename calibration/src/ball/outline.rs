@@ -1,26 +1,28 @@
-//! Where the outline of a thing lies, below the pixel, along rays from its middle.
+//! Finds the outline of a thing along rays from its middle, with subpixel accuracy.
 
 use super::picture::Picture;
 
-/// Pixels of the outline from ray to ray, and how many rays there are.
+/// Pixels of the outline from ray to ray, and least and greatest number of rays.
 const PX_PER_RAY: f64 = 1.5;
 const RAYS: [usize; 2] = [16, 72];
-/// From sample to sample along a ray.
+/// Distance of samples along a ray.
 const STEP_PX: f64 = 0.5;
 /// Least difference of inside and outside, levels (root of the summed squares of three channels).
 const LEAST_CONTRAST: f64 = 18.0;
-/// How far to either side an edge is looked for: pixels, and share of the radius; where it is soft that share of the width over
-/// which it falls; and at most.
+/// Range to either side in which an edge is searched, pixels. One of the next two is added.
 const REACH_PX: f64 = 2.0;
+/// Range about a known radius if no transition was found, share of the radius.
 const REACH: f64 = 0.1;
+/// Range about a transition, share of its width: soft edges have wide ones.
 const REACH_OF_WIDTH: f64 = 0.75;
+/// Greatest range, share of the radius.
 const MOST_REACH: f64 = 0.6;
-/// Distance to a known radius within which an edge is believed, share of it.
+/// Greatest distance of an edge from a known radius, as a share of it.
 const NEAR_KNOWN: f64 = 0.2;
 /// Most samples of a ray.
 const MOST_SAMPLES: usize = 64;
 
-/// Where a thing is about, and what it looks like.
+/// Approximate position and colour of a thing.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seed {
     pub(super) middle_px: [f64; 2],
@@ -29,16 +31,17 @@ pub(super) struct Seed {
     pub(super) colour: [f64; 3],
 }
 
-/// Rays that a thing of `radius_px` is looked at along.
+/// Number of rays for a thing of `radius_px`.
 pub(super) fn rays(radius_px: f64) -> usize {
     let around = std::f64::consts::TAU * radius_px / PX_PER_RAY;
     (around as usize).clamp(RAYS[0], RAYS[1])
 }
 
-/// Finds the outline of `seed` along rays from its middle, in the pixels of this picture (not the whole one's), into `found`.
+/// Finds the outline of `seed` along rays from its middle, in pixels of this picture (not of the whole one), into `found`.
 ///
-/// Along each ray the colour of the seed gives way to what is around it: for the first time, or, where the radius is known
-/// from a first look, nearest to it. About there it is looked for more closely, the farther around the softer it is.
+/// First, along each ray, the transition from the colour of the seed to that of its surroundings is found: the first one, or
+/// the nearest to the radius if it is known from an earlier search. Then the edge is searched more precisely near it; the softer
+/// it is, the wider the range.
 pub(super) fn outline(
     picture: &Picture<'_>,
     seed: &Seed,
@@ -60,7 +63,7 @@ pub(super) fn outline(
         });
         let (about_px, reach_px) = match (passage, known_radius_px) {
             (Some((at, width)), _) => (near + step * at, REACH_OF_WIDTH * step * width + REACH_PX),
-            // Shade may hide it from the one colour of the seed, and not from those on either side of it.
+            // Shade may change the colour at the edge. The colours on both sides of it then still differ.
             (None, Some(known_px)) => (known_px, REACH * r + REACH_PX),
             (None, None) => return None,
         };
@@ -76,8 +79,8 @@ pub(super) fn outline(
     });
 }
 
-/// Where the shares fall below a half, in samples: the first time, or nearest to `expected`; and over how many samples they fall
-/// from four fifths to one.
+/// The first position, in samples, where the shares fall below a half, or the one nearest to `expected`; and the number of
+/// samples over which they fall from 0.8 to 0.2.
 fn passage(samples: &[[f64; 3]], shares: &Shares, expected: Option<f64>) -> Option<(f64, f64)> {
     let share = |index: usize| smooth(samples, index, shares);
     let falls = |index: &usize| {
@@ -103,20 +106,20 @@ fn passage(samples: &[[f64; 3]], shares: &Shares, expected: Option<f64>) -> Opti
     Some((at as f64 + (here - 0.5) / (here - next), width as f64))
 }
 
-fn along_rays(radius_px: f64, mut look: impl FnMut([f64; 2]) -> Option<()>) {
+fn along_rays(radius_px: f64, mut search: impl FnMut([f64; 2]) -> Option<()>) {
     let count = rays(radius_px);
     for index in 0..count {
         let turn = std::f64::consts::TAU * index as f64 / count as f64;
-        // A ray without an edge says nothing.
-        look([libm::cos(turn), libm::sin(turn)]);
+        // A ray without an edge adds no point.
+        search([libm::cos(turn), libm::sin(turn)]);
     }
 }
 
-/// The place at which, about `about_px` along a ray, the colours inside pass over into those outside by half; of several the
-/// nearest.
+/// The position along a ray, about `about_px`, at which the colour is half that inside and half that outside; the nearest one
+/// if there are several.
 ///
-/// Inside and outside are what stands there, just before and just behind: so that shade on a ball, and a background that is
-/// another one on every side, do not move it.
+/// Inside and outside are the colours just before and just behind. Thus neither shade on the ball nor a background that differs
+/// from side to side moves the edge.
 fn edge_near(
     picture: &Picture<'_>,
     middle_px: [f64; 2],
@@ -157,16 +160,17 @@ fn edge_near(
     ])
 }
 
-/// The share of what is inside at a sample, its neighbours counting half each.
+/// Share of the inside colour at a sample, smoothed with half the weight on each neighbour.
 fn smooth(samples: &[[f64; 3]], index: usize, shares: &Shares) -> Option<f64> {
-    let here = shares.of(samples.get(index)?);
-    let of = |neighbour: Option<&[f64; 3]>| neighbour.map_or(here, |colour| shares.of(colour));
-    let before = of(index.checked_sub(1).and_then(|i| samples.get(i)));
-    let after = of(samples.get(index + 1));
+    let here = shares.share(samples.get(index)?);
+    let share_of =
+        |neighbour: Option<&[f64; 3]>| neighbour.map_or(here, |colour| shares.share(colour));
+    let before = share_of(index.checked_sub(1).and_then(|i| samples.get(i)));
+    let after = share_of(samples.get(index + 1));
     Some(0.5 * here + 0.25 * (before + after))
 }
 
-/// How much of a colour is one and not the other: 1 and 0 at these.
+/// Share of one colour relative to another: 1 at the inside colour, 0 at the outside one.
 struct Shares {
     outside: [f64; 3],
     by: [f64; 3],
@@ -182,7 +186,7 @@ impl Shares {
         })
     }
 
-    fn of(&self, colour: &[f64; 3]) -> f64 {
+    fn share(&self, colour: &[f64; 3]) -> f64 {
         (0..3)
             .map(|c| (colour[c] - self.outside[c]) * self.by[c])
             .sum()
@@ -196,7 +200,7 @@ fn mean(samples: &[[f64; 3]]) -> [f64; 3] {
     sum.map(|channel| channel / samples.len().max(1) as f64)
 }
 
-/// A part of a ray, pixels from where it starts.
+/// A part of a ray, pixels from its start.
 #[derive(Clone, Copy)]
 struct Stretch {
     near: f64,
@@ -204,7 +208,7 @@ struct Stretch {
     far: f64,
 }
 
-/// Samples of a stretch, up to the picture's edge; how many there are.
+/// Samples a part of a ray, up to the edge of the picture, and returns their number.
 fn sampled(
     picture: &Picture<'_>,
     middle_px: [f64; 2],
@@ -229,8 +233,8 @@ fn sampled(
     count
 }
 
-/// The middle of a thing too small for an outline, its radius and the noise of the middle, pixels: each pixel counts by how much
-/// of it the thing covers, told by its colour between that of the brightest-covered pixel and that around.
+/// The middle of a thing too small for an outline, its radius, and the noise of the middle, pixels. Each pixel has its covered
+/// share as weight: that of the seed's colour relative to the colour around.
 pub(super) fn covered_middle(picture: &Picture<'_>, seed: &Seed) -> Option<([f64; 2], f64, f64)> {
     let [width, height] = picture.size_px().map(f64::from);
     let reach = seed.radius_px + 2.5;
@@ -258,12 +262,12 @@ pub(super) fn covered_middle(picture: &Picture<'_>, seed: &Seed) -> Option<([f64
     let shares = Shares::between(&seed.colour, &outside)?;
     let noise: f64 = around
         .iter()
-        .map(|colour| shares.of(colour) * shares.of(colour))
+        .map(|colour| shares.share(colour) * shares.share(colour))
         .sum::<f64>()
         / around.len() as f64;
     let (mut weight, mut x_sum, mut y_sum, mut arms) = (0.0, 0.0, 0.0, 0.0);
     for (x, y) in pixels().filter(|(x, y)| distance(*x, *y) <= reach) {
-        let share = shares.of(&picture.pixel(x, y)?);
+        let share = shares.share(&picture.pixel(x, y)?);
         if share < 0.1 {
             continue;
         }
@@ -276,7 +280,7 @@ pub(super) fn covered_middle(picture: &Picture<'_>, seed: &Seed) -> Option<([f64
         return None;
     }
     let radius = (weight / std::f64::consts::PI).sqrt();
-    // Independent noise of each share moves the mean by its arm over the weight.
+    // Independent noise of a share moves the mean by its distance from the middle over the total weight.
     let sigma = (0.5 * noise * arms).sqrt() / weight;
     Some(([x_sum / weight, y_sum / weight], radius, sigma))
 }

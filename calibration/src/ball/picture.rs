@@ -1,16 +1,14 @@
-//! Pictures as others hold them: borrowed bytes, row by row.
+//! Pictures in memory of the caller (borrowed bytes, row by row), and errors of pictures and requests.
 
-use super::error::BallError;
-
-/// Most pixels of a row, and rows.
+/// Greatest width and height, pixels.
 const MOST_PX: u32 = 16_384;
 
-/// How a pixel is written.
+/// Bytes of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PixelLayout {
     /// One byte.
     Grey8,
-    /// Red, green, blue, a byte each (as `image::RgbImage` has it).
+    /// Red, green, blue, one byte each (as in `image::RgbImage`).
     Rgb8,
 }
 
@@ -24,7 +22,7 @@ impl PixelLayout {
     }
 }
 
-/// A picture, or a region of one, that somebody else owns; nothing is copied.
+/// A view of a picture, or of a region of one. Nothing is copied.
 #[derive(Debug, Clone, Copy)]
 pub struct Picture<'a> {
     width: u32,
@@ -39,7 +37,7 @@ impl<'a> Picture<'a> {
     /// A picture of `size_px` (width, height) whose rows begin `stride` bytes apart.
     ///
     /// # Errors
-    /// [`BallError`] where it has no pixels, or `bytes` does not hold them.
+    /// [`BallError`] if it has no pixels, too many, or `bytes` is too short.
     pub fn new(
         bytes: &'a [u8],
         size_px: [u32; 2],
@@ -75,7 +73,7 @@ impl<'a> Picture<'a> {
         })
     }
 
-    /// A colour picture without gaps between rows: `image::RgbImage::as_raw`.
+    /// A colour picture without gaps between rows, as `image::RgbImage::as_raw`.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -91,17 +89,17 @@ impl<'a> Picture<'a> {
         Self::new(bytes, size_px, size_px[0] as usize, PixelLayout::Grey8)
     }
 
-    /// The same pixels as a part of a larger picture, in whose pixels sightings are then given: `origin_px` is where its first
-    /// pixel lies there.
+    /// The same pixels as a part of a larger picture: `origin_px` is the position of the first pixel there, and sightings are in
+    /// pixels of the larger picture.
     #[must_use]
     pub fn at_origin(self, origin_px: [u32; 2]) -> Self {
         Self { origin_px, ..self }
     }
 
-    /// The part of it of `size_px` from pixel `from_px` on, in the same coordinates.
+    /// The part of `size_px` from pixel `from_px` on, in the same coordinates.
     ///
     /// # Errors
-    /// [`BallError::Region`] where it reaches outside.
+    /// [`BallError::Region`] if it is not inside this picture.
     pub fn region(&self, from_px: [u32; 2], size_px: [u32; 2]) -> Result<Self, BallError> {
         let whole_px = [self.width, self.height];
         let fits = |axis: usize| {
@@ -133,31 +131,31 @@ impl<'a> Picture<'a> {
         [self.width, self.height]
     }
 
-    /// Where its first pixel lies in the whole picture.
+    /// Position of its first pixel in the whole picture.
     pub fn origin_px(&self) -> [u32; 2] {
         self.origin_px
     }
 
-    /// How its pixels are written.
+    /// Layout of its pixels.
     pub fn layout(&self) -> PixelLayout {
         self.layout
     }
 
-    /// The bytes of a row; none below the picture.
+    /// The bytes of a row; empty below the picture.
     pub(super) fn row(&self, y: u32) -> &'a [u8] {
         let start = y as usize * self.stride;
         let end = start + self.width as usize * self.layout.bytes();
         self.bytes.get(start..end).unwrap_or(&[])
     }
 
-    /// The colour at column `x` and row `y` of this picture, between pixels bilinear; grey counts in all three channels. `None`
-    /// outside of the centres of its outermost pixels.
+    /// Bilinear colour at column `x` and row `y` of this picture; grey is returned in all three channels. `None` outside of the
+    /// centres of its outermost pixels.
     pub(super) fn sample(&self, x: f64, y: f64) -> Option<[f64; 3]> {
         let (right, bottom) = (f64::from(self.width - 1), f64::from(self.height - 1));
         if !((0.0..=right).contains(&x) && (0.0..=bottom).contains(&y)) {
             return None;
         }
-        // The last column and row are reached from the one before.
+        // The last column and row are interpolated from the ones before.
         let column = (x as u32).min(self.width.saturating_sub(2));
         let line = (y as u32).min(self.height.saturating_sub(2));
         let (u, v) = (x - f64::from(column), y - f64::from(line));
@@ -178,7 +176,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// The colour of a whole pixel.
+    /// The colour of one pixel.
     pub(super) fn pixel(&self, x: u32, y: u32) -> Option<[f64; 3]> {
         let step = self.layout.bytes();
         let start = x as usize * step;
@@ -191,12 +189,84 @@ impl<'a> Picture<'a> {
     }
 }
 
+/// Why a picture or a request cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BallError {
+    /// A picture without pixels, or larger than any camera's.
+    #[error("a picture of {width} x {height} pixels, expected 1 to {most} each way")]
+    Size {
+        /// Pixels in a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Greatest width and height.
+        most: u32,
+    },
+    /// Fewer bytes than the picture needs.
+    #[error("found {found} bytes in rows of {stride}, expected {expected}")]
+    Bytes {
+        /// Number of bytes.
+        found: usize,
+        /// Bytes from row to row.
+        stride: usize,
+        /// Number of bytes that are needed.
+        expected: usize,
+    },
+    /// A region that is not inside the picture.
+    #[error("a region of {size_px:?} pixels at {from_px:?}, expected one inside of {whole_px:?}")]
+    Region {
+        /// Upper left pixel of the region.
+        from_px: [u32; 2],
+        /// Width and height of the region.
+        size_px: [u32; 2],
+        /// Width and height of the picture.
+        whole_px: [u32; 2],
+    },
+    /// A grey picture, and a request for a colour.
+    #[error("found a grey picture, expected colours; search by brightness or motion")]
+    Grey,
+    /// Motion is detected relative to earlier pictures, which must have the same size and origin.
+    #[error(
+        "found a picture of {found_px:?} pixels after one of {expected_px:?}, expected the same"
+    )]
+    SizeChanged {
+        /// Width, height, left and top of this picture.
+        found_px: [u32; 4],
+        /// Width, height, left and top of the earlier ones.
+        expected_px: [u32; 4],
+    },
+    /// A frame that is not later than the one before.
+    #[error("found frame {found} after frame {last}, expected increasing frames")]
+    Order {
+        /// The frame.
+        found: u64,
+        /// The frame before.
+        last: u64,
+    },
+    /// More frames with candidates than are allowed.
+    #[error("found more than {most} pictures with candidates in them")]
+    TooMany {
+        /// Greatest number.
+        most: usize,
+    },
+    /// A request outside of its limits.
+    #[error("`{field}`: found {found}, expected {expected}")]
+    Request {
+        /// Name of the number.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// Allowed values.
+        expected: &'static str,
+    },
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_that_its_bytes_do_not_hold_is_refused() {
+    fn pictures_with_too_few_bytes_are_rejected() {
         let bytes = [0; 24];
         assert!(Picture::rgb8(&bytes, [4, 2]).is_ok());
         assert!(Picture::rgb8(&bytes, [4, 3]).is_err());

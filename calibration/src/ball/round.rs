@@ -1,4 +1,4 @@
-//! The circle that most points of an outline lie on, or the ellipse where it is smeared.
+//! Fits the circle that most points of an outline lie on, or an ellipse where the outline is blurred by motion.
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
@@ -6,44 +6,47 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Round {
     pub(super) centre: Vector2<f64>,
-    /// Root of the product of the half axes.
+    /// Geometric mean of the half axes.
     pub(super) radius: f64,
-    /// Lesser axis over greater.
+    /// Minor over major axis.
     pub(super) axes_ratio: f64,
     /// Share of the points that lie on it.
     pub(super) share: f64,
-    /// Standard deviation of the centre along each axis, from what is left of those.
+    /// Standard deviation of the centre along each axis, from the residuals of those points.
     pub(super) sigma: f64,
-    /// Mean over all points of their squared distance over the tolerance, each at most 1.
+    /// Mean over all points of the squared ratio of distance to tolerance, each at most 1.
     cost: f64,
-    /// Standard deviation of the points that lie on it from it, pixels.
+    /// Standard deviation of the distances of the points that lie on it, pixels.
     noise: f64,
 }
 
-/// Distance of a point that lies on the outline: pixels, and share of the radius.
+/// Greatest distance of a point on the outline, pixels; the larger of both limits holds.
 const ON_IT_PX: f64 = 0.5;
+/// Greatest distance of a point on the outline, share of the radius.
 const ON_IT_SHARE: f64 = 0.025;
-/// Starts of triples of points that propose circles, and into how many parts their points divide the way around.
+/// Start positions of the triples of points that propose circles.
 const STARTS: usize = 16;
+/// A triple's points are a third, a quarter or a sixth of the outline apart.
 const PARTS: [usize; 3] = [3, 4, 6];
-/// Steps of the last fit, and its tolerance in standard deviations.
+/// Steps of the last fit.
 const STEPS: usize = 6;
+/// Tolerance of the last fit, standard deviations.
 const SIGMAS: f64 = 3.0;
-/// Least that is believed of the noise of one point of an outline, pixels.
+/// Least assumed noise of one point of an outline, pixels.
 const LEAST_NOISE: f64 = 0.02;
-/// Lesser over greater axis of what is still a smeared ball.
+/// Least minor over major axis of a ball blurred by motion.
 const LEAST_AXES_RATIO: f64 = 0.7;
-/// Share of the points that an ellipse must have: nothing of it may be hidden.
+/// Least share of the points on an ellipse: no part of a blurred ball may be hidden.
 const ELLIPSE_SHARE: f64 = 0.75;
-/// How much better an ellipse must be than a circle (costs).
+/// Greatest cost of an ellipse over that of a circle, for the ellipse to be chosen.
 const ELLIPSE_GAIN: f64 = 0.7;
-/// How much noisier the points on an ellipse may be than those on a circle. An ellipse can pass near to all points of a
-/// small circle that is partly hidden, but what is left of the circle lies on it far better; of noisy points a circle has
-/// those that happen to lie near it.
+/// Greatest noise of the points on an ellipse over that of the points on a circle. An ellipse can pass near all points of a
+/// small circle that is partly hidden, but the visible points fit the circle far better. Of noisy points, a circle has only
+/// those that happen to be near it, so its noise is underestimated.
 const ELLIPSE_NOISE: f64 = 1.5;
 
-/// The circle, or the ellipse where that is clearly better, that most of `points` lie on, in the order of the way around;
-/// `None` of fewer than eight.
+/// The circle that most of `points` lie on, or the ellipse if it fits clearly better. `points` are in order around the outline.
+/// `None` for fewer than eight.
 pub(super) fn fit(points: &[Vector2<f64>]) -> Option<Round> {
     if points.len() < 8 {
         return None;
@@ -76,7 +79,7 @@ fn cost(points: &[Vector2<f64>], distance: impl Fn(&Vector2<f64>) -> f64, tolera
     each.sum::<f64>() / points.len() as f64
 }
 
-/// Standard deviation of distances from a curve of so many parameters.
+/// Standard deviation of distances from a curve of `parameters` parameters.
 fn noise(distances: &[f64], parameters: f64) -> f64 {
     let squares: f64 = distances.iter().map(|d| d * d).sum();
     let freedom = (distances.len() as f64 - parameters).max(1.0);
@@ -109,7 +112,7 @@ fn circle(points: &[Vector2<f64>]) -> Option<Round> {
     refined(points, centre, radius)
 }
 
-/// Least squares over the points near the circle, their distances to it as residuals.
+/// Least squares over the points near the circle, with their distances to it as residuals.
 fn refined(points: &[Vector2<f64>], mut centre: Vector2<f64>, mut radius: f64) -> Option<Round> {
     let mut near = tolerance(radius);
     let mut sigma = 0.0;
@@ -160,7 +163,7 @@ fn refined(points: &[Vector2<f64>], mut centre: Vector2<f64>, mut radius: f64) -
     })
 }
 
-/// Centre and radius of the circle through three points; `None` where they are on a line.
+/// Centre and radius of the circle through three points; `None` if they are on a line.
 pub(super) fn circle_through(
     a: &Vector2<f64>,
     b: &Vector2<f64>,
@@ -176,7 +179,7 @@ pub(super) fn circle_through(
     Some((a + centre, centre.norm()))
 }
 
-/// The ellipse of least squared algebraic distance, twice: over all points, then over those near it.
+/// The ellipse of least squared algebraic distance, fitted to all points and again to those near it.
 fn ellipse(points: &[Vector2<f64>]) -> Option<Round> {
     let mut kept: Vec<Vector2<f64>> = points.to_vec();
     for round in 0..2 {
@@ -207,7 +210,7 @@ fn ellipse(points: &[Vector2<f64>]) -> Option<Round> {
             radius,
             axes_ratio: ratio,
             share,
-            // Of points all around, half of each distance is along either axis.
+            // Of points all around, half of each squared distance is along either axis.
             sigma: noise * (2.0 / on_it.len() as f64).sqrt(),
             cost: cost(points, off, limit),
             noise,
@@ -218,14 +221,14 @@ fn ellipse(points: &[Vector2<f64>]) -> Option<Round> {
 
 struct Ellipse {
     centre: Vector2<f64>,
-    /// The greater first.
+    /// Major half axis first.
     half_axes: [f64; 2],
-    /// (p - centre)' Q (p - centre) = 1.
+    /// Q in (p - centre)' Q (p - centre) = 1.
     form: Matrix2<f64>,
 }
 
 impl Ellipse {
-    /// Distance along the ray from the centre, to first order of the one along the normal.
+    /// Distance along the ray from the centre, corrected to first order to that along the normal.
     fn distance(&self, p: &Vector2<f64>) -> f64 {
         let arm = p - self.centre;
         let along = (arm.dot(&(self.form * arm))).sqrt();
@@ -234,7 +237,7 @@ impl Ellipse {
     }
 }
 
-/// a x^2 + b x y + c y^2 + d x + e y = 1, about the points' mean and in units of their spread.
+/// Solves a x^2 + b x y + c y^2 + d x + e y = 1, about the mean of the points and in units of their spread.
 fn algebraic(points: &[Vector2<f64>]) -> Option<Ellipse> {
     let n = points.len() as f64;
     let middle = points.iter().fold(Vector2::zeros(), |s, p| s + p) / n;
@@ -284,7 +287,7 @@ mod tests {
         turns.map(at).collect()
     }
 
-    /// Points of an ellipse about (x, 0), each `off` the way from there.
+    /// Points of an ellipse about (x, 0), each moved outward by `off`.
     fn smeared(
         x: f64,
         r: f64,
@@ -305,7 +308,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_circle_of_which_a_part_is_hidden_comes_back(
+        fn partly_hidden_circles_are_recovered(
             x in -5.0f64..5.0, y in -5.0f64..5.0, r in 4.0f64..60.0, hidden in 0.0f64..0.35,
         ) {
             let points = around(60, |t| {
@@ -318,7 +321,7 @@ mod tests {
         }
 
         #[test]
-        fn a_smeared_outline_keeps_its_middle(
+        fn blurred_outlines_keep_their_middle(
             x in -5.0f64..5.0, r in 5.0f64..60.0, ratio in 0.72f64..0.9, turn in 0.0f64..3.0,
         ) {
             let found = fit(&smeared(x, r, ratio, turn, |_| 0.0)).unwrap();
@@ -326,9 +329,9 @@ mod tests {
         }
     }
 
-    /// Symptom to prevent: a circle has those of noisy points that happen to lie near it, and so little noise.
+    /// A circle through noisy points has those that happen to be near it, and thus little noise.
     #[test]
-    fn a_noisy_smeared_outline_is_mostly_known_as_one() {
+    fn noisy_blurred_outlines_are_mostly_recognised() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         // 0.29 px at one standard deviation.
         let mut noise_px = || rng.random_range(-0.5..0.5);
@@ -340,14 +343,14 @@ mod tests {
                 found.axes_ratio < 0.9 && found.centre.norm() < 0.5
             };
             let found = (0..100).map(is_found).filter(|found| *found).count();
-            println!("of 100 smeared balls of {r} px, with noise: {found} known as such");
+            println!("of 100 blurred balls of {r} px, with noise: {found} recognised");
             assert!(found >= 90, "{found} of 100 at {r} px");
         }
     }
 
     /// An ellipse passes within half a pixel of nine tenths of these points.
     #[test]
-    fn a_small_circle_of_which_a_third_is_hidden_is_not_smeared() {
+    fn a_small_circle_with_a_hidden_third_is_not_an_ellipse() {
         let points = around(60, |t| {
             let depth = if t < 0.336 * std::f64::consts::TAU {
                 0.6

@@ -1,4 +1,4 @@
-//! Which candidates over many frames are one thing that moves.
+//! Selects the candidates over many frames that are one moving thing.
 
 use std::collections::BTreeSet;
 
@@ -7,37 +7,40 @@ use farfield_proto::order_statistics::upper_median;
 use super::candidate::Candidate;
 use super::colour::hsv;
 
-/// Frames that a link may jump over.
+/// Frames that a link may skip.
 const MOST_GAP: u64 = 10;
-/// How far from where it is expected a thing may be in the next frame: diameters and pixels, with its speed known and not, and
-/// share of its speed.
+/// Greatest distance from the prediction in the next frame if the speed is known: diameters, plus pixels.
 const NEAR: [f64; 2] = [1.5, 6.0];
+/// The same if the speed is unknown.
 const FIRST: [f64; 2] = [4.0, 10.0];
+/// Share of the speed that is added to both.
 const SPEED_SHARE: f64 = 0.5;
-/// The reach grows with each frame that is jumped over, up to so many times.
+/// The greatest distance grows with each skipped frame, up to this factor.
 const MOST_GROWTH: f64 = 3.0;
-/// Logarithm by which the diameter may change from frame to frame, and levels by which the colour may.
+/// Greatest change of the logarithm of the diameter from frame to frame.
 const SIZE_CHANGE: f64 = 0.3;
+/// Greatest change of the colour from frame to frame, levels.
 const COLOUR_CHANGE: f64 = 70.0;
-/// Frames that a track needs.
+/// Least number of frames of a track.
 const LEAST_FRAMES: usize = 4;
-/// Way that a thing must have gone to count as moving: diameters, and pixels.
+/// Least extent of the path of a moving thing: diameters, and pixels.
 const MOVED: [f64; 2] = [0.8, 4.0];
-/// How strongly roundness counts over the number of frames.
+/// Exponent of the score relative to the number of frames.
 const ROUNDNESS_POWER: i32 = 8;
-/// What another track must have to be of the same thing: share of its median score, and levels of colour.
+/// Least median score of another track of the same thing, as a share of the best one's.
 const SCORE_SHARE: f64 = 0.75;
+/// Greatest difference of their colours, levels.
 const SAME_COLOUR: f64 = 60.0;
 /// Least median score of a track.
 const LEAST_SCORE: f64 = 0.6;
-/// Frames that a track may share with those chosen before it, and still be the same thing seen twice.
+/// Frames that a track may share with those chosen before it, if it is the same thing.
 const MOST_SHARED: usize = 2;
 
 /// What decides between things that are there at the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Choice {
     Roundest,
-    /// Roundest, weighed by the saturation of its colour.
+    /// Roundest, weighted by the saturation of its colour.
     MostSaturated,
 }
 
@@ -48,27 +51,27 @@ struct Track {
     own: Vec<usize>,
     frame: u64,
     px: [f64; 2],
-    /// Pixels per frame; `None` of one that was seen once.
+    /// Pixels per frame; `None` for a track with one candidate.
     speed: Option<[f64; 2]>,
     diameter_px: f64,
     colour: [f64; 3],
 }
 
-/// Indices of the candidates of the thing that moves, at most one of a frame, in their order. `kept` is in the order of frames.
+/// Indices of the candidates of the moving thing, at most one per frame, in order. `kept` is in the order of frames.
 pub(super) fn choose(kept: &[(u64, Candidate)], choice: Choice) -> Vec<usize> {
-    let mut judged: Vec<(f64, Judged)> = tracks(kept)
+    let mut summaries: Vec<(f64, Summary)> = tracks(kept)
         .iter()
-        .filter_map(|track| judged(kept, track))
+        .filter_map(|track| summary(kept, track))
         .map(|it| (it.weight(choice), it))
         .collect();
-    judged.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.own.cmp(&b.1.own)));
-    let Some((_, best)) = judged.first() else {
+    summaries.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.own.cmp(&b.1.own)));
+    let Some((_, best)) = summaries.first() else {
         return Vec::new();
     };
     let (score, colour) = (best.score, best.colour);
     let mut taken: Vec<usize> = Vec::new();
     let mut taken_frames: BTreeSet<u64> = BTreeSet::new();
-    for (_, it) in judged {
+    for (_, it) in summaries {
         let is_same = it.score >= SCORE_SHARE * score && apart(&it.colour, &colour) <= SAME_COLOUR;
         if !is_same {
             continue;
@@ -78,7 +81,7 @@ pub(super) fn choose(kept: &[(u64, Candidate)], choice: Choice) -> Vec<usize> {
         let own: Vec<(usize, u64)> = own.collect();
         let is_taken = |frame: &u64| taken_frames.contains(frame);
         let shared = own.iter().filter(|(_, frame)| is_taken(frame)).count();
-        // What is there at the same time is another thing.
+        // A track at the same time is another thing.
         if shared > MOST_SHARED {
             continue;
         }
@@ -92,14 +95,14 @@ pub(super) fn choose(kept: &[(u64, Candidate)], choice: Choice) -> Vec<usize> {
     taken
 }
 
-/// What a track is like.
-struct Judged {
+/// Summary of a track.
+struct Summary {
     own: Vec<usize>,
     score: f64,
     colour: [f64; 3],
 }
 
-impl Judged {
+impl Summary {
     fn weight(&self, choice: Choice) -> f64 {
         let roundness = libm::pow(self.score, f64::from(ROUNDNESS_POWER));
         let [_, saturation, _] = hsv(self.colour.map(|c| c as u8));
@@ -111,8 +114,8 @@ impl Judged {
     }
 }
 
-/// What is said of a track that moved.
-fn judged(kept: &[(u64, Candidate)], track: &Track) -> Option<Judged> {
+/// The summary of a track; `None` if it did not move or is not round.
+fn summary(kept: &[(u64, Candidate)], track: &Track) -> Option<Summary> {
     let own: Vec<&Candidate> = track
         .own
         .iter()
@@ -132,12 +135,12 @@ fn judged(kept: &[(u64, Candidate)], track: &Track) -> Option<Judged> {
             .fold(f64::NEG_INFINITY, f64::max);
         most - least
     };
-    let way_px = libm::hypot(span(0), span(1));
-    if way_px < (MOVED[0] * diameter_px).max(MOVED[1]) {
+    let extent_px = libm::hypot(span(0), span(1));
+    if extent_px < (MOVED[0] * diameter_px).max(MOVED[1]) {
         return None;
     }
     let score = median(&|it| it.score).filter(|score| *score >= LEAST_SCORE)?;
-    Some(Judged {
+    Some(Summary {
         own: track.own.clone(),
         score,
         colour: [
@@ -148,7 +151,7 @@ fn judged(kept: &[(u64, Candidate)], track: &Track) -> Option<Judged> {
     })
 }
 
-/// Links candidates from frame to frame, the nearest to what is expected first; what was seen in too few frames is not kept.
+/// Links candidates from frame to frame, those nearest to the prediction first. Drops tracks of too few frames.
 fn tracks(kept: &[(u64, Candidate)]) -> Vec<Track> {
     let mut ended: Vec<Track> = Vec::new();
     let mut open: Vec<Track> = Vec::new();
@@ -177,11 +180,11 @@ fn tracks(kept: &[(u64, Candidate)]) -> Vec<Track> {
             }
             is_moved[number] = true;
             is_linked[index - start] = true;
-            open[number].goes_to(*frame, index, &kept[index].1);
+            open[number].extend(*frame, index, &kept[index].1);
         }
         for index in start..end {
             if !is_linked[index - start] {
-                open.push(Track::begun(*frame, index, &kept[index].1));
+                open.push(Track::new(*frame, index, &kept[index].1));
             }
         }
         start = end;
@@ -191,7 +194,7 @@ fn tracks(kept: &[(u64, Candidate)]) -> Vec<Track> {
 }
 
 impl Track {
-    fn begun(frame: u64, index: usize, candidate: &Candidate) -> Self {
+    fn new(frame: u64, index: usize, candidate: &Candidate) -> Self {
         Self {
             own: vec![index],
             frame,
@@ -206,7 +209,7 @@ impl Track {
         self.own.len() >= LEAST_FRAMES
     }
 
-    fn goes_to(&mut self, frame: u64, index: usize, candidate: &Candidate) {
+    fn extend(&mut self, frame: u64, index: usize, candidate: &Candidate) {
         let gap = (frame - self.frame).max(1) as f64;
         let now = [0, 1].map(|axis| (candidate.px[axis] - self.px[axis]) / gap);
         self.speed = Some(now);
@@ -217,7 +220,7 @@ impl Track {
         self.colour = candidate.colour;
     }
 
-    /// How far `candidate` is from what is expected in `frame`, as a share of what is allowed; `None` where it is more.
+    /// Distance of `candidate` from the prediction for `frame`, as a share of the allowed one; `None` if it is larger.
     fn cost(&self, frame: u64, candidate: &Candidate) -> Option<f64> {
         let gap = (frame - self.frame).max(1) as f64;
         let [vx, vy] = self.speed.unwrap_or([0.0; 2]);

@@ -1,43 +1,45 @@
-//! How near the centre is found, in one picture.
+//! Accuracy of the centre in one picture, and the time that a picture takes.
+
+use std::time::Instant;
 
 use nalgebra::Vector3;
 use rand::RngExt;
 
-use super::render::{Ball, ORANGE, SIZE_PX, Scene, ball_at, camera, lens_of, seeded};
-use crate::ball::Appearance;
+use super::render::{Ball, ORANGE, Patch, SIZE_PX, Scene, ball_at, camera, lens_of, seeded};
 use crate::ball::blobs::Blobs;
-use crate::ball::candidate::{Candidate, Room, candidates};
+use crate::ball::candidate::{Buffers, Candidate, candidates};
 use crate::ball::mask::Mask;
-use crate::ball::{BallLens, ColourRange, outline_offset_px};
+use crate::ball::{Appearance, BallFinder, BallLens, BallRequest, ColourRange, outline_offset_px};
 
-/// What is wrong with a picture.
+/// Disturbances of a picture.
 #[derive(Debug, Clone, Copy)]
-struct Wrong {
+struct Disturbance {
     noise: f64,
-    /// Way during the exposure over the diameter.
+    /// Motion during the exposure over the diameter.
     blur: f64,
     /// Share of the diameter that is hidden, from one side.
     hidden: f64,
-    /// How much darker the ball is below than above.
+    /// How much darker the ball is below than above, share.
     shade: f64,
 }
 
-const CLEAN: Wrong = Wrong {
+const CLEAN: Disturbance = Disturbance {
     noise: 0.0,
     blur: 0.0,
     hidden: 0.0,
     shade: 0.4,
 };
-const NOISY: Wrong = Wrong {
+const NOISY: Disturbance = Disturbance {
     noise: 6.0,
     ..CLEAN
 };
 
-/// Errors of the centre over their sigma, and how many of the balls were found.
+/// Errors of the centre, and their ratios to the reported standard deviation.
 struct Errors {
     px: Vec<f64>,
     over_sigma: Vec<f64>,
-    asked: usize,
+    /// Number of drawn balls.
+    balls: usize,
 }
 
 impl Errors {
@@ -47,12 +49,12 @@ impl Errors {
         sorted[((sorted.len() - 1) as f64 * share) as usize]
     }
 
-    fn say(&self, what: &str) {
+    fn print(&self, what: &str) {
         let squares: f64 = self.over_sigma.iter().map(|v| v * v).sum();
         println!(
             "{what}: found {} of {}, median {:.3} px, 95 % {:.3} px, error over sigma {:.2}",
             self.px.len(),
-            self.asked,
+            self.balls,
             self.percentile(0.5),
             self.percentile(0.95),
             (squares / (2.0 * self.px.len() as f64)).sqrt()
@@ -67,48 +69,51 @@ fn in_picture(
     diameters: [f64; 2],
 ) -> Vec<Candidate> {
     let range = ColourRange::about(ORANGE.map(|c| c as u8));
-    let (mut mask, mut blobs) = (Mask::of(&Appearance::Colour(range)), Blobs::default());
+    let (mut mask, mut blobs) = (Mask::new(&Appearance::Colour(range)), Blobs::default());
     let picture = scene.picture(bytes);
-    mask.look(&picture, &mut blobs).unwrap();
+    mask.find(&picture, &mut blobs).unwrap();
     let mut found = Vec::new();
     candidates(
         &picture,
         &mut blobs,
         diameters,
         lens,
-        &mut Room::default(),
+        &mut Buffers::default(),
         &mut found,
     );
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     found
 }
 
-/// Balls all over the picture at distances of `distances_m`.
-fn errors(wrong: &Wrong, distances_m: [f64; 2], count: usize) -> Errors {
+/// Errors of balls all over the picture, at distances of `distances_m`.
+fn errors(disturbance: &Disturbance, distances_m: [f64; 2], count: usize) -> Errors {
     let camera = camera(1300.0);
     let lens = lens_of(&camera);
     let mut rng = seeded(3);
     let mut found = Errors {
         px: Vec::new(),
         over_sigma: Vec::new(),
-        asked: count,
+        balls: count,
     };
     for _ in 0..count {
         let distance_m = rng.random_range(distances_m[0]..distances_m[1]);
         let px = [0, 1].map(|axis| rng.random_range(120.0..f64::from(SIZE_PX[axis]) - 120.0));
         let turn = rng.random_range(0.0..std::f64::consts::TAU);
         let toward = [libm::cos(turn), libm::sin(turn)];
-        let way = Vector3::new(toward[0], toward[1], 0.0) * (2.0 * 0.11 * wrong.blur);
-        let hidden =
-            (wrong.hidden > 0.0).then_some([toward[0], toward[1], 1.0 - 2.0 * wrong.hidden]);
+        let path = Vector3::new(toward[0], toward[1], 0.0) * (2.0 * 0.11 * disturbance.blur);
+        let hidden = (disturbance.hidden > 0.0).then_some([
+            toward[0],
+            toward[1],
+            1.0 - 2.0 * disturbance.hidden,
+        ]);
         let ball = Ball {
-            way_c: way,
+            path_c: path,
             hidden,
-            shade: wrong.shade,
+            shade: disturbance.shade,
             ..ball_at(&camera, px, distance_m)
         };
         let scene = Scene {
-            noise: wrong.noise,
+            noise: disturbance.noise,
             ball: Some(ball),
             ..Scene::about(&camera, px, [200, 200])
         };
@@ -125,62 +130,62 @@ fn errors(wrong: &Wrong, distances_m: [f64; 2], count: usize) -> Errors {
 }
 
 #[test]
-fn a_clean_ball_is_found_to_a_fraction_of_a_pixel() {
+fn clean_balls_are_located_to_a_fraction_of_a_pixel() {
     let found = errors(&CLEAN, [2.5, 25.0], 150);
-    found.say("clean");
+    found.print("clean");
     assert!(found.px.len() >= 148);
     assert!(found.percentile(0.5) < 0.1 && found.percentile(0.95) < 0.2);
 }
 
 #[test]
-fn noise_costs_little() {
+fn noise_changes_the_centre_little() {
     let found = errors(&NOISY, [2.5, 25.0], 150);
-    found.say("noise of 6 levels");
+    found.print("noise of 6 levels");
     assert!(found.px.len() >= 145);
     assert!(found.percentile(0.5) < 0.15 && found.percentile(0.95) < 0.3);
 }
 
 #[test]
-fn a_ball_of_few_pixels_is_found() {
+fn balls_of_a_few_pixels_are_located() {
     let found = errors(&NOISY, [42.0, 80.0], 150);
-    found.say("3.5 to 7 px");
+    found.print("3.5 to 7 px");
     assert!(found.px.len() >= 135);
     assert!(found.percentile(0.5) < 0.3 && found.percentile(0.95) < 0.6);
 }
 
 #[test]
-fn a_ball_of_which_a_part_is_hidden_is_found_where_it_is() {
+fn partly_hidden_balls_are_located() {
     let found = errors(
-        &Wrong {
+        &Disturbance {
             hidden: 0.25,
             ..NOISY
         },
         [2.5, 20.0],
         150,
     );
-    found.say("a quarter of the diameter hidden");
+    found.print("a quarter of the diameter hidden");
     assert!(found.px.len() >= 100);
     assert!(found.percentile(0.5) < 0.3 && found.percentile(0.95) < 1.0);
 }
 
 #[test]
-fn a_smeared_ball_is_found_in_the_middle_of_the_exposure() {
-    // Shade moves it: what is light outweighs what is dark where both are mixed with the background.
+fn blurred_balls_are_located_at_the_middle_of_the_exposure() {
+    // Shade biases the centre: light parts outweigh dark ones where both are mixed with the background.
     for (shade, median_px, most_px) in [(0.0, 0.15, 0.5), (0.4, 0.3, 1.5)] {
-        let smeared = Wrong {
+        let blurred = Disturbance {
             blur: 0.4,
             shade,
             ..NOISY
         };
-        let found = errors(&smeared, [2.5, 20.0], 150);
-        found.say(&format!("smeared by 0.4 diameters, shade {shade}"));
+        let found = errors(&blurred, [2.5, 20.0], 150);
+        found.print(&format!("blurred by 0.4 diameters, shade {shade}"));
         assert!(found.px.len() >= 135);
         assert!(found.percentile(0.5) < median_px && found.percentile(0.95) < most_px);
     }
 }
 
 #[test]
-fn without_a_lens_the_outline_is_off_by_what_is_known_and_with_it_not() {
+fn only_without_a_lens_is_the_outline_off_as_predicted() {
     let mut camera = camera(1400.0);
     camera.distortion = [0.0; 8];
     let lens = lens_of(&camera);
@@ -214,7 +219,7 @@ fn without_a_lens_the_outline_is_off_by_what_is_known_and_with_it_not() {
 }
 
 #[test]
-fn the_diameter_says_how_far_the_ball_is() {
+fn the_diameter_gives_the_distance() {
     let camera = camera(1300.0);
     let lens = lens_of(&camera);
     for distance_m in [3.0, 6.0, 12.0] {
@@ -225,21 +230,21 @@ fn the_diameter_says_how_far_the_ball_is() {
         };
         let bytes = scene.bytes(&mut seeded(2));
         let found = in_picture(&scene, &bytes, Some(&lens), [2.0, 150.0])[0];
-        let said_m = 2.0 * 1301.3 * 0.11 / found.diameter_px;
+        let measured_m = 2.0 * 1301.3 * 0.11 / found.diameter_px;
         assert!(
-            (said_m / distance_m - 1.0).abs() < 0.03,
-            "{said_m} {distance_m}"
+            (measured_m / distance_m - 1.0).abs() < 0.03,
+            "{measured_m} {distance_m}"
         );
     }
 }
 
 #[test]
-fn things_of_the_same_colour_that_are_not_round_are_no_candidates() {
+fn things_of_the_same_colour_that_are_not_round_score_low() {
     let camera = camera(1300.0);
     let lens = lens_of(&camera);
     let at = [800.0, 500.0];
     for half_px in [[20.0, 20.0], [14.0, 24.0], [8.0, 30.0], [30.0, 12.0]] {
-        let shirt = super::render::Patch {
+        let shirt = Patch {
             middle_px: at,
             half_px,
             is_box: true,
@@ -256,5 +261,65 @@ fn things_of_the_same_colour_that_are_not_round_are_no_candidates() {
             seen.iter().all(|it| it.score < 0.6),
             "{half_px:?}: {seen:?}"
         );
+    }
+}
+
+/// `FARFIELD_MEASURE=1 cargo test --release -p farfield-calibration a_large_picture -- --nocapture`
+#[test]
+#[expect(clippy::disallowed_methods, reason = "it is what this measures")]
+fn a_large_picture_takes_some_tens_of_milliseconds() {
+    if std::env::var_os("FARFIELD_MEASURE").is_none() {
+        println!(
+            "skipped: it measures time, which depends on the machine; FARFIELD_MEASURE=1 runs it"
+        );
+        return;
+    }
+    let camera = camera(1300.0);
+    let mut scene = Scene {
+        noise: 4.0,
+        ..Scene::about(&camera, [960.0, 600.0], SIZE_PX)
+    };
+    for i in 0..12 {
+        scene.patches.push(Patch {
+            middle_px: [100.0 + 140.0 * f64::from(i), 900.0],
+            half_px: [14.0, 24.0],
+            is_box: i % 2 == 0,
+            colour: ORANGE,
+        });
+    }
+    let mut rng = seeded(1);
+    let pictures: Vec<Vec<u8>> = (0..4)
+        .map(|i| {
+            scene.ball = Some(ball_at(&camera, [700.0 + 40.0 * f64::from(i), 400.0], 6.0));
+            scene.bytes(&mut rng)
+        })
+        .collect();
+    let orange = ColourRange::about(ORANGE.map(|c| c as u8));
+    for appearance in [
+        Appearance::Colour(orange),
+        Appearance::MovingColour(orange),
+        Appearance::Moving { contrast: 25 },
+        Appearance::Bright { least: 200 },
+    ] {
+        let request = BallRequest {
+            appearance,
+            diameter_px: [6.0, 120.0],
+            lens: Some(lens_of(&camera)),
+        };
+        let mut finder = BallFinder::new(request).unwrap();
+        let mut spans = Vec::new();
+        for frame in 0..40 {
+            let picture = scene.picture(&pictures[frame as usize % pictures.len()]);
+            let begun = Instant::now();
+            finder.look(frame, &picture).unwrap();
+            spans.push(begun.elapsed().as_secs_f64());
+        }
+        spans.sort_by(f64::total_cmp);
+        println!(
+            "{appearance:?}: median {:.1} ms, most {:.1} ms",
+            1e3 * spans[20],
+            1e3 * spans[39]
+        );
+        assert!(spans[20] < 0.2);
     }
 }

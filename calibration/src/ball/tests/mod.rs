@@ -1,6 +1,5 @@
-//! Balls in pictures that were drawn from a known centre.
+//! Balls in pictures drawn with a known centre.
 
 mod centre;
 pub(crate) mod render;
 mod scene;
-mod speed;

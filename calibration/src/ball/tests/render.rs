@@ -1,4 +1,4 @@
-//! Pictures of a ball as a camera with a lens draws it, of which the centre is known.
+//! Draws pictures of a ball through a camera's lens, with a known centre.
 
 use std::sync::Arc;
 
@@ -10,27 +10,27 @@ use rand_chacha::ChaCha8Rng;
 use crate::adjustment::CameraState;
 use crate::ball::{BallLens, Picture};
 
-/// From node to node of the grid on which the lens is undone; between them it is straight to 1e-4 px.
+/// Spacing of the grid on which the lens is inverted; linear interpolation between nodes is accurate to 1e-4 px.
 const NODE_PX: f64 = 8.0;
-/// Samples of a pixel each way, at the rim of a ball.
+/// Samples of a pixel in each direction, at the rim of a ball.
 const SAMPLES: i32 = 5;
 
-/// A ball before the camera.
+/// A ball in front of the camera.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Ball {
-    /// Camera axes, metres, in the middle of the exposure.
+    /// Centre in camera axes, metres, at the middle of the exposure.
     pub(crate) centre_c: Vector3<f64>,
-    /// How far it goes during the exposure.
-    pub(crate) way_c: Vector3<f64>,
+    /// Displacement during the exposure.
+    pub(crate) path_c: Vector3<f64>,
     pub(crate) radius_m: f64,
     pub(crate) colour: [f64; 3],
     /// How much darker it is below than above, share.
     pub(crate) shade: f64,
-    /// What is hidden: pixels whose distance from the centre along the first two numbers is more than the third, in radii.
+    /// Hidden pixels: those whose distance from the centre along the first two numbers is more than the third, in radii.
     pub(crate) hidden: Option<[f64; 3]>,
 }
 
-/// Something flat of a plain colour in the picture: half axes, pixels; boxes where `is_box`.
+/// A flat thing of one colour in the picture, with half axes in pixels: a box if `is_box`, else an ellipse.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Patch {
     pub(crate) middle_px: [f64; 2],
@@ -39,16 +39,16 @@ pub(crate) struct Patch {
     pub(crate) colour: [f64; 3],
 }
 
-/// What a picture shows. Bytes of a part of a camera's picture, red, green, blue.
+/// Contents of a part of a camera's picture.
 #[derive(Debug, Clone)]
 pub(crate) struct Scene {
     pub(crate) camera: CameraState,
     pub(crate) origin_px: [u32; 2],
     pub(crate) size_px: [u32; 2],
     pub(crate) background: [f64; 3],
-    /// Levels by which the background goes up and down.
+    /// Amplitude of the background's texture, levels.
     pub(crate) texture: f64,
-    /// What was drawn of it before, if all is as it was then.
+    /// The background if it was drawn before.
     pub(crate) drawn: Option<Arc<Vec<[f64; 3]>>>,
     /// Standard deviation of each byte, levels.
     pub(crate) noise: f64,
@@ -59,7 +59,7 @@ pub(crate) struct Scene {
 pub(crate) const ORANGE: [f64; 3] = [235.0, 110.0, 25.0];
 pub(crate) const SIZE_PX: [u32; 2] = [1920, 1200];
 
-/// A camera at the origin with a lens that bends.
+/// A camera at the origin whose lens has distortion.
 pub(crate) fn camera(focal_px: f64) -> CameraState {
     let intrinsics = Intrinsics {
         fx_px: focal_px,
@@ -80,12 +80,12 @@ pub(crate) fn lens_of(camera: &CameraState) -> BallLens {
     BallLens::new(SIZE_PX, camera.intrinsics, camera.lens()).unwrap()
 }
 
-/// A ball of 0.11 m in front of `camera` whose centre is drawn at `px`.
+/// A ball of 0.11 m radius in front of `camera`, whose centre is drawn at `px`.
 pub(crate) fn ball_at(camera: &CameraState, px: [f64; 2], distance_m: f64) -> Ball {
     let bearing = camera.bearing(px, camera.fold_radius()).unwrap();
     Ball {
         centre_c: bearing * distance_m,
-        way_c: Vector3::zeros(),
+        path_c: Vector3::zeros(),
         radius_m: 0.11,
         colour: ORANGE,
         shade: 0.4,
@@ -94,7 +94,7 @@ pub(crate) fn ball_at(camera: &CameraState, px: [f64; 2], distance_m: f64) -> Ba
 }
 
 impl Patch {
-    /// How much of a pixel it covers.
+    /// Covered share of a pixel.
     fn cover(&self, px: [f64; 2]) -> f64 {
         let off = [0, 1].map(|axis| (px[axis] - self.middle_px[axis]) / self.half_px[axis]);
         let away = if self.is_box {
@@ -108,7 +108,7 @@ impl Patch {
 }
 
 impl Scene {
-    /// Of the part of the camera's picture about `middle_px`.
+    /// A scene in the part of the camera's picture about `middle_px`.
     pub(crate) fn about(camera: &CameraState, middle_px: [f64; 2], size_px: [u32; 2]) -> Self {
         let origin = |axis: usize| {
             let most = f64::from(SIZE_PX[axis] - size_px[axis]);
@@ -143,11 +143,11 @@ impl Scene {
         };
         self.add_patches(&mut colours);
         if let Some(ball) = &self.ball {
-            let steps = if ball.way_c.norm() > 0.0 { 15 } else { 1 };
+            let steps = if ball.path_c.norm() > 0.0 { 15 } else { 1 };
             let covers: Vec<Vec<(usize, f64, [f64; 3])>> = (0..steps)
                 .map(|i| {
                     let share = (f64::from(i) + 0.5) / f64::from(steps) - 0.5;
-                    self.covered(ball, &(ball.centre_c + ball.way_c * share))
+                    self.covered(ball, &(ball.centre_c + ball.path_c * share))
                 })
                 .collect();
             let behind = colours.clone();
@@ -158,7 +158,7 @@ impl Scene {
             }
         }
         let mut noisy = |level: f64| {
-            // Eight bytes of any value add up to nearly a normal distribution.
+            // The sum of eight uniform bytes is nearly normal.
             let bytes: [u8; 8] = if self.noise > 0.0 {
                 rng.random()
             } else {
@@ -212,7 +212,7 @@ impl Scene {
         }
     }
 
-    /// The pixels that the ball covers, how much of them, and with which colour.
+    /// Indices of the pixels that the ball covers, their covered shares, and its colours there.
     fn covered(&self, ball: &Ball, centre_c: &Vector3<f64>) -> Vec<(usize, f64, [f64; 3])> {
         let fold = self.camera.fold_radius();
         let Some(middle) = self.camera.project(centre_c, fold) else {
@@ -224,7 +224,7 @@ impl Scene {
         let Some(grid) = Grid::about(&self.camera, middle.into(), radius_px) else {
             return Vec::new();
         };
-        // A ray is inside of the cone about the centre: (b c)^2 > cos^2 |b|^2 |c|^2.
+        // A ray is inside the cone about the centre if (b c)^2 > cos^2 |b|^2 |c|^2.
         let is_inside = |px: [f64; 2]| {
             let n = grid.at(px);
             let ray = Vector3::new(n.x, n.y, 1.0);
@@ -286,7 +286,7 @@ fn sampled(is_inside: impl Fn([f64; 2]) -> bool) -> f64 {
     f64::from(count) / f64::from(SAMPLES * SAMPLES)
 }
 
-/// The lens undone on a grid: pinhole coordinates.
+/// Pinhole coordinates on a grid: the inverse of the lens.
 struct Grid {
     first: [f64; 2],
     columns: usize,
@@ -324,7 +324,7 @@ impl Grid {
     }
 }
 
-/// Smooth noise of -1 to 1 that repeats nowhere near, by the place in the picture alone.
+/// Smooth noise of -1 to 1, a function of the position in the picture only.
 fn texture(px: [f64; 2], size_px: f64, kind: u32) -> f64 {
     let [u, v] = px.map(|p| p / size_px);
     let (x, y) = (u.floor(), v.floor());

@@ -26,8 +26,8 @@ fn request(appearance: Appearance) -> BallRequest {
     }
 }
 
-/// Where the ball's centre is drawn in a frame: up and down through the picture.
-fn way(frame: u64) -> [f64; 2] {
+/// Position of the ball's centre in a frame: up and down through the picture.
+fn path(frame: u64) -> [f64; 2] {
     let t = frame as f64;
     [
         MIDDLE_PX[0] + 170.0 * libm::sin(0.05 * t),
@@ -38,12 +38,12 @@ fn way(frame: u64) -> [f64; 2] {
 fn ball(frame: u64) -> Ball {
     ball_at(
         &camera(1300.0),
-        way(frame),
+        path(frame),
         8.0 + 2.0 * libm::sin(0.03 * frame as f64),
     )
 }
 
-/// With its background drawn once.
+/// The scene, with its background drawn once.
 fn scene() -> Scene {
     static DRAWN: OnceLock<Vec<[f64; 3]>> = OnceLock::new();
     let scene = Scene {
@@ -57,7 +57,7 @@ fn scene() -> Scene {
     }
 }
 
-/// Shirts of the ball's colour that walk through the picture, and a round sign of it that hangs still.
+/// Shirts of the ball's colour that move through the picture, and a still round sign of that colour.
 fn look_alikes(frame: u64) -> Vec<Patch> {
     let t = frame as f64;
     let shirt = |middle_px: [f64; 2], half_px: [f64; 2], is_box: bool| Patch {
@@ -78,7 +78,7 @@ fn look_alikes(frame: u64) -> Vec<Patch> {
     ]
 }
 
-fn look(finder: &mut BallFinder, frames: std::ops::Range<u64>, scene_of: impl Fn(u64) -> Scene) {
+fn process(finder: &mut BallFinder, frames: std::ops::Range<u64>, scene_of: impl Fn(u64) -> Scene) {
     let mut rng = seeded(11);
     for frame in frames {
         let scene = scene_of(frame);
@@ -88,14 +88,14 @@ fn look(finder: &mut BallFinder, frames: std::ops::Range<u64>, scene_of: impl Fn
 }
 
 fn off_px(sighting: &BallSighting) -> f64 {
-    let [x, y] = way(sighting.frame);
+    let [x, y] = path(sighting.frame);
     libm::hypot(sighting.px[0] - x, sighting.px[1] - y)
 }
 
 #[test]
-fn the_ball_is_taken_and_nothing_that_looks_like_it() {
+fn only_the_ball_is_found_among_similar_things() {
     let mut finder = BallFinder::new(request(Appearance::Colour(orange()))).unwrap();
-    look(&mut finder, 0..150, |frame| Scene {
+    process(&mut finder, 0..150, |frame| Scene {
         ball: Some(ball(frame)),
         patches: look_alikes(frame),
         ..scene()
@@ -103,15 +103,15 @@ fn the_ball_is_taken_and_nothing_that_looks_like_it() {
     let found = finder.finish();
     let wrong = found.iter().filter(|it| off_px(it) > 1.0).count();
     println!("{} of 150, {wrong} wrong", found.len());
-    // Where it flies before a shirt of its colour it is not seen.
+    // The ball is not visible in front of a shirt of its colour.
     assert!(found.len() > 110 && wrong == 0);
 }
 
 #[test]
-fn a_ball_that_is_there_in_a_fifth_of_the_frames_is_not_seen_in_the_others() {
+fn an_absent_ball_gives_no_sightings() {
     let mut finder = BallFinder::new(request(Appearance::Colour(orange()))).unwrap();
     let is_there = |frame: u64| (60..100).contains(&frame);
-    look(&mut finder, 0..200, |frame| Scene {
+    process(&mut finder, 0..200, |frame| Scene {
         ball: is_there(frame).then(|| ball(frame)),
         patches: look_alikes(frame),
         ..scene()
@@ -127,9 +127,9 @@ fn a_ball_that_is_there_in_a_fifth_of_the_frames_is_not_seen_in_the_others() {
 }
 
 #[test]
-fn where_there_is_no_ball_there_is_no_sighting() {
+fn scenes_without_a_ball_give_no_sightings() {
     let mut finder = BallFinder::new(request(Appearance::Colour(orange()))).unwrap();
-    look(&mut finder, 0..120, |frame| Scene {
+    process(&mut finder, 0..120, |frame| Scene {
         patches: look_alikes(frame),
         ..scene()
     });
@@ -138,7 +138,7 @@ fn where_there_is_no_ball_there_is_no_sighting() {
 }
 
 #[test]
-fn a_ball_as_bright_as_what_is_behind_it_is_found_by_its_colour_and_its_motion() {
+fn colour_and_motion_find_a_ball_as_bright_as_its_background() {
     let grey = (ORANGE[0] + 2.0 * ORANGE[1] + ORANGE[2]) / 4.0;
     let boards = Scene {
         background: [grey; 3],
@@ -148,7 +148,7 @@ fn a_ball_as_bright_as_what_is_behind_it_is_found_by_its_colour_and_its_motion()
     };
     let drawn: Arc<Vec<[f64; 3]>> = boards.background().into();
     let mut finder = BallFinder::new(request(Appearance::MovingColour(orange()))).unwrap();
-    look(&mut finder, 0..80, |frame| Scene {
+    process(&mut finder, 0..80, |frame| Scene {
         ball: Some(ball(frame)),
         drawn: Some(drawn.clone()),
         ..boards.clone()
@@ -163,7 +163,7 @@ fn a_ball_as_bright_as_what_is_behind_it_is_found_by_its_colour_and_its_motion()
 fn the_colour_of_the_ball_is_learnt() {
     let request = request(Appearance::MovingColour(ColourRange::saturated()));
     let mut finder = BallFinder::new(request).unwrap();
-    look(&mut finder, 0..80, |frame| {
+    process(&mut finder, 0..80, |frame| {
         let t = frame as f64;
         let green = Patch {
             middle_px: [MIDDLE_PX[0] - 150.0 + 3.0 * t, MIDDLE_PX[1] + 40.0],
@@ -195,7 +195,7 @@ fn a_light_in_the_dark_is_found() {
         ..request(Appearance::Bright { least: 120 })
     };
     let mut finder = BallFinder::new(request).unwrap();
-    look(&mut finder, 0..80, |frame| Scene {
+    process(&mut finder, 0..80, |frame| Scene {
         ball: Some(Ball {
             radius_m: 0.02,
             colour: [400.0; 3],
@@ -211,7 +211,7 @@ fn a_light_in_the_dark_is_found() {
 }
 
 #[test]
-fn a_drone_before_the_sky_is_found_by_its_motion_in_grey() {
+fn motion_finds_a_drone_against_the_sky_in_grey_pictures() {
     let mut rng = seeded(5);
     let request = BallRequest {
         diameter_px: [2.0, 20.0],
@@ -244,9 +244,9 @@ fn a_drone_before_the_sky_is_found_by_its_motion_in_grey() {
 }
 
 #[test]
-fn what_is_found_is_read_back_by_points() {
+fn points_parse_the_sightings() {
     let mut finder = BallFinder::new(request(Appearance::Colour(orange()))).unwrap();
-    look(&mut finder, 3..20, |frame| Scene {
+    process(&mut finder, 3..20, |frame| Scene {
         ball: Some(ball(frame)),
         ..scene()
     });
@@ -261,7 +261,7 @@ fn what_is_found_is_read_back_by_points() {
 }
 
 #[test]
-fn what_cannot_be_looked_at_is_refused() {
+fn invalid_pictures_and_requests_are_rejected() {
     let bytes = [90; 300];
     let grey = Picture::grey8(&bytes, [20, 10]).unwrap();
     let mut by_colour = BallFinder::new(request(Appearance::Colour(orange()))).unwrap();
@@ -287,7 +287,7 @@ fn what_cannot_be_looked_at_is_refused() {
 }
 
 #[test]
-fn pictures_of_any_content_and_size_are_looked_at() {
+fn pictures_of_any_content_and_size_are_processed() {
     let bytes: Vec<u8> = (0..3 * 64 * 64_u32)
         .map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8)
         .collect();
@@ -313,7 +313,7 @@ fn pictures_of_any_content_and_size_are_looked_at() {
             finder.finish();
         }
     }
-    // A ball whose centre is behind what a lens can draw is refused by the renderer, not by a panic.
+    // The renderer rejects a ball whose centre is behind what the lens can project, without a panic.
     let behind = Ball {
         centre_c: Vector3::new(0.0, 0.0, -3.0),
         ..ball(0)

@@ -45,7 +45,7 @@ fn found(
             drawn: Some(background.clone()),
             ball: Some(Ball {
                 centre_c: state.camera_from_world * (centre_w - state.center_w),
-                way_c: Vector3::zeros(),
+                path_c: Vector3::zeros(),
                 radius_m: RADIUS_M,
                 colour: ORANGE,
                 shade: 0.4,
