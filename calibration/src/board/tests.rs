@@ -317,7 +317,7 @@ fn points_in_space_give_a_pose() {
 }
 
 #[test]
-fn marks_with_left_and_right_swapped_fit_from_below_and_are_reported() {
+fn marks_with_sides_swapped_fit_from_below_and_are_reported() {
     let truth = camera_at([3.0, 0.5, 2.0]);
     let flat: Vec<[f64; 3]> = marks().iter().filter(|p| p[2] == 0.0).copied().collect();
     let pixels = seen(&truth, &pinhole(), &flat, 0.0);

@@ -147,7 +147,7 @@ mod tests {
     use nalgebra::Vector3;
 
     #[test]
-    fn every_format_is_recognised_under_any_name_and_other_files_are_not() {
+    fn formats_are_recognised_under_any_name_and_other_files_are_not() {
         let cameras = ring(Vector3::z(), LensModel::ideal());
         for format in Format::ALL {
             let mut written = export(&cameras, format).unwrap();

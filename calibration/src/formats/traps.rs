@@ -29,7 +29,7 @@ fn coefficients(camera: &CameraRecord) -> Vec<f64> {
 }
 
 #[test]
-fn opencv_4_and_5_write_heads_and_missing_numbers_that_no_yaml_has() {
+fn opencv_files_with_invalid_yaml_heads_and_numbers_are_read() {
     for head in ["%YAML:1.0\n---\n", "%YAML 1.2\n---\n"] {
         let text = format!(
             "{head}calibration_time: \"Mon\"\nimage_width: 640\nimage_height: 480\navg_reprojection_error: .Nan\n\
@@ -222,7 +222,7 @@ fn qca(root: &str) -> String {
 }
 
 #[test]
-fn qualisys_files_hold_positions_and_theia_files_rigid_motions_both_in_64ths() {
+fn qualisys_stores_positions_and_theia_rigid_motions_both_in_64ths() {
     let qualisys = read(&[("a.qca.txt", qca(" qtm-version=\"2021\""))]).expect("Qualisys");
     let theia = read(&[("a.txt", qca(""))]).expect("Theia");
     assert_eq!(
@@ -398,7 +398,7 @@ fn two_cameras_are_not_written_to_one_file() {
 }
 
 #[test]
-fn vicon_pixels_refer_to_the_whole_sensor_and_quaternions_end_with_the_real_part() {
+fn vicon_pixels_and_quaternions_follow_the_conventions_of_vicon() {
     let options = ImportOptions {
         video_px: Some([1920, 1080]),
         ..ImportOptions::default()
@@ -450,7 +450,7 @@ fn vicon_coefficients_per_pixel_are_inverted_with_a_remark() {
 }
 
 #[test]
-fn colmap_puts_the_first_pixel_at_a_half_and_has_lines_without_points() {
+fn colmap_pixels_start_at_a_half_and_point_lines_may_be_empty() {
     let cameras = "# a comment\n1 SIMPLE_RADIAL 640 480 800 320 240 -0.1\n2 OPENCV_FISHEYE 640 480 500 500 320 240 .1 .2 .3 .4\n";
     let images = "# comment\n1 0.5 0.5 0.5 0.5 1 2 3 1 north.jpg\n\n2 1 0 0 0 4 5 6 2 south.jpg\n12.5 3.5 -1\n";
     let found = read(&[

@@ -315,7 +315,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn inverting_a_lens_per_pixel_errs_by_less_than_five_hundredths_of_a_pixel() {
+    fn inverted_lenses_are_accurate_to_a_twentieth_of_a_pixel() {
         // A barrel of 5 % at the corner of a sensor of 1920 x 1080 with f = 1500.
         let (k, worst) = inverted(&[0.09, 0.01, 0.0], 1101.0 / 1500.0);
         assert!(worst * 1500.0 < 0.05, "{}", worst * 1500.0);

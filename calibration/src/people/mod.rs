@@ -6,9 +6,11 @@
 //! follow from feet; metres come from stature, a known distance or known places.
 
 mod adjust;
+mod assess;
 mod associate;
+mod evidence;
 mod file;
-mod judged;
+mod findings;
 mod outcome;
 mod plan;
 mod request;

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use nalgebra::Vector2;
 
 use super::adjust::{Adjusted, Round, Settling, settle};
-use super::judged::assess::{DOUBTFUL_CONTRADICTION, DOUBTFUL_NOISE, Evidence, Found, assess};
-use super::judged::evidence::contradictions;
+use super::assess::{DOUBTFUL_CONTRADICTION, DOUBTFUL_NOISE, assess};
+use super::evidence::{Evidence, Found, contradictions};
 use super::plan::{BodyPlan, USUAL_STATURE_M, other_sides};
 use super::request::{PeopleCamera, PeopleError, PeopleRequest};
 use super::start::clocks::{lags, refine};

@@ -253,7 +253,7 @@ mod knock_tests {
     }
 
     #[test]
-    fn a_knock_is_found_at_the_beginning_or_end_of_the_bad_part() {
+    fn knocks_are_found_at_either_end_of_the_bad_part() {
         for (count, from, to, change) in [
             (400, 0.85, 1.0, 0.85),
             (400, 0.5, 0.6, 0.5),

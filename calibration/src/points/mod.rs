@@ -22,7 +22,7 @@ pub(crate) use freed::{Bars, ClockUnit, suspects};
 pub(crate) use halves::{Apart, halves, knocked_at};
 pub(crate) use outcome::check_anchors;
 pub(crate) use refine::freedom;
-pub(crate) use venue::{Laid, anchor_findings};
+pub(crate) use venue::{Aligned, anchor_findings};
 
 pub use board::CORNERS_PER_INSTANT;
 pub use file::{Sighting, parse, parse_multicamselfcal};

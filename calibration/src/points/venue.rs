@@ -34,7 +34,7 @@ const LEAST_UPRIGHT: f64 = 0.1;
 const LEVEL_M: f64 = 0.5;
 
 /// Aligned cameras of any calibration, with the known facts about the venue.
-pub(crate) struct Laid<'a> {
+pub(crate) struct Aligned<'a> {
     /// The cameras with a pose, in the world of the adjustment.
     pub(crate) cameras: &'a [(String, CameraState)],
     /// The known facts about them.
@@ -42,7 +42,7 @@ pub(crate) struct Laid<'a> {
     pub(crate) alignment: &'a Alignment,
 }
 
-impl Laid<'_> {
+impl Aligned<'_> {
     /// The cameras in the venue.
     fn states(&self) -> Vec<CameraState> {
         let venue = &self.alignment.venue_from_found;
@@ -66,12 +66,12 @@ impl Laid<'_> {
 
 /// Findings about aligned cameras: whether they are upright and fit known places, distances and marks. `cameras` has their
 /// uncertainties.
-pub(crate) fn anchor_findings(laid: &Laid<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
+pub(crate) fn anchor_findings(aligned: &Aligned<'_>, cameras: &[CameraReport]) -> Vec<Finding> {
     let mut findings = Vec::new();
-    findings.extend(upright(laid).or_else(|| looking_up(laid)));
-    findings.extend(known_places(laid, cameras));
-    findings.extend(known_distances(laid));
-    findings.extend(marks(laid));
+    findings.extend(upright(aligned).or_else(|| looking_up(aligned)));
+    findings.extend(known_places(aligned, cameras));
+    findings.extend(known_distances(aligned));
+    findings.extend(marks(aligned));
     findings
 }
 
@@ -111,7 +111,7 @@ pub(super) fn alignment_findings(found: &Found<'_>, cameras: &[CameraReport]) ->
         ));
     }
     findings.extend(anchor_findings(
-        &Laid {
+        &Aligned {
             cameras: &found.named,
             anchors: &found.anchors,
             alignment: &found.alignment,
@@ -155,11 +155,11 @@ fn squares(found: &Found<'_>) -> Option<Finding> {
 
 /// Reports cameras that are upside down. Known places in a plane also fit their mirror image, in which the cameras are upside
 /// down.
-fn upright(laid: &Laid<'_>) -> Option<Finding> {
-    if !laid.alignment.has_floor {
+fn upright(aligned: &Aligned<'_>) -> Option<Finding> {
+    if !aligned.alignment.has_floor {
         return None;
     }
-    let states = laid.states();
+    let states = aligned.states();
     let up = states
         .iter()
         .map(|state| (state.camera_from_world.inverse() * -Vector3::y()).z);
@@ -187,14 +187,14 @@ fn upright(laid: &Laid<'_>) -> Option<Finding> {
 
 /// Reports cameras that all look up although they are above people's heads. If y was counted from below in all sights, cameras
 /// are upright in the mirror image of known places in a plane, but look up.
-fn looking_up(laid: &Laid<'_>) -> Option<Finding> {
-    let states = laid.states();
+fn looking_up(aligned: &Aligned<'_>) -> Option<Finding> {
+    let states = aligned.states();
     let looks_up = |state: &CameraState| {
         let forward = state.camera_from_world.inverse() * Vector3::z();
         looks_over_heads(state.center_w.z, forward.z)
     };
-    let is_floor_known = laid.alignment.has_floor && laid.alignment.has_scale;
-    let heights_m = laid.anchors.centers_m.iter().map(|(_, at_m)| at_m[2]);
+    let is_floor_known = aligned.alignment.has_floor && aligned.alignment.has_scale;
+    let heights_m = aligned.anchors.centers_m.iter().map(|(_, at_m)| at_m[2]);
     let (low_m, high_m) = heights_m.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| {
         (low.min(z), high.max(z))
     });
@@ -213,16 +213,16 @@ fn looking_up(laid: &Laid<'_>) -> Option<Finding> {
     })
 }
 
-fn known_places(laid: &Laid<'_>, cameras: &[CameraReport]) -> Option<Finding> {
-    let rms_m = laid.alignment.rms_m?;
+fn known_places(aligned: &Aligned<'_>, cameras: &[CameraReport]) -> Option<Finding> {
+    let rms_m = aligned.alignment.rms_m?;
     let sigmas = cameras.iter().map(|camera| camera.position_sigma_m);
     let usual_sigma_m = upper_median(sigmas.filter(|s| s.is_finite()).collect()).unwrap_or(0.0);
     let bar_m = DOUBTFUL_ANCHORS_M.max(ANCHORS_SIGMAS * usual_sigma_m);
-    let wrong_m = WRONG_ANCHORS_M.min(WRONG_ANCHORS_SHARE * laid.span_m());
+    let wrong_m = WRONG_ANCHORS_M.min(WRONG_ANCHORS_SHARE * aligned.span_m());
     if rms_m <= bar_m.min(wrong_m) {
         return None;
     }
-    let odd = laid.anchors.odd_place(laid.cameras);
+    let odd = aligned.anchors.odd_place(aligned.cameras);
     let odd = odd.filter(|(_, left_m)| *left_m < ODD_SHARE * rms_m);
     let without = odd.map_or_else(String::new, |(name, left_m)| {
         format!("; without `{name}` the others fit to {left_m:.3} m")
@@ -238,8 +238,8 @@ fn known_places(laid: &Laid<'_>, cameras: &[CameraReport]) -> Option<Finding> {
 }
 
 /// Reports clicked marks that are outliers.
-fn marks(laid: &Laid<'_>) -> Option<Finding> {
-    let fitted = laid.anchors.fit_marks(laid.cameras).ok()??;
+fn marks(aligned: &Aligned<'_>) -> Option<Finding> {
+    let fitted = aligned.anchors.fit_marks(aligned.cameras).ok()??;
     let outliers: Vec<String> = fitted
         .outliers()
         .take(MOST_NAMED)
@@ -268,14 +268,14 @@ fn marks(laid: &Laid<'_>) -> Option<Finding> {
     })
 }
 
-fn known_distances(laid: &Laid<'_>) -> Vec<Finding> {
-    let states = laid.states();
+fn known_distances(aligned: &Aligned<'_>) -> Vec<Finding> {
+    let states = aligned.states();
     let center = |name: &String| {
-        let mut named = laid.cameras.iter().zip(&states);
+        let mut named = aligned.cameras.iter().zip(&states);
         let it = named.find(|((other, _), _)| other == name);
         it.map(|(_, state)| state.center_w)
     };
-    let each = laid.anchors.distances.iter().filter_map(|known| {
+    let each = aligned.anchors.distances.iter().filter_map(|known| {
         let here_m = (center(&known.first)? - center(&known.second)?).norm();
         let off = (here_m / known.distance_m - 1.0).abs();
         (off > WRONG_DISTANCE).then(|| {

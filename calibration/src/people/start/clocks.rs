@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn the_busiest_part_of_a_long_recording_is_found_in_a_longer_one() {
+    fn the_busiest_part_of_a_recording_is_found_in_a_longer_one() {
         let (long, short) = (feet(0..5000, 0), feet(1000..3600, 700));
         let search = Search::new(&long, &short).unwrap();
         assert!(search.b.len() <= 1500 && search.a.len() == 5000);

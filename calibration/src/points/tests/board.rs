@@ -138,7 +138,7 @@ fn points_without_three_cameras_have_the_correct_cause_and_bounded_angles() {
 }
 
 #[test]
-fn a_rigid_board_links_cameras_of_which_two_see_it_at_a_time() {
+fn a_rigid_board_links_cameras_that_see_it_in_pairs() {
     let truth = line();
     let mut request = request(&truth, neighbours);
     request.board = Some(BOARD);
@@ -241,7 +241,7 @@ fn against_theirs(folder: &Path, found: &PointCalibration) -> (f64, f64, f64) {
 }
 
 #[test]
-fn the_board_of_caliscope_gives_its_cameras_also_from_pairs_of_cameras() {
+fn the_board_of_caliscope_also_calibrates_from_pairs_of_cameras() {
     let Some(folder) = folder("caliscope", "data/caliscope") else {
         return;
     };

@@ -128,7 +128,7 @@ fn clicked_marks_align_the_cameras_and_a_wrong_one_is_reported() {
 }
 
 #[test]
-fn a_camera_with_a_fifth_of_the_sights_does_not_reduce_the_accuracy() {
+fn a_camera_with_few_sights_does_not_reduce_the_accuracy() {
     let truth = at_rate(&HALL, 10.0);
     let errors = Errors {
         last_camera_share: 0.2,

@@ -98,7 +98,7 @@ fn a_ball_in_pictures_gives_the_cameras() {
 
 /// `cargo test --release -p farfield-calibration thousand_pictures -- --nocapture`, with `FARFIELD_MEASURE=1`
 #[test]
-fn thousand_pictures_of_a_ball_give_the_cameras_of_every_field() {
+fn a_thousand_pictures_of_a_ball_calibrate_every_field() {
     if std::env::var_os("FARFIELD_MEASURE").is_none() {
         println!("skipped: draws 32,000 pictures; FARFIELD_MEASURE=1 runs it");
         return;

@@ -1,13 +1,14 @@
 //! Findings about a calibration from people as a whole: cameras that are not connected, how people walked, the floor, the
 //! scale.
 
-use super::evidence::Found;
-use crate::alignment::Lost;
-use crate::people::plan::USUAL_STATURE_M;
-use crate::people::start::ground::LEAST_BODIES;
-use crate::people::venue::Scale;
-use crate::report::{Cause, Finding, PeopleReport, finding};
 use farfield_proto::order_statistics::{percentile, upper_median};
+
+use super::evidence::Found;
+use super::plan::USUAL_STATURE_M;
+use super::start::ground::LEAST_BODIES;
+use super::venue::Scale;
+use crate::alignment::Lost;
+use crate::report::{Cause, Finding, PeopleReport, finding};
 
 /// Seconds of a person that two cameras see, summed over persons, below which there is a warning.
 const USUAL_PERSON_S: f64 = 60.0;
@@ -45,7 +46,7 @@ const WRONG_STATURES_M: [f64; 2] = [1.2, 2.1];
 const DOUBTFUL_STATURE: f64 = 0.05;
 
 /// Findings about all cameras together.
-pub(in crate::people) fn overall_findings(found: &Found<'_>) -> Vec<Finding> {
+pub(super) fn overall_findings(found: &Found<'_>) -> Vec<Finding> {
     let mut findings = not_connected(found);
     findings.extend(degenerate(found));
     findings.extend(only_two(found));
@@ -364,7 +365,7 @@ fn known_floor(found: &Found<'_>) -> Option<Finding> {
     let venue = &found.alignment.venue_from_found;
     let heights = found.standing.ankles.iter().map(|it| venue.apply(it).z);
     let ankle_m = upper_median(heights.collect()).unwrap_or(0.0);
-    let floor_m = ankle_m - crate::people::plan::ANKLE_HEIGHT * USUAL_STATURE_M;
+    let floor_m = ankle_m - super::plan::ANKLE_HEIGHT * USUAL_STATURE_M;
     let tilt_deg = found.floor.as_ref().map_or(0.0, |floor| {
         let up = venue.rotation * floor.up;
         up.angle(&nalgebra::Vector3::z()).to_degrees()

@@ -2,11 +2,11 @@
 
 use farfield_proto::order_statistics::upper_median;
 
-pub(in crate::people) use super::evidence::{Evidence, Found};
+use super::evidence::Found;
 use super::findings::{overall_findings, people_report};
 use crate::adjustment::Observation;
 use crate::points::{
-    Apart, Bars, ClockUnit, Laid, Timing, anchor_findings, halves, knocked_at, suspects,
+    Aligned, Apart, Bars, ClockUnit, Timing, anchor_findings, halves, knocked_at, suspects,
 };
 use crate::report::{
     CameraReport, Cause, Finding, PictureCoverage, Report, empty_picture, finding,
@@ -20,13 +20,13 @@ const USUAL_SHARE: f64 = 0.75;
 /// A smaller share of used residuals is an error.
 const LEAST_SHARE: f64 = 0.5;
 /// Noise relative to the expected one (25 mm on the body and 1 px) above which there is a warning.
-pub(in crate::people) const DOUBTFUL_NOISE: f64 = 1.8;
+pub(super) const DOUBTFUL_NOISE: f64 = 1.8;
 /// The same for an error.
 const WRONG_NOISE: f64 = 4.0;
 /// Noise relative to the median camera above which a warning becomes an error: such a pose is wrong.
 const WRONG_NOISE_RATIO: f64 = 2.0;
 /// Share of persons that a camera sees elsewhere, above which there is a warning.
-pub(in crate::people) const DOUBTFUL_CONTRADICTION: f64 = 0.25;
+pub(super) const DOUBTFUL_CONTRADICTION: f64 = 0.25;
 /// The same for an error.
 const WRONG_CONTRADICTION: f64 = 0.5;
 /// The halves of the data disagree if they project the same points this many pixels apart. It is a warning if the distance
@@ -42,7 +42,7 @@ const WRONG_HALVES_M: f64 = 0.05;
 const WRONG_HALVES_RATIO: f64 = 3.0;
 
 /// The report on a solution.
-pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
+pub(super) fn assess(found: &Found<'_>) -> Report {
     let apart = halves(&found.adjusted.problem);
     let sights = sights(found);
     let mut cameras = camera_reports(found, &apart, &sights);
@@ -55,12 +55,12 @@ pub(in crate::people) fn assess(found: &Found<'_>) -> Report {
         findings.extend(halves_finding(report, usual_px));
     }
     widen_sigmas(&mut cameras);
-    let laid = Laid {
+    let aligned = Aligned {
         cameras: &found.named,
         anchors: &found.anchors,
         alignment: &found.alignment,
     };
-    findings.extend(anchor_findings(&laid, &cameras));
+    findings.extend(anchor_findings(&aligned, &cameras));
     let span_m = found.span_m();
     for (index, report) in cameras.iter().enumerate() {
         let noise = found.adjusted.noise.get(index).copied().unwrap_or(f64::NAN);

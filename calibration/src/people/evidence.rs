@@ -4,54 +4,54 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
+use super::adjust::Adjusted;
+use super::request::PeopleRequest;
+use super::start::pair::Pair;
+use super::venue::{Floor, Scale, Standing};
+use super::view::{Clock, View};
 use crate::adjustment::{CameraState, Covariance};
 use crate::alignment::{Alignment, Anchors};
-use crate::people::adjust::Adjusted;
-use crate::people::request::PeopleRequest;
-use crate::people::start::pair::Pair;
-use crate::people::venue::{Floor, Scale, Standing};
-use crate::people::view::{Clock, View};
 
 /// Results of the intermediate stages, by the index of the camera in the request.
-pub(in crate::people) struct Evidence {
-    pub(in crate::people) pairs: Vec<Pair>,
+pub(super) struct Evidence {
+    pub(super) pairs: Vec<Pair>,
     /// Cameras that fit only in a mirror.
-    pub(in crate::people) mirrored: Vec<usize>,
+    pub(super) mirrored: Vec<usize>,
     /// Per camera, the number of usable bodies for its ground.
-    pub(in crate::people) bodies: Vec<usize>,
+    pub(super) bodies: Vec<usize>,
     /// Per camera of the problem, [`contradictions`].
-    pub(in crate::people) contradictions: Vec<f64>,
+    pub(super) contradictions: Vec<f64>,
     /// The clock of each camera.
-    pub(in crate::people) clocks: Vec<Clock>,
+    pub(super) clocks: Vec<Clock>,
 }
 
 /// All inputs of a report.
-pub(in crate::people) struct Found<'a> {
-    pub(in crate::people) request: &'a PeopleRequest,
-    pub(in crate::people) ticks_hz: f64,
-    pub(in crate::people) evidence: Evidence,
-    pub(in crate::people) adjusted: Adjusted,
-    pub(in crate::people) covariance: Option<Covariance>,
-    pub(in crate::people) alignment: Alignment,
-    pub(in crate::people) scale: Scale,
-    pub(in crate::people) standing: Standing,
-    pub(in crate::people) floor: Option<Floor>,
+pub(super) struct Found<'a> {
+    pub(super) request: &'a PeopleRequest,
+    pub(super) ticks_hz: f64,
+    pub(super) evidence: Evidence,
+    pub(super) adjusted: Adjusted,
+    pub(super) covariance: Option<Covariance>,
+    pub(super) alignment: Alignment,
+    pub(super) scale: Scale,
+    pub(super) standing: Standing,
+    pub(super) floor: Option<Floor>,
     /// The cameras of the problem by name.
-    pub(in crate::people) named: Vec<(String, CameraState)>,
+    pub(super) named: Vec<(String, CameraState)>,
     /// The known facts about these cameras.
-    pub(in crate::people) anchors: Anchors,
+    pub(super) anchors: Anchors,
 }
 
 impl Found<'_> {
     /// The cameras in the venue.
-    pub(in crate::people) fn states(&self) -> Vec<CameraState> {
+    pub(super) fn states(&self) -> Vec<CameraState> {
         let venue = &self.alignment.venue_from_found;
         let each = self.adjusted.problem.cameras.iter();
         each.map(|camera| venue.apply_to_camera(&camera.state))
             .collect()
     }
 
-    pub(in crate::people) fn name(&self, index: usize) -> &str {
+    pub(super) fn name(&self, index: usize) -> &str {
         let camera = self.request.cameras.get(index);
         camera.map_or("", |camera| camera.name.as_str())
     }
@@ -75,7 +75,7 @@ const EDGE_SHARE: f64 = 0.1;
 /// Per camera of the problem, among the persons that others put well inside its picture, the share that it sees elsewhere.
 /// A person counts as seen elsewhere if the camera does not see it, but has an unmatched body at that tick. Each unmatched body
 /// stands for one missing person.
-pub(in crate::people) fn contradictions(
+pub(super) fn contradictions(
     request: &PeopleRequest,
     views: &[View],
     adjusted: &Adjusted,

@@ -1,5 +1,0 @@
-//! Assessment of a calibration from people.
-
-pub(super) mod assess;
-pub(super) mod evidence;
-mod findings;
