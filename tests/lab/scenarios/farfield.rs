@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use crate::nets::hold_verdicts;
+use crate::nets::check_verdicts;
 
-/// What a finished `farfield` said.
+/// Exit code and output of a finished `farfield`.
 pub(crate) struct FinishedCommand {
     pub(crate) code: i32,
     pub(crate) stdout: String,
@@ -19,12 +19,11 @@ pub(crate) fn command() -> Command {
     command
 }
 
-/// Runs `farfield` with `args` to its end.
+/// Runs `farfield` with `args` and waits for its end.
 pub(crate) fn farfield<S: AsRef<std::ffi::OsStr>>(args: &[S]) -> FinishedCommand {
     finish(&command().args(args).output().unwrap())
 }
 
-/// What a finished process said.
 pub(crate) fn finish(output: &Output) -> FinishedCommand {
     FinishedCommand {
         code: output.status.code().unwrap_or(-1),
@@ -33,7 +32,7 @@ pub(crate) fn finish(output: &Output) -> FinishedCommand {
     }
 }
 
-/// Runs a venue into `out` and fails the test with what was said when it does not end well.
+/// Runs a venue into `out`. Fails the test with the output if the exit code is not 0.
 pub(crate) fn run(venue: &Path, out: &Path, more: &[&str]) -> FinishedCommand {
     let output = command()
         .arg("run")
@@ -52,9 +51,9 @@ pub(crate) fn run(venue: &Path, out: &Path, more: &[&str]) -> FinishedCommand {
         finished.stdout,
         finished.stderr
     );
-    // What a live run sees depends on the machine.
+    // The verdicts of a live run depend on the machine.
     if !more.contains(&"--live") {
-        hold_verdicts(out);
+        check_verdicts(out);
     }
     finished
 }
@@ -67,7 +66,7 @@ pub(crate) fn poses(out: &Path) -> Vec<serde_json::Value> {
         .collect()
 }
 
-/// What the run that left its files in `out` says of itself.
+/// The `summary.json` of a run.
 pub(crate) fn summary(out: &Path) -> serde_json::Value {
     let text = std::fs::read_to_string(out.join("summary.json")).unwrap();
     serde_json::from_str(&text).unwrap()

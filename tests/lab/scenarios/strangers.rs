@@ -1,5 +1,5 @@
-//! Who has no key of the venue, or the wrong one, or asks for more than its own: over real QUIC sockets,
-//! beside honest nodes that notice nothing.
+//! Nodes without a key, with the wrong key, or with requests beyond their rights: over real QUIC sockets, while honest
+//! nodes work undisturbed.
 
 mod keys;
 mod words;
@@ -22,14 +22,14 @@ use zenoh::{Session, Wait as _};
 use crate::data::checkout;
 use crate::farfield::{command, farfield, finish, poses, run};
 
-/// Far above what a loaded machine takes; a test that waits as long has failed.
+/// Far above what a loaded machine takes: a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_mins(1);
-/// How long a stranger tries to get in.
+/// How long a stranger tries to connect.
 const TRY: Duration = Duration::from_secs(8);
 const TICKS: &str = "0..40";
 const VIEWPOINTS: [&str; 4] = ["north-east", "north-west", "south-west", "south-east"];
 
-/// The walking venue with keys of its own.
+/// The walking venue with its own keys.
 struct SecuredHall {
     folder: TempDir,
     endpoint: String,
@@ -61,7 +61,7 @@ impl SecuredHall {
         self.folder.path().join(name)
     }
 
-    /// Makes keys of a new authority in `out`.
+    /// Creates an authority and its keys in `out`.
     fn certs(&self, out: &str) {
         let words = [
             "certs".into(),
@@ -94,12 +94,12 @@ impl SecuredHall {
     }
 }
 
-/// A child that does not outlive its test.
+/// A child process that ends with its test.
 struct SecuredNode(Option<Child>);
 
 impl SecuredNode {
     fn start(command: &mut std::process::Command) -> Self {
-        // Standard input stays open for as long as the test holds the child.
+        // Standard input stays open as long as the child runs.
         let child = command
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
@@ -108,7 +108,7 @@ impl SecuredNode {
         Self(Some(child.unwrap()))
     }
 
-    /// Waits for its end; its exit code and what it said.
+    /// Waits for its end. Returns the exit code and standard error.
     fn end(mut self) -> (i32, String) {
         let finished = finish(&self.0.take().unwrap().wait_with_output().unwrap());
         (finished.code, finished.stderr)
@@ -118,14 +118,14 @@ impl SecuredNode {
 impl Drop for SecuredNode {
     fn drop(&mut self) {
         if let Some(child) = &mut self.0 {
-            // Ended already when all went well.
+            // The child may have ended already.
             drop(child.kill());
             drop(child.wait());
         }
     }
 }
 
-/// A session at fusion's door; `None` when it is not let in. Blocks its thread.
+/// Opens a session with fusion; `None` if it is refused. Blocks its thread.
 fn enter_blocking(
     hall: &SecuredHall,
     identity: &Identity,
@@ -137,7 +137,7 @@ fn enter_blocking(
         .ok()
 }
 
-/// The same, beside other work.
+/// [`enter_blocking`] on a thread of its own.
 async fn enter(
     hall: &SecuredHall,
     identity: &Identity,
@@ -149,7 +149,7 @@ async fn enter(
     open.await.unwrap().ok()
 }
 
-/// What somebody with `identity` opens a session with, who gives up after `patience`.
+/// Session settings of a node with `identity` that gives up after `patience`.
 fn config_of(
     hall: &SecuredHall,
     identity: &Identity,
@@ -166,7 +166,7 @@ fn config_of(
     for (key, value) in transport.settings() {
         config.insert_json5(&key, &value).unwrap();
     }
-    // Opening blocks its thread: Zenoh itself must give up.
+    // Opening blocks its thread, so Zenoh itself must give up.
     let patience_ms = patience.as_millis().to_string();
     for (key, value) in [
         ("connect/timeout_ms", patience_ms.as_str()),
@@ -193,16 +193,16 @@ fn a_venue_with_keys_gives_the_same_poses_as_without() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn strangers_are_refused_and_the_honest_notice_nothing() {
+async fn strangers_are_refused_and_honest_nodes_are_not_disturbed() {
     let hall = SecuredHall::new();
     hall.certs("elsewhere");
     let fusion = hall.fusion("out");
 
-    // Who is let in at all: proves that the door is open to those who have a key.
+    // Proves that a node with a key can connect.
     let edge = enter(&hall, &hall.identity("certs", "north-east"), &[], PATIENCE).await;
-    let edge = edge.expect("an honest key is let in");
+    let edge = edge.expect("an honest key is accepted");
 
-    // Without a certificate: knows the authority, and shows nothing.
+    // Without a certificate, but with the authority's.
     let bare = format!(
         "{{ root_ca_certificate: {:?}, enable_mtls: false }}",
         hall.path("certs/ca.pem").to_str().unwrap()
@@ -213,7 +213,7 @@ async fn strangers_are_refused_and_the_honest_notice_nothing() {
         enter(&hall, &own, &change, TRY).await.is_none(),
         "no certificate"
     );
-    // With a certificate of another venue's authority, and fusion's own authority to trust.
+    // With a certificate of another venue's authority; trusts fusion's authority.
     let mut foreign = hall.identity("elsewhere", "north-east");
     foreign.authority = hall.path("certs/ca.pem");
     assert!(
@@ -221,27 +221,27 @@ async fn strangers_are_refused_and_the_honest_notice_nothing() {
         "a foreign certificate"
     );
 
-    // With edge north-east's key: as another edge, as fusion, and where only readers may listen.
-    // What a session says itself it hears without fusion.
-    let listen = async |session: &Session, key: &'static str| {
+    // With the key of edge north-east: acts as another edge and as fusion, and subscribes where only readers may.
+    // Own publications arrive without fusion and are excluded.
+    let subscribe = async |session: &Session, key: &'static str| {
         let subscriber = session.declare_subscriber(key);
         subscriber.allowed_origin(Locality::Remote).await.unwrap()
     };
-    let box_of_another = listen(&edge, "walk/box/north-west").await;
-    let poses_heard = listen(&edge, "walk/pose").await;
+    let box_of_another = subscribe(&edge, "walk/box/north-west").await;
+    let poses_at_edge = subscribe(&edge, "walk/pose").await;
     let _token = edge
         .liveliness()
-        .declare_token("walk/alive/nobody")
+        .declare_token("walk/alive/unknown")
         .await
         .unwrap();
-    // With a reader's key: listens, and says what it must not.
+    // With a reader's key: subscribes, and publishes what it must not.
     let screen = enter(&hall, &hall.identity("certs", "screen"), &[], PATIENCE).await;
-    let screen = screen.expect("a reader is let in");
-    let shown = listen(&screen, "walk/pose").await;
-    let statuses = listen(&screen, "walk/status/*").await;
+    let screen = screen.expect("a reader is accepted");
+    let poses_at_screen = subscribe(&screen, "walk/pose").await;
+    let statuses = subscribe(&screen, "walk/status/*").await;
     let lie = async {
         loop {
-            // In lock-step one unreadable message, or a status of nobody, ends the run.
+            // In lock-step one unreadable message, or a status of an unknown node, ends the run.
             for key in [
                 "walk/patch/north-west",
                 "walk/sighting/north-west",
@@ -268,18 +268,18 @@ async fn strangers_are_refused_and_the_honest_notice_nothing() {
         });
         timeout(PATIENCE, ended)
             .await
-            .expect("the honest do not end")
+            .expect("honest nodes do not end")
             .unwrap()
     };
-    let (edges, (code, said)) = tokio::select! {
+    let (edges, (code, stderr)) = tokio::select! {
         ended = honest => ended,
-        () = lie => unreachable!("it never ends"),
+        () = lie => unreachable!("the loop has no end"),
     };
-    assert_eq!(code, 0, "fusion: {said}");
+    assert_eq!(code, 0, "fusion: {stderr}");
     assert!(edges.iter().all(|(code, _)| *code == 0), "{edges:?}");
     assert!(
-        said.contains("refused") && said.contains("walk/patch/north-west"),
-        "{said}"
+        stderr.contains("refused") && stderr.contains("walk/patch/north-west"),
+        "{stderr}"
     );
 
     assert!(
@@ -287,16 +287,16 @@ async fn strangers_are_refused_and_the_honest_notice_nothing() {
         "another's boxes"
     );
     assert!(
-        poses_heard.try_recv().unwrap().is_none(),
+        poses_at_edge.try_recv().unwrap().is_none(),
         "poses, at an edge"
     );
-    let pose = shown.try_recv().unwrap().expect("a reader hears poses");
+    let pose = poses_at_screen.try_recv().unwrap().expect("a reader receives poses");
     let pose: PoseSet = wire::decode(&pose.payload().to_bytes()).unwrap();
     assert!(pose.tick.0 < 40);
     let status = statuses
         .try_recv()
         .unwrap()
-        .expect("a reader hears statuses");
+        .expect("a reader receives statuses");
     let status: Status = wire::decode(&status.payload().to_bytes()).unwrap();
     assert!(!status.node.is_empty());
 
@@ -306,11 +306,11 @@ async fn strangers_are_refused_and_the_honest_notice_nothing() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_edge_that_calls_itself_by_anothers_name_under_its_own_key_is_not_believed() {
+async fn a_status_in_the_name_of_another_edge_is_refused() {
     let hall = SecuredHall::new();
     let fusion = hall.fusion("out");
     let edge = enter(&hall, &hall.identity("certs", "north-east"), &[], PATIENCE).await;
-    let edge = edge.expect("an honest key is let in");
+    let edge = edge.expect("an honest key is accepted");
     let lie = Status {
         release: String::new(),
         node: "north-west".to_owned(),
@@ -337,18 +337,18 @@ async fn an_edge_that_calls_itself_by_anothers_name_under_its_own_key_is_not_bel
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
     };
-    // In lock-step one message that nobody may send ends the run, and its key is named.
+    // In lock-step one forbidden message ends the run, and the error contains its key.
     let end = timeout(PATIENCE, tokio::task::spawn_blocking(|| fusion.end()));
-    let (code, said) = tokio::select! {
-        ended = end => ended.expect("fusion goes on").unwrap(),
-        () = lie => unreachable!("it never ends"),
+    let (code, stderr) = tokio::select! {
+        ended = end => ended.expect("fusion does not end").unwrap(),
+        () = lie => unreachable!("the loop has no end"),
     };
-    assert_eq!(code, 1, "{said}");
-    assert!(said.contains("walk/status/north-east"), "{said}");
+    assert_eq!(code, 1, "{stderr}");
+    assert!(stderr.contains("walk/status/north-east"), "{stderr}");
 }
 
 #[test]
-fn an_edge_with_only_a_key_gets_everything_else_from_fusion() {
+fn an_edge_with_only_a_key_gets_all_files_from_fusion() {
     let hall = SecuredHall::new();
     let fusion = hall.fusion("out");
     let far = tempfile::tempdir().unwrap();
@@ -372,11 +372,11 @@ fn an_edge_with_only_a_key_gets_everything_else_from_fusion() {
             .map(|viewpoint| hall.edge(&here, viewpoint, &[])),
     );
     for edge in edges {
-        let (code, said) = edge.end();
-        assert_eq!(code, 0, "{said}");
+        let (code, stderr) = edge.end();
+        assert_eq!(code, 0, "{stderr}");
     }
-    let (code, said) = fusion.end();
-    assert_eq!(code, 0, "{said}");
+    let (code, stderr) = fusion.end();
+    assert_eq!(code, 0, "{stderr}");
     for file in ["venue.toml", "calibration.toml"] {
         let fetched = std::fs::read(far.path().join(file)).unwrap();
         assert_eq!(fetched, std::fs::read(hall.path(file)).unwrap(), "{file}");
@@ -384,7 +384,7 @@ fn an_edge_with_only_a_key_gets_everything_else_from_fusion() {
 }
 
 #[test]
-fn an_edge_with_another_calibration_is_told_to_fetch_fusions() {
+fn the_remedy_for_another_calibration_is_the_option_from_fusion() {
     let hall = SecuredHall::new();
     let _fusion = hall.fusion("out");
     let other = SecuredHall::new();
@@ -400,18 +400,18 @@ fn an_edge_with_another_calibration_is_told_to_fetch_fusions() {
     ] {
         std::fs::copy(hall.path(file), other.path(file)).unwrap();
     }
-    let (code, said) = hall
+    let (code, stderr) = hall
         .edge(&other.path("venue.toml"), "north-east", &[])
         .end();
-    assert_eq!(code, 2, "{said}");
+    assert_eq!(code, 2, "{stderr}");
     assert!(
-        said.contains("calibration") && said.contains("--from-fusion"),
-        "{said}"
+        stderr.contains("calibration") && stderr.contains("--from-fusion"),
+        "{stderr}"
     );
 }
 
 #[test]
-fn without_keys_nothing_leaves_the_machine_unless_said_so() {
+fn without_keys_other_machines_need_the_option_allow_plaintext() {
     let venue = checkout().join("examples/walk/venue.toml");
     let venue = venue.to_str().unwrap();
     for words in [

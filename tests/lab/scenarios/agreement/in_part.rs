@@ -1,11 +1,11 @@
-//! Mistakes that are in all cameras alike, or in a part of the time of one camera.
+//! Mistakes that affect all cameras alike, or one camera for a part of the run.
 
 use serde_json::{Value, json};
 
 use super::{CAMERAS, MistakenSample};
 
 #[test]
-fn keypoints_that_are_exchanged_in_all_cameras_are_named() {
+fn keypoints_exchanged_in_all_cameras_are_reported() {
     // COCO: 5 to 10 are shoulders, elbows and wrists, 11 to 16 hips, knees and ankles, left before right.
     type Exchange = fn(usize) -> usize;
     let cases: [(&str, Exchange); 7] = [
@@ -47,28 +47,28 @@ fn keypoints_that_are_exchanged_in_all_cameras_are_named() {
     ];
     for (exchange, from) in cases {
         let sample = MistakenSample::new().change(&CAMERAS, from, |pixel| pixel);
-        let found = sample.disagreements();
-        assert_eq!(found.len(), 1, "{exchange}: {found:?}");
-        assert_eq!(found[0]["cause"], "exchanged_keypoints", "{exchange}");
-        assert_eq!(found[0]["exchange"], exchange);
-        assert_eq!(found[0]["cameras"], json!([]), "{exchange}");
+        let disagreements = sample.disagreements();
+        assert_eq!(disagreements.len(), 1, "{exchange}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "exchanged_keypoints", "{exchange}");
+        assert_eq!(disagreements[0]["exchange"], exchange);
+        assert_eq!(disagreements[0]["cameras"], json!([]), "{exchange}");
     }
 }
 
 #[test]
-fn the_order_of_another_program_is_named_where_it_is_taken_for_that_of_the_card() {
+fn the_keypoint_order_of_openpose_is_recognised() {
     // The first 17 of BODY_25; its neck and the middle of its hips are at a shoulder and a hip here.
     const BODY_25: [usize; 17] = [0, 6, 6, 8, 10, 5, 7, 9, 12, 12, 14, 16, 11, 13, 15, 2, 1];
     let sample = MistakenSample::new().change(&CAMERAS, |k| BODY_25[k], |pixel| pixel);
-    sample.is_told(&["in the order of OpenPose's BODY_25", "farfield import"]);
+    sample.assert_printed(&["in the order of OpenPose's BODY_25", "farfield import"]);
 }
 
-/// Where a keypoint is written, pixels.
+/// Maps the true pixel of a keypoint to the written one.
 type Written = fn([f64; 2]) -> [f64; 2];
 
 #[test]
-fn keypoints_that_all_cameras_have_elsewhere_in_their_pictures_are_named() {
-    // The pictures of the sample are 1920 x 1200.
+fn image_changes_of_all_cameras_are_reported() {
+    // Images of the sample have 1920 x 1200 pixels.
     let cases: [(Written, Value); 7] = [
         (|[x, y]| [x / 2.0, y / 2.0], json!([2.0, 2.0])),
         (|[x, y]| [x / 3.0, y / 1.875], json!([3.0, 1.875])),
@@ -80,25 +80,25 @@ fn keypoints_that_all_cameras_have_elsewhere_in_their_pictures_are_named() {
     ];
     for (written, change) in cases {
         let sample = MistakenSample::new().change(&CAMERAS, |k| k, written);
-        let found = sample.disagreements();
-        assert_eq!(found.len(), 1, "{change}: {found:?}");
-        assert_eq!(found[0]["cause"], "picture_of_all", "{change}");
-        assert_eq!(found[0]["cameras"], json!([]), "{change}");
-        let told = &found[0]["change"];
-        let Some(scale) = told["resized"]["scale"].as_array() else {
-            assert_eq!(told, &change);
+        let disagreements = sample.disagreements();
+        assert_eq!(disagreements.len(), 1, "{change}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "picture_of_all", "{change}");
+        assert_eq!(disagreements[0]["cameras"], json!([]), "{change}");
+        let reported = &disagreements[0]["change"];
+        let Some(scale) = reported["resized"]["scale"].as_array() else {
+            assert_eq!(reported, &change);
             continue;
         };
         for (scale, expected) in scale.iter().zip(change.as_array().unwrap()) {
             let ratio = scale.as_f64().unwrap() / expected.as_f64().unwrap();
-            assert!((ratio - 1.0).abs() < 0.05, "{change}: {told}");
+            assert!((ratio - 1.0).abs() < 0.05, "{change}: {reported}");
         }
     }
 }
 
 #[test]
-fn scores_that_are_one_less_what_they_should_be_are_told_of_one_camera_and_of_all() {
-    for (cameras, named) in [
+fn inverted_scores_are_reported_of_one_camera_and_of_all() {
+    for (cameras, cameras_reported) in [
         (&CAMERAS[1..2], json!([CAMERAS[1]])),
         (&CAMERAS[..], json!([])),
     ] {
@@ -111,22 +111,22 @@ fn scores_that_are_one_less_what_they_should_be_are_told_of_one_camera_and_of_al
                 point[2] = json!(1.0 - point[2].as_f64().unwrap());
             }
         }
-        let found = sample.disagreements();
-        assert_eq!(found.len(), 1, "{named}: {found:?}");
-        assert_eq!(found[0]["cause"], "low_scores", "{named}: {found:?}");
-        assert_eq!(found[0]["cameras"], named);
-        let remedy = found[0]["remedy"].as_str().unwrap();
+        let disagreements = sample.disagreements();
+        assert_eq!(disagreements.len(), 1, "{cameras_reported}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "low_scores", "{cameras_reported}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cameras"], cameras_reported);
+        let remedy = disagreements[0]["remedy"].as_str().unwrap();
         assert!(remedy.contains("is it 1 - score"), "{remedy}");
     }
 }
 
-/// The line that is shown at a tick.
-type ShownAt = fn(usize) -> usize;
+/// Maps a tick to the line shown at that tick.
+type ShownLine = fn(usize) -> usize;
 
 #[test]
-fn frames_that_were_lost_or_doubled_in_the_middle_are_told_from_when_on() {
-    // From tick 60 on it shows what happens five ticks later, or earlier; or it does so until then.
-    let shown: [(&str, ShownAt, [f64; 2]); 3] = [
+fn frames_lost_or_doubled_midway_are_reported_with_their_tick() {
+    // The camera is five ticks early or late from tick 60 on, or late until then.
+    let shown: [(&str, ShownLine, [f64; 2]); 3] = [
         ("lost", |t| if t < 60 { t } else { t + 5 }, [0.0, -5.0]),
         (
             "waited",
@@ -147,15 +147,15 @@ fn frames_that_were_lost_or_doubled_in_the_middle_are_told_from_when_on() {
             let from = shown(tick).min(before.len() - 1);
             line["persons"] = before[from]["persons"].clone();
         }
-        let found = sample.disagreements();
-        assert_eq!(found.len(), 1, "{name}: {found:?}");
-        assert_eq!(found[0]["cause"], "late_in_part", "{name}");
-        assert_eq!(found[0]["cameras"], json!(["north-west"]), "{name}");
-        let told = ["before_ticks", "after_ticks"].map(|at| found[0][at].as_f64().unwrap());
-        for (told, expected) in told.iter().zip(late_ticks) {
-            assert!((told - expected).abs() < 0.5, "{name}: {told}");
+        let disagreements = sample.disagreements();
+        assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "late_in_part", "{name}");
+        assert_eq!(disagreements[0]["cameras"], json!(["north-west"]), "{name}");
+        let reported = ["before_ticks", "after_ticks"].map(|at| disagreements[0][at].as_f64().unwrap());
+        for (reported, expected) in reported.iter().zip(late_ticks) {
+            assert!((reported - expected).abs() < 0.5, "{name}: {reported}");
         }
-        let since = found[0]["since_tick"].as_i64().unwrap();
+        let since = disagreements[0]["since_tick"].as_i64().unwrap();
         assert!((since - 60).abs() <= 30, "{name}: {since}");
     }
 }

@@ -1,4 +1,4 @@
-//! Cameras that are not what the venue says: the sample with real mistakes in it, and what a run says of each.
+//! Cameras that differ from the venue: runs of the sample with real mistakes, and the disagreements they report.
 
 mod displaced;
 mod in_part;
@@ -17,15 +17,15 @@ use crate::data::SampleFolder;
 use crate::farfield::{FinishedCommand, command, finish, poses, run};
 
 const CAMERAS: [&str; 4] = ["north-east", "north-west", "south-east", "south-west"];
-/// Of the 17 COCO keypoints, the one on the other side.
+/// For each of the 17 COCO keypoints, its counterpart on the other side of the body.
 const OTHER_SIDE: [usize; 17] = [0, 2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11, 14, 13, 16, 15];
-/// Width and height of the sample's pictures, pixels.
+/// Width and height of the sample's images, pixels.
 const SIZE_PX: [f64; 2] = [1920.0, 1200.0];
 
 /// A copy of the sample venue with mistakes.
 struct MistakenSample {
     folder: SampleFolder,
-    /// Per camera its lines: the people of a tick.
+    /// Lines of each camera's file: the people of one tick.
     lines: BTreeMap<&'static str, Vec<Value>>,
 }
 
@@ -48,12 +48,12 @@ impl MistakenSample {
     }
 
     fn swap(mut self, a: &'static str, b: &'static str) -> Self {
-        let (of_a, of_b) = (self.lines[a].clone(), self.lines[b].clone());
-        self.lines.extend([(a, of_b), (b, of_a)]);
+        let (lines_of_a, lines_of_b) = (self.lines[a].clone(), self.lines[b].clone());
+        self.lines.extend([(a, lines_of_b), (b, lines_of_a)]);
         self
     }
 
-    /// What the camera shows happened so many ticks before.
+    /// Delays a camera by `ticks`.
     fn late(mut self, camera: &'static str, ticks: usize) -> Self {
         let own = self.lines.get_mut(camera).unwrap();
         let n = own.len();
@@ -66,7 +66,7 @@ impl MistakenSample {
         self
     }
 
-    /// Changes every keypoint of these cameras: `from(k)` says which one it is, `pixel` where.
+    /// Changes every keypoint of these cameras: takes keypoint `from(k)` and moves it by `pixel`.
     fn change(
         mut self,
         cameras: &[&'static str],
@@ -114,19 +114,19 @@ impl MistakenSample {
         run(&self.path("venue.toml"), &self.path("out"), more)
     }
 
-    /// The disagreements in the summary of a run with these mistakes.
+    /// Disagreements in the summary of a run with these mistakes.
     fn disagreements(&self) -> Vec<Value> {
         self.run(&[]);
         let summary = fs::read_to_string(self.path("out/summary.json")).unwrap();
         let summary: Value = serde_json::from_str(&summary).unwrap();
-        let found = summary["agreement"]["disagreements"].as_array().unwrap();
-        for one in found {
+        let disagreements = summary["agreement"]["disagreements"].as_array().unwrap();
+        for one in disagreements {
             println!("{}", one["found"].as_str().unwrap());
         }
-        found.clone()
+        disagreements.clone()
     }
 
-    fn is_told(&self, words: &[&str]) {
+    fn assert_printed(&self, words: &[&str]) {
         let finished = self.run(&[]);
         for word in words {
             assert!(
@@ -139,7 +139,7 @@ impl MistakenSample {
     }
 }
 
-/// Median over all joints and ticks of the `sigma_m` of `out/poses.jsonl`, metres.
+/// Median `sigma_m` over all joints and ticks of `out/poses.jsonl`, metres.
 fn median_sigma_m(sample: &MistakenSample) -> f64 {
     let mut all: Vec<f64> = poses(&sample.path("out"))
         .iter()
@@ -151,7 +151,7 @@ fn median_sigma_m(sample: &MistakenSample) -> f64 {
 }
 
 #[test]
-fn a_wrong_venue_does_not_look_sure() {
+fn a_wrong_venue_raises_the_standard_deviations() {
     let right = MistakenSample::new();
     right.run(&[]);
     let wrong = MistakenSample::new().swap("north-east", "north-west");
@@ -169,23 +169,23 @@ fn warnings(stdout: &str) -> Vec<&str> {
 }
 
 #[test]
-fn the_sample_as_it_is_agrees_and_passes_strictly() {
+fn the_unchanged_sample_agrees_and_passes_strictly() {
     let finished = MistakenSample::new().run(&["--strict"]);
     assert_eq!(warnings(&finished.stdout), [""; 0], "{}", finished.stdout);
     for camera in CAMERAS {
-        let told = finished
+        let line = finished
             .stdout
             .lines()
             .find(|line| line.contains(camera))
             .unwrap();
-        assert!(told.contains("agrees with the others"), "{told}");
+        assert!(line.contains("agrees with the others"), "{line}");
     }
 }
 
 #[test]
-fn swapped_sources_are_named_and_fail_strictly() {
+fn swapped_sources_are_reported_and_fail_strictly() {
     let sample = MistakenSample::new().swap("north-east", "north-west");
-    sample.is_told(&["cameras north-east and north-west seem to be swapped"]);
+    sample.assert_printed(&["cameras north-east and north-west seem to be swapped"]);
     let summary = fs::read_to_string(sample.path("out/summary.json")).unwrap();
     let summary: Value = serde_json::from_str(&summary).unwrap();
     assert_eq!(summary["agreement"]["disagreements"][0]["cause"], "swapped");
@@ -198,9 +198,9 @@ fn swapped_sources_are_named_and_fail_strictly() {
     strict.arg("--out").arg(sample.path("out"));
     strict.arg("--json");
     let strict = finish(&strict.output().unwrap());
-    // One document, whatever happens.
-    let said: Value = serde_json::from_str(&strict.stdout).unwrap();
-    assert_eq!(said["exit_code"], 1, "{said}");
+    // With `--json`, standard output is one document.
+    let document: Value = serde_json::from_str(&strict.stdout).unwrap();
+    assert_eq!(document["exit_code"], 1, "{document}");
     assert_eq!(strict.code, 1, "{}", strict.stderr);
     assert!(
         strict.stderr.contains("the cameras do not agree"),
@@ -210,33 +210,33 @@ fn swapped_sources_are_named_and_fail_strictly() {
 }
 
 #[test]
-fn whichever_two_sources_are_swapped_they_are_named() {
-    // Two that stand opposite each other show a mirrored hall, in which everything meets.
+fn any_two_swapped_sources_are_reported() {
+    // Opposite cameras show a mirrored room in which all lines of sight still meet.
     for (index, a) in CAMERAS.into_iter().enumerate() {
         for b in CAMERAS.into_iter().skip(index + 1) {
             let sample = MistakenSample::new().swap(a, b);
-            let found = sample.disagreements();
-            assert_eq!(found[0]["cause"], "swapped", "{a} {b}: {found:?}");
-            let named = found[0]["cameras"].as_array().unwrap();
+            let disagreements = sample.disagreements();
+            assert_eq!(disagreements[0]["cause"], "swapped", "{a} {b}: {disagreements:?}");
+            let cameras = disagreements[0]["cameras"].as_array().unwrap();
             assert!(
-                named.contains(&json!(a)) && named.contains(&json!(b)),
-                "{found:?}"
+                cameras.contains(&json!(a)) && cameras.contains(&json!(b)),
+                "{disagreements:?}"
             );
         }
     }
 }
 
 #[test]
-fn a_late_source_is_named_with_its_lateness() {
+fn a_late_source_is_reported_with_its_delay() {
     MistakenSample::new()
         .late("south-west", 3)
-        .is_told(&["camera south-west is ", " ms) late against the others"]);
+        .assert_printed(&["camera south-west is ", " ms) late against the others"]);
 }
 
 #[test]
-fn a_source_that_is_seconds_late_is_told_of_however_short_the_recording_is() {
+fn a_source_seconds_late_is_reported_in_a_short_recording() {
     for ticks in [30, 90] {
-        MistakenSample::new().late("south-west", ticks).is_told(&[
+        MistakenSample::new().late("south-west", ticks).assert_printed(&[
             "camera south-west  DISAGREES",
             "warning: camera south-west ",
         ]);
@@ -244,13 +244,13 @@ fn a_source_that_is_seconds_late_is_told_of_however_short_the_recording_is() {
 }
 
 #[test]
-fn lenses_that_are_not_as_calibrated_are_named() {
+fn wrong_lens_distortions_are_reported() {
     let lens = "[-0.08, 0.02, 0.0, 0.0, 0.0]";
     MistakenSample::new()
         .replace("calibration.toml", |text| {
             text.replace(lens, "[-0.3, 0.1, 0.0, 0.0, 0.0]")
         })
-        .is_told(&[
+        .assert_printed(&[
             "the lens distortions of all cameras are not as calibrated",
             "more;",
         ]);
@@ -258,64 +258,64 @@ fn lenses_that_are_not_as_calibrated_are_named() {
         .replace("calibration.toml", |text| {
             text.replacen(lens, "[0.3, 0.0, 0.0, 0.0, 0.0]", 1)
         })
-        .is_told(&[
+        .assert_printed(&[
             "the lens distortion of camera north-east is not as calibrated",
             "less;",
         ]);
 }
 
 #[test]
-fn mirrored_and_upside_down_sources_are_named() {
+fn mirrored_and_upside_down_sources_are_reported() {
     let mirror: fn([f64; 2]) -> [f64; 2] = |[x, y]| [SIZE_PX[0] - 1.0 - x, y];
     MistakenSample::new()
         .change(&["south-east"], |k| OTHER_SIDE[k], mirror)
-        .is_told(&["pictures of camera south-east seem to be mirrored"]);
+        .assert_printed(&["pictures of camera south-east seem to be mirrored"]);
     let turn: fn([f64; 2]) -> [f64; 2] = |[x, y]| [SIZE_PX[0] - 1.0 - x, SIZE_PX[1] - 1.0 - y];
     MistakenSample::new()
         .change(&["north-west"], |k| k, turn)
-        .is_told(&["camera north-west seem to stand on their heads"]);
+        .assert_printed(&["camera north-west seem to stand on their heads"]);
 }
 
 #[test]
-fn a_file_of_keypoints_that_are_elsewhere_in_their_picture_is_named_with_where() {
+fn a_camera_with_changed_pixel_coordinates_is_reported() {
     let exchanged: fn([f64; 2]) -> [f64; 2] = |[x, y]| [y, x];
     let halved: fn([f64; 2]) -> [f64; 2] = |[x, y]| [0.5 * x, 0.5 * y];
     let below: fn([f64; 2]) -> [f64; 2] = |[x, y]| [x, SIZE_PX[1] - 1.0 - y];
-    for (written, told) in [
+    for (written, words) in [
         (exchanged, "x and y are exchanged"),
         (halved, "multiplied by 2.00"),
         (below, "y is counted from below"),
     ] {
         MistakenSample::new()
             .change(&["north-west"], |k| k, written)
-            .is_told(&[
+            .assert_printed(&[
                 "what camera north-west shows is not where its calibration has it",
-                told,
+                words,
             ]);
     }
 }
 
 #[test]
-fn a_file_with_its_keypoints_in_another_order_is_named() {
+fn a_camera_with_another_keypoint_order_is_reported() {
     MistakenSample::new()
         .change(&["south-east"], |k| OTHER_SIDE[k], |pixel| pixel)
-        .is_told(&["left and right are exchanged in the keypoints of camera south-east"]);
-    // Another list of keypoints: the arms come first, the face last.
+        .assert_printed(&["left and right are exchanged in the keypoints of camera south-east"]);
+    // Another keypoint order: arms first, face last.
     MistakenSample::new()
         .change(&["north-west"], |k| (k + 5) % 17, |pixel| pixel)
-        .is_told(&["the keypoints of camera north-west are in another order"]);
+        .assert_printed(&["the keypoints of camera north-west are in another order"]);
 }
 
 #[test]
-fn a_source_that_two_cameras_have_is_named() {
+fn a_source_used_by_two_cameras_is_reported() {
     let mut sample = MistakenSample::new();
     let shown = sample.lines["north-east"].clone();
     sample.lines.insert("south-east", shown);
-    sample.is_told(&["cameras north-east and south-east seem to show the same pictures"]);
+    sample.assert_printed(&["cameras north-east and south-east seem to show the same pictures"]);
 }
 
 #[test]
-fn a_calibration_in_another_unit_is_told_by_the_size_of_people() {
+fn people_reveal_a_calibration_in_another_unit() {
     let scaled = |text: &str, factor: f64| {
         let lines = text
             .lines()
@@ -335,20 +335,20 @@ fn a_calibration_in_another_unit_is_told_by_the_size_of_people() {
     ] {
         MistakenSample::new()
             .replace("calibration.toml", |text| scaled(text, factor))
-            .is_told(&[stature, "m tall", "is the calibration in metres?"]);
+            .assert_printed(&[stature, "m tall", "is the calibration in metres?"]);
     }
     MistakenSample::new()
         .replace("calibration.toml", |text| scaled(text, 0.3))
-        .is_told(&["nobody was found", "sizes that people do not have"]);
+        .assert_printed(&["sizes that people do not have"]);
 }
 
 #[test]
-fn a_floor_that_is_elsewhere_is_told_by_the_feet_of_people() {
+fn feet_reveal_a_wrong_floor_height() {
     MistakenSample::new()
         .replace("venue.toml", |text| {
             text.replace("2.4]", "2.4]\nfloor_m = 0.5")
         })
-        .is_told(&[
+        .assert_printed(&[
             "everybody who stands is 0.5",
             "m under the floor",
             "floor_m",
@@ -358,64 +358,63 @@ fn a_floor_that_is_elsewhere_is_told_by_the_feet_of_people() {
             text.replace("[-4.0, -4.0, -0.3]", "[-4.0, -4.0, -0.8]")
                 .replace("2.4]", "2.4]\nfloor_m = -0.5")
         })
-        .is_told(&["nobody stands on the floor: all feet are 0."]);
+        .assert_printed(&["nobody stands on the floor: all feet are 0."]);
 }
 
 #[test]
-fn focal_lengths_of_all_cameras_that_are_wrong_are_told_by_their_factor() {
-    for (written, told) in [("1155.0", "to be 0.9"), ("1575.0", "to be 0.6")] {
+fn wrong_focal_lengths_of_all_cameras_are_reported_with_their_factor() {
+    for (written, words) in [("1155.0", "to be 0.9"), ("1575.0", "to be 0.6")] {
         MistakenSample::new()
             .replace("calibration.toml", |text| text.replace("1050.0", written))
-            .is_told(&[
+            .assert_printed(&[
                 "the focal lengths of cameras north-east, north-west, south-west, south-east seem to be",
-                told,
+                words,
             ]);
     }
 }
 
 #[test]
-fn a_recording_that_stands_still_to_its_end_is_named() {
+fn a_camera_that_freezes_to_the_end_is_reported() {
     let mut sample = MistakenSample::new();
     let lines = sample.lines.get_mut("north-west").unwrap();
     let stopped = lines[20]["persons"].clone();
     for line in &mut lines[20..] {
         line["persons"] = stopped.clone();
     }
-    sample.is_told(&[
+    sample.assert_printed(&[
         "the pictures of camera north-west stand still since tick 30 (1.0 s)",
         "while people move before it",
     ]);
 }
 
 #[test]
-fn people_outside_the_field_are_told_of_beside_those_inside() {
+fn people_outside_the_field_are_reported() {
     MistakenSample::new()
         .replace("venue.toml", |text| {
             text.replace("[-4.0, -4.0, -0.3]", "[0.0, -4.0, -0.3]")
         })
-        .is_told(&[
+        .assert_printed(&[
             "person 1: ",
             "stood outside the field, where nobody new is followed",
         ]);
 }
 
 #[test]
-fn why_nobody_was_found_is_said() {
+fn runs_without_people_report_the_reason() {
     MistakenSample::new()
         .replace("venue.toml", |text| {
-            // People's middles are above it.
+            // The middle of a body is above 0.3 m.
             text.replace("max_m = [4.0, 4.0, 2.4]", "max_m = [4.0, 4.0, 0.3]")
         })
-        .is_told(&["nobody was found", "stand outside the field, around ("]);
-    // Another list of keypoints: the arms come first, the face last.
+        .assert_printed(&["stand outside the field, around ("]);
+    // Another keypoint order: arms first, face last.
     MistakenSample::new()
         .change(&CAMERAS, |k| (k + 5) % 17, |pixel| pixel)
-        .is_told(&["nobody was found", "order of the network's card"]);
-    // Detected in pictures of half the size.
+        .assert_printed(&["order of the network's card"]);
+    // Detected in images of half the size.
     MistakenSample::new()
         .change(&CAMERAS, |k| k, |[x, y]| [0.5 * x, 0.5 * y])
-        .is_told(&[
-            "nobody was found",
+        .assert_printed(&[
             "in smaller pictures than were calibrated",
         ]);
     let mut alone = MistakenSample::new();
@@ -424,23 +423,21 @@ fn why_nobody_was_found_is_said() {
             line["persons"] = json!([]);
         }
     }
-    alone.is_told(&["nobody was found", "only camera north-east sighted anybody"]);
+    alone.assert_printed(&["only camera north-east sighted anybody"]);
 }
 
 #[test]
-fn a_replay_says_why_nobody_was_found_in_the_words_of_the_run() {
+fn a_replay_reports_the_same_reason_as_its_run() {
     let sample = MistakenSample::new().replace("venue.toml", |text| {
         text.replace("max_m = [4.0, 4.0, 2.4]", "max_m = [4.0, 4.0, 0.3]")
     });
-    // The slash at its end makes the folder.
+    // A trailing slash makes the folder.
     let recordings = sample.path("recordings");
     let finished = sample.run(&[&format!("--record={}/", recordings.display())]);
-    let said = finished.stdout.lines();
-    let said = said.skip_while(|line| *line != "nobody was found");
-    let said: Vec<&str> = said
-        .take_while(|line| *line == "nobody was found" || line.starts_with("  "))
-        .collect();
-    assert!(said.len() > 1, "{}", finished.stdout);
+    let lines = finished.stdout.lines();
+    let lines = lines.skip_while(|line| !line.contains("stand outside the field"));
+    let reason: Vec<&str> = lines.take_while(|line| line.starts_with("  ")).collect();
+    assert!(!reason.is_empty(), "{}", finished.stdout);
     let mut files = fs::read_dir(&recordings).unwrap();
     let file = files.next().unwrap().unwrap().path();
     let mut replay = command();
@@ -449,8 +446,8 @@ fn a_replay_says_why_nobody_was_found_in_the_words_of_the_run() {
     let replayed = finish(&replay.output().unwrap());
     assert_eq!(replayed.code, 0, "{}", replayed.stderr);
     assert!(
-        replayed.stdout.contains(&said.join("\n")),
-        "{}\nthe run said {said:#?}",
+        replayed.stdout.contains(&reason.join("\n")),
+        "{}\nthe run printed {reason:#?}",
         replayed.stdout
     );
 }

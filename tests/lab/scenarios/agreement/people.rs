@@ -1,4 +1,4 @@
-//! What only people show: the scale of a calibration, its floor, lenses that are declared as fisheyes.
+//! Disagreements that only people reveal: scale, floor height, lenses declared as fisheye.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{MistakenSample, warnings};
 use crate::farfield::{command, finish};
 
-/// The text of a calibration in a world that is so many times as large.
+/// The text of a calibration in a world scaled by `factor`.
 fn scaled(text: &str, factor: f64) -> String {
     let lines = text.lines().map(|line| {
         let Some(numbers) = line.strip_prefix("translation = ") else {
@@ -22,14 +22,14 @@ fn scaled(text: &str, factor: f64) -> String {
 }
 
 #[test]
-fn a_scale_that_is_a_fifth_off_is_told_by_the_statures_of_everybody() {
+fn statures_reveal_a_scale_off_by_a_fifth() {
     for factor in [0.8, 1.2] {
         let sample = MistakenSample::new().replace("calibration.toml", |text| scaled(text, factor));
-        let found = sample.disagreements();
-        assert_eq!(found.len(), 1, "{factor}: {found:?}");
-        assert_eq!(found[0]["cause"], "world_scale", "{factor}");
-        assert_eq!(found[0]["people"], 2, "{factor}");
-        let remedy = found[0]["remedy"].as_str().unwrap();
+        let disagreements = sample.disagreements();
+        assert_eq!(disagreements.len(), 1, "{factor}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "world_scale", "{factor}");
+        assert_eq!(disagreements[0]["people"], 2, "{factor}");
+        let remedy = disagreements[0]["remedy"].as_str().unwrap();
         let unless = if factor < 1.0 {
             "unless all of them are children"
         } else {
@@ -37,7 +37,7 @@ fn a_scale_that_is_a_fifth_off_is_told_by_the_statures_of_everybody() {
         };
         assert!(remedy.starts_with(unless), "{factor}: {remedy}");
     }
-    // Who is to come is known: nobody is surprised.
+    // The venue states the expected statures: no warning.
     let expected = MistakenSample::new()
         .replace("calibration.toml", |text| scaled(text, 0.8))
         .replace("venue.toml", |text| {
@@ -47,30 +47,30 @@ fn a_scale_that_is_a_fifth_off_is_told_by_the_statures_of_everybody() {
 }
 
 #[test]
-fn a_floor_that_is_a_hands_breadth_off_is_told_by_ankles() {
+fn ankles_reveal_a_floor_off_by_13_centimetres() {
     for floor_m in [0.13, 0.2, -0.16, -0.2] {
         let sample = MistakenSample::new().replace("venue.toml", |text| {
             text.replace("2.4]", &format!("2.4]\nfloor_m = {floor_m}"))
         });
-        let found = sample.disagreements();
-        assert_eq!(found.len(), 1, "{floor_m}: {found:?}");
-        assert_eq!(found[0]["cause"], "floor_height", "{floor_m}");
-        let above_m = found[0]["above_m"].as_f64().unwrap();
+        let disagreements = sample.disagreements();
+        assert_eq!(disagreements.len(), 1, "{floor_m}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "floor_height", "{floor_m}");
+        let above_m = disagreements[0]["above_m"].as_f64().unwrap();
         assert!((above_m + floor_m).abs() < 0.06, "{floor_m}: {above_m}");
     }
 }
 
 #[test]
-fn lenses_that_are_called_fisheyes_are_named_alone_and_together() {
+fn lenses_wrongly_declared_fisheye_are_reported() {
     let all = MistakenSample::new().replace("calibration.toml", |text| {
         text.replace("0.0, 0.0, 0.0]\nrotation", "0.0, 0.0]\nrotation")
             .replace("fisheye = false", "fisheye = true")
     });
-    let found = all.disagreements();
-    assert_eq!(found.len(), 1, "{found:?}");
-    assert_eq!(found[0]["cause"], "lens_kind");
-    assert_eq!(found[0]["fisheye"], false);
-    assert_eq!(found[0]["cameras"].as_array().unwrap().len(), 4);
+    let disagreements = all.disagreements();
+    assert_eq!(disagreements.len(), 1, "{disagreements:?}");
+    assert_eq!(disagreements[0]["cause"], "lens_kind");
+    assert_eq!(disagreements[0]["fisheye"], false);
+    assert_eq!(disagreements[0]["cameras"].as_array().unwrap().len(), 4);
     let one = MistakenSample::new().replace("calibration.toml", |text| {
         let (first, others) = text.split_once("\n\n").unwrap();
         let first = first
@@ -78,13 +78,13 @@ fn lenses_that_are_called_fisheyes_are_named_alone_and_together() {
             .replace("fisheye = false", "fisheye = true");
         format!("{first}\n\n{others}")
     });
-    let found = one.disagreements();
-    assert_eq!(found.len(), 1, "{found:?}");
-    assert_eq!(found[0]["cause"], "lens_kind");
-    assert_eq!(found[0]["cameras"], json!(["north-east"]));
+    let disagreements = one.disagreements();
+    assert_eq!(disagreements.len(), 1, "{disagreements:?}");
+    assert_eq!(disagreements[0]["cause"], "lens_kind");
+    assert_eq!(disagreements[0]["cameras"], json!(["north-east"]));
 }
 
-/// The first person of the sample at its first tick, 30 m away, as a venue gives it.
+/// A `[[person]]` table: the first person of the sample at its first tick, moved 30 m away.
 fn given_far_away(sample: &MistakenSample) -> String {
     let truth = fs::read_to_string(sample.path("truth.jsonl")).unwrap();
     let first: Value = serde_json::from_str(truth.lines().next().unwrap()).unwrap();
@@ -99,26 +99,26 @@ fn given_far_away(sample: &MistakenSample) -> String {
 }
 
 #[test]
-fn somebody_given_beside_the_field_is_refused() {
+fn a_person_given_outside_the_field_is_refused() {
     let sample = MistakenSample::new();
     let given = given_far_away(&sample);
     let sample = sample.replace("venue.toml", |text| text.to_owned() + &given);
     sample.write();
     let mut run = command();
     run.arg("run").arg(sample.path("venue.toml"));
-    let said = finish(&run.arg("--out").arg(sample.path("out")).output().unwrap());
-    assert_eq!(said.code, 2, "{}", said.stderr);
+    let finished = finish(&run.arg("--out").arg(sample.path("out")).output().unwrap());
+    assert_eq!(finished.code, 2, "{}", finished.stderr);
     for words in [
         "person[0].keypoints_m",
         "found a body around (30.",
         "inside the field",
     ] {
-        assert!(said.stderr.contains(words), "{}", said.stderr);
+        assert!(finished.stderr.contains(words), "{}", finished.stderr);
     }
 }
 
 #[test]
-fn parameters_that_are_far_from_their_defaults_are_told_before_a_run() {
+fn parameters_far_from_their_defaults_warn_before_a_run() {
     let sample = MistakenSample::new();
     let finished = sample.run(&["--set", "ik.change_sigma_rad=100", "--ticks", "0..10"]);
     let line = "doubtful: a parameter is set far from the default: [tuning] ik.change_sigma_rad is 100.0 rad, the default 0.25;";
@@ -128,15 +128,15 @@ fn parameters_that_are_far_from_their_defaults_are_told_before_a_run() {
     });
     let mut check = command();
     check.arg("check").arg(sample.path("venue.toml"));
-    let said = finish(
+    let finished = finish(
         &check
             .arg("--out")
             .arg(sample.path("pictures"))
             .output()
             .unwrap(),
     );
-    assert_eq!(said.code, 0, "{}", said.stdout);
+    assert_eq!(finished.code, 0, "{}", finished.stdout);
     let line = "[tuning] lattice.min_support is 1.0, the default 0.08";
-    assert!(said.stdout.contains(line), "{}", said.stdout);
+    assert!(finished.stdout.contains(line), "{}", finished.stdout);
     assert_eq!(warnings(&finished.stdout), [""; 0], "{}", finished.stdout);
 }

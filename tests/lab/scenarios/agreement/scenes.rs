@@ -1,9 +1,9 @@
-//! Scenes in which nothing is wrong with the cameras but that each runs by a clock of its own, and that networks err.
+//! Scenes with correct cameras whose clocks run free, and with errors of networks.
 
 use crate::farfield::farfield;
 
 #[test]
-fn of_ten_scenes_with_free_running_cameras_nothing_is_said() {
+fn ten_scenes_with_free_running_cameras_raise_no_alarm() {
     let scenes = ["own", "hug", "lost"];
     let run = farfield(&[&["agreement"], &scenes[..], &["--seconds", "3"]].concat());
     println!("{}", run.stdout);

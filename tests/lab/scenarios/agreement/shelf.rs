@@ -1,4 +1,4 @@
-//! Four who put a shelf together, by `OpenPose`: people who hardly move, and keypoints that are rough.
+//! The Shelf recording with keypoints of `OpenPose`: four people who hardly move, and rough keypoints.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use crate::farfield::run;
 const SCENARIO: &str = "mistakes on the Shelf";
 const CAMERAS: [&str; 5] = ["cam0", "cam1", "cam2", "cam3", "cam4"];
 
-/// The recording, and a folder for what is made of it; `None`, said on stdout, where it is not there.
+/// The recording and a folder for changed copies; `None`, reported on stdout, where it is missing.
 struct Shelf {
     folder: PathBuf,
     dir: tempfile::TempDir,
@@ -28,14 +28,14 @@ impl Shelf {
         Some(Self { folder, dir })
     }
 
-    /// The lines of a recording as it is.
+    /// The unchanged lines of a camera.
     fn lines(&self, camera: &str) -> Vec<Value> {
         let text = fs::read_to_string(self.folder.join(format!("{camera}.jsonl"))).unwrap();
         let lines = text.lines().map(|line| serde_json::from_str(line).unwrap());
         lines.collect()
     }
 
-    /// Writes the recordings, of which `cam1` is so many ticks late.
+    /// Writes the recording with `cam1` delayed by `late_ticks`.
     fn write(&self, late_ticks: usize) {
         for camera in CAMERAS {
             let file = format!("{camera}.jsonl");
@@ -50,7 +50,7 @@ impl Shelf {
         }
     }
 
-    /// Writes the recordings, of which `cam1` has its lines `changed` from some line on.
+    /// Writes the recording with the lines of `cam1` changed from `from_line` on.
     fn write_changed(&self, from_line: usize, changed: impl Fn(&mut Value)) {
         self.write(0);
         let path = self.dir.path().join("cam1.jsonl");
@@ -66,7 +66,7 @@ impl Shelf {
         fs::write(path, lines).unwrap();
     }
 
-    /// Writes the recordings, of which two have each other's people from some line on.
+    /// Writes the recording with the people of two cameras swapped from `from_line` on.
     fn write_exchanged(&self, [a, b]: [&str; 2], from_line: usize) {
         self.write(0);
         for (own, other) in [(a, b), (b, a)] {
@@ -79,7 +79,7 @@ impl Shelf {
         }
     }
 
-    /// Writes the recordings, of which these are so many ticks late, with all that a line holds.
+    /// Writes the recording with whole lines of these cameras delayed by `late_ticks`.
     fn write_late(&self, cameras: &[&str], late_ticks: usize) {
         self.write(0);
         for camera in cameras {
@@ -94,18 +94,18 @@ impl Shelf {
         }
     }
 
-    /// Writes the recordings, of which `cam1` shows nobody from some line on.
+    /// Writes the recording with `cam1` empty from `from_line` on.
     fn write_black(&self, from_line: usize) {
         self.write_changed(from_line, |line| {
             line["persons"] = Value::Array(Vec::new());
             let peaks = line.get_mut("peaks").and_then(Value::as_array_mut);
-            for of_keypoint in peaks.into_iter().flatten() {
-                *of_keypoint = Value::Array(Vec::new());
+            for peaks_of_keypoint in peaks.into_iter().flatten() {
+                *peaks_of_keypoint = Value::Array(Vec::new());
             }
         });
     }
 
-    /// Writes the recordings, of which `cam1` has its keypoints elsewhere from some line on.
+    /// Writes the recording with the keypoints of `cam1` moved from `from_line` on.
     fn write_moved(&self, from_line: usize, moved: fn([f64; 2]) -> [f64; 2]) {
         self.write_changed(from_line, |line| {
             points_of(line, &mut |point| {
@@ -115,16 +115,16 @@ impl Shelf {
         });
     }
 
-    /// Gives a camera, or all, this `distortions`.
+    /// Sets the `distortions` of one camera, or of all.
     fn distort(&self, camera: Option<&str>, distortions: &str) {
         let path = self.dir.path().join("calibration.toml");
         let text = fs::read_to_string(self.folder.join("calibration.toml")).unwrap();
-        let mut of = "";
+        let mut name = "";
         let lines = text.lines().map(|line| {
             if let Some(name) = line.strip_prefix('[').and_then(|it| it.strip_suffix(']')) {
-                of = name;
+                name = name;
             }
-            if line.starts_with("distortions") && camera.is_none_or(|camera| camera == of) {
+            if line.starts_with("distortions") && camera.is_none_or(|camera| camera == name) {
                 format!("distortions = {distortions}\n")
             } else {
                 format!("{line}\n")
@@ -138,15 +138,15 @@ impl Shelf {
         run(&self.dir.path().join("venue.toml"), &out, &[]);
         let summary = fs::read_to_string(out.join("summary.json")).unwrap();
         let summary: Value = serde_json::from_str(&summary).unwrap();
-        let found = summary["agreement"]["disagreements"].as_array().unwrap();
-        for one in found {
+        let disagreements = summary["agreement"]["disagreements"].as_array().unwrap();
+        for one in disagreements {
             println!("Shelf, {name}: {}", one["found"].as_str().unwrap());
         }
-        found.clone()
+        disagreements.clone()
     }
 }
 
-/// Does something with every point of a line: `[x, y, score]`, however deep it lies.
+/// Applies `each` to every `[x, y, score]` of a line, at any depth.
 fn points_of(value: &mut Value, each: &mut impl FnMut(&mut Vec<Value>)) {
     match value {
         Value::Array(point) if point.len() == 3 && point.iter().all(Value::is_number) => {
@@ -159,28 +159,28 @@ fn points_of(value: &mut Value, each: &mut impl FnMut(&mut Vec<Value>)) {
 }
 
 #[test]
-fn a_camera_that_is_late_among_people_who_hardly_move_is_named() {
+fn a_late_camera_is_reported_although_people_hardly_move() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
     for (ticks, off) in [(0, 0.0), (3, 1.2), (30, 1.0), (90, 1.0)] {
         shelf.write(ticks);
         let name = format!("late-{ticks}");
-        let found = shelf.disagreements(&name);
+        let disagreements = shelf.disagreements(&name);
         if ticks == 0 {
-            assert_eq!(found, [] as [Value; 0]);
+            assert_eq!(disagreements, [] as [Value; 0]);
             continue;
         }
-        assert_eq!(found.len(), 1, "{name}: {found:?}");
-        assert_eq!(found[0]["cause"], "late", "{name}");
-        assert_eq!(found[0]["cameras"], serde_json::json!(["cam1"]));
-        let told = found[0]["ticks"].as_f64().unwrap();
-        assert!((told - ticks as f64).abs() < off, "{name}: {told}");
+        assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "late", "{name}");
+        assert_eq!(disagreements[0]["cameras"], serde_json::json!(["cam1"]));
+        let reported = disagreements[0]["ticks"].as_f64().unwrap();
+        assert!((reported - ticks as f64).abs() < off, "{name}: {reported}");
     }
 }
 
 #[test]
-fn lenses_that_are_not_as_calibrated_are_named() {
+fn wrong_lens_distortions_are_reported() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -192,41 +192,41 @@ fn lenses_that_are_not_as_calibrated_are_named() {
         ("all-barrel", None, "[-0.3, 0.1, 0.0, 0.0, 0.0]"),
     ] {
         shelf.distort(camera, distortions);
-        let found = shelf.disagreements(name);
-        assert_eq!(found.len(), 1, "{name}: {found:?}");
-        assert_eq!(found[0]["cause"], "distortion", "{name}");
+        let disagreements = shelf.disagreements(name);
+        assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "distortion", "{name}");
         let expected = camera.map_or(CAMERAS.to_vec(), |camera| vec![camera]);
-        assert_eq!(found[0]["cameras"], serde_json::json!(expected), "{name}");
+        assert_eq!(disagreements[0]["cameras"], serde_json::json!(expected), "{name}");
     }
 }
 
 #[test]
-fn a_camera_that_goes_black_or_never_shows_anybody_is_named() {
+fn a_black_camera_is_reported() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
     for from_line in [0, 120] {
         shelf.write_black(from_line);
-        let found = shelf.disagreements(&format!("black-{from_line}"));
-        assert_eq!(found.len(), 1, "{from_line}: {found:?}");
-        assert_eq!(found[0]["cause"], "silent", "{from_line}");
-        assert_eq!(found[0]["cameras"], serde_json::json!(["cam1"]));
-        let since = found[0]["since_tick"].as_i64();
-        // The first line is of tick 300, and a second passes between two detection passes.
-        let is_told = match since {
+        let disagreements = shelf.disagreements(&format!("black-{from_line}"));
+        assert_eq!(disagreements.len(), 1, "{from_line}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "silent", "{from_line}");
+        assert_eq!(disagreements[0]["cameras"], serde_json::json!(["cam1"]));
+        let since = disagreements[0]["since_tick"].as_i64();
+        // The first line has tick 300, and detection passes are one second apart.
+        let is_expected = match since {
             None => from_line == 0,
             Some(tick) => (420..=440).contains(&tick),
         };
-        assert!(is_told, "{from_line}: {since:?}");
+        assert!(is_expected, "{from_line}: {since:?}");
     }
 }
 
 #[test]
-fn a_camera_that_is_knocked_or_zoomed_meanwhile_is_named_with_its_half_of_the_time() {
+fn a_camera_knocked_or_zoomed_midway_is_reported_with_the_ticks() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
-    // Its focal length is 1,098 pixels, the middle of its picture [516, 388]; the first line is of tick 300.
+    // Focal length 1,098 pixels, principal point [516, 388]; the first line has tick 300.
     let turned: fn([f64; 2]) -> [f64; 2] = |[x, y]| [x + 28.0, y + 10.0];
     let zoomed: fn([f64; 2]) -> [f64; 2] =
         |[x, y]| [516.0 + 1.12 * (x - 516.0), 388.0 + 1.12 * (y - 388.0)];
@@ -234,40 +234,40 @@ fn a_camera_that_is_knocked_or_zoomed_meanwhile_is_named_with_its_half_of_the_ti
         for from_line in [150, 180] {
             shelf.write_moved(from_line, moved);
             let name = format!("{cause}-{from_line}");
-            let found = shelf.disagreements(&name);
-            assert_eq!(found.len(), 1, "{name}: {found:?}");
-            assert_eq!(found[0]["cause"], cause, "{name}");
-            assert_eq!(found[0]["cameras"], serde_json::json!(["cam1"]), "{name}");
-            let from = found[0]["part_ticks"][0].as_i64().unwrap();
+            let disagreements = shelf.disagreements(&name);
+            assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
+            assert_eq!(disagreements[0]["cause"], cause, "{name}");
+            assert_eq!(disagreements[0]["cameras"], serde_json::json!(["cam1"]), "{name}");
+            let from = disagreements[0]["part_ticks"][0].as_i64().unwrap();
             assert!((440..=480).contains(&from), "{name}: {from}");
         }
     }
 }
 
 #[test]
-fn two_cameras_that_were_exchanged_meanwhile_are_named_with_their_half_of_the_time() {
+fn two_cameras_swapped_midway_are_reported_with_the_ticks() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
     shelf.write_exchanged(["cam0", "cam2"], 150);
-    let found = shelf.disagreements("exchanged");
-    assert_eq!(found.len(), 1, "{found:?}");
-    assert_eq!(found[0]["cause"], "swapped");
-    assert_eq!(found[0]["cameras"], serde_json::json!(["cam0", "cam2"]));
-    let from = found[0]["part_ticks"][0].as_i64().unwrap();
+    let disagreements = shelf.disagreements("exchanged");
+    assert_eq!(disagreements.len(), 1, "{disagreements:?}");
+    assert_eq!(disagreements[0]["cause"], "swapped");
+    assert_eq!(disagreements[0]["cameras"], serde_json::json!(["cam0", "cam2"]));
+    let from = disagreements[0]["part_ticks"][0].as_i64().unwrap();
     assert!((440..=480).contains(&from), "{from}");
 }
 
 #[test]
-fn two_of_five_cameras_that_are_late_by_one_time_are_both_named() {
+fn two_of_five_cameras_with_the_same_delay_are_both_reported() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
     let late = ["cam1", "cam3"];
     shelf.write_late(&late, 15);
-    let found = shelf.disagreements("two-late");
-    assert_eq!(found.len(), 2, "{found:?}");
-    for (one, camera) in found.iter().zip(late) {
+    let disagreements = shelf.disagreements("two-late");
+    assert_eq!(disagreements.len(), 2, "{disagreements:?}");
+    for (one, camera) in disagreements.iter().zip(late) {
         assert_eq!(one["cause"], "late");
         assert_eq!(one["cameras"], serde_json::json!([camera]));
         let ticks = one["ticks"].as_f64().unwrap();

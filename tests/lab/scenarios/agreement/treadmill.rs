@@ -1,4 +1,4 @@
-//! The man on the treadmill, with mistakes in his videos: real cameras, a real network, and what a run says.
+//! A man on a treadmill, with mistakes in his videos: real cameras and a real network.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,20 +11,20 @@ use crate::farfield::run;
 
 const SCENARIO: &str = "mistakes on the treadmill";
 const CAMERAS: [&str; 4] = ["cam01", "cam02", "cam03", "cam04"];
-/// The ticks of a run: what is wrong with a video for good shows in a third of them, and real networks read every picture.
+/// Ticks of a run. A permanent mistake shows in a third of them, and inference on every image takes time.
 const FIRST_TICKS: &str = "0..30";
 const ALL_TICKS: &str = "0..100";
 /// Widths of the cameras' pictures, pixels.
 const WIDTHS_PX: [u32; 4] = [1080, 1080, 1088, 1088];
 
-/// The recording, and a folder for what is made of it.
+/// The recording and a folder for changed videos.
 struct Treadmill {
     folder: PathBuf,
     dir: tempfile::TempDir,
 }
 
 impl Treadmill {
-    /// `None`, said on stdout, where the recording, ONNX Runtime or ffmpeg is not there.
+    /// `None`, reported on stdout, where the recording, ONNX Runtime or ffmpeg is missing.
     fn new() -> Option<Self> {
         let venue = recording(SCENARIO, "data/pose2sim/single/venue.toml")?;
         if !onnx_runtime(SCENARIO) {
@@ -40,7 +40,7 @@ impl Treadmill {
         self.folder.join("videos").join(format!("{camera}.mp4"))
     }
 
-    /// The video of a camera through a filter of ffmpeg, as long as it was.
+    /// The video of a camera after an ffmpeg filter, with its length unchanged.
     fn filtered(&self, camera: &str, filter: &str, name: &str) -> PathBuf {
         let path = self.dir.path().join(format!("{camera}-{name}.mp4"));
         if path.exists() {
@@ -58,7 +58,7 @@ impl Treadmill {
         path
     }
 
-    /// The video of the camera `of`, as wide as those of the camera `as_of`.
+    /// The video of camera `of`, as wide as those of camera `as_of`.
     fn as_wide_as(&self, of: usize, as_of: usize) -> PathBuf {
         let filter = match (WIDTHS_PX[of], WIDTHS_PX[as_of]) {
             (own, other) if own == other => return self.video(CAMERAS[of]),
@@ -68,7 +68,7 @@ impl Treadmill {
         self.filtered(CAMERAS[of], filter, "as-wide")
     }
 
-    /// Runs the venue with other videos of these cameras: what does not fit, as its summary says.
+    /// Disagreements of a run with other videos for these cameras.
     fn disagreements(&self, name: &str, videos: &[(&str, &Path)], ticks: &str) -> Vec<Value> {
         let mut venue = fs::read_to_string(self.folder.join("venue.toml")).unwrap();
         for camera in CAMERAS {
@@ -89,33 +89,33 @@ impl Treadmill {
         run(&path, &out, &["--ticks", ticks]);
         let summary = fs::read_to_string(out.join("summary.json")).unwrap();
         let summary: Value = serde_json::from_str(&summary).unwrap();
-        let found = summary["agreement"]["disagreements"]
+        let disagreements = summary["agreement"]["disagreements"]
             .as_array()
             .unwrap()
             .clone();
-        for one in &found {
+        for one in &disagreements {
             println!("treadmill, {name}: {}", one["found"].as_str().unwrap());
         }
-        found
+        disagreements
     }
 }
 
 #[test]
-fn swapped_pairs_are_named_within_half_a_second() {
+fn swapped_pairs_are_reported_within_half_a_second() {
     let Some(treadmill) = Treadmill::new() else {
         return;
     };
-    // The first two have all four cameras, and pictures of both widths.
+    // These pairs contain all four cameras and images of both widths.
     let pairs = [(0, 3), (1, 2), (0, 1), (2, 3), (0, 2), (1, 3)];
     for (a, b) in cases("swapped pairs on the treadmill", pairs, 2) {
         let (first, second) = (CAMERAS[a], CAMERAS[b]);
         let videos = [treadmill.as_wide_as(b, a), treadmill.as_wide_as(a, b)];
         let name = format!("swapped-{}-{}", a + 1, b + 1);
         let changed = [(first, &*videos[0]), (second, &*videos[1])];
-        let found = treadmill.disagreements(&name, &changed, FIRST_TICKS);
-        assert_eq!(found.len(), 1, "{name}: {found:?}");
-        assert_eq!(found[0]["cause"], "swapped", "{name}");
-        assert_eq!(found[0]["cameras"], serde_json::json!([first, second]));
+        let disagreements = treadmill.disagreements(&name, &changed, FIRST_TICKS);
+        assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "swapped", "{name}");
+        assert_eq!(disagreements[0]["cameras"], serde_json::json!([first, second]));
     }
 }
 
@@ -128,24 +128,24 @@ fn a_shift_in_time_is_found_to_a_fifth_of_a_tick() {
         let filter = format!("tpad=start={ticks}:start_mode=clone");
         let name = format!("late-{ticks}");
         let video = treadmill.filtered("cam02", &filter, &name);
-        let found = treadmill.disagreements(&name, &[("cam02", &*video)], ALL_TICKS);
-        assert_eq!(found.len(), 1, "{name}: {found:?}");
-        assert_eq!(found[0]["cause"], "late", "{name}");
-        let told = found[0]["ticks"].as_f64().unwrap();
-        assert!((told - f64::from(ticks)).abs() < 0.2, "{name}: {told}");
+        let disagreements = treadmill.disagreements(&name, &[("cam02", &*video)], ALL_TICKS);
+        assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], "late", "{name}");
+        let reported = disagreements[0]["ticks"].as_f64().unwrap();
+        assert!((reported - f64::from(ticks)).abs() < 0.2, "{name}: {reported}");
     }
 }
 
 #[test]
-fn mirrored_and_upside_down_videos_are_named() {
+fn mirrored_and_upside_down_videos_are_reported() {
     let Some(treadmill) = Treadmill::new() else {
         return;
     };
     for (filter, cause) in [("hflip", "mirrored"), ("hflip,vflip", "half_turned")] {
         let video = treadmill.filtered("cam02", filter, cause);
-        let found = treadmill.disagreements(cause, &[("cam02", &*video)], FIRST_TICKS);
-        assert_eq!(found.len(), 1, "{cause}: {found:?}");
-        assert_eq!(found[0]["cause"], cause);
-        assert_eq!(found[0]["cameras"], serde_json::json!(["cam02"]));
+        let disagreements = treadmill.disagreements(cause, &[("cam02", &*video)], FIRST_TICKS);
+        assert_eq!(disagreements.len(), 1, "{cause}: {disagreements:?}");
+        assert_eq!(disagreements[0]["cause"], cause);
+        assert_eq!(disagreements[0]["cameras"], serde_json::json!(["cam02"]));
     }
 }

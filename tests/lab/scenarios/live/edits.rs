@@ -72,13 +72,13 @@ impl LiveRun {
             }
             thread::sleep(PAUSE);
         }
-        panic!("{what}: not within {PATIENCE:?}\n{}", self.said());
+        panic!("{what}: not within {PATIENCE:?}\n{}", self.output());
     }
 
     /// Waits until the stream calls somebody by that name.
     fn wait_for_name(&self, name: &str) {
         let stream = self.wait("the stream is told", || {
-            let said = self.said();
+            let said = self.output();
             let (_, at) = said.split_once("stream websocket waits for clients at ")?;
             let (address, _) = at.split_once('\n')?;
             Some(address.to_owned())
@@ -97,7 +97,7 @@ impl LiveRun {
                 return;
             }
         }
-        panic!("{name}: not within {PATIENCE:?}\n{}", self.said());
+        panic!("{name}: not within {PATIENCE:?}\n{}", self.output());
     }
 
     /// Ends it as Ctrl-C does; its exit code, and what it says on standard output.
@@ -166,11 +166,11 @@ fn edits_of_a_run_that_goes_on_reach_its_stream_and_one_that_cannot_be_read_is_t
     writeln!(edits, "{wrong}").unwrap();
     let told = "fusion: edits are left as they were: ";
     run.wait("the wrong edit is told", || {
-        run.said().contains(told).then_some(())
+        run.output().contains(told).then_some(())
     });
 
     let (code, stdout) = run.interrupt();
-    let said = run.said();
+    let said = run.output();
     println!("{said}{stdout}");
     assert_eq!(code, Some(130), "{said}");
     assert_eq!(said.matches(told).count(), 1, "{said}");

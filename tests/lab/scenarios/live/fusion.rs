@@ -65,7 +65,7 @@ fn terminate(mut fusion: NodeProcess) {
     let sent = Command::new("kill").args(["-TERM", &pid]).status();
     assert!(sent.unwrap().success());
     let status = fusion.wait(PATIENCE).unwrap().expect("fusion ends");
-    assert_eq!(status.code(), Some(130), "{}", fusion.said());
+    assert_eq!(status.code(), Some(130), "{}", fusion.output());
 }
 
 #[test]
@@ -108,10 +108,10 @@ fn people_keep_their_ids_when_fusion_is_killed_and_a_recording_of_its_next_life_
     let path = recording.to_str().unwrap().to_owned();
     start_anew_with(&mut stage, "second", kill, &["--record", &path]);
     stage.go_on(1.0);
-    assert_eq!(sides(&stage), before, "{}", stage.live.said());
+    assert_eq!(sides(&stage), before, "{}", stage.live.output());
     start_anew(&mut stage, "third", terminate);
     stage.go_on(1.0);
-    assert_eq!(sides(&stage), before, "{}", stage.live.said());
+    assert_eq!(sides(&stage), before, "{}", stage.live.output());
     let said = replayed(&recording, &stage.folder.path().join("again"), &[]);
     let (same, different) = (
         &said["replay"]["same_ticks"],
@@ -154,7 +154,7 @@ fn a_second_fusion_is_refused_by_name_or_waits_and_takes_the_place_of_one_that_i
     let first = stage.live.fusion.take().unwrap();
     let out = stage.out("second");
     stage.live.start_fusion(&out, &[]).unwrap();
-    let waits = |stage: &LiveStage| stage.live.fusion.as_ref().unwrap().said();
+    let waits = |stage: &LiveStage| stage.live.fusion.as_ref().unwrap().output();
     stage.wait("the second one waits", |_| {
         waits(&stage).contains("waits until it has gone")
     });
@@ -181,9 +181,9 @@ fn a_second_fusion_is_refused_by_name_or_waits_and_takes_the_place_of_one_that_i
     );
     for edge in stage.live.edges.iter().flatten() {
         assert!(
-            edge.said().contains("follows another fusion now"),
+            edge.output().contains("follows another fusion now"),
             "{}",
-            edge.said()
+            edge.output()
         );
     }
 }
@@ -205,22 +205,22 @@ fn of_two_fusions_that_are_started_at_the_same_moment_one_waits_for_the_other() 
         command.arg(stage.out(&listen.replace(['/', ':'], "-")));
         NodeProcess::start(listen, command).unwrap()
     });
-    let waits = |fusion: &NodeProcess| fusion.said().contains("waits until it has gone");
+    let waits = |fusion: &NodeProcess| fusion.output().contains("waits until it has gone");
     wait_until(|| waits(&first) || waits(&second));
     // Whoever looked as long as the other would have found it by now.
     thread::sleep(Duration::from_secs(3));
     let both = [waits(&first), waits(&second)];
-    assert_ne!(both[0], both[1], "{}\n{}", first.said(), second.said());
+    assert_ne!(both[0], both[1], "{}\n{}", first.output(), second.output());
     let (works, mut waiting) = if both[0] {
         (second, first)
     } else {
         (first, second)
     };
     kill(works);
-    wait_until(|| waiting.said().contains("takes its place"));
+    wait_until(|| waiting.output().contains("takes its place"));
     // It listens where it did before, looks once more, and goes on.
     let ended = waiting.wait(Duration::from_secs(4)).unwrap();
-    assert_eq!(ended, None, "{}", waiting.said());
+    assert_eq!(ended, None, "{}", waiting.output());
     TcpStream::connect(waiting.name().trim_start_matches("tcp/")).unwrap();
 }
 

@@ -113,7 +113,7 @@ fn hostile_bytes_on_every_key_are_counted_and_change_nothing() {
     assert_eq!(stage.ids().len(), PEOPLE);
     before.assert_flat(&stage.takes());
     for node in stage.live.nodes() {
-        assert!(!node.said().contains("panicked"), "{}", node.said());
+        assert!(!node.output().contains("panicked"), "{}", node.output());
     }
 }
 
@@ -144,7 +144,7 @@ fn an_edge_in_other_hands_that_floods_is_named_and_fills_neither_the_recording_n
     let (flooded, sent) = stage
         .watch()
         .flood(&viewpoint, || growth(&stage, &recording));
-    let said = stage.live.fusion.as_ref().unwrap().said();
+    let said = stage.live.fusion.as_ref().unwrap().output();
     println!(
         "a flood of {} MB: the recording grew by {flooded:.0} bytes a tick, before by {before:.0}",
         sent / 1_000_000

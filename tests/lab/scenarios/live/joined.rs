@@ -35,10 +35,10 @@ fn the_status_shows_the_nodes_of_a_live_run_by_the_words_that_this_has_told() {
     let mut run = NodeProcess::start("run", run).unwrap();
     let until = clock::now() + PATIENCE;
     let words = loop {
-        if let Some(words) = told(&run.said()) {
+        if let Some(words) = told(&run.output()) {
             break words;
         }
-        assert!(clock::now() < until, "{}", run.said());
+        assert!(clock::now() < until, "{}", run.output());
         std::thread::sleep(PAUSE);
     };
     let is_live = |shown: &str, node: &str| {
@@ -63,6 +63,6 @@ fn the_status_shows_the_nodes_of_a_live_run_by_the_words_that_this_has_told() {
         ended.and_then(|status| status.code()),
         Some(130),
         "{}",
-        run.said()
+        run.output()
     );
 }

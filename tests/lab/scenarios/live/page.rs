@@ -32,7 +32,7 @@ struct Address {
 impl Address {
     /// As fusion has said it.
     fn of(stage: &LiveStage) -> Self {
-        let said = stage.live.fusion.as_ref().unwrap().said();
+        let said = stage.live.fusion.as_ref().unwrap().output();
         Self::in_words(&said)
     }
 
@@ -252,22 +252,22 @@ fn shows(ids: &[u32], words: &[&str]) -> String {
     command.args(words);
     let mut shown = NodeProcess::start("page", command).unwrap();
     let until = clock::now() + PATIENCE;
-    while !shown.said().contains("Ctrl-C") {
-        assert!(clock::now() < until, "{words:?}: {}", shown.said());
-        if shown.said().contains("#token=") && words[0] == "replay" {
+    while !shown.output().contains("Ctrl-C") {
+        assert!(clock::now() < until, "{words:?}: {}", shown.output());
+        if shown.output().contains("#token=") && words[0] == "replay" {
             // It is looked at while it is solved.
             break;
         }
         std::thread::sleep(Duration::from_millis(20));
     }
-    let mut page = Address::in_words(&shown.said()).open(None);
+    let mut page = Address::in_words(&shown.output()).open(None);
     page.wait("everybody", |it| {
         let persons = it["persons"].as_array().into_iter().flatten();
         let there: Vec<u64> = persons.filter_map(|person| person["id"].as_u64()).collect();
         ids.iter().all(|id| there.contains(&u64::from(*id)))
     });
-    while !shown.said().contains("Ctrl-C") {
-        assert!(clock::now() < until, "{words:?}: {}", shown.said());
+    while !shown.output().contains("Ctrl-C") {
+        assert!(clock::now() < until, "{words:?}: {}", shown.output());
         std::thread::sleep(Duration::from_millis(20));
     }
     let pid = shown.pid().to_string();
@@ -282,7 +282,7 @@ fn shows(ids: &[u32], words: &[&str]) -> String {
     assert!(
         status.is_some_and(|status| status.success()),
         "{status:?}: {}",
-        shown.said()
+        shown.output()
     );
-    shown.said()
+    shown.output()
 }

@@ -24,9 +24,9 @@ fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
     stage.start_with(&out, &["--record", path]);
     let fusion = || stage.live.fusion.as_ref().unwrap();
     stage.wait("the recording waits", |_| {
-        fusion().said().contains("the disk is full")
+        fusion().output().contains("the disk is full")
     });
-    let said = fusion().said();
+    let said = fusion().output();
     assert!(said.contains("run.mcap"), "{said}");
     let is_shown = |seen: &SeenVenue| {
         let notices = seen
@@ -41,7 +41,7 @@ fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
     before.assert_flat(&stage.takes());
     disk.grow().unwrap();
     stage.wait("the recording goes on", |_| {
-        fusion().said().contains("there is room again")
+        fusion().output().contains("there is room again")
     });
     stage.wait("the status shows it no more", |seen| !is_shown(seen));
     stage.finish("first");
@@ -82,7 +82,7 @@ fn a_disk_that_hangs_holds_up_no_live_pose() {
     assert!(frozen.wait().unwrap().success());
     for words in ["the disk has not answered", "the disk answers again"] {
         stage.wait(words, |_| {
-            let said = stage.live.fusion.as_ref().unwrap().said();
+            let said = stage.live.fusion.as_ref().unwrap().output();
             // Of the results and of the recording.
             said.matches(words).count() == 2
         });
@@ -115,7 +115,7 @@ fn what_a_killed_fusion_left_is_whole_when_the_next_begins() {
     stage.live.start_fusion(&second, &[]).unwrap();
     // What it says is read a little later.
     stage.wait("the first life's files are whole, and that is said", |_| {
-        let said = stage.live.fusion.as_ref().unwrap().said();
+        let said = stage.live.fusion.as_ref().unwrap().output();
         !first.join("run.lock").exists() && said.contains("were completed")
     });
     let lines = std::fs::read_to_string(first.join("poses.jsonl")).unwrap();

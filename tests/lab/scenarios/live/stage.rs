@@ -132,7 +132,7 @@ impl LiveStage {
             "{what}: not within {PATIENCE:?}\nfusion: {:?}\nnewest poses: {:?}\n{}",
             seen.statuses.get("fusion"),
             seen.newest.map(|set| (set.tick, set.persons.len())),
-            self.live.said()
+            self.live.output()
         );
     }
 
@@ -163,7 +163,7 @@ impl LiveStage {
         let fusion = self.live.fusion.as_mut().unwrap();
         fusion.close();
         let status = fusion.wait(PATIENCE).unwrap();
-        assert!(status.is_some(), "fusion did not end\n{}", self.live.said());
+        assert!(status.is_some(), "fusion did not end\n{}", self.live.output());
         self.out(name)
     }
 }

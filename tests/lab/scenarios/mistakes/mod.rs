@@ -1,7 +1,6 @@
-//! First-time mistakes, written down before they were tried: what each of them is told, and the exit code.
+//! Mistakes of new users in files and on command lines: exit code and message.
 //!
-//! None may pass without a word. What cameras that disagree are told is in other scenarios: here are mistakes that a file
-//! or a command line shows.
+//! The list was written before the mistakes were tried. The scenarios of `agreement` cover cameras that disagree.
 
 mod folder;
 mod input;
@@ -12,20 +11,20 @@ use std::path::Path;
 
 use crate::farfield::{command, finish};
 
-/// Something that a new user does.
+/// A mistake of a new user.
 struct Mistake {
     what: &'static str,
-    /// Makes it, in a folder that holds the sample venue.
+    /// Makes the mistake in a folder that holds the sample venue.
     make: fn(&Path),
-    /// What is said to `farfield` in that folder.
+    /// Arguments of `farfield` in that folder, separated by spaces.
     words: &'static str,
     code: i32,
-    /// Words that the answer on standard error must hold.
-    told: &'static [&'static str],
+    /// Parts of the message on standard error.
+    expected: &'static [&'static str],
 }
 
-/// Makes all mistakes, each in a folder of its own, and prints what is said.
-fn are_told(mistakes: &[Mistake]) {
+/// Makes each mistake in a folder of its own, and checks exit code and message.
+fn check_mistakes(mistakes: &[Mistake]) {
     let mut faults = Vec::new();
     for mistake in mistakes {
         let folder = folder::sample();
@@ -34,18 +33,18 @@ fn are_told(mistakes: &[Mistake]) {
         command
             .current_dir(folder.path())
             .args(mistake.words.split(' '));
-        let said = finish(&command.output().unwrap());
+        let output = finish(&command.output().unwrap());
         let Mistake { what, code, .. } = mistake;
-        println!("{what} -> {}: {}", said.code, said.stderr.trim());
-        let is_told = mistake.told.iter().all(|word| said.stderr.contains(word));
-        let is_panic = said.stderr.contains("panicked");
-        if said.code != *code || !is_told || is_panic || mistake.told.is_empty() {
+        println!("{what} -> {}: {}", output.code, output.stderr.trim());
+        let is_reported = mistake.expected.iter().all(|word| output.stderr.contains(word));
+        let is_panic = output.stderr.contains("panicked");
+        if output.code != *code || !is_reported || is_panic || mistake.expected.is_empty() {
             faults.push(format!(
                 "{what}: expected exit code {code} and {:?}, found {}:\n{}{}",
-                mistake.told, said.code, said.stdout, said.stderr
+                mistake.expected, output.code, output.stdout, output.stderr
             ));
         }
-        // The folder of results that was named, and the one of those that are not.
+        // The named folder of results, and the default one.
         let is_left = ["out", "farfield-out"].map(|name| folder.path().join(name).is_dir());
         if *code == 2 && is_left.contains(&true) {
             faults.push(format!("{what}: refused, and results were written"));

@@ -4,22 +4,22 @@ use std::fs;
 
 use super::folder::{change_lines, change_ticks, keep_lines, nothing, write};
 use super::input::millimetres;
-use super::{Mistake, are_told};
+use super::{Mistake, check_mistakes};
 use crate::farfield::{command, finish};
 
-fn usage(what: &'static str, words: &'static str, told: &'static [&'static str]) -> Mistake {
+fn usage(what: &'static str, words: &'static str, expected: &'static [&'static str]) -> Mistake {
     Mistake {
         what,
         make: nothing,
         words,
         code: 2,
-        told,
+        expected,
     }
 }
 
 #[test]
-fn a_command_line_that_is_wrong_is_refused_with_what_was_expected() {
-    are_told(&[
+fn a_wrong_command_line_is_refused_with_the_expected_form() {
+    check_mistakes(&[
         usage("no venue", "run", &["<VENUE>"]),
         usage(
             "no command",
@@ -96,23 +96,23 @@ fn a_command_line_that_is_wrong_is_refused_with_what_was_expected() {
 }
 
 #[test]
-fn poses_and_truths_that_do_not_belong_together_are_told_apart() {
-    let told = |what, make, words, code, told| Mistake {
+fn poses_and_truths_that_do_not_match_are_reported() {
+    let mistake = |what, make, words, code, expected| Mistake {
         what,
         make,
         words,
         code,
-        told,
+        expected,
     };
-    are_told(&[
-        told(
+    check_mistakes(&[
+        mistake(
             "the truth of other ticks",
             |f| change_ticks(f, "truth.jsonl", 5000),
             "evaluate good/poses.jsonl truth.jsonl",
             2,
             &["ticks 0 to 119", "ticks 5000 to 5119"],
         ),
-        told(
+        mistake(
             "the truth of another hall",
             |f| {
                 change_lines(f, "truth.jsonl", |line| {
@@ -126,49 +126,49 @@ fn poses_and_truths_that_do_not_belong_together_are_told_apart() {
             2,
             &["no place in common", " m from a true person"],
         ),
-        told(
+        mistake(
             "poses of the first ticks",
             |f| keep_lines(f, "good/poses.jsonl", 16),
             "evaluate good/poses.jsonl truth.jsonl",
             0,
             &["warning", "only 8 of the truth's 120 ticks"],
         ),
-        told(
-            "poses of nobody",
+        mistake(
+            "poses without people",
             |f| write(f, "empty.jsonl", ""),
             "evaluate empty.jsonl truth.jsonl",
             0,
             &["warning", "contain no people"],
         ),
-        told(
+        mistake(
             "truth and poses swapped",
             nothing,
             "evaluate truth.jsonl good/poses.jsonl",
             0,
             &["warning", "POSES, then TRUTH"],
         ),
-        told(
+        mistake(
             "poses against themselves",
             nothing,
             "evaluate good/poses.jsonl good/poses.jsonl",
             0,
             &["warning", "against itself"],
         ),
-        told(
+        mistake(
             "a TRC file",
             nothing,
             "evaluate good/poses_1.trc truth.jsonl",
             2,
             &["poses_1.trc:1", "not JSON"],
         ),
-        told(
-            "ticks that nobody was there",
+        mistake(
+            "ticks without people",
             nothing,
             "evaluate good/poses.jsonl truth.jsonl --ticks 500..600",
             2,
             &["500..600"],
         ),
-        told(
+        mistake(
             "a rate of nothing",
             nothing,
             "evaluate good/poses.jsonl truth.jsonl --rate-hz 0",
@@ -179,8 +179,8 @@ fn poses_and_truths_that_do_not_belong_together_are_told_apart() {
 }
 
 #[test]
-fn recordings_and_keys_that_are_asked_for_wrongly_are_refused() {
-    are_told(&[
+fn wrong_requests_for_recordings_and_keys_are_refused() {
+    check_mistakes(&[
         usage(
             "poses in place of a recording",
             "replay good/poses.jsonl --out out",
@@ -231,7 +231,7 @@ fn recordings_and_keys_that_are_asked_for_wrongly_are_refused() {
             make: millimetres,
             words: "replay good/recording.mcap --out out --calibration calibration.toml",
             code: 2,
-            told: &["calibration.toml", "millimetres"],
+            expected: &["calibration.toml", "millimetres"],
         },
         usage(
             "a replay's page for everybody",
@@ -244,7 +244,7 @@ fn recordings_and_keys_that_are_asked_for_wrongly_are_refused() {
             &["--session", "5"],
         ),
         usage(
-            "a key for whom nobody knows",
+            "a key for an unknown node",
             "certs venue.toml --out keys --renew north",
             &["--renew", "found `north`"],
         ),
@@ -262,20 +262,20 @@ fn recordings_and_keys_that_are_asked_for_wrongly_are_refused() {
 }
 
 #[test]
-fn a_log_that_cannot_be_understood_is_told_of() {
+fn an_invalid_log_filter_is_reported() {
     let mut run = command();
     run.args(["run", "nowhere.toml"])
         .env("RUST_LOG", "farfield=loud");
-    let said = finish(&run.output().unwrap());
+    let output = finish(&run.output().unwrap());
     assert!(
-        said.stderr.contains("RUST_LOG: found `farfield=loud`"),
+        output.stderr.contains("RUST_LOG: found `farfield=loud`"),
         "{}",
-        said.stderr
+        output.stderr
     );
 }
 
 #[test]
-fn what_went_wrong_is_json_where_json_was_asked_for() {
+fn errors_are_json_with_the_option_json() {
     for words in [
         "run nowhere.toml --json",
         "evaluate a.jsonl b.jsonl --json",
@@ -287,22 +287,22 @@ fn what_went_wrong_is_json_where_json_was_asked_for() {
         "init nowhere --json",
         "status nowhere.toml --json",
     ] {
-        let said = finish(&command().args(words.split(' ')).output().unwrap());
-        assert_eq!(said.code, 2, "{words}: {}", said.stderr);
-        let told: serde_json::Value = serde_json::from_str(&said.stdout)
-            .unwrap_or_else(|error| panic!("{words}: {error}: {:?}", said.stdout));
-        assert_eq!(told["exit_code"], 2, "{words}");
-        let error = told["error"].as_str().unwrap();
+        let output = finish(&command().args(words.split(' ')).output().unwrap());
+        assert_eq!(output.code, 2, "{words}: {}", output.stderr);
+        let document: serde_json::Value = serde_json::from_str(&output.stdout)
+            .unwrap_or_else(|error| panic!("{words}: {error}: {:?}", output.stdout));
+        assert_eq!(document["exit_code"], 2, "{words}");
+        let error = document["error"].as_str().unwrap();
         assert!(
             !error.is_empty() && !error.starts_with("error"),
             "{words}: {error}"
         );
-        assert!(!said.stderr.is_empty(), "{words}: people are told, too");
+        assert!(!output.stderr.is_empty(), "{words}: no message for people");
     }
 }
 
 #[test]
-fn an_overlay_before_the_venue_does_not_eat_it() {
+fn an_overlay_option_before_the_venue_does_not_take_it_as_value() {
     let folder = super::folder::sample();
     let mut run = command();
     run.current_dir(folder.path());
@@ -315,8 +315,8 @@ fn an_overlay_before_the_venue_does_not_eat_it() {
         "--out",
         "out",
     ]);
-    let said = finish(&run.output().unwrap());
-    assert_eq!(said.code, 0, "{}", said.stderr);
+    let output = finish(&run.output().unwrap());
+    assert_eq!(output.code, 0, "{}", output.stderr);
     let names = fs::read_dir(folder.path().join("out")).unwrap();
     let names: Vec<_> = names.map(|entry| entry.unwrap().file_name()).collect();
     assert!(
@@ -326,16 +326,16 @@ fn an_overlay_before_the_venue_does_not_eat_it() {
 }
 
 #[test]
-fn a_value_that_is_set_is_used_and_stands_in_a_venue_among_the_results() {
+fn a_parameter_that_was_set_is_used_and_written_to_the_results() {
     let folder = super::folder::sample();
     let farfield = |words: &str| {
         let mut command = command();
         command.current_dir(folder.path()).args(words.split(' '));
         finish(&command.output().unwrap())
     };
-    let said =
+    let output =
         farfield("run venue.toml --ticks 0..60 --out out --record --set births.confirm_s=0.9");
-    assert_eq!(said.code, 0, "{}", said.stderr);
+    assert_eq!(output.code, 0, "{}", output.stderr);
     let venue = fs::read_to_string(folder.path().join("out/venue.toml")).unwrap();
     assert!(venue.contains("confirm_s = 0.9"), "{venue}");
     let again = farfield("run out/venue.toml --ticks 0..60 --out again");

@@ -1,4 +1,4 @@
-//! Keys that were made anew, and files that were replaced: what is older is refused, and that is said.
+//! Renewed keys and replaced files: nodes refuse the older ones and report it.
 
 use std::path::Path;
 use std::process::Command;
@@ -9,33 +9,33 @@ use farfield_lab::live_venue::NodeProcess;
 use super::{SecuredHall, TICKS, VIEWPOINTS};
 use crate::farfield::{command, farfield};
 
-/// Far above what a loaded machine takes; a test that waits as long has failed.
+/// Far above what a loaded machine takes: a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_mins(1);
-/// Between two looks.
+/// Pause between two polls.
 const PAUSE: Duration = Duration::from_millis(20);
 
-/// Waits until `node` has said `words`; whether it has.
-pub(super) fn has_said(node: &NodeProcess, words: &str) -> bool {
+/// Waits until `node` has printed `words`; whether it has.
+pub(super) fn has_printed(node: &NodeProcess, words: &str) -> bool {
     (0..PATIENCE.as_millis() / PAUSE.as_millis()).any(|_| {
-        let has_said = node.said().contains(words);
-        if !has_said {
+        let has_printed = node.output().contains(words);
+        if !has_printed {
             std::thread::sleep(PAUSE);
         }
-        has_said
+        has_printed
     })
 }
 
-/// Waits until `node` has said `words`.
+/// Waits until `node` has printed `words`, or fails the test.
 pub(super) fn wait_for(node: &NodeProcess, words: &str) {
     let name = node.name();
     assert!(
-        has_said(node, words),
-        "{name}: not said: {words}\n{}",
-        node.said()
+        has_printed(node, words),
+        "{name} did not print: {words}\n{}",
+        node.output()
     );
 }
 
-/// Starts fusion as an operator would, in lock-step.
+/// Starts fusion in lock-step.
 pub(super) fn fusion(hall: &SecuredHall, out: &str) -> NodeProcess {
     let mut command = command();
     command.arg("fusion").arg(hall.path("venue.toml"));
@@ -52,7 +52,7 @@ pub(super) fn edge(hall: &SecuredHall, venue: &Path, viewpoint: &str) -> Command
     command
 }
 
-/// Copies what a node gets of the folder `certs` of `hall`.
+/// Copies north-east's files of the folder `certs` of `hall`.
 fn copy_keys(hall: &SecuredHall, to: &Path) {
     std::fs::create_dir_all(to).unwrap();
     for file in [
@@ -65,17 +65,17 @@ fn copy_keys(hall: &SecuredHall, to: &Path) {
     }
 }
 
-/// Ends a node that was told to, and its exit code.
+/// Waits for the end of a node; its exit code.
 fn ended(node: &mut NodeProcess) -> Option<i32> {
     let status = node.wait(PATIENCE).unwrap();
     status
-        .unwrap_or_else(|| panic!("{} does not end\n{}", node.name(), node.said()))
+        .unwrap_or_else(|| panic!("{} does not end\n{}", node.name(), node.output()))
         .code()
 }
 
 #[test]
-fn an_old_key_is_refused_once_its_node_has_a_new_one_and_both_sides_say_so() {
-    // Symptom to prevent: a stolen key stayed good for as long as its certificate, up to 825 days.
+fn a_renewed_nodes_old_key_is_refused_and_both_sides_report_it() {
+    // Symptom to prevent: a stolen key stayed valid as long as its certificate, up to 825 days.
     let hall = SecuredHall::new();
     let stolen = hall.path("stolen");
     copy_keys(&hall, &stolen);
@@ -105,34 +105,34 @@ fn an_old_key_is_refused_once_its_node_has_a_new_one_and_both_sides_say_so() {
     );
     wait_for(&old, "rejects this node's certificate");
 
-    // The others, and the node with its new key, notice nothing.
+    // The other nodes and the node with the new key are not disturbed.
     let mut honest: Vec<NodeProcess> = VIEWPOINTS
         .iter()
         .map(|name| NodeProcess::start(name, edge(&hall, &venue, name)).unwrap())
         .collect();
     for node in &mut honest {
-        assert_eq!(ended(node), Some(0), "{}", node.said());
+        assert_eq!(ended(node), Some(0), "{}", node.output());
     }
-    assert_eq!(ended(&mut fusion), Some(0), "{}", fusion.said());
-    assert_eq!(old.wait(PAUSE).unwrap(), None, "{}", old.said());
+    assert_eq!(ended(&mut fusion), Some(0), "{}", fusion.output());
+    assert_eq!(old.wait(PAUSE).unwrap(), None, "{}", old.output());
 
-    // Where the file of generations is new and the key is not, the node says so itself.
+    // With a new file of generations and an old key, the node itself reports the mistake.
     let newest = hall.path("certs/generations.toml");
     std::fs::copy(newest, stolen.join("generations.toml")).unwrap();
     let mut mixed = edge(&hall, &venue, "north-east");
     mixed.arg("--certificates").arg(&stolen);
     let mut mixed = NodeProcess::start("mixed", mixed).unwrap();
-    assert_eq!(ended(&mut mixed), Some(2), "{}", mixed.said());
+    assert_eq!(ended(&mut mixed), Some(2), "{}", mixed.output());
     assert!(
-        mixed.said().contains("2 is the newest of north-east"),
+        mixed.output().contains("2 is the newest of north-east"),
         "{}",
-        mixed.said()
+        mixed.output()
     );
 }
 
 #[test]
-fn every_node_refuses_keys_that_are_not_its_own_instead_of_waiting() {
-    // Symptom to prevent: with the key of another node, or with junk, edges and recorders waited for ever and did not say why.
+fn every_node_refuses_keys_of_others_instead_of_waiting() {
+    // Symptom to prevent: with another node's key or junk, edges and recorders waited for ever without a message.
     let hall = SecuredHall::new();
     let venue = hall.path("venue.toml");
     let certs = |file: &str| hall.path("certs").join(file);
@@ -160,17 +160,17 @@ fn every_node_refuses_keys_that_are_not_its_own_instead_of_waiting() {
         ),
     ];
     for (mut node, words) in nodes {
-        assert_eq!(ended(&mut node), Some(2), "{}", node.said());
-        let said = node.said();
+        assert_eq!(ended(&mut node), Some(2), "{}", node.output());
+        let output = node.output();
         assert!(
-            said.contains(words) && said.contains("copy ca.pem"),
-            "{words}: {said}"
+            output.contains(words) && output.contains("copy ca.pem"),
+            "{words}: {output}"
         );
     }
 }
 
 #[test]
-fn files_that_fusion_has_replaced_are_not_taken_back_without_a_word() {
+fn older_files_of_fusion_are_refused_without_the_option() {
     let hall = SecuredHall::new();
     let far = tempfile::tempdir().unwrap();
     copy_keys(&hall, &far.path().join("certs"));
@@ -180,7 +180,7 @@ fn files_that_fusion_has_replaced_are_not_taken_back_without_a_word() {
     let first = std::fs::read_to_string(hall.path("venue.toml")).unwrap();
     let second = format!("{first}\n# moved\n");
     let history = far.path().join("venue.toml.handouts");
-    // Fetches from the n-th fusion, with this venue file; `sets` were taken when it is over, one more or as before.
+    // Fetches `text` from the n-th fusion. Afterwards the edge has accepted `sets` sets of files: one more or as many as before.
     let fetch = |n: usize, text: &str, more: &[&str], sets: usize| {
         std::fs::write(hall.path("venue.toml"), text).unwrap();
         let fusion = fusion(&hall, &format!("out-{n}"));
@@ -191,26 +191,26 @@ fn files_that_fusion_has_replaced_are_not_taken_back_without_a_word() {
         let mut edge = NodeProcess::start("edge", edge).unwrap();
         let taken = || std::fs::read_to_string(&history).map_or(0, |text| text.lines().count());
         if sets == taken() {
-            assert_eq!(ended(&mut edge), Some(1), "{}", edge.said());
+            assert_eq!(ended(&mut edge), Some(1), "{}", edge.output());
         } else {
             wait_for(&edge, "the venue file is fusion's now");
-            let looks = PATIENCE.as_millis() / PAUSE.as_millis();
-            let is_noted = (0..looks).any(|_| {
+            let polls = PATIENCE.as_millis() / PAUSE.as_millis();
+            let is_noted = (0..polls).any(|_| {
                 std::thread::sleep(PAUSE);
                 taken() == sets
             });
-            assert!(is_noted, "{}", edge.said());
+            assert!(is_noted, "{}", edge.output());
         }
-        let said = edge.said();
+        let output = edge.output();
         drop((edge, fusion));
-        said
+        output
     };
     fetch(1, &first, &[], 1);
     fetch(2, &second, &[], 2);
-    let said = fetch(3, &first, &[], 2);
+    let output = fetch(3, &first, &[], 2);
     assert!(
-        said.contains("older files") && said.contains("--accept-older"),
-        "{said}"
+        output.contains("older files") && output.contains("--accept-older"),
+        "{output}"
     );
     assert_eq!(std::fs::read_to_string(&at).unwrap(), second);
     fetch(4, &first, &["--accept-older"], 3);

@@ -1,6 +1,6 @@
-//! Why somebody was turned away is known by the words of Zenoh's log alone. Here every refusal is provoked, over both
-//! encrypted transports: when Zenoh, or TLS below it, says it in other words, these fail, and the lists of words in
-//! `fusion/src/node/session/authentication_log.rs` and `edge/src/node/attempts.rs` are to be mended.
+//! Reasons for refusals are known only from Zenoh's log. These tests provoke every refusal over both encrypted
+//! transports. If Zenoh or TLS changes its wording, they fail: update the word lists in
+//! `fusion/src/node/session/authentication_log.rs` and `edge/src/node/attempts.rs`.
 
 use std::net::{TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
@@ -11,23 +11,23 @@ use farfield_proto::transport::{FUSION, FusionTransport, Identity, common_name};
 use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair};
 use zenoh::{Session, Wait as _};
 
-use super::keys::{edge, fusion, has_said, wait_for};
+use super::keys::{edge, fusion, has_printed, wait_for};
 use super::{SecuredHall, TRY, VIEWPOINTS, enter_blocking};
 use crate::farfield::farfield;
 
 const DAY: Duration = Duration::from_hours(24);
 
-/// A certificate to be made.
-struct Wanted<'a> {
+/// A certificate to create.
+struct CertificateRequest<'a> {
     common_name: &'a str,
-    /// Whom it is good for being connected to at.
+    /// Host name or address that the certificate is valid for.
     host: &'a str,
-    /// Days from now.
-    holds: [i64; 2],
+    /// Start and end of validity, days from now.
+    valid_days: [i64; 2],
 }
 
-impl Wanted<'_> {
-    /// Makes it by the authority of `hall`, in a folder of its own.
+impl CertificateRequest<'_> {
+    /// Signs it with the authority of `hall`, in a folder of its own.
     fn make(&self, hall: &SecuredHall) -> Identity {
         let read = |name: &str| std::fs::read_to_string(hall.path(name)).unwrap();
         let key = KeyPair::from_pem(&read("certs-authority/ca.key")).unwrap();
@@ -46,7 +46,7 @@ impl Wanted<'_> {
             Err(_) => SystemTime::now() - DAY * days.unsigned_abs() as u32,
         };
         (params.not_before, params.not_after) =
-            (at(self.holds[0]).into(), at(self.holds[1]).into());
+            (at(self.valid_days[0]).into(), at(self.valid_days[1]).into());
         let key = KeyPair::generate().unwrap();
         let certificate = params.signed_by(&key, &issuer).unwrap();
         let folder = hall.path(&format!("made-{}", key.serialize_pem().len()));
@@ -65,8 +65,8 @@ impl Wanted<'_> {
     }
 }
 
-/// The hall at an endpoint of `scheme`, with keys of another authority in `elsewhere`, and a second generation for
-/// north-east.
+/// The hall at an endpoint of `scheme`, with keys of another authority in `elsewhere`, and a second generation of
+/// north-east's key.
 fn hall_at(scheme: &str) -> SecuredHall {
     let mut hall = SecuredHall::new();
     let address = if scheme == "tls" {
@@ -87,7 +87,7 @@ fn hall_at(scheme: &str) -> SecuredHall {
     hall
 }
 
-/// Somebody tries to get in; waits until `node` says `words`.
+/// A stranger tries to connect; waits until `node` prints `words`.
 fn is_refused(
     hall: &SecuredHall,
     identity: &Identity,
@@ -103,7 +103,7 @@ fn is_refused(
     let change = if is_bare { &change[..] } else { &[] };
     let session = enter_blocking(hall, identity, change, TRY);
     if let Some(session) = &session {
-        // What it does is refused, not that it comes.
+        // Its actions are refused, not its session.
         session.put("walk/patch/north-west", "lie").wait().unwrap();
         let token = session.liveliness().declare_token("walk/alive/north-west");
         drop(token.wait().unwrap());
@@ -111,16 +111,16 @@ fn is_refused(
     wait_for(node, words);
 }
 
-fn fusion_names_whom_it_refuses(scheme: &str) {
+fn check_refusals_of_fusion(scheme: &str) {
     let hall = hall_at(scheme);
     let fusion = fusion(&hall, "out");
     wait_for(&fusion, "listens on");
-    let make = |common_name: &str, holds| {
+    let make = |common_name: &str, valid_days| {
         let host = "127.0.0.1";
-        Wanted {
+        CertificateRequest {
             common_name,
             host,
-            holds,
+            valid_days,
         }
         .make(&hall)
     };
@@ -152,7 +152,7 @@ fn fusion_names_whom_it_refuses(scheme: &str) {
             "refused a node: its certificate is not valid yet",
         ),
         (
-            make("walk/nobody", [-1, 9]),
+            make("walk/unknown", [-1, 9]),
             false,
             "whose certificate names no node of this venue",
         ),
@@ -167,8 +167,8 @@ fn fusion_names_whom_it_refuses(scheme: &str) {
             "refused the node of certificate walk/north-east/2: ",
         ),
     ];
-    // All at once: most try for as long as they may. On threads, since a session that closes inside of a future can swallow
-    // the wake-up of another that waits beside it: Zenoh blocks there, on the very parker of the thread.
+    // All at once, since most try as long as they may. On threads, because Zenoh blocks on the parker of the thread: a session
+    // that closes inside a future can swallow the wake-up of another future.
     std::thread::scope(|scope| {
         for (identity, is_bare, words) in &strangers {
             scope.spawn(|| is_refused(&hall, identity, *is_bare, &fusion, words));
@@ -177,16 +177,16 @@ fn fusion_names_whom_it_refuses(scheme: &str) {
 }
 
 #[test]
-fn fusion_knows_every_refusal_by_zenohs_words_over_quic() {
-    fusion_names_whom_it_refuses("quic");
+fn fusion_recognises_every_refusal_in_zenohs_log_over_quic() {
+    check_refusals_of_fusion("quic");
 }
 
 #[test]
-fn fusion_knows_every_refusal_by_zenohs_words_over_tls() {
-    fusion_names_whom_it_refuses("tls");
+fn fusion_recognises_every_refusal_in_zenohs_log_over_tls() {
+    check_refusals_of_fusion("tls");
 }
 
-/// A router with fusion's part of the access control, and whatever certificate it is.
+/// A router with fusion's access control and the given certificate.
 fn listen(hall: &SecuredHall, identity: &Identity) -> Session {
     let listen = [hall.endpoint.clone()];
     let transport = FusionTransport {
@@ -202,36 +202,36 @@ fn listen(hall: &SecuredHall, identity: &Identity) -> Session {
     zenoh::open(config).wait().unwrap()
 }
 
-fn an_edge_says_why_it_waits(scheme: &str) {
+fn check_waiting_edges(scheme: &str) {
     let start = |hall: &SecuredHall, keys: &Path| {
         let mut command = edge(hall, &hall.path("venue.toml"), "north-east");
         command.arg("--certificates").arg(keys);
         NodeProcess::start("edge", command).unwrap()
     };
     let name = common_name("walk", FUSION, 1);
-    let good = Wanted {
+    let good = CertificateRequest {
         common_name: &name,
         host: "127.0.0.1",
-        holds: [-1, 9],
+        valid_days: [-1, 9],
     };
     let mut waiting = Vec::new();
     for (server, words) in [
         (
-            Some(Wanted {
-                holds: [-9, -2],
+            Some(CertificateRequest {
+                valid_days: [-9, -2],
                 ..good
             }),
             "fusion's certificate has expired",
         ),
         (
-            Some(Wanted {
-                holds: [2, 9],
+            Some(CertificateRequest {
+                valid_days: [2, 9],
                 ..good
             }),
             "fusion's certificate is not valid yet",
         ),
         (
-            Some(Wanted {
+            Some(CertificateRequest {
                 host: "elsewhere.lan",
                 ..good
             }),
@@ -268,21 +268,21 @@ fn an_edge_says_why_it_waits(scheme: &str) {
         "no answer from there"
     };
     waiting.push((None, edge, words, hall));
-    let said: Vec<bool> = waiting
+    let output: Vec<bool> = waiting
         .iter()
-        .map(|(_, edge, words, _)| has_said(edge, words))
+        .map(|(_, edge, words, _)| has_printed(edge, words))
         .collect();
-    for ((_, edge, words, _), has_said) in waiting.iter().zip(said) {
-        assert!(has_said, "{scheme}: not said: {words}\n{}", edge.said());
+    for ((_, edge, words, _), has_printed) in waiting.iter().zip(output) {
+        assert!(has_printed, "{scheme}: the edge did not print: {words}\n{}", edge.output());
     }
 }
 
 #[test]
-fn an_edge_knows_by_zenohs_words_why_it_waits_over_quic() {
-    an_edge_says_why_it_waits("quic");
+fn an_edge_recognises_in_zenohs_log_why_it_waits_over_quic() {
+    check_waiting_edges("quic");
 }
 
 #[test]
-fn an_edge_knows_by_zenohs_words_why_it_waits_over_tls() {
-    an_edge_says_why_it_waits("tls");
+fn an_edge_recognises_in_zenohs_log_why_it_waits_over_tls() {
+    check_waiting_edges("tls");
 }

@@ -94,7 +94,7 @@ fn run(args: &CrowdArgs) -> anyhow::Result<String> {
     ensure!(
         ended.is_some_and(|status| status.success()),
         "fusion did not end well ({ended:?})\n{}",
-        live.said()
+        live.output()
     );
     let ran = Ran {
         watch: &watch,
@@ -102,7 +102,7 @@ fn run(args: &CrowdArgs) -> anyhow::Result<String> {
         vitals,
         ticks: Tick(0)..Tick(i64::from(ticks)),
     };
-    ran.report(folder.path(), &out, &live.said())
+    ran.report(folder.path(), &out, &live.output())
 }
 
 /// A run that is over.

@@ -258,7 +258,7 @@ impl<'a> LinkStudy<'a> {
             ended.is_some_and(|status| status.success()),
             "{}: fusion did not end well ({ended:?})\n{}",
             link.name,
-            live.said()
+            live.output()
         );
         self.row(link, &out, &live, &watch.seen())
     }

@@ -155,7 +155,7 @@ fn sample_vitals(
         }
         for node in live.nodes() {
             let vitals = node.vitals();
-            let vitals = vitals.with_context(|| format!("a node has ended\n{}", live.said()))?;
+            let vitals = vitals.with_context(|| format!("a node has ended\n{}", live.output()))?;
             samples
                 .entry(node.name().to_owned())
                 .or_default()
@@ -184,12 +184,12 @@ fn headline(
         let delays_us = seen.delays_us(live.venue().rate_hz, Tick(i64::MIN));
         (seen.poses, delays_us, seen.share_with_everybody())
     };
-    ensure!(poses > 0, "no pose has come\n{}", live.said());
+    ensure!(poses > 0, "no pose has come\n{}", live.output());
     ensure!(
         whole >= LEAST_WHOLE,
         "everybody is tracked in {:.1} % of the poses alone\n{}",
         100.0 * whole,
-        live.said()
+        live.output()
     );
     Ok(format!(
         "{:.1} min, {poses} poses: {:.2} per second, {:.2} % of them with everybody tracked; round trip {} ms, loss {} %\n\

@@ -230,7 +230,7 @@ impl LiveVenue {
 
     /// What every node has said on its standard error, for whoever must say why a run went wrong.
     pub fn said(&self) -> String {
-        let said = |node: &NodeProcess| format!("--- {}\n{}", node.name(), node.said());
+        let said = |node: &NodeProcess| format!("--- {}\n{}", node.name(), node.output());
         self.nodes().map(said).collect()
     }
 }

@@ -214,11 +214,11 @@ mod tests {
         let script =
             r#"echo hello >&2; echo '{"tick":{"tick":7,"persons":2,"bytes":0}}'; read x; exit 3"#;
         let mut node = shell(script);
-        while node.newest().is_none() || node.said().is_empty() {
+        while node.newest().is_none() || node.output().is_empty() {
             thread::sleep(PAUSE);
         }
         assert_eq!((node.newest(), node.ticks()), (Some((7, 2)), 1));
-        assert_eq!(node.said(), "hello\n");
+        assert_eq!(node.output(), "hello\n");
         assert!(node.vitals().is_some());
         node.close();
         let status = node.wait(PATIENCE).unwrap().unwrap();
@@ -229,7 +229,7 @@ mod tests {
     fn all_that_a_node_said_is_heard_once_it_has_ended() {
         let mut node = shell("seq 150 >&2");
         assert!(node.wait(PATIENCE).unwrap().unwrap().success());
-        assert!(node.said().ends_with("149\n150\n"), "{}", node.said());
+        assert!(node.output().ends_with("149\n150\n"), "{}", node.output());
     }
 
     #[test]

@@ -32,7 +32,7 @@ pub(super) fn full(field: &Field) -> anyhow::Result<Driven> {
     let from = stage.tick()?;
     let has_said = |words: &str| {
         let fusion = stage.live.fusion.as_ref();
-        fusion.is_some_and(|fusion| fusion.said().contains(words))
+        fusion.is_some_and(|fusion| fusion.output().contains(words))
     };
     stage.wait("the disk is full", |_| has_said("the disk is full"))?;
     stage.go_on(field.either(10.0, 3.0));
@@ -73,7 +73,7 @@ pub(super) fn hangs(field: &Field) -> anyhow::Result<Driven> {
     let people = stage.people_since(from)?;
     hanging.wait()?;
     stage.go_on(2.0);
-    let said = stage.live.said();
+    let said = stage.live.output();
     let missing = ["the disk has not answered", "the disk answers again"]
         .into_iter()
         .filter(|words| !said.contains(words));
@@ -122,7 +122,7 @@ pub(super) fn errors(field: &Field) -> anyhow::Result<Driven> {
     let from = stage.tick()?;
     // The files of persons are synced every ten seconds.
     stage.go_on(11.0);
-    let said = stage.live.said();
+    let said = stage.live.output();
     let reports = ["poses.jsonl: ", "poses_2.trc: ", "angles_1.mot: "].map(|name| {
         let n = said.matches(&format!("error: {name}")).count();
         n.abs_diff(1)

@@ -102,7 +102,7 @@ impl<'a> Stage<'a> {
                 return Ok(took);
             }
             if took > PATIENCE {
-                bail!("{what}: not within {PATIENCE:?}\n{}", self.live.said());
+                bail!("{what}: not within {PATIENCE:?}\n{}", self.live.output());
             }
             thread::sleep(PAUSE);
         }
@@ -173,7 +173,7 @@ impl<'a> Stage<'a> {
             .context("fusion was not started")?;
         fusion.close();
         let ended = fusion.wait(PATIENCE)?;
-        ended.with_context(|| format!("fusion does not end\n{}", self.live.said()))?;
+        ended.with_context(|| format!("fusion does not end\n{}", self.live.output()))?;
         Ok(())
     }
 }

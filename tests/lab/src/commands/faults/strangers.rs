@@ -72,7 +72,7 @@ pub(super) fn few_handles(field: &Field) -> anyhow::Result<Driven> {
         ensure!(
             clock::now().duration_since(from) < BEGINS_WITHIN,
             "no poses come\n{}",
-            door.fusion.said()
+            door.fusion.output()
         );
         thread::sleep(STRANGER_PAUSE);
     }
@@ -85,7 +85,7 @@ pub(super) fn few_handles(field: &Field) -> anyhow::Result<Driven> {
     let missing_s = span_s - (newest() - from) as f64 / rate_hz;
     let slowest_s = (0..3).map(|_| join(&door).unwrap_or(f64::INFINITY));
     let slowest_s = slowest_s.fold(0.0, f64::max);
-    let said = door.fusion.said();
+    let said = door.fusion.output();
     let complaints = said.lines().filter(|line| line.contains("open files"));
     let vitals = door.fusion.vitals();
     let vitals = vitals.with_context(|| format!("fusion has ended\n{said}"))?;
@@ -196,7 +196,7 @@ fn drive<T>(
         (joined, handles)
     });
     let slowest_s = joined.map_or(f64::INFINITY, |all| all.into_iter().fold(0.0, f64::max));
-    let handles = handles.with_context(|| format!("fusion has ended\n{}", door.fusion.said()))?;
+    let handles = handles.with_context(|| format!("fusion has ended\n{}", door.fusion.output()))?;
     Ok(Driven::Measured(vec![
         Measure::barred("slowest of three joins under garbage, s", slowest_s, JOIN_S),
         Measure::told("a join in peace, s", in_peace_s),

@@ -44,7 +44,7 @@ pub(super) fn two_fusions(field: &Field) -> anyhow::Result<Driven> {
             NodeProcess::start(endpoint, command)
         };
         let both = [start(&one)?, start(&other)?];
-        let waits = |node: &NodeProcess| node.said().contains("this one waits");
+        let waits = |node: &NodeProcess| node.output().contains("this one waits");
         wait(&both, |both| both.iter().any(waits))?;
         let [one, other] = both;
         let (first, mut second) = if waits(&other) {
@@ -53,10 +53,10 @@ pub(super) fn two_fusions(field: &Field) -> anyhow::Result<Driven> {
             (other, one)
         };
         // Both may have begun to listen before one stepped back.
-        began += usize::from(second.said().contains("fusion listens on"));
+        began += usize::from(second.output().contains("fusion listens on"));
         first.kill()?;
         let from = clock::now();
-        let listens = |node: &NodeProcess| node.said().contains("fusion listens on");
+        let listens = |node: &NodeProcess| node.output().contains("fusion listens on");
         match wait(std::slice::from_ref(&second), |it| listens(&it[0])) {
             Ok(()) => {
                 slowest_s = slowest_s.max(clock::now().duration_since(from).as_secs_f64());
@@ -66,7 +66,7 @@ pub(super) fn two_fusions(field: &Field) -> anyhow::Result<Driven> {
         ensure!(
             second.wait(PAUSE)?.is_none() || left > 0,
             "{}",
-            second.said()
+            second.output()
         );
     }
     Ok(Driven::Measured(vec![
