@@ -1,5 +1,4 @@
-//! In steady state a tick of a person allocates nothing. A test binary of its own, because it counts
-//! what the whole process allocates.
+//! In steady state a tick of a person allocates nothing. A test binary of its own, because the counter is global.
 
 use std::alloc::System;
 

@@ -1,4 +1,4 @@
-//! Microseconds per person and tick, stage by stage, at 4 and 12 viewpoints, and per patch for the codec.
+//! Time per person and tick, stage by stage, at 4 and 12 viewpoints, and per patch for the codec.
 //!
 //! `cargo bench -p farfield-lab`
 #![expect(clippy::unwrap_used, reason = "a bench without its ring is no bench")]
@@ -20,9 +20,9 @@ use farfield_proto::patch::{CompressionLevel, Decoder, Encoder, Maps};
 use farfield_proto::tick::Tick;
 
 const VIEWPOINTS: [usize; 2] = [4, 12];
-/// Ticks of the walk that a bench goes round.
+/// Ticks of the walk that the benches repeat.
 const TICKS: i64 = 60;
-/// Without loss, and what a live link goes through from its default on.
+/// Lossless, and the levels of a live link from its default on.
 const LEVELS: [u8; 4] = [
     CompressionLevel::LOSSLESS.number(),
     CompressionLevel::DEFAULT.number(),
@@ -47,7 +47,7 @@ fn main() {
     divan::main();
 }
 
-/// A track that has followed the walker for a while, and the groups to go on with.
+/// A track after a warm-up, and the groups of the ticks to come.
 struct WalkBench {
     ring: CameraRing,
     method: Method,
@@ -61,7 +61,7 @@ impl WalkBench {
         let ring = CameraRing::new(n_viewpoints).unwrap();
         let method = CameraRing::method();
         let track = ring.track(&method).unwrap();
-        // There and back again, so that the walk can go on for ever without a jump.
+        // There and back again, so that the walk repeats without a jump.
         let there = (0..TICKS).chain((1..TICKS - 1).rev());
         let groups = there.map(|tick| ring.group(Tick(tick)).unwrap()).collect();
         let mut walk = Self {
@@ -153,7 +153,7 @@ fn stage_5_boxes(bencher: Bencher<'_, '_>, n_viewpoints: usize) {
     bencher.bench_local(|| walk.boxes());
 }
 
-/// Maps of the treadmill recording made by its real network, where both are there; else drawn ones.
+/// Maps of the treadmill recording by its real network, if both are installed, else drawn maps.
 fn maps() -> &'static (&'static str, Vec<Maps>) {
     static MAPS: OnceLock<(&str, Vec<Maps>)> = OnceLock::new();
     MAPS.get_or_init(|| match real_maps() {
@@ -175,8 +175,8 @@ fn maps() -> &'static (&'static str, Vec<Maps>) {
 }
 
 fn real_maps() -> anyhow::Result<Vec<Maps>> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
-    let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| beside.into(), PathBuf::from);
+    let default_root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
+    let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| default_root.into(), PathBuf::from);
     let mut run = InProcess::open(&root.join("data/pose2sim/single/venue.toml"), None)?;
     let mut maps = Vec::new();
     for _ in 0..6 {
@@ -204,13 +204,13 @@ fn decoded(sets: &[PatchSet]) -> Vec<Maps> {
     decoded.collect()
 }
 
-/// Maps with half as many cells again along each side, as a finer network's.
+/// Maps with 1.5 times as many cells along each side, as of a finer network.
 fn finer(maps: &Maps) -> Maps {
     let (width, height) = (maps.width() * 3 / 2, maps.height() * 3 / 2);
     let mut into = Maps::new(width, height, maps.keypoints());
     for k in 0..maps.keypoints() {
         for (i, cell) in into.cells_mut(k).iter_mut().enumerate() {
-            // Between the cells, by their distances.
+            // Bilinear interpolation.
             let at = |place: usize, size: usize| {
                 let x = place as f64 / 1.5;
                 let first = (x as usize).min(size - 1);
@@ -227,8 +227,8 @@ fn finer(maps: &Maps) -> Maps {
     into
 }
 
-/// Both ways at the compression levels that links use; `fine` is on 72 x 96 cells instead of 48 x 64. All patches
-/// one after the other, so that the mean is over real variety.
+/// Encodes and decodes all patches in turn, so that the mean covers their variety; `FINE` maps have 72 x 96 cells instead
+/// of 48 x 64.
 #[divan::bench(args = LEVELS, consts = [false, true])]
 fn patch_encode_and_decode<const FINE: bool>(bencher: Bencher<'_, '_>, level: u8) {
     let (_, maps) = maps();

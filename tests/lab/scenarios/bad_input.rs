@@ -1,4 +1,4 @@
-//! Bad input: exit code 2, one message that names the file and the field, nothing half-written.
+//! Bad input: exit code 2, one message with the file and the field, and no unfinished file.
 
 use std::fs;
 use std::path::Path;
@@ -19,18 +19,18 @@ impl SampleFolder {
     }
 }
 
-/// Runs the spoilt sample and checks that it is refused with a message that names all of `named`.
-fn is_refused(sample: &SampleFolder, more: &[&str], named: &[&str]) {
+/// Runs the spoilt sample and checks that the refusal contains all `words`.
+fn is_refused(sample: &SampleFolder, more: &[&str], words: &[&str]) {
     let finished = sample.run(more);
     assert_eq!(
         finished.code, 2,
         "stdout: {}\nstderr: {}",
         finished.stdout, finished.stderr
     );
-    for word in named {
+    for word in words {
         assert!(
             finished.stderr.contains(word),
-            "{word:?} is not named in: {}",
+            "{word:?} is not in: {}",
             finished.stderr
         );
     }
@@ -168,7 +168,7 @@ fn give_person(sample: &SampleFolder, tick: i64, keypoints_m: &str) {
 
 #[test]
 fn a_person_given_outside_the_ticks_of_the_run_is_refused() {
-    // Symptom: such a person was missing from the results without a word.
+    // Symptom to prevent: such a person was missing from the results without a message.
     let sample = SampleFolder::new();
     give_person(&sample, 400, PERSON);
     is_refused(
@@ -193,7 +193,7 @@ fn a_person_given_with_too_few_keypoints_is_refused() {
 }
 
 #[test]
-fn a_person_given_with_a_keypoint_that_the_network_does_not_know_is_refused() {
+fn a_given_person_with_an_unknown_keypoint_is_refused() {
     let Some(sample) = video_sample("an unknown keypoint") else {
         return;
     };
@@ -206,8 +206,8 @@ fn a_person_given_with_a_keypoint_that_the_network_does_not_know_is_refused() {
 }
 
 #[test]
-fn pictures_in_which_nobody_can_be_found_are_refused() {
-    // Symptom: the run went through, found nobody, and asked whether the detector was the right one.
+fn images_without_a_detector_are_refused() {
+    // Symptom to prevent: the run found no people and asked whether the detector was correct.
     let Some(sample) = video_sample("no detector") else {
         return;
     };
@@ -232,7 +232,7 @@ fn one_viewpoint_alone_is_refused() {
     );
 }
 
-/// A venue of four short videos with the small network of the tests, or `None` without ffmpeg.
+/// A venue of four short videos with the small test network; `None` without ffmpeg.
 fn video_sample(scenario: &str) -> Option<SampleFolder> {
     let sample = SampleFolder::new();
     let names = ["north-east", "north-west", "south-west", "south-east"];

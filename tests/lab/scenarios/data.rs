@@ -1,4 +1,4 @@
-//! The recordings that some scenarios need and the project does not carry.
+//! Recordings that some scenarios need and the project does not contain.
 
 use std::fs;
 use std::io::{Write as _, stdout};
@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use farfield_edge::network::{BackendChoice, InferenceBackend};
 
-/// The folder of recordings: `$FARFIELD_DATA`, else `../shared` beside the checkout.
+/// A path in the folder of recordings: `$FARFIELD_DATA`, else `../shared` next to the checkout.
 ///
-/// Says on stdout that `scenario` is skipped, and why, when `needed` is not there.
+/// Prints on stdout that `scenario` is skipped if `needed` is missing.
 pub(crate) fn recording(scenario: &str, needed: &str) -> Option<PathBuf> {
     let root = std::env::var_os("FARFIELD_DATA")
         .map_or_else(|| checkout().join("../shared"), PathBuf::from);
@@ -16,28 +16,27 @@ pub(crate) fn recording(scenario: &str, needed: &str) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    say_skipped(&format!(
+    print_skipped(&format!(
         "{scenario}: {} is not there (set FARFIELD_DATA to the folder that holds it)",
         path.display()
     ));
     None
 }
 
-/// Whether ONNX Runtime is installed; says on stdout that `scenario` is skipped when it is not,
-/// because `ort-tract` would take twenty times as long.
+/// Whether ONNX Runtime is installed. If not, prints on stdout that `scenario` is skipped, because `ort-tract` takes twenty
+/// times as long.
 pub(crate) fn onnx_runtime(scenario: &str) -> bool {
     let found =
         InferenceBackend::start(BackendChoice::Best).is_ok_and(|backend| !backend.is_tract());
     if !found {
-        say_skipped(&format!(
+        print_skipped(&format!(
             "{scenario}: no ONNX Runtime library (pip install onnxruntime), and ort-tract is too slow for it"
         ));
     }
     found
 }
 
-/// The cases of `scenario` that are tried: the first `usual`, which show what the others show at a part of the time; all where
-/// `$FARFIELD_EVERY_CASE` is 1, as `.ci/measure cases` sets it.
+/// The cases of `scenario` to run: the first `usual`, or all if `$FARFIELD_EVERY_CASE` is 1 (`.ci/measure cases` sets it).
 pub(crate) fn cases<T, const N: usize>(
     scenario: &str,
     all: [T; N],
@@ -46,7 +45,7 @@ pub(crate) fn cases<T, const N: usize>(
     let is_every = std::env::var("FARFIELD_EVERY_CASE").is_ok_and(|value| value == "1");
     let tried = if is_every { N } else { usual };
     if tried < N {
-        say_skipped(&format!(
+        print_skipped(&format!(
             "{scenario}: {} of {N} cases (FARFIELD_EVERY_CASE=1 tries all)",
             N - tried
         ));
@@ -54,12 +53,11 @@ pub(crate) fn cases<T, const N: usize>(
     all.into_iter().take(tried)
 }
 
-/// The root of the checkout.
 pub(crate) fn checkout() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 
-/// A folder with a copy of the sample, `examples/walk`: to spoil, or to run commands in.
+/// A folder with a copy of the sample, `examples/walk`, to spoil or to run commands in.
 pub(crate) struct SampleFolder {
     dir: tempfile::TempDir,
 }
@@ -89,8 +87,8 @@ impl SampleFolder {
     }
 }
 
-/// Says it on stdout itself: what is printed by a macro is shown of tests that fail alone, and this one passes.
-pub(crate) fn say_skipped(what: &str) {
+/// Writes to stdout directly: output of macros is hidden for tests that pass.
+pub(crate) fn print_skipped(what: &str) {
     stdout()
         .write_all(format!("SKIPPED {what}\n").as_bytes())
         .unwrap();

@@ -1,4 +1,4 @@
-//! `farfield demo` and `farfield simulate` as a newcomer meets them: nothing beside the program.
+//! `farfield demo` and `farfield simulate` for a newcomer: the program without any other file.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader};
@@ -10,8 +10,8 @@ use serde_json::Value;
 use crate::data::{checkout, onnx_runtime};
 use crate::farfield::{FinishedCommand, command, farfield, finish, poses, run};
 
-/// The four players, the files of a run, and nothing unfinished.
-fn holds_the_files_of_a_run(out: &Path) {
+/// Checks that a demo has left the files of a run and no unfinished one.
+fn check_files_of_run(out: &Path) {
     for file in [
         "poses.jsonl",
         "summary.json",
@@ -45,8 +45,8 @@ fn score(poses: &Path, truth: &Path) -> Value {
     serde_json::from_str(&scored.stdout).unwrap_or_else(|e| panic!("{e}: {}", scored.stderr))
 }
 
-/// All four are there from the first tick to the last, each with one id, and close to the truth.
-fn four_players_are_followed(out: &Path, truth: &Path, worst_mm: f64) {
+/// Checks that all four players are tracked from the first tick to the last, each with one id, close to the truth.
+fn check_four_players(out: &Path, truth: &Path, worst_mm: f64) {
     let score = score(&out.join("poses.jsonl"), truth);
     let actors = score["actors"].as_object().unwrap();
     assert_eq!(actors.len(), 4);
@@ -66,13 +66,13 @@ fn four_players_are_followed(out: &Path, truth: &Path, worst_mm: f64) {
 }
 
 #[test]
-fn the_demo_without_pixels_follows_four_players_and_says_how_well() {
+fn the_demo_from_maps_tracks_four_players_and_prints_scores() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
-    let said = demo(&out, &["--maps", "--ticks", "45"]);
-    assert_eq!(said.code, 0, "{}\n{}", said.stdout, said.stderr);
-    holds_the_files_of_a_run(&out);
-    four_players_are_followed(&out, &out.join("truth.jsonl"), 40.0);
+    let finished = demo(&out, &["--maps", "--ticks", "45"]);
+    assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
+    check_files_of_run(&out);
+    check_four_players(&out, &out.join("truth.jsonl"), 40.0);
     for words in [
         "4 simulated people and a ball",
         "   1.0 of 1.5 s   4 of 4 people tracked",
@@ -80,11 +80,15 @@ fn the_demo_without_pixels_follows_four_players_and_says_how_well() {
         "identity: switches 0",
         "skeletons over the pictures: ",
     ] {
-        assert!(said.stdout.contains(words), "{words:?} in\n{}", said.stdout);
+        assert!(
+            finished.stdout.contains(words),
+            "{words:?} in\n{}",
+            finished.stdout
+        );
     }
-    // Nobody asked for it: of the middle tick.
+    // Drawn by default, of the middle tick.
     assert!(out.join("overlay_north-east-1_22.png").is_file());
-    // The venue that the demo made is one like any other, and the same run gives the same bytes.
+    // The venue of the demo is an ordinary one, and the same run gives the same bytes.
     let again = dir.path().join("again");
     run(&out.join("venue/venue.toml"), &again, &[]);
     let bytes = |out: &Path| fs::read(out.join("poses.jsonl")).unwrap();
@@ -92,7 +96,7 @@ fn the_demo_without_pixels_follows_four_players_and_says_how_well() {
 }
 
 #[test]
-fn a_demo_without_an_end_leaves_whole_files_at_ctrl_c() {
+fn a_demo_without_an_end_finishes_its_files_at_ctrl_c() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     let mut child = command()
@@ -120,7 +124,7 @@ fn a_demo_without_an_end_leaves_whole_files_at_ctrl_c() {
         rest.iter().any(|line| line.starts_with("identity: ")),
         "{rest:?}"
     );
-    holds_the_files_of_a_run(&out);
+    check_files_of_run(&out);
     let ticks = |file: &str| {
         let text = fs::read_to_string(out.join(file)).unwrap();
         let last: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
@@ -130,31 +134,39 @@ fn a_demo_without_an_end_leaves_whole_files_at_ctrl_c() {
 }
 
 #[test]
-fn the_demo_with_pixels_reads_its_pictures_with_the_network_it_carries() {
+fn the_demo_reads_images_with_the_embedded_network() {
     if !onnx_runtime("the demo with pixels") {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
-    let said = demo(&out, &["--ticks", "18", "--overlay", "3"]);
-    assert_eq!(said.code, 0, "{}\n{}", said.stdout, said.stderr);
-    holds_the_files_of_a_run(&out);
-    // Who is found starts with what a small network saw in one picture per viewpoint.
-    four_players_are_followed(&out, &out.join("truth.jsonl"), 250.0);
+    let finished = demo(&out, &["--ticks", "18", "--overlay", "3"]);
+    assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
+    check_files_of_run(&out);
+    // A detected person starts with the keypoints of a small network in one image per viewpoint.
+    check_four_players(&out, &out.join("truth.jsonl"), 250.0);
     let given = dir.path().join("given");
-    let told = demo(&given, &["--ticks", "18", "--given"]);
-    assert_eq!(told.code, 0, "{}\n{}", told.stdout, told.stderr);
-    four_players_are_followed(&given, &given.join("truth.jsonl"), 90.0);
+    let from_given = demo(&given, &["--ticks", "18", "--given"]);
+    assert_eq!(
+        from_given.code, 0,
+        "{}\n{}",
+        from_given.stdout, from_given.stderr
+    );
+    check_four_players(&given, &given.join("truth.jsonl"), 90.0);
     assert!(out.join("overlay_north-east-1_3.png").is_file());
-    assert!(said.stdout.contains("inference by "), "{}", said.stdout);
+    assert!(
+        finished.stdout.contains("inference by "),
+        "{}",
+        finished.stdout
+    );
 }
 
 #[test]
-fn a_simulated_recording_of_keypoints_runs_like_any_other() {
+fn a_simulated_recording_of_keypoints_runs() {
     let dir = tempfile::tempdir().unwrap();
     let (venue, out) = (dir.path().join("venue"), dir.path().join("out"));
     let scene = checkout().join("sim/scenes/court.toml");
-    let said = farfield(&[
+    let finished = farfield(&[
         "simulate".as_ref(),
         scene.as_os_str(),
         "--out".as_ref(),
@@ -164,22 +176,24 @@ fn a_simulated_recording_of_keypoints_runs_like_any_other() {
         "--ticks".as_ref(),
         "30..75".as_ref(),
     ]);
-    assert_eq!(said.code, 0, "{}", said.stderr);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
     assert!(
-        said.stdout.contains("outside the clinical range of motion"),
+        finished
+            .stdout
+            .contains("outside the clinical range of motion"),
         "{}",
-        said.stdout
+        finished.stdout
     );
     run(&venue.join("venue.toml"), &out, &[]);
-    four_players_are_followed(&out, &venue.join("truth.jsonl"), 40.0);
+    check_four_players(&out, &venue.join("truth.jsonl"), 40.0);
 }
 
 #[test]
-fn a_simulated_recording_of_pictures_is_of_the_calibrations_size_and_length() {
+fn simulated_images_have_the_size_and_number_of_the_scene() {
     let dir = tempfile::tempdir().unwrap();
     let venue = dir.path().join("venue");
     let scene = small_scene(dir.path());
-    let said = farfield(&[
+    let finished = farfield(&[
         "simulate".as_ref(),
         scene.as_os_str(),
         "--out".as_ref(),
@@ -189,7 +203,7 @@ fn a_simulated_recording_of_pictures_is_of_the_calibrations_size_and_length() {
         "--ticks".as_ref(),
         "2..5".as_ref(),
     ]);
-    assert_eq!(said.code, 0, "{}", said.stderr);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
     let text = fs::read_to_string(venue.join("venue.toml")).unwrap();
     for words in [
         "first_tick = 2",
@@ -205,7 +219,7 @@ fn a_simulated_recording_of_pictures_is_of_the_calibrations_size_and_length() {
     }
 }
 
-/// The court, with pictures so small that they cost nothing.
+/// The court with very small images.
 fn small_scene(folder: &Path) -> std::path::PathBuf {
     let text = fs::read_to_string(checkout().join("sim/scenes/court.toml")).unwrap();
     let clips = checkout().join("sim/clips");
@@ -220,27 +234,30 @@ fn small_scene(folder: &Path) -> std::path::PathBuf {
     path
 }
 
-/// Runs `farfield` with `args`, and checks that it is refused with a message that names all of
-/// `named`, and that nothing is left at `out`.
-fn is_refused(args: &[&str], out: &Path, named: &[&str]) {
-    let said = farfield(args);
-    assert_eq!(said.code, 2, "{}\n{}", said.stdout, said.stderr);
-    for word in named {
-        assert!(said.stderr.contains(word), "{word:?} in: {}", said.stderr);
+/// Runs `farfield` with `args`. Checks that the refusal contains all `words`, and that nothing exists at `out`.
+fn is_refused(args: &[&str], out: &Path, words: &[&str]) {
+    let finished = farfield(args);
+    assert_eq!(finished.code, 2, "{}\n{}", finished.stdout, finished.stderr);
+    for word in words {
+        assert!(
+            finished.stderr.contains(word),
+            "{word:?} in: {}",
+            finished.stderr
+        );
     }
-    assert!(!said.stderr.contains("panicked"), "{}", said.stderr);
+    assert!(!finished.stderr.contains("panicked"), "{}", finished.stderr);
     assert!(!out.exists(), "something was written");
-    println!("refused: {}", said.stderr.trim());
+    println!("refused: {}", finished.stderr.trim());
 }
 
 #[test]
-fn a_wrong_scene_is_refused_by_file_and_field_before_anything_is_written() {
+fn a_wrong_scene_is_refused_with_file_and_field() {
     let dir = tempfile::tempdir().unwrap();
     let scene = small_scene(dir.path());
     let text = fs::read_to_string(&scene).unwrap();
     let (scene, out) = (scene.to_str().unwrap(), dir.path().join("new/out"));
     let out_name = out.to_str().unwrap();
-    for (from, to, named) in [
+    for (from, to, words) in [
         ("rate_hz", "rate_herz", ["scene.toml:2", "rate_hz"]),
         ("run.bvh", "runn.bvh", ["runn.bvh", "clip"]),
         (
@@ -254,18 +271,18 @@ fn a_wrong_scene_is_refused_by_file_and_field_before_anything_is_written() {
         is_refused(
             &["simulate", scene, "--out", out_name, "--as", "images"],
             &out,
-            &named,
+            &words,
         );
         is_refused(
             &["demo", "--scene", scene, "--out", out_name, "--maps"],
             &out,
-            &named,
+            &words,
         );
     }
 }
 
 #[test]
-fn what_cannot_be_recorded_is_refused() {
+fn impossible_simulations_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let scene = small_scene(dir.path());
     let (scene, out) = (scene.to_str().unwrap(), dir.path().join("out"));
@@ -290,13 +307,13 @@ fn what_cannot_be_recorded_is_refused() {
     );
     fs::create_dir(&out).unwrap();
     fs::write(out.join("mine"), "x").unwrap();
-    let said = farfield(&simulate);
-    assert_eq!(said.code, 2);
-    assert!(said.stderr.contains("not empty"), "{}", said.stderr);
+    let finished = farfield(&simulate);
+    assert_eq!(finished.code, 2);
+    assert!(finished.stderr.contains("not empty"), "{}", finished.stderr);
 }
 
 #[test]
-fn a_camera_that_the_scene_does_not_have_is_refused_with_the_nearest() {
+fn an_unknown_camera_of_a_scene_is_refused_with_the_nearest_name() {
     let dir = tempfile::tempdir().unwrap();
     let demo_out = dir.path().join("demo");
     assert_eq!(demo(&demo_out, &["--maps", "--ticks", "1"]).code, 0);

@@ -1,8 +1,8 @@
-//! People who have 25 to 60 pixels in the picture, as at 100 m: found in tiles, and confirmed; in the whole
-//! picture, made small for the detector's input, nobody sees them.
+//! People of 25 to 60 pixels, as at 100 m: the detector finds them in tiles, and never in the whole image scaled to its
+//! input.
 //!
-//! The real man is too small for YOLOX in two of his four pictures even so, and is confirmed with RTMDet alone. Of rendered
-//! people RTMDet is tried with `FARFIELD_EVERY_CASE=1`.
+//! YOLOX still misses the real man in two of his four images, so only RTMDet confirms him. RTMDet runs on rendered people
+//! with `FARFIELD_EVERY_CASE=1` only.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,37 +19,37 @@ use farfield_sim::simulated::{VenueSources, without_map_faults};
 
 use crate::data::{cases, checkout, onnx_runtime, recording};
 
-/// Cards of detectors that were trained on photographs.
+/// Cards of detectors trained on photographs.
 const DETECTORS: [&str; 2] = ["yolox_nano_416.toml", "rtmdet_nano_person.toml"];
-/// Enough tiles for any of these pictures in one detection pass.
+/// Enough tiles for any of these images in one detection pass.
 const TILES: u32 = 64;
-/// Ticks in which somebody must be confirmed: `births.confirm_s` and what finding takes.
+/// Ticks until a confirmation: `births.confirm_s` and the time of the detection.
 const TICKS: i64 = 16;
 
-/// What was seen of people nobody had told of.
+/// Detections of people that the venue does not give.
 #[derive(Debug, Default)]
-struct SeenFarPeople {
+struct FarPeople {
     /// Sightings of the first detection pass, by camera.
-    first_look: BTreeMap<u16, usize>,
-    /// Everybody who was confirmed, with the tick.
+    first_pass: BTreeMap<u16, usize>,
+    /// Tick of the first pose of every person.
     confirmed: BTreeMap<u32, Tick>,
 }
 
-fn looked(venue: Venue, sources: Vec<Box<dyn FrameSource>>, ticks: i64) -> SeenFarPeople {
+fn detections(venue: Venue, sources: Vec<Box<dyn FrameSource>>, ticks: i64) -> FarPeople {
     let mut nodes = InProcess::new(venue, sources, Tick(0)..Tick(ticks)).unwrap();
-    let mut seen = SeenFarPeople::default();
+    let mut found = FarPeople::default();
     while let Some(trace) = nodes.step().unwrap() {
         if trace.tick == Tick(0) {
             let sets = trace.edges.iter().flat_map(|edge| &edge.sighting_sets);
             for sighting in sets.flat_map(|set| &set.sightings) {
-                *seen.first_look.entry(sighting.camera.0).or_default() += 1;
+                *found.first_pass.entry(sighting.camera.0).or_default() += 1;
             }
         }
         for pose in &trace.poses.persons {
-            seen.confirmed.entry(pose.person.0).or_insert(trace.tick);
+            found.confirmed.entry(pose.person.0).or_insert(trace.tick);
         }
     }
-    seen
+    found
 }
 
 fn parameters(tiles_per_look: u32) -> Parameters {
@@ -90,17 +90,17 @@ heading_rad = 1.4
 height_m = 1.85
 "#;
 
-fn rendered(scene: &Arc<Scene>, models: &Path, detector: &str, tiles: u32) -> SeenFarPeople {
+fn rendered(scene: &Arc<Scene>, models: &Path, detector: &str, tiles: u32) -> FarPeople {
     let input = Input::Pixels {
         network: models.join("tinypose_256x192.toml"),
         detector: Some(models.join(detector)),
     };
     let venue = venue_of(scene, &input, parameters(tiles));
-    looked(venue, sources_of(scene, &input).unwrap(), TICKS)
+    detections(venue, sources_of(scene, &input).unwrap(), TICKS)
 }
 
 #[test]
-fn rendered_people_a_hundred_metres_away_are_found_in_tiles_alone() {
+fn rendered_people_at_100_metres_are_found_in_tiles_only() {
     const SCENARIO: &str = "rendered people at 100 m";
     let Some(models) = recording(SCENARIO, "models") else {
         return;
@@ -123,7 +123,7 @@ fn rendered_people_a_hundred_metres_away_are_found_in_tiles_alone() {
 }
 
 #[test]
-fn a_real_man_of_a_few_pixels_is_found_in_tiles_alone() {
+fn a_small_real_man_is_found_in_tiles_only() {
     const SCENARIO: &str = "the treadmill from 100 m";
     let Some(path) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
         return;
@@ -143,22 +143,21 @@ fn a_real_man_of_a_few_pixels_is_found_in_tiles_alone() {
         let mut small = afar.venue(&venue).unwrap();
         small.parameters.births.tiles_per_look = tiles;
         small.detector = small.detector.map(|card| card.with_file_name(detector));
-        looked(small, sources, ticks)
+        detections(small, sources, ticks)
     };
-    // Where he is 32 to 45 pixels tall, RTMDet finds him in all four pictures, YOLOX in some, which its first detection pass
-    // shows.
-    let seen = [(DETECTORS[0], 1), (DETECTORS[1], TICKS)].map(|(detector, ticks)| {
+    // He is 32 to 45 pixels tall. RTMDet finds him in all four images, YOLOX in some of them in its first detection pass.
+    let found = [(DETECTORS[0], 1), (DETECTORS[1], TICKS)].map(|(detector, ticks)| {
         let tiled = run(TILES, detector, ticks);
         let whole = run(0, detector, TICKS);
         println!("{detector}: in tiles {tiled:?}, in whole pictures {whole:?}");
         (tiled, whole)
     });
-    let [(yolox, _), (rtmdet, _)] = &seen;
-    assert_eq!(rtmdet.first_look.len(), venue.cameras.len(), "{rtmdet:?}");
+    let [(yolox, _), (rtmdet, _)] = &found;
+    assert_eq!(rtmdet.first_pass.len(), venue.cameras.len(), "{rtmdet:?}");
     assert!(!rtmdet.confirmed.is_empty(), "{rtmdet:?}");
-    assert!(!yolox.first_look.is_empty(), "{yolox:?}");
-    for (_, whole) in &seen {
-        assert!(whole.first_look.is_empty(), "{whole:?}");
+    assert!(!yolox.first_pass.is_empty(), "{yolox:?}");
+    for (_, whole) in &found {
+        assert!(whole.first_pass.is_empty(), "{whole:?}");
         assert!(whole.confirmed.is_empty(), "{whole:?}");
     }
 }

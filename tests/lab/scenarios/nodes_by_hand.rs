@@ -14,7 +14,7 @@ struct NodesByHand(Vec<(String, Child)>);
 impl Drop for NodesByHand {
     fn drop(&mut self) {
         for (_, child) in &mut self.0 {
-            // Ended already when all went well.
+            // The process may have ended already.
             drop(child.kill());
             drop(child.wait());
         }
@@ -22,7 +22,7 @@ impl Drop for NodesByHand {
 }
 
 #[test]
-fn edges_that_start_before_fusion_join_it_and_the_recording_is_the_same() {
+fn edges_that_start_before_fusion_join_it_with_the_same_result() {
     let venue = checkout().join("examples/walk/venue.toml");
     let dir = tempfile::tempdir().unwrap();
     let free = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -30,7 +30,7 @@ fn edges_that_start_before_fusion_join_it_and_the_recording_is_the_same() {
     drop(free);
     let mut nodes = NodesByHand(Vec::new());
     for viewpoint in ["north-east", "north-west", "south-west", "south-east"] {
-        // Standard input stays open for as long as the test holds the child: a node leaves with its parent.
+        // Standard input stays open as long as the child runs: a node ends with its parent.
         let child = command()
             .arg("edge")
             .arg(&venue)
@@ -70,7 +70,7 @@ fn edges_that_start_before_fusion_join_it_and_the_recording_is_the_same() {
 }
 
 #[test]
-fn an_edge_tells_systemd_that_it_has_started_what_it_waits_for_and_that_it_lives() {
+fn an_edge_reports_start_state_and_watchdog_to_systemd() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("notify");
     let manager = UnixDatagram::bind(&path).unwrap();
@@ -81,7 +81,7 @@ fn an_edge_tells_systemd_that_it_has_started_what_it_waits_for_and_that_it_lives
         .arg("edge")
         .arg(checkout().join("examples/walk/venue.toml"))
         .args(["--viewpoint", "north-east"])
-        // Nobody listens at this port.
+        // No process listens at this port.
         .args(["--connect", "tcp/127.0.0.1:9"])
         .env("NOTIFY_SOCKET", &path)
         .env("WATCHDOG_USEC", "400000")
@@ -90,16 +90,16 @@ fn an_edge_tells_systemd_that_it_has_started_what_it_waits_for_and_that_it_lives
         .spawn()
         .unwrap();
     let _nodes = NodesByHand(vec![("north-east".to_owned(), edge)]);
-    let mut heard = BTreeSet::new();
+    let mut messages = BTreeSet::new();
     let mut bytes = [0; 1024];
-    while heard.len() < 3 {
+    while messages.len() < 3 {
         let length = manager.recv(&mut bytes).unwrap();
         let text = std::str::from_utf8(&bytes[..length]).unwrap().trim_end();
-        heard.insert(text.to_owned());
+        messages.insert(text.to_owned());
     }
     let waits = "STATUS=north-east: waiting for fusion at tcp/127.0.0.1:9";
-    let heard: Vec<&str> = heard.iter().map(String::as_str).collect();
-    assert_eq!(heard[0], "READY=1");
-    assert!(heard[1].starts_with(waits), "{}", heard[1]);
-    assert_eq!(heard[2], "WATCHDOG=1");
+    let messages: Vec<&str> = messages.iter().map(String::as_str).collect();
+    assert_eq!(messages[0], "READY=1");
+    assert!(messages[1].starts_with(waits), "{}", messages[1]);
+    assert_eq!(messages[2], "WATCHDOG=1");
 }

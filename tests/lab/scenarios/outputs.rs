@@ -1,5 +1,4 @@
-//! What a run leaves behind: whole files, link lengths that stay but for when they are measured anew,
-//! angles inside their ranges.
+//! The results of a run: finished files, constant link lengths between measurements, angles inside their ranges.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
@@ -19,11 +18,11 @@ fn joint_m(pose: &Value, joint: Joint) -> Vector3<f64> {
     Vector3::from_fn(|i, _| xyz[i].as_f64().unwrap())
 }
 
-/// How often the lengths of a person are measured anew: 2, 4, 8 and 16 seconds after its confirmation.
-const MEASURED_ANEW: usize = 4;
+/// How often the lengths of a person are measured again: 2, 4, 8 and 16 seconds after its confirmation.
+const MAX_MEASUREMENTS: usize = 4;
 
-/// Checks link lengths and angles in range; returns how many poses were checked.
-pub(crate) fn poses_respect_the_model(lines: &[Value]) -> usize {
+/// Checks link lengths and angles; returns the number of poses.
+pub(crate) fn check_poses_against_model(lines: &[Value]) -> usize {
     let range = RangeOfMotion::new(1.0);
     let mut lengths: BTreeMap<(u64, &str), f64> = BTreeMap::new();
     let mut changes: BTreeMap<u64, BTreeSet<i64>> = BTreeMap::new();
@@ -35,7 +34,7 @@ pub(crate) fn poses_respect_the_model(lines: &[Value]) -> usize {
             };
             let length = (joint_m(pose, joint) - joint_m(pose, parent)).norm();
             let known = lengths.entry((person, joint.name())).or_insert(length);
-            // Both ends are rounded in each of the two.
+            // Both ends are rounded in each of the two lengths.
             if (length - *known).abs() > 2.0 * FILE_LENGTH_TOLERANCE_M {
                 let tick = pose["tick"].as_i64().unwrap();
                 changes.entry(person).or_default().insert(tick);
@@ -56,7 +55,7 @@ pub(crate) fn poses_respect_the_model(lines: &[Value]) -> usize {
     }
     for (person, ticks) in &changes {
         assert!(
-            ticks.len() <= MEASURED_ANEW,
+            ticks.len() <= MAX_MEASUREMENTS,
             "person {person}: its lengths change at {ticks:?}"
         );
     }
@@ -64,7 +63,7 @@ pub(crate) fn poses_respect_the_model(lines: &[Value]) -> usize {
 }
 
 #[test]
-fn the_sample_run_leaves_whole_files_that_respect_the_model() {
+fn the_sample_run_leaves_finished_files_that_respect_the_model() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     run(
@@ -74,7 +73,7 @@ fn the_sample_run_leaves_whole_files_that_respect_the_model() {
     );
     let lines = poses(&out);
     assert!(
-        poses_respect_the_model(&lines) >= 200,
+        check_poses_against_model(&lines) >= 200,
         "two people for most of 120 ticks"
     );
     let mut names: Vec<String> = std::fs::read_dir(&out)
@@ -106,7 +105,7 @@ fn the_sample_run_leaves_whole_files_that_respect_the_model() {
 }
 
 #[test]
-fn angles_that_four_views_see_are_determined_and_those_that_no_keypoint_tells_are_not() {
+fn angles_are_flagged_only_if_no_keypoint_determines_them() {
     // Symptom to prevent: knees and elbows were flagged at 99 of 100 ticks, and left out of exports.
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
@@ -174,14 +173,14 @@ fn the_sample_run_is_close_to_its_truth() {
     assert_eq!(score["identity"]["switches"], 0);
 }
 
-/// Whether any pose has been written.
+/// Whether a pose has been written.
 fn has_content(out: &std::path::Path) -> bool {
     let has_bytes = |name| std::fs::metadata(out.join(name)).is_ok_and(|meta| meta.len() > 0);
     has_bytes("poses.jsonl.tmp") || has_bytes("poses.jsonl")
 }
 
 #[test]
-fn ctrl_c_ends_a_run_cleanly_with_what_was_made_so_far() {
+fn ctrl_c_ends_a_run_cleanly_with_its_results_so_far() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     let mut child = command()
@@ -210,7 +209,7 @@ fn ctrl_c_ends_a_run_cleanly_with_what_was_made_so_far() {
         .unwrap();
     assert!(interrupted.success());
     let code = child.wait().unwrap().code();
-    // A machine that is fast enough may have finished the four seconds of the sample by then.
+    // A fast machine may have finished the four seconds of the sample by then.
     assert!(code == Some(130) || code == Some(0), "exit code {code:?}");
     assert!(!poses(&out).is_empty(), "every line is whole");
     for entry in std::fs::read_dir(&out).unwrap() {

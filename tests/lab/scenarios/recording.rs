@@ -1,8 +1,5 @@
-//! Recordings: what was recorded is solved again, as it was or in another way, whole or torn.
-
-mod old_versions;
-mod same_bits;
-mod timed;
+//! Recordings and their replays: identical, with other parameters, of finished, torn and old files; and timing by
+//! `farfield bench RECORDING`.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -18,8 +15,9 @@ use farfield_edge::ring::record::{Label, records};
 use farfield_fusion::recording::reader::{AnySet, Recording};
 use farfield_proto::message::PatchSet;
 use farfield_proto::tick::Tick;
-use farfield_proto::wire;
+use farfield_proto::wire::{self, OLDEST_READ, VERSION};
 use farfield_sim::keypoint_venue::KeypointVenue;
+use serde_json::Value;
 
 use crate::data::checkout;
 use crate::farfield::{FinishedCommand, command, farfield, poses, run};
@@ -42,7 +40,7 @@ fn short_chunks(dir: &Path) -> PathBuf {
     venue
 }
 
-/// Runs the sample with `more`, recorded; the recording and the folder of the results.
+/// Runs and records the sample; returns the recording and the folder of results.
 fn recorded(dir: &Path, more: &[&str]) -> (PathBuf, PathBuf) {
     let out = dir.join("run");
     run(&short_chunks(dir), &out, &[&["--record"], more].concat());
@@ -59,7 +57,7 @@ fn replay(file: &Path, out: &Path, more: &[&str]) -> FinishedCommand {
     farfield(&[&args[..], more].concat())
 }
 
-/// Replays and returns what was printed as JSON.
+/// Replays a recording and returns the report in JSON.
 pub(crate) fn replayed(file: &Path, out: &Path, more: &[&str]) -> serde_json::Value {
     let finished = replay(file, out, &[more, &["--json"]].concat());
     assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
@@ -75,9 +73,9 @@ fn a_lockstep_run_is_replayed_bit_for_bit() {
     let dir = tempfile::tempdir().unwrap();
     let (file, out) = recorded(dir.path(), &[]);
     let again = dir.path().join("again");
-    let said = replayed(&file, &again, &[]);
+    let report = replayed(&file, &again, &[]);
     assert!(bytes(&out) == bytes(&again), "poses.jsonl differs");
-    assert!(said["replay"]["same_ticks"].as_u64().unwrap() > 0);
+    assert!(report["replay"]["same_ticks"].as_u64().unwrap() > 0);
     for count in [
         "different_ticks",
         "missing_sets",
@@ -85,41 +83,41 @@ fn a_lockstep_run_is_replayed_bit_for_bit() {
         "unreadable",
         "lost",
     ] {
-        assert_eq!(said["replay"][count], 0, "{count}");
+        assert_eq!(report["replay"][count], 0, "{count}");
     }
-    assert_eq!(said["replay"]["file_whole"], true);
-    // What was used then is all that there was: matched by place, it gives the same.
+    assert_eq!(report["replay"]["file_whole"], true);
+    // All patches were used in the run, so that matching by place gives the same.
     let late = dir.path().join("late");
-    let said = replayed(&file, &late, &["--late"]);
-    assert_eq!(said["replay"]["nobodys_patches"], 0);
+    let report = replayed(&file, &late, &["--late"]);
+    assert_eq!(report["replay"]["nobodys_patches"], 0);
     assert!(
         bytes(&out) == bytes(&late),
         "poses.jsonl differs with --late"
     );
 }
 
-/// Nodes that do not outlive their test.
+/// Nodes that end with their test.
 struct RecordedNodes(Vec<(String, Child)>);
 
 impl Drop for RecordedNodes {
     fn drop(&mut self) {
         for (_, child) in &mut self.0 {
-            // Ended already when all went well.
+            // The process may have ended already.
             drop(child.kill());
             drop(child.wait());
         }
     }
 }
 
-/// Where nodes run live.
-struct LivePlace<'a> {
+/// Files and endpoints of nodes that run live.
+struct LiveNodes<'a> {
     venue: PathBuf,
     dir: &'a Path,
     listen: String,
     connect: String,
 }
 
-impl LivePlace<'_> {
+impl LiveNodes<'_> {
     /// Starts all nodes, live and recorded in `live.mcap`; fusion is the last.
     fn live(&self) -> RecordedNodes {
         let mut nodes = RecordedNodes(Vec::new());
@@ -155,13 +153,13 @@ fn live(dir: &Path) -> RecordedNodes {
     let free = TcpListener::bind("127.0.0.1:0").unwrap();
     let endpoint = format!("tcp/{}", free.local_addr().unwrap());
     drop(free);
-    let place = LivePlace {
+    let live_nodes = LiveNodes {
         venue: short_chunks(dir),
         dir,
         listen: endpoint.clone(),
         connect: endpoint,
     };
-    place.live()
+    live_nodes.live()
 }
 
 #[test]
@@ -172,15 +170,15 @@ fn a_live_run_is_replayed_bit_for_bit() {
         assert!(child.wait().unwrap().success(), "{name} did not end well");
     }
     let again = dir.path().join("again");
-    let said = replayed(&dir.path().join("live.mcap"), &again, &[]);
+    let report = replayed(&dir.path().join("live.mcap"), &again, &[]);
     let live = bytes(&dir.path().join("live"));
     assert!(
         !live.is_empty() && live == bytes(&again),
         "poses.jsonl differs"
     );
-    assert!(said["replay"]["same_ticks"].as_u64().unwrap() > 0);
+    assert!(report["replay"]["same_ticks"].as_u64().unwrap() > 0);
     for count in ["different_ticks", "missing_sets", "undecided_ticks"] {
-        assert_eq!(said["replay"][count], 0, "{count}");
+        assert_eq!(report["replay"][count], 0, "{count}");
     }
 }
 
@@ -191,7 +189,7 @@ fn a_killed_fusion_leaves_a_recording_that_can_be_replayed() {
     let file = dir.path().join("live.mcap");
     let poses = dir.path().join("live/poses.jsonl.tmp");
     for _ in 0..6000 {
-        // People are there, and some chunks written.
+        // People are tracked, and some chunks are written.
         if fs::metadata(&poses).is_ok_and(|m| m.len() > 50_000) {
             break;
         }
@@ -201,20 +199,20 @@ fn a_killed_fusion_leaves_a_recording_that_can_be_replayed() {
     fusion.kill().unwrap();
     fusion.wait().unwrap();
     let again = dir.path().join("again");
-    let said = replayed(&file, &again, &[]);
-    assert_eq!(said["replay"]["file_whole"], false);
-    let ticks = said["ticks"]["done"].as_u64().unwrap();
+    let report = replayed(&file, &again, &[]);
+    assert_eq!(report["replay"]["file_whole"], false);
+    let ticks = report["ticks"]["done"].as_u64().unwrap();
     assert!(ticks > 0);
-    // What was published of the last tick may stand in the chunk that was lost.
-    assert_eq!(said["replay"]["different_ticks"], 0);
-    assert!(said["replay"]["same_ticks"].as_u64().unwrap() + 1 >= ticks);
+    // Messages of the last tick may be in the chunk that was lost.
+    assert_eq!(report["replay"]["different_ticks"], 0);
+    assert!(report["replay"]["same_ticks"].as_u64().unwrap() + 1 >= ticks);
 }
 
 #[test]
-fn a_recording_is_solved_in_another_way() {
+fn a_replay_with_other_parameters_differs() {
     let dir = tempfile::tempdir().unwrap();
     let (file, out) = recorded(dir.path(), &[]);
-    let people = |said: &serde_json::Value| said["people"].as_array().unwrap().len();
+    let people = |report: &serde_json::Value| report["people"].as_array().unwrap().len();
     let expected = {
         let text = fs::read_to_string(out.join("summary.json")).unwrap();
         people(&serde_json::from_str(&text).unwrap())
@@ -232,8 +230,8 @@ fn a_recording_is_solved_in_another_way() {
         ("smooth", &["--smooth"]),
     ] {
         let other = dir.path().join(name);
-        let said = replayed(&file, &other, more);
-        assert_eq!(people(&said), expected, "{name}");
+        let report = replayed(&file, &other, more);
+        assert_eq!(people(&report), expected, "{name}");
         assert!(bytes(&out) != bytes(&other), "{name} changes nothing");
         assert!(!poses(&other).is_empty());
     }
@@ -257,16 +255,16 @@ fn a_torn_recording_is_replayed_to_its_last_finished_chunk() {
     let finished = replay(&torn, &again, &["--json"]);
     assert_eq!(finished.code, 0, "{}", finished.stderr);
     assert!(finished.stderr.contains("cut off"), "{}", finished.stderr);
-    let said: serde_json::Value = serde_json::from_str(&finished.stdout).unwrap();
-    let ticks = said["ticks"]["done"].as_u64().unwrap();
+    let report: serde_json::Value = serde_json::from_str(&finished.stdout).unwrap();
+    let ticks = report["ticks"]["done"].as_u64().unwrap();
     assert!(ticks > 0);
-    // What was published of the last tick may stand in the chunk that was lost.
-    assert_eq!(said["replay"]["different_ticks"], 0);
-    assert!(said["replay"]["same_ticks"].as_u64().unwrap() + 1 >= ticks);
+    // Messages of the last tick may be in the chunk that was lost.
+    assert_eq!(report["replay"]["different_ticks"], 0);
+    assert!(report["replay"]["same_ticks"].as_u64().unwrap() + 1 >= ticks);
 }
 
 #[test]
-fn what_is_no_recording_is_refused_by_name() {
+fn other_files_are_refused_as_a_recording() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("hostile.mcap");
     let out = dir.path().join("out");
@@ -293,7 +291,7 @@ fn what_is_no_recording_is_refused_by_name() {
 }
 
 #[test]
-fn a_full_disk_ends_the_recording_and_nothing_else() {
+fn a_full_disk_ends_the_recording_only() {
     let dir = tempfile::tempdir().unwrap();
     let (file, unlimited) = recorded(dir.path(), &[]);
     let size = |path: &Path| fs::metadata(path).unwrap().len();
@@ -305,7 +303,7 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
         .max();
     let limit = largest.unwrap().midpoint(size(&file)) / 512;
     let out = dir.path().join("limited");
-    // No file may grow beyond the limit: to whoever writes, a full disk.
+    // The limit of the file size acts like a full disk.
     let limited = format!("trap '' XFSZ; ulimit -f {limit}; exec \"$@\"");
     let finished = Command::new("sh")
         .args(["-c", &limited, "sh", env!("CARGO_BIN_EXE_lab"), "run"])
@@ -318,20 +316,20 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
         .unwrap();
     let finished = crate::farfield::finish(&finished);
     assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
-    let names_it = |text: &str| text.contains("recording.mcap has ended");
-    assert!(names_it(&finished.stdout), "{}", finished.stdout);
+    let has_message = |text: &str| text.contains("recording.mcap has ended");
+    assert!(has_message(&finished.stdout), "{}", finished.stdout);
     let summary = fs::read_to_string(out.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
     let failure = &summary["timing"]["recording"]["failure"];
-    assert!(failure.as_str().is_some_and(names_it), "{failure}");
+    assert!(failure.as_str().is_some_and(has_message), "{failure}");
     assert!(bytes(&out) == bytes(&unlimited), "the run went on");
-    let said = replayed(&out.join("recording.mcap"), &dir.path().join("again"), &[]);
-    assert_eq!(said["replay"]["file_whole"], false);
-    assert!(said["replay"]["same_ticks"].as_u64().unwrap() > 0);
+    let report = replayed(&out.join("recording.mcap"), &dir.path().join("again"), &[]);
+    assert_eq!(report["replay"]["file_whole"], false);
+    assert!(report["replay"]["same_ticks"].as_u64().unwrap() > 0);
 }
 
 #[test]
-fn a_recording_is_never_written_over() {
+fn a_recording_is_never_overwritten() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("there.mcap");
     fs::write(&file, "mine").unwrap();
@@ -348,7 +346,7 @@ fn a_recording_is_never_written_over() {
     assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
 }
 
-/// Passes connections on to `endpoint`; while it is cut it drops them and takes no others.
+/// Forwards connections to a port. While cut, it drops them and accepts no others.
 struct Cable {
     endpoint: String,
     cut: Arc<AtomicBool>,
@@ -399,7 +397,7 @@ fn pass(mut from: TcpStream, mut to: TcpStream, is_cut: &AtomicBool) {
     drop((from.shutdown(Shutdown::Both), to.shutdown(Shutdown::Both)));
 }
 
-/// Everything that the edges below `folder` have made.
+/// All records in the rings below `folder`.
 fn rings(folder: &Path) -> Vec<(Label, Vec<u8>)> {
     let mut all = Vec::new();
     for viewpoint in fs::read_dir(folder).unwrap() {
@@ -413,7 +411,7 @@ fn rings(folder: &Path) -> Vec<(Label, Vec<u8>)> {
 }
 
 #[test]
-fn a_cut_of_five_seconds_leaves_no_hole_in_the_record() {
+fn a_cut_of_five_seconds_leaves_no_hole_in_the_recording() {
     const TICKS: usize = 600;
     let dir = tempfile::tempdir().unwrap();
     let sample = KeypointVenue {
@@ -427,13 +425,13 @@ fn a_cut_of_five_seconds_leaves_no_hole_in_the_record() {
     let port = free.local_addr().unwrap().port();
     drop(free);
     let cable = Cable::to(port);
-    let place = LivePlace {
+    let live_nodes = LiveNodes {
         venue: folder.join("venue.toml"),
         dir: dir.path(),
         listen: format!("tcp/127.0.0.1:{port}"),
         connect: cable.endpoint.clone(),
     };
-    let mut nodes = place.live();
+    let mut nodes = live_nodes.live();
     let file = dir.path().join("live.mcap");
     for _ in 0..6000 {
         if fs::metadata(dir.path().join("live/poses.jsonl.tmp")).is_ok_and(|m| m.len() > 50_000) {
@@ -458,15 +456,15 @@ fn a_cut_of_five_seconds_leaves_no_hole_in_the_record() {
     let mut recording = Recording::open(fs::File::open(&file).unwrap()).unwrap();
     let part = recording.sessions()[0].clone();
     let last = part.decisions.last().unwrap().tick;
-    let kept_sets = rings(&dir.path().join("ring"));
-    let of_session = kept_sets.iter().filter(|(l, _)| l.session == part.session);
+    let ring_sets = rings(&dir.path().join("ring"));
+    let of_session = ring_sets.iter().filter(|(l, _)| l.session == part.session);
     let made: BTreeSet<_> = of_session
         .filter_map(|(label, message)| {
             let set: PatchSet = wire::decode(message).ok()?;
             Some((set.viewpoint, label.tick))
         })
         .collect();
-    // On a machine that is busy an edge may be too late for a tick: then there never was anything of it.
+    // On a busy machine an edge may be too late for a tick and makes nothing for it.
     let viewpoints: BTreeSet<_> = made.iter().map(|(viewpoint, _)| *viewpoint).collect();
     let first = part.decisions[0].tick;
     let ticks = || (first.0..=last.0).map(Tick);
@@ -476,13 +474,13 @@ fn a_cut_of_five_seconds_leaves_no_hole_in_the_record() {
         .sum::<usize>();
     println!("{never_made} ticks were never made");
     assert!(holes <= never_made as u64, "{holes} holes");
-    let mut kept = 0;
-    for (label, message) in kept_sets {
-        // What an edge that is behind makes after the last answer is nobody's any more.
+    let mut n_recorded = 0;
+    for (label, message) in ring_sets {
+        // A late edge may make sets after the last request for them.
         if label.session != part.session || label.tick + 60 > last {
             continue;
         }
-        kept += 1;
+        n_recorded += 1;
         let sets = recording.sets(part.session, label.tick).unwrap();
         let is_there = sets.iter().any(|set| match set {
             AnySet::Patches(set) => wire::encode(set) == message,
@@ -490,6 +488,67 @@ fn a_cut_of_five_seconds_leaves_no_hole_in_the_record() {
         });
         assert!(is_there, "{label:?} is not in the record");
     }
-    println!("{kept} sets were made, and are in the record");
-    assert!(kept > 0);
+    println!("{n_recorded} sets were made, and are in the record");
+    assert!(n_recorded > 0);
+}
+
+#[test]
+fn recordings_of_every_earlier_version_can_be_replayed() {
+    for version in OLDEST_READ..VERSION {
+        let file = checkout().join(format!("proto/golden/v{version}/recording.mcap"));
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("out");
+        let report = replayed(&file, &out, &[]);
+        assert_eq!(
+            report["replay"]["unreadable"], 0,
+            "version {version}: {report}"
+        );
+        assert_eq!(
+            report["replay"]["missing_sets"], 0,
+            "version {version}: {report}"
+        );
+        let text = std::fs::read_to_string(out.join("poses.jsonl")).unwrap();
+        // Two people at each of 13 ticks.
+        assert_eq!(text.lines().count(), 26, "version {version}");
+        println!("a recording of version {version} is read and solved");
+    }
+}
+
+#[test]
+fn the_ticks_of_a_recording_are_timed_in_rounds() {
+    let dir = tempfile::tempdir().unwrap();
+    let (file, _) = recorded(dir.path(), &["--ticks", "0..90"]);
+    let timed = farfield(&["bench", file.to_str().unwrap(), "--threads", "2", "--json"]);
+    assert_eq!(timed.code, 0, "{}", timed.stderr);
+    let report: Value = serde_json::from_str(&timed.stdout).unwrap();
+    assert_eq!(report["rate_hz"], 30.0);
+    let [run] = &report["runs"].as_array().unwrap()[..] else {
+        panic!("one number of threads: {report}");
+    };
+    assert_eq!(
+        [&run["viewpoints"], &run["people"], &run["threads"]],
+        [4, 2, 2]
+    );
+    // Sixty ticks after the excluded ones, repeated to at least 300.
+    assert_eq!([&run["ticks"], &run["rounds"]], [300, 5]);
+    // Every round starts anew and finds the same people.
+    assert_eq!(run["tracked"], 2);
+    let [median, typical, most] =
+        ["p50_ms", "typical_p99_ms", "max_ms"].map(|name| run[name].as_f64().unwrap());
+    assert!(0.0 < median && median <= most && typical <= most, "{run}");
+}
+
+#[test]
+fn a_recording_that_ends_during_detection_is_not_timed() {
+    let dir = tempfile::tempdir().unwrap();
+    let (file, _) = recorded(dir.path(), &["--ticks", "0..30"]);
+    let timed = farfield(&["bench", file.to_str().unwrap()]);
+    assert_eq!(timed.code, 2, "{}", timed.stderr);
+    assert!(
+        timed.stderr.contains("found at most 30 ticks"),
+        "{}",
+        timed.stderr
+    );
+    // The recording itself is finished.
+    assert_eq!(replay(&file, &dir.path().join("again"), &[]).code, 0);
 }

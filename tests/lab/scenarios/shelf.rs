@@ -1,4 +1,4 @@
-//! Five cameras, up to four people, real keypoint candidates (`OpenPose`, not HRNet), hand-made truth.
+//! The Shelf: five cameras, up to four people, real keypoint candidates (`OpenPose`, not HRNet), hand-made truth.
 
 use std::path::Path;
 
@@ -6,14 +6,14 @@ use serde_json::Value;
 
 use crate::data::recording;
 use crate::farfield::{farfield, run};
-use crate::nets::hold_poses;
+use crate::nets::check_poses;
 
-/// Mean-end PCP of actor 1 when keypoints are triangulated from the candidates nearest to our own
-/// (within 30 pixels), percent: its head is bent in some frames, and head points follow the nose.
+/// Mean-end PCP of actor 1 by triangulation of the candidates within 30 pixels of our keypoints, percent. The head is bent
+/// in some frames, and head points follow the nose.
 const TRIANGULATED_A1: f64 = 99.1;
-/// The best that others reach with these candidates on the 8 limbs, actors 1-3: 4D Association.
+/// Best result of other methods with these candidates on the 8 limbs, actors 1-3: 4D Association.
 const BEST_PEER_BOTH_ENDS: f64 = 96.2;
-/// And the least mean error: Pose2Sim.
+/// Least mean error of other methods: Pose2Sim.
 const BEST_PEER_MPJPE_MM: f64 = 51.0;
 
 #[test]
@@ -24,7 +24,7 @@ fn the_shelf_runs_and_is_scored() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     run(&venue, &out, &[]);
-    hold_poses("shelf", &out);
+    check_poses("shelf", &out);
     let truth = venue.with_file_name("truth.jsonl");
     let poses = out.join("poses.jsonl");
     for points in ["shelf14", "keypoints"] {
@@ -52,13 +52,13 @@ fn the_shelf_runs_and_is_scored() {
     assert!(mean >= 96.9, "{mean}");
     assert!(number(&shelf14, &["mean", "pcp_both_ends"]) >= 94.5);
     let keypoints = score(&poses, &truth, "keypoints");
-    let of_three = |figure: &str| {
+    let mean_of_three = |figure: &str| {
         let of = |actor| number(&keypoints, &["actors", actor, figure]);
         ["1", "2", "3"].map(of).iter().sum::<f64>() / 3.0
     };
-    let both_ends = of_three("pcp_both_ends");
+    let both_ends = mean_of_three("pcp_both_ends");
     assert!(both_ends >= BEST_PEER_BOTH_ENDS, "{both_ends}");
-    let mpjpe_mm = of_three("mpjpe_mm");
+    let mpjpe_mm = mean_of_three("mpjpe_mm");
     assert!(mpjpe_mm <= BEST_PEER_MPJPE_MM, "{mpjpe_mm}");
     for actor in ["1", "2", "3", "4"] {
         assert!(number(&keypoints, &["actors", actor, "gaps"]) < 0.5);
@@ -66,9 +66,9 @@ fn the_shelf_runs_and_is_scored() {
     assert!(number(&keypoints, &["identity", "switches"]) < 0.5);
 }
 
-/// What `farfield evaluate --json` says of the poses.
+/// Scores of the poses by `farfield evaluate --json`.
 fn score(poses: &Path, truth: &Path, points: &str) -> Value {
-    let said = farfield(&[
+    let finished = farfield(&[
         "evaluate".as_ref(),
         poses.as_os_str(),
         truth.as_os_str(),
@@ -78,8 +78,8 @@ fn score(poses: &Path, truth: &Path, points: &str) -> Value {
         points.as_ref(),
         "--json".as_ref(),
     ]);
-    assert_eq!(said.code, 0, "{}", said.stderr);
-    serde_json::from_str(&said.stdout).unwrap()
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
+    serde_json::from_str(&finished.stdout).unwrap()
 }
 
 fn number(score: &Value, path: &[&str]) -> f64 {

@@ -1,5 +1,5 @@
-//! Nodes that are stopped, killed, started twice or not listened to: each leaves soon, says why, and
-//! leaves nothing behind but results.
+//! Nodes that are stopped, killed, started twice, or whose output is not read: each ends soon, reports why, and leaves only
+//! results.
 
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -11,20 +11,20 @@ use std::time::Duration;
 use crate::data::checkout;
 use crate::farfield::{command, finish};
 
-/// How soon a node leaves that has nothing to finish.
+/// Longest time until an idle node ends.
 const SOON: Duration = Duration::from_secs(5);
 /// Far above what a loaded machine takes to start the nodes of the sample.
 const PATIENCE: Duration = Duration::from_mins(1);
 
-/// Between two looks.
+/// Pause between two polls.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// A child that does not outlive its test.
+/// A child process that ends with its test.
 struct StoppableNode(Child);
 
 impl Drop for StoppableNode {
     fn drop(&mut self) {
-        // Ended already when all went well.
+        // The process may have ended already.
         drop(self.0.kill());
         drop(self.0.wait());
     }
@@ -61,7 +61,7 @@ fn signal(name: &str, pid: u32) {
     assert!(kill.unwrap().success(), "kill {name} {pid}");
 }
 
-/// Asks again and again until there is an answer, `patience` long.
+/// Polls until there is an answer, at most for `patience`.
 fn wait_for<T>(what: &str, patience: Duration, mut ask: impl FnMut() -> Option<T>) -> T {
     for _ in 0..patience.as_millis() / PAUSE.as_millis() {
         if let Some(answer) = ask() {
@@ -72,21 +72,21 @@ fn wait_for<T>(what: &str, patience: Duration, mut ask: impl FnMut() -> Option<T
     panic!("{what}: not within {patience:?}");
 }
 
-/// Exit code and standard error of a node that ends within `patience`.
+/// Waits for the end of a node. Returns its exit code and standard error.
 fn end(node: &mut StoppableNode, patience: Duration) -> (Option<i32>, String) {
     let status = wait_for("the end of a node", patience, || node.0.try_wait().unwrap());
-    let mut said = String::new();
+    let mut output = String::new();
     let stderr = node.0.stderr.as_mut().unwrap();
-    stderr.read_to_string(&mut said).unwrap();
-    assert!(!said.contains("panicked"), "{said}");
-    (status.code(), said)
+    stderr.read_to_string(&mut output).unwrap();
+    assert!(!output.contains("panicked"), "{output}");
+    (status.code(), output)
 }
 
 /// The children of a process: pid and kind of node.
 fn children(parent: u32) -> Vec<(u32, String)> {
     let child = |entry: std::io::Result<fs::DirEntry>| {
         let pid: u32 = entry.ok()?.file_name().to_str()?.parse().ok()?;
-        // "pid (name) state parent ...", and the name may hold anything but ends with the last bracket.
+        // "pid (name) state parent ...", where the name may contain any character and ends with the last bracket.
         let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
         let of: u32 = stat.rsplit_once(") ")?.1.split(' ').nth(1)?.parse().ok()?;
         let line = fs::read_to_string(format!("/proc/{pid}/cmdline")).ok()?;
@@ -96,7 +96,7 @@ fn children(parent: u32) -> Vec<(u32, String)> {
 }
 
 fn is_there(pid: u32) -> bool {
-    // A zombie has ended; whoever inherited it has not looked yet.
+    // A zombie has ended but was not reaped yet.
     fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| !stat.contains(") Z "))
 }
 
@@ -111,7 +111,7 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn an_edge_without_a_fusion_says_so_and_leaves_when_told() {
+fn an_edge_without_fusion_reports_it_and_ends_at_a_signal() {
     for name in ["-TERM", "-INT"] {
         let endpoint = free_endpoint();
         let mut edge = start_edge("north-east", &endpoint);
@@ -130,7 +130,7 @@ fn an_edge_without_a_fusion_says_so_and_leaves_when_told() {
 }
 
 #[test]
-fn an_edge_without_a_fusion_leaves_with_its_parent() {
+fn an_edge_without_fusion_ends_with_its_parent() {
     let mut edge = command();
     edge.arg("edge")
         .arg(venue())
@@ -162,7 +162,7 @@ fn no_node_outlives_a_killed_run() {
 }
 
 #[test]
-fn a_fusion_that_somebody_else_ends_fails_the_run_which_leaves_nothing_unfinished() {
+fn a_run_whose_fusion_is_ended_fails_without_unfinished_files() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     let mut run = start(&["run", "--overlay"], Some(&out));
@@ -171,9 +171,12 @@ fn a_fusion_that_somebody_else_ends_fails_the_run_which_leaves_nothing_unfinishe
         nodes.iter().find(|(_, kind)| kind == "fusion").map(|n| n.0)
     });
     signal("-TERM", fusion);
-    let (code, said) = end(&mut run, PATIENCE);
-    assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("fusion") && said.contains("signal"), "{said}");
+    let (code, output) = end(&mut run, PATIENCE);
+    assert_eq!(code, Some(1), "{output}");
+    assert!(
+        output.contains("fusion") && output.contains("signal"),
+        "{output}"
+    );
     let left = names(&out);
     let unfinished = |name: &String| [".tmp", ".lock", ".png"].iter().any(|e| name.ends_with(e));
     assert!(!left.iter().any(unfinished), "{left:?}");
@@ -188,16 +191,16 @@ fn two_runs_do_not_share_a_folder() {
         out.join("run.lock").exists().then_some(())
     });
     let mut second = start(&["run", "--ticks", "0..20"], Some(&out));
-    let (code, said) = end(&mut second, PATIENCE);
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("not empty"), "{said}");
-    let (code, said) = end(&mut first, PATIENCE);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, output) = end(&mut second, PATIENCE);
+    assert_eq!(code, Some(2), "{output}");
+    assert!(output.contains("not empty"), "{output}");
+    let (code, output) = end(&mut first, PATIENCE);
+    assert_eq!(code, Some(0), "{output}");
     assert!(!out.join("run.lock").exists());
 }
 
 #[test]
-fn a_result_that_cannot_be_printed_is_a_failure_unless_its_reader_has_gone() {
+fn failing_output_fails_a_run_unless_the_reader_has_gone() {
     let dir = tempfile::tempdir().unwrap();
     let run = |stdout: Stdio, out: &str| {
         let mut run = command();
@@ -210,17 +213,17 @@ fn a_result_that_cannot_be_printed_is_a_failure_unless_its_reader_has_gone() {
         StoppableNode(run.spawn().unwrap())
     };
     let full = File::options().write(true).open("/dev/full").unwrap();
-    let (code, said) = end(&mut run(full.into(), "full"), PATIENCE);
-    assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("standard output"), "{said}");
-    let mut unheard = run(Stdio::piped(), "unheard");
-    drop(unheard.0.stdout.take());
-    let (code, said) = end(&mut unheard, PATIENCE);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, output) = end(&mut run(full.into(), "full"), PATIENCE);
+    assert_eq!(code, Some(1), "{output}");
+    assert!(output.contains("standard output"), "{output}");
+    let mut unread = run(Stdio::piped(), "unread");
+    drop(unread.0.stdout.take());
+    let (code, output) = end(&mut unread, PATIENCE);
+    assert_eq!(code, Some(0), "{output}");
 }
 
 #[test]
-fn a_wrong_endpoint_is_refused_and_a_taken_port_named() {
+fn a_wrong_endpoint_and_a_used_port_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let fusion = |listen: &str| {
         let mut fusion = command();
@@ -255,11 +258,11 @@ fn two_edges_of_one_viewpoint_are_refused() {
     let out = dir.path().join("out");
     let mut fusion = start(&["fusion", "--listen", &endpoint], Some(&out));
     let _edges = [(); 2].map(|()| start_edge("north-east", &endpoint));
-    let (code, said) = end(&mut fusion, PATIENCE);
-    assert_eq!(code, Some(2), "{said}");
+    let (code, output) = end(&mut fusion, PATIENCE);
+    assert_eq!(code, Some(2), "{output}");
     assert!(
-        said.contains("two nodes have the name north-east"),
-        "{said}"
+        output.contains("two nodes have the name north-east"),
+        "{output}"
     );
     assert!(!out.exists(), "a run that never began has left {out:?}");
 }

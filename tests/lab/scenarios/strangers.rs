@@ -290,7 +290,10 @@ async fn strangers_are_refused_and_honest_nodes_are_not_disturbed() {
         poses_at_edge.try_recv().unwrap().is_none(),
         "poses, at an edge"
     );
-    let pose = poses_at_screen.try_recv().unwrap().expect("a reader receives poses");
+    let pose = poses_at_screen
+        .try_recv()
+        .unwrap()
+        .expect("a reader receives poses");
     let pose: PoseSet = wire::decode(&pose.payload().to_bytes()).unwrap();
     assert!(pose.tick.0 < 40);
     let status = statuses

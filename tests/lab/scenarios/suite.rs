@@ -1,4 +1,4 @@
-//! `lab suite`: scenes in one process, scored, on clips that the project carries.
+//! `lab suite`: scenes in one process, scored, with the clips of the project.
 
 use crate::farfield::farfield;
 
@@ -13,7 +13,7 @@ fn suite(words: &[&str]) -> String {
 }
 
 #[test]
-fn a_scene_of_the_own_clips_gives_a_table_of_ours_and_of_triangulation() {
+fn a_scene_gives_a_table_of_our_method_and_of_triangulation() {
     let dir = tempfile::tempdir().unwrap();
     let plots = dir.path().join("plots");
     let table = suite(&["one", "facing", "--plot", plots.to_str().unwrap()]);
@@ -44,7 +44,7 @@ fn the_json_of_a_suite_has_the_figures_of_every_scene() {
         let mpjpe_mm = scene[method]["mean"]["mpjpe_mm"].as_f64().unwrap();
         assert!((5.0..45.0).contains(&mpjpe_mm), "{method}: {mpjpe_mm} mm");
     }
-    // Of 36 errors that last for seconds, 68 % within one sigma may be eight more or less.
+    // 36 errors that last for seconds: 68 % within one sigma may be 24 % more or less.
     let calibration = &scene["with_range_of_motion"]["calibration"];
     let inside = calibration["states"]["tracked"]["inside_1"]
         .as_f64()
@@ -60,7 +60,7 @@ fn the_json_of_a_suite_has_the_figures_of_every_scene() {
 }
 
 #[test]
-fn a_mirror_bears_nobody_and_who_is_lost_for_a_second_keeps_the_id() {
+fn a_mirror_adds_no_person_and_lost_people_keep_their_ids() {
     let run = farfield(&["suite", "mirror", "lost", "--seconds", "4", "--json"]);
     assert_eq!(run.code, 0, "{}", run.stderr);
     let json: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
@@ -72,7 +72,7 @@ fn a_mirror_bears_nobody_and_who_is_lost_for_a_second_keeps_the_id() {
         let initiated_s = scores["lives"]["time_to_birth_worst_s"].as_f64().unwrap();
         assert!(initiated_s <= 1.0, "initiated after {initiated_s} s");
     }
-    // Of the losses in the scene, the first ends within four seconds.
+    // The first loss in the scene ends within four seconds.
     let recoveries = json["scenes"][1]["recoveries"].as_array().unwrap();
     assert_eq!(recoveries.len(), 1);
     assert_eq!(recoveries[0]["same_id"], true, "{recoveries:?}");
@@ -81,7 +81,7 @@ fn a_mirror_bears_nobody_and_who_is_lost_for_a_second_keeps_the_id() {
 }
 
 #[test]
-fn a_suite_of_which_nothing_can_be_run_does_not_pass() {
+fn a_suite_without_a_runnable_scene_does_not_pass() {
     let run = farfield(&["suite", "mirror", "--pixels", "--check"]);
     assert_eq!(run.code, 2, "{}", run.stdout);
     assert!(run.stderr.contains("own mirror"), "{}", run.stderr);

@@ -1,5 +1,5 @@
-//! A real man on a treadmill: four real cameras, a real network, no truth. He is judged against
-//! plain weighted triangulation (DLT) of the same maps' peaks.
+//! A real man on a treadmill: four real cameras, a real network, no truth. The reference is plain weighted triangulation
+//! (DLT) of the peaks of the same maps.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -9,12 +9,12 @@ use serde_json::Value;
 
 use crate::data::{cases, onnx_runtime, recording};
 use crate::farfield::{poses, run};
-use crate::outputs::poses_respect_the_model;
+use crate::outputs::check_poses_against_model;
 
 const SCENARIO: &str = "the treadmill";
 
-/// The id of the man on the treadmill: the one whom all four viewpoints see. (A bystander stands in the
-/// pictures of cam01 and cam02, and is somebody too.)
+/// The id of the man on the treadmill, the only person whom all four viewpoints see. A bystander is visible in cam01 and
+/// cam02 and is tracked too.
 fn man(lines: &[Value]) -> u64 {
     let mut seen_by_all: Vec<u64> = lines
         .iter()
@@ -55,7 +55,7 @@ fn the_man_has_one_id_at_every_tick_and_his_skeleton_sits_on_him() {
         (ticks[0]..100).collect::<Vec<_>>(),
         "a pose at every tick to the end"
     );
-    poses_respect_the_model(&lines);
+    check_poses_against_model(&lines);
     let flagged = lines
         .iter()
         .filter(|p| {
@@ -85,8 +85,7 @@ fn the_man_has_one_id_at_every_tick_and_his_skeleton_sits_on_him() {
     );
 }
 
-/// The venue of the recording as a file in `folder`, without the viewpoints `left_out`, and with the
-/// tables of `added`.
+/// Writes the venue of the recording to `folder`, without the viewpoints `left_out` and with the tables of `added`.
 fn changed_venue(venue: &Path, folder: &Path, left_out: &[&str], added: &str) -> PathBuf {
     let root = venue.parent().unwrap().canonicalize().unwrap();
     let absolute = |path: &toml::Value| {
@@ -109,8 +108,8 @@ fn changed_venue(venue: &Path, folder: &Path, left_out: &[&str], added: &str) ->
     path
 }
 
-/// That one person is in `lines`, from within half a second to the end: the ids of all, and the ticks.
-fn is_the_man_alone(lines: &[Value]) {
+/// Checks that `lines` contain one person only, from within half a second to the end.
+fn check_only_the_man(lines: &[Value]) {
     let mut ids: Vec<u64> = lines
         .iter()
         .map(|p| p["person"].as_u64().unwrap())
@@ -120,7 +119,7 @@ fn is_the_man_alone(lines: &[Value]) {
     assert_eq!(
         ids.len(),
         1,
-        "somebody else is confirmed, or the man twice: {ids:?}"
+        "another person is confirmed, or the man twice: {ids:?}"
     );
     let ticks = ticks_of(lines, ids[0]);
     assert!(
@@ -132,8 +131,7 @@ fn is_the_man_alone(lines: &[Value]) {
     assert_eq!(ticks, to_the_end, "a pose at every tick to the end");
 }
 
-/// The bystander stands in the pictures of cam01 and cam02. Without cam02 she is what a bystander
-/// behind glass is: somebody in one camera, with a ray and no place.
+/// The bystander is visible in cam01 and cam02. Without cam02 she is visible in one camera only: a ray without a position.
 #[test]
 fn a_bystander_whom_one_camera_sees_is_not_confirmed() {
     let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
@@ -146,11 +144,10 @@ fn a_bystander_whom_one_camera_sees_is_not_confirmed() {
     let venue = changed_venue(&venue, dir.path(), &["cam02"], "");
     let out = dir.path().join("out");
     run(&venue, &out, &[]);
-    is_the_man_alone(&poses(&out));
+    check_only_the_man(&poses(&out));
 }
 
-/// With all four cameras the bystander has a place, behind cam03: a field around the treadmill leaves
-/// her out.
+/// With all four cameras the bystander has a position, behind cam03. A field around the treadmill excludes her.
 #[test]
 fn a_bystander_outside_the_field_is_not_confirmed() {
     let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
@@ -164,11 +161,11 @@ fn a_bystander_outside_the_field_is_not_confirmed() {
     let venue = changed_venue(&venue, dir.path(), &[], field);
     let out = dir.path().join("out");
     run(&venue, &out, &[]);
-    is_the_man_alone(&poses(&out));
+    check_only_the_man(&poses(&out));
 }
 
-/// The run of all four views, made once.
-fn of_all_views(venue: &Path) -> &'static PersonRun {
+/// The run with all four views, made once.
+fn run_of_all_views(venue: &Path) -> &'static PersonRun {
     static RUN: OnceLock<PersonRun> = OnceLock::new();
     RUN.get_or_init(|| PersonRun::make(venue, None).unwrap())
 }
@@ -203,7 +200,7 @@ fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
     );
     let (mut ours_in, mut dlt_in) = (Vec::new(), Vec::new());
     for view in 0..4 {
-        let (ours, dlt) = of_all_views(&venue).residuals_px(view, BODY_KEYPOINTS);
+        let (ours, dlt) = run_of_all_views(&venue).residuals_px(view, BODY_KEYPOINTS);
         ours_in.extend(ours);
         dlt_in.extend(dlt);
     }
@@ -217,7 +214,7 @@ fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
         median(&ours_all) <= median(&dlt_all),
         "a withheld view is predicted worse than by triangulation"
     );
-    assert!(ratio <= 1.6, "the skeleton does not follow what it sees");
+    assert!(ratio <= 1.6, "the skeleton does not follow the views");
 }
 
 #[test]
@@ -228,7 +225,7 @@ fn wrists_and_ankles_move_with_less_than_half_the_jerk_of_triangulation() {
     if !onnx_runtime(SCENARIO) {
         return;
     }
-    let recording = of_all_views(&venue);
+    let recording = run_of_all_views(&venue);
     let names = ["left_wrist", "right_wrist", "left_ankle", "right_ankle"];
     let (ours, dlt) = recording.jerk_m_s3(&names);
     println!(

@@ -69,7 +69,7 @@ fn disagreement_of(camera: &str, moved_m: [f64; 3], turned_deg: [f64; 3]) -> Val
 }
 
 #[test]
-fn a_camera_moved_by_a_decimetre_is_reported_with_its_distance() {
+fn a_camera_that_was_moved_by_a_decimetre_is_told_with_how_far() {
     for (camera, moved_m) in CAMERAS.into_iter().zip([
         [0.1, 0.0, 0.0],
         [0.0, 0.1, 0.0],
@@ -83,12 +83,17 @@ fn a_camera_moved_by_a_decimetre_is_reported_with_its_distance() {
             Vector3::from(moved_m).norm(),
         );
         assert!((found_m - true_m).abs() < 0.04, "{camera}: {disagreement}");
-        assert!(disagreement["found"].as_str().unwrap().contains("been moved by 0."));
+        assert!(
+            disagreement["found"]
+                .as_str()
+                .unwrap()
+                .contains("been moved by 0.")
+        );
     }
 }
 
 #[test]
-fn the_remedy_for_small_displacements_is_calibration_in_place() {
+fn a_camera_that_was_moved_little_or_knocked_is_told_to_be_calibrated_where_it_stands() {
     for (camera, moved_m, turned_deg) in [
         ("north-east", [0.05, 0.0, 0.0], [0.0, 0.0, 0.0]),
         ("north-west", [0.04, -0.05, 0.03], [0.5, 1.0, 0.4]),
@@ -102,12 +107,16 @@ fn the_remedy_for_small_displacements_is_calibration_in_place() {
 }
 
 #[test]
-fn a_tilted_world_is_reported_to_a_degree() {
+fn a_world_that_is_tilted_is_told_by_how_much_to_a_degree() {
     for axis in [Vector3::x(), -Vector3::y()] {
         let tilt = UnitQuaternion::from_scaled_axis(5.0_f64.to_radians() * axis);
-        let disagreements = disagreements(|_, camera_from_world| camera_from_world * tilt.inverse());
+        let disagreements =
+            disagreements(|_, camera_from_world| camera_from_world * tilt.inverse());
         assert_eq!(disagreements.len(), 1, "{disagreements:?}");
-        assert_eq!(disagreements[0]["cause"], "world_tilted", "{disagreements:?}");
+        assert_eq!(
+            disagreements[0]["cause"], "world_tilted",
+            "{disagreements:?}"
+        );
         let degrees = disagreements[0]["degrees"].as_f64().unwrap();
         assert!((degrees - 5.0).abs() < 1.0, "{degrees}");
     }

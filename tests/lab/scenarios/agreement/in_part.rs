@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::{CAMERAS, MistakenSample};
 
 #[test]
-fn keypoints_exchanged_in_all_cameras_are_reported() {
+fn keypoints_that_are_exchanged_in_all_cameras_are_named() {
     // COCO: 5 to 10 are shoulders, elbows and wrists, 11 to 16 hips, knees and ankles, left before right.
     type Exchange = fn(usize) -> usize;
     let cases: [(&str, Exchange); 7] = [
@@ -49,14 +49,17 @@ fn keypoints_exchanged_in_all_cameras_are_reported() {
         let sample = MistakenSample::new().change(&CAMERAS, from, |pixel| pixel);
         let disagreements = sample.disagreements();
         assert_eq!(disagreements.len(), 1, "{exchange}: {disagreements:?}");
-        assert_eq!(disagreements[0]["cause"], "exchanged_keypoints", "{exchange}");
+        assert_eq!(
+            disagreements[0]["cause"], "exchanged_keypoints",
+            "{exchange}"
+        );
         assert_eq!(disagreements[0]["exchange"], exchange);
         assert_eq!(disagreements[0]["cameras"], json!([]), "{exchange}");
     }
 }
 
 #[test]
-fn the_keypoint_order_of_openpose_is_recognised() {
+fn the_order_of_another_program_is_named_where_it_is_taken_for_that_of_the_card() {
     // The first 17 of BODY_25; its neck and the middle of its hips are at a shoulder and a hip here.
     const BODY_25: [usize; 17] = [0, 6, 6, 8, 10, 5, 7, 9, 12, 12, 14, 16, 11, 13, 15, 2, 1];
     let sample = MistakenSample::new().change(&CAMERAS, |k| BODY_25[k], |pixel| pixel);
@@ -67,7 +70,7 @@ fn the_keypoint_order_of_openpose_is_recognised() {
 type Written = fn([f64; 2]) -> [f64; 2];
 
 #[test]
-fn image_changes_of_all_cameras_are_reported() {
+fn keypoints_that_all_cameras_have_elsewhere_in_their_pictures_are_named() {
     // Images of the sample have 1920 x 1200 pixels.
     let cases: [(Written, Value); 7] = [
         (|[x, y]| [x / 2.0, y / 2.0], json!([2.0, 2.0])),
@@ -97,7 +100,7 @@ fn image_changes_of_all_cameras_are_reported() {
 }
 
 #[test]
-fn inverted_scores_are_reported_of_one_camera_and_of_all() {
+fn scores_that_are_one_less_what_they_should_be_are_told_of_one_camera_and_of_all() {
     for (cameras, cameras_reported) in [
         (&CAMERAS[1..2], json!([CAMERAS[1]])),
         (&CAMERAS[..], json!([])),
@@ -112,8 +115,15 @@ fn inverted_scores_are_reported_of_one_camera_and_of_all() {
             }
         }
         let disagreements = sample.disagreements();
-        assert_eq!(disagreements.len(), 1, "{cameras_reported}: {disagreements:?}");
-        assert_eq!(disagreements[0]["cause"], "low_scores", "{cameras_reported}: {disagreements:?}");
+        assert_eq!(
+            disagreements.len(),
+            1,
+            "{cameras_reported}: {disagreements:?}"
+        );
+        assert_eq!(
+            disagreements[0]["cause"], "low_scores",
+            "{cameras_reported}: {disagreements:?}"
+        );
         assert_eq!(disagreements[0]["cameras"], cameras_reported);
         let remedy = disagreements[0]["remedy"].as_str().unwrap();
         assert!(remedy.contains("is it 1 - score"), "{remedy}");
@@ -124,7 +134,7 @@ fn inverted_scores_are_reported_of_one_camera_and_of_all() {
 type ShownLine = fn(usize) -> usize;
 
 #[test]
-fn frames_lost_or_doubled_midway_are_reported_with_their_tick() {
+fn frames_that_were_lost_or_doubled_in_the_middle_are_told_from_when_on() {
     // The camera is five ticks early or late from tick 60 on, or late until then.
     let shown: [(&str, ShownLine, [f64; 2]); 3] = [
         ("lost", |t| if t < 60 { t } else { t + 5 }, [0.0, -5.0]),
@@ -151,7 +161,8 @@ fn frames_lost_or_doubled_midway_are_reported_with_their_tick() {
         assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
         assert_eq!(disagreements[0]["cause"], "late_in_part", "{name}");
         assert_eq!(disagreements[0]["cameras"], json!(["north-west"]), "{name}");
-        let reported = ["before_ticks", "after_ticks"].map(|at| disagreements[0][at].as_f64().unwrap());
+        let reported =
+            ["before_ticks", "after_ticks"].map(|at| disagreements[0][at].as_f64().unwrap());
         for (reported, expected) in reported.iter().zip(late_ticks) {
             assert!((reported - expected).abs() < 0.5, "{name}: {reported}");
         }

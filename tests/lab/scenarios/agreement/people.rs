@@ -22,7 +22,7 @@ fn scaled(text: &str, factor: f64) -> String {
 }
 
 #[test]
-fn statures_reveal_a_scale_off_by_a_fifth() {
+fn a_scale_that_is_a_fifth_off_is_told_by_the_statures_of_everybody() {
     for factor in [0.8, 1.2] {
         let sample = MistakenSample::new().replace("calibration.toml", |text| scaled(text, factor));
         let disagreements = sample.disagreements();
@@ -47,7 +47,7 @@ fn statures_reveal_a_scale_off_by_a_fifth() {
 }
 
 #[test]
-fn ankles_reveal_a_floor_off_by_13_centimetres() {
+fn a_floor_that_is_a_hands_breadth_off_is_told_by_ankles() {
     for floor_m in [0.13, 0.2, -0.16, -0.2] {
         let sample = MistakenSample::new().replace("venue.toml", |text| {
             text.replace("2.4]", &format!("2.4]\nfloor_m = {floor_m}"))
@@ -61,7 +61,7 @@ fn ankles_reveal_a_floor_off_by_13_centimetres() {
 }
 
 #[test]
-fn lenses_wrongly_declared_fisheye_are_reported() {
+fn lenses_that_are_called_fisheyes_are_named_alone_and_together() {
     let all = MistakenSample::new().replace("calibration.toml", |text| {
         text.replace("0.0, 0.0, 0.0]\nrotation", "0.0, 0.0]\nrotation")
             .replace("fisheye = false", "fisheye = true")

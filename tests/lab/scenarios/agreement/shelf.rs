@@ -159,7 +159,7 @@ fn points_of(value: &mut Value, each: &mut impl FnMut(&mut Vec<Value>)) {
 }
 
 #[test]
-fn a_late_camera_is_reported_although_people_hardly_move() {
+fn a_camera_that_is_late_among_people_who_hardly_move_is_named() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -180,7 +180,7 @@ fn a_late_camera_is_reported_although_people_hardly_move() {
 }
 
 #[test]
-fn wrong_lens_distortions_are_reported() {
+fn lenses_that_are_not_as_calibrated_are_named() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -196,12 +196,16 @@ fn wrong_lens_distortions_are_reported() {
         assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
         assert_eq!(disagreements[0]["cause"], "distortion", "{name}");
         let expected = camera.map_or(CAMERAS.to_vec(), |camera| vec![camera]);
-        assert_eq!(disagreements[0]["cameras"], serde_json::json!(expected), "{name}");
+        assert_eq!(
+            disagreements[0]["cameras"],
+            serde_json::json!(expected),
+            "{name}"
+        );
     }
 }
 
 #[test]
-fn a_black_camera_is_reported() {
+fn a_camera_that_goes_black_or_never_shows_anybody_is_named() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -222,7 +226,7 @@ fn a_black_camera_is_reported() {
 }
 
 #[test]
-fn a_camera_knocked_or_zoomed_midway_is_reported_with_the_ticks() {
+fn a_camera_that_is_knocked_or_zoomed_meanwhile_is_named_with_its_half_of_the_time() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -237,7 +241,11 @@ fn a_camera_knocked_or_zoomed_midway_is_reported_with_the_ticks() {
             let disagreements = shelf.disagreements(&name);
             assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
             assert_eq!(disagreements[0]["cause"], cause, "{name}");
-            assert_eq!(disagreements[0]["cameras"], serde_json::json!(["cam1"]), "{name}");
+            assert_eq!(
+                disagreements[0]["cameras"],
+                serde_json::json!(["cam1"]),
+                "{name}"
+            );
             let from = disagreements[0]["part_ticks"][0].as_i64().unwrap();
             assert!((440..=480).contains(&from), "{name}: {from}");
         }
@@ -245,7 +253,7 @@ fn a_camera_knocked_or_zoomed_midway_is_reported_with_the_ticks() {
 }
 
 #[test]
-fn two_cameras_swapped_midway_are_reported_with_the_ticks() {
+fn two_cameras_that_were_exchanged_meanwhile_are_named_with_their_half_of_the_time() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -253,13 +261,16 @@ fn two_cameras_swapped_midway_are_reported_with_the_ticks() {
     let disagreements = shelf.disagreements("exchanged");
     assert_eq!(disagreements.len(), 1, "{disagreements:?}");
     assert_eq!(disagreements[0]["cause"], "swapped");
-    assert_eq!(disagreements[0]["cameras"], serde_json::json!(["cam0", "cam2"]));
+    assert_eq!(
+        disagreements[0]["cameras"],
+        serde_json::json!(["cam0", "cam2"])
+    );
     let from = disagreements[0]["part_ticks"][0].as_i64().unwrap();
     assert!((440..=480).contains(&from), "{from}");
 }
 
 #[test]
-fn two_of_five_cameras_with_the_same_delay_are_both_reported() {
+fn two_of_five_cameras_that_are_late_by_one_time_are_both_named() {
     let Some(shelf) = Shelf::new() else {
         return;
     };

@@ -101,7 +101,7 @@ impl Treadmill {
 }
 
 #[test]
-fn swapped_pairs_are_reported_within_half_a_second() {
+fn swapped_pairs_are_named_within_half_a_second() {
     let Some(treadmill) = Treadmill::new() else {
         return;
     };
@@ -115,7 +115,10 @@ fn swapped_pairs_are_reported_within_half_a_second() {
         let disagreements = treadmill.disagreements(&name, &changed, FIRST_TICKS);
         assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
         assert_eq!(disagreements[0]["cause"], "swapped", "{name}");
-        assert_eq!(disagreements[0]["cameras"], serde_json::json!([first, second]));
+        assert_eq!(
+            disagreements[0]["cameras"],
+            serde_json::json!([first, second])
+        );
     }
 }
 
@@ -132,12 +135,15 @@ fn a_shift_in_time_is_found_to_a_fifth_of_a_tick() {
         assert_eq!(disagreements.len(), 1, "{name}: {disagreements:?}");
         assert_eq!(disagreements[0]["cause"], "late", "{name}");
         let reported = disagreements[0]["ticks"].as_f64().unwrap();
-        assert!((reported - f64::from(ticks)).abs() < 0.2, "{name}: {reported}");
+        assert!(
+            (reported - f64::from(ticks)).abs() < 0.2,
+            "{name}: {reported}"
+        );
     }
 }
 
 #[test]
-fn mirrored_and_upside_down_videos_are_reported() {
+fn mirrored_and_upside_down_videos_are_named() {
     let Some(treadmill) = Treadmill::new() else {
         return;
     };

@@ -1,11 +1,11 @@
-//! `farfield check`, and runs that are refused for what it finds.
+//! `farfield check`, and runs that are refused for its findings.
 
 use std::fs;
 use std::process::Command;
 
 use serde_json::Value;
 
-use super::{lines, says};
+use super::{has_line, lines};
 use crate::data::SampleFolder;
 use crate::farfield::FinishedCommand;
 
@@ -14,7 +14,7 @@ fn check(folder: &SampleFolder) -> FinishedCommand {
 }
 
 #[test]
-fn the_sample_is_as_it_should_be_and_every_camera_is_drawn() {
+fn the_sample_passes_and_every_camera_is_drawn() {
     let folder = SampleFolder::new();
     let finished = folder.farfield(&["check", "venue.toml", "--out", "drawn"]);
     assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
@@ -29,13 +29,12 @@ fn the_sample_is_as_it_should_be_and_every_camera_is_drawn() {
     }
 }
 
-/// What is spoilt: a file, what stands in it, what shall; and the words that must be said of it.
+/// A mistake in the sample: file, text to replace, replacement, expected verdict, and words of the report.
 type Mistake<'a> = (&'a str, &'a str, &'a str, &'a str, &'a [&'a str]);
 
-/// Every mistake in the sample is said by a check (exit code 1); those that a run can never be right with are
-/// refused by a run, too.
+/// A check reports every mistake in the sample. The verdict `failed` sets exit code 1.
 #[test]
-fn mistakes_are_found_without_a_run() {
+fn mistakes_are_reported_without_a_run() {
     let north_east = "path = \"north-east.jsonl\"";
     let mistakes: [Mistake<'_>; 8] = [
         (
@@ -99,13 +98,13 @@ fn mistakes_are_found_without_a_run() {
         let folder = SampleFolder::new();
         folder.replace(file, from, to);
         let finished = check(&folder);
-        let said = lines(&finished);
+        let report = lines(&finished);
         assert_eq!(
             finished.code,
             i32::from(verdict == "failed"),
-            "{to}: {said:#?}"
+            "{to}: {report:#?}"
         );
-        assert!(says(&said, verdict, words), "{to}: {said:#?}");
+        assert!(has_line(&report, verdict, words), "{to}: {report:#?}");
     }
 }
 
@@ -120,14 +119,14 @@ fn a_venue_of_one_viewpoint_fails() {
     assert_eq!(finished.code, 1, "{}", finished.stderr);
     let words = ["there is one viewpoint", "`[[viewpoint]]`"];
     assert!(
-        says(&lines(&finished), "failed", &words),
+        has_line(&lines(&finished), "failed", &words),
         "{}",
         finished.stdout
     );
 }
 
 #[test]
-fn a_recording_that_two_cameras_share_under_two_names_is_found() {
+fn a_recording_shared_by_two_cameras_is_reported() {
     let folder = SampleFolder::new();
     fs::copy(
         folder.path("south-east.jsonl"),
@@ -137,14 +136,14 @@ fn a_recording_that_two_cameras_share_under_two_names_is_found() {
     let finished = check(&folder);
     let words = ["`south-west` and `south-east` show the same"];
     assert!(
-        says(&lines(&finished), "failed", &words),
+        has_line(&lines(&finished), "failed", &words),
         "{}",
         finished.stdout
     );
 }
 
 #[test]
-fn recordings_of_different_lengths_are_told_with_the_ticks_that_all_have() {
+fn recordings_of_different_lengths_are_reported_with_common_ticks() {
     let folder = SampleFolder::new();
     let text = fs::read_to_string(folder.path("south-east.jsonl")).unwrap();
     let cut: Vec<&str> = text.lines().take(20).collect();
@@ -153,46 +152,50 @@ fn recordings_of_different_lengths_are_told_with_the_ticks_that_all_have() {
     assert_eq!(finished.code, 0);
     let words = ["differ in length", "farfield run venue.toml --ticks 0..20"];
     assert!(
-        says(&lines(&finished), "warning", &words),
+        has_line(&lines(&finished), "warning", &words),
         "{}",
         finished.stdout
     );
 }
 
-/// As a tracker of half the rate leaves it: every frame is written twice.
+/// A tracker at half the rate writes every frame twice.
 #[test]
-fn keypoints_that_are_held_are_told_of_by_a_check_and_a_run() {
+fn repeated_keypoints_are_reported_by_check_and_run() {
     let folder = SampleFolder::new();
     let text = fs::read_to_string(folder.path("south-east.jsonl")).unwrap();
     let frames: Vec<Value> = text
         .lines()
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();
-    let held = |tick: usize| {
+    let repeated_frames = |tick: usize| {
         let mut frame = frames[tick - tick % 2].clone();
         frame["tick"] = tick.into();
         format!("{frame}\n")
     };
-    let held: String = (0..frames.len()).map(held).collect();
-    fs::write(folder.path("south-east.jsonl"), held).unwrap();
-    let told = "camera `south-east`: 60 of 120 lines";
+    let repeated_frames: String = (0..frames.len()).map(repeated_frames).collect();
+    fs::write(folder.path("south-east.jsonl"), repeated_frames).unwrap();
+    let repeated = "camera `south-east`: 60 of 120 lines";
     let finished = check(&folder);
     assert_eq!(finished.code, 0, "{}", finished.stderr);
-    let words = [told, "15.0 pictures per second, written at 30", "`rate_hz`"];
+    let words = [
+        repeated,
+        "15.0 pictures per second, written at 30",
+        "`rate_hz`",
+    ];
     assert!(
-        says(&lines(&finished), "warning", &words),
+        has_line(&lines(&finished), "warning", &words),
         "{}",
         finished.stdout
     );
     let finished = folder.farfield(&["run", "venue.toml", "--out", "out", "--ticks", "0..5"]);
     assert_eq!(finished.code, 0, "{}", finished.stderr);
-    let doubt = format!("doubtful: {told}");
-    assert!(finished.stderr.contains(&doubt), "{}", finished.stderr);
+    let warning = format!("doubtful: {repeated}");
+    assert!(finished.stderr.contains(&warning), "{}", finished.stderr);
 }
 
-/// Files in which every line is well-formed.
+/// Every line of these files is well-formed.
 #[test]
-fn keypoint_files_without_anybody_and_of_larger_pictures_are_told_of_by_a_check_and_a_run() {
+fn empty_keypoint_files_and_wrong_sizes_are_reported() {
     let twice_as_large = |line: &str| {
         let mut frame: Value = serde_json::from_str(line).unwrap();
         let persons = frame["persons"].as_array_mut().unwrap().iter_mut();
@@ -205,7 +208,7 @@ fn keypoint_files_without_anybody_and_of_larger_pictures_are_told_of_by_a_check_
         }
         format!("{frame}\n")
     };
-    let without_anybody = |line: &str| {
+    let without_people = |line: &str| {
         let mut frame: Value = serde_json::from_str(line).unwrap();
         frame["persons"] = Value::Array(Vec::new());
         format!("{frame}\n")
@@ -217,33 +220,30 @@ fn keypoint_files_without_anybody_and_of_larger_pictures_are_told_of_by_a_check_
         fs::write(folder.path(name), text).unwrap();
     };
     spoil("north-east.jsonl", &twice_as_large);
-    spoil("south-west.jsonl", &without_anybody);
+    spoil("south-west.jsonl", &without_people);
     let finished = check(&folder);
     assert_eq!(finished.code, 0, "{}", finished.stderr);
-    let said = lines(&finished);
+    let report = lines(&finished);
     let larger = ["camera `north-east`", "outside its picture of 1920 x 1200"];
-    let nobody = [
-        "camera `south-west`",
-        "none of its 120 lines contains a person",
-    ];
-    assert!(says(&said, "warning", &larger), "{said:#?}");
-    assert!(says(&said, "warning", &nobody), "{said:#?}");
+    let empty = ["camera `south-west`", "none of its 120 lines contains a person"];
+    assert!(has_line(&report, "warning", &larger), "{report:#?}");
+    assert!(has_line(&report, "warning", &empty), "{report:#?}");
     let finished = folder.farfield(&["run", "venue.toml", "--out", "out", "--ticks", "0..5"]);
-    for words in larger.iter().chain(&nobody) {
+    for words in larger.iter().chain(&empty) {
         assert!(
             finished.stderr.contains(words),
             "{words}: {}",
             finished.stderr
         );
     }
-    // Three ticks are over before anybody can be found.
+    // A detection needs more than three ticks.
     let finished = folder.farfield(&["run", "venue.toml", "--out", "short", "--ticks", "0..3"]);
     let short = "doubtful: 3 ticks at 30 a second are 0.10 s";
     assert!(finished.stderr.contains(short), "{}", finished.stderr);
 }
 
 #[test]
-fn a_field_under_peoples_hips_is_told_of_by_a_check_and_a_run() {
+fn a_field_below_hip_height_is_reported_by_check_and_run() {
     let folder = SampleFolder::new();
     folder.replace(
         "venue.toml",
@@ -258,7 +258,7 @@ fn a_field_under_peoples_hips_is_told_of_by_a_check_and_a_run() {
         "max_m[2] 2.5 m above it",
     ];
     assert!(
-        says(&lines(&finished), "warning", &words),
+        has_line(&lines(&finished), "warning", &words),
         "{}",
         finished.stdout
     );
@@ -267,9 +267,9 @@ fn a_field_under_peoples_hips_is_told_of_by_a_check_and_a_run() {
     assert!(finished.stderr.contains(words[0]), "{}", finished.stderr);
 }
 
-/// As a program leaves them that reads pictures 1, 10, 100 and 2 in this order.
+/// A program that sorts image names as text reads 1, 10, 100, 2.
 #[test]
-fn keypoints_whose_lines_are_sorted_by_the_names_of_pictures_are_told_of_by_a_check_and_a_run() {
+fn keypoints_sorted_by_file_name_are_reported_by_check_and_run() {
     let folder = SampleFolder::new();
     for camera in ["north-east", "north-west", "south-east", "south-west"] {
         let file = folder.path(&format!("{camera}.jsonl"));
@@ -289,18 +289,18 @@ fn keypoints_whose_lines_are_sorted_by_the_names_of_pictures_are_told_of_by_a_ch
     assert_eq!(finished.code, 0, "{}", finished.stderr);
     let words = ["`north-east`: at ", "`south-west`: at ", "1, 10, 100, 2"];
     assert!(
-        says(&lines(&finished), "warning", &words),
+        has_line(&lines(&finished), "warning", &words),
         "{}",
         finished.stdout
     );
     let finished = folder.farfield(&["run", "venue.toml", "--out", "out", "--ticks", "0..5"]);
     assert_eq!(finished.code, 0, "{}", finished.stderr);
-    let doubt = "doubtful: camera `north-east`: at ";
-    assert!(finished.stderr.contains(doubt), "{}", finished.stderr);
+    let warning = "doubtful: camera `north-east`: at ";
+    assert!(finished.stderr.contains(warning), "{}", finished.stderr);
 }
 
 #[test]
-fn a_venue_file_that_cannot_be_read_is_refused() {
+fn an_invalid_venue_file_is_refused() {
     let folder = SampleFolder::new();
     folder.replace("venue.toml", "rate_hz = 30.0", "rate_herz = 30.0");
     let finished = check(&folder);
@@ -313,7 +313,7 @@ fn a_venue_file_that_cannot_be_read_is_refused() {
 }
 
 #[test]
-fn a_run_is_refused_for_what_is_surely_wrong_and_says_what_is_doubtful() {
+fn a_run_refuses_failures_and_prints_warnings() {
     let folder = SampleFolder::new();
     folder.replace(
         "calibration.toml",
@@ -352,12 +352,12 @@ fn a_run_is_refused_for_what_is_surely_wrong_and_says_what_is_doubtful() {
     );
 }
 
-/// Makes half a second of video; false, with a word, where there is no ffmpeg.
+/// Makes half a second of video; false, reported on stdout, without ffmpeg.
 fn video(folder: &SampleFolder, name: &str, picture: &str) -> bool {
     coded_video(folder, name, picture, "")
 }
 
-/// The same with more options of the encoder.
+/// [`video`] with more options for the encoder.
 fn coded_video(folder: &SampleFolder, name: &str, picture: &str, coded: &str) -> bool {
     let made = Command::new("ffmpeg")
         .args([
@@ -375,7 +375,7 @@ fn coded_video(folder: &SampleFolder, name: &str, picture: &str, coded: &str) ->
 }
 
 #[test]
-fn videos_of_another_rate_another_size_and_the_same_content_are_named() {
+fn videos_with_wrong_rate_size_or_content_are_reported() {
     let folder = SampleFolder::new();
     let videos = [
         ("north-east", "testsrc2=size=1920x1200:rate=60"),
@@ -393,7 +393,7 @@ fn videos_of_another_rate_another_size_and_the_same_content_are_named() {
     }
     let rate_and_network = "rate_hz = 60.0\nnetwork = \"no.toml\"";
     folder.replace("venue.toml", "rate_hz = 30.0", rate_and_network);
-    let said = lines(&check(&folder));
+    let report = lines(&check(&folder));
     for words in [
         [
             "`south-west` has 59.940",
@@ -408,12 +408,15 @@ fn videos_of_another_rate_another_size_and_the_same_content_are_named() {
         ],
         ["no.toml", "`network`", "card"],
     ] {
-        assert!(says(&said, "failed", &words), "{words:?}: {said:#?}");
+        assert!(
+            has_line(&report, "failed", &words),
+            "{words:?}: {report:#?}"
+        );
     }
 }
 
 #[test]
-fn a_video_that_is_black_is_told_of() {
+fn a_black_video_is_reported() {
     let folder = SampleFolder::new();
     if !video(
         &folder,
@@ -432,15 +435,15 @@ fn a_video_that_is_black_is_told_of() {
         "rate_hz = 30.0",
         "rate_hz = 30.0\nnetwork = \"no.toml\"",
     );
-    let said = lines(&check(&folder));
+    let report = lines(&check(&folder));
     let words = ["camera `north-east`", "its first pictures are black", "cap"];
-    assert!(says(&said, "warning", &words), "{said:#?}");
+    assert!(has_line(&report, "warning", &words), "{report:#?}");
 }
 
 #[test]
-fn a_video_that_is_interlaced_is_named_by_every_command_that_reads_it() {
-    // Symptom: "all is as it should be", and a fast hand is there twice, in alternate lines. Cause: nothing asked for
-    // the order of fields.
+fn an_interlaced_video_is_reported_by_every_command_that_reads_it() {
+    // Symptom to prevent: the check passed, and a fast hand showed twice, in alternate lines. Cause: the order of fields
+    // was not read.
     let folder = SampleFolder::new();
     let picture = "testsrc2=size=1920x1200:rate=60,tinterlace=interleave_top,setfield=tff";
     let is_made = coded_video(
@@ -464,8 +467,8 @@ fn a_video_that_is_interlaced_is_named_by_every_command_that_reads_it() {
     );
     let fields = "is interlaced, top field first: 60 fields a second, read as 30 pictures";
     let words = ["camera `north-east`", fields, "`rate_hz` = 60"];
-    let said = lines(&check(&folder));
-    assert!(says(&said, "warning", &words), "{said:#?}");
+    let report = lines(&check(&folder));
+    assert!(has_line(&report, "warning", &words), "{report:#?}");
     let lens = ["--lens", "calibration.toml"];
     for command in [
         ["run", "venue.toml", "--out", "out", "--ticks", "0..15"].as_slice(),
@@ -482,7 +485,7 @@ fn a_video_that_is_interlaced_is_named_by_every_command_that_reads_it() {
             "north-east",
         ],
     ] {
-        let said = folder.farfield(command).stderr;
-        assert!(said.contains(fields), "{command:?}: {said}");
+        let report = folder.farfield(command).stderr;
+        assert!(report.contains(fields), "{command:?}: {report}");
     }
 }

@@ -1,16 +1,15 @@
-//! `farfield doctor` on this machine: what is wrong with a process or a disk of its own. The other faults are tests of the
-//! doctor's parts.
+//! `farfield doctor` on this machine, with faults of a process or a disk. Unit tests of the doctor cover the other faults.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use super::{lines, says};
+use super::{has_line, lines};
 use crate::data::SampleFolder;
 use crate::farfield::{FinishedCommand, command, finish};
 
-/// Longest that a doctor may take, seconds; the tests' machine is shared.
+/// Longest accepted duration of the doctor, seconds; the test machine is shared.
 const PATIENCE_S: f64 = 5.0;
 
 fn doctor(folder: &Path, change: impl FnOnce(&mut Command), more: &[&str]) -> FinishedCommand {
@@ -28,22 +27,22 @@ fn doctor(folder: &Path, change: impl FnOnce(&mut Command), more: &[&str]) -> Fi
     clippy::disallowed_methods,
     reason = "how long the doctor takes is what is measured"
 )]
-fn this_machine_fails_in_nothing_and_is_done_in_seconds() {
+fn this_machine_passes_within_seconds() {
     let folder = tempfile::tempdir().unwrap();
     let start = Instant::now();
     let finished = doctor(folder.path(), |_| (), &[]);
     let took_s = start.elapsed().as_secs_f64();
     println!("doctor took {took_s:.1} s\n{}", finished.stdout);
-    let said = lines(&finished);
+    let report = lines(&finished);
     for group in ["machine", "inference", "programs", "disk", "clock", "ports"] {
         assert!(
-            said.iter().any(|line| line[0] == group),
-            "{group}: {said:#?}"
+            report.iter().any(|line| line[0] == group),
+            "{group}: {report:#?}"
         );
     }
-    // Without ffmpeg, or with fusion's port in use, it is right to complain.
+    // A missing ffmpeg and a used port of fusion are correct findings.
     let may_fail = |group: &str| ["programs", "ports"].contains(&group);
-    let failed: Vec<_> = said
+    let failed: Vec<_> = report
         .iter()
         .filter(|it| it[1] == "failed" && !may_fail(&it[0]))
         .collect();
@@ -57,7 +56,7 @@ fn this_machine_fails_in_nothing_and_is_done_in_seconds() {
 }
 
 #[test]
-fn an_onnx_runtime_that_is_not_there_or_is_none_is_found() {
+fn a_missing_or_invalid_onnx_runtime_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let text = folder.path().join("libonnxruntime.so");
     fs::write(&text, "no library").unwrap();
@@ -72,17 +71,17 @@ fn an_onnx_runtime_that_is_not_there_or_is_none_is_found() {
         assert_eq!(finished.code, 1);
         let words = [path.to_str().unwrap(), "unset ORT_DYLIB_PATH"];
         assert!(
-            says(&lines(&finished), "failed", &words),
+            has_line(&lines(&finished), "failed", &words),
             "{}",
             finished.stdout
         );
     }
 }
 
-/// The library that inference uses here, where there is one.
+/// The ONNX Runtime library of this machine, if it is installed.
 fn library_of_this_machine(folder: &Path) -> Option<PathBuf> {
-    let said = lines(&doctor(folder, |_| (), &[]));
-    let words = said.iter().find_map(|line| {
+    let report = lines(&doctor(folder, |_| (), &[]));
+    let words = report.iter().find_map(|line| {
         let (_, path) = line[2].split_once("inference by ONNX Runtime (`")?;
         Some(path.split_once('`')?.0.into())
     });
@@ -93,9 +92,9 @@ fn library_of_this_machine(folder: &Path) -> Option<PathBuf> {
 }
 
 #[test]
-fn libraries_that_cannot_be_used_are_named_and_the_next_place_is_tried() {
-    // Symptom: the first file that could not be used ended the program, by a panic or by SIGBUS. Cause: it was loaded
-    // in this process, and `ort` keeps what a failure leaves.
+fn unusable_libraries_are_reported_and_the_next_place_is_tried() {
+    // Symptom to prevent: the first unusable file ended the program, by a panic or by SIGBUS. Cause: it was loaded in this
+    // process, and `ort` keeps the state of a failed load.
     const NAME: &str = "libonnxruntime.so";
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).join(NAME);
@@ -121,19 +120,25 @@ fn libraries_that_cannot_be_used_are_named_and_the_next_place_is_tried() {
         },
         &[],
     );
-    let said = lines(&finished);
+    let report = lines(&finished);
     for (path, why) in &refused {
         let words = [path.to_str().unwrap(), *why];
-        assert!(says(&said, "warning", &words), "{words:?}: {said:#?}");
+        assert!(
+            has_line(&report, "warning", &words),
+            "{words:?}: {report:#?}"
+        );
     }
     let used = library.as_ref().and_then(|path| path.to_str());
     let words = [used.unwrap_or("ort-tract"), "inference by"];
-    assert!(says(&said, "warning", &words), "{said:#?}");
-    assert!(says(&said, "ok", &["network of the demo"]), "{said:#?}");
+    assert!(has_line(&report, "warning", &words), "{report:#?}");
+    assert!(
+        has_line(&report, "ok", &["network of the demo"]),
+        "{report:#?}"
+    );
 }
 
 #[test]
-fn a_temporary_folder_that_is_not_there_is_found_and_no_venue_is_blamed() {
+fn a_missing_temporary_folder_is_reported_and_the_venue_is_not() {
     let folder = tempfile::tempdir().unwrap();
     let finished = doctor(
         folder.path(),
@@ -143,26 +148,29 @@ fn a_temporary_folder_that_is_not_there_is_found_and_no_venue_is_blamed() {
         &[],
     );
     assert_eq!(finished.code, 1);
-    let said = lines(&finished);
+    let report = lines(&finished);
     let words = ["no temporary folder", "/nowhere", "set TMPDIR"];
-    assert!(says(&said, "failed", &words), "{said:#?}");
-    assert!(!says(&said, "failed", &["correct `network`"]), "{said:#?}");
+    assert!(has_line(&report, "failed", &words), "{report:#?}");
+    assert!(
+        !has_line(&report, "failed", &["correct `network`"]),
+        "{report:#?}"
+    );
 }
 
 #[test]
 fn both_networks_are_run_and_timed() {
     let folder = tempfile::tempdir().unwrap();
-    let said = lines(&doctor(folder.path(), |_| (), &[]));
+    let report = lines(&doctor(folder.path(), |_| (), &[]));
     for words in [
         ["network of the demo", "crops per second"],
         ["detector of the demo", "ms per picture of"],
     ] {
-        assert!(says(&said, "ok", &words), "{words:?}: {said:#?}");
+        assert!(has_line(&report, "ok", &words), "{words:?}: {report:#?}");
     }
 }
 
 #[test]
-fn a_search_path_without_ffmpeg_is_found() {
+fn a_search_path_without_ffmpeg_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let finished = doctor(
         folder.path(),
@@ -174,14 +182,14 @@ fn a_search_path_without_ffmpeg_is_found() {
     assert_eq!(finished.code, 1);
     let words = ["`ffmpeg` cannot be started", "apt install ffmpeg"];
     assert!(
-        says(&lines(&finished), "failed", &words),
+        has_line(&lines(&finished), "failed", &words),
         "{}",
         finished.stdout
     );
 }
 
 #[test]
-fn a_full_disk_is_found() {
+fn a_full_disk_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let disk = folder.path().join("disk");
     fs::create_dir(&disk).unwrap();
@@ -197,15 +205,15 @@ fn a_full_disk_is_found() {
     let unmounted = Command::new("umount").arg(&disk).status();
     assert!(unmounted.unwrap().success());
     assert_eq!(finished.code, 1);
-    let said = lines(&finished);
+    let report = lines(&finished);
     assert!(
-        says(&said, "failed", &["disk cannot be written", "--out DIR"]),
-        "{said:#?}"
+        has_line(&report, "failed", &["disk cannot be written", "--out DIR"]),
+        "{report:#?}"
     );
 }
 
 #[test]
-fn the_network_of_a_venue_that_is_not_there_is_found_and_a_venue_that_is_not_is_refused() {
+fn a_missing_network_is_reported_and_a_missing_venue_is_refused() {
     let folder = SampleFolder::new();
     folder.replace(
         "venue.toml",
@@ -215,7 +223,7 @@ fn the_network_of_a_venue_that_is_not_there_is_found_and_a_venue_that_is_not_is_
     let finished = doctor(folder.folder(), |_| (), &["venue.toml"]);
     assert_eq!(finished.code, 1);
     assert!(
-        says(
+        has_line(
             &lines(&finished),
             "failed",
             &["models/no.toml", "correct `network`"]
@@ -227,10 +235,10 @@ fn the_network_of_a_venue_that_is_not_there_is_found_and_a_venue_that_is_not_is_
     let finished = doctor(folder.folder(), |_| (), &["venue.toml"]);
     assert_eq!(finished.code, 1);
     let words = ["models/no.toml", "correct `detector`"];
-    let said = lines(&finished);
-    assert!(says(&said, "failed", &words), "{said:#?}");
-    // They were looked for meanwhile.
-    assert_eq!(said.last().unwrap()[0], "nodes", "{said:#?}");
+    let report = lines(&finished);
+    assert!(has_line(&report, "failed", &words), "{report:#?}");
+    // The search for nodes ran at the same time.
+    assert_eq!(report.last().unwrap()[0], "nodes", "{report:#?}");
     let finished = doctor(folder.folder(), |_| (), &["no.toml"]);
     assert_eq!(finished.code, 2, "{}", finished.stderr);
 }

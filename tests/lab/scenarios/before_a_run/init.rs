@@ -31,7 +31,7 @@ fn a_folder_of_recordings_and_a_calibration_become_a_venue_that_runs() {
 }
 
 #[test]
-fn a_venue_file_that_is_there_is_not_written_over() {
+fn an_existing_venue_file_is_not_overwritten() {
     let folder = SampleFolder::new();
     let before = fs::read(folder.path("venue.toml")).unwrap();
     let finished = folder.farfield(&["init", ".", "--rate", "30"]);
@@ -45,7 +45,7 @@ fn a_venue_file_that_is_there_is_not_written_over() {
 }
 
 #[test]
-fn what_is_missing_is_refused_with_the_flag_or_the_names() {
+fn missing_input_is_refused_with_the_flag_or_the_names() {
     let folder = SampleFolder::new();
     fs::remove_file(folder.path("venue.toml")).unwrap();
     let refused = |args: &[&str], words: &[&str]| {
@@ -79,7 +79,7 @@ fn what_is_missing_is_refused_with_the_flag_or_the_names() {
         folder.path("calibration.txt"),
     )
     .unwrap();
-    // Its content makes it a calibration; the recordings are still in the way.
+    // The content makes it a calibration; the unmatched recording is still refused.
     refused(&["--rate", "30"], &["`south` is of no camera"]);
     let text = fs::read_to_string(folder.path("calibration.txt")).unwrap();
     let place = "translation = [1.7763568394002505e-15,";
@@ -104,7 +104,7 @@ fn what_is_missing_is_refused_with_the_flag_or_the_names() {
 }
 
 #[test]
-fn a_card_that_is_none_or_of_another_network_is_refused_before_a_file_is_written() {
+fn an_invalid_card_is_refused_before_a_file_is_written() {
     let folder = SampleFolder::new();
     fs::remove_file(folder.path("venue.toml")).unwrap();
     let card = checkout().join("edge/testdata/hues17_128x96.toml");
@@ -131,7 +131,7 @@ fn a_card_that_is_none_or_of_another_network_is_refused_before_a_file_is_written
 }
 
 #[test]
-fn cameras_that_are_named_make_a_viewpoint_and_others_are_left_out() {
+fn named_cameras_make_a_viewpoint_and_others_are_left_out() {
     let folder = SampleFolder::new();
     let finished = folder.farfield(&[
         "init",

@@ -1,4 +1,4 @@
-//! What the operator is told before a run: by `farfield check`, `doctor` and `init`, and by a run that is refused.
+//! Checks before a run: `farfield check`, `doctor`, `init`, and refused runs.
 
 mod check;
 mod doctor;
@@ -19,7 +19,7 @@ impl SampleFolder {
     }
 }
 
-/// Runs `farfield` with `args` in `folder`, to its end.
+/// Runs `farfield` with `args` in `folder` and waits for its end.
 fn farfield_in(folder: &Path, args: &[&str]) -> FinishedCommand {
     let output = command().current_dir(folder).args(args).output().unwrap();
     finish(&output)
@@ -46,10 +46,10 @@ fn lines(finished: &FinishedCommand) -> Vec<[String; 4]> {
     lines
 }
 
-/// Whether a line of that verdict has all of `words` in its text or its remedy.
-fn says(lines: &[[String; 4]], verdict: &str, words: &[&str]) -> bool {
-    lines.iter().any(|[_, found, text, remedy]| {
+/// Whether one line with this verdict contains all `words` in its text or remedy.
+fn has_line(lines: &[[String; 4]], verdict: &str, words: &[&str]) -> bool {
+    lines.iter().any(|[_, line_verdict, text, remedy]| {
         let has = |word: &&str| text.contains(*word) || remedy.contains(*word);
-        found == verdict && words.iter().all(has)
+        line_verdict == verdict && words.iter().all(has)
     })
 }

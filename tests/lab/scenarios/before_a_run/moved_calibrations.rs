@@ -1,4 +1,4 @@
-//! Calibrations that are right, and of another place or of pictures that lie on their side: what is advised is tried.
+//! Valid calibrations with a distant origin or of rotated images: the advice of a check is followed and works.
 
 use std::fs;
 
@@ -8,12 +8,12 @@ use nalgebra::Vector3;
 use crate::data::SampleFolder;
 use crate::farfield::{poses, run};
 
-/// Where the hall of the sample is in the coordinates of a surveyor, metres: UTM.
+/// Origin of the sample in surveyed coordinates (UTM), metres.
 const SURVEYED_M: [f64; 3] = [500_000.0, 5_000_000.0, 120.0];
-/// 50 km from the origin all works, in coarse steps.
+/// At 50 km from the origin poses still work, in coarse steps.
 const FAR_M: [f64; 3] = [30_000.0, 40_000.0, 0.0];
 
-/// The sample with its calibration in coordinates whose origin is `at_m` farther away, and without a field.
+/// The sample without a field, with the origin of its calibration moved by `at_m`.
 fn sample_at(at_m: [f64; 3]) -> SampleFolder {
     let folder = SampleFolder::new();
     let field = "[field]\nmin_m = [-4.0, -4.0, -0.3]\nmax_m = [4.0, 4.0, 2.4]\n";
@@ -35,7 +35,7 @@ fn sample_at(at_m: [f64; 3]) -> SampleFolder {
     folder
 }
 
-/// Where the middles of the hips are, by tick and person, metres.
+/// Positions of the pelvis by tick and person, metres.
 fn hips(folder: &SampleFolder, out: &str) -> Vec<[f64; 3]> {
     let poses = poses(&folder.path(out));
     let number = |pose: &serde_json::Value, i: usize| pose["joints"]["pelvis"][i].as_f64().unwrap();
@@ -45,17 +45,17 @@ fn hips(folder: &SampleFolder, out: &str) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// The word behind `option` in what was printed.
+/// The word after `option` in the output.
 fn advised(printed: &str, option: &str) -> String {
-    let behind = printed
+    let rest = printed
         .split(option)
         .nth(1)
         .unwrap_or_else(|| panic!("{option}: {printed}"));
-    behind.split_whitespace().next().unwrap().to_owned()
+    rest.split_whitespace().next().unwrap().to_owned()
 }
 
 #[test]
-fn surveyed_coordinates_are_refused_with_an_origin_that_helps() {
+fn surveyed_coordinates_are_refused_with_a_usable_origin() {
     let folder = sample_at(SURVEYED_M);
     let refused = folder.farfield(&["check", "venue.toml"]);
     assert_eq!(refused.code, 1, "{}", refused.stdout);
@@ -80,8 +80,8 @@ fn surveyed_coordinates_are_refused_with_an_origin_that_helps() {
         ];
         let converted = folder.farfield(&words);
         assert_eq!(converted.code, 0, "{}", converted.stderr);
-        let said = &converted.stdout;
-        assert!(said.contains("moved to (500000, 5000000, "), "{said}");
+        let stdout = &converted.stdout;
+        assert!(stdout.contains("moved to (500000, 5000000, "), "{stdout}");
         let text = fs::read_to_string(folder.path(out).join("calibration.toml")).unwrap();
         assert!(text.contains("origin_m = [500000.0, 5000000.0, "), "{text}");
     }
@@ -110,7 +110,7 @@ fn coarse_steps_far_from_the_origin_are_reported() {
     assert_eq!(advised(&checked.stdout, "--origin "), "30000,40000,0");
 }
 
-/// Turns the calibration in the folder as it is said, into the folder `out`.
+/// Turns a calibration of the folder by `--turn` and makes the venue use the result in `out`.
 fn turn(folder: &SampleFolder, calibration: &str, turn: &str, out: &str) {
     let turn = format!("--turn={turn}");
     let done = folder.farfield(&["calibrate", "convert", calibration, &turn, "--out", out]);
@@ -124,8 +124,8 @@ fn turn(folder: &SampleFolder, calibration: &str, turn: &str, out: &str) {
 }
 
 #[test]
-fn a_camera_on_its_side_is_turned_as_the_advice_says() {
-    for (was_turned, filter, advice) in [
+fn a_camera_on_its_side_is_turned_by_following_the_advice() {
+    for (turned_deg, filter, advice) in [
         ("90", "transpose=2", "north-east=-90"),
         ("-90", "transpose=1", "north-east=90"),
         ("180", "hflip,vflip", "north-east=180"),
@@ -134,7 +134,7 @@ fn a_camera_on_its_side_is_turned_as_the_advice_says() {
         turn(
             &folder,
             "calibration.toml",
-            &format!("north-east={was_turned}"),
+            &format!("north-east={turned_deg}"),
             "turned",
         );
         let printed = folder.farfield(&["check", "venue.toml"]).stdout;
@@ -143,7 +143,7 @@ fn a_camera_on_its_side_is_turned_as_the_advice_says() {
             "{printed}"
         );
         assert!(!printed.contains("-vf "), "{printed}");
-        // Of a video, which is not there, the advice is that of pictures.
+        // The advice for a video applies to its images; the video file need not exist.
         let keypoints = "{ kind = \"keypoints\", path = \"north-east.jsonl\" }";
         folder.replace(
             "venue.toml",

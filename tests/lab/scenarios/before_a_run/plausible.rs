@@ -1,4 +1,4 @@
-//! Calibrations that are as they should be give no word: those of the project, of every scene, and those that others made.
+//! Valid calibrations give no finding: those of the project, of every scene, and of other programs.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -13,41 +13,41 @@ use serde_json::Value;
 
 use crate::data::{checkout, recording};
 
-fn check_silent(what: &Path, findings: &[Finding]) {
-    let said: Vec<String> = findings.iter().map(Finding::to_string).collect();
-    assert!(findings.is_empty(), "{}: {said:#?}", what.display());
+fn assert_no_finding(what: &Path, findings: &[Finding]) {
+    let texts: Vec<String> = findings.iter().map(Finding::to_string).collect();
+    assert!(findings.is_empty(), "{}: {texts:#?}", what.display());
 }
 
 #[test]
-fn nothing_is_said_of_the_samples() {
+fn the_samples_give_no_finding() {
     for name in ["deploy/venue.sample.toml", "examples/walk/venue.toml"] {
         let path = checkout().join(name);
-        check_silent(&path, &of_venue(&load_venue(&path).unwrap()));
+        assert_no_finding(&path, &of_venue(&load_venue(&path).unwrap()));
     }
 }
 
 #[test]
-fn nothing_is_said_of_any_scene() {
+fn scenes_give_no_finding() {
     let mut seen = 0;
     for entry in std::fs::read_dir(checkout().join("sim/scenes")).unwrap() {
         let path = entry.unwrap().path();
-        // The cameras of this one stand in pairs at one place, turned alike: that is worth a word.
+        // The cameras of this scene stand in pairs at one place and are turned alike, which is a finding.
         if path.ends_with("stage.toml") {
             continue;
         }
-        // What is laid over a scene is none by itself.
+        // Overlays of scenes are no scenes.
         if !std::fs::read_to_string(&path).unwrap().contains("rate_hz") {
             continue;
         }
         let scene = Scene::load(&path).unwrap_or_else(|error| panic!("{error}"));
         let venue = venue_of(&scene, &Input::Maps, Parameters::default());
-        check_silent(&path, &of_venue(&venue));
+        assert_no_finding(&path, &of_venue(&venue));
         seen += 1;
     }
     assert!(seen >= 10, "the scenes were read");
 }
 
-/// The venue of a calibration in which every camera stands alone.
+/// A venue of a calibration with one viewpoint per camera.
 fn alone(calibration: Calibration, path: &Path) -> Venue {
     let mut text = "name = \"a\"\nrate_hz = 30.0\ncalibration = \"c.toml\"\n".to_owned();
     for name in calibration.cameras.keys() {
@@ -62,13 +62,13 @@ fn alone(calibration: Calibration, path: &Path) -> Venue {
 }
 
 #[test]
-fn nothing_is_said_of_real_calibrations() {
+fn real_calibrations_give_no_finding() {
     let scenario = "plausible calibrations";
     for name in ["shelf/venue.toml", "pose2sim/single/venue.toml"] {
         let Some(path) = recording(scenario, &format!("data/{name}")) else {
             return;
         };
-        check_silent(&path, &of_venue(&load_venue(&path).unwrap()));
+        assert_no_finding(&path, &of_venue(&load_venue(&path).unwrap()));
     }
     for name in [
         "caliscope/camera_array.toml",
@@ -80,14 +80,14 @@ fn nothing_is_said_of_real_calibrations() {
         };
         let text = std::fs::read_to_string(&path).unwrap();
         let calibration = Calibration::parse(&text, &path).unwrap();
-        check_silent(&path, &of_rotations(&calibration));
-        check_silent(&path, &of_venue(&alone(calibration, &path)));
+        assert_no_finding(&path, &of_rotations(&calibration));
+        assert_no_finding(&path, &of_venue(&alone(calibration, &path)));
     }
 }
 
-/// Consumer cameras of which only the lenses are known: they stand where they like.
+/// Consumer cameras with known lenses only; their poses are arbitrary.
 #[test]
-fn nothing_is_said_of_real_lenses() {
+fn real_lenses_give_no_finding() {
     let Some(folder) = recording("plausible lenses", "data/drone/intrinsics") else {
         return;
     };
@@ -98,7 +98,7 @@ fn nothing_is_said_of_real_lenses() {
             "[a]\nname = \"a\"\nsize = {}\nmatrix = {}\ndistortions = {}\nrotation = [1.57, 0.0, 0.0]\ntranslation = [0.0, 0.0, 9.0]\n",
             lens["resolution"], lens["K-matrix"], lens["distCoeff"]
         );
-        // One that folds is refused by the reader, and by name.
+        // A lens that folds the image is refused by the reader.
         let Ok(calibration) = Calibration::parse(&text, &path) else {
             continue;
         };
@@ -109,7 +109,7 @@ fn nothing_is_said_of_real_lenses() {
             )
         };
         let findings = of_venue(&alone(calibration, &path));
-        let of_lens: Vec<Finding> = findings.into_iter().filter(is_lens).collect();
-        check_silent(&path, &of_lens);
+        let lens_findings: Vec<Finding> = findings.into_iter().filter(is_lens).collect();
+        assert_no_finding(&path, &lens_findings);
     }
 }

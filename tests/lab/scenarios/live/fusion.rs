@@ -1,4 +1,4 @@
-//! Fusion goes and comes.
+//! Fusion stops and starts again.
 
 use std::collections::BTreeMap;
 use std::net::{TcpListener, TcpStream};
@@ -13,19 +13,19 @@ use super::stage::{LiveStage, PEOPLE, RATE_HZ};
 use crate::farfield::{command, farfield};
 use crate::recording::replayed;
 
-/// Tracks must be back so soon after the first patches, seconds.
+/// Longest time from the first patches until all tracks are back, seconds.
 const BACK_WITHIN_S: f64 = 2.0;
 /// Far above what a loaded machine takes to finish the files of a run.
 const PATIENCE: Duration = Duration::from_mins(1);
 
-/// Ends fusion by `end` and starts it again with its results in `name`; waits until everybody is tracked, and
-/// returns how long after the first poses that was, seconds by ticks.
-fn start_anew(stage: &mut LiveStage, name: &str, end: impl FnOnce(NodeProcess)) -> f64 {
-    start_anew_with(stage, name, end, &[])
+/// Ends fusion by `end` and starts it again with its results in `name`. Waits until all people are tracked, and returns
+/// the time from the first poses until then, seconds by ticks.
+fn restart(stage: &mut LiveStage, name: &str, end: impl FnOnce(NodeProcess)) -> f64 {
+    restart_with(stage, name, end, &[])
 }
 
-/// The same with more arguments for the new fusion.
-fn start_anew_with(
+/// [`restart`] with more arguments for the new fusion.
+fn restart_with(
     stage: &mut LiveStage,
     name: &str,
     end: impl FnOnce(NodeProcess),
@@ -35,7 +35,7 @@ fn start_anew_with(
     end(stage.live.fusion.take().unwrap());
     let out = stage.out(name);
     stage.live.start_fusion(&out, more).unwrap();
-    stage.wait("everybody is tracked again", |seen| {
+    stage.wait("all people are tracked again", |seen| {
         let again = seen.newest.as_ref().is_some_and(|set| set.session != last);
         again && seen.tracked() == PEOPLE
     });
@@ -46,7 +46,7 @@ fn start_anew_with(
     (tracked.tick - again.next().unwrap().tick) as f64 / RATE_HZ
 }
 
-/// Who walks on which side of the stage, as the poses of now say: one is always on each.
+/// For each person, whether it walks on the left side of the stage now: one always walks on each side.
 fn sides(stage: &LiveStage) -> BTreeMap<u32, bool> {
     let seen = stage.seen();
     let persons = &seen.newest.as_ref().unwrap().persons;
@@ -54,12 +54,12 @@ fn sides(stage: &LiveStage) -> BTreeMap<u32, bool> {
     persons.iter().map(side).collect()
 }
 
-/// As a power cut would.
+/// Ends fusion like a power cut.
 fn kill(fusion: NodeProcess) {
     fusion.kill().unwrap();
 }
 
-/// As `systemctl restart` does.
+/// Ends fusion like `systemctl restart`.
 fn terminate(mut fusion: NodeProcess) {
     let pid = fusion.pid().to_string();
     let sent = Command::new("kill").args(["-TERM", &pid]).status();
@@ -69,62 +69,62 @@ fn terminate(mut fusion: NodeProcess) {
 }
 
 #[test]
-fn a_fusion_that_is_killed_and_started_again_has_its_tracks_back_within_two_seconds_of_data() {
+fn a_restarted_fusion_has_its_tracks_back_within_two_seconds() {
     let mut stage = LiveStage::open();
-    let first_s = start_anew(&mut stage, "second", kill);
-    stage.go_on(1.0);
-    // What edges open to find another fusion stays open; a second one must not take more.
-    let before = stage.takes();
-    let second_s = start_anew(&mut stage, "third", kill);
+    let first_s = restart(&mut stage, "second", kill);
+    stage.run_for(1.0);
+    // Connections that edges open to find another fusion stay open; a second restart must not add more.
+    let before = stage.resources();
+    let second_s = restart(&mut stage, "third", kill);
     println!("tracks were back {first_s:.2} and {second_s:.2} s after the first poses, by ticks");
     assert!(first_s.max(second_s) <= BACK_WITHIN_S);
-    stage.go_on(1.0);
-    before.assert_flat(&stage.takes());
+    stage.run_for(1.0);
+    before.assert_flat(&stage.resources());
 }
 
 #[test]
-fn a_fusion_that_is_stopped_leaves_its_edges_at_work_for_the_next() {
-    // Symptom to prevent: fusion told its edges that the run was over whenever it ended, and they left for good.
+fn edges_work_on_for_the_next_fusion_after_a_stop() {
+    // Symptom to prevent: fusion reported the end of the run to its edges whenever it ended, and they left for good.
     let mut stage = LiveStage::prepare(&[], "");
     stage.live.fusion_by_hand();
     stage.start();
-    let back_s = start_anew(&mut stage, "second", terminate);
+    let back_s = restart(&mut stage, "second", terminate);
     println!("tracks were back {back_s:.2} s after the first poses, by ticks");
     assert!(back_s <= BACK_WITHIN_S);
-    stage.go_on(1.0);
+    stage.run_for(1.0);
     let at_work = stage.live.edges.iter().flatten();
     assert_eq!(at_work.filter_map(NodeProcess::vitals).count(), 4);
 }
 
 #[test]
-fn people_keep_their_ids_when_fusion_is_killed_and_a_recording_of_its_next_life_is_solved_alike() {
+fn people_keep_their_ids_over_restarts_and_the_replay_is_identical() {
     let mut stage = LiveStage::prepare(&[], "");
     stage.live.fusion_by_hand();
     stage.start();
-    stage.go_on(3.0);
+    stage.run_for(3.0);
     let before = sides(&stage);
     assert_eq!(before.len(), PEOPLE);
     let recording = stage.folder.path().join("second.mcap");
     let path = recording.to_str().unwrap().to_owned();
-    start_anew_with(&mut stage, "second", kill, &["--record", &path]);
-    stage.go_on(1.0);
+    restart_with(&mut stage, "second", kill, &["--record", &path]);
+    stage.run_for(1.0);
     assert_eq!(sides(&stage), before, "{}", stage.live.output());
-    start_anew(&mut stage, "third", terminate);
-    stage.go_on(1.0);
+    restart(&mut stage, "third", terminate);
+    stage.run_for(1.0);
     assert_eq!(sides(&stage), before, "{}", stage.live.output());
-    let said = replayed(&recording, &stage.folder.path().join("again"), &[]);
+    let output = replayed(&recording, &stage.folder.path().join("again"), &[]);
     let (same, different) = (
-        &said["replay"]["same_ticks"],
-        &said["replay"]["different_ticks"],
+        &output["replay"]["same_ticks"],
+        &output["replay"]["different_ticks"],
     );
     println!("two restarts kept both ids; replayed: {same} ticks the same, {different} different");
-    assert_eq!(*different, 0, "{said}");
-    assert!(same.as_u64().unwrap() > 30, "{said}");
+    assert_eq!(*different, 0, "{output}");
+    assert!(same.as_u64().unwrap() > 30, "{output}");
 }
 
 #[test]
-fn a_second_fusion_is_refused_by_name_or_waits_and_takes_the_place_of_one_that_is_killed() {
-    // Symptom to prevent: edges went over to a second fusion, on another host, and nobody said a word.
+fn a_second_fusion_is_refused_or_waits_to_replace_the_first() {
+    // Symptom to prevent: edges changed over to a second fusion on another host without a message.
     let free = TcpListener::bind("127.0.0.1:0").unwrap();
     let known = format!("tcp/{}", free.local_addr().unwrap());
     drop(free);
@@ -144,27 +144,27 @@ fn a_second_fusion_is_refused_by_name_or_waits_and_takes_the_place_of_one_that_i
     assert_eq!(lock_step.code, 2, "{}", lock_step.stderr);
     let same_place = second(&["--live", "--listen", &known]);
     assert_eq!(same_place.code, 1, "{}", same_place.stderr);
-    for said in [&lock_step.stderr, &same_place.stderr] {
+    for output in [&lock_step.stderr, &same_place.stderr] {
         assert!(
-            said.contains("fusion of venue stage is already running") && said.contains(&known),
-            "{said}"
+            output.contains("fusion of venue stage is already running") && output.contains(&known),
+            "{output}"
         );
     }
 
     let first = stage.live.fusion.take().unwrap();
     let out = stage.out("second");
     stage.live.start_fusion(&out, &[]).unwrap();
-    let waits = |stage: &LiveStage| stage.live.fusion.as_ref().unwrap().output();
+    let log = |stage: &LiveStage| stage.live.fusion.as_ref().unwrap().output();
     stage.wait("the second one waits", |_| {
-        waits(&stage).contains("waits until it has gone")
+        log(&stage).contains("waits until it has gone")
     });
-    let said = waits(&stage);
+    let output = log(&stage);
     assert!(
-        said.contains(&known) && said.contains("receives from"),
-        "{said}"
+        output.contains(&known) && output.contains("receives from"),
+        "{output}"
     );
-    stage.go_on(1.0);
-    assert_eq!(stage.ids(), ids, "the first goes on");
+    stage.run_for(1.0);
+    assert_eq!(stage.ids(), ids, "the first works on");
     let session = stage.seen().newest.as_ref().unwrap().session;
     kill(first);
     stage.wait("the second takes its place", |seen| {
@@ -174,11 +174,7 @@ fn a_second_fusion_is_refused_by_name_or_waits_and_takes_the_place_of_one_that_i
             .is_some_and(|set| set.session != session);
         is_second && seen.tracked() == PEOPLE
     });
-    assert!(
-        waits(&stage).contains("takes its place"),
-        "{}",
-        waits(&stage)
-    );
+    assert!(log(&stage).contains("takes its place"), "{}", log(&stage));
     for edge in stage.live.edges.iter().flatten() {
         assert!(
             edge.output().contains("follows another fusion now"),
@@ -189,13 +185,13 @@ fn a_second_fusion_is_refused_by_name_or_waits_and_takes_the_place_of_one_that_i
 }
 
 #[test]
-fn of_two_fusions_that_are_started_at_the_same_moment_one_waits_for_the_other() {
-    // As after a power cut of the whole venue: neither listens while both look.
+fn one_of_two_fusions_started_together_waits_for_the_other() {
+    // As after a power cut of the whole venue: neither listens while both search.
     let free = || TcpListener::bind("127.0.0.1:0").unwrap();
     let [one, other] = [free(), free()].map(|it| format!("tcp/{}", it.local_addr().unwrap()));
     let venue = format!("[fusion]\nconnect = [\"{one}\", \"{other}\"]\n");
     let stage = LiveStage::prepare(&[], &venue);
-    // Each listens at one of the two places, and looks at the other.
+    // Each listens at one of the two places and searches at the other.
     let [first, second] = [&one, &other].map(|listen| {
         let mut command = command();
         command
@@ -205,11 +201,11 @@ fn of_two_fusions_that_are_started_at_the_same_moment_one_waits_for_the_other() 
         command.arg(stage.out(&listen.replace(['/', ':'], "-")));
         NodeProcess::start(listen, command).unwrap()
     });
-    let waits = |fusion: &NodeProcess| fusion.output().contains("waits until it has gone");
-    wait_until(|| waits(&first) || waits(&second));
-    // Whoever looked as long as the other would have found it by now.
+    let log = |fusion: &NodeProcess| fusion.output().contains("waits until it has gone");
+    wait_until(|| log(&first) || log(&second));
+    // By now both have searched long enough to find each other.
     thread::sleep(Duration::from_secs(3));
-    let both = [waits(&first), waits(&second)];
+    let both = [log(&first), log(&second)];
     assert_ne!(both[0], both[1], "{}\n{}", first.output(), second.output());
     let (works, mut waiting) = if both[0] {
         (second, first)
@@ -218,20 +214,20 @@ fn of_two_fusions_that_are_started_at_the_same_moment_one_waits_for_the_other() 
     };
     kill(works);
     wait_until(|| waiting.output().contains("takes its place"));
-    // It listens where it did before, looks once more, and goes on.
+    // It listens at its endpoint, searches once more, and works.
     let ended = waiting.wait(Duration::from_secs(4)).unwrap();
     assert_eq!(ended, None, "{}", waiting.output());
     TcpStream::connect(waiting.name().trim_start_matches("tcp/")).unwrap();
 }
 
-fn wait_until(is_so: impl Fn() -> bool) {
+fn wait_until(condition: impl Fn() -> bool) {
     const PAUSE: Duration = Duration::from_millis(50);
-    let is_so = (0..PATIENCE.as_millis() / PAUSE.as_millis()).any(|_| {
-        let is_so = is_so();
-        if !is_so {
+    let condition = (0..PATIENCE.as_millis() / PAUSE.as_millis()).any(|_| {
+        let condition = condition();
+        if !condition {
             thread::sleep(PAUSE);
         }
-        is_so
+        condition
     });
-    assert!(is_so, "not within {PATIENCE:?}");
+    assert!(condition, "not within {PATIENCE:?}");
 }

@@ -1,4 +1,4 @@
-//! Hostile bytes on every subscribed key of a running system: it goes on, and counts them.
+//! Hostile bytes on every subscribed key of a running system: nodes count them and work on.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,15 +9,14 @@ use farfield_proto::wire::decode;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use super::stage::{LiveStage, PEOPLE, heard};
+use super::stage::{LiveStage, PEOPLE, edge_link};
 
-/// Messages of each sort on each key.
+/// Messages on each key.
 const MESSAGES: usize = 150;
-/// Longest message that is made of noise alone, bytes.
+/// Longest message of pure noise, bytes.
 const NOISE_BYTES: usize = 2000;
 
-/// Whether some node would take `bytes` for a message: then they are a lie, and it is for certificates and
-/// access control to keep those out who tell them.
+/// Whether some node would decode `bytes`. Forged valid messages are left to certificates and access control.
 fn can_be_read(bytes: &[u8]) -> bool {
     decode::<PatchSet>(bytes).is_ok()
         || decode::<BoxSet>(bytes).is_ok()
@@ -26,8 +25,7 @@ fn can_be_read(bytes: &[u8]) -> bool {
         || decode::<Status>(bytes).is_ok()
 }
 
-/// Bytes that nobody should send: noise, noise with a fitting version, and real messages that were cut,
-/// changed or lengthened.
+/// Invalid bytes: noise, noise with a valid version byte, and real messages that were cut, changed or lengthened.
 fn hostile(rng: &mut ChaCha8Rng, real: Option<&Vec<u8>>) -> Vec<u8> {
     let mut noise: Vec<u8> = (0..rng.random_range(0..NOISE_BYTES))
         .map(|_| rng.random())
@@ -59,7 +57,7 @@ fn hostile(rng: &mut ChaCha8Rng, real: Option<&Vec<u8>>) -> Vec<u8> {
 #[test]
 fn hostile_bytes_on_every_key_are_counted_and_change_nothing() {
     let stage = LiveStage::open();
-    let before = stage.takes();
+    let before = stage.resources();
     let keys = Keys::new(&stage.live.venue().name);
     let viewpoints: Vec<String> = stage
         .live
@@ -68,7 +66,7 @@ fn hostile_bytes_on_every_key_are_counted_and_change_nothing() {
         .iter()
         .map(|viewpoint| viewpoint.name.clone())
         .collect();
-    let heard_bytes: BTreeMap<String, Vec<u8>> = stage.seen().newest_bytes.clone();
+    let observed_bytes: BTreeMap<String, Vec<u8>> = stage.seen().newest_bytes.clone();
     let mut targets = vec![
         keys.pose(),
         keys.smooth(),
@@ -91,7 +89,7 @@ fn hostile_bytes_on_every_key_are_counted_and_change_nothing() {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     for _ in 0..MESSAGES {
         for key in &targets {
-            let bytes = hostile(&mut rng, heard_bytes.get(key));
+            let bytes = hostile(&mut rng, observed_bytes.get(key));
             if can_be_read(&bytes) {
                 continue;
             }
@@ -100,61 +98,60 @@ fn hostile_bytes_on_every_key_are_counted_and_change_nothing() {
     }
     stage.wait("fusion counts what it cannot read", |seen| {
         let total = seen.statuses.get("fusion").map(|status| status.unreadable);
-        let of_edges = viewpoints
+        let edges_count = viewpoints
             .iter()
-            .all(|v| heard(seen, v).is_some_and(|edge| edge.unreadable > 0));
-        total.is_some_and(|n| n > 0) && of_edges
+            .all(|v| edge_link(seen, v).is_some_and(|edge| edge.unreadable > 0));
+        total.is_some_and(|n| n > 0) && edges_count
     });
     stage.wait("every edge counts what it cannot read", |seen| {
-        let of = |v: &String| seen.statuses.get(v).is_some_and(|s| s.unreadable > 0);
-        viewpoints.iter().all(of)
+        let counts = |v: &String| seen.statuses.get(v).is_some_and(|s| s.unreadable > 0);
+        viewpoints.iter().all(counts)
     });
-    stage.go_on(2.0);
+    stage.run_for(2.0);
     assert_eq!(stage.ids().len(), PEOPLE);
-    before.assert_flat(&stage.takes());
+    before.assert_flat(&stage.resources());
     for node in stage.live.nodes() {
         assert!(!node.output().contains("panicked"), "{}", node.output());
     }
 }
 
-/// How fast the recording grows while the stage plays for some seconds, bytes per tick.
+/// Growth of the recording while the stage runs for 6 s, bytes per tick.
 fn growth(stage: &LiveStage, recording: &Path) -> f64 {
-    let look = || {
+    let measure = || {
         (
             std::fs::metadata(recording).unwrap().len(),
             stage.seen().poses,
         )
     };
-    let (bytes, poses) = look();
-    stage.go_on(6.0);
-    let (more_bytes, more_poses) = look();
+    let (bytes, poses) = measure();
+    stage.run_for(6.0);
+    let (more_bytes, more_poses) = measure();
     (more_bytes - bytes) as f64 / (more_poses - poses) as f64
 }
 
 #[test]
-fn an_edge_in_other_hands_that_floods_is_named_and_fills_neither_the_recording_nor_the_others_places()
- {
+fn a_flooding_edge_is_reported_and_harms_neither_recording_nor_others() {
     let mut stage = LiveStage::prepare(&[], "");
     let recording = stage.folder.path().join("run.mcap");
     let out = stage.out("first");
     stage.start_with(&out, &["--record", recording.to_str().unwrap()]);
-    stage.go_on(2.0);
+    stage.run_for(2.0);
     let (before, ids) = (growth(&stage, &recording), stage.ids());
     let viewpoint = stage.live.venue().viewpoints[0].name.clone();
     let (flooded, sent) = stage
         .watch()
         .flood(&viewpoint, || growth(&stage, &recording));
-    let said = stage.live.fusion.as_ref().unwrap().output();
+    let output = stage.live.fusion.as_ref().unwrap().output();
     println!(
         "a flood of {} MB: the recording grew by {flooded:.0} bytes a tick, before by {before:.0}",
         sent / 1_000_000
     );
     assert!(flooded < 1.3 * before, "{flooded} and {before}");
     assert!(
-        said.contains(&format!(
+        output.contains(&format!(
             "viewpoint {viewpoint} sends more than any edge may"
         )),
-        "{said}"
+        "{output}"
     );
     assert_eq!(stage.ids(), ids);
     stage.wait("its drops are shown", |seen| {

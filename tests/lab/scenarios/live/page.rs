@@ -1,4 +1,4 @@
-//! The page of a live run: what a browser gets, and what an operator does with it.
+//! The page of a live run: what a browser receives, and the actions of an operator.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -14,40 +14,40 @@ use tokio_tungstenite::tungstenite::{Message, WebSocket, client};
 
 use super::stage::{LiveStage, PEOPLE};
 
-/// Far above what a loaded machine takes for anything that is waited for.
+/// Far above what a loaded machine takes for anything that a test waits for.
 const PATIENCE: Duration = Duration::from_mins(1);
 
-/// A page as a program has it: with a token it may act.
+/// A client of the page; with a token it may act.
 struct Page {
     socket: WebSocket<TcpStream>,
     requests: u64,
 }
 
-/// Where a page is, and the token of its address.
+/// Address and token of a page.
 struct Address {
     authority: String,
     token: String,
 }
 
 impl Address {
-    /// As fusion has said it.
-    fn of(stage: &LiveStage) -> Self {
-        let said = stage.live.fusion.as_ref().unwrap().output();
-        Self::in_words(&said)
+    /// The address that fusion has printed.
+    fn printed_by(stage: &LiveStage) -> Self {
+        let output = stage.live.fusion.as_ref().unwrap().output();
+        Self::in_output(&output)
     }
 
-    fn in_words(said: &str) -> Self {
-        let found = said.split_whitespace().find_map(|word| {
+    fn in_output(output: &str) -> Self {
+        let address = output.split_whitespace().find_map(|word| {
             let (authority, token) = word.strip_prefix("http://")?.split_once("/#token=")?;
             Some(Self {
                 authority: authority.to_owned(),
                 token: token.to_owned(),
             })
         });
-        found.unwrap_or_else(|| panic!("no address of a page in:\n{said}"))
+        address.unwrap_or_else(|| panic!("no address of a page in:\n{output}"))
     }
 
-    /// The status line and the body of an answer.
+    /// Status line and body of an answer.
     fn get(&self, path: &str, host: &str) -> (String, String) {
         let mut socket = TcpStream::connect(&self.authority).unwrap();
         socket.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -78,8 +78,8 @@ impl Address {
 }
 
 impl Page {
-    /// The next message that is as wanted.
-    fn wait(&mut self, what: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
+    /// The next message that meets the condition.
+    fn wait(&mut self, what: &str, condition: impl Fn(&Value) -> bool) -> Value {
         let until = clock::now() + PATIENCE;
         let mut last = Value::Null;
         while clock::now() < until {
@@ -87,7 +87,7 @@ impl Page {
                 continue;
             };
             let value: Value = serde_json::from_str(&text).unwrap();
-            if is_wanted(&value) {
+            if condition(&value) {
                 return value;
             }
             if value["type"] != "tick" {
@@ -97,7 +97,7 @@ impl Page {
         panic!("{what}: not within {PATIENCE:?}; the last but ticks: {last}");
     }
 
-    /// Asks for something, and returns the answer.
+    /// Sends a request and returns its answer.
     fn ask(&mut self, mut message: Value) -> Value {
         self.requests += 1;
         let number = self.requests;
@@ -110,9 +110,9 @@ impl Page {
         })
     }
 
-    /// The next status with a recording as wanted.
-    fn recording(&mut self, what: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
-        let is_status = |it: &Value| it["type"] == "status" && is_wanted(&it["recording"]);
+    /// The recording of the next status whose recording meets the condition.
+    fn recording(&mut self, what: &str, condition: impl Fn(&Value) -> bool) -> Value {
+        let is_status = |it: &Value| it["type"] == "status" && condition(&it["recording"]);
         self.wait(what, is_status)["recording"].clone()
     }
 }
@@ -125,23 +125,23 @@ fn files_of(folder: &Path, ending: &str) -> Vec<String> {
     files
 }
 
-/// What a command of ours says, and whether it ended well.
+/// Runs a command: whether it succeeded, and its output.
 fn farfield(words: &[&str]) -> (bool, String) {
     let program = env!("CARGO_BIN_EXE_lab");
     let output = Command::new(program).args(words).output().unwrap();
-    let said = [output.stdout, output.stderr].concat();
+    let output = [output.stdout, output.stderr].concat();
     (
         output.status.success(),
-        String::from_utf8_lossy(&said).into_owned(),
+        String::from_utf8_lossy(&output).into_owned(),
     )
 }
 
 #[test]
-fn a_browser_gets_the_page_of_a_live_run_and_the_people_on_it() {
+fn a_browser_gets_the_page_and_the_people_of_a_live_run() {
     let mut stage = LiveStage::prepare(&[], "");
     let out = stage.out("first");
     stage.start_with(&out, &["--page=127.0.0.1:0"]);
-    let address = Address::of(&stage);
+    let address = Address::printed_by(&stage);
     let (status, body) = address.get("/", &address.authority);
     assert!(status.contains(" 200 "), "{status}");
     assert!(body.contains("<script"), "{body}");
@@ -154,7 +154,7 @@ fn a_browser_gets_the_page_of_a_live_run_and_the_people_on_it() {
     assert_eq!(venue["cameras"].as_array().unwrap().len(), 8);
     let mut page = address.open(None);
     let ids = stage.ids();
-    let tick = page.wait("everybody on the page", |it| {
+    let tick = page.wait("all people on the page", |it| {
         let persons = it["persons"].as_array();
         it["type"] == "tick" && persons.is_some_and(|persons| persons.len() == PEOPLE)
     });
@@ -162,7 +162,7 @@ fn a_browser_gets_the_page_of_a_live_run_and_the_people_on_it() {
         let id = person["id"].as_u64().unwrap();
         assert!(ids.contains(&u32::try_from(id).unwrap()), "{id}, {ids:?}");
     }
-    // One that is killed is told as soon as it is missed.
+    // A killed edge raises an alarm.
     stage.live.edges[0].take().unwrap().kill().unwrap();
     let status = page.wait("an alarm about the edge", |it| {
         let alarms = it["alarms"].as_array();
@@ -177,8 +177,8 @@ fn a_recording_is_started_and_stopped_from_the_page() {
     let mut stage = LiveStage::prepare(&[], "");
     let out = stage.out("first");
     stage.start_with(&out, &["--page=127.0.0.1:0"]);
-    stage.go_on(2.0);
-    let address = Address::of(&stage);
+    stage.run_for(2.0);
+    let address = Address::printed_by(&stage);
     let mut stranger = address.open(None);
     let refused = stranger.ask(json!({"do": "start_recording"}));
     assert_eq!(refused["ok"], false, "without a token: {refused}");
@@ -198,56 +198,56 @@ fn a_recording_is_started_and_stopped_from_the_page() {
     assert!(name.starts_with("stage_"), "{name}");
     let twice = page.ask(json!({"do": "start_recording"}));
     let error = twice["error"].as_str().unwrap();
-    assert!(error.contains(name), "it goes on already: {error}");
-    stage.go_on(3.0);
+    assert!(error.contains(name), "the recording runs already: {error}");
+    stage.run_for(3.0);
     let stopped = page.ask(json!({"do": "stop_recording"}));
     assert_eq!(stopped["ok"], true, "{stopped}");
     page.recording("it is whole", |it| it["running"] == false);
 
-    // The next is another file; one that nobody stops is whole when the run is.
+    // The next recording is another file. A recording that is not stopped is finished with the run.
     let started = page.ask(json!({"do": "start_recording"}));
     assert_eq!(started["ok"], true, "{started}");
-    stage.go_on(1.0);
+    stage.run_for(1.0);
     stage.finish("first");
     let recordings = files_of(&out, ".mcap");
     assert_eq!(recordings.len(), 2, "{recordings:?}");
 
     for (i, recording) in recordings.iter().enumerate() {
         let solved = stage.out(&format!("solved{i}"));
-        let (is_done, said) = farfield(&["replay", recording, "--out", solved.to_str().unwrap()]);
-        assert!(is_done, "{said}");
-        assert!(said.contains("in the middle of a run"), "{said}");
-        assert!(!said.contains("cut off"), "{said}");
-        // The second is over before anybody can be found: that takes a detection pass.
-        let found = if i == 0 { ids.as_slice() } else { &[] };
+        let (is_done, output) = farfield(&["replay", recording, "--out", solved.to_str().unwrap()]);
+        assert!(is_done, "{output}");
+        assert!(output.contains("in the middle of a run"), "{output}");
+        assert!(!output.contains("cut off"), "{output}");
+        // The second recording is shorter than a detection pass, so it has no people.
+        let address = if i == 0 { ids.as_slice() } else { &[] };
         let poses = std::fs::read_to_string(solved.join("poses.jsonl")).unwrap();
-        for id in found {
+        for id in address {
             let person = format!("\"person\":{id},");
-            assert!(poses.contains(&person), "{id} is known again\n{said}");
+            assert!(poses.contains(&person), "{id} was not recognised\n{output}");
         }
-        // Newcomers could have had the same numbers.
+        // New people could have the same ids by chance.
         let summary = std::fs::read_to_string(solved.join("summary.json")).unwrap();
         let summary: Value = serde_json::from_str(&summary).unwrap();
         let recognised = summary["events"]["recognise"].as_u64().unwrap_or(0);
         assert!(
-            recognised >= found.len() as u64,
-            "found by being recognised: {}",
+            recognised >= address.len() as u64,
+            "people recognised: {}",
             summary["events"]
         );
     }
     let (is_done, people) = farfield(&["people", &recordings[0]]);
     assert!(is_done && people.contains("Anna"), "{people}");
 
-    shows(&ids, &["view", &recordings[0], "--at=127.0.0.1:0"]);
-    let out = stage.out("looked at");
+    check_page(&ids, &["view", &recordings[0], "--at=127.0.0.1:0"]);
+    let out = stage.out("viewed");
     let to = out.to_str().unwrap();
     let words = ["replay", &recordings[0], "--page=127.0.0.1:0", "--out", to];
-    let said = shows(&ids, &words);
-    assert!(out.join("summary.json").is_file(), "{said}");
+    let output = check_page(&ids, &words);
+    assert!(out.join("summary.json").is_file(), "{output}");
 }
 
-/// Whether a command serves a page with all of `ids` on it until it is interrupted; returns what it said.
-fn shows(ids: &[u32], words: &[&str]) -> String {
+/// Checks that a command serves a page with all of `ids` until it is interrupted; returns its output.
+fn check_page(ids: &[u32], words: &[&str]) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lab"));
     command.args(words);
     let mut shown = NodeProcess::start("page", command).unwrap();
@@ -255,13 +255,13 @@ fn shows(ids: &[u32], words: &[&str]) -> String {
     while !shown.output().contains("Ctrl-C") {
         assert!(clock::now() < until, "{words:?}: {}", shown.output());
         if shown.output().contains("#token=") && words[0] == "replay" {
-            // It is looked at while it is solved.
+            // The page works while the replay runs.
             break;
         }
         std::thread::sleep(Duration::from_millis(20));
     }
-    let mut page = Address::in_words(&shown.output()).open(None);
-    page.wait("everybody", |it| {
+    let mut page = Address::in_output(&shown.output()).open(None);
+    page.wait("all people", |it| {
         let persons = it["persons"].as_array().into_iter().flatten();
         let there: Vec<u64> = persons.filter_map(|person| person["id"].as_u64()).collect();
         ids.iter().all(|id| there.contains(&u64::from(*id)))

@@ -1,4 +1,4 @@
-//! Passwords of cameras: they stand in the venue file, and in nothing that a run says or writes.
+//! Passwords of cameras: in the venue file, and in no output or file of a run.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::farfield::{command, finish};
 
 const PASSWORD: &str = "geheim-42";
 const TOKEN: &str = "t0ken-7";
-/// Long enough for a camera that refuses to be opened twice, and for statuses.
+/// Long enough for two attempts to open a camera, and for statuses.
 const RUNS_FOR: Duration = Duration::from_secs(6);
 
 /// All files below `folder`.
@@ -37,7 +37,7 @@ fn holds_secret(bytes: &[u8]) -> bool {
 }
 
 #[test]
-fn no_password_of_a_camera_is_said_or_written_by_a_live_run() {
+fn a_live_run_neither_prints_nor_writes_passwords_of_cameras() {
     let sample = SampleFolder::new();
     let network = write_network(sample.folder()).unwrap();
     let detector = write_detector(sample.folder()).unwrap();
@@ -46,7 +46,7 @@ fn no_password_of_a_camera_is_said_or_written_by_a_live_run() {
     );
     sample.replace("venue.toml", "calibration = \"calibration.toml\"", &cards);
     for corner in ["north-east", "north-west", "south-west", "south-east"] {
-        // Nobody listens there, so that ffmpeg complains, address and all.
+        // No server runs at this port, so ffmpeg prints an error with the address.
         let url = format!("http://admin:{PASSWORD}@127.0.0.1:1/{corner}?token={TOKEN}");
         let file = format!("kind = \"keypoints\", path = \"{corner}.jsonl\"");
         sample.replace(
@@ -79,11 +79,11 @@ fn no_password_of_a_camera_is_said_or_written_by_a_live_run() {
     assert!(stopped.unwrap().success());
     let output = run.wait_with_output().unwrap();
 
-    let said = finish(&output);
+    let finished = finish(&output);
     assert!(
-        said.stderr.contains("camera `north-east`"),
+        finished.stderr.contains("camera `north-east`"),
         "{}",
-        said.stderr
+        finished.stderr
     );
     for (what, bytes) in [
         ("stdout", &output.stdout),
@@ -97,7 +97,7 @@ fn no_password_of_a_camera_is_said_or_written_by_a_live_run() {
             String::from_utf8_lossy(bytes)
         );
     }
-    // The venue file is where they belong.
+    // The venue file itself holds the secrets.
     let mut written = files(sample.folder());
     written.retain(|path| *path != venue);
     assert!(

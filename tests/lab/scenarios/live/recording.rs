@@ -1,4 +1,4 @@
-//! Files of a live run when the disk is full, or hangs, or fusion is killed.
+//! Files of a live run when the disk is full, hangs, or fusion is killed.
 
 use std::fs::File;
 
@@ -9,7 +9,7 @@ use farfield_lab::small_disk::SmallDisk;
 use super::stage::{LiveStage, PEOPLE, RATE_HZ};
 
 #[test]
-fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
+fn a_recording_waits_for_space_while_capture_continues() {
     let mut stage = LiveStage::prepare(&[], "");
     let disk = match SmallDisk::mount(&stage.folder.path().join("disk")) {
         Ok(disk) => disk,
@@ -26,8 +26,8 @@ fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
     stage.wait("the recording waits", |_| {
         fusion().output().contains("the disk is full")
     });
-    let said = fusion().output();
-    assert!(said.contains("run.mcap"), "{said}");
+    let output = fusion().output();
+    assert!(output.contains("run.mcap"), "{output}");
     let is_shown = |seen: &SeenVenue| {
         let notices = seen
             .statuses
@@ -36,9 +36,9 @@ fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
         notices.is_some_and(|notices| notices.iter().any(|text| text.contains("the disk is full")))
     };
     stage.wait("the status shows it", is_shown);
-    let before = stage.takes();
-    stage.go_on(3.0);
-    before.assert_flat(&stage.takes());
+    let before = stage.resources();
+    stage.run_for(3.0);
+    before.assert_flat(&stage.resources());
     disk.grow().unwrap();
     stage.wait("the recording goes on", |_| {
         fusion().output().contains("there is room again")
@@ -55,8 +55,8 @@ fn a_recording_waits_for_room_on_a_full_disk_while_capture_goes_on() {
 }
 
 #[test]
-fn a_disk_that_hangs_holds_up_no_live_pose() {
-    // Symptom to prevent: fusion's core wrote the poses itself, and there were none for as long as the disk hung.
+fn a_disk_that_hangs_delays_no_live_pose() {
+    // Symptom to prevent: fusion's core wrote the poses itself and made none while the disk hung.
     let mut stage = LiveStage::prepare(&[], "");
     let disk = match SmallDisk::mount_freezable(&stage.folder.path().join("disk")) {
         Ok(disk) => disk,
@@ -82,9 +82,9 @@ fn a_disk_that_hangs_holds_up_no_live_pose() {
     assert!(frozen.wait().unwrap().success());
     for words in ["the disk has not answered", "the disk answers again"] {
         stage.wait(words, |_| {
-            let said = stage.live.fusion.as_ref().unwrap().output();
-            // Of the results and of the recording.
-            said.matches(words).count() == 2
+            let output = stage.live.fusion.as_ref().unwrap().output();
+            // Once for the results and once for the recording.
+            output.matches(words).count() == 2
         });
     }
     stage.wait("the status shows it no more", |seen| {
@@ -102,22 +102,25 @@ fn a_disk_that_hangs_holds_up_no_live_pose() {
 }
 
 #[test]
-fn what_a_killed_fusion_left_is_whole_when_the_next_begins() {
+fn the_next_fusion_finishes_the_files_of_a_killed_one() {
     let mut stage = LiveStage::prepare(&[], "");
     stage.live.fusion_by_hand();
     let venue = stage.live.venue().name.clone();
     let [first, second] = [1, 2].map(|n| stage.out(&format!("{venue}-{n}")));
     stage.start_with(&first, &[]);
-    // Lines go to the disk once a second.
-    stage.go_on(2.0);
+    // Lines are written to the disk once a second.
+    stage.run_for(2.0);
     stage.live.fusion.take().unwrap().kill().unwrap();
     assert!(first.join("run.lock").exists() && first.join("poses.jsonl.tmp").exists());
     stage.live.start_fusion(&second, &[]).unwrap();
-    // What it says is read a little later.
-    stage.wait("the first life's files are whole, and that is said", |_| {
-        let said = stage.live.fusion.as_ref().unwrap().output();
-        !first.join("run.lock").exists() && said.contains("were completed")
-    });
+    // Its output arrives with a delay.
+    stage.wait(
+        "the files of the killed fusion are finished and reported",
+        |_| {
+            let output = stage.live.fusion.as_ref().unwrap().output();
+            !first.join("run.lock").exists() && output.contains("were completed")
+        },
+    );
     let lines = std::fs::read_to_string(first.join("poses.jsonl")).unwrap();
     assert!(lines.lines().count() > PEOPLE * RATE_HZ as usize);
     for line in lines.lines() {

@@ -1,4 +1,4 @@
-//! A small venue with two people who walk for ever, its nodes, and a listener beside it.
+//! A small live venue with two people who walk without end, its nodes, and an observer.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -20,13 +20,13 @@ use farfield_sim::scene::write::calibration_text;
 use farfield_sim::simulated::VenueText;
 use tempfile::TempDir;
 
-/// How many people walk there.
+/// Number of people.
 pub(super) const PEOPLE: usize = 2;
 /// Ticks per second.
 pub(super) const RATE_HZ: f64 = 30.0;
-/// Far above what a loaded machine takes for anything that is waited for.
+/// Far above what a loaded machine takes for anything that a test waits for.
 const PATIENCE: Duration = Duration::from_secs(90);
-/// Between two looks.
+/// Pause between two polls.
 const PAUSE: Duration = Duration::from_millis(20);
 
 const SCENE: &str = r#"
@@ -58,19 +58,19 @@ height_m = 1.84
 path = { points_m = [[2.0, 1.5], [-2.0, 1.5], [-2.0, 1.0], [2.0, 1.0]], speed_m_s = 1.2 }
 "#;
 
-/// A venue, its nodes and what is heard of them.
+/// A venue, its nodes and their observer.
 pub(super) struct LiveStage {
     pub(super) live: LiveVenue,
-    /// Once fusion was started.
+    /// `None` until fusion has started.
     watch: Option<VenueWatch>,
     pub(super) folder: TempDir,
 }
 
-/// What every node of a venue takes.
-pub(super) struct Takes(Vec<(String, Vitals)>);
+/// Memory, threads and handles of every node.
+pub(super) struct Resources(Vec<(String, Vitals)>);
 
 impl LiveStage {
-    /// The venue without any node; cameras fail as said, by their place in the scene.
+    /// The venue without nodes; `failures` by index of the camera in the scene.
     pub(super) fn prepare(failures: &[(usize, CameraFailure)], parameters: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let venue = write_venue(folder.path(), failures, parameters);
@@ -83,46 +83,45 @@ impl LiveStage {
         }
     }
 
-    /// The venue at work: all nodes run, and everybody is tracked.
+    /// The venue with all nodes running and all people tracked.
     pub(super) fn open() -> Self {
         let mut stage = Self::prepare(&[], "");
         stage.start();
         stage
     }
 
-    /// Starts every node, and waits until everybody is tracked.
+    /// Starts every node, and waits until all people are tracked.
     pub(super) fn start(&mut self) {
         let out = self.out("first");
         self.start_with(&out, &[]);
     }
 
-    /// The same, with more arguments of fusion and its results in `out`.
+    /// [`Self::start`] with more arguments for fusion and its results in `out`.
     pub(super) fn start_with(&mut self, out: &Path, more: &[&str]) {
         self.live.start_fusion(out, more).unwrap();
         self.watch = Some(self.live.watch().unwrap());
         self.live.start_edges().unwrap();
-        self.wait("everybody is tracked", |seen| seen.tracked() == PEOPLE);
+        self.wait("all people are tracked", |seen| seen.tracked() == PEOPLE);
     }
 
-    /// What was heard so far.
+    /// The messages observed so far.
     pub(super) fn seen(&self) -> MutexGuard<'_, SeenVenue> {
         self.watch().seen()
     }
 
-    /// The listener.
     pub(super) fn watch(&self) -> &VenueWatch {
         self.watch.as_ref().unwrap()
     }
 
-    /// Where a run of that name leaves its results.
+    /// Folder of the results of a run.
     pub(super) fn out(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    /// Waits until something is so.
-    pub(super) fn wait(&self, what: &str, is_so: impl Fn(&SeenVenue) -> bool) {
+    /// Waits until a condition holds.
+    pub(super) fn wait(&self, what: &str, condition: impl Fn(&SeenVenue) -> bool) {
         for _ in 0..PATIENCE.as_millis() / PAUSE.as_millis() {
-            if is_so(&self.seen()) {
+            if condition(&self.seen()) {
                 return;
             }
             std::thread::sleep(PAUSE);
@@ -136,8 +135,8 @@ impl LiveStage {
         );
     }
 
-    /// Waits until so many more poses have come, with everybody in the last.
-    pub(super) fn go_on(&self, seconds: f64) {
+    /// Waits for the poses of so many seconds, until all people are in the last.
+    pub(super) fn run_for(&self, seconds: f64) {
         let from = self.seen().poses;
         let more = (seconds * RATE_HZ) as u64;
         self.wait("poses go on", |seen| {
@@ -145,32 +144,35 @@ impl LiveStage {
         });
     }
 
-    /// The ids of the newest poses.
+    /// The ids in the newest poses.
     pub(super) fn ids(&self) -> BTreeSet<u32> {
         let seen = self.seen();
         let persons = seen.newest.iter().flat_map(|set| &set.persons);
         persons.map(|person| person.person.0).collect()
     }
 
-    /// What the nodes take now.
-    pub(super) fn takes(&self) -> Takes {
+    pub(super) fn resources(&self) -> Resources {
         let vitals = |node: &NodeProcess| Some((node.name().to_owned(), node.vitals()?));
-        Takes(self.live.nodes().filter_map(vitals).collect())
+        Resources(self.live.nodes().filter_map(vitals).collect())
     }
 
-    /// Asks fusion to end, and returns what it then leaves in `name`.
+    /// Ends fusion and returns its folder of results.
     pub(super) fn finish(&mut self, name: &str) -> PathBuf {
         let fusion = self.live.fusion.as_mut().unwrap();
         fusion.close();
         let status = fusion.wait(PATIENCE).unwrap();
-        assert!(status.is_some(), "fusion did not end\n{}", self.live.output());
+        assert!(
+            status.is_some(),
+            "fusion did not end\n{}",
+            self.live.output()
+        );
         self.out(name)
     }
 }
 
-impl Takes {
-    /// Whether nothing has grown since: as many threads and handles, give or take what opens and closes
-    /// all the time, and no more memory than a run's first seconds still allocate.
+impl Resources {
+    /// Checks that nothing has grown: threads and handles up to short-lived ones, and memory up to the allocations of the
+    /// first seconds.
     pub(super) fn assert_flat(&self, later: &Self) {
         for (name, now) in &later.0 {
             let Some((_, before)) = self.0.iter().find(|(known, _)| known == name) else {
@@ -185,8 +187,8 @@ impl Takes {
     }
 }
 
-/// How fusion says that it hears an edge.
-pub(super) fn heard<'a>(seen: &'a SeenVenue, viewpoint: &str) -> Option<&'a EdgeLink> {
+/// Fusion's status of an edge.
+pub(super) fn edge_link<'a>(seen: &'a SeenVenue, viewpoint: &str) -> Option<&'a EdgeLink> {
     let edges = &seen.live("fusion")?.edges;
     edges.iter().find(|edge| edge.viewpoint == viewpoint)
 }
@@ -200,7 +202,7 @@ fn scene() -> Scene {
     Scene::parse(SCENE, Path::new("scene.toml"), &mut { clip }).unwrap()
 }
 
-/// Writes the venue, whose recordings repeat for ever; its file.
+/// Writes a venue whose recordings repeat without end; returns its file.
 pub(super) fn write_venue(
     folder: &Path,
     failures: &[(usize, CameraFailure)],

@@ -1,4 +1,4 @@
-//! Small pictures of the cameras: on the page where the venue allows them, in no recording, and nowhere where it does not.
+//! Thumbnails of cameras: on the page if the venue allows them, and never in a recording.
 
 use std::fmt::Write as _;
 use std::io::{Read as _, Write as _};
@@ -16,12 +16,12 @@ use crate::farfield::{command, finish};
 const RATE_HZ: u32 = 10;
 const SECONDS: u32 = 12;
 const CAMERAS: [&str; 2] = ["a", "b"];
-/// Somebody who is given: nobody needs to be found in noise.
+/// A person given by the venue, since the images are noise.
 const PERSON: &str = "[[person]]\ntick = 0\nkeypoints_m = { left_shoulder = [0.1, 0.2, 1.4], right_shoulder = [-0.2, 0.2, 1.4], left_hip = [0.05, 0.2, 0.95], right_hip = [-0.15, 0.2, 0.95], nose = [-0.05, 0.3, 1.65] }\n";
-/// Far above what a loaded machine takes to end a run of so many seconds.
+/// Far above what a loaded machine takes for a run of this length.
 const PATIENCE: Duration = Duration::from_mins(3);
 
-/// A venue of two cameras that show noise, whose file begins with `more`.
+/// Writes a venue of two cameras that show noise; `more` is added to its head.
 fn venue(folder: &Path, more: &str) {
     let (mut calibration, mut viewpoints) = (String::new(), String::new());
     for (name, x) in CAMERAS.into_iter().zip([-2.0, 2.0]) {
@@ -56,7 +56,7 @@ fn venue(folder: &Path, more: &str) {
     std::fs::write(folder.join("venue.toml"), text).unwrap();
 }
 
-/// The body of what the page answers to a request with 200; `None`: it is not there, or answers otherwise.
+/// The body of an answer with status 200; `None` otherwise.
 fn get(page: SocketAddr, path: &str) -> Option<Vec<u8>> {
     let mut stream = TcpStream::connect(page).ok()?;
     let request = format!("GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
@@ -73,16 +73,16 @@ fn contains(bytes: &[u8], part: &[u8]) -> bool {
     bytes.windows(part.len()).any(|window| window == part)
 }
 
-/// What a live run with a page and a recording came to.
-struct Looked {
-    /// All pictures that the page had, of any camera.
+/// Results of a live run with a page and a recording.
+struct PageRun {
+    /// All thumbnails of all cameras.
     pictures: Vec<Vec<u8>>,
-    /// The page's answers on the venue.
+    /// The page's answer about the venue.
     venue: String,
     recording: Vec<u8>,
 }
 
-fn look(more: &str) -> Looked {
+fn run_with_page(more: &str) -> PageRun {
     let folder = tempfile::tempdir().unwrap();
     venue(folder.path(), more);
     let free = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -112,7 +112,7 @@ fn look(more: &str) -> Looked {
     }
     let finished = finish(&child.wait_with_output().unwrap());
     assert_eq!(finished.code, 0, "{}", finished.stderr);
-    Looked {
+    PageRun {
         pictures,
         venue,
         recording: std::fs::read(out.join("recording.mcap")).unwrap(),
@@ -120,37 +120,29 @@ fn look(more: &str) -> Looked {
 }
 
 #[test]
-fn where_the_venue_allows_it_the_page_has_pictures_and_the_recording_none() {
-    let looked = look("[security]\npictures = true\n");
-    assert!(
-        looked.venue.contains("\"pictures\":true"),
-        "{}",
-        looked.venue
-    );
-    let first = looked.pictures.first().expect("no thumbnail on the page");
+fn allowed_thumbnails_are_on_the_page_and_in_no_recording() {
+    let page = run_with_page("[security]\npictures = true\n");
+    assert!(page.venue.contains("\"pictures\":true"), "{}", page.venue);
+    let first = page.pictures.first().expect("no thumbnail on the page");
     let shown = image::load_from_memory(first).unwrap();
-    // Noise takes many bytes, and a link of which nothing is known may have few.
+    // Noise takes many bytes, and an unmeasured link may have little bandwidth.
     assert!([112, 160].contains(&shown.width()) && 3 * shown.width() == 4 * shown.height());
     assert!(
-        looked.pictures.iter().any(|other| other != first),
+        page.pictures.iter().any(|other| other != first),
         "always the same"
     );
-    assert!(contains(&looked.recording, b"hall/patch/a"));
-    assert!(!contains(&looked.recording, b"hall/thumbnail"));
-    for picture in &looked.pictures {
+    assert!(contains(&page.recording, b"hall/patch/a"));
+    assert!(!contains(&page.recording, b"hall/thumbnail"));
+    for picture in &page.pictures {
         let scan = &picture[picture.len() - 200..];
-        assert!(!contains(&looked.recording, scan), "a picture is recorded");
+        assert!(!contains(&page.recording, scan), "a picture is recorded");
     }
 }
 
 #[test]
-fn where_the_venue_says_nothing_the_page_has_no_picture() {
-    let looked = look("");
-    assert!(
-        looked.venue.contains("\"pictures\":false"),
-        "{}",
-        looked.venue
-    );
-    assert!(looked.pictures.is_empty());
-    assert!(contains(&looked.recording, b"hall/patch/a"));
+fn the_page_has_no_thumbnails_by_default() {
+    let page = run_with_page("");
+    assert!(page.venue.contains("\"pictures\":false"), "{}", page.venue);
+    assert!(page.pictures.is_empty());
+    assert!(contains(&page.recording, b"hall/patch/a"));
 }

@@ -3,44 +3,46 @@
 use std::fs;
 use std::path::Path;
 
-use super::folder::{change_lines, change_ticks, ffmpeg, nothing, replace, with_video, write};
-use super::{Mistake, are_told};
+use super::{
+    Mistake, change_lines, change_ticks, check_mistakes, ffmpeg, nothing, replace, with_video,
+    write,
+};
 
 const RUN: &str = "run venue.toml --out out";
 const CAMERAS: [&str; 4] = ["north-east", "north-west", "south-west", "south-east"];
 
 #[test]
 #[expect(clippy::too_many_lines, reason = "a table of mistakes")]
-fn a_venue_file_that_is_wrong_is_refused_by_line_and_field() {
-    let of = |what, make, told| Mistake {
+fn a_wrong_venue_file_is_refused_with_line_and_field() {
+    let mistake = |what, make, expected| Mistake {
         what,
         make,
         words: RUN,
         code: 2,
-        told,
+        expected,
     };
-    are_told(&[
-        of(
+    check_mistakes(&[
+        mistake(
             "no rate",
             |f| replace(f, "venue.toml", "rate_hz = 30.0\n", ""),
             &["venue.toml", "rate_hz", "missing"],
         ),
-        of(
+        mistake(
             "the rate as text",
             |f| replace(f, "venue.toml", "30.0", "\"30\""),
             &["venue.toml:3", "rate_hz"],
         ),
-        of(
+        mistake(
             "a rate of 0",
             |f| replace(f, "venue.toml", "30.0", "0.0"),
             &["venue.toml:3", "above 0"],
         ),
-        of(
+        mistake(
             "viewpoints in the plural",
             |f| replace(f, "venue.toml", "[[viewpoint]]", "[[viewpoints]]"),
             &["venue.toml", "viewpoint"],
         ),
-        of(
+        mistake(
             "a viewpoint twice",
             |f| {
                 replace(
@@ -52,27 +54,27 @@ fn a_venue_file_that_is_wrong_is_refused_by_line_and_field() {
             },
             &["viewpoint[1].name", "differ"],
         ),
-        of(
+        mistake(
             "one recording for two cameras",
             |f| replace(f, "venue.toml", "north-west.jsonl", "north-east.jsonl"),
             &["north-east.jsonl", "the same recording"],
         ),
-        of(
+        mistake(
             "a field inside out",
             |f| replace(f, "venue.toml", "min_m = [-4.0", "min_m = [14.0"),
             &["field.max_m", "more than `min_m`"],
         ),
-        of(
+        mistake(
             "no viewpoint",
             without_viewpoints,
             &["viewpoint", "found 0"],
         ),
-        of(
+        mistake(
             "a kind in the singular",
             |f| replace(f, "venue.toml", "\"keypoints\"", "\"keypoint\""),
             &["did you mean `keypoints`"],
         ),
-        of(
+        mistake(
             "a path of Windows",
             |f| {
                 replace(
@@ -84,22 +86,22 @@ fn a_venue_file_that_is_wrong_is_refused_by_line_and_field() {
             },
             &["venue.toml:14"],
         ),
-        of(
+        mistake(
             "a table that is called otherwise",
             |f| append(f, "[smooth]\ndelay_ms = 100\n"),
             &["venue.toml", "smooth"],
         ),
-        of(
+        mistake(
             "a parameter out of range",
             |f| append(f, "[tuning]\nsmoothing.cutoff_hz = -1.0\n"),
             &["smoothing.cutoff_hz", "-1"],
         ),
-        of(
+        mistake(
             "a file that is not there",
             |f| replace(f, "venue.toml", "south-east.jsonl", "southeast.jsonl"),
             &["southeast.jsonl"],
         ),
-        of(
+        mistake(
             "a video without a network",
             |f| {
                 replace(
@@ -111,7 +113,7 @@ fn a_venue_file_that_is_wrong_is_refused_by_line_and_field() {
             },
             &["network", "north-east"],
         ),
-        of(
+        mistake(
             "a camera that is not calibrated",
             |f| {
                 replace(
@@ -141,36 +143,36 @@ fn append(folder: &Path, text: &str) {
 }
 
 #[test]
-fn a_calibration_that_is_wrong_is_refused_by_file_and_field() {
-    let of = |what, make, told| Mistake {
+fn a_wrong_calibration_is_refused_with_file_and_field() {
+    let mistake = |what, make, expected| Mistake {
         what,
         make,
         words: RUN,
         code: 2,
-        told,
+        expected,
     };
-    are_told(&[
-        of(
+    check_mistakes(&[
+        mistake(
             "no calibration",
             |f| fs::remove_file(f.join("calibration.toml")).unwrap(),
             &["calibration.toml", "venue.toml:4"],
         ),
-        of(
+        mistake(
             "an empty calibration",
             |f| write(f, "calibration.toml", ""),
             &["calibration.toml", "no camera"],
         ),
-        of(
+        mistake(
             "a calibration in JSON",
             |f| write(f, "calibration.toml", "{\"cameras\": []}"),
             &["calibration.toml:1", "TOML"],
         ),
-        of(
+        mistake(
             "millimetres",
             millimetres,
             &["calibration.toml", "millimetres"],
         ),
-        of(
+        mistake(
             "a matrix in one row",
             |f| {
                 replace(
@@ -182,7 +184,7 @@ fn a_calibration_that_is_wrong_is_refused_by_file_and_field() {
             },
             &["calibration.toml:4", "matrix"],
         ),
-        of(
+        mistake(
             "three distortions",
             |f| {
                 replace(
@@ -194,7 +196,7 @@ fn a_calibration_that_is_wrong_is_refused_by_file_and_field() {
             },
             &["distortions", "found 3"],
         ),
-        of(
+        mistake(
             "a size of one number",
             |f| replace(f, "calibration.toml", "size = [1920, 1200]", "size = 1920"),
             &["calibration.toml", "size"],
@@ -217,53 +219,53 @@ pub(super) fn millimetres(folder: &Path) {
 }
 
 #[test]
-fn recordings_that_are_wrong_are_refused_by_camera_and_line() {
-    let of = |what, make, told| Mistake {
+fn wrong_recordings_are_refused_with_camera_and_line() {
+    let mistake = |what, make, expected| Mistake {
         what,
         make,
         words: RUN,
         code: 2,
-        told,
+        expected,
     };
-    are_told(&[
-        of(
+    check_mistakes(&[
+        mistake(
             "keypoints as CSV",
             |f| write(f, "north-east.jsonl", "tick,x,y\n0,1,2\n"),
             &["north-east.jsonl:1", "not JSON"],
         ),
-        of(
+        mistake(
             "keypoints of nothing",
             |f| write(f, "north-east.jsonl", ""),
             &["north-east.jsonl", "no lines"],
         ),
-        of(
+        mistake(
             "sixteen keypoints",
             sixteen_keypoints,
             &["found 16 keypoints", "17"],
         ),
-        of(
+        mistake(
             "a tick twice",
             |f| change_lines(f, "north-east.jsonl", |line| line["tick"] = 0.into()),
             &["north-east.jsonl:2", "twice"],
         ),
-        of(
+        mistake(
             "ticks counted from elsewhere",
             |f| change_ticks(f, "north-east.jsonl", 1000),
             &["north-east", "1000"],
         ),
-        of(
+        mistake(
             "shares of the picture",
             shares_of_the_picture,
             &["shares of a picture", "1920 x 1200"],
         ),
-        of(
+        mistake(
             "text called a video",
             text_as_video,
             &["a.mp4", "cannot be read"],
         ),
-        of("sound without pictures", sound_as_video, &["a.mp4"]),
-        of("a video that is half as fast", slow_video, &["a.mp4"]),
-        of("a small video", small_video, &["a.mp4"]),
+        mistake("sound without pictures", sound_as_video, &["a.mp4"]),
+        mistake("a video that is half as fast", slow_video, &["a.mp4"]),
+        mistake("a small video", small_video, &["a.mp4"]),
     ]);
 }
 
@@ -319,36 +321,36 @@ fn small_video(folder: &Path) {
 }
 
 #[test]
-fn what_is_no_venue_is_refused_by_name() {
-    let of = |what, words, told| Mistake {
+fn other_files_are_refused_as_a_venue() {
+    let mistake = |what, words, expected| Mistake {
         what,
         make: nothing,
         words,
         code: 2,
-        told,
+        expected,
     };
-    are_told(&[
-        of(
+    check_mistakes(&[
+        mistake(
             "a folder in place of the venue",
             "run . --out out",
             &["found a folder", "expected the venue file"],
         ),
-        of(
+        mistake(
             "a venue that is misspelt",
             "run venue.tml --out out",
             &["venue.tml"],
         ),
-        of(
+        mistake(
             "the calibration in place of the venue",
             "run calibration.toml --out out",
             &["calibration.toml:1", "unknown field"],
         ),
-        of(
+        mistake(
             "a venue in place of a scene",
             "simulate venue.toml --out out",
             &["venue.toml", "field"],
         ),
-        of(
+        mistake(
             "a viewpoint that is not there",
             "edge venue.toml --viewpoint north",
             &["north", "north-east, north-west"],

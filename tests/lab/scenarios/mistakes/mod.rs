@@ -2,14 +2,17 @@
 //!
 //! The list was written before the mistakes were tried. The scenarios of `agreement` cover cameras that disagree.
 
-mod folder;
 mod input;
 mod newer;
 mod usage;
 
+use std::fs;
 use std::path::Path;
+use std::process::Command;
+use std::sync::OnceLock;
 
-use crate::farfield::{command, finish};
+use crate::data::checkout;
+use crate::farfield::{command, finish, run};
 
 /// A mistake of a new user.
 struct Mistake {
@@ -27,7 +30,7 @@ struct Mistake {
 fn check_mistakes(mistakes: &[Mistake]) {
     let mut faults = Vec::new();
     for mistake in mistakes {
-        let folder = folder::sample();
+        let folder = sample();
         (mistake.make)(folder.path());
         let mut command = command();
         command
@@ -36,7 +39,10 @@ fn check_mistakes(mistakes: &[Mistake]) {
         let output = finish(&command.output().unwrap());
         let Mistake { what, code, .. } = mistake;
         println!("{what} -> {}: {}", output.code, output.stderr.trim());
-        let is_reported = mistake.expected.iter().all(|word| output.stderr.contains(word));
+        let is_reported = mistake
+            .expected
+            .iter()
+            .all(|word| output.stderr.contains(word));
         let is_panic = output.stderr.contains("panicked");
         if output.code != *code || !is_reported || is_panic || mistake.expected.is_empty() {
             faults.push(format!(
@@ -51,4 +57,97 @@ fn check_mistakes(mistakes: &[Mistake]) {
         }
     }
     assert!(faults.is_empty(), "{}", faults.join("\n\n"));
+}
+
+/// The sample venue with its truth, and the results of a run in `good`.
+fn sample() -> tempfile::TempDir {
+    static GOOD: OnceLock<tempfile::TempDir> = OnceLock::new();
+    let walk = checkout().join("examples/walk");
+    let good = GOOD.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        run(
+            &walk.join("venue.toml"),
+            &folder.path().join("good"),
+            &["--record"],
+        );
+        folder
+    });
+    let folder = tempfile::tempdir().unwrap();
+    copy(&walk, folder.path());
+    fs::create_dir(folder.path().join("good")).unwrap();
+    copy(&good.path().join("good"), &folder.path().join("good"));
+    folder
+}
+
+fn copy(from: &Path, to: &Path) {
+    for entry in fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        fs::copy(&path, to.join(path.file_name().unwrap())).unwrap();
+    }
+}
+
+fn nothing(_: &Path) {}
+
+/// Replaces all occurrences of a text that must exist.
+fn replace(folder: &Path, file: &str, from: &str, to: &str) {
+    let text = fs::read_to_string(folder.join(file)).unwrap();
+    assert!(text.contains(from), "{file} has no {from:?} to spoil");
+    fs::write(folder.join(file), text.replace(from, to)).unwrap();
+}
+
+fn write(folder: &Path, file: &str, text: &str) {
+    fs::write(folder.join(file), text).unwrap();
+}
+
+/// Shifts the ticks of a file of JSON lines.
+fn change_ticks(folder: &Path, file: &str, by: i64) {
+    change_lines(folder, file, |line| {
+        line["tick"] = (line["tick"].as_i64().unwrap() + by).into();
+    });
+}
+
+/// Cuts a file after its first `n` lines.
+fn keep_lines(folder: &Path, file: &str, n: usize) {
+    let text = fs::read_to_string(folder.join(file)).unwrap();
+    let kept: Vec<&str> = text.lines().take(n).collect();
+    fs::write(folder.join(file), kept.join("\n") + "\n").unwrap();
+}
+
+/// Changes every line of a file of JSON lines.
+fn change_lines(folder: &Path, file: &str, change: impl Fn(&mut serde_json::Value)) {
+    let text = fs::read_to_string(folder.join(file)).unwrap();
+    let lines = text.lines().map(|line| {
+        let mut line = serde_json::from_str(line).unwrap();
+        change(&mut line);
+        format!("{line}\n")
+    });
+    let changed: String = lines.collect();
+    fs::write(folder.join(file), changed).unwrap();
+}
+
+/// Makes a file by ffmpeg; without ffmpeg the file is missing.
+fn ffmpeg(folder: &Path, options: &str, file: &str) {
+    let mut command = Command::new("ffmpeg");
+    command
+        .args(["-loglevel", "error"])
+        .args(options.split(' '));
+    drop(command.arg(folder.join(file)).status());
+}
+
+/// Gives the first camera a video instead of keypoints.
+fn with_video(folder: &Path, file: &str) {
+    let card = checkout().join("edge/testdata/hues17_128x96.toml");
+    let rate = "rate_hz = 30.0";
+    replace(
+        folder,
+        "venue.toml",
+        rate,
+        &format!("{rate}\nnetwork = \"{}\"", card.display()),
+    );
+    replace(
+        folder,
+        "venue.toml",
+        "kind = \"keypoints\", path = \"north-east.jsonl\"",
+        &format!("kind = \"video\", path = \"{file}\""),
+    );
 }

@@ -1,5 +1,5 @@
-//! Mistakes with what a venue is made of and taken away with: calibrations, imports, exports, people, streams, pages,
-//! subjects, fisheyes. All were written down before any was tried.
+//! Mistakes with calibrations, imports, exports, people, streams, pages, subjects and fisheyes. The list was written before
+//! the mistakes were tried.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -7,29 +7,28 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::folder::{nothing, replace, write};
-use super::{Mistake, are_told};
+use super::{Mistake, check_mistakes, nothing, replace, write};
 use crate::farfield::{command, finish};
 
 const CAMERAS: [&str; 4] = ["north-east", "north-west", "south-west", "south-east"];
 
-fn made(
+fn mistake(
     what: &'static str,
     make: fn(&Path),
     words: &'static str,
-    told: &'static [&'static str],
+    expected: &'static [&'static str],
 ) -> Mistake {
     Mistake {
         what,
         make,
         words,
         code: 2,
-        told,
+        expected,
     }
 }
 
-fn usage(what: &'static str, words: &'static str, told: &'static [&'static str]) -> Mistake {
-    made(what, nothing, words, told)
+fn usage(what: &'static str, words: &'static str, expected: &'static [&'static str]) -> Mistake {
+    mistake(what, nothing, words, expected)
 }
 
 fn recorded(folder: &Path, camera: &str) -> Vec<Value> {
@@ -39,7 +38,7 @@ fn recorded(folder: &Path, camera: &str) -> Vec<Value> {
         .collect()
 }
 
-/// Where two cameras saw the nose of the first walker, as `calibrate points` takes it.
+/// Pixels of the first person's nose in two cameras, in the format of `calibrate points`.
 fn points(folder: &Path) {
     for camera in &CAMERAS[..2] {
         let mut text = String::new();
@@ -53,7 +52,7 @@ fn points(folder: &Path) {
     }
 }
 
-/// The recordings as `OpenPose` would have written them, in folders of these names.
+/// The recordings in the format of `OpenPose`, in folders of these names.
 fn openpose(folder: &Path, names: [&str; 4]) {
     for (camera, name) in CAMERAS.into_iter().zip(names) {
         let own = folder.join("op").join(name);
@@ -84,14 +83,14 @@ fn append(folder: &Path, text: &str) {
 fn farfield(folder: &Path, words: &str) {
     let mut command = command();
     command.current_dir(folder).args(words.split(' '));
-    let said = finish(&command.output().unwrap());
-    assert_eq!(said.code, 0, "{}", said.stderr);
+    let output = finish(&command.output().unwrap());
+    assert_eq!(output.code, 0, "{}", output.stderr);
 }
 
 #[test]
 #[expect(clippy::too_many_lines, reason = "a table of mistakes")]
-fn calibrations_that_are_made_of_the_wrong_things_are_refused() {
-    are_told(&[
+fn wrong_input_for_calibrations_is_refused() {
+    check_mistakes(&[
         usage(
             "the venue in place of a calibration",
             "calibrate convert venue.toml --out c",
@@ -102,7 +101,7 @@ fn calibrations_that_are_made_of_the_wrong_things_are_refused() {
             ],
         ),
         usage(
-            "a format that nobody writes",
+            "an unknown format",
             "calibrate convert calibration.toml --to maya --out c",
             &["maya", "qualisys"],
         ),
@@ -121,31 +120,31 @@ fn calibrations_that_are_made_of_the_wrong_things_are_refused() {
             "calibrate points north-east.jsonl north-west.jsonl --lens calibration.toml --out c.toml",
             &["north-east.jsonl:1", "frame x y"],
         ),
-        made(
+        mistake(
             "points of one camera",
             points,
             "calibrate points north-east.txt --lens calibration.toml --out c.toml",
             &["expected at least 2"],
         ),
-        made(
+        mistake(
             "points without lenses",
             points,
             "calibrate points north-east.txt north-west.txt --out c.toml",
             &["no lens", "--lens"],
         ),
-        made(
+        mistake(
             "a distance without metres",
             points,
             "calibrate points north-east.txt north-west.txt --lens calibration.toml --distance north-east,north-west",
             &["--distance", "north,south=24.1"],
         ),
-        made(
+        mistake(
             "a distance in centimetres",
             points,
             "calibrate points north-east.txt north-west.txt --lens calibration.toml --distance north-east,north-west=560cm",
             &["560cm", "METRES"],
         ),
-        made(
+        mistake(
             "a distance to a camera that is not there",
             points,
             "calibrate points north-east.txt north-west.txt --lens calibration.toml --distance north-east,west=5 --out c.toml",
@@ -206,21 +205,21 @@ fn calibrations_that_are_made_of_the_wrong_things_are_refused() {
 
 #[test]
 #[expect(clippy::too_many_lines, reason = "a table of mistakes")]
-fn imports_and_exports_of_the_wrong_things_are_refused() {
-    are_told(&[
-        made(
+fn wrong_input_for_imports_and_exports_is_refused() {
+    check_mistakes(&[
+        mistake(
             "an import of nothing",
             |f| fs::create_dir(f.join("empty")).unwrap(),
             "import empty --calibration calibration.toml --rate 30",
             &["no 2D keypoints in empty", "openpose"],
         ),
-        made(
+        mistake(
             "an import without a rate",
             |f| openpose(f, CAMERAS),
             "import op --calibration calibration.toml",
             &["frames per second", "--rate HZ"],
         ),
-        made(
+        mistake(
             "an import of cameras that are not calibrated",
             |f| openpose(f, ["left", "right", "middle", "behind"]),
             "import op --calibration calibration.toml --rate 30 --camera left=op/left",
@@ -261,7 +260,7 @@ fn imports_and_exports_of_the_wrong_things_are_refused() {
             "export good --format bvh --preset maya",
             &["maya", "unreal"],
         ),
-        made(
+        mistake(
             "an export twice",
             |f| farfield(f, "export good --format csv"),
             "export good --format csv",
@@ -296,15 +295,15 @@ fn imports_and_exports_of_the_wrong_things_are_refused() {
 }
 
 #[test]
-fn people_who_are_called_wrongly_are_refused() {
-    are_told(&[
+fn wrong_edits_of_people_are_refused() {
+    check_mistakes(&[
         usage(
             "name and number exchanged",
             "people good name Anna 1",
             &["found `Anna`", "name 3 Anna"],
         ),
         usage(
-            "a name for nobody",
+            "a name for an unknown person",
             "people good name 9 Anna",
             &["found person 9", "[1, 2]"],
         ),
@@ -343,19 +342,19 @@ fn people_who_are_called_wrongly_are_refused() {
             "people venue.toml",
             &["venue.toml", "expected the folder of a run"],
         ),
-        made(
+        mistake(
             "a subject that is not there",
             |f| append(f, "[[subject]]\nprofile = \"subjects/anna.toml\"\n"),
             "run venue.toml --out out",
             &["venue.toml:35", "subjects/anna.toml"],
         ),
-        made(
+        mistake(
             "poses in place of a subject",
             |f| append(f, "[[subject]]\nprofile = \"good/summary.json\"\n"),
             "run venue.toml --out out",
             &["good/summary.json"],
         ),
-        made(
+        mistake(
             "one subject twice",
             |f| {
                 farfield(f, "people good name 1 Anna");
@@ -370,11 +369,11 @@ fn people_who_are_called_wrongly_are_refused() {
 }
 
 #[test]
-fn streams_pages_and_fisheyes_that_cannot_be_are_refused() {
+fn impossible_streams_pages_and_fisheyes_are_refused() {
     const RUN: &str = "run venue.toml --out out";
-    are_told(&[
+    check_mistakes(&[
         usage(
-            "a stream that nobody speaks",
+            "an unknown protocol",
             "run venue.toml --out out --stream osc",
             &["osc", "vmc"],
         ),
@@ -388,7 +387,7 @@ fn streams_pages_and_fisheyes_that_cannot_be_are_refused() {
             "run venue.toml --out out --stream qtm=256.0.0.1",
             &["256.0.0.1", "127.0.0.1:22223"],
         ),
-        made(
+        mistake(
             "a stream with a name",
             |f| append(f, "[[stream]]\nname = \"qtm\"\n"),
             RUN,
@@ -404,7 +403,7 @@ fn streams_pages_and_fisheyes_that_cannot_be_are_refused() {
             "fusion venue.toml --page=0.0.0.0:8080",
             &["--page=0.0.0.0:8080", "other machines", "farfield certs"],
         ),
-        made(
+        mistake(
             "a page at all addresses of a machine without a name",
             |f| farfield(f, "certs venue.toml --out certs"),
             "fusion venue.toml --certificates certs --page=0.0.0.0:8080",
@@ -415,13 +414,13 @@ fn streams_pages_and_fisheyes_that_cannot_be_are_refused() {
             "run venue.toml --out out --page=8080",
             &["127.0.0.1:8080"],
         ),
-        made(
+        mistake(
             "a fisheye with five numbers",
             |f| replace(f, "calibration.toml", "fisheye = false", "fisheye = true"),
             RUN,
             &["calibration.toml:5", "expected 4 of a fisheye"],
         ),
-        made(
+        mistake(
             "a fisheye in words",
             |f| {
                 replace(

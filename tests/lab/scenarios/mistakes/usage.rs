@@ -2,9 +2,8 @@
 
 use std::fs;
 
-use super::folder::{change_lines, change_ticks, keep_lines, nothing, write};
 use super::input::millimetres;
-use super::{Mistake, check_mistakes};
+use super::{Mistake, change_lines, change_ticks, check_mistakes, keep_lines, nothing, write};
 use crate::farfield::{command, finish};
 
 fn usage(what: &'static str, words: &'static str, expected: &'static [&'static str]) -> Mistake {
@@ -303,7 +302,7 @@ fn errors_are_json_with_the_option_json() {
 
 #[test]
 fn an_overlay_option_before_the_venue_does_not_take_it_as_value() {
-    let folder = super::folder::sample();
+    let folder = super::sample();
     let mut run = command();
     run.current_dir(folder.path());
     run.args([
@@ -327,7 +326,7 @@ fn an_overlay_option_before_the_venue_does_not_take_it_as_value() {
 
 #[test]
 fn a_parameter_that_was_set_is_used_and_written_to_the_results() {
-    let folder = super::folder::sample();
+    let folder = super::sample();
     let farfield = |words: &str| {
         let mut command = command();
         command.current_dir(folder.path()).args(words.split(' '));

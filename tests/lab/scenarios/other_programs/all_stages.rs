@@ -1,4 +1,4 @@
-//! From recordings of a ball to a calibration in one go, and in two, after somebody stopped the first.
+//! From recordings of a ball to a calibration, in one run, and in two after the first was interrupted.
 
 use std::fs;
 use std::path::Path;
@@ -11,23 +11,23 @@ use crate::farfield::{FinishedCommand, command, finish};
 
 /// Frames in which the ball is carried.
 const FRAMES: u32 = 150;
-/// Frames of the camera that was stopped last: what it saw does not fit into [`LARGEST_FILE`].
+/// Frames of the last camera: its sightings do not fit into [`LARGEST_FILE`].
 const LATE_FRAMES: u32 = 900;
-/// Blocks of 512 or 1024 bytes, as the shell has them, beyond which a file kills who writes it: more than what the other cameras
-/// saw, and less than what the last did.
+/// Limit of file sizes (`ulimit -f`, blocks of 512 or 1024 bytes). Sightings of the last camera exceed it, which kills the
+/// process; those of other cameras do not.
 const LARGEST_FILE: &str = "12";
-/// Size of a picture and focal length, pixels; radius of the ball, metres.
+/// Size of an image and focal length, pixels; radius of the ball, metres.
 pub(super) const SIZE_PX: [u32; 2] = [320, 240];
 const FOCAL_PX: f64 = 300.0;
 const RADIUS_M: f64 = 0.12;
-/// Where the cameras stand, metres; they look at the same place.
+/// Positions of the cameras, metres; all face the same point.
 pub(super) const CAMERAS_M: [(&str, [f64; 3]); 3] = [
     ("east", [4.0, 0.5, 2.0]),
     ("north", [-1.5, 4.2, 2.4]),
     ("west", [-3.0, -2.8, 1.8]),
 ];
 
-/// Where the ball is, metres.
+/// Position of the ball, metres.
 fn ball_m(frame: u32) -> Vector3<f64> {
     let t = 0.07 * f64::from(frame);
     Vector3::new(
@@ -37,7 +37,7 @@ fn ball_m(frame: u32) -> Vector3<f64> {
     )
 }
 
-/// Where a camera draws the ball, and its radius there, pixels.
+/// Centre and radius of the ball in a camera's image, pixels.
 fn drawn_px(camera_m: [f64; 3], frame: u32) -> ([f64; 2], f64) {
     let centre = Vector3::from(camera_m);
     let ahead = (Vector3::new(0.0, 0.0, 1.0) - centre).normalize();
@@ -50,7 +50,7 @@ fn drawn_px(camera_m: [f64; 3], frame: u32) -> ([f64; 2], f64) {
     (px, FOCAL_PX * RADIUS_M / depth_m)
 }
 
-/// Numbered pictures of each camera.
+/// Writes numbered images of each camera.
 pub(super) fn record(recordings: &Path) {
     for (name, camera_m) in CAMERAS_M {
         let folder = recordings.join(name);
@@ -71,7 +71,7 @@ pub(super) fn record(recordings: &Path) {
     }
 }
 
-/// Pictures of a camera that the ball never came before.
+/// Writes images of a camera that never sees the ball.
 fn record_nothing(recordings: &Path, name: &str) {
     let folder = recordings.join(name);
     fs::create_dir_all(&folder).unwrap();
@@ -82,7 +82,7 @@ fn record_nothing(recordings: &Path, name: &str) {
     }
 }
 
-/// The lenses of all cameras.
+/// Writes the lenses of all cameras.
 fn write_lenses(path: &Path) {
     let each = ["east", "north", "south", "west"].map(|name| {
         format!(
@@ -95,7 +95,7 @@ fn write_lenses(path: &Path) {
     fs::write(path, each.concat()).unwrap();
 }
 
-/// What `farfield calibrate all` is told of the recordings.
+/// Arguments of `farfield calibrate all` for the recordings.
 fn words(recordings: &Path, more: &[&str]) -> Vec<String> {
     let options = "--lens lenses.toml --colour #f07814 --out found.toml";
     let mut words = vec!["calibrate".to_owned(), "all".to_owned()];
@@ -108,7 +108,7 @@ fn words(recordings: &Path, more: &[&str]) -> Vec<String> {
     words
 }
 
-/// `farfield calibrate all` on the recordings, in `folder`.
+/// Runs `farfield calibrate all` in `folder`.
 fn calibrate_all(folder: &Path, recordings: &Path, more: &[&str]) -> FinishedCommand {
     let mut command = command();
     command
@@ -118,7 +118,7 @@ fn calibrate_all(folder: &Path, recordings: &Path, more: &[&str]) -> FinishedCom
     finish(&command.output().unwrap())
 }
 
-/// The same, killed while it writes what the last camera saw.
+/// [`calibrate_all`], killed while it writes the sightings of the last camera.
 fn killed_at_the_last(folder: &Path, recordings: &Path) -> FinishedCommand {
     let limited = format!("ulimit -c 0; ulimit -f {LARGEST_FILE}; exec \"$@\"");
     let mut shell = Command::new("sh");
@@ -131,14 +131,14 @@ fn killed_at_the_last(folder: &Path, recordings: &Path) -> FinishedCommand {
     finish(&shell.output().unwrap())
 }
 
-/// A folder to work in.
+/// A folder with the lenses.
 fn workplace() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     write_lenses(&folder.path().join("lenses.toml"));
     folder
 }
 
-/// The calibration, whether it passes or not, and what each camera saw.
+/// The sightings of each camera, and the calibration, whether it passes or not.
 fn results(folder: &Path, done: &FinishedCommand) -> Vec<Vec<u8>> {
     assert!(done.code <= 1, "{}\n{}", done.stdout, done.stderr);
     let found = ["found.failed.toml", "found.toml"][usize::from(done.code == 0)];
@@ -159,7 +159,7 @@ pub(super) fn names(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn who_is_stopped_after_a_look_goes_on_from_there_and_ends_with_the_same_bytes() {
+fn a_stopped_calibration_resumes_with_the_same_bytes() {
     let recorded = tempfile::tempdir().unwrap();
     let recordings = recorded.path().join("recordings");
     record(&recordings);
@@ -179,17 +179,17 @@ fn who_is_stopped_after_a_look_goes_on_from_there_and_ends_with_the_same_bytes()
 
     let again = calibrate_all(stopped.path(), &recordings, &[]);
     assert_eq!(results(stopped.path(), &again), expected);
-    // What was found is not looked for again, and all else is.
+    // Finished sightings are reused, and the rest is computed.
     let taken_up = again.stderr.matches("where it was found earlier").count();
     assert_eq!(taken_up, 2, "{}", again.stderr);
     for name in ["east", "north"] {
-        let said = format!("camera {name}: taken from");
-        assert!(again.stderr.contains(&said), "{}", again.stderr);
+        let message = format!("camera {name}: taken from");
+        assert!(again.stderr.contains(&message), "{}", again.stderr);
     }
     let seen = names(&stopped.path().join("seen"));
     assert_eq!(seen, ["east.txt", "north.txt", "west.txt"]);
 
-    // With another option what is there is of no use, and stands in the way until somebody says so.
+    // With another option existing sightings cannot be reused, and are not replaced without `--replace`.
     for name in names(stopped.path()) {
         if name.starts_with("found") {
             fs::remove_file(stopped.path().join(name)).unwrap();
@@ -204,7 +204,7 @@ fn who_is_stopped_after_a_look_goes_on_from_there_and_ends_with_the_same_bytes()
 }
 
 #[test]
-fn what_is_wrong_with_the_command_is_told_before_any_picture_is_looked_at() {
+fn wrong_options_are_refused_before_images_are_read() {
     let recorded = tempfile::tempdir().unwrap();
     let recordings = recorded.path().join("recordings");
     for (name, _) in CAMERAS_M {
@@ -217,7 +217,7 @@ fn what_is_wrong_with_the_command_is_told_before_any_picture_is_looked_at() {
     let one = lenses.split("[north]").next().unwrap();
     fs::write(place.path().join("one.toml"), one).unwrap();
     fs::write(place.path().join("broken.toml"), "court = 3\n").unwrap();
-    let told: [(&[&str], &str); 13] = [
+    let cases: [(&[&str], &str); 13] = [
         (
             &["--at", "norht=0,0,3"],
             "--distance: unknown camera `norht`, expected one of east, north, west",
@@ -250,7 +250,7 @@ fn what_is_wrong_with_the_command_is_told_before_any_picture_is_looked_at() {
         (&["--gate-px", "0"], "`gate_px`: found 0"),
         (&["--diameter-px", "9,3"], "found 9 to 3"),
     ];
-    for (more, words) in told {
+    for (more, words) in cases {
         let refused = calibrate_all(place.path(), &recordings, more);
         assert_eq!(refused.code, 2, "{more:?}: {}", refused.stderr);
         assert!(
@@ -258,14 +258,14 @@ fn what_is_wrong_with_the_command_is_told_before_any_picture_is_looked_at() {
             "{more:?}: {}",
             refused.stderr
         );
-        // These recordings have no ball in them, which a look would have told.
+        // These recordings have no ball, which a search would have reported.
         assert!(!refused.stderr.contains("nothing that moves"), "{more:?}");
         assert!(!place.path().join("seen").exists(), "{more:?}");
     }
 }
 
 #[test]
-fn a_known_place_that_is_no_number_is_told_before_any_picture_is_looked_at() {
+fn a_known_place_that_is_not_finite_is_refused_before_images_are_read() {
     let recorded = tempfile::tempdir().unwrap();
     let recordings = recorded.path().join("recordings");
     for (name, _) in CAMERAS_M {
@@ -292,7 +292,7 @@ fn a_known_place_that_is_no_number_is_told_before_any_picture_is_looked_at() {
 }
 
 #[test]
-fn a_camera_that_saw_nothing_is_known_and_has_no_pose() {
+fn a_camera_that_never_saw_the_ball_has_no_pose() {
     let recorded = tempfile::tempdir().unwrap();
     let recordings = recorded.path().join("recordings");
     record(&recordings);
@@ -301,8 +301,8 @@ fn a_camera_that_saw_nothing_is_known_and_has_no_pose() {
     let known = ["--at", "south=0,-4,2", "--distance", "south,north=8.3"];
     let done = calibrate_all(place.path(), &recordings, &known);
     assert!(done.code <= 1, "{}\n{}", done.stdout, done.stderr);
-    let said = "camera south: not seen in 10 frames";
-    assert!(done.stderr.contains(said), "{}", done.stderr);
+    let message = "camera south: not seen in 10 frames";
+    assert!(done.stderr.contains(message), "{}", done.stderr);
     let left_out = "camera south saw nothing: what is known of it is left out";
     assert!(done.stderr.contains(left_out), "{}", done.stderr);
     let no_pose = "camera south: no pose";

@@ -1,4 +1,4 @@
-//! A ball that was filmed: `farfield calibrate ball` finds it in recordings as a user has them.
+//! `farfield calibrate ball` finds a filmed ball in recordings of a user.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -7,22 +7,22 @@ use std::process::Command;
 
 use image::{Rgb, RgbImage};
 
-use crate::data::say_skipped;
+use crate::data::print_skipped;
 use crate::farfield::{FinishedCommand, farfield};
 
 /// Frames of a recording.
 const FRAMES: u32 = 50;
-/// Size of a picture, pixels.
+/// Size of an image, pixels.
 const SIZE_PX: [u32; 2] = [320, 240];
 /// Radius of the ball, pixels.
 const RADIUS_PX: f64 = 11.0;
-/// A lens without distortion, as a user has it of a camera that stands nowhere yet.
+/// A lens without distortion of a camera without a pose.
 const LENS: &str = "[hall]\nname = \"hall\"\nsize = [320, 240]\n\
     matrix = [[300.0, 0.0, 159.5], [0.0, 300.0, 119.5], [0.0, 0.0, 1.0]]\n\
     distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\n\
     rotation = [0.0, 0.0, 0.0]\ntranslation = [0.0, 0.0, 0.0]\n";
 
-/// Where the ball's centre is in a frame, pixels.
+/// Centre of the ball in a frame, pixels.
 fn centre_px(frame: u32) -> [f64; 2] {
     let turn = 0.1 * f64::from(frame);
     [160.0 + 100.0 * turn.cos(), 120.0 + 70.0 * turn.sin()]
@@ -40,7 +40,7 @@ fn picture(frame: u32) -> RgbImage {
     })
 }
 
-/// Numbered pictures in `folder`.
+/// Writes numbered images to `folder`.
 fn write_pictures(folder: &Path) {
     fs::create_dir_all(folder).unwrap();
     for frame in 0..FRAMES {
@@ -49,8 +49,8 @@ fn write_pictures(folder: &Path) {
     }
 }
 
-/// Runs the command on what lies in `recordings` of `folder`.
-fn look(folder: &Path, more: &[&str]) -> FinishedCommand {
+/// Runs the command on `recordings` of `folder`.
+fn calibrate_ball(folder: &Path, more: &[&str]) -> FinishedCommand {
     let lenses = LENS.to_owned() + &LENS.replace("hall", "stage");
     fs::write(folder.join("lens.toml"), lenses).unwrap();
     let path = |name: &str| folder.join(name).display().to_string();
@@ -67,10 +67,10 @@ fn look(folder: &Path, more: &[&str]) -> FinishedCommand {
     farfield(&[&words, more].concat())
 }
 
-/// Distances of what was found from the true centres, sorted, pixels.
+/// Distances of the detected from the true centres, sorted, pixels.
 fn errors_px(seen: &Path) -> Vec<f64> {
     let text = fs::read_to_string(seen).unwrap();
-    // A line above names the columns, one below says of what they are.
+    // The first line names the columns, and the last has metadata.
     let lines = text.lines();
     let lines = lines.filter(|line| line.starts_with(|it: char| it.is_ascii_digit()));
     let lines = lines.map(|line| {
@@ -84,10 +84,10 @@ fn errors_px(seen: &Path) -> Vec<f64> {
 }
 
 #[test]
-fn a_ball_in_numbered_pictures_is_found_below_the_pixel() {
+fn a_ball_in_numbered_images_is_found_within_a_pixel() {
     let folder = tempfile::tempdir().unwrap();
     write_pictures(&folder.path().join("recordings/hall"));
-    let done = look(folder.path(), &[]);
+    let done = calibrate_ball(folder.path(), &[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let errors_px = errors_px(&folder.path().join("seen/hall.txt"));
     assert!(errors_px.len() as u32 >= FRAMES * 9 / 10, "{}", done.stdout);
@@ -97,7 +97,7 @@ fn a_ball_in_numbered_pictures_is_found_below_the_pixel() {
 }
 
 #[test]
-fn a_ball_in_a_video_of_any_rate_is_found_in_the_right_frames() {
+fn a_ball_in_a_video_is_found_in_the_right_frames() {
     let folder = tempfile::tempdir().unwrap();
     let recordings = folder.path().join("recordings");
     write_pictures(&folder.path().join("pictures"));
@@ -110,26 +110,26 @@ fn a_ball_in_a_video_of_any_rate_is_found_in_the_right_frames() {
         .output();
     match made {
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            say_skipped("a ball in a video: no ffmpeg");
+            print_skipped("a ball in a video: no ffmpeg");
             return;
         }
         made => {
             let made = made.unwrap();
-            let said = String::from_utf8_lossy(&made.stderr);
-            assert!(made.status.success(), "{said}");
+            let message = String::from_utf8_lossy(&made.stderr);
+            assert!(made.status.success(), "{message}");
         }
     }
-    let done = look(folder.path(), &[]);
+    let done = calibrate_ball(folder.path(), &[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let errors_px = errors_px(&folder.path().join("seen/hall.txt"));
     assert!(errors_px.len() as u32 >= FRAMES * 9 / 10, "{}", done.stdout);
-    // From one frame to the next the ball goes 8 to 10 px: a frame too late would be far outside.
+    // The ball moves 8 to 10 px per frame, so that a wrong frame would show.
     let median_px = errors_px[errors_px.len() / 2];
     assert!(median_px < 0.5, "{median_px} px at the median");
 }
 
 #[test]
-fn a_camera_that_saw_no_ball_keeps_no_file_of_an_earlier_look() {
+fn a_camera_without_a_ball_has_no_file_of_an_earlier_run() {
     let folder = tempfile::tempdir().unwrap();
     write_pictures(&folder.path().join("recordings/hall"));
     let stage = folder.path().join("recordings/stage");
@@ -140,16 +140,16 @@ fn a_camera_that_saw_no_ball_keeps_no_file_of_an_earlier_look() {
     }
     fs::create_dir_all(folder.path().join("seen")).unwrap();
     fs::write(folder.path().join("seen/stage.txt"), "frame x y\n").unwrap();
-    let done = look(folder.path(), &["--replace"]);
+    let done = calibrate_ball(folder.path(), &["--replace"]);
     assert_eq!(done.code, 0, "{}", done.stderr);
-    let said = "camera stage: not seen in 10 frames";
-    assert!(done.stdout.contains(said), "{}", done.stdout);
+    let message = "camera stage: not seen in 10 frames";
+    assert!(done.stdout.contains(message), "{}", done.stdout);
     assert!(folder.path().join("seen/hall.txt").exists());
     assert!(!folder.path().join("seen/stage.txt").exists());
 }
 
 #[test]
-fn recordings_without_a_ball_are_named_and_nothing_is_written() {
+fn recordings_without_a_ball_are_refused_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let hall = folder.path().join("recordings/hall");
     fs::create_dir_all(&hall).unwrap();
@@ -157,7 +157,7 @@ fn recordings_without_a_ball_are_named_and_nothing_is_written() {
         let empty = RgbImage::from_pixel(SIZE_PX[0], SIZE_PX[1], Rgb([90, 90, 90]));
         empty.save(hall.join(format!("{frame:06}.png"))).unwrap();
     }
-    let refused = look(folder.path(), &[]);
+    let refused = calibrate_ball(folder.path(), &[]);
     assert_eq!(refused.code, 2, "{}", refused.stdout);
     for words in [
         "camera hall: nothing round, saturated and moving in the first 10 frames",

@@ -8,19 +8,19 @@ use image::{GrayImage, Luma};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::all_stages::{CAMERAS_M, SIZE_PX, names, record};
-use super::seen_hall::calibration;
+use super::calibration::calibration;
 use crate::farfield::{FinishedCommand, command, finish};
 
-/// How all cameras see: the same as those that filmed the ball.
+/// Focal length and principal point of all cameras, as of those that filmed the ball.
 const FOCAL_PX: f64 = 300.0;
 const MIDDLE_PX: [f64; 2] = [159.5, 119.5];
 /// Squares along a row and a column, and their side, metres.
 const SQUARES: [f64; 2] = [5.0, 8.0];
 const SQUARE_M: f64 = 0.06;
-/// Pictures of a board.
+/// Images of a board.
 const PICTURES: u32 = 14;
 
-/// Where the board is in a picture: camera from board.
+/// Camera from board in one image.
 fn board(picture: u32) -> Isometry3<f64> {
     let turn = 2.4 * f64::from(picture);
     let tilt = Vector3::new(turn.cos(), turn.sin(), 0.3 * (1.7 * turn).cos()) * 0.55;
@@ -34,7 +34,7 @@ fn board(picture: u32) -> Isometry3<f64> {
     Isometry3::new(middle, tilt)
 }
 
-/// How bright the board is along the ray through a pixel, 0 to 255.
+/// Brightness of the board along the ray through a pixel, 0 to 255.
 fn level(camera_from_board: &Isometry3<f64>, [x_px, y_px]: [f64; 2]) -> f64 {
     let ray = Vector3::new(
         (x_px - MIDDLE_PX[0]) / FOCAL_PX,
@@ -58,7 +58,7 @@ fn level(camera_from_board: &Isometry3<f64>, [x_px, y_px]: [f64; 2]) -> f64 {
     }
 }
 
-/// All pictures, drawn once: each is a million rays.
+/// All images, rendered once: each takes a million rays.
 fn pictures() -> &'static [GrayImage] {
     static DRAWN: OnceLock<Vec<GrayImage>> = OnceLock::new();
     DRAWN.get_or_init(|| (0..PICTURES).map(picture).collect())
@@ -79,7 +79,7 @@ fn picture(number: u32) -> GrayImage {
     })
 }
 
-/// A folder of pictures for each camera.
+/// Writes a folder of images for each camera.
 fn film_boards(boards: &Path) {
     for (name, _) in CAMERAS_M {
         let folder = boards.join(name);
@@ -91,7 +91,7 @@ fn film_boards(boards: &Path) {
     }
 }
 
-/// `farfield calibrate all recordings --boards boards` in `folder`.
+/// Runs `farfield calibrate all recordings` in `folder`.
 fn calibrate_all(folder: &Path, more: &[&str]) -> FinishedCommand {
     let mut command = command();
     command.current_dir(folder);
@@ -135,7 +135,7 @@ fn boards_and_a_ball_become_a_calibration_that_passes_in_one_command() {
         ["east.yml", "north.yml", "west.yml"]
     );
 
-    // Lenses and sightings that are there are taken up, and the rest comes of them as before.
+    // Existing lenses and sightings are reused, and the rest is computed from them with the same result.
     let first = fs::read(folder.join("calibration.toml")).unwrap();
     for name in ["calibration.toml", "calibration.html", "lenses/north.yml"] {
         fs::remove_file(folder.join(name)).unwrap();
@@ -143,11 +143,11 @@ fn boards_and_a_ball_become_a_calibration_that_passes_in_one_command() {
     let again = calibrate_all(folder, &BOARDS);
     assert_eq!(again.code, 0, "{}\n{}", again.stdout, again.stderr);
     assert_eq!(fs::read(folder.join("calibration.toml")).unwrap(), first);
-    let said = |words: &str| again.stderr.matches(words).count();
-    assert_eq!(said("its lens is taken from"), 2, "{}", again.stderr);
-    assert_eq!(said("camera north: its lens"), 0, "{}", again.stderr);
+    let count = |words: &str| again.stderr.matches(words).count();
+    assert_eq!(count("its lens is taken from"), 2, "{}", again.stderr);
+    assert_eq!(count("camera north: its lens"), 0, "{}", again.stderr);
     assert_eq!(
-        said(".txt, where it was found earlier"),
+        count(".txt, where it was found earlier"),
         3,
         "{}",
         again.stderr
@@ -155,7 +155,7 @@ fn boards_and_a_ball_become_a_calibration_that_passes_in_one_command() {
 }
 
 #[test]
-fn what_is_wrong_with_boards_is_told_before_any_picture_is_looked_at() {
+fn wrong_boards_are_refused_before_images_are_read() {
     let place = tempfile::tempdir().unwrap();
     let folder = place.path();
     film_boards(&folder.join("recordings"));
@@ -164,7 +164,7 @@ fn what_is_wrong_with_boards_is_told_before_any_picture_is_looked_at() {
         let path = folder.join("boards").join(name).join("0.png");
         pictures()[0].save(path).unwrap();
     }
-    let told: [(&[&str], &str); 7] = [
+    let cases: [(&[&str], &str); 7] = [
         (&[], "give it by --lens, or pictures of a board by --boards"),
         (&BOARDS, "boards: found no boards of camera `west`"),
         (&BOARDS[2..], "the board that is described is in no picture"),
@@ -193,7 +193,7 @@ fn what_is_wrong_with_boards_is_told_before_any_picture_is_looked_at() {
             "squares of 0 m",
         ),
     ];
-    for (more, words) in told {
+    for (more, words) in cases {
         let refused = calibrate_all(folder, more);
         assert_eq!(refused.code, 2, "{more:?}: {}", refused.stderr);
         assert!(
@@ -206,7 +206,7 @@ fn what_is_wrong_with_boards_is_told_before_any_picture_is_looked_at() {
 }
 
 #[test]
-fn recordings_that_are_not_as_large_as_the_boards_are_told_before_boards_are_looked_through() {
+fn recordings_of_another_size_than_boards_are_refused_first() {
     let place = tempfile::tempdir().unwrap();
     let folder = place.path();
     film_boards(&folder.join("recordings"));
@@ -222,11 +222,11 @@ fn recordings_that_are_not_as_large_as_the_boards_are_told_before_boards_are_loo
 }
 
 #[test]
-fn a_board_of_another_size_than_was_said_does_not_pass() {
+fn a_board_of_another_size_than_stated_does_not_pass() {
     let place = tempfile::tempdir().unwrap();
     let folder = place.path();
     film_boards(&folder.join("boards"));
-    for (size, said) in [
+    for (size, message) in [
         ("5x9", "at most 4 x 7 inner corners were found"),
         ("4x8", "at most 4 x 7 inner corners were found"),
         ("3x6", "at most 4 x 7 inner corners were found"),
@@ -238,7 +238,11 @@ fn a_board_of_another_size_than_was_said_does_not_pass() {
         command.args(["--square-mm", "60", "--chessboard", size]);
         let refused = finish(&command.output().unwrap());
         assert_eq!(refused.code, 2, "{size}: {}", refused.stdout);
-        assert!(refused.stderr.contains(said), "{size}: {}", refused.stderr);
+        assert!(
+            refused.stderr.contains(message),
+            "{size}: {}",
+            refused.stderr
+        );
         assert_eq!(names(folder), ["boards"], "{size}");
     }
 }

@@ -1,24 +1,24 @@
-//! A calibration, as a user makes one: from a light that was carried through the hall of the sample, from pictures of a
-//! board, from another program's file.
+//! Calibrations by a user: from a light carried through the room of the sample, from images of a board, from a file of
+//! another program.
 
 use std::fs;
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use farfield_proto::calibration::Calibration;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Point;
 use nalgebra::Point3;
 use serde_json::Value;
 
-use super::seen_hall::{SeenHall, calibration};
-use crate::data::{SampleFolder, recording, say_skipped};
-use crate::farfield::farfield;
+use crate::data::{SampleFolder, print_skipped, recording};
+use crate::farfield::{FinishedCommand, farfield};
 
 /// Frames in which the light is carried.
 const FRAMES: u32 = 600;
 
-/// Where the light is, world, metres: all over the field, from knee to as high as an arm reaches.
+/// Position of the light, world, metres: all over the field, from the knee to the reach of an arm.
 fn light_m(frame: u32) -> Point3<f64> {
     let t = 0.05 * f64::from(frame);
     Point3::new(
@@ -28,7 +28,7 @@ fn light_m(frame: u32) -> Point3<f64> {
     )
 }
 
-/// A third of a pixel here, a third there; the same every time.
+/// Reproducible noise of up to 0.35 pixels.
 fn jitter_px(frame: u32, camera: usize) -> [f64; 2] {
     let seed = f64::from(frame) + 1000.0 * camera as f64;
     [12.9898, 78.233].map(|by| {
@@ -37,7 +37,7 @@ fn jitter_px(frame: u32, camera: usize) -> [f64; 2] {
     })
 }
 
-/// What `camera` sees of the light: one line a frame.
+/// Pixels of the light in `camera`, one line per frame.
 fn seen_by(camera: &CameraModel, number: usize) -> String {
     let mut text = "frame x y\n".to_owned();
     for frame in 0..FRAMES {
@@ -56,7 +56,7 @@ pub(super) fn carried_light() -> SeenHall {
     SeenHall::new("txt", seen_by)
 }
 
-/// Where three of the cameras stand, as a user who has measured it says.
+/// Positions of three cameras as `--at` options.
 fn places(hall: &SeenHall) -> Vec<String> {
     let known = hall.truth.cameras.values().take(3);
     known
@@ -68,7 +68,7 @@ fn places(hall: &SeenHall) -> Vec<String> {
 }
 
 #[test]
-fn a_light_that_was_carried_through_the_hall_calibrates_its_cameras() {
+fn a_light_carried_through_the_room_calibrates_its_cameras() {
     let light = carried_light();
     let places = places(&light);
     let places: Vec<&str> = places.iter().map(String::as_str).collect();
@@ -102,27 +102,27 @@ fn a_calibration_without_a_length_is_written_and_does_not_pass() {
     let light = carried_light();
     let done = light.calibrate("points", &["--json"]);
     assert_eq!(done.code, 1, "{}\n{}", done.stdout, done.stderr);
-    // One document, whatever happens.
-    let said: Value = serde_json::from_str(&done.stdout).unwrap();
-    assert_eq!(said["passes"], false);
-    assert_eq!(said["exit_code"], 1);
-    assert!(said["findings"].to_string().contains("metre"), "{said}");
+    // With `--json`, standard output is one document.
+    let report: Value = serde_json::from_str(&done.stdout).unwrap();
+    assert_eq!(report["passes"], false);
+    assert_eq!(report["exit_code"], 1);
+    assert!(report["findings"].to_string().contains("metre"), "{report}");
     let sheet = fs::read_to_string(light.folder.path("found.failed.html")).unwrap();
     assert!(sheet.contains("It does not pass."), "{sheet}");
     assert!(light.folder.path("found.failed.toml").is_file());
     assert!(
         !light.folder.path("found.toml").exists(),
-        "it takes the place of none"
+        "a failed calibration replaces none"
     );
 }
 
 #[test]
-fn what_cannot_be_calibrated_is_refused_by_name() {
+fn wrong_options_and_points_are_refused() {
     let light = carried_light();
-    let refused = |more: &[&str], told: &str| {
+    let refused = |more: &[&str], words: &str| {
         let done = light.calibrate("points", more);
-        assert_eq!(done.code, 2, "{told}\n{}\n{}", done.stdout, done.stderr);
-        assert!(done.stderr.contains(told), "{told}: {}", done.stderr);
+        assert_eq!(done.code, 2, "{words}\n{}\n{}", done.stdout, done.stderr);
+        assert!(done.stderr.contains(words), "{words}: {}", done.stderr);
         println!("{}", done.stderr.lines().last().unwrap());
     };
     refused(&["--at", "norht=0,0,3"], "unknown camera `norht`");
@@ -135,7 +135,7 @@ fn what_cannot_be_calibrated_is_refused_by_name() {
 }
 
 #[test]
-fn another_programs_calibration_comes_in_and_goes_out_again() {
+fn a_calibration_survives_a_round_trip_through_another_format() {
     let sample = SampleFolder::new();
     let ours = sample.path("calibration.toml");
     let convert = |from: &Path, to: &str, out: &Path| {
@@ -167,7 +167,7 @@ fn another_programs_calibration_comes_in_and_goes_out_again() {
 }
 
 #[test]
-fn pictures_of_a_chessboard_tell_a_lens() {
+fn images_of_a_chessboard_calibrate_a_lens() {
     let needed = "data/pose2sim/single/intrinsics/int_cam01_img";
     let Some(pictures) = recording("pictures of a chessboard", needed) else {
         return;
@@ -209,7 +209,7 @@ fn pictures_of_a_chessboard_tell_a_lens() {
 }
 
 #[test]
-fn a_video_of_a_chessboard_from_a_phone_held_upright_tells_a_lens() {
+fn an_upright_phone_video_of_a_chessboard_calibrates_a_lens() {
     let needed = "data/pose2sim/single/intrinsics/int_cam01_img";
     let Some(pictures) = recording("a video of a chessboard", needed) else {
         return;
@@ -227,7 +227,7 @@ fn a_video_of_a_chessboard_from_a_phone_held_upright_tells_a_lens() {
             filmed => filmed.unwrap().success(),
         }
     };
-    // Pictures that come slower and slower, as no run would take them.
+    // Images with growing intervals, which a run would refuse.
     let shown = fs::read_dir(&pictures).unwrap();
     let shown = shown.map(|entry| entry.unwrap().path().display().to_string());
     let mut shown: Vec<String> = shown.filter(|path| path.ends_with("_int.jpg")).collect();
@@ -241,7 +241,7 @@ fn a_video_of_a_chessboard_from_a_phone_held_upright_tells_a_lens() {
     let codec = ["-c:v", "libx264", "-crf", "10", "-pix_fmt", "yuv420p"];
     fs::create_dir(folder.path().join("videos")).unwrap();
     if !film(&[&varying[..], &slower, &codec].concat(), "level.mp4") {
-        say_skipped("a video of a chessboard: no ffmpeg with libx264");
+        print_skipped("a video of a chessboard: no ffmpeg with libx264");
         return;
     }
     let turned = ["-i", "level.mp4", "-c", "copy"];
@@ -251,7 +251,7 @@ fn a_video_of_a_chessboard_from_a_phone_held_upright_tells_a_lens() {
         "videos/upright.mp4"
     ));
     let path = |name: &str| folder.path().join(name).display().to_string();
-    let look = |recorded: &[&str], board: &str| {
+    let calibrate_board = |recorded: &[&str], board: &str| {
         let words = [
             "calibrate",
             "board",
@@ -265,23 +265,66 @@ fn a_video_of_a_chessboard_from_a_phone_held_upright_tells_a_lens() {
         farfield(&[&words[..], &more, recorded].concat())
     };
     let [videos, level] = [path("videos"), path("level.mp4")];
-    let done = look(&[&videos], "4x7");
+    let done = calibrate_board(&[&videos], "4x7");
     assert_eq!(done.code, 0, "{}\n{}", done.stdout, done.stderr);
-    let said: Value = serde_json::from_str(&done.stdout).unwrap();
-    assert!(said["rms_px"].as_f64().unwrap() < 0.5, "{said}");
+    let report: Value = serde_json::from_str(&done.stdout).unwrap();
+    assert!(report["rms_px"].as_f64().unwrap() < 0.5, "{report}");
 
-    let refused = look(&[&videos], "3x4");
+    let refused = calibrate_board(&[&videos], "3x4");
     assert_eq!(refused.code, 2, "{}", refused.stdout);
     let counted = "expected 3 x 4: count the corners";
     assert!(refused.stderr.contains(counted), "{}", refused.stderr);
 
-    // Where this ffmpeg writes how the phone was held, both videos together are of no one camera.
-    let as_it_lay = look(&[&level], "4x7");
-    let as_it_lay: Value = serde_json::from_str(&as_it_lay.stdout).unwrap();
-    if said["size_px"] != as_it_lay["size_px"] {
-        let refused = look(&[&level, &videos], "4x7");
+    // If this ffmpeg writes the orientation of the phone, the two videos are not of one camera.
+    let unrotated = calibrate_board(&[&level], "4x7");
+    let unrotated: Value = serde_json::from_str(&unrotated.stdout).unwrap();
+    if report["size_px"] != unrotated["size_px"] {
+        let refused = calibrate_board(&[&level, &videos], "4x7");
         assert_eq!(refused.code, 2, "{}", refused.stdout);
         let why = "the camera was turned on its side";
         assert!(refused.stderr.contains(why), "{}", refused.stderr);
+    }
+}
+
+/// The calibration in a file.
+pub(super) fn calibration(path: &Path) -> Calibration {
+    Calibration::parse(&fs::read_to_string(path).unwrap(), path).unwrap()
+}
+
+/// The sample with observations and the true calibration.
+pub(super) struct SeenHall {
+    pub(super) folder: SampleFolder,
+    pub(super) truth: Calibration,
+    files: Vec<PathBuf>,
+}
+
+impl SeenHall {
+    /// Writes a file `CAMERA.extension` with `seen_by(camera, index)` for each camera.
+    pub(super) fn new(extension: &str, seen_by: impl Fn(&CameraModel, usize) -> String) -> Self {
+        let folder = SampleFolder::new();
+        let truth = calibration(&folder.path("calibration.toml"));
+        let mut files = Vec::new();
+        for (number, camera) in truth.cameras.values().enumerate() {
+            let path = folder.path(&format!("{}.{extension}", camera.name()));
+            fs::write(&path, seen_by(camera, number)).unwrap();
+            files.push(path);
+        }
+        Self {
+            folder,
+            truth,
+            files,
+        }
+    }
+
+    /// Runs `farfield calibrate KIND` with the true lenses.
+    pub(super) fn calibrate(&self, kind: &str, more: &[&str]) -> FinishedCommand {
+        let lens = self.folder.path("calibration.toml");
+        let out = self.folder.path("found.toml");
+        let mut words = vec!["calibrate".to_owned(), kind.to_owned()];
+        words.extend(self.files.iter().map(|path| path.display().to_string()));
+        words.extend(["--lens".to_owned(), lens.display().to_string()]);
+        words.extend(["--out".to_owned(), out.display().to_string()]);
+        words.extend(more.iter().map(|word| (*word).to_owned()));
+        farfield(&words)
     }
 }

@@ -1,4 +1,4 @@
-//! Marks clicked in pictures, as a browser says them: by HTTP to the command, into the file, and from there to a calibration.
+//! Marks clicked in images, as by a browser: by HTTP to the command, to the file, and to a calibration.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,13 +15,12 @@ use image::RgbImage;
 use nalgebra::Point3;
 use serde_json::{Value, json};
 
-use super::calibration::carried_light;
-use super::seen_hall::{SeenHall, calibration};
+use super::calibration::{SeenHall, calibration, carried_light};
 use crate::farfield::{command, farfield};
 
 /// Far above what a loaded machine takes to answer.
 const PATIENCE: Duration = Duration::from_mins(1);
-/// What is clicked: marks of the court in the middle of the hall, and places that somebody has measured.
+/// Clicked places, metres: marks of the court in the middle of the room, and measured places.
 const MARKS: [(&str, [f64; 3]); 6] = [
     ("centre", [0.0, 0.0, 0.0]),
     ("centre_circle_north", [0.0, 3.0, 0.0]),
@@ -31,7 +30,7 @@ const MARKS: [(&str, [f64; 3]); 6] = [
     ("scratch south", [1.5, -2.0, 0.0]),
 ];
 
-/// Where `camera` draws a place, distorted pixels; `None` outside of its picture.
+/// Distorted pixel of a place in `camera`; `None` outside its image.
 fn seen_px(camera: &CameraModel, at_m: [f64; 3]) -> Option<[f64; 2]> {
     let pixel = camera.project(Point::new(Point3::from(at_m)))?;
     let pixel = Some(pixel).filter(|pixel| camera.sees(*pixel))?;
@@ -39,17 +38,17 @@ fn seen_px(camera: &CameraModel, at_m: [f64; 3]) -> Option<[f64; 2]> {
     Some([drawn.x(), drawn.y()])
 }
 
-/// The command, with its page.
+/// The running command and the address of its page.
 struct Clicking {
     child: Child,
-    said: BufReader<ChildStderr>,
+    stderr: BufReader<ChildStderr>,
     authority: String,
     token: String,
 }
 
 impl Drop for Clicking {
     fn drop(&mut self) {
-        // Ended already when all went well.
+        // The process may have ended already.
         drop(self.child.kill());
         drop(self.child.wait());
     }
@@ -66,12 +65,12 @@ impl Clicking {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let mut said = BufReader::new(child.stderr.take().unwrap());
+        let mut stderr = BufReader::new(child.stderr.take().unwrap());
         let mut all = String::new();
         while !all.contains("#token=") {
             assert!(
-                said.read_line(&mut all).unwrap() > 0,
-                "it ended and said:\n{all}"
+                stderr.read_line(&mut all).unwrap() > 0,
+                "it ended with:\n{all}"
             );
         }
         println!("{all}");
@@ -81,13 +80,13 @@ impl Clicking {
         let (authority, token) = address.unwrap().split_once("/#token=").unwrap();
         Self {
             child,
-            said,
+            stderr,
             authority: authority.to_owned(),
             token: token.to_owned(),
         }
     }
 
-    /// The status and the body of the answer to a request with further lines in its head.
+    /// Sends a request with more head lines. Returns status and body of the answer.
     fn request(&self, first: &str, head: &str, body: &str) -> (u16, String) {
         let mut socket = TcpStream::connect(&self.authority).unwrap();
         socket.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -123,14 +122,14 @@ impl Clicking {
         self.request("PUT /api/marks", &self.with_token(), &change.to_string())
     }
 
-    /// Puts what must be taken; what it comes to.
-    fn take(&self, revision: &Value, clicked: &Value) -> Value {
+    /// Puts clicks that must be accepted; returns the new state.
+    fn put_accepted(&self, revision: &Value, clicked: &Value) -> Value {
         let (status, body) = self.put(revision, clicked);
         assert_eq!(status, 200, "{body}");
         serde_json::from_str(&body).unwrap()
     }
 
-    /// As Ctrl-C does; what it said at its end.
+    /// Interrupts the command as Ctrl-C does; returns the rest of its output.
     fn stop(mut self) -> String {
         let pid = self.child.id().to_string();
         assert!(
@@ -141,13 +140,13 @@ impl Clicking {
                 .success()
         );
         let mut rest = String::new();
-        self.said.read_to_string(&mut rest).unwrap();
+        self.stderr.read_to_string(&mut rest).unwrap();
         assert_eq!(self.child.wait().unwrap().code(), Some(0), "{rest}");
         rest
     }
 }
 
-/// A grey picture of each camera.
+/// A grey image of each camera.
 fn pictures(folder: &Path, cameras: &Calibration) -> PathBuf {
     let pictures = folder.join("pictures");
     fs::create_dir(&pictures).unwrap();
@@ -166,8 +165,8 @@ fn fit_of<'a>(state: &'a Value, camera: &str) -> &'a Value {
     fits.iter().find(|fit| fit["camera"] == camera).unwrap()
 }
 
-/// Who has not the address that was printed gets the empty page and nothing else.
-fn refuses_strangers(clicking: &Clicking) {
+/// Clients without the token get the empty page only.
+fn check_strangers(clicking: &Clicking) {
     assert_eq!(clicking.request("GET /", "", "").0, 200);
     for path in ["GET /api/marks", "GET /api/picture/0", "PUT /api/marks"] {
         assert_eq!(clicking.request(path, "", "").0, 401, "{path}");
@@ -181,8 +180,8 @@ fn refuses_strangers(clicking: &Clicking) {
     assert_eq!(clicking.request("GET /api/marks", &host, "").0, 421);
 }
 
-/// An older page does not write over a newer one's clicks, and what cannot be is refused.
-fn refuses_what_cannot_be(clicking: &Clicking, state: &Value, clicked: &Value, camera: &str) {
+/// An outdated page does not overwrite newer clicks, and invalid clicks are refused.
+fn check_invalid_clicks(clicking: &Clicking, state: &Value, clicked: &Value, camera: &str) {
     let (status, _) = clicking.put(&json!(0), clicked);
     assert_eq!(status, 409);
     let mut outside = clicked.clone();
@@ -196,8 +195,8 @@ fn refuses_what_cannot_be(clicking: &Clicking, state: &Value, clicked: &Value, c
     );
 }
 
-/// The light that was carried through the hall, laid on what was clicked.
-fn calibrates_with(light: &SeenHall, clicked: &Path) {
+/// A calibration from the carried light, aligned by the clicks, is close to the truth.
+fn check_calibration(light: &SeenHall, clicked: &Path) {
     let done = light.calibrate("points", &["--marks", clicked.to_str().unwrap()]);
     assert_eq!(done.code, 0, "{}\n{}", done.stdout, done.stderr);
     let found = calibration(&light.folder.path("found.toml"));
@@ -210,7 +209,7 @@ fn calibrates_with(light: &SeenHall, clicked: &Path) {
 }
 
 #[test]
-fn marks_that_are_clicked_lay_a_calibration_on_the_hall() {
+fn clicked_marks_align_a_calibration() {
     let light = carried_light();
     let out = light.folder.path("clicked.toml");
     let lens = light.folder.path("calibration.toml");
@@ -226,7 +225,7 @@ fn marks_that_are_clicked_lay_a_calibration_on_the_hall() {
     ];
     let clicking = Clicking::start(&words);
 
-    refuses_strangers(&clicking);
+    check_strangers(&clicking);
     let document = clicking.document();
     assert_eq!(document["court"]["name"], "futsal");
     assert_eq!(
@@ -235,7 +234,7 @@ fn marks_that_are_clicked_lay_a_calibration_on_the_hall() {
     );
     assert!(!out.exists(), "nothing is clicked yet");
 
-    // Click by click, as an operator does: the first is wrong by far, and is corrected.
+    // One click at a time, like an operator. Then one click is moved far off, and corrected.
     let mut clicked = document["state"]["clicked"].clone();
     for (name, at_m) in &MARKS[3..] {
         clicked["places"][*name] = json!(at_m);
@@ -248,7 +247,7 @@ fn marks_that_are_clicked_lay_a_calibration_on_the_hall() {
                 continue;
             };
             clicked["camera"][camera][name] = json!([[x, y]]);
-            state = clicking.take(&state["revision"], &clicked);
+            state = clicking.put_accepted(&state["revision"], &clicked);
             *counts.entry(camera).or_default() += 1;
         }
     }
@@ -262,7 +261,7 @@ fn marks_that_are_clicked_lay_a_calibration_on_the_hall() {
     );
     let right = clicked["camera"][*first]["centre"].clone();
     clicked["camera"][*first]["centre"][0][0] = json!(right[0][0].as_f64().unwrap() + 45.0);
-    state = clicking.take(&state["revision"], &clicked);
+    state = clicking.put_accepted(&state["revision"], &clicked);
     let text = fit_of(&state, first)["text"].as_str().unwrap().to_owned();
     println!("{text}");
     assert!(
@@ -276,30 +275,30 @@ fn marks_that_are_clicked_lay_a_calibration_on_the_hall() {
     );
     clicked["camera"][*first]["centre"] = right;
 
-    refuses_what_cannot_be(&clicking, &state, &clicked, first);
+    check_invalid_clicks(&clicking, &state, &clicked, first);
     assert_eq!(fs::read_to_string(&out).unwrap(), written);
-    state = clicking.take(&state["revision"], &clicked);
+    state = clicking.put_accepted(&state["revision"], &clicked);
     assert!(state["problem"].is_null(), "{}", state["problem"]);
     let rest = clicking.stop();
     assert!(rest.contains("--marks"), "{rest}");
 
-    // What was clicked is taken up again.
+    // Existing clicks are read again.
     let again = Clicking::start(&words);
     assert_eq!(again.document()["state"]["clicked"], state["clicked"]);
     again.stop();
 
-    calibrates_with(&light, &out);
+    check_calibration(&light, &out);
 }
 
 #[test]
-fn what_cannot_be_clicked_on_is_refused_by_name() {
+fn wrong_images_and_marks_are_refused() {
     let light = carried_light();
     let lens = light.folder.path("calibration.toml");
     let pictures = pictures(light.folder.folder(), &light.truth);
-    let refused = |words: &[&str], told: &str| {
+    let refused = |words: &[&str], words: &str| {
         let done = farfield(&[&["calibrate", "marks"], words].concat());
-        assert_eq!(done.code, 2, "{told}\n{}\n{}", done.stdout, done.stderr);
-        assert!(done.stderr.contains(told), "{told}: {}", done.stderr);
+        assert_eq!(done.code, 2, "{words}\n{}\n{}", done.stdout, done.stderr);
+        assert!(done.stderr.contains(words), "{words}: {}", done.stderr);
         println!("{}", done.stderr.lines().last().unwrap());
     };
     let text = lens.to_str().unwrap();

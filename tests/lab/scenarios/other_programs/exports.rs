@@ -18,7 +18,7 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_run_is_written_in_every_format_once_and_the_same_again() {
+fn a_run_is_exported_in_every_format_with_the_same_bytes_again() {
     let sample = SampleFolder::new();
     let out = sample.path("out");
     run(&sample.path("venue.toml"), &out, &[]);
@@ -40,13 +40,13 @@ fn a_run_is_written_in_every_format_once_and_the_same_again() {
     let written = names(&folder);
     println!("{written:?}");
     assert_eq!(files.len(), written.len());
-    for of_a_person in [
+    for of_person in [
         "poses_Ada.bvh",
         "poses_Ada.c3d",
         "poses_Ada.csv",
         "model_Ada.osim",
     ] {
-        assert!(written.iter().any(|it| it == of_a_person), "{of_a_person}");
+        assert!(written.iter().any(|it| it == of_person), "{of_person}");
     }
     let read = || -> Vec<Vec<u8>> {
         let paths = written.iter().map(|name| folder.join(name));
@@ -69,12 +69,12 @@ fn a_run_is_written_in_every_format_once_and_the_same_again() {
 }
 
 #[test]
-fn what_cannot_be_exported_is_refused_and_leaves_nothing() {
+fn impossible_exports_are_refused_and_leave_nothing() {
     let sample = SampleFolder::new();
     let out = sample.path("out");
     run(&sample.path("venue.toml"), &out, &["--ticks", "0..30"]);
     let out = out.to_str().unwrap().to_owned();
-    for (words, told) in [
+    for (words, message) in [
         (
             vec![out.as_str(), "--format", "fbx"],
             "`fbx` is not one of bvh, glb",
@@ -93,7 +93,7 @@ fn what_cannot_be_exported_is_refused_and_leaves_nothing() {
     ] {
         let done = farfield(&[&["export"], &words[..]].concat());
         assert_eq!(done.code, 2, "{words:?}\n{}\n{}", done.stdout, done.stderr);
-        assert!(done.stderr.contains(told), "{told}: {}", done.stderr);
+        assert!(done.stderr.contains(message), "{message}: {}", done.stderr);
         println!("{}", done.stderr.trim());
     }
     let files = names(Path::new(&out));

@@ -1,4 +1,4 @@
-//! People in videos, seen by networks on the way to a calibration.
+//! Calibration from people in videos: detection by networks, and reuse of their keypoints.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,14 +9,14 @@ use serde_json::Value;
 use crate::data::{checkout, onnx_runtime, recording};
 use crate::farfield::{FinishedCommand, farfield};
 
-/// Frames a second of the scene, and how many are recorded.
+/// Recorded ticks of the scene.
 const TICKS: &str = "0..12";
-/// Of so many frames one is looked at.
+/// One of so many frames is processed.
 const EVERY: i64 = 3;
-/// How far a keypoint of the small embedded network may be off at the median, pixels: its maps have cells of that size.
+/// Accepted median error of a keypoint of the small embedded network, pixels: the size of a cell of its maps.
 const OFF_PX: f64 = 8.0;
 
-/// The scene of the demo by few and small cameras, as pictures and as keypoints.
+/// The scene of the demo with few small cameras, as images and as keypoints.
 fn simulate(folder: &Path) -> [PathBuf; 2] {
     let text = fs::read_to_string(checkout().join("sim/scenes/court.toml")).unwrap();
     let clips = checkout().join("sim/clips");
@@ -40,13 +40,13 @@ fn simulate(folder: &Path) -> [PathBuf; 2] {
             "--ticks",
             TICKS,
         ];
-        let said = farfield(&words);
-        assert_eq!(said.code, 0, "{}\n{}", said.stdout, said.stderr);
+        let finished = farfield(&words);
+        assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
         out
     })
 }
 
-/// The lines of a keypoint file, each with the tick.
+/// The lines of a keypoint file with their ticks.
 fn lines(path: &Path) -> Vec<(i64, Vec<Value>)> {
     let text = fs::read_to_string(path).unwrap();
     let lines = text.lines().map(|line| {
@@ -65,7 +65,7 @@ fn keypoint(body: &Value, index: usize) -> Option<[f64; 2]> {
 }
 
 /// Distances of the keypoints that both bodies have, pixels.
-fn apart_px(a: &Value, b: &Value) -> Vec<f64> {
+fn distances_px(a: &Value, b: &Value) -> Vec<f64> {
     let both = (0..17).filter_map(|index| {
         let (a, b) = (keypoint(a, index)?, keypoint(b, index)?);
         Some((a[0] - b[0]).hypot(a[1] - b[1]))
@@ -81,7 +81,7 @@ fn median(mut values: Vec<f64>) -> f64 {
         .unwrap_or(f64::INFINITY)
 }
 
-/// What `farfield calibrate people` is told of recordings, with the networks that the program carries where `more` names no others.
+/// Runs `farfield calibrate people`, with the embedded networks unless `more` contains others.
 fn calibrate(folder: &Path, recordings: &Path, more: &[&str]) -> FinishedCommand {
     let networks = folder.join("networks");
     let cards = [
@@ -109,7 +109,7 @@ fn calibrate(folder: &Path, recordings: &Path, more: &[&str]) -> FinishedCommand
 }
 
 #[test]
-fn people_are_seen_in_pictures_and_the_files_are_taken_up_again() {
+fn people_are_detected_in_images_and_their_files_are_reused() {
     if !onnx_runtime("people in pictures, on the way to a calibration") {
         return;
     }
@@ -117,10 +117,10 @@ fn people_are_seen_in_pictures_and_the_files_are_taken_up_again() {
     let folder = place.path();
     let [images, keypoints] = simulate(folder);
     let recordings = images.join("images");
-    let told = ["--rate-hz", "30", "--looks-hz", "10"];
-    let first = calibrate(folder, &recordings, &told);
+    let options = ["--rate-hz", "30", "--looks-hz", "10"];
+    let first = calibrate(folder, &recordings, &options);
     println!("{}\n{}", first.stdout, first.stderr);
-    // So short a recording carries no calibration (`walked_calibration` has one that does), and what was seen is kept.
+    // A recording this short is not enough for a calibration (see `walked_calibration`), but its keypoints are written.
     assert_eq!(first.code, 2, "{}", first.stderr);
     assert!(
         first
@@ -143,7 +143,7 @@ fn people_are_seen_in_pictures_and_the_files_are_taken_up_again() {
         for (tick, bodies) in &found {
             let there = &truth.iter().find(|(of, _)| of == tick).unwrap().1;
             for body in bodies {
-                let each = there.iter().map(|it| median(apart_px(it, body)));
+                let each = there.iter().map(|it| median(distances_px(it, body)));
                 nearest_px.push(each.fold(f64::INFINITY, f64::min));
             }
         }
@@ -159,7 +159,11 @@ fn people_are_seen_in_pictures_and_the_files_are_taken_up_again() {
     let seen = |name: &str| fs::read(folder.join("seen").join(format!("{name}.jsonl"))).unwrap();
     let before: Vec<Vec<u8>> = cameras.iter().map(|name| seen(name)).collect();
     fs::remove_file(folder.join(format!("seen/{}.jsonl", cameras[1]))).unwrap();
-    let again = calibrate(folder, &recordings, &[&told[..], &["--replace"]].concat());
+    let again = calibrate(
+        folder,
+        &recordings,
+        &[&options[..], &["--replace"]].concat(),
+    );
     assert_eq!(again.code, first.code, "{}", again.stderr);
     let taken_up = again
         .stderr
@@ -179,7 +183,7 @@ fn people_are_seen_in_pictures_and_the_files_are_taken_up_again() {
 }
 
 #[test]
-fn what_is_wrong_with_videos_of_people_is_told_before_any_picture_is_looked_at() {
+fn wrong_options_are_refused_before_images_are_read() {
     let place = tempfile::tempdir().unwrap();
     let folder = place.path();
     let [images, _] = simulate(folder);
@@ -230,7 +234,7 @@ fn what_is_wrong_with_videos_of_people_is_told_before_any_picture_is_looked_at()
 }
 
 #[test]
-fn a_man_on_a_treadmill_is_seen_in_every_video_by_real_networks() {
+fn real_networks_detect_a_man_in_every_video() {
     let scenario = "a man on a treadmill, on the way to a calibration";
     let needed = [
         "data/pose2sim/single/videos",
@@ -266,7 +270,7 @@ fn a_man_on_a_treadmill_is_seen_in_every_video_by_real_networks() {
         .collect();
     let done = farfield(&words);
     println!("{}\n{}", done.stdout, done.stderr);
-    // He stays where he is, which tells no cameras apart.
+    // A person who stays in place does not determine the cameras.
     assert_eq!(done.code, 2, "{}", done.stderr);
     assert!(
         done.stderr

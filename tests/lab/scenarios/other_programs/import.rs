@@ -1,4 +1,4 @@
-//! Keypoints that somebody has from another program: written here as that program writes them, imported, run.
+//! Keypoints of another program: written in its format, imported, run.
 
 use std::cell::Cell;
 use std::fs;
@@ -8,10 +8,10 @@ use serde_json::{Value, json};
 use crate::data::SampleFolder;
 use crate::farfield::{farfield, poses, run};
 
-/// Where `OpenPose`'s `BODY_25` has each of COCO's 17 keypoints (`OpenPose`'s documentation, "Pose Output Format").
+/// Index in `OpenPose`'s `BODY_25` of each of COCO's 17 keypoints (`OpenPose`'s documentation, "Pose Output Format").
 const BODY_25_OF_COCO: [usize; 17] = [0, 16, 15, 18, 17, 5, 2, 6, 3, 7, 4, 12, 9, 13, 10, 14, 11];
 
-/// One frame of the sample as `OpenPose` writes it: x, y, confidence, flat; zeros where nothing was seen.
+/// A frame of the sample in the format of `OpenPose`: x, y, confidence, flat; zeros for missing keypoints.
 fn as_openpose(line: &Value) -> Value {
     let people = line["persons"].as_array().unwrap().iter().map(|person| {
         let mut flat = vec![json!(0.0); 75];
@@ -26,13 +26,13 @@ fn as_openpose(line: &Value) -> Value {
     json!({"version": 1.3, "people": people.collect::<Vec<_>>()})
 }
 
-/// The sample's calibration and its keypoints as a Pose2Sim project keeps them, in `project`.
+/// Writes the sample's calibration and keypoints as a Pose2Sim project to `project`.
 fn write_openpose_project(folder: &SampleFolder) {
-    write_project_of(folder, |_, frame| frame.to_string());
+    write_project(folder, |_, frame| frame.to_string());
 }
 
-/// The same of frames that `text` makes of a corner and a frame as `OpenPose` writes it.
-fn write_project_of(folder: &SampleFolder, text: impl Fn(&str, &Value) -> String) {
+/// [`write_openpose_project`] with `text` made from a camera's name and a frame of `OpenPose`.
+fn write_project(folder: &SampleFolder, text: impl Fn(&str, &Value) -> String) {
     for corner in ["north-east", "north-west", "south-west", "south-east"] {
         let pose = folder.path(&format!("project/pose/{corner}_json"));
         fs::create_dir_all(&pose).unwrap();
@@ -66,9 +66,9 @@ fn largest_difference_m(ours: &[Value], theirs: &[Value]) -> f64 {
 }
 
 #[test]
-fn keypoints_of_openpose_give_the_poses_that_they_give_by_hand() {
+fn imported_keypoints_of_openpose_give_the_poses_of_our_format() {
     let folder = SampleFolder::new();
-    // Other programs know no field: it is the cameras' rectangle in both.
+    // Other programs have no field: both runs derive it from the cameras.
     folder.replace(
         "venue.toml",
         "[field]\nmin_m = [-4.0, -4.0, -0.3]\nmax_m = [4.0, 4.0, 2.4]\n",
@@ -94,14 +94,14 @@ fn keypoints_of_openpose_give_the_poses_that_they_give_by_hand() {
     assert_eq!((by_hand.len(), imported.len()), (240, 240));
     let difference_m = largest_difference_m(&by_hand, &imported);
     assert!(difference_m < 1e-3, "{difference_m} m");
-    // A calibration that is ours already stays as it is to the last bit: on the Shelf a rotation that went through a matrix
-    // and back moved joints by 132 mm, where two people were hard to tell apart.
+    // A calibration in our format is copied to the last bit. On the Shelf, a rotation that went through a matrix and back moved
+    // joints by 132 mm where two people were hard to distinguish.
     let written = fs::read(folder.path("project/farfield/calibration.toml")).unwrap();
     assert!(written == fs::read(folder.path("calibration.toml")).unwrap());
 }
 
 #[test]
-fn a_rate_that_nobody_said_is_asked_for_and_nothing_is_written() {
+fn an_import_without_a_rate_is_refused_and_writes_nothing() {
     let folder = SampleFolder::new();
     write_openpose_project(&folder);
     let project = folder.path("project");
@@ -111,7 +111,7 @@ fn a_rate_that_nobody_said_is_asked_for_and_nothing_is_written() {
     assert!(!project.join("farfield").exists());
 }
 
-/// Scores of 0.70 to 0.95, two in a hundred of 1.3, by how many came before.
+/// Scores of 0.70 to 0.95, and two in a hundred of 1.3.
 fn usual_score(number: usize) -> f64 {
     match number % 50 {
         0 => 1.3,
@@ -119,12 +119,12 @@ fn usual_score(number: usize) -> f64 {
     }
 }
 
-/// Symptom: a single score of 9.7 divided all others by 9.7, and nobody was found.
+/// Symptom to prevent: a single score of 9.7 divided all others by 9.7, and no people were found.
 #[test]
-fn a_few_wild_scores_and_a_camera_with_percent_cost_nobody() {
+fn a_few_wild_scores_and_percent_lose_no_people() {
     let folder = SampleFolder::new();
     let count = Cell::new(0);
-    write_project_of(&folder, |corner, frame| {
+    write_project(&folder, |corner, frame| {
         let mut frame = frame.clone();
         for person in frame["people"].as_array_mut().unwrap() {
             let flat = person["pose_keypoints_2d"].as_array_mut().unwrap();
@@ -133,7 +133,7 @@ fn a_few_wild_scores_and_a_camera_with_percent_cost_nobody() {
                     count.set(count.get() + 1);
                     let percent = if corner == "south-west" { 100.0 } else { 1.0 };
                     *score = (percent * usual_score(count.get())).into();
-                    // One each, of thousands.
+                    // One of each kind among thousands.
                     if let Some(wild) =
                         [9.7, 1e9, -5.0, 424_242.0].get(usize::wrapping_sub(count.get(), 100))
                     {

@@ -1,4 +1,4 @@
-//! What comes from other programs and goes to them: calibrations, and poses.
+//! Data from and for other programs: calibrations, keypoints and poses.
 
 mod all_stages;
 mod ball;
@@ -9,6 +9,5 @@ mod exports;
 mod filmed_people;
 mod import;
 mod people;
-mod seen_hall;
 mod subjects;
 mod walked_calibration;

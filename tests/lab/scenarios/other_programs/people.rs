@@ -1,4 +1,4 @@
-//! Names and edits of people: beside a run, beside a recording, in what is exported, and taken back.
+//! Names and edits of people: of a run, of a recording, in exports, and undone.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::data::SampleFolder;
 use crate::farfield::{FinishedCommand, farfield, run};
 
-/// A run of the sample with its recording, once for all that looks at it.
+/// A run of the sample with its recording.
 fn recorded_run() -> SampleFolder {
     let sample = SampleFolder::new();
     run(
@@ -20,38 +20,38 @@ fn recorded_run() -> SampleFolder {
     sample
 }
 
-fn people(of: &Path, words: &[&str]) -> FinishedCommand {
-    let of = of.to_str().unwrap();
-    farfield(&[&["people", of], words].concat())
+fn people(run: &Path, words: &[&str]) -> FinishedCommand {
+    let run = run.to_str().unwrap();
+    farfield(&[&["people", run], words].concat())
 }
 
-/// `farfield people OF --json WORDS`.
-fn listed(of: &Path, words: &[&str]) -> Value {
-    let done = people(of, &[words, &["--json"]].concat());
+/// `farfield people RUN --json WORDS`.
+fn listed(run: &Path, words: &[&str]) -> Value {
+    let done = people(run, &[words, &["--json"]].concat());
     assert_eq!(done.code, 0, "{words:?}\n{}\n{}", done.stdout, done.stderr);
     serde_json::from_str(&done.stdout).unwrap()
 }
 
-fn done(of: &Path, words: &[&str]) -> String {
-    let done = people(of, words);
+fn done(run: &Path, words: &[&str]) -> String {
+    let done = people(run, words);
     assert_eq!(done.code, 0, "{words:?}\n{}\n{}", done.stdout, done.stderr);
     println!("{}", done.stdout.trim());
     done.stdout
 }
 
-fn refused(of: &Path, words: &[&str], told: &str) {
-    let done = people(of, words);
+fn refused(run: &Path, words: &[&str], message: &str) {
+    let done = people(run, words);
     assert_eq!(done.code, 2, "{words:?}\n{}", done.stdout);
-    assert!(done.stderr.contains(told), "{told}: {}", done.stderr);
+    assert!(done.stderr.contains(message), "{message}: {}", done.stderr);
     println!("{}", done.stderr.trim());
 }
 
 /// The files of an export by name.
-fn exported(of: &Path, to: &Path, words: &[&str]) -> BTreeMap<String, Vec<u8>> {
+fn exported(run: &Path, to: &Path, words: &[&str]) -> BTreeMap<String, Vec<u8>> {
     let words = [
         &[
             "export",
-            of.to_str().unwrap(),
+            run.to_str().unwrap(),
             "--out",
             to.to_str().unwrap(),
         ],
@@ -99,7 +99,7 @@ fn names_splits_and_merges_are_exported_and_undone_to_the_last_byte() {
     refused(&out, &["merge", &other, "--into", &one], "both at ticks");
     refused(
         &out,
-        &["name", "77", "Nobody"],
+        &["name", "77", "Cleo"],
         "found person 77, expected one of",
     );
     done(&out, &["name", &one, "Anna/Ž"]);
@@ -118,7 +118,7 @@ fn names_splits_and_merges_are_exported_and_undone_to_the_last_byte() {
     );
 
     let edited = exported(&out, &sample.path("edited"), &formats);
-    // What no file can be called is replaced; two who are called alike have their ids besides.
+    // Characters that file names cannot have are replaced, and two people with the same name get their ids added.
     for name in [
         "poses_Anna_Ž.bvh".to_owned(),
         format!("poses_Bo_{other}.csv"),
@@ -130,7 +130,7 @@ fn names_splits_and_merges_are_exported_and_undone_to_the_last_byte() {
     assert!(gltf.contains("Anna/Ž") && gltf.contains(&format!("Bo {new}")));
     assert!(text(&edited, "poses_tidy.csv").contains("Anna/Ž"));
 
-    // Both halves together again are who they were, by another way.
+    // The two halves merged again are the original person.
     done(&out, &["merge", &new, "--into", &one]);
     let named = exported(&out, &sample.path("named"), &["--format", "csv"]);
     assert_eq!(named.len(), 2);
@@ -157,7 +157,7 @@ fn names_splits_and_merges_are_exported_and_undone_to_the_last_byte() {
 }
 
 #[test]
-fn who_is_left_out_is_in_no_file() {
+fn dropped_people_are_in_no_file() {
     let sample = recorded_run();
     let out = sample.path("out");
     let rows = listed(&out, &[]);
@@ -170,7 +170,7 @@ fn who_is_left_out_is_in_no_file() {
 }
 
 #[test]
-fn an_edits_file_that_is_wrong_is_named_with_its_line_and_nothing_is_written() {
+fn an_invalid_list_of_edits_is_refused_with_its_line() {
     let sample = recorded_run();
     let out = sample.path("out");
     let one = listed(&out, &[])["people"][0]["person"].to_string();
@@ -199,7 +199,7 @@ fn rows(table: &str) -> BTreeMap<String, String> {
 }
 
 #[test]
-fn a_recording_is_exported_as_its_run_but_for_the_ticks_before_people_were_confirmed() {
+fn a_recording_exports_like_its_run_after_people_are_confirmed() {
     let sample = recorded_run();
     let (out, recording) = (
         sample.path("out"),
@@ -211,27 +211,27 @@ fn a_recording_is_exported_as_its_run_but_for_the_ticks_before_people_were_confi
     assert!(out.join("recording.edits.jsonl").is_file());
 
     let formats = ["--format", "csv,bvh"];
-    let of_run = exported(&out, &sample.path("of-run"), &formats);
-    let of_recording = exported(&recording, &sample.path("of-recording"), &formats);
-    assert_eq!(names(&of_run), names(&of_recording));
+    let from_run = exported(&out, &sample.path("of-run"), &formats);
+    let from_recording = exported(&recording, &sample.path("of-recording"), &formats);
+    assert_eq!(names(&from_run), names(&from_recording));
     let (ours, theirs) = (
-        text(&of_run, "poses_Anna.csv"),
-        text(&of_recording, "poses_Anna.csv"),
+        text(&from_run, "poses_Anna.csv"),
+        text(&from_recording, "poses_Anna.csv"),
     );
     let (ours, theirs) = (rows(&ours), rows(&theirs));
     assert!(ours.keys().eq(theirs.keys()), "other ticks");
     let (mut equal, mut only_run) = (0, 0);
     for (second, row) in &ours {
-        let found = &theirs[second];
-        if found == row {
+        let other = &theirs[second];
+        if other == row {
             equal += 1;
         } else {
-            assert!(found.contains("absent"), "second {second}: {found}");
+            assert!(other.contains("absent"), "second {second}: {other}");
             only_run += 1;
         }
     }
     println!("{equal} rows are equal, {only_run} are of the run only");
     assert!(equal > 60 && only_run < 45, "{equal} {only_run}");
     let left = fs::read_dir(sample.path("of-recording")).unwrap().count();
-    assert_eq!(left, of_recording.len());
+    assert_eq!(left, from_recording.len());
 }

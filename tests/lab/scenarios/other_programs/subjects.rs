@@ -1,4 +1,4 @@
-//! Subjects of a venue: a body that one session kept is known in the next, by name, in all that is made of it.
+//! Subjects of a venue: a body saved in one session is recognised by name in the next, in its exports and its replay.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use crate::data::checkout;
 use crate::farfield::{farfield, poses, run};
 use crate::recording::replayed;
 
-/// The demo's court as maps, in `folder`; its venue file.
+/// Writes the demo's court as maps to `folder`; returns its venue file.
 fn court(folder: &Path) -> PathBuf {
     let scene = checkout().join("sim/scenes/court.toml");
     let (scene, out) = (scene.to_str().unwrap(), folder.join("court"));
@@ -33,7 +33,7 @@ fn edits(file: &Path) -> Vec<Value> {
         .collect()
 }
 
-/// The venue file with subjects before its viewpoints.
+/// Writes the venue file with subjects added.
 fn with_subjects(venue: &Path, name: &str, subjects: &str) -> PathBuf {
     let text = fs::read_to_string(venue).unwrap();
     let at = text.find("[[viewpoint]]").unwrap();
@@ -44,7 +44,7 @@ fn with_subjects(venue: &Path, name: &str, subjects: &str) -> PathBuf {
 }
 
 #[test]
-fn a_body_that_was_kept_is_known_by_name_in_the_next_session_its_exports_and_its_replay() {
+fn a_saved_body_is_recognised_in_later_sessions_and_exports() {
     let dir = tempfile::tempdir().unwrap();
     let venue = court(dir.path());
     let first = dir.path().join("first");
@@ -61,14 +61,14 @@ fn a_body_that_was_kept_is_known_by_name_in_the_next_session_its_exports_and_its
         &words(&profile),
     ]);
 
-    // Whom nobody on the court is like is nobody.
+    // No person on the court matches the other subject, so it names none.
     let subjects =
         "[[subject]]\nprofile = \"anna.toml\"\n[[subject]]\nname = \"Giant\"\nstature_m = 2.4\n";
     let known = with_subjects(&venue, "known.toml", subjects);
     let second = dir.path().join("second");
-    let said = run(&known, &second, &["--record"]);
+    let finished = run(&known, &second, &["--record"]);
     let guesses = edits(&second.join("edits.jsonl"));
-    println!("{guesses:?}\n{}", said.stdout);
+    println!("{guesses:?}\n{}", finished.stdout);
     let [guess] = guesses.as_slice() else {
         panic!("one is known: {guesses:?}")
     };
@@ -77,7 +77,11 @@ fn a_body_that_was_kept_is_known_by_name_in_the_next_session_its_exports_and_its
         (&guess["person"], &guess["name"]),
         (&1.into(), &"Anna".into())
     );
-    assert!(said.stdout.contains("person 1 (Anna): "), "{}", said.stdout);
+    assert!(
+        finished.stdout.contains("person 1 (Anna): "),
+        "{}",
+        finished.stdout
+    );
     let check = farfield(&[
         "check",
         &words(&known),
@@ -98,34 +102,31 @@ fn a_body_that_was_kept_is_known_by_name_in_the_next_session_its_exports_and_its
     assert!(export.join("poses_Anna.csv").is_file());
     assert_eq!(fs::read_dir(&export).unwrap().count(), 4);
 
-    // The lengths are drawn to those of the profile, and differ from the session that did not know her.
-    assert!(
-        poses(&first) != poses(&second),
-        "nothing was done with the profile"
-    );
+    // Link lengths are drawn to those of the profile, and so differ from the first session.
+    assert!(poses(&first) != poses(&second), "the profile has no effect");
 
-    // The recording carries the profile: solved again elsewhere, all is as it was.
+    // The recording contains the profile: a replay elsewhere gives the same.
     fs::remove_file(&profile).unwrap();
     let again = dir.path().join("again");
     let recording = second.join("recording.mcap");
-    let said = replayed(&recording, &again, &[]);
-    assert_eq!(said["replay"]["different_ticks"], 0);
+    let report = replayed(&recording, &again, &[]);
+    assert_eq!(report["replay"]["different_ticks"], 0);
     assert!(poses(&second) == poses(&again), "poses.jsonl differs");
     let again = edits(&again.join("edits.jsonl"));
     assert_eq!(again.len(), 1);
     assert_eq!(again[0]["name"], "Anna");
 
-    // Without the profile the venue is refused before anything is begun.
+    // Without the profile the venue is refused before the run starts.
     let third = dir.path().join("third");
     let refused = farfield(&["run", &words(&known), "--out", &words(&third)]);
     assert_eq!(refused.code, 2, "{}", refused.stdout);
-    let told = "`subject[0].profile`: cannot read ";
-    assert!(refused.stderr.contains(told), "{}", refused.stderr);
+    let message = "`subject[0].profile`: cannot read ";
+    assert!(refused.stderr.contains(message), "{}", refused.stderr);
     assert!(!third.exists());
 }
 
 #[test]
-fn names_and_edits_of_a_recording_are_in_the_folder_of_its_replay() {
+fn a_replay_carries_over_the_edits_of_its_recording() {
     let dir = tempfile::tempdir().unwrap();
     let venue = court(dir.path());
     let words = |of: &Path| of.to_str().unwrap().to_owned();
@@ -138,12 +139,12 @@ fn names_and_edits_of_a_recording_are_in_the_folder_of_its_replay() {
     done(&["people", &words(&recording), "drop", "3"]);
     let list = fs::read_to_string(out.join("recording.edits.jsonl")).unwrap();
 
-    // As it was: the list as it is.
+    // An identical replay copies the list.
     let again = dir.path().join("again");
     replayed(&recording, &again, &[]);
     assert_eq!(fs::read_to_string(again.join("edits.jsonl")).unwrap(), list);
 
-    // Otherwise: by who is where.
+    // A replay with other parameters matches people by place.
     let otherwise = dir.path().join("otherwise");
     replayed(&recording, &otherwise, &["--set", "smoothing.cutoff_hz=3"]);
     let made: Vec<(String, u64)> = edits(&otherwise.join("edits.jsonl"))

@@ -273,7 +273,11 @@ fn check_waiting_edges(scheme: &str) {
         .map(|(_, edge, words, _)| has_printed(edge, words))
         .collect();
     for ((_, edge, words, _), has_printed) in waiting.iter().zip(output) {
-        assert!(has_printed, "{scheme}: the edge did not print: {words}\n{}", edge.output());
+        assert!(
+            has_printed,
+            "{scheme}: the edge did not print: {words}\n{}",
+            edge.output()
+        );
     }
 }
 

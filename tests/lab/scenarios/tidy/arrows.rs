@@ -1,12 +1,11 @@
-//! Which packages may depend on which.
+//! Dependencies between the packages.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{check, root, workspace};
 
-/// What each package may depend on among ours, in any table: for building, for tests, for build scripts.
-/// Edge and fusion never see each other, and nothing that is delivered sees the laboratory. All names but
-/// the operator's command's begin with `farfield-`.
+/// Allowed dependencies of each package in the workspace, in any table of its manifest. Edge and fusion are independent of
+/// each other, and no product package depends on the laboratory. All names except `farfield` begin with `farfield-`.
 const MAY_DEPEND_ON: [(&str, &[&str]); 14] = [
     ("proto", &[]),
     ("node", &["proto"]),
@@ -69,17 +68,17 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 14] = [
     ),
 ];
 
-/// The name of a package as the table has it.
+/// A package's name in the table.
 fn short(name: &str) -> &str {
     name.strip_prefix("farfield-").unwrap_or(name)
 }
 
-/// What the operator's command is built without, at any depth: the laboratory, and one of the crates that only the
-/// laboratory needs. They stand for all of those: what brings any in mostly brings one of these.
+/// Packages that `farfield` does not contain at any depth: the laboratory, and one crate that only the laboratory needs. It
+/// stands for the others, which mostly come with it.
 const NOT_IN_FARFIELD: [&str; 2] = ["farfield-lab", "zstd"];
 
 #[test]
-fn packages_depend_on_each_other_one_way() {
+fn packages_depend_only_on_allowed_packages() {
     let allowed = BTreeMap::from(MAY_DEPEND_ON);
     let mut faults = Vec::new();
     for package in &workspace().packages {
@@ -101,7 +100,7 @@ fn packages_depend_on_each_other_one_way() {
 }
 
 #[test]
-fn no_package_of_the_table_is_gone() {
+fn every_package_of_the_table_exists() {
     let packages = workspace().packages.iter();
     let names: BTreeSet<&str> = packages.map(|it| short(&it.name)).collect();
     let gone = |(name, _): (&str, _)| (!names.contains(name)).then(|| format!("{name} is gone"));
@@ -141,17 +140,17 @@ fn the_operators_command_is_built_without_the_laboratory() {
         }
     }
     assert!(known.len() > 50, "the lock file was read");
-    let told = |name: &str| known.get(name).map(|way| format!("{name} is in: {way}"));
+    let fault = |name: &str| known.get(name).map(|way| format!("{name} is in: {way}"));
     check(
         &NOT_IN_FARFIELD
             .into_iter()
-            .filter_map(told)
+            .filter_map(fault)
             .collect::<Vec<_>>(),
     );
 }
 
 #[test]
-fn every_package_of_the_folders_is_read() {
+fn every_manifest_belongs_to_a_known_package() {
     let packages = workspace().packages.iter();
     let manifests: BTreeSet<&str> = packages.map(|it| it.manifest_path.as_str()).collect();
     let root = root().canonicalize().unwrap();
@@ -161,7 +160,7 @@ fn every_package_of_the_folders_is_read() {
     let faults = workspace().texts.keys().filter(unread);
     check(
         &faults
-            .map(|path| format!("{path} is of no package that is read"))
+            .map(|path| format!("{path} belongs to no known package"))
             .collect::<Vec<_>>(),
     );
 }

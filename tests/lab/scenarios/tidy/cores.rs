@@ -1,8 +1,9 @@
-//! The cores compute: values in, values out.
+//! The cores are pure: values in, values out. They give the same bits on any machine: fusion calls no function of the C
+//! library, which chooses implementations by the processor.
 
 use super::{check, root, workspace};
+use super::{check, workspace};
 
-/// The cores.
 const CORES: [&str; 5] = [
     "proto/src/",
     "calibration/src/",
@@ -10,7 +11,7 @@ const CORES: [&str; 5] = [
     "fusion/src/",
     "bridges/export/src/",
 ];
-/// What in their folders is shell. Everything else knows no file, socket, clock or runtime.
+/// Shells in the folders of the cores. Everything else uses no file, socket, clock or runtime.
 const SHELLS: [&str; 7] = [
     "edge/src/node",
     "edge/src/source",
@@ -20,7 +21,7 @@ const SHELLS: [&str; 7] = [
     "fusion/src/node",
     "fusion/src/main.rs",
 ];
-/// The core files that write files: they give them their names when they are whole.
+/// Core files that write files, under a temporary name until they are finished.
 const WRITERS: [&str; 4] = [
     "bridges/export/src/files.rs",
     "fusion/src/export/part_file.rs",
@@ -28,7 +29,7 @@ const WRITERS: [&str; 4] = [
     "fusion/src/export/whole.rs",
 ];
 
-/// What no line of a core names.
+/// Names that a core must not use.
 const OUTSIDE_WORLD: [&str; 8] = [
     // A group may hide one of the next three.
     "use std::{",
@@ -41,7 +42,7 @@ const OUTSIDE_WORLD: [&str; 8] = [
     "Instant::now",
 ];
 
-/// What of the outside world a line of code names.
+/// The first forbidden name in a line of code.
 fn reaches_outside(line: &str) -> Option<&'static str> {
     let code = line.split("//").next().unwrap_or_default();
     OUTSIDE_WORLD.into_iter().find(|name| {
@@ -51,7 +52,7 @@ fn reaches_outside(line: &str) -> Option<&'static str> {
 }
 
 #[test]
-fn the_cores_know_no_file_no_socket_no_clock_and_no_runtime() {
+fn the_cores_use_no_file_socket_clock_or_runtime() {
     let is_shell =
         |path: &str| WRITERS.contains(&path) || SHELLS.iter().any(|shell| path.starts_with(shell));
     let is_core = |path: &str| CORES.iter().any(|core| path.starts_with(core)) && !is_shell(path);
@@ -69,7 +70,7 @@ fn the_cores_know_no_file_no_socket_no_clock_and_no_runtime() {
 }
 
 #[test]
-fn names_of_the_outside_world_are_found_where_they_are_code() {
+fn forbidden_names_are_found_in_code_only() {
     for line in [
         "use std::fs;",
         "use std::{fmt, fs};",
@@ -88,7 +89,7 @@ fn names_of_the_outside_world_are_found_where_they_are_code() {
 }
 
 #[test]
-fn no_shell_on_the_list_is_gone() {
+fn every_listed_shell_exists() {
     let gone = |path: &&str| {
         let path = root().join(path);
         !path.exists() && !path.with_extension("rs").exists()
@@ -99,4 +100,71 @@ fn no_shell_on_the_list_is_gone() {
             .map(|path| format!("{path} is not there"))
             .collect::<Vec<_>>(),
     );
+}
+
+/// Code that needs the same bits: maps, poses, calibrations, exports.
+const SAME: [&str; 4] = [
+    "proto/src/",
+    "calibration/src/",
+    "fusion/src/",
+    "bridges/export/src/",
+];
+/// Functions of `f64` and `f32` that the C library computes. Square roots are exact on every processor.
+const OF_THE_C_LIBRARY: [&str; 25] = [
+    "sin", "cos", "tan", "sin_cos", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
+    "asinh", "acosh", "atanh", "exp", "exp2", "exp_m1", "ln", "ln_1p", "log", "log2", "log10",
+    "powf", "hypot", "cbrt",
+];
+
+/// The first such function in a line, called as a method or named by the path of its type.
+fn called(line: &str) -> Option<&'static str> {
+    let code = line.split("//").next().unwrap_or_default();
+    OF_THE_C_LIBRARY.into_iter().find(|name| {
+        let forms = ["f64::", "f32::", "."].map(|before| format!("{before}{name}("));
+        let by_name = ["f64::", "f32::"].map(|before| format!("{before}{name})"));
+        forms
+            .iter()
+            .chain(&by_name)
+            .any(|form| code.contains(form.as_str()))
+    })
+}
+
+#[test]
+fn fusion_calls_no_function_of_the_c_library() {
+    let mut faults = Vec::new();
+    let files = workspace().files.iter();
+    let mut read = 0;
+    for file in files.filter(|file| SAME.iter().any(|folder| file.path.starts_with(folder))) {
+        read += 1;
+        for (number, line) in file.source() {
+            faults.extend(called(line).map(|name| {
+                format!(
+                    "{}:{number}: {name} of the C library, not of libm",
+                    file.path
+                )
+            }));
+        }
+    }
+    assert!(read > 100, "proto and fusion were read");
+    check(&faults);
+}
+
+#[test]
+fn a_call_differs_from_a_name() {
+    for line in [
+        "let a = b.sin();",
+        "x.map(f64::exp)",
+        "(a / b).ln().powi(2)",
+    ] {
+        assert!(called(line).is_some(), "{line}");
+    }
+    for line in [
+        "libm::sin(a)",
+        "// a.sin()",
+        "log.push(a)",
+        "rotation.angle()",
+        "exp(1)",
+    ] {
+        assert!(called(line).is_none(), "{line}");
+    }
 }

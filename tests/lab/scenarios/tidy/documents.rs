@@ -1,4 +1,4 @@
-//! What is written down is true of the tree.
+//! Documents match the tree.
 
 use std::path::Path;
 
@@ -6,11 +6,11 @@ use farfield_lab::reading::is_rust;
 
 use super::{check, root, workspace};
 
-/// `ARCHITECTURE.md` is read in one sitting.
+/// `ARCHITECTURE.md` must be readable in one sitting.
 const MAX_ARCHITECTURE_LINES: usize = 150;
 
 #[test]
-fn no_file_names_a_folder_of_one_machine() {
+fn no_file_contains_a_path_of_one_machine() {
     let places = [
         concat!("/ho", "me/"),
         concat!("/ro", "ot/"),
@@ -30,17 +30,17 @@ fn no_file_names_a_folder_of_one_machine() {
 }
 
 #[test]
-fn the_architecture_can_be_read_in_one_sitting_and_names_what_exists() {
+fn the_architecture_is_short_and_its_paths_exist() {
     let text = &workspace().texts["ARCHITECTURE.md"];
     assert!(text.lines().count() < MAX_ARCHITECTURE_LINES);
-    // In the code map, a folder of the root is a path as well.
+    // In `ARCHITECTURE.md`, a folder of the root is a path as well.
     check(&missing_paths("ARCHITECTURE.md", text, |name| {
         name.contains('/')
     }));
 }
 
 #[test]
-fn the_documents_for_users_name_what_exists() {
+fn the_paths_in_documents_for_users_exist() {
     let is_document = |path: &str| {
         let is_markdown = Path::new(path).extension().is_some_and(|it| it == "md");
         (path.starts_with("docs/") && is_markdown)
@@ -60,8 +60,8 @@ fn the_documents_for_users_name_what_exists() {
 }
 
 #[test]
-fn every_block_of_code_in_the_documentation_says_that_it_is_no_rust() {
-    // The manifests say so: nobody would try it.
+fn code_blocks_in_documentation_are_not_rust() {
+    // The manifests disable doctests, so a Rust example would not be tested.
     let others = ["text", "toml", "json"];
     let mut faults = Vec::new();
     for file in &workspace().files {
@@ -83,13 +83,13 @@ fn code_blocks(text: &str) -> impl Iterator<Item = (usize, &str)> {
 }
 
 #[test]
-fn blocks_of_code_are_told_by_their_language() {
+fn code_blocks_are_found_with_their_language() {
     let text = "//! ```text\n//! a\n//! ```\nfn f() {}\n    /// ```\n    /// f();\n    /// ```\n";
     let found: Vec<_> = code_blocks(text).collect();
     assert_eq!(found, [(1, "text"), (5, "")]);
 }
 
-/// What stands in backticks in `text`, is a Rust file or a folder by its end and `is_path`, and is not there.
+/// Paths in backticks that do not exist: of Rust files, or of folders with a slash at the end, if `is_path`.
 fn missing_paths(document: &str, text: &str, is_path: impl Fn(&str) -> bool) -> Vec<String> {
     let mut faults = Vec::new();
     for name in text.split('`').skip(1).step_by(2) {

@@ -1,11 +1,10 @@
-//! The house rules that no compiler checks: sizes, heads, dependencies between packages, the purity of the
-//! cores, plain English, and that what is written down exists.
+//! House rules that no compiler checks: sizes, module heads, dependencies, pure cores, plain English, and paths in
+//! documents.
 
 mod arrows;
 mod cores;
 mod documents;
 mod plain_english;
-mod same_bits;
 mod sizes;
 
 use std::path::PathBuf;
@@ -14,7 +13,7 @@ use std::sync::LazyLock;
 use farfield_lab::reading::Workspace;
 
 fn root() -> PathBuf {
-    // The package lies two folders below the workspace.
+    // The package lies two folders below the root.
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 

@@ -1,4 +1,4 @@
-//! How long files are, how many lie in a folder, and that each says what it is. Functions are held to 80 lines by clippy.
+//! Sizes of files and folders, and module heads. Clippy limits functions to 80 lines.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -8,17 +8,17 @@ use farfield_lab::reading::figures::{MAX_FILE_LINES, MAX_FILES_OF_FOLDER, full_f
 
 use super::{check, root, workspace};
 
-fn faults(of: impl Fn(&RustFile) -> Option<String>) -> Vec<String> {
+fn faults(fault: impl Fn(&RustFile) -> Option<String>) -> Vec<String> {
     let files = workspace().files.iter();
     let faults: Vec<String> = files
-        .filter_map(|file| Some(format!("{}: {}", file.path, of(file)?)))
+        .filter_map(|file| Some(format!("{}: {}", file.path, fault(file)?)))
         .collect();
     assert!(workspace().files.len() > 500, "the code was read");
     faults
 }
 
 #[test]
-fn no_file_is_longer_than_one_subject() {
+fn no_file_is_too_long() {
     check(&faults(|file| {
         let lines = file.source().count();
         (lines > MAX_FILE_LINES).then(|| format!("{lines} lines, at most {MAX_FILE_LINES}"))
@@ -26,7 +26,7 @@ fn no_file_is_longer_than_one_subject() {
 }
 
 #[test]
-fn no_folder_has_more_files_than_can_be_kept_in_mind() {
+fn no_folder_has_too_many_files() {
     let fault = |(folder, files): (String, usize)| {
         format!("{folder}: {files} Rust files, at most {MAX_FILES_OF_FOLDER}")
     };
@@ -35,7 +35,7 @@ fn no_folder_has_more_files_than_can_be_kept_in_mind() {
 }
 
 #[test]
-fn every_file_says_at_its_head_what_it_is() {
+fn every_file_has_a_module_head() {
     check(&faults(|file| {
         let mut lines = file.text.lines();
         let first = lines.find(|line| !line.trim().is_empty() && !line.starts_with("#!["));
@@ -57,7 +57,7 @@ fn every_file_is_part_of_a_crate() {
     check(&faults(|file| {
         let is_declared = is_declared(&file.path, &targets);
         let is_target = targets.contains(&file.path) || file.path.ends_with("build.rs");
-        (!is_declared && !is_target).then(|| "no `mod` brings it in".to_owned())
+        (!is_declared && !is_target).then(|| "no `mod` declares it".to_owned())
     }));
 }
 
@@ -92,7 +92,7 @@ fn is_declared(path: &str, targets: &BTreeSet<String>) -> bool {
 }
 
 #[test]
-fn an_orphan_is_found_though_a_file_beside_it_has_a_module_of_its_name() {
+fn an_orphan_is_found_although_a_sibling_declares_its_name() {
     let targets = BTreeSet::from(["proto/src/lib.rs".to_owned()]);
     assert!(is_declared("proto/src/wire.rs", &targets));
     assert!(is_declared("proto/src/patch/mod.rs", &targets));

@@ -1,5 +1,5 @@
-//! Fisheye cameras through the whole system: pictures drawn through them, read by the networks that the program carries,
-//! fused; a venue of them checked; what lies beyond 120 degrees of view left out and said.
+//! Fisheye cameras in the whole system: images are rendered through them, read by the embedded networks and fused; a check
+//! of their venue; people beyond 120 degrees of view are left out and reported.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::data::{checkout, onnx_runtime};
 use crate::farfield::{FinishedCommand, farfield};
 
-/// Four cameras close to a small field, so that each needs more than 100 degrees to see all of it.
+/// Four cameras close to a small field, so that each needs more than 100 degrees of view.
 const SCENE: &str = r#"
 rate_hz = 30.0
 seconds = 4.0
@@ -40,7 +40,7 @@ heading_rad = 2.4
 height_m = 1.70
 "#;
 
-/// Two of the four.
+/// Makes two of the four cameras fisheyes.
 const TWO: &str = "fisheye = [-0.02, 0.005, -0.002, 0.0003]\nfisheye_viewpoints = [\"north-east\", \"south-west\"]";
 
 fn scene(folder: &Path, name: &str, fisheyes: &str) -> PathBuf {
@@ -57,12 +57,12 @@ fn demo(scene: &Path, out: &Path, more: &[&str]) -> FinishedCommand {
     let [scene, out] = [scene, out].map(|path| path.to_str().unwrap());
     let mut args = vec!["demo", "--scene", scene, "--out", out];
     args.extend(more);
-    let said = farfield(&args);
-    assert_eq!(said.code, 0, "{}\n{}", said.stdout, said.stderr);
-    said
+    let finished = farfield(&args);
+    assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
+    finished
 }
 
-/// Mean error of each of the two people, millimetres; both are there all the time.
+/// Mean error of each of the two people, millimetres; both are tracked all the time.
 fn errors_mm(out: &Path) -> Vec<f64> {
     let [poses, truth] = ["poses.jsonl", "truth.jsonl"].map(|file| out.join(file));
     let scored = farfield(&[
@@ -76,15 +76,15 @@ fn errors_mm(out: &Path) -> Vec<f64> {
     let actors = score["actors"].as_object().unwrap();
     assert_eq!(actors.len(), 2, "{score}");
     assert_eq!(score["identity"]["switches"], 0, "{score}");
-    let of = |actor: &serde_json::Value| {
+    let error_mm = |actor: &serde_json::Value| {
         assert_eq!(actor["gaps"], 0, "{score}");
         actor["mpjpe_mm"].as_f64().unwrap()
     };
-    actors.values().map(of).collect()
+    actors.values().map(error_mm).collect()
 }
 
 #[test]
-fn two_fisheyes_of_four_follow_people_as_well_as_pinholes_do_from_maps() {
+fn fisheyes_track_people_as_well_as_pinholes_from_maps() {
     let dir = tempfile::tempdir().unwrap();
     let worst = ["", TWO].map(|fisheyes| {
         let name = if fisheyes.is_empty() {
@@ -106,7 +106,7 @@ fn two_fisheyes_of_four_follow_people_as_well_as_pinholes_do_from_maps() {
 }
 
 #[test]
-fn two_fisheyes_of_four_follow_people_as_well_as_pinholes_do_from_pictures() {
+fn fisheyes_track_people_as_well_as_pinholes_from_images() {
     if !onnx_runtime("fisheyes from pictures") {
         return;
     }
@@ -127,17 +127,17 @@ fn two_fisheyes_of_four_follow_people_as_well_as_pinholes_do_from_pictures() {
         println!("from pictures, {name}: {errors_mm:.1?} mm");
         errors_mm.into_iter().fold(0.0, f64::max)
     });
-    // The network is small, and has seen no fisheye when it was trained; crops are undistorted.
+    // The network is small and was not trained on fisheyes, but crops are undistorted.
     assert!(
         worst[1] < 200.0 && worst[1] < 1.6 * worst[0] + 20.0,
         "{worst:?}"
     );
 }
 
-/// The calibration of the scene's fisheyes, with `camera` turned to the left and its picture three fifths as large in it.
+/// The calibration with `camera` turned about y and its focal length times 0.6.
 fn turned(calibration: &str, camera: &str, angle_deg: f64) -> String {
-    let found = Calibration::parse(calibration, Path::new("calibration.toml")).unwrap();
-    let cameras: Vec<CameraModel> = found
+    let parsed = Calibration::parse(calibration, Path::new("calibration.toml")).unwrap();
+    let cameras: Vec<CameraModel> = parsed
         .cameras
         .values()
         .map(|model| {
@@ -168,7 +168,7 @@ fn turned(calibration: &str, camera: &str, angle_deg: f64) -> String {
 }
 
 #[test]
-fn a_venue_with_fisheyes_is_checked_and_drawn_and_says_what_is_not_used() {
+fn a_check_of_fisheyes_reports_and_draws_the_used_angle() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     demo(
@@ -191,10 +191,10 @@ fn a_venue_with_fisheyes_is_checked_and_drawn_and_says_what_is_not_used() {
             drawn.to_str().unwrap(),
         ])
     };
-    let said = check();
-    assert_eq!(said.code, 0, "{}\n{}", said.stdout, said.stderr);
+    let finished = check();
+    assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
     let words = "camera `north-east-1`: of its fisheye picture";
-    assert!(said.stdout.contains(words), "{}", said.stdout);
+    assert!(finished.stdout.contains(words), "{}", finished.stdout);
     let picture = image::open(drawn.join("check_north-east-1.png"))
         .unwrap()
         .into_rgb8();
@@ -202,31 +202,35 @@ fn a_venue_with_fisheyes_is_checked_and_drawn_and_says_what_is_not_used() {
         .pixels()
         .filter(|p| p.0.iter().all(|&c| c > 240))
         .count();
-    assert!(white > 500, "the rim of what is used is not drawn: {white}");
-    // Turned by so much that the field lies beyond what is used of it.
+    assert!(
+        white > 500,
+        "the rim of the used angle is not drawn: {white}"
+    );
+    // Turned so far that the field lies outside the used angle of view.
     fs::write(&calibration, turned(&text, "north-east-1", 150.0)).unwrap();
-    let said = check();
+    let finished = check();
     let words =
         "it sees no point of the field within the 120 degrees of view of a fisheye that are used";
-    assert!(said.stdout.contains(words), "{}", said.stdout);
-    // Five numbers are no fisheye's.
+    assert!(finished.stdout.contains(words), "{}", finished.stdout);
+    // A fisheye has no five coefficients.
     fs::write(
         &calibration,
         text.replacen(", 0.0003]", ", 0.0003, 0.0]", 1),
     )
     .unwrap();
-    let said = check();
-    assert_eq!(said.code, 1, "{}", said.stdout);
+    let finished = check();
+    assert_eq!(finished.code, 1, "{}", finished.stdout);
     assert!(
-        said.stdout
+        finished
+            .stdout
             .contains("found 5 values, expected 4 of a fisheye lens"),
         "{}",
-        said.stdout
+        finished.stdout
     );
 }
 
 #[test]
-fn people_whom_a_fisheye_shows_beyond_sixty_degrees_are_left_out_and_said() {
+fn people_beyond_sixty_degrees_are_left_out_and_reported() {
     if !onnx_runtime("people beyond sixty degrees") {
         return;
     }
@@ -234,7 +238,7 @@ fn people_whom_a_fisheye_shows_beyond_sixty_degrees_are_left_out_and_said() {
     let out = dir.path().join("out");
     let made = scene(dir.path(), "scene", TWO);
     demo(&made, &out, &["--maps", "--ticks", "6"]);
-    // The same scene, with one of the fisheyes turned so that people are at the rim of what is used, and beyond.
+    // The same scene with one fisheye turned so that people are at the rim of the used angle of view, and beyond.
     let text = fs::read_to_string(out.join("venue/calibration.toml")).unwrap();
     fs::write(
         dir.path().join("turned.toml"),
@@ -254,12 +258,12 @@ fn people_whom_a_fisheye_shows_beyond_sixty_degrees_are_left_out_and_said() {
     )
     .unwrap();
     let turned_out = dir.path().join("turned");
-    let said = demo(&made, &turned_out, &["--ticks", "24"]);
-    let line = said
+    let finished = demo(&made, &turned_out, &["--ticks", "24"]);
+    let line = finished
         .stderr
         .lines()
         .find(|line| line.contains("beyond 120 degrees of view"));
-    let line = line.unwrap_or_else(|| panic!("{}\n{}", said.stdout, said.stderr));
+    let line = line.unwrap_or_else(|| panic!("{}\n{}", finished.stdout, finished.stderr));
     println!("{line}");
     assert!(
         line.contains("camera `north-east-1`: ") && line.contains("were left out"),

@@ -1,4 +1,4 @@
-//! Edits of a run that goes on: `farfield people` makes them, its streams follow them, and one that cannot be read is told.
+//! `farfield run --live` without an end: its status command, and edits by `farfield people`.
 
 use std::fs::OpenOptions;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use farfield_lab::live_venue::NodeProcess;
 use farfield_node::clock;
 use serde_json::Value;
 use tempfile::TempDir;
@@ -17,16 +18,16 @@ use tokio_tungstenite::tungstenite::{Message, client};
 use super::stage::{PEOPLE, write_venue};
 use crate::farfield::{FinishedCommand, command, farfield};
 
-/// Far above what a loaded machine takes for anything that is waited for.
+/// Far above what a loaded machine takes for anything that a test waits for.
 const PATIENCE: Duration = Duration::from_secs(90);
-/// Between two looks, each a process.
+/// Pause between two polls, each of which starts a process.
 const PAUSE: Duration = Duration::from_millis(300);
 
 /// `farfield run --live` of a venue without an end, with a recording and a stream.
 struct LiveRun {
     child: Child,
-    said: Arc<Mutex<String>>,
-    listener: Option<JoinHandle<()>>,
+    output: Arc<Mutex<String>>,
+    reader: Option<JoinHandle<()>>,
     out: PathBuf,
     _folder: TempDir,
 }
@@ -42,28 +43,28 @@ impl LiveRun {
         run.arg("--out").arg(&out);
         run.stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = run.spawn().unwrap();
-        let said = Arc::new(Mutex::new(String::new()));
-        let (heard, stderr) = (Arc::clone(&said), child.stderr.take().unwrap());
-        let listener = thread::spawn(move || {
+        let output = Arc::new(Mutex::new(String::new()));
+        let (edge_link, stderr) = (Arc::clone(&output), child.stderr.take().unwrap());
+        let reader = thread::spawn(move || {
             for line in BufReader::new(stderr).lines().map_while(Result::ok) {
-                *heard.lock().unwrap() += &(line + "\n");
+                *edge_link.lock().unwrap() += &(line + "\n");
             }
         });
         Self {
             child,
-            said,
-            listener: Some(listener),
+            output,
+            reader: Some(reader),
             out,
             _folder: folder,
         }
     }
 
-    /// What it has said on standard error.
-    fn said(&self) -> String {
-        self.said.lock().unwrap().clone()
+    /// The output on standard error so far.
+    fn output(&self) -> String {
+        self.output.lock().unwrap().clone()
     }
 
-    /// Asks again and again until there is an answer.
+    /// Polls until there is an answer.
     fn wait<T>(&self, what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
         let until = clock::now() + PATIENCE;
         while clock::now() < until {
@@ -75,11 +76,11 @@ impl LiveRun {
         panic!("{what}: not within {PATIENCE:?}\n{}", self.output());
     }
 
-    /// Waits until the stream calls somebody by that name.
+    /// Waits until a person has that name in the stream.
     fn wait_for_name(&self, name: &str) {
-        let stream = self.wait("the stream is told", || {
-            let said = self.output();
-            let (_, at) = said.split_once("stream websocket waits for clients at ")?;
+        let stream = self.wait("the stream is reported", || {
+            let output = self.output();
+            let (_, at) = output.split_once("stream websocket waits for clients at ")?;
             let (address, _) = at.split_once('\n')?;
             Some(address.to_owned())
         });
@@ -100,7 +101,7 @@ impl LiveRun {
         panic!("{name}: not within {PATIENCE:?}\n{}", self.output());
     }
 
-    /// Ends it as Ctrl-C does; its exit code, and what it says on standard output.
+    /// Interrupts the run as Ctrl-C does. Returns the exit code and standard output.
     fn interrupt(&mut self) -> (Option<i32>, String) {
         let id = self.child.id().to_string();
         let kill = Command::new("kill").args(["-INT", &id]).status();
@@ -109,26 +110,26 @@ impl LiveRun {
         let printed = self.child.stdout.as_mut().unwrap();
         printed.read_to_string(&mut stdout).unwrap();
         let code = self.child.wait().unwrap().code();
-        self.listener.take().unwrap().join().unwrap();
+        self.reader.take().unwrap().join().unwrap();
         (code, stdout)
     }
 }
 
 impl Drop for LiveRun {
     fn drop(&mut self) {
-        // Ended already when all went well.
+        // The process may have ended already.
         drop(self.child.kill());
         drop(self.child.wait());
     }
 }
 
-fn people(of: &Path, words: &[&str]) -> FinishedCommand {
-    farfield(&[&["people", of.to_str().unwrap()], words].concat())
+fn people(run: &Path, words: &[&str]) -> FinishedCommand {
+    farfield(&[&["people", run.to_str().unwrap()], words].concat())
 }
 
-/// Everybody who is listed; `None` where that is refused.
-fn listed(of: &Path) -> Option<Vec<Value>> {
-    let listed = people(of, &["--json"]);
+/// All people in the list; `None` if the command fails.
+fn listed(run: &Path) -> Option<Vec<Value>> {
+    let listed = people(run, &["--json"]);
     (listed.code == 0).then(|| {
         let read: Value = serde_json::from_str(&listed.stdout).unwrap();
         read["people"].as_array().unwrap().clone()
@@ -136,12 +137,12 @@ fn listed(of: &Path) -> Option<Vec<Value>> {
 }
 
 #[test]
-fn edits_of_a_run_that_goes_on_reach_its_stream_and_one_that_cannot_be_read_is_told() {
+fn edits_reach_the_stream_of_a_live_run_and_invalid_ones_are_reported() {
     let mut run = LiveRun::start();
-    let everybody = run.wait("everybody is listed", || {
+    let all_people = run.wait("all people are listed", || {
         listed(&run.out).filter(|people| people.len() >= PEOPLE)
     });
-    let person = &everybody[0];
+    let person = &all_people[0];
     assert!(person["ticks"].as_u64() > Some(0) && person["seconds"].is_null());
     let id = person["person"].to_string();
 
@@ -150,7 +151,7 @@ fn edits_of_a_run_that_goes_on_reach_its_stream_and_one_that_cannot_be_read_is_t
     assert!(named.stderr.contains("its run goes on"), "{}", named.stderr);
     run.wait_for_name("Anna");
 
-    // The list of the recording is another one, to which nobody listens live.
+    // The recording has its own list of edits, which the live run does not read.
     let recording = run.out.join("recording.mcap");
     let named = run.wait("the person is in the recording", || {
         let named = people(&recording, &["name", &id, "Bo"]);
@@ -164,25 +165,78 @@ fn edits_of_a_run_that_goes_on_reach_its_stream_and_one_that_cannot_be_read_is_t
     let mut edits = OpenOptions::new().append(true).open(edits).unwrap();
     let wrong = r#"{"at":"2026-03-01T18:00:00Z","edit":"frobnicate","person":1}"#;
     writeln!(edits, "{wrong}").unwrap();
-    let told = "fusion: edits are left as they were: ";
-    run.wait("the wrong edit is told", || {
-        run.output().contains(told).then_some(())
+    let warning = "fusion: edits are left as they were: ";
+    run.wait("the wrong edit is reported", || {
+        run.output().contains(warning).then_some(())
     });
 
     let (code, stdout) = run.interrupt();
-    let said = run.output();
-    println!("{said}{stdout}");
-    assert_eq!(code, Some(130), "{said}");
-    assert_eq!(said.matches(told).count(), 1, "{said}");
-    let found = "edits.jsonl:2: `edit`: found \"frobnicate\"";
-    assert!(said.contains(found), "{said}");
-    // There is no end, of which nothing is said as if there were one.
+    let output = run.output();
+    println!("{output}{stdout}");
+    assert_eq!(code, Some(130), "{output}");
+    assert_eq!(output.matches(warning).count(), 1, "{output}");
+    let error = "edits.jsonl:2: `edit`: found \"frobnicate\"";
+    assert!(output.contains(error), "{output}");
+    // The venue has no end, so there is no remaining time to show.
     assert!(
-        said.contains(" ticks/s") && !said.contains(" left, "),
-        "{said}"
+        output.contains(" ticks/s") && !output.contains(" left, "),
+        "{output}"
     );
     assert!(
         stdout.contains(" ticks from ") && !stdout.contains("cut short"),
         "{stdout}"
+    );
+}
+
+/// Arguments of the status command that a run has printed.
+fn status_arguments(output: &str) -> Option<Vec<String>> {
+    let line = output
+        .lines()
+        .find(|line| line.ends_with(" shows its nodes"))?;
+    let command = line.split('`').nth(1)?;
+    let words = command.strip_prefix("farfield ")?.split(' ');
+    Some(words.map(str::to_owned).collect())
+}
+
+/// Symptom to prevent: `farfield status` did not find the run, since its port was not printed.
+#[test]
+fn the_status_command_that_a_live_run_prints_shows_its_nodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let venue = write_venue(folder.path(), &[], "");
+    let mut run = command();
+    run.arg("run").arg(&venue).args(["--live", "--out"]);
+    run.arg(folder.path().join("out"));
+    let mut run = NodeProcess::start("run", run).unwrap();
+    let until = clock::now() + PATIENCE;
+    let words = loop {
+        if let Some(words) = status_arguments(&run.output()) {
+            break words;
+        }
+        assert!(clock::now() < until, "{}", run.output());
+        std::thread::sleep(PAUSE);
+    };
+    let is_live = |shown: &str, node: &str| {
+        let mut lines = shown.lines().filter(|line| line.starts_with(node));
+        lines.any(|line| line.contains(" live "))
+    };
+    // The nodes start one after the other.
+    loop {
+        let shown = farfield(&words);
+        let all = ["fusion ", "north-east ", "south-west "];
+        if shown.code == 0 && all.iter().all(|node| is_live(&shown.stdout, node)) {
+            break;
+        }
+        assert!(clock::now() < until, "{}\n{}", shown.stdout, shown.stderr);
+        std::thread::sleep(PAUSE);
+    }
+    let id = run.pid().to_string();
+    let interrupted = Command::new("kill").args(["-INT", &id]).status();
+    assert!(interrupted.unwrap().success());
+    let ended = run.wait(PATIENCE).unwrap();
+    assert_eq!(
+        ended.and_then(|status| status.code()),
+        Some(130),
+        "{}",
+        run.output()
     );
 }
