@@ -1,6 +1,5 @@
-//! Real recordings as a camera much farther away would have made them: pictures made small and laid
-//! into a large grey one, the calibration with them. Where people stand does not change, how many
-//! pixels they have does.
+//! Real recordings as from a camera much farther away: images are scaled down and placed in a large grey image, and the
+//! calibration is changed to match. People keep their positions and have fewer pixels.
 
 use farfield_edge::source::{Frame, FrameContent, FrameSource, SourceError};
 use farfield_proto::camera::{CameraError, CameraModel, Intrinsics};
@@ -8,31 +7,31 @@ use farfield_proto::venue::Venue;
 use image::imageops::{FilterType, overlay, resize};
 use image::{Rgb, RgbImage};
 
-/// What lies around the small picture.
+/// Colour around the small image.
 const GREY: Rgb<u8> = Rgb([112; 3]);
 
-/// How small, and how large the picture around it is.
+/// Scale and canvas of the new images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Afar {
-    /// Factor on pictures, 0 to 1.
+    /// Factor on images, 0 to 1.
     pub scale: f64,
-    /// Width and height of the new pictures, pixels.
+    /// Width and height of the new images, pixels.
     pub size_px: [u32; 2],
 }
 
 impl Afar {
-    /// Size of the small picture, and where its first pixel lies in the large one.
+    /// Size of the small image, and its first pixel in the large one.
     fn laid(&self, size_px: [u32; 2]) -> ([u32; 2], [u32; 2]) {
         let small = size_px.map(|side| (f64::from(side) * self.scale).round().max(1.0) as u32);
         let free = |i: usize| self.size_px[i].saturating_sub(small[i]);
-        // Off the middle, where no border of a tile is likely to be by chance.
+        // Off the middle, to avoid the border of a tile.
         (small, [free(0) * 5 / 9, free(1) * 4 / 9])
     }
 
-    /// The camera of the new pictures.
+    /// The camera of the new images.
     ///
     /// # Errors
-    /// When the new numbers are no camera.
+    /// The new numbers are not a valid camera.
     pub fn camera(&self, camera: &CameraModel) -> Result<CameraModel, CameraError> {
         let size_px = camera.size_px();
         let (small, at) = self.laid(size_px);
@@ -53,10 +52,10 @@ impl Afar {
         )
     }
 
-    /// `venue` with all cameras so.
+    /// `venue` with the new cameras.
     ///
     /// # Errors
-    /// As [`Self::camera`].
+    /// See [`Self::camera`].
     pub fn venue(&self, venue: &Venue) -> Result<Venue, CameraError> {
         let mut afar = venue.clone();
         for camera in &mut afar.cameras {
@@ -65,7 +64,7 @@ impl Afar {
         Ok(afar)
     }
 
-    /// Frames of `source` so.
+    /// `source` with the new images.
     pub fn source(&self, source: Box<dyn FrameSource>) -> Box<dyn FrameSource> {
         Box::new(Small {
             source,
@@ -75,7 +74,7 @@ impl Afar {
 
     fn picture(&self, picture: &RgbImage) -> RgbImage {
         let ([width, height], [left, top]) = self.laid([picture.width(), picture.height()]);
-        // As wide as what is made of it: an average, as a lens farther away would make it.
+        // A triangle filter averages like a lens farther away.
         let small = resize(picture, width, height, FilterType::Triangle);
         let mut large = RgbImage::from_pixel(self.size_px[0], self.size_px[1], GREY);
         overlay(&mut large, &small, left.into(), top.into());

@@ -1,5 +1,5 @@
-//! What the path between edges and fusion does to messages, in ticks and without a network: cuts, and links
-//! that are far and lossy. Every run is the same.
+//! Effects of the path between edges and fusion on messages, in ticks and without a network: cuts, and links that are far
+//! and lossy. Every run gives the same result.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -10,19 +10,19 @@ use farfield_proto::tick::Tick;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-/// Times at which nothing of what the edges say reaches fusion.
+/// Periods in which no message of the edges reaches fusion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cuts {
-    /// From the beginning of one cut to that of the next, ticks; the first begins after as long.
+    /// Period from the start of one cut to that of the next, ticks; the first cut starts after one period.
     pub every: i64,
-    /// How long a cut lasts, ticks.
+    /// Duration of a cut, ticks.
     pub lasts: i64,
-    /// By how many ticks what was cut off comes late; `None`: never.
+    /// Delay of the cut messages, ticks; `None`: lost.
     pub late: Option<i64>,
 }
 
 impl Cuts {
-    /// The first ticks of the cuts within `ticks`, and those after their last ones.
+    /// First tick of each cut within `ticks`, and the tick after its last one.
     pub fn within(self, ticks: &Range<Tick>) -> impl Iterator<Item = [Tick; 2]> + use<> {
         let n = ticks.end.0 / self.every.max(1);
         (1..=n).map(move |i| {
@@ -31,8 +31,8 @@ impl Cuts {
         })
     }
 
-    /// Whether fusion hears nothing at `tick`.
-    pub fn holds(&self, tick: Tick) -> bool {
+    /// Whether fusion receives nothing at `tick`.
+    pub fn contains(&self, tick: Tick) -> bool {
         tick.0 >= self.every && tick.0 % self.every.max(1) < self.lasts
     }
 }
@@ -40,11 +40,11 @@ impl Cuts {
 /// Links that are far and lose messages.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FarLinks {
-    /// How many ticks after the one that was stepped its boxes are used, at least 1.
+    /// Boxes are used this many ticks after the tick that made them, at least 1.
     pub ahead: i64,
-    /// Share of the messages that are lost each way, 0 to 1.
+    /// Share of messages lost each way, 0 to 1.
     pub loss: f64,
-    /// Which of them.
+    /// Seed of the losses.
     pub seed: u64,
 }
 
@@ -58,15 +58,15 @@ impl Default for FarLinks {
     }
 }
 
-/// What is in flight over [`FarLinks`].
-pub(crate) struct OnTheWay {
+/// Messages in flight over [`FarLinks`].
+pub(crate) struct InFlight {
     links: FarLinks,
     lots: ChaCha8Rng,
     /// By the step that made them.
     boxes: VecDeque<Vec<BoxSet>>,
 }
 
-impl OnTheWay {
+impl InFlight {
     pub(crate) fn new(links: FarLinks) -> Self {
         Self {
             links,
@@ -75,12 +75,11 @@ impl OnTheWay {
         }
     }
 
-    /// Fusion sends `boxes`; what has come to the edges by the next tick takes the place of what is in
-    /// `newest`.
+    /// Fusion sends `boxes`; those that reach the edges by the next tick replace the ones in `newest`.
     pub(crate) fn send_boxes(&mut self, boxes: Vec<BoxSet>, newest: &mut [BoxSet]) {
         self.boxes.push_back(boxes);
-        let under_way = usize::try_from(self.links.ahead - 1).unwrap_or(0);
-        if self.boxes.len() <= under_way {
+        let n_in_flight = usize::try_from(self.links.ahead - 1).unwrap_or(0);
+        if self.boxes.len() <= n_in_flight {
             return;
         }
         for (set, newest) in self.boxes.pop_front().into_iter().flatten().zip(newest) {
@@ -90,7 +89,7 @@ impl OnTheWay {
         }
     }
 
-    /// Takes out of `outputs` what does not reach fusion.
+    /// Removes messages from `outputs` that do not reach fusion.
     pub(crate) fn lose(&mut self, outputs: &mut [EdgeOutput]) {
         for output in outputs {
             output.patch_sets.retain(|_| !self.is_lost());
@@ -112,7 +111,7 @@ mod tests {
     use farfield_sim::embedded;
     use farfield_sim::simulated::in_memory::Input;
 
-    /// Boxes that come back 233 ms later, over a link of 200 ms.
+    /// Boxes return 233 ms later, over a link of 200 ms.
     const FAR: FarLinks = FarLinks {
         ahead: 14,
         loss: 0.0,
@@ -129,21 +128,21 @@ mod tests {
     }
 
     #[test]
-    fn who_runs_is_found_and_followed_over_a_far_link() {
+    fn a_runner_is_found_and_tracked_over_a_far_link() {
         let run = run("sprint", 3.0, FAR);
         let found = run.found();
-        assert!(!found.is_empty(), "nobody was found");
+        assert!(!found.is_empty(), "no people were found");
         let scores = run.score_since(&run.causal, &found);
         assert!(scores.mean.gaps < 0.5, "{} gaps", scores.mean.gaps);
     }
 
     #[test]
-    fn a_far_and_lossy_link_costs_little_and_exchanges_nobody() {
+    fn a_far_and_lossy_link_costs_little_and_swaps_no_ids() {
         let far = run("futsal", 5.0, FarLinks { loss: 0.05, ..FAR });
         let near = run("futsal", 5.0, FarLinks::default());
         let [far, near] = [far, near].map(|run| {
             let found = run.found();
-            assert_eq!(found.len(), 8, "everybody is found");
+            assert_eq!(found.len(), 8, "all people are found");
             run.score_since(&run.causal, &found)
         });
         println!(
@@ -154,10 +153,10 @@ mod tests {
     }
 
     #[test]
-    fn messages_are_lost_as_often_as_it_was_said_and_the_same_ones_again() {
+    fn losses_have_the_given_share_and_are_reproducible() {
         let lost = || {
-            let mut way = OnTheWay::new(FarLinks { loss: 0.05, ..FAR });
-            (0..10_000).filter(|_| way.is_lost()).collect::<Vec<_>>()
+            let mut in_flight = InFlight::new(FarLinks { loss: 0.05, ..FAR });
+            (0..10_000).filter(|_| in_flight.is_lost()).collect::<Vec<_>>()
         };
         assert!((400..600).contains(&lost().len()));
         assert_eq!(lost(), lost());

@@ -1,7 +1,6 @@
-//! The corpus of the fuzz targets: what fuzzers found, in one archive, which a test replays.
+//! The corpus of the fuzz targets: inputs that fuzzers found, in one archive, which a test replays.
 //!
-//! The archive is a tar of files `TARGET/NAME`, in order, without times and owners: the same corpus is the
-//! same bytes.
+//! The archive is a tar of files `TARGET/NAME`, sorted, without times and owners: the same corpus gives the same bytes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read as _;
@@ -11,7 +10,7 @@ use anyhow::{Context as _, ensure};
 
 use crate::hostile_input;
 
-/// Inputs that are longer are not kept: what they reach, shorter ones reach too.
+/// Longer inputs are not kept: shorter ones reach the same code.
 const MAX_BYTES: usize = 16 * 1024;
 
 /// Inputs by target and name.
@@ -20,7 +19,7 @@ pub type Corpus = BTreeMap<(String, String), Vec<u8>>;
 /// Reads an archive.
 ///
 /// # Errors
-/// When it is no tar, or an entry is not named `TARGET/NAME`.
+/// The archive is no tar, or an entry is not named `TARGET/NAME`.
 pub fn read(archive: &[u8]) -> anyhow::Result<Corpus> {
     let mut corpus = Corpus::new();
     for entry in tar::Archive::new(archive).entries()? {
@@ -38,7 +37,7 @@ pub fn read(archive: &[u8]) -> anyhow::Result<Corpus> {
 /// Writes an archive.
 ///
 /// # Errors
-/// When a name is too long for a tar.
+/// A name is too long for a tar.
 pub fn archive(corpus: &Corpus) -> anyhow::Result<Vec<u8>> {
     let mut builder = tar::Builder::new(Vec::new());
     for ((target, name), bytes) in corpus {
@@ -51,10 +50,10 @@ pub fn archive(corpus: &Corpus) -> anyhow::Result<Vec<u8>> {
     Ok(builder.into_inner()?)
 }
 
-/// Reads the folder that fuzzers work on: one folder for each target.
+/// Reads the folder of the fuzzers: one folder for each target.
 ///
 /// # Errors
-/// Names what cannot be read, and folders that are of no target.
+/// Contains the path that cannot be read, or a folder without a target.
 pub fn read_folder(folder: &Path) -> anyhow::Result<Corpus> {
     let mut corpus = Corpus::new();
     for (path, target) in listed(folder)? {
@@ -71,7 +70,7 @@ pub fn read_folder(folder: &Path) -> anyhow::Result<Corpus> {
     Ok(corpus)
 }
 
-/// Paths and names of what is in a folder.
+/// Paths and names of the entries of a folder.
 fn listed(folder: &Path) -> anyhow::Result<Vec<(std::path::PathBuf, String)>> {
     let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
     let mut found = Vec::new();
@@ -84,11 +83,11 @@ fn listed(folder: &Path) -> anyhow::Result<Vec<(std::path::PathBuf, String)>> {
     Ok(found)
 }
 
-/// What of `corpus` is worth keeping: for each target, and each behaviour that its function shows, the
-/// shortest input; of inputs with names that somebody gave, as seeds have, all.
+/// The inputs of `corpus` worth keeping: for each target and each behaviour of its function the shortest input, and all
+/// inputs with names given by people, such as seeds.
 pub fn minimised(corpus: &Corpus) -> Corpus {
     let mut order: Vec<_> = corpus.iter().collect();
-    order.sort_by_key(|((target, name), bytes)| (target, was_found(name), bytes.len(), name));
+    order.sort_by_key(|((target, name), bytes)| (target, is_from_fuzzer(name), bytes.len(), name));
     let mut known = BTreeSet::new();
     let mut kept = Corpus::new();
     for ((target, name), bytes) in order {
@@ -99,15 +98,15 @@ pub fn minimised(corpus: &Corpus) -> Corpus {
             continue;
         }
         let is_new = known.insert((target, take(bytes)));
-        if is_new || !was_found(name) {
+        if is_new || !is_from_fuzzer(name) {
             kept.insert((target.clone(), name.clone()), bytes.clone());
         }
     }
     kept
 }
 
-/// Whether a fuzzer gave the name: the SHA-1 of the content.
-fn was_found(name: &str) -> bool {
+/// Whether the name is from a fuzzer: the SHA-1 of the content.
+fn is_from_fuzzer(name: &str) -> bool {
     name.len() == 40 && name.bytes().all(|byte| byte.is_ascii_hexdigit())
 }
 
@@ -127,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn no_input_of_the_corpus_breaks_what_its_target_promises() {
+    fn no_input_of_the_corpus_breaks_its_target() {
         for ((target, name), bytes) in committed() {
             let take = crate::hostile_input::target(&target);
             let take = take.unwrap_or_else(|| panic!("{target}: no target of this name"));
@@ -145,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn the_archive_is_as_it_is_written() {
+    fn the_archive_is_in_its_written_form() {
         let same = archive(&committed()).unwrap() == bytes();
         assert!(same, "write it with `lab fuzz-corpus pack`");
     }

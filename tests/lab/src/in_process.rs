@@ -1,5 +1,5 @@
-//! The loop of edges and fusion inside one process, in lock-step and without a network: for studies
-//! that must see what the wire carries, and for tests of the cores together.
+//! Edges and fusion in one process, in lock-step and without a network: for studies that inspect messages, and for tests of
+//! the cores together.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -23,7 +23,7 @@ use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 
-use crate::conditions::{Cuts, FarLinks, OnTheWay};
+use crate::conditions::{Cuts, FarLinks, InFlight};
 use farfield_sim::simulated::VenueSources;
 
 /// One viewpoint: its cameras' sources and its pipeline.
@@ -32,34 +32,34 @@ struct ViewpointEdge {
     pipeline: farfield_edge::pipeline::EdgePipeline,
 }
 
-/// All nodes of a venue, tick after tick.
+/// All nodes of a venue.
 pub struct InProcess {
     venue: Venue,
     edges: Vec<ViewpointEdge>,
     fusion: farfield_fusion::pipeline::Pipeline,
     boxes: Vec<BoxSet>,
     ticks: Range<Tick>,
-    /// The viewpoint whose patches and sightings fusion does not get.
+    /// The viewpoint whose patches and sightings fusion does not receive.
     withheld: Option<ViewpointIndex>,
     cuts: Option<Cuts>,
-    links: OnTheWay,
-    /// What is under way to fusion, late.
+    links: InFlight,
+    /// Late patches in flight to fusion.
     late: VecDeque<PatchSet>,
 }
 
-/// What one tick brought.
+/// Results of one tick.
 pub struct TickTrace {
     /// The tick.
     pub tick: Tick,
-    /// What the edges made, the withheld one too, by viewpoint.
+    /// Outputs of the edges by viewpoint, including the withheld one.
     pub edges: Vec<EdgeOutput>,
-    /// What a live listener gets at this tick: the persons as they look now.
+    /// Live poses of this tick.
     pub poses: PoseSet,
     /// Ticks whose poses have become final.
     pub finished: Vec<PoseSet>,
-    /// The smoothed poses that left the delay, if one was asked for.
+    /// Smoothed poses that left the delay, if there is one.
     pub smoothed: Vec<PoseSet>,
-    /// What changed who is who, in order.
+    /// Identity events, in order.
     pub events: Vec<IdentityEvent>,
 }
 
@@ -67,7 +67,7 @@ impl InProcess {
     /// Opens the venue file at `path` for the ticks that all its sources have.
     ///
     /// # Errors
-    /// Whatever the venue's files, networks or sources are refused for.
+    /// The venue's files, networks or sources are refused.
     pub fn open(path: &Path, withheld: Option<ViewpointIndex>) -> anyhow::Result<Self> {
         let venue = farfield_node::files::load_venue(path)?;
         let known = VenueSources::default();
@@ -87,12 +87,11 @@ impl InProcess {
         Ok(this)
     }
 
-    /// Brings up a venue that need not be a file. `sources` has one entry per camera of the venue, in
-    /// its order, each with its next frame at the start of `ticks`.
+    /// Starts a venue that need not be a file. `sources` has one entry per camera of the venue, in its order, each with its next
+    /// frame at the start of `ticks`.
     ///
     /// # Errors
-    /// When a network or detector of the venue cannot be loaded, its maps do not fit the wire, or
-    /// the number of sources is not that of the cameras.
+    /// A network or detector cannot be loaded, its maps do not fit the wire, or the number of sources is not that of the cameras.
     pub fn new(
         venue: Venue,
         sources: Vec<Box<dyn FrameSource>>,
@@ -116,24 +115,24 @@ impl InProcess {
             ticks,
             withheld: None,
             cuts: None,
-            links: OnTheWay::new(FarLinks::default()),
+            links: InFlight::new(FarLinks::default()),
             late: VecDeque::new(),
         })
     }
 
-    /// Cuts fusion off from all edges now and then.
+    /// Cuts fusion off from all edges in periods.
     #[must_use]
     pub fn with_cuts(mut self, cuts: Option<Cuts>) -> Self {
         self.cuts = cuts;
         self
     }
 
-    /// Puts far and lossy links between all edges and fusion, from the first tick on.
+    /// Adds far and lossy links between all edges and fusion, from the first tick on.
     #[must_use]
     pub fn with_links(mut self, links: FarLinks) -> Self {
         let horizons = vec![links.ahead as f64; self.edges.len()];
         self.fusion.set_horizons(&horizons);
-        self.links = OnTheWay::new(links);
+        self.links = InFlight::new(links);
         self
     }
 
@@ -147,34 +146,34 @@ impl InProcess {
         self.fusion.keypoints()
     }
 
-    /// Lets `stand_in` make a codec for every edge that takes the place of ours.
+    /// Makes every edge use a codec of `stand_in` instead of ours.
     pub fn set_stand_in(&mut self, stand_in: &dyn Fn() -> Box<dyn StandIn>) {
         for edge in &mut self.edges {
             edge.pipeline.set_stand_in(stand_in());
         }
     }
 
-    /// How closely every edge keeps its maps from now on.
+    /// Sets the compression level of every edge.
     pub fn set_compression_level(&mut self, level: CompressionLevel) {
         for edge in &mut self.edges {
             edge.pipeline.set_compression_level(level);
         }
     }
 
-    /// Everybody as fusion left them at the last tick, tentative ones too.
+    /// All tracks of fusion after the last tick, including tentative ones.
     pub fn tracks(&self) -> &[Track] {
         self.fusion.tracks()
     }
 
-    /// Whether the cameras agree, as far as was seen until now.
+    /// The agreement of the cameras so far.
     pub fn agreement(&self) -> AgreementReport {
         self.fusion.agreement().report()
     }
 
-    /// Works on the next tick; `None` at the end of the recording.
+    /// Computes the next tick; `None` at the end of the recording.
     ///
     /// # Errors
-    /// When a source or a network fails.
+    /// A source or a network fails.
     pub fn step(&mut self) -> anyhow::Result<Option<TickTrace>> {
         let tick = self.ticks.start;
         if tick >= self.ticks.end {
@@ -199,7 +198,7 @@ impl InProcess {
         });
         let mut edges = outputs.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
         self.links.lose(&mut edges);
-        let heard = edges
+        let received = edges
             .iter()
             .enumerate()
             .filter(|(i, _)| self.withheld != Some(ViewpointIndex(*i as u16)));
@@ -207,7 +206,7 @@ impl InProcess {
             tick,
             ..TickGroup::default()
         };
-        let is_cut = self.cuts.is_some_and(|cuts| cuts.holds(tick));
+        let is_cut = self.cuts.is_some_and(|cuts| cuts.contains(tick));
         let late = self.cuts.filter(|_| is_cut).and_then(|cuts| cuts.late);
         if late.is_some() {
             let sets = edges.iter().flat_map(|edge| &edge.patch_sets);
@@ -217,7 +216,7 @@ impl InProcess {
         while let Some(set) = self.late.pop_front_if(|set| set.tick + late <= tick) {
             self.fusion.add_late(&set);
         }
-        for (_, output) in heard.filter(|_| !is_cut) {
+        for (_, output) in received.filter(|_| !is_cut) {
             group.patch_sets.extend(output.patch_sets.iter().cloned());
             group
                 .sighting_sets
@@ -242,12 +241,12 @@ impl InProcess {
         self
     }
 
-    /// The smoothed poses of the last ticks, if a delay was asked for.
+    /// The smoothed poses of the last ticks, if there is a delay.
     pub fn finish_smoothed(&mut self) -> Vec<PoseSet> {
         self.fusion.finish_smoothed()
     }
 
-    /// The poses that were still undecided when the recording ended.
+    /// The poses that were undecided when the recording ended.
     pub fn finish(&mut self) -> Vec<PoseSet> {
         self.fusion.finish()
     }

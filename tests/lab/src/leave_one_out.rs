@@ -1,5 +1,5 @@
-//! Our skeleton against plain weighted triangulation, where there is no truth: both are made from the
-//! same views, and both are judged by the peaks of a view that was withheld from both.
+//! Our skeleton against plain weighted triangulation without a truth: both use the same views, and both are compared with the
+//! peaks of a view that was withheld.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -21,13 +21,13 @@ use crate::view_peaks::{PeakReader, ViewPeak};
 /// The 12 keypoints below the head, by their COCO names: those after the five of the face.
 pub const BODY_KEYPOINTS: &[&str] = COCO17.split_at(5).1;
 
-/// Least height of a peak that is used, by triangulation and as a judge.
+/// Least height of a peak, for triangulation and for the comparison.
 const MIN_PEAK: f32 = 0.3;
 
 /// Peaks of one tick: per viewpoint and keypoint.
 type TickPeaks = Vec<Vec<Option<ViewPeak>>>;
 
-/// One person's run through a venue, with the peaks that every view saw.
+/// One person's run through a venue, with the peaks of every view.
 pub struct PersonRun {
     cameras: Vec<CameraModel>,
     keypoints: KeypointSet,
@@ -42,7 +42,7 @@ impl PersonRun {
     /// Runs the venue at `path`, without the viewpoint `withheld`. Every viewpoint has one camera.
     ///
     /// # Errors
-    /// Whatever the run fails with, or when nobody is found.
+    /// The run fails, or no person is found.
     pub fn make(path: &Path, withheld: Option<usize>) -> anyhow::Result<Self> {
         let mut run = InProcess::open(path, withheld.map(|v| ViewpointIndex(v as u16)))?;
         let (mut patches, mut finished) = (Vec::new(), Vec::new());
@@ -51,7 +51,7 @@ impl PersonRun {
             patches.push((trace.tick, trace.edges));
         }
         finished.extend(run.finish());
-        let person = most_seen(&finished).context("nobody was found")?;
+        let person = most_seen(&finished).context("no person was found")?;
         let cameras: Vec<CameraModel> = run
             .venue()
             .cameras
@@ -89,13 +89,13 @@ impl PersonRun {
         })
     }
 
-    /// The person that was followed.
+    /// The tracked person.
     pub fn person(&self) -> PersonId {
         self.person
     }
 
-    /// Distances in pixels to the peaks of `view`: of our keypoints, and of triangulation from the views
-    /// that were not withheld, at the same ticks and keypoints.
+    /// Distances in pixels to the peaks of `view`: of our keypoints, and of triangulation from the views that were not withheld,
+    /// at the same ticks and keypoints.
     pub fn residuals_px(&self, view: usize, names: &[&str]) -> (Vec<f64>, Vec<f64>) {
         let (mut ours, mut dlt) = (Vec::new(), Vec::new());
         for (tick, keypoints) in &self.poses_m {
@@ -120,8 +120,8 @@ impl PersonRun {
         (ours, dlt)
     }
 
-    /// Mean norm of the third difference over dt cubed, m/s3: ours and triangulation's, over the runs of
-    /// four ticks in which triangulation has the keypoint.
+    /// Mean norm of the third difference over dt cubed, m/s3: ours and triangulation's, over runs of four ticks in which
+    /// triangulation has the keypoint.
     pub fn jerk_m_s3(&self, names: &[&str]) -> (f64, f64) {
         let dt3 = self.rate_hz.powi(-3);
         let (mut ours, mut dlt) = (Vec::new(), Vec::new());
@@ -165,7 +165,7 @@ impl PersonRun {
     }
 }
 
-/// The person with the most evidence: views summed over ticks.
+/// The person with the most views, summed over ticks.
 fn most_seen(finished: &[PoseSet]) -> Option<PersonId> {
     let mut views: BTreeMap<PersonId, u32> = BTreeMap::new();
     for pose in finished.iter().flat_map(|set| &set.persons) {
@@ -187,7 +187,7 @@ fn keypoints_m(set: &PoseSet, person: PersonId) -> Option<Vec<Vector3<f64>>> {
     )
 }
 
-/// The upper median, or NaN of nothing.
+/// The upper median; NaN for an empty slice.
 pub fn median(values: &[f64]) -> f64 {
     upper_median(values.to_vec()).unwrap_or(f64::NAN)
 }

@@ -1,19 +1,19 @@
-//! The laboratory: suites, studies, benches and long runs of the whole system. Its program is `lab`, which is [`main`]
-//! and takes every command of `farfield` too; `lab help` lists them.
+//! The laboratory: suites, studies, benches and long runs of the whole system. Its program is `lab`, which is [`main`] and
+//! has every command of `farfield` too; `lab help` lists them.
 //!
-//! Read [`in_process`] first: edges and fusion in one process, in lock-step and without a network. Most studies run
-//! that loop. Then [`suite`]: scenes that are run through it and scored.
+//! Start with [`in_process`]: edges and fusion in one process, in lock-step and without a network. Most studies run that
+//! loop. Then read [`suite`]: scenes that run through it and are scored.
 //!
 //! | module | what |
 //! | --- | --- |
 //! | [`conditions`] | links that are cut, far or lossy, in ticks and without a network |
-//! | [`live_venue`], [`relay`], [`namespaces`], [`small_disk`] | live venues of processes, or of edges played from a recording; the relays and network namespaces between them; disks that are full or hang |
-//! | [`bytes`] | our codec of maps beside what others send, bytes beside errors |
-//! | [`view_peaks`], [`leave_one_out`] | plain triangulation to compare with, and a comparison that needs no truth |
-//! | [`afar`] | real recordings as a camera much farther away would have made them |
+//! | [`live_venue`], [`relay`], [`namespaces`], [`small_disk`] | live venues of processes, or of edges played from a recording; relays and network namespaces between them; disks that are full or hang |
+//! | [`bytes`] | our codec of maps and other codecs: bytes against errors |
+//! | [`view_peaks`], [`leave_one_out`] | plain triangulation as a reference, and a comparison without a truth |
+//! | [`afar`] | real recordings as from a camera much farther away |
 //! | [`ring`] | a walker in a ring of viewpoints, for benches and tests of fusion alone |
-//! | [`hostile_input`], [`corpus`] | what the fuzz targets run, and the inputs that fuzzers found |
-//! | [`reading`] | this project's own files: their sizes and words |
+//! | [`hostile_input`], [`corpus`] | the functions of the fuzz targets, and the inputs that fuzzers found |
+//! | [`reading`] | sizes and words of this project's own files |
 
 pub mod afar;
 pub mod bytes;

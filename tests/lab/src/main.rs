@@ -1,4 +1,4 @@
-//! The program `lab`: see the library beside it.
+//! The program `lab`: see the library `farfield_lab`.
 
 use std::process::ExitCode;
 

@@ -1,14 +1,13 @@
-//! Network namespaces: nodes of one machine that reach each other only through what stands between.
+//! Network namespaces: nodes of one machine that reach each other only through a relay.
 //!
-//! Each namespace is one end of a cable whose other end is here. A relay that listens at this end and
-//! a server on this machine's loopback are all that a program in the namespace can reach. Making them
-//! takes root and the program `ip`.
+//! Each namespace is one end of a virtual cable whose other end is outside. Programs in it reach only a relay that listens at
+//! that end. Making namespaces needs root and the program `ip`.
 
 use std::net::Ipv4Addr;
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Namespaces of one test or study; taken away when dropped.
+/// Namespaces of one test or study; removed when dropped.
 #[derive(Debug)]
 pub struct Namespaces(Vec<Namespace>);
 
@@ -19,17 +18,17 @@ pub struct Namespace {
     gateway: Ipv4Addr,
 }
 
-/// Tells apart what one process makes.
+/// Number of namespaces that this process has made.
 static MADE: AtomicU32 = AtomicU32::new(0);
 
 impl Namespaces {
     /// Makes `n`, at most 63.
     ///
     /// # Errors
-    /// Why there are none: for people to read, and for tests to say when they skip.
+    /// The reason, for people and for tests that are skipped.
     pub fn make(n: usize) -> Result<Self, String> {
-        take_away_what_is_left()?;
-        // Taken away again where one of them fails.
+        remove_stale()?;
+        // Dropped and removed if one of them fails.
         let mut made = Self(Vec::new());
         let block = free_block()?;
         for i in 0..n.min(63) {
@@ -45,20 +44,19 @@ impl Namespaces {
     /// The `i`-th.
     ///
     /// # Panics
-    /// When there are not so many.
+    /// There are fewer.
     pub fn get(&self, i: usize) -> &Namespace {
         &self.0[i]
     }
 }
 
 impl Namespace {
-    /// The address at this end of the cable: where a relay listens for those in the namespace.
+    /// The address of the outer end of the cable, where a relay listens.
     pub fn gateway(&self) -> Ipv4Addr {
         self.gateway
     }
 
-    /// A command that will run `program` inside. The process is the program itself: signals and exit
-    /// codes are its own.
+    /// A command that runs `program` inside. The process is the program itself, with its signals and exit codes.
     pub fn command(&self, program: impl AsRef<std::ffi::OsStr>) -> Command {
         let mut command = Command::new("ip");
         command.args(["netns", "exec", &self.name]).arg(program);
@@ -86,12 +84,12 @@ impl Namespace {
 
 impl Drop for Namespace {
     fn drop(&mut self) {
-        take_away(&self.name);
+        remove(&self.name);
     }
 }
 
-/// Takes away the namespaces of processes that were killed before they could.
-fn take_away_what_is_left() -> Result<(), String> {
+/// Removes the namespaces of processes that were killed.
+fn remove_stale() -> Result<(), String> {
     for line in ip(&["netns", "list"])?.lines() {
         let name = line.split(' ').next().unwrap_or_default();
         let maker = name
@@ -101,20 +99,20 @@ fn take_away_what_is_left() -> Result<(), String> {
             continue;
         };
         if !std::path::Path::new("/proc").join(pid).exists() {
-            take_away(name);
+            remove(name);
         }
     }
     Ok(())
 }
 
-/// The cable first: a namespace goes when the last process in it has gone, a cable at once.
-fn take_away(name: &str) {
-    // What is not there need not be taken away.
+/// Removes a namespace, and its cable first: a namespace is gone with the last process in it, a cable at once.
+fn remove(name: &str) {
+    // Missing ones are no error.
     drop(ip(&["link", "delete", &format!("{name}h")]));
     drop(ip(&["netns", "delete", name]));
 }
 
-/// The third number of addresses 198.18.x.y (RFC 2544: for measurements) that nobody here uses.
+/// The third number of addresses 198.18.x.y (RFC 2544: for measurements) that is not used here.
 fn free_block() -> Result<u8, String> {
     let used = ip(&["-4", "-o", "address", "show"])?;
     let wish = std::process::id().wrapping_mul(16) + MADE.load(Ordering::Relaxed);
@@ -125,11 +123,11 @@ fn free_block() -> Result<u8, String> {
 }
 
 fn ip(args: &[&str]) -> Result<String, String> {
-    let said = |what: &str| format!("`ip {}`: {what}", args.join(" "));
+    let describe = |what: &str| format!("`ip {}`: {what}", args.join(" "));
     let output = Command::new("ip").args(args).output();
-    let output = output.map_err(|error| said(&error.to_string()))?;
+    let output = output.map_err(|error| describe(&error.to_string()))?;
     if !output.status.success() {
-        return Err(said(String::from_utf8_lossy(&output.stderr).trim()));
+        return Err(describe(String::from_utf8_lossy(&output.stderr).trim()));
     }
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
@@ -142,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_is_in_a_namespace_reaches_this_end_of_its_cable_and_no_more() {
+    fn a_namespace_reaches_only_its_end_of_the_cable() {
         let namespaces = match Namespaces::make(2) {
             Ok(namespaces) => namespaces,
             Err(reason) => {
@@ -157,7 +155,7 @@ mod tests {
         here.set_read_timeout(Some(Duration::from_secs(20)))
             .unwrap();
         let port = here.local_addr().unwrap().port();
-        let say = |to: Ipv4Addr| {
+        let send = |to: Ipv4Addr| {
             let script = format!("echo -n hello > /dev/udp/{to}/{port}");
             let mut bash = namespace.command("bash");
             bash.args(["-c", &script])
@@ -166,11 +164,11 @@ mod tests {
                 .status
                 .success()
         };
-        assert!(say(namespace.gateway()));
+        assert!(send(namespace.gateway()));
         let mut buffer = [0; 10];
         assert_eq!(here.recv(&mut buffer).unwrap(), 5);
         assert!(
-            !say(namespaces.get(1).gateway()),
+            !send(namespaces.get(1).gateway()),
             "another cable is reached"
         );
         let name = namespace.name.clone();

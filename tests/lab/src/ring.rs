@@ -1,5 +1,4 @@
-//! A walker inside a ring of viewpoints, with the patches that perfect edges would send: for benches
-//! and for tests of the core without edges.
+//! A walker inside a ring of viewpoints, with the patches of perfect edges: for benches and for tests of fusion without edges.
 
 use std::f64::consts::TAU;
 
@@ -31,7 +30,7 @@ use farfield_sim::walker::Walker;
 
 /// Rate of the ring, hertz.
 pub const RATE_HZ: f64 = 60.0;
-/// Cells of a map, as TinyPose and small networks have them.
+/// Cells of a map, as of TinyPose and small networks.
 const CELLS: [u16; 2] = [48, 64];
 
 /// One camera per viewpoint around one walker.
@@ -44,7 +43,7 @@ impl CameraRing {
     /// `n_viewpoints` cameras on a circle of 6 m.
     ///
     /// # Errors
-    /// Never for cameras as simple as these.
+    /// Never for these cameras.
     pub fn new(n_viewpoints: usize) -> anyhow::Result<Self> {
         let camera = |index: usize| {
             let angle = TAU * index as f64 / n_viewpoints as f64;
@@ -79,7 +78,7 @@ impl CameraRing {
         &self.cameras
     }
 
-    /// What tracks of this ring share: default parameters and COCO keypoints.
+    /// The method of tracks in this ring: default parameters and COCO keypoints.
     pub fn method() -> Method {
         let (keypoints, parameters) = (KeypointSet::coco17(), Parameters::default());
         Method {
@@ -100,10 +99,10 @@ impl CameraRing {
         }
     }
 
-    /// The walker as it is followed from tick 0.
+    /// The track of the walker from tick 0.
     ///
     /// # Errors
-    /// When no skeleton fits the walker.
+    /// No skeleton fits the walker.
     pub fn track(&self, method: &Method) -> anyhow::Result<Estimator> {
         let points = self.walker.points_m(0.0);
         let named = COCO17.iter().map(|name| (*name, points[*name].into()));
@@ -125,7 +124,7 @@ impl CameraRing {
     /// The patches of all viewpoints at `tick`.
     ///
     /// # Errors
-    /// When the walker is not in a camera's view; the ring is built so that it is.
+    /// The walker is outside a camera's view, which the ring prevents.
     pub fn group(&self, tick: Tick) -> anyhow::Result<TickGroup> {
         let mut encoder = Encoder::new();
         let sets = self.cameras.iter().enumerate().map(|(index, camera)| {

@@ -1,54 +1,54 @@
-//! Disks that are soon full, or that hang: for scenarios and drives. Mounting them takes root.
+//! Disks that are soon full, or that hang: for scenarios and `lab faults`. Mounting them needs root.
 
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
 
-/// Room on a disk that is soon full, KiB: less than a minute of two people, more than the head of a recording.
+/// Space on a disk that is soon full, KiB: less than a minute of two people, more than the head of a recording.
 const ROOM_KIB: u32 = 600;
-/// Size of a disk that can be made to hang, bytes.
+/// Size of a disk that can hang, bytes.
 const FREEZABLE_BYTES: u64 = 96 << 20;
 
-/// A disk of its own; gone when dropped.
+/// A mounted disk; unmounted when dropped.
 #[derive(Debug)]
 pub struct SmallDisk(PathBuf);
 
 impl SmallDisk {
-    /// Mounts one at `path` that is soon full.
+    /// Mounts a disk at `path` that is soon full.
     ///
     /// # Errors
-    /// Why there is none: it takes root.
+    /// The reason: it needs root.
     pub fn mount(path: &Path) -> Result<Self, String> {
         let room = format!("size={ROOM_KIB}k");
         fs::create_dir(path).map_err(|error| error.to_string())?;
         let mut mount = Command::new("mount");
-        said(mount.args(["-t", "tmpfs", "-o", &room, "tmpfs"]).arg(path))?;
+        run_command(mount.args(["-t", "tmpfs", "-o", &room, "tmpfs"]).arg(path))?;
         Ok(Self(path.to_owned()))
     }
 
-    /// One that can be made to hang.
+    /// Mounts a disk that can hang.
     ///
     /// # Errors
-    /// Why there is none: it takes root and loop devices.
+    /// The reason: it needs root and loop devices.
     pub fn mount_freezable(path: &Path) -> Result<Self, String> {
         let image = path.with_extension("image");
         let made = fs::create_dir(path)
             .and_then(|()| File::create(&image))
             .and_then(|file| file.set_len(FREEZABLE_BYTES));
         made.map_err(|error| error.to_string())?;
-        said(Command::new("mkfs.ext4").arg("-q").arg(&image))?;
+        run_command(Command::new("mkfs.ext4").arg("-q").arg(&image))?;
         let mut mount = Command::new("mount");
-        said(mount.args(["-o", "loop"]).arg(&image).arg(path))?;
+        run_command(mount.args(["-o", "loop"]).arg(&image).arg(path))?;
         Ok(Self(path.to_owned()))
     }
 
-    /// Where it is mounted.
+    /// Its mount point.
     pub fn path(&self) -> &Path {
         &self.0
     }
 
-    /// Makes it hang for so many seconds. Another process lets it go again, whatever happens here.
+    /// Makes it hang for so many seconds. Another process ends the hang, whatever happens here.
     ///
     /// # Errors
     /// That process cannot be started.
@@ -58,17 +58,17 @@ impl SmallDisk {
         freeze.args(["-c", &script]).arg(&self.0).spawn()
     }
 
-    /// Makes one that is soon full larger.
+    /// Enlarges a disk of [`Self::mount`].
     ///
     /// # Errors
-    /// What `mount` says.
+    /// `mount` fails.
     pub fn grow(&self) -> Result<(), String> {
         let mut mount = Command::new("mount");
-        said(mount.args(["-o", "remount,size=80m"]).arg(&self.0))
+        run_command(mount.args(["-o", "remount,size=80m"]).arg(&self.0))
     }
 }
 
-fn said(command: &mut Command) -> Result<(), String> {
+fn run_command(command: &mut Command) -> Result<(), String> {
     let output = command.output().map_err(|error| error.to_string())?;
     if output.status.success() {
         Ok(())
@@ -79,7 +79,7 @@ fn said(command: &mut Command) -> Result<(), String> {
 
 impl Drop for SmallDisk {
     fn drop(&mut self) {
-        // Lazily: a node may still have the file open.
+        // Lazily, since a node may still have the file open.
         drop(Command::new("umount").arg("-l").arg(&self.0).status());
     }
 }

@@ -1,5 +1,4 @@
-//! What a patch says to somebody who only wants one place per keypoint: the highest peak of each map,
-//! refined below the cell.
+//! The highest peak of each map of a patch, refined below the cell: one position per keypoint.
 
 use farfield_edge::peaks::best_peak;
 use farfield_proto::frames::{Pixel, Undistorted};
@@ -9,13 +8,13 @@ use farfield_proto::patch::{Decoder, Maps};
 /// The best peak of one keypoint in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewPeak {
-    /// Where, undistorted pixels of the camera.
+    /// Position, undistorted pixels of the camera.
     pub pixel: Pixel<Undistorted>,
-    /// How high, 0 to 1: the likelihood.
+    /// Height, 0 to 1: the likelihood.
     pub height: f32,
 }
 
-/// Reads patches, with its buffers.
+/// Reads patches with reused buffers.
 pub struct PeakReader {
     decoder: Decoder,
     maps: Maps,
@@ -33,8 +32,7 @@ impl Default for PeakReader {
 }
 
 impl PeakReader {
-    /// The best peak of each keypoint of `patch`, `None` for an empty map; nothing when the patch
-    /// cannot be decoded.
+    /// The best peak of each keypoint of `patch`, `None` for an empty map; empty if the patch cannot be decoded.
     pub fn read(&mut self, patch: &PersonPatch) -> Vec<Option<ViewPeak>> {
         if self.decoder.decode(&patch.maps, &mut self.maps).is_err() {
             return Vec::new();

@@ -1,4 +1,4 @@
-//! The codecs that are compared: ours, and others' in its place, each packed as well as it can be.
+//! The codecs of the comparison: ours, and replacements, each packed as well as possible.
 
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -6,33 +6,33 @@ use std::sync::{Arc, Mutex, PoisonError};
 use farfield_edge::pipeline::StandIn;
 use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, FLOOR, Maps};
 
-/// Level of zstd: the slowest that is meant for every day.
+/// Level of zstd: the slowest for everyday use.
 const ZSTD_LEVEL: i32 = 19;
-/// Numbers of a Gaussian with covariance, and of a keypoint: place, height; three of a covariance.
+/// Numbers of a Gaussian with covariance, and of a keypoint: position, height; three of a covariance.
 const GAUSSIAN_NUMBERS: usize = 6;
 const KEYPOINT_NUMBERS: usize = 3;
-/// Bits of a keypoint in fixed point: ten for either coordinate, eight for the score.
+/// Bits of a keypoint in fixed point: ten per coordinate, eight for the score.
 const KEYPOINT_BITS: usize = 28;
-/// Sigma that whoever gets plain keypoints must make up, in 48ths of the map's width.
+/// Sigma that a receiver of plain keypoints assumes, in 48ths of the map's width.
 const KEYPOINT_SIGMA: f32 = 2.0;
 
-/// One way to send maps.
+/// A way to encode maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Codec {
-    /// All of every map: nothing is lost but to 8 bits, in which fusion computes.
+    /// All cells of every map, with 8 bits, as fusion uses them.
     Whole,
     /// 8 bit cells above the floor, by zstd.
     Zstd,
     /// Ours.
     Ours(CompressionLevel),
-    /// At most so many Gaussians with covariance of each map, quantised as that compression level's modes are.
+    /// At most so many Gaussians with covariance per map, quantised like the modes of that compression level.
     Gaussians(usize, CompressionLevel),
     /// The highest peak of each map, without its shape.
     Keypoints,
 }
 
 impl Codec {
-    /// All that are compared.
+    /// All codecs of the comparison.
     pub fn all() -> Vec<Self> {
         let gaussians = [1, 2].into_iter().flat_map(|most| {
             [CompressionLevel::DEFAULT, CompressionLevel::SMALL]
@@ -45,7 +45,7 @@ impl Codec {
         all
     }
 
-    /// The names under which its bytes are counted: the same maps packed in different ways.
+    /// Names of its packings: the same maps packed in different ways.
     pub fn packings(self) -> Vec<String> {
         match self {
             Self::Whole => vec!["f32".to_owned()],
@@ -61,7 +61,7 @@ impl Codec {
         }
     }
 
-    /// Whether it is ours: then it needs no stand-in, but the link's compression level.
+    /// The compression level of our codec, which needs no stand-in; `None` for the others.
     pub fn level(self) -> Option<CompressionLevel> {
         match self {
             Self::Ours(level) => Some(level),
@@ -76,7 +76,7 @@ impl fmt::Display for Codec {
     }
 }
 
-/// What was sent in a run: bytes of maps, in each of a codec's packings, and patches.
+/// Bytes sent in a run, for each packing of a codec, and patches.
 #[derive(Debug, Clone, Default)]
 pub struct SentBytes {
     /// In the order of [`Codec::packings`].
@@ -85,7 +85,7 @@ pub struct SentBytes {
     pub patches: u64,
 }
 
-/// A codec that is not ours, in the place of ours.
+/// Another codec in the place of ours.
 pub struct Rival {
     codec: Codec,
     encoder: Encoder,
@@ -94,7 +94,7 @@ pub struct Rival {
 }
 
 impl Rival {
-    /// `codec`, counting into `sent`.
+    /// `codec`, which counts into `sent`.
     pub fn new(codec: Codec, sent: Arc<Mutex<SentBytes>>) -> Self {
         Self {
             codec,
@@ -104,7 +104,7 @@ impl Rival {
         }
     }
 
-    /// Replaces `maps` by what `encoded` says; the decoder of our own bytes does not fail.
+    /// Replaces `maps` by the decoded ones. Decoding our own bytes does not fail.
     fn decoded(&mut self, encoded: &EncodedMaps, maps: &mut Maps) {
         if let Err(error) = self.decoder.decode(encoded, maps) {
             debug_assert!(false, "{error}");
@@ -172,7 +172,7 @@ impl StandIn for Rival {
     }
 }
 
-/// Clears the cells below the floor, and says how many bytes the others take.
+/// Clears the cells below the floor; returns the compressed size of the others.
 fn zstd(maps: &mut Maps) -> u64 {
     let mut all = Vec::new();
     for k in 0..maps.keypoints() {
@@ -183,7 +183,7 @@ fn zstd(maps: &mut Maps) -> u64 {
             .for_each(|c| *c = 0);
         all.extend_from_slice(cells);
     }
-    // In memory it does not fail.
+    // Compression in memory does not fail.
     zstd::bulk::compress(&all, ZSTD_LEVEL).map_or(0, |bytes| bytes.len() as u64)
 }
 
@@ -224,12 +224,12 @@ mod tests {
     }
 
     #[test]
-    fn a_second_peak_is_lost_by_whoever_sends_one() {
+    fn codecs_with_one_peak_lose_the_second() {
         let second = 41 * 48 + 35;
-        let of = |codec| recoded(codec).0.cells(3)[second];
-        assert!(of(Codec::Ours(CompressionLevel::SMALL)) > 180);
-        assert!(of(Codec::Gaussians(2, CompressionLevel::SMALL)) > 180);
-        assert!(of(Codec::Gaussians(1, CompressionLevel::SMALL)) < 10);
-        assert!(of(Codec::Keypoints) < 10);
+        let height = |codec| recoded(codec).0.cells(3)[second];
+        assert!(height(Codec::Ours(CompressionLevel::SMALL)) > 180);
+        assert!(height(Codec::Gaussians(2, CompressionLevel::SMALL)) > 180);
+        assert!(height(Codec::Gaussians(1, CompressionLevel::SMALL)) < 10);
+        assert!(height(Codec::Keypoints) < 10);
     }
 }

@@ -1,4 +1,4 @@
-//! How far the poses of a run are from the truth: the mean, and the worst.
+//! Errors of the poses of a run: mean and worst.
 
 use std::collections::BTreeMap;
 
@@ -19,13 +19,13 @@ pub struct Errors {
     pub worst_mm: f64,
     /// Truths without a pose.
     pub gaps: u64,
-    /// Times that a person's pose had another id than before.
+    /// Times that the id of a person's pose changed.
     pub switches: u64,
 }
 
 impl Errors {
-    /// Those of `poses` against `truth`.
-    pub fn of(poses: &PoseLines, truth: &PoseLines) -> Self {
+    /// Errors of `poses` relative to `truth`.
+    pub fn measure(poses: &PoseLines, truth: &PoseLines) -> Self {
         let mut all = Vec::new();
         let (mut gaps, mut switches) = (0, 0);
         let mut ids: BTreeMap<u32, u32> = BTreeMap::new();

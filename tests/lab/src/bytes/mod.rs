@@ -1,5 +1,5 @@
-//! What maps cost on the wire against what they are worth: our codec at every compression level and what others
-//! send, each through the very same loop of edges and fusion, bytes beside errors.
+//! Bytes on the wire against accuracy: our codec at every compression level and other codecs, through the same loop of
+//! edges and fusion.
 
 pub mod codec;
 pub mod errors;

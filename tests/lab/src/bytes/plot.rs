@@ -1,17 +1,17 @@
-//! Bytes against errors as SVG: bytes along, in powers of ten; millimetres up, ours as a line.
+//! Bytes against errors as SVG: x is bytes (logarithmic), y is millimetres, ours is a line.
 
 use farfield_score::plot::{Layer, Plot, PlotAxis};
 
 use super::run::{Curve, PackingRow};
 
-/// Bytes that the plot shows.
+/// Range of bytes in the plot.
 const RANGE_BYTES: [f64; 2] = [20.0, 300_000.0];
-/// How far above the best a point may be and still set the scale, times.
+/// Points with an error above this factor of the least do not set the scale.
 const SHOWN: f64 = 2.5;
-/// Colours beside that of ours, which is the first.
+/// Colours of other codecs, after that of ours.
 const OTHER_COLOURS: usize = 7;
 
-/// The curve of one place as an SVG document.
+/// The curve of one scene or recording as an SVG document.
 pub fn svg(curve: &Curve) -> String {
     let errors = curve.rows.iter().map(|row| row.errors.mpjpe_mm);
     let least = errors.clone().fold(f64::INFINITY, f64::min);

@@ -1,4 +1,4 @@
-//! Every codec in one scene or recording, over the same frames.
+//! Runs every codec in one scene or recording, over the same frames.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -25,39 +25,39 @@ use crate::suite::traffic::Traffic;
 use farfield_sim::scene::Scene;
 use farfield_sim::simulated::in_memory::Input;
 
-/// One packing of one codec in one place.
+/// One packing of one codec in one scene or recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PackingRow {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// Whether it is ours.
+    /// Whether it is our codec.
     pub ours: bool,
     /// Mean bytes of the maps of a person in a view at a tick.
     pub map_bytes: f64,
-    /// The same with the rest of its message, shared among those in it; known for ours.
+    /// The same with the rest of the message, divided by the persons in it; for our codec only.
     pub message_bytes: Option<f64>,
-    /// The same with what Zenoh adds; then TLS; then TCP and IP.
+    /// The same with Zenoh; then TLS; then TCP and IP.
     pub framed_bytes: Option<[f64; 3]>,
-    /// Errors of what comes out.
+    /// Errors of the poses.
     pub errors: Errors,
-    /// By how much its mean error is above that of whole maps, millimetres.
+    /// Mean error above that with whole maps, millimetres.
     pub worse_mm: f64,
 }
 
 /// All codecs in one scene or recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Curve {
-    /// Where.
+    /// The scene or recording.
     pub place: String,
     /// `maps`, `pixels` or `keypoints`.
     pub input: &'static str,
-    /// Persons, views and ticks that were sent.
+    /// Persons, views and ticks sent.
     pub patches: u64,
     /// Every packing.
     pub rows: Vec<PackingRow>,
 }
 
-/// One codec's run: its poses and what was sent.
+/// One codec's run: errors and traffic.
 struct CodecOutcome {
     codec: Codec,
     errors: Errors,
@@ -65,7 +65,7 @@ struct CodecOutcome {
     sent: SentBytes,
 }
 
-/// A stand-in for every edge, and what they count into; none for ours.
+/// A factory of stand-ins (`None` for our codec), and their counter.
 type StandIns = (
     Option<Arc<dyn Fn() -> Box<dyn StandIn>>>,
     Arc<Mutex<SentBytes>>,
@@ -86,11 +86,11 @@ fn taken(sent: &Mutex<SentBytes>) -> SentBytes {
 }
 
 impl Curve {
-    /// Runs `scene` with every codec. Errors are those of the 12 limb joints as a live listener gets
-    /// them, since all runs have found the person.
+    /// Runs `scene` with every codec. Errors are those of the 12 limb joints of live poses, from the tick at which all runs have
+    /// found the person.
     ///
     /// # Errors
-    /// As [`SceneRun::make`].
+    /// See [`SceneRun::make`].
     pub fn of_scene(
         name: &str,
         scene: &Arc<Scene>,
@@ -115,7 +115,7 @@ impl Curve {
         }
         let outcomes = runs.into_iter().map(|(codec, run, sent)| CodecOutcome {
             codec,
-            errors: Errors::of(&run.causal, &run.truth_since(&found)),
+            errors: Errors::measure(&run.causal, &run.truth_since(&found)),
             traffic: run.traffic,
             sent,
         });
@@ -126,11 +126,11 @@ impl Curve {
         Ok(Self::new(name, input, &outcomes.collect::<Vec<_>>()))
     }
 
-    /// Runs the recording of a `venue` that has a `truth` with every codec. Errors are those of the 14
-    /// points of the Shelf, of what is written in the end.
+    /// Runs the recording of a `venue` with a `truth` with every codec. Errors are those of the 14 points of the Shelf, of the
+    /// final poses.
     ///
     /// # Errors
-    /// When a file is missing or wrong, or a run fails.
+    /// A file is missing or wrong, or a run fails.
     pub fn of_recording(
         name: &str,
         venue: &Path,
@@ -163,7 +163,7 @@ impl Curve {
             let poses = PoseLines::from_people(points, people);
             outcomes.push(CodecOutcome {
                 codec,
-                errors: Errors::of(&poses, &truth),
+                errors: Errors::measure(&poses, &truth),
                 traffic,
                 sent: taken(&sent),
             });
@@ -171,7 +171,7 @@ impl Curve {
         Ok(Self::new(name, "keypoints", &outcomes))
     }
 
-    /// The mean over places that have the same rows; the worst error is the worst of all.
+    /// Mean over curves with the same rows; the worst error is the worst of all.
     pub fn mean_of(curves: &[Self]) -> Option<Self> {
         let n = curves.len() as f64;
         let mut mean = curves.first()?.clone();
@@ -179,18 +179,18 @@ impl Curve {
         mean.patches = curves.iter().map(|c| c.patches).sum();
         for (i, row) in mean.rows.iter_mut().enumerate() {
             let rows = || curves.iter().filter_map(|curve| curve.rows.get(i));
-            let of = |value: &dyn Fn(&PackingRow) -> f64| rows().map(value).sum::<f64>() / n;
-            row.map_bytes = of(&|r| r.map_bytes);
+            let mean_value = |value: &dyn Fn(&PackingRow) -> f64| rows().map(value).sum::<f64>() / n;
+            row.map_bytes = mean_value(&|r| r.map_bytes);
             row.message_bytes = row
                 .message_bytes
-                .map(|_| of(&|r| r.message_bytes.unwrap_or(0.0)));
+                .map(|_| mean_value(&|r| r.message_bytes.unwrap_or(0.0)));
             row.framed_bytes = row.framed_bytes.map(|_| {
-                [0, 1, 2].map(|k| of(&|r| r.framed_bytes.map_or(0.0, |framed| framed[k])))
+                [0, 1, 2].map(|k| mean_value(&|r| r.framed_bytes.map_or(0.0, |framed| framed[k])))
             });
-            row.worse_mm = of(&|r| r.worse_mm);
+            row.worse_mm = mean_value(&|r| r.worse_mm);
             row.errors = Errors {
-                mpjpe_mm: of(&|r| r.errors.mpjpe_mm),
-                p99_mm: of(&|r| r.errors.p99_mm),
+                mpjpe_mm: mean_value(&|r| r.errors.mpjpe_mm),
+                p99_mm: mean_value(&|r| r.errors.p99_mm),
                 worst_mm: rows().map(|r| r.errors.worst_mm).fold(0.0, f64::max),
                 gaps: rows().map(|r| r.errors.gaps).sum(),
                 switches: rows().map(|r| r.errors.switches).sum(),

@@ -1,4 +1,4 @@
-//! `lab budget`: one scene with changed parameters: a line of figures, and where the error comes from.
+//! `lab budget`: one scene with changed parameters: its scores, and the error after each stage.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -16,66 +16,65 @@ use crate::suite::report::Baseline;
 use crate::suite::run::{SceneRun, SceneRunPlan};
 use farfield_sim::simulated::in_memory::Input;
 
-/// What `lab budget` is told.
+/// Arguments of `lab budget`.
 ///
-/// Columns of the budget: `predict` prediction to site, `p99.9` half width of the lattice that would hold
-/// 99.9 % of the prediction errors, `lost%` without support, `lattice` to site, `IK1`, `filter`, `IK2` to
-/// joint, `IK2site` to site, `const` the part of IK2 that is constant in the axes of the pelvis, `along*`
-/// signed error along the motion (minus is behind), `DLT` to site without a filter, `def` joint to site.
+/// Columns of the budget: `predict` prediction to site, `p99.9` half width of a lattice that contains 99.9 % of the
+/// prediction errors, `lost%` without support, `lattice` to site, `IK1`, `filter`, `IK2` to joint, `IK2site` to site, `const`
+/// the part of IK2 that is constant in the axes of the pelvis, `along*` signed error along the motion (minus is behind),
+/// `DLT` to site without a filter, `def` joint to site.
 #[expect(clippy::struct_excessive_bools, reason = "the flags of a command line")]
 #[derive(Debug, clap::Args)]
 pub(super) struct BudgetArgs {
     /// A scene file, or the name of an embedded scene.
     scene: SceneArgument,
-    /// Only the first seconds.
+    /// Use only the first seconds.
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
-    /// Another parameter than the default, as in a venue file; VALUE is TOML.
+    /// Change a parameter, as in a venue file; VALUE is TOML.
     #[arg(long, value_name = "TABLE.FIELD=VALUE")]
     set: Vec<String>,
-    /// Leave out the scene's faults.
+    /// Run without the scene's faults.
     #[arg(long)]
     no_faults: bool,
     /// Run at this rate instead of the scene's, ticks per second.
     #[arg(long, value_name = "HZ")]
     rate_hz: Option<f64>,
-    /// Leave out plain triangulation.
+    /// Omit plain triangulation.
     #[arg(long)]
     no_dlt: bool,
-    /// A line for every actor.
+    /// Print a line for every actor.
     #[arg(long)]
     actors: bool,
-    /// What changed who is who, tick by tick.
+    /// Print the identity events by tick.
     #[arg(long)]
     events: bool,
-    /// Solve in two passes: with what comes later.
+    /// Solve in two passes, with later data.
     #[arg(long)]
     two_passes: bool,
-    /// How sure the poses said they were, against their errors.
+    /// Print the reported standard deviations against the errors.
     #[arg(long)]
     sureness: bool,
-    /// Cut fusion off from all edges for so many ticks ...
+    /// Cut fusion off from all edges for this many ticks ...
     #[arg(long, value_name = "TICKS", default_value_t = 0)]
     cut: i64,
-    /// ... at the end of every so many.
+    /// ... in every period of this many.
     #[arg(long, value_name = "TICKS", default_value_t = 120)]
     cut_every: i64,
-    /// Put links between edges and fusion over which boxes are used that many ticks after the one that
-    /// made them.
+    /// Simulate links with this delay: boxes are used so many ticks after the one that made them.
     #[arg(long, value_name = "TICKS", default_value_t = FarLinks::default().ahead)]
     ahead: i64,
-    /// Share of the messages that such links lose each way.
+    /// Share of messages lost each way on such links.
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     loss: f64,
-    /// Which messages are lost.
+    /// Seed of the losses.
     #[arg(long, value_name = "N", default_value_t = FarLinks::default().seed)]
     seed: u64,
 }
 
-/// Runs the scene and prints its figures.
+/// Runs the scene and prints its scores.
 ///
 /// # Errors
-/// When the scene or a parameter is missing or wrong, or the run fails.
+/// The scene or a parameter is missing or wrong, or the run fails.
 pub(super) fn budget(args: &BudgetArgs) -> Result<(), NodeError> {
     let mut scene = args.scene.load()?;
     if let Some(seconds) = args.seconds {

@@ -15,28 +15,27 @@ use farfield_sim::simulated::without_map_faults;
 use farfield::output;
 use farfield_sim::embedded::{write_detector, write_network};
 
-/// The folder of scenes and recordings where `FARFIELD_DATA` says nothing.
+/// The folder of scenes and recordings if `FARFIELD_DATA` is not set.
 const DATA: &str = "../shared";
-/// The name of the recording among the places.
+/// The name of the recording on the command line.
 const SHELF: &str = "shelf";
-/// What is studied when nothing is named: the suite of the paper, the scene in which single peaks do
-/// not do, and the Shelf.
+/// Default: the suite of the paper, the scene in which single peaks are not enough, and the Shelf.
 const USUAL: [&str; 3] = ["paper", "legs", SHELF];
 
-/// What `lab bytes` is told.
+/// Arguments of `lab bytes`.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct BytesArgs {
-    /// Suites (paper, identity, own), scene files, embedded scenes, or `shelf`, the recording of that
-    /// name below `$FARFIELD_DATA`, else ../shared. Default: paper, legs and shelf.
+    /// Suites (paper, identity, own), scene files, embedded scenes, or `shelf`, the recording below `$FARFIELD_DATA`, else
+    /// ../shared. Default: paper, legs and shelf.
     #[arg(value_name = "SCENE")]
     scenes: Vec<String>,
-    /// Only the first seconds of each scene.
+    /// Use only the first seconds of each scene.
     #[arg(long, value_name = "S", default_value_t = 5.0)]
     seconds: f64,
-    /// Render pictures and read them with the embedded networks, instead of making maps from the truth.
+    /// Render images and read them with the embedded networks, instead of making maps from the truth.
     #[arg(long)]
     pixels: bool,
-    /// Write `bytes.json`, and a drawing of each scene, into this folder.
+    /// Write `bytes.json` and a plot of each scene to this folder.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print JSON instead of tables.
@@ -44,21 +43,21 @@ pub(crate) struct BytesArgs {
     json: bool,
 }
 
-/// Runs everything that `args` name with every codec, and prints each table as soon as it is there.
+/// Runs the scenes and recordings of `args` with every codec, and prints each table when it is ready.
 ///
 /// # Errors
-/// When a scene is missing or wrong, a run fails, or the result cannot be written.
+/// A scene is missing or wrong, a run fails, or the result cannot be written.
 pub(super) fn study(args: &BytesArgs) -> Result<(), NodeError> {
     let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| PathBuf::from(DATA), PathBuf::from);
-    let asked: Vec<String> = if args.scenes.is_empty() {
+    let requested: Vec<String> = if args.scenes.is_empty() {
         USUAL.map(str::to_owned).into()
     } else {
         args.scenes.clone()
     };
-    let (shelf, scenes): (Vec<String>, Vec<String>) = asked.into_iter().partition(|n| n == SHELF);
+    let (shelf, scenes): (Vec<String>, Vec<String>) = requested.into_iter().partition(|n| n == SHELF);
     let mut chosen = choose(&scenes, &root).map_err(NodeError::Refused)?;
     if args.pixels {
-        chosen.leave_out_what_pictures_cannot_show();
+        chosen.leave_out_mirrors();
     }
     let recording = root.join("data/shelf");
     let shelf = !shelf.is_empty() && !args.pixels;
@@ -123,7 +122,7 @@ fn run(args: &BytesArgs, scenes: Vec<NamedScene>, shelf: Option<&Path>) -> anyho
     Ok(())
 }
 
-/// Prints a curve, and draws it where drawings are asked for.
+/// Prints a curve, and plots it if a folder is given.
 fn show(args: &BytesArgs, curve: &Curve) -> anyhow::Result<()> {
     if let Some(folder) = &args.out {
         let name = format!("{}-{}.svg", curve.place, curve.input).replace(' ', "-");

@@ -1,5 +1,4 @@
-//! `lab codec`: what each compression level makes of maps that were written down, and what the codec should know
-//! beforehand.
+//! `lab codec`: compression levels on stored maps, and the codec's priors.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -9,24 +8,24 @@ use farfield::output;
 use farfield_node::process::NodeError;
 use farfield_proto::patch::{CompressionLevel, Decoder, EncodedMaps, Encoder, FLOOR, Maps};
 
-/// What `lab codec` is told.
+/// Arguments of `lab codec`.
 ///
-/// The table's columns: bytes a patch; root mean square and 99th percentile of the errors of cells that
-/// are above the floor on either side, of 255; microseconds a patch to encode and to decode.
+/// Columns: bytes per patch; root mean square and 99th percentile of the errors of cells that are above the floor on either
+/// side, of 255; microseconds per patch to encode and to decode.
 #[derive(Debug, clap::Args)]
 pub(super) struct CodecArgs {
     /// Files of `lab maps`.
     #[arg(value_name = "MAPS", required = true)]
     files: Vec<PathBuf>,
-    /// Print the codec's priors, as its source holds them, instead of a table.
+    /// Print the codec's priors for its source code instead of a table.
     #[arg(long)]
     learn: bool,
 }
 
-/// Prints a table of each file, or the priors of all.
+/// Prints a table per file, or the priors of all.
 ///
 /// # Errors
-/// When a file cannot be read or holds no maps, or the result cannot be printed.
+/// A file cannot be read or has no maps, or the result cannot be printed.
 pub(super) fn measure(args: &CodecArgs) -> Result<(), NodeError> {
     let files = args.files.iter().map(|path| read(path));
     let files: Vec<Vec<Maps>> = files
@@ -63,7 +62,7 @@ fn read(path: &Path) -> anyhow::Result<Vec<Maps>> {
     Ok(all)
 }
 
-/// Maps of more cells, as a finer network's would be: bilinear.
+/// Maps with more cells, as of a finer network: bilinear.
 fn enlarged(maps: &Maps, width: usize, height: usize) -> Maps {
     let mut into = Maps::new(width, height, maps.keypoints());
     let (w, h) = (maps.width(), maps.height());
@@ -76,9 +75,9 @@ fn enlarged(maps: &Maps, width: usize, height: usize) -> Maps {
             };
             let (x0, x1, fx) = at(i % width, w, width);
             let (y0, y1, fy) = at(i / width, h, height);
-            let of = |x: usize, y: usize| f32::from(from[y * w + x]);
-            let upper = of(x0, y0) + fx * (of(x1, y0) - of(x0, y0));
-            let lower = of(x0, y1) + fx * (of(x1, y1) - of(x0, y1));
+            let value_at = |x: usize, y: usize| f32::from(from[y * w + x]);
+            let upper = value_at(x0, y0) + fx * (value_at(x1, y0) - value_at(x0, y0));
+            let lower = value_at(x0, y1) + fx * (value_at(x1, y1) - value_at(x0, y1));
             *cell = (upper + fy * (lower - upper)).round() as u8;
         }
     }
@@ -135,7 +134,7 @@ fn now() -> Instant {
     Instant::now()
 }
 
-/// A line for every compression level, for few Gaussians in place of maps, and for maps of more cells.
+/// One line per compression level, for few Gaussians instead of maps, and for maps with more cells.
 fn table(name: &str, every: Vec<Maps>) -> anyhow::Result<String> {
     let step = every.len().div_ceil(300).max(1);
     let all: Vec<Maps> = every.into_iter().step_by(step).collect();
@@ -160,8 +159,8 @@ fn table(name: &str, every: Vec<Maps>) -> anyhow::Result<String> {
     Ok(text)
 }
 
-/// The mean of what an encoder has learnt after every patch, when it forgets nothing; patches of all
-/// files and lossy levels take turns.
+/// The mean of an encoder's learnt state after every patch, without forgetting; patches of all files and lossy levels take
+/// turns.
 fn priors(files: Vec<Vec<Maps>>) -> String {
     const ROUNDS: usize = 150;
     const WARM: usize = 15;
@@ -192,7 +191,7 @@ fn priors(files: Vec<Vec<Maps>>) -> String {
     let even = f64::from(1u16 << 15) * (ROUNDS - WARM) as f64;
     let table = sums.iter().map(|&sum| {
         let share = (sum / even * 128.0).round().clamp(1.0, 255.0);
-        // Nothing that occurs stays even to the last bit.
+        // A probability that is still exactly even never occurred.
         if sum.to_bits() == even.to_bits() {
             "0".to_owned()
         } else {

@@ -1,5 +1,5 @@
-//! `lab crowd`: many people and viewpoints live: sets that were made beforehand, played by this process over real
-//! sessions, and a fusion node that must keep up with them.
+//! `lab crowd`: many people and viewpoints live. This process plays recorded sets over real sessions, and a fusion node must
+//! keep up.
 
 use std::fmt::Write as _;
 use std::ops::Range;
@@ -23,12 +23,12 @@ use crate::live_venue::{
     LiveVenue, NodeProcess, Played, Player, SeenVenue, VenueWatch, Vitals, write_played_venue,
 };
 
-/// How long fusion may take to end after the last tick.
+/// Longest time from the last tick to fusion's end.
 const GRACE: Duration = Duration::from_mins(1);
-/// Ticks that delays are not counted of: people are being found.
-const FOUND_BY: Tick = Tick(60);
+/// Delays are counted from this tick on; before it people are being found.
+const DELAYS_FROM: Tick = Tick(60);
 
-/// What `lab crowd` is told.
+/// Arguments of `lab crowd`.
 #[derive(Debug, clap::Args)]
 pub(super) struct CrowdArgs {
     /// Viewpoints of one camera each.
@@ -40,21 +40,21 @@ pub(super) struct CrowdArgs {
     /// Length of the recording, at 60 ticks per second.
     #[arg(long, value_name = "S", default_value_t = 20.0)]
     seconds: f64,
-    /// Run fusion on this core alone (needs `taskset`).
+    /// Run fusion on this core only (needs `taskset`).
     #[arg(long, value_name = "CORE")]
     core: Option<usize>,
-    /// So many processes that compute without end beside fusion, on its core where one is given.
+    /// Number of processes that compute without end, on fusion's core if one is given.
     #[arg(long, value_name = "N", default_value_t = 0)]
     busy: usize,
-    /// They begin so many seconds after fusion has started.
+    /// Start of these processes, seconds after fusion.
     #[arg(long, value_name = "S", default_value_t = 0)]
     busy_after: u32,
 }
 
-/// Plays, and prints how fusion kept up.
+/// Plays the recording and prints how fusion kept up.
 ///
 /// # Errors
-/// When the venue cannot be recorded, or fusion does not run to the end.
+/// The venue cannot be recorded, or fusion does not run to the end.
 pub(super) fn crowd(args: &CrowdArgs) -> Result<(), NodeError> {
     let report = run(args).map_err(NodeError::Failed)?;
     output::print(&report).map_err(NodeError::Failed)
@@ -86,7 +86,7 @@ fn run(args: &CrowdArgs) -> anyhow::Result<String> {
     let _busy = BusyProcesses::start(args)?;
     say(format_args!("playing {:.0} s", args.seconds));
     let played = player.play()?;
-    // Edges leave when the run is over, and fusion waits for that.
+    // Edges leave after the run, and fusion waits for that.
     let vitals = live.fusion.as_ref().and_then(NodeProcess::vitals);
     drop(player);
     let fusion = live.fusion.as_mut().context("fusion was started")?;
@@ -96,7 +96,7 @@ fn run(args: &CrowdArgs) -> anyhow::Result<String> {
         "fusion did not end well ({ended:?})\n{}",
         live.output()
     );
-    let ran = Ran {
+    let ran = FinishedRun {
         watch: &watch,
         played,
         vitals,
@@ -105,8 +105,8 @@ fn run(args: &CrowdArgs) -> anyhow::Result<String> {
     ran.report(folder.path(), &out, &live.output())
 }
 
-/// A run that is over.
-struct Ran<'a> {
+/// A finished run.
+struct FinishedRun<'a> {
     watch: &'a VenueWatch,
     played: Played,
     /// Of fusion, at the last tick.
@@ -114,8 +114,8 @@ struct Ran<'a> {
     ticks: Range<Tick>,
 }
 
-impl Ran<'_> {
-    fn report(&self, venue: &Path, out: &Path, said: &str) -> anyhow::Result<String> {
+impl FinishedRun<'_> {
+    fn report(&self, venue: &Path, out: &Path, log: &str) -> anyhow::Result<String> {
         let summary = std::fs::read_to_string(out.join("summary.json"))?;
         let summary: Value = serde_json::from_str(&summary)?;
         let poses = read(&out.join("poses.jsonl"), LinesRole::Poses, &self.ticks)?;
@@ -126,7 +126,7 @@ impl Ran<'_> {
         let cpu_s = self.vitals.map_or(f64::NAN, |v| v.cpu_ms as f64 / 1e3);
         let drops = &summary["drops"];
         let mut text = format!(
-            "played {} ticks, the latest {:.1} ms too late; fusion stepped {}, {} heard\n\
+            "played {} ticks, the latest {:.1} ms late; fusion stepped {}, {} received\n\
              fusion: {:.2} cores; patches shed: {}, late {}, missing {}, unsent {}\n",
             self.played.ticks,
             self.played.latest_us as f64 / 1e3,
@@ -138,9 +138,9 @@ impl Ran<'_> {
             drops["missing"],
             drops["unsent"],
         );
-        // A delay that grows is seen in the last quarter.
+        // A growing delay shows in the last quarter.
         let last_quarter = Tick(self.ticks.end.0 * 3 / 4);
-        for (name, from) in [("all", FOUND_BY), ("last quarter", last_quarter)] {
+        for (name, from) in [("all", DELAYS_FROM), ("last quarter", last_quarter)] {
             let delays_us = seen.delays_us(RATE_HZ, from);
             let ms = |share| percentile(&delays_us, share).map_or(f64::NAN, |us| us as f64 / 1e3);
             writeln!(
@@ -157,20 +157,20 @@ impl Ran<'_> {
         writeln!(text, "worst of each second: {} ms", worst.join(" "))?;
         writeln!(
             text,
-            "id switches {}, false initiations {}, mean error {:.1} mm, {:.2} % of the poses with everybody",
+            "id switches {}, false initiations {}, mean error {:.1} mm, {:.2} % of the poses with all people",
             scores.identity.switches,
             scores.identity.false_births,
             scores.mean.mpjpe_mm.unwrap_or(f64::NAN),
-            100.0 * seen.share_with_everybody(),
+            100.0 * seen.share_with_all_tracked(),
         )?;
-        for line in said.lines().filter(|line| !line.starts_with("---")) {
+        for line in log.lines().filter(|line| !line.starts_with("---")) {
             writeln!(text, "  fusion: {line}")?;
         }
         Ok(text)
     }
 }
 
-/// The longest delay of the second from tick `from` on, milliseconds; NaN where no pose of it came.
+/// Longest delay of the second from tick `from` on, milliseconds; NaN without a pose.
 fn worst_ms(seen: &SeenVenue, from: Tick) -> f64 {
     let until = from + RATE_HZ as i64;
     let arrivals = seen.arrivals.iter();
@@ -191,7 +191,7 @@ fn read(path: &Path, role: LinesRole, ticks: &Range<Tick>) -> anyhow::Result<Pos
     Ok(PoseLines::read(reader, path, role, points, Some(ticks))?)
 }
 
-/// Processes that compute without end, until they are dropped.
+/// Processes that compute until they are dropped.
 struct BusyProcesses(Vec<Child>);
 
 impl BusyProcesses {
@@ -218,7 +218,7 @@ impl BusyProcesses {
 impl Drop for BusyProcesses {
     fn drop(&mut self) {
         for child in &mut self.0 {
-            // Nothing is left to do where it has gone by itself.
+            // The process may have ended already.
             drop(child.kill());
             drop(child.wait());
         }

@@ -1,5 +1,4 @@
-//! `lab delays`: what a delay is worth: live, smoothed with 50, 100 and 200 ms, and in two passes, over the
-//! same maps.
+//! `lab delays`: the value of a delay: live, smoothed with 50, 100 and 200 ms, and in two passes, over the same maps.
 
 use std::sync::Arc;
 
@@ -15,10 +14,10 @@ use crate::suite::run::{SceneRun, SceneRunPlan};
 use crate::suite::smoothed::{HEAD, Worth};
 use farfield_sim::simulated::in_memory::Input;
 
-/// What is compared, the live output first.
+/// The compared outputs, the live one first.
 const OUTPUTS: [&str; 5] = ["live", "50 ms", "100 ms", "200 ms", "two passes"];
 
-/// What `lab delays` is told.
+/// Arguments of `lab delays`.
 ///
 /// `in cuts` and `worst` are mean and largest error of a person at the ticks of the cuts.
 #[derive(Debug, clap::Args)]
@@ -26,21 +25,21 @@ pub(super) struct DelaysArgs {
     /// Scene files, or names of embedded scenes.
     #[arg(value_name = "SCENE", required = true)]
     scenes: Vec<SceneArgument>,
-    /// Only the first seconds of each scene.
+    /// Use only the first seconds of each scene.
     #[arg(long, value_name = "S", default_value_t = 5.0)]
     seconds: f64,
-    /// Fusion hears nothing for LASTS seconds in every EVERY seconds.
+    /// Cut fusion off for LASTS seconds in every EVERY seconds.
     #[arg(long, value_names = ["EVERY", "LASTS"], num_args = 2)]
     cuts: Option<Vec<f64>>,
-    /// It hears it so many ticks later after all.
+    /// Deliver the cut messages so many ticks later.
     #[arg(long, value_name = "TICKS", requires = "cuts")]
     late: Option<i64>,
 }
 
-/// Runs every scene with every delay, and prints what each was worth.
+/// Runs every scene with every delay, and prints the scores.
 ///
 /// # Errors
-/// When a scene is missing or wrong, or a run fails.
+/// A scene is missing or wrong, or a run fails.
 pub(super) fn delays(args: &DelaysArgs) -> Result<(), NodeError> {
     let scenes = args
         .scenes
@@ -82,7 +81,7 @@ fn compare(args: &DelaysArgs, scenes: Vec<(&str, Scene)>) -> anyhow::Result<()> 
 }
 
 impl DelaysArgs {
-    /// The cuts of a scene of this rate, in ticks.
+    /// The cuts in ticks at this rate.
     fn cuts(&self, rate_hz: f64) -> Option<Cuts> {
         let [every, lasts] = self.cuts.as_deref()?.try_into().ok()?;
         let ticks = |seconds: f64| (seconds * rate_hz).round() as i64;

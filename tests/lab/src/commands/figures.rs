@@ -1,4 +1,4 @@
-//! `lab figures`: how large the project's own code is, and how near its goals.
+//! Commands for a checkout: `lab figures` measures the code, `lab walk-venue` writes the sample venue.
 
 use std::path::PathBuf;
 

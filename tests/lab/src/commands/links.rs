@@ -1,9 +1,8 @@
-//! `lab links`: how good a venue is over links that are far, thin and lossy.
+//! `lab links`: accuracy of a venue over links that are far, thin and lossy.
 //!
-//! A scene's maps are made beforehand. Then, per line of the table, all nodes run live as processes of
-//! this machine, each edge in a network namespace of its own behind our relay of datagrams; the poses
-//! that fusion wrote are scored against the truth. What a link carried is what its relay counted, with
-//! the headers of IP and UDP: nobody's own opinion.
+//! The maps of a scene are made first. Then, for each line of the table, all nodes run live as processes of this machine,
+//! each edge in a network namespace of its own behind our relay of datagrams. The poses of fusion are scored against the
+//! truth. Traffic is counted by the relays, with the headers of IP and UDP.
 
 mod report;
 
@@ -27,11 +26,11 @@ use self::report::{EdgeShare, LinkReport, LinkRow};
 use super::made_maps::{self, MadeMaps};
 use farfield::output;
 
-/// How long a run may take beyond the scene itself: starting, and finishing what is on the way.
+/// Longest time of a run beyond the scene itself: start, and completion of what is in flight.
 const GRACE: Duration = Duration::from_mins(1);
-/// How often it is looked whether a run has come far enough for its links to get worse.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// Share of the delay by which it varies.
+/// Interval of checks whether a run has come far enough for its links to get worse.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// Jitter as a share of the delay.
 const JITTER_SHARE: f64 = 0.05;
 
 /// Arguments of `lab links`.
@@ -40,37 +39,37 @@ pub(crate) struct LinksArgs {
     /// The scene file. Default: the embedded scene of eight players.
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Only the first seconds of the scene.
+    /// Use only the first seconds of the scene.
     #[arg(long, value_name = "S", default_value_t = 20)]
     seconds: u32,
-    /// The first seconds are not scored: people are found and links measured.
+    /// Do not score the first seconds, in which people are found and links measured.
     #[arg(long, value_name = "S", default_value_t = 5)]
     settle: u32,
-    /// Links are perfect for the first seconds: who is there is found before they get worse.
+    /// Keep links perfect for the first seconds, so that people are found before links get worse.
     #[arg(long, value_name = "S", default_value_t = 0)]
     good_start: u32,
     /// Round trips to try, milliseconds.
     #[arg(long, value_name = "MS,...", value_delimiter = ',', default_values_t = [0, 20, 80, 200])]
     round_trip: Vec<u32>,
-    /// Shares of datagrams that are lost each way, percent.
+    /// Shares of datagrams lost each way, percent.
     #[arg(long, value_name = "PERCENT,...", value_delimiter = ',', default_values_t = [0.0, 1.0, 5.0])]
     loss: Vec<f64>,
-    /// What each edge's link carries each way, kbit/s with all headers.
+    /// Rate of each edge's link each way, kbit/s with all headers.
     #[arg(long, value_name = "KBIT", default_value_t = 1000)]
     rate: u32,
-    /// What waits before such a link at most, kilobytes.
+    /// Queue before such a link, kilobytes.
     #[arg(long, value_name = "KB", default_value_t = 64)]
     queue: u32,
     /// Byte budget in the venue file, bytes per second; 0: none.
     #[arg(long, value_name = "BYTES", default_value_t = 0)]
     budget: u32,
-    /// One link for all edges together, as behind one radio bridge, instead of one each.
+    /// Use one link for all edges together, as behind one radio bridge.
     #[arg(long)]
     shared: bool,
-    /// Leave out the line of the ideal link.
+    /// Omit the line of the ideal link.
     #[arg(long)]
     no_ideal: bool,
-    /// Keep what the runs left in this folder; must be empty or not there.
+    /// Keep the results of the runs in this folder, which must be empty or missing.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print JSON instead of a table.
@@ -81,9 +80,9 @@ pub(crate) struct LinksArgs {
 /// Runs the study and prints its table.
 ///
 /// # Errors
-/// When the scene or the folder is refused, a run fails, or the table cannot be printed.
+/// The scene or the folder is refused, a run fails, or the table cannot be printed.
 pub(crate) fn links(args: &LinksArgs) -> Result<(), NodeError> {
-    ensure_sense(args).map_err(NodeError::Refused)?;
+    check_arguments(args).map_err(NodeError::Refused)?;
     let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
     let folder = args.out.as_deref().unwrap_or(scratch.path());
     farfield_fusion::node::check_folder(folder).map_err(NodeError::Refused)?;
@@ -97,10 +96,10 @@ pub(crate) fn links(args: &LinksArgs) -> Result<(), NodeError> {
     output::print(&text).map_err(NodeError::Failed)
 }
 
-/// Four edges and eight people behind one link of 1 Mbit/s, for a drive: its run is left in `folder`.
+/// Four edges and eight people behind one link of 1 Mbit/s, with the run in `folder`; for `lab faults`.
 ///
 /// # Errors
-/// When the maps cannot be made, or the run fails.
+/// The maps cannot be made, or the run fails.
 pub(super) fn one_bottleneck(folder: &Path) -> anyhow::Result<LinkRow> {
     let args = LinksArgs {
         scene: None,
@@ -117,7 +116,7 @@ pub(super) fn one_bottleneck(folder: &Path) -> anyhow::Result<LinkRow> {
         out: None,
         json: false,
     };
-    rows(&args, folder)?.pop().context("one link was asked for")
+    rows(&args, folder)?.pop().context("one link was requested")
 }
 
 /// Runs the venue once per link of `args`.
@@ -131,7 +130,7 @@ fn rows(args: &LinksArgs, folder: &Path) -> anyhow::Result<Vec<LinkRow>> {
     links_of(args).into_iter().map(row).collect()
 }
 
-fn ensure_sense(args: &LinksArgs) -> anyhow::Result<()> {
+fn check_arguments(args: &LinksArgs) -> anyhow::Result<()> {
     ensure!(
         args.settle < args.seconds,
         "`--settle {}` leaves nothing of `--seconds {}`",
@@ -146,7 +145,7 @@ fn ensure_sense(args: &LinksArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// One line of the table to be.
+/// The link of one line of the table.
 struct LinkKind {
     name: String,
     up: Impairment,
@@ -183,7 +182,7 @@ fn links_of(args: &LinksArgs) -> Vec<LinkKind> {
     links
 }
 
-/// A venue whose maps are made, and what its runs are scored over.
+/// A venue with its maps and the truth of its runs.
 struct LinkStudy<'a> {
     args: &'a LinksArgs,
     folder: &'a Path,
@@ -225,7 +224,7 @@ impl<'a> LinkStudy<'a> {
         Tick((f64::from(seconds) * self.rate_hz) as i64)
     }
 
-    /// Runs the venue once, its links as `link` says.
+    /// Runs the venue once over `link`.
     fn run(&self, link: &LinkKind) -> anyhow::Result<LinkRow> {
         let namespaces = Namespaces::make(self.n_viewpoints);
         if let Err(reason) = &namespaces {
@@ -263,7 +262,7 @@ impl<'a> LinkStudy<'a> {
         self.row(link, &out, &live, &watch.seen())
     }
 
-    /// What a run over `link` into `out` gave.
+    /// The results of a run over `link` into `out`.
     fn row(
         &self,
         link: &LinkKind,
@@ -318,21 +317,21 @@ impl<'a> LinkStudy<'a> {
     }
 }
 
-/// Waits until poses of `tick` are seen, or for a minute.
+/// Waits until poses of `tick` are received, or for a minute.
 fn wait_for_tick(watch: &VenueWatch, tick: Tick) {
     let is_there = || {
         let newest = watch.seen().newest.as_ref().map(|set| set.tick);
         newest.is_some_and(|newest| newest >= tick)
     };
-    for _ in 0..GRACE.as_millis() / LOOK_EVERY.as_millis() {
+    for _ in 0..GRACE.as_millis() / POLL_INTERVAL.as_millis() {
         if is_there() {
             break;
         }
-        thread::sleep(LOOK_EVERY);
+        thread::sleep(POLL_INTERVAL);
     }
 }
 
-/// How far the rate of any edge behind one link is from the mean of all, as a share of it.
+/// Largest difference of an edge's rate behind a shared link from the mean, as a share of the mean.
 fn furthest_from_mean(relay: &UdpRelay) -> Option<f64> {
     let bytes = relay.up_bytes_by_client();
     let mean = bytes.iter().sum::<u64>() as f64 / bytes.len() as f64;
@@ -340,8 +339,8 @@ fn furthest_from_mean(relay: &UdpRelay) -> Option<f64> {
     apart.reduce(f64::max)
 }
 
-/// What each of the edges behind one link had of it over `counted_s` seconds. None where their addresses are not in the order
-/// of the edges: without namespaces they are ports that the machine chose.
+/// Each edge's share of a link over `counted_s` seconds. Empty without namespaces, where the addresses of edges have ports
+/// chosen by the machine and so another order.
 fn shares(live: &LiveVenue, seen: &SeenVenue, counted_s: u32) -> Vec<EdgeShare> {
     let bytes = match &live.relays[..] {
         [relay] if live.is_in_namespaces() => relay.up_bytes_by_client(),

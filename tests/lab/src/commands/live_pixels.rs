@@ -1,7 +1,7 @@
 //! `lab live-pixels`: a venue of videos at its real rate, with real networks, compared with the same venue in lock-step.
 //!
-//! All nodes are processes of this machine. What a live run loses against lock-step is what time costs: ticks that an edge
-//! had no time for, views that came too late, people who were found later.
+//! All nodes are processes of this machine. A live run loses against lock-step by time only: ticks that an edge skipped, late
+//! views, people found later.
 
 mod sampling;
 
@@ -25,34 +25,33 @@ use farfield_sim::embedded;
 
 use self::sampling::sampling_mm;
 
-/// The stage from the capture of a tick to its poses, as summaries name it.
+/// The stage from the capture of a tick to its poses, in summaries.
 const CAPTURE_TO_POSE: &str = "fusion/capture_to_pose";
-/// Everybody must have been found within so many seconds, on a loaded machine, too.
+/// Longest time until people are found, on a loaded machine, too.
 const FOUND_WITHIN_S: f64 = 10.0;
-/// Least share of the ticks from there on that must have poses.
+/// Least share of later ticks with poses.
 const LEAST_WITH_POSES: f64 = 0.9;
-/// Most by which the error may be larger than in lock-step and what [`sampling_mm`] says of the ticks that a slow machine leaves
-/// out, millimetres.
+/// Largest error above that in lock-step plus [`sampling_mm`] of the ticks that a slow machine skips, millimetres.
 const MOST_WORSE_MM: f64 = 30.0;
 
 /// Arguments of `lab live-pixels`.
 #[derive(Debug, clap::Args)]
 pub(super) struct LivePixelsArgs {
-    /// The scene that is rendered into videos.
+    /// Scene to render into videos.
     #[arg(long, value_name = "FILE", default_value = "sim/scenes/small.toml")]
     scene: PathBuf,
-    /// A venue of recorded pictures instead, of which no truth is known.
+    /// Venue of recorded images to use instead; it has no truth.
     #[arg(long, value_name = "FILE", conflicts_with = "scene")]
     venue: Option<PathBuf>,
-    /// How long, seconds.
+    /// Duration, seconds.
     #[arg(long, value_name = "S", default_value_t = 20.0)]
     seconds: f64,
-    /// Fail where people are not found, or followed much worse than in lock-step.
+    /// Fail if people are not found, or if the error is much larger than in lock-step.
     #[arg(long)]
     check: bool,
 }
 
-/// A venue to run, and its truth where that is known.
+/// A venue to run, and its truth if there is one.
 struct PixelVenue {
     program: PathBuf,
     path: PathBuf,
@@ -61,31 +60,31 @@ struct PixelVenue {
     rate_hz: f64,
 }
 
-/// What a run came to.
+/// Results of a run.
 #[derive(Debug, Default)]
 struct Outcome {
     /// Ticks of the run.
     ticks: u64,
-    /// The first tick with a pose, counted from the first of the run, and how many have one.
+    /// The first tick with a pose, relative to the run, and the number of ticks with poses.
     first: Option<u64>,
     with_poses: u64,
-    /// Those with a pose of two views or more.
+    /// Ticks with a pose of two views or more.
     seen: BTreeSet<Tick>,
     /// Poses by the number of views.
     views: BTreeMap<u64, u64>,
     mpjpe_mm: Option<f64>,
-    /// What of it is due to ticks that nobody worked on, millimetres.
+    /// Part of the error due to skipped ticks, millimetres.
     sampling_mm: Option<f64>,
     /// P50 and P99 from capture to pose, milliseconds; live only.
     delay_ms: Option<[f64; 2]>,
-    /// Ticks that edges missed, messages that came late, sets that did not come.
+    /// Ticks that edges missed, late messages, missing sets.
     lost: [u64; 3],
 }
 
-/// Runs the venue live and in lock-step, and prints what came of each.
+/// Runs the venue live and in lock-step, and prints the results.
 ///
 /// # Errors
-/// When the venue is refused, or a run fails; with `--check` when people were not found, or followed much worse live.
+/// The venue is refused, or a run fails; with `--check`, people are not found or tracked much worse live.
 pub(super) fn live_pixels(args: &LivePixelsArgs) -> Result<(), NodeError> {
     let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
     let venue = prepare(args, scratch.path()).map_err(NodeError::Refused)?;
@@ -122,7 +121,7 @@ fn prepare(args: &LivePixelsArgs, folder: &Path) -> anyhow::Result<PixelVenue> {
     })
 }
 
-/// Renders the scene into the videos of a venue whose people a detector finds; returns its folder.
+/// Renders the scene into the videos of a venue with a detector; returns its folder.
 fn rendered(program: &Path, args: &LivePixelsArgs, folder: &Path) -> anyhow::Result<PathBuf> {
     let scene = farfield_sim::scene::Scene::load(&args.scene)?;
     let detector = folder.join(embedded::write_detector(folder)?);
@@ -143,8 +142,8 @@ fn rendered(program: &Path, args: &LivePixelsArgs, folder: &Path) -> anyhow::Res
 
 fn finish(mut command: Command, what: &str) -> anyhow::Result<()> {
     let done = command.output().with_context(|| what.to_owned())?;
-    let said = String::from_utf8_lossy(&done.stderr);
-    ensure!(done.status.success(), "{what}: {said}");
+    let stderr = String::from_utf8_lossy(&done.stderr);
+    ensure!(done.status.success(), "{what}: {stderr}");
     Ok(())
 }
 
@@ -164,7 +163,7 @@ impl PixelVenue {
         finish(run, &format!("running {name}"))?;
         let summary = std::fs::read_to_string(out.join("summary.json"))?;
         let summary: Summary = serde_json::from_str(&summary)?;
-        let mut outcome = Outcome::of(&summary);
+        let mut outcome = Outcome::from_summary(&summary);
         let poses = out.join("poses.jsonl");
         outcome.count_poses(&poses, &self.ticks)?;
         if let Some(truth) = &self.truth {
@@ -192,7 +191,7 @@ impl PixelVenue {
 }
 
 impl Outcome {
-    fn of(summary: &Summary) -> Self {
+    fn from_summary(summary: &Summary) -> Self {
         let delay = summary.timing.stages.get(CAPTURE_TO_POSE);
         let missed = summary.timing.missed_ticks.values().sum();
         Self {
@@ -224,10 +223,10 @@ impl Outcome {
         Ok(())
     }
 
-    /// What is far from right in this live run, if anything is.
+    /// The first result of this live run that is out of bounds.
     fn wrong(&self, lock_step: &Self, rate_hz: f64) -> Option<String> {
         let Some(first) = self.first else {
-            return Some("nobody was found live".to_owned());
+            return Some("no people were found live".to_owned());
         };
         let after_s = first as f64 / rate_hz;
         let share = self.with_poses as f64 / self.ticks.saturating_sub(first).max(1) as f64;
@@ -246,7 +245,7 @@ impl Outcome {
             ))
         } else if worse_mm > MOST_WORSE_MM {
             Some(format!(
-                "the error is {worse_mm:.0} mm larger than in lock-step, beside what ticks that were left out cost"
+                "the error is {worse_mm:.0} mm larger than in lock-step, without the error due to skipped ticks"
             ))
         } else {
             None
@@ -291,11 +290,11 @@ mod tests {
     }
 
     #[test]
-    fn a_live_run_that_finds_nobody_late_or_follows_badly_fails() {
+    fn a_live_run_that_finds_no_people_late_ones_or_tracks_badly_fails() {
         let lock_step = outcome(Some(0), 600, 30.0);
         let wrong = |live: Outcome| live.wrong(&lock_step, 30.0);
         assert_eq!(wrong(outcome(Some(60), 540, 40.0)), None);
-        assert!(wrong(outcome(None, 0, 0.0)).unwrap().contains("nobody"));
+        assert!(wrong(outcome(None, 0, 0.0)).unwrap().contains("no people"));
         assert!(
             wrong(outcome(Some(400), 200, 40.0))
                 .unwrap()

@@ -1,4 +1,4 @@
-//! A scene as a venue of maps made beforehand, for studies that run live.
+//! Scenes on the command line, and scenes as venues of maps for live studies.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -6,12 +6,12 @@ use std::process::Command;
 use anyhow::{Context as _, ensure};
 use farfield_sim::embedded;
 
-/// The scene of a study where none is named: eight players on a court with four viewpoints.
+/// The default scene: eight players on a court with four viewpoints.
 const SCENE: &str = "futsal";
 
 /// A venue made of a scene.
 pub(super) struct MadeMaps {
-    /// The operator's command: this program.
+    /// This program, which is the operator's command too.
     pub(super) program: PathBuf,
     /// The venue file.
     pub(super) venue: PathBuf,
@@ -19,11 +19,11 @@ pub(super) struct MadeMaps {
     pub(super) truth: PathBuf,
 }
 
-/// Makes the venue of `scene` (the embedded one where none is named) in `folder`, with `more` arguments
-/// of `farfield simulate` and `parameters` at the end of its file.
+/// Writes the venue of `scene` (default: an embedded one) to `folder`, with `more` arguments of `farfield simulate` and
+/// `parameters` at the end of its file.
 ///
 /// # Errors
-/// What `farfield simulate` says, and a file that cannot be written.
+/// `farfield simulate` fails, or a file cannot be written.
 pub(super) fn make(
     scene: Option<&Path>,
     folder: &Path,
@@ -44,8 +44,8 @@ pub(super) fn make(
         .args(more)
         .output()
         .context("making the maps")?;
-    let said = String::from_utf8_lossy(&simulated.stderr);
-    ensure!(simulated.status.success(), "making the maps: {said}");
+    let stderr = String::from_utf8_lossy(&simulated.stderr);
+    ensure!(simulated.status.success(), "making the maps: {stderr}");
     let venue = made.join("venue.toml");
     let text = std::fs::read_to_string(&venue)?;
     std::fs::write(&venue, format!("{text}\n{parameters}"))?;

@@ -1,7 +1,7 @@
-//! `lab maps`: the maps of a venue's or a scene's patches, before any codec, in one file: what the
-//! codec's priors are measured on (`lab codec`).
+//! `lab maps`: writes the maps of a venue's or a scene's patches, before any codec, to one file. The codec's priors are
+//! measured on it (`lab codec`).
 //!
-//! The file has, patch after patch, width, height and number of maps as one byte each, then the cells.
+//! The file has for each patch width, height and number of maps as one byte each, then the cells.
 
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
@@ -19,7 +19,7 @@ use crate::in_process::InProcess;
 use crate::suite::run::{SceneRun, SceneRunPlan};
 use farfield_sim::simulated::in_memory::Input;
 
-/// What `lab maps` is told.
+/// Arguments of `lab maps`.
 #[derive(Debug, clap::Args)]
 pub(super) struct MapsArgs {
     /// The file to write.
@@ -28,22 +28,21 @@ pub(super) struct MapsArgs {
     /// A scene file, or the name of an embedded scene.
     #[arg(value_name = "SCENE", required_unless_present = "venue")]
     scene: Option<SceneArgument>,
-    /// A venue file with recorded sources, in place of a scene.
+    /// A venue file with recorded sources, instead of a scene.
     #[arg(long, value_name = "VENUE", conflicts_with = "scene")]
     venue: Option<PathBuf>,
-    /// Only the first ticks of the venue.
+    /// Use only the first ticks of the venue.
     #[arg(long, value_name = "N", requires = "venue")]
     ticks: Option<usize>,
-    /// Only the first seconds of the scene.
+    /// Use only the first seconds of the scene.
     #[arg(long, value_name = "S", conflicts_with = "venue")]
     seconds: Option<f64>,
-    /// Render pictures of the scene and read them with the network of this card, instead of making maps
-    /// from the truth.
+    /// Render images of the scene and read them with the network of this card, instead of making maps from the truth.
     #[arg(long, value_name = "CARD", conflicts_with = "venue")]
     network: Option<PathBuf>,
 }
 
-/// Writes down what passes.
+/// Writes all maps to a file.
 struct MapsTap(Arc<Mutex<BufWriter<File>>>);
 
 impl StandIn for MapsTap {
@@ -61,7 +60,7 @@ impl StandIn for MapsTap {
 /// Runs the venue or the scene, and writes the maps of all its patches.
 ///
 /// # Errors
-/// When the scene or venue is missing or wrong, a run fails, or the file cannot be written.
+/// The scene or venue is missing or wrong, a run fails, or the file cannot be written.
 pub(super) fn write(args: &MapsArgs) -> Result<(), NodeError> {
     let scene = args.scene.as_ref().map(SceneArgument::load).transpose()?;
     let file = File::create(&args.out)

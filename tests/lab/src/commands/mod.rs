@@ -1,8 +1,8 @@
-//! What can be said on the laboratory's command line.
+//! The laboratory's command line.
 //!
-//! Studies that run live start nodes as processes of this very program. So a first argument that is a
-//! command of `farfield` is handed on to it, unseen in the help: `lab edge VENUE ...` is an edge, and the
-//! scenarios test the operator's commands through the same program. Exit codes are those of `farfield`.
+//! Live studies start nodes as processes of this same program. So a first argument that is a command of `farfield` is passed
+//! on to it, hidden in the help: `lab edge VENUE ...` is an edge, and the scenarios test the operator's commands through the
+//! same program. Exit codes are those of `farfield`.
 
 mod budget;
 mod bytes;
@@ -48,7 +48,7 @@ use self::training::crops::CropsArgs;
 use self::training::frames::FramesArgs;
 use self::walk_venue::WalkVenueArgs;
 
-/// How good Farfield is, and why: suites and studies over simulated venues and recordings.
+/// Suites and studies of Farfield's accuracy over simulated venues and recordings.
 ///
 /// Exit codes: 0 done, 1 ran but failed, 2 wrong input or usage.
 #[derive(Debug, Parser)]
@@ -58,51 +58,49 @@ struct Lab {
     command: LabCommand,
 }
 
-/// One thing to do.
 #[derive(Debug, Subcommand)]
 enum LabCommand {
-    /// Run fixed scenes in this process and score them, beside plain triangulation.
+    /// Run fixed scenes in this process, and score them against plain triangulation.
     Suite(SuiteArgs),
-    /// What is said of cameras of which nothing is wrong: false alarms, over scenes.
+    /// Count false alarms about cameras in scenes without wrong cameras.
     Agreement(suite::agreement::AgreementArgs),
-    /// What maps cost on the wire against what they are worth: every compression level of our codec beside
-    /// what others send, all through the same loop.
+    /// Compare bytes on the wire and accuracy of our codec at every compression level and of other codecs.
     Bytes(BytesArgs),
-    /// How good a venue is over links that are far, thin and lossy: all nodes live, as processes.
+    /// Measure accuracy over links that are far, thin and lossy, with all nodes live as processes.
     Links(LinksArgs),
-    /// A venue of videos at its real rate, with real networks, beside the same venue in lock-step.
+    /// Compare a venue of videos at its real rate with the same venue in lock-step.
     LivePixels(LivePixelsArgs),
-    /// What a venue meets in its first month, driven for real: clocks, nodes, links, strangers, disks.
+    /// Run the faults of a venue's first month: clocks, nodes, links, strangers, disks.
     Faults(FaultsArgs),
-    /// Many people and viewpoints, live: whether fusion keeps up with sets that were made beforehand.
+    /// Check that fusion keeps up with recorded sets of many people and viewpoints, live.
     Crowd(CrowdArgs),
-    /// Whether anything grows in a venue that runs live for long.
+    /// Check that nothing grows in a venue that runs live for long.
     Soak(SoakArgs),
-    /// One scene with changed parameters: its figures, and where the error comes from.
+    /// Run one scene with changed parameters, and print its scores and the error after each stage.
     Budget(BudgetArgs),
-    /// What a delay is worth: live, smoothed with 50, 100 and 200 ms, and in two passes.
+    /// Compare live poses, smoothed poses with 50, 100 and 200 ms of delay, and two passes.
     Delays(DelaysArgs),
-    /// Render ticks of a scene as one camera sees them, and say how long it took.
+    /// Render ticks of a scene for one camera, and print the durations.
     Render(RenderArgs),
-    /// Write down the maps of a scene or a venue, before any codec.
+    /// Write the maps of a scene or a venue, before any codec, to a file.
     Maps(MapsArgs),
-    /// What each compression level of the codec makes of maps that were written down.
+    /// Measure the codec's compression levels on stored maps.
     Codec(CodecArgs),
-    /// Render crops of people with their keypoints, to train the embedded pose network on.
+    /// Render crops of people with their keypoints, to train the embedded pose network.
     TrainingCrops(CropsArgs),
-    /// Render pictures with the boxes of their people, to train the embedded detector on.
+    /// Render images with the boxes of their people, to train the embedded detector.
     TrainingFrames(FramesArgs),
-    /// Write whole inputs for the fuzz targets of binary formats.
+    /// Write complete inputs for the fuzz targets of binary formats.
     FuzzSeeds(FuzzSeedsArgs),
-    /// Take the corpus of the fuzz targets out of its archive, or put it back.
+    /// Unpack the corpus of the fuzz targets from its archive, or pack it.
     FuzzCorpus(CorpusArgs),
-    /// Print the figures of the project's own code, each beside its goal.
+    /// Print figures of the project's own code with their goals.
     Figures(FiguresArgs),
-    /// Write the sample venue of two walkers anew.
+    /// Write the sample venue of two walkers.
     WalkVenue(WalkVenueArgs),
 }
 
-/// Does what the command line of this process says.
+/// Runs the command of this process's command line.
 ///
 /// Ends the process itself, with exit code 2, on wrong usage.
 pub fn main() -> ExitCode {

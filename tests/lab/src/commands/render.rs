@@ -1,4 +1,4 @@
-//! `lab render`: pictures of a scene as PNG files, and how long they took.
+//! `lab render`: images of a scene as PNG files, and the durations.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,31 +15,31 @@ use farfield_sim::scene::Scene;
 
 use super::scene_argument::SceneArgument;
 
-/// What `lab render` is told.
+/// Arguments of `lab render`.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
     /// A scene file, or the name of an embedded scene.
     scene: SceneArgument,
-    /// Which of the scene's cameras, from 0.
+    /// Index of the scene's camera, from 0.
     camera: usize,
     /// The ticks to render.
     #[arg(value_name = "TICK", required = true, allow_negative_numbers = true)]
     ticks: Vec<i64>,
-    /// The folder for the pictures.
+    /// The folder for the images.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
 
-/// Renders the ticks, and what the network would see of each person.
+/// Renders the ticks, and the crop of each person.
 ///
 /// # Errors
-/// When the scene is missing or wrong or has no such camera, and when a picture cannot be written.
+/// The scene is missing or wrong or has no such camera, or an image cannot be written.
 pub(super) fn render(args: &RenderArgs) -> Result<(), NodeError> {
     let scene = Arc::new(args.scene.load()?);
     let started = now();
     let renderer = Renderer::new(Arc::clone(&scene), args.camera, RenderSettings::default())
         .ok_or_else(|| NodeError::Refused(anyhow!("the scene has no camera {}", args.camera)))?;
-    tell("backdrop", started).map_err(NodeError::Failed)?;
+    print_duration("backdrop", started).map_err(NodeError::Failed)?;
     render_all(args, &scene, &renderer).map_err(NodeError::Failed)
 }
 
@@ -48,7 +48,7 @@ fn render_all(args: &RenderArgs, scene: &Scene, renderer: &Renderer) -> anyhow::
     for tick in args.ticks.iter().copied().map(Tick) {
         let started = now();
         let picture = renderer.render(scene.time_s(tick));
-        tell(&format!("tick {}", tick.0), started)?;
+        print_duration(&format!("tick {}", tick.0), started)?;
         write_crops(renderer, scene, args.camera, tick, &args.out)?;
         picture.save(
             args.out
@@ -58,15 +58,15 @@ fn render_all(args: &RenderArgs, scene: &Scene, renderer: &Renderer) -> anyhow::
     Ok(())
 }
 
-/// Prints how long something took.
-fn tell(what: &str, started: std::time::Instant) -> anyhow::Result<()> {
+/// Prints the time since `started`.
+fn print_duration(what: &str, started: std::time::Instant) -> anyhow::Result<()> {
     output::print(&format!(
         "{what}: {:.1} ms\n",
         started.elapsed().as_secs_f64() * 1e3
     ))
 }
 
-/// Writes what the network would see of each person, upright boxes of the joints.
+/// Writes the crop of each person, with an upright box of the joints.
 fn write_crops(
     renderer: &Renderer,
     scene: &Scene,
@@ -101,7 +101,7 @@ fn write_crops(
         };
         let started = now();
         let crop = renderer.render_crop(time_s, &geometry);
-        tell("  crop", started)?;
+        print_duration("  crop", started)?;
         if let Some(crop) = crop {
             crop.save(dir.join(format!("camera{camera}_{}_crop{person}.png", tick.0)))?;
         }

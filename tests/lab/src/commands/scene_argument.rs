@@ -1,4 +1,3 @@
-//! A scene as it is named on the command line.
 
 use std::convert::Infallible;
 use std::path::Path;
@@ -13,7 +12,7 @@ use farfield_sim::scene::Scene;
 pub(super) struct SceneArgument(String);
 
 impl SceneArgument {
-    /// As it was said.
+    /// The argument.
     pub(super) fn name(&self) -> &str {
         &self.0
     }
@@ -21,7 +20,7 @@ impl SceneArgument {
     /// Reads the scene.
     ///
     /// # Errors
-    /// Names the file and what is wrong with it, or what scenes are embedded.
+    /// Contains the file and what is wrong with it, or the names of embedded scenes.
     pub(super) fn load(&self) -> Result<Scene, NodeError> {
         let path = Path::new(&self.0);
         let scene = if path.exists() {

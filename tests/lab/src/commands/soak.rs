@@ -1,8 +1,8 @@
-//! `lab soak`: a venue that runs live for long, and whether anything grows.
+//! `lab soak`: a venue that runs live for long must not grow.
 //!
-//! People walk the scene there and back without end. Memory, threads and file handles of every node are
-//! sampled from `/proc` while they run; the first fifth of the samples is for buffers to find their size. Who they are is
-//! scored a minute at a time. With `--faults` small things go wrong all the while.
+//! People walk back and forth in the scene without end. Memory, threads and file handles of every node are sampled from
+//! `/proc`; the first fifth of the samples is for buffers to reach their size. Identities are scored by minute. `--faults`
+//! adds small faults.
 
 mod people;
 mod small_faults;
@@ -27,22 +27,22 @@ use super::made_maps::{self, MadeMaps};
 use farfield::output;
 use farfield_node::clock;
 
-/// Between two looks at what is due.
+/// Pause between two polls.
 const PAUSE: Duration = Duration::from_millis(50);
 /// Samples of a run.
 const SAMPLES: u32 = 120;
-/// Growth of memory that is none, bytes: a page of the allocator's here and there.
+/// Growth of memory that does not count, bytes: some pages of the allocator.
 const MEMORY_SLACK_BYTES: f64 = 4e6;
-/// Share of the memory by which it may differ.
+/// Accepted relative difference of memory.
 const MEMORY_SHARE: f64 = 0.05;
 
-/// Share of the poses that must have everybody, or the venue did not run. Far below what a quiet machine gives.
+/// Least share of poses with all people, else the venue did not run. Far below that of a quiet machine.
 const LEAST_WHOLE: f64 = 0.5;
 
 /// Arguments of `lab soak`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct SoakArgs {
-    /// How long to run, minutes.
+    /// Duration, minutes.
     #[arg(long, value_name = "MIN", default_value_t = 30.0)]
     minutes: f64,
     /// The scene file. Default: the embedded scene of eight players.
@@ -51,22 +51,23 @@ pub(crate) struct SoakArgs {
     /// Round trip of every link, milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 20)]
     round_trip: u32,
-    /// Share of datagrams that are lost each way, percent.
+    /// Share of datagrams lost each way, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.1)]
     loss: f64,
-    /// Let small things go wrong at random moments, of this seed: links are cut or lossy for a moment, edges are killed
-    /// and started again, with clocks that are off and then set right.
+    /// Add small faults at random moments with this seed: links are cut or lossy for a moment; edges are killed and started again
+    /// with clocks that are wrong and then set right.
     #[arg(long, value_name = "SEED")]
     faults: Option<u64>,
-    /// Keep what the run left in this folder; must be empty or not there.
+    /// Keep the results in this folder, which must be empty or missing.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
 
-/// Runs the soak and prints what every node took, and how late the poses were.
+/// Runs the soak and prints the resources of every node, and the delays of the poses.
 ///
 /// # Errors
-/// When the scene or the folder is refused, a node ends early, people are not tracked, ids were exchanged or invented, or anything grew.
+/// The scene or the folder is refused, a node ends early, people are not tracked, ids are swapped or invented, or something
+/// grows.
 pub(crate) fn soak(args: &SoakArgs) -> Result<(), NodeError> {
     let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
     let folder = args.out.as_deref().unwrap_or(scratch.path());
@@ -82,7 +83,7 @@ pub(crate) fn soak(args: &SoakArgs) -> Result<(), NodeError> {
     }
 }
 
-/// What came out, and what has grown.
+/// The report, and what has grown.
 fn run(
     args: &SoakArgs,
     maps: &MadeMaps,
@@ -102,7 +103,7 @@ fn run(
     }
     live.start_fusion(&folder.join("run"), &[])?;
     let watch = live.watch()?;
-    let mut people = SoakedPeople::listen(&watch, &maps.truth, live.venue().rate_hz)?;
+    let mut people = SoakedPeople::subscribe(&watch, &maps.truth, live.venue().rate_hz)?;
     live.start_edges()?;
     let length = Duration::from_secs_f64(args.minutes * 60.0);
     let mut faults = args.faults.map(|seed| SmallFaults::new(seed, usual, n));
@@ -132,7 +133,7 @@ fn run(
     Ok((text, grown))
 }
 
-/// The vitals of every node, by its name, taken evenly over `length`.
+/// The vitals of every node by name, sampled evenly over `length`.
 fn sample_vitals(
     live: &mut LiveVenue,
     (watch, people): (&VenueWatch, &mut SoakedPeople),
@@ -148,9 +149,9 @@ fn sample_vitals(
                 break;
             }
             if let Some(faults) = faults {
-                faults.look(live, elapsed)?;
+                faults.update(live, elapsed)?;
             }
-            people.look(watch);
+            people.update(watch);
             thread::sleep(PAUSE);
         }
         for node in live.nodes() {
@@ -172,7 +173,7 @@ fn sample_vitals(
     Ok(samples)
 }
 
-/// What was published, how late it was, and the head of the table of the nodes.
+/// Number and delays of the poses, and the head of the table of nodes.
 fn headline(
     args: &SoakArgs,
     live: &LiveVenue,
@@ -182,17 +183,17 @@ fn headline(
     let (poses, delays_us, whole) = {
         let seen = watch.seen();
         let delays_us = seen.delays_us(live.venue().rate_hz, Tick(i64::MIN));
-        (seen.poses, delays_us, seen.share_with_everybody())
+        (seen.poses, delays_us, seen.share_with_all_tracked())
     };
     ensure!(poses > 0, "no pose has come\n{}", live.output());
     ensure!(
         whole >= LEAST_WHOLE,
-        "everybody is tracked in {:.1} % of the poses alone\n{}",
+        "all people are tracked in only {:.1} % of the poses\n{}",
         100.0 * whole,
         live.output()
     );
     Ok(format!(
-        "{:.1} min, {poses} poses: {:.2} per second, {:.2} % of them with everybody tracked; round trip {} ms, loss {} %\n\
+        "{:.1} min, {poses} poses: {:.2} per second, {:.2} % of them with all people tracked; round trip {} ms, loss {} %\n\
          capture to pose, ms: P50 {}, P99 {}, P99.9 {}, max {}\n\n\
          node             memory MB  first   last   threads  first  last  handles  first  last  cores\n",
         args.minutes,
@@ -212,7 +213,7 @@ fn ms(sorted_us: &[u64], share: f64) -> String {
     us.map_or("-".to_owned(), |us| format!("{:.1}", us as f64 / 1e3))
 }
 
-/// A line of the table, and what has grown of a node: the last fifth of its samples against the second.
+/// A line of the table, and what has grown: the last fifth of the samples against the second.
 fn judge(node: &str, samples: &[Vitals], length: Duration) -> (String, Vec<String>) {
     let fifth = (samples.len() / 5).max(1);
     let early = &samples[fifth.min(samples.len() - 1)..(2 * fifth).min(samples.len())];
@@ -270,22 +271,22 @@ mod tests {
     }
 
     #[test]
-    fn what_is_allocated_at_first_is_no_growth() {
+    fn initial_allocations_are_no_growth() {
         let settled = samples(|i| 50_000_000 + 1_000_000 * i.min(20), |_| 12);
         assert_eq!(grown(&settled), [""; 0]);
     }
 
     #[test]
-    fn memory_and_threads_that_grow_are_named() {
+    fn growing_memory_and_threads_are_reported() {
         let leak = samples(
             |i| 50_000_000 + 200_000 * i,
             |i| 12 + u32::try_from(i).unwrap() / 20,
         );
-        let said = grown(&leak);
-        assert_eq!(said.len(), 2, "{said:?}");
+        let growth = grown(&leak);
+        assert_eq!(growth.len(), 2, "{growth:?}");
         assert!(
-            said[0].contains("north: memory") && said[1].contains("threads"),
-            "{said:?}"
+            growth[0].contains("north: memory") && growth[1].contains("threads"),
+            "{growth:?}"
         );
     }
 }

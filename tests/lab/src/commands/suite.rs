@@ -1,5 +1,5 @@
-//! `lab suite`: fixed scenes through the whole system in this process, scored beside what
-//! plain triangulation gets out of the same maps.
+//! `lab suite`: fixed scenes through the whole system in this process, scored against plain triangulation of the same maps.
+//! `lab agreement`: false alarms about cameras in scenes without wrong cameras.
 
 pub(super) mod agreement;
 
@@ -24,20 +24,19 @@ use tempfile::TempDir;
 use farfield::output;
 use farfield_sim::embedded::{write_detector, write_network};
 
-/// The folder of scenes and recordings where `FARFIELD_DATA` says nothing.
+/// The folder of scenes and recordings if `FARFIELD_DATA` is not set.
 const DATA: &str = "../shared";
 
-/// What `lab suite` is told.
+/// Arguments of `lab suite`.
 #[expect(
     clippy::struct_excessive_bools,
     reason = "each is a switch of the command line"
 )]
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct SuiteArgs {
-    /// Suites (paper, identity, hiccups, own), scene files or embedded scenes to run in this process and score,
-    /// with and without range of motion, beside plain triangulation. The fixed scenes are looked for
-    /// below `$FARFIELD_DATA`, else ../shared; where they are not there, scenes of the project's own
-    /// clips run.
+    /// Suites (paper, identity, hiccups, own), scene files or embedded scenes, run in this process with and without range of
+    /// motion, and scored against plain triangulation. The fixed scenes are below `$FARFIELD_DATA`, else ../shared; if they are
+    /// missing, scenes of the project's own clips run.
     #[arg(value_name = "NAME|FILE", required = true)]
     scenes: Vec<String>,
     /// Run the scenes at this rate instead of their own, ticks per second.
@@ -46,20 +45,19 @@ pub(crate) struct SuiteArgs {
     /// Print JSON instead of tables.
     #[arg(long)]
     json: bool,
-    /// Draw the error of each actor over time as SVG into this folder, one file per scene.
+    /// Plot the error of each actor over time as SVG to this folder, one file per scene.
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
-    /// Render pictures and read them with the embedded networks, instead of making maps from the truth.
+    /// Render images and read them with the embedded networks, instead of making maps from the truth.
     #[arg(long)]
     pixels: bool,
-    /// With `--pixels`: give people by hand where they come in, instead of finding them in the pictures.
+    /// With `--pixels`: give people by hand where they come in, instead of detecting them.
     #[arg(long, requires = "pixels")]
     given: bool,
-    /// Only the first seconds of each scene.
+    /// Use only the first seconds of each scene.
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
-    /// End with exit code 1 when a figure is behind the loose limits that no change may fall behind;
-    /// leaves out the studies of single parts.
+    /// Exit with code 1 if a figure is worse than its loose limit; omits the studies of single parts.
     #[arg(long)]
     check: bool,
 }
@@ -70,31 +68,31 @@ fn rate_hz(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("found {text}, expected a number above 0"))
 }
 
-/// All figures of a suite, as `--json` prints them.
+/// All figures of a suite for `--json`.
 #[derive(Debug, Serialize)]
 struct SuiteReport {
-    /// That other scenes stand in or are left out, and why.
+    /// Which scenes are replaced or left out, and why.
     note: Option<String>,
     scenes: Vec<SceneReport>,
     studies: Vec<MethodStudy>,
     bars: Vec<BarVerdict>,
-    /// How sure the live poses of all scenes said they were, against their errors.
+    /// Reported standard deviations of the live poses of all scenes against their errors.
     calibration: UncertaintyCalibration,
-    /// What is worse than the loose limits.
+    /// Figures worse than the loose limits.
     behind_limits: Vec<String>,
 }
 
-/// Runs the suites and scenes that `args` name, and prints their figures: the table of each scene as
-/// soon as it is there, or JSON in the end.
+/// Runs the suites and scenes of `args`, and prints their figures: the table of each scene when it is ready, or JSON at the
+/// end.
 ///
 /// # Errors
-/// When a scene is missing or wrong, when none is left to run, when a run fails, when a plot cannot be written, and, if `--check`
-/// is asked for, when a figure is behind its limit.
+/// A scene is missing or wrong, none is left to run, a run fails, a plot cannot be written, or with `--check` a figure is
+/// worse than its limit.
 pub(crate) fn suite(args: &SuiteArgs) -> Result<(), NodeError> {
     let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| PathBuf::from(DATA), PathBuf::from);
     let mut chosen = choose(&args.scenes, &root).map_err(NodeError::Refused)?;
     if args.pixels {
-        chosen.leave_out_what_pictures_cannot_show();
+        chosen.leave_out_mirrors();
     }
     if chosen.scenes.is_empty() {
         let why = chosen.note.unwrap_or_default();
@@ -187,7 +185,7 @@ fn run(
     Ok(report)
 }
 
-/// What is studied in a scene of this name, beside its figures.
+/// The studies of a scene of this name.
 fn studies(name: &str, scene: Arc<Scene>) -> anyhow::Result<Vec<MethodStudy>> {
     if name.ends_with("futsal") {
         return Ok(vec![camera_choices(name, &scene)?]);
@@ -198,7 +196,7 @@ fn studies(name: &str, scene: Arc<Scene>) -> anyhow::Result<Vec<MethodStudy>> {
     Ok(vec![predictors(name, scene)?])
 }
 
-/// What the cameras give, and the folder that holds the networks while they are used.
+/// The input of the cameras, and the folder of the networks, which must live as long as they are used.
 fn input(args: &SuiteArgs) -> anyhow::Result<(Input, Option<TempDir>)> {
     if !args.pixels {
         return Ok((Input::Maps, None));
@@ -237,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn at_least_one_scene_is_named() {
+    fn at_least_one_scene_is_required() {
         assert!(parsed(&[]).is_err());
         assert!(parsed(&["own", "--given"]).is_err());
         let args = parsed(&["own", "x.toml", "--seconds", "2", "--json"]).unwrap();
@@ -246,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_that_is_none_is_refused() {
+    fn an_invalid_rate_is_refused() {
         assert_eq!(
             parsed(&["own", "--rate-hz", "30"]).unwrap().rate_hz,
             Some(30.0)

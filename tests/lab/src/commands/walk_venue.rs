@@ -1,11 +1,10 @@
-//! `lab walk-venue`: writes the sample venue `examples/walk` anew.
 
 use std::path::PathBuf;
 
 use farfield_node::process::NodeError;
 use farfield_sim::keypoint_venue::KeypointVenue;
 
-/// What `lab walk-venue` is told.
+/// Arguments of `lab walk-venue`.
 #[derive(Debug, clap::Args)]
 pub(super) struct WalkVenueArgs {
     /// The folder: `examples/walk` of a checkout.
@@ -13,7 +12,7 @@ pub(super) struct WalkVenueArgs {
     folder: PathBuf,
 }
 
-/// Writes the venue.
+/// Writes the sample venue `examples/walk`.
 ///
 /// # Errors
 /// Names the file that cannot be written.

@@ -1,4 +1,4 @@
-//! What calibrations and exports are made of: files of other programs, and what a run has left.
+//! Input of calibrations and exports: files of other programs, and the results of a run.
 
 use std::path::Path;
 
@@ -8,17 +8,18 @@ use farfield_export::run::{PoseLine, RunFacts};
 
 use super::{read_or_refused, size, text};
 
-/// Calibrations of other programs of any content: read or refused; what was read is written in every format, or refused.
+/// Calibrations of other programs of any content: read or refused; those that were read are exported in every format, or
+/// refused.
 pub(super) fn foreign_calibration_text(bytes: &[u8]) -> String {
     let file = TextFile {
         path: "calibration".into(),
         text: text(bytes).to_owned(),
     };
     let imported = import(&[file], &ImportOptions::default());
-    let mut became = read_or_refused(&imported);
+    let mut behaviour = read_or_refused(&imported);
     if let Ok(imported) = imported {
         let cameras = size(imported.cameras.len());
-        became.extend([
+        behaviour.extend([
             ", ",
             imported.format.name(),
             ": ",
@@ -27,13 +28,13 @@ pub(super) fn foreign_calibration_text(bytes: &[u8]) -> String {
         ]);
         for format in Format::ALL {
             let written = export(&imported.cameras, format);
-            became.push(if written.is_ok() { '+' } else { '-' });
+            behaviour.push(if written.is_ok() { '+' } else { '-' });
         }
     }
-    became
+    behaviour
 }
 
-/// What a camera saw of a point, of any content: read in the order of the frames, or refused.
+/// A camera's observations of a point, of any content: read in the order of frames, or refused.
 pub(super) fn point_sightings_text(bytes: &[u8]) -> String {
     let text = text(bytes);
     let sightings = parse(text, Path::new("seen.txt"));
@@ -50,11 +51,11 @@ pub(super) fn point_sightings_text(bytes: &[u8]) -> String {
     )
 }
 
-/// A run's summary, and below it its poses, of any content: read or refused.
+/// A run's summary and its poses, of any content: read or refused.
 pub(super) fn run_text(bytes: &[u8]) -> String {
     let text = text(bytes);
     let (summary, poses) = text.split_once('\n').unwrap_or((text, ""));
-    let mut became = read_or_refused(&RunFacts::parse(summary, Path::new("summary.json")));
+    let mut behaviour = read_or_refused(&RunFacts::parse(summary, Path::new("summary.json")));
     for (number, line) in poses.lines().enumerate() {
         let path = Path::new("poses.jsonl");
         let head = PoseLine::parse_head(line, path, number + 1);
@@ -63,7 +64,7 @@ pub(super) fn run_text(bytes: &[u8]) -> String {
             head.is_ok() || whole.is_err(),
             "a line without a head is no pose"
         );
-        became.extend(["; ", &read_or_refused(&whole)]);
+        behaviour.extend(["; ", &read_or_refused(&whole)]);
     }
-    became
+    behaviour
 }

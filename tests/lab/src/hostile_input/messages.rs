@@ -12,9 +12,8 @@ use farfield_proto::wire::{Message, decode, encode};
 
 use super::{refused, size};
 
-/// Patches: decoding ends, and what was decoded is encoded again, without loss and at every level. Width,
-/// height (two bytes each, the low one first) and number of maps come before the maps' own bytes; what is
-/// missing of these five is 0.
+/// Patches: decoding ends, and decoded maps are encoded again, without loss and at every level. Width, height (two bytes each,
+/// the low one first) and number of maps come before the bytes of the maps; missing bytes of these five are 0.
 pub(super) fn patch_decode(bytes: &[u8]) -> String {
     let mut head = [0; 5];
     let (start, rest) = bytes.split_at(bytes.len().min(head.len()));
@@ -46,17 +45,17 @@ pub(super) fn patch_decode(bytes: &[u8]) -> String {
     format!("read, {sizes:?}")
 }
 
-/// How many kinds of messages [`wire_decode`] knows.
+/// Number of message kinds in [`wire_decode`].
 pub(crate) const KINDS: u8 = 15;
 
-/// Messages of any kind: the first byte chooses the kind, the rest is the message. `lab fuzz-seeds` writes
-/// one of each, in the order of the kinds here.
+/// Messages of any kind: the first byte chooses the kind, the rest is the message. `lab fuzz-seeds` writes one of each, in
+/// this order.
 pub(super) fn wire_decode(bytes: &[u8]) -> String {
     let Some((kind, bytes)) = bytes.split_first() else {
         return "nothing".to_owned();
     };
     let kind = kind % KINDS;
-    let became = match kind {
+    let behaviour = match kind {
         0 => decoded::<PatchSet>(bytes),
         1 => decoded::<BoxSet>(bytes),
         2 => decoded::<SightingSet>(bytes),
@@ -73,7 +72,7 @@ pub(super) fn wire_decode(bytes: &[u8]) -> String {
         13 => decoded::<Thumbnail>(bytes),
         _ => decoded::<NamingSet>(bytes),
     };
-    format!("{kind}: {became}")
+    format!("{kind}: {behaviour}")
 }
 
 fn decoded<M: Message>(bytes: &[u8]) -> String {
@@ -81,7 +80,7 @@ fn decoded<M: Message>(bytes: &[u8]) -> String {
         Err(error) => format!("{}, {}", refused(&error), size(bytes.len())),
         Ok(message) => {
             let again = encode(&message);
-            assert!(decode::<M>(&again).is_ok(), "what was read can be said");
+            assert!(decode::<M>(&again).is_ok(), "a decoded message can be encoded");
             format!("read, {}", size(again.len()))
         }
     }

@@ -1,10 +1,9 @@
-//! What a stranger's bytes must never do: the bodies of the fuzz targets, as ordinary functions.
+//! The bodies of the fuzz targets, as ordinary functions.
 //!
-//! Each function takes input of any content to the door where such input enters, and panics where a promise
-//! is broken. It returns its behaviour in words: inputs with the same words went the same way, as far as can
-//! be told from outside. An ordinary test replays the corpus through these functions; `fuzz/`, which is
-//! outside the workspace, brings in this folder by its path. So nothing here names another module of this
-//! crate.
+//! Each function passes input of any content to the code that receives it, and panics if a promise is broken. It returns a
+//! description of its behaviour: inputs with the same description took the same path, as far as visible from outside. A test
+//! replays the corpus through these functions. `fuzz/`, which is outside the workspace, includes this folder by its path, so
+//! nothing here names another module of this crate.
 
 mod foreign;
 pub(crate) mod messages;
@@ -13,10 +12,10 @@ mod recorded;
 mod texts;
 mod venue_texts;
 
-/// Takes input to where it enters, and says what became of it.
+/// Processes an input, and returns a description of its behaviour.
 pub type Target = fn(&[u8]) -> String;
 
-/// The fuzz targets by name, in the order of the alphabet.
+/// The fuzz targets by name, sorted.
 pub const TARGETS: [(&str, Target); 22] = [
     ("calibration_text", venue_texts::calibration_text),
     ("clicked_marks_text", outside::clicked_marks_text),
@@ -51,12 +50,12 @@ pub fn target(name: &str) -> Option<Target> {
     found.map(|(_, target)| *target)
 }
 
-/// The text that `bytes` begin with.
+/// The valid UTF-8 at the start of `bytes`.
 fn text(bytes: &[u8]) -> &str {
     bytes.utf8_chunks().next().map_or("", |chunk| chunk.valid())
 }
 
-/// The behaviour of what gave `result`, where only an error has more to say.
+/// The behaviour of a parser of which only errors have details.
 fn read_or_refused<T, E: std::fmt::Display>(result: &Result<T, E>) -> String {
     match result {
         Ok(_) => "read".to_owned(),
@@ -64,14 +63,14 @@ fn read_or_refused<T, E: std::fmt::Display>(result: &Result<T, E>) -> String {
     }
 }
 
-/// The behaviour of what was refused: why, without the numbers, which tell where.
+/// The behaviour of a refusal: its message without digits, which hold positions.
 fn refused(error: &impl std::fmt::Display) -> String {
     let mut why = format!("refused: {error}");
     why.retain(|c| !c.is_ascii_digit());
     why
 }
 
-/// The size of a number, so that behaviours do not differ by every single one.
+/// The magnitude of a number, so that behaviours do not differ by every single one.
 fn size(number: usize) -> u32 {
     usize::BITS - number.leading_zeros()
 }

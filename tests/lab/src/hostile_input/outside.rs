@@ -1,4 +1,4 @@
-//! What other programs and strangers say to the import, to the page and to streams.
+//! Input of other programs and of strangers for the import, the page and the streams.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ use farfield_streams::qtm::{Command, Incoming};
 
 use super::{read_or_refused, refused, size, text};
 
-/// Keypoints of other programs of any content: told by their content and read, or refused.
+/// Keypoints of other programs of any content: recognised and read, or refused.
 pub(super) fn imported_keypoints(bytes: &[u8]) -> String {
     let parsed = parse(
         bytes,
@@ -32,13 +32,13 @@ pub(super) fn imported_keypoints(bytes: &[u8]) -> String {
     }
 }
 
-/// What was clicked in pictures, of any content: read or refused.
+/// Marks clicked in images, of any content: read or refused.
 pub(super) fn clicked_marks_text(bytes: &[u8]) -> String {
     let text = text(bytes);
     let marks = read_or_refused(&Marks::parse(text, Path::new("marks.toml")));
     let begun = ClickedFile::parse(text, Path::new("marks.toml"));
     if let Ok(begun) = &begun {
-        // What was read is written, and read the same.
+        // Marks that were read are written, and read the same.
         let again = begun
             .checked(Path::new("marks.toml"))
             .expect("what is written can be read");
@@ -49,12 +49,12 @@ pub(super) fn clicked_marks_text(bytes: &[u8]) -> String {
         );
     }
     // The same from a page, as JSON.
-    let said = ClickedChange::parse(text.as_bytes())
-        .and_then(|said| said.clicked.checked(Path::new("clicked.toml")));
+    let change = ClickedChange::parse(text.as_bytes())
+        .and_then(|change| change.clicked.checked(Path::new("clicked.toml")));
     format!(
         "{marks}; {}; {}",
         read_or_refused(&begun),
-        read_or_refused(&said)
+        read_or_refused(&change)
     )
 }
 
@@ -75,12 +75,12 @@ pub(super) fn edits_text(bytes: &[u8]) -> String {
     if let Ok(identities) = &applied {
         let shown = (0..9).map(|tick| identities.person_at(tick, if tick < 5 { 3 } else { 7 }));
         let made = |person| person == 3 || person == 7 || identities.has_made(person);
-        assert!(shown.flatten().all(made), "a person whom nobody made");
+        assert!(shown.flatten().all(made), "an unknown person");
     }
     read_or_refused(&applied)
 }
 
-/// A profile as fusion takes it for a subject: refused, or somebody who stands there is measured beside it.
+/// A profile that fusion uses for a subject: refused, or a standing person is fitted with it.
 fn subject(text: &str) -> String {
     let body = match BodyPrior::parse(text, Path::new("anna.toml")) {
         Ok((_, body)) => body,
@@ -102,7 +102,7 @@ fn subject(text: &str) -> String {
     "a subject".to_owned()
 }
 
-/// Somebody who stands upright and looks along x, world, metres.
+/// A person who stands upright and faces x, world, metres.
 const STANDING: [(&str, [f64; 3]); 17] = [
     ("nose", [0.1, 0.0, 1.60]),
     ("left_eye", [0.09, 0.03, 1.63]),
@@ -123,33 +123,33 @@ const STANDING: [(&str, [f64; 3]); 17] = [
     ("right_ankle", [0.0, -0.09, 0.09]),
 ];
 
-/// What a browser says on a WebSocket, of any content: understood, or answered.
+/// Messages of a browser on a WebSocket, of any content: understood, or answered.
 pub(super) fn page_request_text(bytes: &[u8]) -> String {
     read_or_refused(&request::parse(text(bytes)))
 }
 
-/// What a client of the QTM protocol sends, of any content and in any pieces: packets, each a command or answered.
+/// Messages of a client of the QTM protocol, of any content and in any pieces: packets, each a command or answered.
 pub(super) fn qtm_packets(bytes: &[u8]) -> String {
     let mut incoming = Incoming::default();
-    let mut became = String::new();
+    let mut behaviour = String::new();
     for piece in bytes.chunks(7) {
         incoming.push(piece);
         loop {
             match incoming.take() {
                 Ok(Some(packet)) => {
                     let command = Command::parse(&String::from_utf8_lossy(&packet.payload));
-                    became.push(if command.is_ok() { '+' } else { '-' });
+                    behaviour.push(if command.is_ok() { '+' } else { '-' });
                 }
                 Ok(None) => break,
-                Err(_) => return format!("{}!", size(became.len())),
+                Err(_) => return format!("{}!", size(behaviour.len())),
             }
         }
     }
-    let understood = became.matches('+').count();
-    format!("{} of {}", size(understood), size(became.len()))
+    let understood = behaviour.matches('+').count();
+    format!("{} of {}", size(understood), size(behaviour.len()))
 }
 
-/// What a client of Foxglove's protocol says, of any content: a request, or nothing that is looked at.
+/// Messages of a client of Foxglove's protocol, of any content: a request, or ignored.
 pub(super) fn foxglove_request_text(bytes: &[u8]) -> String {
     match foxglove::Request::parse(text(bytes)) {
         Some(foxglove::Request::Subscribe { subscriptions }) => {
@@ -162,7 +162,7 @@ pub(super) fn foxglove_request_text(bytes: &[u8]) -> String {
     }
 }
 
-/// What an inlet of Lab Streaming Layer sends, of any content: as a datagram, and by TCP in pieces; with what it looks for.
+/// Messages of an inlet of Lab Streaming Layer, of any content: as a datagram, and by TCP in pieces; with its query.
 pub(super) fn lsl_requests(bytes: &[u8]) -> String {
     let info = Info {
         venue: "hall".to_owned(),
@@ -178,15 +178,15 @@ pub(super) fn lsl_requests(bytes: &[u8]) -> String {
             format!("is it: {}", is_met(query, &info.fields()))
         }
         Some(Datagram::TimeData { wave, t0_s }) => {
-            let said = lsl::request::time_answer(wave, t0_s, [0.0, 0.5]);
-            assert_eq!(said.split_whitespace().count(), 4, "{said}");
+            let answer = lsl::request::time_answer(wave, t0_s, [0.0, 0.5]);
+            assert_eq!(answer.split_whitespace().count(), 4, "{answer}");
             "the time".to_owned()
         }
         None => "nothing".to_owned(),
     };
     let mut incoming = lsl::request::Incoming::default();
     for piece in bytes.chunks(7) {
-        let asked = match incoming.push(piece) {
+        let request = match incoming.push(piece) {
             Ok(None) => continue,
             Ok(Some(Request::FullInfo)) => "all".to_owned(),
             Ok(Some(Request::ShortInfo(query))) => is_met(&query, &info.fields()).to_string(),
@@ -197,7 +197,7 @@ pub(super) fn lsl_requests(bytes: &[u8]) -> String {
             }
             Err(error) => refused(&error),
         };
-        return format!("{datagram}, {asked}");
+        return format!("{datagram}, {request}");
     }
     format!("{datagram}, more")
 }

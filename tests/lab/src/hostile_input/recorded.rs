@@ -1,4 +1,4 @@
-//! Files that programs write: recordings, segments of a ring, maps made beforehand.
+//! Files that programs write: recordings, segments of a ring, maps.
 
 use std::io::Cursor;
 use std::sync::{Arc, LazyLock};
@@ -12,7 +12,7 @@ use farfield_sim::maps_file::MapsFile;
 
 use super::{refused, size};
 
-/// Recordings of any content: read through, to their end or to where they are broken.
+/// Recordings of any content: read to their end or to a fault.
 pub(super) fn recording_file(bytes: &[u8]) -> String {
     let mut recording = match Recording::open(Cursor::new(bytes)) {
         Ok(recording) => recording,
@@ -40,7 +40,7 @@ pub(super) fn recording_file(bytes: &[u8]) -> String {
     )
 }
 
-/// Segments of an edge's ring of any content: the whole records up to the first torn one.
+/// Segments of an edge's ring of any content: the complete records up to the first torn one.
 pub(super) fn ring_segment(bytes: &[u8]) -> String {
     let (found, end) = records(bytes);
     assert!(end <= bytes.len());
@@ -57,8 +57,7 @@ pub(super) fn ring_segment(bytes: &[u8]) -> String {
     format!("{} records, torn {torn}", size(found.len()))
 }
 
-/// Files of maps made beforehand: read or refused. Head and checksum are made to fit, or nothing between
-/// them would ever be reached.
+/// Files of maps: read or refused. Head and checksum are made valid, so that the content is reached.
 pub(super) fn maps_file(rest: &[u8]) -> String {
     const MAGIC: &[u8] = b"FARFIELD-MAPS\0\x01";
     static CAMERA: LazyLock<Arc<CameraModel>> = LazyLock::new(|| {

@@ -1,4 +1,4 @@
-//! Texts that people and programs write: clips, scenes, cards, keypoints, poses.
+//! Texts that people and programs write: venues, calibrations, clips, scenes, cards, keypoints, poses.
 
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
@@ -20,7 +20,7 @@ pub(super) fn clip_text(bytes: &[u8]) -> String {
     read_or_refused(&Clip::parse(text(bytes), Path::new("clip.bvh")))
 }
 
-/// Scenes of any content: read or refused, and never for ever.
+/// Scenes of any content: read or refused, in bounded time.
 pub(super) fn scene_text(bytes: &[u8]) -> String {
     static CLIP: LazyLock<Arc<Clip>> = LazyLock::new(|| {
         let (name, text) = CLIPS[0];

@@ -53,7 +53,7 @@ pub(super) fn venue_text(bytes: &[u8]) -> String {
     read_or_refused(&venue)
 }
 
-/// A venue of one camera, `a`, whose keypoints are in a file of this name in this folder.
+/// A venue of one camera, `a`, with its keypoints in this file of this folder.
 pub(super) fn keypoint_venue(folder: &Path, file: &str) -> Venue {
     let path: PathBuf = folder.join("venue.toml");
     let venue = Venue::parse(&VENUE.replace("PATH", file), &path, one_camera());

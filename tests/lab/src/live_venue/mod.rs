@@ -1,9 +1,8 @@
-//! A venue that runs live on this machine, edges behind relays: for scenarios, studies and soaks.
+//! A venue that runs live on this machine with edges behind relays: for scenarios, studies and soaks.
 //!
-//! Fusion listens on this machine's loopback, and every edge reaches it through a [`UdpRelay`] of its
-//! own, from a network namespace of its own where the system gives some: nothing else lies between
-//! them, so that what the relay loses is lost. Every node is the given program, started as an operator
-//! would start it; each can be killed and started again.
+//! Fusion listens on the loopback. Every edge reaches it through a [`UdpRelay`] of its own, from a network namespace of its
+//! own where the system has some, so that a datagram lost in the relay is lost. Every node is the given program, started as
+//! an operator would start it; each can be killed and started again.
 
 mod node;
 mod player;
@@ -28,34 +27,34 @@ pub use self::pose_log::{PoseLog, RepeatingTruth};
 pub use self::vitals::Vitals;
 pub use self::watch::{PoseArrival, SeenVenue, VenueWatch};
 
-/// A venue, its relays and those of its nodes that run.
+/// A venue, its relays and its running nodes.
 #[derive(Debug)]
 pub struct LiveVenue {
     /// Fusion, while it runs.
     pub fusion: Option<NodeProcess>,
     /// The edges by viewpoint, while they run.
     pub edges: Vec<Option<NodeProcess>>,
-    /// The link of every edge, or the one that they share ([`Self::share_one_link`]).
+    /// The link of every edge, or the shared one ([`Self::share_one_link`]).
     pub relays: Vec<UdpRelay>,
     program: PathBuf,
     venue_path: PathBuf,
     venue: Venue,
-    /// UDP for the edges, TCP for whoever watches.
+    /// UDP for the edges, TCP for observers.
     ports: [u16; 2],
     namespaces: Option<Namespaces>,
     is_fusion_managed: bool,
-    /// The core that fusion has to itself, or shares with whoever else is put there; `None`: all.
+    /// The core of fusion; `None`: all.
     fusion_core: Option<usize>,
-    /// More variables of its environment.
+    /// Environment variables of fusion.
     fusion_environment: Vec<(String, String)>,
 }
 
 impl LiveVenue {
-    /// The venue at `venue_path`, with relays but without nodes. `program` is the operator's command.
-    /// Edges get namespaces of their own when `namespaces` has enough of them.
+    /// The venue at `venue_path` with relays and without nodes. `program` is the operator's command. Edges get namespaces of their
+    /// own if `namespaces` has enough of them.
     ///
     /// # Errors
-    /// The venue file is refused, or ports cannot be had.
+    /// The venue file is refused, or there are no free ports.
     pub fn prepare(
         program: &Path,
         venue_path: &Path,
@@ -87,10 +86,10 @@ impl LiveVenue {
         })
     }
 
-    /// From now on all edges stand behind one relay, as behind one radio bridge. For before they are started.
+    /// Makes all edges share one relay, as behind one radio bridge. Call it before the edges start.
     ///
     /// # Errors
-    /// A port cannot be had.
+    /// There is no free port.
     pub fn share_one_link(&mut self) -> io::Result<()> {
         let server = SocketAddr::from((Ipv4Addr::LOCALHOST, self.ports[0]));
         // Edges in namespaces reach it at different addresses of this machine.
@@ -99,7 +98,7 @@ impl LiveVenue {
         Ok(())
     }
 
-    /// Where the edge of viewpoint `i` finds its relay.
+    /// Address of the relay for the edge of viewpoint `i`.
     fn relay_address(&self, i: usize) -> SocketAddr {
         match &self.relays[..] {
             [shared] if self.edges.len() > 1 => {
@@ -121,31 +120,30 @@ impl LiveVenue {
         self.namespaces.is_some()
     }
 
-    /// Where others than edges reach fusion.
+    /// Endpoint of fusion for nodes other than edges.
     pub fn endpoint(&self) -> String {
         format!("tcp/127.0.0.1:{}", self.ports[1])
     }
 
-    /// A listener beside it.
+    /// Opens an observer.
     ///
     /// # Errors
-    /// What Zenoh says.
+    /// Zenoh fails.
     pub fn watch(&self) -> anyhow::Result<VenueWatch> {
         VenueWatch::open(&self.venue.name, &self.endpoint())
     }
 
-    /// From now on fusion is started as by hand or by systemd: it does not report, and has no parent that would
-    /// end the edges with it.
+    /// Starts fusion from now on as by hand or by systemd: it does not report, and has no parent that would end the edges with it.
     pub fn fusion_by_hand(&mut self) {
         self.is_fusion_managed = false;
     }
 
-    /// From now on fusion is started on this core alone.
+    /// Starts fusion from now on on this core only.
     pub fn fusion_on_core(&mut self, core: usize) {
         self.fusion_core = Some(core);
     }
 
-    /// From now on fusion is started with these variables in its environment.
+    /// Starts fusion from now on with these environment variables.
     pub fn fusion_environment(&mut self, variables: Vec<(String, String)>) {
         self.fusion_environment = variables;
     }
@@ -155,7 +153,7 @@ impl LiveVenue {
     /// # Errors
     /// It cannot be started.
     pub fn start_fusion(&mut self, out: &Path, more: &[&str]) -> io::Result<()> {
-        // Whoever manages a fusion node has claimed its folder.
+        // The parent of a managed fusion node creates its folder.
         std::fs::create_dir_all(out)?;
         let mut command = match self.fusion_core {
             Some(core) => {
@@ -166,7 +164,7 @@ impl LiveVenue {
             None => Command::new(&self.program),
         };
         command.arg("fusion").arg(&self.venue_path);
-        // Between the namespaces of this machine there are no strangers.
+        // The namespaces of this machine are private.
         command.args(["--live", "--allow-plaintext", "--out"]);
         command.arg(out);
         if self.is_fusion_managed {
@@ -182,8 +180,7 @@ impl LiveVenue {
         Ok(())
     }
 
-    /// Starts the edge of viewpoint `i`, with `more` arguments, on the venue file at `venue_path` where
-    /// it shall have another than fusion.
+    /// Starts the edge of viewpoint `i` with `more` arguments, on another venue file than fusion's if `venue_path` is given.
     ///
     /// # Errors
     /// It cannot be started.
@@ -228,14 +225,14 @@ impl LiveVenue {
         self.fusion.iter().chain(self.edges.iter().flatten())
     }
 
-    /// What every node has said on its standard error, for whoever must say why a run went wrong.
-    pub fn said(&self) -> String {
-        let said = |node: &NodeProcess| format!("--- {}\n{}", node.name(), node.output());
-        self.nodes().map(said).collect()
+    /// Standard error of every node, for messages about failed runs.
+    pub fn output(&self) -> String {
+        let output = |node: &NodeProcess| format!("--- {}\n{}", node.name(), node.output());
+        self.nodes().map(output).collect()
     }
 }
 
-/// Ports of the loopback that nobody uses, UDP and TCP.
+/// Free ports of the loopback, UDP and TCP.
 fn free_ports() -> io::Result<[u16; 2]> {
     let udp = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
     let tcp = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;

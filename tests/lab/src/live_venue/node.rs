@@ -11,36 +11,35 @@ use serde_json::Value;
 
 use super::vitals::Vitals;
 
-/// Lines of its standard error that are kept, the newest.
-const KEPT_LINES: usize = 200;
-/// Between two looks at whether something has happened.
+/// Number of newest lines of standard error that are kept.
+const MAX_LINES: usize = 200;
+/// Pause between two polls.
 const PAUSE: Duration = Duration::from_millis(10);
-/// How long the last words of a node that has ended are waited for: what it started may hold its output open.
-const LAST_WORDS: Duration = Duration::from_secs(10);
+/// Time limit for the last output of a node that has ended: a child of it may keep its output open.
+const LAST_OUTPUT: Duration = Duration::from_secs(10);
 
 /// A running node; killed when dropped.
 #[derive(Debug)]
 pub struct NodeProcess {
     name: String,
     child: Child,
-    heard: Arc<Mutex<NodeOutput>>,
-    listening: Vec<JoinHandle<()>>,
+    log: Arc<Mutex<NodeOutput>>,
+    readers: Vec<JoinHandle<()>>,
 }
 
-/// What a node has said.
+/// Output of a node.
 #[derive(Debug, Default)]
 struct NodeOutput {
-    /// The newest lines of its standard error, and of what it has reported in words.
-    said: VecDeque<String>,
-    /// The newest tick that it reported, and the persons at it.
+    /// The newest lines of its standard error, and of its reports in words.
+    lines: VecDeque<String>,
+    /// The newest reported tick, and its number of persons.
     newest: Option<(i64, usize)>,
-    /// Ticks that it reported.
+    /// Number of reported ticks.
     ticks: u64,
 }
 
 impl NodeProcess {
-    /// Starts `command`, a managed node: it reports in JSON on its standard output and leaves when its
-    /// standard input closes.
+    /// Starts `command`, a managed node: it reports in JSON on its standard output and ends when its standard input closes.
     ///
     /// # Errors
     /// It cannot be started.
@@ -50,21 +49,21 @@ impl NodeProcess {
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
         let mut child = command.spawn()?;
-        let heard = Arc::new(Mutex::new(NodeOutput::default()));
-        let mut listening = Vec::new();
+        let log = Arc::new(Mutex::new(NodeOutput::default()));
+        let mut readers = Vec::new();
         if let Some(stderr) = child.stderr.take() {
-            listening.push(listen(stderr, Arc::clone(&heard), NodeOutput::said)?);
+            readers.push(read_lines(stderr, Arc::clone(&log), NodeOutput::push)?);
         }
         if let Some(stdout) = child.stdout.take() {
-            listening.push(listen(stdout, Arc::clone(&heard), |heard, line| {
-                heard.reported(&line);
+            readers.push(read_lines(stdout, Arc::clone(&log), |log, line| {
+                log.reported(&line);
             })?);
         }
         Ok(Self {
             name: name.to_owned(),
             child,
-            heard,
-            listening,
+            log,
+            readers,
         })
     }
 
@@ -73,58 +72,58 @@ impl NodeProcess {
         &self.name
     }
 
-    /// Its process.
+    /// Its process id.
     pub fn pid(&self) -> u32 {
         self.child.id()
     }
 
-    /// What it takes; `None` once it has ended.
+    /// Its resources; `None` once it has ended.
     pub fn vitals(&self) -> Option<Vitals> {
         Vitals::of(self.pid())
     }
 
-    /// The newest tick that it has reported, and how many persons were there.
+    /// The newest reported tick, and its number of persons.
     pub fn newest(&self) -> Option<(i64, usize)> {
-        self.heard().newest
+        self.log().newest
     }
 
-    /// How many ticks it has reported.
+    /// Number of reported ticks.
     pub fn ticks(&self) -> u64 {
-        self.heard().ticks
+        self.log().ticks
     }
 
-    /// The newest lines of its standard error, and of what it has reported in words.
-    pub fn said(&self) -> String {
-        let heard = self.heard();
-        heard
-            .said
+    /// The newest lines of its standard error, and of its reports in words.
+    pub fn output(&self) -> String {
+        let log = self.log();
+        log
+            .lines
             .iter()
             .flat_map(|line| [line.as_str(), "\n"])
             .collect()
     }
 
-    /// Ends it at once, as a power cut would.
+    /// Ends it at once, like a power cut.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system refuses.
     pub fn kill(mut self) -> io::Result<()> {
         self.child.kill()?;
         self.child.wait().map(drop)
     }
 
-    /// Asks it to leave.
+    /// Closes its standard input, which ends it.
     pub fn close(&mut self) {
         drop(self.child.stdin.take());
     }
 
-    /// Waits until it has ended by itself and all that it said is heard; `None` when it has not within `patience`.
+    /// Waits until it has ended and all its output is read; `None` if it has not within `patience`.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system refuses.
     pub fn wait(&mut self, patience: Duration) -> io::Result<Option<ExitStatus>> {
         for _ in 0..patience.as_millis() / PAUSE.as_millis() {
             if let Some(status) = self.child.try_wait()? {
-                self.hear_last_words();
+                self.wait_for_last_output();
                 return Ok(Some(status));
             }
             thread::sleep(PAUSE);
@@ -132,36 +131,36 @@ impl NodeProcess {
         self.child.try_wait()
     }
 
-    /// A process has ended before what it wrote last is read.
-    fn hear_last_words(&self) {
-        for _ in 0..LAST_WORDS.as_millis() / PAUSE.as_millis() {
-            if self.listening.iter().all(JoinHandle::is_finished) {
+    /// A process can end before its last output is read.
+    fn wait_for_last_output(&self) {
+        for _ in 0..LAST_OUTPUT.as_millis() / PAUSE.as_millis() {
+            if self.readers.iter().all(JoinHandle::is_finished) {
                 return;
             }
             thread::sleep(PAUSE);
         }
     }
 
-    fn heard(&self) -> MutexGuard<'_, NodeOutput> {
-        // A panic elsewhere leaves whole lines behind.
-        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    fn log(&self) -> MutexGuard<'_, NodeOutput> {
+        // A panic elsewhere leaves complete lines.
+        self.log.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Drop for NodeProcess {
     fn drop(&mut self) {
-        // Ended already when all went well.
+        // The process may have ended already.
         drop(self.child.kill());
         drop(self.child.wait());
     }
 }
 
 impl NodeOutput {
-    fn said(&mut self, line: String) {
-        if self.said.len() == KEPT_LINES {
-            self.said.pop_front();
+    fn push(&mut self, line: String) {
+        if self.lines.len() == MAX_LINES {
+            self.lines.pop_front();
         }
-        self.said.push_back(line);
+        self.lines.push_back(line);
     }
 
     fn reported(&mut self, line: &str) {
@@ -171,24 +170,24 @@ impl NodeOutput {
             self.newest = Some((number, usize::try_from(persons).unwrap_or(usize::MAX)));
             self.ticks += 1;
         }
-        // What its parent would tell the operator.
+        // Its parent would print these lines for the operator.
         for line in report["said"].as_array().into_iter().flatten() {
-            self.said(line.as_str().unwrap_or_default().to_owned());
+            self.push(line.as_str().unwrap_or_default().to_owned());
         }
     }
 }
 
 /// Reads lines until the other end closes.
-fn listen(
+fn read_lines(
     from: impl Read + Send + 'static,
-    heard: Arc<Mutex<NodeOutput>>,
+    log: Arc<Mutex<NodeOutput>>,
     take: impl Fn(&mut NodeOutput, String) + Send + 'static,
 ) -> io::Result<JoinHandle<()>> {
     let lines = BufReader::new(from).lines();
     let work = move || {
         for line in lines.map_while(Result::ok) {
             take(
-                &mut heard.lock().unwrap_or_else(PoisonError::into_inner),
+                &mut log.lock().unwrap_or_else(PoisonError::into_inner),
                 line,
             );
         }
@@ -210,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_is_heard_and_leaves_when_asked() {
+    fn a_node_is_read_and_ends_when_closed() {
         let script =
             r#"echo hello >&2; echo '{"tick":{"tick":7,"persons":2,"bytes":0}}'; read x; exit 3"#;
         let mut node = shell(script);
@@ -226,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_a_node_said_is_heard_once_it_has_ended() {
+    fn all_output_is_read_once_a_node_has_ended() {
         let mut node = shell("seq 150 >&2");
         assert!(node.wait(PATIENCE).unwrap().unwrap().success());
         assert!(node.output().ends_with("149\n150\n"), "{}", node.output());

@@ -1,7 +1,7 @@
-//! What a listener heard of a venue's poses, scored against a truth that repeats.
+//! A log of a venue's poses, scored against a truth that repeats.
 //!
-//! People who walk there and back have the same places again after a period, so their truth is read once, and a venue may
-//! run for as long as it likes, and through several lives of fusion: ticks go on.
+//! People who walk back and forth repeat their positions after a period. So their truth is read once, and a venue may run for
+//! any time and over restarts of fusion, since ticks continue.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -21,24 +21,24 @@ use nalgebra::Vector3;
 
 use super::VenueWatch;
 
-/// Ticks that are kept, the newest: 200 s at 60 Hz.
+/// Number of newest ticks that are kept: 200 s at 60 Hz.
 const MAX_TICKS: usize = 12_000;
 
-/// How far a pose may be from a person to be its own, metres.
-const ITS_OWN_M: f64 = 0.5;
+/// Largest distance of a pose from its person, metres.
+const MAX_DISTANCE_M: f64 = 0.5;
 
 /// The people of one tick.
 type People = BTreeMap<u32, ScoredBody>;
 
-/// Who is where, again and again.
+/// The truth of one period.
 #[derive(Debug)]
 pub struct RepeatingTruth(Vec<People>);
 
 impl RepeatingTruth {
-    /// Reads a truth whose ticks begin with 0 and lack none.
+    /// Reads a truth whose ticks begin with 0 and have no gap.
     ///
     /// # Errors
-    /// The file cannot be read, or lacks a tick.
+    /// The file cannot be read, or a tick is missing.
     pub fn read(path: &Path) -> anyhow::Result<Self> {
         let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
         let reader = BufReader::new(file);
@@ -54,7 +54,7 @@ impl RepeatingTruth {
         Ok(Self(people.cloned().collect()))
     }
 
-    /// How many people there are at the first tick.
+    /// Number of people at the first tick.
     pub fn people(&self) -> usize {
         self.0.first().map_or(0, BTreeMap::len)
     }
@@ -71,30 +71,30 @@ impl RepeatingTruth {
     }
 }
 
-/// The poses that a listener hears.
+/// The poses that an observer has received.
 #[derive(Debug, Clone, Default)]
 pub struct PoseLog(Arc<Mutex<BTreeMap<Tick, People>>>);
 
 impl PoseLog {
-    /// From now on, for as long as `watch` listens.
+    /// Starts a log that lives as long as `watch`.
     ///
     /// # Errors
-    /// What Zenoh says.
-    pub fn listen(watch: &VenueWatch) -> anyhow::Result<Self> {
+    /// Zenoh fails.
+    pub fn subscribe(watch: &VenueWatch) -> anyhow::Result<Self> {
         let log = Self::default();
         let own = log.clone();
-        watch.hear_poses(move |set| own.add(&set))?;
+        watch.subscribe_poses(move |set| own.add(&set))?;
         Ok(log)
     }
 
-    /// What was heard of `ticks`, against who was there; a tick of which nothing was heard is a gap of everybody.
+    /// Scores the received poses of `ticks`; a tick that was not received is a gap of all people.
     pub fn score(&self, truth: &RepeatingTruth, ticks: &Range<Tick>, rate_hz: f64) -> Scores {
-        let heard = self
+        let received = self
             .lock()
             .range(ticks.clone())
             .map(|(tick, people)| (*tick, people.clone()))
             .collect();
-        let poses = PoseLines::from_people(PointSet::Joints, heard);
+        let poses = PoseLines::from_people(PointSet::Joints, received);
         score(
             &poses,
             &truth.over(ticks),
@@ -103,14 +103,14 @@ impl PoseLog {
         )
     }
 
-    /// Which person of the truth has which id at `tick`: that of the nearest body, if one is near.
-    pub fn who_is_who(&self, truth: &RepeatingTruth, tick: Tick) -> BTreeMap<u32, u32> {
-        let heard = self.lock().get(&tick).cloned().unwrap_or_default();
+    /// Ids by person of the truth at `tick`: that of the nearest body within the limit.
+    pub fn ids_by_person(&self, truth: &RepeatingTruth, tick: Tick) -> BTreeMap<u32, u32> {
+        let received = self.lock().get(&tick).cloned().unwrap_or_default();
         let nearest = |(person, body): (&u32, &ScoredBody)| {
             let off_m = |other: &ScoredBody| mean_distance_m(body, other);
-            let near = heard.iter().filter_map(|(id, it)| Some((off_m(it)?, *id)));
+            let near = received.iter().filter_map(|(id, it)| Some((off_m(it)?, *id)));
             let (off_m, id) = near.min_by(|a, b| a.0.total_cmp(&b.0))?;
-            (off_m < ITS_OWN_M).then_some((*person, id))
+            (off_m < MAX_DISTANCE_M).then_some((*person, id))
         };
         truth.at(tick).iter().filter_map(nearest).collect()
     }
@@ -125,12 +125,12 @@ impl PoseLog {
     }
 
     fn lock(&self) -> MutexGuard<'_, BTreeMap<Tick, People>> {
-        // A panic elsewhere leaves whole ticks behind.
+        // A panic elsewhere leaves complete ticks.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// How far the points are apart that both have, metres.
+/// Mean distance of the points that both have, metres.
 fn mean_distance_m(a: &ScoredBody, b: &ScoredBody) -> Option<f64> {
     let pairs = a.points_m.iter().zip(&b.points_m);
     let off_m = pairs.filter_map(|(a, b)| Some(((*a)? - (*b)?).norm()));
@@ -155,7 +155,7 @@ mod tests {
 
     use super::*;
 
-    /// Somebody all of whose joints are at `x_m`.
+    /// A person with all joints at `x_m`.
     fn pose(person: u32, x_m: f32) -> PersonPose {
         PersonPose {
             person: PersonId(person),
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_truth_repeats_and_a_tick_of_which_nothing_was_heard_is_a_gap() {
+    fn a_truth_repeats_and_a_missing_tick_is_a_gap() {
         let scores = scored(|_| [7, 8]);
         assert!((scores.mean.mpjpe_mm.unwrap() - 10.0).abs() < 0.01);
         let gaps: u64 = scores.actors.values().map(|actor| actor.gaps).sum();
@@ -207,11 +207,11 @@ mod tests {
             tick: Tick(13),
             persons: vec![pose(7, 3.1), pose(8, 1.0)],
         });
-        assert_eq!(log.who_is_who(&truth(), Tick(13)), [(2, 7)].into());
+        assert_eq!(log.ids_by_person(&truth(), Tick(13)), [(2, 7)].into());
     }
 
     #[test]
-    fn ids_that_are_exchanged_are_switches() {
+    fn swapped_ids_are_switches() {
         let scores = scored(|tick| if tick < 105 { [7, 8] } else { [8, 7] });
         assert_eq!(scores.identity.switches, 2);
     }

@@ -1,8 +1,8 @@
-//! What a running process takes: memory, threads and file handles, as the kernel counts them.
+//! Resources of a running process: memory, threads and file handles, from the kernel.
 
 use std::fs;
 
-/// What a process takes at one moment.
+/// Resources of a process at one moment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Vitals {
     /// Memory in use, bytes (resident set).
@@ -11,12 +11,12 @@ pub struct Vitals {
     pub threads: u32,
     /// Open files and sockets.
     pub handles: u32,
-    /// Time that it has computed since its start, milliseconds, over all threads.
+    /// Processor time since its start, milliseconds, over all threads.
     pub cpu_ms: u64,
 }
 
 impl Vitals {
-    /// Of process `pid`; `None` when it has ended.
+    /// Of process `pid`; `None` if it has ended.
     pub fn of(pid: u32) -> Option<Self> {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
         let field = |name: &str| {
@@ -25,10 +25,10 @@ impl Vitals {
         };
         let handles = fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count();
         let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-        // The name, in brackets, may hold anything; user and system time are the 12th and 13th after it.
+        // The name, in brackets, may contain any character; user and system time are the 12th and 13th after it.
         let mut after_name = stat.rsplit_once(") ")?.1.split(' ').skip(11);
         let mut clock_ticks = || after_name.next()?.parse::<u64>().ok();
-        // Linux gives them in hundredths of a second on every architecture.
+        // Linux counts in hundredths of a second on every architecture.
         let cpu_ms = (clock_ticks()? + clock_ticks()?) * 10;
         Some(Self {
             memory_bytes: field("VmRSS:")? * 1024,
@@ -56,7 +56,7 @@ mod tests {
         let with = Vitals::of(pid).unwrap();
         drop((files, end));
         thread.join().unwrap();
-        // Other tests of this process come and go.
+        // Other tests of this process start and end.
         assert!(with.handles >= before.handles + 30, "{before:?} {with:?}");
         assert!(with.threads >= 2);
         assert_eq!(Vitals::of(u32::MAX), None);

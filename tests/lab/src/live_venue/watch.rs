@@ -1,4 +1,4 @@
-//! A listener beside a running venue: what fusion publishes, and when that arrives.
+//! An observer of a running venue: what fusion publishes, and when it arrives.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -16,17 +16,17 @@ use farfield_proto::wire;
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait as _};
 
-/// Poses whose arrival is remembered: an hour at 60 Hz. Those beyond are counted only.
+/// Arrivals of poses that are remembered: an hour at 60 Hz. Later ones are only counted.
 const MAX_ARRIVALS: usize = 60 * 60 * 60;
 /// Keys whose newest message is remembered.
 const MAX_KEYS: usize = 256;
 
-/// What a flood says at once, in messages of so many bytes, and how long it then waits.
+/// Messages and bytes of a burst of a flood, and the pause after it.
 const FLOOD_AT_ONCE: usize = 64;
 const FLOOD_MESSAGE_BYTES: usize = 8_000;
 const FLOOD_PAUSE: Duration = Duration::from_millis(5);
 
-/// A session of its own that listens to all that is said in a venue, until it is dropped.
+/// A session that subscribes to all keys of a venue, until it is dropped.
 #[derive(Debug)]
 pub struct VenueWatch {
     session: Session,
@@ -34,14 +34,14 @@ pub struct VenueWatch {
     seen: Arc<Mutex<SeenVenue>>,
 }
 
-/// What was heard so far.
+/// Messages received so far.
 #[derive(Debug, Clone, Default)]
 pub struct SeenVenue {
-    /// Pose sets.
+    /// Number of pose sets.
     pub poses: u64,
     /// The newest of them.
     pub newest: Option<PoseSet>,
-    /// When each arrived, and what of it is remembered.
+    /// Arrivals of the pose sets.
     pub arrivals: Vec<PoseArrival>,
     /// The newest status of every node.
     pub statuses: BTreeMap<String, Status>,
@@ -49,10 +49,10 @@ pub struct SeenVenue {
     pub newest_bytes: BTreeMap<String, Vec<u8>>,
 }
 
-/// The poses of one tick, as they arrived.
+/// The arrival of one tick's poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PoseArrival {
-    /// Fusion's life.
+    /// Session of fusion.
     pub session: SessionId,
     /// The tick.
     pub tick: Tick,
@@ -63,19 +63,18 @@ pub struct PoseArrival {
 }
 
 impl SeenVenue {
-    /// How `node` runs live, as it said last.
+    /// The newest live status of `node`.
     pub fn live(&self, node: &str) -> Option<&LiveStatus> {
         self.statuses.get(node)?.live.as_ref()
     }
 
-    /// Persons of the newest poses that are tracked.
+    /// Number of tracked persons in the newest poses.
     pub fn tracked(&self) -> usize {
         self.newest.as_ref().map_or(0, tracked)
     }
 
-    /// Share of the poses, the first fifth left out, in which as many are tracked as ever were; 0 where nobody
-    /// ever was.
-    pub fn share_with_everybody(&self) -> f64 {
+    /// Share of the poses, without the first fifth, in which as many people are tracked as ever were; 0 if none ever was.
+    pub fn share_with_all_tracked(&self) -> f64 {
         let settled = self.arrivals.iter().skip(self.arrivals.len() / 5);
         let most = settled.clone().map(|arrival| arrival.tracked).max();
         let Some(most) = most.filter(|most| *most > 0) else {
@@ -85,8 +84,8 @@ impl SeenVenue {
         whole.count() as f64 / settled.count().max(1) as f64
     }
 
-    /// From the capture of each tick to the arrival of its poses, microseconds, sorted; empty as long as
-    /// fusion has not said when its ticks began. Of the poses from tick `from` on.
+    /// Delays from the capture of each tick to the arrival of its poses, from tick `from` on, microseconds, sorted. Empty until
+    /// fusion has published the time of its ticks.
     pub fn delays_us(&self, rate_hz: f64, from: Tick) -> Vec<u64> {
         let epoch_us = self.live("fusion").and_then(|live| live.epoch_us);
         let Some(epoch_us) = epoch_us else {
@@ -109,11 +108,10 @@ fn tracked(set: &PoseSet) -> usize {
 }
 
 impl VenueWatch {
-    /// Connects to the fusion of venue `name` at `endpoint`; waits until it is there, and finds it again
-    /// when it was started anew.
+    /// Connects to the fusion of venue `name` at `endpoint`; waits until it runs, and reconnects after its restarts.
     ///
     /// # Errors
-    /// What Zenoh says.
+    /// Zenoh fails.
     pub fn open(name: &str, endpoint: &str) -> anyhow::Result<Self> {
         let session = session(endpoint)?;
         let seen: Arc<Mutex<SeenVenue>> = Arc::default();
@@ -146,53 +144,52 @@ impl VenueWatch {
         })
     }
 
-    /// What was heard so far.
+    /// The messages received so far.
     pub fn seen(&self) -> MutexGuard<'_, SeenVenue> {
         lock(&self.seen)
     }
 
-    /// Calls `hear` with all poses that come from now on.
+    /// Calls `receive` with all poses from now on.
     ///
     /// # Errors
-    /// What Zenoh says.
-    pub fn hear_poses(&self, hear: impl Fn(PoseSet) + Send + Sync + 'static) -> anyhow::Result<()> {
+    /// Zenoh fails.
+    pub fn subscribe_poses(&self, receive: impl Fn(PoseSet) + Send + Sync + 'static) -> anyhow::Result<()> {
         subscribe(&self.session, self.keys.pose(), move |_, bytes| {
             if let Ok(set) = wire::decode::<PoseSet>(bytes) {
-                hear(set);
+                receive(set);
             }
         })
     }
 
-    /// Says noise as the patches of `viewpoint`, as fast as it can be said, while `during` does its work; returns what
-    /// that came to, and the bytes that were said.
+    /// Sends noise as the patches of `viewpoint`, as fast as possible, while `during` runs; returns its result and the bytes sent.
     pub fn flood<T>(&self, viewpoint: &str, during: impl FnOnce() -> T) -> (T, u64) {
         let key = self.keys.patch(viewpoint);
-        let (is_over, said_bytes) = (AtomicBool::new(false), AtomicU64::new(0));
+        let (is_over, sent_bytes) = (AtomicBool::new(false), AtomicU64::new(0));
         let noise = vec![0xffu8; FLOOD_MESSAGE_BYTES];
-        let came_to = thread::scope(|scope| {
+        let result = thread::scope(|scope| {
             scope.spawn(|| {
                 while !is_over.load(Ordering::Relaxed) {
                     for _ in 0..FLOOD_AT_ONCE {
-                        // Who is no longer heard need not be silent.
+                        // A refused message is no error here.
                         drop(self.put(&key, &noise));
                     }
                     let bytes = FLOOD_AT_ONCE * FLOOD_MESSAGE_BYTES;
-                    said_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
-                    // Half of a core is fusion's.
+                    sent_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+                    // Leaves half of a core to fusion.
                     thread::sleep(FLOOD_PAUSE);
                 }
             });
-            let came_to = during();
+            let result = during();
             is_over.store(true, Ordering::Relaxed);
-            came_to
+            result
         });
-        (came_to, said_bytes.load(Ordering::Relaxed))
+        (result, sent_bytes.load(Ordering::Relaxed))
     }
 
-    /// Says something in the venue: what strangers may, where nothing keeps them out.
+    /// Publishes a message, as a stranger can where no access control is active.
     ///
     /// # Errors
-    /// What Zenoh says.
+    /// Zenoh fails.
     pub fn put(&self, key: &str, bytes: &[u8]) -> anyhow::Result<()> {
         self.session.put(key, bytes).wait().map_err(zenoh_error)
     }
@@ -213,7 +210,7 @@ impl SeenVenue {
     }
 }
 
-/// A session with fusion at `endpoint`, waited for as long as it takes.
+/// A session with fusion at `endpoint`, which waits without a limit.
 pub(super) fn session(endpoint: &str) -> anyhow::Result<Session> {
     let mut config = zenoh::Config::default();
     for (key, value) in [
@@ -234,21 +231,21 @@ pub(super) fn session(endpoint: &str) -> anyhow::Result<Session> {
     zenoh::open(config).wait().map_err(zenoh_error)
 }
 
-/// The subscriber lives as long as the session.
+/// Subscribes as long as the session lives.
 pub(super) fn subscribe(
     session: &Session,
     key: String,
-    hear: impl Fn(&str, &[u8]) + Send + Sync + 'static,
+    receive: impl Fn(&str, &[u8]) + Send + Sync + 'static,
 ) -> anyhow::Result<()> {
-    let heard = move |sample: Sample| {
-        hear(sample.key_expr().as_str(), &sample.payload().to_bytes());
+    let callback = move |sample: Sample| {
+        receive(sample.key_expr().as_str(), &sample.payload().to_bytes());
     };
-    let subscriber = session.declare_subscriber(key).callback(heard);
+    let subscriber = session.declare_subscriber(key).callback(callback);
     subscriber.background().wait().map_err(zenoh_error)
 }
 
 fn lock(seen: &Mutex<SeenVenue>) -> MutexGuard<'_, SeenVenue> {
-    // A panic elsewhere leaves whole messages behind.
+    // A panic elsewhere leaves complete messages.
     seen.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

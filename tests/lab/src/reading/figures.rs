@@ -1,4 +1,4 @@
-//! The project's figures, each beside its goal.
+//! Figures of the project's code with their goals.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
@@ -6,18 +6,18 @@ use std::path::Path;
 
 use super::{RustFile, Workspace};
 
-/// Most lines of a file without its tests: one that is longer has a second subject.
+/// Most lines of a file without its tests: a longer one has a second subject.
 pub const MAX_FILE_LINES: usize = 700;
-/// Most Rust files of a folder: a reader cannot keep more in mind.
+/// Most Rust files of a folder that a reader can survey.
 pub const MAX_FILES_OF_FOLDER: usize = 20;
-/// A file of fewer lines is small: it may be part of another.
+/// A file with fewer lines is small and may be part of another.
 const SMALL_FILE_LINES: usize = 60;
 /// Words of the private dialect that plain English replaces.
 const DIALECT: [&str; 7] = [
     "told", "said", "whom", "whoever", "nobody", "somebody", "beside",
 ];
 
-/// The figures of a workspace, to be shown.
+/// The figures of a workspace, for display.
 pub struct Figures<'a>(pub &'a Workspace);
 
 impl Display for Figures<'_> {
@@ -143,7 +143,7 @@ fn is_markdown(path: &str) -> bool {
     Path::new(path).extension().is_some_and(|it| it == "md")
 }
 
-/// Whether a line begins the definition of a named number, or of several.
+/// Whether a line defines a named number, or several.
 fn is_numeric_constant(line: &str) -> bool {
     const NUMBERS: [&str; 12] = [
         "f64", "f32", "usize", "u64", "u32", "u16", "u8", "i64", "i32", "Micros", "Duration",
@@ -161,7 +161,7 @@ fn is_numeric_constant(line: &str) -> bool {
         && NUMBERS.iter().any(|number| kind.starts_with(number))
 }
 
-/// The folders of more than [`MAX_FILES_OF_FOLDER`] Rust files, each with its number of files.
+/// The folders with more than [`MAX_FILES_OF_FOLDER`] Rust files, and their numbers of files.
 pub fn full_folders(workspace: &Workspace) -> Vec<(String, usize)> {
     let mut folders: BTreeMap<&str, usize> = BTreeMap::new();
     for file in &workspace.files {
@@ -174,7 +174,7 @@ pub fn full_folders(workspace: &Workspace) -> Vec<(String, usize)> {
     full.map(|(folder, n)| (folder.to_owned(), n)).collect()
 }
 
-/// Words of the dialect in all Rust and Markdown files; a name of several words counts by each.
+/// Words of the dialect in all Rust and Markdown files; each word of a longer name counts.
 pub fn dialect(workspace: &Workspace) -> usize {
     let ours = |path: &str| is_markdown(path) || super::is_rust(path);
     let texts = workspace.texts.iter().filter(|(path, _)| ours(path));
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn words_of_the_dialect_count_inside_names_and_not_inside_other_words() {
+    fn dialect_words_count_in_names_but_not_in_other_words() {
         assert_eq!(
             dialect_words("fn is_told() { besides } // Nobody, beside"),
             3

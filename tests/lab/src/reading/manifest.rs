@@ -1,4 +1,4 @@
-//! The packages of a workspace as cargo knows them: their targets, and what they depend on.
+//! The packages of a workspace from cargo: their targets and dependencies.
 
 use std::path::Path;
 use std::process::Command;
@@ -20,7 +20,7 @@ pub struct Package {
     pub dependencies: Vec<Dependency>,
 }
 
-/// What cargo builds of a package.
+/// A target of a package.
 #[derive(Clone, Debug, Deserialize)]
 pub struct CargoTarget {
     /// Path of its first file.
@@ -36,10 +36,10 @@ pub struct Dependency {
     pub kind: Option<String>,
 }
 
-/// The packages of the workspace of `manifest`. Nothing is built, and nothing fetched.
+/// The packages of the workspace of `manifest`, without building or fetching.
 ///
 /// # Errors
-/// [`ReadError::Manifest`] when cargo is not there or refuses the manifest.
+/// [`ReadError::Manifest`] if cargo is missing or refuses the manifest.
 pub fn packages(manifest: &Path) -> Result<Vec<Package>, ReadError> {
     #[derive(Deserialize)]
     struct Metadata {
@@ -49,7 +49,7 @@ pub fn packages(manifest: &Path) -> Result<Vec<Package>, ReadError> {
         manifest: manifest.display().to_string(),
         what,
     };
-    // Cargo names itself to what it runs.
+    // Cargo passes its own path to the programs that it runs.
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let answer = Command::new(cargo)
         .args(["metadata", "--no-deps", "--offline", "--format-version=1"])

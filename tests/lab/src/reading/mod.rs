@@ -1,7 +1,7 @@
-//! Reads the project's own files: what `lab figures` counts, and what the tidy scenario checks.
+//! Reads the project's own files for `lab figures` and the tidy scenario.
 //!
-//! Rust is read as rustfmt formats it, line by line: a `#[cfg(test)]` module ends at the next `}` of its own
-//! indentation, and the file of a `#[cfg(test)] mod x;` is a test with everything below it.
+//! Rust is read by line in the format of rustfmt: a `#[cfg(test)]` module ends at the next `}` of its own indentation, and the
+//! file of a `#[cfg(test)] mod x;` is a test with everything below it.
 
 pub mod figures;
 pub mod manifest;
@@ -15,7 +15,7 @@ use walkdir::WalkDir;
 use self::manifest::Package;
 use self::test_code::{test_lines, test_modules};
 
-/// Folders that hold other people's code, or nothing that is under version control.
+/// Folders of other people's code, or outside version control.
 const SKIPPED: [&str; 7] = [
     ".git",
     "target",
@@ -25,7 +25,7 @@ const SKIPPED: [&str; 7] = [
     "artifacts",
     "node_modules",
 ];
-/// Folders of targets that only developers run.
+/// Folders of targets for developers only.
 const TEST_FOLDERS: [&str; 4] = ["tests", "scenarios", "benches", "fuzz_targets"];
 /// The source of a package in a folder named `tests`.
 const SOURCE_UNDER_TESTS: &str = "tests/lab/src/";
@@ -35,12 +35,12 @@ const OUTSIDE: &str = "fuzz/Cargo.toml";
 /// Why the code cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// `cargo metadata` did not answer.
+    /// `cargo metadata` failed.
     #[error("cargo metadata for {manifest}: {what}")]
     Manifest {
         /// Path of the manifest.
         manifest: String,
-        /// Output of cargo, or what its answer lacks.
+        /// Output of cargo, or the fault in it.
         what: String,
     },
     /// A file or folder that cannot be read.
@@ -67,7 +67,7 @@ pub struct Workspace {
 pub struct RustFile {
     /// Path from the root.
     pub path: String,
-    /// What is in it.
+    /// Its content.
     pub text: String,
     /// By line: whether it is test code.
     is_test: Vec<bool>,
@@ -146,7 +146,7 @@ fn texts(root: &Path) -> Result<BTreeMap<String, String>, ReadError> {
         if !entry.file_type().is_file() {
             continue;
         }
-        // What is not UTF-8 is not text.
+        // Files that are not UTF-8 are not text.
         if let Ok(text) = std::fs::read_to_string(entry.path()) {
             let path = entry.path().strip_prefix(root).unwrap_or(entry.path());
             texts.insert(path.to_string_lossy().replace('\\', "/"), text);

@@ -1,4 +1,4 @@
-//! Which code is built for tests only.
+//! Finds code that is built for tests only.
 
 /// Paths, without `.rs`, of the modules that a file declares for tests only.
 pub(super) fn test_modules(path: &str, text: &str) -> Vec<String> {
@@ -28,7 +28,7 @@ pub(super) fn test_modules(path: &str, text: &str) -> Vec<String> {
     found
 }
 
-/// By line of a file: whether it is in a part that is built for tests only.
+/// By line of a file: whether it is built for tests only.
 pub(super) fn test_lines(text: &str) -> Vec<bool> {
     let mut is_test = Vec::new();
     let mut end: Option<String> = None;

@@ -1,4 +1,3 @@
-//! The relay's clock: the only place of this folder that reads one.
 
 use std::time::Instant;
 

@@ -1,13 +1,13 @@
-//! What holds for a link whatever comes to it, and what each impairment does by itself.
+//! Properties of a link under any traffic, and the effect of each impairment.
 
 use proptest::prelude::*;
 
 use super::*;
 
-/// Datagrams as they come: microseconds after the one before, bytes.
+/// Datagrams: microseconds after the one before, bytes.
 type Datagrams = Vec<(u64, usize)>;
 
-/// A datagram that has arrived: its number, when it came, when it arrived.
+/// A delivered datagram: its number, time offered, time delivered.
 type DatagramDelivery = (usize, u64, u64);
 
 fn traffic() -> impl Strategy<Value = Datagrams> {
@@ -36,7 +36,7 @@ fn impairment() -> impl Strategy<Value = Impairment> {
         )
 }
 
-/// Runs a link until nothing is in flight, and says what arrived.
+/// Runs a link until nothing is in flight; returns the deliveries.
 fn run(link: &mut RelayLink<usize>, traffic: &Datagrams) -> Vec<DatagramDelivery> {
     let mut came_us = Vec::new();
     let mut arrivals = Vec::new();
@@ -82,7 +82,7 @@ proptest! {
     }
 
     #[test]
-    fn nothing_arrives_before_its_delay_or_after_all_that_can_hold_it(
+    fn nothing_arrives_before_or_after_its_bounds(
         impairment in impairment(), traffic in traffic()
     ) {
         let slowest_us = impairment.rate_bytes_s.map_or(0, |rate| {
@@ -98,14 +98,14 @@ proptest! {
     }
 
     #[test]
-    fn only_what_is_held_back_is_overtaken(impairment in impairment(), traffic in traffic()) {
+    fn only_held_back_datagrams_are_overtaken(impairment in impairment(), traffic in traffic()) {
         let arrivals = run(&mut link(Impairment { reorder: 0.0, ..impairment }), &traffic);
         prop_assert!(arrivals.is_sorted_by_key(|&(number, ..)| number));
     }
 
     #[test]
     fn no_second_carries_more_than_the_rate(impairment in impairment(), traffic in traffic()) {
-        // Jitter bunches, doubles add, and what is held back comes with what is not.
+        // Jitter bunches, duplicates add, and held back datagrams arrive with others.
         let steady = Impairment { jitter_us: 0, duplicate: 0.0, reorder: 0.0, ..impairment };
         let mut link = link(steady);
         run(&mut link, &traffic);
@@ -119,7 +119,7 @@ proptest! {
 
 #[test]
 fn headers_take_their_part_of_the_rate() {
-    // Datagrams that are cut in two by IP have a header more.
+    // IP fragments have a header each.
     assert_eq!([0, 100, 1472, 1473].map(on_the_wire), [28, 128, 1500, 1521]);
 }
 
@@ -131,14 +131,14 @@ fn a_perfect_link_delivers_all_at_once_and_in_order() {
 }
 
 #[test]
-fn a_queue_that_is_full_drops_what_comes() {
+fn a_full_queue_drops_datagrams() {
     let slow = Impairment {
         rate_bytes_s: Some(1000),
         queue_bytes: 256,
         ..Impairment::default()
     };
     let mut link = link(slow);
-    // With headers 128 bytes each, and 128 ms long.
+    // With headers each has 128 bytes and takes 128 ms.
     let arrivals = run(
         &mut link,
         &vec![(0, 100), (0, 100), (0, 100), (128_000, 100)],
@@ -193,7 +193,7 @@ fn an_impairment_may_change_while_datagrams_are_on_the_way() {
     link.set(Impairment::default());
     link.offer(10, 10, 1);
     assert_eq!(link.impairment(), Impairment::default());
-    // The second does not overtake the first: nothing was to be held back.
+    // The second does not overtake the first, since reordering is off.
     assert_eq!(
         (link.take(49_999), link.take(50_000), link.take(50_000)),
         (None, Some(0), Some(1))

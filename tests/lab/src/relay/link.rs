@@ -1,7 +1,7 @@
-//! One direction of a link: rate and bounded queue, then loss, delay, jitter, doubles and disorder.
+//! One direction of a link: rate and bounded queue, then loss, delay, jitter, duplicates and reordering.
 //!
-//! What waits for its turn at a rate leaves at the rate that held when it came; a change holds for
-//! what comes later. Loss lies behind the queue, as on air: what is lost has taken its time.
+//! A waiting datagram keeps the rate at which it was queued; a change applies to later ones. Loss is behind the queue, as on
+//! air: a lost datagram has taken its time.
 
 use std::collections::BTreeMap;
 
@@ -15,24 +15,24 @@ const FRAGMENT_BYTES: usize = 1480;
 /// What IPv4 adds to each packet, and UDP to each datagram, bytes.
 const HEADERS_BYTES: [usize; 2] = [20, 8];
 
-/// What a datagram of `payload` bytes takes on the path, with the headers of IPv4 and UDP, bytes. Rates,
-/// queues and counts of a [`RelayLink`] are of this.
+/// Bytes of a datagram with `payload` bytes on the path, with the headers of IPv4 and UDP. Rates, queues and counts of a
+/// [`RelayLink`] are in these bytes.
 pub fn on_the_wire(payload: usize) -> usize {
     let [ip, udp] = HEADERS_BYTES;
     let datagram = payload + udp;
     datagram + ip * datagram.div_ceil(FRAGMENT_BYTES)
 }
 
-/// What a link does to its datagrams in one direction. The default does nothing.
+/// Impairments of one direction of a link. The default has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Impairment {
-    /// Bytes that pass in a second; `None`: any number.
+    /// Bytes per second; `None`: unlimited.
     pub rate_bytes_s: Option<u32>,
-    /// Bytes that may wait for their turn at that rate; what does not fit is dropped.
+    /// Size of the queue, bytes; datagrams that do not fit are dropped.
     pub queue_bytes: u32,
     /// Time in flight, microseconds.
     pub delay_us: u32,
-    /// Up to so much more, evenly drawn, microseconds. It does not change the order.
+    /// Largest additional delay, uniform, microseconds. It does not change the order.
     pub jitter_us: u32,
     /// Share that is lost, 0 to 1.
     pub loss: f64,
@@ -40,7 +40,7 @@ pub struct Impairment {
     pub duplicate: f64,
     /// Share that others may overtake, 0 to 1.
     pub reorder: f64,
-    /// How much later those arrive, microseconds.
+    /// Additional delay of those, microseconds.
     pub reorder_us: u32,
 }
 
@@ -59,39 +59,39 @@ impl Default for Impairment {
     }
 }
 
-/// What became of the datagrams of one direction.
+/// Counts of the datagrams of one direction.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// What came to the link.
+    /// Offered to the link.
     pub offered: ByteMeter,
-    /// What left it, doubles among it.
+    /// Delivered, including duplicates.
     pub delivered: ByteMeter,
     /// Datagrams lost on the path.
     pub lost: u64,
-    /// Datagrams for which the queue had no room.
+    /// Datagrams dropped at a full queue.
     pub dropped: u64,
-    /// Datagrams that came while the link was cut.
+    /// Datagrams offered while the link was cut.
     pub cut: u64,
-    /// Datagrams that were doubled.
+    /// Datagrams that were duplicated.
     pub doubled: u64,
     /// Datagrams that were held back for others to overtake.
     pub held_back: u64,
-    /// Longest wait for a turn at the rate, microseconds.
+    /// Longest wait in the queue, microseconds.
     pub longest_wait_us: u64,
-    /// All such waits together, microseconds.
+    /// Sum of the waits, microseconds.
     pub waited_us: u64,
 }
 
-/// One direction of a link, with its datagrams as items of any kind.
+/// One direction of a link, with datagrams as items of any kind.
 #[derive(Debug)]
 pub struct RelayLink<T> {
     impairment: Impairment,
     rng: ChaCha8Rng,
-    /// When the last datagram of the queue has left it, nanoseconds.
+    /// Time at which the queue is empty, nanoseconds.
     free_at_ns: u64,
     /// Nothing passes before.
     cut_until_us: u64,
-    /// The latest arrival of those that keep their order.
+    /// Latest arrival of datagrams that keep their order.
     newest_due_us: u64,
     number: u64,
     /// By arrival, then number: bytes and item.
@@ -99,7 +99,7 @@ pub struct RelayLink<T> {
     counts: Counts,
 }
 
-/// What is drawn for one datagram: always all of it, so that no fault moves another.
+/// Random draws of one datagram. All are always drawn, so that no fault changes another.
 struct DatagramDraws {
     is_lost: bool,
     is_doubled: bool,
@@ -122,22 +122,22 @@ impl<T: Clone> RelayLink<T> {
         }
     }
 
-    /// Changes what becomes of datagrams from now on.
+    /// Changes the impairments from now on.
     pub fn set(&mut self, impairment: Impairment) {
         self.impairment = impairment;
     }
 
-    /// What becomes of datagrams now.
+    /// The current impairments.
     pub fn impairment(&self) -> Impairment {
         self.impairment
     }
 
-    /// Lets nothing in before `until_us`.
+    /// Drops everything before `until_us`.
     pub fn cut(&mut self, until_us: u64) {
         self.cut_until_us = self.cut_until_us.max(until_us);
     }
 
-    /// A datagram of `payload` bytes comes at `now_us`, which never goes back.
+    /// Offers a datagram of `payload` bytes at `now_us`, which never decreases.
     pub fn offer(&mut self, now_us: u64, payload: usize, item: T) {
         let bytes = on_the_wire(payload) as u64;
         self.counts.offered.count(now_us, bytes);
@@ -169,7 +169,7 @@ impl<T: Clone> RelayLink<T> {
         self.send(due_us, bytes, item);
     }
 
-    /// When the next datagram arrives, if any is in flight.
+    /// Arrival of the next datagram, if any is in flight.
     pub fn next_due_us(&self) -> Option<u64> {
         self.on_the_way.keys().next().map(|&(due_us, _)| due_us)
     }
@@ -185,12 +185,12 @@ impl<T: Clone> RelayLink<T> {
         Some(item)
     }
 
-    /// What became of the datagrams so far.
+    /// The counts so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
 
-    /// Begins to count anew.
+    /// Resets the counts.
     pub fn restart_counts(&mut self) {
         let Counts {
             mut offered,
@@ -223,7 +223,7 @@ impl<T: Clone> RelayLink<T> {
         }
     }
 
-    /// When a datagram of `bytes` has left the queue, microseconds; `None` where there is no room.
+    /// Time at which a datagram of `bytes` leaves the queue, microseconds; `None` if it is full.
     fn queue(&mut self, now_us: u64, bytes: u64) -> Option<u64> {
         let Some(rate_bytes_s) = self.impairment.rate_bytes_s else {
             return Some(now_us);

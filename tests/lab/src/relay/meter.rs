@@ -1,4 +1,4 @@
-//! Bytes in all, and the most in any one second.
+//! Counts bytes: the sum, and the most in any one second.
 
 use std::collections::VecDeque;
 
@@ -14,15 +14,14 @@ pub struct ByteMeter {
     pub bytes: u64,
     /// Most bytes of any one second, wherever it begins.
     pub peak_bytes_s: u64,
-    /// What passed in the second that ends with the newest: instant and bytes.
+    /// Datagrams of the second that ends with the newest: time and bytes.
     window: VecDeque<(u64, u64)>,
     in_window: u64,
 }
 
 impl ByteMeter {
-    /// Counts a datagram of `bytes` at `now_us`, which never goes back. The second that ends with it
-    /// holds what came after `now_us` less a second: a fullest second ends with a datagram, so none is
-    /// missed.
+    /// Counts a datagram of `bytes` at `now_us`, which never decreases. The second that ends with it contains what came after
+    /// `now_us` less a second. A fullest second ends with a datagram, so none is missed.
     pub fn count(&mut self, now_us: u64, bytes: u64) {
         self.datagrams += 1;
         self.bytes += bytes;
@@ -38,7 +37,7 @@ impl ByteMeter {
         self.in_window
     }
 
-    /// Begins to count anew; the second that runs goes on.
+    /// Resets the counts; the current second continues.
     pub fn restart(&mut self) {
         (self.datagrams, self.bytes) = (0, 0);
         self.peak_bytes_s = 0;

@@ -1,9 +1,9 @@
-//! Our own relay of datagrams, so that loss is loss: between an edge and fusion it stands for a radio
-//! bridge that is slow, far, noisy or cut, and counts as a referee what each side has sent.
+//! A relay of datagrams between an edge and fusion. It simulates a radio bridge that is slow, far, noisy or cut, and counts
+//! the traffic of both sides.
 //!
-//! [`RelayLink`] is the model of one direction: a bounded queue before a rate, then loss, delay and
-//! disorder. It knows no socket and no clock; time is passed in, and the same seed gives every
-//! datagram the same fate. [`UdpRelay`] is the thin shell that puts two of them between sockets.
+//! [`RelayLink`] models one direction: a bounded queue before a rate, then loss, delay and reordering. It has no socket and no
+//! clock; time is an argument, and the same seed gives every datagram the same fate. [`UdpRelay`] connects two of them to
+//! sockets.
 
 mod clock;
 #[cfg(test)]

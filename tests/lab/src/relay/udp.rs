@@ -1,7 +1,7 @@
-//! Two links between sockets: what clients send to the relay's port goes to a server, and back.
+//! Two links between sockets: datagrams of clients go from the relay's port to a server, and back.
 //!
-//! All clients of one relay share its two links, as all who stand behind one radio bridge do. Each has
-//! a socket of its own towards the server, so that the server tells them apart.
+//! All clients of one relay share its two links, as behind one radio bridge. Each has a socket of its own towards the server,
+//! so that the server distinguishes them.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io;
@@ -14,14 +14,14 @@ use std::time::Duration;
 use super::clock::Clock;
 use super::{Counts, Impairment, RelayLink, on_the_wire};
 
-/// Most clients; those beyond are not heard.
+/// Most clients; later ones are ignored.
 const MAX_CLIENTS: usize = 256;
 /// Longest datagram that IP carries, bytes.
 const MAX_DATAGRAM: usize = 65_535;
-/// How often a thread without work looks whether the relay has ended.
+/// Interval at which an idle thread checks whether the relay has ended.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Which way a datagram goes.
+/// Direction of a datagram.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direction {
     /// From a client to the server.
@@ -30,10 +30,10 @@ pub enum Direction {
     Down,
 }
 
-/// A datagram, and the socket and address by which it leaves.
+/// A datagram with the socket and address for sending it.
 #[derive(Debug, Clone)]
 struct OutgoingDatagram {
-    /// Whose it is, from the server or to it.
+    /// The client that sent it or receives it.
     client: SocketAddr,
     socket: Arc<UdpSocket>,
     /// `None`: the socket is connected.
@@ -41,7 +41,7 @@ struct OutgoingDatagram {
     bytes: Arc<[u8]>,
 }
 
-/// A relay on a port of its own; it ends when it is dropped.
+/// A relay on a port of its own; it ends when dropped.
 #[derive(Debug)]
 pub struct UdpRelay {
     address: SocketAddr,
@@ -55,18 +55,18 @@ struct RelayShared {
     server: SocketAddr,
     /// Up, down.
     links: Mutex<[RelayLink<OutgoingDatagram>; 2]>,
-    /// What went up from each client since the start or the last [`UdpRelay::restart_counts`], bytes with headers.
+    /// Bytes from each client since the start or the last [`UdpRelay::restart_counts`], with headers.
     up_bytes: Mutex<BTreeMap<SocketAddr, u64>>,
-    /// Something was sent off, or the relay ends.
+    /// Signals a new datagram, or the end of the relay.
     changed: Condvar,
     ended: AtomicBool,
 }
 
 impl UdpRelay {
-    /// Listens on `listen` (port 0: a free one) and forwards to `server`, in both directions without fault.
+    /// Listens on `listen` (port 0: a free one) and forwards to `server`, without impairments.
     ///
     /// # Errors
-    /// The port cannot be had, or the system has no thread left.
+    /// The port is not free, or the system has no thread left.
     pub fn start(listen: SocketAddr, server: SocketAddr, seed: u64) -> io::Result<Self> {
         let socket = Arc::new(UdpSocket::bind(listen)?);
         socket.set_read_timeout(Some(PAUSE))?;
@@ -89,30 +89,30 @@ impl UdpRelay {
         };
         relay.spawn("relay-out", {
             let shared = Arc::clone(&shared);
-            move || shared.send_what_is_due()
+            move || shared.send_due()
         })?;
         relay.spawn("relay-in", move || listen_to_clients(&shared, &socket))?;
         Ok(relay)
     }
 
-    /// Where clients send to.
+    /// The address for clients.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Changes what one direction does from now on.
+    /// Changes the impairments of one direction.
     pub fn set(&self, direction: Direction, impairment: Impairment) {
         self.shared.lock()[direction as usize].set(impairment);
     }
 
-    /// Changes what both directions do from now on.
+    /// Changes the impairments of both directions.
     pub fn set_both(&self, impairment: Impairment) {
         for link in self.shared.lock().iter_mut() {
             link.set(impairment);
         }
     }
 
-    /// Lets nothing pass for `span`, either way.
+    /// Drops everything for `span`, both ways.
     pub fn cut(&self, span: Duration) {
         let span_us = u64::try_from(span.as_micros()).unwrap_or(u64::MAX);
         let until_us = self.shared.clock.now_us().saturating_add(span_us);
@@ -121,12 +121,12 @@ impl UdpRelay {
         }
     }
 
-    /// What became of the datagrams of one direction, since the start or [`Self::restart_counts`].
+    /// Counts of one direction, since the start or [`Self::restart_counts`].
     pub fn counts(&self, direction: Direction) -> Counts {
         self.shared.lock()[direction as usize].counts().clone()
     }
 
-    /// Begins to count anew, in both directions.
+    /// Resets the counts of both directions.
     pub fn restart_counts(&self) {
         for link in self.shared.lock().iter_mut() {
             link.restart_counts();
@@ -134,7 +134,7 @@ impl UdpRelay {
         self.shared.up_bytes().clear();
     }
 
-    /// What has arrived at the server of each client, since the start or [`Self::restart_counts`], bytes with headers.
+    /// Bytes delivered to the server from each client, since the start or [`Self::restart_counts`], with headers.
     pub fn up_bytes_by_client(&self) -> Vec<u64> {
         self.shared.up_bytes().values().copied().collect()
     }
@@ -151,7 +151,7 @@ impl Drop for UdpRelay {
         self.shared.ended.store(true, Ordering::Relaxed);
         self.shared.changed.notify_all();
         for thread in self.threads.drain(..) {
-            // A thread that has panicked has said so.
+            // A thread that panicked has printed its message.
             drop(thread.join());
         }
     }
@@ -159,12 +159,12 @@ impl Drop for UdpRelay {
 
 impl RelayShared {
     fn lock(&self) -> MutexGuard<'_, [RelayLink<OutgoingDatagram>; 2]> {
-        // A panic elsewhere leaves whole links behind.
+        // A panic elsewhere leaves complete links.
         self.links.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn up_bytes(&self) -> MutexGuard<'_, BTreeMap<SocketAddr, u64>> {
-        // A panic elsewhere leaves whole counts behind.
+        // A panic elsewhere leaves complete counts.
         self.up_bytes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -181,13 +181,13 @@ impl RelayShared {
     }
 
     /// Thread: sends each datagram when it is due.
-    fn send_what_is_due(&self) {
+    fn send_due(&self) {
         let mut links = self.lock();
         while !self.has_ended() {
             let now_us = self.clock.now_us();
             if let Some(outgoing) = links.iter_mut().find_map(|link| link.take(now_us)) {
                 drop(links);
-                // A client that has gone refuses; that is a loss like any other.
+                // A client that has gone refuses, which is a loss like any other.
                 let OutgoingDatagram {
                     client,
                     socket,
@@ -216,7 +216,7 @@ impl RelayShared {
     }
 }
 
-/// Thread: what clients send goes up.
+/// Thread: forwards the datagrams of clients.
 fn listen_to_clients(shared: &Arc<RelayShared>, socket: &Arc<UdpSocket>) {
     let mut clients: HashMap<SocketAddr, (Arc<UdpSocket>, JoinHandle<()>)> = HashMap::new();
     let mut buffer = vec![0; MAX_DATAGRAM];
@@ -242,12 +242,12 @@ fn listen_to_clients(shared: &Arc<RelayShared>, socket: &Arc<UdpSocket>) {
         }
     }
     for (_, thread) in clients.into_values() {
-        // A thread that has panicked has said so.
+        // A thread that panicked has printed its message.
         drop(thread.join());
     }
 }
 
-/// A socket towards the server for a new client, and the thread that brings the answers back.
+/// A socket towards the server for a new client, and the thread that forwards the answers.
 fn open_client(
     shared: &Arc<RelayShared>,
     socket: &Arc<UdpSocket>,
@@ -260,14 +260,14 @@ fn open_client(
     let up = Arc::new(UdpSocket::bind(any)?);
     up.connect(shared.server)?;
     up.set_read_timeout(Some(PAUSE))?;
-    let (shared, socket, heard) = (Arc::clone(shared), Arc::clone(socket), Arc::clone(&up));
+    let (shared, socket, received) = (Arc::clone(shared), Arc::clone(socket), Arc::clone(&up));
     let thread = thread::Builder::new()
         .name("relay-back".to_owned())
         .spawn(move || {
             let mut buffer = vec![0; MAX_DATAGRAM];
             while !shared.has_ended() {
-                // A server that is not there yet refuses; it may come.
-                let Ok(n) = heard.recv(&mut buffer) else {
+                // A server that has not started refuses; it may start later.
+                let Ok(n) = received.recv(&mut buffer) else {
                     continue;
                 };
                 let outgoing = OutgoingDatagram {
@@ -295,7 +295,7 @@ mod tests {
         socket
     }
 
-    fn heard(socket: &UdpSocket) -> (Vec<u8>, SocketAddr) {
+    fn received(socket: &UdpSocket) -> (Vec<u8>, SocketAddr) {
         let mut buffer = [0; 2000];
         let (n, from) = socket.recv_from(&mut buffer).unwrap();
         (buffer[..n].to_vec(), from)
@@ -311,11 +311,11 @@ mod tests {
             client.send_to(&[i as u8; 100], relay.address()).unwrap();
         }
         for _ in 0..2 {
-            let (bytes, from) = heard(&server);
+            let (bytes, from) = received(&server);
             server.send_to(&bytes[..10], from).unwrap();
         }
         for (i, client) in clients.iter().enumerate() {
-            assert_eq!(heard(client).0, [i as u8; 10]);
+            assert_eq!(received(client).0, [i as u8; 10]);
         }
         let (up, down) = (relay.counts(Direction::Up), relay.counts(Direction::Down));
         assert_eq!((up.offered.datagrams, up.offered.bytes), (2, 256));
@@ -324,14 +324,14 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_ends_and_the_link_is_as_it_was() {
+    fn a_cut_ends_and_the_link_works_again() {
         let server = socket();
         let any = "127.0.0.1:0".parse().unwrap();
         let relay = UdpRelay::start(any, server.local_addr().unwrap(), 1).unwrap();
         let client = socket();
         relay.cut(Duration::from_millis(50));
         client.send_to(b"lost", relay.address()).unwrap();
-        // Again and again until one comes through: how long that takes is the machine's affair.
+        // Repeats until one passes, which takes as long as the machine needs.
         server
             .set_read_timeout(Some(Duration::from_millis(5)))
             .unwrap();

@@ -1,4 +1,4 @@
-//! Where the error comes from: the distance from the truth after each stage, by kind of keypoint.
+//! The error budget: distance from the truth after each stage, by kind of keypoint.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -15,7 +15,7 @@ use super::baseline::outliers::Thresholds;
 use super::run::SceneRun;
 use farfield_sim::scene::SITE_JOINTS;
 
-/// Kinds of keypoints, with the beginnings of their positions in COCO's order.
+/// Kinds of keypoints, with their ranges in COCO's order.
 const KINDS: [(&str, std::ops::Range<usize>); 7] = [
     ("face", 0..5),
     ("shoulders", 5..7),
@@ -25,14 +25,14 @@ const KINDS: [(&str, std::ops::Range<usize>); 7] = [
     ("knees", 13..15),
     ("ankles", 15..17),
 ];
-/// The scored points: all but the face.
+/// The scored points: all except the face.
 const LIMBS: std::ops::Range<usize> = 5..17;
-/// Speed from which a lag can be told from an error along the way, m/s.
+/// Speed from which a lag shows along the motion, m/s.
 const MOVING_M_S: f64 = 0.5;
-/// Share of the prediction errors that the lattice has to hold.
+/// Share of prediction errors that the lattice must contain.
 const HELD: f64 = 0.999;
 
-/// A mean over what was added.
+/// A running mean.
 #[derive(Debug, Clone, Copy, Default)]
 struct Mean {
     sum: f64,
@@ -70,30 +70,30 @@ struct Sums {
     prediction_axes_m: Vec<f64>,
 }
 
-/// Mean distances of one kind of keypoint, millimetres; `None` where nothing was measured.
+/// Mean distances of one kind of keypoint, millimetres; `None` without data.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct KindBudget {
-    /// `face`, `shoulders` and so on, or `limbs`: the 12 that are scored.
+    /// `face`, `shoulders` and so on, or `limbs`: the 12 scored ones.
     pub kind: String,
     /// Prediction to site.
     pub predicted_mm: Option<f64>,
-    /// Half width that holds 99.9 % of the prediction errors per axis.
+    /// Half width that contains 99.9 % of the prediction errors per axis.
     pub lattice_needed_mm: Option<f64>,
-    /// Share that no view supported, percent.
+    /// Share without support by any view, percent.
     pub unsupported: Option<f64>,
-    /// Lattice's answer to site, where supported.
+    /// Lattice result to site, where supported.
     pub lattice_mm: Option<f64>,
     /// After the first inverse kinematics, to joint.
     pub ik1_mm: Option<f64>,
     /// After the filter, to joint.
     pub filtered_mm: Option<f64>,
-    /// After the second inverse kinematics, to joint: what is published.
+    /// After the second inverse kinematics, to joint: the published pose.
     pub ik2_mm: Option<f64>,
     /// The same joint to the site.
     pub ik2_site_mm: Option<f64>,
-    /// Part of the published error that stays the same in the axes of the pelvis.
+    /// Part of the published error that is constant in the axes of the pelvis.
     pub constant_mm: Option<f64>,
-    /// Signed error along the truth's velocity while it moves: before the filter, minus is behind.
+    /// Signed error along the truth's velocity during motion, before the filter; minus is behind.
     pub along_ik1_mm: Option<f64>,
     /// The same after the filter.
     pub along_filtered_mm: Option<f64>,
@@ -111,7 +111,7 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// The budget of a run that kept its stages, and its peaks if triangulation shall be in it.
+    /// The budget of a run that kept its stages, and its peaks if it includes triangulation.
     pub fn of(run: &SceneRun) -> Self {
         let dlt: Vec<Trajectory> = run
             .scene

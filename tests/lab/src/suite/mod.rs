@@ -1,4 +1,4 @@
-//! Scenes run through the whole system and scored, beside what plain triangulation gets.
+//! Scenes run through the whole system and scored against plain triangulation.
 
 pub mod baseline;
 pub mod budget;

@@ -1,16 +1,14 @@
-//! Parameters that differ from the defaults, as a study is told them: TOML text such as
-//! `tuning.smoothing.cutoff_hz = 6`.
 
 use std::path::Path;
 
 use farfield_proto::toml_file::{FileError, TomlFile};
 use farfield_proto::venue::Parameters;
 
-/// The default parameters with what `text` says changed: the parameters' tables of a venue file, and its
-/// `[tuning]`. Ranges are not checked: a study may leave them.
+/// The default parameters changed by TOML `text` such as `tuning.smoothing.cutoff_hz = 6`: the parameters' tables of a venue
+/// file, and its `[tuning]`. Ranges are not checked, so that a study may leave them.
 ///
 /// # Errors
-/// [`FileError`] when the text is no TOML, or names a table or field that is not there.
+/// [`FileError`] if the text is no TOML, or has an unknown table or field.
 pub fn parameters(text: &str) -> Result<Parameters, FileError> {
     Parameters::read(&TomlFile::parse(text, Path::new("the overrides"))?)
 }
@@ -20,7 +18,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_named_keeps_its_default() {
+    fn unnamed_parameters_keep_their_defaults() {
         let changed =
             parameters("tuning.smoothing.cutoff_hz = 4.5\nrange_of_motion.enabled = false")
                 .unwrap();

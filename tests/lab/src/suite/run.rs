@@ -1,4 +1,5 @@
-//! One scene through the whole system, in lock-step in this process, with what studies ask for kept.
+//! One scene through the whole system, in lock-step in this process, with the data for studies; parameters, shared sources and
+//! traffic of such runs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -34,22 +35,22 @@ use farfield_sim::simulated::in_memory::{Input, sources_of, venue_of};
 pub struct SceneRunPlan {
     /// The method's parameters.
     pub parameters: Parameters,
-    /// Whether the peaks of every patch are kept, for the baseline.
+    /// Whether to keep the peaks of every patch, for the baseline.
     pub keep_peaks: bool,
-    /// Whether the stages of every track are kept, for the error budget.
+    /// Whether to keep the stages of every track, for the error budget.
     pub keep_stages: bool,
-    /// Whether poses are smoothed in two passes, instead of with the delay of the parameters.
+    /// Whether to smooth poses in two passes, instead of with the delay of the parameters.
     pub two_passes: bool,
-    /// When nothing of what the edges say reaches fusion.
+    /// Periods in which no message of the edges reaches fusion.
     pub cuts: Option<Cuts>,
-    /// How far and lossy the links are.
+    /// Delay and loss of the links.
     pub links: FarLinks,
-    /// Makes a codec that takes the place of ours, one for every edge.
+    /// Makes a codec for every edge that replaces ours.
     pub stand_in: Option<Arc<dyn Fn() -> Box<dyn StandIn>>>,
 }
 
 impl SceneRunPlan {
-    /// Runs with `parameters`, and keeps the poses alone.
+    /// Runs with `parameters`, and keeps only poses.
     pub fn with(parameters: Parameters) -> Self {
         Self {
             parameters,
@@ -61,15 +62,15 @@ impl SceneRunPlan {
 /// One person of fusion between the stages of a tick, world metres.
 #[derive(Debug, Clone)]
 pub struct Stages {
-    /// Where the keypoints were expected.
+    /// Predicted keypoints.
     pub predicted_m: Vec<Vector3<f64>>,
-    /// What the lattice found, and whether any view supports it.
+    /// Lattice results, and whether any view supports them.
     pub lattice_m: Vec<(Vector3<f64>, bool)>,
     /// After the first inverse kinematics.
     pub ik1_m: Joints,
     /// After the filter.
     pub filtered_m: Joints,
-    /// After the second inverse kinematics: what is published.
+    /// After the second inverse kinematics: the published pose.
     pub ik2_m: Joints,
     /// The filter's velocity, m/s.
     pub velocity_m_s: Joints,
@@ -89,40 +90,37 @@ impl Stages {
     }
 }
 
-/// What a scene came to.
+/// Results of a scene.
 pub struct SceneRun {
     /// The scene.
     pub scene: Arc<Scene>,
-    /// The true people, by number, while they can be asked for.
+    /// The true people who count in scores, by number.
     pub truth: PoseLines,
     /// The first tick of each in the truth.
     pub since: BTreeMap<u32, Tick>,
-    /// What a live listener gets at each tick; here and in the files, poses of people who cannot be
-    /// asked for are left out.
+    /// Live poses at each tick; here and in the files without poses of people who do not count.
     pub causal: PoseLines,
-    /// What the files hold in the end: the same, with the tentative ticks of those who were
-    /// confirmed later.
+    /// Final poses of the files: the same, with the tentative ticks of people who were confirmed later.
     pub finished: PoseLines,
-    /// What came out of the delay, where one was asked for.
+    /// Smoothed poses, if there is a delay.
     pub smoothed: PoseLines,
     /// The keypoints of the maps.
     pub keypoints: KeypointSet,
     /// Per camera of the venue, world metres to homogeneous undistorted pixels.
     pub pixel_from_world: Vec<Matrix3x4<f64>>,
     presence: ScenePresence,
-    /// What changed who is who, in order.
+    /// Identity events, in order.
     pub events: Vec<(Tick, IdentityEvent)>,
-    /// What the edges sent.
+    /// Traffic of the edges.
     pub traffic: Traffic,
-    /// Per tick and id on the wire, what each camera showed; empty unless the plan keeps it.
+    /// Peaks by tick, id on the wire and camera; empty unless the plan keeps them.
     peaks: BTreeMap<Tick, BTreeMap<u32, Vec<PersonView>>>,
-    /// Per id on the wire: whose it was in the end. Who comes back has one for each stay.
+    /// Final id by id on the wire. A person who returns has one wire id for each stay.
     id_of_wire: BTreeMap<u32, u32>,
     /// Per tick and id of fusion; empty unless the plan keeps it.
     stages: BTreeMap<Tick, BTreeMap<u32, Stages>>,
 }
 
-/// A run under way.
 struct Running {
     nodes: InProcess,
     plan: SceneRunPlan,
@@ -154,7 +152,7 @@ impl Running {
         }
     }
 
-    /// Works on the next tick; whether there was one.
+    /// Computes the next tick; whether there was one.
     fn step(&mut self) -> anyhow::Result<bool> {
         let Some(trace) = self.nodes.step()? else {
             return Ok(false);
@@ -196,17 +194,17 @@ impl Running {
         }
         let cameras = self.nodes.venue().cameras.iter();
         let presence = ScenePresence::of(scene);
-        let asked_for = |people| {
+        let scorable = |people| {
             let poses = PoseLines::from_people(PointSet::Joints, people);
-            presence.asked_for(&poses)
+            presence.scorable(&poses)
         };
         SceneRun {
             scene: Arc::clone(scene),
             truth: presence.truth.clone(),
             since: presence.since.clone(),
-            causal: asked_for(self.causal),
-            finished: asked_for(self.finished),
-            smoothed: asked_for(self.smoothed),
+            causal: scorable(self.causal),
+            finished: scorable(self.finished),
+            smoothed: scorable(self.smoothed),
             keypoints,
             pixel_from_world: cameras.map(|c| c.model.projection_matrix()).collect(),
             presence,
@@ -223,7 +221,7 @@ impl SceneRun {
     /// Runs `scene` once.
     ///
     /// # Errors
-    /// When the network cannot be loaded or fails, or no thread is left to render with.
+    /// The network cannot be loaded or fails, or no thread is left to render with.
     pub fn make(scene: &Arc<Scene>, input: &Input, plan: SceneRunPlan) -> anyhow::Result<Self> {
         let [run] = Self::make_all(scene, input, [plan])?;
         Ok(run)
@@ -232,7 +230,7 @@ impl SceneRun {
     /// Runs `scene` once per plan, over the same frames, which are made once.
     ///
     /// # Errors
-    /// As [`Self::make`].
+    /// See [`Self::make`].
     pub fn make_all<const N: usize>(
         scene: &Arc<Scene>,
         input: &Input,
@@ -270,8 +268,7 @@ impl SceneRun {
             .map_err(|_| anyhow::anyhow!("as many runs as plans"))
     }
 
-    /// Per actor, the first tick at which a live listener gets it; an actor that is never found is not
-    /// in it.
+    /// Per actor, the first tick at which a live observer receives it; actors that are never found are missing.
     pub fn found(&self) -> BTreeMap<u32, Tick> {
         let mut found = BTreeMap::new();
         for tick in self.truth.ticks() {
@@ -282,8 +279,8 @@ impl SceneRun {
         found
     }
 
-    /// The truth from `found` on: until then a live listener has nobody yet. All of an actor that is
-    /// not in `found`.
+    /// The truth from each actor's `found` tick on, since before it a live observer has no pose. All of an actor that is not in
+    /// `found`.
     pub fn truth_since(&self, found: &BTreeMap<u32, Tick>) -> PoseLines {
         let mut people = People::new();
         for tick in self.truth.ticks() {
@@ -298,52 +295,52 @@ impl SceneRun {
         PoseLines::from_people(PointSet::Joints, people)
     }
 
-    /// Scores `poses` against all of the truth: the ticks until somebody is found are gaps.
+    /// Scores `poses` against all of the truth: the ticks until a person is found are gaps.
     pub fn score(&self, poses: &PoseLines) -> Scores {
         let rate_hz = Some(self.scene.rate_hz());
-        let poses = self.presence.asked_for(poses);
+        let poses = self.presence.scorable(poses);
         score(&poses, &self.truth, TruthExtent::Whole, rate_hz)
     }
 
-    /// Scores `poses` against the truth since each actor was `found` by this run: for outputs of one run that differ
-    /// in when they begin.
+    /// Scores `poses` against the truth since each actor was `found` by this run: for outputs of one run that begin at different
+    /// ticks.
     pub fn score_since(&self, poses: &PoseLines, found: &BTreeMap<u32, Tick>) -> Scores {
         let rate_hz = Some(self.scene.rate_hz());
-        let (poses, truth) = (self.presence.asked_for(poses), self.truth_since(found));
+        let (poses, truth) = (self.presence.scorable(poses), self.truth_since(found));
         score(&poses, &truth, TruthExtent::Whole, rate_hz)
     }
 
-    /// When somebody's id changes in `poses`.
+    /// Changes of ids in `poses`.
     pub fn id_changes(&self, poses: &PoseLines) -> Vec<IdChange> {
-        let poses = self.presence.asked_for(poses);
+        let poses = self.presence.scorable(poses);
         IdChange::all(&poses, &self.truth, self.scene.rate_hz())
     }
 
-    /// The gaps of what a live listener gets, since it first got each actor, that nothing excuses; `live` are the
-    /// scores of the same. How long the first pose takes is a figure of its own.
-    pub fn gaps_to_answer_for(&self, live: &Scores) -> BTreeSet<(Tick, u32)> {
-        let poses = self.presence.asked_for(&self.causal);
+    /// Unexcused gaps of live poses since the first pose of each actor; `live` are the scores of the same. Another figure measures
+    /// the time until the first pose.
+    pub fn unexcused_gaps(&self, live: &Scores) -> BTreeSet<(Tick, u32)> {
+        let poses = self.presence.scorable(&self.causal);
         let truth = self.truth_since(&self.found());
-        gaps::to_answer_for(&self.scene, &poses, &truth, &live.lives.return_gaps)
+        gaps::unexcused(&self.scene, &poses, &truth, &live.lives.return_gaps)
     }
 
-    /// Mean and largest error of `poses`, metres, at the ticks that `counts`, since each actor was `found`;
-    /// `None` where no actor has a pose.
+    /// Mean and largest error of `poses`, metres, at the ticks that `counts`, since each actor was `found`; `None` if no actor has
+    /// a pose.
     pub fn errors_at(
         &self,
         poses: &PoseLines,
         found: &BTreeMap<u32, Tick>,
         counts: impl Fn(Tick) -> bool,
     ) -> Option<(f64, f64)> {
-        let errors = errors_over_time(&self.presence.asked_for(poses), &self.truth_since(found));
+        let errors = errors_over_time(&self.presence.scorable(poses), &self.truth_since(found));
         let of_ticks = errors.values().flatten().filter(|(tick, _)| counts(*tick));
         let errors_m: Vec<f64> = of_ticks.filter_map(|(_, error_m)| *error_m).collect();
         let most_m = errors_m.iter().copied().reduce(f64::max)?;
         Some((errors_m.iter().sum::<f64>() / errors_m.len() as f64, most_m))
     }
 
-    /// What the cameras showed of `actor` (a number of the truth) at each tick: the crops of whoever
-    /// of fusion's persons was that actor then.
+    /// The peaks of `actor` (a number of the truth) in the cameras at each tick: from the crops of fusion's person that matched
+    /// that actor.
     pub fn views_of(&self, actor: u32) -> BTreeMap<Tick, Vec<PersonView>> {
         let at = |(&tick, people): (&Tick, &BTreeMap<u32, Vec<PersonView>>)| {
             let id = *matches_at(tick, &self.finished, &self.truth).get(&actor)?;
@@ -355,7 +352,7 @@ impl SceneRun {
         self.peaks.iter().filter_map(at).collect()
     }
 
-    /// Each true person (by position in the scene) with the stages of its track, tick after tick.
+    /// Each true person (by index in the scene) with the stages of its track, by tick.
     pub fn matched_stages(&self) -> impl Iterator<Item = (Tick, usize, &Stages)> {
         self.stages.iter().flat_map(|(&tick, people)| {
             let matches = matches_at(tick, &self.causal, &self.truth);

@@ -1,5 +1,5 @@
-//! Which scenes a suite has, and where they are: the fixed ones beside the recordings, else a smaller
-//! suite on the project's own motion clips.
+//! The scenes of the suites, and their files: the fixed ones next to the recordings, else a smaller suite of the project's own
+//! motion clips.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,37 +19,37 @@ use crate::conditions::Cuts;
 pub struct Suite {
     /// Its name.
     pub name: &'static str,
-    /// The fixed scenes, by file name without the ending.
+    /// The fixed scenes, by file name without extension.
     pub fixed: &'static [&'static str],
-    /// The project's own that stand in for them.
+    /// The project's own scenes that replace them.
     pub own: &'static [&'static str],
-    /// The project's own that run in any case: what they probe no fixed scene does.
+    /// The project's own scenes that always run, since no fixed scene tests the same.
     pub probes: &'static [&'static str],
 }
 
-/// A scene to which something is added: a fixed one, or where a suite runs on the project's own, one of these.
+/// A scene with an addition: of a fixed scene, or of the project's own.
 struct SceneVariant {
     name: &'static str,
-    of: &'static str,
-    /// TOML that is added to the file's.
+    base: &'static str,
+    /// TOML that is added to the file.
     added: &'static str,
-    /// Seconds for which, ten times, all links are cut.
+    /// Duration of each of ten cuts of all links, seconds.
     cut_s: Option<f64>,
 }
 
-const fn added(name: &'static str, of: &'static str, added: &'static str) -> SceneVariant {
+const fn added(name: &'static str, base: &'static str, added: &'static str) -> SceneVariant {
     SceneVariant {
         name,
-        of,
+        base,
         added,
         cut_s: None,
     }
 }
 
-const fn cut(name: &'static str, of: &'static str, cut_s: f64) -> SceneVariant {
+const fn cut(name: &'static str, base: &'static str, cut_s: f64) -> SceneVariant {
     SceneVariant {
         name,
-        of,
+        base,
         added: "",
         cut_s: Some(cut_s),
     }
@@ -75,9 +75,9 @@ const VARIANTS: [SceneVariant; 11] = [
 
 const ALL_LOST: &str = include_str!("../../../../sim/scenes/all-lost.toml");
 
-/// How often links are cut.
+/// Number of cuts.
 const CUTS: f64 = 10.0;
-/// How long they hold in between, seconds: longer than it takes to know everybody again.
+/// Time between cuts, seconds: longer than it takes to recognise all people again.
 const HOLD_S: f64 = 1.8;
 
 /// All suites.
@@ -131,34 +131,34 @@ const OWN: [&str; 8] = [
     "sprint",
 ];
 
-/// A scene with its name, before it is changed by whoever runs it.
+/// A scene with its name, before changes by its user.
 pub struct NamedScene {
-    /// The file's name without its ending.
+    /// The file name without extension.
     pub name: String,
     /// The scene.
     pub scene: Scene,
-    /// When all links are cut.
+    /// Cuts of all links.
     pub cuts: Option<Cuts>,
 }
 
-/// The scenes that were asked for.
+/// The requested scenes.
 pub struct ChosenScenes {
-    /// In the order asked.
+    /// In the requested order.
     pub scenes: Vec<NamedScene>,
-    /// What a reader of the figures must know: that other scenes stand in or are left out, and why.
+    /// Note for readers of the figures: which scenes are replaced or left out, and why.
     pub note: Option<String>,
 }
 
-/// The scenes of a suite's name, of variants of fixed scenes, or of scene files. `root` holds the folder `scenes`.
+/// The scenes of suites, of variants of fixed scenes, or of scene files. `root` contains the folder `scenes`.
 ///
 /// # Errors
-/// When neither a suite nor a file has the name, or a scene that is there cannot be read.
-pub fn choose(asked: &[String], root: &Path) -> anyhow::Result<ChosenScenes> {
+/// There is neither a suite nor a file of that name, or a scene cannot be read.
+pub fn choose(requested: &[String], root: &Path) -> anyhow::Result<ChosenScenes> {
     let mut chosen = ChosenScenes {
         scenes: Vec::new(),
         note: None,
     };
-    for name in asked {
+    for name in requested {
         match SUITES.iter().find(|suite| suite.name == name) {
             Some(suite) => suite.add(root, &mut chosen)?,
             None if variant(name).is_some() && missing_of(root, name).is_none() => {
@@ -171,8 +171,8 @@ pub fn choose(asked: &[String], root: &Path) -> anyhow::Result<ChosenScenes> {
 }
 
 impl ChosenScenes {
-    /// Leaves out the scenes that pictures cannot show, those with mirrors, and says so in the note.
-    pub fn leave_out_what_pictures_cannot_show(&mut self) {
+    /// Removes scenes with mirrors, which images cannot show, and adds this to the note.
+    pub fn leave_out_mirrors(&mut self) {
         let mut left_out = Vec::new();
         self.scenes.retain(|NamedScene { name, scene, .. }| {
             let is_shown = scene.mirrors().is_empty();
@@ -227,7 +227,7 @@ fn variant(name: &str) -> Option<&'static SceneVariant> {
 }
 
 impl SceneVariant {
-    /// What it makes of the scene file `text`: it lasts until all cuts are over.
+    /// The scene file of the variant, from `text`; it lasts until all cuts are over.
     fn text(&self, text: &str) -> String {
         let Some(cut_s) = self.cut_s else {
             return format!("{text}\n{}", self.added);
@@ -254,10 +254,10 @@ impl SceneVariant {
     }
 }
 
-/// The file of a fixed scene, or of that of which `name` is a variant.
+/// The file of a fixed scene, or of the scene that `name` is a variant of.
 fn file_of(root: &Path, name: &str) -> PathBuf {
-    let of = variant(name).map_or(name, |variant| variant.of);
-    root.join("scenes").join(of).with_extension("toml")
+    let base = variant(name).map_or(name, |variant| variant.base);
+    root.join("scenes").join(base).with_extension("toml")
 }
 
 fn fixed(root: &Path, name: &str) -> anyhow::Result<NamedScene> {
@@ -275,13 +275,13 @@ fn fixed(root: &Path, name: &str) -> anyhow::Result<NamedScene> {
     })
 }
 
-/// The project's own scene, or variant of one.
+/// The project's own scene, or a variant of one.
 fn own(name: &str) -> Result<NamedScene, FileError> {
-    let of = variant(name).map_or(name, |variant| variant.of);
-    let known = embedded::SCENES.iter().find(|(known, _)| *known == of);
+    let base = variant(name).map_or(name, |variant| variant.base);
+    let known = embedded::SCENES.iter().find(|(known, _)| *known == base);
     let scene = match (variant(name), known) {
         (Some(variant), Some((_, text))) => {
-            let path = Path::new("scenes").join(of).with_extension("toml");
+            let path = Path::new("scenes").join(base).with_extension("toml");
             embedded::with_clips(&variant.text(text), &path)?
         }
         _ => embedded::scene(name)?,
@@ -293,13 +293,13 @@ fn own(name: &str) -> Result<NamedScene, FileError> {
     })
 }
 
-/// The first file that a fixed scene needs and that is not there: itself or a clip.
+/// The first missing file of a fixed scene: itself or a clip.
 fn missing_of(root: &Path, name: &str) -> Option<PathBuf> {
     let file = file_of(root, name);
     let Ok(text) = std::fs::read_to_string(&file) else {
         return Some(file);
     };
-    // What is wrong in it is said when it is read.
+    // Faults in it are reported when it is read.
     let scene = SceneFile::parse(&text, &file).ok()?;
     let missing = scene.clips().find(|clip| !clip.exists());
     missing.map(Path::to_owned)
@@ -326,7 +326,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn without_the_fixed_scenes_the_own_stand_in_and_it_is_said() {
+    fn own_scenes_replace_missing_fixed_ones_with_a_note() {
         let chosen = choose(&["paper".to_owned()], Path::new("nowhere")).unwrap();
         assert_eq!(chosen.scenes.len(), OWN.len());
         let note = chosen.note.unwrap();
@@ -335,16 +335,16 @@ mod tests {
     }
 
     #[test]
-    fn what_pictures_cannot_show_is_left_out_and_it_is_said() {
+    fn scenes_with_mirrors_are_left_out_with_a_note() {
         let mut chosen = choose(&["identity".to_owned()], Path::new("nowhere")).unwrap();
         let all = chosen.scenes.len();
-        chosen.leave_out_what_pictures_cannot_show();
+        chosen.leave_out_mirrors();
         assert_eq!(chosen.scenes.len(), all - 1);
         let note = chosen.note.unwrap();
         assert!(note.contains("hug.toml is not there"), "{note}");
         assert!(note.ends_with("mirrors: own mirror"), "{note}");
         let mut shown = choose(&["hug".to_owned()], Path::new("nowhere")).unwrap();
-        shown.leave_out_what_pictures_cannot_show();
+        shown.leave_out_mirrors();
         assert_eq!((shown.scenes.len(), shown.note), (1, None));
     }
 
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn the_own_suite_needs_no_excuse_and_an_unknown_name_is_refused() {
+    fn the_own_suite_has_no_note_and_unknown_names_are_refused() {
         let own = choose(&["own".to_owned()], Path::new("nowhere")).unwrap();
         assert!(own.note.is_none());
         let refused = choose(&["papr".to_owned()], Path::new("nowhere"));

@@ -1,4 +1,4 @@
-//! What a delay is worth: the smoothed output against the live one, over a scene and where fusion was cut off.
+//! The value of a delay: the smoothed output against the live one, over a scene and during cuts.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use farfield_score::lines::PoseLines;
 use super::run::SceneRun;
 use crate::conditions::Cuts;
 
-/// What came of one output of a run.
+/// Scores of one output of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Worth {
     /// Means over the people.
@@ -19,10 +19,10 @@ pub struct Worth {
 }
 
 impl Worth {
-    /// Scores `poses`, an output of `run`, whose fusion was cut off by `cuts`.
+    /// Scores `poses`, an output of `run` with the given `cuts`.
     pub fn of(run: &SceneRun, poses: &PoseLines, cuts: Option<Cuts>) -> Self {
         let found = run.found();
-        let in_cut = |tick: Tick| cuts.is_some_and(|cuts| cuts.holds(tick));
+        let in_cut = |tick: Tick| cuts.is_some_and(|cuts| cuts.contains(tick));
         Self {
             mean: run.score_since(poses, &found).mean,
             in_cuts_m: run.errors_at(poses, &found, in_cut),
@@ -48,7 +48,7 @@ impl fmt::Display for Worth {
     }
 }
 
-/// The two lines over lines of [`Worth`].
+/// Two head lines for lines of [`Worth`].
 pub const HEAD: [&str; 2] = [
     "  MPJPE   sites  jitter  slide  gaps  in cuts   worst",
     "     mm      mm   m/s^3   mm/s             mm      mm",
@@ -84,13 +84,13 @@ mod tests {
     }
 
     #[test]
-    fn a_delay_is_worth_its_while_and_two_passes_more() {
+    fn a_delay_and_two_passes_improve_poses() {
         let two_passes = SceneRunPlan {
             two_passes: true,
             ..plan(0.0)
         };
         let [live, delayed, passes] = run("futsal", 3.0, [plan(0.0), plan(200.0), two_passes]);
-        assert!(live.smoothed.ticks().next().is_none(), "none was asked for");
+        assert!(live.smoothed.ticks().next().is_none(), "there is no delay");
         for smoothed in [&delayed, &passes] {
             assert_eq!(live.causal, smoothed.causal, "live poses do not change");
             let [ours, late] = [&smoothed.causal, &smoothed.smoothed]
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_late_makes_the_smoothed_output_better_and_changes_no_other() {
+    fn late_messages_improve_the_smoothed_output_only() {
         let late_by = |ticks| SceneRunPlan {
             cuts: Some(Cuts {
                 late: Some(ticks),
@@ -145,7 +145,7 @@ mod tests {
             let worth = Worth::of(run, &run.smoothed, Some(CUTS));
             worth.in_cuts_m.unwrap().0
         });
-        // 20.1 and 21.0 mm; 20.3 and 21.7 while the filter was thrown off by what it had not measured.
+        // 20.1 and 21.0 mm; 20.3 and 21.7 when unmeasured joints disturbed the filter.
         assert!(with_m < 0.97 * without_m, "{with_m} {without_m} m");
         assert!(with_m < 0.0203, "{with_m} m");
     }

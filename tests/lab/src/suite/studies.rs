@@ -16,17 +16,17 @@ use super::run::{SceneRun, SceneRunPlan};
 use farfield_sim::scene::{SITE_JOINTS, Scene};
 use farfield_sim::simulated::in_memory::Input;
 
-/// Share of the prediction errors, per axis, that a lattice has to hold.
+/// Share of prediction errors, per axis, that a lattice must contain.
 const HELD: f64 = 0.999;
-/// Widest lattice that is tried, metres.
+/// Widest lattice to try, metres.
 const WIDEST_M: f64 = 0.6;
-/// Lattices are compared in steps of this, metres.
+/// Step of the lattices, metres.
 const LATTICE_STEP_M: f64 = 0.05;
 
 /// One variant of the method.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MethodVariant {
-    /// What it is called.
+    /// Its name.
     pub name: String,
     /// Mean error over actors, millimetres, live.
     pub mpjpe_mm: Option<f64>,
@@ -40,17 +40,16 @@ pub struct MethodVariant {
     pub never_found: usize,
     /// Ticks per second.
     pub rate_hz: f64,
-    /// Half width of the lattice it ran with, millimetres.
+    /// Half width of its lattice, millimetres.
     pub lattice_mm: f64,
-    /// Half width that holds 99.9 % of the errors of its predictions one tick ahead, per axis,
-    /// millimetres. The predictions are made from the same poses, those of our own run; `None` where
-    /// nothing was tracked, or the study does not ask.
+    /// Half width that contains 99.9 % of the errors of its predictions one tick ahead, per axis, millimetres. The predictions are
+    /// made from the poses of our own run; `None` if nothing was tracked, or the study does not include it.
     pub lattice_needed_mm: Option<f64>,
     /// Mean error of these predictions, millimetres.
     pub predicted_mm: Option<f64>,
 }
 
-/// Variants side by side.
+/// A comparison of variants.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MethodStudy {
     /// What is compared, and in which scene.
@@ -59,11 +58,11 @@ pub struct MethodStudy {
     pub variants: Vec<MethodVariant>,
 }
 
-/// The paper's predictor, eq. (3), against ours in `scene` at the scene's rate and at half of it, each
-/// with the lattice of the default parameters and with the one that it needs.
+/// The paper's predictor, eq. (3), against ours in `scene` at its rate and at half of it, each with the default lattice and
+/// with the one that it needs.
 ///
 /// # Errors
-/// As [`SceneRun::make`], and when somebody else still holds the scene.
+/// See [`SceneRun::make`]; also if the scene is still in use elsewhere.
 pub fn predictors(name: &str, scene: Arc<Scene>) -> anyhow::Result<MethodStudy> {
     let mut variants = Vec::new();
     compare_predictors(&scene, &mut variants)?;
@@ -102,14 +101,14 @@ fn compare_predictors(scene: &Arc<Scene>, variants: &mut Vec<MethodVariant>) -> 
     Ok(())
 }
 
-/// How far predictions one tick ahead are from the true keypoints, metres.
+/// Errors of predictions one tick ahead from the true keypoints, metres.
 struct PredictionErrors {
     mean_m: f64,
     needed_m: f64,
 }
 
 impl PredictionErrors {
-    /// Those that `prediction` would have made from the poses of `run`. `None` when there are none.
+    /// The errors of `prediction` from the poses of `run`; `None` without any.
     fn of(run: &SceneRun, prediction: &PredictionParameters) -> Option<Self> {
         let dt_s = 1.0 / run.scene.rate_hz();
         let mut motions: BTreeMap<usize, (Tick, Motion)> = BTreeMap::new();
@@ -143,7 +142,7 @@ impl PredictionErrors {
 /// The paper's choice of the camera, eq. (5), against ours in `scene`.
 ///
 /// # Errors
-/// As [`SceneRun::make`].
+/// See [`SceneRun::make`].
 pub fn camera_choices(name: &str, scene: &Arc<Scene>) -> anyhow::Result<MethodStudy> {
     let with = |choice| {
         let mut parameters = Parameters::default();

@@ -1,4 +1,3 @@
-//! One camera's frames for several runs: a scene is simulated once, whoever compares methods in it.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -17,8 +16,8 @@ struct Branch {
     index: usize,
 }
 
-/// `n` sources that each give all frames of `source`. What one has taken and another has not is kept
-/// in memory: runs go in step. An error is told to whoever asked first; nothing follows it.
+/// `n` sources that each give all frames of `source`. Frames that one has taken and another has not are kept in memory, as
+/// runs advance together. An error goes to the first caller only, and no frame follows it.
 pub fn tee(source: Box<dyn FrameSource>, n: usize) -> Vec<Box<dyn FrameSource>> {
     let waiting = (0..n).map(|_| VecDeque::new()).collect();
     let shared = Arc::new(Mutex::new(SharedSource { source, waiting }));
@@ -67,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn everybody_gets_every_frame_in_order_whoever_asks_first() {
+    fn every_branch_gets_every_frame_in_order() {
         let mut branches = tee(Box::new(Counting(0)), 2);
         let mut next = |branch: usize| {
             let frame = branches[branch].next_frame().unwrap();

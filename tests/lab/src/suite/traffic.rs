@@ -1,9 +1,8 @@
-//! What edges sent.
 
 use farfield_edge::pipeline::EdgeOutput;
 use farfield_proto::wire;
 
-/// What edges sent in a run.
+/// Traffic of the edges in a run.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Traffic {
     /// Persons, views and ticks.
@@ -12,12 +11,12 @@ pub struct Traffic {
     pub map_bytes: u64,
     /// Bytes of all patch messages.
     pub message_bytes: u64,
-    /// How many messages.
+    /// Number of messages.
     pub messages: u64,
 }
 
 impl Traffic {
-    /// Adds what the edges sent at a tick.
+    /// Adds the traffic of a tick.
     pub fn add(&mut self, edges: &[EdgeOutput]) {
         for set in edges.iter().flat_map(|edge| &edge.patch_sets) {
             let maps = set.persons.iter().map(|person| person.maps.bytes.len());

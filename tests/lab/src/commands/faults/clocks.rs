@@ -1,4 +1,4 @@
-//! Clocks that are wrong, or seem to be. They are so inside of an edge alone: the machine's own is left as it is.
+//! Wrong clocks, only inside an edge: the clock of the machine is not changed.
 
 use anyhow::Context as _;
 use farfield_node::clock;
@@ -6,24 +6,24 @@ use farfield_proto::message::health::LinkHealth;
 use farfield_proto::transport::FUSION;
 
 use super::field::Field;
-use super::stage::{Stage, heard};
-use super::table::{Driven, Measure};
+use super::stage::{Stage, edge_link};
+use super::table::{FaultOutcome, Measure};
 use crate::live_venue::SeenVenue;
 use crate::relay::{Direction, Impairment};
 
-/// What the two ways of a lopsided link take, microseconds.
+/// One-way delays of an asymmetric link, microseconds.
 const UP_US: u32 = 30_000;
 const DOWN_US: u32 = 10_000;
-/// How soon a clock that was set right must be gone by, seconds, and for how long a wrong one is left.
+/// Longest time until a clock that was set right is used, and time until it is set, seconds.
 const TAKEN_UP_S: f64 = 2.0;
 const SET_AFTER_S: u32 = 12;
 
-/// What fusion says of the clock of the `i`-th viewpoint.
+/// Fusion's status of the clock of the `i`-th viewpoint.
 fn clock_of(seen: &SeenVenue, i: usize) -> Option<LinkHealth> {
     seen.statuses.get(FUSION)?.health.links.get(i).copied()
 }
 
-pub(super) fn lopsided_link(field: &Field) -> anyhow::Result<Driven> {
+pub(super) fn asymmetric_link(field: &Field) -> anyhow::Result<FaultOutcome> {
     let mut stage = Stage::prepare(field, "lopsided-link")?;
     for (direction, delay_us) in [(Direction::Up, UP_US), (Direction::Down, DOWN_US)] {
         let far = Impairment {
@@ -36,25 +36,25 @@ pub(super) fn lopsided_link(field: &Field) -> anyhow::Result<Driven> {
     let out = stage.out("first");
     stage.begin(&out, &[])?;
     let from = stage.tick()?;
-    stage.go_on(field.either(10.0, 4.0));
-    let health = clock_of(&*stage.seen()?, 0).context("fusion says nothing of the clock")?;
+    stage.run_for(field.whole_or_quick(10.0, 4.0));
+    let health = clock_of(&*stage.seen()?, 0).context("fusion reports no clock")?;
     let ms = |us: Option<i32>| us.map_or(f64::NAN, |us| f64::from(us.abs()) / 1e3);
     let unsure_ms = health
         .clock_uncertainty_us
         .map_or(f64::NAN, |us| f64::from(us) / 1e3);
     let mut measures = vec![
-        Measure::barred(
+        Measure::limited(
             "correction of a right clock, ms",
             ms(health.clock_correction_us),
             1.0,
         ),
-        Measure::told("what the link leaves open, ms", unsure_ms),
+        Measure::reported("uncertainty of the offset, ms", unsure_ms),
     ];
     measures.extend(stage.people_since(from)?);
-    Ok(Driven::Measured(measures))
+    Ok(FaultOutcome::Measured(measures))
 }
 
-pub(super) fn clock_set(field: &Field) -> anyhow::Result<Driven> {
+pub(super) fn clock_set(field: &Field) -> anyhow::Result<FaultOutcome> {
     let mut stage = Stage::prepare(field, "clock-set")?;
     let after = SET_AFTER_S.to_string();
     let set = |by_ms: &'static str| ["--clock-set-by-ms", by_ms, "--clock-set-after-s", &after];
@@ -69,28 +69,28 @@ pub(super) fn clock_set(field: &Field) -> anyhow::Result<Driven> {
     stage.begin(&out, &[])?;
     let from = stage.tick()?;
     stage.wait("the edge that is 2 s wrong is refused", |seen| {
-        let refused = heard(seen, &names[0]).and_then(|edge| edge.refused.as_ref());
+        let refused = edge_link(seen, &names[0]).and_then(|edge| edge.refused.as_ref());
         refused.is_some_and(|why| why.contains("clock"))
     })?;
-    stage.wait("it is let in once its clock is right", |seen| {
-        heard(seen, &names[0]).is_some_and(|edge| edge.live && edge.refused.is_none())
+    stage.wait("the edge is accepted once its clock is right", |seen| {
+        edge_link(seen, &names[0]).is_some_and(|edge| edge.live && edge.refused.is_none())
     })?;
     let taken_up_s = clock::now().duration_since(begun).as_secs_f64() - f64::from(SET_AFTER_S);
-    stage.go_on(5.0);
-    let is_in = heard(&*stage.seen()?, &names[1]).is_some_and(|edge| edge.live);
+    stage.run_for(5.0);
+    let is_in = edge_link(&*stage.seen()?, &names[1]).is_some_and(|edge| edge.live);
     let mut measures = vec![
-        // Fusion says it once a second.
-        Measure::barred(
-            "until it is let in, s (told once a second)",
+        // Fusion publishes its status once a second.
+        Measure::limited(
+            "until it is accepted, s (published once a second)",
             taken_up_s,
             TAKEN_UP_S + 1.0,
         ),
-        Measure::barred(
+        Measure::limited(
             "edges lost to a step while they work",
             f64::from(u8::from(!is_in)),
             0.0,
         ),
     ];
     measures.extend(stage.people_since(from)?);
-    Ok(Driven::Measured(measures))
+    Ok(FaultOutcome::Measured(measures))
 }

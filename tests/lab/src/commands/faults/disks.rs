@@ -1,5 +1,5 @@
-//! Disks that are full for a while, or that hang: mounted for the drive, which takes root. Disks with errors: a library before
-//! the calls of the system, which takes a compiler of C.
+//! Disks that are full for a while or hang: mounted for the fault, which needs root. Disks with errors: a library that wraps
+//! system calls, which needs a C compiler.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -13,44 +13,44 @@ use farfield_proto::transport::FUSION;
 
 use super::field::Field;
 use super::stage::Stage;
-use super::table::{Driven, Measure};
+use super::table::{FaultOutcome, Measure};
 use crate::small_disk::SmallDisk;
 
-/// For how long a disk hangs, seconds.
+/// Duration of a hang, seconds.
 const HANGS_S: u32 = 22;
-/// Share of the ticks without a pose while it does, percent.
+/// Largest share of ticks without a pose during the hang, percent.
 const MOST_GAPS: f64 = 1.0;
 
-pub(super) fn full(field: &Field) -> anyhow::Result<Driven> {
+pub(super) fn full(field: &Field) -> anyhow::Result<FaultOutcome> {
     let mut stage = Stage::prepare(field, "disk-full")?;
     let disk = match SmallDisk::mount(&stage.out("disk")) {
         Ok(disk) => disk,
-        Err(why) => return Ok(Driven::NotHad(why)),
+        Err(why) => return Ok(FaultOutcome::Unavailable(why)),
     };
     let out = disk.path().join("out");
     stage.begin(&out, &[])?;
     let from = stage.tick()?;
-    let has_said = |words: &str| {
+    let has_printed = |words: &str| {
         let fusion = stage.live.fusion.as_ref();
         fusion.is_some_and(|fusion| fusion.output().contains(words))
     };
-    stage.wait("the disk is full", |_| has_said("the disk is full"))?;
-    stage.go_on(field.either(10.0, 3.0));
+    stage.wait("the disk is full", |_| has_printed("the disk is full"))?;
+    stage.run_for(field.whole_or_quick(10.0, 3.0));
     disk.grow().map_err(anyhow::Error::msg)?;
-    stage.wait("there is room again", |_| has_said("there is room again"))?;
-    stage.go_on(2.0);
+    stage.wait("there is room again", |_| has_printed("there is room again"))?;
+    stage.run_for(2.0);
     let people = stage.people_since(from)?;
     stage.finish()?;
     let mut measures = written(&stage, &out)?;
     measures.extend(people);
-    Ok(Driven::Measured(measures))
+    Ok(FaultOutcome::Measured(measures))
 }
 
-pub(super) fn hangs(field: &Field) -> anyhow::Result<Driven> {
+pub(super) fn hangs(field: &Field) -> anyhow::Result<FaultOutcome> {
     let mut stage = Stage::prepare(field, "disk-hangs")?;
     let disk = match SmallDisk::mount_freezable(&stage.out("disk")) {
         Ok(disk) => disk,
-        Err(why) => return Ok(Driven::NotHad(why)),
+        Err(why) => return Ok(FaultOutcome::Unavailable(why)),
     };
     let out = disk.path().join("out");
     let record = disk.path().join("run.mcap");
@@ -64,7 +64,7 @@ pub(super) fn hangs(field: &Field) -> anyhow::Result<Driven> {
     })?;
     let from = stage.tick()?;
     let rest_s = f64::from(HANGS_S) - reported.as_secs_f64() - 1.0;
-    stage.go_on(rest_s);
+    stage.run_for(rest_s);
     let until = stage.tick()?;
     let ticks: BTreeSet<Tick> = stage.seen()?.arrivals.iter().map(|it| it.tick).collect();
     let there = ticks.range(from..until).count();
@@ -72,11 +72,11 @@ pub(super) fn hangs(field: &Field) -> anyhow::Result<Driven> {
     let behind_s = rest_s - (until - from) as f64 / stage.live.venue().rate_hz;
     let people = stage.people_since(from)?;
     hanging.wait()?;
-    stage.go_on(2.0);
-    let said = stage.live.output();
+    stage.run_for(2.0);
+    let log = stage.live.output();
     let missing = ["the disk has not answered", "the disk answers again"]
         .into_iter()
-        .filter(|words| !said.contains(words));
+        .filter(|words| !log.contains(words));
     let n_missing = missing.count();
     stage.finish()?;
     let summary =
@@ -84,30 +84,30 @@ pub(super) fn hangs(field: &Field) -> anyhow::Result<Driven> {
     let summary: serde_json::Value = serde_json::from_str(&summary)?;
     let lost = summary["timing"]["recording"]["lost"].as_f64();
     let mut measures = vec![
-        Measure::barred("ticks without poses while it hangs, %", gaps, MOST_GAPS),
-        Measure::barred("what poses are behind after it, s", behind_s, 0.1),
-        Measure::barred("until it is in the status, s", reported.as_secs_f64(), 4.0),
-        Measure::barred(
+        Measure::limited("ticks without poses while it hangs, %", gaps, MOST_GAPS),
+        Measure::limited("lag of poses after it, s", behind_s, 0.1),
+        Measure::limited("until it is in the status, s", reported.as_secs_f64(), 4.0),
+        Measure::limited(
             "reports that are not on the terminal",
             n_missing as f64,
             0.0,
         ),
-        Measure::barred(
-            "messages that are not recorded",
+        Measure::limited(
+            "messages that were not recorded",
             lost.unwrap_or(f64::NAN),
             0.0,
         ),
     ];
     measures.extend(written(&stage, &out)?);
     measures.extend(people);
-    Ok(Driven::Measured(measures))
+    Ok(FaultOutcome::Measured(measures))
 }
 
-pub(super) fn errors(field: &Field) -> anyhow::Result<Driven> {
+pub(super) fn errors(field: &Field) -> anyhow::Result<FaultOutcome> {
     let mut stage = Stage::prepare(field, "disk-errors")?;
     let library = stage.out("failing_disk.so");
     if let Err(why) = build(&library) {
-        return Ok(Driven::NotHad(why));
+        return Ok(FaultOutcome::Unavailable(why));
     }
     stage.live.fusion_environment(vec![
         ("LD_PRELOAD".to_owned(), library.display().to_string()),
@@ -121,28 +121,28 @@ pub(super) fn errors(field: &Field) -> anyhow::Result<Driven> {
     stage.begin(&out, &[])?;
     let from = stage.tick()?;
     // The files of persons are synced every ten seconds.
-    stage.go_on(11.0);
-    let said = stage.live.output();
+    stage.run_for(11.0);
+    let log = stage.live.output();
     let reports = ["poses.jsonl: ", "poses_2.trc: ", "angles_1.mot: "].map(|name| {
-        let n = said.matches(&format!("error: {name}")).count();
+        let n = log.matches(&format!("error: {name}")).count();
         n.abs_diff(1)
     });
     let people = stage.people_since(from)?;
     stage.finish()?;
-    let mut measures = vec![Measure::barred(
+    let mut measures = vec![Measure::limited(
         "refused files that are not reported once",
         reports.iter().sum::<usize>() as f64,
         0.0,
     )];
     measures.extend(written(&stage, &out)?);
     measures.extend(people);
-    Ok(Driven::Measured(measures))
+    Ok(FaultOutcome::Measured(measures))
 }
 
-/// Builds the library that stands before the system's calls.
+/// Builds the library that wraps the system calls.
 ///
 /// # Errors
-/// Why it cannot be built: there may be no compiler of C.
+/// The reason, for example no C compiler.
 fn build(library: &Path) -> Result<(), String> {
     let source = library.with_extension("c");
     std::fs::write(&source, include_str!("failing_disk.c")).map_err(|error| error.to_string())?;
@@ -160,7 +160,7 @@ fn build(library: &Path) -> Result<(), String> {
     }
 }
 
-/// What is in the files of poses, all parts of them, and what of it was received and is not there.
+/// Ticks that were received but are missing in the files of poses, and lines that cannot be read.
 fn written(stage: &Stage<'_>, out: &Path) -> anyhow::Result<Vec<Measure>> {
     let (mut ticks, mut unreadable) = (BTreeSet::new(), 0u32);
     for entry in out
@@ -184,14 +184,14 @@ fn written(stage: &Stage<'_>, out: &Path) -> anyhow::Result<Vec<Measure>> {
         }
     }
     let seen = stage.seen()?;
-    let heard = seen.arrivals.iter().filter(|it| it.tracked > 0);
-    let missing = heard.filter(|it| !ticks.contains(&it.tick)).count();
+    let received = seen.arrivals.iter().filter(|it| it.tracked > 0);
+    let missing = received.filter(|it| !ticks.contains(&it.tick)).count();
     Ok(vec![
-        Measure::barred(
-            "ticks that were heard and are not in the file",
+        Measure::limited(
+            "received ticks that are not in the file",
             missing as f64,
             0.0,
         ),
-        Measure::barred("lines that cannot be read", f64::from(unreadable), 0.0),
+        Measure::limited("lines that cannot be read", f64::from(unreadable), 0.0),
     ])
 }

@@ -1,4 +1,4 @@
-//! The maps of people that drives play, and their truth: four who walk, or eight who run.
+//! The scenes of the faults as maps, with their truth: four people who walk, or eight who run.
 
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
@@ -11,30 +11,30 @@ use farfield_sim::embedded;
 
 /// Four people, each in a corner of their own.
 const SCENE: &str = include_str!("walkers.toml");
-/// Eight who run through each other's ways at 1.2 to 3.6 m/s, and one of them at 8.3 m/s.
+/// Eight people who run across each other's paths at 1.2 to 3.6 m/s, one of them at 8.3 m/s.
 const RUNNERS: &str = "futsal";
-/// The person of these who is faster than 4 m/s.
+/// The person in that scene who is faster than 4 m/s.
 pub(super) const SPRINTER: u32 = 8;
-/// Of the cameras of a viewpoint one is enough, and one machine plays all of them.
+/// One camera per viewpoint is enough, and one machine plays all of them.
 const ONE_CAMERA: [&str; 2] = ["per_viewpoint = 3", "per_viewpoint = 1"];
 
-/// What drives play.
+/// Maps and truth of a scene.
 pub(super) struct Field {
     pub(super) maps: MadeMaps,
     pub(super) truth: RepeatingTruth,
     pub(super) is_quick: bool,
     folder: PathBuf,
-    /// That of the runners, once a drive has asked for it.
+    /// The runners, made on first use.
     runners: OnceCell<Box<Self>>,
 }
 
 impl Field {
-    /// Makes it in `folder`.
+    /// Makes the maps in `folder`.
     pub(super) fn make(folder: &Path, is_quick: bool) -> anyhow::Result<Self> {
         Self::of_scene(SCENE, "walkers", folder, is_quick)
     }
 
-    /// The same of eight people who run.
+    /// The scene of eight people who run.
     pub(super) fn runners(&self) -> anyhow::Result<&Self> {
         if let Some(field) = self.runners.get() {
             return Ok(field);
@@ -60,12 +60,12 @@ impl Field {
         })
     }
 
-    /// How long something is looked at, seconds: `whole`, or in a quick drive `quick`.
-    pub(super) fn either(&self, whole: f64, quick: f64) -> f64 {
+    /// Duration of an observation, seconds: `whole`, or `quick` with `--quick`.
+    pub(super) fn whole_or_quick(&self, whole: f64, quick: f64) -> f64 {
         if self.is_quick { quick } else { whole }
     }
 
-    /// A folder of that name, empty.
+    /// A new folder of that name.
     pub(super) fn folder(&self, name: &str) -> std::io::Result<PathBuf> {
         let folder = self.folder.join("drives").join(name);
         std::fs::create_dir_all(&folder)?;

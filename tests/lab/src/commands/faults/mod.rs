@@ -1,8 +1,8 @@
-//! `lab faults`: what a venue meets in its first month, driven for real, and a table of what it did to it.
+//! `lab faults`: runs the faults of a venue's first month, and prints a table of their effects.
 //!
-//! Every fault has a live venue of its own: nodes as processes, edges behind relays, maps made beforehand. What was
-//! measured stands beside the bar that it shall keep. Fakes are said to be: clocks are wrong inside of an edge, disks are
-//! mounted for it, links are relays. Cameras that hang, key files and mixed versions are driven by scenarios.
+//! Every fault has a live venue of its own: nodes as processes, edges behind relays, recorded maps. Each measured value has
+//! an upper limit. Some faults are simulated: clocks are wrong inside an edge only, disks are mounted, links are relays.
+//! Scenarios cover cameras that hang, key files and mixed versions.
 
 mod clocks;
 mod disks;
@@ -22,41 +22,41 @@ use farfield::output;
 use farfield_node::process::{NodeError, say};
 
 use self::field::Field;
-use self::table::{Driven, FaultRow, FaultTable};
+use self::table::{FaultOutcome, FaultRow, FaultTable};
 
 /// Arguments of `lab faults`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct FaultsArgs {
-    /// The faults to drive; all where none is named.
+    /// Faults to run; default: all.
     #[arg(value_name = "FAULT")]
     faults: Vec<String>,
-    /// Only say which there are.
+    /// List the faults and exit.
     #[arg(long)]
     list: bool,
-    /// Only those that are driven within seconds, each for a shorter time.
+    /// Run only faults that take seconds, each for a shorter time.
     #[arg(long)]
     quick: bool,
-    /// Fail where something is outside of its bar, or with `--quick` outside of three times its bar.
+    /// Fail if a value exceeds its limit, with `--quick` three times its limit.
     #[arg(long)]
     check: bool,
 }
 
-/// Something that happens to a venue.
+/// A fault of a venue.
 struct Fault {
     name: &'static str,
     about: &'static str,
-    /// Whether it is driven within seconds.
+    /// Whether it takes seconds only.
     is_quick: bool,
-    drive: fn(&Field) -> anyhow::Result<Driven>,
+    drive: fn(&Field) -> anyhow::Result<FaultOutcome>,
 }
 
-/// All of them, in the order in which they are driven.
+/// All faults, in the order of their runs.
 const FAULTS: [Fault; 23] = [
     Fault {
         name: "lopsided-link",
-        about: "a link that is 30 ms long one way and 10 ms the other, before a clock that NTP keeps right",
+        about: "a link with 30 ms one way and 10 ms the other, and a clock that NTP keeps right",
         is_quick: true,
-        drive: clocks::lopsided_link,
+        drive: clocks::asymmetric_link,
     },
     Fault {
         name: "clock-set",
@@ -96,7 +96,7 @@ const FAULTS: [Fault; 23] = [
     },
     Fault {
         name: "outages-300",
-        about: "eight runners; all links are away for 0.3 s every 4, 5.9 and 7 s",
+        about: "eight runners; all links are cut for 0.3 s every 4, 5.9 and 7 s",
         is_quick: false,
         drive: outages::of_300_ms,
     },
@@ -144,25 +144,25 @@ const FAULTS: [Fault; 23] = [
     },
     Fault {
         name: "flood",
-        about: "an edge in other hands says noise as fast as it can, while all is recorded",
+        about: "a stranger floods fusion with noise in the name of an edge, while all is recorded",
         is_quick: true,
         drive: nodes::flood,
     },
     Fault {
         name: "garbage-quic",
-        about: "garbage before a door of quic/ while a node joins",
+        about: "garbage at a quic/ endpoint while a node joins",
         is_quick: true,
         drive: strangers::garbage_quic,
     },
     Fault {
         name: "garbage-tls",
-        about: "garbage and silent connections before a door of tls/ while a node joins",
+        about: "garbage and silent connections at a tls/ endpoint while a node joins",
         is_quick: false,
         drive: strangers::garbage_tls,
     },
     Fault {
         name: "few-handles",
-        about: "1,100 silent connections before a door of tls/ of a fusion that may open 1,024 handles",
+        about: "1,100 silent connections at a tls/ endpoint of a fusion that may open 1,024 handles",
         is_quick: true,
         drive: strangers::few_handles,
     },
@@ -192,10 +192,10 @@ const FAULTS: [Fault; 23] = [
     },
 ];
 
-/// Drives the faults and prints the table.
+/// Runs the faults and prints the table.
 ///
 /// # Errors
-/// A name that there is none of, a drive that could not be driven, and with `--check` a bar that was not kept.
+/// An unknown name, a run that failed, and with `--check` a limit that was exceeded.
 pub(crate) fn faults(args: &FaultsArgs) -> Result<(), NodeError> {
     if args.list {
         let lines = FAULTS.iter().map(|it| {
@@ -225,7 +225,7 @@ fn choose(args: &FaultsArgs) -> anyhow::Result<Vec<&'static Fault>> {
     if let Some(unknown) = args.faults.iter().find(|name| !known(name)) {
         let names: Vec<&str> = FAULTS.iter().map(|fault| fault.name).collect();
         bail!(
-            "no fault is called {unknown}; there are: {}",
+            "unknown fault {unknown}; expected one of {}",
             names.join(", ")
         );
     }
@@ -245,10 +245,10 @@ fn drive(
     let mut table = FaultTable::new(args.quick);
     for fault in chosen {
         say(format_args!("{}: {}", fault.name, fault.about));
-        let driven = (fault.drive)(&field);
+        let outcome = (fault.drive)(&field);
         let row = FaultRow {
             fault: fault.name,
-            driven: driven.unwrap_or_else(|error| Driven::Failed(format!("{error:#}"))),
+            outcome: outcome.unwrap_or_else(|error| FaultOutcome::Failed(format!("{error:#}"))),
         };
         say(format_args!("{row}"));
         table.rows.push(row);
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_name_all_are_driven_and_quickly_those_that_are_quick() {
+    fn without_names_all_or_all_quick_faults_run() {
         assert_eq!(names(&args(&[], false)).len(), FAULTS.len());
         let quick = names(&args(&[], true));
         assert!(
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_named_is_driven_and_a_name_that_there_is_none_of_is_refused() {
+    fn named_faults_run_and_unknown_names_are_refused() {
         assert_eq!(
             names(&args(&["bottleneck", "loss"], true)),
             ["loss", "bottleneck"]

@@ -1,4 +1,4 @@
-//! Eight runners whose links are all away again and again, and whose fusion is away for seconds.
+//! Repeated outages of all links of eight runners, and of fusion for seconds.
 
 use std::collections::BTreeMap;
 use std::process::Command;
@@ -9,60 +9,60 @@ use farfield_proto::tick::Tick;
 
 use super::field::{Field, SPRINTER};
 use super::stage::Stage;
-use super::table::{Driven, Measure};
+use super::table::{FaultOutcome, Measure};
 
-/// From the beginning of one outage to that of the next, seconds; a quick drive has the first alone.
+/// Periods of the outages, seconds; a quick run uses the first only.
 const PERIODS_S: [f64; 3] = [4.0, 5.9, 7.0];
 /// Outages of each period, whole and quick.
 const OUTAGES: [usize; 2] = [10, 3];
-/// How far poses may be from the truth on average, outages included, millimetres.
-const MOST_MM: f64 = 30.0;
-/// Poses are back when everybody has one, and they are so near to the truth on average, millimetres.
+/// Largest mean error of poses, outages included, millimetres.
+const MAX_MEAN_MM: f64 = 30.0;
+/// Poses are back when all people have one and the mean error is below this, millimetres.
 const BACK_MM: f64 = 50.0;
-/// How soon after the links they must be back, seconds, and how long they are waited for.
+/// Largest mean time from the end of an outage until poses are back, and how long to wait for them, seconds.
 const BACK_S: f64 = 0.3;
 const PATIENCE_S: f64 = 2.5;
-/// For how long fusion is away, and how long after that everybody is looked for, seconds.
+/// Downtimes of fusion, and time after it until ids are compared, seconds.
 const AWAY_S: [f64; 2] = [2.0, 3.0];
 const FOUND_AFTER_S: f64 = 4.0;
-/// How often it is away, whole and quick.
+/// Number of downtimes, whole and quick.
 const TIMES: [usize; 2] = [6, 2];
-/// Share of the runners who may get a new id, percent.
+/// Largest share of runners with a new id, percent.
 const MOST_NEW: f64 = 5.0;
 
-pub(super) fn of_300_ms(field: &Field) -> anyhow::Result<Driven> {
+pub(super) fn of_300_ms(field: &Field) -> anyhow::Result<FaultOutcome> {
     outages(field, "outages-300", 0.3)
 }
 
-pub(super) fn of_500_ms(field: &Field) -> anyhow::Result<Driven> {
+pub(super) fn of_500_ms(field: &Field) -> anyhow::Result<FaultOutcome> {
     outages(field, "outages-500", 0.5)
 }
 
-pub(super) fn of_700_ms(field: &Field) -> anyhow::Result<Driven> {
+pub(super) fn of_700_ms(field: &Field) -> anyhow::Result<FaultOutcome> {
     outages(field, "outages-700", 0.7)
 }
 
-pub(super) fn of_1000_ms(field: &Field) -> anyhow::Result<Driven> {
+pub(super) fn of_1000_ms(field: &Field) -> anyhow::Result<FaultOutcome> {
     outages(field, "outages-1000", 1.0)
 }
 
-fn outages(field: &Field, name: &str, seconds: f64) -> anyhow::Result<Driven> {
+fn outages(field: &Field, name: &str, seconds: f64) -> anyhow::Result<FaultOutcome> {
     let stage = Stage::open(field.runners()?, name, &[])?;
     let from = stage.tick()?;
     let rate_hz = stage.live.venue().rate_hz;
     let periods = if field.is_quick { 1 } else { PERIODS_S.len() };
     let mut back_at = Vec::new();
     let mut kept = KeptIds::default();
-    let mut before = stage.who_is_who()?;
+    let mut before = stage.ids_by_person()?;
     for period_s in &PERIODS_S[..periods] {
         for _ in 0..OUTAGES[usize::from(field.is_quick)] {
             for relay in &stage.live.relays {
                 relay.cut(Duration::from_secs_f64(seconds));
             }
-            stage.go_on(seconds);
+            stage.run_for(seconds);
             back_at.push(stage.tick()?);
-            stage.go_on(period_s - seconds);
-            let after = stage.who_is_who()?;
+            stage.run_for(period_s - seconds);
+            let after = stage.ids_by_person()?;
             kept.count(&before, &after);
             before = after;
         }
@@ -81,32 +81,32 @@ fn outages(field: &Field, name: &str, seconds: f64) -> anyhow::Result<Driven> {
     let worst_s = back_s.iter().copied().fold(0.0, f64::max);
     let mean_s = back_s.iter().sum::<f64>() / back_s.len().max(1) as f64;
     let mut measures = vec![
-        Measure::barred("back below 50 mm, mean, s", mean_s, BACK_S),
-        Measure::told("the latest of them, s", worst_s),
+        Measure::limited("back below 50 mm, mean, s", mean_s, BACK_S),
+        Measure::reported("the latest of them, s", worst_s),
     ];
-    measures.extend(stage.people_within(from, MOST_MM)?);
+    measures.extend(stage.people_within(from, MAX_MEAN_MM)?);
     measures.extend(kept.measures());
-    Ok(Driven::Measured(measures))
+    Ok(FaultOutcome::Measured(measures))
 }
 
-/// Fusion is killed and started again 2 s later, as its unit does, again and again.
-pub(super) fn fusion_restarted(field: &Field) -> anyhow::Result<Driven> {
+/// Fusion is killed and started again 2 s later, as its systemd unit does, repeatedly.
+pub(super) fn fusion_restarted(field: &Field) -> anyhow::Result<FaultOutcome> {
     fusion_away(field, "fusion-restart", |stage, life| {
         let fusion = stage.live.fusion.take().context("fusion was started")?;
         fusion.kill()?;
-        stage.go_on(AWAY_S[0]);
+        stage.run_for(AWAY_S[0]);
         let out = stage.out(&format!("life-{life}"));
         Ok(stage.live.start_fusion(&out, &[])?)
     })
 }
 
-/// Fusion is stopped (SIGSTOP) for 3 s, again and again.
-pub(super) fn fusion_stopped(field: &Field) -> anyhow::Result<Driven> {
+/// Fusion is stopped (SIGSTOP) for 3 s, repeatedly.
+pub(super) fn fusion_stopped(field: &Field) -> anyhow::Result<FaultOutcome> {
     fusion_away(field, "fusion-stopped", |stage, _| {
         let fusion = stage.live.fusion.as_ref().context("fusion was started")?;
         let pid = fusion.pid().to_string();
         signal(&pid, "-STOP")?;
-        stage.go_on(AWAY_S[1]);
+        stage.run_for(AWAY_S[1]);
         signal(&pid, "-CONT")
     })
 }
@@ -121,24 +121,24 @@ fn fusion_away(
     field: &Field,
     name: &str,
     away: impl Fn(&mut Stage<'_>, usize) -> anyhow::Result<()>,
-) -> anyhow::Result<Driven> {
+) -> anyhow::Result<FaultOutcome> {
     let mut stage = Stage::prepare(field.runners()?, name)?;
     stage.live.fusion_by_hand();
     let out = stage.out("first");
     stage.begin(&out, &[])?;
-    stage.go_on(1.0);
+    stage.run_for(1.0);
     let mut kept = KeptIds::default();
     for life in 0..TIMES[usize::from(field.is_quick)] {
-        let before = stage.who_is_who()?;
+        let before = stage.ids_by_person()?;
         away(&mut stage, life)?;
-        stage.go_on(FOUND_AFTER_S);
-        kept.count(&before, &stage.who_is_who()?);
-        stage.go_on(1.0);
+        stage.run_for(FOUND_AFTER_S);
+        kept.count(&before, &stage.ids_by_person()?);
+        stage.run_for(1.0);
     }
-    Ok(Driven::Measured(kept.measures()))
+    Ok(FaultOutcome::Measured(kept.measures()))
 }
 
-/// Who has its id still, of those who run at up to 4 m/s; the sprinter may be anywhere after a second.
+/// Ids kept by people who run at up to 4 m/s. The sprinter may be anywhere after a second.
 #[derive(Debug, Default)]
 struct KeptIds {
     runners: usize,
@@ -148,7 +148,7 @@ struct KeptIds {
 }
 
 impl KeptIds {
-    /// Compares who was who before and after.
+    /// Compares the ids before and after.
     fn count(&mut self, before: &BTreeMap<u32, u32>, after: &BTreeMap<u32, u32>) {
         let has_kept = |person: &u32| before.get(person) == after.get(person);
         let runs = before.keys().filter(|person| **person != SPRINTER);
@@ -161,15 +161,15 @@ impl KeptIds {
     fn measures(&self) -> Vec<Measure> {
         let new = 100.0 * (1.0 - self.kept as f64 / self.runners.max(1) as f64);
         vec![
-            Measure::barred("runners without their id, %", new, MOST_NEW),
-            Measure::barred("people with another's id", self.others as f64, 0.0),
-            Measure::told("runners and times", self.runners as f64),
-            Measure::told("times the sprinter lost its id", self.sprinter_new as f64),
+            Measure::limited("runners without their id, %", new, MOST_NEW),
+            Measure::limited("people with another's id", self.others as f64, 0.0),
+            Measure::reported("runners and times", self.runners as f64),
+            Measure::reported("times the sprinter lost its id", self.sprinter_new as f64),
         ]
     }
 }
 
-/// How many have the id `after` that another had `before`.
+/// Number of people whose id `after` was another person's `before`.
 fn others_ids(before: &BTreeMap<u32, u32>, after: &BTreeMap<u32, u32>) -> usize {
     let is_others = |(person, id): &(&u32, &u32)| {
         let mut had = before.iter();

@@ -1,4 +1,4 @@
-//! Two fusions of one venue that are started at the same moment: one works, one waits; then the first dies.
+//! Two fusions of one venue started at the same moment: one works and one waits; then the first dies.
 
 use std::net::{Ipv4Addr, UdpSocket};
 use std::process::Command;
@@ -10,23 +10,23 @@ use farfield_node::clock;
 
 use super::field::Field;
 use super::strangers::make_keys;
-use super::table::{Driven, Measure};
+use super::table::{FaultOutcome, Measure};
 use crate::live_venue::NodeProcess;
 
-/// How often they are started.
+/// Number of rounds.
 const ROUNDS: u32 = 10;
-/// How soon the one that waits must listen once the other was killed, seconds: the lease of its link, within which it
-/// knows, and the time in which its old socket is free.
+/// Longest time until the waiting fusion listens after the other was killed, seconds: the lease of its link, and the time
+/// until its old socket is free.
 const TAKES_OVER_S: f64 = 8.0;
-/// How long anything is waited for, seconds.
+/// Time limit of all waits, seconds.
 const PATIENCE_S: f64 = 30.0;
-/// Between two checks.
+/// Pause between two polls.
 const PAUSE: Duration = Duration::from_millis(20);
 
-pub(super) fn two_fusions(field: &Field) -> anyhow::Result<Driven> {
+pub(super) fn two_fusions(field: &Field) -> anyhow::Result<FaultOutcome> {
     let folder = field.folder("two-fusions")?;
     let keys = make_keys(field, &folder)?;
-    let (mut slowest_s, mut left, mut began) = (0.0_f64, 0, 0);
+    let (mut slowest_s, mut failures, mut began) = (0.0_f64, 0, 0);
     for round in 0..ROUNDS {
         let [one, other] = [free_endpoint()?, free_endpoint()?];
         let venue = field.maps.venue.with_file_name("two.toml");
@@ -61,35 +61,35 @@ pub(super) fn two_fusions(field: &Field) -> anyhow::Result<Driven> {
             Ok(()) => {
                 slowest_s = slowest_s.max(clock::now().duration_since(from).as_secs_f64());
             }
-            Err(_) => left += 1,
+            Err(_) => failures += 1,
         }
         ensure!(
-            second.wait(PAUSE)?.is_none() || left > 0,
+            second.wait(PAUSE)?.is_none() || failures > 0,
             "{}",
             second.output()
         );
     }
-    Ok(Driven::Measured(vec![
-        Measure::barred("times none took over", f64::from(left), 0.0),
-        Measure::barred("slowest takeover, s", slowest_s, TAKES_OVER_S),
-        Measure::barred("times both worked", began as f64, 0.0),
-        Measure::told("times two were started", f64::from(ROUNDS)),
+    Ok(FaultOutcome::Measured(vec![
+        Measure::limited("times none took over", f64::from(failures), 0.0),
+        Measure::limited("slowest takeover, s", slowest_s, TAKES_OVER_S),
+        Measure::limited("times both worked", began as f64, 0.0),
+        Measure::reported("times two were started", f64::from(ROUNDS)),
     ]))
 }
 
-/// An endpoint of this machine where none listens.
+/// A free endpoint of this machine.
 fn free_endpoint() -> anyhow::Result<String> {
     let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
     Ok(format!("quic/{}", socket.local_addr()?))
 }
 
-/// Waits until `nodes` are so.
-fn wait(nodes: &[NodeProcess], is_so: impl Fn(&[NodeProcess]) -> bool) -> anyhow::Result<()> {
+/// Waits until a condition holds.
+fn wait(nodes: &[NodeProcess], condition: impl Fn(&[NodeProcess]) -> bool) -> anyhow::Result<()> {
     let from = clock::now();
-    while !is_so(nodes) {
+    while !condition(nodes) {
         let waited_s = clock::now().duration_since(from).as_secs_f64();
-        let said: String = nodes.iter().map(NodeProcess::said).collect();
-        ensure!(waited_s < PATIENCE_S, "not within {PATIENCE_S} s\n{said}");
+        let output: String = nodes.iter().map(NodeProcess::output).collect();
+        ensure!(waited_s < PATIENCE_S, "not within {PATIENCE_S} s\n{output}");
         thread::sleep(PAUSE);
     }
     Ok(())

@@ -1,5 +1,4 @@
-//! `lab fuzz-corpus`: the corpus between its archive, which is under version control, and the folder that
-//! fuzzers work on.
+//! `lab fuzz-corpus`: the corpus between its archive, which is under version control, and the folder of the fuzzers.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,12 +8,12 @@ use farfield_node::process::NodeError;
 
 use crate::corpus;
 
-/// What `lab fuzz-corpus` is told.
+/// Arguments of `lab fuzz-corpus`.
 #[derive(Debug, clap::Args)]
 pub(in crate::commands) struct CorpusArgs {
     #[command(subcommand)]
-    way: CorpusCommand,
-    /// The folder of all corpora, as `cargo fuzz` has it.
+    direction: CorpusCommand,
+    /// The folder of all corpora, as `cargo fuzz` uses it.
     #[arg(long, global = true, value_name = "DIR", default_value = "fuzz/corpus")]
     folder: PathBuf,
     /// The archive.
@@ -27,12 +26,12 @@ pub(in crate::commands) struct CorpusArgs {
     archive: PathBuf,
 }
 
-/// From where to where.
+/// Direction of the copy.
 #[derive(Clone, Copy, Debug, clap::Subcommand)]
 enum CorpusCommand {
-    /// Write the archive's inputs into the folder.
+    /// Write the archive's inputs to the folder.
     Unpack,
-    /// Write the folder's inputs that behave differently from each other into the archive.
+    /// Write the folder's inputs with different behaviour to the archive.
     Pack,
 }
 
@@ -41,7 +40,7 @@ enum CorpusCommand {
 /// # Errors
 /// Names the file or folder that cannot be read or written.
 pub(in crate::commands) fn corpus(args: &CorpusArgs) -> Result<(), NodeError> {
-    let done = match args.way {
+    let done = match args.direction {
         CorpusCommand::Unpack => unpack(&args.archive, &args.folder),
         CorpusCommand::Pack => pack(&args.folder, &args.archive),
     };

@@ -1,5 +1,6 @@
-//! `lab fuzz-seeds`: whole inputs for the fuzz targets of binary formats, which a fuzzer would be long in
-//! finding. To be run again when a format has changed.
+//! Inputs of the fuzz targets. `lab fuzz-seeds` writes complete inputs of binary formats, which a fuzzer would take long to
+//! find; run it again when a format changes. `lab fuzz-corpus` copies the corpus between its archive, which is under version
+//! control, and the folder of the fuzzers.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -39,7 +40,7 @@ const SESSION: SessionId = SessionId(1 << 63);
 const TICK: Tick = Tick(300);
 const VIEWPOINT: ViewpointIndex = ViewpointIndex(0);
 
-/// What `lab fuzz-seeds` is told.
+/// Arguments of `lab fuzz-seeds`.
 #[derive(Debug, clap::Args)]
 pub(in crate::commands) struct FuzzSeedsArgs {
     /// The folder of all corpora: `fuzz/corpus` of a checkout.
@@ -57,7 +58,7 @@ pub(in crate::commands) fn write_seeds(args: &FuzzSeedsArgs) -> Result<(), NodeE
 
 fn write_all(corpus: &Path) -> anyhow::Result<()> {
     for (name, encoded) in patches()? {
-        // As `arbitrary` reads (u16, u16, u8, &[u8]).
+        // The layout that `arbitrary` reads for (u16, u16, u8, &[u8]).
         let mut seed = encoded.width.to_le_bytes().to_vec();
         seed.extend(encoded.height.to_le_bytes());
         seed.push(encoded.keypoints);
@@ -89,7 +90,7 @@ fn write(corpus: &Path, target: &str, name: &str, seed: &[u8]) -> anyhow::Result
     fs::write(&path, seed).with_context(|| format!("writing {}", path.display()))
 }
 
-/// Two peaks, a smear and nothing, in several compression levels.
+/// Two peaks, a smear and an empty map, at several compression levels.
 fn patches() -> anyhow::Result<Vec<(String, EncodedMaps)>> {
     let mut maps = Maps::new(24, 32, 4);
     let peaks = [
@@ -200,7 +201,7 @@ fn messages() -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
     ])
 }
 
-/// The head of a picture of 320 x 180, and the end of one.
+/// The head of an image of 320 x 180, and its end.
 fn thumbnail() -> Thumbnail {
     let head = [
         0xff, 0xd8, 0xff, 0xe0, 0, 4, 1, 2, 0xff, 0xc0, 0, 11, 8, 0, 180, 1, 64, 1, 1, 0x11, 0,
@@ -393,7 +394,7 @@ fn status() -> Status {
     }
 }
 
-/// A recording with a message of each kind that it takes.
+/// A recording with a message of each kind that it contains.
 fn recording(messages: &[(&str, Vec<u8>)]) -> anyhow::Result<Vec<u8>> {
     let facts = [("venue", "hall"), ("viewpoints", "north")];
     let file = |name: &str| (name.to_owned(), b"name = \"hall\"\n".to_vec());

@@ -20,23 +20,23 @@ pub(in crate::commands) struct LinkRow {
     /// Round trip and loss each way.
     pub(in crate::commands) link: String,
     pub(in crate::commands) mpjpe_mm: Option<f64>,
-    /// Persons and ticks without a pose near the truth, of so many.
+    /// Persons and ticks without a pose near the truth, and all of them.
     pub(in crate::commands) gaps: u64,
     pub(in crate::commands) frames: u64,
     pub(in crate::commands) id_switches: u64,
-    /// Capture to the arrival of the pose at a listener.
+    /// From the capture to the arrival of the pose at an observer.
     pub(in crate::commands) delay_p50_ms: Option<f64>,
     pub(in crate::commands) delay_p99_ms: Option<f64>,
     /// The highest compression level of any edge at the end, 0 lossless to 6.
     pub(in crate::commands) quality: Option<u8>,
-    /// Ticks that the slowest edge works on: every so manieth.
+    /// The slowest edge works on every n-th tick.
     pub(in crate::commands) every_nth_tick: Option<u16>,
-    /// Most that any link was given in any second, and what it was on average.
+    /// Most bytes offered to a link in one second, and the mean.
     pub(in crate::commands) peak_bytes_s: u64,
     pub(in crate::commands) mean_bytes_s: u64,
-    /// Where edges share one link: how far the rate of any is from the mean of all, as a share of it.
+    /// For a shared link: largest difference of an edge's rate from the mean, as a share of the mean.
     pub(in crate::commands) rates_apart: Option<f64>,
-    /// Where edges share one link: each of them.
+    /// For a shared link: each edge.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(in crate::commands) edges: Vec<EdgeShare>,
     /// Datagrams for which an edge's queue had no room.
@@ -46,16 +46,16 @@ pub(in crate::commands) struct LinkRow {
     pub(in crate::commands) mean_wait_ms: f64,
 }
 
-/// What one edge had of a shared link, and what it sent at the end.
+/// One edge's share of a shared link, and its state at the end.
 #[derive(Debug, Serialize)]
 pub(in crate::commands) struct EdgeShare {
-    /// What arrived of it, with headers.
+    /// Bytes that arrived, with headers.
     pub(in crate::commands) bytes_s: u64,
     /// Compression level.
     pub(in crate::commands) quality: u8,
-    /// Persons at most per tick; `None`: all.
+    /// Limit of persons per tick; `None`: all.
     pub(in crate::commands) persons_per_tick: Option<u16>,
-    /// Ticks that it works on: every so manieth.
+    /// It works on every n-th tick.
     pub(in crate::commands) every_nth_tick: u16,
 }
 

@@ -1,4 +1,4 @@
-//! What an error comes to because edges had no time for every tick.
+//! The error due to ticks that edges skipped.
 
 use std::collections::BTreeSet;
 
@@ -6,8 +6,8 @@ use farfield_proto::tick::Tick;
 use farfield_score::lines::PoseLines;
 use farfield_score::points::ScoredBody;
 
-/// The mean error at `ticks` of a predictor that knows the truth at the `seen` ticks, millimetres. It moves each person on at
-/// the velocity between the last two. No tracker does much better from the same ticks.
+/// Mean error at `ticks` of a predictor that knows the truth at the `seen` ticks and extrapolates with the velocity between
+/// the last two, millimetres. No tracker does much better from the same ticks.
 pub(super) fn sampling_mm(
     truth: &PoseLines,
     seen: &BTreeSet<Tick>,
@@ -37,7 +37,7 @@ pub(super) fn sampling_mm(
     1e3 * sum_m / f64::max(n, 1.0)
 }
 
-/// `last`, moved on by `share` of the way from `before`.
+/// `last`, extrapolated by `share` of the step from `before`.
 fn moved_on(last: &ScoredBody, before: &ScoredBody, share: f64) -> ScoredBody {
     let mut body = last.clone();
     for (point, before) in body.points_m.iter_mut().zip(&before.points_m) {
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn every_other_tick_costs_what_changes_between() {
-        // The person went 0.1 m a tick and stops at tick 2. The error is 0 at tick 2 and 100 mm at tick 3.
+        // The person moves 0.1 m per tick and stops at tick 2. The error is 0 at tick 2 and 100 mm at tick 3.
         assert!((cost_mm(&[0.0, 0.1, 0.2, 0.2], &[0, 2]) - 50.0).abs() < 1e-6);
     }
 }

@@ -1,4 +1,4 @@
-//! Whether people stay who they are for as long as a venue runs.
+//! Whether people keep their ids as long as a venue runs.
 
 use std::fmt;
 use std::path::Path;
@@ -7,43 +7,43 @@ use farfield_proto::tick::Tick;
 
 use crate::live_venue::{PoseLog, RepeatingTruth, VenueWatch};
 
-/// How much is scored at once, and again with what follows: somebody may be lost between two parts. Seconds.
+/// Duration of a scored part, and its overlap with the part before, since a person may be lost between two parts. Seconds.
 const PART_S: f64 = 60.0;
 const OVERLAP_S: f64 = 5.0;
-/// What is not scored: people are found. Seconds.
+/// Time at the start that is not scored, seconds: people are found.
 const SETTLE_S: f64 = 10.0;
 
-/// What was heard of people so far.
+/// Scores of people so far.
 pub(super) struct SoakedPeople {
     log: PoseLog,
     truth: RepeatingTruth,
     rate_hz: f64,
-    /// The first tick of the part that is heard; `None` before the first pose.
+    /// The first tick of the current part; `None` before the first pose.
     from: Option<Tick>,
     parts: u32,
     switches: u64,
-    ghosts: u64,
+    false_people: u64,
     gaps: u64,
     frames: u64,
-    /// Mean distance of the parts, summed, and of the worst.
+    /// Mean error of the parts, summed, and of the worst.
     sum_mm: f64,
     worst_mm: f64,
 }
 
 impl SoakedPeople {
-    /// Listens beside `watch`.
+    /// Subscribes to the poses of `watch`.
     ///
     /// # Errors
-    /// What Zenoh says, and a truth that cannot be read.
-    pub(super) fn listen(watch: &VenueWatch, truth: &Path, rate_hz: f64) -> anyhow::Result<Self> {
+    /// Zenoh fails, or the truth cannot be read.
+    pub(super) fn subscribe(watch: &VenueWatch, truth: &Path, rate_hz: f64) -> anyhow::Result<Self> {
         Ok(Self {
-            log: PoseLog::listen(watch)?,
+            log: PoseLog::subscribe(watch)?,
             truth: RepeatingTruth::read(truth)?,
             rate_hz,
             from: None,
             parts: 0,
             switches: 0,
-            ghosts: 0,
+            false_people: 0,
             gaps: 0,
             frames: 0,
             sum_mm: 0.0,
@@ -51,8 +51,8 @@ impl SoakedPeople {
         })
     }
 
-    /// Scores the part that is heard, once it is whole.
-    pub(super) fn look(&mut self, watch: &VenueWatch) {
+    /// Scores the current part once it is complete.
+    pub(super) fn update(&mut self, watch: &VenueWatch) {
         let newest = watch.seen().newest.as_ref().map(|set| set.tick);
         let Some(newest) = newest else { return };
         let ticks = |seconds: f64| (seconds * self.rate_hz) as i64;
@@ -67,7 +67,7 @@ impl SoakedPeople {
         self.from = Some(newest);
         self.parts += 1;
         self.switches += scores.identity.switches;
-        self.ghosts += scores.identity.false_births;
+        self.false_people += scores.identity.false_births;
         for actor in scores.actors.values() {
             self.gaps += actor.gaps;
             self.frames += actor.frames;
@@ -77,11 +77,11 @@ impl SoakedPeople {
         self.worst_mm = self.worst_mm.max(mm);
     }
 
-    /// What must not be.
+    /// Faults that fail the soak.
     pub(super) fn wrong(&self) -> Vec<String> {
         let counts = [
             (self.switches, "id switches"),
-            (self.ghosts, "people that nobody is"),
+            (self.false_people, "false people"),
         ];
         let wrong = counts.iter().filter(|(n, _)| *n > 0);
         wrong.map(|(n, what)| format!("{n} {what}")).collect()
@@ -92,10 +92,10 @@ impl fmt::Display for SoakedPeople {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} minutes scored: {} id switches, {} people that nobody is, {:.1} mm from the truth ({:.1} in the worst), {:.3} % gaps",
+            "{} minutes scored: {} id switches, {} false people, {:.1} mm from the truth ({:.1} in the worst), {:.3} % gaps",
             self.parts,
             self.switches,
-            self.ghosts,
+            self.false_people,
             self.sum_mm / f64::from(self.parts.max(1)),
             self.worst_mm,
             100.0 * self.gaps as f64 / self.frames.max(1) as f64

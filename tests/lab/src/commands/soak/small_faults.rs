@@ -1,4 +1,4 @@
-//! Small things that go wrong at random moments while a venue runs: links, edges, clocks. The same seed gives the same ones.
+//! Small faults at random moments while a venue runs: links, edges, clocks. The same seed gives the same ones.
 
 use std::fmt;
 use std::time::Duration;
@@ -9,28 +9,28 @@ use rand_chacha::ChaCha8Rng;
 use crate::live_venue::LiveVenue;
 use crate::relay::Impairment;
 
-/// Nothing goes wrong for so long: people are found.
+/// Time at the start without faults: people are found.
 const SETTLE: Duration = Duration::from_secs(15);
-/// From one fault to the next, seconds.
+/// Time from one fault to the next, seconds.
 const EVERY_S: [f64; 2] = [5.0, 15.0];
-/// How long a link is cut, how long and how lossy it is, and how long an edge is away.
+/// Duration of a cut, duration and loss of a lossy link, and downtime of an edge.
 const CUT_S: [f64; 2] = [0.1, 1.5];
 const LOSSY_S: [f64; 2] = [1.0, 5.0];
 const LOSS: [f64; 2] = [0.02, 0.2];
 const AWAY_S: [f64; 2] = [0.2, 2.0];
-/// How far the clock of an edge is off when it starts again, within what fusion corrects, and when it is set right. One that
-/// is set farther off is refused until it is right: that is no small fault.
+/// Offset of an edge's clock at its start, within what fusion corrects, and time until it is set right. A clock that is set
+/// farther off is refused, which is no small fault.
 const OFF_MS: [f64; 2] = [-80.0, 80.0];
 const SET_AFTER_S: [f64; 2] = [5.0, 60.0];
 
-/// Who does them, and what was done.
+/// Causes the faults, and counts them.
 pub(super) struct SmallFaults {
     rng: ChaCha8Rng,
     usual: Impairment,
     next: Duration,
-    /// Until when each link is lossy.
+    /// End of each link's loss.
     lossy_until: Vec<Option<Duration>>,
-    /// Until when each edge is away.
+    /// End of each edge's downtime.
     away_until: Vec<Option<Duration>>,
     cuts: u32,
     lossy: u32,
@@ -38,7 +38,6 @@ pub(super) struct SmallFaults {
     restarts: u32,
 }
 
-/// One thing that goes wrong.
 enum SmallFault {
     Cut,
     Lossy,
@@ -46,7 +45,7 @@ enum SmallFault {
 }
 
 impl SmallFaults {
-    /// In a venue of `n` viewpoints whose links are `usual`.
+    /// For a venue of `n` viewpoints with `usual` links.
     pub(super) fn new(seed: u64, usual: Impairment, n: usize) -> Self {
         Self {
             rng: ChaCha8Rng::seed_from_u64(seed),
@@ -60,11 +59,11 @@ impl SmallFaults {
         }
     }
 
-    /// Does what is due after `elapsed`.
+    /// Causes the faults that are due after `elapsed`.
     ///
     /// # Errors
-    /// A node that cannot be started or ended.
-    pub(super) fn look(&mut self, live: &mut LiveVenue, elapsed: Duration) -> anyhow::Result<()> {
+    /// A node cannot be started or ended.
+    pub(super) fn update(&mut self, live: &mut LiveVenue, elapsed: Duration) -> anyhow::Result<()> {
         for i in 0..self.away_until.len() {
             if self.lossy_until[i].is_some_and(|until| until <= elapsed) {
                 self.lossy_until[i] = None;
@@ -79,7 +78,7 @@ impl SmallFaults {
             return Ok(());
         }
         self.next = elapsed + self.span(EVERY_S);
-        // The last edge lives as long as the venue, so that what grows is seen.
+        // The last edge runs as long as the venue, so that growth shows.
         let kind = match self.rng.random_range(0..3u8) {
             0 => SmallFault::Cut,
             1 => SmallFault::Lossy,

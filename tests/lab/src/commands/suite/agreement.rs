@@ -1,5 +1,4 @@
-//! `lab agreement`: what is said of the cameras of scenes in which nothing is wrong with them but that they run by clocks of
-//! their own, and that networks err: nothing may be.
+//! `lab agreement`: false alarms in scenes in which cameras run on clocks of their own and networks err.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -16,24 +15,24 @@ use super::DATA;
 use crate::in_process::InProcess;
 use crate::suite::scenes::{NamedScene, choose};
 
-/// What `lab agreement` is told.
+/// Arguments of `lab agreement`.
 #[derive(Debug, clap::Args)]
 pub(in crate::commands) struct AgreementArgs {
-    /// Suites, scene files or embedded scenes, as `lab suite` takes them.
+    /// Suites, scene files or embedded scenes, as in `lab suite`.
     #[arg(value_name = "NAME|FILE", default_value = "paper")]
     scenes: Vec<String>,
-    /// Only the first seconds of each scene.
+    /// Use only the first seconds of each scene.
     #[arg(long, value_name = "S", default_value_t = 12.0)]
     seconds: f64,
-    /// Cameras that all capture at the ticks.
+    /// Capture with all cameras at the ticks.
     #[arg(long)]
     synchronised: bool,
 }
 
-/// Runs every scene, from maps with its faults, and prints a line per camera and all that is said.
+/// Runs every scene from maps with its faults, and prints a line per camera and all warnings.
 ///
 /// # Errors
-/// When a scene is missing or wrong, or a run fails; when anything is said of any camera.
+/// A scene is missing or wrong, a run fails, or there is a warning about a camera.
 pub(in crate::commands) fn agreement(args: &AgreementArgs) -> Result<(), NodeError> {
     let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| PathBuf::from(DATA), PathBuf::from);
     let chosen = choose(&args.scenes, &root).map_err(NodeError::Refused)?;
@@ -51,7 +50,7 @@ pub(in crate::commands) fn agreement(args: &AgreementArgs) -> Result<(), NodeErr
         let report = report(&Arc::new(scene)).map_err(NodeError::Failed)?;
         let lines = report.lines().join("\n  ");
         output::print(&format!("[{name}]\n  {lines}\n")).map_err(NodeError::Failed)?;
-        alarms.extend(report.warnings().map(|said| format!("[{name}] {said}")));
+        alarms.extend(report.warnings().map(|warning| format!("[{name}] {warning}")));
     }
     output::print(&format!("{n} scenes, {} false alarms\n", alarms.len()))
         .map_err(NodeError::Failed)?;

@@ -1,4 +1,4 @@
-//! Cameras anywhere around a person, and anyhow.
+//! Random cameras around a person.
 
 use std::f64::consts::TAU;
 
@@ -8,8 +8,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-/// A place (world, metres) `distance_m` from `middle`, in any direction and up to `highest_m` above the
-/// floor.
+/// A random position (world, metres) `distance_m` from `middle`, up to `highest_m` above the floor.
 pub(crate) fn eye_around(
     middle: Vector3<f64>,
     distance_m: f64,
@@ -27,8 +26,7 @@ pub(crate) fn eye_around(
     )
 }
 
-/// Camera axes from world axes: the person is anywhere in the picture of a wide lens, and cameras hang
-/// a little askew.
+/// Camera axes from world axes: the person is anywhere in the image of a wide lens, and cameras are slightly tilted.
 pub(crate) fn looking(eye: Vector3<f64>, at: Vector3<f64>, rng: &mut ChaCha8Rng) -> Matrix3<f64> {
     let forward = (at - eye).normalize();
     let right = forward.cross(&Vector3::z()).normalize();
@@ -69,7 +67,7 @@ pub(crate) fn camera(
     .ok()
 }
 
-/// Evenly over the orders of magnitude.
+/// A random number, uniform in its logarithm.
 pub(crate) fn log_uniform(range: std::ops::Range<f64>, rng: &mut ChaCha8Rng) -> f64 {
     rng.random_range(range.start.ln()..range.end.ln()).exp()
 }

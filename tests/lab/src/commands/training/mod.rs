@@ -1,5 +1,5 @@
-//! Rendered people to train and measure the embedded networks on: crops for the pose network, pictures
-//! for the detector.
+//! Rendered people to train and measure the embedded networks: crops for the pose network, images for the detector. A
+//! training set is a number of files of records.
 
 mod camera;
 pub(super) mod crops;

@@ -1,4 +1,4 @@
-//! People in postures of some clip, and the things around them.
+//! People in postures of clips with the things around them, and their images in random surroundings.
 
 use std::f64::consts::{PI, TAU};
 
@@ -11,12 +11,12 @@ use rand_chacha::ChaCha8Rng;
 
 /// Share of postures that are mixed from two clips.
 const MIXED: f64 = 0.25;
-/// Share of people that are turned over as a whole: no clip shows every way to be upside down.
+/// Share of people rotated as a whole, since no clip shows every way to be upside down.
 const TURNED_OVER: f64 = 0.12;
-/// Share of people whose bones have lengths of their own, and by how much.
+/// Largest relative change of bone lengths.
 const OWN_LENGTHS: f64 = 0.07;
 
-/// One person of a picture.
+/// One person of an image.
 pub(crate) struct Person {
     /// World, metres.
     pub(crate) joints_m: Joints,
@@ -25,8 +25,7 @@ pub(crate) struct Person {
 }
 
 impl Person {
-    /// Somebody in a posture of one of `clips`, with the pelvis above `place`; dressed as all in
-    /// `kit`, if there is one.
+    /// A person in a posture of one of `clips`, with the pelvis above `place`, dressed in `kit` if given.
     pub(crate) fn draw(
         clips: &[Clip],
         place: Vector3<f64>,
@@ -48,7 +47,7 @@ impl Person {
     }
 }
 
-/// What there is to see at one moment.
+/// People and things at one moment.
 pub(crate) struct TrainingMoment {
     pub(crate) people: Vec<Person>,
     /// Balls and posts.
@@ -57,7 +56,7 @@ pub(crate) struct TrainingMoment {
     pub(crate) field_m: [f64; 2],
 }
 
-/// A posture, put with its pelvis above `place`.
+/// A posture with its pelvis above `place`.
 fn joints(clips: &[Clip], stature_m: f64, place: Vector3<f64>, rng: &mut ChaCha8Rng) -> Joints {
     let clip = &clips[rng.random_range(0..clips.len())];
     let mut posture = at_random(clip, rng);

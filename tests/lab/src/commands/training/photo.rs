@@ -1,4 +1,4 @@
-//! What happens to a picture between the scene and the network: things in the way, lens, sensor and codec.
+//! Changes of an image between the scene and the network: occluders, lens, sensor and codec.
 
 use std::ops::Range;
 
@@ -7,7 +7,7 @@ use image::{DynamicImage, ImageDecoder as _, Rgb, RgbImage};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-/// Something in front of the people: a plain disc or beam, in picture pixels.
+/// An object in front of the people: a plain disc or beam, in image pixels.
 pub(crate) struct Occluder {
     center_px: [f32; 2],
     /// Half lengths along its own axes.
@@ -18,7 +18,7 @@ pub(crate) struct Occluder {
 }
 
 impl Occluder {
-    /// Something of 5 to 25 % of the picture.
+    /// A random object of 5 to 25 % of the image.
     pub(crate) fn draw(size_px: [u32; 2], rng: &mut ChaCha8Rng) -> Self {
         let size = size_px.map(|side| side as f32);
         let extent = size[0].max(size[1]);
@@ -59,8 +59,7 @@ impl Occluder {
     }
 }
 
-/// The picture as a real camera might have taken it; `blur_px` is how far out of focus
-/// it may be.
+/// The image as a real camera might have taken it, blurred by up to `blur_px`.
 pub(crate) fn taken(picture: RgbImage, blur_px: Range<f32>, rng: &mut ChaCha8Rng) -> RgbImage {
     let blurred = if rng.random_bool(0.4) {
         image::imageops::fast_blur(&picture, rng.random_range(blur_px))
@@ -80,7 +79,7 @@ pub(crate) fn taken(picture: RgbImage, blur_px: Range<f32>, rng: &mut ChaCha8Rng
     }
 }
 
-/// A camera that shook: the mean along a short line.
+/// Motion blur of the camera: the mean along a short line.
 fn smeared(picture: &RgbImage, rng: &mut ChaCha8Rng) -> RgbImage {
     const TAPS: i32 = 5;
     let angle: f32 = rng.random_range(0.0..std::f32::consts::TAU);
@@ -107,7 +106,7 @@ fn smeared(picture: &RgbImage, rng: &mut ChaCha8Rng) -> RgbImage {
     })
 }
 
-/// Exposure, contrast, white balance and the sensor's noise.
+/// Exposure, contrast, white balance and sensor noise.
 fn with_noise(mut picture: RgbImage, rng: &mut ChaCha8Rng) -> RgbImage {
     let gain: f32 = rng.random_range(0.7..1.3);
     let balance: [f32; 3] = std::array::from_fn(|_| gain * rng.random_range(0.9..1.1));
@@ -133,7 +132,7 @@ fn with_noise(mut picture: RgbImage, rng: &mut ChaCha8Rng) -> RgbImage {
     picture
 }
 
-/// Through a codec and back; as it was, should the codec refuse it.
+/// Through JPEG and back; unchanged if the codec fails.
 fn compressed(picture: RgbImage, quality: u8) -> RgbImage {
     let mut file = Vec::new();
     let (width, height) = picture.dimensions();

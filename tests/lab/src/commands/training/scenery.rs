@@ -1,4 +1,3 @@
-//! The picture of the people in a place that is drawn anew each time.
 
 use farfield_proto::camera::CameraModel;
 use farfield_sim::render::{Backdrop, CameraView, Figure, Sensor, Shot, Surroundings, paint};
@@ -8,13 +7,13 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::commands::training::people::TrainingMoment;
 
-/// Different sensors; each keeps a table of noise that takes longer to make than a picture.
+/// Number of sensors; each has a table of noise that takes longer to make than an image.
 const SENSORS: u64 = 96;
 
-/// Pictures of more pixels get fewer rays a pixel.
+/// Images with more pixels get fewer rays per pixel.
 const MANY_PX: u32 = 200 * 250;
 
-/// What pictures are painted with.
+/// Sensors for the images.
 pub(crate) struct Scenery {
     sensors: Vec<Sensor>,
 }
@@ -28,7 +27,7 @@ impl Scenery {
         Self { sensors }
     }
 
-    /// What `camera` sees of the people, in surroundings of their own.
+    /// The image of the people in `camera`, in random surroundings.
     pub(crate) fn paint(
         &self,
         moment: &TrainingMoment,
@@ -47,7 +46,7 @@ impl Scenery {
             moments: vec![vec![cone.clone()]],
         });
         let figures: Vec<_> = people.chain(things).collect();
-        // Pictures larger than the crop are averaged when it is cut out.
+        // Images larger than the crop are averaged by the crop.
         let [width, height] = camera.size_px();
         let samples = if width * height > MANY_PX { 1 } else { 2 };
         paint(&Shot {

@@ -1,4 +1,3 @@
-//! A training set as files of records.
 
 use std::path::{Path, PathBuf};
 
@@ -10,23 +9,23 @@ use rayon::prelude::*;
 
 use super::scenery::Scenery;
 
-/// What training sets have in common on the command line.
+/// Common arguments of training sets.
 #[derive(Debug, clap::Args)]
 pub(super) struct SetArgs {
-    /// The folder to write into.
+    /// The folder to write to.
     out: PathBuf,
-    /// How many records.
+    /// Number of records.
     records: usize,
-    /// What is drawn: a record is the same one however many there are.
+    /// Seed: a record does not depend on the number of records.
     seed: u64,
-    /// BVH files: the postures of the people.
+    /// BVH files with the postures of people.
     #[arg(value_name = "CLIP", required = true)]
     clips: Vec<PathBuf>,
 }
 
 /// A set of records of one kind.
 pub(super) struct TrainingSet {
-    /// First part of the files' names.
+    /// First part of the file names.
     pub(super) name: &'static str,
     /// Records of one file.
     pub(super) shard: usize,
@@ -35,10 +34,10 @@ pub(super) struct TrainingSet {
 }
 
 impl TrainingSet {
-    /// Draws all records and writes them, file by file.
+    /// Draws all records and writes them by file.
     ///
     /// # Errors
-    /// When a clip is missing or wrong, or a file cannot be written.
+    /// A clip is missing or wrong, or a file cannot be written.
     pub(super) fn write(&self, args: &SetArgs) -> Result<(), NodeError> {
         let clips = args.clips.iter().map(|path| Clip::load(path));
         let clips = clips
@@ -75,7 +74,7 @@ impl TrainingSet {
     }
 }
 
-/// Writes a file that has its name when it is whole.
+/// Writes a file under a temporary name, and renames it when it is complete.
 fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let unfinished = path.with_extension("tmp");
     std::fs::write(&unfinished, bytes)?;

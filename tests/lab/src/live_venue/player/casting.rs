@@ -1,7 +1,7 @@
-//! Whom of a recording fusion means by an id, by where its boxes are.
+//! Maps ids of fusion to ids of a recording, by the positions of boxes.
 //!
-//! As long as fusion goes the way of the recording, its ids are those of the recording. Where it has lost somebody and
-//! found them again, the box has another id than the patches that were recorded of the person in it.
+//! The ids are equal as long as fusion decides as in the recording. When it has lost a person and found it again, the box has
+//! another id than the recorded patches of that person.
 
 use std::collections::BTreeMap;
 
@@ -9,22 +9,22 @@ use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::message::{BoxSet, PersonPatch};
 use farfield_proto::tick::Tick;
 
-/// Farthest that a box may be from the crop of who is in it, by its height, as the mean of all viewpoints.
+/// Largest distance of a box from the crop of its person, relative to the height, as the mean of all viewpoints.
 const FARTHEST: f32 = 0.4;
 
-/// Where a person is in a camera, undistorted pixels.
+/// Position of a person in a camera, undistorted pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct CameraPlace {
     pub(super) camera: CameraIndex,
     pub(super) centre_px: [f32; 2],
-    /// Height of the box; 0 of crops.
+    /// Height of the box; 0 for crops.
     pub(super) height_px: f32,
 }
 
-/// Places of persons in a viewpoint.
+/// Positions of persons in a viewpoint.
 pub(super) type Places = BTreeMap<PersonId, CameraPlace>;
 
-/// Where `boxes` have everybody at `tick`.
+/// Positions of all `boxes`, extrapolated to `tick`.
 pub(super) fn places_of_boxes(boxes: &BoxSet, tick: Tick) -> Places {
     let person = boxes.persons.iter().filter_map(|person| {
         let first = person.cameras.first()?;
@@ -39,7 +39,7 @@ pub(super) fn places_of_boxes(boxes: &BoxSet, tick: Tick) -> Places {
     person.collect()
 }
 
-/// Where the crops of `patches` are.
+/// Positions of the crops of `patches`.
 pub(super) fn places_of_patches<'a>(patches: impl Iterator<Item = &'a PersonPatch>) -> Places {
     let place = |patch: &PersonPatch| {
         let crop = patch.crops.first()?;
@@ -55,15 +55,15 @@ pub(super) fn places_of_patches<'a>(patches: impl Iterator<Item = &'a PersonPatc
     own.collect()
 }
 
-/// Whom of the recording each id means.
+/// Recorded ids by fusion's ids.
 #[derive(Debug, Default)]
-pub(super) struct Casting {
-    of: BTreeMap<PersonId, PersonId>,
+pub(super) struct IdMapping {
+    recorded_ids: BTreeMap<PersonId, PersonId>,
 }
 
-impl Casting {
-    /// Finds out whom the ids of `boxes` mean, by where the `recorded` are; both by viewpoint. Who is where it was stays
-    /// who it was.
+impl IdMapping {
+    /// Updates the recorded ids of `boxes` from the positions of the `recorded` crops; both by viewpoint. An id keeps its person as
+    /// long as that person is in its boxes.
     pub(super) fn update(&mut self, boxes: &[Places], recorded: &[Places]) {
         let ids = |places: &[Places]| {
             let mut all: Vec<PersonId> =
@@ -73,10 +73,10 @@ impl Casting {
             all
         };
         let known = ids(recorded);
-        let mut of = BTreeMap::new();
+        let mut recorded_ids = BTreeMap::new();
         for id in ids(boxes) {
             let off = |known: PersonId| mean_off(boxes, id, recorded, known);
-            let before = self.of.get(&id).copied().unwrap_or(id);
+            let before = self.recorded_ids.get(&id).copied().unwrap_or(id);
             let is_still = off(before).is_some_and(|off| off <= FARTHEST);
             let found = if is_still {
                 Some(before)
@@ -85,19 +85,19 @@ impl Casting {
                 let nearest = near.min_by(|a, b| a.0.total_cmp(&b.0));
                 nearest.and_then(|(off, known)| (off <= FARTHEST).then_some(known))
             };
-            of.extend(found.map(|known| (id, known)));
+            recorded_ids.extend(found.map(|known| (id, known)));
         }
-        self.of = of;
+        self.recorded_ids = recorded_ids;
     }
 
-    /// Whom of the recording `id` means, if anybody.
-    pub(super) fn of(&self, id: PersonId) -> Option<PersonId> {
-        self.of.get(&id).copied()
+    /// The recorded id of fusion's `id`, if any.
+    pub(super) fn recorded_id(&self, id: PersonId) -> Option<PersonId> {
+        self.recorded_ids.get(&id).copied()
     }
 }
 
-/// How far the boxes of `id` are from the crops of `known`, by their height, as the mean of the viewpoints that have both;
-/// `None` where none has.
+/// Distance of the boxes of `id` from the crops of `known`, relative to the height, as the mean of the viewpoints that have
+/// both; `None` if none has.
 fn mean_off(boxes: &[Places], id: PersonId, recorded: &[Places], known: PersonId) -> Option<f32> {
     let (mut sum, mut n) = (0.0, 0.0);
     for (boxes, recorded) in boxes.iter().zip(recorded) {
@@ -116,7 +116,7 @@ fn mean_off(boxes: &[Places], id: PersonId, recorded: &[Places], known: PersonId
 mod tests {
     use super::*;
 
-    fn places(of: &[(u32, f32)]) -> Places {
+    fn places(recorded_ids: &[(u32, f32)]) -> Places {
         let place = |&(id, x_px): &(u32, f32)| {
             let place = CameraPlace {
                 camera: CameraIndex(0),
@@ -125,31 +125,31 @@ mod tests {
             };
             (PersonId(id), place)
         };
-        of.iter().map(place).collect()
+        recorded_ids.iter().map(place).collect()
     }
 
     #[test]
-    fn ids_mean_whom_they_meant_in_the_recording() {
-        let mut casting = Casting::default();
-        casting.update(
+    fn ids_of_the_recording_keep_their_persons() {
+        let mut mapping = IdMapping::default();
+        mapping.update(
             &[places(&[(1, 100.0), (2, 130.0)])],
             &[places(&[(1, 110.0), (2, 140.0), (3, 130.0)])],
         );
-        assert_eq!(casting.of(PersonId(1)), Some(PersonId(1)));
-        assert_eq!(casting.of(PersonId(2)), Some(PersonId(2)));
-        assert_eq!(casting.of(PersonId(3)), None);
+        assert_eq!(mapping.recorded_id(PersonId(1)), Some(PersonId(1)));
+        assert_eq!(mapping.recorded_id(PersonId(2)), Some(PersonId(2)));
+        assert_eq!(mapping.recorded_id(PersonId(3)), None);
     }
 
     #[test]
-    fn an_id_that_was_not_in_the_recording_is_who_is_in_its_boxes() {
-        let mut casting = Casting::default();
+    fn a_new_id_maps_to_the_person_in_its_boxes() {
+        let mut mapping = IdMapping::default();
         let recorded = [
             places(&[(1, 100.0), (2, 500.0)]),
             places(&[(1, 700.0), (2, 130.0)]),
         ];
-        casting.update(&[places(&[(9, 480.0)]), places(&[(9, 140.0)])], &recorded);
-        assert_eq!(casting.of(PersonId(9)), Some(PersonId(2)));
-        casting.update(&[places(&[(9, 300.0)]), places(&[(9, 400.0)])], &recorded);
-        assert_eq!(casting.of(PersonId(9)), None);
+        mapping.update(&[places(&[(9, 480.0)]), places(&[(9, 140.0)])], &recorded);
+        assert_eq!(mapping.recorded_id(PersonId(9)), Some(PersonId(2)));
+        mapping.update(&[places(&[(9, 300.0)]), places(&[(9, 400.0)])], &recorded);
+        assert_eq!(mapping.recorded_id(PersonId(9)), None);
     }
 }

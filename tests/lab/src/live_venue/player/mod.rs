@@ -1,10 +1,10 @@
-//! The edges of a crowd in one process: sets that were recorded beforehand, played over sessions of their own at the
-//! venue's rate, so that fusion is measured live on a machine that could not make the sets at that rate.
+//! The edges of a crowd in one process: plays recorded sets over sessions of their own at the venue's rate, so that fusion is
+//! measured live on a machine that could not compute the sets at that rate.
 //!
-//! Every viewpoint has a session, hears its boxes, and sends of the recording what it would have made for those boxes:
-//! who has no box is not sent, and sightings go out where fusion asks for a detection pass.
+//! Every viewpoint has a session, receives its boxes, and sends the recorded patches for those boxes. People without a box are
+//! not sent, and sightings are sent when fusion requests a detection pass.
 
-mod casting;
+mod mapping;
 mod viewpoint;
 
 use std::fs;
@@ -20,22 +20,22 @@ use farfield_sim::recorded_venue::RecordedVenue;
 use farfield_sim::scene::write::{calibration_text, write_truth};
 use farfield_sim::simulated::VenueText;
 
-use self::casting::{Casting, Places, places_of_patches};
+use self::mapping::{IdMapping, Places, places_of_patches};
 use self::viewpoint::{PlayedViewpoint, RecordedSets};
 use super::watch::unix_us;
 
-/// From the tick to the sending of its sets, microseconds: what a fast edge takes.
+/// Time from the tick to the sending of its sets, microseconds: that of a fast edge.
 const EDGE_US: u64 = 4_000;
-/// How often viewpoints say how they are, until the ticks begin and after it, microseconds.
+/// Intervals of statuses before the ticks begin and after, microseconds.
 const CALL_US: u64 = 100_000;
 const STATUS_US: u64 = 1_000_000;
-/// How long fusion may take to begin, microseconds.
+/// Time limit for fusion's start, microseconds.
 const PATIENCE_US: u64 = 60_000_000;
 
-/// Writes the venue of `recorded` and the truth of its ticks into `folder`; returns the venue file.
+/// Writes the venue of `recorded` and the truth of its ticks to `folder`; returns the venue file.
 ///
 /// # Errors
-/// What the file system says.
+/// The file system fails.
 pub fn write_played_venue(recorded: &RecordedVenue, folder: &Path) -> anyhow::Result<PathBuf> {
     let scene = recorded.scene();
     fs::write(
@@ -45,7 +45,7 @@ pub fn write_played_venue(recorded: &RecordedVenue, folder: &Path) -> anyhow::Re
     let mut truth = Vec::new();
     write_truth(scene, &scene.ticks(), &mut truth)?;
     fs::write(folder.join("truth.jsonl"), truth)?;
-    // Nobody opens it: the sets are there already.
+    // The file is never opened, since the sets exist already.
     let source = |_: &CameraModel| "{ kind = \"maps\", path = \"played.maps\" }".to_owned();
     let text = VenueText {
         scene,
@@ -63,27 +63,27 @@ pub fn write_played_venue(recorded: &RecordedVenue, folder: &Path) -> anyhow::Re
     Ok(path)
 }
 
-/// All viewpoints of a recorded venue, connected with fusion.
+/// All viewpoints of a recorded venue, connected to fusion.
 pub struct Player<'a> {
     recorded: &'a RecordedVenue,
     rate_hz: f64,
     viewpoints: Vec<PlayedViewpoint>,
 }
 
-/// How a recording was played.
+/// Result of playing a recording.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Played {
     /// Ticks that were sent.
     pub ticks: u64,
-    /// The most that a tick was sent too late, microseconds.
+    /// Largest lateness of a tick, microseconds.
     pub latest_us: u64,
 }
 
 impl<'a> Player<'a> {
-    /// Connects with the fusion of `venue`, which [`write_played_venue`] wrote of `recorded`, at `endpoint`.
+    /// Connects to the fusion of `venue`, which [`write_played_venue`] made from `recorded`, at `endpoint`.
     ///
     /// # Errors
-    /// What Zenoh says.
+    /// Zenoh fails.
     pub fn connect(
         recorded: &'a RecordedVenue,
         venue: &Venue,
@@ -99,40 +99,40 @@ impl<'a> Player<'a> {
         })
     }
 
-    /// Plays all ticks, each at its time, from the tick at which fusion begins on.
+    /// Plays all ticks in real time, starting with fusion's first tick.
     ///
     /// # Errors
-    /// When fusion does not begin, or a message cannot be sent.
+    /// Fusion does not start, or a message cannot be sent.
     pub fn play(&self) -> anyhow::Result<Played> {
         let epoch_us = self.wait_for_the_start()?;
-        let mut casting = Casting::default();
-        let (mut played, mut said_us) = (Played::default(), 0);
+        let mut mapping = IdMapping::default();
+        let (mut played, mut status_us) = (Played::default(), 0);
         for (index, _) in self.recorded.groups().iter().enumerate() {
             let tick_us = epoch_us + (1e6 * index as f64 / self.rate_hz).round() as u64;
             let due_us = tick_us + EDGE_US;
             sleep_until(due_us);
-            if self.viewpoints.iter().any(|v| v.heard().is_over) {
+            if self.viewpoints.iter().any(|v| v.received().is_over) {
                 break;
             }
             let late_us = unix_us().saturating_sub(due_us);
-            self.send(index, tick_us, &mut casting)?;
+            self.send(index, tick_us, &mut mapping)?;
             played.ticks += 1;
             played.latest_us = played.latest_us.max(late_us);
-            if tick_us >= said_us + STATUS_US {
-                said_us = tick_us;
+            if tick_us >= status_us + STATUS_US {
+                status_us = tick_us;
                 self.send_statuses()?;
             }
         }
         Ok(played)
     }
 
-    /// Waits until fusion has said when tick 0 is: Unix time, microseconds.
+    /// Waits until fusion has published the time of tick 0: Unix time, microseconds.
     fn wait_for_the_start(&self) -> anyhow::Result<u64> {
         let until_us = unix_us() + PATIENCE_US;
         while unix_us() < until_us {
             self.send_statuses()?;
             let epoch_us =
-                |v: &PlayedViewpoint| v.heard().newest.as_ref()?.0.live.map(|l| l.epoch_us);
+                |v: &PlayedViewpoint| v.received().newest.as_ref()?.0.live.map(|l| l.epoch_us);
             if let Some(epoch_us) = self.viewpoints.iter().find_map(epoch_us) {
                 return Ok(epoch_us);
             }
@@ -146,7 +146,7 @@ impl<'a> Player<'a> {
         viewpoints.try_for_each(PlayedViewpoint::send_status)
     }
 
-    fn send(&self, index: usize, tick_us: u64, casting: &mut Casting) -> anyhow::Result<()> {
+    fn send(&self, index: usize, tick_us: u64, mapping: &mut IdMapping) -> anyhow::Result<()> {
         let group = &self.recorded.groups()[index];
         let sightings = self.recorded.sightings().get(index);
         let sightings = sightings.context("recorded without all sightings")?;
@@ -172,9 +172,9 @@ impl<'a> Player<'a> {
         let patches = |sets: &RecordedSets<'_>| {
             places_of_patches(sets.patch_sets.iter().flat_map(|set| &set.persons))
         };
-        casting.update(&boxes, &sets.iter().map(patches).collect::<Vec<_>>());
+        mapping.update(&boxes, &sets.iter().map(patches).collect::<Vec<_>>());
         let mut pairs = self.viewpoints.iter().zip(&sets);
-        pairs.try_for_each(|(viewpoint, sets)| viewpoint.send((group.tick, tick_us), sets, casting))
+        pairs.try_for_each(|(viewpoint, sets)| viewpoint.send((group.tick, tick_us), sets, mapping))
     }
 }
 

@@ -1,4 +1,4 @@
-//! One viewpoint that is played: its session with fusion, and what it says at a tick.
+//! One played viewpoint: its session with fusion, and its messages.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -17,27 +17,27 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait as _};
 
-use super::casting::{Casting, Places, places_of_boxes};
+use super::mapping::{IdMapping, Places, places_of_boxes};
 use crate::live_venue::watch::{session, subscribe, unix_us, zenoh_error};
 
-/// Detection passes that are remembered.
+/// Number of detection passes that are remembered.
 const DETECTIONS: usize = 64;
 
-/// What fusion has said to a viewpoint.
+/// Messages of fusion to a viewpoint.
 #[derive(Debug, Default)]
-pub(super) struct HeardBoxes {
+pub(super) struct ReceivedBoxes {
     /// The newest boxes, and their arrival as Unix time, microseconds.
     pub(super) newest: Option<(BoxSet, u64)>,
-    /// Which messages of the newest have come.
+    /// Received parts of the newest boxes.
     parts: Option<BoxParts>,
-    /// The cameras that detection passes were asked of.
+    /// Cameras of the requested detection passes.
     detection: BTreeMap<Tick, Vec<CameraIndex>>,
     /// Whether the run is over.
     pub(super) is_over: bool,
 }
 
-impl HeardBoxes {
-    fn hear(&mut self, mut boxes: BoxSet) {
+impl ReceivedBoxes {
+    fn receive(&mut self, mut boxes: BoxSet) {
         self.is_over |= boxes.order == Order::End;
         if !boxes.detection_cameras.is_empty() {
             let cameras = boxes.detection_cameras.clone();
@@ -64,16 +64,16 @@ impl HeardBoxes {
 /// The session of a viewpoint.
 pub(super) struct PlayedViewpoint {
     status: Status,
-    heard: Arc<Mutex<HeardBoxes>>,
+    received: Arc<Mutex<ReceivedBoxes>>,
     patches: Publisher<'static>,
     sightings: Publisher<'static>,
     statuses: Publisher<'static>,
-    /// Both last as long as the viewpoint plays.
+    /// Token and session live as long as the viewpoint plays.
     _token: LivelinessToken,
     _session: Session,
 }
 
-/// What was recorded of a viewpoint at a tick.
+/// Recorded sets of a viewpoint at a tick.
 pub(super) struct RecordedSets<'a> {
     pub(super) patch_sets: Vec<&'a PatchSet>,
     /// Of a detection pass of all cameras.
@@ -81,7 +81,7 @@ pub(super) struct RecordedSets<'a> {
 }
 
 impl PlayedViewpoint {
-    /// Connects viewpoint `index` of `venue`, which plays `ticks` ticks from 0, with fusion at `endpoint`.
+    /// Connects viewpoint `index` of `venue`, which plays `ticks` ticks from 0, to fusion at `endpoint`.
     pub(super) fn connect(
         venue: &Venue,
         index: usize,
@@ -91,11 +91,11 @@ impl PlayedViewpoint {
         let name = &venue.viewpoints[index].name;
         let session = session(endpoint)?;
         let keys = Keys::new(&venue.name);
-        let heard: Arc<Mutex<HeardBoxes>> = Arc::default();
-        let hears = Arc::clone(&heard);
+        let received: Arc<Mutex<ReceivedBoxes>> = Arc::default();
+        let receiver = Arc::clone(&received);
         subscribe(&session, keys.boxes(name), move |_, bytes| {
             if let Ok(boxes) = wire::decode::<BoxSet>(bytes) {
-                lock(&hears).hear(boxes);
+                lock(&receiver).receive(boxes);
             }
         })?;
         let publisher = |key: String| {
@@ -115,7 +115,7 @@ impl PlayedViewpoint {
         let token = token.wait().map_err(zenoh_error)?;
         Ok(Self {
             status: status_of(venue, index, ticks),
-            heard,
+            received,
             patches,
             sightings,
             statuses,
@@ -124,39 +124,39 @@ impl PlayedViewpoint {
         })
     }
 
-    /// What fusion has said so far.
-    pub(super) fn heard(&self) -> MutexGuard<'_, HeardBoxes> {
-        lock(&self.heard)
+    /// Messages of fusion so far.
+    pub(super) fn received(&self) -> MutexGuard<'_, ReceivedBoxes> {
+        lock(&self.received)
     }
 
-    /// Where the newest boxes have everybody at `tick`.
+    /// Positions of the newest boxes, extrapolated to `tick`.
     pub(super) fn places(&self, tick: Tick) -> Places {
-        let heard = self.heard();
-        let newest = heard.newest.as_ref();
+        let received = self.received();
+        let newest = received.newest.as_ref();
         newest.map_or_else(Places::new, |(boxes, _)| places_of_boxes(boxes, tick))
     }
 
-    /// Says how it is.
+    /// Publishes the status.
     pub(super) fn send_status(&self) -> anyhow::Result<()> {
         let bytes = wire::encode(&self.status);
         self.statuses.put(bytes).wait().map_err(zenoh_error)
     }
 
-    /// Sends what was recorded of those whom the newest boxes hold, as `casting` says who they are, at `tick`, which is
-    /// at `tick_us` (Unix time, microseconds); and the sightings, where they were asked for.
+    /// Sends the recorded patches of the people in the newest boxes, under the ids of `mapping`, at `tick`, which is at `tick_us`
+    /// (Unix time, microseconds); and the sightings, if requested.
     pub(super) fn send(
         &self,
         (tick, tick_us): (Tick, u64),
         recorded: &RecordedSets<'_>,
-        casting: &Casting,
+        mapping: &IdMapping,
     ) -> anyhow::Result<()> {
-        let (boxes, arrived_us, asked) = {
-            let mut heard = self.heard();
-            let asked = heard.detection.remove(&tick);
-            let Some((boxes, arrived_us)) = heard.newest.clone() else {
+        let (boxes, arrived_us, requested) = {
+            let mut received = self.received();
+            let requested = received.detection.remove(&tick);
+            let Some((boxes, arrived_us)) = received.newest.clone() else {
                 return Ok(());
             };
-            (boxes, arrived_us, asked)
+            (boxes, arrived_us, requested)
         };
         let now_us = unix_us();
         let echo = boxes.live.map(|live| BoxEcho {
@@ -164,12 +164,12 @@ impl PlayedViewpoint {
             held_us: now_us.saturating_sub(arrived_us) as u32,
         });
         let timing = PatchTiming {
-            // Later than 36 minutes is no time of an edge.
+            // No edge is later than 36 minutes.
             sent_after_us: i32::try_from(now_us.saturating_sub(tick_us)).unwrap_or(i32::MAX),
             clock_correction_us: 0,
             echo,
         };
-        let sighting_sets = match &asked {
+        let sighting_sets = match &requested {
             Some(cameras) => sighted_by(&recorded.sighting_sets, cameras, boxes.session),
             None => Vec::new(),
         };
@@ -178,7 +178,7 @@ impl PlayedViewpoint {
                 session: boxes.session,
                 timing: Some(timing),
                 sighting_parts: sighting_sets.len() as u16,
-                persons: persons_of(set, &boxes, casting),
+                persons: persons_of(set, &boxes, mapping),
                 ..(*set).clone()
             };
             let bytes = wire::encode(&set);
@@ -193,20 +193,20 @@ impl PlayedViewpoint {
 }
 
 /// The patches of `set` under the ids of `boxes`.
-fn persons_of(set: &PatchSet, boxes: &BoxSet, casting: &Casting) -> Vec<PersonPatch> {
-    let asked = boxes.persons.iter().filter_map(|asked| {
-        let recorded = casting.of(asked.person)?;
+fn persons_of(set: &PatchSet, boxes: &BoxSet, mapping: &IdMapping) -> Vec<PersonPatch> {
+    let requested = boxes.persons.iter().filter_map(|requested| {
+        let recorded = mapping.recorded_id(requested.person)?;
         let patches = set.persons.iter().filter(move |p| p.person == recorded);
         Some(patches.map(|patch| PersonPatch {
-            person: asked.person,
+            person: requested.person,
             box_tick: boxes.tick,
             ..patch.clone()
         }))
     });
-    asked.flatten().collect()
+    requested.flatten().collect()
 }
 
-/// What `cameras` sighted.
+/// The sightings of `cameras`.
 fn sighted_by(
     sets: &[&SightingSet],
     cameras: &[CameraIndex],
@@ -249,7 +249,7 @@ fn status_of(venue: &Venue, index: usize, ticks: i64) -> Status {
     }
 }
 
-fn lock(heard: &Mutex<HeardBoxes>) -> MutexGuard<'_, HeardBoxes> {
-    // A panic elsewhere leaves whole messages behind.
-    heard.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(received: &Mutex<ReceivedBoxes>) -> MutexGuard<'_, ReceivedBoxes> {
+    // A panic elsewhere leaves complete messages.
+    received.lock().unwrap_or_else(PoisonError::into_inner)
 }

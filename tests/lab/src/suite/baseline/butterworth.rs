@@ -1,12 +1,11 @@
-//! A zero-phase Butterworth low-pass: the filter that sees the future.
+//! A zero-phase Butterworth low-pass, which uses future samples.
 //!
-//! As `scipy.signal.filtfilt` over `butter(2, ...)` does it (and with it Pose2Sim, which calls the
-//! two passes order 4): odd extension at both ends, steady state at the first sample, forwards, then
-//! backwards.
+//! Equals `scipy.signal.filtfilt` with `butter(2, ...)` (and Pose2Sim, which calls the two passes order 4): odd extension at
+//! both ends, steady state at the first sample, forwards, then backwards.
 
 use std::f64::consts::{PI, SQRT_2};
 
-/// A digital low-pass of order 2, of which two passes make order 4.
+/// A digital low-pass of order 2; two passes make order 4.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ZeroPhase {
     b: [f64; 3],
@@ -14,13 +13,12 @@ pub struct ZeroPhase {
 }
 
 impl ZeroPhase {
-    /// Samples by which a signal is extended at each end: three times the filter's length, as
-    /// scipy's default. Shorter signals are left as they are.
+    /// Samples by which a signal is extended at each end: three times the filter's length, scipy's default. Shorter signals are
+    /// not filtered.
     pub const PAD: usize = 9;
 
-    /// The filter whose single pass has its -3 dB point at `cutoff_hz`, for samples at `rate_hz`.
-    /// The bilinear transform of the analogue prototype, with its cutoff prewarped; `cutoff_hz` is
-    /// held below half the rate.
+    /// The filter whose single pass has its -3 dB point at `cutoff_hz`, for samples at `rate_hz`: the bilinear transform of the
+    /// analogue prototype with a prewarped cutoff. `cutoff_hz` is limited to below half the rate.
     pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
         let k = (PI * (cutoff_hz / rate_hz).clamp(1e-6, 0.499)).tan();
         let norm = 1.0 / (1.0 + SQRT_2 * k + k * k);
@@ -57,7 +55,7 @@ impl ZeroPhase {
     fn pass(&self, values: &mut [f64]) {
         let [b0, b1, b2] = self.b;
         let [_, a1, a2] = self.a;
-        // At a constant input u the output is u: the states that hold it there.
+        // The states for a constant input u with output u.
         let steady = [1.0 - b0, b2 - a2];
         let first = values.first().copied().unwrap_or(0.0);
         let mut state = steady.map(|s| s * first);
@@ -139,7 +137,7 @@ mod tests {
     ];
 
     #[test]
-    fn it_gives_the_numbers_of_scipy() {
+    fn the_filter_equals_that_of_scipy() {
         let signal: Vec<f64> = (0..40)
             .map(|t| {
                 let t = f64::from(t);
@@ -159,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_move_stays_and_a_short_signal_is_left_alone() {
+    fn constant_and_short_signals_are_unchanged() {
         let filtered = ZeroPhase::new(6.0, 60.0).filter(&[3.25; 50]);
         assert!(filtered.iter().all(|v| (v - 3.25).abs() < TOLERANCE));
         let short = [1.0, 5.0, 2.0];

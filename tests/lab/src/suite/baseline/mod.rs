@@ -1,9 +1,9 @@
-//! What a user of Pose2Sim gets at best out of the maps that fusion got: true association, peaks
-//! below the cell, weighted DLT without outlying views, zero-phase Butterworth.
+//! The best result of a user of Pose2Sim from the same maps: true association, subcell peaks, weighted DLT without outlying
+//! views, zero-phase Butterworth.
 //!
-//! Its joints are its keypoints, because it has no body. Nothing is held against it: the person of
-//! every crop is known from the truth, gaps are interpolated, and the filter sees the future. It has
-//! no heels and toes, so that its feet slide by their ankles.
+//! Its joints are its keypoints, because it has no body. It has every advantage: the person of every crop is known from the
+//! truth, gaps are interpolated, and the filter uses the future. It has no heels and toes, so its foot slide is that of the
+//! ankles.
 
 pub mod butterworth;
 pub mod outliers;
@@ -21,13 +21,13 @@ use crate::suite::baseline::butterworth::ZeroPhase;
 use crate::suite::baseline::outliers::{Thresholds, triangulate};
 use crate::view_peaks::ViewPeak;
 
-/// The cutoffs of which the best one counts, hertz.
+/// The cutoffs, of which the best one counts, hertz.
 pub const CUTOFFS_HZ: [f64; 4] = [4.0, 6.0, 8.0, 10.0];
 
-/// What one camera shows of one person at one tick.
+/// Peaks of one person in one camera at one tick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PersonView {
-    /// The camera, counted as in the venue.
+    /// Index of the camera in the venue.
     pub camera: usize,
     /// The best peak of each keypoint.
     pub peaks: Vec<Option<ViewPeak>>,
@@ -42,8 +42,8 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// Triangulates every keypoint at every one of `ticks`. `views` holds what was seen of the
-    /// person, by tick; `pixel_from_world` the projection matrix of each camera.
+    /// Triangulates every keypoint at each of `ticks`. `views` has the peaks of the person by tick; `pixel_from_world` the
+    /// projection matrix of each camera.
     pub fn triangulated(
         ticks: RangeInclusive<Tick>,
         n_keypoints: usize,
@@ -79,8 +79,8 @@ impl Trajectory {
         *self.points_m.get(keypoint)?.get(index)?
     }
 
-    /// Fills the gaps (a straight line between the neighbours, the nearest point at the ends) and
-    /// filters. A keypoint that was never found stays unknown.
+    /// Fills the gaps (linear between the neighbours, the nearest point at the ends) and filters. A keypoint without any point
+    /// stays unknown.
     #[must_use]
     pub fn filtered(&self, filter: &ZeroPhase) -> Self {
         let filter_points = |points: &Vec<Option<Vector3<f64>>>| {
@@ -100,7 +100,7 @@ impl Trajectory {
         }
     }
 
-    /// The body at `tick` as it is scored, `None` when nothing of it is known.
+    /// The body at `tick` for scoring; `None` without any point.
     pub fn body(&self, tick: Tick, keypoints: &KeypointSet) -> Option<ScoredBody> {
         let point = |name: &str| self.at(keypoints.index_of(name)?, tick);
         let mut body = ScoredBody::gather(PointSet::Joints, point, |_| None);
@@ -109,7 +109,7 @@ impl Trajectory {
     }
 }
 
-/// The points with every gap filled; `None` when there is no point at all.
+/// The points with every gap filled; `None` without any point.
 fn without_gaps(points: &[Option<Vector3<f64>>]) -> Option<Vec<Vector3<f64>>> {
     let known: Vec<(usize, Vector3<f64>)> = points
         .iter()
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
     use crate::ring::CameraRing;
 
-    /// What exact peaks leave: rounding, and the filter's damping of a slow circle (below 0.1 mm).
+    /// Error from exact peaks: rounding, and the filter's damping of a slow circle (below 0.1 mm).
     const CLEAN_M: f64 = 1e-4;
     const RATE_HZ: f64 = 60.0;
     const N_TICKS: i64 = 180;
@@ -203,7 +203,7 @@ mod tests {
     fn the_filter_leaves_slow_motion_as_it_is() {
         for cutoff_hz in CUTOFFS_HZ {
             let filtered = trajectory(|_| false).filtered(&ZeroPhase::new(cutoff_hz, RATE_HZ));
-            // Where the ends are extended, a little is lost.
+            // The extension loses a little at the ends.
             check(&filtered, 30..N_TICKS - 30, CLEAN_M);
         }
     }

@@ -1,17 +1,16 @@
-//! A point out of the peaks of several views, of which some are wrong: weighted DLT with Pose2Sim's
-//! removal of outlying views.
+//! Triangulation from peaks of several views, some of them wrong: weighted DLT with Pose2Sim's removal of outlying views.
 //!
-//! Pose2Sim 0.9 to 0.10, `triangulation_from_best_cameras`: peaks below a likelihood are left out;
-//! all subsets of the others are tried, none removed first, then one, and so on, until the best
-//! subset of a size has a mean reprojection error within the threshold or fewer than two views would
-//! remain. Of a size the subset with the least error counts. Above the threshold there is no point.
-//! Its swapping of left and right (off by default, as in its own demonstration) is left out.
+//! Pose2Sim 0.9 to 0.10, `triangulation_from_best_cameras`: peaks below a likelihood are excluded. All subsets of the others
+//! are tried: without removal, then with one view removed, and so on, until the best subset of a size has a mean reprojection
+//! error within the threshold or fewer than two views would remain. Of each size the subset with the least error counts.
+//! Above the threshold there is no point. Its swapping of left and right (off by default, also in its demonstration) is not
+//! implemented.
 
 use farfield_fusion::estimate::triangulate::{Observation, weighted_dlt};
 use farfield_proto::frames::Point;
 use nalgebra::Vector3;
 
-/// What Pose2Sim asks its user for.
+/// Configuration of Pose2Sim.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thresholds {
     /// Least likelihood of a peak (`likelihood_threshold_triangulation`).
@@ -24,7 +23,7 @@ pub struct Thresholds {
 }
 
 impl Default for Thresholds {
-    /// Those of Pose2Sim's own configuration.
+    /// Defaults of Pose2Sim.
     fn default() -> Self {
         Self {
             likelihood: 0.3,
@@ -34,8 +33,8 @@ impl Default for Thresholds {
     }
 }
 
-/// The point that `seen` fixes (world, metres), `None` when no allowed subset agrees. The weights are
-/// the likelihoods. Cost: at most 2^n DLTs for n views.
+/// The triangulated point (world, metres); `None` if no allowed subset agrees. The weights are the likelihoods. Cost: at most
+/// 2^n DLTs for n views.
 pub fn triangulate(seen: &[Observation], thresholds: &Thresholds) -> Option<Vector3<f64>> {
     let likely: Vec<Observation> = seen
         .iter()
@@ -88,7 +87,7 @@ mod tests {
     use super::*;
     use crate::ring::CameraRing;
 
-    /// What rounding leaves of exact projections, metres.
+    /// Rounding error of exact projections, metres.
     const EXACT_M: f64 = 1e-6;
 
     fn seen(point: Vector3<f64>) -> Vec<Observation> {

@@ -1,4 +1,4 @@
-//! People as they are scored: the truth of a scene, and what the system says.
+//! People for scoring: the truth of a scene, and poses.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ use farfield_sim::scene::PersonTruth;
 /// People by tick and id.
 pub type People = BTreeMap<Tick, BTreeMap<u32, ScoredBody>>;
 
-/// The true person as it is scored.
+/// A true person for scoring.
 pub fn true_body(truth: &PersonTruth) -> ScoredBody {
     let joint = |name: &str| joint_m(&truth.joints_m, name);
     let mut body = ScoredBody::gather(PointSet::Joints, joint, joint);
@@ -27,7 +27,7 @@ pub fn true_body(truth: &PersonTruth) -> ScoredBody {
     body
 }
 
-/// A pose as it is scored.
+/// A pose for scoring.
 pub fn pose_body(pose: &PersonPose, keypoints: &KeypointSet) -> ScoredBody {
     let to_f64 = |p: &[f32; 3]| Vector3::from(p.map(f64::from));
     let joint = |name: &str| {

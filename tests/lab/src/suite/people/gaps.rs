@@ -1,8 +1,7 @@
-//! Gaps that somebody must answer for: truths without a pose that nothing excuses.
+//! Gaps that nothing excuses: truths without a pose.
 //!
-//! Excused is a tick of a person whom the scene loses to all viewpoints but one just then: such a place
-//! cannot be measured. So is one of somebody who comes back, until the next pose: that is what the time
-//! until found again is about. Nothing excuses anybody else, nor the same person at another tick.
+//! Two kinds are excused. While a scene loses a person to all viewpoints but one, the position cannot be measured. And a
+//! person who returns has no pose until found again, which another figure measures.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,12 +11,12 @@ use farfield_score::matches_at;
 
 use farfield_sim::scene::Scene;
 
-/// Viewpoints that a place takes.
+/// Viewpoints that a position needs.
 const LEAST_VIEWPOINTS: u32 = 2;
 
-/// The ticks and numbers of the people of `scene` whom `truth` holds without a pose in `poses`, save
-/// those who are lost and those who are `returning`.
-pub fn to_answer_for(
+/// Ticks and numbers of the people of `scene` that `truth` contains without a pose in `poses`, except those who are lost and
+/// those who are `returning`.
+pub fn unexcused(
     scene: &Scene,
     poses: &PoseLines,
     truth: &PoseLines,
@@ -65,8 +64,8 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_beside_somebody_elses_excuse_must_be_answered_for() {
-        // The scene loses its first person to all but one from 2 s to 3 s.
+    fn an_excuse_covers_one_person_at_one_tick_only() {
+        // The scene loses its first person to all viewpoints but one from 2 s to 3 s.
         let scene = embedded::scene("lost").unwrap();
         let tick = |time_s: f64| (time_s * scene.rate_hz()).round() as i64;
         let all = || (0..tick(4.0)).flat_map(|tick| [1, 2, 3].map(|person| (tick, person)));
@@ -82,7 +81,7 @@ mod tests {
         let poses = recording(all().filter(|at| !missing.contains(at)));
         // One tick of the first is both lost and a return: it excuses no other.
         let returning = [(tick(2.5), 3), (tick(2.5), 1)].map(|(tick, who)| (Tick(tick), who));
-        let gaps = to_answer_for(&scene, &poses, &truth, &BTreeSet::from(returning));
+        let gaps = unexcused(&scene, &poses, &truth, &BTreeSet::from(returning));
         let expected = [
             (tick(1.9), 1),
             (tick(2.5), 2),

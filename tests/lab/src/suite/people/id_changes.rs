@@ -1,5 +1,5 @@
-//! When somebody's pose gets another id, and whose that was: an id that was somebody else's is the worst that
-//! can happen to whoever counts on ids, a new one costs least.
+//! Changes of a person's id, and the former owner of the new id. An id of another person is the worst case for users of ids; a
+//! new one costs least.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -9,25 +9,25 @@ use farfield_score::lines::PoseLines;
 use farfield_score::matches_at;
 use serde::Serialize;
 
-/// How long an id stays with somebody to be its own, seconds.
+/// Time that an id must stay with a person to be its own, seconds.
 const STAYS_S: f64 = 0.1;
 
-/// A pose of somebody with another id than its last one.
+/// A pose of a person with another id than its last one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct IdChange {
-    /// At the first tick with it.
+    /// The first tick with the new id.
     pub tick: i64,
     /// Number of the person.
     pub actor: u32,
-    /// The id before, and the one now.
+    /// The id before, and the new one.
     pub ids: [u32; 2],
-    /// Whose that one was last; `None` of an id that is new, or of its own.
+    /// The last other owner of the new id; `None` if it is new or was its own.
     pub of: Option<u32>,
 }
 
 impl IdChange {
-    /// Those of `poses`, in order. Only an id that stays for a while counts: while somebody is out of sight, a pose
-    /// that is carried on may pass somebody else.
+    /// The changes in `poses`, in order. Only an id that stays for a while counts: while a person is out of sight, a pose that is
+    /// extrapolated may pass another person.
     pub fn all(poses: &PoseLines, truth: &PoseLines, rate_hz: f64) -> Vec<Self> {
         let stays = (STAYS_S * rate_hz).ceil().max(1.0) as u32;
         let mut changes = Vec::new();
@@ -75,7 +75,7 @@ impl fmt::Display for IdChange {
         )?;
         match of {
             Some(other) => write!(f, ", WHICH WAS {other}"),
-            None => write!(f, ", which is nobody else's"),
+            None => write!(f, ", which is new or its own"),
         }
     }
 }
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn ids_that_are_swapped_were_somebody_elses_and_a_new_one_was_nobodys() {
+    fn swapped_ids_have_a_former_owner_and_new_ids_have_none() {
         let swapped = changes(|tick| if tick < 30 { [7, 8] } else { [8, 7] });
         let of: Vec<_> = swapped.iter().map(|c| (c.actor, c.of)).collect();
         assert_eq!(of, [(1, Some(2)), (2, Some(1))]);
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn an_id_that_passes_by_is_no_change() {
+    fn a_passing_id_is_no_change() {
         let passed = changes(|tick| {
             if (30..33).contains(&tick) {
                 [8, 7]

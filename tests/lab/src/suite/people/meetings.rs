@@ -1,17 +1,16 @@
-//! How often people of a scene meet, from its truth alone: a suite that asks for twenty crossings counts
-//! them.
+//! How often people of a scene meet, from its truth.
 
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::tick::Tick;
 
 use farfield_sim::scene::Scene;
 
-/// Pelvises that come as near as this have met, metres: shoulder to shoulder.
+/// Pelvises within this distance have met, metres: shoulder to shoulder.
 const NEAR_M: f64 = 0.7;
-/// And this far apart they have parted, metres.
+/// At this distance they have parted, metres.
 const APART_M: f64 = 1.5;
 
-/// How often two people of `scene` have come near each other and parted again, over all pairs.
+/// Number of times that two people of `scene` have come near each other and parted again, over all pairs.
 pub fn meetings(scene: &Scene) -> u64 {
     let people = scene.people().len();
     let mut near = vec![false; people * people];

@@ -1,4 +1,4 @@
-//! What becomes of the people of a scene: their bodies, who is there, who meets whom, who is lost and found.
+//! The people of a scene for scoring: bodies, presence, gaps, id changes, recoveries.
 
 pub mod bodies;
 pub mod gaps;

@@ -1,5 +1,7 @@
-//! Who can be asked for: the people of a scene while they are inside the field and in the images of two
-//! viewpoints. Outside nobody owes a pose, and none is held against them.
+//! From the truth of a scene: which people count in scores, which gaps nothing excuses, and how often people meet.
+//!
+//! People count while they are inside the field and in the images of two viewpoints. Otherwise they need no pose, and their
+//! poses do not count as false.
 
 use std::collections::BTreeMap;
 
@@ -13,23 +15,23 @@ use farfield_score::points::PointSet;
 use crate::suite::people::bodies::{People, true_body};
 use farfield_sim::scene::{PersonTruth, Scene};
 
-/// Keypoints that an image must hold of somebody: as many as let a detector find them.
+/// Keypoints of a person that an image must contain, as many as a detector needs.
 const LEAST_KEYPOINTS: usize = 6;
-/// Viewpoints that a place takes.
+/// Viewpoints that a position needs.
 const LEAST_VIEWPOINTS: usize = 2;
 
-/// The people of a scene who can be asked for, tick by tick.
+/// The people of a scene who count in scores, by tick.
 pub struct ScenePresence {
-    /// The truth of all who are anywhere.
+    /// The truth of all people.
     everywhere: PoseLines,
-    /// The truth of those who can be asked for.
+    /// The truth of the people who count.
     pub truth: PoseLines,
-    /// The first tick of each in it.
+    /// First tick of each in `truth`.
     pub since: BTreeMap<u32, Tick>,
 }
 
 impl ScenePresence {
-    /// That of `scene`.
+    /// Computed from the truth of `scene`.
     pub fn of(scene: &Scene) -> Self {
         let (mut everywhere, mut present) = (People::new(), People::new());
         let mut since = BTreeMap::new();
@@ -55,8 +57,8 @@ impl ScenePresence {
         }
     }
 
-    /// `poses` without those of people who cannot be asked for just then.
-    pub fn asked_for(&self, poses: &PoseLines) -> PoseLines {
+    /// `poses` without those of people who do not count at that tick.
+    pub fn scorable(&self, poses: &PoseLines) -> PoseLines {
         let mut kept = People::new();
         for tick in poses.ticks() {
             let owners = matches_at(tick, poses, &self.everywhere);
@@ -77,8 +79,8 @@ impl ScenePresence {
     }
 }
 
-/// Whether somebody's pelvis is inside the field, and as many of the keypoints as it takes in the images
-/// of two viewpoints; bodies in between do not count.
+/// Whether the pelvis is inside the field, and enough keypoints are in the images of two viewpoints; occlusion by bodies does
+/// not count.
 fn is_present(scene: &Scene, truth: &PersonTruth) -> bool {
     let [min_m, max_m] = scene.field_bounds_m();
     let pelvis_m = truth.joint_m(Joint::Pelvis);
@@ -105,7 +107,7 @@ mod tests {
     use farfield_sim::embedded;
 
     #[test]
-    fn who_leaves_the_field_is_not_asked_for_until_the_return() {
+    fn people_outside_the_field_do_not_count() {
         let scene = embedded::scene("return").unwrap();
         let presence = ScenePresence::of(&scene);
         let ticks = |actor: u32| -> Vec<i64> {
@@ -133,8 +135,8 @@ mod tests {
                 .unwrap();
             assert!(away > 90, "person {actor} is away for {away} ticks");
         }
-        // Perfect poses of everybody, wherever they are, are not held against anyone.
-        let kept = presence.asked_for(&presence.everywhere);
+        // Perfect poses of all people, wherever they are, are reduced to the people who count.
+        let kept = presence.scorable(&presence.everywhere);
         assert_eq!(kept.ticks().count(), presence.truth.ticks().count());
         for tick in kept.ticks() {
             let [a, b] = [&kept, &presence.truth].map(|r| r.people_at(tick).unwrap().len());

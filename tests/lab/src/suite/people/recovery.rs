@@ -1,5 +1,4 @@
-//! What becomes of people whom a scene loses for a while: whether they keep their id, and how soon their
-//! skeleton sits again.
+//! Recovery of people whom a scene loses for a while: whether they keep their id, and how soon their skeleton fits again.
 
 use std::fmt;
 
@@ -11,11 +10,11 @@ use serde::Serialize;
 use crate::conditions::Cuts;
 use farfield_sim::scene::Scene;
 
-/// Error up to which a skeleton sits, metres.
-pub const SITS_M: f64 = 0.05;
-/// From how long a loss on somebody may get a new id, seconds: nothing but the body is left to know it by.
+/// Largest error of a skeleton that fits, metres.
+pub const FITS_M: f64 = 0.05;
+/// Duration of a loss from which a person may get a new id, seconds: only the body is left to recognise it by.
 pub const LONG_S: f64 = 1.2;
-/// How long it must do so, seconds.
+/// Time that a skeleton must fit to count as recovered, seconds.
 const STAYS_S: f64 = 0.5;
 
 /// One person's loss and recovery.
@@ -23,24 +22,24 @@ const STAYS_S: f64 = 0.5;
 pub struct Recovery {
     /// Number of the person.
     pub actor: u32,
-    /// From when to when it was lost, seconds.
+    /// Start and end of the loss, seconds.
     pub lost_s: [f64; 2],
     /// Whether the first pose afterwards has the id of the last one before.
     pub same_id: bool,
-    /// Whether it has the id that somebody else had before.
+    /// Whether it has the former id of another person.
     pub others_id: bool,
-    /// Ticks without a pose within 0.5 m while it was lost.
+    /// Ticks without a pose within 0.5 m during the loss.
     pub gaps: u64,
-    /// Greatest error while it was lost, millimetres; of the ticks with a pose within 0.5 m.
+    /// Largest error during the loss, millimetres, over ticks with a pose within 0.5 m.
     pub worst_mm: Option<f64>,
-    /// From the end of the loss until the error is below 50 mm and stays there for half a second (or to
-    /// the end of the scene), seconds; `None`: it never is.
+    /// Time from the end of the loss until the error is below 50 mm for half a second (or to the end of the scene), seconds;
+    /// `None`: never.
     pub seconds: Option<f64>,
 }
 
 impl Recovery {
-    /// Those of `poses` in `scene`, whose truth is `truth`: one for each loss, and for each person when all links are
-    /// cut, that begins and ends within the scene's ticks.
+    /// The recoveries of `poses` in `scene` with its `truth`: one for each loss, and one per person for each cut of all links,
+    /// that begins and ends within the scene's ticks.
     pub fn all(
         (scene, cuts): (&Scene, Option<Cuts>),
         poses: &PoseLines,
@@ -70,7 +69,7 @@ impl Recovery {
             .collect()
     }
 
-    /// Whether the id is kept, or after [`LONG_S`] at least nobody else's.
+    /// Whether the id is kept, or after [`LONG_S`] is new rather than another person's.
     pub fn is_fair(&self) -> bool {
         let [from_s, until_s] = self.lost_s;
         self.same_id || until_s - from_s >= LONG_S && !self.others_id
@@ -107,11 +106,11 @@ impl ErrorTrack<'_> {
             .flatten()
             .any(|(other, id)| other != self.actor && ids[1] == Some(id));
         let stays = (STAYS_S * self.rate_hz).ceil().max(1.0) as usize;
-        let sits = |(_, error): &(Tick, Option<f64>)| error.is_some_and(|e| e < SITS_M);
+        let fits = |(_, error): &(Tick, Option<f64>)| error.is_some_and(|e| e < FITS_M);
         let afterwards: Vec<_> = after().collect();
         let first = (0..afterwards.len()).find(|&i| {
             let end = afterwards.len().min(i + stays);
-            afterwards[i..end].iter().all(|error| sits(error))
+            afterwards[i..end].iter().all(|error| fits(error))
         });
         Recovery {
             actor: self.actor,
@@ -181,7 +180,7 @@ impl fmt::Display for RecoverySummary<'_> {
     }
 }
 
-/// The worst of several recoveries, seconds; infinite where one never comes, `None` of none.
+/// The slowest recovery, seconds; infinite if one never comes, `None` for an empty slice.
 pub fn slowest_s(recoveries: &[Recovery]) -> Option<f64> {
     let each = recoveries
         .iter()
@@ -198,7 +197,7 @@ mod tests {
 
     use super::*;
 
-    /// Somebody whose points are all `off_m` from where the truth has them, with an id, at each tick.
+    /// A person whose points are all `off_m` from the truth, with an id, at each tick.
     fn recording(at: impl Fn(i64) -> Option<(u32, f64)>) -> PoseLines {
         let body = |off_m: f64| {
             let mut body = ScoredBody::default();
@@ -216,7 +215,7 @@ mod tests {
         recovery_at(10.0, poses)
     }
 
-    /// That of somebody who is lost from 1 s to 2 s.
+    /// The recovery of a person who is lost from 1 s to 2 s.
     fn recovery_at(rate_hz: f64, poses: &PoseLines) -> Recovery {
         let truth = recording(|_| Some((1, 0.0)));
         let errors = errors_over_time(poses, &truth);
@@ -229,8 +228,8 @@ mod tests {
     }
 
     #[test]
-    fn a_skeleton_has_recovered_when_it_sits_and_stays() {
-        // It drifts while lost, sits for a moment at 2.1 s, and for good from 2.3 s on.
+    fn a_skeleton_has_recovered_when_it_fits_and_stays() {
+        // It drifts while lost, fits for a moment at 2.1 s, and for good from 2.3 s on.
         let off_m = |tick: i64| match tick {
             10..20 => 0.01 * (tick - 9) as f64,
             20 | 22 => 0.2,
@@ -243,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn at_a_low_rate_one_tick_that_sits_is_still_asked_for() {
+    fn a_low_rate_needs_at_least_one_fitting_tick() {
         let off = recovery_at(
             1.0,
             &recording(|tick| Some((7, 0.1 * f64::from(tick >= 2)))),
@@ -252,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn another_id_afterwards_is_told() {
+    fn another_id_afterwards_is_reported() {
         let poses = recording(|tick| match tick {
             0..12 => Some((7, 0.0)),
             25.. => Some((8, 0.0)),

@@ -1,5 +1,4 @@
-//! The bars that the figures of a suite are to reach; what no change may fall behind is looser
-//! ([`super::limits`]).
+//! The bars that a suite's figures should reach. The limits that no change may exceed are looser ([`super::limits`]).
 
 use std::fmt;
 
@@ -9,7 +8,7 @@ use serde::Serialize;
 use crate::suite::people::recovery::{Recovery, slowest_s};
 use crate::suite::report::SceneReport;
 
-/// On which side of its number a figure must be.
+/// The bound of a figure.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Bound {
@@ -31,18 +30,18 @@ impl Bound {
     }
 }
 
-/// A figure beside its bar.
+/// A figure with its bar.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BarVerdict {
-    /// The scenes it is the mean of.
+    /// The scenes of the mean.
     pub scenes: String,
     /// What was measured, with its unit.
     pub measure: &'static str,
-    /// The figure; `None` where nothing was measured, which reaches no bar.
+    /// The figure; `None` without data, which reaches no bar.
     pub value: Option<f64>,
-    /// What it must be.
+    /// The bar.
     pub bound: Bound,
-    /// Whether it is.
+    /// Whether the figure reaches it.
     pub reached: bool,
 }
 
@@ -83,7 +82,7 @@ struct Group {
     measure: &'static str,
     figure: fn(&MeanScore) -> Option<f64>,
     from_maps: Bound,
-    /// `None`: from pixels there is none.
+    /// `None`: there is no bar from pixels.
     from_pixels: Option<Bound>,
 }
 
@@ -142,25 +141,25 @@ const GROUPS: [Group; 7] = [
     },
 ];
 
-/// MPJPE of two who hold each other, millimetres.
+/// MPJPE of two people in a hug, millimetres.
 const HUG_MPJPE_MM: f64 = 45.0;
-/// Longest time until somebody in the images of two viewpoints has a pose, seconds.
+/// Longest time until a person in the images of two viewpoints has a pose, seconds.
 const BIRTH_S: f64 = 1.0;
-/// Longest time until somebody who was lost sits again, seconds.
+/// Longest time until the skeleton of a lost person fits again, seconds.
 const RECOVERY_S: f64 = 0.2;
-/// After all links were cut for longer than [`SHORT_S`].
+/// The same after all links were cut for longer than [`SHORT_S`].
 const LONG_RECOVERY_S: f64 = 1.5;
-/// Up to how long cut links are a hiccup, seconds.
+/// Longest cut that counts as a hiccup, seconds.
 const SHORT_S: f64 = 0.9;
-/// Times that two must have passed each other where that is what is probed.
+/// Least number of crossings in the scene that tests them.
 const CROSSINGS: f64 = 20.0;
 
-/// What range of motion may cost, millimetres.
+/// Largest cost of range of motion, millimetres.
 const RANGE_OF_MOTION_COSTS_MM: f64 = 1.0;
 /// Share of the baseline's foot slide.
 const SLIDE_SHARE: f64 = 0.5;
 
-/// The bars that `reports` are held against; those of a group only where all its scenes are there.
+/// The bars of `reports`; those of a group only if all its scenes are present.
 pub fn verdicts(reports: &[SceneReport]) -> Vec<BarVerdict> {
     let mut verdicts = Vec::new();
     for bar in GROUPS {
@@ -201,7 +200,7 @@ fn of_scene(report: &SceneReport) -> Vec<BarVerdict> {
     let gaps = report.gaps_to_answer_for as f64;
     let switches = with.identity.switches as f64;
     let mut verdicts = vec![
-        verdict("gaps to answer for", Some(gaps), Bound::AtMost(0.0)),
+        verdict("unexcused gaps", Some(gaps), Bound::AtMost(0.0)),
         verdict("id switches", Some(switches), Bound::AtMost(0.0)),
     ];
     verdicts.extend(of_identity(report));
@@ -226,7 +225,7 @@ fn of_scene(report: &SceneReport) -> Vec<BarVerdict> {
     verdicts
 }
 
-/// Who is found, and who keeps the id.
+/// Bars on births, returns and ids.
 fn of_identity(report: &SceneReport) -> Vec<BarVerdict> {
     let scores = &report.with_range_of_motion;
     let verdict = |measure, value, bound| BarVerdict::new(&report.scene, measure, value, bound);

@@ -1,5 +1,5 @@
-//! The loose limits that no change may fall behind. They hold for scenes of a few seconds as well, where
-//! the bars ([`super::bars`]) are too strict a test.
+//! The loose limits that no change may exceed. They hold for scenes of a few seconds as well, for which the bars
+//! ([`super::bars`]) are too strict.
 
 use farfield_score::Scores;
 
@@ -7,23 +7,23 @@ use crate::suite::people::recovery::{Recovery, slowest_s};
 use crate::suite::report::SceneReport;
 use crate::suite::report::bars::Bound;
 
-/// Worst MPJPE of a scene in which everybody stays in sight, millimetres: half as much again as the bars.
+/// Largest MPJPE of a scene in which all people stay in sight, millimetres: half as much again as the bars.
 pub const LIMIT_MPJPE_MM: f64 = 35.0;
 /// Least success rate of such a scene, percent.
 pub const LIMIT_SUCCESS: f64 = 98.0;
-/// Most gaps of a scene to answer for, percent of its frames.
+/// Most unexcused gaps of a scene, percent of its frames.
 pub const LIMIT_GAPS: f64 = 1.0;
-/// Most ticks until somebody who can be asked for is found.
+/// Most ticks until a person who counts is found.
 pub const LIMIT_FOUND_TICKS: i64 = 60;
-/// Longest time until somebody who comes back is found again, seconds: twice the bar.
+/// Longest time until a person who returns is found again, seconds: twice the bar.
 pub const LIMIT_RETURN_S: f64 = 2.0;
-/// Longest time until somebody who was lost sits again, seconds.
+/// Longest time until the skeleton of a lost person fits again, seconds.
 pub const LIMIT_RECOVERY_S: f64 = 1.0;
 
-/// A figure with what it is of and its limit.
+/// A figure with its name and limit.
 type LimitedFigure = (&'static str, f64, Bound);
 
-/// What is worse than the limits, in words; empty when all is well.
+/// Figures worse than the limits, as text.
 pub fn behind_limits(reports: &[SceneReport]) -> Vec<String> {
     let mut behind = Vec::new();
     for report in reports {
@@ -51,10 +51,10 @@ pub fn behind_limits(reports: &[SceneReport]) -> Vec<String> {
 fn of_gaps(scores: &Scores, gaps: u64) -> Vec<LimitedFigure> {
     let frames: u64 = scores.actors.values().map(|a| a.frames).sum();
     let gaps = 100.0 * gaps as f64 / frames.max(1) as f64;
-    vec![("gaps to answer for, %", gaps, Bound::AtMost(LIMIT_GAPS))]
+    vec![("unexcused gaps, %", gaps, Bound::AtMost(LIMIT_GAPS))]
 }
 
-/// Where somebody out of sight is carried on by the model these say how far it moved meanwhile.
+/// Poses of people out of sight are extrapolated by the model, so these figures would measure their motion.
 fn of_poses(scores: &Scores) -> Vec<LimitedFigure> {
     let mpjpe_mm = scores.mean.mpjpe_mm.unwrap_or(f64::NAN);
     let success = scores.mean.success_150.unwrap_or(f64::NAN);
@@ -98,7 +98,7 @@ mod tests {
 
     use super::*;
 
-    /// Somebody with this id at these ticks.
+    /// A person with this id at these ticks.
     fn recording(id: u32, ticks: impl Iterator<Item = i64>) -> PoseLines {
         let mut body = ScoredBody::default();
         body.points_m[0] = Some(Vector3::zeros());
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_back_and_is_never_found_again_is_behind_the_limit() {
+    fn a_person_never_found_again_is_behind_the_limit() {
         let truth = recording(1, (0..60).chain(120..300));
         let found = |until: i64| {
             score(
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn an_id_that_a_loss_costs_is_behind_the_limit() {
+    fn an_id_lost_by_a_loss_is_behind_the_limit() {
         let truth = recording(1, 0..60);
         let scores = score(&truth, &truth, TruthExtent::Whole, Some(60.0));
         let lost = |same_id| Recovery {

@@ -1,4 +1,5 @@
-//! The figures of one scene: ours with and without range of motion, and the baseline on the same maps.
+//! The figures of one scene, ours with and without range of motion and the baseline on the same maps, and the overview of all
+//! scenes.
 
 pub mod bars;
 pub mod limits;
@@ -29,12 +30,12 @@ use farfield_sim::scene::Scene;
 use farfield_sim::scene::range_of_motion::range_of_motion_excess;
 use farfield_sim::simulated::in_memory::Input;
 
-/// Losses of which more are summed up.
+/// Number of losses above which they are summarised.
 const MANY: usize = 12;
 /// Width of the names in front of a row.
 const NAME_WIDTH: usize = 17;
 
-/// What a user of Pose2Sim gets at best.
+/// The best result of a user of Pose2Sim.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Baseline {
     /// The best of the cutoffs, hertz.
@@ -44,7 +45,7 @@ pub struct Baseline {
 }
 
 impl Baseline {
-    /// The baseline of a run that kept its peaks. The cutoff with the least MPJPE counts.
+    /// The baseline of a run that kept its peaks, with the cutoff of least MPJPE.
     pub fn best(run: &SceneRun) -> Self {
         let raw: Vec<(u32, Trajectory)> = run
             .scene
@@ -107,39 +108,38 @@ pub struct SceneReport {
     pub scene: String,
     /// `maps` or `pixels`.
     pub input: &'static str,
-    /// How many people it has.
+    /// Number of people.
     pub people: usize,
-    /// How many ticks.
+    /// Number of ticks.
     pub ticks: i64,
     /// Ticks per second.
     pub rate_hz: f64,
-    /// Share of the moments at which the truth is outside the clinical range of motion, percent.
+    /// Share of moments at which the truth is outside the clinical range of motion, percent.
     pub outside_range_of_motion: f64,
-    /// Per actor, the ticks from when it could be asked for until a live listener got it. `None`: never.
+    /// Per actor, the ticks from when it counts until a live observer receives it. `None`: never.
     pub found_after_ticks: BTreeMap<u32, Option<i64>>,
-    /// What the files hold in the end, with range of motion. Here and below all ticks at which an actor can be
-    /// asked for are scored, also those before its first pose.
+    /// Scores of the final files, with range of motion. Here and below all ticks at which an actor counts are scored, also those
+    /// before its first pose.
     pub with_range_of_motion: Scores,
-    /// What the files hold, without.
+    /// Scores of the final files, without range of motion.
     pub without_range_of_motion: Scores,
-    /// Triangulation and a filter that sees the future, on the maps that the first got.
+    /// Triangulation and a filter that uses the future, on the maps of the run with range of motion.
     pub baseline: Baseline,
-    /// What a live listener gets, with range of motion.
+    /// Scores of live poses, with range of motion.
     pub live: Scores,
-    /// How often two of the people come near each other and part, in the truth.
+    /// Number of times that two people come near each other and part, in the truth.
     pub meetings: u64,
-    /// Gaps of what a live listener gets, with range of motion, that nothing excuses
-    /// ([`crate::suite::people::gaps`]).
+    /// Gaps of live poses, with range of motion, that nothing excuses.
     pub gaps_to_answer_for: u64,
-    /// Whether all links were cut now and then.
+    /// Whether all links were cut in periods.
     pub cut: bool,
-    /// What became of the people whom the scene or the links lost for a while, live.
+    /// Recoveries of people whom the scene or the links lost for a while, live.
     pub recoveries: Vec<Recovery>,
-    /// When somebody got another id.
+    /// Changes of ids.
     pub id_changes: Vec<IdChange>,
     /// Mean bytes of all patches of a tick.
     pub patch_bytes_per_tick: f64,
-    /// What a live listener gets, with range of motion.
+    /// Live poses, with range of motion.
     #[serde(skip)]
     causal: PoseLines,
     #[serde(skip)]
@@ -147,10 +147,10 @@ pub struct SceneReport {
 }
 
 impl SceneReport {
-    /// Runs `scene` with and without range of motion, all links cut at `cuts`, and scores it.
+    /// Runs `scene` with and without range of motion, with all links cut at `cuts`, and scores it.
     ///
     /// # Errors
-    /// As [`SceneRun::make`].
+    /// See [`SceneRun::make`].
     pub fn make(
         name: &str,
         (scene, cuts): (&Arc<Scene>, Option<Cuts>),
@@ -174,7 +174,7 @@ impl SceneReport {
             (actor, after)
         };
         let live = bounded.score(&bounded.causal);
-        let gaps = bounded.gaps_to_answer_for(&live);
+        let gaps = bounded.unexcused_gaps(&live);
         Ok(Self {
             scene: name.to_owned(),
             input: match input {
@@ -257,7 +257,7 @@ impl fmt::Display for SceneReport {
             .collect();
         write!(
             f,
-            "live after the first tick: {}; {} gaps to answer for; {} meetings; patches of {:.0} bytes a tick",
+            "live after the first tick: {}; {} unexcused gaps; {} meetings; patches of {:.0} bytes a tick",
             found.join(", "),
             self.gaps_to_answer_for,
             self.meetings,

@@ -1,11 +1,10 @@
-//! The scenes of a suite one below the other: who was found, kept and lost, beside how well.
 
 use std::fmt;
 
 use crate::suite::people::recovery::slowest_s;
 use crate::suite::report::SceneReport;
 
-/// The heads of the columns, and their widths.
+/// Column heads with their widths.
 const COLUMNS: [(&str, usize); 14] = [
     ("people", 6),
     ("MPJPE mm", 8),
@@ -42,7 +41,7 @@ impl fmt::Display for Overview<'_> {
         }
         write!(
             f,
-            "\nborn: from when somebody is in the field and in the images of two viewpoints (median, worst); \
+            "\nborn: from when a person is in the field and in the images of two viewpoints (median, worst); \
              back: from the end of a loss until below 50 mm for good (worst)"
         )
     }

@@ -1,5 +1,5 @@
-//! `lab training-crops`: rendered crops of people, with their keypoints, to train and measure the embedded
-//! pose network on. What the records hold is stated in [`record`].
+//! `lab training-crops`: rendered crops of people with their keypoints, to train and measure the embedded pose network.
+//! [`CropRecord`] describes the records.
 
 mod moment;
 mod record;
@@ -13,7 +13,7 @@ use super::shards::{SetArgs, TrainingSet};
 /// Width and height of the network's input, pixels.
 const INPUT_PX: [usize; 2] = [160, 224];
 
-/// What `lab training-crops` is told.
+/// Arguments of `lab training-crops`.
 #[derive(Debug, clap::Args)]
 pub(in crate::commands) struct CropsArgs {
     #[command(flatten)]
@@ -23,7 +23,7 @@ pub(in crate::commands) struct CropsArgs {
 /// Writes the crops.
 ///
 /// # Errors
-/// When a clip is missing or wrong, or a file cannot be written.
+/// A clip is missing or wrong, or a file cannot be written.
 pub(in crate::commands) fn write(args: &CropsArgs) -> Result<(), NodeError> {
     let set = TrainingSet {
         name: "crops",

@@ -1,4 +1,4 @@
-//! Who stands where: one person in the middle and others around it, each in a posture of some clip.
+//! Positions and postures: one person in the middle and others around it.
 
 use std::f64::consts::TAU;
 
@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::commands::training::people::{Person, TrainingMoment};
 
-/// Draws one: the person that the crop is of comes first, then the others.
+/// Draws a moment: the person of the crop comes first, then the others.
 pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> TrainingMoment {
     let field_m = [rng.random_range(5.0..40.0), rng.random_range(4.0..25.0)];
     let middle = field_m.map(|side| rng.random_range(-0.5..0.5) * side);

@@ -1,8 +1,4 @@
 //! One crop with its keypoints.
-//!
-//! The record is the crop's pixels, rows of RGB bytes (what lies outside the picture has the mean of the
-//! network's normalisation), then 17 keypoints in COCO's order: x, y (input pixels, the centre
-//! of the first one at 0) and a [state](KeypointState), as little-endian 32-bit floats.
 
 use std::ops::Range;
 
@@ -26,28 +22,32 @@ use crate::commands::training::scenery::Scenery;
 /// The mean of `ImageNet`, as bytes.
 const MEAN: [f32; 3] = [123.675, 116.28, 103.53];
 
-/// How far pictures are out of focus, pixels.
+/// Blur of images, pixels.
 const BLUR_PX: Range<f32> = 0.3..1.6;
 
-/// What is known of a keypoint.
+/// Visibility of a keypoint.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum KeypointState {
     /// Not in the crop.
     Outside = 0,
-    /// In the crop, but behind something or outside the picture.
+    /// In the crop, but behind something or outside the image.
     Hidden = 1,
-    /// Seen.
+    /// Visible.
     Visible = 2,
 }
 
 /// One crop with its keypoints.
+///
+/// The record is the crop's pixels, rows of RGB bytes (pixels outside the image have the mean of the network's
+/// normalisation), then 17 keypoints in COCO's order: x, y (input pixels, the centre of the first one at 0) and a
+/// [state](KeypointState), as little-endian 32-bit floats.
 pub(crate) struct CropRecord {
     pixels: Vec<u8>,
     keypoints: [(f32, f32, KeypointState); COCO17.len()],
 }
 
 impl CropRecord {
-    /// Draws crop `number` of a set: the same one whatever was drawn before.
+    /// Draws crop `number` of a set, independent of all others.
     pub(crate) fn make(clips: &[Clip], scenery: &Scenery, seed: u64, number: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(number);
@@ -100,7 +100,7 @@ impl CropRecord {
     }
 }
 
-/// Pixels less the mean, so that what is unknown (0) is told apart from black.
+/// Pixels minus the mean, so that unknown pixels (0) differ from black.
 fn format() -> PixelFormat {
     let input = NetworkInput {
         name: String::new(),

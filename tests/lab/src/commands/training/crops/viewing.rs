@@ -1,4 +1,4 @@
-//! Where the camera stands and what is cut out of its picture.
+//! The camera and its crop.
 
 use std::f64::consts::PI;
 
@@ -19,26 +19,26 @@ use crate::commands::training::camera::{camera, eye_around, log_uniform, looking
 
 /// Share of crops at any rotation.
 const ANY_ROTATION: f64 = 0.15;
-/// Share of crops that stay upright although the person is not: the lower body's are.
+/// Share of crops that stay upright although the person does not, as crops of the lower body do.
 const UPRIGHT: f64 = 0.4;
-/// Share of crops that the picture's edge cuts.
+/// Share of crops cut by the edge of the image.
 const TRUNCATED: f64 = 0.2;
-/// The picture is this much larger than the box.
+/// The image is this much larger than the box.
 const AROUND: f64 = 1.1;
 
-/// A camera whose picture holds just the crop (and not all of it, where its edge cuts the crop).
+/// A camera whose image just contains the crop, or a part of it if the edge cuts the crop.
 pub(crate) struct Viewing {
     pub(crate) camera: CameraModel,
     pub(crate) crop: CropGeometry,
 }
 
-/// Draws a camera that looks at a person; `None` when the person cannot be seen so.
+/// Draws a camera that faces a person; `None` if the person is not visible.
 pub(crate) fn draw(joints_m: &Joints, stature_m: f64, rng: &mut ChaCha8Rng) -> Option<Viewing> {
     let middle = joints_m.iter().sum::<Vector3<f64>>() / joints_m.len() as f64;
     let distance_m: f64 = log_uniform(3.0..40.0, rng);
     let highest_m = f64::min(12.0, 1.2 + 0.8 * distance_m);
     let eye = eye_around(middle, distance_m, highest_m, rng);
-    // How tall the person is in the picture: as many small ones as large ones.
+    // Height of the person in the image: as many small ones as large ones.
     let tall_px: f64 = log_uniform(40.0..320.0, rng);
     let focal_px = tall_px * (middle - eye).norm() / stature_m;
     let axes = looking(eye, middle, rng);
@@ -63,7 +63,7 @@ pub(crate) fn draw(joints_m: &Joints, stature_m: f64, rng: &mut ChaCha8Rng) -> O
     Some(Viewing { camera, crop })
 }
 
-/// The box as fusion would ask for it, or another of the rotations that the network must know.
+/// The box that fusion would request, or another rotation that the network must handle.
 fn box_of(camera: &CameraModel, joints_m: &Joints, rng: &mut ChaCha8Rng) -> Option<BoundingBox> {
     let shape = BoxShape {
         margin: 1.25,
@@ -85,7 +85,7 @@ fn box_of(camera: &CameraModel, joints_m: &Joints, rng: &mut ChaCha8Rng) -> Opti
     })
 }
 
-/// Predictions are off: the centre by up to 8 %, the size by up to 20 %, the rotation by 10 degrees.
+/// Adds the error of a prediction: the centre by up to 8 %, the size by up to 20 %, the rotation by 10 degrees.
 fn jittered(b: BoundingBox, rng: &mut ChaCha8Rng) -> BoundingBox {
     let largest = b.size_px[0].max(b.size_px[1]);
     let size = rng.random_range(0.82..1.2);
@@ -98,10 +98,10 @@ fn jittered(b: BoundingBox, rng: &mut ChaCha8Rng) -> BoundingBox {
     }
 }
 
-/// The part of the picture plane that is painted: left, top, right, bottom, pixels.
+/// The part of the image plane to paint: left, top, right, bottom, pixels.
 fn window(b: &BoundingBox, rng: &mut ChaCha8Rng) -> [f64; 4] {
     let [width, height] = b.size_px.map(f64::from);
-    // As the crop is: grown to the input's aspect, and turned.
+    // Like the crop: grown to the input's aspect, and rotated.
     let step = (width / INPUT_PX[0] as f64).max(height / INPUT_PX[1] as f64);
     let around = enclosing_upright(&BoundingBox {
         size_px: INPUT_PX.map(|side| (side as f64 * step * AROUND) as f32),

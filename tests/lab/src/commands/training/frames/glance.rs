@@ -1,4 +1,4 @@
-//! A camera somewhere, and the people that it happens to see.
+//! A random camera and the people in its image.
 
 use std::f64::consts::TAU;
 
@@ -14,22 +14,22 @@ use super::FRAME_PX;
 use crate::commands::training::camera::{camera, eye_around, log_uniform, looking};
 use crate::commands::training::people::{Person, TrainingMoment};
 
-/// Share of pictures without anybody.
+/// Share of images without people.
 const EMPTY: f64 = 0.08;
-/// Most people of a picture, beside the one that it was aimed at.
+/// Most people in an image besides the one that the camera faces.
 const MOST_OTHERS: usize = 9;
-/// How tall a person of 1.75 m is in the picture where it was aimed at, pixels.
+/// Height of a person of 1.75 m where the camera faces, pixels.
 const TALL_PX: std::ops::Range<f64> = 12.0..240.0;
-/// Nobody is put farther from the camera than this, metres.
+/// Largest distance of a person from the camera, metres.
 const FARTHEST_M: f64 = 200.0;
 
-/// What there is to see, and the camera that sees it.
+/// A moment, and the camera that shows it.
 pub(crate) struct FrameGlance {
     pub(crate) moment: TrainingMoment,
     pub(crate) camera: CameraModel,
 }
 
-/// Draws one; `None` when no such camera can be.
+/// Draws one; `None` if there is no such camera.
 pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> Option<FrameGlance> {
     let field_m = [rng.random_range(5.0..60.0), rng.random_range(4.0..40.0)];
     let [x, y] = field_m.map(|side| rng.random_range(-0.5..0.5) * side);
@@ -39,14 +39,14 @@ pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> Option<FrameGlance> 
     let kit = in_kit.then_some(&kit);
     let mut people: Vec<Person> = Vec::new();
     if !rng.random_bool(EMPTY) {
-        // Few as often as many.
+        // The product favours few people.
         let others =
             rng.random_range(0..=MOST_OTHERS) * rng.random_range(0..=MOST_OTHERS) / MOST_OTHERS;
         people.push(Person::draw(clips, Vector3::new(x, y, 0.0), kit, rng));
         for _ in 0..others {
             let place = if rng.random_bool(0.4) {
                 let near = rng.random_range(0..people.len());
-                beside(people[near].joints_m[0], rng)
+                near_person(people[near].joints_m[0], rng)
             } else {
                 let Some(place) = on_floor(&camera, rng) else {
                     continue;
@@ -71,7 +71,7 @@ pub(crate) fn draw(clips: &[Clip], rng: &mut ChaCha8Rng) -> Option<FrameGlance> 
     Some(FrameGlance { moment, camera })
 }
 
-/// A camera that has `middle` somewhere in its picture, or just outside.
+/// A camera that has `middle` somewhere in its image, or just outside.
 fn aimed(middle: Vector3<f64>, rng: &mut ChaCha8Rng) -> Option<CameraModel> {
     let distance_m: f64 = log_uniform(2.5..120.0, rng);
     let highest_m = f64::min(15.0, 1.2 + 0.7 * distance_m);
@@ -84,7 +84,7 @@ fn aimed(middle: Vector3<f64>, rng: &mut ChaCha8Rng) -> Option<CameraModel> {
     camera(focal_px, [-left, -top], FRAME_PX, axes, eye)
 }
 
-/// A place on the floor that the camera sees.
+/// A random point on the floor in the image of the camera.
 fn on_floor(camera: &CameraModel, rng: &mut ChaCha8Rng) -> Option<Vector3<f64>> {
     let [x, y] = FRAME_PX.map(|side| rng.random_range(-0.05..1.3) * f64::from(side));
     let k = camera.intrinsics();
@@ -97,12 +97,12 @@ fn on_floor(camera: &CameraModel, rng: &mut ChaCha8Rng) -> Option<Vector3<f64>> 
     let ray = camera.camera_from_world().isometry().rotation.inverse() * ray_c;
     let eye = camera.center().coordinates_m().coords;
     let steps = -eye.z / ray.z;
-    let way = ray * steps;
-    (steps > 0.0 && way.norm() > 1.5 && way.norm() < FARTHEST_M).then(|| eye + way)
+    let path = ray * steps;
+    (steps > 0.0 && path.norm() > 1.5 && path.norm() < FARTHEST_M).then(|| eye + path)
 }
 
-/// A place near somebody: from touching to a few steps away.
-fn beside(pelvis: Vector3<f64>, rng: &mut ChaCha8Rng) -> Vector3<f64> {
+/// A random position near a person: from touching to a few steps away.
+fn near_person(pelvis: Vector3<f64>, rng: &mut ChaCha8Rng) -> Vector3<f64> {
     let (distance_m, bearing) = (log_uniform(0.3..3.0, rng), rng.random_range(0.0..TAU));
     Vector3::new(
         pelvis.x + distance_m * f64::cos(bearing),
@@ -111,7 +111,7 @@ fn beside(pelvis: Vector3<f64>, rng: &mut ChaCha8Rng) -> Vector3<f64> {
     )
 }
 
-/// A ball on its way, or a post.
+/// A flying ball, or a post.
 fn thing(place: Vector3<f64>, rng: &mut ChaCha8Rng) -> Cone {
     if rng.random_bool(0.6) {
         let at = place + Vector3::z() * rng.random_range(0.11..2.5);

@@ -1,5 +1,5 @@
-//! `lab training-frames`: rendered pictures with the boxes of the people in them, to train and measure the
-//! embedded detector on. What the records hold is stated in [`record`].
+//! `lab training-frames`: rendered images with the boxes of their people, to train and measure the embedded detector.
+//! [`FrameRecord`] describes the records.
 
 mod glance;
 mod record;
@@ -9,20 +9,20 @@ use farfield_node::process::NodeError;
 use self::record::FrameRecord;
 use super::shards::{SetArgs, TrainingSet};
 
-/// Width and height of a picture, pixels: a part of the detector's input, which is all convolutions.
+/// Width and height of an image, pixels: a part of the detector's input, which works since the network is convolutional.
 const FRAME_PX: [u32; 2] = [320, 192];
 
-/// What `lab training-frames` is told.
+/// Arguments of `lab training-frames`.
 #[derive(Debug, clap::Args)]
 pub(in crate::commands) struct FramesArgs {
     #[command(flatten)]
     set: SetArgs,
 }
 
-/// Writes the pictures.
+/// Writes the images.
 ///
 /// # Errors
-/// When a clip is missing or wrong, or a file cannot be written.
+/// A clip is missing or wrong, or a file cannot be written.
 pub(in crate::commands) fn write(args: &FramesArgs) -> Result<(), NodeError> {
     let set = TrainingSet {
         name: "frames",

@@ -1,9 +1,4 @@
-//! One picture with the boxes of its people.
-//!
-//! The record is the picture's pixels, rows of RGB bytes (what lies beyond the picture has the value of the
-//! detector's `pad`), then [`MOST`] boxes: left, top, right, bottom (pixels, 0 at the outer edge of
-//! the first one; cut at the picture's edges) and the share of the body that is seen, as
-//! little-endian 32-bit floats. Unused boxes have a share of -1.
+//! One image with the boxes of its people.
 
 use std::ops::Range;
 
@@ -23,24 +18,27 @@ use crate::commands::training::scenery::Scenery;
 
 /// Boxes of a record.
 const MOST: usize = 16;
-/// What lies beyond the picture.
+/// Value of pixels outside the image.
 const PAD: u8 = 114;
-/// Share of pictures that end inside the frame, as those of another aspect do.
+/// Share of images that end inside the frame, like those of another aspect.
 const PADDED: f64 = 0.15;
-/// How far pictures are out of focus, pixels: less than crops, for they are the whole picture made
-/// small.
+/// Blur of images, pixels: less than of crops, since frames are whole images scaled down.
 const BLUR_PX: Range<f32> = 0.2..0.9;
-/// Less of a body cannot be made out.
+/// Least side of a box, pixels.
 const LEAST_PX: f64 = 2.0;
 
-/// A picture and the boxes of its people.
+/// An image and the boxes of its people.
+///
+/// The record is the image's pixels, rows of RGB bytes (pixels outside the image have the value of the detector's `pad`),
+/// then [`MOST`] boxes: left, top, right, bottom (pixels, 0 at the outer edge of the first one; cut at the edges of the
+/// image) and the visible share of the body, as little-endian 32-bit floats. Unused boxes have a share of -1.
 pub(crate) struct FrameRecord {
     picture: RgbImage,
     boxes: Vec<[f32; 5]>,
 }
 
 impl FrameRecord {
-    /// Draws picture `number` of a set: the same one whatever was drawn before.
+    /// Draws image `number` of a set, independent of all others.
     pub(crate) fn make(clips: &[Clip], scenery: &Scenery, seed: u64, number: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(number);
@@ -89,7 +87,7 @@ impl FrameRecord {
     }
 }
 
-/// The box of person `n` inside the picture and how much of the body is seen; `None` outside.
+/// The box of person `n` inside the image and the visible share of the body; `None` outside.
 fn box_of(
     n: usize,
     people: &[Person],
