@@ -156,7 +156,9 @@ mod tests {
     fn losses_have_the_given_share_and_are_reproducible() {
         let lost = || {
             let mut in_flight = InFlight::new(FarLinks { loss: 0.05, ..FAR });
-            (0..10_000).filter(|_| in_flight.is_lost()).collect::<Vec<_>>()
+            (0..10_000)
+                .filter(|_| in_flight.is_lost())
+                .collect::<Vec<_>>()
         };
         assert!((400..600).contains(&lost().len()));
         assert_eq!(lost(), lost());

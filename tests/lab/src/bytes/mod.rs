@@ -2,7 +2,4 @@
 //! edges and fusion.
 
 pub mod codec;
-pub mod errors;
-pub mod framing;
-pub mod plot;
 pub mod run;

@@ -1,5 +1,6 @@
 //! Runs every codec in one scene or recording, over the same frames.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -10,20 +11,20 @@ use farfield_edge::pipeline::StandIn;
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
+use farfield_proto::order_statistics::value_after;
 use farfield_score::lines::{LinesRole, PoseLines};
+use farfield_score::matches_at;
+use farfield_score::plot::{Layer, Plot, PlotAxis};
 use farfield_score::points::{PointSet, ScoredBody};
+use farfield_sim::scene::Scene;
+use farfield_sim::simulated::in_memory::Input;
 use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::codec::{Codec, Rival, SentBytes};
-use super::errors::Errors;
-use super::framing::{TCP_IP_BYTES, TLS_BYTES, ZENOH_BYTES};
 use crate::in_process::InProcess;
-use crate::suite::people::bodies::People;
-use crate::suite::run::{SceneRun, SceneRunPlan};
-use crate::suite::traffic::Traffic;
-use farfield_sim::scene::Scene;
-use farfield_sim::simulated::in_memory::Input;
+use crate::suite::people::People;
+use crate::suite::run::{SceneRun, SceneRunPlan, Traffic};
 
 /// One packing of one codec in one scene or recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -179,7 +180,8 @@ impl Curve {
         mean.patches = curves.iter().map(|c| c.patches).sum();
         for (i, row) in mean.rows.iter_mut().enumerate() {
             let rows = || curves.iter().filter_map(|curve| curve.rows.get(i));
-            let mean_value = |value: &dyn Fn(&PackingRow) -> f64| rows().map(value).sum::<f64>() / n;
+            let mean_value =
+                |value: &dyn Fn(&PackingRow) -> f64| rows().map(value).sum::<f64>() / n;
             row.map_bytes = mean_value(&|r| r.map_bytes);
             row.message_bytes = row
                 .message_bytes
@@ -305,4 +307,122 @@ impl std::fmt::Display for Curve {
         }
         Ok(())
     }
+}
+
+/// Errors of single points over a run, millimetres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Default)]
+pub struct Errors {
+    /// Mean over all points, people and ticks.
+    pub mpjpe_mm: f64,
+    /// 99th percentile.
+    pub p99_mm: f64,
+    /// The largest.
+    pub worst_mm: f64,
+    /// Truths without a pose.
+    pub gaps: u64,
+    /// Times that the id of a person's pose changed.
+    pub switches: u64,
+}
+
+impl Errors {
+    /// Errors of `poses` relative to `truth`.
+    pub fn measure(poses: &PoseLines, truth: &PoseLines) -> Self {
+        let mut all = Vec::new();
+        let (mut gaps, mut switches) = (0, 0);
+        let mut ids: BTreeMap<u32, u32> = BTreeMap::new();
+        for tick in truth.ticks() {
+            let matches = matches_at(tick, poses, truth);
+            let Some(people) = truth.people_at(tick) else {
+                continue;
+            };
+            for (actor, body) in people {
+                let id = matches.get(actor);
+                let pose = id.and_then(|id| poses.people_at(tick)?.get(id));
+                let (Some(id), Some(pose)) = (id, pose) else {
+                    gaps += 1;
+                    continue;
+                };
+                let before = ids.insert(*actor, *id);
+                switches += u64::from(before.is_some_and(|before| before != *id));
+                all.extend(distances_mm(body, pose));
+            }
+        }
+        all.sort_by(f64::total_cmp);
+        Self {
+            mpjpe_mm: all.iter().sum::<f64>() / all.len().max(1) as f64,
+            p99_mm: value_after(&all, 0.99).unwrap_or(0.0),
+            worst_mm: all.last().copied().unwrap_or(0.0),
+            gaps,
+            switches,
+        }
+    }
+}
+
+fn distances_mm<'a>(truth: &'a ScoredBody, pose: &'a ScoredBody) -> impl Iterator<Item = f64> + 'a {
+    let pairs = truth.points_m.iter().zip(&pose.points_m);
+    pairs.filter_map(|(truth, pose)| Some(1000.0 * ((*truth)? - (*pose)?).norm()))
+}
+
+/// Bytes that Zenoh adds to a message.
+pub const ZENOH_BYTES: u64 = 15;
+/// Bytes that TLS 1.3 adds to a record; each message is one record.
+pub const TLS_BYTES: u64 = 22;
+/// Bytes of the headers of TCP and IPv4 per segment.
+pub const TCP_IP_BYTES: u64 = 52;
+
+/// Range of bytes in the plot.
+const RANGE_BYTES: [f64; 2] = [20.0, 300_000.0];
+/// Points with an error above this factor of the least do not set the scale.
+const SHOWN: f64 = 2.5;
+/// Colours of other codecs, after that of ours.
+const OTHER_COLOURS: usize = 7;
+
+/// The curve of one scene or recording as an SVG document.
+pub fn svg(curve: &Curve) -> String {
+    let errors = curve.rows.iter().map(|row| row.errors.mpjpe_mm);
+    let least = errors.clone().fold(f64::INFINITY, f64::min);
+    let most = errors
+        .filter(|&mm| mm <= SHOWN * least)
+        .fold(least, f64::max);
+    let margin = (0.1 * (most - least)).max(0.5);
+    let range_mm = [(least - margin).max(0.0), most + margin];
+    let at = |row: &PackingRow| {
+        let bytes = row.map_bytes.clamp(RANGE_BYTES[0], RANGE_BYTES[1]);
+        (bytes, row.errors.mpjpe_mm.clamp(range_mm[0], range_mm[1]))
+    };
+    let ours = curve.rows.iter().filter(|row| row.ours).map(at).collect();
+    let line = Layer {
+        name: "ours".to_owned(),
+        lines: vec![ours],
+        ..Layer::default()
+    };
+    let points = curve.rows.iter().enumerate().map(|(i, row)| Layer {
+        name: format!("{} {:.0} B", row.name, row.map_bytes),
+        colour: if row.ours { 0 } else { 1 + i % OTHER_COLOURS },
+        points: vec![at(row)],
+        ..Layer::default()
+    });
+    let title = format!(
+        "{}, {}: mean error over bytes per person, view and tick",
+        curve.place, curve.input
+    );
+    let plot = Plot {
+        title: &title,
+        size_px: [1000, 560],
+        x: PlotAxis {
+            description: "bytes",
+            range: RANGE_BYTES,
+            is_logarithmic: true,
+            label: |bytes| format!("{bytes:.0} B"),
+        },
+        y: PlotAxis {
+            description: "mm",
+            range: range_mm,
+            is_logarithmic: false,
+            label: |mm| format!("{mm:.1}"),
+        },
+        layers: std::iter::once(line).chain(points).collect(),
+        note: "",
+    };
+    plot.svg()
 }

@@ -8,11 +8,11 @@ use farfield_node::process::NodeError;
 use farfield_score::table;
 use farfield_sim::fault_profile::FaultProfile;
 
-use super::scene_argument::SceneArgument;
+use super::scenes::SceneArgument;
 use crate::conditions::{Cuts, FarLinks};
 use crate::suite::budget::Budget;
-use crate::suite::overrides::parameters;
 use crate::suite::report::Baseline;
+use crate::suite::run::parameters;
 use crate::suite::run::{SceneRun, SceneRunPlan};
 use farfield_sim::simulated::in_memory::Input;
 

@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::bytes::codec::Codec;
-use crate::bytes::plot::svg;
-use crate::bytes::run::Curve;
+use crate::bytes::run::{Curve, svg};
 use crate::suite::scenes::{NamedScene, choose};
 use anyhow::{Context as _, anyhow};
 use farfield_node::process::NodeError;
@@ -54,7 +53,8 @@ pub(super) fn study(args: &BytesArgs) -> Result<(), NodeError> {
     } else {
         args.scenes.clone()
     };
-    let (shelf, scenes): (Vec<String>, Vec<String>) = requested.into_iter().partition(|n| n == SHELF);
+    let (shelf, scenes): (Vec<String>, Vec<String>) =
+        requested.into_iter().partition(|n| n == SHELF);
     let mut chosen = choose(&scenes, &root).map_err(NodeError::Refused)?;
     if args.pixels {
         chosen.leave_out_mirrors();

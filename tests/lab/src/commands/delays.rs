@@ -7,9 +7,9 @@ use farfield_node::process::NodeError;
 use farfield_score::lines::PoseLines;
 use farfield_sim::scene::Scene;
 
-use super::scene_argument::SceneArgument;
+use super::scenes::SceneArgument;
 use crate::conditions::Cuts;
-use crate::suite::overrides::parameters;
+use crate::suite::run::parameters;
 use crate::suite::run::{SceneRun, SceneRunPlan};
 use crate::suite::smoothed::{HEAD, Worth};
 use farfield_sim::simulated::in_memory::Input;

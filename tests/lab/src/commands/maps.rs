@@ -14,7 +14,7 @@ use farfield_node::process::NodeError;
 use farfield_proto::patch::Maps;
 use farfield_sim::simulated::without_map_faults;
 
-use super::scene_argument::SceneArgument;
+use super::scenes::SceneArgument;
 use crate::in_process::InProcess;
 use crate::suite::run::{SceneRun, SceneRunPlan};
 use farfield_sim::simulated::in_memory::Input;

@@ -6,22 +6,20 @@
 
 mod budget;
 mod bytes;
+mod checkout;
 mod codec;
 mod crowd;
 mod delays;
 mod faults;
-mod figures;
 mod fuzz;
 mod links;
 mod live_pixels;
-mod made_maps;
 mod maps;
 mod render;
-mod scene_argument;
+mod scenes;
 mod soak;
 mod suite;
 mod training;
-mod walk_venue;
 
 use std::process::ExitCode;
 
@@ -31,13 +29,12 @@ use farfield_node::process::{Ending, exit_code};
 
 use self::budget::BudgetArgs;
 use self::bytes::BytesArgs;
+use self::checkout::{FiguresArgs, WalkVenueArgs};
 use self::codec::CodecArgs;
 use self::crowd::CrowdArgs;
 use self::delays::DelaysArgs;
 use self::faults::FaultsArgs;
-use self::figures::FiguresArgs;
-use self::fuzz::corpus::CorpusArgs;
-use self::fuzz::seeds::FuzzSeedsArgs;
+use self::fuzz::{CorpusArgs, FuzzSeedsArgs};
 use self::links::LinksArgs;
 use self::live_pixels::LivePixelsArgs;
 use self::maps::MapsArgs;
@@ -46,7 +43,6 @@ use self::soak::SoakArgs;
 use self::suite::SuiteArgs;
 use self::training::crops::CropsArgs;
 use self::training::frames::FramesArgs;
-use self::walk_venue::WalkVenueArgs;
 
 /// Suites and studies of Farfield's accuracy over simulated venues and recordings.
 ///
@@ -63,7 +59,7 @@ enum LabCommand {
     /// Run fixed scenes in this process, and score them against plain triangulation.
     Suite(SuiteArgs),
     /// Count false alarms about cameras in scenes without wrong cameras.
-    Agreement(suite::agreement::AgreementArgs),
+    Agreement(suite::AgreementArgs),
     /// Compare bytes on the wire and accuracy of our codec at every compression level and of other codecs.
     Bytes(BytesArgs),
     /// Measure accuracy over links that are far, thin and lossy, with all nodes live as processes.
@@ -113,7 +109,7 @@ pub fn main() -> ExitCode {
     }
     let done = match Lab::parse().command {
         LabCommand::Suite(args) => suite::suite(&args),
-        LabCommand::Agreement(args) => suite::agreement::agreement(&args),
+        LabCommand::Agreement(args) => suite::agreement(&args),
         LabCommand::Bytes(args) => bytes::study(&args),
         LabCommand::Links(args) => links::links(&args),
         LabCommand::LivePixels(args) => live_pixels::live_pixels(&args),
@@ -127,10 +123,10 @@ pub fn main() -> ExitCode {
         LabCommand::Codec(args) => codec::measure(&args),
         LabCommand::TrainingCrops(args) => training::crops::write(&args),
         LabCommand::TrainingFrames(args) => training::frames::write(&args),
-        LabCommand::FuzzSeeds(args) => fuzz::seeds::write_seeds(&args),
-        LabCommand::FuzzCorpus(args) => fuzz::corpus::corpus(&args),
-        LabCommand::Figures(args) => figures::print(&args),
-        LabCommand::WalkVenue(args) => walk_venue::write(&args),
+        LabCommand::FuzzSeeds(args) => fuzz::write_seeds(&args),
+        LabCommand::FuzzCorpus(args) => fuzz::corpus(&args),
+        LabCommand::Figures(args) => checkout::print_figures(&args),
+        LabCommand::WalkVenue(args) => checkout::write_walk_venue(&args),
     };
     exit_code(done.map(|()| Ending::Done))
 }

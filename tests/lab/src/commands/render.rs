@@ -13,7 +13,7 @@ use farfield_proto::tick::Tick;
 use farfield_sim::render::{RenderSettings, Renderer};
 use farfield_sim::scene::Scene;
 
-use super::scene_argument::SceneArgument;
+use super::scenes::SceneArgument;
 
 /// Arguments of `lab render`.
 #[derive(Debug, clap::Args)]

@@ -4,28 +4,25 @@
 //! `/proc`; the first fifth of the samples is for buffers to reach their size. Identities are scored by minute. `--faults`
 //! adds small faults.
 
-mod people;
-mod small_faults;
-
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::fmt::{self, Write as _};
+use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
-use crate::live_venue::{LiveVenue, VenueWatch, Vitals};
-use crate::namespaces::Namespaces;
-use crate::relay::{Direction, Impairment};
 use anyhow::{Context as _, anyhow, ensure};
+use farfield::output;
+use farfield_node::clock;
 use farfield_node::process::{NodeError, say};
 use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
 
-use self::people::SoakedPeople;
-use self::small_faults::SmallFaults;
-use super::made_maps::{self, MadeMaps};
-use farfield::output;
-use farfield_node::clock;
+use super::scenes::{MadeMaps, make_maps};
+use crate::live_venue::{LiveVenue, PoseLog, RepeatingTruth, VenueWatch, Vitals};
+use crate::namespaces::Namespaces;
+use crate::relay::{Direction, Impairment};
 
 /// Pause between two polls.
 const PAUSE: Duration = Duration::from_millis(50);
@@ -72,7 +69,7 @@ pub(crate) fn soak(args: &SoakArgs) -> Result<(), NodeError> {
     let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
     let folder = args.out.as_deref().unwrap_or(scratch.path());
     farfield_fusion::node::check_folder(folder).map_err(NodeError::Refused)?;
-    let maps = made_maps::make(args.scene.as_deref(), folder, &["--there-and-back"], "");
+    let maps = make_maps(args.scene.as_deref(), folder, &["--there-and-back"], "");
     let maps = maps.map_err(NodeError::Refused)?;
     let (text, grown) = run(args, &maps, folder).map_err(NodeError::Failed)?;
     output::print(&text).map_err(NodeError::Failed)?;
@@ -250,6 +247,253 @@ fn judge(node: &str, samples: &[Vitals], length: Duration) -> (String, Vec<Strin
         cpu_ms as f64 / 1e3 / length.as_secs_f64()
     );
     (line, grown)
+}
+
+/// Duration of a scored part, and its overlap with the part before, since a person may be lost between two parts. Seconds.
+const PART_S: f64 = 60.0;
+const OVERLAP_S: f64 = 5.0;
+/// Time at the start that is not scored, seconds: people are found.
+const SETTLE_S: f64 = 10.0;
+
+/// Scores of people so far.
+pub(super) struct SoakedPeople {
+    log: PoseLog,
+    truth: RepeatingTruth,
+    rate_hz: f64,
+    /// The first tick of the current part; `None` before the first pose.
+    from: Option<Tick>,
+    parts: u32,
+    switches: u64,
+    false_people: u64,
+    gaps: u64,
+    frames: u64,
+    /// Mean error of the parts, summed, and of the worst.
+    sum_mm: f64,
+    worst_mm: f64,
+}
+
+impl SoakedPeople {
+    /// Subscribes to the poses of `watch`.
+    ///
+    /// # Errors
+    /// Zenoh fails, or the truth cannot be read.
+    pub(super) fn subscribe(
+        watch: &VenueWatch,
+        truth: &Path,
+        rate_hz: f64,
+    ) -> anyhow::Result<Self> {
+        Ok(Self {
+            log: PoseLog::subscribe(watch)?,
+            truth: RepeatingTruth::read(truth)?,
+            rate_hz,
+            from: None,
+            parts: 0,
+            switches: 0,
+            false_people: 0,
+            gaps: 0,
+            frames: 0,
+            sum_mm: 0.0,
+            worst_mm: 0.0,
+        })
+    }
+
+    /// Scores the current part once it is complete.
+    pub(super) fn update(&mut self, watch: &VenueWatch) {
+        let newest = watch.seen().newest.as_ref().map(|set| set.tick);
+        let Some(newest) = newest else { return };
+        let ticks = |seconds: f64| (seconds * self.rate_hz) as i64;
+        let from = *self.from.get_or_insert(newest + ticks(SETTLE_S));
+        if newest < from + ticks(PART_S) {
+            return;
+        }
+        let again = if self.parts == 0 { 0 } else { ticks(OVERLAP_S) };
+        let scores = self
+            .log
+            .score(&self.truth, &(from + -again..newest), self.rate_hz);
+        self.from = Some(newest);
+        self.parts += 1;
+        self.switches += scores.identity.switches;
+        self.false_people += scores.identity.false_births;
+        for actor in scores.actors.values() {
+            self.gaps += actor.gaps;
+            self.frames += actor.frames;
+        }
+        let mm = scores.mean.mpjpe_mm.unwrap_or(f64::INFINITY);
+        self.sum_mm += mm;
+        self.worst_mm = self.worst_mm.max(mm);
+    }
+
+    /// Faults that fail the soak.
+    pub(super) fn wrong(&self) -> Vec<String> {
+        let counts = [
+            (self.switches, "id switches"),
+            (self.false_people, "false people"),
+        ];
+        let wrong = counts.iter().filter(|(n, _)| *n > 0);
+        wrong.map(|(n, what)| format!("{n} {what}")).collect()
+    }
+}
+
+impl fmt::Display for SoakedPeople {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} minutes scored: {} id switches, {} false people, {:.1} mm from the truth ({:.1} in the worst), {:.3} % gaps",
+            self.parts,
+            self.switches,
+            self.false_people,
+            self.sum_mm / f64::from(self.parts.max(1)),
+            self.worst_mm,
+            100.0 * self.gaps as f64 / self.frames.max(1) as f64
+        )
+    }
+}
+
+/// Time at the start without faults: people are found.
+const SETTLE: Duration = Duration::from_secs(15);
+/// Time from one fault to the next, seconds.
+const EVERY_S: [f64; 2] = [5.0, 15.0];
+/// Duration of a cut, duration and loss of a lossy link, and downtime of an edge.
+const CUT_S: [f64; 2] = [0.1, 1.5];
+const LOSSY_S: [f64; 2] = [1.0, 5.0];
+const LOSS: [f64; 2] = [0.02, 0.2];
+const AWAY_S: [f64; 2] = [0.2, 2.0];
+/// Offset of an edge's clock at its start, within what fusion corrects, and time until it is set right. A clock that is set
+/// farther off is refused, which is no small fault.
+const OFF_MS: [f64; 2] = [-80.0, 80.0];
+const SET_AFTER_S: [f64; 2] = [5.0, 60.0];
+
+/// Causes the faults, and counts them.
+pub(super) struct SmallFaults {
+    rng: ChaCha8Rng,
+    usual: Impairment,
+    next: Duration,
+    /// End of each link's loss.
+    lossy_until: Vec<Option<Duration>>,
+    /// End of each edge's downtime.
+    away_until: Vec<Option<Duration>>,
+    cuts: u32,
+    lossy: u32,
+    /// Edges that were started again, each with a clock that is off and then set right.
+    restarts: u32,
+}
+
+enum SmallFault {
+    Cut,
+    Lossy,
+    Restart,
+}
+
+impl SmallFaults {
+    /// For a venue of `n` viewpoints with `usual` links.
+    pub(super) fn new(seed: u64, usual: Impairment, n: usize) -> Self {
+        Self {
+            rng: ChaCha8Rng::seed_from_u64(seed),
+            usual,
+            next: SETTLE,
+            lossy_until: vec![None; n],
+            away_until: vec![None; n],
+            cuts: 0,
+            lossy: 0,
+            restarts: 0,
+        }
+    }
+
+    /// Causes the faults that are due after `elapsed`.
+    ///
+    /// # Errors
+    /// A node cannot be started or ended.
+    pub(super) fn update(&mut self, live: &mut LiveVenue, elapsed: Duration) -> anyhow::Result<()> {
+        for i in 0..self.away_until.len() {
+            if self.lossy_until[i].is_some_and(|until| until <= elapsed) {
+                self.lossy_until[i] = None;
+                live.relays[i].set_both(self.usual);
+            }
+            if self.away_until[i].is_some_and(|until| until <= elapsed) {
+                self.away_until[i] = None;
+                self.start(live, i)?;
+            }
+        }
+        if elapsed < self.next {
+            return Ok(());
+        }
+        self.next = elapsed + self.span(EVERY_S);
+        // The last edge runs as long as the venue, so that growth shows.
+        let kind = match self.rng.random_range(0..3u8) {
+            0 => SmallFault::Cut,
+            1 => SmallFault::Lossy,
+            _ => SmallFault::Restart,
+        };
+        let n = self.away_until.len();
+        let most = if matches!(kind, SmallFault::Restart) {
+            n.saturating_sub(1).max(1)
+        } else {
+            n
+        };
+        let i = self.rng.random_range(0..most);
+        self.act(live, (kind, i), elapsed)
+    }
+
+    fn act(
+        &mut self,
+        live: &mut LiveVenue,
+        (kind, i): (SmallFault, usize),
+        elapsed: Duration,
+    ) -> anyhow::Result<()> {
+        match kind {
+            SmallFault::Cut => {
+                self.cuts += 1;
+                live.relays[i].cut(self.span(CUT_S));
+            }
+            SmallFault::Lossy => {
+                self.lossy += 1;
+                self.lossy_until[i] = Some(elapsed + self.span(LOSSY_S));
+                live.relays[i].set_both(Impairment {
+                    loss: self.between(LOSS),
+                    ..self.usual
+                });
+            }
+            SmallFault::Restart => {
+                if let Some(edge) = live.edges[i].take() {
+                    self.restarts += 1;
+                    self.away_until[i] = Some(elapsed + self.span(AWAY_S));
+                    edge.kill()?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn start(&mut self, live: &mut LiveVenue, i: usize) -> anyhow::Result<()> {
+        let off_ms = self.between(OFF_MS).round();
+        let (off, by) = (format!("{off_ms:.0}"), format!("{:.0}", -off_ms));
+        let after = format!("{:.0}", self.between(SET_AFTER_S));
+        let arguments = [
+            ["--clock-shift-ms", &off],
+            ["--clock-set-after-s", &after],
+            ["--clock-set-by-ms", &by],
+        ];
+        live.start_edge(i, None, &arguments.concat())?;
+        Ok(())
+    }
+
+    fn between(&mut self, range: [f64; 2]) -> f64 {
+        self.rng.random_range(range[0]..range[1])
+    }
+
+    fn span(&mut self, seconds: [f64; 2]) -> Duration {
+        Duration::from_secs_f64(self.between(seconds))
+    }
+}
+
+impl fmt::Display for SmallFaults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} links cut and {} lossy for a moment, {} edges started again with clocks that were off and then set right",
+            self.cuts, self.lossy, self.restarts
+        )
+    }
 }
 
 #[cfg(test)]

@@ -80,7 +80,10 @@ fn decoded<M: Message>(bytes: &[u8]) -> String {
         Err(error) => format!("{}, {}", refused(&error), size(bytes.len())),
         Ok(message) => {
             let again = encode(&message);
-            assert!(decode::<M>(&again).is_ok(), "a decoded message can be encoded");
+            assert!(
+                decode::<M>(&again).is_ok(),
+                "a decoded message can be encoded"
+            );
             format!("read, {}", size(again.len()))
         }
     }

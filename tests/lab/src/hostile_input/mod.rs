@@ -10,14 +10,13 @@ pub(crate) mod messages;
 mod outside;
 mod recorded;
 mod texts;
-mod venue_texts;
 
 /// Processes an input, and returns a description of its behaviour.
 pub type Target = fn(&[u8]) -> String;
 
 /// The fuzz targets by name, sorted.
 pub const TARGETS: [(&str, Target); 22] = [
-    ("calibration_text", venue_texts::calibration_text),
+    ("calibration_text", texts::calibration_text),
     ("clicked_marks_text", outside::clicked_marks_text),
     ("clip_text", texts::clip_text),
     ("edits_text", outside::edits_text),
@@ -40,7 +39,7 @@ pub const TARGETS: [(&str, Target); 22] = [
     ("ring_segment", recorded::ring_segment),
     ("run_text", foreign::run_text),
     ("scene_text", texts::scene_text),
-    ("venue_text", venue_texts::venue_text),
+    ("venue_text", texts::venue_text),
     ("wire_decode", messages::wire_decode),
 ];
 

@@ -7,7 +7,6 @@
 mod node;
 mod player;
 mod pose_log;
-mod vitals;
 mod watch;
 
 use std::io;
@@ -21,10 +20,9 @@ use farfield_proto::venue::Venue;
 use crate::namespaces::Namespaces;
 use crate::relay::UdpRelay;
 
-pub use self::node::NodeProcess;
+pub use self::node::{NodeProcess, Vitals};
 pub use self::player::{Played, Player, write_played_venue};
 pub use self::pose_log::{PoseLog, RepeatingTruth};
-pub use self::vitals::Vitals;
 pub use self::watch::{PoseArrival, SeenVenue, VenueWatch};
 
 /// A venue, its relays and its running nodes.

@@ -108,7 +108,9 @@ impl PoseLog {
         let received = self.lock().get(&tick).cloned().unwrap_or_default();
         let nearest = |(person, body): (&u32, &ScoredBody)| {
             let off_m = |other: &ScoredBody| mean_distance_m(body, other);
-            let near = received.iter().filter_map(|(id, it)| Some((off_m(it)?, *id)));
+            let near = received
+                .iter()
+                .filter_map(|(id, it)| Some((off_m(it)?, *id)));
             let (off_m, id) = near.min_by(|a, b| a.0.total_cmp(&b.0))?;
             (off_m < MAX_DISTANCE_M).then_some((*person, id))
         };

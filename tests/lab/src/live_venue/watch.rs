@@ -153,7 +153,10 @@ impl VenueWatch {
     ///
     /// # Errors
     /// Zenoh fails.
-    pub fn subscribe_poses(&self, receive: impl Fn(PoseSet) + Send + Sync + 'static) -> anyhow::Result<()> {
+    pub fn subscribe_poses(
+        &self,
+        receive: impl Fn(PoseSet) + Send + Sync + 'static,
+    ) -> anyhow::Result<()> {
         subscribe(&self.session, self.keys.pose(), move |_, bytes| {
             if let Ok(set) = wire::decode::<PoseSet>(bytes) {
                 receive(set);

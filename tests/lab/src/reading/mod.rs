@@ -4,15 +4,15 @@
 //! file of a `#[cfg(test)] mod x;` is a test with everything below it.
 
 pub mod figures;
-pub mod manifest;
 mod test_code;
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::process::Command;
 
+use serde::Deserialize;
 use walkdir::WalkDir;
 
-use self::manifest::Package;
 use self::test_code::{test_lines, test_modules};
 
 /// Folders of other people's code, or outside version control.
@@ -85,8 +85,8 @@ impl Workspace {
             .flat_map(|(path, text)| test_modules(path, text))
             .collect();
         let files = rust().map(|(path, text)| RustFile::new(path, text, &modules));
-        let mut packages = manifest::packages(&root.join("Cargo.toml"))?;
-        packages.extend(manifest::packages(&root.join(OUTSIDE))?);
+        let mut packages = packages(&root.join("Cargo.toml"))?;
+        packages.extend(packages(&root.join(OUTSIDE))?);
         Ok(Self {
             packages,
             files: files.collect(),
@@ -158,4 +158,62 @@ fn texts(root: &Path) -> Result<BTreeMap<String, String>, ReadError> {
 /// Whether this is the path of a Rust file.
 pub fn is_rust(path: &str) -> bool {
     Path::new(path).extension().is_some_and(|it| it == "rs")
+}
+
+/// A package.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Package {
+    /// Its name, as in `Cargo.toml`.
+    pub name: String,
+    /// Path of its `Cargo.toml`.
+    pub manifest_path: String,
+    /// Libraries, binaries, tests, benches, examples.
+    pub targets: Vec<CargoTarget>,
+    /// The tables of dependencies, all in one.
+    pub dependencies: Vec<Dependency>,
+}
+
+/// A target of a package.
+#[derive(Clone, Debug, Deserialize)]
+pub struct CargoTarget {
+    /// Path of its first file.
+    pub src_path: String,
+}
+
+/// A line of a table of dependencies.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Dependency {
+    /// Name of the other package.
+    pub name: String,
+    /// `dev` or `build`; `None` for the plain table.
+    pub kind: Option<String>,
+}
+
+/// The packages of the workspace of `manifest`, without building or fetching.
+///
+/// # Errors
+/// [`ReadError::Manifest`] if cargo is missing or refuses the manifest.
+pub fn packages(manifest: &Path) -> Result<Vec<Package>, ReadError> {
+    #[derive(Deserialize)]
+    struct Metadata {
+        packages: Vec<Package>,
+    }
+    let fault = |what: String| ReadError::Manifest {
+        manifest: manifest.display().to_string(),
+        what,
+    };
+    // Cargo passes its own path to the programs that it runs.
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let answer = Command::new(cargo)
+        .args(["metadata", "--no-deps", "--offline", "--format-version=1"])
+        .arg("--manifest-path")
+        .arg(manifest)
+        .output()
+        .map_err(|error| fault(error.to_string()))?;
+    if !answer.status.success() {
+        return Err(fault(String::from_utf8_lossy(&answer.stderr).into_owned()));
+    }
+    let metadata: Metadata =
+        serde_json::from_slice(&answer.stdout).map_err(|error| fault(error.to_string()))?;
+    Ok(metadata.packages)
 }

@@ -5,7 +5,6 @@
 //! clock; time is an argument, and the same seed gives every datagram the same fate. [`UdpRelay`] connects two of them to
 //! sockets.
 
-mod clock;
 #[cfg(test)]
 mod laws;
 mod link;

@@ -9,9 +9,8 @@ use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use super::clock::Clock;
 use super::{Counts, Impairment, RelayLink, on_the_wire};
 
 /// Most clients; later ones are ignored.
@@ -280,6 +279,25 @@ fn open_client(
             }
         })?;
     Ok((up, thread))
+}
+
+/// Microseconds since the relay's start.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Clock(Instant);
+
+impl Clock {
+    /// A clock that shows 0.
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "a relay holds datagrams back in real time"
+    )]
+    pub(super) fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    pub(super) fn now_us(self) -> u64 {
+        u64::try_from(self.0.elapsed().as_micros()).unwrap_or(u64::MAX)
+    }
 }
 
 #[cfg(test)]

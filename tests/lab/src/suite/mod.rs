@@ -2,12 +2,9 @@
 
 pub mod baseline;
 pub mod budget;
-pub mod overrides;
 pub mod people;
 pub mod report;
 pub mod run;
 pub mod scenes;
 pub mod smoothed;
 pub mod studies;
-pub mod tee;
-pub mod traffic;

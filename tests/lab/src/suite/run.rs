@@ -1,34 +1,34 @@
 //! One scene through the whole system, in lock-step in this process, with the data for studies; parameters, shared sources and
 //! traffic of such runs.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use farfield_edge::pipeline::{EdgeOutput, StandIn};
-use farfield_edge::source::FrameSource;
+use farfield_edge::source::{Frame, FrameSource, SourceError};
 use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::estimate::estimator::Estimator;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::identity_event::IdentityEvent;
 use farfield_proto::tick::Tick;
+use farfield_proto::toml_file::{FileError, TomlFile};
 use farfield_proto::venue::Parameters;
+use farfield_proto::wire;
 use farfield_score::lines::{PoseLines, TruthExtent};
 use farfield_score::points::PointSet;
 use farfield_score::{Scores, errors_over_time, matches_at, score};
+use farfield_sim::scene::Scene;
+use farfield_sim::simulated::in_memory::{Input, sources_of, venue_of};
 use nalgebra::{Matrix3x4, Vector3};
 
 use super::baseline::PersonView;
-use super::people::bodies::{People, add_poses};
-use super::people::gaps;
 use super::people::id_changes::IdChange;
-use super::people::presence::ScenePresence;
-use super::tee::tee;
-use super::traffic::Traffic;
+use super::people::presence::{self, ScenePresence};
+use super::people::{People, add_poses};
 use crate::conditions::{Cuts, FarLinks};
 use crate::in_process::InProcess;
 use crate::view_peaks::PeakReader;
-use farfield_sim::scene::Scene;
-use farfield_sim::simulated::in_memory::{Input, sources_of, venue_of};
 
 /// How a scene is run.
 #[derive(Clone, Default)]
@@ -321,7 +321,7 @@ impl SceneRun {
     pub fn unexcused_gaps(&self, live: &Scores) -> BTreeSet<(Tick, u32)> {
         let poses = self.presence.scorable(&self.causal);
         let truth = self.truth_since(&self.found());
-        gaps::unexcused(&self.scene, &poses, &truth, &live.lives.return_gaps)
+        presence::unexcused(&self.scene, &poses, &truth, &live.lives.return_gaps)
     }
 
     /// Mean and largest error of `poses`, metres, at the ticks that `counts`, since each actor was `found`; `None` if no actor has
@@ -379,4 +379,142 @@ fn views_of(edges: &[EdgeOutput], reader: &mut PeakReader) -> BTreeMap<u32, Vec<
         });
     }
     views
+}
+
+/// The default parameters changed by TOML `text` such as `tuning.smoothing.cutoff_hz = 6`: the parameters' tables of a venue
+/// file, and its `[tuning]`. Ranges are not checked, so that a study may leave them.
+///
+/// # Errors
+/// [`FileError`] if the text is no TOML, or has an unknown table or field.
+pub fn parameters(text: &str) -> Result<Parameters, FileError> {
+    Parameters::read(&TomlFile::parse(text, Path::new("the overrides"))?)
+}
+
+/// The source, and the frames that each run has not taken yet.
+struct SharedSource {
+    source: Box<dyn FrameSource>,
+    waiting: Vec<VecDeque<Option<Frame>>>,
+}
+
+/// One run's view of a shared source.
+struct Branch {
+    shared: Arc<Mutex<SharedSource>>,
+    index: usize,
+}
+
+/// `n` sources that each give all frames of `source`. Frames that one has taken and another has not are kept in memory, as
+/// runs advance together. An error goes to the first caller only, and no frame follows it.
+pub fn tee(source: Box<dyn FrameSource>, n: usize) -> Vec<Box<dyn FrameSource>> {
+    let waiting = (0..n).map(|_| VecDeque::new()).collect();
+    let shared = Arc::new(Mutex::new(SharedSource { source, waiting }));
+    (0..n)
+        .map(|index| {
+            let shared = Arc::clone(&shared);
+            Box::new(Branch { shared, index }) as Box<dyn FrameSource>
+        })
+        .collect()
+}
+
+impl FrameSource for Branch {
+    fn next_frame(&mut self) -> Result<Option<Frame>, SourceError> {
+        let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(frame) = shared.waiting[self.index].pop_front() {
+            return Ok(frame);
+        }
+        let frame = shared.source.next_frame()?;
+        for (index, waiting) in shared.waiting.iter_mut().enumerate() {
+            if index != self.index {
+                waiting.push_back(frame.clone());
+            }
+        }
+        Ok(frame)
+    }
+}
+
+/// Traffic of the edges in a run.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Traffic {
+    /// Persons, views and ticks.
+    pub patches: u64,
+    /// Bytes of their maps.
+    pub map_bytes: u64,
+    /// Bytes of all patch messages.
+    pub message_bytes: u64,
+    /// Number of messages.
+    pub messages: u64,
+}
+
+impl Traffic {
+    /// Adds the traffic of a tick.
+    pub fn add(&mut self, edges: &[EdgeOutput]) {
+        for set in edges.iter().flat_map(|edge| &edge.patch_sets) {
+            let maps = set.persons.iter().map(|person| person.maps.bytes.len());
+            self.patches += set.persons.len() as u64;
+            self.map_bytes += maps.sum::<usize>() as u64;
+            self.message_bytes += wire::encode(set).len() as u64;
+            self.messages += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use farfield_edge::source::{FrameContent, KeypointFrame};
+    use farfield_proto::tick::Tick;
+
+    use super::*;
+
+    #[test]
+    fn unnamed_parameters_keep_their_defaults() {
+        let changed =
+            parameters("tuning.smoothing.cutoff_hz = 4.5\nrange_of_motion.enabled = false")
+                .unwrap();
+        let default = Parameters::default();
+        assert!((changed.smoothing.cutoff_hz - 4.5).abs() < 1e-12);
+        assert!(!changed.range_of_motion.enabled);
+        let mut restored = changed.smoothing.clone();
+        restored.cutoff_hz = default.smoothing.cutoff_hz;
+        assert_eq!(restored, default.smoothing);
+        assert_eq!(changed.ik, default.ik);
+    }
+
+    #[test]
+    fn unknown_names_are_refused() {
+        for wrong in [
+            "smooth.delay_ms = 4.5",
+            "smoothing.dellay_ms = 4",
+            "tuning.smooth.cutoff_hz = 4.5",
+            "tuning.smoothing.cutof_hz = 4",
+            "smoothing.cutoff_hz = 4",
+            "name = \"hall\"",
+            "x",
+        ] {
+            assert!(parameters(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    struct Counting(i64);
+
+    impl FrameSource for Counting {
+        fn next_frame(&mut self) -> Result<Option<Frame>, SourceError> {
+            self.0 += 1;
+            Ok((self.0 <= 3).then(|| Frame {
+                tick: Tick(self.0),
+                capture_offset_us: 0,
+                content: FrameContent::Keypoints(KeypointFrame::default()),
+            }))
+        }
+    }
+
+    #[test]
+    fn every_branch_gets_every_frame_in_order() {
+        let mut branches = tee(Box::new(Counting(0)), 2);
+        let mut next = |branch: usize| {
+            let frame = branches[branch].next_frame().unwrap();
+            frame.map(|frame| frame.tick.0)
+        };
+        assert_eq!([next(0), next(0)], [Some(1), Some(2)]);
+        assert_eq!([next(1), next(1), next(1)], [Some(1), Some(2), Some(3)]);
+        assert_eq!([next(0), next(0), next(1)], [Some(3), None, None]);
+    }
 }

@@ -59,8 +59,8 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::suite::overrides::parameters;
     use crate::suite::run::SceneRunPlan;
+    use crate::suite::run::parameters;
     use farfield_sim::embedded;
     use farfield_sim::simulated::in_memory::Input;
 

@@ -5,7 +5,7 @@ use farfield_node::clock;
 use farfield_proto::message::health::LinkHealth;
 use farfield_proto::transport::FUSION;
 
-use super::field::Field;
+use super::stage::Field;
 use super::stage::{Stage, edge_link};
 use super::table::{FaultOutcome, Measure};
 use crate::live_venue::SeenVenue;

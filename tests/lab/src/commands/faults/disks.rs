@@ -11,7 +11,7 @@ use anyhow::Context as _;
 use farfield_proto::tick::Tick;
 use farfield_proto::transport::FUSION;
 
-use super::field::Field;
+use super::stage::Field;
 use super::stage::Stage;
 use super::table::{FaultOutcome, Measure};
 use crate::small_disk::SmallDisk;
@@ -37,7 +37,9 @@ pub(super) fn full(field: &Field) -> anyhow::Result<FaultOutcome> {
     stage.wait("the disk is full", |_| has_printed("the disk is full"))?;
     stage.run_for(field.whole_or_quick(10.0, 3.0));
     disk.grow().map_err(anyhow::Error::msg)?;
-    stage.wait("there is room again", |_| has_printed("there is room again"))?;
+    stage.wait("there is room again", |_| {
+        has_printed("there is room again")
+    })?;
     stage.run_for(2.0);
     let people = stage.people_since(from)?;
     stage.finish()?;

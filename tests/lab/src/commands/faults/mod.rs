@@ -6,14 +6,11 @@
 
 mod clocks;
 mod disks;
-mod field;
 mod links;
 mod nodes;
-mod outages;
 mod stage;
 mod strangers;
 mod table;
-mod two_fusions;
 
 use std::path::Path;
 
@@ -21,7 +18,7 @@ use anyhow::{Context as _, anyhow, bail};
 use farfield::output;
 use farfield_node::process::{NodeError, say};
 
-use self::field::Field;
+use self::stage::Field;
 use self::table::{FaultOutcome, FaultRow, FaultTable};
 
 /// Arguments of `lab faults`.
@@ -98,37 +95,37 @@ const FAULTS: [Fault; 23] = [
         name: "outages-300",
         about: "eight runners; all links are cut for 0.3 s every 4, 5.9 and 7 s",
         is_quick: false,
-        drive: outages::of_300_ms,
+        drive: links::of_300_ms,
     },
     Fault {
         name: "outages-500",
         about: "the same for 0.5 s",
         is_quick: false,
-        drive: outages::of_500_ms,
+        drive: links::of_500_ms,
     },
     Fault {
         name: "outages-700",
         about: "the same for 0.7 s",
         is_quick: false,
-        drive: outages::of_700_ms,
+        drive: links::of_700_ms,
     },
     Fault {
         name: "outages-1000",
         about: "the same for 1 s",
         is_quick: false,
-        drive: outages::of_1000_ms,
+        drive: links::of_1000_ms,
     },
     Fault {
         name: "fusion-restart",
         about: "eight runners; fusion is killed and started again 2 s later",
         is_quick: false,
-        drive: outages::fusion_restarted,
+        drive: links::fusion_restarted,
     },
     Fault {
         name: "fusion-stopped",
         about: "eight runners; fusion is stopped for 3 s",
         is_quick: false,
-        drive: outages::fusion_stopped,
+        drive: links::fusion_stopped,
     },
     Fault {
         name: "loss",
@@ -170,7 +167,7 @@ const FAULTS: [Fault; 23] = [
         name: "two-fusions",
         about: "two fusions that are started at the same moment, and the first dies",
         is_quick: false,
-        drive: two_fusions::two_fusions,
+        drive: nodes::two_fusions,
     },
     Fault {
         name: "disk-full",

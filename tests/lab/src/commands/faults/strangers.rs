@@ -15,7 +15,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use zenoh::Wait as _;
 
-use super::field::Field;
+use super::stage::Field;
 use super::table::{FaultOutcome, Measure};
 use crate::live_venue::{NodeProcess, Vitals};
 
@@ -68,7 +68,11 @@ pub(super) fn few_handles(field: &Field) -> anyhow::Result<FaultOutcome> {
     let target = open(field, "tls", free)?;
     let _edges = edges(field, &target)?;
     let from = clock::now();
-    while target.fusion.newest().is_none_or(|(_, persons)| persons == 0) {
+    while target
+        .fusion
+        .newest()
+        .is_none_or(|(_, persons)| persons == 0)
+    {
         ensure!(
             clock::now().duration_since(from) < BEGINS_WITHIN,
             "no poses come\n{}",
@@ -92,7 +96,11 @@ pub(super) fn few_handles(field: &Field) -> anyhow::Result<FaultOutcome> {
     Ok(FaultOutcome::Measured(vec![
         Measure::limited("ticks that are missing, s", missing_s, MISSING_TICKS_S),
         Measure::limited("slowest of three joins, s", slowest_s, JOIN_S),
-        Measure::limited("times without a free handle", complaints.count() as f64, 0.0),
+        Measure::limited(
+            "times without a free handle",
+            complaints.count() as f64,
+            0.0,
+        ),
         Measure::reported("silent connections", held.len() as f64),
         Measure::reported("fusion's handles meanwhile", f64::from(vitals.handles)),
     ]))
@@ -196,14 +204,12 @@ fn drive<T>(
         (joined, handles)
     });
     let slowest_s = joined.map_or(f64::INFINITY, |all| all.into_iter().fold(0.0, f64::max));
-    let handles = handles.with_context(|| format!("fusion has ended\n{}", target.fusion.output()))?;
+    let handles =
+        handles.with_context(|| format!("fusion has ended\n{}", target.fusion.output()))?;
     Ok(FaultOutcome::Measured(vec![
         Measure::limited("slowest of three joins under garbage, s", slowest_s, JOIN_S),
         Measure::reported("an undisturbed join, s", undisturbed_s),
-        Measure::reported(
-            "messages of garbage",
-            n_sent.load(Ordering::Relaxed) as f64,
-        ),
+        Measure::reported("messages of garbage", n_sent.load(Ordering::Relaxed) as f64),
         Measure::reported("silent connections", held.len() as f64),
         Measure::reported("fusion's handles meanwhile", f64::from(handles)),
     ]))

@@ -109,7 +109,9 @@ impl fmt::Display for FaultRow {
         let fault = self.fault;
         let measures = match &self.outcome {
             FaultOutcome::Measured(measures) => measures,
-            FaultOutcome::Unavailable(why) => return write!(f, "{fault:14} not available here: {why}"),
+            FaultOutcome::Unavailable(why) => {
+                return write!(f, "{fault:14} not available here: {why}");
+            }
             FaultOutcome::Failed(why) => return write!(f, "{fault:14} FAILED: {why}"),
         };
         for (i, it) in measures.iter().enumerate() {
@@ -143,7 +145,8 @@ mod tests {
 
     #[test]
     fn quick_runs_allow_three_times_a_limit_but_not_of_zero() {
-        let distance = |mm| FaultOutcome::Measured(vec![Measure::limited("mean distance, mm", mm, 25.0)]);
+        let distance =
+            |mm| FaultOutcome::Measured(vec![Measure::limited("mean distance, mm", mm, 25.0)]);
         assert_eq!(
             [broken(false, distance(26.0)), broken(true, distance(26.0))],
             [1, 0]
@@ -155,12 +158,19 @@ mod tests {
 
     #[test]
     fn nan_and_failed_runs_are_broken() {
-        let nothing = FaultOutcome::Measured(vec![Measure::limited("mean distance, mm", f64::NAN, 25.0)]);
+        let nothing =
+            FaultOutcome::Measured(vec![Measure::limited("mean distance, mm", f64::NAN, 25.0)]);
         assert_eq!(broken(true, nothing), 1);
         assert_eq!(broken(true, FaultOutcome::Failed("no pose".to_owned())), 1);
-        assert_eq!(broken(true, FaultOutcome::Unavailable("no root".to_owned())), 0);
         assert_eq!(
-            broken(true, FaultOutcome::Measured(vec![Measure::reported("s", 9.0)])),
+            broken(true, FaultOutcome::Unavailable("no root".to_owned())),
+            0
+        );
+        assert_eq!(
+            broken(
+                true,
+                FaultOutcome::Measured(vec![Measure::reported("s", 9.0)])
+            ),
             0
         );
     }

@@ -1,10 +1,14 @@
 //! Scenes on the command line, and scenes as venues of maps for live studies.
 
+use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::str::FromStr;
 
 use anyhow::{Context as _, ensure};
+use farfield_node::process::NodeError;
 use farfield_sim::embedded;
+use farfield_sim::scene::Scene;
 
 /// The default scene: eight players on a court with four viewpoints.
 const SCENE: &str = "futsal";
@@ -24,7 +28,7 @@ pub(super) struct MadeMaps {
 ///
 /// # Errors
 /// `farfield simulate` fails, or a file cannot be written.
-pub(super) fn make(
+pub(super) fn make_maps(
     scene: Option<&Path>,
     folder: &Path,
     more: &[&str],
@@ -54,4 +58,37 @@ pub(super) fn make(
         venue,
         truth: made.join("truth.jsonl"),
     })
+}
+
+/// A scene file, or the name of an embedded scene.
+#[derive(Debug, Clone)]
+pub(super) struct SceneArgument(String);
+
+impl SceneArgument {
+    /// The argument.
+    pub(super) fn name(&self) -> &str {
+        &self.0
+    }
+
+    /// Reads the scene.
+    ///
+    /// # Errors
+    /// Contains the file and what is wrong with it, or the names of embedded scenes.
+    pub(super) fn load(&self) -> Result<Scene, NodeError> {
+        let path = Path::new(&self.0);
+        let scene = if path.exists() {
+            Scene::load(path)
+        } else {
+            embedded::scene(&self.0)
+        };
+        scene.map_err(NodeError::refused)
+    }
+}
+
+impl FromStr for SceneArgument {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(Self(text.to_owned()))
+    }
 }
