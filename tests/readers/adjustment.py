@@ -1,10 +1,10 @@
-"""The adjustment of 28 cameras to 3,000 points, solved by SciPy and by Ceres: do they end in our minimum, and how fast?
+"""The adjustment of 28 cameras to 3,000 points by SciPy and by Ceres: same minimum as ours, and how fast.
 
     FARFIELD_SIDE_BY_SIDE=DIR cargo test --release -p farfield-calibration --test side_by_side -- --nocapture
     pip install numpy scipy pyceres
     python3 tests/readers/adjustment.py DIR/problem.json
 
-Not in CI: SciPy takes minutes. Exit code 1 where a minimum differs from ours by more than one in a million.
+Not in CI: SciPy takes minutes. Exits with 1 if a minimum differs from ours by more than one in a million.
 """
 
 import json
@@ -32,7 +32,7 @@ def read(path):
 
 
 def project(problem, cameras, points):
-    """Pixels of `points`, each seen by the camera of its row."""
+    """Pixels of `points`, each in the camera of its row."""
     local = Rotation.from_rotvec(cameras[:, :3]).apply(points - cameras[:, 3:6])
     plane = local[:, :2] / local[:, 2:]
     square = (plane**2).sum(axis=1, keepdims=True)
@@ -65,7 +65,7 @@ def by_ceres(problem, cameras, points, camera_of, point_of, px):
     import pyceres
 
     class Sight(pyceres.CostFunction):
-        """One sight, with derivatives by differences: Python is slow, the minimum is the same."""
+        """One observation, with numerical derivatives: slow in Python, but the minimum is the same."""
 
         def __init__(self, px):
             super().__init__()
@@ -76,7 +76,7 @@ def by_ceres(problem, cameras, points, camera_of, point_of, px):
         def Evaluate(self, parameters, residuals, jacobians):
             camera, point = np.array(parameters[0]), np.array(parameters[1])
             both = np.concatenate([camera, point])
-            # Each number moved up and down.
+            # Each number shifted up and down.
             steps = 1e-6 * np.maximum(1.0, np.abs(both))
             moved = np.vstack([both, both + np.diag(steps), both - np.diag(steps)])
             found = (project(problem, moved[:, :7], moved[:, 7:]) - self.px) / problem["sigma_px"]

@@ -1,11 +1,11 @@
-"""The same rendered pictures of a Charuco board, calibrated by us, by OpenCV and by aniposelib: corners, lenses, poses, seconds.
+"""The same rendered images of a Charuco board, calibrated by us, by OpenCV and by aniposelib: corners, lenses, poses, seconds.
 
     pip install numpy scipy opencv-contrib-python-headless aniposelib
     python3 tests/readers/boards.py DIR
 
-Renders four cameras and forty moments into DIR where they are not there yet, runs ours on them (`cargo test --release -p
-farfield-calibration --test side_by_side_boards`), then the others, and prints a table. Not in CI: it takes minutes. Exit code 1
-where ours finds fewer corners than OpenCV, or is worse than the better of the others by more than half in corners, focal length or place.
+Renders four cameras and forty moments to DIR if they are missing, runs ours on them (`cargo test --release -p
+farfield-calibration --test side_by_side_boards`), then the others, and prints a table. Not in CI: it takes minutes. Exits with 1
+if ours finds fewer corners than OpenCV, or is worse than the better of the others by more than half in corners, focal length or place.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ LENS = np.array([-0.12, 0.05, 0.0008, -0.0005, 0.0])
 SQUARES = (8, 6)
 SQUARE_M, MARKER_M = 0.08, 0.06
 MOMENTS = 40
-# Pixels of the drawn board to a square, and how the pictures are made: rays to a pixel along each side, blur, noise of so many levels.
+# Pixels of the drawn board per square; rendering: rays per pixel along each side, blur, noise in levels.
 DRAWN_PX, RAYS, BLUR_PX, NOISE = 120, 3, 0.6, 2.0
 
 
@@ -38,7 +38,7 @@ def charuco():
 
 
 def cameras():
-    """World to camera: on an arc about the middle, a metre and a half high and low, at 2.2 to 2.8 m."""
+    """World to camera: on an arc around the middle, between 1.5 m high and low, at 2.2 to 2.8 m."""
     poses = []
     for i, angle in enumerate(np.radians([-36, -11, 14, 40])):
         away = 2.2 + 0.2 * i
@@ -52,7 +52,7 @@ def cameras():
 
 
 def boards():
-    """World from board, a moment each: tilted each way, moved about the middle."""
+    """World from board, one per moment: tilted in all directions, moved around the middle."""
     poses = []
     for i in range(MOMENTS):
         turn = 2.4 * i
@@ -71,7 +71,7 @@ def corners_m():
 
 
 def projected(camera, board, points_m):
-    """Distorted pixels of points of the board; (0, 0) is the centre of the first."""
+    """Distorted pixels of points of the board; (0, 0) is the centre of the first pixel."""
     (turn, shift), (board_turn, board_shift) = camera, board
     rotation, place = turn @ board_turn, turn @ board_shift + shift
     px, _ = cv2.projectPoints(points_m, cv2.Rodrigues(rotation)[0], place, MATRIX, LENS)
@@ -86,7 +86,7 @@ def picture(camera, board, texture, rng):
     low = np.clip(np.floor(outline.min(axis=0)).astype(int) - 12, 0, SIZE_PX)
     high = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 12, 0, SIZE_PX)
     level = np.full((SIZE_PX[1], SIZE_PX[0]), 120.0)
-    # Rays through parts of each pixel, met with the plane of the board.
+    # Rays through parts of each pixel, intersected with the plane of the board.
     parts = (np.arange(RAYS) + 0.5) / RAYS - 0.5
     x, y = ((np.arange(low[k], high[k])[:, None] + parts).ravel() for k in range(2))
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 1, 2)
@@ -124,22 +124,22 @@ def pictures(folder, name):
 
 
 def by_us(folder):
-    """Another process: what is measured there is from pictures to poses, as everywhere here."""
+    """A separate process, measured from images to poses like all others here."""
     command = "cargo test --offline --release -p farfield-calibration --test side_by_side_boards -- --nocapture"
     where = pathlib.Path(__file__).resolve().parents[2]
     subprocess.run(command.split(), cwd=where, env=os.environ | {"FARFIELD_BOARDS": str(folder.resolve())}, check=True)
-    said = json.loads((folder / "ours.json").read_text())
-    found = {"seconds": said["seconds"], "rms_px": said["rms_px"], "corners": {}, "focal_px": said["focal_px"], "poses": []}
-    for name, views in said["corners"].items():
+    ours = json.loads((folder / "ours.json").read_text())
+    found = {"seconds": ours["seconds"], "rms_px": ours["rms_px"], "corners": {}, "focal_px": ours["focal_px"], "poses": []}
+    for name, views in ours["corners"].items():
         for moment, view in views.items():
             found["corners"][name, int(moment)] = {int(number): px for number, px in view}
-    for turn, shift in said["poses"]:
+    for turn, shift in ours["poses"]:
         found["poses"].append((Rotation.from_rotvec(turn).as_matrix(), np.array(shift)))
     return found
 
 
 def by_opencv(folder):
-    """Corners and lenses; poses of cameras one after the other, each to the first, by its stereo calibration."""
+    """Corners and lenses; then poses of the cameras by stereo calibration with the first."""
     board = charuco()
     detector = cv2.aruco.CharucoDetector(board)
     objects = board.getChessboardCorners()
@@ -203,11 +203,11 @@ def by_aniposelib(folder):
 
 
 def aligned(poses, truth):
-    """Worst camera after the best turn, shift and scale of all: metres, degrees."""
+    """Worst camera after the best rotation, translation and scale of all: metres, degrees."""
     center = lambda pose: -pose[0].T @ pose[1]
     here, there = (np.array([center(pose) for pose in all_]) for all_ in (poses, truth))
     a, b = here - here.mean(axis=0), there - there.mean(axis=0)
-    # The turn by orientations too: four centres lie nearly on one arc.
+    # The rotation uses orientations too, since four centres lie nearly on one arc.
     turns = [t[0].T @ p[0] for p, t in zip(poses, truth)]
     turn = Rotation.from_matrix(turns).mean().as_matrix()
     scale = (b * (a @ turn.T)).sum() / (a * a).sum()

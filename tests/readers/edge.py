@@ -1,11 +1,11 @@
-"""Edges in Python that play a recording: fusion makes the same poses of it as of the edges that were recorded, byte for byte.
+"""Edges in Python that play a recording: fusion makes the same poses from them as from the recorded edges, byte for byte.
 
     pip install eclipse-zenoh
     python tests/readers/edge.py FARFIELD RUN
 
-FARFIELD is the program, RUN the folder of a run in lock-step that was recorded. Written from docs/protocol.md: the statuses
-by which a run begins, boxes in, patches and sightings out. Everything comes from the recording, venue and calibration, too.
-Exits with 1 where poses.jsonl differs, where fusion or an edge fails, and after three minutes.
+FARFIELD is the program, RUN the folder of a recorded run in lock-step. Written from docs/protocol.md: statuses at the start,
+boxes in, patches and sightings out. All data come from the recording, also venue and calibration. Exits with 1 if poses.jsonl
+differs, if fusion or an edge fails, or after three minutes.
 """
 
 import collections
@@ -43,7 +43,7 @@ class PlayedEdge:
         self.tick, self.spoken, self.is_done = None, VERSION, False
 
     def hear(self, status):
-        """Fusion says how it is: it is spoken to in the newest version that both know."""
+        """A status of fusion: answers use the newest version that both support."""
         reads = status.attachment.to_bytes()[0] if status.attachment else status.payload.to_bytes()[0]
         self.spoken = min(VERSION, reads)
 
@@ -60,7 +60,7 @@ class PlayedEdge:
         self.publishers["status"].put(wire.encode("status", status, self.spoken), attachment=bytes([VERSION]))
 
     def run(self):
-        """Ten statuses a second until the first boxes; then the sets of each tick that is asked for."""
+        """Sends ten statuses a second until the first boxes, then the sets of each requested tick."""
         while True:
             try:
                 boxes = wire.decode("box_set", self.messages.get(timeout=0.1 if self.tick is None else 1.0))
@@ -69,7 +69,7 @@ class PlayedEdge:
                 continue
             if boxes["order"] == "end":
                 break
-            # All parts of a set come; one answer is due.
+            # All parts of a set arrive; one answer is due.
             if boxes["part"] + 1 < boxes["parts"]:
                 continue
             self.tick = boxes["tick"]
@@ -92,7 +92,7 @@ def sets_of(recording):
 
 
 def play(farfield, recording, folder):
-    """The poses.jsonl that fusion makes of the recording."""
+    """The poses.jsonl that fusion makes from the recording."""
     facts = recording.facts["farfield"]
     for name, (_, data) in recording.files.items():
         (folder / name).write_bytes(data)

@@ -1,4 +1,4 @@
-"""What exports must say, computed from poses.jsonl by a second route: angles to rotations, with numpy alone.
+"""Expected content of exports, computed from poses.jsonl in a second way: angles to rotations, with numpy only.
 
 World: metres, z up; bodies at rest: x forward, y left, z up. See docs/exports.md.
 """
@@ -8,7 +8,7 @@ import pathlib
 
 import numpy as np
 
-# Bone: parent, the joint it begins at, the rotation's angles as (name, axis, sign), in our axes (x, y, z).
+# Bone: parent, first joint, angles of the rotation as (name, axis, sign), in our axes (x, y, z).
 LEG = (("hip_flexion", "y", -1), ("hip_adduction", "x", 1), ("hip_rotation", "z", 1))
 FOOT = (("ankle_angle", "y", -1), ("subtalar_angle", "x", 1), ("foot_rotation", "z", 1))
 SCAPULA = (("scapula_elevation", "x", -1), ("scapula_protraction", "z", 1), ("scapula_tilt", "y", 1))
@@ -39,7 +39,7 @@ def about(axis, angle):
 
 
 def local_rotations(angles):
-    """Per bone (by our names): its rotation against its parent and against the T-pose, in body axes."""
+    """Per bone (by our names): its rotation relative to its parent and to the T-pose, in body axes."""
     # The pelvis is reported in OpenSim's axes (forward, up, right) in a ground with y up.
     opensim = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     turned = about("z", angles["pelvis_tilt"]) @ about("x", angles["pelvis_list"]) @ about("y", angles["pelvis_rotation"])
@@ -60,7 +60,7 @@ def local_rotations(angles):
 
 
 def angle_between_deg(a, b):
-    """How far two rotations are apart, degrees; exact also when they are close."""
+    """Angle between two rotations, degrees; exact also for small angles."""
     return np.degrees(2 * np.arcsin(min(1.0, np.linalg.norm(a - b) / (2 * np.sqrt(2)))))
 
 
@@ -76,7 +76,7 @@ def poses(run):
 
 
 class Worst:
-    """The greatest difference per name, and whether all are below their bounds."""
+    """The largest difference per name, and whether all are within their bounds."""
 
     def __init__(self, bounds):
         self.bounds, self.found, self.counts = bounds, {}, {}
@@ -90,7 +90,7 @@ class Worst:
         for what, bound in self.bounds.items():
             found = self.found.get(what)
             print(f"{what:40} {found if found is not None else 'nothing':<24} bound {bound}  ({self.counts.get(what, 0)} compared)")
-            # Not "greater": a NaN fails too.
+            # Not "greater": NaN must fail too.
             if found is None or not found <= bound:
                 failed.append(what)
         return failed
@@ -103,7 +103,7 @@ for _side in ("left_", "right_"):
 
 
 def world_rotations(angles):
-    """Per bone: how it is turned in the world against the T-pose."""
+    """Per bone: its rotation in the world relative to the T-pose."""
     local = local_rotations(angles)
     world = {"pelvis": local["pelvis"]}
     for bone, parent in PARENTS.items():

@@ -3,9 +3,9 @@
     pip install opensim numpy;  python tests/readers/heavy.py opensim RUN SETTLED
     pip install bpy;            python tests/readers/heavy.py blender RUN MEASURED
 
-RUN is the run's folder, with its TRC and MOT files; SETTLED and MEASURED hold its exports in all formats with
-`lengths=settled` and `lengths=measured`, at the run's rate. Bounds: joints 1 mm, rotations 0.01 degrees. The two want different numpy: use an
-environment each. Exits with 1 where a bound is not kept.
+RUN is the run's folder with its TRC and MOT files; SETTLED and MEASURED contain its exports in all formats with
+`lengths=settled` and `lengths=measured`, at the run's rate. Bounds: joints 1 mm, rotations 0.01 degrees. The two need different
+versions of numpy, so use an environment for each. Exits with 1 if a bound is exceeded.
 """
 
 import json
@@ -23,7 +23,7 @@ STEP = 7
 
 
 def rest_offsets_m(glb):
-    """Per person and bone: where it begins from its parent, in body axes, from the nodes of a binary glTF file."""
+    """Per person and bone: its origin relative to its parent, in body axes, from the nodes of a binary glTF file."""
     data = pathlib.Path(glb).read_bytes()
     nodes = json.loads(data[20 : 20 + struct.unpack("<I", data[12:16])[0]])["nodes"]
     people = {}
@@ -97,7 +97,7 @@ def check_opensim(run, settled):
 
 
 def inverse_kinematics(opensim, run, settled, person, by_person, rate_hz, first, worst):
-    """Prints how far the angles that OpenSim finds for our markers are from ours; demanded is that knees and elbows bend forwards."""
+    """Prints the differences between OpenSim's angles for our markers and ours; only requires that knees and elbows bend forwards."""
     lines = by_person[person]
     lines = lines[len(lines) // 2 :][:60]
     tool = opensim.InverseKinematicsTool()
@@ -141,7 +141,7 @@ def check_blender(run, measured):
     run, measured = pathlib.Path(run), pathlib.Path(measured)
     by_person, rate_hz, first = poses(run)
     worst = Worst({f"Blender, {kind} {what}": bound for kind in ("BVH", "glTF") for what, bound in (("joints mm", MM), ("rotations deg", DEG))})
-    # Its z-up world from ours: importers turn the files' y up so that who faced +z faces -y.
+    # Blender's z-up world from ours: importers turn y up so that a person facing +z then faces -y.
     blender = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 
     def compare(kind, armature, lines, frame_of):
@@ -151,7 +151,7 @@ def check_blender(run, measured):
             bpy.context.scene.frame_set(int(frame), subframe=frame - int(frame))
             turned = world_rotations(line["angles"])
             for bone in armature.pose.bones:
-                # A second armature's bones are called spine.001.
+                # Bones of a second armature are named spine.001.
                 name = bone.name.split(".")[0]
                 world = armature.matrix_world @ bone.matrix
                 if name in line["joints"]:

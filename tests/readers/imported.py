@@ -1,11 +1,11 @@
-"""Writes a venue of keypoints as OpenPose in a Pose2Sim project, as COCO's results and as AlphaPose, takes each in with one
-command, runs each, and compares the poses with those of the venue by hand.
+"""Writes the keypoints of a venue as OpenPose in a Pose2Sim project, as COCO results and as AlphaPose, imports and runs each
+with one command, and compares the poses with those of the venue.
 
     python tests/readers/imported.py FARFIELD VENUE DIR
 
-FARFIELD is the program, VENUE a venue file whose cameras are files of COCO's 17 keypoints, DIR a folder that is not there.
-By hand is that venue without what no format can say: its field, and peaks that belong to nobody. Bound: joints 1 mm, and
-the same people in the same ticks. Exits with 1 where it is not kept.
+FARFIELD is the program, VENUE a venue file whose cameras are files of COCO's 17 keypoints, DIR a folder that does not exist.
+The reference is that venue without its field and without peaks of unknown people, which no format contains. Bound: joints 1 mm,
+and the same people in the same ticks. Exits with 1 if it is exceeded.
 """
 
 import json
@@ -16,7 +16,7 @@ import sys
 import tomllib
 
 MM = 1.0
-# Where OpenPose's BODY_25 has each of COCO's 17 keypoints.
+# Index in OpenPose's BODY_25 of each of COCO's 17 keypoints.
 BODY_25 = [0, 16, 15, 18, 17, 5, 2, 6, 3, 7, 4, 12, 9, 13, 10, 14, 11]
 
 
@@ -46,8 +46,8 @@ def by_hand(cameras, venue, out):
     for name, frames in cameras.items():
         lines += ["[[viewpoint]]", f"name = {json.dumps(name)}", "[[viewpoint.camera]]", f"name = {json.dumps(name)}"]
         lines.append(f'source = {{ kind = "keypoints", path = "{name}.jsonl" }}')
-        told = [json.dumps({"tick": tick, "persons": [{"keypoints": it} for it in people]}) for tick, people in frames]
-        (out / f"{name}.jsonl").write_text("\n".join(told) + "\n")
+        written = [json.dumps({"tick": tick, "persons": [{"keypoints": it} for it in people]}) for tick, people in frames]
+        (out / f"{name}.jsonl").write_text("\n".join(written) + "\n")
     (out / "venue.toml").write_text("\n".join(lines) + "\n")
 
 
@@ -58,30 +58,30 @@ def openpose(cameras, rate_hz, out):
         folder = out / "pose" / f"{name}_json"
         folder.mkdir(parents=True)
         for tick, people in frames:
-            told = [{"person_id": [-1], "pose_keypoints_2d": flat(it, BODY_25, 25)} for it in people]
+            written = [{"person_id": [-1], "pose_keypoints_2d": flat(it, BODY_25, 25)} for it in people]
             path = folder / f"{name}_{tick:012}_keypoints.json"
-            path.write_text(json.dumps({"version": 1.3, "people": told}))
+            path.write_text(json.dumps({"version": 1.3, "people": written}))
     return []
 
 
 def coco_results(cameras, rate_hz, out):
     for name, frames in cameras.items():
-        told = [
+        written = [
             {"image_id": tick, "category_id": 1, "keypoints": flat(it), "score": 1.0} for tick, people in frames for it in people
         ]
-        (out / f"{name}.json").write_text(json.dumps(told))
+        (out / f"{name}.json").write_text(json.dumps(written))
     return ["--rate", str(rate_hz)]
 
 
 def alphapose(cameras, rate_hz, out):
     for name, frames in cameras.items():
         (out / name).mkdir()
-        told = [
+        written = [
             {"image_id": f"{tick}.jpg", "category_id": 1, "keypoints": flat(it), "score": 2.5, "box": [0, 0, 1, 1], "idx": 1}
             for tick, people in frames
             for it in people
         ]
-        (out / name / "alphapose-results.json").write_text(json.dumps(told))
+        (out / name / "alphapose-results.json").write_text(json.dumps(written))
     return ["--rate", str(rate_hz)]
 
 
@@ -119,9 +119,9 @@ def main(farfield, venue_path, out):
         folder.mkdir()
         shutil.copy(calibration, folder / "Calib_venue.toml")
         rate = write(cameras, venue["rate_hz"], folder)
-        told = subprocess.run([farfield, "import", folder, *rate], capture_output=True, text=True)
-        if told.returncode:
-            print(f"{write.__name__}: {told.stderr.strip()}")
+        result = subprocess.run([farfield, "import", folder, *rate], capture_output=True, text=True)
+        if result.returncode:
+            print(f"{write.__name__}: {result.stderr.strip()}")
             failed.append(write.__name__)
             continue
         theirs = solved(farfield, folder / "farfield" / "venue.toml", folder / "out")

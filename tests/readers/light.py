@@ -1,12 +1,13 @@
-"""Reads exports back with other people's readers and compares them with poses.jsonl.
+"""Reads exports with other people's readers and compares them with poses.jsonl.
 
     pip install bvhio ezc3d c3d pygltflib pyarrow numpy mcap mcap-protobuf-support foxglove-schemas-protobuf jsonschema
     python tests/readers/light.py RUN MEASURED SETTLED [VALIDATOR [CALIBRATION]]
 
-RUN is the run's folder; MEASURED and SETTLED hold its exports in all formats with `lengths=measured` and
-`lengths=settled`, at the run's rate. VALIDATOR is the folder of npm's gltf-validator; without it, or without Node, that
-one check is left out, and said so. CALIBRATION is the file of the run's cameras, where it is not beside the run as the demo leaves it (then
-exports want `--venue`); with `-` what MCAP says of cameras is not compared, and that is said. Bounds: joints 1 mm, rotations 0.01 degrees. Exits with 1 where one is not kept.
+RUN is the run's folder; MEASURED and SETTLED contain its exports in all formats with `lengths=measured` and `lengths=settled`,
+at the run's rate. VALIDATOR is the folder of npm's gltf-validator; without it, or without Node, that check is skipped with a
+message. CALIBRATION is the calibration of the run's cameras, if it is not in the run's folder as of a demo (exports then need
+`--venue`); with `-` the cameras in MCAP are not compared, with a message. Bounds: joints 1 mm, rotations 0.01 degrees. Exits with
+1 if one is exceeded.
 """
 
 import json
@@ -32,7 +33,7 @@ def check_bvh(folder, mode, by_person, first, worst):
         root = bvhio.readAsHierarchy(str(folder / f"poses_{person}.bvh"))
         joints = {joint.Name: joint for joint, _, _ in root.layout()}
         parent_of = {child.Name: joint.Name for joint in joints.values() for child in joint.Children}
-        # It turns every joint's own axes along the bone: against its rest in the world the turn is ours again.
+        # It aligns the axes of every joint with the bone: relative to the rest in the world the rotation is ours again.
         root.loadRestPose()
         at_rest = {name: world_rotation(joint) for name, joint in joints.items()}
         for line in lines[::STEP]:
@@ -136,10 +137,10 @@ def check_c3d(folder, by_person, first, worst):
         for line in lines:
             for name, at in named_points(line):
                 if name not in labels:
-                    continue  # No keypoint ever tells where it is.
+                    continue  # No keypoint determines its position.
                 point = data[:3, labels.index(name), line["tick"] - first]
                 if line["sigma_m"].get(name.removeprefix("keypoint_"), 0) > 0.1:
-                    continue  # Nothing is known of where it is; the file says so.
+                    continue  # Its position is unknown, and the file says so.
                 worst.take("ezc3d points mm", np.linalg.norm(point - 1000 * np.array(at)))
         with open(path, "rb") as opened, warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -208,7 +209,7 @@ def unit(angle):
 
 
 def check_mcap(run, calibration, path, by_person, rate_hz, first, worst):
-    """By mcap and mcap-protobuf-support, which decode with the schemas in the file; and against those that Foxglove publishes."""
+    """By mcap and mcap-protobuf-support, which decode with the schemas in the file; and against the schemas that Foxglove publishes."""
     import jsonschema
     from mcap.reader import make_reader
     from mcap_protobuf.decoder import DecoderFactory
@@ -227,9 +228,9 @@ def check_mcap(run, calibration, path, by_person, rate_hz, first, worst):
             counts[channel.topic] = counts.get(channel.topic, 0) + 1
             if channel.message_encoding == "json":
                 validator = validators.setdefault(schema.id, jsonschema.Draft202012Validator(json.loads(schema.data)))
-                said = json.loads(message.data)
-                worst.take("MCAP angles against their schema", sum(1 for _ in validator.iter_errors(said)))
-                check_mcap_angles(said, lines_at[tick][int(channel.topic.split("_")[1].split("/")[0])], worst)
+                angles_message = json.loads(message.data)
+                worst.take("MCAP angles against their schema", sum(1 for _ in validator.iter_errors(angles_message)))
+                check_mcap_angles(angles_message, lines_at[tick][int(channel.topic.split("_")[1].split("/")[0])], worst)
                 continue
             worst.take("MCAP messages that are not Foxglove's", published(schema, message.data))
             decoded = decoder.decoder_for(channel.message_encoding, schema)(message.data)
@@ -249,7 +250,7 @@ def check_mcap(run, calibration, path, by_person, rate_hz, first, worst):
 
 
 def published(schema, data):
-    """Whether Foxglove's own classes do not read these bytes, or find anything in them that they do not know."""
+    """Whether Foxglove's own classes fail on these bytes or find unknown fields in them."""
     import importlib
 
     from google.protobuf import unknown_fields
@@ -284,22 +285,22 @@ def check_mcap_frames(message, lines, worst):
         worst.take("MCAP rotations deg", angle_between_deg(quaternion(q.x, q.y, q.z, q.w), local_rotations(line["angles"])["pelvis"]))
 
 
-def check_mcap_angles(said, line, worst):
+def check_mcap_angles(angles_message, line, worst):
     known = {name for name in line["angles"] if name not in line["unobserved"] and unit(name) == "deg"}
-    worst.take("MCAP angles marked wrongly", len(known ^ set(said["angles_deg"])) + int(said["tick"] != line["tick"]))
-    for name in known & set(said["angles_deg"]):
-        apart = np.radians(said["angles_deg"][name]) - line["angles"][name]
+    worst.take("MCAP angles marked wrongly", len(known ^ set(angles_message["angles_deg"])) + int(angles_message["tick"] != line["tick"]))
+    for name in known & set(angles_message["angles_deg"]):
+        apart = np.radians(angles_message["angles_deg"][name]) - line["angles"][name]
         worst.take("MCAP angles deg", abs(np.degrees(np.angle(np.exp(1j * apart)))))
 
 
 def check_mcap_cameras(calibration, cameras, worst):
-    """The axis of each camera, its place and its lens, from the calibration by a second route."""
+    """The axis of each camera, its position and its lens, from the calibration in a second way."""
     if calibration is None:
         print("MCAP cameras: not checked, as was asked")
         return
     read = {f"camera_{c['name']}": c for c in tomllib.loads(calibration.read_text()).values() if isinstance(c, dict) and "matrix" in c}
     worst.take("MCAP cameras missing", len(set(read) ^ set(cameras)))
-    for name, (transform, told) in cameras.items():
+    for name, (transform, info) in cameras.items():
         expected, q, at = read[name], transform.rotation, transform.translation
         vector = np.array(expected["rotation"])
         angle = np.linalg.norm(vector)
@@ -309,8 +310,8 @@ def check_mcap_cameras(calibration, cameras, worst):
         worst.take("MCAP rotations deg", angle_between_deg(quaternion(q.x, q.y, q.z, q.w), camera_from_world.T))
         place = -camera_from_world.T @ np.array(expected["translation"])
         worst.take("MCAP joints mm", 1000 * np.linalg.norm(np.array([at.x, at.y, at.z]) - place))
-        lens = np.abs(np.array(told.K).reshape(3, 3) - expected["matrix"]).max() + np.abs(np.array(told.D)[:5] - expected["distortions"][:5]).max()
-        worst.take("MCAP lenses", lens + abs(told.width - expected["size"][0]) + abs(told.height - expected["size"][1]))
+        lens = np.abs(np.array(info.K).reshape(3, 3) - expected["matrix"]).max() + np.abs(np.array(info.D)[:5] - expected["distortions"][:5]).max()
+        worst.take("MCAP lenses", lens + abs(info.width - expected["size"][0]) + abs(info.height - expected["size"][1]))
 
 
 def check_validator(folders, validator, worst):
@@ -324,8 +325,8 @@ def check_validator(folders, validator, worst):
     )
     for folder in folders:
         for path in sorted(folder.glob("*.gl*")):
-            told = subprocess.run(["node", "-e", script, validator, path], capture_output=True, text=True, check=True)
-            worst.take("gltf-validator issues", int(told.stdout))
+            result = subprocess.run(["node", "-e", script, validator, path], capture_output=True, text=True, check=True)
+            worst.take("gltf-validator issues", int(result.stdout))
 
 
 def main(run, measured, settled, validator=None, calibration=None):

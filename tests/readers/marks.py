@@ -1,11 +1,11 @@
-"""Opens the page of `farfield calibrate marks` in Debian's Chromium and clicks as an operator does.
+"""Opens the page of `farfield calibrate marks` in Debian's Chromium and clicks like an operator.
 
     pip install playwright
     python tests/readers/marks.py FARFIELD SHOTS
 
-FARFIELD is the program; SHOTS the folder for pictures, screenshots and the file that is clicked. A camera is made up that sees a futsal
-court: its picture is drawn here, so that the truth is known. Chromium is /usr/bin/chromium, or what $CHROMIUM names. Prints a line per
-check; exits with 1 where one failed.
+FARFIELD is the program; SHOTS the folder for images, screenshots and the file of clicks. An invented camera shows a futsal court:
+its image is drawn here, so that the truth is known. Chromium is /usr/bin/chromium, or $CHROMIUM. Prints a line per check; exits
+with 1 if one failed.
 """
 
 import argparse
@@ -27,9 +27,9 @@ from playwright.sync_api import sync_playwright
 PATIENCE_S = 60
 SIZE = (1280, 720)
 FOCAL_PX = 640.0
-# Radial distortion: what is straight in the hall is not in the picture.
+# Radial distortion: straight lines of the court are not straight in the image.
 K1 = -0.06
-# Where the camera stands and where it looks, metres; another one stands at the opposite corner.
+# Position and target of the camera, metres; another one stands at the opposite corner.
 CAMERAS = {"north": ((-10.0, 20.0, 8.0), (-8.0, 2.0, 0.0)), "south": ((10.0, -20.0, 8.0), (8.0, -2.0, 0.0))}
 
 failures = []
@@ -57,7 +57,7 @@ class Camera:
         self.centre, self.rows = centre, (right, cross(forward, right), forward)
 
     def seen(self, at):
-        """Distorted pixels of a point of the hall, None behind the camera or far outside."""
+        """Distorted pixels of a point, None behind the camera or far outside."""
         arm = tuple(a - c for a, c in zip(at, self.centre))
         x, y, z = (sum(r * a for r, a in zip(row, arm)) for row in self.rows)
         if z < 0.5:
@@ -104,7 +104,7 @@ def court():
 
 
 def draw(camera, path):
-    """A grey floor with white lines of 8 cm, as the camera sees them."""
+    """A grey floor with white lines of 8 cm, in the camera's image."""
     width, height = SIZE
     rows = [bytearray() for _ in range(height)]
     for y in range(height):
@@ -138,14 +138,14 @@ def draw(camera, path):
 class Command:
     def __init__(self, words):
         self.process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
-        self.said = ""
+        self.output = ""
         for line in self.process.stderr:
-            self.said += line
+            self.output += line
             if found := re.search(r"https?://\S+", line):
                 self.url = found.group(0)
                 threading.Thread(target=self.process.stderr.read, daemon=True).start()
                 return
-        raise SystemExit(f"{words}: ended with {self.process.wait()}:\n{self.said}")
+        raise SystemExit(f"{words}: ended with {self.process.wait()}:\n{self.output}")
 
     def stop(self):
         self.process.send_signal(2)
@@ -166,9 +166,9 @@ class Page:
     def __init__(self, browser, url, **context):
         self.context = browser.new_context(**context)
         self.page = self.context.new_page()
-        self.said = []
-        self.page.on("console", lambda m: self.said.append(m.text) if m.type in ("error", "warning") else None)
-        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.console = []
+        self.page.on("console", lambda m: self.console.append(m.text) if m.type in ("error", "warning") else None)
+        self.page.on("pageerror", lambda error: self.console.append(str(error)))
         self.page.goto(url)
 
     def number(self, name):
@@ -183,7 +183,7 @@ class Page:
         return False
 
     def on_screen(self, px):
-        """Where a pixel is while all of the picture is shown: half a pixel beside its number is its corner."""
+        """Position of a pixel while the whole image is shown: its corner is half a pixel from its number."""
         box = self.page.locator("canvas.picture").bounding_box()
         scale = min(box["width"] / SIZE[0], box["height"] / SIZE[1])
         left = box["x"] + (box["width"] - scale * SIZE[0]) / 2
@@ -194,7 +194,7 @@ class Page:
         self.page.locator(".mark-name", has_text=re.compile(f"^{name.replace('_', ' ')}$")).first.click()
 
     def click(self, name, px, is_tapped=False):
-        """Through the list and the picture."""
+        """Clicks in the list and in the image."""
         self.choose(name)
         at = self.on_screen(px)
         if is_tapped:
@@ -230,17 +230,17 @@ def clicks_four_corners(visit, folder, out, camera):
     for name, at in MARKS.items():
         off = math.dist(found[name], camera.seen(at))
         check(f"{name} is in the file where it was clicked", off < 0.5, f"{off:.2f} px off")
-    said = page.locator(".verdict-text").inner_text()
-    check("where the camera stands is said", "clicks fit to" in said, said)
-    place = [float(v) for v in re.search(r"\(([-\d.]+), ([-\d.]+), ([-\d.]+)\)", said).groups()]
+    verdict = page.locator(".verdict-text").inner_text()
+    check("the position of the camera is shown", "clicks fit to" in verdict, verdict)
+    place = [float(v) for v in re.search(r"\(([-\d.]+), ([-\d.]+), ([-\d.]+)\)", verdict).groups()]
     apart = math.dist(place, CAMERAS["north"][0])
     check("and is where it stands", apart < 1.0, f"{apart:.2f} m off")
-    check("that the court has two ends alike is said", "Turned by half" in page.locator(".verdict").inner_text())
+    check("the symmetry of the court is shown", "Turned by half" in page.locator(".verdict").inner_text())
     visit.shot(folder, "marks-fitted")
 
 
 def corrects(visit, folder, out, camera):
-    """A wrong corner shows; drag, arrow keys, undo, delete."""
+    """A wrong corner is reported; drag, arrow keys, undo, delete."""
     page = visit.page
     right = camera.seen(MARKS["centre"])
     page.mouse.move(*visit.on_screen(clicked(out)["north"]["centre"]))
@@ -267,7 +267,7 @@ def corrects(visit, folder, out, camera):
 
 
 def cannot_go_wrong(visit, out):
-    """What no file could hold is not in the page, and what somebody else has written is not written over."""
+    """Clicks that no file may contain are not possible in the page, and changes by others are not overwritten."""
     page = visit.page
     before = clicked(out)["north"]["centre"]
     canvas = page.locator("canvas.picture").bounding_box()
@@ -299,18 +299,18 @@ def cannot_go_wrong(visit, out):
     out.write_text(by_hand)
     page.locator(".mark-row", has=page.locator(".mark-name", has_text=re.compile("^centre$"))).locator(".mark-chip button").first.click()
     page.keyboard.press("ArrowRight")
-    told = lambda: page.locator(".task").inner_text()
-    check("a file that was edited by hand is taken up", visit.until(lambda: "changed elsewhere" in told()), told())
+    task = lambda: page.locator(".task").inner_text()
+    check("a file that was edited by hand is reloaded", visit.until(lambda: "changed elsewhere" in task()), task())
     check("and not written over", out.read_text() == by_hand)
     page.keyboard.press("Control+z")
     check("undo brings the own clicks back", visit.until(lambda: clicked(out)["north"]["centre"] != before and visit.number("isSaved")))
     page.keyboard.press("Control+z")
     check("and takes them back", visit.until(lambda: clicked(out)["north"]["centre"] == before))
     check("the file with the comment is kept", out.with_suffix(".before.toml").read_text() == by_hand)
-    # Chromium itself writes down what was answered with 409, which was meant: once, of the file that was edited by hand.
+    # Chromium itself logs an answer with 409, which is expected once, for the file that was edited by hand.
     meant = "Failed to load resource: the server responded with a status of 409 (Conflict)"
-    check("one change was behind the file", visit.said.count(meant) == 1, visit.said)
-    visit.said = [line for line in visit.said if line != meant]
+    check("one change was behind the file", visit.console.count(meant) == 1, visit.console)
+    visit.console = [line for line in visit.console if line != meant]
 
 
 def clicks_lines_and_names(visit, out, camera):
@@ -331,8 +331,8 @@ def clicks_lines_and_names(visit, out, camera):
     form.locator("input").nth(0).fill("scratch")
     form.locator("button").click()
     page.mouse.click(*visit.on_screen(camera.seen((-5.0, 2.0, 0.0))))
-    told = lambda: page.locator(".file").inner_text()
-    check("what --marks still lacks is said", visit.until(lambda: "scratch" in told() and "Not yet" in told()), told())
+    shown = lambda: page.locator(".file").inner_text()
+    check("missing parts of --marks are shown", visit.until(lambda: "scratch" in shown() and "Not yet" in shown()), shown())
 
 
 def zooms(visit, folder, camera):
@@ -365,7 +365,7 @@ def looks(browser, url, folder, camera):
     phone.page.touchscreen.tap(*at)
     check("a tap clicks", phone.until(lambda: phone.number("clicks") == before + 1), phone.number("next"))
     for visit in (light, phone):
-        check("no console errors", not visit.said, visit.said[:3] or "")
+        check("no console errors", not visit.console, visit.console[:3] or "")
         visit.context.close()
 
 
@@ -399,12 +399,12 @@ def main():
             clicks_lines_and_names(visit, out, camera)
             zooms(visit, folder, camera)
             check("the token is not in the address bar", "token" not in visit.page.url, visit.page.url)
-            check("no console errors", not visit.said, visit.said[:3] or "")
+            check("no console errors", not visit.console, visit.console[:3] or "")
             visit.context.close()
             stranger = Page(browser, command.url.split("#")[0], viewport={"width": 800, "height": 600})
-            told = stranger.page.locator(".waiting")
-            is_told = stranger.until(lambda: "printed" in told.inner_text())
-            check("who has not the whole address is told so", is_told, told.inner_text())
+            waiting = stranger.page.locator(".waiting")
+            is_shown = stranger.until(lambda: "printed" in waiting.inner_text())
+            check("a client without the token gets an explanation", is_shown, waiting.inner_text())
             stranger.context.close()
             looks(browser, command.url, folder, camera)
             browser.close()

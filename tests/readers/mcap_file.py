@@ -1,4 +1,4 @@
-"""The records of an uncompressed MCAP file, front to back, as docs/protocol.md says them. No dependencies; mcap.dev has the rest."""
+"""Reads the records of an uncompressed MCAP file in order, as in docs/protocol.md. No dependencies; see mcap.dev for the format."""
 
 import struct
 import zlib
@@ -34,7 +34,7 @@ class Fields:
 
 
 class Recording:
-    """`profile`, `facts` (metadata by name), `files` (attached, by name), `schemas`, `channels` by id, and `messages`:
+    """`profile`, `facts` (metadata by name), `files` (attachments by name), `schemas`, `channels` by id, and `messages`:
     (topic, encoding, log time, publish time, sequence, bytes)."""
 
     def __init__(self, data):
@@ -49,7 +49,7 @@ class Recording:
             kind, length = struct.unpack_from("<BQ", data, at)
             fields = Fields(data[at + 9 : at + 9 + length])
             at += 9 + length
-            if kind == 0x0F:  # The data have ended; an index follows.
+            if kind == 0x0F:  # End of data; an index follows.
                 return
             {0x01: self.header, 0x03: self.schema, 0x04: self.channel, 0x05: self.message, 0x06: self.chunk, 0x09: self.file, 0x0C: self.fact}.get(
                 kind, lambda _: None

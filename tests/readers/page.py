@@ -1,12 +1,12 @@
-"""Opens the live page in Debian's Chromium and does what an operator does.
+"""Opens the live page in Debian's Chromium and acts like an operator.
 
     pip install playwright websockets
     python tests/readers/page.py URL SHOTS [--people N] [--start COMMAND]
 
-URL is the page's address as it was printed, with its token where it has one; with --start, COMMAND is run before, and the
-address is the last one that it prints (URL is then `-`); what COMMAND serves must have
-the sheet of its calibration. SHOTS is the folder for screenshots. --people: how many people the venue has at least. The venue must have an alarm at times, as `cargo run -p farfield-page --example synthetic_page` has.
-Chromium is /usr/bin/chromium, or what $CHROMIUM names. Prints a line per check; exits with 1 where one failed.
+URL is the page's address as printed, with its token if it has one. With --start, COMMAND is run first, and the address is the
+last one that it prints (URL is then `-`); COMMAND must serve the sheet of its calibration. SHOTS is the folder for screenshots.
+--people: least number of people in the venue. The venue must have an alarm at times, as that of `cargo run -p farfield-page
+--example synthetic_page`. Chromium is /usr/bin/chromium, or $CHROMIUM. Prints a line per check; exits with 1 if one failed.
 """
 
 import argparse
@@ -28,11 +28,11 @@ import pictures
 import websockets
 from playwright.sync_api import Error, sync_playwright
 
-# Without a graphics card Chromium draws WebGL by the processor, and says so.
+# Without a graphics card Chromium renders WebGL in software, and logs it.
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-# Seconds: on a loaded machine software rendering takes its time.
+# Seconds: software rendering is slow on a loaded machine.
 PATIENCE_S = 60
-# JavaScript of a frame, median, milliseconds, with 60 people; the machine should do nothing else.
+# JavaScript of a frame, median, milliseconds, with 60 people on an idle machine.
 MOST_FRAME_MS = 3.0
 
 failures = []
@@ -45,23 +45,23 @@ def check(what, is_right, found=""):
 
 
 class Visit:
-    """A page that is open, with what its console said."""
+    """An open page, with its console messages."""
 
     def __init__(self, browser, url, **context):
         self.context = browser.new_context(**context)
         self.page = self.context.new_page()
-        self.said = []
-        self.page.on("console", lambda m: self.said.append(m.text) if m.type in ("error", "warning") else None)
-        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.console = []
+        self.page.on("console", lambda m: self.console.append(m.text) if m.type in ("error", "warning") else None)
+        self.page.on("pageerror", lambda error: self.console.append(str(error)))
         self.began = time.monotonic()
         self.page.goto(url)
 
     def counter(self, name):
-        # Evaluated through the debugger: the page's own policy forbids texts as code.
+        # Evaluated by the debugger: the page's policy forbids text as code.
         return self.page.evaluate(f"window.farfield ? window.farfield.{name} : null")
 
     def until(self, is_so, patience_s=PATIENCE_S):
-        """Seconds until something is so, or None."""
+        """Seconds until a condition holds, or None."""
         began = time.monotonic()
         while time.monotonic() - began < patience_s:
             with contextlib.suppress(Error):
@@ -85,21 +85,21 @@ def people_are_drawn(visit, folder, people):
 
 
 def draws_quickly(visit):
-    """Times by the clock, which count what other programs do meanwhile: nothing is concluded on a machine that is busy."""
+    """Wall-clock times include other programs, so a busy machine gives no verdict."""
     visit.page.wait_for_timeout(5000)
     median_ms, load = visit.counter("frameMedian_ms"), os.getloadavg()[0]
-    told = f"median {median_ms:.2f} ms, P99 {visit.counter('frameP99_ms'):.1f} ms, load {load:.1f}"
+    times = f"median {median_ms:.2f} ms, P99 {visit.counter('frameP99_ms'):.1f} ms, load {load:.1f}"
     if load > 1.5 * os.cpu_count():
-        print(f"left out: JavaScript of a frame, since the machine is busy ({told})")
+        print(f"left out: JavaScript of a frame, since the machine is busy ({times})")
     else:
-        check("JavaScript of a frame", median_ms <= MOST_FRAME_MS, told)
+        check("JavaScript of a frame", median_ms <= MOST_FRAME_MS, times)
 
 
 def follows(visit, folder):
     page = visit.page
     page.locator(".person").first.click()
-    check("a click follows somebody", visit.until(lambda: visit.counter("followed") is not None) is not None)
-    check("the followed person is told about", page.locator(".detail h2").is_visible())
+    check("a click follows a person", visit.until(lambda: visit.counter("followed") is not None) is not None)
+    check("details of the followed person are shown", page.locator(".detail h2").is_visible())
     page.wait_for_timeout(3000)
     visit.shot(folder, "follow")
     page.keyboard.press("c")
@@ -116,7 +116,7 @@ def follows(visit, folder):
 
 
 def guesses(visit):
-    """What nothing determines must not look like what was seen: somebody whom nobody sees is a guess from head to toe."""
+    """Undetermined parts must look different from seen ones: a person in no view is a guess from head to toe."""
     page = visit.page
     key = page.locator(".guess-key")
     is_drawn = visit.until(lambda: visit.counter("guesses") and key.is_visible()) is not None
@@ -124,7 +124,7 @@ def guesses(visit):
 
 
 def names(visit):
-    """A name is text, whatever it looks like."""
+    """A name stays text, whatever it contains."""
     page = visit.page
     page.locator(".person").first.click()
     form = page.locator(".name-form")
@@ -134,7 +134,7 @@ def names(visit):
         form.locator("button").click()
         title = page.locator(".detail h2")
         is_named = visit.until(lambda: title.inner_text() == name)
-        check("somebody gets a name, which stays text", is_named is not None, title.inner_text())
+        check("a person gets a name, which stays text", is_named is not None, title.inner_text())
         form.locator("input").fill("")
         form.locator("button").click()
         check("and loses it", visit.until(lambda: title.inner_text() != name) is not None)
@@ -145,12 +145,12 @@ def names(visit):
 
 
 def opens_the_sheet(visit, folder, must_be_there):
-    """The sheet of the calibration, where there is one, in a tab of its own that can do nothing."""
+    """The sheet of the calibration, if there is one, in a tab of its own without rights."""
     link = visit.page.locator(".sheet-link")
-    told = visit.page.locator(".calibration .hint")
-    check("what is known of the calibration is told", visit.until(lambda: told.inner_text() != ""), told.inner_text())
+    hint = visit.page.locator(".calibration .hint")
+    check("the calibration is described", visit.until(lambda: hint.inner_text() != ""), hint.inner_text())
     if not must_be_there and not link.is_visible():
-        print("left out: the sheet, of which there is none beside the calibration")
+        print("left out: the sheet, which does not exist for this calibration")
         return
     is_shown = visit.until(link.is_visible) is not None
     check("the sheet is offered", is_shown)
@@ -236,13 +236,13 @@ def records(visit, folder):
         is_so = visit.until(lambda: ("on" in (record.get_attribute("class") or "").split()) == is_running)
         check(f"a recording {'starts' if is_running else 'stops'}", is_so is not None)
         if is_running:
-            told = visit.until(lambda: re.search(r"\d:\d\d · .*B", record.inner_text()) is not None)
-            check("for how long and how large is told", told is not None, record.inner_text())
+            is_shown = visit.until(lambda: re.search(r"\d:\d\d · .*B", record.inner_text()) is not None)
+            check("duration and size are shown", is_shown is not None, record.inner_text())
             visit.shot(folder, "recording")
 
 
 def refuses_strangers(url):
-    """A foreign page must not read, nor somebody who let a name of theirs point here."""
+    """A foreign page must not read anything, nor a host whose name was pointed here."""
     parts = urllib.parse.urlsplit(url)
     if parts.scheme != "http":
         print("left out: strangers, who are tried over http only")
@@ -282,7 +282,7 @@ def scrubs_on_a_phone(visit, folder):
 
 
 def looks(browser, url, folder):
-    """Light, and a phone: seen by eye."""
+    """Light mode, and a phone: for inspection by eye."""
     light = Visit(browser, url, viewport={"width": 1280, "height": 720}, color_scheme="light")
     phone = Visit(browser, url, viewport={"width": 390, "height": 844}, device_scale_factor=2, is_mobile=True, has_touch=True)
     for visit, name in ((light, "field-light"), (phone, "phone")):
@@ -294,7 +294,7 @@ def looks(browser, url, folder):
         check(f"{name}: nothing sticks out to the side", wide <= 0, f"{wide} px")
         if name == "phone":
             scrubs_on_a_phone(visit, folder)
-        check(f"{name}: no console errors", not visit.said, visit.said[:3] or "")
+        check(f"{name}: no console errors", not visit.console, visit.console[:3] or "")
         visit.context.close()
 
 
@@ -307,7 +307,7 @@ class Server:
         for line in self.process.stdout:
             if found := re.search(r"https?://\S+", line):
                 self.url = found.group(0)
-                # What it prints later must not fill the pipe.
+                # Later output must not fill the pipe.
                 threading.Thread(target=self.process.stdout.read, daemon=True).start()
                 return
         raise SystemExit(f"{command}: ended with {self.process.wait()} and without an address")
@@ -317,13 +317,13 @@ class Server:
         self.process.wait(timeout=20)
 
     def end(self):
-        """As Ctrl-C does: who looks is told."""
+        """Interrupts it as Ctrl-C does; open pages must show the end."""
         self.process.send_signal(signal.SIGINT)
         self.process.wait(timeout=20)
 
 
 def comes_back(browser, server, folder):
-    """The server ends and is started again: another session, another token."""
+    """The server ends and starts again: another session, another token."""
     visit = Visit(browser, server.url, viewport={"width": 1280, "height": 720}, color_scheme="dark")
     check("people are drawn", visit.until(lambda: (visit.counter("persons") or 0) > 0) is not None)
     server.stop()
@@ -340,7 +340,7 @@ def comes_back(browser, server, folder):
         check("and comes back by itself", is_back is not None, f"after {is_back or 0:.1f} s")
         check("nothing could not be read", visit.counter("unreadable") == "", visit.counter("unreadable"))
         again.end()
-        check("an end is told as one", visit.until(lambda: pill.inner_text() == "The run has ended") is not None, pill.inner_text())
+        check("the end of a run is shown", visit.until(lambda: pill.inner_text() == "The run has ended") is not None, pill.inner_text())
         check("and is no failure", visit.page.locator(".alarm.failed").count() == 0 and visit.page.locator(".alarm.note").count() == 1)
         visit.page.wait_for_timeout(1000)
         visit.shot(folder, "ended")
@@ -350,7 +350,7 @@ def comes_back(browser, server, folder):
 
 
 def replays(browser, command, folder):
-    """A recording that is solved again: with people and events, and nothing said of what nobody tells."""
+    """A replay: with people and events, and without claims about links and cameras."""
     server = Server(f"{command} --replay")
     visit = Visit(browser, server.url, viewport={"width": 1280, "height": 720}, color_scheme="dark")
     try:
@@ -364,12 +364,12 @@ def replays(browser, command, folder):
         check("its moments are times of the recording", re.match(r"\d+:\d\d\.\d ", place.inner_text()) is not None, place.inner_text())
         visit.shot(folder, "replay")
         page.keyboard.press("2")
-        check("no camera is said to be well or not", page.locator(".tile").count() > 0 and page.locator(".tile .lamp:visible").count() == 0)
+        check("no camera has a verdict", page.locator(".tile").count() > 0 and page.locator(".tile .lamp:visible").count() == 0)
         page.wait_for_timeout(1500)
         visit.shot(folder, "replay-cameras")
         page.keyboard.press("3")
-        check("links are not told of", "farfield view" in page.locator("#panel-links").inner_text())
-        check("replay: no console errors", not visit.said, visit.said[:3] or "")
+        check("links have no figures", "farfield view" in page.locator("#panel-links").inner_text())
+        check("replay: no console errors", not visit.console, visit.console[:3] or "")
     finally:
         server.stop()
         visit.context.close()
@@ -392,7 +392,7 @@ def visit_all(url, folder, people, server=None):
         records(visit, folder)
         draws_quickly(visit)
         check("the token is not in the address bar", "token" not in visit.page.url, visit.page.url)
-        check("no console errors", not visit.said, visit.said[:3] or "")
+        check("no console errors", not visit.console, visit.console[:3] or "")
         visit.context.close()
         looks(browser, url, folder)
         if server is not None:

@@ -1,11 +1,11 @@
-"""What open pages cost fusion: how long a tick takes it with none, with one, and with ten of which three never read.
+"""Cost of open pages for fusion: duration of a tick with none, with one, and with ten of which three never read.
 
     pip install websockets
     python tests/readers/page_cost.py FARFIELD [--scene FILE] [--rounds N] [--seconds S]
 
-FARFIELD is the program. One live run, in which the three cases take turns, so that what else the machine does meets all of them
-alike: by the status' `fusion` stage (last maps of a tick to its pose), the median of the rounds' medians and 99th percentiles, and
-their ratio to no page at all. Bytes are those of a page that reads. Exits with 1 where a page that reads got less than half of the
+FARFIELD is the program. One live run, in which the three cases take turns, so that other load on the machine affects all alike. The
+result is the median of the rounds' medians and 99th percentiles of the status' `fusion` stage (last maps of a tick to its pose), and
+their ratio to no page. Bytes are those of a page that reads. Exits with 1 if a page that reads received less than half of the
 ticks, or fusion fell behind.
 """
 
@@ -22,7 +22,7 @@ import urllib.request
 
 import websockets
 
-# Seconds over which the server makes its percentiles; what is older than that is of the case before.
+# Seconds of the server's percentiles; older values belong to the case before.
 WINDOW_S = 10
 # Share of the venue's rate below which fusion fell behind.
 LEAST_SHARE = 0.9
@@ -50,7 +50,7 @@ class Run:
                 break
         if self.address is None:
             sys.exit("no page was served")
-        # Whatever else it says must not fill the pipe.
+        # Other output must not fill the pipe.
         threading.Thread(target=lambda: [None for _ in self.child.stderr], daemon=True).start()
 
     def asked(self, path):
@@ -67,7 +67,7 @@ class Run:
 
 
 class Reader:
-    """A page that reads all it gets, and counts it."""
+    """A page that reads everything, and counts it."""
 
     def __init__(self):
         self.bytes, self.ticks = 0, 0
@@ -80,7 +80,7 @@ class Reader:
 
 
 async def stalled(address):
-    """A page that is open and reads nothing: no frame is taken from its socket, so no ping is answered."""
+    """An open page that reads nothing: no frame is taken from its socket, so no ping is answered."""
     reader, writer = await asyncio.open_connection(*address.split(":"), limit=1024)
     key = "AAAAAAAAAAAAAAAAAAAAAA=="
     head = f"GET /ws HTTP/1.1\r\nHost: {address}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
@@ -99,7 +99,7 @@ async def case(run, reading, stalling, seconds):
     before = [(reader.bytes, reader.ticks) for reader in readers]
     loop = asyncio.get_running_loop()
     began = loop.time()
-    # A stalled page is left after 30 s; longer cases would be of fewer pages than they say.
+    # The server drops a stalled page after 30 s, so longer cases would have fewer pages.
     await asyncio.sleep(seconds)
     took = loop.time() - began
     status = await asyncio.to_thread(run.status)

@@ -1,6 +1,6 @@
-"""The patch codec's decoder in Python, as docs/patch_codec.md says it: the maps of one person in one camera from their bytes.
+"""The patch codec's decoder in Python, as in docs/patch_codec.md: the maps of one person in one camera from their bytes.
 
-Slow, and plain: every number is computed as the page says, in single precision where it says so. Needs numpy.
+Slow and simple: every number is computed as the page describes, in single precision where the page requires it. Needs numpy.
 """
 
 import pathlib
@@ -18,7 +18,7 @@ LEAST, MEMORY, BEFOREHAND = 64, 60, 10
 
 
 class Probability:
-    """How probable a 0 is, of 65,536, and how many bits it has learnt from."""
+    """Probability of a 0, of 65,536, and the number of bits it has learnt from."""
 
     def __init__(self, of_zero=1 << 15, seen=0):
         self.of_zero, self.seen = of_zero, seen
@@ -66,12 +66,12 @@ class BitReader:
         return value
 
     def left(self):
-        """Bytes that no bit needed; negative where they have ended too early."""
+        """Unused bytes at the end; negative if the bytes ended too early."""
         return len(self.data) + 3 - self.at
 
 
 def number(reader, contexts):
-    """A whole number near 0: 20 contexts."""
+    """An integer near 0: 20 contexts."""
     if not reader.bit(contexts[0]):
         return 0
     negative = reader.bit(contexts[1])
@@ -150,7 +150,7 @@ def span_end(center, reach, size):
 
 STEPS, WIDEST, MOST_TILTED, OUTSIDE, FURTHER = 16, 24, 6, 4, 18
 SIGMA, REACH2 = F(2.05), F(8)
-# By level from 1: bits left out of positions and heights, steps of widths and correlations.
+# By level from 1: omitted bits of positions and heights, steps of widths and correlations.
 RECIPES = {1: (0, 0, 1, 1), 2: (0, 1, 1, 1), 3: (1, 2, 1, 1), 4: (1, 3, 2, 2), 5: (1, 3, 2, 2), 6: (2, 4, 4, 8)}
 CORRECTION_STEPS = (4, 8, 12, 20, 24, 32, 40, 0, 0, 0, 0)
 NEAR = [
@@ -158,7 +158,7 @@ NEAR = [
     ((4, 5), (-16, 0)), ((5, 5), (8, 100)), ((6, 6), (-8, 96)), ((7, 7), (0, 60)), ((8, 8), (8, 40)), ((5, 5), (0, 215)),
     ((11, 11), (-32, -2)), ((11, 11), (0, 155)), ((12, 13), (0, 0)), ((13, 13), (0, 150)), ((14, 15), (0, 0)),
 ]
-# Contexts, in the order of the priors: how many of each.
+# Contexts, in the order of the priors: number of each.
 PARTS = {"position": 38 * 20, "height": 5 * 15, "width": 27 * 20, "count": 3 * 4, "corrected": 3, "window": 4 * 20, "zero": 20, "sign": 5, "size": 36}
 
 
@@ -236,16 +236,16 @@ class ModeReader:
         for i in range(3):
             if i == 2 and self.tilt_step > MOST_TILTED:
                 continue
-            beside = coded[0] if i == 1 else self.last_widths[i]
+            neighbour = coded[0] if i == 1 else self.last_widths[i]
             kind_of_step = (steps[i] > 1) + (steps[i] > 2)
-            coded[i] = number(reader, self.part("width", (kind_of_step * 3 + i) * 3 + min(abs(beside), 2), 20))
+            coded[i] = number(reader, self.part("width", (kind_of_step * 3 + i) * 3 + min(abs(neighbour), 2), 20))
         self.last_widths = coded
         across, down, tilt = (min(max(c * s, -most), most) for c, s, most in zip(coded, steps, (WIDEST, WIDEST, MOST_TILTED)))
         return {"at": at, "height": height, "width": (across, down), "tilt": tilt}
 
 
 def draw(mode, scale, cells):
-    """Lays the mode into a map (rows x columns) wherever it is higher than what is there."""
+    """Writes the mode to a map (rows x columns) where it is higher."""
     x, y = (F(F(F(at) / F(STEPS)) * scale.cells) for at in mode["at"])
     sx, sy = (scale.sigma(width) for width in mode["width"])
     tilt = F(F(mode["tilt"]) * F(1 / 8))
@@ -426,7 +426,7 @@ class LosslessReader:
 
         def cell(up, back, x):
             inside = y - up >= 0 and 0 <= x - back < self.width
-            # Of the row itself only what is before x; the columns before the row's start are 0.
+            # Of the row itself only the cells before x; columns before the start of a row are 0.
             return int(cells[y - up, x - back]) if inside and (up or back) else 0
 
         for x in range(start, end + 1):

@@ -1,4 +1,4 @@
-"""Pictures of a page, for people to look at.
+"""Screenshots of a page, for inspection by eye.
 
 A browser without a graphics card now and then says "Unable to capture screenshot" of a page that has just been opened or
 is behind another one: it is brought to the front, and asked again.
@@ -13,7 +13,7 @@ PAUSE_MS = 500
 def take(page, path, **options):
     """Writes what `page` shows to `path`.
 
-    Raises what the browser said last where it makes no picture for some seconds.
+    Raises the browser's last error if it gives no image for some seconds.
     """
     for left in reversed(range(TRIES)):
         try:

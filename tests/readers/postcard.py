@@ -1,7 +1,7 @@
-"""postcard in Python, as docs/protocol.md says it: types that read and write bytes. No dependencies.
+"""postcard in Python, as in docs/protocol.md: types that read and write bytes. No dependencies.
 
-A type has `read(data, at, path, seen)`, which gives value and next place and tells `seen` of every part, and `write(value)`.
-Bytes that end too early are an IndexError, others that cannot be a ValueError.
+A type has `read(data, at, path, seen)`, which returns value and next position and calls `seen` with every part, and
+`write(value)`. Bytes that end too early raise an IndexError, other invalid bytes a ValueError.
 """
 
 import math
@@ -9,7 +9,7 @@ import struct
 
 
 class Leaf:
-    """A type without parts: `take(data, at)` gives value and next place, `put(value)` bytes."""
+    """A type without parts: `take(data, at)` returns value and next position, `put(value)` bytes."""
 
     def __init__(self, name, take, put):
         self.name, self.take, self.put = name, take, put
@@ -94,7 +94,7 @@ F32, F64 = Leaf("f32", *fixed("<f")), Leaf("f64", *fixed("<d"))
 
 
 class Bytes:
-    """A length, `most` if that is bounded, and so many bytes; text is UTF-8."""
+    """A length, at most `most`, and that many bytes; text is UTF-8."""
 
     def __init__(self, name, most=None):
         self.name, self.most = name, most
@@ -117,7 +117,7 @@ TEXT, BYTES = Bytes("text"), Bytes("bytes")
 
 
 class Raw:
-    """So many bytes, without a length."""
+    """A fixed number of bytes, without a length."""
 
     def __init__(self, length):
         self.length, self.name = length, f"{length} bytes"
@@ -147,7 +147,7 @@ class Option:
 
 
 class List:
-    """A number, `most` if that is bounded, and so many values."""
+    """A number, at most `most`, and that many values."""
 
     def __init__(self, of, most=None):
         self.of, self.most, self.name = of, most, f"[{of.name}]"
@@ -170,7 +170,7 @@ class List:
 
 
 class Array:
-    """So many values, without a number."""
+    """A fixed number of values, without a number."""
 
     def __init__(self, of, length):
         self.of, self.length, self.name = of, length, f"{length} {of.name}"
@@ -187,7 +187,7 @@ class Array:
 
 
 class Struct:
-    """Fields, one after the other."""
+    """Fields in order."""
 
     def __init__(self, name, **fields):
         self.name, self.fields = name, fields
@@ -203,7 +203,7 @@ class Struct:
 
 
 class Enum:
-    """A number, which of the variants it is, and the variant's fields. A value is (name, fields), or the name alone."""
+    """The number of a variant, and the variant's fields. A value is (name, fields), or the name alone."""
 
     def __init__(self, name, *plain, **variants):
         self.name, self.variants = name, {**{name: None for name in plain}, **variants}

@@ -1,15 +1,15 @@
-"""Reads what the nodes say to each other with nothing but docs/protocol.md: its golden bytes, and a whole recording.
+"""Reads the messages of the nodes with docs/protocol.md only: its golden bytes, and a whole recording.
 
     pip install numpy blake3
     python tests/readers/protocol.py RUN
-    python tests/readers/protocol.py page            # writes the page's examples anew, after a new version
+    python tests/readers/protocol.py page            # updates the page's examples after a new version
 
-RUN is the folder of a run in lock-step that was recorded (`farfield demo --maps --record`). Exits with 1 where
+RUN is the folder of a recorded run in lock-step (`farfield demo --maps --record`). Exits with 1 if
 
-- a golden file of any version is not read to its last byte, or not written again as it was, or a patch gives other maps;
-- a message that breaks a bound is read;
-- an example of the page is not a golden file, or is read as something else than the page says;
-- a message of the recording is not read, or its poses are not those of poses.jsonl, or a decision names a set that is not there.
+- a golden file of any version is not read to its last byte, or not written again identically, or a patch gives other maps;
+- a message that exceeds a bound is read;
+- an example of the page is not a golden file, or is not read as the page describes it;
+- a message of the recording is not read, or its poses are not those of poses.jsonl, or a decision names a missing set.
 """
 
 import collections
@@ -27,7 +27,7 @@ from mcap_file import Recording
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PAGE, GOLDEN = ROOT / "docs/protocol.md", ROOT / "proto/golden"
-# Half of the last decimal of poses.jsonl, and what single precision adds; angles are rounded inward.
+# Half of the last decimal of poses.jsonl, plus single precision; angles are rounded inward.
 POSITION, SIGMA, ANGLE = 0.6e-5, 0.6e-4, 1.1e-6
 EVERY_NTH_PATCH = 60
 EXAMPLE = re.compile(r"```text (\w+)\.hex\n(.*?)```", re.DOTALL)
@@ -35,7 +35,7 @@ SUBSCRIBER = re.compile(r"(?<=```python\n)\"\"\"Prints where .*?(?=```)", re.DOT
 
 
 def explained(name, data):
-    """A message as the page shows it: its bytes in order, and what each is."""
+    """A message in the form of the page: its bytes in order with their meaning."""
     lines = []
 
     def seen(at, end, path, kind, value):
@@ -71,7 +71,7 @@ def check_golden():
 
 
 def check_refused():
-    """Messages of the golden files, each with one thing that must not be: written, but not read again."""
+    """Messages of the golden files, each with one fault: they are written, but must not be read again."""
     def opened(name, *places):
         """The message, and the part of it at the end of `places`."""
         message = part = wire.decode(name, bytes.fromhex((GOLDEN / f"v{wire.VERSIONS.stop - 1}/{name}.hex").read_text()))
@@ -106,7 +106,7 @@ def check_refused():
 
 
 def page_as_it_should_be():
-    """The page with the newest version's golden files as examples, each cut where it is cut now; and which those are."""
+    """The page with the newest version's golden files as examples, cut as before; and their names."""
     names = []
 
     def example(found):
@@ -132,7 +132,7 @@ def check_page():
 
 
 def check_pose(pose, line):
-    """Whether a person of the wire is that line of poses.jsonl; the line's own order of names is that of the numbers."""
+    """Whether a person of the wire is that line of poses.jsonl; numbers are in the line's order of names."""
     near = lambda found, expected, most: len(found) == len(expected) and all(abs(f - e) <= most for f, e in zip(found, expected))
     near_points = lambda found, named: len(found) == len(named) and all(near(f, e, POSITION) for f, e in zip(found, named.values()))
     unobserved = [name for i, name in enumerate(line["angles"]) if pose["unobserved"] >> i & 1]

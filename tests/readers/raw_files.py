@@ -1,11 +1,11 @@
-"""From raw files to a calibration, as a user does it: seconds, whether the sheet passes, and how far the cameras are off.
+"""From raw files to a calibration, like a user: seconds, whether the sheet passes, and the errors of the cameras.
 
     pip install numpy opencv-python-headless
     python3 tests/readers/raw_files.py FARFIELD DIR [--pictures N]
 
-Draws into DIR, where they are not there yet, a video of a ball of N pictures (5400: three minutes) and twenty pictures of a chessboard for
-each of four cameras of 1920 x 1200 with one bent lens, and runs `farfield calibrate all` on them with nothing but where the cameras
-stand. Needs ffmpeg. Not in CI: it takes minutes. Exit code 1 where the sheet does not pass, or a camera is more than 10 mm or 0.1
+Draws to DIR, if they are missing, a video of a ball of N images (5400: three minutes) and twenty images of a chessboard for each of
+four cameras of 1920 x 1200 with the same distorted lens. Then runs `farfield calibrate all` on them with the positions of the cameras
+only. Needs ffmpeg. Not in CI: it takes minutes. Exits with 1 if the sheet does not pass, or a camera is more than 10 mm or 0.1
 degrees off.
 """
 
@@ -28,13 +28,13 @@ TARGET_M = np.array([0.0, 0.0, 1.0])
 RATE_HZ = 30
 BALL_M, BALL_BGR = 0.11, (20, 120, 240)
 SQUARES, SQUARE_M, BOARDS = (9, 6), 0.08, 20
-# Pixels of the drawn board to a square; noise of so many levels.
+# Pixels of the drawn board per square; noise in levels.
 DRAWN_PX, NOISE = 100, 2.0
 MOST_MM, MOST_DEGREES = 10.0, 0.1
 
 
 def pose(camera_m):
-    """Rotation and translation from world to camera: it looks at the target, upright."""
+    """Rotation and translation from world to camera: it faces the target, upright."""
     ahead = TARGET_M - camera_m
     ahead /= np.linalg.norm(ahead)
     right = np.cross(ahead, [0, 0, 1])
@@ -80,7 +80,7 @@ def chessboard():
 
 
 def draw_boards(folder, rng):
-    """Tilted each way, up to the corners of the picture."""
+    """Tilted in all directions, up to the corners of the image."""
     folder.mkdir(parents=True)
     board, (columns, rows), (width, height) = chessboard(), SQUARES, SIZE_PX
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).reshape(-1, 1, 2).astype(np.float32)
@@ -122,7 +122,7 @@ def calibrate(farfield, folder):
 
 
 def off(camera):
-    """How far a camera of the calibration is from the true one: millimetres, degrees."""
+    """Error of a camera of the calibration: millimetres, degrees."""
     true_turn, _ = pose(CAMERAS_M[camera["name"]])
     turn = cv2.Rodrigues(np.array(camera["rotation"]))[0]
     place_m = -turn.T @ camera["translation"]

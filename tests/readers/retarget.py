@@ -1,21 +1,20 @@
-"""Retargets exports in Blender onto a rig with Mixamo's names, and measures what comes out. Too large for every run of CI.
+"""Retargets exports in Blender onto a rig with Mixamo's names, and measures the result. Too large for every run of CI.
 
     farfield export RUN --names mixamo --format bvh,glb --out MIXAMO
     pip install bpy
     python tests/readers/retarget.py RUN MIXAMO
 
-Nothing is mapped by hand: bones are matched by their names alone. The rig is made here as Blender imports a character of
-Mixamo: centimetres with y up in an object that is turned and scaled, Mixamo's hierarchy (two more spine bones, fingers),
-bones along their own y with rolls of their own, other proportions. Each matched bone gets a Copy Rotation constraint in
-world space from a bone that is added below ours with the rig's rest rotation, as retargeting add-ons do it; the hips also
-Copy Location, of our armature scaled by the ratio of the legs' lengths, so that the middles of the hip joints are one place.
+Nothing is mapped by hand: bones are matched by their names only. The rig is made here as Blender imports a character of Mixamo:
+centimetres with y up in an object that is rotated and scaled, Mixamo's hierarchy (two more spine bones, fingers), bones along their
+own y with rolls of their own, other proportions. Each matched bone gets a Copy Rotation constraint in world space from a bone that
+is added below ours with the rig's rest rotation, as retargeting add-ons do. The hips also get Copy Location, of our armature scaled
+by the ratio of the leg lengths, so that the middles of the hip joints coincide.
 
-Measured twice: so, and with feet that stand held where ours are by inverse kinematics (Blender's IK on the legs, whose
-influence is keyed: legs of other proportions cannot have both our angles and our feet).
+Measured twice: as above, and with standing feet held at ours by inverse kinematics (Blender's IK on the legs with keyed influence:
+legs of other proportions cannot have both our angles and our feet).
 
-Bounds: rotations against those of poses.jsonl 2 degrees for each bone, directions of limbs 2 degrees; with feet held, feet
-that stand slide at most 5 % more than ours, scaled, which may cost the legs of these frames 3 degrees. Exits with 1 where
-one is not kept.
+Bounds: rotations against those of poses.jsonl 2 degrees for each bone, directions of limbs 2 degrees. With held feet, standing feet
+slide at most 5 % more than ours, scaled, which may cost the legs of these frames 3 degrees. Exits with 1 if one is exceeded.
 """
 
 import pathlib
@@ -30,19 +29,19 @@ from expected import Worst, angle_between_deg, poses, world_rotations
 DEG, SLIDES = 2.0, 1.05
 HELD_DEG = 3.0
 STEP = 3
-FADE = 8  # Frames over which feet are let go.
+FADE = 8  # Frames over which feet are released.
 PREFIX = "mixamorig:"
-# What the bones of Mixamo are in poses.jsonl, to compare with; the last three turn as their parents do.
+# Mixamo's bones in terms of poses.jsonl, for comparison; the last three turn with their parents.
 OURS = {"Hips": "pelvis", "Spine": "spine", "Neck": "neck", "Head": "neck"}
 for _side, _our in (("Left", "left_"), ("Right", "right_")):
     for _name, _bone in (("Shoulder", "scapula"), ("Arm", "shoulder"), ("ForeArm", "elbow"), ("Hand", "elbow"), ("UpLeg", "hip"), ("Leg", "knee"), ("Foot", "ankle"), ("ToeBase", "ankle")):
         OURS[_side + _name] = _our + _bone
-# Limbs whose direction in a T-pose is the same in every rig: from which of our joints to which.
+# Limbs whose direction in a T-pose is the same in every rig: first and last of our joints.
 LIMBS = {"Arm": ("shoulder", "elbow"), "ForeArm": ("elbow", "wrist"), "UpLeg": ("hip", "knee"), "Leg": ("knee", "ankle")}
-# Its z-up world from ours: importers turn the files' y up so that who faced +z faces -y.
+# Blender's z-up world from ours: importers turn y up so that a person facing +z then faces -y.
 BLENDER = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 
-# Bone: parent, head and tail, centimetres, y up, facing +z, the left side; and where its z axis points about, which is its roll.
+# Bone: parent, head and tail, centimetres, y up, facing +z, the left side; and the approximate direction of its z axis, its roll.
 RIG = {
     "Hips": (None, (0, 104, 1), (0, 114, 1), (0, 0, 1)),
     "Spine": ("Hips", (0, 114, 0), (0, 125, -1), (0, 0, 1)),
@@ -66,7 +65,7 @@ def make_rig():
     data = bpy.data.armatures.new("character")
     rig = bpy.data.objects.new("character", data)
     bpy.context.collection.objects.link(rig)
-    # As the importer of FBX leaves it.
+    # As the FBX importer leaves it.
     rig.matrix_world = Matrix.Rotation(np.pi / 2, 4, "X") @ Matrix.Scale(0.01, 4)
     with edited(rig):
         for name, (parent, head, tail, z_axis) in RIG.items():
@@ -99,7 +98,7 @@ def world_rest(armature, bone):
 
 
 def retarget(source, rig):
-    """Binds the rig to our armature by names; which bones those were, and by how much ours was scaled and lifted."""
+    """Binds the rig to our armature by names; returns those bones, and the scale and lift of ours."""
     matched = sorted(set(source.data.bones.keys()) & set(rig.data.bones.keys()))
     (ours, our_ankle, _), (theirs, ankle, hips) = leg(source), leg(rig)
     ratio = theirs / ours
@@ -112,7 +111,7 @@ def retarget(source, rig):
             bone = source.data.edit_bones[name]
             helper = source.data.edit_bones.new(f"helper {name}")
             helper.head, helper.tail = bone.head, bone.head + Vector((0, bone.length, 0))
-            # Hips begin elsewhere in every rig: what corresponds is the middle of the hip joints.
+            # Hips begin elsewhere in every rig: the middles of the hip joints correspond.
             off = source.matrix_world.inverted().to_3x3() @ hips if name == PREFIX + "Hips" else Vector()
             helper.matrix = Matrix.Translation(bone.head + off) @ rests[name].to_4x4()
             helper.parent = bone
@@ -143,7 +142,7 @@ def slides(heads, rate_hz, ratio):
 
 
 def standing(heads, rate_hz, ratio):
-    """In which frames which of our feet stands: it is near its lowest, and hardly moves."""
+    """In which frames each of our feet stands: it is near its lowest position, and hardly moves."""
     low = heads[:, :, 0, 2] / ratio
     return (low < np.percentile(low, 10, axis=0) + 0.05) & (slides(heads, rate_hz, ratio) < 0.25)
 
@@ -163,7 +162,7 @@ def hold_feet(rig, source, lines, frame_of, stands):
     for i, side in enumerate(("Left", "Right")):
         ik = rig.pose.bones[PREFIX + side + "Leg"].constraints.new("IK")
         ik.target, ik.subtarget, ik.chain_count, ik.use_stretch = source, PREFIX + side + "Foot", 2, False
-        # Fully from a frame before to a frame after, and fading over more, so that nothing jumps.
+        # Full influence from a frame before to a frame after, fading over more frames, so that nothing jumps.
         away = [min((abs(k - j) for j in np.flatnonzero(stands[:, i])), default=FADE) for k in range(len(lines))]
         for line, frames in zip(lines, away):
             ik.influence = float(np.clip((1 + FADE - frames) / FADE, 0, 1))
@@ -171,7 +170,7 @@ def hold_feet(rig, source, lines, frame_of, stands):
 
 
 def compare(what, rig, rest, line, worst):
-    """Takes how far the bones of the rig are off those of the pose."""
+    """Collects the differences of the rig's bones from those of the pose."""
     turned = world_rotations(line["angles"])
     for name, rest_rotation in rest.items():
         bone = rig.pose.bones[name]

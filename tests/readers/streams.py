@@ -1,15 +1,14 @@
-"""Receives the live streams with other people's clients and compares them with the motion that is streamed.
+"""Receives the live streams with other people's clients and compares them with the streamed motion.
 
     pip install qtm-rt motioncapture python-osc websockets pypsn foxglove-schemas-protobuf eclipse-zenoh rosbags pylsl numpy
     cargo run -p farfield-streams --example synthetic -- --truth TRUTH --seconds 90 qtm vmc websocket foxglove zenoh ros2 psn lsl
     python tests/readers/streams.py TRUTH [--seconds 5] [--only NAME,...] [--node-modules DIR]
 
-It starts nothing: the streams run, at their default addresses. DIR holds npm's qualisys-rt, @foxglove/ws-protocol and ws; without it,
-or without Node, their clients are left out, and said so. While the clients receive, one after another, two more are connected and read
-nothing. Bounds: what the numbers of each format can hold for positions; 1 mm for joints after the client's own forward
-kinematics, 0.01 degrees for rotations; at most every twentieth tick lost, as streams
-skip ticks where the machine has no time for them (alone on it, none is). Prints per client: frames, ticks a second, ticks lost, and how
-long after its instant a tick arrived (P50, P99). Exits with 1 where a bound is not kept.
+It starts nothing: the streams must run at their default addresses. DIR contains npm's qualisys-rt, @foxglove/ws-protocol and ws;
+without it, or without Node, their clients are skipped with a message. While the clients receive, one after another, two more are
+connected and read nothing. Bounds: for positions the resolution of each format; 1 mm for joints after the client's own forward
+kinematics, 0.01 degrees for rotations; at most every twentieth tick lost, as streams skip ticks on a busy machine (none on an idle
+one). Prints per client: frames, ticks a second, ticks lost, and delay of a tick (P50, P99). Exits with 1 if a bound is exceeded.
 """
 
 import argparse
@@ -31,12 +30,12 @@ import numpy as np
 from expected import Worst, angle_between_deg, local_rotations
 
 HOST = "127.0.0.1"
-# A float of millimetres below 16 m steps by 0.001, one of metres by a micrometre; JSON has micrometres. The truth is floats
+# A float of millimetres below 16 m has steps of 0.001, one of metres of a micrometre; JSON has micrometres. The truth is in floats
 # of metres itself.
 BOUNDS = {"mm": 0.002, "FK mm": 1.0, "deg": 0.01, "m/s": 0.001, "angle rad": 1e-6}
-UNITY = np.array([[0.0, -1, 0], [0, 0, 1], [1, 0, 0]])  # Left-handed, y up, z forward; PosiStageNet's too.
+UNITY = np.array([[0.0, -1, 0], [0, 0, 1], [1, 0, 0]])  # Left-handed, y up, z forward; PosiStageNet too.
 
-# Segments of Qualisys' skeletons and bones of Unity's humanoid: the joint at which each begins, its parent.
+# Segments of Qualisys' skeletons and bones of Unity's humanoid: first joint, parent.
 SIDED = (("Shoulder", "scapula"), ("Arm", "shoulder"), ("ForeArm", "elbow"), ("Hand", "wrist"), ("UpLeg", "hip"), ("Leg", "knee"), ("Foot", "ankle"))
 SEGMENT_JOINTS = {"Hips": "pelvis", "Spine": "spine", "Neck": "neck", "Head": "head"}
 SEGMENT_JOINTS |= {f"{s.capitalize()}{segment}": f"{s}_{joint}" for s in ("left", "right") for segment, joint in SIDED}
@@ -67,7 +66,7 @@ class Truth:
         return self.at(tick)[person][self.names.index(name)]
 
     def local(self, tick, person):
-        """Rotations of the bones against their parents and the T-pose, by the joints at which they begin."""
+        """Rotations of the bones relative to their parents and the T-pose, by their first joints."""
         key = (tick % len(self.joints_m), person)
         if key not in self.rotations:
             self.rotations[key] = local_rotations(self.angles[key[0]][person])
@@ -75,7 +74,7 @@ class Truth:
 
 
 class Received:
-    """When which tick came, and what was in it."""
+    """Arrival of each tick, and its content."""
 
     def __init__(self, truth):
         self.truth, self.ticks, self.delays_ms, self.kept = truth, [], [], []
@@ -189,7 +188,7 @@ def qtm(truth, seconds, worst):
 
 
 def motioncapture(truth, seconds, worst):
-    """libmotioncapture with Qualisys' C++ library: bodies, a frame asked for at a time, without the tick."""
+    """libmotioncapture with Qualisys' C++ library: bodies, one frame per request, without the tick."""
     import motioncapture
 
     connection = motioncapture.connect("qualisys", {"hostname": HOST})
@@ -258,11 +257,11 @@ def websocket(truth, seconds, worst):
     worst.bounds["WebSocket pages of other machines let in"] = 0
     worst.take("WebSocket pages of other machines let in", asyncio.run(a_page_of_another_machine()))
     for tick, message in received.kept:
-        for person, said in enumerate(message["persons"]):
-            joints = np.array([said["joints_m"][name] for name in truth.names])
+        for person, pose in enumerate(message["persons"]):
+            joints = np.array([pose["joints_m"][name] for name in truth.names])
             compare(worst, "mm", "WebSocket", 1000 * np.abs(joints - truth.at(tick)[person]).max())
             angles = truth.angles[tick % len(truth.angles)][person]
-            compare(worst, "angle rad", "WebSocket", max(abs(said["angles"][name] - angles[name]) for name in angles))
+            compare(worst, "angle rad", "WebSocket", max(abs(pose["angles"][name] - angles[name]) for name in angles))
 
 
 FOXGLOVE = """
@@ -299,8 +298,8 @@ async def foxglove_by_hand(seconds):
         while time.time() < end:
             message = await connection.recv()
             if isinstance(message, str):
-                said = json.loads(message)
-                new = {channel["id"]: (channel["topic"], channel["schemaName"]) for channel in said.get("channels", [])}
+                advertised = json.loads(message)
+                new = {channel["id"]: (channel["topic"], channel["schemaName"]) for channel in advertised.get("channels", [])}
                 channels |= new
                 if new:
                     # The client's number of a subscription is that of the channel.
@@ -320,7 +319,7 @@ def foxglove_message(schema, data):
 
 
 def foxglove_camera(client, truth, message, seen, worst):
-    """Where the cameras are, and how they see."""
+    """Positions and lenses of the cameras."""
     places = dict(truth.cameras)
     for transform in getattr(message, "transforms", ()):
         name = transform.child_frame_id.removeprefix("camera_")
@@ -346,7 +345,7 @@ def foxglove_messages(client, truth, messages, worst):
     expected = {"/people", "/tf", *(f"/person_{i + 1}/angles" for i in range(truth.people))}
     worst.bounds[f"{client}: topics missing"] = 0
     worst.take(f"{client}: topics missing", len(expected - topics))
-    # Checks that nothing comes to cannot fail.
+    # Checks without data cannot fail.
     seen = dict.fromkeys(["people", "frames", "angles", *(name for name, _ in truth.cameras), *(f"{name} in space" for name, _ in truth.cameras)], 0)
     for _, topic, schema, stamp, data in messages:
         if "camera" in topic or topic == "/tf_static":
@@ -377,7 +376,7 @@ def foxglove_messages(client, truth, messages, worst):
 
 
 def zenoh(truth, seconds, worst):
-    """eclipse-zenoh, a client of the stream's peer; and a stranger beside it whose messages nobody may get."""
+    """eclipse-zenoh, a client of the stream's peer; and a stranger whose messages no client may receive."""
     import zenoh as library
 
     received, config = Received(truth), library.Config()
@@ -424,13 +423,13 @@ def zenoh(truth, seconds, worst):
     worst.bounds["Zenoh: samples of another key or encoding"] = 0
     worst.take("Zenoh: samples of another key or encoding", sum(others))
     for tick, message in received.kept:
-        for person, said in enumerate(message["persons"]):
-            joints = np.array([said["joints_m"][name] for name in truth.names])
+        for person, pose in enumerate(message["persons"]):
+            joints = np.array([pose["joints_m"][name] for name in truth.names])
             compare(worst, "mm", "Zenoh", 1000 * np.abs(joints - truth.at(tick)[person]).max())
 
 
 def ros2(truth, seconds, worst):
-    """A router of eclipse-zenoh in the place of rmw_zenohd; messages decoded by rosbags."""
+    """A router of eclipse-zenoh instead of rmw_zenohd; messages decoded by rosbags."""
     import zenoh as library
     from rosbags.typesys import Stores, get_typestore
 
@@ -441,7 +440,7 @@ def ros2(truth, seconds, worst):
     with library.open(config) as session:
         session.liveliness().declare_subscriber("@ros2_lv/**", lambda sample: tokens.add(str(sample.key_expr)), history=True)
         session.declare_subscriber("0/**", lambda sample: samples.append((time.time(), str(sample.key_expr), sample.attachment.to_bytes(), sample.payload.to_bytes())))
-        # The stream looks for its router every two seconds.
+        # The stream searches for its router every two seconds.
         time.sleep(seconds + 3)
     wanted = {
         f"0/{topic}/{package}::msg::dds_::{kind}_/{types.hash_rihs01(f'{package}/msg/{kind}')}": f"{package}/msg/{kind}"
@@ -459,7 +458,7 @@ def ros2(truth, seconds, worst):
         if not key.startswith("0/tf/"):
             continue
         message = types.deserialize_cdr(payload, wanted[key])
-        # There is no tick in it: that of the pelvis of the first, whose way is known.
+        # It has no tick: the tick is found by the pelvis of the first person, whose path is known.
         at = message.transforms[0].transform.translation
         path = truth.joints_m[:, 0, truth.names.index("pelvis")]
         tick = int(np.argmin(np.linalg.norm(path - [at.x, at.y, at.z], axis=1)))
@@ -563,14 +562,14 @@ def psn(truth, seconds, worst):
             at = UNITY @ truth.at(tick)[tracker.id - 1][pelvis]
             compare(worst, "mm", "PosiStageNet", 1000 * np.abs(np.array(list(tracker.pos)) - at).max())
             if not set(range(tick - 6, tick)) <= came:
-                continue  # Over a gap it is measured otherwise.
+                continue  # Over a gap it is measured in another way.
             before = UNITY @ truth.at(tick - 6)[tracker.id - 1][pelvis]
             speed = (at - before) * truth.rate_hz / 6
             compare(worst, "m/s", "PosiStageNet", np.abs(np.array(list(tracker.speed)) - speed).max())
 
 
 def lsl(truth, seconds, worst):
-    """pylsl with its own liblsl: found by what it is, received with stamps; once more by an inlet that knows the first version only."""
+    """pylsl with its own liblsl: found by its properties, received with stamps; and by an inlet that knows the first version only."""
     import pylsl
 
     found = pylsl.resolve_bypred("type='MoCap' and starts-with(name, 'farfield-')", timeout=5)
@@ -595,22 +594,22 @@ def lsl(truth, seconds, worst):
     received, stamps, end = Received(truth), [], time.time() + seconds
     while time.time() < end:
         sample, stamp = inlet.pull_sample(2)
-        # Ticks that this was too slow for have samples, too, in which nobody is known: they count as lost.
+        # Samples of skipped ticks have no people: they count as lost.
         if sample and sample[1] >= 0:
             received.take(int(sample[0]), sample)
             stamps.append((int(sample[0]), stamp))
-    # The clock of the outlet, by the packets that are meant for that, against this one.
+    # The outlet's clock, by its time packets, against this one.
     began_s = truth.start_s - (time.time() - pylsl.local_clock())
     off_s = [stamp + inlet.time_correction(5) - began_s - tick / truth.rate_hz for tick, stamp in stamps]
     received.line("LSL, pylsl", worst)
     worst.bounds |= {"LSL stamps off s": 0.25, "LSL stamps that are uneven s": 0.02}
     worst.take("LSL stamps off s", np.abs(off_s).max())
-    # Stamps are never ahead of their clock: the first frames may move them back to who is least late.
+    # Stamps are never ahead of their clock: the first frames may shift them to the least late one.
     worst.take("LSL stamps that are uneven s", np.ptp([stamp - tick / truth.rate_hz for tick, stamp in stamps]))
     for _, sample in received.kept:
         lsl_sample(truth, sample, worst)
     inlet.close_stream()
-    # liblsl reads how to speak when it is loaded.
+    # liblsl reads its configuration when it is loaded.
     with tempfile.NamedTemporaryFile("w", suffix=".cfg") as config:
         config.write("[tuning]\nUseProtocolVersion = 100\n")
         config.flush()
@@ -644,7 +643,7 @@ def lsl_sample(truth, sample, worst):
 
 
 def hanging_clients():
-    """Two clients that ask for everything and read nothing."""
+    """Two clients that subscribe to everything and read nothing."""
     def connect(port):
         client = socket.socket()
         client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -660,7 +659,7 @@ def hanging_clients():
 
 
 def was_left(client):
-    """Whether the stream has closed the connection: what it had sent is there, then the end."""
+    """Whether the stream has closed the connection: first the data sent before, then the end."""
     client.settimeout(3)
     end = time.time() + 3
     try:

@@ -1,11 +1,11 @@
-"""Runs a lock-step venue with examples/subscriber.py listening, and compares what it printed with poses.jsonl.
+"""Runs a lock-step venue with examples/subscriber.py as a subscriber, and compares its output with poses.jsonl.
 
     pip install eclipse-zenoh
     python tests/readers/subscriber.py FARFIELD VENUE
 
-FARFIELD is the program, VENUE a venue file whose sources need nothing but files, such as the one that `farfield demo --maps`
-leaves. The nodes talk over a port of the loopback. Everybody who was confirmed must be there, at every tick from the
-confirmation on, with the pelvis where poses.jsonl has it. Exits with 1 where that is not so, where a node fails, and after three minutes.
+FARFIELD is the program, VENUE a venue file whose sources need only files, such as that of `farfield demo --maps`. The nodes use a
+port of the loopback. Every confirmed person must be in the output, at every tick from the confirmation on, with the pelvis of
+poses.jsonl. Exits with 1 if not, if a node fails, or after three minutes.
 """
 
 import json
@@ -20,7 +20,7 @@ import tomllib
 
 TICKS = 60
 PATIENCE_S = 180
-LAST_ROWS_S = 20  # From the end of the run to the last row.
+LAST_ROWS_S = 20  # Seconds from the end of the run to the last row.
 ROUNDING_M = 0.6e-5  # poses.jsonl has five decimals.
 SUBSCRIBER = pathlib.Path(__file__).parents[2] / "examples/subscriber.py"
 
@@ -32,14 +32,14 @@ def free_port():
 
 
 def lines_of(stream):
-    """The lines that came so far; more come, whether somebody looks or not."""
+    """The lines so far, read in the background."""
     lines = []
     threading.Thread(target=lambda: lines.extend(stream), daemon=True).start()
     return lines
 
 
 def wait_until(holds, what, deadline, started):
-    """Polls `holds`. A process that fails, or time that runs out, ends the test."""
+    """Polls `holds`. A process that fails, or the time limit, ends the test."""
     while not holds():
         for process in started:
             if process.poll():
@@ -50,27 +50,27 @@ def wait_until(holds, what, deadline, started):
 
 
 def run(farfield, venue, out):
-    """What the subscriber printed."""
+    """The output of the subscriber."""
     names = tomllib.loads(pathlib.Path(venue).read_text())
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    deadline, started, said = time.monotonic() + PATIENCE_S, [], []
+    deadline, started, log = time.monotonic() + PATIENCE_S, [], []
 
     def start(*words, **how):
-        # A node leaves when its standard input ends: it has a pipe that nobody closes.
+        # A node ends when its standard input does: it has a pipe that stays open.
         started.append(subprocess.Popen([str(word) for word in words], stdin=subprocess.PIPE, text=True, **how))
         return started[-1]
 
     try:
         fusion = start(farfield, "fusion", venue, "--listen", endpoint, "--ticks", f"0..{TICKS}", "--out", out, stderr=subprocess.PIPE)
-        said = lines_of(fusion.stderr)
-        wait_until(lambda: any("listens on" in line for line in said), "fusion listened", deadline, started)
-        # Its first line says that it listens: the edges, and with them the first tick, come after.
+        log = lines_of(fusion.stderr)
+        wait_until(lambda: any("listens on" in line for line in log), "fusion listened", deadline, started)
+        # Its first line means that it has subscribed: the edges, and with them the first tick, start after it.
         subscriber = start(sys.executable, SUBSCRIBER, names["name"], endpoint, stdout=subprocess.PIPE)
         lines = lines_of(subscriber.stdout)
         wait_until(lambda: lines, "the subscriber listened", deadline, started)
         edges = [start(farfield, "edge", venue, "--viewpoint", one["name"], "--connect", endpoint) for one in names["viewpoint"]]
         wait_until(lambda: all(node.poll() == 0 for node in [fusion, *edges]), "all nodes were done", deadline, started)
-        # Rows may still be on their way: whoever is there at the last tick must come.
+        # Rows may still be in flight: those of the last tick must arrive.
         last = {(line["tick"], line["person"]) for line in written_poses(out) if line["tick"] == TICKS - 1}
         patience = time.monotonic() + LAST_ROWS_S
         while time.monotonic() < patience and not last <= {(int(row["tick"]), int(row["person"])) for row in rows_of(lines)}:
@@ -78,7 +78,7 @@ def run(farfield, venue, out):
         subscriber.terminate()
         subscriber.wait(20)
     except SystemExit:
-        sys.stderr.writelines(list(said))
+        sys.stderr.writelines(list(log))
         raise
     finally:
         for process in started:
@@ -88,7 +88,7 @@ def run(farfield, venue, out):
 
 
 def rows_of(lines):
-    """The rows under the first line, by its names; of one that is not whole yet, nothing."""
+    """The rows after the first line, by its names; without a row that is not complete yet."""
     head, *rows = [line.split() for line in list(lines) if line.endswith("\n")]
     return [dict(zip(head, row, strict=True)) for row in rows]
 
@@ -112,7 +112,7 @@ def compare(printed, out):
     print(f"{len(found)} poses of {len(confirmed)} people, to tick {last}: {len(missing)} missing, {len(more)} too many, "
           f"{states} of another state, pelvis at most {1000 * off_m:.4f} mm off")
     everybody = len(confirmed) == len({person for _, person in written}) > 0
-    # Not "greater": a NaN fails too.
+    # Not "greater": NaN must fail too.
     return everybody and last == TICKS - 1 and not missing and not more and not states and off_m <= ROUNDING_M
 
 

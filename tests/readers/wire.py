@@ -1,6 +1,6 @@
-"""The messages of the wire, versions 1 and 2, as docs/protocol.md says them: bytes to plain Python values, and back.
+"""The messages of the wire, versions 1 and 2, as in docs/protocol.md: bytes to plain Python values, and back.
 
-Of the bounds that the page states this checks counts, lengths and that numbers are finite; what holds between fields it does not.
+Of the bounds on the page this checks counts, lengths and that numbers are finite, but nothing between fields.
 """
 
 from postcard import BOOL, BYTES, F32, F64, I32, I64, TEXT, U8, U16, U32, U64, Array, Bytes, Enum, List, Option, Raw, Struct
@@ -88,7 +88,7 @@ CHANGE = Enum(
 )
 EVENT = Struct("IdentityEvent", person=U32, wire_id=U32, change=CHANGE)
 EVENT_SET = Struct("IdentityEventSet", session=U64, tick=I64, events=List(EVENT, 4096))
-# Whom fusion takes for a subject of the venue, by the body.
+# Recognised subjects of the venue.
 BODY_LIKENESS = Struct("BodyLikeness", lengths_sigma=F32, log_ratio=F32, margin=Option(F32))
 FINDING = Enum(
     "finding",
@@ -101,7 +101,7 @@ NAMING_SET = Struct("NamingSet", session=U64, tick=I64, namings=List(Struct("Nam
 USED = Struct("UsedSet", viewpoint=U16, part=U16)
 DECISION = Struct("Decision", session=U64, first=I64, tick=I64, horizons_ticks=List(F64, VIEWPOINTS), patches=List(USED), sightings=List(USED))
 
-# Thumbnails, from edge to fusion: for people to look at.
+# Thumbnails, from edge to fusion, for people.
 THUMBNAIL = Struct("Thumbnail", session=U64, tick=I64, viewpoint=U16, camera=U16, jpeg=Bytes("bytes", 24_576))
 
 # Statuses, from every node to all.
@@ -137,7 +137,7 @@ STATUS_FIELDS = dict(
 STATUS_1 = Struct("Status", **STATUS_FIELDS)
 STATUS = Struct("Status", **STATUS_FIELDS, needed_nth_tick=U16)
 
-# Questions and answers.
+# Requests and answers.
 FILL_REQUEST = Struct("FillRequest", session=U64, **{"from": I64}, to=I64, max_bytes=U32)
 FILLED = Struct("Filled", to=I64, stored=List(Struct("StoredSet", kind=Enum("kind", "patches", "sightings"), bytes=Bytes("bytes", MOST_BYTES)), 4096))
 REQUEST = Enum("HandoutRequest", "list", chunk=Struct("", file=U16, **{"from": U64}))
@@ -149,7 +149,7 @@ FILE_LIST = Struct("FileList", venue=TEXT, files=List(FILE, 16))
 SIGNED_LIST = Struct("SignedList", list=PIECE, signature=Option(Struct("ListSignature", certificate=PIECE, ecdsa=PIECE)))
 CHUNK = Struct("Chunk", bytes=PIECE)
 
-# By the names of the files in proto/golden; where a version wrote otherwise, which.
+# By the names of the files in proto/golden; where a version wrote another type, which one.
 MESSAGES = {
     "patch_set": PATCH_SET, "box_set": BOX_SET, "sighting_set": SIGHTING_SET, "sighting_set_whole": SIGHTING_SET, "pose_set": POSE_SET, "identity_events": EVENT_SET,
     "decision": DECISION, "status": STATUS, "fill_request": FILL_REQUEST, "filled": FILLED, "handout_request": REQUEST,

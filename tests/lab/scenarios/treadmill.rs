@@ -13,7 +13,7 @@ use crate::outputs::check_poses_against_model;
 
 const SCENARIO: &str = "the treadmill";
 
-/// The id of the man on the treadmill, the only person whom all four viewpoints see. A bystander is visible in cam01 and
+/// The id of the man on the treadmill, the only person in all four viewpoints. A bystander is visible in cam01 and
 /// cam02 and is tracked too.
 fn man(lines: &[Value]) -> u64 {
     let mut seen_by_all: Vec<u64> = lines
@@ -133,7 +133,7 @@ fn check_only_the_man(lines: &[Value]) {
 
 /// The bystander is visible in cam01 and cam02. Without cam02 she is visible in one camera only: a ray without a position.
 #[test]
-fn a_bystander_whom_one_camera_sees_is_not_confirmed() {
+fn a_bystander_in_one_camera_is_not_confirmed() {
     let Some(venue) = recording(SCENARIO, "data/pose2sim/single/venue.toml") else {
         return;
     };

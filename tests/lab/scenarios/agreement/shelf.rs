@@ -119,12 +119,12 @@ impl Shelf {
     fn distort(&self, camera: Option<&str>, distortions: &str) {
         let path = self.dir.path().join("calibration.toml");
         let text = fs::read_to_string(self.folder.join("calibration.toml")).unwrap();
-        let mut name = "";
+        let mut section = "";
         let lines = text.lines().map(|line| {
             if let Some(name) = line.strip_prefix('[').and_then(|it| it.strip_suffix(']')) {
-                name = name;
+                section = name;
             }
-            if line.starts_with("distortions") && camera.is_none_or(|camera| camera == name) {
+            if line.starts_with("distortions") && camera.is_none_or(|camera| camera == section) {
                 format!("distortions = {distortions}\n")
             } else {
                 format!("{line}\n")

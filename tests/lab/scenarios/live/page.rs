@@ -129,10 +129,10 @@ fn files_of(folder: &Path, ending: &str) -> Vec<String> {
 fn farfield(words: &[&str]) -> (bool, String) {
     let program = env!("CARGO_BIN_EXE_lab");
     let output = Command::new(program).args(words).output().unwrap();
-    let output = [output.stdout, output.stderr].concat();
+    let text = [output.stdout, output.stderr].concat();
     (
         output.status.success(),
-        String::from_utf8_lossy(&output).into_owned(),
+        String::from_utf8_lossy(&text).into_owned(),
     )
 }
 
@@ -219,9 +219,9 @@ fn a_recording_is_started_and_stopped_from_the_page() {
         assert!(output.contains("in the middle of a run"), "{output}");
         assert!(!output.contains("cut off"), "{output}");
         // The second recording is shorter than a detection pass, so it has no people.
-        let address = if i == 0 { ids.as_slice() } else { &[] };
+        let expected = if i == 0 { ids.as_slice() } else { &[] };
         let poses = std::fs::read_to_string(solved.join("poses.jsonl")).unwrap();
-        for id in address {
+        for id in expected {
             let person = format!("\"person\":{id},");
             assert!(poses.contains(&person), "{id} was not recognised\n{output}");
         }
@@ -230,7 +230,7 @@ fn a_recording_is_started_and_stopped_from_the_page() {
         let summary: Value = serde_json::from_str(&summary).unwrap();
         let recognised = summary["events"]["recognise"].as_u64().unwrap_or(0);
         assert!(
-            recognised >= address.len() as u64,
+            recognised >= expected.len() as u64,
             "people recognised: {}",
             summary["events"]
         );

@@ -295,10 +295,10 @@ fn wrong_images_and_marks_are_refused() {
     let light = carried_light();
     let lens = light.folder.path("calibration.toml");
     let pictures = pictures(light.folder.folder(), &light.truth);
-    let refused = |words: &[&str], words: &str| {
+    let refused = |words: &[&str], message: &str| {
         let done = farfield(&[&["calibrate", "marks"], words].concat());
-        assert_eq!(done.code, 2, "{words}\n{}\n{}", done.stdout, done.stderr);
-        assert!(done.stderr.contains(words), "{words}: {}", done.stderr);
+        assert_eq!(done.code, 2, "{message}\n{}\n{}", done.stdout, done.stderr);
+        assert!(done.stderr.contains(message), "{message}: {}", done.stderr);
         println!("{}", done.stderr.lines().last().unwrap());
     };
     let text = lens.to_str().unwrap();

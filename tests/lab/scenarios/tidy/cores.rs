@@ -2,7 +2,6 @@
 //! library, which chooses implementations by the processor.
 
 use super::{check, root, workspace};
-use super::{check, workspace};
 
 const CORES: [&str; 5] = [
     "proto/src/",

@@ -85,10 +85,10 @@ impl Workspace {
             .flat_map(|(path, text)| test_modules(path, text))
             .collect();
         let files = rust().map(|(path, text)| RustFile::new(path, text, &modules));
-        let mut packages = packages(&root.join("Cargo.toml"))?;
-        packages.extend(packages(&root.join(OUTSIDE))?);
+        let mut members = packages(&root.join("Cargo.toml"))?;
+        members.extend(packages(&root.join(OUTSIDE))?);
         Ok(Self {
-            packages,
+            packages: members,
             files: files.collect(),
             texts,
         })

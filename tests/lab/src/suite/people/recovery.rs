@@ -1,4 +1,4 @@
-//! Recovery of people whom a scene loses for a while: whether they keep their id, and how soon their skeleton fits again.
+//! Recovery of people after losses by the scene: whether they keep their id, and how soon their skeleton fits again.
 
 use std::fmt;
 

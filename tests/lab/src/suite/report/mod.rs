@@ -131,7 +131,7 @@ pub struct SceneReport {
     pub gaps_to_answer_for: u64,
     /// Whether all links were cut in periods.
     pub cut: bool,
-    /// Recoveries of people whom the scene or the links lost for a while, live.
+    /// Recoveries of people after losses by the scene or the links, live.
     pub recoveries: Vec<Recovery>,
     /// Changes of ids.
     pub id_changes: Vec<IdChange>,
