@@ -52,22 +52,33 @@ fn two_lockstep_runs_of_the_shelf_are_byte_identical() {
     check_two_runs(&venue, &["--ticks", "300..400"]);
 }
 
+struct RecordedScene {
+    name: &'static str,
+    ticks: u32,
+}
+
 /// Makes the C library choose functions for a processor without fused multiply-add.
 const WITHOUT_FMA: (&str, &str) = ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-AVX2,-FMA");
 /// Two people who dance, for enough ticks that a difference in the last bit of a function of the C library has shown in a
 /// published pose.
-const COUPLE: (&str, u32) = ("hug", 300);
+const COUPLE: RecordedScene = RecordedScene {
+    name: "hug",
+    ticks: 300,
+};
 /// Five people: from four on, decisions between people run on several threads.
-const FIVE: (&str, u32) = ("five", 90);
+const FIVE: RecordedScene = RecordedScene {
+    name: "five",
+    ticks: 90,
+};
 
 /// Runs and records a scene in maps; returns the recording and the folder of the run.
-fn recorded(dir: &Path, (scene, ticks): (&str, u32)) -> (PathBuf, PathBuf) {
+fn record(dir: &Path, scene: &RecordedScene) -> (PathBuf, PathBuf) {
     let (venue, out) = (dir.join("venue"), dir.join("run"));
-    let scene = checkout().join(format!("sim/scenes/{scene}.toml"));
-    let ticks = format!("0..{ticks}");
+    let path = checkout().join(format!("sim/scenes/{}.toml", scene.name));
+    let ticks = format!("0..{}", scene.ticks);
     let made = farfield(&[
         "simulate".as_ref(),
-        scene.as_os_str(),
+        path.as_os_str(),
         "--as".as_ref(),
         "maps".as_ref(),
         "--ticks".as_ref(),
@@ -81,9 +92,9 @@ fn recorded(dir: &Path, (scene, ticks): (&str, u32)) -> (PathBuf, PathBuf) {
 }
 
 /// Replays a recording of a scene with each setting: every tick has the published bits.
-fn check_replays(scene: (&str, u32), settings: &[(&str, &str)]) {
+fn check_replays(scene: &RecordedScene, settings: &[(&str, &str)]) {
     let dir = tempfile::tempdir().unwrap();
-    let (recording, out) = recorded(dir.path(), scene);
+    let (recording, out) = record(dir.path(), scene);
     let poses = |out: &Path| fs::read(out.join("poses.jsonl")).unwrap();
     for (index, (name, value)) in settings.iter().enumerate() {
         let again = dir.path().join(format!("again-{index}"));
@@ -94,11 +105,11 @@ fn check_replays(scene: (&str, u32), settings: &[(&str, &str)]) {
         assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
         let report: serde_json::Value = serde_json::from_str(&finished.stdout).unwrap();
         let counts = ["same_ticks", "different_ticks"].map(|count| &report["replay"][count]);
-        assert_eq!(counts, [scene.1, 0], "{}: with {name}={value}", scene.0);
+        let (scene, ticks) = (scene.name, scene.ticks);
+        assert_eq!(counts, [ticks, 0], "{scene}: with {name}={value}");
         assert!(
             poses(&again) == poses(&out),
-            "{}: poses.jsonl differs with {name}={value}",
-            scene.0
+            "{scene}: poses.jsonl differs with {name}={value}"
         );
     }
 }
@@ -106,6 +117,6 @@ fn check_replays(scene: (&str, u32), settings: &[(&str, &str)]) {
 #[test]
 fn a_replay_has_the_same_bits_without_fma_and_on_any_number_of_threads() {
     let [one, two, eight] = ["1", "2", "8"].map(|n| ("RAYON_NUM_THREADS", n));
-    check_replays(COUPLE, &[WITHOUT_FMA, one, eight]);
-    check_replays(FIVE, &[one, two, eight]);
+    check_replays(&COUPLE, &[WITHOUT_FMA, one, eight]);
+    check_replays(&FIVE, &[one, two, eight]);
 }

@@ -407,10 +407,7 @@ fn the_remedy_for_another_calibration_is_the_option_from_fusion() {
         .edge(&other.path("venue.toml"), "north-east", &[])
         .end();
     assert_eq!(code, 2, "{stderr}");
-    assert!(
-        stderr.contains("calibration") && stderr.contains("--from-fusion"),
-        "{stderr}"
-    );
+    assert!(stderr.contains("--from-fusion"), "{stderr}");
 }
 
 #[test]

@@ -126,7 +126,7 @@ thread_local! {
     static RUNS: Cell<u32> = const { Cell::new(0) };
 }
 
-/// Compares the verdicts of a run with its row of the table, which is found by the test and the number of the run in it.
+/// Compares the verdicts of a run with its row of the table. The keys of a row are the test and the number of the run in it.
 pub(crate) fn check_verdicts(out: &Path) {
     let thread = std::thread::current();
     // With `--test-threads 1` threads have no name of a test.

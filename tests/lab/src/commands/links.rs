@@ -1,8 +1,8 @@
 //! `lab links`: accuracy of a venue over links that are far, thin and lossy.
 //!
-//! The maps of a scene are made first. Then, for each line of the table, all nodes run live as processes of this machine,
-//! each edge in a network namespace of its own behind our relay of datagrams. The poses of fusion are scored against the
-//! truth. Traffic is counted by the relays, with the headers of IP and UDP.
+//! The maps of a scene are made first. Then, for each line of the table, all nodes run live as processes of this machine.
+//! Each edge runs in a network namespace of its own behind our relay of datagrams. The poses of fusion are scored against the
+//! truth. The relays count the traffic, with the headers of IP and UDP.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};

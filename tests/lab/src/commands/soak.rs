@@ -104,7 +104,7 @@ fn run(
     live.start_edges()?;
     let length = Duration::from_secs_f64(args.minutes * 60.0);
     let mut faults = args.faults.map(|seed| SmallFaults::new(seed, usual, n));
-    let samples = sample_vitals(&mut live, (&watch, &mut people), &mut faults, length)?;
+    let samples = sample_vitals(&mut live, &watch, &mut people, &mut faults, length)?;
     let mut text = headline(args, &live, &watch, length)?;
     let mut grown = people.wrong();
     for (node, samples) in &samples {
@@ -133,7 +133,8 @@ fn run(
 /// The vitals of every node by name, sampled evenly over `length`.
 fn sample_vitals(
     live: &mut LiveVenue,
-    (watch, people): (&VenueWatch, &mut SoakedPeople),
+    watch: &VenueWatch,
+    people: &mut SoakedPeople,
     faults: &mut Option<SmallFaults>,
     length: Duration,
 ) -> anyhow::Result<BTreeMap<String, Vec<Vitals>>> {
@@ -431,13 +432,14 @@ impl SmallFaults {
             n
         };
         let i = self.rng.random_range(0..most);
-        self.act(live, (kind, i), elapsed)
+        self.act(live, &kind, i, elapsed)
     }
 
     fn act(
         &mut self,
         live: &mut LiveVenue,
-        (kind, i): (SmallFault, usize),
+        kind: &SmallFault,
+        i: usize,
         elapsed: Duration,
     ) -> anyhow::Result<()> {
         match kind {

@@ -155,7 +155,7 @@ fn run(
             scene = without_map_faults(scene);
         }
         let scene = Arc::new(scene);
-        let of_scene = SceneReport::make(&name, (&scene, cuts), input)
+        let of_scene = SceneReport::make(&name, &scene, cuts, input)
             .with_context(|| format!("running scene {name}"))?;
         say(&format!("{of_scene}\n"))?;
         if let Some(folder) = &args.plot {

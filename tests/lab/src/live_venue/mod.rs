@@ -1,8 +1,8 @@
 //! A venue that runs live on this machine with edges behind relays: for scenarios, studies and soaks.
 //!
-//! Fusion listens on the loopback. Every edge reaches it through a [`UdpRelay`] of its own, from a network namespace of its
-//! own where the system has some, so that a datagram lost in the relay is lost. Every node is the given program, started as
-//! an operator would start it; each can be killed and started again.
+//! Fusion listens on the loopback. Every edge reaches it through a [`UdpRelay`] of its own. Where the system allows it, the
+//! edge has a network namespace of its own, so that a datagram lost in the relay is lost. Every node is the given program,
+//! started as an operator would start it. Each can be killed and started again.
 
 mod node;
 mod player;

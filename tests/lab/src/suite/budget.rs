@@ -135,7 +135,7 @@ impl Budget {
             };
             for (k, sums) in of_keypoint.iter_mut().enumerate() {
                 let found = run.keypoints.index_of(COCO17[k]);
-                sums.add(&moment, (person, k), found, stages);
+                sums.add(&moment, person, k, found, stages);
                 if let Some(dlt) = found.and_then(|k| dlt[person].at(k, tick)) {
                     sums.dlt.add((dlt - moment.sites_m[k]).norm());
                 }
@@ -185,7 +185,8 @@ impl Sums {
     fn add(
         &mut self,
         truth: &TrueMoment,
-        (person, k): (usize, usize),
+        person: usize,
+        k: usize,
         found: Option<usize>,
         stages: &super::run::Stages,
     ) {

@@ -70,8 +70,8 @@ pub(crate) enum KeypointState {
 
 /// One crop with its keypoints.
 ///
-/// The record is the crop's pixels, rows of RGB bytes (pixels outside the image have the mean of the network's
-/// normalisation), then 17 keypoints in COCO's order: x, y (input pixels, the centre of the first one at 0) and a
+/// The record is the crop's pixels as rows of RGB bytes, then 17 keypoints in COCO's order. Pixels outside the image have the
+/// mean of the network's normalisation. A keypoint is x, y (input pixels, the centre of the first one at 0) and a
 /// [state](KeypointState), as little-endian 32-bit floats.
 pub(crate) struct CropRecord {
     pixels: Vec<u8>,

@@ -1,4 +1,4 @@
-//! The edges of a crowd in one process: plays recorded sets over sessions of their own at the venue's rate, so that fusion is
+//! The edges of a crowd in one process: plays recorded sets over sessions of their own at the venue's rate. So fusion can be
 //! measured live on a machine that could not compute the sets at that rate.
 //!
 //! Every viewpoint has a session, receives its boxes, and sends the recorded patches for those boxes. People without a box are
@@ -174,7 +174,7 @@ impl<'a> Player<'a> {
         };
         mapping.update(&boxes, &sets.iter().map(patches).collect::<Vec<_>>());
         let mut pairs = self.viewpoints.iter().zip(&sets);
-        pairs.try_for_each(|(viewpoint, sets)| viewpoint.send((group.tick, tick_us), sets, mapping))
+        pairs.try_for_each(|(viewpoint, sets)| viewpoint.send(group.tick, tick_us, sets, mapping))
     }
 }
 

@@ -146,7 +146,8 @@ impl PlayedViewpoint {
     /// (Unix time, microseconds); and the sightings, if requested.
     pub(super) fn send(
         &self,
-        (tick, tick_us): (Tick, u64),
+        tick: Tick,
+        tick_us: u64,
         recorded: &RecordedSets<'_>,
         mapping: &IdMapping,
     ) -> anyhow::Result<()> {

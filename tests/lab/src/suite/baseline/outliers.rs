@@ -1,8 +1,8 @@
 //! Triangulation from peaks of several views, some of them wrong: weighted DLT with Pose2Sim's removal of outlying views.
 //!
-//! Pose2Sim 0.9 to 0.10, `triangulation_from_best_cameras`: peaks below a likelihood are excluded. All subsets of the others
-//! are tried: without removal, then with one view removed, and so on, until the best subset of a size has a mean reprojection
-//! error within the threshold or fewer than two views would remain. Of each size the subset with the least error counts.
+//! Pose2Sim 0.9 to 0.10, `triangulation_from_best_cameras`: peaks below a likelihood are excluded. All subsets of the other
+//! views are tried: first without removal, then with one view removed, and so on. Of each size the subset with the least mean
+//! reprojection error counts. The search ends when that error is within the threshold, or before fewer than two views remain.
 //! Above the threshold there is no point. Its swapping of left and right (off by default, also in its demonstration) is not
 //! implemented.
 

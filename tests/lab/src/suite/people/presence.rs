@@ -104,8 +104,8 @@ fn is_present(scene: &Scene, truth: &PersonTruth) -> bool {
 /// Viewpoints that a position needs.
 const MIN_VIEWPOINTS: u32 = 2;
 
-/// Ticks and numbers of the people of `scene` that `truth` contains without a pose in `poses`, except those who are lost and
-/// those who are `returning`.
+/// Ticks and numbers of the people of `scene` that `truth` contains without a pose in `poses`. People who are lost or
+/// `returning` are excused.
 pub fn unexcused(
     scene: &Scene,
     poses: &PoseLines,

@@ -41,7 +41,8 @@ impl Recovery {
     /// The recoveries of `poses` in `scene` with its `truth`: one for each loss, and one per person for each cut of all links,
     /// that begins and ends within the scene's ticks.
     pub fn all(
-        (scene, cuts): (&Scene, Option<Cuts>),
+        scene: &Scene,
+        cuts: Option<Cuts>,
         poses: &PoseLines,
         truth: &PoseLines,
     ) -> Vec<Self> {
@@ -64,7 +65,7 @@ impl Recovery {
                     rate_hz: scene.rate_hz(),
                     errors: errors.get(&actor)?,
                 };
-                Some(track.recovery(lost_s, (poses, truth)))
+                Some(track.recovery(lost_s, poses, truth))
             })
             .collect()
     }
@@ -84,7 +85,7 @@ struct ErrorTrack<'a> {
 }
 
 impl ErrorTrack<'_> {
-    fn recovery(&self, lost_s: [f64; 2], (poses, truth): (&PoseLines, &PoseLines)) -> Recovery {
+    fn recovery(&self, lost_s: [f64; 2], poses: &PoseLines, truth: &PoseLines) -> Recovery {
         let [from, until] = lost_s.map(|s| Tick((s * self.rate_hz).ceil() as i64));
         let during = || {
             self.errors
@@ -224,7 +225,7 @@ mod tests {
             rate_hz,
             errors: &errors[&1],
         };
-        track.recovery([1.0, 2.0], (poses, &truth))
+        track.recovery([1.0, 2.0], poses, &truth)
     }
 
     #[test]

@@ -151,7 +151,8 @@ impl SceneReport {
     /// See [`SceneRun::make`].
     pub fn make(
         name: &str,
-        (scene, cuts): (&Arc<Scene>, Option<Cuts>),
+        scene: &Arc<Scene>,
+        cuts: Option<Cuts>,
         input: &Input,
     ) -> anyhow::Result<Self> {
         let mut free = SceneRunPlan {
@@ -191,7 +192,7 @@ impl SceneReport {
             meetings: meetings(scene),
             gaps_to_answer_for: gaps.len() as u64,
             cut: cuts.is_some(),
-            recoveries: Recovery::all((scene, cuts), &bounded.causal, &bounded.truth),
+            recoveries: Recovery::all(scene, cuts, &bounded.causal, &bounded.truth),
             id_changes: bounded.id_changes(&bounded.finished),
             patch_bytes_per_tick: bounded.traffic.map_bytes as f64 / n_ticks.max(1) as f64,
             causal: bounded.causal,
