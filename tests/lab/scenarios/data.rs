@@ -26,14 +26,14 @@ pub(crate) fn recording(scenario: &str, needed: &str) -> Option<PathBuf> {
 /// Whether ONNX Runtime is installed. If not, prints on stdout that `scenario` is skipped, because `ort-tract` takes twenty
 /// times as long.
 pub(crate) fn onnx_runtime(scenario: &str) -> bool {
-    let found =
+    let is_installed =
         InferenceBackend::start(BackendChoice::Best).is_ok_and(|backend| !backend.is_tract());
-    if !found {
+    if !is_installed {
         print_skipped(&format!(
             "{scenario}: no ONNX Runtime library (pip install onnxruntime), and ort-tract is too slow for it"
         ));
     }
-    found
+    is_installed
 }
 
 /// The cases of `scenario` to run: the first `usual`, or all if `$FARFIELD_EVERY_CASE` is 1 (`.ci/measure cases` sets it).

@@ -37,19 +37,19 @@ struct FarPeople {
 
 fn detections(venue: Venue, sources: Vec<Box<dyn FrameSource>>, ticks: i64) -> FarPeople {
     let mut nodes = InProcess::new(venue, sources, Tick(0)..Tick(ticks)).unwrap();
-    let mut found = FarPeople::default();
+    let mut people = FarPeople::default();
     while let Some(trace) = nodes.step().unwrap() {
         if trace.tick == Tick(0) {
             let sets = trace.edges.iter().flat_map(|edge| &edge.sighting_sets);
             for sighting in sets.flat_map(|set| &set.sightings) {
-                *found.first_pass.entry(sighting.camera.0).or_default() += 1;
+                *people.first_pass.entry(sighting.camera.0).or_default() += 1;
             }
         }
         for pose in &trace.poses.persons {
-            found.confirmed.entry(pose.person.0).or_insert(trace.tick);
+            people.confirmed.entry(pose.person.0).or_insert(trace.tick);
         }
     }
-    found
+    people
 }
 
 fn parameters(tiles_per_look: u32) -> Parameters {
@@ -146,17 +146,17 @@ fn a_small_real_man_is_found_in_tiles_only() {
         detections(small, sources, ticks)
     };
     // He is 32 to 45 pixels tall. RTMDet finds him in all four images, YOLOX in some of them in its first detection pass.
-    let found = [(DETECTORS[0], 1), (DETECTORS[1], TICKS)].map(|(detector, ticks)| {
+    let results = [(DETECTORS[0], 1), (DETECTORS[1], TICKS)].map(|(detector, ticks)| {
         let tiled = run(TILES, detector, ticks);
         let whole = run(0, detector, TICKS);
         println!("{detector}: in tiles {tiled:?}, in whole pictures {whole:?}");
         (tiled, whole)
     });
-    let [(yolox, _), (rtmdet, _)] = &found;
+    let [(yolox, _), (rtmdet, _)] = &results;
     assert_eq!(rtmdet.first_pass.len(), venue.cameras.len(), "{rtmdet:?}");
     assert!(!rtmdet.confirmed.is_empty(), "{rtmdet:?}");
     assert!(!yolox.first_pass.is_empty(), "{yolox:?}");
-    for (_, whole) in &found {
+    for (_, whole) in &results {
         assert!(whole.first_pass.is_empty(), "{whole:?}");
         assert!(whole.confirmed.is_empty(), "{whole:?}");
     }

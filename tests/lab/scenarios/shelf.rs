@@ -83,8 +83,8 @@ fn score(poses: &Path, truth: &Path, points: &str) -> Value {
 }
 
 fn number(score: &Value, path: &[&str]) -> f64 {
-    let found = path.iter().fold(score, |value, key| &value[*key]);
-    found
+    let entry = path.iter().fold(score, |value, key| &value[*key]);
+    entry
         .as_f64()
-        .unwrap_or_else(|| panic!("{path:?}: {found}"))
+        .unwrap_or_else(|| panic!("{path:?}: {entry}"))
 }

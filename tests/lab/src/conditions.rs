@@ -130,9 +130,9 @@ mod tests {
     #[test]
     fn a_runner_is_found_and_tracked_over_a_far_link() {
         let run = run("sprint", 3.0, FAR);
-        let found = run.found();
-        assert!(!found.is_empty(), "no people were found");
-        let scores = run.score_since(&run.causal, &found);
+        let first_ticks = run.first_ticks();
+        assert!(!first_ticks.is_empty(), "no people were found");
+        let scores = run.score_since(&run.causal, &first_ticks);
         assert!(scores.mean.gaps < 0.5, "{} gaps", scores.mean.gaps);
     }
 
@@ -141,9 +141,9 @@ mod tests {
         let far = run("futsal", 5.0, FarLinks { loss: 0.05, ..FAR });
         let near = run("futsal", 5.0, FarLinks::default());
         let [far, near] = [far, near].map(|run| {
-            let found = run.found();
-            assert_eq!(found.len(), 8, "all people are found");
-            run.score_since(&run.causal, &found)
+            let first_ticks = run.first_ticks();
+            assert_eq!(first_ticks.len(), 8, "all people are found");
+            run.score_since(&run.causal, &first_ticks)
         });
         println!(
             "MPJPE over a far and lossy link {:?}, over none {:?}",

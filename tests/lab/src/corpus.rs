@@ -73,14 +73,14 @@ pub fn read_folder(folder: &Path) -> anyhow::Result<Corpus> {
 /// Paths and names of the entries of a folder.
 fn listed(folder: &Path) -> anyhow::Result<Vec<(std::path::PathBuf, String)>> {
     let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
-    let mut found = Vec::new();
+    let mut list = Vec::new();
     for entry in entries {
         let entry = entry?;
         let name = entry.file_name().to_string_lossy().into_owned();
-        found.push((entry.path(), name));
+        list.push((entry.path(), name));
     }
-    found.sort();
-    Ok(found)
+    list.sort();
+    Ok(list)
 }
 
 /// The inputs of `corpus` worth keeping: for each target and each behaviour of its function the shortest input, and all
@@ -89,7 +89,7 @@ pub fn minimised(corpus: &Corpus) -> Corpus {
     let mut order: Vec<_> = corpus.iter().collect();
     order.sort_by_key(|((target, name), bytes)| (target, is_from_fuzzer(name), bytes.len(), name));
     let mut known = BTreeSet::new();
-    let mut kept = Corpus::new();
+    let mut minimal = Corpus::new();
     for ((target, name), bytes) in order {
         let Some(take) = hostile_input::target(target) else {
             continue;
@@ -99,10 +99,10 @@ pub fn minimised(corpus: &Corpus) -> Corpus {
         }
         let is_new = known.insert((target, take(bytes)));
         if is_new || !is_from_fuzzer(name) {
-            kept.insert((target.clone(), name.clone()), bytes.clone());
+            minimal.insert((target.clone(), name.clone()), bytes.clone());
         }
     }
-    kept
+    minimal
 }
 
 /// Whether the name is from a fuzzer: the SHA-1 of the content.

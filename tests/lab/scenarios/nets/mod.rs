@@ -138,10 +138,10 @@ pub(crate) fn check_verdicts(out: &Path) {
     };
     let run = RUNS.replace(RUNS.get() + 1) + 1;
     let summary: Value = serde_json::from_str(&text).unwrap();
-    let found = verdicts(&summary);
+    let actual = verdicts(&summary);
     if is_shown() {
-        if found != json!([]) {
-            let row = json!({ "test": test, "run": run, "verdicts": found });
+        if actual != json!([]) {
+            let row = json!({ "test": test, "run": run, "verdicts": actual });
             stdout()
                 .write_all(format!("NET {row}\n").as_bytes())
                 .unwrap();
@@ -153,21 +153,21 @@ pub(crate) fn check_verdicts(out: &Path) {
         .cloned()
         .unwrap_or(json!([]));
     assert!(
-        is_like(&found, &expected),
-        "verdicts of run {run} of {test}:\n{found}\nexpected:\n{expected}"
+        is_like(&actual, &expected),
+        "verdicts of run {run} of {test}:\n{actual}\nexpected:\n{expected}"
     );
 }
 
 /// Cause, cameras and effect of each verdict, without the sentences.
 fn verdicts(summary: &Value) -> Value {
-    let mut found = summary["agreement"]["disagreements"].clone();
-    for verdict in found.as_array_mut().into_iter().flatten() {
+    let mut rows = summary["agreement"]["disagreements"].clone();
+    for verdict in rows.as_array_mut().into_iter().flatten() {
         if let Some(verdict) = verdict.as_object_mut() {
             verdict.remove("found");
             verdict.remove("remedy");
         }
     }
-    found
+    rows
 }
 
 fn is_like(a: &Value, b: &Value) -> bool {

@@ -141,9 +141,9 @@ fn workplace() -> tempfile::TempDir {
 /// The sightings of each camera, and the calibration, whether it passes or not.
 fn results(folder: &Path, done: &FinishedCommand) -> Vec<Vec<u8>> {
     assert!(done.code <= 1, "{}\n{}", done.stdout, done.stderr);
-    let found = ["found.failed.toml", "found.toml"][usize::from(done.code == 0)];
+    let calibration = ["found.failed.toml", "found.toml"][usize::from(done.code == 0)];
     let seen = CAMERAS_M.map(|(name, _)| format!("seen/{name}.txt"));
-    let files = seen.iter().map(String::as_str).chain([found]);
+    let files = seen.iter().map(String::as_str).chain([calibration]);
     files
         .map(|name| fs::read(folder.join(name)).unwrap())
         .collect()

@@ -135,12 +135,12 @@ fn people_are_detected_in_images_and_their_files_are_reused() {
     assert_eq!(cameras.len(), 2, "{cameras:?}");
     for camera in &cameras {
         let name = format!("{camera}.jsonl");
-        let found = lines(&folder.join("seen").join(&name));
-        let ticks: Vec<i64> = found.iter().map(|(tick, _)| *tick).collect();
+        let detected = lines(&folder.join("seen").join(&name));
+        let ticks: Vec<i64> = detected.iter().map(|(tick, _)| *tick).collect();
         assert_eq!(ticks, [0, EVERY, 2 * EVERY, 3 * EVERY], "{camera}");
         let truth = lines(&keypoints.join("keypoints").join(&name));
         let mut nearest_px = Vec::new();
-        for (tick, bodies) in &found {
+        for (tick, bodies) in &detected {
             let there = &truth.iter().find(|(of, _)| of == tick).unwrap().1;
             for body in bodies {
                 let each = there.iter().map(|it| median(distances_px(it, body)));
@@ -279,9 +279,9 @@ fn real_networks_detect_a_man_in_every_video() {
         done.stderr
     );
     for camera in ["cam01", "cam02", "cam03", "cam04"] {
-        let found = lines(&seen.join(format!("{camera}.jsonl")));
-        assert_eq!(found.len(), 9, "100 frames at 60 Hz, five a second");
-        for (tick, bodies) in found {
+        let detected = lines(&seen.join(format!("{camera}.jsonl")));
+        assert_eq!(detected.len(), 9, "100 frames at 60 Hz, five a second");
+        for (tick, bodies) in detected {
             let whole = bodies.iter().filter(|body| {
                 let seen = (0..17).filter(|index| keypoint(body, *index).is_some());
                 seen.count() >= 14

@@ -32,7 +32,7 @@ fn listed(run: &Path, words: &[&str]) -> Value {
     serde_json::from_str(&done.stdout).unwrap()
 }
 
-fn done(run: &Path, words: &[&str]) -> String {
+fn edit(run: &Path, words: &[&str]) -> String {
     let done = people(run, words);
     assert_eq!(done.code, 0, "{words:?}\n{}\n{}", done.stdout, done.stderr);
     println!("{}", done.stdout.trim());
@@ -102,16 +102,16 @@ fn names_splits_and_merges_are_exported_and_undone_to_the_last_byte() {
         &["name", "77", "Cleo"],
         "found person 77, expected one of",
     );
-    done(&out, &["name", &one, "Anna/Ž"]);
-    done(&out, &["name", &other, "Bo"]);
-    let split = done(&out, &["split", &one, "--at", "60"]);
+    edit(&out, &["name", &one, "Anna/Ž"]);
+    edit(&out, &["name", &other, "Bo"]);
+    let split = edit(&out, &["split", &one, "--at", "60"]);
     let new = (other.parse::<u64>().unwrap() + 1).to_string();
     assert!(
         split.contains(&format!("{one} is {new} from tick 60 on")),
         "{split}"
     );
-    done(&out, &["name", &new, "Bo"]);
-    let table = done(&out, &[]);
+    edit(&out, &["name", &new, "Bo"]);
+    let table = edit(&out, &[]);
     assert!(
         table.contains("Anna/Ž") && table.contains("edits in"),
         "{table}"
@@ -131,7 +131,7 @@ fn names_splits_and_merges_are_exported_and_undone_to_the_last_byte() {
     assert!(text(&edited, "poses_tidy.csv").contains("Anna/Ž"));
 
     // The two halves merged again are the original person.
-    done(&out, &["merge", &new, "--into", &one]);
+    edit(&out, &["merge", &new, "--into", &one]);
     let named = exported(&out, &sample.path("named"), &["--format", "csv"]);
     assert_eq!(named.len(), 2);
     let whole = text(&before, &format!("poses_{one}.csv"));
@@ -150,7 +150,7 @@ fn names_splits_and_merges_are_exported_and_undone_to_the_last_byte() {
     );
     refused(&out, &["undo", "3"], "undo edit 4 before");
     for _ in 0..5 {
-        done(&out, &["undo"]);
+        edit(&out, &["undo"]);
     }
     refused(&out, &["undo"], "there is no edit in force");
     assert!(exported(&out, &sample.path("after"), &formats) == before);
@@ -174,7 +174,7 @@ fn an_invalid_list_of_edits_is_refused_with_its_line() {
     let sample = recorded_run();
     let out = sample.path("out");
     let one = listed(&out, &[])["people"][0]["person"].to_string();
-    done(&out, &["name", &one, "Anna"]);
+    edit(&out, &["name", &one, "Anna"]);
     let edits = out.join("edits.jsonl");
     let good = fs::read_to_string(&edits).unwrap();
     fs::write(
@@ -206,8 +206,8 @@ fn a_recording_exports_like_its_run_after_people_are_confirmed() {
         sample.path("out").join("recording.mcap"),
     );
     let one = listed(&recording, &[])["people"][0]["person"].to_string();
-    done(&recording, &["name", &one, "Anna"]);
-    done(&out, &["name", &one, "Anna"]);
+    edit(&recording, &["name", &one, "Anna"]);
+    edit(&out, &["name", &one, "Anna"]);
     assert!(out.join("recording.edits.jsonl").is_file());
 
     let formats = ["--format", "csv,bvh"];

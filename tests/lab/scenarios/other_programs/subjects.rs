@@ -14,11 +14,11 @@ fn court(folder: &Path) -> PathBuf {
     let scene = checkout().join("sim/scenes/court.toml");
     let (scene, out) = (scene.to_str().unwrap(), folder.join("court"));
     let words = ["simulate", scene, "--as", "maps", "--ticks", "0..300"];
-    done(&[&words[..], &["--out", out.to_str().unwrap()]].concat());
+    succeed(&[&words[..], &["--out", out.to_str().unwrap()]].concat());
     out.join("venue.toml")
 }
 
-fn done(words: &[&str]) -> String {
+fn succeed(words: &[&str]) -> String {
     let done = farfield(words);
     assert_eq!(done.code, 0, "{words:?}\n{}\n{}", done.stdout, done.stderr);
     done.stdout
@@ -51,8 +51,8 @@ fn a_saved_body_is_recognised_in_later_sessions_and_exports() {
     run(&venue, &first, &[]);
     let words = |of: &Path| of.to_str().unwrap().to_owned();
     let profile = dir.path().join("court/anna.toml");
-    done(&["people", &words(&first), "name", "1", "Anna"]);
-    done(&[
+    succeed(&["people", &words(&first), "name", "1", "Anna"]);
+    succeed(&[
         "people",
         &words(&first),
         "save",
@@ -91,7 +91,7 @@ fn a_saved_body_is_recognised_in_later_sessions_and_exports() {
     assert!(check.stdout.contains("Anna, Giant"), "{}", check.stdout);
 
     let export = dir.path().join("export");
-    done(&[
+    succeed(&[
         "export",
         &words(&second),
         "--format",
@@ -134,9 +134,9 @@ fn a_replay_carries_over_the_edits_of_its_recording() {
     run(&venue, &out, &["--record", "--ticks", "0..90"]);
     let recording = out.join("recording.mcap");
     for (person, name) in [("1", "Anna"), ("2", "Bo")] {
-        done(&["people", &words(&recording), "name", person, name]);
+        succeed(&["people", &words(&recording), "name", person, name]);
     }
-    done(&["people", &words(&recording), "drop", "3"]);
+    succeed(&["people", &words(&recording), "drop", "3"]);
     let list = fs::read_to_string(out.join("recording.edits.jsonl")).unwrap();
 
     // An identical replay copies the list.

@@ -66,7 +66,7 @@ fn copy_keys(hall: &SecuredHall, to: &Path) {
 }
 
 /// Waits for the end of a node; its exit code.
-fn ended(node: &mut NodeProcess) -> Option<i32> {
+fn wait_for_end(node: &mut NodeProcess) -> Option<i32> {
     let status = node.wait(PATIENCE).unwrap();
     status
         .unwrap_or_else(|| panic!("{} does not end\n{}", node.name(), node.output()))
@@ -111,9 +111,9 @@ fn a_renewed_nodes_old_key_is_refused_and_both_sides_report_it() {
         .map(|name| NodeProcess::start(name, edge(&hall, &venue, name)).unwrap())
         .collect();
     for node in &mut honest {
-        assert_eq!(ended(node), Some(0), "{}", node.output());
+        assert_eq!(wait_for_end(node), Some(0), "{}", node.output());
     }
-    assert_eq!(ended(&mut fusion), Some(0), "{}", fusion.output());
+    assert_eq!(wait_for_end(&mut fusion), Some(0), "{}", fusion.output());
     assert_eq!(old.wait(PAUSE).unwrap(), None, "{}", old.output());
 
     // With a new file of generations and an old key, the node itself reports the mistake.
@@ -122,7 +122,7 @@ fn a_renewed_nodes_old_key_is_refused_and_both_sides_report_it() {
     let mut mixed = edge(&hall, &venue, "north-east");
     mixed.arg("--certificates").arg(&stolen);
     let mut mixed = NodeProcess::start("mixed", mixed).unwrap();
-    assert_eq!(ended(&mut mixed), Some(2), "{}", mixed.output());
+    assert_eq!(wait_for_end(&mut mixed), Some(2), "{}", mixed.output());
     assert!(
         mixed.output().contains("2 is the newest of north-east"),
         "{}",
@@ -160,7 +160,7 @@ fn every_node_refuses_keys_of_others_instead_of_waiting() {
         ),
     ];
     for (mut node, words) in nodes {
-        assert_eq!(ended(&mut node), Some(2), "{}", node.output());
+        assert_eq!(wait_for_end(&mut node), Some(2), "{}", node.output());
         let output = node.output();
         assert!(output.contains(words), "{words}: {output}");
     }
@@ -188,7 +188,7 @@ fn older_files_of_fusion_are_refused_without_the_option() {
         let mut edge = NodeProcess::start("edge", edge).unwrap();
         let taken = || std::fs::read_to_string(&history).map_or(0, |text| text.lines().count());
         if sets == taken() {
-            assert_eq!(ended(&mut edge), Some(1), "{}", edge.output());
+            assert_eq!(wait_for_end(&mut edge), Some(1), "{}", edge.output());
         } else {
             wait_for(&edge, "the venue file is fusion's now");
             let polls = PATIENCE.as_millis() / PAUSE.as_millis();

@@ -109,14 +109,14 @@ impl Curve {
             let run = SceneRun::make(scene, input, plan)?;
             runs.push((codec, run, taken(&sent)));
         }
-        let mut found = std::collections::BTreeMap::new();
-        for (actor, tick) in runs.iter().flat_map(|(_, run, _)| run.found()) {
-            let later = found.entry(actor).or_insert(tick);
+        let mut first_ticks = std::collections::BTreeMap::new();
+        for (actor, tick) in runs.iter().flat_map(|(_, run, _)| run.first_ticks()) {
+            let later = first_ticks.entry(actor).or_insert(tick);
             *later = tick.max(*later);
         }
         let outcomes = runs.into_iter().map(|(codec, run, sent)| CodecOutcome {
             codec,
-            errors: Errors::measure(&run.causal, &run.truth_since(&found)),
+            errors: Errors::measure(&run.causal, &run.truth_since(&first_ticks)),
             traffic: run.traffic,
             sent,
         });

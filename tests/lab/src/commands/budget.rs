@@ -155,6 +155,6 @@ fn text_of(args: &BudgetArgs, run: &SceneRun) -> Result<String, std::fmt::Error>
             writeln!(text, "{name}: {calibration}")?;
         }
     }
-    writeln!(text, "{}", Budget::of(run))?;
+    writeln!(text, "{}", Budget::measure(run))?;
     Ok(text)
 }

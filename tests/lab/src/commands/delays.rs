@@ -11,7 +11,7 @@ use super::scenes::SceneArgument;
 use crate::conditions::Cuts;
 use crate::suite::run::parameters;
 use crate::suite::run::{SceneRun, SceneRunPlan};
-use crate::suite::smoothed::{HEAD, Worth};
+use crate::suite::smoothed::{HEAD, OutputScore};
 use farfield_sim::simulated::in_memory::Input;
 
 /// The compared outputs, the live one first.
@@ -64,10 +64,10 @@ fn compare(args: &DelaysArgs, scenes: Vec<(&str, Scene)>) -> anyhow::Result<()> 
         let named: Vec<(&str, (&SceneRun, &PoseLines))> =
             OUTPUTS.into_iter().zip(outputs).collect();
         for ((output, (run, poses)), sum) in named.into_iter().zip(&mut sums) {
-            let worth = Worth::of(run, poses, cuts);
-            sum[0] += worth.mean.mpjpe_mm.unwrap_or(f64::NAN);
-            sum[1] += worth.mean.jitter_m_s3.unwrap_or(f64::NAN);
-            output::print(&format!("{name:>16} {output:>10} {worth}\n"))?;
+            let score = OutputScore::measure(run, poses, cuts);
+            sum[0] += score.mean.mpjpe_mm.unwrap_or(f64::NAN);
+            sum[1] += score.mean.jitter_m_s3.unwrap_or(f64::NAN);
+            output::print(&format!("{name:>16} {output:>10} {score}\n"))?;
         }
     }
     for (output, [mpjpe_mm, jitter]) in OUTPUTS.iter().zip(sums.map(|sum| sum.map(|s| s / n))) {

@@ -510,12 +510,12 @@ fn unpack(archive: &Path, folder: &Path) -> anyhow::Result<()> {
 
 fn pack(folder: &Path, archive: &Path) -> anyhow::Result<()> {
     let all = corpus::read_folder(folder)?;
-    let kept = corpus::minimised(&all);
-    let bytes = corpus::archive(&kept)?;
+    let minimal = corpus::minimised(&all);
+    let bytes = corpus::archive(&minimal)?;
     fs::write(archive, &bytes).with_context(|| archive.display().to_string())?;
     println!(
         "{} of {} inputs, {} bytes, in {}",
-        kept.len(),
+        minimal.len(),
         all.len(),
         bytes.len(),
         archive.display()

@@ -92,8 +92,8 @@ pub(super) fn live_pixels(args: &LivePixelsArgs) -> Result<(), NodeError> {
         "lock-step", "live"
     );
     output::print(&text).map_err(NodeError::Failed)?;
-    match live.wrong(&lock_step, venue.rate_hz) {
-        Some(wrong) if args.check => Err(NodeError::Failed(anyhow!("{wrong}"))),
+    match live.failure(&lock_step, venue.rate_hz) {
+        Some(failure) if args.check => Err(NodeError::Failed(anyhow!("{failure}"))),
         _ => Ok(()),
     }
 }
@@ -220,7 +220,7 @@ impl Outcome {
     }
 
     /// The first result of this live run that is out of bounds.
-    fn wrong(&self, lock_step: &Self, rate_hz: f64) -> Option<String> {
+    fn failure(&self, lock_step: &Self, rate_hz: f64) -> Option<String> {
         let Some(first) = self.first else {
             return Some("no people were found live".to_owned());
         };
@@ -333,27 +333,31 @@ mod tests {
     #[test]
     fn a_live_run_that_finds_no_people_late_ones_or_tracks_badly_fails() {
         let lock_step = outcome(Some(0), 600, 30.0);
-        let wrong = |live: Outcome| live.wrong(&lock_step, 30.0);
-        assert_eq!(wrong(outcome(Some(60), 540, 40.0)), None);
-        assert!(wrong(outcome(None, 0, 0.0)).unwrap().contains("no people"));
+        let failure = |live: Outcome| live.failure(&lock_step, 30.0);
+        assert_eq!(failure(outcome(Some(60), 540, 40.0)), None);
         assert!(
-            wrong(outcome(Some(400), 200, 40.0))
+            failure(outcome(None, 0, 0.0))
+                .unwrap()
+                .contains("no people")
+        );
+        assert!(
+            failure(outcome(Some(400), 200, 40.0))
                 .unwrap()
                 .contains("13.3 s")
         );
         assert!(
-            wrong(outcome(Some(60), 400, 40.0))
+            failure(outcome(Some(60), 400, 40.0))
                 .unwrap()
                 .contains("74 %")
         );
         assert!(
-            wrong(outcome(Some(60), 540, 61.0))
+            failure(outcome(Some(60), 540, 61.0))
                 .unwrap()
                 .contains("31 mm")
         );
         let mut slow = outcome(Some(60), 540, 75.0);
         slow.sampling_mm = Some(20.0);
-        assert_eq!(wrong(slow), None, "on a machine that leaves ticks out");
+        assert_eq!(failure(slow), None, "on a machine that leaves ticks out");
     }
 
     /// A person whose left shoulder has these x at ticks 0, 1, 2 ..., metres.

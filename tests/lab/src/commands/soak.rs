@@ -71,16 +71,16 @@ pub(crate) fn soak(args: &SoakArgs) -> Result<(), NodeError> {
     farfield_fusion::node::check_folder(folder).map_err(NodeError::Refused)?;
     let maps = make_maps(args.scene.as_deref(), folder, &["--there-and-back"], "");
     let maps = maps.map_err(NodeError::Refused)?;
-    let (text, grown) = run(args, &maps, folder).map_err(NodeError::Failed)?;
+    let (text, failures) = run(args, &maps, folder).map_err(NodeError::Failed)?;
     output::print(&text).map_err(NodeError::Failed)?;
-    if grown.is_empty() {
+    if failures.is_empty() {
         Ok(())
     } else {
-        Err(NodeError::Failed(anyhow!("{}", grown.join("; "))))
+        Err(NodeError::Failed(anyhow!("{}", failures.join("; "))))
     }
 }
 
-/// The report, and what has grown.
+/// The report, and the failures.
 fn run(
     args: &SoakArgs,
     maps: &MadeMaps,
@@ -106,11 +106,11 @@ fn run(
     let mut faults = args.faults.map(|seed| SmallFaults::new(seed, usual, n));
     let samples = sample_vitals(&mut live, &watch, &mut people, &mut faults, length)?;
     let mut text = headline(args, &live, &watch, length)?;
-    let mut grown = people.wrong();
+    let mut failures = people.failures();
     for (node, samples) in &samples {
         let (line, growth) = judge(node, samples, length);
         text += &line;
-        grown.extend(growth);
+        failures.extend(growth);
     }
     for (relay, viewpoint) in live.relays.iter().zip(&live.venue().viewpoints) {
         let up = relay.counts(Direction::Up);
@@ -127,7 +127,7 @@ fn run(
     if let Some(faults) = &faults {
         let _infallible = writeln!(text, "{faults}");
     }
-    Ok((text, grown))
+    Ok((text, failures))
 }
 
 /// The vitals of every node by name, sampled evenly over `length`.
@@ -223,9 +223,9 @@ fn judge(node: &str, samples: &[Vitals], length: Duration) -> (String, Vec<Strin
     let memory = pair(|v| v.memory_bytes as f64);
     let threads = pair(|v| f64::from(v.threads));
     let handles = pair(|v| f64::from(v.handles));
-    let mut grown = Vec::new();
+    let mut growth = Vec::new();
     if memory[1] > memory[0] * (1.0 + MEMORY_SHARE) + MEMORY_SLACK_BYTES {
-        grown.push(format!(
+        growth.push(format!(
             "{node}: memory from {:.1} to {:.1} MB",
             memory[0] / 1e6,
             memory[1] / 1e6
@@ -233,7 +233,7 @@ fn judge(node: &str, samples: &[Vitals], length: Duration) -> (String, Vec<Strin
     }
     for (what, [first, last]) in [("threads", threads), ("file handles", handles)] {
         if last > first + 1.0 {
-            grown.push(format!("{node}: {what} from {first:.1} to {last:.1}"));
+            growth.push(format!("{node}: {what} from {first:.1} to {last:.1}"));
         }
     }
     let cpu_ms = samples.last().map_or(0, |v| v.cpu_ms);
@@ -247,7 +247,7 @@ fn judge(node: &str, samples: &[Vitals], length: Duration) -> (String, Vec<Strin
         handles[1],
         cpu_ms as f64 / 1e3 / length.as_secs_f64()
     );
-    (line, grown)
+    (line, growth)
 }
 
 /// Duration of a scored part, and its overlap with the part before, since a person may be lost between two parts. Seconds.
@@ -325,7 +325,7 @@ impl SoakedPeople {
     }
 
     /// Faults that fail the soak.
-    pub(super) fn wrong(&self) -> Vec<String> {
+    pub(super) fn failures(&self) -> Vec<String> {
         let counts = [
             (self.switches, "id switches"),
             (self.false_people, "false people"),
@@ -512,14 +512,14 @@ mod tests {
         (0..100).map(vitals).collect()
     }
 
-    fn grown(samples: &[Vitals]) -> Vec<String> {
+    fn growth_of_samples(samples: &[Vitals]) -> Vec<String> {
         judge("north", samples, Duration::from_secs(100)).1
     }
 
     #[test]
     fn initial_allocations_are_no_growth() {
         let settled = samples(|i| 50_000_000 + 1_000_000 * i.min(20), |_| 12);
-        assert_eq!(grown(&settled), [""; 0]);
+        assert_eq!(growth_of_samples(&settled), [""; 0]);
     }
 
     #[test]
@@ -528,7 +528,7 @@ mod tests {
             |i| 50_000_000 + 200_000 * i,
             |i| 12 + u32::try_from(i).unwrap() / 20,
         );
-        let growth = grown(&leak);
+        let growth = growth_of_samples(&leak);
         assert_eq!(growth.len(), 2, "{growth:?}");
         assert!(
             growth[0].contains("north: memory") && growth[1].contains("threads"),

@@ -45,8 +45,8 @@ pub const TARGETS: [(&str, Target); 22] = [
 
 /// The target of this name.
 pub fn target(name: &str) -> Option<Target> {
-    let found = TARGETS.iter().find(|(known, _)| *known == name);
-    found.map(|(_, target)| *target)
+    let entry = TARGETS.iter().find(|(known, _)| *known == name);
+    entry.map(|(_, target)| *target)
 }
 
 /// The valid UTF-8 at the start of `bytes`.

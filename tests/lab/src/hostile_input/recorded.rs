@@ -18,7 +18,7 @@ pub(super) fn recording_file(bytes: &[u8]) -> String {
         Ok(recording) => recording,
         Err(error) => return refused(&error),
     };
-    let mut found = 0;
+    let mut n_sets = 0;
     let sessions = recording.sessions().to_vec();
     for part in &sessions {
         for tick in part.ticks {
@@ -26,9 +26,9 @@ pub(super) fn recording_file(bytes: &[u8]) -> String {
             let poses = recording.poses(part.session, tick);
             assert!(
                 sets.is_ok() && poses.is_ok(),
-                "what was found is found again"
+                "an entry of the index cannot be read"
             );
-            found += sets.map_or(0, |sets| sets.len());
+            n_sets += sets.map_or(0, |sets| sets.len());
         }
     }
     let unreadable = size(usize::try_from(recording.unreadable()).unwrap_or(usize::MAX));
@@ -36,7 +36,7 @@ pub(super) fn recording_file(bytes: &[u8]) -> String {
         "read, whole {}, {} sessions, {} sets, {unreadable} unreadable",
         recording.end().whole,
         size(sessions.len()),
-        size(found),
+        size(n_sets),
     )
 }
 

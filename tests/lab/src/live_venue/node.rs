@@ -78,7 +78,7 @@ impl NodeProcess {
 
     /// Its resources; `None` once it has ended.
     pub fn vitals(&self) -> Option<Vitals> {
-        Vitals::of(self.pid())
+        Vitals::read(self.pid())
     }
 
     /// The newest reported tick, and its number of persons.
@@ -208,7 +208,7 @@ pub struct Vitals {
 
 impl Vitals {
     /// Of process `pid`; `None` if it has ended.
-    pub fn of(pid: u32) -> Option<Self> {
+    pub fn read(pid: u32) -> Option<Self> {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
         let field = |name: &str| {
             let line = status.lines().find_map(|line| line.strip_prefix(name))?;
@@ -271,25 +271,25 @@ mod tests {
         let node = shell("read x");
         let pid = node.pid();
         node.kill().unwrap();
-        assert_eq!(Vitals::of(pid), None);
+        assert_eq!(Vitals::read(pid), None);
     }
 
     #[test]
     fn a_handle_more_and_a_thread_more_are_counted() {
         let pid = std::process::id();
-        let before = Vitals::of(pid).unwrap();
+        let before = Vitals::read(pid).unwrap();
         assert!(before.memory_bytes > 100_000);
         let files: Vec<fs::File> = (0..50)
             .map(|_| fs::File::open("/proc/self/status").unwrap())
             .collect();
         let (end, wait) = std::sync::mpsc::channel::<()>();
         let thread = std::thread::spawn(move || wait.recv().is_err());
-        let with = Vitals::of(pid).unwrap();
+        let with = Vitals::read(pid).unwrap();
         drop((files, end));
         thread.join().unwrap();
         // Other tests of this process start and end.
         assert!(with.handles >= before.handles + 30, "{before:?} {with:?}");
         assert!(with.threads >= 2);
-        assert_eq!(Vitals::of(u32::MAX), None);
+        assert_eq!(Vitals::read(u32::MAX), None);
     }
 }

@@ -7,7 +7,7 @@ pub(super) fn test_modules(path: &str, text: &str) -> Vec<String> {
         Some("mod" | "lib" | "main") | None => folder.to_owned(),
         Some(stem) => format!("{folder}/{stem}"),
     };
-    let mut found = Vec::new();
+    let mut modules = Vec::new();
     let (mut is_test, mut named) = (false, None);
     for line in text.lines() {
         if is_test_attribute(line) {
@@ -17,7 +17,7 @@ pub(super) fn test_modules(path: &str, text: &str) -> Vec<String> {
         } else if !line.starts_with("#[") && !line.starts_with("//") {
             let module = line.rsplit_once("mod ").map_or("", |(_, name)| name);
             if let (true, Some(name)) = (is_test, module.strip_suffix(';')) {
-                found.push(match named {
+                modules.push(match named {
                     Some(named) => format!("{folder}/{named}"),
                     None => format!("{children}/{name}"),
                 });
@@ -25,7 +25,7 @@ pub(super) fn test_modules(path: &str, text: &str) -> Vec<String> {
             (is_test, named) = (false, None);
         }
     }
-    found
+    modules
 }
 
 /// By line of a file: whether it is built for tests only.

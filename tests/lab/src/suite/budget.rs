@@ -103,7 +103,7 @@ pub struct KindBudget {
     pub definition_mm: Option<f64>,
 }
 
-/// The budget of a scene.
+/// The error budget of a scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Budget {
     /// The kinds, the limbs last.
@@ -112,7 +112,7 @@ pub struct Budget {
 
 impl Budget {
     /// The budget of a run that kept its stages, and its peaks if it includes triangulation.
-    pub fn of(run: &SceneRun) -> Self {
+    pub fn measure(run: &SceneRun) -> Self {
         let dlt: Vec<Trajectory> = run
             .scene
             .people()
@@ -134,16 +134,16 @@ impl Budget {
                 continue;
             };
             for (k, sums) in of_keypoint.iter_mut().enumerate() {
-                let found = run.keypoints.index_of(COCO17[k]);
-                sums.add(&moment, person, k, found, stages);
-                if let Some(dlt) = found.and_then(|k| dlt[person].at(k, tick)) {
+                let index = run.keypoints.index_of(COCO17[k]);
+                sums.add(&moment, person, k, index, stages);
+                if let Some(dlt) = index.and_then(|k| dlt[person].at(k, tick)) {
                     sums.dlt.add((dlt - moment.sites_m[k]).norm());
                 }
             }
         }
         let limbs = [("limbs", LIMBS)];
         let kinds = KINDS.into_iter().chain(limbs);
-        let kinds = kinds.map(|(kind, range)| KindBudget::of(kind, &of_keypoint[range]));
+        let kinds = kinds.map(|(kind, range)| KindBudget::from_sums(kind, &of_keypoint[range]));
         Self {
             kinds: kinds.collect(),
         }
@@ -187,11 +187,11 @@ impl Sums {
         truth: &TrueMoment,
         person: usize,
         k: usize,
-        found: Option<usize>,
+        index: Option<usize>,
         stages: &super::run::Stages,
     ) {
         let (joint, site) = (truth.joints_m[k], truth.sites_m[k]);
-        if let Some(index) = found
+        if let Some(index) = index
             && let (Some(predicted), Some((lattice, supported))) =
                 (stages.predicted_m.get(index), stages.lattice_m.get(index))
         {
@@ -223,7 +223,7 @@ impl Sums {
 }
 
 impl KindBudget {
-    fn of(kind: &str, keypoints: &[Sums]) -> Self {
+    fn from_sums(kind: &str, keypoints: &[Sums]) -> Self {
         let mean = |of: fn(&Sums) -> Mean| {
             let mut all = Mean::default();
             for sums in keypoints {

@@ -77,7 +77,7 @@ pub struct Stages {
 }
 
 impl Stages {
-    fn of(track: &Estimator) -> Self {
+    fn read(track: &Estimator) -> Self {
         let lattice = track.estimates().iter();
         Self {
             predicted_m: track.predicted_m().to_vec(),
@@ -178,7 +178,7 @@ impl Running {
         if self.plan.keep_stages {
             let tracks = self.nodes.tracks().iter();
             let tracks = tracks.filter(|track| !track.is_tentative());
-            let of_tick = tracks.map(|track| (track.id().0, Stages::of(track.estimator())));
+            let of_tick = tracks.map(|track| (track.id().0, Stages::read(track.estimator())));
             self.stages.insert(trace.tick, of_tick.collect());
         }
         Ok(true)
@@ -193,7 +193,7 @@ impl Running {
             add_poses(&mut self.smoothed, &poses, &keypoints);
         }
         let cameras = self.nodes.venue().cameras.iter();
-        let presence = ScenePresence::of(scene);
+        let presence = ScenePresence::new(scene);
         let scorable = |people| {
             let poses = PoseLines::from_people(PointSet::Joints, people);
             presence.scorable(&poses)
@@ -268,25 +268,25 @@ impl SceneRun {
             .map_err(|_| anyhow::anyhow!("as many runs as plans"))
     }
 
-    /// Per actor, the first tick at which a live observer receives it; actors that are never found are missing.
-    pub fn found(&self) -> BTreeMap<u32, Tick> {
-        let mut found = BTreeMap::new();
+    /// Per actor, the first tick at which a live observer receives it. Actors that are never tracked are missing.
+    pub fn first_ticks(&self) -> BTreeMap<u32, Tick> {
+        let mut first_ticks = BTreeMap::new();
         for tick in self.truth.ticks() {
             for actor in matches_at(tick, &self.causal, &self.truth).into_keys() {
-                found.entry(actor).or_insert(tick);
+                first_ticks.entry(actor).or_insert(tick);
             }
         }
-        found
+        first_ticks
     }
 
-    /// The truth from each actor's `found` tick on, since before it a live observer has no pose. All of an actor that is not in
-    /// `found`.
-    pub fn truth_since(&self, found: &BTreeMap<u32, Tick>) -> PoseLines {
+    /// The truth from each actor's first tick on, since before it a live observer has no pose. All of an actor that is not in
+    /// `first_ticks`.
+    pub fn truth_since(&self, first_ticks: &BTreeMap<u32, Tick>) -> PoseLines {
         let mut people = People::new();
         for tick in self.truth.ticks() {
             let there = self.truth.people_at(tick).into_iter().flatten();
-            let counts =
-                there.filter(|(actor, _)| found.get(actor).is_none_or(|first| *first <= tick));
+            let counts = there
+                .filter(|(actor, _)| first_ticks.get(actor).is_none_or(|first| *first <= tick));
             let counts: BTreeMap<_, _> = counts.map(|(id, body)| (*id, body.clone())).collect();
             if !counts.is_empty() {
                 people.insert(tick, counts);
@@ -302,11 +302,11 @@ impl SceneRun {
         score(&poses, &self.truth, TruthExtent::Whole, rate_hz)
     }
 
-    /// Scores `poses` against the truth since each actor was `found` by this run: for outputs of one run that begin at different
+    /// Scores `poses` against the truth since the first tick of each actor: for outputs of one run that begin at different
     /// ticks.
-    pub fn score_since(&self, poses: &PoseLines, found: &BTreeMap<u32, Tick>) -> Scores {
+    pub fn score_since(&self, poses: &PoseLines, first_ticks: &BTreeMap<u32, Tick>) -> Scores {
         let rate_hz = Some(self.scene.rate_hz());
-        let (poses, truth) = (self.presence.scorable(poses), self.truth_since(found));
+        let (poses, truth) = (self.presence.scorable(poses), self.truth_since(first_ticks));
         score(&poses, &truth, TruthExtent::Whole, rate_hz)
     }
 
@@ -320,19 +320,22 @@ impl SceneRun {
     /// the time until the first pose.
     pub fn unexcused_gaps(&self, live: &Scores) -> BTreeSet<(Tick, u32)> {
         let poses = self.presence.scorable(&self.causal);
-        let truth = self.truth_since(&self.found());
+        let truth = self.truth_since(&self.first_ticks());
         presence::unexcused(&self.scene, &poses, &truth, &live.lives.return_gaps)
     }
 
-    /// Mean and largest error of `poses`, metres, at the ticks that `counts`, since each actor was `found`; `None` if no actor has
-    /// a pose.
+    /// Mean and largest error of `poses`, metres, at the ticks that `counts`, since the first tick of each actor; `None` if no
+    /// actor has a pose.
     pub fn errors_at(
         &self,
         poses: &PoseLines,
-        found: &BTreeMap<u32, Tick>,
+        first_ticks: &BTreeMap<u32, Tick>,
         counts: impl Fn(Tick) -> bool,
     ) -> Option<(f64, f64)> {
-        let errors = errors_over_time(&self.presence.scorable(poses), &self.truth_since(found));
+        let errors = errors_over_time(
+            &self.presence.scorable(poses),
+            &self.truth_since(first_ticks),
+        );
         let of_ticks = errors.values().flatten().filter(|(tick, _)| counts(*tick));
         let errors_m: Vec<f64> = of_ticks.filter_map(|(_, error_m)| *error_m).collect();
         let most_m = errors_m.iter().copied().reduce(f64::max)?;

@@ -11,26 +11,26 @@ use crate::conditions::Cuts;
 
 /// Scores of one output of a run.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Worth {
+pub struct OutputScore {
     /// Means over the people.
     pub mean: MeanScore,
     /// Mean and largest error at the ticks of the cuts, metres; `None` without any.
     pub in_cuts_m: Option<(f64, f64)>,
 }
 
-impl Worth {
+impl OutputScore {
     /// Scores `poses`, an output of `run` with the given `cuts`.
-    pub fn of(run: &SceneRun, poses: &PoseLines, cuts: Option<Cuts>) -> Self {
-        let found = run.found();
+    pub fn measure(run: &SceneRun, poses: &PoseLines, cuts: Option<Cuts>) -> Self {
+        let first_ticks = run.first_ticks();
         let in_cut = |tick: Tick| cuts.is_some_and(|cuts| cuts.contains(tick));
         Self {
-            mean: run.score_since(poses, &found).mean,
-            in_cuts_m: run.errors_at(poses, &found, in_cut),
+            mean: run.score_since(poses, &first_ticks).mean,
+            in_cuts_m: run.errors_at(poses, &first_ticks, in_cut),
         }
     }
 }
 
-impl fmt::Display for Worth {
+impl fmt::Display for OutputScore {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
         let (mean_m, most_m) = self.in_cuts_m.unwrap_or((f64::NAN, f64::NAN));
@@ -48,7 +48,7 @@ impl fmt::Display for Worth {
     }
 }
 
-/// Two head lines for lines of [`Worth`].
+/// Two head lines for lines of [`OutputScore`].
 pub const HEAD: [&str; 2] = [
     "  MPJPE   sites  jitter  slide  gaps  in cuts   worst",
     "     mm      mm   m/s^3   mm/s             mm      mm",
@@ -94,14 +94,14 @@ mod tests {
         for smoothed in [&delayed, &passes] {
             assert_eq!(live.causal, smoothed.causal, "live poses do not change");
             let [ours, late] = [&smoothed.causal, &smoothed.smoothed]
-                .map(|poses| Worth::of(smoothed, poses, Some(CUTS)));
+                .map(|poses| OutputScore::measure(smoothed, poses, Some(CUTS)));
             assert!(late.mean.mpjpe_mm < ours.mean.mpjpe_mm, "{ours}\n{late}");
             assert!(
                 2.0 * late.mean.jitter_m_s3.unwrap() < ours.mean.jitter_m_s3.unwrap(),
                 "{ours}\n{late}"
             );
             let [(in_cuts_m, worst_m), (late_m, late_worst_m)] =
-                [ours, late].map(|worth| worth.in_cuts_m.unwrap());
+                [ours, late].map(|score| score.in_cuts_m.unwrap());
             assert!(late_m < 0.75 * in_cuts_m && late_worst_m < worst_m);
         }
         let first = |run: &SceneRun| run.smoothed.ticks().next();
@@ -142,8 +142,8 @@ mod tests {
             "its tick has left the delay"
         );
         let [without_m, with_m] = [&never, &late].map(|run| {
-            let worth = Worth::of(run, &run.smoothed, Some(CUTS));
-            worth.in_cuts_m.unwrap().0
+            let score = OutputScore::measure(run, &run.smoothed, Some(CUTS));
+            score.in_cuts_m.unwrap().0
         });
         // 20.1 and 21.0 mm; 20.3 and 21.7 when unmeasured joints disturbed the filter.
         assert!(with_m < 0.97 * without_m, "{with_m} {without_m} m");

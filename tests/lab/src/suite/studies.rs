@@ -85,7 +85,7 @@ fn compare_predictors(scene: &Arc<Scene>, variants: &mut Vec<MethodVariant>) -> 
     ] {
         let mut used = Parameters::default();
         used.prediction.predictor = predictor;
-        let errors = PredictionErrors::of(&tracked, &used.prediction);
+        let errors = PredictionErrors::measure(&tracked, &used.prediction);
         let needed_m = errors.as_ref().map(|errors| errors.needed_m);
         let mut fitting = used.clone();
         if let Some(needed_m) = needed_m {
@@ -109,7 +109,7 @@ struct PredictionErrors {
 
 impl PredictionErrors {
     /// The errors of `prediction` from the poses of `run`; `None` without any.
-    fn of(run: &SceneRun, prediction: &PredictionParameters) -> Option<Self> {
+    fn measure(run: &SceneRun, prediction: &PredictionParameters) -> Option<Self> {
         let dt_s = 1.0 / run.scene.rate_hz();
         let mut motions: BTreeMap<usize, (Tick, Motion)> = BTreeMap::new();
         let (mut axes_m, mut sum_m) = (Vec::new(), 0.0);
@@ -173,14 +173,14 @@ fn compare(
     Ok(runs
         .map(|((name, run), half_width_m)| MethodVariant {
             lattice_mm: 1000.0 * half_width_m,
-            ..MethodVariant::of(name, &run)
+            ..MethodVariant::measure(name, &run)
         })
         .collect())
 }
 
 impl MethodVariant {
-    fn of(name: &str, run: &SceneRun) -> Self {
-        let found = run.found();
+    fn measure(name: &str, run: &SceneRun) -> Self {
+        let first_ticks = run.first_ticks();
         let scores = run.score(&run.causal);
         Self {
             name: name.to_owned(),
@@ -188,7 +188,7 @@ impl MethodVariant {
             success_150: scores.mean.success_150,
             gaps: scores.actors.values().map(|a| a.gaps).sum(),
             id_switches: scores.identity.switches,
-            never_found: scores.actors.len().saturating_sub(found.len()),
+            never_found: scores.actors.len().saturating_sub(first_ticks.len()),
             rate_hz: run.scene.rate_hz(),
             lattice_mm: 0.0,
             lattice_needed_mm: None,

@@ -43,7 +43,7 @@ pub(super) fn full(field: &Field) -> anyhow::Result<FaultOutcome> {
     stage.run_for(2.0);
     let people = stage.people_since(from)?;
     stage.finish()?;
-    let mut measures = written(&stage, &out)?;
+    let mut measures = check_pose_files(&stage, &out)?;
     measures.extend(people);
     Ok(FaultOutcome::Measured(measures))
 }
@@ -100,7 +100,7 @@ pub(super) fn hangs(field: &Field) -> anyhow::Result<FaultOutcome> {
             0.0,
         ),
     ];
-    measures.extend(written(&stage, &out)?);
+    measures.extend(check_pose_files(&stage, &out)?);
     measures.extend(people);
     Ok(FaultOutcome::Measured(measures))
 }
@@ -136,7 +136,7 @@ pub(super) fn errors(field: &Field) -> anyhow::Result<FaultOutcome> {
         reports.iter().sum::<usize>() as f64,
         0.0,
     )];
-    measures.extend(written(&stage, &out)?);
+    measures.extend(check_pose_files(&stage, &out)?);
     measures.extend(people);
     Ok(FaultOutcome::Measured(measures))
 }
@@ -163,7 +163,7 @@ fn build(library: &Path) -> Result<(), String> {
 }
 
 /// Ticks that were received but are missing in the files of poses, and lines that cannot be read.
-fn written(stage: &Stage<'_>, out: &Path) -> anyhow::Result<Vec<Measure>> {
+fn check_pose_files(stage: &Stage<'_>, out: &Path) -> anyhow::Result<Vec<Measure>> {
     let (mut ticks, mut unreadable) = (BTreeSet::new(), 0u32);
     for entry in out
         .read_dir()

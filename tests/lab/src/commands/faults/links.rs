@@ -107,7 +107,7 @@ fn outages(field: &Field, name: &str, seconds: f64) -> anyhow::Result<FaultOutco
     let rate_hz = stage.live.venue().rate_hz;
     let periods = if field.is_quick { 1 } else { PERIODS_S.len() };
     let mut back_at = Vec::new();
-    let mut kept = KeptIds::default();
+    let mut kept_ids = KeptIds::default();
     let mut before = stage.ids_by_person()?;
     for period_s in &PERIODS_S[..periods] {
         for _ in 0..OUTAGES[usize::from(field.is_quick)] {
@@ -118,7 +118,7 @@ fn outages(field: &Field, name: &str, seconds: f64) -> anyhow::Result<FaultOutco
             back_at.push(stage.tick()?);
             stage.run_for(period_s - seconds);
             let after = stage.ids_by_person()?;
-            kept.count(&before, &after);
+            kept_ids.count(&before, &after);
             before = after;
         }
     }
@@ -140,7 +140,7 @@ fn outages(field: &Field, name: &str, seconds: f64) -> anyhow::Result<FaultOutco
         Measure::reported("the latest of them, s", worst_s),
     ];
     measures.extend(stage.people_within(from, MAX_OUTAGE_MM)?);
-    measures.extend(kept.measures());
+    measures.extend(kept_ids.measures());
     Ok(FaultOutcome::Measured(measures))
 }
 

@@ -217,8 +217,8 @@ impl Field {
             return Ok(field);
         }
         let mut scenes = embedded::SCENES.iter();
-        let found = scenes.find(|(name, _)| *name == RUNNERS);
-        let (_, text) = found.context("the scene of the runners is embedded")?;
+        let scene = scenes.find(|(name, _)| *name == RUNNERS);
+        let (_, text) = scene.context("the scene of the runners is embedded")?;
         let text = text.replace(ONE_CAMERA[0], ONE_CAMERA[1]);
         let folder = self.folder("runners")?;
         let field = Self::of_scene(&text, "runners", &folder, self.is_quick)?;

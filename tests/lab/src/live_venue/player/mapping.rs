@@ -78,14 +78,14 @@ impl IdMapping {
             let off = |known: PersonId| mean_off(boxes, id, recorded, known);
             let before = self.recorded_ids.get(&id).copied().unwrap_or(id);
             let is_still = off(before).is_some_and(|off| off <= FARTHEST);
-            let found = if is_still {
+            let matched = if is_still {
                 Some(before)
             } else {
                 let near = known.iter().filter_map(|&known| Some((off(known)?, known)));
                 let nearest = near.min_by(|a, b| a.0.total_cmp(&b.0));
                 nearest.and_then(|(off, known)| (off <= FARTHEST).then_some(known))
             };
-            recorded_ids.extend(found.map(|known| (id, known)));
+            recorded_ids.extend(matched.map(|known| (id, known)));
         }
         self.recorded_ids = recorded_ids;
     }

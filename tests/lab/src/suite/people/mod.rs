@@ -10,8 +10,8 @@ use farfield_fusion::body::skeleton::{Joint, Joints, N_JOINTS};
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
-use farfield_score::detail::{JointDetail, Sureness};
-use farfield_score::points::{PointSet, ScoredBody};
+
+use farfield_score::points::{JointDetail, PointSet, ScoredBody, Sureness};
 use farfield_sim::scene::PersonTruth;
 use nalgebra::Vector3;
 

@@ -32,7 +32,7 @@ pub struct ScenePresence {
 
 impl ScenePresence {
     /// Computed from the truth of `scene`.
-    pub fn of(scene: &Scene) -> Self {
+    pub fn new(scene: &Scene) -> Self {
         let (mut everywhere, mut present) = (People::new(), People::new());
         let mut since = BTreeMap::new();
         for tick in (scene.ticks().start.0..scene.ticks().end.0).map(Tick) {
@@ -59,7 +59,7 @@ impl ScenePresence {
 
     /// `poses` without those of people who do not count at that tick.
     pub fn scorable(&self, poses: &PoseLines) -> PoseLines {
-        let mut kept = People::new();
+        let mut counted = People::new();
         for tick in poses.ticks() {
             let owners = matches_at(tick, poses, &self.everywhere);
             let present = self.truth.people_at(tick);
@@ -72,10 +72,10 @@ impl ScenePresence {
             let people = people.filter(|(id, _)| !excused.contains(id));
             let people: BTreeMap<_, _> = people.map(|(id, body)| (*id, body.clone())).collect();
             if !people.is_empty() {
-                kept.insert(tick, people);
+                counted.insert(tick, people);
             }
         }
-        PoseLines::from_people(PointSet::Joints, kept)
+        PoseLines::from_people(PointSet::Joints, counted)
     }
 }
 
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn people_outside_the_field_do_not_count() {
         let scene = embedded::scene("return").unwrap();
-        let presence = ScenePresence::of(&scene);
+        let presence = ScenePresence::new(&scene);
         let ticks = |actor: u32| -> Vec<i64> {
             let there = |tick: &Tick| {
                 presence
@@ -203,10 +203,10 @@ mod tests {
             assert!(away > 90, "person {actor} is away for {away} ticks");
         }
         // Perfect poses of all people, wherever they are, are reduced to the people who count.
-        let kept = presence.scorable(&presence.everywhere);
-        assert_eq!(kept.ticks().count(), presence.truth.ticks().count());
-        for tick in kept.ticks() {
-            let [a, b] = [&kept, &presence.truth].map(|r| r.people_at(tick).unwrap().len());
+        let counted = presence.scorable(&presence.everywhere);
+        assert_eq!(counted.ticks().count(), presence.truth.ticks().count());
+        for tick in counted.ticks() {
+            let [a, b] = [&counted, &presence.truth].map(|r| r.people_at(tick).unwrap().len());
             assert_eq!(a, b, "tick {tick}");
         }
     }

@@ -236,10 +236,10 @@ mod tests {
             20 | 22 => 0.2,
             _ => 0.02,
         };
-        let kept = recovery(&recording(|tick| Some((7, off_m(tick)))));
-        assert!(kept.same_id && kept.gaps == 0);
-        assert!((kept.worst_mm.unwrap() - 100.0).abs() < 1e-9);
-        assert!((kept.seconds.unwrap() - 0.3).abs() < 1e-9);
+        let recovered = recovery(&recording(|tick| Some((7, off_m(tick)))));
+        assert!(recovered.same_id && recovered.gaps == 0);
+        assert!((recovered.worst_mm.unwrap() - 100.0).abs() < 1e-9);
+        assert!((recovered.seconds.unwrap() - 0.3).abs() < 1e-9);
     }
 
     #[test]

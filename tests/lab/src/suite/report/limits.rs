@@ -116,7 +116,7 @@ mod tests {
     #[test]
     fn a_person_never_found_again_is_behind_the_limit() {
         let truth = recording(1, (0..60).chain(120..300));
-        let found = |until: i64| {
+        let scores_until = |until: i64| {
             score(
                 &recording(7, 0..until),
                 &truth,
@@ -124,8 +124,8 @@ mod tests {
                 Some(60.0),
             )
         };
-        assert_eq!(missed(of_identity(&found(300), &[])), [""; 0]);
-        let never = of_identity(&found(60), &[]);
+        assert_eq!(missed(of_identity(&scores_until(300), &[])), [""; 0]);
+        let never = of_identity(&scores_until(60), &[]);
         assert_eq!(missed(never), ["until found again, s"]);
     }
 

@@ -165,11 +165,11 @@ impl SceneReport {
         };
         free.parameters.range_of_motion.enabled = false;
         let [bounded, free] = SceneRun::make_all(scene, input, [bounded, free])?;
-        let found = bounded.found();
+        let first_ticks = bounded.first_ticks();
         let (samples, outside) = range_of_motion_excess(scene).total();
         let n_ticks = scene.ticks().end - scene.ticks().start;
         let after = |(&actor, &since): (&u32, &Tick)| {
-            let after = found.get(&actor).map(|&tick| tick - since);
+            let after = first_ticks.get(&actor).map(|&tick| tick - since);
             (actor, after)
         };
         let live = bounded.score(&bounded.causal);
@@ -246,7 +246,7 @@ impl fmt::Display for SceneReport {
         for change in &self.id_changes {
             writeln!(f, "id: {change}")?;
         }
-        let found: Vec<String> = self
+        let first_poses: Vec<String> = self
             .found_after_ticks
             .iter()
             .map(|(actor, after)| match after {
@@ -257,7 +257,7 @@ impl fmt::Display for SceneReport {
         write!(
             f,
             "live after the first tick: {}; {} unexcused gaps; {} meetings; patches of {:.0} bytes a tick",
-            found.join(", "),
+            first_poses.join(", "),
             self.gaps_to_answer_for,
             self.meetings,
             self.patch_bytes_per_tick
