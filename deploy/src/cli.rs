@@ -1,7 +1,7 @@
-//! What can be said on the command line. Wrong usage ends with exit code 2.
+//! The command line. Wrong usage ends with exit code 2.
 //!
-//! `-h` of every command fits a terminal of 24 rows and 80 columns and has an example: the first paragraph of an
-//! option's text is all of it there, the others are for `--help`.
+//! `-h` of every command fits a terminal of 24 rows and 80 columns and has an example. It shows only the first
+//! paragraph of an option's text; `--help` shows all.
 
 use std::ffi::{OsStr, OsString};
 use std::process::ExitCode;
@@ -33,14 +33,14 @@ use crate::status::StatusArgs;
 
 /// Markerless motion capture for wide fields.
 ///
-/// Exit codes: 0 done, 1 ran but failed, 2 wrong input or usage, 130 interrupted. With `--json` what went wrong is JSON,
-/// too: `{"error": ..., "exit_code": 2}`. `RUST_LOG=debug` says more of what happens. `farfield completions` and
-/// `farfield man` are for whoever installs it, `farfield evaluate` for who has a truth.
+/// Exit codes: 0 success, 1 failure, 2 wrong input or usage, 130 interrupted. With `--json`, errors are JSON, too:
+/// `{"error": ..., "exit_code": 2}`. `RUST_LOG=debug` prints a log. Other commands: `farfield completions` and
+/// `farfield man` help to install it, `farfield evaluate` scores poses against known true poses.
 #[derive(Debug, Parser)]
 #[command(
     name = "farfield",
     version,
-    // As many commands as there are leave no rows for more, not even for the empty one that comes before `{after-help}`.
+    // The commands leave no row free, not even the empty row before `{after-help}`.
     help_template = "{about}\nUsage: {usage}\n{subcommands}\n\
                      Example: farfield demo    (-h after a command: its options; --help: all of it)"
 )]
@@ -49,33 +49,34 @@ pub(crate) struct FarfieldCli {
     pub(crate) command: FarfieldCommand,
 }
 
-/// One thing to do.
+/// The commands.
 #[derive(Debug, Subcommand)]
 pub(crate) enum FarfieldCommand {
     /// Run all nodes of a venue on this machine.
     #[command(after_help = "Example: farfield run hall.toml --ticks 300..900 --overlay")]
     Run(RunArgs),
-    /// Look whether a venue can be run.
+    /// Check that a venue can be run.
     ///
-    /// Files, sources, calibration, networks; draws what every camera sees.
+    /// Checks files, sources, calibration and networks, and draws an image of every camera.
     #[command(after_help = "Example: farfield check hall.toml --out looks/")]
     Check(CheckArgs),
-    /// Look whether this machine can do what a venue asks of it.
+    /// Check that this machine is ready for a venue.
     ///
     /// Inference, programs, disk, clock, ports, keys.
     #[command(after_help = "Example: farfield doctor hall.toml")]
     Doctor(DoctorArgs),
-    /// Make a venue of a folder of recordings and a calibration.
+    /// Make a venue from a folder of recordings and a calibration.
     #[command(after_help = "Example: farfield init recordings/ --calibration calibration.toml")]
     Init(InitArgs),
-    /// Make a venue of keypoints that another program has found.
+    /// Make a venue from keypoints that another program has detected.
     ///
-    /// Pose2Sim, `OpenPose`, `AlphaPose`, COCO, `MMPose`, `DeepLabCut`, SLEAP, Caliscope, `FreeMoCap`; with its calibration.
+    /// Pose2Sim, `OpenPose`, `AlphaPose`, COCO, `MMPose`, `DeepLabCut`, SLEAP, Caliscope, `FreeMoCap`; with their
+    /// calibrations.
     #[command(after_help = "Example: farfield import my-pose2sim-trial --rate 60")]
     Import(ImportArgs),
-    /// Find how cameras see and where they stand.
+    /// Calibrate the lenses and poses of cameras.
     ///
-    /// From pictures of a board, from a point that was carried through the field, from another program's files.
+    /// From images of a board, from a point carried through the field, or from files of other programs.
     #[command(after_help = "Example: farfield calibrate points seen/*.txt --lens lenses.toml")]
     Calibrate(Box<CalibrateArgs>),
     /// Start the edge node of one viewpoint.
@@ -84,43 +85,42 @@ pub(crate) enum FarfieldCommand {
     /// Start the fusion node.
     #[command(after_help = "Example: farfield fusion hall.toml --live --listen quic/10.0.0.1:7447")]
     Fusion(FusionCommandArgs),
-    /// Record everything that is said in a venue, as an MCAP file.
+    /// Record all messages of a venue as an MCAP file.
     #[command(after_help = "Example: farfield record hall.toml --out recordings/")]
     Record(RecordArgs),
-    /// Show how the nodes of a running venue are.
+    /// Show the state of the nodes of a running venue.
     #[command(after_help = "Example: farfield status hall.toml --watch")]
     Status(StatusArgs),
-    /// Solve a recording again, as it was or otherwise.
+    /// Compute a recording again, with the same or other parameters.
     #[command(after_help = "Example: farfield replay hall.mcap --set smoothing.cutoff_hz=3")]
     Replay(ReplayCommandArgs),
-    /// Look at a recording in a browser.
+    /// Show a recording in a browser.
     #[command(after_help = "Example: farfield view hall.mcap")]
     View(ViewArgs),
     /// List every parameter of a venue file.
     ///
-    /// With unit, default, range and what it is.
+    /// With unit, default, range and meaning.
     #[command(after_help = "Example: farfield parameters")]
     Parameters(ParametersArgs),
-    /// Score poses against a truth.
+    /// Score poses against the true poses.
     #[command(
         hide = true,
         after_help = "Example: farfield evaluate out/poses.jsonl truth.jsonl"
     )]
     Evaluate(EvaluateArgs),
-    /// Write the poses of a run for other programs.
+    /// Export the poses of a run for other programs.
     ///
     /// Animation, biomechanics, tables: BVH, glTF, C3D, CSV, Parquet, `OpenSim` models.
     #[command(after_help = "Example: farfield export out --format glb,c3d --name 1=Ada")]
     Export(ExportArgs),
-    /// List who is in a run or recording; name, merge, split people.
+    /// List the people of a run or recording; name, merge, split them.
     ///
-    /// What is done is a line in a file beside the run or recording, which exports heed, and can be undone.
+    /// Edits are lines of a file next to the run or recording. Exports apply them, and each can be undone.
     #[command(after_help = "Example: farfield people out name 3 Anna")]
     People(PeopleArgs),
-    /// Show it all at work on simulated people, scored.
+    /// Demonstrate a whole run on simulated people, with scores.
     ///
-    /// People who do not exist, cameras that see them, every node of a venue around them, and how far the poses are from
-    /// the truth.
+    /// Simulates people and cameras, runs every node of a venue, and measures the errors of the poses.
     #[command(after_help = "Example: farfield demo --ticks 90")]
     Demo(DemoArgs),
     /// Make the keys of a venue.
@@ -131,12 +131,12 @@ pub(crate) enum FarfieldCommand {
     /// Record a simulated scene as a venue for `farfield run`.
     #[command(after_help = "Example: farfield simulate court.toml --out court")]
     Simulate(SimulateArgs),
-    /// Measure how many people this machine carries.
+    /// Measure how many people this machine can track.
     ///
-    /// People and viewpoints, and at which rate.
+    /// For a number of people and viewpoints, and at which rate.
     #[command(after_help = "Example: farfield bench --viewpoints 4 --people 8")]
     Bench(BenchArgs),
-    /// Print what a shell needs to complete commands.
+    /// Print the shell script that completes commands.
     #[command(
         hide = true,
         after_help = "Example: farfield completions bash > /etc/bash_completion.d/farfield"
@@ -151,28 +151,31 @@ pub(crate) enum FarfieldCommand {
 }
 
 impl FarfieldCli {
-    /// What this process was told; else its exit code, when all is said: help that was asked for, or wrong usage.
-    pub(crate) fn of_process() -> Result<Self, ExitCode> {
+    /// Parses the command line of this process. The error is the exit code, after help or wrong usage has been printed.
+    pub(crate) fn from_process() -> Result<Self, ExitCode> {
         let words = joined(std::env::args_os());
         Self::try_parse_from(&words).map_err(|error| {
-            // Where nobody reads there is nobody to tell.
+            // Printing can only fail if the reader has gone.
             drop(error.print());
             if let Some(word) = words.get(1).filter(|word| is_venue(word)) {
                 let word = word.display();
                 say(format_args!("tip: `farfield run {word}` runs a venue"));
             }
             if error.use_stderr() && words.iter().any(|word| word == "--json") {
-                let said = error.to_string();
-                let said = said.trim().strip_prefix("error: ").unwrap_or(said.trim());
-                say_json(said, EXIT_REFUSED);
+                let message = error.to_string();
+                let message = message.trim();
+                say_json(
+                    message.strip_prefix("error: ").unwrap_or(message),
+                    EXIT_REFUSED,
+                );
             }
             u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
         })
     }
 }
 
-/// `words` with the values of options that can do without one joined to them: `--overlay 42` is `--overlay=42`, but what
-/// follows `--overlay` in `run --overlay hall.toml` is the venue.
+/// Joins the values of options whose value is optional: `--overlay 42` becomes `--overlay=42`. In `run --overlay
+/// hall.toml` the word after `--overlay` is the venue.
 pub(crate) fn joined(words: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     command_line::joined(words, |before, word| {
         let command = before.get(1).and_then(|it| it.to_str());
@@ -185,7 +188,7 @@ pub(crate) fn joined(words: impl IntoIterator<Item = OsString>) -> Vec<OsString>
     })
 }
 
-/// Whether a word may be meant for ticks: venues, scenes and recordings are called otherwise.
+/// Whether a word can be a list of ticks: names of venues, scenes and recordings look different.
 fn is_tick(word: &OsStr) -> bool {
     let bytes = word.as_encoded_bytes();
     let digits = bytes.strip_prefix(b"-").unwrap_or(bytes);
@@ -198,7 +201,7 @@ mod tests {
 
     use super::*;
 
-    /// A terminal as terminals have been since they had a size.
+    /// The usual size of a terminal.
     const ROWS: usize = 24;
     const COLUMNS: usize = 80;
 
@@ -207,7 +210,7 @@ mod tests {
         FarfieldCli::command().debug_assert();
     }
 
-    /// Every command, and those below it: `calibrate`, `calibrate board` and so on.
+    /// All commands with their subcommands, such as `calibrate board`.
     fn all_commands() -> Vec<(String, clap::Command)> {
         let mut cli = FarfieldCli::command().term_width(COLUMNS);
         cli.build();
@@ -230,7 +233,7 @@ mod tests {
         let mut faults = Vec::new();
         let commands = all_commands();
         let nested = commands.iter().any(|(name, _)| name == " calibrate board");
-        assert!(nested, "commands below commands are looked at, too");
+        assert!(nested, "subcommands are checked, too");
         for (name, mut command) in commands {
             let help = command.render_help().to_string();
             let rows = help.lines().count();
@@ -249,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn every_example_is_understood() {
+    fn every_example_parses() {
         for (name, command) in all_commands() {
             let Some(example) = command.get_after_help() else {
                 assert!(name.is_empty(), "{name}: no example");
@@ -271,8 +274,8 @@ mod tests {
     }
 
     #[test]
-    fn an_option_that_can_do_without_a_value_does_not_eat_the_venue() {
-        for (said, understood) in [
+    fn an_option_with_an_optional_value_does_not_take_the_venue() {
+        for (line, expected) in [
             (
                 "farfield run --overlay hall.toml",
                 "farfield run --overlay hall.toml",
@@ -327,7 +330,7 @@ mod tests {
                 "farfield fusion hall.toml --record --live",
             ),
         ] {
-            assert_eq!(words(said), understood);
+            assert_eq!(words(line), expected);
         }
         let parsed = FarfieldCli::try_parse_from(["farfield", "run", "--overlay", "hall.toml"]);
         let FarfieldCommand::Run(args) = parsed.unwrap().command else {
@@ -338,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn what_may_follow_an_option_without_a_value_is_understood_of_every_command_that_has_it() {
+    fn optional_values_work_in_every_command_that_has_them() {
         for line in [
             "farfield run hall.toml --overlay 42 --record",
             "farfield demo --overlay 3 --record a.mcap",

@@ -1,9 +1,7 @@
-//! `farfield evaluate POSES TRUTH`: how good a `poses.jsonl` is against a `truth.jsonl`.
+//! `farfield evaluate POSES TRUTH`: errors of a `poses.jsonl` against a `truth.jsonl`.
 //!
-//! What can go wrong is mostly wrong input: a file that is not there, a line that cannot be read, a
-//! truth with nothing to compare. That the result cannot be printed is not.
-
-mod evaluation;
+//! Most errors are wrong input: a missing file, an unreadable line, a truth with nothing to compare. Only a failure to
+//! print the result is not.
 
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -18,38 +16,38 @@ use farfield_score::lines::{LinesRole, PoseLines, TruthExtent};
 use farfield_score::overlap::Overlap;
 use farfield_score::plot::plot_of;
 use farfield_score::points::PointSet;
-use farfield_score::score;
-use farfield_score::truth_warnings::{misread, truth_warnings};
+use farfield_score::table::side_by_side;
+use farfield_score::truth_warnings::{TruthWarning, misread, truth_warnings};
+use farfield_score::{Scores, score};
 
-use self::evaluation::{Evaluation, Scored};
 use crate::exchange::place::POSES;
 use crate::exchange::target::{check_file, file_in};
 use crate::output;
 
-/// Longest line that is looked at to see what a file is, bytes.
+/// Longest line read to detect the kind of a file, bytes.
 const LONGEST_LINE_BYTES: u64 = 64 << 10;
 
-/// What `farfield evaluate` is told.
+/// Arguments of `farfield evaluate`.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct EvaluateArgs {
     /// The poses, as `farfield run` writes them.
     ///
-    /// Or the folder of the run. Of a recording `farfield replay` makes one.
+    /// Or the folder of the run. For a recording, first create a run with `farfield replay`.
     poses: PathBuf,
-    /// The truth, one line per tick and person.
+    /// The true poses, one line per tick and person.
     ///
-    /// With those joints and keypoints that are known; or the folder of its `truth.jsonl`.
+    /// With the joints and keypoints that are known; or the folder of its `truth.jsonl`.
     truth: PathBuf,
-    /// Other poses of the same truth, to stand beside.
+    /// Other poses to compare against the same truth.
     #[arg(long, value_name = "POSES")]
     beside: Option<PathBuf>,
     /// What to compare: joints, keypoints or shelf14.
     #[arg(long, default_value = "joints")]
     points: PointSet,
-    /// Whether TRUTH holds everybody.
+    /// Whether TRUTH has everybody.
     ///
-    /// whole: whoever is not in it was not there; partial: annotated in part, and poses of whom it does not hold are not
-    /// held against anybody.
+    /// whole: people missing in it did not exist; partial: only some people are annotated, and poses of other people do
+    /// not count as errors.
     #[arg(
         id = "truth-extent",
         long = "truth",
@@ -57,16 +55,15 @@ pub(crate) struct EvaluateArgs {
         value_name = "whole|partial"
     )]
     extent: TruthExtent,
-    /// Only these ticks, B not among them.
+    /// Only these ticks; B is excluded.
     #[arg(long, value_parser = parse_range, value_name = "A..B", allow_hyphen_values = true)]
     ticks: Option<Range<Tick>>,
     /// Ticks per second, for jitter and foot slide.
     ///
-    /// Default: that of the summary.json beside POSES, else that of the venue.toml beside TRUTH; without any the two are
-    /// left out.
+    /// Default: from summary.json next to POSES, else from venue.toml next to TRUTH; without any, both are left out.
     #[arg(long, value_name = "HZ")]
     rate_hz: Option<f64>,
-    /// Print the scores, or what went wrong, as JSON.
+    /// Print the scores or the error as JSON.
     #[arg(long)]
     pub(crate) json: bool,
     /// Draw the errors over time into this SVG file.
@@ -77,14 +74,14 @@ pub(crate) struct EvaluateArgs {
 /// Scores the poses, and prints the result.
 ///
 /// # Errors
-/// When a file is missing or wrong, when the truth holds nothing to compare, or when the result cannot be
-/// printed or drawn.
+/// When a file is missing or wrong, when the truth has nothing to compare, or when the result cannot be printed or
+/// drawn.
 pub(crate) fn evaluate(args: &EvaluateArgs) -> Result<(), NodeError> {
     if let Some(rate) = args.rate_hz.filter(|&rate| !is_rate(rate)) {
         let problem = anyhow!("--rate-hz: found {rate}, expected a number above 0");
         return Err(NodeError::Refused(problem));
     }
-    let args = &args.clone().of_files().map_err(NodeError::Refused)?;
+    let args = &args.clone().with_files().map_err(NodeError::Refused)?;
     args.check_plot().map_err(NodeError::Refused)?;
     let (evaluation, plot) = scores_of(args).map_err(NodeError::Refused)?;
     if let Some(path) = &args.plot {
@@ -101,8 +98,8 @@ pub(crate) fn evaluate(args: &EvaluateArgs) -> Result<(), NodeError> {
 }
 
 impl EvaluateArgs {
-    /// The same, with the files that its folders stand for.
-    fn of_files(self) -> anyhow::Result<Self> {
+    /// Replaces folders by the files in them.
+    fn with_files(self) -> anyhow::Result<Self> {
         Ok(Self {
             poses: file_in(&self.poses, POSES)?,
             truth: file_in(&self.truth, "truth.jsonl")?,
@@ -111,7 +108,7 @@ impl EvaluateArgs {
         })
     }
 
-    /// Refuses to draw over what is compared.
+    /// Refuses to overwrite one of the inputs.
     fn check_plot(&self) -> anyhow::Result<()> {
         let place = |path: &Path| fs::canonicalize(path).ok();
         let Some(plot) = &self.plot else {
@@ -129,14 +126,14 @@ impl EvaluateArgs {
     }
 }
 
-/// The scores, and the plot of them.
+/// The scores and their plot.
 fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
     let truth = read(&args.truth, LinesRole::Truth, args)?;
     if truth.is_empty() {
         match &args.ticks {
             Some(ticks) => {
                 bail!(
-                    "{}: nobody is there in ticks {}..{}",
+                    "{}: no person in ticks {}..{}",
                     args.truth.display(),
                     ticks.start,
                     ticks.end
@@ -151,14 +148,14 @@ fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
     let unknown = unknown_names(&truth, &args.truth);
     ensure!(
         truth.has_points(),
-        "{}: none of the points that are compared is known of anybody{}",
+        "{}: none of the compared points is known for any person{}",
         args.truth.display(),
-        after(unknown.as_deref())
+        appended(unknown.as_deref())
     );
-    for warning in doubt(args).iter().chain(&unknown) {
+    for warning in input_warning(args).iter().chain(&unknown) {
         say(format_args!("warning: {warning}"));
     }
-    let poses = poses_beside(&truth, &args.poses, args)?;
+    let poses = overlapping_poses(&truth, &args.poses, args)?;
     let rate_hz = rate_hz(args);
     let scored = |poses: &PoseLines, path: &Path| {
         let scores = score(poses, &truth, args.extent, rate_hz);
@@ -171,7 +168,7 @@ fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
     };
     let of_poses = scored(&poses, &args.poses);
     let beside = args.beside.as_ref().map(|path| {
-        let poses = poses_beside(&truth, path, args)?;
+        let poses = overlapping_poses(&truth, path, args)?;
         Ok::<_, anyhow::Error>(scored(&poses, path))
     });
     let title = format!("{}: mean error", args.poses.display());
@@ -184,15 +181,15 @@ fn scores_of(args: &EvaluateArgs) -> anyhow::Result<(Evaluation, String)> {
     Ok((evaluation, plot))
 }
 
-/// What speaks against TRUTH being one, if anything does: whoever swaps the two, or names one twice, gets fine figures.
-fn doubt(args: &EvaluateArgs) -> Option<String> {
+/// A warning if the inputs seem to be swapped or are the same file; the scores would look good.
+fn input_warning(args: &EvaluateArgs) -> Option<String> {
     let (poses, truth) = (args.poses.display(), args.truth.display());
     let same = |a: &Path, b: &Path| Some(fs::canonicalize(a).ok()? == fs::canonicalize(b).ok()?);
     if same(&args.poses, &args.truth) == Some(true) {
         return Some(format!("{poses} is scored against itself"));
     }
     let is_of_run = |path: &Path| {
-        // A pipe can be read once only.
+        // A pipe can be read only once.
         let is_file = std::fs::metadata(path).ok()?.is_file();
         let file = is_file.then(|| File::open(path).ok())??;
         let mut line = String::new();
@@ -200,46 +197,50 @@ fn doubt(args: &EvaluateArgs) -> Option<String> {
             .read_line(&mut line)
             .ok()?;
         let line: serde_json::Value = serde_json::from_str(&line).ok()?;
-        // Only a run knows these.
+        // Only lines of a run have these fields.
         Some(line.get("state").is_some() && line.get("views").is_some())
     };
     (is_of_run(&args.truth)? && !is_of_run(&args.poses)?).then(|| {
         format!(
-            "{truth} looks like the poses of a run and {poses} does not: expected POSES, then TRUTH"
+            "{truth} seems to contain the poses of a run and {poses} does not: expected POSES, then TRUTH"
         )
     })
 }
 
-/// Which points of a file are compared with nothing, since nobody knows their names, if any are.
+/// A warning on points with unknown names, which are not compared.
 fn unknown_names(lines: &PoseLines, path: &Path) -> Option<String> {
     let unknown = lines.unknown();
     (!unknown.is_empty()).then(|| {
         format!(
-            "{}: found {unknown}, names that nobody here knows: compared with nothing; expected the names that poses of a run \
-             have, such as `left_hip`, `right_knee`",
+            "{}: found {unknown}: unknown names, not compared; expected the names that poses of a run have, \
+             such as `left_hip`, `right_knee`",
             path.display()
         )
     })
 }
 
-/// What else there is to say, behind a refusal.
-fn after(said: Option<&str>) -> String {
-    said.map_or_else(String::new, |said| format!("; {said}"))
+/// Appends a further problem to a message.
+fn appended(message: Option<&str>) -> String {
+    message.map_or_else(String::new, |message| format!("; {message}"))
 }
 
-/// The poses of `path`, which must be of what `truth` is of.
-fn poses_beside(truth: &PoseLines, path: &Path, args: &EvaluateArgs) -> anyhow::Result<PoseLines> {
+/// The poses of `path`, which must overlap with `truth`.
+fn overlapping_poses(
+    truth: &PoseLines,
+    path: &Path,
+    args: &EvaluateArgs,
+) -> anyhow::Result<PoseLines> {
     let poses = read(path, LinesRole::Poses, args)?;
     let overlap = Overlap::of(&poses, truth);
     let shown = || shown_with_truth(path, args);
     let unknown = unknown_names(&poses, path);
     if let Some(refusal) = overlap.refusal() {
         let misread = misread(&poses, truth, None).map(|warning| warning.message);
-        let [misread, unknown] = [&misread, &unknown].map(|it| after(it.as_deref()));
+        let [misread, unknown] = [&misread, &unknown].map(|it| appended(it.as_deref()));
         bail!("{}: {refusal}{misread}{unknown}", shown());
     }
-    let doubted = overlap.warning().map(|it| format!("{}: {it}", shown()));
-    for warning in doubted.iter().chain(&unknown) {
+    let warning = overlap.warning().map(|it| format!("{}: {it}", shown()));
+    for warning in warning.iter().chain(&unknown) {
         say(format_args!("warning: {warning}"));
     }
     Ok(poses)
@@ -252,11 +253,11 @@ fn shown_with_truth(path: &Path, args: &EvaluateArgs) -> String {
 fn read(path: &Path, role: LinesRole, args: &EvaluateArgs) -> anyhow::Result<PoseLines> {
     let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
     let mut reader = BufReader::new(file);
-    // What cannot be read is told by who reads on.
+    // Read errors are reported by the reader below.
     let is_recording = reader.fill_buf().is_ok_and(is_ours);
     ensure!(
         !is_recording,
-        "{0}: found a recording, expected {1}: `farfield replay {0}` makes a run of it",
+        "{0}: found a recording, expected {1}: `farfield replay {0}` creates a run from it",
         path.display(),
         match role {
             LinesRole::Poses => "the folder of a run, or its poses.jsonl",
@@ -272,8 +273,7 @@ fn read(path: &Path, role: LinesRole, args: &EvaluateArgs) -> anyhow::Result<Pos
     )?)
 }
 
-/// The rate that was asked for, or the one that a file beside the lines tells. A neighbour that
-/// tells none, or is not there, is no error: it was not named.
+/// The requested rate, or that of a neighbouring file. A neighbour that is missing or has no rate is no error.
 fn rate_hz(args: &EvaluateArgs) -> Option<f64> {
     let of_summary = || {
         let text = fs::read_to_string(args.poses.with_file_name("summary.json")).ok()?;
@@ -288,12 +288,51 @@ fn rate_hz(args: &EvaluateArgs) -> Option<f64> {
         rate.as_float()
             .or_else(|| rate.as_integer().map(|rate| rate as f64))
     };
-    let told = || of_summary().or_else(of_venue).filter(|&rate| is_rate(rate));
-    args.rate_hz.or_else(told)
+    let neighbour = || of_summary().or_else(of_venue).filter(|&rate| is_rate(rate));
+    args.rate_hz.or_else(neighbour)
 }
 
 fn is_rate(rate_hz: f64) -> bool {
     rate_hz.is_finite() && rate_hz > 0.0
+}
+
+/// The scores, with those of other poses of `--beside`.
+#[derive(Debug, serde::Serialize)]
+struct Evaluation {
+    #[serde(flatten)]
+    scored: Scored,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    beside: Option<Scored>,
+}
+
+/// The scores of some poses.
+#[derive(Debug, serde::Serialize)]
+struct Scored {
+    #[serde(flatten)]
+    scores: Scores,
+    /// Signs that the truth does not fit the poses.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    doubts: Vec<TruthWarning>,
+}
+
+impl Evaluation {
+    fn table(&self) -> String {
+        let scores = &self.scored.scores;
+        let Some(Scored { scores: beside, .. }) = &self.beside else {
+            return scores.to_string();
+        };
+        let named = [("POSES", scores), ("--beside", beside)];
+        format!(
+            "POSES: {}\n--beside: {}\n\n{}\nPOSES: {}\n--beside: {}\nPOSES: {}\n--beside: {}",
+            scores.sentence(),
+            beside.sentence(),
+            side_by_side(15, &named),
+            scores.identity_line(),
+            beside.identity_line(),
+            scores.lives,
+            beside.lives
+        )
+    }
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! The keys of a venue, looked at by the rules of the nodes: whether they are there, hold now, are the newest, are of this venue
-//! and its authority, fit each other, and are their owner's alone.
+//! Checks the keys of a venue by the rules of the nodes: they exist, are valid now, are the newest, belong to this
+//! venue and its authority, match each other, and only their owner can read them.
 
 use std::path::Path;
 
@@ -14,9 +14,9 @@ use crate::report_lines::{ReportLines, Verdict};
 /// The group of these lines.
 const KEYS: &str = "keys";
 
-/// Looks at the keys that the file of `venue`, at `path`, names, at `now_s` (Unix time in seconds). A folder may hold
-/// those of one node alone.
-pub(crate) fn look_at_keys(venue: &Venue, path: &Path, now_s: i64, report: &mut ReportLines) {
+/// Checks the keys of `venue`, whose file is `path`, at `now_s` (Unix time in seconds). The folder may contain the keys
+/// of one node only.
+pub(crate) fn check_keys(venue: &Venue, path: &Path, now_s: i64, report: &mut ReportLines) {
     let Some(folder) = &venue.security.certificates else {
         return;
     };
@@ -26,7 +26,7 @@ pub(crate) fn look_at_keys(venue: &Venue, path: &Path, now_s: i64, report: &mut 
         folder.display()
     );
     if !folder.is_dir() {
-        let text = format!("{}: there is no such folder", folder.display());
+        let text = format!("{}: the folder does not exist", folder.display());
         report.fail(KEYS, text, make);
         return;
     }
@@ -39,15 +39,16 @@ pub(crate) fn look_at_keys(venue: &Venue, path: &Path, now_s: i64, report: &mut 
     let here: Vec<&str> = nodes().filter(is_here).collect();
     if here.is_empty() {
         let text = format!(
-            "{}: there are no keys of any node of this venue",
+            "{}: found no keys of any node of this venue",
             folder.display()
         );
         report.fail(KEYS, text, make);
         return;
     }
-    look_at_authority(folder, now_s, report);
+    check_venue_authority(folder, now_s, report);
     let generations = load_generations(folder).unwrap_or_else(|error| {
-        let remedy = format!("copy {GENERATIONS_FILE} from where `farfield certs` has made it");
+        let remedy =
+            format!("copy {GENERATIONS_FILE} from the folder in which `farfield certs` wrote it");
         report.fail(KEYS, error.to_string(), remedy);
         Generations::default()
     });
@@ -57,18 +58,21 @@ pub(crate) fn look_at_keys(venue: &Venue, path: &Path, now_s: i64, report: &mut 
             ..Identity::in_folder(folder, node)
         };
         let renew = format!("{make} --renew {node}");
-        look_at_node(&identity, (&venue.name, node), now_s, &renew, report);
+        check_node(&identity, (&venue.name, node), now_s, &renew, report);
     }
 }
 
-fn look_at_authority(folder: &Path, now_s: i64, report: &mut ReportLines) {
+fn check_venue_authority(folder: &Path, now_s: i64, report: &mut ReportLines) {
     let path = folder.join("ca.pem");
     let read = check_authority(&path).and_then(|()| Validity::read(&path));
     let (verdict, text) = match read {
         Err(error) => (Verdict::Failed, error.to_string()),
         Ok(it) if now_s > it.until_s || now_s < it.from_s => (
             Verdict::Failed,
-            format!("{}: the authority does not hold now", path.display()),
+            format!(
+                "{}: the certificate of the authority is not valid now",
+                path.display()
+            ),
         ),
         Ok(_) => return,
     };
@@ -76,11 +80,11 @@ fn look_at_authority(folder: &Path, now_s: i64, report: &mut ReportLines) {
         KEYS,
         verdict,
         text,
-        "copy ca.pem from where `farfield certs` has made it, or make new keys in another folder",
+        "copy ca.pem from the folder in which `farfield certs` wrote it, or make new keys in another folder",
     );
 }
 
-fn look_at_node(
+fn check_node(
     identity: &Identity,
     (venue, node): (&str, &str),
     now_s: i64,
@@ -101,7 +105,7 @@ fn look_at_node(
     }
     if now_s < validity.from_s {
         let text = format!(
-            "{}: it begins in {:.1} days by the clock of this machine",
+            "{}: valid only in {:.1} days by the clock of this machine",
             identity.certificate.display(),
             (validity.from_s - now_s) as f64 / 86_400.0
         );
@@ -138,11 +142,11 @@ fn look_at_node(
     }
     if let Err(error) = std::fs::File::open(key) {
         let text = format!("{}: {error}", key.display());
-        report.fail(KEYS, text, "start the node as the owner of its key");
+        report.fail(KEYS, text, "start the node as the user who owns its key");
         return;
     }
     let misfit = check_own(identity, (venue, node), now_s).err();
-    // What is wrong with the authority is told once, and not of each node.
+    // An error of the authority is reported once, not for each node.
     if let Some(misfit) = misfit.filter(|it| it.path != identity.authority) {
         let remedy =
             format!("copy ca.pem, {node}.pem and {node}.key of this venue here, or: {renew}");
@@ -153,6 +157,6 @@ fn look_at_node(
         return;
     }
     let days = (validity.until_s - now_s) / 86_400;
-    let text = format!("the certificate of {node} holds for {days} days");
+    let text = format!("the certificate of {node} is valid for {days} days");
     report.ok(KEYS, text);
 }

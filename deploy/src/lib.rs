@@ -1,11 +1,11 @@
-//! The command `farfield`: starts a venue, looks at what came out, and makes venues to try it on.
+//! The command `farfield`: runs venues, inspects and exports results, and makes venues to try it on.
 //!
 //! Read [`main`] first: each command is a module of this crate, or a call to the node that it starts. `farfield run`
 //! starts the nodes of a venue as processes of its own, each again this program (`farfield edge`, `farfield fusion`);
 //! `farfield simulate` and `farfield demo` make the folder of a simulated venue, and the demo runs it.
 //!
-//! It is a library, so that another program can stand in for it: one that hands every first argument which [`knows`]
-//! accepts on to [`main`] can start itself as the nodes. The program `lab` does.
+//! It is a library so that another program can act as `farfield`. A program that passes every first argument accepted
+//! by [`knows`] on to [`main`] can start itself as the nodes. The program `lab` does.
 
 mod bench;
 mod calibrate;
@@ -23,9 +23,7 @@ mod manual;
 pub mod output;
 mod overlay;
 mod parameters;
-mod recorded_formats;
-mod recorded_rates;
-mod recorded_starts;
+mod recording_checks;
 mod report_lines;
 mod run;
 #[cfg(test)]
@@ -46,14 +44,12 @@ use farfield_sim::simulated::VenueSources;
 
 use crate::cli::{FarfieldCli, FarfieldCommand};
 
-/// Does what the command line of this process says.
-///
-/// On wrong usage that is said, and the exit code is 2.
+/// Runs the command line of this process. Wrong usage is reported with exit code 2.
 pub fn main() -> ExitCode {
     if let Some(code) = answer_trial() {
         return code;
     }
-    let command = match FarfieldCli::of_process() {
+    let command = match FarfieldCli::from_process() {
         Ok(cli) => cli.command,
         Err(code) => return code,
     };
@@ -105,7 +101,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Whether `command` is one that [`main`] takes as a first argument.
+/// Whether [`main`] accepts `command` as a first argument.
 pub fn knows(command: &str) -> bool {
     FarfieldCli::command().find_subcommand(command).is_some()
 }
@@ -115,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_commands_that_start_nodes_are_known_and_others_are_not() {
+    fn only_real_commands_are_accepted() {
         assert!(knows("edge") && knows("fusion") && knows("simulate"));
         assert!(!knows("--help") && !knows("farfield") && !knows(""));
     }

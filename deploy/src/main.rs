@@ -1,4 +1,4 @@
-//! The program `farfield`: see the library beside it.
+//! The program `farfield`: see its library.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! `farfield completions` and `farfield man`: what is generated from the command line itself.
+//! `farfield completions` and `farfield man`, generated from the command line definition.
 
 use std::path::PathBuf;
 
@@ -23,12 +23,12 @@ pub(crate) struct CompletionsArgs {
 /// Arguments of `farfield man`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct ManArgs {
-    /// Folder for the pages; those that are there are replaced.
+    /// Folder for the pages; existing pages are replaced.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
 
-/// Prints what a shell needs to complete the commands of `cli`.
+/// Prints the completion script of `cli` for a shell.
 ///
 /// # Errors
 /// When it cannot be printed.
@@ -38,10 +38,10 @@ pub(crate) fn completions(args: &CompletionsArgs, mut cli: Command) -> Result<()
     output::print(&String::from_utf8_lossy(&text)).map_err(NodeError::Failed)
 }
 
-/// Writes the manual of `cli`: `farfield.1`, and `farfield-COMMAND.1` for every command and those below it.
+/// Writes the manual of `cli`: `farfield.1`, and `farfield-COMMAND.1` for every command and subcommand.
 ///
 /// # Errors
-/// When the folder cannot be made, or a page not be written.
+/// When the folder cannot be created, or a page cannot be written.
 pub(crate) fn man(args: &ManArgs, cli: Command) -> Result<(), NodeError> {
     let folder = &args.out;
     check_folder("--out", folder).map_err(NodeError::Refused)?;
@@ -56,8 +56,8 @@ pub(crate) fn man(args: &ManArgs, cli: Command) -> Result<(), NodeError> {
             .map_err(NodeError::Failed)?;
         n_pages += 1;
     }
-    let said = format!("{n_pages} manual pages in {}\n", folder.display());
-    output::print(&said).map_err(NodeError::Failed)
+    let message = format!("{n_pages} manual pages in {}\n", folder.display());
+    output::print(&message).map_err(NodeError::Failed)
 }
 
 /// Name and text of every page.
@@ -72,7 +72,7 @@ fn pages(cli: Command) -> anyhow::Result<Vec<(String, Vec<u8>)>> {
     let mut pages = Vec::new();
     let mut left = vec![(cli, "farfield".to_owned())];
     while let Some((command, name)) = left.pop() {
-        // What a page names beside itself has a page of its own.
+        // Every subcommand that a page names has a page of its own.
         for below in command.get_subcommands() {
             left.push((below.clone(), format!("{name}-{}", below.get_name())));
         }

@@ -5,19 +5,19 @@ use std::io::{self, ErrorKind, Write as _, stdout};
 use anyhow::Context as _;
 use farfield_proto::plain_text;
 
-/// Empties the terminal and begins at its top.
+/// Clears the terminal and moves to its top.
 const CLEAR: &str = "\u{1b}[H\u{1b}[2J";
 
-/// Whether somebody reads standard output.
+/// Whether standard output still has a reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reader {
     /// Yes, as far as is known.
     Reads,
-    /// No longer: whoever prints on and on has nobody left to do it for.
+    /// No: there is no reason to print more.
     Gone,
 }
 
-/// Prints `text`. Text of others may stand in it: see [`plain_text`]. A reader that has gone wants no more, which is no error.
+/// Prints `text`, which may contain foreign text: see [`plain_text`]. A reader that has gone is no error.
 ///
 /// # Errors
 /// When the text cannot be written, for example because the disk behind standard output is full.
@@ -25,7 +25,7 @@ pub fn print(text: &str) -> anyhow::Result<()> {
     print_while_read(text).map(|_| ())
 }
 
-/// [`print()`], and whether to go on.
+/// Like [`print()`], and returns whether to continue.
 ///
 /// # Errors
 /// As [`print()`].
@@ -33,7 +33,7 @@ pub fn print_while_read(text: &str) -> anyhow::Result<Reader> {
     write(&plain_text::lines(text))
 }
 
-/// [`print_while_read`] of a picture that takes the place of the one before on the terminal.
+/// Like [`print_while_read`], but replaces the text that was on the terminal.
 ///
 /// # Errors
 /// As [`print()`].
@@ -47,7 +47,7 @@ fn write(text: &str) -> anyhow::Result<Reader> {
         .context("writing to standard output")
 }
 
-/// How many characters a line of the terminal behind standard output holds; `None` where there is none, or it does not say.
+/// Columns of the terminal behind standard output; `None` if there is none or its size is unknown.
 pub fn columns() -> Option<usize> {
     let size = rustix::termios::tcgetwinsize(stdout()).ok()?;
     Some(usize::from(size.ws_col)).filter(|columns| *columns > 0)
@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_reader_that_has_gone_is_forgiven() {
+    fn only_a_reader_that_has_gone_is_no_error() {
         let gone = reader_after(Err(ErrorKind::BrokenPipe.into()));
         assert_eq!(gone.unwrap(), Reader::Gone);
         reader_after(Err(ErrorKind::StorageFull.into())).unwrap_err();

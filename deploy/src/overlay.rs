@@ -1,13 +1,12 @@
-//! Skeletons drawn over the pictures they were made from, for `--overlay`.
+//! Skeletons drawn over the images that they were estimated from, for `--overlay`.
 //!
-//! Joints go through the camera's projection and its lens distortion, so that the drawing sits on the
-//! raw picture. Where a source has no pictures, its keypoint candidates are drawn on a dark canvas.
-//! Every person's id stands over its head. What nothing determined is grey.
+//! Joints go through the projection and the lens distortion of the camera, so that the drawing fits the raw image.
+//! Where a source has no images, its keypoint candidates are drawn on a dark canvas. The id of every person is above
+//! the head. Joints that no image determined are grey.
 
 mod number;
 mod place;
 mod poses;
-mod ticks;
 
 use anyhow::Context as _;
 use farfield_edge::source::{FrameContent, KeypointCandidate, Sources};
@@ -23,35 +22,34 @@ use nalgebra::{Point3, Vector2};
 use self::number::draw_number;
 pub(crate) use self::place::draw_place;
 pub(crate) use self::poses::draw_poses;
-pub(crate) use self::ticks::{TickList, overlay_ticks};
+pub(crate) use self::poses::{TickList, overlay_ticks};
 
-/// Behind keypoint candidates.
+/// Background of keypoint candidates.
 const CANVAS: Rgb<u8> = Rgb([24, 26, 30]);
-/// Joints that nothing determined, and the bones to them.
+/// Joints that no image determined, and the bones to them.
 const GUESS: [u8; 3] = [128, 128, 128];
-/// Candidates; brighter with their score.
+/// Candidates; brighter with higher score.
 const CANDIDATE: [u8; 3] = [150, 155, 165];
-/// Around bones, so that they show on any background.
+/// Outline of bones, visible on any background.
 const OUTLINE: [u8; 3] = [0, 0, 0];
-/// How far over the head an id stands, in half widths of a bone: clear of the face.
+/// Distance of the id above the head, in half widths of a bone: clear of the face.
 const HEAD_STROKES: f64 = 12.0;
-/// Straight pieces of a bone: lines in the world are curves behind a lens.
+/// Pieces of a bone: a lens bends straight lines.
 const PIECES: u32 = 8;
-/// Bones begin this much in front of the near plane, where projections are still finite.
+/// Bones begin slightly in front of the near plane, where projections are still finite.
 const CLIP_DEPTH_M: f64 = NEAR_PLANE_M * 1.01;
 
-/// A person as drawn.
+/// A person to draw.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct DrawnPerson {
-    /// Whose id stands over the head.
     pub(crate) id: PersonId,
     /// World metres, in the order of the skeletal model.
     pub(crate) joints_m: Vec<[f64; 3]>,
-    /// Per joint whether nothing determined it.
+    /// Per joint: whether no image determined it.
     pub(crate) is_guess: Vec<bool>,
 }
 
-/// The picture of `camera` at `tick` with `persons` drawn over it, each in a colour of its own.
+/// The image of `camera` at `tick` with `persons` drawn over it, each in an own colour.
 ///
 /// # Errors
 /// The source cannot be opened at `tick`, or its frame cannot be read.
@@ -70,7 +68,7 @@ pub(crate) fn overlay(
     Ok(with_people(image, &camera.model, persons))
 }
 
-/// `persons` over what is in `image` of the camera.
+/// Draws `persons` over an image of the camera.
 pub(crate) fn with_people(
     mut image: RgbImage,
     camera: &CameraModel,
@@ -85,7 +83,7 @@ pub(crate) fn with_people(
     image
 }
 
-/// What is drawn on: the camera's picture; where there is none, a dark one with the candidates that there are.
+/// The camera's image; without one, a dark image with the keypoint candidates, if any.
 pub(crate) fn background(content: Option<FrameContent>, camera: &CameraModel) -> RgbImage {
     let [width, height] = camera.size_px();
     let mut canvas = RgbImage::from_pixel(width, height, CANVAS);
@@ -103,7 +101,7 @@ pub(crate) fn background(content: Option<FrameContent>, camera: &CameraModel) ->
     canvas
 }
 
-/// Writes the id of a person over its head, where that is in the picture.
+/// Draws the id of a person above the head, if that is inside the image.
 fn draw_id(image: &mut RgbImage, camera: &CameraModel, joints_m: &[[f64; 3]], person: PersonId) {
     let radius_px = stroke_radius_px(image);
     let head = joints_m.get(Joint::Head.index());
@@ -113,15 +111,14 @@ fn draw_id(image: &mut RgbImage, camera: &CameraModel, joints_m: &[[f64; 3]], pe
     }
 }
 
-/// Every joint with its parent, as positions in the order of the skeletal model.
+/// Every joint with its parent, as indices in the order of the skeletal model.
 fn bones() -> Vec<(usize, usize)> {
-    let of = |joint: Joint| Some((joint.parent()?.index(), joint.index()));
-    Joint::ALL.into_iter().filter_map(of).collect()
+    let bone = |joint: Joint| Some((joint.parent()?.index(), joint.index()));
+    Joint::ALL.into_iter().filter_map(bone).collect()
 }
 
-/// Draws one body: `bones` are pairs of positions among its joints (pairs beyond their
-/// end are left out). What lies behind the camera, or where the lens model does not reach, is not
-/// drawn.
+/// Draws one body. `bones` are pairs of joint indices; pairs out of range are skipped. Parts behind the camera, or
+/// beyond the range of the lens model, are not drawn.
 fn draw_skeleton(
     image: &mut RgbImage,
     camera: &CameraModel,
@@ -164,9 +161,9 @@ fn draw_skeleton(
     }
 }
 
-/// A colour that is easy to tell from those of the persons before and after.
+/// A colour that differs clearly from those of persons with neighbouring ids.
 fn person_colour(person: PersonId) -> [u8; 3] {
-    /// Turning by the golden section never comes back near an earlier hue.
+    /// Steps of the golden section never come back near an earlier hue.
     const TURN: f64 = 0.618_033_988_749_895;
     let hue = (f64::from(person.0) * TURN).fract() * 6.0;
     [0.0, 4.0, 2.0].map(|shift: f64| {
@@ -175,7 +172,7 @@ fn person_colour(person: PersonId) -> [u8; 3] {
     })
 }
 
-/// Small crosses where keypoints may be, brighter with their score.
+/// Draws keypoint candidates as small crosses, brighter with higher score.
 fn draw_candidates<'a>(image: &mut RgbImage, found: impl Iterator<Item = &'a KeypointCandidate>) {
     let arm_px = stroke_radius_px(image) * 2.0;
     for candidate in found {
@@ -188,7 +185,7 @@ fn draw_candidates<'a>(image: &mut RgbImage, found: impl Iterator<Item = &'a Key
     }
 }
 
-/// Half the width of a bone: 2 pixels where a picture is 800 high.
+/// Half the width of a bone: 2 pixels in an image of height 800.
 fn stroke_radius_px(image: &RgbImage) -> f64 {
     (f64::from(image.width().min(image.height())) / 400.0).max(1.0)
 }
@@ -198,8 +195,8 @@ fn pixel(camera: &CameraModel, p_w: Point<World>) -> Option<Vector2<f64>> {
     px.iter().all(|c| c.is_finite()).then_some(px)
 }
 
-/// The corners of a bone's pieces on the raw picture; `None` where the lens model does not reach.
-/// Empty for a bone behind the camera.
+/// The corners of a bone's pieces in the raw image; `None` beyond the range of the lens model. Empty for a bone behind
+/// the camera.
 fn bone_pixels(
     camera: &CameraModel,
     a_w: Point<World>,
@@ -230,7 +227,7 @@ fn bone_pixels(
         .collect()
 }
 
-/// A line with round ends; its edge is blended over one pixel. A disc where `from` is `to`.
+/// Draws a line with round ends, blended over one pixel at its edge; a disc if `from` equals `to`.
 fn draw_line(
     image: &mut RgbImage,
     from: Vector2<f64>,
@@ -240,7 +237,7 @@ fn draw_line(
 ) {
     let reach = radius_px + 1.0;
     let span = |from: f64, to: f64, size: u32| {
-        // Casts saturate, so what lies outside the picture gives an empty range.
+        // Casts saturate, so a line outside the image gives an empty range.
         let first = (from.min(to) - reach).ceil().max(0.0) as u32;
         let end = (from.max(to) + reach + 1.0).max(0.0) as u32;
         first..end.min(size)
@@ -279,7 +276,7 @@ mod tests {
 
     const RED: [u8; 3] = [255, 0, 0];
 
-    /// Looks along +z from the origin.
+    /// Faces +z from the origin.
     fn camera(distortion: Distortion) -> CameraModel {
         let intrinsics = Intrinsics {
             fx_px: 100.0,
@@ -321,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bone_to_a_joint_that_nothing_determined_is_grey() {
+    fn a_bone_to_an_undetermined_joint_is_grey() {
         let camera = camera(Distortion::default());
         let mut image = RgbImage::new(160, 120);
         let joints_m = [[-1.0, 0.0, 2.0], [0.0, 0.0, 2.0], [1.0, 0.0, 2.0]];
@@ -364,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_behind_or_far_outside_or_not_a_number_draws_nothing() {
+    fn invalid_or_invisible_joints_draw_nothing() {
         let camera = camera(Distortion::default());
         let nothing = RgbImage::new(160, 120);
         for wrong in [
@@ -381,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn bones_join_every_joint_but_the_root_to_its_parent() {
+    fn every_joint_except_the_root_has_a_bone() {
         assert_eq!(bones().len(), Joint::ALL.len() - 1);
     }
 

@@ -1,4 +1,4 @@
-//! `farfield parameters`: every parameter of a venue file, with unit, default, range and what it is.
+//! `farfield parameters`: every parameter of a venue file, with unit, default, range and meaning.
 
 use std::fmt::Write as _;
 
@@ -12,10 +12,10 @@ use toml::Value;
 
 use crate::output;
 
-/// What to do about parameters that are set far from their defaults.
-pub(crate) const FAR_REMEDY: &str = "take them out of the venue file, or of `--set`, unless they are meant: `farfield parameters` says what each does";
+/// Remedy for parameters far from their defaults.
+pub(crate) const FAR_REMEDY: &str = "remove them from the venue file, or from `--set`, unless they are intended: `farfield parameters` describes each";
 
-/// Which parameters are set far from their defaults, in a line; `None` where none is.
+/// A line on the parameters that are far from their defaults; `None` if there are none.
 pub(crate) fn far_parameters(parameters: &Parameters) -> Option<String> {
     let far: Vec<String> = parameters
         .far_from_defaults()
@@ -43,10 +43,10 @@ pub(crate) struct ParametersArgs {
 /// # Errors
 /// When it cannot be written.
 pub(crate) fn print(args: &ParametersArgs) -> Result<(), NodeError> {
-    say(args).map_err(NodeError::Failed)
+    print_list(args).map_err(NodeError::Failed)
 }
 
-fn say(args: &ParametersArgs) -> anyhow::Result<()> {
+fn print_list(args: &ParametersArgs) -> anyhow::Result<()> {
     let all = listed();
     let text = if args.json {
         serde_json::to_string_pretty(&all).context("writing the parameters as JSON")? + "\n"
@@ -56,22 +56,22 @@ fn say(args: &ParametersArgs) -> anyhow::Result<()> {
     output::print(&text)
 }
 
-/// One parameter as it is listed.
+/// One row of the list.
 #[derive(Debug, Serialize)]
 struct Listed {
     /// `table.name`.
     name: String,
-    /// Whether it stands under `[tuning]`.
+    /// Whether it belongs to `[tuning]`.
     tuning: bool,
-    /// `None`: it has none.
+    /// `None`: no unit.
     unit: Option<&'static str>,
-    /// `None`: it has none of its own, see `unset`.
+    /// `None`: no default of its own, see `unset`.
     default: Option<Value>,
-    /// What holds where it is left out and has no default of its own.
+    /// Meaning of a parameter that is not set and has no default of its own.
     unset: Option<&'static str>,
     min: Option<f64>,
     max: Option<f64>,
-    /// The words that it can be.
+    /// The words that it can take.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     words: &'static [&'static str],
     sentence: &'static str,
@@ -114,7 +114,7 @@ impl Listed {
     }
 }
 
-/// Every parameter: the users' first.
+/// Every parameter, those for users first.
 fn listed() -> Vec<Listed> {
     let defaults = Parameters::default();
     let all = defaults.values();
@@ -123,10 +123,10 @@ fn listed() -> Vec<Listed> {
     all
 }
 
-/// A line each, in columns.
+/// A row for each, in columns.
 fn table(all: &[Listed]) -> String {
-    const INTRODUCTION: &str = "A venue file may set each of these under its table; `--set TABLE.FIELD=VALUE` of `run`, `demo` and `replay` tries one.";
-    const HEAD: [&str; 5] = ["parameter", "unit", "default", "range", "what it is"];
+    const INTRODUCTION: &str = "A venue file can set each of these in its table; `--set TABLE.FIELD=VALUE` of `run`, `demo` and `replay` changes one for a single run.";
+    const HEAD: [&str; 5] = ["parameter", "unit", "default", "range", "meaning"];
     let rows: Vec<[String; 5]> = all.iter().map(Listed::columns).collect();
     let width = |i: usize| {
         let rows = rows.iter().map(|row| row[i].chars().count());
@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_parameter_stands_in_the_table_users_first() {
+    fn the_table_has_every_parameter_with_those_for_users_first() {
         let text = table(&listed());
         let at = |p: &Parameter| {
             let line = format!("\n{p} ");
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_that_are_far_from_their_defaults_are_one_line() {
+    fn parameters_far_from_their_defaults_are_reported_in_one_line() {
         let mut parameters = Parameters::default();
         assert_eq!(far_parameters(&parameters), None);
         parameters.ik.change_sigma_rad = 100.0;
@@ -195,8 +195,8 @@ mod tests {
         let json = serde_json::to_value(listed()).unwrap();
         let all = json.as_array().unwrap();
         assert_eq!(all.len(), PARAMETERS.len());
-        let of = |name: &str| all.iter().find(|listed| listed["name"] == name).unwrap();
-        let flat = of("births.flat_m");
+        let named = |name: &str| all.iter().find(|listed| listed["name"] == name).unwrap();
+        let flat = named("births.flat_m");
         assert_eq!(
             (
                 &flat["default"],
@@ -206,8 +206,8 @@ mod tests {
             ),
             (&0.04.into(), &"m".into(), &1.0.into(), &true.into())
         );
-        assert_eq!(of("prediction.predictor")["words"][0], "paper");
-        assert!(of("boxes.margin")["default"].is_null());
-        assert_eq!(of("births.tiles_per_look")["default"], 8);
+        assert_eq!(named("prediction.predictor")["words"][0], "paper");
+        assert!(named("boxes.margin")["default"].is_null());
+        assert_eq!(named("births.tiles_per_look")["default"], 8);
     }
 }

@@ -1,5 +1,5 @@
-//! What `farfield check`, `farfield doctor` and `farfield init` answer: groups of lines, each with a verdict and with what
-//! mends it, as text for people and as JSON for programs.
+//! Reports of `farfield check`, `farfield doctor` and `farfield init`: groups of lines with verdict and remedy, as text
+//! or JSON.
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -9,15 +9,15 @@ use serde::Serialize;
 
 use crate::output;
 
-/// How something is.
+/// Result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Verdict {
-    /// As it should be.
+    /// Valid or healthy.
     Ok,
-    /// A run may go well with it.
+    /// A run may succeed.
     Warning,
-    /// No run will.
+    /// No run can succeed.
     Failed,
 }
 
@@ -31,22 +31,20 @@ impl From<Severity> for Verdict {
     }
 }
 
-/// One thing that was looked at.
+/// One result.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub(crate) struct ReportLine {
-    /// What it belongs to.
     #[serde(skip)]
     pub(crate) group: &'static str,
-    /// How it is.
     pub(crate) verdict: Verdict,
     /// What was found, and what was expected.
     pub(crate) text: String,
-    /// The command or the field that mends it; empty where nothing needs to be.
+    /// The command or the field that fixes it; empty if nothing needs a fix.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub(crate) remedy: String,
 }
 
-/// All that was looked at, in order.
+/// All results, in order.
 #[derive(Debug, Default)]
 pub(crate) struct ReportLines {
     lines: Vec<ReportLine>,
@@ -67,12 +65,12 @@ struct Group<'a> {
 }
 
 impl ReportLines {
-    /// Notes that something is as it should be.
+    /// Adds a line that is OK.
     pub(crate) fn ok(&mut self, group: &'static str, text: impl Into<String>) {
         self.push(group, Verdict::Ok, text, "");
     }
 
-    /// Notes something that may be meant.
+    /// Adds a warning.
     pub(crate) fn warn(
         &mut self,
         group: &'static str,
@@ -82,7 +80,7 @@ impl ReportLines {
         self.push(group, Verdict::Warning, text, remedy);
     }
 
-    /// Notes something with which no run goes well.
+    /// Adds a failure.
     pub(crate) fn fail(
         &mut self,
         group: &'static str,
@@ -92,12 +90,12 @@ impl ReportLines {
         self.push(group, Verdict::Failed, text, remedy);
     }
 
-    /// Notes what is to be known of an input.
+    /// Adds advice on an input.
     pub(crate) fn advise(&mut self, group: &'static str, advice: Advice) {
         self.push(group, advice.severity.into(), advice.problem, advice.remedy);
     }
 
-    /// Notes one line.
+    /// Adds one line.
     pub(crate) fn push(
         &mut self,
         group: &'static str,
@@ -113,7 +111,7 @@ impl ReportLines {
         });
     }
 
-    /// Adds the lines of another report after those so far.
+    /// Appends the lines of another report.
     pub(crate) fn append(&mut self, later: Self) {
         self.lines.extend(later.lines);
     }
@@ -124,12 +122,12 @@ impl ReportLines {
         &self.lines
     }
 
-    /// How many lines have this verdict.
+    /// Number of lines with this verdict.
     pub(crate) fn count(&self, verdict: Verdict) -> usize {
         self.lines.iter().filter(|it| it.verdict == verdict).count()
     }
 
-    /// The worst verdict; [`Verdict::Ok`] of nothing.
+    /// The worst verdict; [`Verdict::Ok`] without lines.
     pub(crate) fn verdict(&self) -> Verdict {
         let worst = self.lines.iter().map(|it| it.verdict).max();
         worst.unwrap_or(Verdict::Ok)
@@ -149,7 +147,7 @@ impl ReportLines {
         groups
     }
 
-    /// For people: the groups, what mends a line under it, and a line that sums up.
+    /// Text for people: the groups, each line with its remedy below it, and a summary line.
     pub(crate) fn to_text(&self) -> String {
         let mut text = String::new();
         for group in self.groups() {
@@ -175,19 +173,19 @@ impl ReportLines {
         text + &self.closing() + "\n"
     }
 
-    /// The line that sums up.
+    /// The summary line.
     fn closing(&self) -> String {
         let plural = |count: usize| if count == 1 { "" } else { "s" };
         let (failed, warnings) = (self.count(Verdict::Failed), self.count(Verdict::Warning));
         match (failed, warnings) {
-            (0, 0) => "all is as it should be".to_owned(),
+            (0, 0) => "everything is OK".to_owned(),
             (0, _) => format!("nothing failed, {warnings} warning{}", plural(warnings)),
             (_, 0) => format!("{failed} failed"),
             (_, _) => format!("{failed} failed, {warnings} warning{}", plural(warnings)),
         }
     }
 
-    /// For programs: `{verdict, failed, warnings, groups: [{group, lines: [{verdict, text, remedy}]}]}`.
+    /// JSON for programs: `{verdict, failed, warnings, groups: [{group, lines: [{verdict, text, remedy}]}]}`.
     pub(crate) fn to_json(&self) -> anyhow::Result<String> {
         let document = Document {
             verdict: self.verdict(),
@@ -198,7 +196,7 @@ impl ReportLines {
         Ok(serde_json::to_string_pretty(&document)? + "\n")
     }
 
-    /// Prints the lines; the exit code is 1 when anything failed.
+    /// Prints the lines. The exit code is 1 if anything failed.
     ///
     /// # Errors
     /// When standard output cannot be written.
@@ -214,7 +212,7 @@ impl ReportLines {
     }
 }
 
-/// How a report is printed.
+/// Output format of a report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ReportForm {
     /// For people.
@@ -224,8 +222,8 @@ pub(crate) enum ReportForm {
 }
 
 impl ReportForm {
-    /// What `--json` asks for.
-    pub(crate) fn of(json: bool) -> Self {
+    /// From the flag `--json`.
+    pub(crate) fn from_flag(json: bool) -> Self {
         if json { Self::Json } else { Self::Text }
     }
 }
@@ -243,16 +241,16 @@ mod tests {
     }
 
     #[test]
-    fn lines_stand_in_their_groups_with_what_mends_them_and_are_summed_up() {
+    fn text_has_groups_remedies_and_a_summary() {
         assert_eq!(
             report().to_text(),
             "disk\n  OK       12 GB are free\n  warning  it is slow\nports\n  failed   7447 is taken\n           -> stop it\n1 failed, 1 warning\n"
         );
-        assert_eq!(ReportLines::default().to_text(), "all is as it should be\n");
+        assert_eq!(ReportLines::default().to_text(), "everything is OK\n");
     }
 
     #[test]
-    fn what_was_looked_at_meanwhile_comes_after_what_was_said_so_far() {
+    fn appended_lines_come_last() {
         let mut all = report();
         let mut later = ReportLines::default();
         later.ok("nodes", "none runs");
@@ -265,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn programs_read_the_same() {
+    fn json_has_the_same_lines() {
         let json: serde_json::Value = serde_json::from_str(&report().to_json().unwrap()).unwrap();
         assert_eq!(json["verdict"], "failed");
         assert_eq!(

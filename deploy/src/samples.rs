@@ -1,4 +1,4 @@
-//! The samples beside the code are read by the code: they parse, and state the true defaults.
+//! The sample files next to the code parse, and state the true defaults.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -30,7 +30,7 @@ fn the_sample_venue_parses_and_states_every_default() {
     let venue = Venue::parse(&text, &path("venue.sample.toml"), calibration).unwrap();
     assert_eq!(venue.cameras.len(), 3);
     assert_eq!(venue.parameters, Parameters::default());
-    // Whoever changes a parameter copies the text that is printed here into the sample.
+    // After a change of a parameter, copy the text printed here into the sample.
     let parameters = sample();
     assert!(
         text.ends_with(&parameters),
@@ -39,9 +39,9 @@ fn the_sample_venue_parses_and_states_every_default() {
 }
 
 #[test]
-fn the_sample_venue_says_what_else_there_is() {
+fn the_sample_venue_lists_optional_fields_and_live_sources() {
     let text = read("venue.sample.toml");
-    // Without a default of its own, and live sources, which no sample can open.
+    // Fields without a default, and live sources, which no sample can open.
     for shown in [
         "# margin = 1.25",
         "# quality = \"default\"",
@@ -81,7 +81,7 @@ fn the_sample_scene_parses_and_states_the_standard_faults() {
     assert_eq!(*scene.faults(), FaultProfile::standard());
 }
 
-/// The command of a unit, as the shell of the operator's command would take it.
+/// The command of a unit, as a shell takes it.
 fn command_of(unit: &str) -> Vec<String> {
     let text = read(unit);
     for section in ["[Unit]", "[Service]", "[Install]"] {
@@ -108,7 +108,7 @@ fn command_of(unit: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_units_start_nodes_with_arguments_that_the_nodes_know() {
+fn the_units_start_nodes_with_valid_arguments() {
     for (unit, node) in [
         ("systemd/farfield-edge@.service", "edge"),
         ("systemd/farfield-fusion.service", "fusion"),
@@ -121,7 +121,7 @@ fn the_units_start_nodes_with_arguments_that_the_nodes_know() {
     }
 }
 
-/// What systemd itself finds wrong with the units; skipped, with a word, where there is no systemd.
+/// Checks the units with systemd itself; prints that it was skipped without systemd.
 #[test]
 fn systemd_finds_nothing_wrong_with_the_units() {
     let folder = tempfile::tempdir().unwrap();
@@ -149,7 +149,7 @@ fn systemd_finds_nothing_wrong_with_the_units() {
         println!("SKIPPED: systemd-analyze is not there");
         return;
     };
-    let said = String::from_utf8_lossy(&verify.stderr);
-    let of_ours = said.lines().filter(|line| line.contains("farfield"));
-    assert_eq!(of_ours.collect::<Vec<_>>(), [""; 0], "{said}");
+    let errors = String::from_utf8_lossy(&verify.stderr);
+    let own = errors.lines().filter(|line| line.contains("farfield"));
+    assert_eq!(own.collect::<Vec<_>>(), [""; 0], "{errors}");
 }

@@ -1,23 +1,23 @@
-//! Ctrl-C, and what a service manager sends.
+//! Signals that ask the process to stop: Ctrl-C, and that of a service manager.
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-/// Whoever wants the run to stop.
+/// Receives SIGINT and SIGTERM.
 pub(crate) struct Signals {
     interrupt: Signal,
     terminate: Signal,
 }
 
 impl Signals {
-    /// From here on signals are caught, and no longer end the process. Needs the runtime.
-    pub(crate) fn listen() -> std::io::Result<Self> {
+    /// Catches signals from here on: they no longer end the process. Needs the runtime.
+    pub(crate) fn catch() -> std::io::Result<Self> {
         Ok(Self {
             interrupt: signal(SignalKind::interrupt())?,
             terminate: signal(SignalKind::terminate())?,
         })
     }
 
-    /// Waits for the next one.
+    /// Waits for the next signal.
     pub(crate) async fn next(&mut self) {
         tokio::select! {
             _ = self.interrupt.recv() => {}

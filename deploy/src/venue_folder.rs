@@ -1,4 +1,4 @@
-//! The files of a venue folder that is made from a scene.
+//! Writes the files of the venue folder of a scene.
 
 use std::fs;
 use std::ops::Range;
@@ -15,7 +15,7 @@ use tempfile::TempDir;
 /// The calibration's name in a venue folder.
 pub(crate) const CALIBRATION: &str = "calibration.toml";
 
-/// Writes a file, and the folder that it lies in.
+/// Writes a file and creates its folder.
 ///
 /// # Errors
 /// Names the file.
@@ -40,7 +40,7 @@ pub(crate) fn write_calibration(scene: &Scene, folder: &Path) -> anyhow::Result<
     )
 }
 
-/// Writes the truth of `ticks`, one line per tick and person; the file has its name when it is whole.
+/// Writes the truth of `ticks`, one line per tick and person. The file gets its name when it is whole.
 ///
 /// # Errors
 /// Names the file.
@@ -49,7 +49,7 @@ pub(crate) fn write_truth(scene: &Scene, ticks: &Range<Tick>, path: &Path) -> an
     write_truth_at(scene, ticks.map(|tick| (tick, scene.time_s(tick))), path)
 }
 
-/// As [`write_truth`], with the scene's time that every tick shows, seconds.
+/// Like [`write_truth`], with the scene time of every tick, seconds.
 ///
 /// # Errors
 /// Names the file.
@@ -66,7 +66,7 @@ pub(crate) fn write_truth_at(
     write().with_context(|| format!("writing {}", path.display()))
 }
 
-/// Writes the embedded network and its card; the card's name, relative to `folder`.
+/// Writes the embedded network and its card. Returns the card's path relative to `folder`.
 ///
 /// # Errors
 /// Names the file.
@@ -75,7 +75,7 @@ pub(crate) fn write_network(folder: &Path) -> anyhow::Result<String> {
     Ok(format!("models/{card}"))
 }
 
-/// Writes the embedded detector and its card; the card's name, relative to `folder`.
+/// Writes the embedded detector and its card. Returns the card's path relative to `folder`.
 ///
 /// # Errors
 /// Names the file.
@@ -84,11 +84,11 @@ pub(crate) fn write_detector(folder: &Path) -> anyhow::Result<String> {
     Ok(format!("models/{card}"))
 }
 
-/// A folder without a name of its own beside the one that will be `out`, whose parent is made.
+/// A temporary folder in the same parent as `out`; the parent is created.
 ///
 /// # Errors
-/// Names the folder that cannot be made.
-pub(crate) fn beside(out: &Path) -> anyhow::Result<TempDir> {
+/// Names the folder that cannot be created.
+pub(crate) fn temporary_sibling(out: &Path) -> anyhow::Result<TempDir> {
     let parent = match out.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -100,21 +100,21 @@ pub(crate) fn beside(out: &Path) -> anyhow::Result<TempDir> {
         .with_context(|| format!("making a folder in {}", parent.display()))
 }
 
-/// Gives a folder its name; an empty folder of that name makes room.
+/// Renames a folder to its final name. An empty folder of that name is replaced.
 ///
 /// # Errors
-/// When there is something by then.
+/// When the name exists by then.
 pub(crate) fn give_name(folder: TempDir, out: &Path) -> anyhow::Result<()> {
     let made = folder.keep();
     let renamed = open_to_all(&made).and_then(|()| fs::rename(&made, out));
     if renamed.is_err() {
-        // The failure to rename is the one to tell of.
+        // The failure to rename is the one to report.
         drop(fs::remove_dir_all(&made));
     }
     renamed.with_context(|| format!("naming the finished folder {}", out.display()))
 }
 
-/// A temporary folder is its maker's alone; a finished one is like any other.
+/// A temporary folder is private to its user; a finished one is readable like any other.
 fn open_to_all(folder: &Path) -> std::io::Result<()> {
     use std::os::unix::fs::PermissionsExt as _;
     fs::set_permissions(folder, fs::Permissions::from_mode(0o755))

@@ -1,4 +1,4 @@
-//! The real `farfield`: what the README says can be called, what wrong usage ends with, and one whole run.
+//! Tests of the real `farfield`: the commands of the README, wrong usage, and one whole run.
 #![expect(
     clippy::unwrap_used,
     reason = "what goes wrong in a test fails it, with its place"
@@ -74,28 +74,28 @@ fn shell_lines(markdown: &str) -> Vec<&str> {
 }
 
 #[test]
-fn wrong_usage_ends_with_exit_code_2_and_names_what_is_wrong() {
+fn wrong_usage_exits_with_2_and_names_the_argument() {
     for (args, named) in [
         (&["no-such-command"][..], "no-such-command"),
         (&["run"], "VENUE"),
         (&["demo", "--ticks", "many"], "many"),
         (&["evaluate", "poses.jsonl"], "TRUTH"),
-        // Suites and studies are the laboratory's.
+        // Suites and studies belong to the laboratory.
         (&["evaluate", "--suite", "paper"], "--suite"),
         (&["suite", "paper"], "suite"),
     ] {
-        let said = farfield(args);
-        assert_eq!(said.status.code(), Some(2), "{args:?}");
-        let said = String::from_utf8_lossy(&said.stderr);
-        assert!(said.contains(named), "{args:?}: {said}");
+        let output = farfield(args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(error.contains(named), "{args:?}: {error}");
     }
 }
 
 #[test]
-fn a_demo_of_maps_leaves_the_poses_of_its_people() {
+fn a_demo_of_maps_writes_poses() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    let said = farfield(&[
+    let output = farfield(&[
         "demo",
         "--maps",
         "--ticks",
@@ -103,8 +103,8 @@ fn a_demo_of_maps_leaves_the_poses_of_its_people() {
         "--out",
         out.to_str().unwrap(),
     ]);
-    let text = String::from_utf8_lossy(&said.stderr);
-    assert_eq!(said.status.code(), Some(0), "{text}");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{text}");
     let poses = fs::read_to_string(out.join("poses.jsonl")).unwrap();
     let last: serde_json::Value = serde_json::from_str(poses.lines().last().unwrap()).unwrap();
     assert_eq!(last["tick"], 59);
