@@ -1,4 +1,4 @@
-//! What `farfield run` is told.
+//! Command line of `farfield run`.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -14,54 +14,55 @@ use crate::overlay::TickList;
 pub(crate) struct RunArgs {
     /// The venue file.
     pub(crate) venue: PathBuf,
-    /// Run live: nobody waits; without it, in lock-step.
+    /// Run live, by the clock; the default is lock-step.
     ///
-    /// Cameras give their pictures as they come, recordings as fast as they were made. In lock-step every node waits for
+    /// Cameras send images as they capture them; recordings play at their own rate. In lock-step every node waits for
     /// the others, and two runs give the same poses.
     #[arg(long)]
     pub(crate) live: bool,
-    /// Work on these ticks only, B not among them.
+    /// Process only these ticks; B is excluded.
     ///
-    /// All recordings must hold them.
+    /// Every recording must contain them.
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub(crate) ticks: Option<Range<Tick>>,
     /// Folder for the results.
     ///
-    /// It must be empty or not there. Default: `farfield-out/VENUE-N`.
+    /// It must be empty or not exist. Default: `farfield-out/VENUE-N`.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Draw skeletons over the pictures of these ticks.
+    /// Draw skeletons over the images of these ticks.
     ///
-    /// Numbers with commas between; without any, of the middle tick. One picture per camera. What nothing determined is
-    /// grey.
+    /// Numbers separated by commas; without a value, the middle tick. One image per camera. Joints that no image
+    /// determined are grey.
     #[arg(long, value_name = "TICKS", num_args = 0..=1, require_equals = true)]
     #[expect(
         clippy::option_option,
-        reason = "absent, without and with ticks: how clap says it"
+        reason = "absent, without and with ticks: clap's form"
     )]
     pub(crate) overlay: Option<Option<TickList>>,
-    /// Record, for `farfield replay`.
+    /// Record the run for `farfield replay`.
     ///
-    /// Everything that fusion hears and says, and what it used for each tick, as an MCAP file, or a new one in a folder, which is
-    /// made where a slash ends its path. Default: `recording.mcap` in the folder of the results.
+    /// An MCAP file with everything that fusion receives and sends, and what it used for each tick. A path that ends
+    /// with a slash is a folder: it is created if needed and gets a new file. Default: `recording.mcap` in the results
+    /// folder.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     #[expect(
         clippy::option_option,
-        reason = "absent, without and with a file: how clap says it"
+        reason = "absent, without and with a file: clap's form"
     )]
     pub(crate) record: Option<Option<PathBuf>>,
     #[command(flatten)]
     pub(crate) listeners: ListenerArgs,
-    /// Exit code 1 when cameras disagree
+    /// Exit with code 1 if the cameras disagree
     #[arg(long, hide_short_help = true)]
     pub(crate) strict: bool,
-    /// Use another value of a parameter.
+    /// Set a parameter to another value.
     ///
-    /// See `farfield parameters`; for example `smoothing.cutoff_hz=3`. The venue file that comes of it lies among the
+    /// For example `smoothing.cutoff_hz=3`; `farfield parameters` lists them. The changed venue file is saved with the
     /// results.
     #[arg(long, value_name = "TABLE.FIELD=VALUE", hide_short_help = true)]
     pub(crate) set: Vec<String>,
-    /// Print the summary, or what went wrong, as JSON.
+    /// Print the summary or the error as JSON.
     #[arg(long, hide_short_help = true)]
     pub(crate) json: bool,
 }
@@ -87,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn an_overlay_may_name_its_ticks() {
+    fn overlay_takes_an_optional_list_of_ticks() {
         let ticks = |ticks: &[i64]| Some(Some(TickList(ticks.iter().copied().map(Tick).collect())));
         assert_eq!(run_args(&[]).overlay, None);
         assert_eq!(run_args(&["--overlay"]).overlay, Some(None));
@@ -101,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_that_is_no_number_is_refused_by_name() {
+    fn an_invalid_overlay_tick_is_named_in_the_error() {
         let error = parsed(&["--overlay=3,x"]).unwrap_err();
         assert_eq!(error.exit_code(), 2);
         assert!(error.to_string().contains("`x`"), "{error}");

@@ -1,4 +1,4 @@
-//! Everything that a run can be refused for, before a process starts or a file is made.
+//! Checks before a run: every reason to refuse it, before a process starts or a file is created.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -26,13 +26,13 @@ use super::values::changed_venue;
 use crate::listeners::{ListenerArgs, wanted};
 use crate::overlay::overlay_ticks;
 use crate::parameters::{FAR_REMEDY, far_parameters};
-use crate::recorded_formats::{of_camera, say_format};
-use crate::recorded_rates::{
+use crate::recording_checks::{
     LONGER, LeapingKeypoints, held_keypoints, leaping_keypoints, odd_rates, too_short,
 };
-use crate::recorded_starts::{lengths_apart, starts_apart};
+use crate::recording_checks::{camera_name, print_format};
+use crate::recording_checks::{lengths_apart, starts_apart};
 
-/// How far apart recordings of different rates may be at the end of a run, ticks.
+/// Largest allowed drift between recordings of different rates at the end of a run, ticks.
 const MAX_DRIFT_TICKS: f64 = 0.5;
 
 /// What sets the pace of a run.
@@ -44,32 +44,32 @@ pub(crate) enum RunPace {
     Live,
 }
 
-/// A run that nothing speaks against.
+/// A run that passed all checks.
 pub(crate) struct RunPlan {
     pub(crate) venue_path: PathBuf,
-    /// What is to stand in its place, with other values.
+    /// The changed text of the venue file, if `--set` was given.
     changed: Option<String>,
     pub(crate) venue: Venue,
-    /// How its sources are opened.
+    /// Opens its sources.
     pub(crate) sources: VenueSources,
     pub(crate) pace: RunPace,
-    /// The ticks to work on; `None`: live, until somebody stops it.
+    /// The ticks to process; `None`: live, until stopped.
     pub(crate) ticks: Option<Range<Tick>>,
-    /// Where the results shall go, if anyone said so.
+    /// The folder for the results, if given.
     pub(crate) out: Option<PathBuf>,
-    /// Where to record, if that is wanted: `None` in the folder of the results.
+    /// Whether and where to record; `Some(None)`: in the results folder.
     #[expect(clippy::option_option, reason = "as on the command line")]
     pub(crate) record: Option<Option<PathBuf>>,
-    /// The ticks to draw, if any shall be drawn; in order.
+    /// The ticks to draw, in order.
     pub(crate) overlay: Vec<Tick>,
-    /// Who shall listen to fusion.
+    /// The outputs of fusion: page, streams.
     pub(crate) listeners: ListenerArgs,
-    /// Whether a run has failed whose cameras do not agree.
+    /// Whether the run fails if cameras disagree.
     pub(crate) strict: bool,
 }
 
 impl RunPlan {
-    /// Writes the venue file that the nodes read, where it is not the operator's own, into the folder of the results.
+    /// Writes the changed venue file, if any, into the results folder, where the nodes read it.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -89,14 +89,13 @@ impl RunPlan {
             RunPace::LockStep => ListenPlace::anywhere(&self.venue),
             RunPace::Live => {
                 let streams = wanted::streams(&self.venue, &self.listeners.stream);
-                ListenPlace::where_looked_for(&self.venue, &streams.unwrap_or_default())
+                ListenPlace::at_venue_endpoint(&self.venue, &streams.unwrap_or_default())
             }
         }
     }
 }
 
-/// Reads the venue, probes every source and loads every network once: the edges will load them for
-/// themselves.
+/// Reads the venue, probes every source and loads every network once. The edges load the networks again themselves.
 pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     let changed = if args.set.is_empty() {
         None
@@ -141,24 +140,26 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
         Err(SourceError::Endless) if pace == RunPace::Live => None,
         ticks => Some(ticks.map_err(NodeError::refused)?),
     };
-    doubt_recordings(&venue, &infos);
+    report_recordings(&venue, &infos);
     if let Some(ticks) = &ticks {
         check_rates(&venue, &infos, ticks)?;
         check_given_ticks(&venue, &args.venue, ticks).map_err(NodeError::refused)?;
     }
     let overlay = match (args.overlay, &ticks) {
         (None, _) => Vec::new(),
-        (Some(asked), Some(ticks)) => overlay_ticks(asked, ticks).map_err(NodeError::Refused)?,
+        (Some(requested), Some(ticks)) => {
+            overlay_ticks(requested, ticks).map_err(NodeError::Refused)?
+        }
         (Some(_), None) => {
             return Err(NodeError::Refused(anyhow!(
-                "`--overlay` needs --ticks A..B: cameras cannot be asked for a picture again"
+                "`--overlay` needs --ticks A..B: a camera cannot return to an earlier image"
             )));
         }
     };
     let networks = load_networks(&venue, &venue.cameras).map_err(NodeError::refused)?;
     let card = load_card(&venue).map_err(NodeError::Refused)?;
     check_given_keypoints(&venue, &args.venue, card.as_ref()).map_err(NodeError::refused)?;
-    // After the files: what is wrong in one that is there comes before what is not there.
+    // After the files: an error in an existing file is reported before a missing one.
     check_detector(&venue, &args.venue).map_err(NodeError::refused)?;
     let plan = RunPlan {
         venue_path: args.venue,
@@ -176,7 +177,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     Ok((plan, networks))
 }
 
-/// Refuses one recording for two cameras: their rays would meet anywhere, and nothing would say why.
+/// Refuses one recording used for two cameras. Their rays would meet at arbitrary points without an error.
 fn check_own_recordings(venue: &Venue, path: &Path) -> anyhow::Result<()> {
     let mut owners: BTreeMap<&Path, &str> = BTreeMap::new();
     for camera in &venue.cameras {
@@ -191,7 +192,7 @@ fn check_own_recordings(venue: &Venue, path: &Path) -> anyhow::Result<()> {
         let name = camera.model.name();
         if let Some(other) = owners.insert(recording, name) {
             bail!(
-                "{}: `source`: cameras `{other}` and `{name}` have the same recording {}, expected one of its own for each",
+                "{}: `source`: cameras `{other}` and `{name}` use the same recording {}, expected a different one for each camera",
                 path.display(),
                 recording.display()
             );
@@ -200,25 +201,25 @@ fn check_own_recordings(venue: &Venue, path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Reports what is remarkable about how recordings are stored and begin, and which files of keypoints are doubtful as a whole.
-fn doubt_recordings(venue: &Venue, infos: &[(String, SourceInfo)]) {
+/// Prints notes on the format, start and length of the recordings, and on suspect keypoint files.
+fn report_recordings(venue: &Venue, infos: &[(String, SourceInfo)]) {
     for (camera, info) in infos {
-        say_format(&of_camera(camera), info);
+        print_format(&camera_name(camera), info);
     }
     let starts = [starts_apart(venue, infos), lengths_apart(venue, infos)];
     for remark in starts.into_iter().flatten() {
         say(format_args!("{remark}"));
     }
     for (camera, info) in infos {
-        if let Some(doubt) = info.contents.and_then(|contents| contents.doubt()) {
+        if let Some(warning) = info.contents.and_then(|contents| contents.doubt()) {
             let named = format!("camera `{camera}`:");
-            say(format_args!("{}", doubt.of(&named)));
+            say(format_args!("{}", warning.of(&named)));
         }
     }
 }
 
-/// Refuses recordings of different rates that would be half a tick apart before the end, and says which rates are doubtful, and what is
-/// too short.
+/// Refuses recordings whose rates drift apart by more than [`MAX_DRIFT_TICKS`] by the end. Warns of suspect rates and
+/// of runs that are too short.
 fn check_rates(
     venue: &Venue,
     infos: &[(String, SourceInfo)],

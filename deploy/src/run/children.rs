@@ -1,4 +1,4 @@
-//! The nodes as child processes: each in a group of its own, leaving when its standard input closes.
+//! The nodes as child processes: each in its own process group; a node leaves when its standard input closes.
 
 use std::ffi::OsString;
 use std::os::unix::process::ExitStatusExt as _;
@@ -16,24 +16,24 @@ use tokio_util::task::TaskTracker;
 use tracing::debug;
 
 use super::check::{RunPace, RunPlan};
-use super::follow::ProgressDetail;
-use super::said::{LastWords, SaidDetail};
-use crate::listeners::page_token;
+use super::node_lines::{FinalError, LineDetail};
+use super::progress::ProgressDetail;
+use crate::listeners::page_access;
 
-/// Folder in that of the results for what edges keep on disk while a run lasts.
+/// Subfolder of the results where edges keep their rings during a run.
 pub(super) const RINGS: &str = "ring";
-/// Fusion's name among the nodes.
+/// Name of fusion among the nodes.
 pub(super) const FUSION: &str = "fusion";
-/// Events that wait for the loop; the pipes hold back the rest.
+/// Queue of events; when it is full, the pipes hold back the nodes.
 const QUEUE: usize = 256;
 
-/// What the nodes do.
+/// Events of the nodes.
 #[derive(Debug)]
 pub(super) enum NodeEvent {
-    /// Fusion reports.
+    /// A report of fusion.
     Report(Report),
-    /// A node says a line on its standard error.
-    Said { node: String, line: String },
+    /// A line from the standard error of a node.
+    Line { node: String, line: String },
     /// A node has ended.
     Exited(Exit),
 }
@@ -43,11 +43,11 @@ pub(super) enum NodeEvent {
 pub(super) struct Exit {
     pub(super) node: String,
     pub(super) status: Option<ExitStatus>,
-    /// Its last words: the error with which it ended, which of a log was told, too; or, for want of any, what it said before the
-    /// run began, which is told as well.
-    pub(super) said: Vec<String>,
-    /// The last error that it had said before and lived on for a while. It was told.
-    pub(super) outlived: Vec<String>,
+    /// The error with which it ended. If there was none, the lines that it wrote before the run began. Both are also
+    /// printed.
+    pub(super) error: Vec<String>,
+    /// The last error after which it kept running. It was printed.
+    pub(super) survived_error: Vec<String>,
 }
 
 impl Exit {
@@ -55,62 +55,62 @@ impl Exit {
         self.status.and_then(|status| status.code())
     }
 
-    /// Whether it has given no reason, and was not killed either.
-    pub(super) fn is_without_a_word(&self) -> bool {
-        self.said.is_empty() && self.outlived.is_empty() && self.code().is_some()
+    /// Whether it gave no reason and was not killed by a signal.
+    pub(super) fn has_no_reason(&self) -> bool {
+        self.error.is_empty() && self.survived_error.is_empty() && self.code().is_some()
     }
 
-    /// What went wrong, in the node's own words where it had some.
+    /// The reason of the end: the node's own error, if it wrote one.
     pub(super) fn reason(&self) -> String {
-        // Whoever was killed did not end by an error of long ago.
-        let takes_long = self.said.is_empty() && self.code().is_some();
-        let said = if takes_long {
-            &self.outlived
+        // A node that was killed did not end because of an earlier error.
+        let use_survived = self.error.is_empty() && self.code().is_some();
+        let error = if use_survived {
+            &self.survived_error
         } else {
-            &self.said
+            &self.error
         };
-        let said = said.join("\n");
-        let said = said.trim().strip_prefix("error: ").unwrap_or(said.trim());
+        let error = error.join("\n");
+        let error = error.trim().strip_prefix("error: ").unwrap_or(error.trim());
         match self.status {
-            Some(status) if said.is_empty() => status.signal().map_or_else(
+            Some(status) if error.is_empty() => status.signal().map_or_else(
                 || status.to_string(),
                 |signal| format!("killed by signal {signal}"),
             ),
-            None if said.is_empty() => "cannot be waited for".to_owned(),
-            _ => said.to_owned(),
+            None if error.is_empty() => "its exit status is unknown".to_owned(),
+            _ => error.to_owned(),
         }
     }
 }
 
-/// Starts nodes and gathers what they say.
+/// Starts nodes and collects their output.
 pub(super) struct Children {
     tasks: TaskTracker,
     kill: CancellationToken,
     events: mpsc::Sender<NodeEvent>,
-    said: SaidDetail,
+    detail: LineDetail,
 }
 
 impl Children {
-    /// Nothing runs yet; events of what will, and says as much as `said`, come out at the other end.
-    pub(super) fn new(said: SaidDetail) -> (Self, mpsc::Receiver<NodeEvent>) {
+    /// Starts nothing yet. Events of all nodes arrive at the returned receiver.
+    pub(super) fn new(detail: LineDetail) -> (Self, mpsc::Receiver<NodeEvent>) {
         let (events, received) = mpsc::channel(QUEUE);
         (
             Self {
                 tasks: TaskTracker::new(),
                 kill: CancellationToken::new(),
                 events,
-                said,
+                detail,
             },
             received,
         )
     }
 
-    /// Starts fusion at its place on this machine, with its results in `out`.
+    /// Starts fusion on this machine, with its results in `out`.
     pub(super) fn start_fusion(
         &self,
         plan: &RunPlan,
         out: &Path,
-        detail: ProgressDetail,
+        progress: ProgressDetail,
     ) -> anyhow::Result<ChildStdin> {
         let mut command = node(plan, FUSION)?;
         command.args(plan.place().words()).arg("--out").arg(out);
@@ -119,21 +119,26 @@ impl Children {
         }
         if let Some(record) = &plan.record {
             let own = || out.join(OWN_RECORDING);
-            // In one word: whatever it is called, it is the value.
+            // One word, so that no value is taken for an option.
             let mut word = OsString::from("--record=");
             word.push(record.clone().unwrap_or_else(own));
             command.arg(word);
         }
-        if detail == ProgressDetail::Bodies {
+        if progress == ProgressDetail::Bodies {
             command.arg("--report-bodies");
         }
         command.args(plan.listeners.words());
-        command.envs(plan.listeners.page_token.as_ref().map(page_token::for_node));
+        command.envs(
+            plan.listeners
+                .page_token
+                .as_ref()
+                .map(page_access::token_for_node),
+        );
         command.stdout(Stdio::piped());
         self.start(FUSION, command)
     }
 
-    /// Starts the edge of a viewpoint; live, it keeps its sets below `out` for as long as the run lasts.
+    /// Starts the edge of a viewpoint. Live, it keeps its ring below `out` during the run.
     pub(super) fn start_edge(
         &self,
         plan: &RunPlan,
@@ -151,7 +156,7 @@ impl Children {
         self.start(viewpoint, command)
     }
 
-    /// Ends every node that still runs, at once.
+    /// Kills every node that still runs.
     pub(super) fn kill(&self) {
         self.kill.cancel();
     }
@@ -163,7 +168,8 @@ impl Children {
         debug!(name, process = child.id(), "node started");
         let stdin = child.stdin.take().context("a child's standard input")?;
         self.tasks.spawn(follow(
-            (name.to_owned(), self.said),
+            name.to_owned(),
+            self.detail,
             child,
             self.events.clone(),
             self.kill.clone(),
@@ -180,15 +186,16 @@ fn node(plan: &RunPlan, kind: &str) -> anyhow::Result<Command> {
         let ticks = format!("{}..{}", ticks.start, ticks.end);
         command.arg("--ticks").arg(ticks);
     }
-    // A group of its own: Ctrl-C reaches this process only, which ends the others in order.
+    // An own process group: Ctrl-C reaches only this process, which ends the nodes in order.
     command.process_group(0).kill_on_drop(true);
     command.stdin(Stdio::piped()).stderr(Stdio::piped());
     Ok(command)
 }
 
-/// Task: one node from its start to its end.
+/// Task: one node from start to end.
 async fn follow(
-    (node, said): (String, SaidDetail),
+    node: String,
+    detail: LineDetail,
     mut child: Child,
     events: mpsc::Sender<NodeEvent>,
     kill: CancellationToken,
@@ -202,7 +209,7 @@ async fn follow(
     };
     let errors = async {
         match stderr {
-            Some(stderr) => pass_on(&node, stderr, said, &events).await,
+            Some(stderr) => forward_errors(&node, stderr, detail, &events).await,
             None => [Vec::new(), Vec::new()],
         }
     };
@@ -215,13 +222,13 @@ async fn follow(
             }
         }
     };
-    let ((), [said, outlived], status) = tokio::join!(reports, errors, wait);
+    let ((), [error, survived_error], status) = tokio::join!(reports, errors, wait);
     debug!(node, status = ?status.map(|it| it.to_string()), "node ended");
     let exit = Exit {
         node,
         status,
-        said,
-        outlived,
+        error,
+        survived_error,
     };
     drop(events.send(NodeEvent::Exited(exit)).await);
 }
@@ -236,32 +243,32 @@ async fn forward_reports(stdout: impl AsyncRead + Unpin, events: &mpsc::Sender<N
     }
 }
 
-/// Passes on what a node says, but for the last words with which it ends: those, and the last error that it had outlived.
-async fn pass_on(
+/// Forwards the error output of a node as events. Returns its final error and the last error that it survived.
+async fn forward_errors(
     node: &str,
     stderr: impl AsyncRead + Unpin,
-    said: SaidDetail,
+    detail: LineDetail,
     events: &mpsc::Sender<NodeEvent>,
 ) -> [Vec<String>; 2] {
-    let event = |line| NodeEvent::Said {
+    let event = |line| NodeEvent::Line {
         node: node.to_owned(),
         line,
     };
-    let mut last = LastWords::new(said);
+    let mut last = FinalError::new(detail);
     let mut lines = BufReader::new(stderr).lines();
     loop {
-        let outlived_at = last.outlived_at();
+        let expires_at = last.expires_at();
         let line = tokio::select! {
             line = lines.next_line() => line,
-            () = sleep_until(outlived_at.unwrap_or_else(Instant::now)), if outlived_at.is_some() => {
-                for line in last.outlived() {
+            () = sleep_until(expires_at.unwrap_or_else(Instant::now)), if expires_at.is_some() => {
+                for line in last.expire() {
                     drop(events.send(event(line)).await);
                 }
                 continue;
             }
         };
         let Ok(Some(line)) = line else {
-            return last.at_its_end();
+            return last.at_exit();
         };
         if let Some(line) = last.take(line, Instant::now()) {
             drop(events.send(event(line)).await);
@@ -274,28 +281,28 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn what_a_node_says_comes_at_once_and_the_error_with_which_it_ends_at_its_end() {
+    async fn lines_are_forwarded_at_once_and_the_final_error_is_returned() {
         let stderr = "the disk is full\nerror: poses.jsonl:\n  no space left\n";
         let (events, mut received) = mpsc::channel(QUEUE);
-        let [last, outlived] =
-            pass_on("fusion", stderr.as_bytes(), SaidDetail::Notices, &events).await;
+        let [last, survived] =
+            forward_errors("fusion", stderr.as_bytes(), LineDetail::Notices, &events).await;
         assert_eq!(last, ["error: poses.jsonl:", "  no space left"]);
-        assert!(outlived.is_empty());
+        assert!(survived.is_empty());
         drop(events);
-        let Some(NodeEvent::Said { node, line }) = received.recv().await else {
-            panic!("nothing was said");
+        let Some(NodeEvent::Line { node, line }) = received.recv().await else {
+            panic!("no line was forwarded");
         };
         assert_eq!([node, line], ["fusion", "the disk is full"]);
         assert!(received.recv().await.is_none());
     }
 
     #[test]
-    fn a_node_that_takes_long_to_end_does_so_by_its_last_error_unless_it_is_killed() {
+    fn the_last_survived_error_is_the_reason_unless_killed() {
         let ended = |raw: i32| Exit {
             node: FUSION.to_owned(),
             status: Some(ExitStatus::from_raw(raw)),
-            said: Vec::new(),
-            outlived: vec!["error: no space left".to_owned()],
+            error: Vec::new(),
+            survived_error: vec!["error: no space left".to_owned()],
         };
         assert_eq!(ended(1 << 8).reason(), "no space left");
         assert_eq!(ended(9).reason(), "killed by signal 9");

@@ -1,22 +1,18 @@
-//! `farfield run`: every node of a venue as a process of this machine, in lock-step over loopback.
+//! `farfield run`: every node of a venue as a process of this machine, in lock-step over loopback or live.
 //!
-//! Check (everything that can be refused, before anything is made) -> claim -> watch -> report.
-
+//! Check (everything that can be refused, before anything is created) -> claim -> watch -> report.
 mod args;
 mod check;
 mod children;
-mod draw;
-mod follow;
+mod node_lines;
 mod place;
 mod progress;
-mod remaining;
 mod report;
-mod said;
-mod session;
 mod values;
 mod verdict;
 mod watch;
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use farfield_fusion::node::FolderClaim;
@@ -25,15 +21,15 @@ use farfield_node::process::{Ending, NodeError, Told, exit_code_told, say};
 
 pub(crate) use self::args::RunArgs;
 pub(crate) use self::check::{RunPlan, check};
-pub(crate) use self::follow::{Follow, ProgressDetail};
-pub(crate) use self::remaining::TimeLeft;
+pub(crate) use self::progress::{Follow, ProgressDetail, TimeLeft};
 pub(crate) use self::report::done;
-pub(crate) use self::session::Session;
 pub(crate) use self::verdict::{RunEnd, RunVerdict};
+pub(crate) use self::watch::Session;
 
 use self::progress::ProgressLine;
+use crate::overlay::{draw_poses, overlay};
 
-/// Runs a venue to its end and says what came out.
+/// Runs a venue to its end and prints the results.
 pub(crate) fn main(args: RunArgs) -> ExitCode {
     start_log();
     let told = Told::as_json_if(args.json);
@@ -48,7 +44,7 @@ fn run(args: RunArgs) -> Result<Ending, NodeError> {
     }
     drop(networks);
     let mut session = Session::open()?;
-    // From here on an interruption is heard: the folder is the sign that the run has begun.
+    // From here on signals are caught: the folder shows that the run has begun.
     let claim =
         FolderClaim::take(plan.out.as_deref(), &plan.venue.name).map_err(NodeError::Refused)?;
     plan.stage(claim.folder()).map_err(NodeError::Failed)?;
@@ -56,7 +52,7 @@ fn run(args: RunArgs) -> Result<Ending, NodeError> {
     finish(&plan, &claim, end, json)
 }
 
-/// Draws and prints what the run has left in its folder.
+/// Draws the overlays and prints the results of the run.
 pub(crate) fn finish(
     plan: &RunPlan,
     claim: &FolderClaim,
@@ -70,14 +66,14 @@ pub(crate) fn finish(
         claim.salvage();
     }
     if matches!(end.verdict, RunVerdict::Done) {
-        draw::draw(plan, out).map_err(NodeError::Failed)?;
+        draw(plan, out).map_err(NodeError::Failed)?;
     }
     let agreed = match end.verdict {
         RunVerdict::Done if plan.strict => report::check_agreement(out).map_err(NodeError::Failed),
         _ => Ok(()),
     };
     let printed = match &end.verdict {
-        // As JSON one thing is said: what went wrong.
+        // JSON output has one object: the error.
         RunVerdict::Failed(_) if json => Ok(()),
         _ if json && agreed.is_err() => Ok(()),
         _ => report::print(out, json).map_err(NodeError::Failed),
@@ -91,4 +87,12 @@ pub(crate) fn finish(
         RunVerdict::Interrupted => printed.map(|()| Ending::Interrupted),
         RunVerdict::Failed(error) => Err(error),
     }
+}
+
+/// Draws the overlay ticks of the plan with the poses that the run has recorded.
+fn draw(plan: &RunPlan, out: &Path) -> anyhow::Result<()> {
+    let of = (&plan.venue, &plan.overlay[..], &*out.join("poses.jsonl"));
+    draw_poses(of, out, |camera, tick, persons| {
+        overlay(&plan.sources, &plan.venue, camera, tick, persons)
+    })
 }

@@ -1,6 +1,7 @@
-//! Where the fusion of a run listens. Live where `farfield status` looks for it, as long as nobody else is there, and there edges
-//! of the venue find it, too, that somebody has started by hand; in lock-step, where many runs go side by side and nobody joins
-//! them, at any port of this machine.
+//! Where the fusion of a run listens. In lock-step many runs work side by side, so it takes any free port of this
+//! machine.
+//! Live it listens at the endpoint of the venue if that is free. There `farfield status` and edges started by hand find
+//! it.
 
 use std::path::Path;
 
@@ -14,14 +15,14 @@ use crate::listeners::wanted::check_ros2;
 /// Where fusion listens.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ListenPlace {
-    /// Where others look for it; `None` where it is not to be there.
+    /// The endpoint where other programs expect it; `None`: only the free port.
     known: Option<String>,
     /// A free port of this machine.
     any: &'static str,
 }
 
 impl ListenPlace {
-    /// Of a run of `venue` in lock-step: at any port.
+    /// Lock-step: any free port.
     pub(super) fn anywhere(venue: &Venue) -> Self {
         let any = match venue.security.certificates {
             Some(_) => "quic/127.0.0.1:0",
@@ -30,28 +31,28 @@ impl ListenPlace {
         Self { known: None, any }
     }
 
-    /// Of a live run of `venue`, with `streams` beside it: where others look for it, if that may be.
-    pub(super) fn where_looked_for(venue: &Venue, streams: &[StreamSpec]) -> Self {
+    /// Live: the endpoint of the venue, if a run with these streams may use it.
+    pub(super) fn at_venue_endpoint(venue: &Venue, streams: &[StreamSpec]) -> Self {
         let exposure = Exposure {
             has_keys: venue.security.certificates.is_some(),
             allow_plaintext: venue.security.allow_plaintext,
         };
-        let looked_at = exposure.choose(Vec::new(), &venue.endpoints.connect);
-        // A run keeps to this machine. An edge of the venue that waits here for a fusion takes part all the same, and the
-        // run's own of that viewpoint is refused as its second (docs/live.md says what to do).
-        let is_to_be_had = |it: &String| {
+        let endpoints = exposure.choose(Vec::new(), &venue.endpoints.connect);
+        // A run stays on this machine. An edge started by hand that waits at this endpoint also takes part; fusion then
+        // refuses the run's own edge of that viewpoint as a second one (see docs/live.md).
+        let is_usable = |it: &String| {
             is_loopback(it)
                 && port(it).is_some_and(|port| port != 0)
                 && check_ros2(streams, std::slice::from_ref(it)).is_ok()
         };
-        let known = looked_at.unwrap_or_default().into_iter().find(is_to_be_had);
+        let known = endpoints.unwrap_or_default().into_iter().find(is_usable);
         Self {
             known,
             ..Self::anywhere(venue)
         }
     }
 
-    /// The words of fusion's command line that say so.
+    /// The arguments for fusion's command line.
     pub(super) fn words(&self) -> Vec<String> {
         let words = match &self.known {
             Some(known) => vec!["--listen", known.as_str(), "--listen-else", self.any],
@@ -60,8 +61,9 @@ impl ListenPlace {
         words.into_iter().map(str::to_owned).collect()
     }
 
-    /// What the operator is told once fusion listens at `endpoint`: how to look at the nodes of the venue in the file `venue`.
-    pub(super) fn told(&self, venue: &Path, endpoint: &str) -> String {
+    /// The line printed once fusion listens at `endpoint`: how to show the status of the nodes of the venue file
+    /// `venue`.
+    pub(super) fn message(&self, venue: &Path, endpoint: &str) -> String {
         let venue = venue.display();
         let is_known =
             |known: &&String| (scheme(known), port(known)) == (scheme(endpoint), port(endpoint));
@@ -96,7 +98,7 @@ mod tests {
 
     fn live(connect: &str, streams: &[&str]) -> ListenPlace {
         let streams: Vec<StreamSpec> = streams.iter().map(|it| it.parse().unwrap()).collect();
-        ListenPlace::where_looked_for(&venue(connect), &streams)
+        ListenPlace::at_venue_endpoint(&venue(connect), &streams)
     }
 
     fn known(connect: &str, streams: &[&str]) -> Option<String> {
@@ -104,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_live_run_is_where_status_looks_for_it_and_one_in_lock_step_anywhere() {
+    fn live_uses_the_venue_endpoint_and_lock_step_any_port() {
         assert_eq!(
             live("", &[]).words().join(" "),
             "--listen tcp/127.0.0.1:7447 --listen-else tcp/127.0.0.1:0"
@@ -114,17 +116,17 @@ mod tests {
     }
 
     #[test]
-    fn what_the_venue_file_says_counts_where_it_stays_on_this_machine() {
+    fn only_loopback_endpoints_of_the_venue_file_are_used() {
         assert_eq!(
             known("tcp/127.0.0.1:9000", &[]).as_deref(),
             Some("tcp/127.0.0.1:9000")
         );
-        // That is an endpoint of other machines, or one that says no port.
+        // The first belongs to another machine; the second has no port.
         assert_eq!(known("quic/10.0.0.1:7447 tcp/127.0.0.1:0", &[]), None);
     }
 
     #[test]
-    fn the_place_of_the_router_of_ros_2_is_left_to_it() {
+    fn the_port_of_the_ros_2_router_is_not_used() {
         assert_eq!(known("", &["ros2"]), None);
         assert_eq!(known("tcp/localhost:7447", &["ros2"]), None);
         assert!(known("tcp/localhost:7447", &[]).is_some());
@@ -132,19 +134,20 @@ mod tests {
     }
 
     #[test]
-    fn the_operator_is_told_how_to_look_at_the_nodes() {
-        let told = |connect, endpoint| live(connect, &[]).told(Path::new("hall.toml"), endpoint);
+    fn the_message_shows_how_to_query_the_status() {
+        let message =
+            |connect, endpoint| live(connect, &[]).message(Path::new("hall.toml"), endpoint);
         assert_eq!(
-            told("", "tcp/127.0.0.1:7447"),
+            message("", "tcp/127.0.0.1:7447"),
             "fusion listens on tcp/127.0.0.1:7447: `farfield status hall.toml` shows its nodes"
         );
         assert_eq!(
-            told("", "tcp/127.0.0.1:41000"),
+            message("", "tcp/127.0.0.1:41000"),
             "fusion listens on tcp/127.0.0.1:41000 (tcp/127.0.0.1:7447 is taken): `farfield status hall.toml --connect \
              tcp/127.0.0.1:41000` shows its nodes"
         );
         assert_eq!(
-            told("tcp/127.0.0.1:0", "tcp/127.0.0.1:41000"),
+            message("tcp/127.0.0.1:0", "tcp/127.0.0.1:41000"),
             "fusion listens on tcp/127.0.0.1:41000: `farfield status hall.toml --connect tcp/127.0.0.1:41000` shows its nodes"
         );
     }

@@ -1,4 +1,4 @@
-//! What a run came to, for people or as the JSON of `summary.json`.
+//! Results of a run, as text or as the JSON of `summary.json`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -12,15 +12,15 @@ use farfield_fusion::export::summary::{CameraSummary, Summary, TickSpan};
 use farfield_proto::message::live::CameraHealth;
 use farfield_proto::tick::Tick;
 
-use super::remaining::has_end;
+use super::progress::has_end;
 use crate::output;
 
-/// An edge that missed more than one of so many ticks is named.
+/// An edge is reported if it missed more than one in this many ticks.
 const MISSED_ONE_IN: u64 = 20;
-/// All stages of a tick together, as the summary names them.
+/// All stages of a tick together, as named in the summary.
 const FUSION_STEP: &str = "fusion/step";
 
-/// Prints the summary of the run in `out` on standard output; nothing when the run left none.
+/// Prints the summary of the run in `out`. Prints nothing if there is none.
 pub(super) fn print(out: &Path, json: bool) -> anyhow::Result<()> {
     let Some((summary, text)) = read(out)? else {
         return Ok(());
@@ -32,14 +32,14 @@ pub(super) fn print(out: &Path, json: bool) -> anyhow::Result<()> {
     output::print(&for_people(&summary, &names, &out.display().to_string()))
 }
 
-/// The ticks that the run in `out` has finished; `None` when it left no summary. An interrupted
-/// fusion finishes the tick that it is at, and reports it no more.
+/// The ticks that the run in `out` has finished; `None` without a summary. An interrupted fusion finishes its current
+/// tick without reporting it.
 pub(crate) fn done(out: &Path) -> anyhow::Result<Option<Range<Tick>>> {
     let ticks = read(out)?.map(|(summary, _)| summary.ticks);
     Ok(ticks.map(|ticks| ticks.first..ticks.first + ticks.done.cast_signed()))
 }
 
-/// Whether the cameras of the run in `out` agreed with each other.
+/// Checks that the cameras of the run in `out` agreed with each other.
 ///
 /// # Errors
 /// When they did not.
@@ -69,15 +69,15 @@ fn read(out: &Path) -> anyhow::Result<Option<(Summary, String)>> {
     Ok(Some((summary, text)))
 }
 
-/// Whether a node that was killed has left files behind that are not whole.
+/// Whether a killed node has left incomplete files.
 pub(super) fn has_unfinished(out: &Path) -> bool {
     unfinished(out).is_ok_and(|files| !files.is_empty())
 }
 
-/// Takes away what a run without a tick has begun to write.
+/// Removes the incomplete files of a run without a tick.
 pub(super) fn discard_unfinished(out: &Path) {
     for path in unfinished(out).unwrap_or_default() {
-        // What stays is told of as unfinished.
+        // Remaining files are reported as unfinished.
         drop(std::fs::remove_file(path));
     }
 }
@@ -93,23 +93,23 @@ fn unfinished(out: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// What people of the run are called; nobody where the list cannot be read: who exports it is told why.
+/// Names of the people of the run; empty if the list cannot be read: an export reports why.
 fn names(out: &Path) -> BTreeMap<u32, String> {
     let list = EditsFile::of_run(out).read().unwrap_or_default();
     let identities = list.identities(None).unwrap_or_default();
     identities.names_of_poses(identities.edited_ids())
 }
 
-/// How many ticks were done, and of how many, where they had an end.
+/// Ticks done, and of how many if they had an end.
 fn ticks_done(summary: &Summary) -> String {
     let TickSpan { first, end, done } = summary.ticks;
     match end - first {
-        asked if !has_end(asked) => format!("{done} ticks from {first}"),
-        // Of cameras that are stopped all ticks were asked for that they had.
-        asked if summary.complete || done >= asked.unsigned_abs() => {
-            format!("{done} of {asked} ticks from {first}")
+        requested if !has_end(requested) => format!("{done} ticks from {first}"),
+        // A live run that is stopped was requested only the ticks that its cameras had.
+        requested if summary.complete || done >= requested.unsigned_abs() => {
+            format!("{done} of {requested} ticks from {first}")
         }
-        asked => format!("{done} of {asked} ticks from {first}, cut short"),
+        requested => format!("{done} of {requested} ticks from {first}, cut short"),
     }
 }
 
@@ -185,12 +185,12 @@ fn for_people(summary: &Summary, names: &BTreeMap<u32, String>, out: &str) -> St
     text
 }
 
-/// Whether people were found, which nodes had trouble, and whether the cameras agree.
+/// Lines on detected people, on nodes with faults, and on the agreement of the cameras.
 fn lines_on_people_and_nodes(summary: &Summary) -> Vec<String> {
     let agreement = &summary.agreement;
     let mut lines = match summary.people.len() {
         0 if no_camera_works(summary) => {
-            vec!["nobody was found: no camera gave pictures".to_owned()]
+            vec!["no person was detected: no camera sent images".to_owned()]
         }
         found => agreement.lines_on_people(found),
     };
@@ -200,35 +200,35 @@ fn lines_on_people_and_nodes(summary: &Summary) -> Vec<String> {
     lines
 }
 
-/// Whether it could not be opened at the end, or broke off. One that is silent may be a recording that is over.
+/// Whether it could not be opened at the end, or broke off. A silent camera may be a finished recording.
 fn has_failed(camera: &CameraSummary) -> bool {
     camera.health == CameraHealth::Failed
 }
 
-/// Whether a live run ended without a single camera that gave pictures.
+/// Whether a live run ended without a single working camera.
 fn no_camera_works(summary: &Summary) -> bool {
     let cameras = &summary.timing.cameras;
     !cameras.is_empty() && cameras.values().all(has_failed)
 }
 
-/// Which cameras gave no pictures at the end of a live run, and why.
+/// Cameras of a live run that sent no images at the end, and why.
 fn lines_on_cameras(summary: &Summary) -> impl Iterator<Item = String> {
     let cameras = summary.timing.cameras.iter();
     let failed = cameras.filter(|(_, camera)| has_failed(camera));
     failed.map(|(name, camera)| {
         let reason = camera.reason.as_ref().map(|reason| format!(": {reason}"));
         let reason = reason.unwrap_or_default();
-        format!("camera {name} gave no pictures at the end{reason}")
+        format!("camera {name} sent no images at the end{reason}")
     })
 }
 
-/// Which edges of a live run were too slow for their ticks.
+/// Edges of a live run that were too slow for their ticks.
 fn lines_on_edges(summary: &Summary) -> impl Iterator<Item = String> {
     let done = summary.ticks.done;
     let missed = summary.timing.missed_ticks.iter();
     missed.filter(move |(_, missed)| **missed * MISSED_ONE_IN > done).map(move |(edge, missed)| {
         format!(
-            "edge {edge} did not work on {missed} of {done} ticks: its computer is too slow, or its network failed; on it, `farfield bench edge VENUE` says how many people it carries"
+            "edge {edge} missed {missed} of {done} ticks: its computer is too slow, or its network failed; run `farfield bench edge VENUE` on it to measure how many people it can track"
         )
     })
 }
@@ -241,7 +241,7 @@ mod tests {
     };
 
     #[test]
-    fn what_is_done_is_what_the_summary_says() {
+    fn done_ticks_come_from_the_summary() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(done(folder.path()).unwrap(), None);
         let summary = Summary {
@@ -257,8 +257,8 @@ mod tests {
     }
 
     #[test]
-    fn a_run_without_an_end_that_somebody_stops_was_not_cut_short() {
-        let of = |end| {
+    fn a_stopped_run_without_an_end_was_not_cut_short() {
+        let shown = |end| {
             let ticks = TickSpan {
                 first: Tick(0),
                 end: Tick(end),
@@ -269,13 +269,13 @@ mod tests {
                 ..Summary::default()
             })
         };
-        assert_eq!(of(1 << 40), "696 ticks from 0");
-        assert_eq!(of(696), "696 of 696 ticks from 0");
-        assert_eq!(of(900), "696 of 900 ticks from 0, cut short");
+        assert_eq!(shown(1 << 40), "696 ticks from 0");
+        assert_eq!(shown(696), "696 of 696 ticks from 0");
+        assert_eq!(shown(900), "696 of 900 ticks from 0, cut short");
     }
 
     #[test]
-    fn people_read_who_was_there_and_what_a_view_costs() {
+    fn text_shows_ticks_people_bytes_and_times() {
         let link = LinkSummary {
             patches: 10,
             patch_bytes: 4200,
@@ -312,21 +312,14 @@ mod tests {
         };
         let text = for_people(&summary, &BTreeMap::new(), "out");
         assert!(text.contains("10 of 20 ticks from 0, cut short"), "{text}");
-        assert!(
-            text.contains("person 1: ticks 3 to 9, 7 poses, 1.78 m tall"),
-            "{text}"
-        );
-        assert!(
-            text.contains("420 bytes per person, view and tick"),
-            "{text}"
-        );
-        let time = "fusion 3.1 ms per tick at the median, 9.0 at the 99th percentile";
-        assert!(text.contains(time), "{text}");
-        assert!(text.contains("2.4 % of an edge's work (ne)"), "{text}");
+        assert!(text.contains("1: ticks 3 to 9, 7 poses, 1.78 m"), "{text}");
+        for number in ["\n420 bytes", "fusion 3.1 ms", " 9.0 at", "2.4 %"] {
+            assert!(text.contains(number), "{number}: {text}");
+        }
     }
 
     #[test]
-    fn where_no_camera_gave_pictures_nobody_is_asked_about_the_detector() {
+    fn without_a_working_camera_the_detector_is_not_suspected() {
         let camera = |health, reason: Option<&str>| CameraSummary {
             health,
             frames_per_s: 0.0,
@@ -337,22 +330,21 @@ mod tests {
         let refused = camera(CameraHealth::Failed, Some("connection refused"));
         let cameras = &mut summary.timing.cameras;
         cameras.insert("ne".to_owned(), refused);
+        assert!(no_camera_works(&summary));
         let text = for_people(&summary, &BTreeMap::new(), "out");
-        assert!(
-            text.contains("nobody was found: no camera gave pictures\n"),
-            "{text}"
-        );
-        assert!(text.contains("camera ne gave no pictures at the end: connection refused\n"));
-        // A recording that is over.
+        assert!(!text.contains("detector"), "{text}");
+        assert!(text.contains("camera ne ") && text.contains(": connection refused\n"));
+        // A finished recording.
         let silent = camera(CameraHealth::Silent, None);
         summary.timing.cameras.insert("sw".to_owned(), silent);
+        assert!(!no_camera_works(&summary));
         let text = for_people(&summary, &BTreeMap::new(), "out");
-        assert!(text.contains("is the detector the right one"), "{text}");
-        assert!(text.contains("camera ne gave no pictures") && !text.contains("camera sw"));
+        assert!(text.contains("detector"), "{text}");
+        assert!(text.contains("camera ne ") && !text.contains("camera sw"));
     }
 
     #[test]
-    fn an_edge_that_missed_more_than_a_twentieth_of_its_ticks_is_named() {
+    fn an_edge_that_missed_more_than_a_twentieth_of_its_ticks_is_reported() {
         let mut summary = Summary::default();
         summary.ticks.done = 100;
         let missed = [("ne", 5), ("sw", 6)].map(|(edge, missed)| (edge.to_owned(), missed));
@@ -360,7 +352,7 @@ mod tests {
         let named: Vec<String> = lines_on_edges(&summary).collect();
         assert_eq!(named.len(), 1);
         assert!(
-            named[0].starts_with("edge sw did not work on 6 of 100 ticks"),
+            named[0].starts_with("edge sw missed 6 of 100 ticks"),
             "{named:?}"
         );
     }

@@ -1,4 +1,4 @@
-//! `--set`: the venue with other values, as a venue file of its own among the results.
+//! `--set`: the venue with changed values, as a venue file of its own among the results.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,11 +7,11 @@ use anyhow::Context as _;
 use farfield_fusion::node::with_values;
 use toml::{Table, Value};
 
-/// The venue file at `path` with the values of `set`. The files that it names have their full paths, so that the text
-/// may lie elsewhere.
+/// The venue file at `path` with the values of `set`. Paths in it become absolute, so that the text can be saved
+/// elsewhere.
 ///
 /// # Errors
-/// When the file cannot be read, or a value not be set.
+/// When the file cannot be read, or a value cannot be set.
 pub(super) fn changed_venue(path: &Path, set: &[String]) -> anyhow::Result<String> {
     let shown = || path.display().to_string();
     let text = fs::read_to_string(path).with_context(shown)?;
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_changed_venue_may_lie_anywhere() {
+    fn a_changed_venue_has_absolute_paths() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("hall.toml");
         fs::write(

@@ -1,4 +1,4 @@
-//! What the ends of the nodes mean for the run: how it ended, and who is to blame.
+//! Verdict on a run from the ends of its nodes: how it ended, and which node caused a failure.
 
 use anyhow::anyhow;
 use farfield_node::process::{EXIT_INTERRUPTED, EXIT_REFUSED, NodeError};
@@ -11,7 +11,7 @@ use super::children::{Exit, FUSION};
 pub(crate) enum RunVerdict {
     /// Fusion has worked on every tick.
     Done,
-    /// Someone asked the run to stop.
+    /// The run was asked to stop.
     Interrupted,
     Failed(NodeError),
 }
@@ -24,50 +24,52 @@ pub(crate) struct RunEnd {
     pub(crate) last: Option<Tick>,
 }
 
-/// The ends of the nodes as they come.
+/// The ends of the nodes so far.
 #[derive(Debug, Default)]
 pub(super) struct NodeEnds {
-    /// Fusion has ended, and all was well.
+    /// Fusion has ended with success.
     fusion_done: bool,
-    /// Nodes that ended badly without having been killed by the run, in order.
+    /// Nodes that failed and were not killed by the run, in order.
     failures: Vec<Exit>,
 }
 
-/// What the run had told a node before it ended.
+/// The last request of the run to a node before it ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum NodeTold {
+pub(super) enum LastRequest {
     Nothing,
-    ToLeave,
-    /// It was killed: its end says nothing.
-    Killed,
+    Leave,
+    /// The run killed it: its exit status has no meaning.
+    Kill,
 }
 
-/// What an end means while the others still run.
+/// Whether a node ended well while the others still run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Sign {
+pub(super) enum NodeOutcome {
     Well,
-    Bad,
+    Failed,
 }
 
 impl NodeEnds {
-    /// Notes the end of a node.
-    pub(super) fn take(&mut self, exit: Exit, told: NodeTold) -> Sign {
-        let well = match (exit.code(), told) {
-            (Some(0), _) | (None, NodeTold::Killed) => true,
-            (Some(code), _) if code == i32::from(EXIT_INTERRUPTED) => told != NodeTold::Nothing,
+    /// Records the end of a node.
+    pub(super) fn take(&mut self, exit: Exit, request: LastRequest) -> NodeOutcome {
+        let well = match (exit.code(), request) {
+            (Some(0), _) | (None, LastRequest::Kill) => true,
+            (Some(code), _) if code == i32::from(EXIT_INTERRUPTED) => {
+                request != LastRequest::Nothing
+            }
             _ => false,
         };
         self.fusion_done |= exit.node == FUSION && exit.code() == Some(0);
         if well {
-            return Sign::Well;
+            return NodeOutcome::Well;
         }
         self.failures.push(exit);
-        Sign::Bad
+        NodeOutcome::Failed
     }
 
-    /// How the run ended, whose last reported tick is `last`.
+    /// How the run ended; its last reported tick is `last`.
     pub(super) fn verdict(&self, interrupted: bool, last: Option<Tick>) -> RunVerdict {
-        // An interrupted fusion that failed at its last files has not ended well.
+        // An interrupted fusion that could not write its last files has failed.
         let fusion_failed = self
             .failures_with_a_reason()
             .any(|exit| exit.node == FUSION);
@@ -90,25 +92,25 @@ impl NodeEnds {
         })
     }
 
-    /// Who was ended from outside comes first, as the others only miss it. Fusion's words say the rest:
-    /// it hears from every edge why it fails, and then tells the others, which fail in turn.
+    /// A node that a signal ended comes first, as the others only miss it. Fusion's error has the rest: fusion receives
+    /// the
+    /// reason of every edge that fails, and then ends the other edges, which fail in turn.
     fn blame(&self, last: Option<Tick>) -> String {
         let ended: Vec<&Exit> = self.failures.iter().filter(|e| was_ended(e)).collect();
         let by_fusion = self
             .failures_with_a_reason()
             .find(|exit| exit.node == FUSION);
-        // A fusion that was ended itself has no words: the edges' are but its echo.
+        // A fusion that was ended itself has no reason, and the edges only report that it has left.
         let echo = ended.iter().any(|exit| exit.node == FUSION);
-        let words = by_fusion.or_else(|| self.failures_with_a_reason().next().filter(|_| !echo));
+        let cause = by_fusion.or_else(|| self.failures_with_a_reason().next().filter(|_| !echo));
         let lines: Vec<String> = ended
             .into_iter()
-            .chain(words)
-            .map(|e| told(e, last))
+            .chain(cause)
+            .map(|e| described(e, last))
             .collect();
         lines.join("\n")
     }
 
-    /// The failures with a reason of their own.
     fn failures_with_a_reason(&self) -> impl Iterator<Item = &Exit> {
         self.failures.iter().filter(|exit| !was_ended(exit))
     }
@@ -120,7 +122,7 @@ fn was_ended(exit: &Exit) -> bool {
         .is_none_or(|code| code == i32::from(EXIT_INTERRUPTED))
 }
 
-fn told(exit: &Exit, last: Option<Tick>) -> String {
+fn described(exit: &Exit, last: Option<Tick>) -> String {
     if exit.code() == Some(i32::from(EXIT_INTERRUPTED)) {
         let at = last.map_or_else(String::new, |tick| format!(" at tick {tick}"));
         return format!("{} was ended by a signal{at}", exit.node);
@@ -135,17 +137,17 @@ mod tests {
 
     use super::*;
 
-    fn exit(node: &str, raw: i32, said: &str) -> Exit {
+    fn exit(node: &str, raw: i32, error: &str) -> Exit {
         Exit {
             node: node.to_owned(),
             status: Some(ExitStatus::from_raw(raw)),
-            said: vec![said.to_owned()],
-            outlived: Vec::new(),
+            error: vec![error.to_owned()],
+            survived_error: Vec::new(),
         }
     }
 
-    fn code(node: &str, code: i32, said: &str) -> Exit {
-        exit(node, code << 8, said)
+    fn code(node: &str, code: i32, error: &str) -> Exit {
+        exit(node, code << 8, error)
     }
 
     fn failed(ends: &NodeEnds, interrupted: bool) -> String {
@@ -156,46 +158,52 @@ mod tests {
     }
 
     #[test]
-    fn a_run_is_done_when_fusion_says_so() {
+    fn a_run_is_done_when_fusion_exits_with_success() {
         let mut ends = NodeEnds::default();
         assert_eq!(failed(&ends, false), "fusion has not finished");
-        ends.take(code(FUSION, 0, ""), NodeTold::Nothing);
+        ends.take(code(FUSION, 0, ""), LastRequest::Nothing);
         assert!(matches!(ends.verdict(false, None), RunVerdict::Done));
     }
 
     #[test]
-    fn a_fusion_that_somebody_else_has_ended_is_a_failure() {
+    fn a_fusion_ended_from_outside_is_a_failure() {
         let mut ends = NodeEnds::default();
         assert_eq!(
-            ends.take(code(FUSION, 130, ""), NodeTold::Nothing),
-            Sign::Bad
+            ends.take(code(FUSION, 130, ""), LastRequest::Nothing),
+            NodeOutcome::Failed
         );
-        ends.take(code("ne", 0, ""), NodeTold::ToLeave);
+        ends.take(code("ne", 0, ""), LastRequest::Leave);
         assert_eq!(
             failed(&ends, false),
             "fusion was ended by a signal at tick 7"
         );
-        let mut asked = NodeEnds::default();
+        let mut requested = NodeEnds::default();
         assert_eq!(
-            asked.take(code(FUSION, 130, ""), NodeTold::ToLeave),
-            Sign::Well
+            requested.take(code(FUSION, 130, ""), LastRequest::Leave),
+            NodeOutcome::Well
         );
-        assert!(matches!(asked.verdict(true, None), RunVerdict::Interrupted));
+        assert!(matches!(
+            requested.verdict(true, None),
+            RunVerdict::Interrupted
+        ));
     }
 
     #[test]
-    fn whoever_left_first_is_named_first_and_our_own_kill_is_no_failure() {
+    fn the_node_that_left_first_is_named_first_and_a_kill_by_the_run_is_no_failure() {
         let mut ends = NodeEnds::default();
-        ends.take(exit("ne", 9, ""), NodeTold::Nothing);
+        ends.take(exit("ne", 9, ""), LastRequest::Nothing);
         ends.take(
             code(FUSION, 1, "error: viewpoint ne has left"),
-            NodeTold::Nothing,
+            LastRequest::Nothing,
         );
         ends.take(
             code("sw", 1, "error: fusion has ended the run"),
-            NodeTold::ToLeave,
+            LastRequest::Leave,
         );
-        assert_eq!(ends.take(exit("se", 9, ""), NodeTold::Killed), Sign::Well);
+        assert_eq!(
+            ends.take(exit("se", 9, ""), LastRequest::Kill),
+            NodeOutcome::Well
+        );
         assert_eq!(
             failed(&ends, false),
             "ne: killed by signal 9\nfusion: viewpoint ne has left"
@@ -203,17 +211,20 @@ mod tests {
     }
 
     #[test]
-    fn the_edges_of_a_killed_fusion_are_not_heard() {
+    fn errors_of_edges_are_ignored_if_fusion_was_killed() {
         let mut ends = NodeEnds::default();
-        ends.take(code("ne", 1, "error: fusion has left"), NodeTold::Nothing);
-        ends.take(exit(FUSION, 9, ""), NodeTold::Nothing);
+        ends.take(
+            code("ne", 1, "error: fusion has left"),
+            LastRequest::Nothing,
+        );
+        ends.take(exit(FUSION, 9, ""), LastRequest::Nothing);
         assert_eq!(failed(&ends, false), "fusion: killed by signal 9");
     }
 
     #[test]
     fn an_interrupted_fusion_that_cannot_write_its_files_has_failed() {
         let mut ends = NodeEnds::default();
-        ends.take(code(FUSION, 1, "error: no space left"), NodeTold::ToLeave);
+        ends.take(code(FUSION, 1, "error: no space left"), LastRequest::Leave);
         assert_eq!(failed(&ends, true), "fusion: no space left");
     }
 }

@@ -1,4 +1,4 @@
-//! Watches over the nodes of a run: starts them in order, shows how far they are, and ends them together.
+//! Watches the nodes of a run: starts them in order, shows their progress, and ends them together.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -6,25 +6,26 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_fusion::node::Report;
-use farfield_node::process::EXIT_REFUSED;
+use farfield_node::process::{EXIT_REFUSED, NodeError};
 use farfield_proto::tick::Tick;
 use tokio::process::ChildStdin;
+use tokio::runtime::Runtime;
 use tokio::time::{Instant, sleep_until};
 
 use super::check::{RunPace, RunPlan};
 use super::children::{Children, Exit, FUSION, NodeEvent, RINGS};
-use super::follow::Follow;
-use super::said::{SaidDetail, SaidLines};
-use super::verdict::{NodeEnds, NodeTold, RunEnd, Sign};
+use super::node_lines::{LineDetail, NodeLines};
+use super::progress::Follow;
+use super::verdict::{LastRequest, NodeEnds, NodeOutcome, RunEnd};
 use crate::signals::Signals;
 
-/// How long the nodes may take to finish their files and leave, once they shall.
+/// Time for the nodes to finish their files and leave.
 const GRACE: Duration = Duration::from_secs(10);
 
-/// Live, an edge that has ended is started again after this.
+/// Live: delay before an edge that has ended is started again.
 const START_AGAIN: Duration = Duration::from_secs(1);
 
-/// Runs all nodes to their end, with the results in `out`; `follow` hears of every tick.
+/// Runs all nodes to their end, with the results in `out`. `follow` receives every tick.
 ///
 /// # Errors
 /// When a node cannot be started or watched.
@@ -34,7 +35,7 @@ pub(super) async fn watch(
     signals: &mut Signals,
     follow: &mut dyn Follow,
 ) -> anyhow::Result<RunEnd> {
-    let detail = SaidDetail::of_environment();
+    let detail = LineDetail::from_environment();
     let (children, mut events) = Children::new(detail);
     let mut watch = RunWatch {
         plan,
@@ -43,7 +44,7 @@ pub(super) async fn watch(
         inputs: BTreeMap::new(),
         follow,
         detail,
-        said: SaidLines::new(detail),
+        lines: NodeLines::new(detail),
         started: false,
         last: None,
         interrupted: false,
@@ -73,9 +74,9 @@ pub(super) async fn watch(
             }
         }
     }
-    // Of a run that has not begun: whatever its end is said to be, this came before it.
-    watch.tell_early();
-    // They are of no use to anybody once fusion's session is over.
+    // For a run that has not begun: these lines came before its end.
+    watch.print_early();
+    // The rings are useless once fusion's session is over.
     drop(std::fs::remove_dir_all(out.join(RINGS)));
     watch.follow.finish();
     Ok(RunEnd {
@@ -89,20 +90,20 @@ struct RunWatch<'a> {
     /// Where the results go.
     out: &'a Path,
     children: Children,
-    /// Nodes that run. A node whose input is `None` has been asked to leave.
+    /// Nodes that run. `None`: the node was asked to leave.
     inputs: BTreeMap<String, Option<ChildStdin>>,
     follow: &'a mut dyn Follow,
-    detail: SaidDetail,
-    said: SaidLines,
+    detail: LineDetail,
+    lines: NodeLines,
     started: bool,
     last: Option<Tick>,
     interrupted: bool,
     killed: bool,
-    /// When whoever still runs is killed.
+    /// When nodes that still run are killed.
     leave_by: Option<Instant>,
     /// Where fusion listens.
     endpoint: String,
-    /// Live: when these viewpoints' edges are started again.
+    /// Live: when the edges of these viewpoints are started again.
     start_again: Option<(Instant, Vec<String>)>,
     ends: NodeEnds,
 }
@@ -115,45 +116,45 @@ impl RunWatch<'_> {
                 self.endpoint = endpoint.context("fusion listens nowhere")?;
                 if self.plan.pace == RunPace::Live {
                     let (place, venue) = (self.plan.place(), &self.plan.venue_path);
-                    self.follow.tell(&place.told(venue, &self.endpoint));
+                    self.follow.print(&place.message(venue, &self.endpoint));
                 }
                 self.start_edges()?;
             }
             NodeEvent::Report(Report::Notices(lines)) => {
                 for line in lines {
-                    self.follow.tell(&line);
+                    self.follow.print(&line);
                 }
             }
             NodeEvent::Report(Report::Started { .. }) => {
                 self.started = true;
-                self.tell_early();
+                self.print_early();
             }
             NodeEvent::Report(Report::Tick(tick)) => {
                 self.last = Some(tick.tick);
                 self.follow.tick(&tick);
             }
             NodeEvent::Report(Report::Links(links)) => self.follow.links(&links),
-            NodeEvent::Said { node, line } => self.hear(&node, line),
+            NodeEvent::Line { node, line } => self.receive(&node, line),
             NodeEvent::Exited(exit) => self.exited(exit),
         }
         Ok(())
     }
 
-    fn hear(&mut self, node: &str, line: String) {
-        if let Some(line) = self.said.take(node, line, Instant::now()) {
-            self.tell_said(&line);
+    fn receive(&mut self, node: &str, line: String) {
+        if let Some(line) = self.lines.take(node, line, Instant::now()) {
+            self.print_line(&line);
         }
     }
 
-    fn tell_early(&mut self) {
-        for line in self.said.begin() {
-            self.tell_said(&line);
+    fn print_early(&mut self) {
+        for line in self.lines.begin() {
+            self.print_line(&line);
         }
     }
 
-    fn tell_said(&mut self, line: &str) {
-        if self.detail == SaidDetail::Log || self.follow.wants(line) {
-            self.follow.tell(line);
+    fn print_line(&mut self, line: &str) {
+        if self.detail == LineDetail::Log || self.follow.wants(line) {
+            self.follow.print(line);
         }
     }
 
@@ -183,8 +184,9 @@ impl RunWatch<'_> {
             .try_for_each(|viewpoint| self.start_edge(viewpoint))
     }
 
-    /// Live, the others go on without an edge that has ended, and it is started again unless its input is
-    /// wrong; false when the run must end.
+    /// Live, the others continue without an edge that has ended, and it is started again unless its input is wrong.
+    /// False
+    /// if the run must end.
     fn does_without(&mut self, exit: &Exit) -> bool {
         let others_run = self.inputs.keys().any(|node| *node != FUSION);
         let is_refused = exit.code() == Some(i32::from(EXIT_REFUSED));
@@ -193,7 +195,7 @@ impl RunWatch<'_> {
             return false;
         }
         let ended = format!("{}: {}", exit.node, exit.reason());
-        self.follow.tell(&ended);
+        self.follow.print(&ended);
         if !is_refused {
             let at = Instant::now() + START_AGAIN;
             let (_, ended) = self.start_again.get_or_insert((at, Vec::new()));
@@ -212,31 +214,31 @@ impl RunWatch<'_> {
             self.inputs
                 .extend(input.map(|input| (exit.node.clone(), input)));
         }
-        let told = match self.inputs.remove(&exit.node) {
-            _ if self.killed => NodeTold::Killed,
-            Some(Some(_)) => NodeTold::Nothing,
-            _ => NodeTold::ToLeave,
+        let request = match self.inputs.remove(&exit.node) {
+            _ if self.killed => LastRequest::Kill,
+            Some(Some(_)) => LastRequest::Nothing,
+            _ => LastRequest::Leave,
         };
-        let (node, last_words) = (exit.node.clone(), exit.said.clone());
-        if exit.is_without_a_word() {
-            exit.said = self.said.early_of(&node);
+        let (node, final_error) = (exit.node.clone(), exit.error.clone());
+        if exit.has_no_reason() {
+            exit.error = self.lines.early_lines(&node);
         }
-        let sign = self.ends.take(exit, told);
-        if sign == Sign::Well && self.detail == SaidDetail::Notices {
-            // What failed as it ended is not why it did: no failure of the run says it.
-            for line in last_words {
-                self.hear(&node, line);
+        let outcome = self.ends.take(exit, request);
+        if outcome == NodeOutcome::Well && self.detail == LineDetail::Notices {
+            // The verdict of the run does not contain an error of a node that ended well.
+            for line in final_error {
+                self.receive(&node, line);
             }
         }
-        if is_fusion || (sign == Sign::Bad && !self.started) {
+        if is_fusion || (outcome == NodeOutcome::Failed && !self.started) {
             self.ask_all_to_leave();
-        } else if sign == Sign::Bad {
-            // Fusion sees it, too, and finishes its files by itself.
+        } else if outcome == NodeOutcome::Failed {
+            // Fusion sees it, too, and finishes its files itself.
             self.leave_soon();
         }
     }
 
-    /// Fusion finishes its files and tells the edges to leave.
+    /// Fusion finishes its files and asks the edges to leave.
     fn interrupt(&mut self) {
         self.interrupted = true;
         match self.inputs.get_mut(FUSION) {
@@ -255,5 +257,48 @@ impl RunWatch<'_> {
 
     fn leave_soon(&mut self) {
         self.leave_by.get_or_insert_with(|| Instant::now() + GRACE);
+    }
+}
+
+/// Runtime and signals of a run. From here on Ctrl-C no longer ends the process.
+pub(crate) struct Session {
+    runtime: Runtime,
+    signals: Signals,
+}
+
+impl Session {
+    /// Starts the runtime and catches signals.
+    ///
+    /// # Errors
+    /// When the system has no thread left, or signals cannot be caught.
+    pub(crate) fn open() -> Result<Self, NodeError> {
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .enable_all()
+            .build();
+        let runtime = runtime
+            .context("starting the runtime")
+            .map_err(NodeError::Failed)?;
+        let entered = runtime.enter();
+        let signals = Signals::catch()
+            .context("catching signals")
+            .map_err(NodeError::Failed)?;
+        drop(entered);
+        Ok(Self { runtime, signals })
+    }
+
+    /// Runs all nodes of `plan` to their end, with the results in `out`. `follow` receives every tick.
+    ///
+    /// # Errors
+    /// When a node cannot be started or watched.
+    pub(crate) fn watch(
+        &mut self,
+        plan: &RunPlan,
+        out: &Path,
+        follow: &mut dyn Follow,
+    ) -> Result<RunEnd, NodeError> {
+        self.runtime
+            .block_on(watch(plan, out, &mut self.signals, follow))
+            .map_err(NodeError::Failed)
     }
 }
