@@ -1,44 +1,51 @@
-//! The venue's authority (CA), and the certificates that it signs.
+//! The venue's authority (CA), the certificates that it signs, and the host names in fusion's certificate.
 
+use std::collections::BTreeSet;
+use std::net::IpAddr;
+use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context as _;
+use farfield_node::certificate::{common_name_in, hosts_in};
+use farfield_node::keys::node_of;
+use farfield_node::process::say;
+use farfield_proto::transport::endpoint::host;
 use farfield_proto::transport::{FUSION, RECORDER, common_name, reader};
+use farfield_proto::venue::Venue;
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa,
     Issuer, KeyPair, KeyUsagePurpose,
 };
 use time::{Duration, OffsetDateTime};
 
-/// How much longer the authority holds than what it signs.
-const LIVES: i64 = 5;
-/// Clocks of the nodes may be behind by so much.
+/// Validity of the authority relative to that of the nodes.
+const AUTHORITY_FACTOR: i64 = 5;
+/// Certificates are valid from this time before now, as clocks of nodes may be behind.
 const SLACK: Duration = Duration::days(1);
 
-/// What the authority of `venue` is called.
+/// The common name of the authority of `venue`.
 pub(super) fn name_of(venue: &str) -> String {
     format!("{venue} authority")
 }
 
-/// Someone who gets a key.
+/// A node or person that gets a key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Bearer {
-    /// Its name, which its files have.
+    /// Name, also of its files.
     pub(super) node: String,
-    /// What it does.
     pub(super) role: NodeRole,
 }
 
-/// What a node does.
+/// What a key is for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum NodeRole {
-    /// Is connected to, by these names and addresses.
+    /// Accepts connections at these names and addresses.
     Fusion(Vec<String>),
     /// Connects, and publishes under its name.
     Edge,
-    /// Connects, and only listens: to everything.
+    /// Connects, and only receives: everything.
     Recorder,
-    /// Connects, and only listens: to poses and statuses.
+    /// Connects, and only receives: poses and statuses.
     Reader,
 }
 
@@ -78,7 +85,7 @@ pub(super) struct Pair {
     pub(super) key: String,
 }
 
-/// What signs.
+/// Signs certificates.
 pub(super) struct Authority {
     pub(super) venue: String,
     pub(super) days: u32,
@@ -88,13 +95,13 @@ pub(super) struct Authority {
 }
 
 impl Authority {
-    /// A new one for `venue`, for certificates that hold for `days`.
+    /// A new authority for `venue`; it issues certificates that are valid for `days`.
     pub(super) fn new(venue: &str, days: u32) -> anyhow::Result<Self> {
         let mut params = CertificateParams::default();
         params.distinguished_name = named(&name_of(venue));
         params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
         params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
-        (params.not_before, params.not_after) = holds(LIVES * i64::from(days))?;
+        (params.not_before, params.not_after) = validity(AUTHORITY_FACTOR * i64::from(days))?;
         let key = KeyPair::generate().context("making the authority's key")?;
         let certificate = params
             .self_signed(&key)
@@ -108,7 +115,7 @@ impl Authority {
         })
     }
 
-    /// One that was made before.
+    /// An existing authority.
     pub(super) fn read(certificate: &str, key: &str) -> anyhow::Result<Self> {
         let pair = KeyPair::from_pem(key).context("ca.key is not a private key")?;
         let issuer = Issuer::from_ca_cert_pem(certificate, pair)
@@ -122,7 +129,7 @@ impl Authority {
         })
     }
 
-    /// Its public key, as its certificate has it.
+    /// Its public key, as in its certificate.
     pub(super) fn public_key(&self) -> &[u8] {
         self.issuer.key().public_key_raw()
     }
@@ -135,8 +142,8 @@ impl Authority {
         self.key.clone()
     }
 
-    /// A new key for `bearer` of `venue` and its certificate, of this generation. Only fusion's is good for being
-    /// connected to: an edge's key makes no fusion node.
+    /// Issues a new key and certificate of this generation to `bearer` of `venue`. Only fusion's certificate is valid
+    /// for a server: an edge's key cannot act as fusion.
     pub(super) fn issue(
         &self,
         venue: &str,
@@ -173,7 +180,7 @@ impl Authority {
         params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
         params.extended_key_usages = usages;
         params.use_authority_key_identifier_extension = true;
-        (params.not_before, params.not_after) = holds(i64::from(days))?;
+        (params.not_before, params.not_after) = validity(i64::from(days))?;
         let key = KeyPair::generate().with_context(|| format!("making {}'s key", bearer.node))?;
         let certificate = params
             .signed_by(&key, &self.issuer)
@@ -191,8 +198,8 @@ fn named(common_name: &str) -> DistinguishedName {
     name
 }
 
-/// From when to when a certificate holds that is made now.
-fn holds(days: i64) -> anyhow::Result<(OffsetDateTime, OffsetDateTime)> {
+/// The validity of a certificate that is created now.
+fn validity(days: i64) -> anyhow::Result<(OffsetDateTime, OffsetDateTime)> {
     let since = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .context("the clock of this machine is before 1970")?;
@@ -203,4 +210,67 @@ fn holds(days: i64) -> anyhow::Result<(OffsetDateTime, OffsetDateTime)> {
         now - SLACK,
         until.context("a validity beyond the year 9999")?,
     ))
+}
+
+/// Used by nodes on fusion's machine.
+const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
+
+/// All names that edges may use for fusion: the hosts of the venue's endpoints, `more`, and the loopback.
+///
+/// # Errors
+/// When one of `more` is neither a host name nor an address.
+pub(super) fn hosts_of_fusion(venue: &Venue, more: &[String]) -> anyhow::Result<Vec<String>> {
+    if let Some(wrong) = more.iter().find(|text| !is_host(text)) {
+        anyhow::bail!("`--host`: found `{wrong}`, expected a name or an address, without a port");
+    }
+    let endpoints = venue
+        .endpoints
+        .connect
+        .iter()
+        .chain(&venue.endpoints.listen);
+    let hosts: BTreeSet<&str> = LOOPBACK
+        .into_iter()
+        .chain(endpoints.map(|endpoint| host(endpoint)))
+        .chain(more.iter().map(String::as_str))
+        // 0.0.0.0 is only for listening.
+        .filter(|host| !host.parse::<IpAddr>().is_ok_and(|a| a.is_unspecified()))
+        .collect();
+    Ok(hosts.into_iter().map(str::to_owned).collect())
+}
+
+/// `hosts`, and those of fusion's current certificate in the folder `keys`, which came from `--host`. Prints a note if
+/// there is none.
+pub(super) fn with_current_hosts(mut hosts: Vec<String>, keys: &Path, venue: &str) -> Vec<String> {
+    let path = keys.join(format!("{FUSION}.pem"));
+    let is_ours = |name: String| node_of(venue, &name).is_some_and(|(node, _)| node == FUSION);
+    let found = (common_name_in(&path).map(is_ours), hosts_in(&path));
+    let before = if let (Ok(true), Ok(before)) = found {
+        before
+    } else {
+        say(format_args!(
+            "{}: found no certificate of this venue's fusion: the new one is valid for {}; add more with --host",
+            path.display(),
+            hosts.join(", ")
+        ));
+        Vec::new()
+    };
+    // The same address can be written in several ways.
+    let same = |a: &str, b: &str| match (a.parse::<IpAddr>(), b.parse::<IpAddr>()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => a == b,
+    };
+    for host in before.into_iter().filter(|host| is_host(host)) {
+        if !hosts.iter().any(|known| same(known, &host)) {
+            hosts.push(host);
+        }
+    }
+    hosts
+}
+
+fn is_host(text: &str) -> bool {
+    let is_name = |text: &str| {
+        text.bytes()
+            .all(|b| b.is_ascii_alphanumeric() || matches!(b, b'-' | b'.'))
+    };
+    !text.is_empty() && (text.parse::<IpAddr>().is_ok() || is_name(text))
 }

@@ -1,4 +1,4 @@
-//! A folder of keys: keys are for their owner alone, and nothing is written over.
+//! A folder of keys: private keys are readable only by their owner, and no file is overwritten.
 
 use std::fs::{self, DirBuilder, OpenOptions};
 use std::io::Write as _;
@@ -6,14 +6,15 @@ use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use farfield_proto::venue::Venue;
 
-use super::authority::Pair;
+use super::authority::{Bearer, NodeRole, Pair};
 
 /// The authority's certificate.
 pub(super) const AUTHORITY: &str = "ca.pem";
 /// Readable by all, writable by the owner.
 const PUBLIC: u32 = 0o644;
-/// For the owner alone.
+/// Only for the owner.
 const SECRET: u32 = 0o600;
 const SECRET_FOLDER: u32 = 0o700;
 
@@ -29,7 +30,7 @@ impl Folder {
         }
     }
 
-    /// Refuses the first of `names` that is there already.
+    /// Refuses the first of `names` that exists.
     pub(super) fn check_free(&self, names: &[String]) -> anyhow::Result<()> {
         let taken = names.iter().map(|name| self.path.join(name));
         let taken = taken
@@ -37,7 +38,7 @@ impl Folder {
             .find(|path| path.symlink_metadata().is_ok());
         taken.map_or(Ok(()), |path| {
             Err(anyhow::anyhow!(
-                "{} is there already, and keys are not written over: choose another folder, or issue a node's key again with --renew NODE",
+                "{} already exists, and keys are not overwritten: choose another folder, or replace the key of a node with --renew NODE",
                 path.display()
             ))
         })
@@ -45,19 +46,19 @@ impl Folder {
 
     pub(super) fn make(&self) -> anyhow::Result<()> {
         fs::create_dir_all(&self.path)
-            .with_context(|| format!("making the folder {}", self.path.display()))
+            .with_context(|| format!("creating the folder {}", self.path.display()))
     }
 
-    /// Makes it for its owner alone, unless it is there.
+    /// Creates it, readable only by its owner, unless it exists.
     pub(super) fn make_secret(&self) -> anyhow::Result<()> {
         let made = DirBuilder::new()
             .recursive(true)
             .mode(SECRET_FOLDER)
             .create(&self.path);
-        made.with_context(|| format!("making the folder {}", self.path.display()))
+        made.with_context(|| format!("creating the folder {}", self.path.display()))
     }
 
-    /// The text of `name`; `None` where there is no such file.
+    /// The text of `name`; `None` if there is no such file.
     pub(super) fn read_if_there(&self, name: &str) -> anyhow::Result<Option<String>> {
         match self.path.join(name).try_exists() {
             Ok(false) => Ok(None),
@@ -70,17 +71,17 @@ impl Folder {
         fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))
     }
 
-    /// A file that all may read, still to be written.
+    /// A file that everybody can read, still to be written.
     pub(super) fn public<'a>(&self, name: &str, text: &'a str) -> NewFile<'a> {
         self.file(name, text, PUBLIC)
     }
 
-    /// A file for its owner alone, still to be written.
+    /// A file that only its owner can read, still to be written.
     pub(super) fn secret<'a>(&self, name: &str, text: &'a str) -> NewFile<'a> {
         self.file(name, text, SECRET)
     }
 
-    /// A node's key and certificate, still to be written.
+    /// The key and certificate of a node, still to be written.
     pub(super) fn pair<'a>(&self, node: &str, pair: &'a Pair) -> [NewFile<'a>; 2] {
         [
             self.secret(&format!("{node}.key"), &pair.key),
@@ -98,28 +99,28 @@ impl Folder {
     }
 }
 
-/// A file that is to get its name together with others.
+/// A file that gets its name together with others.
 pub(super) struct NewFile<'a> {
     path: PathBuf,
-    /// What it is called until all are whole.
+    /// Its temporary name until all are written.
     new: PathBuf,
     text: &'a str,
     mode: u32,
 }
 
-/// What becomes of files that are there already.
+/// Handling of existing files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Old {
-    /// There are none: what is made is taken away again when not all can be made.
+    /// There are none: new files are removed again if not all can be created.
     None,
-    /// They are replaced; a node that reads meanwhile finds whole files.
+    /// They are replaced; a node that reads at the same time finds complete files.
     Replaced,
 }
 
-/// Writes all of `files` to the disk, and only then gives them their names.
+/// Writes all of `files` to the disk, and only then renames them to their final names.
 ///
 /// # Errors
-/// When one cannot be written; none is there then, but of those that were replaced some may be new.
+/// When one cannot be written. Then no new file remains, but some of the replaced files may be new.
 pub(super) fn write_together(files: &[NewFile<'_>], old: Old) -> anyhow::Result<()> {
     let written = files.iter().try_for_each(NewFile::write);
     let mut named = 0;
@@ -133,7 +134,7 @@ pub(super) fn write_together(files: &[NewFile<'_>], old: Old) -> anyhow::Result<
     });
     if done.is_err() {
         for file in files {
-            // What was not made cannot be taken away.
+            // Files that were not created cannot be removed.
             drop(fs::remove_file(&file.new));
         }
         let taken_away = files.iter().take(named).filter(|_| old == Old::None);
@@ -144,7 +145,7 @@ pub(super) fn write_together(files: &[NewFile<'_>], old: Old) -> anyhow::Result<
 
 impl NewFile<'_> {
     fn write(&self) -> anyhow::Result<()> {
-        // What an earlier, interrupted run has left.
+        // Left by an earlier, interrupted run.
         drop(fs::remove_file(&self.new));
         let open = OpenOptions::new()
             .write(true)
@@ -157,6 +158,44 @@ impl NewFile<'_> {
         })
         .with_context(|| format!("writing {}", self.path.display()))
     }
+}
+
+/// The text of the README in the folder.
+pub(super) fn readme(venue: &Venue, bearers: &[Bearer]) -> String {
+    let head = format!(
+        "Keys of the venue \"{}\", created by `farfield certs`.\n\n\
+         Each node gets ca.pem, generations.toml and the two files with its own name, in the folder\n\
+         of `[security] certificates` in its venue file. No node needs another node's .key.\n\n",
+        venue.name
+    );
+    let line = |Bearer { node, role }: &Bearer| {
+        let (who, what) = match role {
+            NodeRole::Fusion(hosts) => {
+                ("the fusion node", format!("valid for {}", hosts.join(", ")))
+            }
+            NodeRole::Edge => (
+                "an edge",
+                format!("publishes only as {node}, receives its own boxes"),
+            ),
+            NodeRole::Recorder => (
+                "`farfield record`",
+                "receives everything, publishes nothing".to_owned(),
+            ),
+            NodeRole::Reader => (
+                "a reader",
+                "receives poses and statuses, publishes nothing".to_owned(),
+            ),
+        };
+        format!("{node}.pem, {node}.key: {who}; {what}\n")
+    };
+    let lines: String = bearers.iter().map(line).collect();
+    let foot = "\nca.key creates new keys for this venue. Keep it away from all nodes, offline if possible;\n\
+         only `farfield certs VENUE --out DIR --renew NODE` needs it (its folder: `--authority DIR`).\n\
+         If a node's key was stolen: use `--renew NODE`, copy the new files to that node,\n\
+         copy generations.toml to fusion's machine (after `--renew fusion` to all machines), and restart\n\
+         fusion: it then refuses the old key. To reach fusion by another name:\n\
+         `--renew fusion --host NAME`; the names in its current certificate stay.\n";
+    head + &lines + foot
 }
 
 #[cfg(test)]
@@ -172,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_that_cannot_all_be_made_leave_nothing_that_refuses_the_next_run() {
+    fn a_failed_creation_leaves_no_files() {
         let dir = tempfile::tempdir().unwrap();
         let folder = Folder::new(dir.path());
         let files = || {
@@ -187,12 +226,12 @@ mod tests {
         assert!(write_together(&files(), Old::None).is_err());
         assert_eq!(names(dir.path()), ["fusion.pem"]);
         fs::remove_dir_all(dir.path().join("fusion.pem")).unwrap();
-        // Nor can one be written where a folder has its first name.
+        // A file cannot be written if a folder has its temporary name.
         fs::create_dir_all(dir.path().join("fusion.pem.new/in the way")).unwrap();
         assert!(write_together(&files(), Old::None).is_err());
         assert_eq!(names(dir.path()), ["fusion.pem.new"]);
         fs::remove_dir_all(dir.path().join("fusion.pem.new")).unwrap();
-        // What a run that was killed has left is no obstacle.
+        // Files of a killed run are no obstacle.
         fs::write(dir.path().join("ca.pem.new"), "half").unwrap();
         write_together(&files(), Old::None).unwrap();
         assert_eq!(names(dir.path()), ["ca.pem", "fusion.key", "fusion.pem"]);

@@ -1,4 +1,4 @@
-//! How far the generations of a venue's keys are counted: a renewal that began again would let keys in that were replaced.
+//! The newest generations of a venue's keys. A renewal that restarted the count would make replaced keys valid again.
 
 use std::path::{Path, PathBuf};
 
@@ -9,14 +9,14 @@ use farfield_proto::transport::{GENERATIONS_FILE, Generations};
 
 use super::files::Folder;
 
-/// What mends a file that is lost or old.
-const REMEDY: &str = "keys that were replaced would be good again: copy the newest one here, for example from fusion's machine";
+/// Remedy for a lost or outdated file.
+const REMEDY: &str = "otherwise replaced keys would be valid again: copy the newest file here, for example from fusion's machine";
 
-/// The newest generations as `folder` says, for another renewal of keys of `venue`. There is no file where an earlier release
-/// has made the keys, which did not count.
+/// The newest generations in `folder`, for a renewal of keys of `venue`. Without the file, the keys were made by an
+/// earlier release, which had no generations.
 ///
 /// # Errors
-/// When the file is missing, or says less than the certificates beside it.
+/// When the file is missing, or is older than the certificates in the folder.
 pub(super) fn known(folder: &Path, venue: &str) -> anyhow::Result<Generations> {
     let path = folder.join(GENERATIONS_FILE);
     let text = Folder::new(folder).read_if_there(GENERATIONS_FILE)?;
@@ -28,7 +28,7 @@ pub(super) fn known(folder: &Path, venue: &str) -> anyhow::Result<Generations> {
     for certificate in certificates(folder)? {
         let name = match common_name_in(&certificate) {
             Ok(name) => name,
-            // That may be why it is made anew.
+            // An unreadable certificate may be the reason for its renewal.
             Err(_) if text.is_some() => continue,
             Err(error) => return Err(error.into()),
         };
@@ -43,7 +43,7 @@ pub(super) fn known(folder: &Path, venue: &str) -> anyhow::Result<Generations> {
                 None => "found no such file".to_owned(),
             };
             bail!(
-                "{}: {found}, expected {generation} or more, as {} says; {REMEDY}",
+                "{}: {found}, expected {generation} or more, as in {}; {REMEDY}",
                 path.display(),
                 certificate.display()
             );
@@ -51,7 +51,7 @@ pub(super) fn known(folder: &Path, venue: &str) -> anyhow::Result<Generations> {
     }
     ensure!(
         text.is_some() || n_nodes > 0,
-        "{}: found no such file, nor certificates of venue {venue} beside it; {REMEDY}",
+        "{}: found neither this file nor certificates of venue {venue} in the folder; {REMEDY}",
         path.display()
     );
     Ok(known)

@@ -1,10 +1,8 @@
-//! `farfield certs`: the keys of a venue. Nothing of a key is ever printed.
+//! `farfield certs`: the keys of a venue. No part of a private key is ever printed.
 
 mod authority;
 mod files;
 mod generations;
-mod guide;
-mod hosts;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -30,36 +28,36 @@ pub(crate) struct CertsArgs {
     pub(crate) venue: PathBuf,
     /// Folder for the keys.
     ///
-    /// The venue file names it as `[security] certificates`.
+    /// The venue file contains it as `[security] certificates`.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
     /// Another name or address of fusion's machine.
     ///
-    /// Besides those of the venue's endpoints.
+    /// In addition to the hosts of the venue's endpoints.
     #[arg(long, value_name = "NAME|IP")]
     pub(crate) host: Vec<String>,
-    /// Make a key for someone who only listens, too.
+    /// Also create a key for a reader of poses.
     #[arg(long, value_name = "NAME")]
     pub(crate) node: Vec<String>,
-    /// Issue the key of this node anew, or of a later one.
+    /// Replace the key of this node, or add a new one.
     #[arg(long, value_name = "NODE")]
     pub(crate) renew: Vec<String>,
-    /// Folder of the authority's own key, `ca.key`.
+    /// Folder of the authority's private key, `ca.key`.
     ///
-    /// It belongs to no node. Default: that of `--out` with `-authority` behind it.
+    /// It belongs to no node. Default: that of `--out` with `-authority` appended.
     #[arg(long, value_name = "DIR")]
     pub(crate) authority: Option<PathBuf>,
-    /// How many days the certificates hold.
+    /// Validity of the certificates in days.
     ///
-    /// Those of the nodes; the authority's holds five times as long.
+    /// For the nodes; the certificate of the authority is valid five times as long.
     #[arg(long, value_name = "N", default_value_t = 825, value_parser = clap::value_parser!(u32).range(1..=7300))]
     pub(crate) days: u32,
 }
 
-/// Makes the keys, or those that are to be renewed.
+/// Creates or renews the keys.
 ///
 /// # Errors
-/// When the venue, a name or a host is wrong, a file is there already, or one cannot be written.
+/// When the venue, a name or a host is wrong, a file already exists, or one cannot be written.
 pub(crate) fn certs(args: &CertsArgs) -> Result<(), NodeError> {
     make(args).map_err(NodeError::Refused)
 }
@@ -74,12 +72,12 @@ fn make(args: &CertsArgs) -> anyhow::Result<()> {
     let mut generations = Generations::default();
     if args.renew.is_empty() {
         let authority = Authority::new(&venue.name, args.days)?;
-        let guide = guide::text(&venue, &bearers);
+        let readme = files::readme(&venue, &bearers);
         create(
             [&folder, &Folder::new(&keys_of_authority)],
             &authority,
             (&bearers, &mut generations),
-            &guide,
+            &readme,
         )?;
     } else {
         let authority = read_authority(&args.out, &keys_of_authority, &venue.name)?;
@@ -108,31 +106,31 @@ fn make(args: &CertsArgs) -> anyhow::Result<()> {
     if args.renew.is_empty() {
         let key = keys_of_authority.join(AUTHORITY_KEY);
         say(format_args!(
-            "{} makes new keys for this venue: keep it apart from the nodes; who goes where is in {}",
+            "{} creates new keys for this venue: keep it away from the nodes; {} describes the files",
             key.display(),
             args.out.join("README.txt").display()
         ));
     } else {
         let is_fusion = bearers.iter().any(|bearer| bearer.node == FUSION);
-        let whom = if is_fusion {
+        let machines = if is_fusion {
             "every machine"
         } else {
             "fusion's machine"
         };
         say(format_args!(
-            "older keys of these nodes are refused as soon as {} lies beside ca.pem on {whom} and that node was started again",
+            "older keys of these nodes are refused as soon as {} is next to ca.pem on {machines} and that node was restarted",
             args.out.join(GENERATIONS_FILE).display()
         ));
         if bearers.iter().any(|it| it.role == NodeRole::Reader) {
             say(format_args!(
-                "so are the keys of all readers that a release has made which did not count: they share one name; renew them too"
+                "this includes the keys of all readers that were created by a release without generations: they share one name; renew them, too"
             ));
         }
     }
     Ok(())
 }
 
-/// Where the authority's key is, or will be: apart from those of the nodes, unless an earlier release has put it there.
+/// The folder of the authority's key: separate from those of the nodes, unless an earlier release has put it there.
 fn folder_of_authority(args: &CertsArgs) -> PathBuf {
     if let Some(folder) = &args.authority {
         return folder.clone();
@@ -154,7 +152,7 @@ fn folder_of_authority(args: &CertsArgs) -> PathBuf {
     )
 }
 
-/// Who gets a key now.
+/// The nodes that get a key now.
 fn bearers(venue: &Venue, args: &CertsArgs) -> anyhow::Result<Vec<Bearer>> {
     let viewpoints: Vec<&str> = venue.viewpoints.iter().map(|v| v.name.as_str()).collect();
     let mut seen = BTreeSet::new();
@@ -166,10 +164,10 @@ fn bearers(venue: &Venue, args: &CertsArgs) -> anyhow::Result<Vec<Bearer>> {
             "`--node`: found `{name}`, expected a name that no other node has, of up to 64 ASCII letters, digits, `-`, `_` or `.`"
         );
     }
-    refuse_what_is_not_renewed(args)?;
-    let mut hosts = hosts::of_fusion(venue, &args.host)?;
+    check_renewed_options(args)?;
+    let mut hosts = authority::hosts_of_fusion(venue, &args.host)?;
     if args.renew.iter().any(|node| node == FUSION) {
-        hosts = hosts::with_those_before(hosts, &args.out, &venue.name);
+        hosts = authority::with_current_hosts(hosts, &args.out, &venue.name);
     }
     let mut all = vec![Bearer::fusion(hosts)];
     all.extend(viewpoints.iter().map(|name| Bearer::edge(name)));
@@ -195,35 +193,33 @@ fn bearers(venue: &Venue, args: &CertsArgs) -> anyhow::Result<Vec<Bearer>> {
     Ok(renewed)
 }
 
-/// Refuses options that say something of nodes that are not renewed.
-fn refuse_what_is_not_renewed(args: &CertsArgs) -> anyhow::Result<()> {
+/// Refuses options for nodes that are not renewed.
+fn check_renewed_options(args: &CertsArgs) -> anyhow::Result<()> {
     if args.renew.is_empty() {
         return Ok(());
     }
     let is_renewed = |name: &str| args.renew.iter().any(|node| node == name);
     if let Some(name) = args.node.iter().find(|name| !is_renewed(name)) {
-        bail!(
-            "`--node {name}`: beside other keys its own is made by `--renew {name} --node {name}`"
-        );
+        bail!("`--node {name}`: to add a key to existing ones use `--renew {name} --node {name}`");
     }
     ensure!(
         args.host.is_empty() || is_renewed(FUSION),
-        "`--host`: it is in fusion's certificate: `--renew {FUSION}` makes that anew"
+        "`--host`: it belongs to fusion's certificate: add `--renew {FUSION}`"
     );
     Ok(())
 }
 
-/// Whoever has a certificate here and is neither fusion nor a viewpoint only listens.
+/// A certificate of neither fusion nor a viewpoint belongs to a reader.
 fn is_reader(out: &Path, name: &str) -> bool {
     is_key_chunk(name) && name != "ca" && out.join(format!("{name}.pem")).is_file()
 }
 
-/// Makes all keys, of the next of their generations, those of the authority in the folder `apart`, or none.
+/// Creates all keys with their next generations, the authority's in the folder `apart`; or none.
 fn create(
     [folder, apart]: [&Folder; 2],
     authority: &Authority,
     (bearers, generations): (&[Bearer], &mut Generations),
-    guide: &str,
+    readme: &str,
 ) -> anyhow::Result<()> {
     let names = [files::AUTHORITY, "README.txt", GENERATIONS_FILE];
     let mut names = names.map(str::to_owned).to_vec();
@@ -237,7 +233,7 @@ fn create(
     apart.check_free(&[AUTHORITY_KEY.to_owned()])?;
     folder.make()?;
     apart.make_secret()?;
-    // All are made before the first is written.
+    // All keys are generated before the first is written.
     let (certificate, key) = (authority.certificate(), authority.key());
     let pairs: Vec<Pair> = bearers
         .iter()
@@ -250,7 +246,7 @@ fn create(
     let mut all = vec![
         folder.public(files::AUTHORITY, &certificate),
         apart.secret(AUTHORITY_KEY, &key),
-        folder.public("README.txt", guide),
+        folder.public("README.txt", readme),
         folder.public(GENERATIONS_FILE, &newest),
     ];
     for (bearer, pair) in bearers.iter().zip(&pairs) {
@@ -259,24 +255,24 @@ fn create(
     write_together(&all, Old::None)
 }
 
-/// The authority whose certificate is in the folder `out`: that of `venue`, and with its own key, or every key that it issued
-/// would be good for nothing.
+/// The authority whose certificate is in the folder `out`. It must belong to `venue` and match its private key, or
+/// every key issued would be useless.
 fn read_authority(out: &Path, keys_of_authority: &Path, venue: &str) -> anyhow::Result<Authority> {
     let path = out.join(files::AUTHORITY);
     let certificate = Folder::new(out).read(files::AUTHORITY)?;
     let (found, expected) = (common_name_in(&path)?, authority::name_of(venue));
     ensure!(
         found == expected,
-        "{}: found the certificate of `{found}`, expected that of `{expected}`: name the folder of this venue's keys with --out; a venue that was renamed needs new keys in another folder",
+        "{}: found the certificate of `{found}`, expected that of `{expected}`: set the folder of this venue's keys with --out; a renamed venue needs new keys in another folder",
         path.display()
     );
     let key = Folder::new(keys_of_authority)
         .read(AUTHORITY_KEY)
-        .context("the authority's key is needed; say where it is with --authority DIR")?;
+        .context("the authority's key is needed; set its folder with --authority DIR")?;
     let authority = Authority::read(&certificate, &key)?;
     ensure!(
         authority.public_key() == public_key_in(&path)?,
-        "{}: this is not the key of {}: name the folder of that with --authority",
+        "{}: found a key that does not belong to {}: set the right folder with --authority",
         keys_of_authority.join(AUTHORITY_KEY).display(),
         path.display()
     );

@@ -1,9 +1,8 @@
-//! `farfield demo`: people on a court who do not exist, cameras that see them, and every node of a
-//! venue around them, scored against the truth. Needs nothing beside the program.
+//! `farfield demo`: simulated people on a court, simulated cameras, and every node of a venue, scored against the
+//! truth. Needs only the program itself.
 //!
 //! Check -> claim -> write the venue -> run it as `farfield run` does -> score.
 
-mod live_error;
 mod play;
 mod score;
 mod ticker;
@@ -21,15 +20,15 @@ use farfield_proto::tick::Tick;
 
 use self::play::{DemoScript, Play};
 use self::ticker::DemoTicker;
-use self::words::PictureBackend;
+use self::words::ImageBackend;
 use crate::listeners::ListenerArgs;
 use crate::overlay::TickList;
 use crate::run::{self, RunArgs, Session};
 use crate::{output, venue_folder};
 
-/// The folder of the simulated venue, in that of the results.
+/// Folder of the simulated venue inside the results.
 const VENUE: &str = "venue";
-/// Name of the venue, and of the folders of results.
+/// Name of the venue and of the results folders.
 const NAME: &str = "demo";
 
 /// Arguments of `farfield demo`.
@@ -39,24 +38,24 @@ const NAME: &str = "demo";
     reason = "each is a switch of the command line"
 )]
 pub(crate) struct DemoArgs {
-    /// How many ticks to run.
+    /// Number of ticks.
     ///
-    /// Default: 300; 150 of pictures without ONNX Runtime, so that it takes about a minute there, too.
+    /// Default: 300; with images and without ONNX Runtime 150, so that it takes about a minute there, too.
     #[arg(long, value_name = "N", conflicts_with_all = ["forever", "page"],
           value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) ticks: Option<u32>,
     /// Run until Ctrl-C.
     ///
-    /// Every five minutes of the people's time they start anew, and with them the
-    /// files: in `farfield-out/demo-N`, or DIR, DIR-2 and so on.
+    /// Every five minutes of scene time people start again, and with them the files: in `farfield-out/demo-N`, or DIR,
+    /// DIR-2 and so on.
     #[arg(long)]
     pub(crate) forever: bool,
-    /// No pictures and no network: many times faster.
+    /// No images and no network: many times faster.
     ///
-    /// Maps are made from the truth, with the faults that networks have.
+    /// Maps are made from the truth, with typical faults of networks.
     #[arg(long)]
     pub(crate) maps: bool,
-    /// With `--page`: pictures and networks in the place of maps.
+    /// With `--page`: use images and networks instead of maps.
     #[arg(
         long,
         requires = "page",
@@ -64,38 +63,38 @@ pub(crate) struct DemoArgs {
         hide_short_help = true
     )]
     pub(crate) pictures: bool,
-    /// Give the people by hand instead of finding them.
+    /// Give the people by hand instead of detecting them.
     #[arg(long, conflicts_with = "maps")]
     pub(crate) given: bool,
     /// Folder for the results.
     ///
-    /// It must be empty or not there. Default: `farfield-out/demo-N`.
+    /// It must be empty or not exist. Default: `farfield-out/demo-N`.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Another scene than the court.
+    /// Another scene instead of the court.
     #[arg(long, value_name = "FILE")]
     pub(crate) scene: Option<PathBuf>,
-    /// Draw skeletons over the pictures of these ticks.
+    /// Draw skeletons over the images of these ticks.
     ///
-    /// Numbers with commas between. Without it, or without a tick, of the middle one. One picture per camera.
+    /// Numbers separated by commas. Default: the middle tick. One image per camera.
     #[arg(long, value_name = "TICKS", num_args = 0..=1, require_equals = true)]
     #[expect(
         clippy::option_option,
-        reason = "absent, without and with ticks: how clap says it"
+        reason = "absent, without and with ticks: clap's form"
     )]
     pub(crate) overlay: Option<Option<TickList>>,
     /// Record, for `farfield replay`.
     ///
-    /// As an MCAP file. Default: `recording.mcap` in the folder of the results.
+    /// As an MCAP file. Default: `recording.mcap` in the results folder.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     #[expect(
         clippy::option_option,
-        reason = "absent, without and with a file: how clap says it"
+        reason = "absent, without and with a file: clap's form"
     )]
     pub(crate) record: Option<Option<PathBuf>>,
-    /// Use another value of a parameter.
+    /// Set a parameter to another value.
     ///
-    /// See `farfield parameters`; for example `smoothing.cutoff_hz=3`.
+    /// For example `smoothing.cutoff_hz=3`; `farfield parameters` lists them.
     #[arg(long, value_name = "TABLE.FIELD=VALUE", hide_short_help = true)]
     pub(crate) set: Vec<String>,
     #[command(flatten)]
@@ -103,23 +102,23 @@ pub(crate) struct DemoArgs {
 }
 
 impl DemoArgs {
-    /// Whether somebody looks on: then it runs live, from maps, until Ctrl-C.
-    fn is_shown(&self) -> bool {
+    /// Whether it has a page: then it runs live, from maps, until Ctrl-C.
+    fn has_page(&self) -> bool {
         self.listeners.page.is_some()
     }
 
     /// Whether it runs until Ctrl-C.
     fn is_endless(&self) -> bool {
-        self.forever || self.is_shown()
+        self.forever || self.has_page()
     }
 
-    /// Whether it does without pictures and networks.
-    fn is_of_maps(&self) -> bool {
-        self.maps || self.is_shown() && !self.pictures && !self.given
+    /// Whether it uses maps instead of images and networks.
+    fn uses_maps(&self) -> bool {
+        self.maps || self.has_page() && !self.pictures && !self.given
     }
 }
 
-/// Runs the demo and says how good it was.
+/// Runs the demo and prints its score.
 pub(crate) fn main(args: &DemoArgs) -> ExitCode {
     start_log();
     exit_code(demo(args))
@@ -128,16 +127,16 @@ pub(crate) fn main(args: &DemoArgs) -> ExitCode {
 fn demo(args: &DemoArgs) -> Result<Ending, NodeError> {
     let script = DemoScript::choose(args).map_err(NodeError::Refused)?;
     let mut session = Session::open()?;
-    // Who has the address of one round has that of all: a page goes on from one to the next.
+    // All rounds have the same page address: a page stays open from one to the next.
     let listeners = ListenerArgs {
-        page_token: args.is_shown().then(Token::random).flatten(),
+        page_token: args.has_page().then(Token::random).flatten(),
         ..args.listeners.clone()
     };
     if !args.is_endless() {
         return show(args, &listeners, (&script, 1), &mut session);
     }
     for round in 1.. {
-        let script = script.of_round(round);
+        let script = script.for_round(round);
         if show(args, &listeners, (&script, round), &mut session)? == Ending::Interrupted {
             break;
         }
@@ -145,8 +144,8 @@ fn demo(args: &DemoArgs) -> Result<Ending, NodeError> {
     Ok(Ending::Interrupted)
 }
 
-/// Where a round of many goes, when the first goes to `out`.
-fn out_of(out: &Path, round: u32) -> PathBuf {
+/// The results folder of a round, if the first has `out`.
+fn out_of_round(out: &Path, round: u32) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
     if round > 1 {
         name.push(format!("-{round}"));
@@ -154,12 +153,13 @@ fn out_of(out: &Path, round: u32) -> PathBuf {
     name.into()
 }
 
-/// Where a round of many records, when the first does to `file`; in a folder all have names of their own.
+/// The recording of a round, if the first records to `file`. In a folder, recordings get different names anyway.
 fn recording_of(file: &Path, round: u32) -> PathBuf {
     if is_for_many(file) {
         return file.to_owned();
     }
-    let mut name = out_of(Path::new(file.file_stem().unwrap_or_default()), round).into_os_string();
+    let mut name =
+        out_of_round(Path::new(file.file_stem().unwrap_or_default()), round).into_os_string();
     if let Some(ending) = file.extension() {
         name.push(".");
         name.push(ending);
@@ -167,21 +167,21 @@ fn recording_of(file: &Path, round: u32) -> PathBuf {
     file.with_file_name(name)
 }
 
-/// Plays `script` once, as one `round` of many, heard by `listeners`, and says how good it was.
+/// Plays `script` once as one `round` of many, and prints its score.
 fn show(
     args: &DemoArgs,
     listeners: &ListenerArgs,
     (script, round): (&DemoScript, u32),
     session: &mut Session,
 ) -> Result<Ending, NodeError> {
-    let out = args.out.as_deref().map(|out| out_of(out, round));
+    let out = args.out.as_deref().map(|out| out_of_round(out, round));
     let record = args.record.as_ref();
     let record = record.map(|it| it.as_deref().map(|file| recording_of(file, round)));
     let claim = FolderClaim::take(out.as_deref(), NAME).map_err(NodeError::Refused)?;
     let out = claim.folder();
     let (play, undo) = Play::stage(script, &out.join(VENUE)).map_err(NodeError::Failed)?;
     let (mut plan, networks) = run::check(RunArgs {
-        live: args.is_shown(),
+        live: args.has_page(),
         venue: play.venue.clone(),
         ticks: None,
         out: None,
@@ -194,9 +194,9 @@ fn show(
     })?;
     undo.keep();
     plan.stage(out).map_err(NodeError::Failed)?;
-    let backend = PictureBackend::of(networks).map_err(NodeError::failed)?;
-    let words = words::beginning(&play, &backend, out);
-    output::print(&words).map_err(NodeError::Failed)?;
+    let backend = ImageBackend::measure(networks).map_err(NodeError::failed)?;
+    let introduction = words::introduction(&play, &backend, out);
+    output::print(&introduction).map_err(NodeError::Failed)?;
     let end = session.watch(&plan, out, &mut DemoTicker::new(&play))?;
     let done = run::done(out).map_err(NodeError::Failed)?;
     let Some(ticks) = done.filter(|ticks| !ticks.is_empty()) else {
@@ -206,13 +206,13 @@ fn show(
     venue_folder::write_truth(&play.scene, &ticks, &truth).map_err(NodeError::Failed)?;
     let ending = run::finish(&plan, &claim, end, false)?;
     if ending == Ending::Done {
-        output::print(&words::pictures(out, &plan.overlay)).map_err(NodeError::Failed)?;
+        output::print(&words::images(out, &plan.overlay)).map_err(NodeError::Failed)?;
     }
-    tell_score(out, &truth, &ticks, play.scene.rate_hz()).map_err(NodeError::Failed)?;
+    print_score(out, &truth, &ticks, play.scene.rate_hz()).map_err(NodeError::Failed)?;
     Ok(ending)
 }
 
-fn tell_score(out: &Path, truth: &Path, ticks: &Range<Tick>, rate_hz: f64) -> anyhow::Result<()> {
+fn print_score(out: &Path, truth: &Path, ticks: &Range<Tick>, rate_hz: f64) -> anyhow::Result<()> {
     let text = score::table(&out.join("poses.jsonl"), truth, ticks, rate_hz)?;
     output::print(&text)
 }
@@ -222,7 +222,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_round_records_to_a_file_of_its_own() {
+    fn each_round_has_its_own_recording() {
         let file = Path::new("out/hall.v2.mcap");
         assert_eq!(recording_of(file, 1), file);
         assert_eq!(recording_of(file, 3), Path::new("out/hall.v2-3.mcap"));
@@ -232,9 +232,9 @@ mod tests {
     }
 
     #[test]
-    fn every_round_has_a_folder_of_its_own() {
+    fn each_round_has_its_own_folder() {
         let out = Path::new("a/b.c");
-        assert_eq!(out_of(out, 1), Path::new("a/b.c"));
-        assert_eq!(out_of(out, 2), Path::new("a/b.c-2"));
+        assert_eq!(out_of_round(out, 1), Path::new("a/b.c"));
+        assert_eq!(out_of_round(out, 2), Path::new("a/b.c-2"));
     }
 }

@@ -1,4 +1,4 @@
-//! The scene of a demo, and the venue folder that is made of it for the nodes to read.
+//! The scene of a demo, and its venue folder for the nodes.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,43 +18,43 @@ use toml::{Table, Value};
 use super::{DemoArgs, NAME};
 use crate::venue_folder::{self, CALIBRATION};
 
-/// The scene that the project carries for the demo.
+/// The embedded scene of the demo.
 const SCENE: &str = "court";
 
-/// Length of one round of many, seconds: planning it takes every process a moment.
+/// Length of one round of many, seconds: every process takes some time to plan it.
 const ROUND_S: f64 = 300.0;
 
-/// Whose scene is played.
+/// Origin of the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum SceneOrigin {
-    /// The project's; its clips are written beside it.
+    /// The program; its clips are written next to it.
     Embedded,
-    /// Somebody's; it names its clips where they are.
+    /// A file, with paths of its clips.
     File,
 }
 
-/// A scene that nothing speaks against, not yet written anywhere.
+/// A checked scene, not yet written to disk.
 #[derive(Clone)]
 pub(super) struct DemoScript {
-    /// The scene file, as long as the demo shall be.
+    /// The scene file, with the length of the demo.
     table: Table,
     origin: SceneOrigin,
     content: SimulatedContent,
-    /// Whether the people are given by hand instead of found in the pictures.
+    /// Whether the people are given by hand instead of detected in images.
     is_given: bool,
     ticks: u32,
-    /// Whether nothing follows it.
+    /// Whether no round follows.
     is_last: bool,
 }
 
 impl DemoScript {
-    /// What was asked for.
+    /// The scene that the arguments request.
     ///
     /// # Errors
-    /// Names the scene file and what is wrong with it.
+    /// Names the scene file and the error in it.
     pub(super) fn choose(args: &DemoArgs) -> anyhow::Result<Self> {
         let (mut table, origin) = match &args.scene {
-            Some(path) => (of_file(path)?, SceneOrigin::File),
+            Some(path) => (scene_of_file(path)?, SceneOrigin::File),
             None => (embedded_scene()?, SceneOrigin::Embedded),
         };
         let rate_hz = table.get("rate_hz").and_then(as_number);
@@ -67,7 +67,7 @@ impl DemoScript {
         };
         ensure!(
             ticks <= most,
-            "`--ticks`: found {ticks}, expected at most {most}: scenes are planned ahead"
+            "`--ticks`: found {ticks}, expected at most {most}: a scene is planned in advance"
         );
         table.insert(
             "seconds".to_owned(),
@@ -76,7 +76,7 @@ impl DemoScript {
         Ok(Self {
             table,
             origin,
-            content: if args.is_of_maps() {
+            content: if args.uses_maps() {
                 SimulatedContent::Maps
             } else {
                 SimulatedContent::Pixels
@@ -87,8 +87,8 @@ impl DemoScript {
         })
     }
 
-    /// The same, a little different each time.
-    pub(super) fn of_round(&self, round: u32) -> Self {
+    /// The same with another seed for every round.
+    pub(super) fn for_round(&self, round: u32) -> Self {
         let mut script = self.clone();
         if let Some(Value::Integer(seed)) = script.table.get_mut("seed") {
             *seed = seed.saturating_add(i64::from(round) - 1);
@@ -97,18 +97,18 @@ impl DemoScript {
     }
 }
 
-/// How many ticks run without `--ticks`: what takes about a minute on two cores.
+/// Number of ticks without `--ticks`: about a minute on two cores.
 fn usual_ticks(args: &DemoArgs) -> u32 {
     let is_slow =
         || InferenceBackend::start(BackendChoice::Best).is_ok_and(InferenceBackend::is_tract);
-    if !args.is_of_maps() && is_slow() {
+    if !args.uses_maps() && is_slow() {
         150
     } else {
         300
     }
 }
 
-/// How long a scene with these people may be.
+/// Longest scene with these people.
 fn most_ticks(scene: &Table, rate_hz: f64) -> u32 {
     let people = scene.get("person").and_then(Value::as_array);
     let people = people.map_or(1, Vec::len).max(1) as f64;
@@ -117,16 +117,15 @@ fn most_ticks(scene: &Table, rate_hz: f64) -> u32 {
         .floor() as u32
 }
 
-/// The court as the program carries it.
 fn embedded_scene() -> anyhow::Result<Table> {
     let text = embedded::SCENES.iter().find(|(name, _)| *name == SCENE);
-    let (_, text) = text.context("the program carries no demo scene")?;
+    let (_, text) = text.context("the program has no embedded demo scene")?;
     text.parse().context("reading the demo scene")
 }
 
-/// Somebody's scene, with full names for the files that it names.
-fn of_file(path: &Path) -> anyhow::Result<Table> {
-    // Says by line and field what may be wrong with it.
+/// The scene of a file, with absolute paths.
+fn scene_of_file(path: &Path) -> anyhow::Result<Table> {
+    // Reports errors with line and field.
     Scene::load(path)?;
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let mut table: Table = text.parse().with_context(|| path.display().to_string())?;
@@ -144,7 +143,7 @@ fn of_file(path: &Path) -> anyhow::Result<Table> {
     Ok(table)
 }
 
-/// Renames every clip that the scene names.
+/// Renames every clip of the scene.
 fn each_clip(
     scene: &mut Table,
     mut rename: impl FnMut(&str) -> anyhow::Result<String>,
@@ -167,17 +166,17 @@ fn as_number(value: &Value) -> Option<f64> {
         .or_else(|| value.as_integer().map(|number| number as f64))
 }
 
-/// A demo whose venue lies on disk.
+/// A demo whose venue is on disk.
 pub(super) struct Play {
     pub(super) scene: Arc<Scene>,
     pub(super) ticks: u32,
-    /// Whether nothing follows it.
+    /// Whether no round follows.
     pub(super) is_last: bool,
     /// The venue file.
     pub(super) venue: PathBuf,
 }
 
-/// A folder that is taken away again unless it is kept.
+/// Removes a folder again unless it is kept.
 #[must_use]
 pub(super) struct Undo(Option<PathBuf>);
 
@@ -190,17 +189,17 @@ impl Undo {
 impl Drop for Undo {
     fn drop(&mut self) {
         if let Some(folder) = &self.0 {
-            // What cannot be taken away stays in the folder of the results.
+            // If that fails, it stays in the results folder.
             drop(std::fs::remove_dir_all(folder));
         }
     }
 }
 
 impl Play {
-    /// Writes the venue into `folder`, which must not be there.
+    /// Writes the venue into `folder`, which must not exist.
     ///
     /// # Errors
-    /// When a file cannot be written, or the scene cannot be read as it was written.
+    /// When a file cannot be written, or the written scene cannot be read.
     pub(super) fn stage(script: &DemoScript, folder: &Path) -> anyhow::Result<(Self, Undo)> {
         let undo = Undo(Some(folder.to_owned()));
         let scene_path = match script.origin {
@@ -220,7 +219,7 @@ impl Play {
         let network = is_pixels
             .then(|| venue_folder::write_network(folder))
             .transpose()?;
-        // Maps come with sightings.
+        // Maps contain sightings.
         let detector = (is_pixels && !script.is_given)
             .then(|| venue_folder::write_detector(folder))
             .transpose()?;
@@ -233,7 +232,7 @@ impl Play {
         let text = VenueText {
             scene: &scene,
             name: NAME,
-            head: "Written by `farfield demo`; `farfield run` takes it, too.",
+            head: "Written by `farfield demo`; also runs with `farfield run`.",
             calibration: CALIBRATION,
             network: network.as_deref(),
             detector: detector.as_deref(),
@@ -252,7 +251,7 @@ impl Play {
         Ok((play, undo))
     }
 
-    /// The true joints of everybody whom the truth holds at `tick`, world, metres.
+    /// The true joints of all people at `tick`, world, metres.
     pub(super) fn joints_at(&self, tick: Tick) -> Vec<Joints> {
         let people = 0..self.scene.people().len();
         let truth = people.filter_map(|person| self.scene.truth_at(person, tick));

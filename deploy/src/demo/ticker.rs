@@ -1,5 +1,5 @@
-//! What a demo shows of itself while it works, for whoever sees it for the first time: one line per
-//! second of the people's time, and one per second of the reader's while theirs takes longer.
+//! The lines that a demo prints while it runs: one per second of scene time, and one per second of real time if the run
+//! is slower.
 
 use std::time::Duration;
 
@@ -8,22 +8,22 @@ use farfield_fusion::node::{Body, Progress};
 use farfield_proto::tick::Tick;
 use tokio::time::Instant;
 
-use super::live_error::mean_error_m;
 use super::play::Play;
+use super::score::mean_error_m;
 use crate::output;
 use crate::run::{Follow, ProgressDetail, TimeLeft};
 
 /// The longest time without a line.
-const EVERY: Duration = Duration::from_secs(1);
+const LINE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Prints the lines on standard output.
 pub(super) struct DemoTicker<'a> {
     play: &'a Play,
-    /// When the last line was printed, how far the run was then, and how many bytes the edges had sent.
+    /// Time, tick and bytes sent by edges at the last line.
     last: Option<(Instant, Tick, u64)>,
     left: TimeLeft,
-    /// A tick that no line has told of yet.
-    untold: Option<Progress>,
+    /// The newest tick without a line.
+    pending: Option<Progress>,
 }
 
 impl<'a> DemoTicker<'a> {
@@ -32,23 +32,23 @@ impl<'a> DemoTicker<'a> {
             play,
             last: None,
             left: TimeLeft::default(),
-            untold: None,
+            pending: None,
         }
     }
 
-    /// Whether a full second of the people's time ends with `tick`.
+    /// Whether `tick` is the last of a second of scene time.
     fn is_full(&self, tick: Tick) -> bool {
         let rate_hz = self.play.scene.rate_hz();
         let second = |tick: Tick| tick.seconds(rate_hz).floor();
         second(tick + 1) > second(tick)
     }
 
-    fn tell(&mut self, progress: &Progress, now: Instant) {
+    fn print_progress(&mut self, progress: &Progress, now: Instant) {
         let (since, from, bytes) = self
             .last
             .unwrap_or((now, progress.tick, progress.edge_bytes));
         self.last = Some((now, progress.tick, progress.edge_bytes));
-        self.untold = None;
+        self.pending = None;
         let elapsed_s = now.duration_since(since).as_secs_f64();
         let ticks = (progress.tick - from).unsigned_abs() as f64;
         let rates = (elapsed_s > 0.0 && ticks > 0.0).then(|| Rates {
@@ -58,7 +58,7 @@ impl<'a> DemoTicker<'a> {
         let done = (progress.tick + 1).0.unsigned_abs();
         let left = self.left.at(now, done, self.play.ticks.into());
         let line = line(self.play, progress.tick, &progress.bodies, rates, left);
-        // The run goes on when nobody reads: its files are what counts.
+        // The run continues without a reader, for its files.
         drop(output::print(&line));
     }
 }
@@ -77,34 +77,34 @@ impl Follow for DemoTicker<'_> {
                 self.last = Some((now, progress.tick, progress.edge_bytes));
             }
             Some((last, ..))
-                if now.duration_since(last) >= EVERY || self.is_full(progress.tick) =>
+                if now.duration_since(last) >= LINE_INTERVAL || self.is_full(progress.tick) =>
             {
-                self.tell(progress, now);
+                self.print_progress(progress, now);
                 return;
             }
             Some(_) => {}
         }
-        self.untold = Some(progress.clone());
+        self.pending = Some(progress.clone());
     }
 
-    /// The demo has words of its own. Of those of its nodes it passes on what is not used of a camera's picture: no other
-    /// word says that to whoever has drawn the scene.
-    fn wants(&self, said: &str) -> bool {
-        said.contains(BeyondView::WORDS)
+    /// Of the nodes' lines the demo prints only the one on unused parts of a camera's image, which the author of a
+    /// scene needs.
+    fn wants(&self, line: &str) -> bool {
+        line.contains(BeyondView::WORDS)
     }
 
     fn finish(&mut self) {
-        if let Some(progress) = self.untold.take() {
-            self.tell(&progress, Instant::now());
+        if let Some(progress) = self.pending.take() {
+            self.print_progress(&progress, Instant::now());
         }
     }
 }
 
-/// What passes since the last line.
+/// Rates since the last line.
 #[derive(Debug, Clone, Copy)]
 struct Rates {
     ticks_per_s: f64,
-    /// Payload that the edges send, over all links.
+    /// Payload sent by the edges, over all links.
     bytes_per_tick: f64,
 }
 
@@ -120,8 +120,8 @@ fn line(
     let whole_s = f64::from(play.ticks) / rate_hz;
     let truth = play.joints_at(tick);
     let error = mean_error_m(bodies, &truth).map_or_else(
-        || "none near the truth".to_owned(),
-        |error_m| format!("{:3.0} mm off", error_m * 1e3),
+        || "no pose near the truth".to_owned(),
+        |error_m| format!("{:3.0} mm error", error_m * 1e3),
     );
     let rates = rates.map_or_else(String::new, |rates| {
         let links = play.scene.viewpoints().len().max(1) as f64;
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_says_when_who_how_well_how_fast_and_how_much() {
+    fn a_line_has_time_people_error_speed_and_bytes() {
         let play = play();
         let true_joints = play.joints_at(Tick(29));
         let shifted = |(person, joints): (u32, &farfield_fusion::body::skeleton::Joints)| Body {
@@ -177,16 +177,16 @@ mod tests {
                 Some(rates),
                 Some("about 20 s left".to_owned())
             ),
-            "   1.0 of 10.0 s   4 of 4 people tracked    20 mm off    12.3 ticks/s   60 kB/s per viewpoint   about 20 s left\n"
+            "   1.0 of 10.0 s   4 of 4 people tracked    20 mm error    12.3 ticks/s   60 kB/s per viewpoint   about 20 s left\n"
         );
         assert_eq!(
             line(&play, Tick(29), &[], None, None),
-            "   1.0 of 10.0 s   0 of 4 people tracked   none near the truth\n"
+            "   1.0 of 10.0 s   0 of 4 people tracked   no pose near the truth\n"
         );
     }
 
     #[test]
-    fn seconds_of_the_scene_are_full_at_their_last_tick() {
+    fn a_second_is_full_at_its_last_tick() {
         let play = play();
         let ticker = DemoTicker::new(&play);
         let full: Vec<i64> = (0..90).filter(|&tick| ticker.is_full(Tick(tick))).collect();

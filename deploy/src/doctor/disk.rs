@@ -1,4 +1,4 @@
-//! The disk that results go to: whether it can be written, how fast, and how long it lasts.
+//! The disk for the results: whether it can be written, its speed, and how long its space lasts.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -10,30 +10,29 @@ use farfield_proto::venue::Venue;
 use crate::report_lines::ReportLines;
 
 const DISK: &str = "disk";
-/// What is written to measure, in pieces that are synced each.
+/// Data written for the measurement, in pieces that are synced one by one.
 const PIECES: usize = 16;
 const PIECE_BYTES: usize = 1 << 20;
-/// Measuring ends after this.
+/// The measurement ends after this time.
 const PATIENCE: Duration = Duration::from_millis(800);
-/// People of whom a recording is reckoned with.
+/// Number of people of the assumed recording.
 const PEOPLE: f64 = 10.0;
-/// What a person is in a recording per tick, bytes: poses as messages and as JSON, and the patches of a viewpoint.
+/// Bytes per person and tick of a recording: poses as messages and as JSON, and patches per viewpoint.
 const POSE_BYTES: f64 = 4000.0;
 const PATCH_BYTES: f64 = 1500.0;
-/// A recording shall last so long, and must, seconds.
+/// Seconds of recording that the free space must have room for: below the first a warning, below the second a failure.
 const USUAL_S: f64 = 3600.0;
 const LEAST_S: f64 = 60.0;
 
-/// What a recording asks of the disk.
+/// What a recording needs of the disk.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct DiskNeed {
-    /// Bytes per second.
     pub(super) bytes_per_s: f64,
 }
 
 impl DiskNeed {
-    /// That of a recording of ten people in `venue`; without one, of four viewpoints at 60 ticks per second.
-    pub(super) fn of(venue: Option<&Venue>) -> Self {
+    /// For a recording of ten people in `venue`; without one, of four viewpoints at 60 ticks per second.
+    pub(super) fn for_venue(venue: Option<&Venue>) -> Self {
         let (rate_hz, viewpoints) =
             venue.map_or((60.0, 4), |venue| (venue.rate_hz, venue.viewpoints.len()));
         let per_tick = PEOPLE * (POSE_BYTES + PATCH_BYTES * viewpoints as f64);
@@ -43,8 +42,8 @@ impl DiskNeed {
     }
 }
 
-/// Writes into `folder`, or into the nearest folder above it that is there, and takes it away again.
-pub(super) fn look_at_disk(folder: &Path, need: DiskNeed, report: &mut ReportLines) {
+/// Writes into `folder`, or into its nearest existing parent, and deletes the file again.
+pub(super) fn check_disk(folder: &Path, need: DiskNeed, report: &mut ReportLines) {
     let mut there = folder;
     while !there.as_os_str().is_empty() && !there.exists() {
         there = there.parent().unwrap_or(Path::new(""));
@@ -64,7 +63,7 @@ pub(super) fn look_at_disk(folder: &Path, need: DiskNeed, report: &mut ReportLin
             report.fail(
                 DISK,
                 format!("{shown}: {error}"),
-                "name a folder that can be written: `--out DIR`",
+                "choose a writable folder: `--out DIR`",
             );
             return;
         }
@@ -75,7 +74,7 @@ pub(super) fn look_at_disk(folder: &Path, need: DiskNeed, report: &mut ReportLin
         Err(error) => report.fail(
             DISK,
             format!("{shown} cannot be written: {error}"),
-            "make room, or name another folder for the results: `farfield run VENUE --out DIR`",
+            "free some space, or choose another folder for the results: `farfield run VENUE --out DIR`",
         ),
     }
 }
@@ -85,16 +84,16 @@ fn free_bytes(folder: &Path) -> std::io::Result<u64> {
     Ok(about.f_bavail.saturating_mul(about.f_frsize))
 }
 
-/// Adds what `free` bytes are worth.
+/// Reports whether `free` bytes are enough.
 pub(super) fn judge_room(shown: &str, free: u64, need: DiskNeed, report: &mut ReportLines) {
     let lasts_s = free as f64 / need.bytes_per_s;
     let text = format!(
-        "{shown}: {:.1} GB are free, for about {:.1} hours of ten people recorded at {:.1} MB/s",
+        "{shown}: {:.1} GB are free, enough for about {:.1} hours of recording ten people at {:.1} MB/s",
         free as f64 / 1e9,
         lasts_s / 3600.0,
         need.bytes_per_s / 1e6
     );
-    let remedy = "delete recordings, or name another disk: `--out DIR`; `[recording] json_poses = false` takes half of it";
+    let remedy = "delete recordings, or choose another disk: `--out DIR`; `[recording] json_poses = false` halves the size";
     if lasts_s < LEAST_S {
         report.fail(DISK, text, remedy);
     } else if lasts_s < USUAL_S {
@@ -104,26 +103,26 @@ pub(super) fn judge_room(shown: &str, free: u64, need: DiskNeed, report: &mut Re
     }
 }
 
-/// Adds what a write rate is worth.
+/// Reports whether the write rate is high enough.
 pub(super) fn judge_rate(shown: &str, bytes_per_s: f64, need: DiskNeed, report: &mut ReportLines) {
     let text = format!(
-        "{shown}: {:.0} MB/s are written and synced, a recording takes {:.1} MB/s",
+        "{shown}: {:.0} MB/s written and synced, a recording needs {:.1} MB/s",
         bytes_per_s / 1e6,
         need.bytes_per_s / 1e6
     );
     if bytes_per_s < need.bytes_per_s {
-        report.warn(DISK, text, "name a faster disk: `--out DIR`");
+        report.warn(DISK, text, "choose a faster disk: `--out DIR`");
     } else {
         report.ok(DISK, text);
     }
 }
 
-/// Bytes per second that reach the disk.
+/// The write rate of the disk, bytes per second.
 fn measure(folder: &Path) -> std::io::Result<f64> {
     let mut file = tempfile::Builder::new()
         .prefix(".farfield-doctor-")
         .tempfile_in(folder)?;
-    // Zeros would be nothing to a disk that compresses.
+    // Random data, as a disk that compresses would store zeros too fast.
     let mut state = 1_u32;
     let piece: Vec<u8> = (0..PIECE_BYTES)
         .map(|_| {

@@ -1,4 +1,4 @@
-//! Inference: which library runs networks here, and how fast those that see crops and those that find people.
+//! Inference: the library that runs networks on this machine, and the speed of keypoint networks and detectors.
 
 use std::path::Path;
 
@@ -17,23 +17,23 @@ use crate::report_lines::ReportLines;
 
 const INFERENCE: &str = "inference";
 const INSTALL: &str = "pip install --upgrade onnxruntime, or set ORT_DYLIB_PATH to the library";
-/// What mends a library that does not run here.
+/// Remedy for a library that does not run here.
 const LIBRARY: &str = "pip install --upgrade onnxruntime, then unset ORT_DYLIB_PATH, or set it to a libonnxruntime.so of that package";
-/// What mends a library that is passed over.
+/// Remedy for a library that is skipped.
 const REFUSED: &str = "remove the library that cannot be used, or install it again";
-/// What mends a network that the venue file names.
+/// Remedies for a network or detector of the venue file.
 const NETWORK: &str = "correct `network` in the venue file, or its card";
 const DETECTOR: &str = "correct `detector` in the venue file, or its card";
 
-/// What mends a provider that cannot be used.
-const PROVIDERS: &str = "install an ONNX Runtime that has it (`onnxruntime-openvino`, `onnxruntime-gpu`), or take it out of `providers`";
-/// What mends a machine that is too slow for one person.
-const TOO_SLOW: &str = "lower `rate_hz`, take a smaller `network`, name `[inference] providers`, or run the edges on a faster computer";
-/// What mends a folder in which the carried networks cannot be written.
-const TEMPORARY: &str = "set TMPDIR to a folder that can be written and has some megabytes of room";
+/// Remedy for a provider that cannot be used.
+const PROVIDERS: &str = "install an ONNX Runtime that has it (`onnxruntime-openvino`, `onnxruntime-gpu`), or remove it from `providers`";
+/// Remedy for a machine that is too slow for one person.
+const TOO_SLOW: &str = "lower `rate_hz`, use a smaller `network`, set `[inference] providers`, or run the edges on a faster computer";
+/// Remedy for a folder in which the embedded networks cannot be written.
+const TEMPORARY: &str = "set TMPDIR to a writable folder with some megabytes of free space";
 
-/// Starts the backend and runs the venue's networks, or where it names none those that the program carries.
-pub(super) fn look_at_inference(venue: Option<&Venue>, report: &mut ReportLines) {
+/// Starts the backend and runs the networks of the venue; without any, the embedded ones.
+pub(super) fn check_inference(venue: Option<&Venue>, report: &mut ReportLines) {
     let backend = match InferenceBackend::start(BackendChoice::Best) {
         Ok(backend) => backend,
         Err(error) => {
@@ -56,27 +56,27 @@ pub(super) fn look_at_inference(venue: Option<&Venue>, report: &mut ReportLines)
     let detector = venue.and_then(|venue| venue.detector.as_deref());
     if let (Some(card), Some(venue)) = (network, venue) {
         let what = card.display().to_string();
-        let on_processor = look_at_network(card, (what.as_str(), NETWORK), report);
-        let on_providers = look_at_providers(card, venue, report);
+        let on_processor = check_network(card, (what.as_str(), NETWORK), report);
+        let on_providers = check_providers(card, venue, report);
         if let Some(crops_per_s) = on_processor.map(|it| on_providers.unwrap_or(0.0).max(it)) {
             judge_people(venue, crops_per_s, report);
         }
     }
     if let Some(card) = detector {
         let what = card.display().to_string();
-        look_at_detector(card, (what.as_str(), DETECTOR), report);
+        check_detector(card, (what.as_str(), DETECTOR), report);
     }
     if network.or(detector).is_none() {
-        look_at_carried(report);
+        check_embedded(report);
     }
 }
 
-/// Runs the networks that the program carries, which a backend reads from files.
-fn look_at_carried(report: &mut ReportLines) {
+/// Runs the embedded networks, which a backend reads from files.
+fn check_embedded(report: &mut ReportLines) {
     let folder = match tempfile::tempdir() {
         Ok(folder) => folder,
         Err(error) => {
-            let problem = format!("no temporary folder can be made: {error}");
+            let problem = format!("cannot create a temporary folder: {error}");
             report.fail(INFERENCE, problem, TEMPORARY);
             return;
         }
@@ -87,16 +87,17 @@ fn look_at_carried(report: &mut ReportLines) {
     match written {
         Ok([network, detector]) => {
             let what = ("the network of the demo", LIBRARY);
-            look_at_network(&folder.join(network), what, report);
+            check_network(&folder.join(network), what, report);
             let what = ("the detector of the demo", LIBRARY);
-            look_at_detector(&folder.join(detector), what, report);
+            check_detector(&folder.join(detector), what, report);
         }
         Err(error) => report.fail(INFERENCE, error.to_string(), TEMPORARY),
     }
 }
 
-/// Adds how many crops the network of `card` takes in a second: what it is called, and what mends it. Returns the most.
-fn look_at_network(
+/// Reports how many crops per second the network of `card` processes. Takes its display name and a remedy. Returns the
+/// highest rate.
+fn check_network(
     card: &Path,
     (what, remedy): (&str, &str),
     report: &mut ReportLines,
@@ -118,35 +119,37 @@ fn look_at_network(
     }
 }
 
-/// Adds how many people an edge of `venue` on this machine carries, and fails where a live camera of it asks for more.
+/// Reports how many people an edge of `venue` can track on this machine. Fails if a live camera needs more.
 pub(super) fn judge_people(venue: &Venue, crops_per_s: f64, report: &mut ReportLines) {
     let rate_hz = venue.rate_hz;
     let people = people_at(rate_hz, crops_per_s);
     let is_live = venue.cameras.iter().any(|camera| camera.source.is_live());
     if people > 0 || !is_live {
-        let text =
-            format!("an edge here carries {people} people of a viewpoint at {rate_hz} Hz, live");
+        let text = format!(
+            "an edge on this machine can track {people} people of a viewpoint at {rate_hz} Hz, live"
+        );
         return report.ok(INFERENCE, text);
     }
     let text = format!(
-        "an edge here makes {crops_per_s:.0} crops per second, of which {:.0} are planned with: one person at {rate_hz} Hz takes {rate_hz}",
+        "an edge on this machine processes {crops_per_s:.0} crops per second and plans with {:.0} of them: one person at {rate_hz} Hz needs {rate_hz}",
         PLANNED * crops_per_s
     );
     report.fail(INFERENCE, text, TOO_SLOW);
 }
 
-/// How many people of one viewpoint an edge carries that makes so many crops per second.
+/// How many people of one viewpoint an edge can track that processes so many crops per second.
 pub(crate) fn people_at(rate_hz: f64, crops_per_s: f64) -> u32 {
     (PLANNED * crops_per_s / rate_hz) as u32
 }
 
-/// Adds what else than the processor runs the network of `card`, where an edge asks for it. Returns the most crops per second.
-fn look_at_providers(card: &Path, venue: &Venue, report: &mut ReportLines) -> Option<f64> {
+/// Reports the execution providers that run the network of `card`, where the venue names any. Returns the most crops
+/// per second.
+fn check_providers(card: &Path, venue: &Venue, report: &mut ReportLines) -> Option<f64> {
     let mut most = None;
-    let asked = venue.viewpoints.iter().map(|it| &it.providers);
-    let mut asked: Vec<_> = asked.filter(|it| !it.is_empty()).collect();
-    asked.dedup();
-    for providers in asked {
+    let requested = venue.viewpoints.iter().map(|it| &it.providers);
+    let mut requested: Vec<_> = requested.filter(|it| !it.is_empty()).collect();
+    requested.dedup();
+    for providers in requested {
         match accelerated(card, providers) {
             Ok(found) => {
                 most = Some(found.workers.crops_per_s.max(most.unwrap_or(0.0)));
@@ -167,7 +170,7 @@ fn accelerated(card: &Path, providers: &[Provider]) -> Result<Acceleration, Netw
     accelerate(&mut batch, card, providers)
 }
 
-/// What each number of workers does with the network of `card`, up to the fastest.
+/// The speed of the network of `card` with each number of workers, up to the fastest.
 ///
 /// # Errors
 /// When the network cannot be loaded or run.
@@ -176,13 +179,13 @@ pub(crate) fn measured_workers(card: &Path) -> Result<Vec<Workers>, NetworkError
     find_workers(&mut Batch::new(Box::new(network)))
 }
 
-/// Adds how long the detector of `card` takes for a picture: what it is called, and what mends it.
-fn look_at_detector(card: &Path, (what, remedy): (&str, &str), report: &mut ReportLines) {
-    match OnnxDetector::load(card).and_then(|mut detector| picture_s(&mut detector)) {
+/// Reports how long the detector of `card` takes for an image. Takes its display name and a remedy.
+fn check_detector(card: &Path, (what, remedy): (&str, &str), report: &mut ReportLines) {
+    match OnnxDetector::load(card).and_then(|mut detector| image_s(&mut detector)) {
         Ok((took_s, [width, height])) => report.ok(
             INFERENCE,
             format!(
-                "{what}: {:.1} ms per picture of {width} x {height} on one thread",
+                "{what}: {:.1} ms per image of {width} x {height} on one thread",
                 1000.0 * took_s
             ),
         ),
@@ -190,13 +193,13 @@ fn look_at_detector(card: &Path, (what, remedy): (&str, &str), report: &mut Repo
     }
 }
 
-/// How long the detector takes for a picture as large as its input, seconds, and how large that is, pixels.
-fn picture_s(detector: &mut OnnxDetector) -> Result<(f64, [u32; 2]), NetworkError> {
+/// Time of the detector for an image of its input size, seconds, and that size, pixels.
+fn image_s(detector: &mut OnnxDetector) -> Result<(f64, [u32; 2]), NetworkError> {
     let DetectorInput { size_px, letterbox } = detector.input();
     let [width, height] = size_px;
     let picture = RgbImage::new(width, height).into();
     let window = DetectorWindow::whole(size_px, size_px, letterbox);
-    // Loading has run one already; once more is enough, as large ones take their time.
+    // Loading has run one already; one more is enough, as large detectors are slow.
     let start = clock::now();
     detector.detect(&picture, &window)?;
     Ok((clock::now().duration_since(start).as_secs_f64(), size_px))

@@ -1,11 +1,10 @@
-//! `farfield doctor`: whether this machine can do what a venue asks of it: inference, programs, disk, clock, ports, keys, and which
-//! version the nodes of a venue run that runs now.
+//! `farfield doctor`: checks that this machine is ready for a venue: inference, programs, disk, clock, ports, keys, and
+//! the versions of running nodes.
 //!
-//! Each part is looked at for itself, with what it looks at as an argument, and adds its lines; together they take less
-//! than five seconds, for which nodes are waited for while networks run. Nothing is changed: what is written to measure the
-//! disk is taken away again.
+//! Each part is independent: it takes its inputs as arguments and adds its lines. Together they take less than five
+//! seconds: the program waits for nodes while it runs networks. Nothing is changed: files written to measure the disk
+//! are deleted.
 
-mod clock;
 mod disk;
 mod inference;
 mod machine;
@@ -29,7 +28,7 @@ use farfield_proto::transport::endpoint::is_endpoint;
 use farfield_proto::venue::{Source, Venue};
 
 use crate::exchange::target::check_folder;
-use crate::keys::look_at_keys;
+use crate::keys::check_keys;
 use crate::report_lines::{ReportForm, ReportLines};
 
 pub(crate) use self::inference::{measured_workers, people_at};
@@ -41,12 +40,12 @@ use self::programs::ProgramNeed;
 /// Arguments of `farfield doctor`.
 #[derive(Debug, Args)]
 pub(crate) struct DoctorArgs {
-    /// The venue file: its network, its ports and its keys are looked at too.
+    /// The venue file: also checks its network, ports and keys.
     pub(crate) venue: Option<PathBuf>,
-    /// Where fusion listens, whose nodes are asked which version they run; the venue file's, if left out.
+    /// Endpoint of a running fusion, to query the versions of its nodes; default: that of the venue file.
     #[arg(long, value_name = "ENDPOINT", requires = "venue")]
     pub(crate) connect: Vec<String>,
-    /// Folder for results, whose disk is measured. Default: `farfield-out`, or where it would be made.
+    /// Folder for results; its disk is measured. Default: `farfield-out`.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Print as JSON.
@@ -54,13 +53,12 @@ pub(crate) struct DoctorArgs {
     pub(crate) json: bool,
 }
 
-/// Looks at this machine and prints what was found: exit code 0, or 1 when anything failed; 2 when the venue cannot be
-/// read.
+/// Checks this machine and prints the results. Exit code 0, or 1 if anything failed; 2 if the venue cannot be read.
 pub(crate) fn main(args: &DoctorArgs) -> ExitCode {
     start_log();
     let printed = doctor(args).and_then(|report| {
         report
-            .print(ReportForm::of(args.json))
+            .print(ReportForm::from_flag(args.json))
             .map_err(NodeError::Failed)
     });
     printed.unwrap_or_else(|error| exit_code_told(Err(error), Told::as_json_if(args.json)))
@@ -83,28 +81,28 @@ fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {
     let folder = args.out.as_deref().unwrap_or(Path::new("farfield-out"));
     check_folder("--out", folder).map_err(NodeError::Refused)?;
     let mut report = ReportLines::default();
-    machine::look_at_machine(&machine::facts(), &mut report);
-    let (of_nodes, runs) = look_at_inference_and_nodes(venue, &args.connect, &mut report);
+    machine::check_machine(&machine::facts(), &mut report);
+    let (of_nodes, runs) = check_inference_and_nodes(venue, &args.connect, &mut report);
     let path = std::env::var_os("PATH").unwrap_or_default();
-    programs::look_at_programs(&path, program_need(venue), &mut report);
-    disk::look_at_disk(folder, DiskNeed::of(venue), &mut report);
-    clock::look_at_clock(
+    programs::check_programs(&path, program_need(venue), &mut report);
+    disk::check_disk(folder, DiskNeed::for_venue(venue), &mut report);
+    machine::check_clock(
         &system_clock::read(),
         node_clock::unix_s(),
         venue,
         &mut report,
     );
-    ports::look_at_ports(venue, runs, &mut report);
+    ports::check_ports(venue, runs, &mut report);
     if let (Some(venue), Some(path)) = (venue, &args.venue) {
-        look_at_keys(venue, path, node_clock::unix_s(), &mut report);
+        check_keys(venue, path, node_clock::unix_s(), &mut report);
     }
     report.append(of_nodes);
     Ok(report)
 }
 
-/// Runs networks, and meanwhile joins `venue`, if there is one, which is waiting for the most part; what is said of its nodes
-/// comes last, and is returned, with whether it runs. Both are done before ports are tried: who joins must not meet them.
-fn look_at_inference_and_nodes(
+/// Runs networks and meanwhile joins `venue`, if given, which mostly waits. Returns the lines on its nodes, which come
+/// last, and whether it runs. Both are done before the ports are tried, as a join must not meet those tests.
+fn check_inference_and_nodes(
     venue: Option<&Venue>,
     connect: &[String],
     report: &mut ReportLines,
@@ -112,15 +110,15 @@ fn look_at_inference_and_nodes(
     std::thread::scope(|scope| {
         let joining = scope.spawn(|| {
             let mut of_nodes = ReportLines::default();
-            let runs = venue.map(|venue| nodes::look_at_nodes(venue, connect, &mut of_nodes));
+            let runs = venue.map(|venue| nodes::check_nodes(venue, connect, &mut of_nodes));
             (of_nodes, runs.unwrap_or(VenueRuns::No))
         });
-        inference::look_at_inference(venue, report);
-        joining.join().unwrap_or_else(|_| nodes::not_looked_at())
+        inference::check_inference(venue, report);
+        joining.join().unwrap_or_else(|_| nodes::not_checked())
     })
 }
 
-/// How much a venue needs the programs that decode video; any, without one.
+/// Whether a venue needs the programs that decode video; without a venue, yes.
 fn program_need(venue: Option<&Venue>) -> ProgramNeed {
     let is_decoded =
         |source: &Source| matches!(source, Source::Video { .. } | Source::Ffmpeg { .. });
@@ -130,7 +128,7 @@ fn program_need(venue: Option<&Venue>) -> ProgramNeed {
     }
 }
 
-/// What `venue` says of who may talk to whom; nothing, without one.
+/// The network exposure that `venue` allows; without a venue, none.
 fn exposure(venue: Option<&Venue>) -> Exposure {
     Exposure {
         has_keys: venue.is_some_and(|it| it.security.certificates.is_some()),

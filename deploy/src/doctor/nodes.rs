@@ -1,4 +1,4 @@
-//! Which farfield the nodes of a venue run, where it runs now.
+//! The farfield versions of the nodes of a running venue.
 
 use std::time::Duration;
 
@@ -10,18 +10,18 @@ use crate::report_lines::ReportLines;
 use crate::status::{NodeInShort, join_for_a_moment};
 
 const NODES: &str = "nodes";
-/// How long fusion may take to answer: who waits for a diagnosis does not wait for a venue that does not run.
+/// Time for fusion to answer: a diagnosis must not wait long for a venue that does not run.
 const ANSWER: Duration = Duration::from_millis(1500);
 
-/// What mends a venue that cannot be joined, where it has keys, and where it has none.
-const WITH_KEYS: &str = "mend what is said of the keys; a machine that has those of another node alone: farfield status VENUE --node NAME";
+/// Remedies for a venue that cannot be joined: with keys, and without.
+const WITH_KEYS: &str = "fix the problems of the keys; on a machine that has only keys of another node: farfield status VENUE --node NAME";
 const WITHOUT_KEYS: &str = "farfield certs VENUE --out certs, then `[security] certificates = \"certs\"` and quic/ in `[fusion]`";
 
-/// The same where endpoints are given.
-const GIVEN: &str = "look at `--connect`: it is PROTOCOL/HOST:PORT, as in `[fusion] listen`";
+/// The same if endpoints are given.
+const GIVEN: &str = "check `--connect`: it is PROTOCOL/HOST:PORT, as in `[fusion] listen`";
 
-/// Joins `venue` for a moment as somebody who only listens, at `connect` or where the venue file says.
-pub(super) fn look_at_nodes(
+/// Joins `venue` for a moment as an observer, at `connect` or at the endpoint of the venue file.
+pub(super) fn check_nodes(
     venue: &Venue,
     connect: &[String],
     report: &mut ReportLines,
@@ -35,19 +35,19 @@ pub(super) fn look_at_nodes(
         }
         Ok(None) if !connect.is_empty() => report.warn(
             NODES,
-            format!("nobody answers at {}", connect.join(", ")),
-            "look whether fusion runs and listens there, and whether the way is open",
+            format!("no node answers at {}", connect.join(", ")),
+            "check that fusion runs and listens there, and that no firewall blocks it",
         ),
         Ok(None) => report.ok(
             NODES,
             format!(
-                "no fusion of venue {} answers: it does not run, or elsewhere",
+                "no fusion of venue {} answers: it does not run, or runs elsewhere",
                 venue.name
             ),
         ),
         Err(error) => report.warn(
             NODES,
-            format!("not looked at: {error}"),
+            format!("not checked: {error}"),
             match (venue.security.certificates.is_some(), connect.is_empty()) {
                 (_, false) => GIVEN,
                 (true, true) => WITH_KEYS,
@@ -58,26 +58,26 @@ pub(super) fn look_at_nodes(
     VenueRuns::No
 }
 
-/// What is said where looking did not come to its end.
-pub(super) fn not_looked_at() -> (ReportLines, VenueRuns) {
+/// The line for a check that panicked.
+pub(super) fn not_checked() -> (ReportLines, VenueRuns) {
     let mut report = ReportLines::default();
-    let text = "not looked at: it has failed inside this program";
+    let text = "not checked: an internal error of this program";
     report.warn(NODES, text, "farfield status VENUE");
     (report, VenueRuns::No)
 }
 
-/// Holds what every node runs to what this machine runs.
+/// Compares the version of every node with that of this machine.
 pub(super) fn judge_nodes(venue: &str, nodes: &[NodeInShort], report: &mut ReportLines) {
     let here = env!("CARGO_PKG_VERSION");
-    let told = nodes.iter().filter(|node| !node.version.is_empty());
+    let reported = nodes.iter().filter(|node| !node.version.is_empty());
     let (same, others): (Vec<&NodeInShort>, Vec<&NodeInShort>) =
-        told.partition(|node| node.version == here);
+        reported.partition(|node| node.version == here);
     if !same.is_empty() {
         let names: Vec<&str> = same.iter().map(|node| node.name.as_str()).collect();
         let names = names.join(", ");
         report.ok(
             NODES,
-            format!("of venue {venue} run farfield {here}, as this machine: {names}"),
+            format!("nodes of venue {venue} that run farfield {here}, as this machine: {names}"),
         );
     }
     for other in others {
@@ -87,7 +87,7 @@ pub(super) fn judge_nodes(venue: &str, nodes: &[NodeInShort], report: &mut Repor
                 "{} runs farfield {}, this machine {here}",
                 other.name, other.version
             ),
-            "bring all boxes to one version, fusion first; neighbouring versions of messages work together",
+            "install one version on all machines, fusion first; neighbouring message versions work together",
         );
     }
     for node in nodes {

@@ -1,4 +1,4 @@
-//! Where fusion would listen: whether the place is free, and who has it.
+//! The endpoints of fusion: whether they are free, and which process has them.
 
 use std::io::ErrorKind;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs as _, UdpSocket};
@@ -11,20 +11,20 @@ use super::exposure;
 use crate::report_lines::ReportLines;
 
 const PORTS: &str = "ports";
-/// What a fusion is called by the kernel.
+/// Process names of a fusion.
 const OURS: [&str; 2] = ["farfield", "farfield-fusion"];
 
-/// Whether the venue that is looked at runs now: its fusion has its ports then, and that is as it should be.
+/// Whether the checked venue runs now: then its fusion has its ports, which is no fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum VenueRuns {
-    /// Its fusion answered where the venue file says that it listens.
+    /// Its fusion answered at the endpoint of the venue file.
     Now,
-    /// Nobody answered, or nobody was asked.
+    /// No fusion answered, or none was queried.
     No,
 }
 
-/// Binds every endpoint of fusion for a moment.
-pub(super) fn look_at_ports(venue: Option<&Venue>, runs: VenueRuns, report: &mut ReportLines) {
+/// Checks every endpoint of fusion by binding it for a moment.
+pub(super) fn check_ports(venue: Option<&Venue>, runs: VenueRuns, report: &mut ReportLines) {
     let known = venue.map_or(&[][..], |venue| &venue.endpoints.listen);
     let endpoints = match exposure(venue).choose(Vec::new(), known) {
         Ok(endpoints) => endpoints,
@@ -34,15 +34,15 @@ pub(super) fn look_at_ports(venue: Option<&Venue>, runs: VenueRuns, report: &mut
         }
     };
     for endpoint in &endpoints {
-        look_at(endpoint, runs, report);
+        check_endpoint(endpoint, runs, report);
     }
 }
 
-fn look_at(endpoint: &str, runs: VenueRuns, report: &mut ReportLines) {
+fn check_endpoint(endpoint: &str, runs: VenueRuns, report: &mut ReportLines) {
     let Some(port) = port(endpoint) else {
         report.fail(
             PORTS,
-            format!("{endpoint} names no port"),
+            format!("{endpoint} has no port"),
             "listen = [\"quic/0.0.0.0:7447\"]",
         );
         return;
@@ -51,8 +51,8 @@ fn look_at(endpoint: &str, runs: VenueRuns, report: &mut ReportLines) {
     let Some(address) = found.ok().and_then(|mut all| all.next()) else {
         report.fail(
             PORTS,
-            format!("{endpoint}: there is no host `{}`", host(endpoint)),
-            "name an address of the fusion computer in `[fusion] listen`, or 0.0.0.0",
+            format!("{endpoint}: host `{}` does not exist", host(endpoint)),
+            "set `[fusion] listen` to an address of the fusion computer, or to 0.0.0.0",
         );
         return;
     };
@@ -70,11 +70,11 @@ fn look_at(endpoint: &str, runs: VenueRuns, report: &mut ReportLines) {
         Err(error) if error.kind() == ErrorKind::AddrNotAvailable => report.warn(
             PORTS,
             format!("{endpoint} is not an address of this machine"),
-            "on the fusion computer, correct `[fusion] listen`; on an edge's this is as it should be",
+            "on the fusion computer, correct `[fusion] listen`; on an edge computer this is normal",
         ),
         Err(error) => report.fail(
             PORTS,
-            format!("{endpoint} cannot be listened on: {error}"),
+            format!("cannot listen on {endpoint}: {error}"),
             "choose a port above 1023 in `[fusion] listen`",
         ),
     }
@@ -88,14 +88,14 @@ fn taken(
 ) {
     let owner = owner(Path::new("/proc"), address.port(), is_datagram);
     let is_ours = |(_, name): &(u32, String)| OURS.contains(&name.as_str());
-    // Only its own user and root are told whose it is; and builds have names of their own.
+    // Only its own user and root can see the owner, and builds have names of their own.
     let may_be_ours = owner
         .as_ref()
         .is_none_or(|(_, name)| name.starts_with(OURS[0]));
     if runs == VenueRuns::Now && may_be_ours {
         report.ok(
             PORTS,
-            format!("{endpoint} is where this venue's fusion listens"),
+            format!("{endpoint} is in use by this venue's fusion"),
         );
         return;
     }
@@ -105,7 +105,11 @@ fn taken(
     );
     let text = format!("{endpoint} is taken by {by}");
     if owner.as_ref().is_some_and(is_ours) {
-        report.warn(PORTS, text, "end that run first, if it is not this venue's");
+        report.warn(
+            PORTS,
+            text,
+            "end that run first, if it belongs to another venue",
+        );
     } else {
         let end = owner.map_or_else(|| "end it".to_owned(), |(id, _)| format!("kill {id}"));
         report.fail(
@@ -116,7 +120,7 @@ fn taken(
     }
 }
 
-/// The process that has the port, as the kernel tells in `proc`: its id and its name.
+/// Id and name of the process that has the port, read from the kernel's `proc`.
 fn owner(proc: &Path, port: u16, is_datagram: bool) -> Option<(u32, String)> {
     let tables = if is_datagram {
         ["udp", "udp6"]
@@ -163,7 +167,7 @@ fn socket_at(line: &str, port: u16) -> Option<&str> {
     (found == port).then(|| fields.nth(7)).flatten()
 }
 
-/// The port of an endpoint, behind which options of Zenoh may stand.
+/// The port of an endpoint; options of Zenoh can follow it.
 fn port(endpoint: &str) -> Option<u16> {
     let address = endpoint.split(['?', '#']).next()?;
     address.rsplit_once(':')?.1.parse().ok()

@@ -10,15 +10,14 @@ use farfield_node::clock;
 
 use crate::report_lines::{ReportLines, Verdict};
 
-/// The group of these lines.
 const GROUP: &str = "programs";
 const PROGRAMS: [&str; 2] = ["ffmpeg", "ffprobe"];
 const INSTALL: &str = "apt install ffmpeg (Fedora: dnf install ffmpeg; macOS: brew install ffmpeg)";
-/// The first version that knows `-fps_mode`.
+/// The first version with `-fps_mode`.
 const LEAST_VERSION: (u32, u32) = (5, 1);
-/// A program that says its version later than this hangs, on a network drive for one.
+/// A program without an answer after this time hangs, for example on a network drive.
 const PATIENCE: Duration = Duration::from_secs(1);
-const LOOKED_AT_EVERY: Duration = Duration::from_millis(5);
+const POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 /// What the programs are needed for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,23 +28,23 @@ pub(super) enum ProgramNeed {
     Video,
 }
 
-/// Asks `ffmpeg` and `ffprobe` on the search path `path` for their versions.
-pub(super) fn look_at_programs(path: &OsStr, need: ProgramNeed, report: &mut ReportLines) {
-    // Both at once: who waits for a diagnosis waits for the slower.
-    let said = thread::scope(|scope| {
-        let asked = PROGRAMS.map(|program| scope.spawn(move || look_at(program, path)));
-        asked.map(|asked| {
-            asked
+/// Queries `ffmpeg` and `ffprobe` on the search path `path` for their versions.
+pub(super) fn check_programs(path: &OsStr, need: ProgramNeed, report: &mut ReportLines) {
+    // Both at once, to wait only for the slower one.
+    let results = thread::scope(|scope| {
+        let checks = PROGRAMS.map(|program| scope.spawn(move || check_program(program, path)));
+        checks.map(|check| {
+            check
                 .join()
-                .unwrap_or_else(|_| (Verdict::Failed, "asking for its version failed".to_owned()))
+                .unwrap_or_else(|_| (Verdict::Failed, "the version query failed".to_owned()))
         })
     });
-    for (verdict, text) in said {
+    for (verdict, text) in results {
         let is_needed = need == ProgramNeed::Video;
         let (verdict, text) = match verdict {
             Verdict::Failed if !is_needed => (
                 Verdict::Warning,
-                format!("{text}; this venue does without it"),
+                format!("{text}; this venue does not need it"),
             ),
             verdict => (verdict, text),
         };
@@ -54,7 +53,7 @@ pub(super) fn look_at_programs(path: &OsStr, need: ProgramNeed, report: &mut Rep
     }
 }
 
-fn look_at(program: &str, path: &OsStr) -> (Verdict, String) {
+fn check_program(program: &str, path: &OsStr) -> (Verdict, String) {
     let mut command = Command::new(program);
     command
         .arg("-version")
@@ -66,7 +65,7 @@ fn look_at(program: &str, path: &OsStr) -> (Verdict, String) {
             return (
                 Verdict::Failed,
                 format!(
-                    "`{program} -version` gives no answer within {} s",
+                    "`{program} -version` gave no answer within {} s",
                     PATIENCE.as_secs()
                 ),
             );
@@ -78,8 +77,8 @@ fn look_at(program: &str, path: &OsStr) -> (Verdict, String) {
             );
         }
     };
-    let said = String::from_utf8_lossy(&output.stdout);
-    let first = said.lines().next().unwrap_or_default();
+    let output_text = String::from_utf8_lossy(&output.stdout);
+    let first = output_text.lines().next().unwrap_or_default();
     let Some(version) = first
         .split(" version ")
         .nth(1)
@@ -106,30 +105,30 @@ fn look_at(program: &str, path: &OsStr) -> (Verdict, String) {
     }
 }
 
-/// What the program says and how it ends; `None` where it does not end, and is ended.
+/// Output and exit status of the program; `None` if it hangs and was killed.
 fn answer(command: &mut Command) -> io::Result<Option<Output>> {
     let mut child = command
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()?;
-    let asked = clock::now();
-    // What it says fits into its pipe many times.
+    let start = clock::now();
+    // The output is much smaller than the pipe's buffer.
     while child.try_wait()?.is_none() {
-        if clock::now().duration_since(asked) > PATIENCE {
+        if clock::now().duration_since(start) > PATIENCE {
             child.kill()?;
             child.wait()?;
             return Ok(None);
         }
-        thread::sleep(LOOKED_AT_EVERY);
+        thread::sleep(POLL_INTERVAL);
     }
     child.wait_with_output().map(Some)
 }
 
-/// The first two numbers of a version; `None` of one by date or commit, which is rather new.
+/// The first two numbers of a version; `None` if it is a date or commit, which is recent.
 fn numbers(version: &str) -> Option<(u32, u32)> {
     let mut parts = version.trim_start_matches('n').split(['.', '-', '+']);
     let major: u32 = parts.next()?.parse().ok()?;
-    // Builds of a day begin with the year.
+    // Daily builds begin with the year.
     (major < 1000).then(|| {
         (
             major,

@@ -1,5 +1,5 @@
-//! Faults made for real, one after the other, and what is said of each. What takes a process of its own (another
-//! ONNX Runtime, a full disk) is a scenario.
+//! Real faults, one after the other, and the report on each. Faults that need a process of their own (another ONNX
+//! Runtime, a full disk) are scenarios.
 
 use std::ffi::OsString;
 use std::net::{TcpListener, UdpSocket};
@@ -7,10 +7,10 @@ use std::os::unix::fs::PermissionsExt as _;
 
 use farfield_proto::message::health::SystemClock;
 
-use self::keys::keys_said;
-use super::disk::{judge_rate, judge_room, look_at_disk};
+use self::keys::keys_report;
+use super::disk::{check_disk, judge_rate, judge_room};
 use super::inference::judge_people;
-use super::machine::{MachineFacts, look_at_machine};
+use super::machine::{MachineFacts, check_machine};
 use super::*;
 use crate::report_lines::Verdict::{self, Failed, Warning};
 use crate::status::NodeInShort;
@@ -33,50 +33,50 @@ fn venue(folder: &Path, more: &str) -> Venue {
     load_venue(&path).unwrap()
 }
 
-/// A program of that name that prints `said` and ends with `code`.
-fn program(folder: &Path, name: &str, said: &str, code: i32) {
+/// Writes a program that prints `output` and ends with `code`.
+fn program(folder: &Path, name: &str, output: &str, code: i32) {
     let path = folder.join(name);
-    std::fs::write(&path, format!("#!/bin/sh\necho '{said}'\nexit {code}\n")).unwrap();
+    std::fs::write(&path, format!("#!/bin/sh\necho '{output}'\nexit {code}\n")).unwrap();
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
 }
 
-/// A program of that name that never says anything.
-fn hangs(folder: &Path, name: &str) {
+/// Writes a program that hangs.
+fn hanging_program(folder: &Path, name: &str) {
     let path = folder.join(name);
     std::fs::write(&path, "#!/bin/sh\nexec /bin/sleep 60\n").unwrap();
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
 }
 
-/// What is said of the programs in `folder`.
+/// The report on the programs in `folder`.
 fn programs_in(folder: &Path) -> ReportLines {
     let mut report = ReportLines::default();
-    programs::look_at_programs(folder.as_os_str(), ProgramNeed::Video, &mut report);
+    programs::check_programs(folder.as_os_str(), ProgramNeed::Video, &mut report);
     report
 }
 
-fn clock_said(clock: SystemClock, now_s: i64) -> ReportLines {
+fn clock_report(clock: SystemClock, now_s: i64) -> ReportLines {
     let mut report = ReportLines::default();
-    clock::look_at_clock(&clock, now_s, None, &mut report);
+    machine::check_clock(&clock, now_s, None, &mut report);
     report
 }
 
-/// What is said of the ports of a venue where fusion listens at `endpoint`.
-fn ports_said(endpoint: &str, more: &str) -> ReportLines {
-    ports_said_while(VenueRuns::No, endpoint, more)
+/// The report on the ports of a venue whose fusion listens at `endpoint`.
+fn ports_report(endpoint: &str, more: &str) -> ReportLines {
+    ports_report_while(VenueRuns::No, endpoint, more)
 }
 
-fn ports_said_while(runs: VenueRuns, endpoint: &str, more: &str) -> ReportLines {
+fn ports_report_while(runs: VenueRuns, endpoint: &str, more: &str) -> ReportLines {
     let folder = tempfile::tempdir().unwrap();
     let text = format!("[fusion]\nlisten = [\"{endpoint}\"]\n{more}");
     let mut report = ReportLines::default();
     let venue = venue(folder.path(), &text);
-    ports::look_at_ports(Some(&venue), runs, &mut report);
+    ports::check_ports(Some(&venue), runs, &mut report);
     report
 }
 
-fn disk_said(folder: &Path) -> ReportLines {
+fn disk_report(folder: &Path) -> ReportLines {
     let mut report = ReportLines::default();
-    look_at_disk(folder, DiskNeed::of(None), &mut report);
+    check_disk(folder, DiskNeed::for_venue(None), &mut report);
     report
 }
 
@@ -86,11 +86,11 @@ fn judged(judge: impl FnOnce(&mut ReportLines)) -> ReportLines {
     report
 }
 
-fn machine_said(facts: MachineFacts) -> ReportLines {
-    judged(|report| look_at_machine(&facts, report))
+fn machine_report(facts: MachineFacts) -> ReportLines {
+    judged(|report| check_machine(&facts, report))
 }
 
-const KEPT: SystemClock = SystemClock {
+const SYNCHRONISED: SystemClock = SystemClock {
     synchronised: true,
     max_error_us: Some(800),
     ahead_us: 0,
@@ -101,10 +101,10 @@ const FINE: MachineFacts = MachineFacts {
     is_wide: true,
 };
 
-/// A fault, what was said with it, and what must be said: a verdict, words of the line and of what mends it.
+/// A fault, the report on it, and the expected line: verdict, part of the text, part of the remedy.
 type Case<'a> = (&'a str, ReportLines, (Verdict, &'a str, &'a str));
 
-/// Looks whether each of `cases` is found, and says what mends it.
+/// Checks that the report of each case has the expected line.
 fn check(cases: Vec<Case<'_>>) {
     let mut faults = Vec::new();
     for (what, report, (verdict, text, remedy)) in cases {
@@ -128,7 +128,7 @@ fn programs_that_are_missing_old_or_broken_are_found() {
     };
     let (none, one, old, broken) = (at("none"), at("one"), at("old"), at("broken"));
     let hanging = at("hanging");
-    hangs(&hanging, "ffmpeg");
+    hanging_program(&hanging, "ffmpeg");
     let of_hanging = programs_in(&hanging);
     program(&one, "ffmpeg", "ffmpeg version 6.0 Copyright", 0);
     for name in ["ffmpeg", "ffprobe"] {
@@ -140,32 +140,36 @@ fn programs_that_are_missing_old_or_broken_are_found() {
         );
         program(&broken, name, "", 127);
     }
-    let mend = "apt install ffmpeg";
+    let remedy = "apt install ffmpeg";
     check(vec![
         (
             "no ffmpeg",
             programs_in(&none),
-            (Failed, "`ffmpeg` cannot be started", mend),
+            (Failed, "`ffmpeg` cannot be started", remedy),
         ),
         (
             "no ffprobe",
             programs_in(&one),
-            (Failed, "`ffprobe` cannot be started", mend),
+            (Failed, "`ffprobe` cannot be started", remedy),
         ),
         (
             "an old ffmpeg",
             programs_in(&old),
-            (Failed, "ffmpeg 4.2.7-0ubuntu0.1, expected 5.1", mend),
+            (Failed, "ffmpeg 4.2.7-0ubuntu0.1, expected 5.1", remedy),
         ),
         (
             "a broken ffmpeg",
             programs_in(&broken),
-            (Failed, "no version", mend),
+            (Failed, "no version", remedy),
         ),
         (
             "an ffmpeg that hangs",
             of_hanging,
-            (Failed, "`ffmpeg -version` gives no answer within 1 s", mend),
+            (
+                Failed,
+                "`ffmpeg -version` gave no answer within 1 s",
+                remedy,
+            ),
         ),
     ]);
 }
@@ -175,18 +179,18 @@ fn disks_that_cannot_be_written_are_full_or_slow_are_found() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
     std::fs::write(&file, "").unwrap();
-    let need = DiskNeed::of(None);
+    let need = DiskNeed::for_venue(None);
     let room = |free: u64| judged(|it| judge_room("d", free, need, it));
     let slow = judged(|it| judge_rate("d", 2e6, need, it));
     check(vec![
         (
-            "nobody may write",
-            disk_said(Path::new("/proc/sys")),
+            "not writable",
+            disk_report(Path::new("/proc/sys")),
             (Failed, "/proc/sys", "--out DIR"),
         ),
         (
             "a file, no folder",
-            disk_said(&file),
+            disk_report(&file),
             (Failed, "file", "--out DIR"),
         ),
         (
@@ -195,7 +199,7 @@ fn disks_that_cannot_be_written_are_full_or_slow_are_found() {
             (Failed, "are free", "delete recordings"),
         ),
         (
-            "little room",
+            "little space",
             room(3 << 30),
             (Warning, "hours", "delete recordings"),
         ),
@@ -204,37 +208,37 @@ fn disks_that_cannot_be_written_are_full_or_slow_are_found() {
 }
 
 #[test]
-fn clocks_that_nothing_keeps_right_are_found() {
+fn clocks_that_are_wrong_or_not_synchronised_are_found() {
     let free = SystemClock {
         synchronised: false,
-        ..KEPT
+        ..SYNCHRONISED
     };
     let rough = SystemClock {
         max_error_us: Some(900_000),
-        ..KEPT
+        ..SYNCHRONISED
     };
-    let mend = "timedatectl set-ntp true";
+    let remedy = "timedatectl set-ntp true";
     check(vec![
         (
-            "nothing sets it",
-            clock_said(free, NOW_S),
-            (Warning, "nothing keeps the clock right", mend),
+            "not synchronised",
+            clock_report(free, NOW_S),
+            (Warning, "not synchronised", remedy),
         ),
         (
             "far from its server",
-            clock_said(rough, NOW_S),
+            clock_report(rough, NOW_S),
             (Warning, "may be off by 900 ms", "chronyc makestep"),
         ),
         (
             "in 1970",
-            clock_said(KEPT, 1000),
-            (Failed, "before this program", mend),
+            clock_report(SYNCHRONISED, 1000),
+            (Failed, "before the release", remedy),
         ),
     ]);
 }
 
 #[test]
-fn places_where_fusion_cannot_listen_are_found() {
+fn endpoints_where_fusion_cannot_listen_are_found() {
     let tcp = TcpListener::bind("127.0.0.1:0").unwrap();
     let udp = UdpSocket::bind("127.0.0.1:0").unwrap();
     let tcp_endpoint = format!("tcp/{}", tcp.local_addr().unwrap());
@@ -242,46 +246,46 @@ fn places_where_fusion_cannot_listen_are_found() {
     let by_us = format!("(process {})", std::process::id());
     let open = "[security]\nallow_plaintext = true";
     let keys = "[security]\ncertificates = \"certs\"";
-    let nobody = "quic/no-such-host.invalid:7447";
-    let mend = "[fusion] listen";
+    let unknown_host = "quic/no-such-host.invalid:7447";
+    let remedy = "[fusion] listen";
     check(vec![
         (
             "a port that is taken",
-            ports_said(&tcp_endpoint, ""),
+            ports_report(&tcp_endpoint, ""),
             (Failed, &by_us, "kill"),
         ),
         (
             "taken, of datagrams",
-            ports_said(&udp_endpoint, ""),
+            ports_report(&udp_endpoint, ""),
             (Failed, "is taken by", "another port"),
         ),
         (
             "another machine's",
-            ports_said("tcp/192.0.2.1:7447", open),
-            (Warning, "not an address of this", mend),
+            ports_report("tcp/192.0.2.1:7447", open),
+            (Warning, "not an address of this", remedy),
         ),
         (
-            "a host that is not there",
-            ports_said(nobody, keys),
-            (Failed, "no host", mend),
+            "an unknown host",
+            ports_report(unknown_host, keys),
+            (Failed, "does not exist", remedy),
         ),
         (
             "plain text",
-            ports_said("tcp/0.0.0.0:7447", ""),
+            ports_report("tcp/0.0.0.0:7447", ""),
             (Failed, "not encrypted", "farfield certs"),
         ),
     ]);
 }
 
 #[test]
-fn the_port_of_a_venue_that_runs_is_no_fault() {
+fn the_port_of_a_running_venue_is_no_fault() {
     let tcp = TcpListener::bind("127.0.0.1:0").unwrap();
     let endpoint = format!("tcp/{}", tcp.local_addr().unwrap());
-    let said = ports_said_while(VenueRuns::Now, &endpoint, "");
-    let lines: Vec<_> = said.lines().iter().collect();
+    let report = ports_report_while(VenueRuns::Now, &endpoint, "");
+    let lines: Vec<_> = report.lines().iter().collect();
     assert_eq!(lines.len(), 1, "{lines:#?}");
     assert_eq!(lines[0].verdict, Verdict::Ok, "{lines:#?}");
-    assert!(lines[0].text.contains("this venue's fusion listens"));
+    assert!(lines[0].text.contains(&endpoint));
 }
 
 #[test]
@@ -297,12 +301,12 @@ fn machines_that_are_too_small_are_found() {
     check(vec![
         (
             "little memory",
-            machine_said(small),
+            machine_report(small),
             (Failed, "0.1 GB of memory", "end other programs"),
         ),
         (
             "an old processor",
-            machine_said(old),
+            machine_report(old),
             (Warning, "without AVX2", "processor"),
         ),
     ]);
@@ -322,12 +326,12 @@ fn a_machine_without_faults_gives_no_false_alarm() {
     }
     let reports = [
         programs_in(Path::new(&path)),
-        clock_said(KEPT, NOW_S),
-        ports_said("tcp/127.0.0.1:0", ""),
-        keys_said([-1, 100], |_| {}),
-        machine_said(FINE),
-        judged(|it| judge_room("d", 500 << 30, DiskNeed::of(None), it)),
-        judged(|it| judge_rate("d", 100e6, DiskNeed::of(None), it)),
+        clock_report(SYNCHRONISED, NOW_S),
+        ports_report("tcp/127.0.0.1:0", ""),
+        keys_report([-1, 100], |_| {}),
+        machine_report(FINE),
+        judged(|it| judge_room("d", 500 << 30, DiskNeed::for_venue(None), it)),
+        judged(|it| judge_rate("d", 100e6, DiskNeed::for_venue(None), it)),
     ];
     for report in reports {
         assert_eq!(report.verdict(), Verdict::Ok, "{:#?}", report.lines());
@@ -336,24 +340,24 @@ fn a_machine_without_faults_gives_no_false_alarm() {
 }
 
 #[test]
-fn a_venue_without_videos_does_without_ffmpeg() {
+fn a_venue_without_videos_does_not_need_ffmpeg() {
     let folder = tempfile::tempdir().unwrap();
     let mut report = ReportLines::default();
     let need = program_need(Some(&venue(folder.path(), "")));
-    programs::look_at_programs(folder.path().as_os_str(), need, &mut report);
+    programs::check_programs(folder.path().as_os_str(), need, &mut report);
     assert_eq!(report.verdict(), Verdict::Warning);
 }
 
 #[test]
-fn nothing_stays_on_the_disk_that_was_measured() {
+fn the_disk_check_leaves_no_files() {
     let folder = tempfile::tempdir().unwrap();
-    let report = disk_said(&folder.path().join("not/there/yet"));
+    let report = disk_report(&folder.path().join("not/there/yet"));
     assert_ne!(report.verdict(), Verdict::Failed, "{:#?}", report.lines());
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
 #[test]
-fn a_node_of_another_version_and_one_in_trouble_are_told_of() {
+fn nodes_of_other_versions_and_faulty_nodes_are_reported() {
     let node = |name: &str, version: &str, trouble: Option<&str>| NodeInShort {
         name: name.to_owned(),
         version: version.to_owned(),
@@ -370,17 +374,17 @@ fn a_node_of_another_version_and_one_in_trouble_are_told_of() {
         ],
         &mut report,
     );
-    let said: Vec<&str> = report
+    let texts: Vec<&str> = report
         .lines()
         .iter()
         .map(|line| line.text.as_str())
         .collect();
     let expected = [
-        format!("of venue hall run farfield {here}, as this machine: fusion"),
+        format!("nodes of venue hall that run farfield {here}, as this machine: fusion"),
         format!("north runs farfield 0.0.9, this machine {here}"),
         "south: not there".to_owned(),
     ];
-    assert_eq!(said, expected);
+    assert_eq!(texts, expected);
     assert_eq!(report.count(Warning), 2);
 }
 
@@ -393,7 +397,7 @@ fn a_machine_that_is_too_slow_for_one_person_of_a_live_camera_fails() {
         device: "/dev/video0".into(),
         settings: farfield_proto::venue::DeviceSettings::default(),
     };
-    // Three quarters of what was measured are planned with.
+    // Edges plan with three quarters of the measured rate.
     for (venue, crops_per_s, expected) in [
         (&live, 79.0, Failed),
         (&live, 81.0, Verdict::Ok),
@@ -401,7 +405,7 @@ fn a_machine_that_is_too_slow_for_one_person_of_a_live_camera_fails() {
     ] {
         let mut report = ReportLines::default();
         judge_people(venue, crops_per_s, &mut report);
-        let said = report.lines();
-        assert_eq!(report.verdict(), expected, "{crops_per_s}: {said:?}");
+        let lines = report.lines();
+        assert_eq!(report.verdict(), expected, "{crops_per_s}: {lines:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! What the nodes of a venue say of themselves, and who is there.
+//! Receives the statuses of the nodes of a venue, and which nodes are connected.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,35 +16,35 @@ use zenoh::Session;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Sample, SampleKind};
 
-/// What was heard so far.
+/// Everything received so far.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Heard {
+pub(super) struct Received {
     /// The newest status of every node.
-    pub(super) nodes: BTreeMap<String, HeardNode>,
-    /// Who is there, as their tokens say.
+    pub(super) nodes: BTreeMap<String, ReceivedNode>,
+    /// The connected nodes, by their liveliness tokens.
     pub(super) present: BTreeSet<String>,
-    /// What could not be read, by the node's name.
+    /// Decoding errors of statuses, by node.
     pub(super) unreadable: BTreeMap<String, String>,
 }
 
-/// A node that has said how it is.
+/// A node that has sent a status.
 #[derive(Debug, Clone)]
-pub(super) struct HeardNode {
+pub(super) struct ReceivedNode {
     pub(super) status: Status,
     pub(super) at: Instant,
-    /// Ticks per second that it worked on between its newest two statuses.
+    /// Processed ticks per second between its two newest statuses.
     pub(super) ticks_per_s: Option<f64>,
 }
 
-impl Heard {
-    /// Whether all who are there have said how they are.
+impl Received {
+    /// Whether all connected nodes have sent a status.
     pub(super) fn is_complete(&self) -> bool {
-        let is_heard =
+        let is_received =
             |name: &String| self.nodes.contains_key(name) || self.unreadable.contains_key(name);
-        !self.present.is_empty() && self.present.iter().all(is_heard)
+        !self.present.is_empty() && self.present.iter().all(is_received)
     }
 
-    /// Takes a status that came at `at`.
+    /// Adds a status that came at `at`.
     pub(super) fn take(&mut self, status: Status, at: Instant) {
         let before = self.nodes.get(&status.node);
         let ticks_per_s = before.and_then(|before| {
@@ -54,7 +54,7 @@ impl Heard {
         self.unreadable.remove(&status.node);
         self.nodes.insert(
             status.node.clone(),
-            HeardNode {
+            ReceivedNode {
                 status,
                 at,
                 ticks_per_s,
@@ -63,30 +63,30 @@ impl Heard {
     }
 }
 
-/// Ticks per second that were worked on; `None` where time is too short to say, or ticks went back.
+/// Processed ticks per second; `None` if the time is too short, or ticks went back.
 fn rate(before: &Status, now: &Status, s: f64) -> Option<f64> {
     let done = now.ticks_done_since(before.tick?, before.missed_ticks())?;
     (s > 0.1).then(|| done as f64 / s)
 }
 
-/// Listens until it is dropped.
+/// Receives until it is dropped.
 pub(super) struct Listener {
-    heard: Arc<Mutex<Heard>>,
+    received: Arc<Mutex<Received>>,
     _subscribers: [Subscriber<()>; 2],
 }
 
 impl Listener {
-    /// To the nodes of `venue` alone: strangers may call themselves as they like.
+    /// Receives only from the nodes of `venue`: other programs can use any name.
     ///
     /// # Errors
-    /// What Zenoh says.
+    /// Errors of Zenoh.
     pub(super) async fn start(session: &Session, venue: &Venue) -> anyhow::Result<Self> {
-        let heard = Arc::<Mutex<Heard>>::default();
+        let received = Arc::<Mutex<Received>>::default();
         let keys = Keys::new(&venue.name);
         let names = venue.viewpoints.iter().map(|v| v.name.clone());
         let names: Arc<BTreeSet<String>> = Arc::new(names.chain([FUSION.to_owned()]).collect());
         let known = Arc::clone(&names);
-        let into = Arc::clone(&heard);
+        let into = Arc::clone(&received);
         let statuses = session
             .declare_subscriber(keys.statuses())
             .callback(move |sample: Sample| {
@@ -105,7 +105,7 @@ impl Listener {
             .await
             .map_err(zenoh_error)
             .context("subscribing to the statuses")?;
-        let into = Arc::clone(&heard);
+        let into = Arc::clone(&received);
         let tokens = session
             .liveliness()
             .declare_subscriber(keys.all_alive())
@@ -122,27 +122,27 @@ impl Listener {
             })
             .await
             .map_err(zenoh_error)
-            .context("watching who is there")?;
+            .context("subscribing to the liveliness of nodes")?;
         Ok(Self {
-            heard,
+            received,
             _subscribers: [statuses, tokens],
         })
     }
 
-    /// What was heard so far.
-    pub(super) fn heard(&self) -> Heard {
-        lock(&self.heard).clone()
+    /// Everything received so far.
+    pub(super) fn received(&self) -> Received {
+        lock(&self.received).clone()
     }
 }
 
-/// Whose key it is.
+/// The node of a key.
 fn node(sample: &Sample) -> Option<&str> {
     sample.key_expr().as_str().rsplit('/').next()
 }
 
-fn lock(heard: &Mutex<Heard>) -> MutexGuard<'_, Heard> {
-    // All parts are valid on their own, whatever a thread that panicked left undone.
-    heard.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(received: &Mutex<Received>) -> MutexGuard<'_, Received> {
+    // All parts are valid on their own, even if a thread has panicked.
+    received.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -152,7 +152,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rate_is_of_two_statuses_some_time_apart() {
+    fn a_rate_needs_two_statuses_some_time_apart() {
         let at = |tick| Status {
             tick: Some(Tick(tick)),
             ..Status::default()

@@ -1,5 +1,4 @@
-//! `farfield status`: joins a running venue as somebody who only listens, and shows for every node how it is, as a table
-//! that pipes, or JSON.
+//! `farfield status`: joins a running venue as an observer, and shows the state of every node as a table, or as JSON.
 
 mod listen;
 mod state;
@@ -26,45 +25,45 @@ use self::listen::Listener;
 use self::state::{Mark, NodeState, VenueState};
 use crate::output::{self, Reader};
 
-/// How long fusion may take to answer: some tries, over a far link.
+/// Time for fusion to answer: several tries over a slow link.
 const ANSWER: Duration = Duration::from_secs(6);
-/// How long statuses are listened for: every node says one a second, and two make a rate.
-const LISTEN: Duration = Duration::from_millis(2300);
-/// How long tokens of nodes that are there may take to come.
+/// Time to receive statuses: every node sends one per second, and two give a rate.
+const RECEIVE: Duration = Duration::from_millis(2300);
+/// Time for the tokens of connected nodes to arrive.
 const SETTLED: Duration = Duration::from_millis(400);
-/// How often a table that is watched is drawn.
-const DRAW_EVERY: Duration = Duration::from_secs(1);
+/// Interval of redraws with `--watch`.
+const DRAW_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Arguments of `farfield status`.
 #[derive(Debug, Args)]
 pub(crate) struct StatusArgs {
     /// The venue file.
     pub(crate) venue: PathBuf,
-    /// Where fusion listens, for example `quic/10.0.0.1:7447`; the venue file's, if left out.
+    /// Endpoint of fusion, for example `quic/10.0.0.1:7447`. Default: that of the venue file.
     #[arg(long, value_name = "ENDPOINT")]
     pub(crate) connect: Vec<String>,
-    /// Talk to other machines without TLS: everyone in the network may read along.
+    /// Connect to other machines without TLS: everyone in the network can read the data.
     #[arg(long)]
     pub(crate) allow_plaintext: bool,
-    /// Folder of the keys; the venue file's, if left out.
+    /// Folder of the keys. Default: that of the venue file.
     #[arg(long, value_name = "DIR")]
     pub(crate) certificates: Option<PathBuf>,
-    /// Whose keys are used: the recorder's or a reader's.
+    /// The node whose keys are used: the recorder or a reader.
     #[arg(long, value_name = "NAME", default_value = RECORDER)]
     pub(crate) node: String,
-    /// Go on, and draw the table anew every second.
+    /// Redraw the table every second.
     #[arg(long)]
     pub(crate) watch: bool,
-    /// Print JSON, one object a line.
+    /// Print JSON, one object per line.
     #[arg(long)]
     pub(crate) json: bool,
 }
 
-/// Shows how the nodes of a venue are.
+/// Shows the state of the nodes of a venue.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where venue file, keys or endpoints are wrong; [`NodeError::Failed`] when nobody answers, or some
-/// node needs attention.
+/// [`NodeError::Refused`] where venue file, keys or endpoints are wrong; [`NodeError::Failed`] when no node answers, or
+/// a node needs attention.
 pub(crate) fn status(args: &StatusArgs) -> Result<Ending, NodeError> {
     log::start_log();
     let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
@@ -82,7 +81,7 @@ pub(crate) fn status(args: &StatusArgs) -> Result<Ending, NodeError> {
 async fn show(args: &StatusArgs, venue: &Venue, reach: &Reach) -> Result<Ending, NodeError> {
     let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
     stop_when_told(&tasks, &stop, Managed::No)
-        .context("listening for signals")
+        .context("catching signals")
         .map_err(NodeError::Failed)?;
     let shown = stop
         .run_until_cancelled(join_and_show(args, venue, reach))
@@ -97,11 +96,11 @@ async fn join_and_show(
     reach: &Reach,
 ) -> Result<Ending, NodeError> {
     let joined = join(venue, reach, ANSWER).await?;
-    let (session, listener) = joined.ok_or_else(|| NodeError::Failed(nobody(venue, reach)))?;
-    sleep(LISTEN).await;
-    let state = || VenueState::new(venue, &listener.heard(), clock::unix_s());
+    let (session, listener) = joined.ok_or_else(|| NodeError::Failed(no_answer(venue, reach)))?;
+    sleep(RECEIVE).await;
+    let state = || VenueState::new(venue, &listener.received(), clock::unix_s());
     if args.watch {
-        let mut draws = interval(DRAW_EVERY);
+        let mut draws = interval(DRAW_INTERVAL);
         draws.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             draws.tick().await;
@@ -112,8 +111,8 @@ async fn join_and_show(
         }
     }
     let state = state();
-    if state.nodes.iter().all(|node| !node.is_heard) {
-        return Err(NodeError::Failed(silent(venue, reach)));
+    if state.nodes.iter().all(|node| !node.has_status) {
+        return Err(NodeError::Failed(no_status(venue, reach)));
     }
     draw(args, &state).map_err(NodeError::Failed)?;
     session::close(&session).await;
@@ -123,7 +122,7 @@ async fn join_and_show(
     }
 }
 
-/// A session with fusion, and what is heard on it; `None` when nobody answers in time.
+/// A session with fusion and its listener; `None` if no node answers in time.
 async fn join(
     venue: &Venue,
     reach: &Reach,
@@ -142,14 +141,14 @@ async fn join(
     Ok(Some((session, listener.map_err(NodeError::Failed)?)))
 }
 
-/// A node in short.
+/// Summary of a node.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct NodeInShort {
-    /// Its name: `fusion`, or a viewpoint's.
+    /// `fusion`, or the name of a viewpoint.
     pub(crate) name: String,
-    /// Which farfield it runs; empty where it does not say.
+    /// Its farfield version; empty if unknown.
     pub(crate) version: String,
-    /// Why somebody must look after it.
+    /// Why it needs attention.
     pub(crate) trouble: Option<String>,
 }
 
@@ -163,11 +162,10 @@ impl From<NodeState> for NodeInShort {
     }
 }
 
-/// The nodes of `venue` as they say that they are, for whoever asks at `connect`, or where the venue file says; `None` when
-/// nobody answers within `answer`.
+/// The nodes of `venue` at `connect`, or at the endpoint of the venue file; `None` if no node answers within `answer`.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where keys or endpoints are wrong, [`NodeError::Failed`] with what Zenoh says.
+/// [`NodeError::Refused`] where keys or endpoints are wrong, [`NodeError::Failed`] for errors of Zenoh.
 pub(crate) fn join_for_a_moment(
     venue: &Venue,
     connect: &[String],
@@ -185,13 +183,13 @@ pub(crate) fn join_for_a_moment(
         let Some((session, listener)) = join(venue, &reach, answer).await? else {
             return Ok(None);
         };
-        // Every node says once a second how it is; a far link takes its time.
-        let until = Instant::now() + LISTEN;
+        // Every node sends one status per second, and a slow link delays it.
+        let until = Instant::now() + RECEIVE;
         sleep(SETTLED).await;
-        while !listener.heard().is_complete() && Instant::now() < until {
+        while !listener.received().is_complete() && Instant::now() < until {
             sleep(SETTLED / 4).await;
         }
-        let state = VenueState::new(venue, &listener.heard(), clock::unix_s());
+        let state = VenueState::new(venue, &listener.received(), clock::unix_s());
         session::close(&session).await;
         Ok(Some(
             state.nodes.into_iter().map(NodeInShort::from).collect(),
@@ -204,7 +202,7 @@ fn draw(args: &StatusArgs, state: &VenueState) -> anyhow::Result<Reader> {
         let json = serde_json::to_string(state).context("writing the status as JSON")?;
         return output::print_while_read(&(json + "\n"));
     }
-    // What is piped is read by programs: all of it, however long.
+    // Programs read piped output, so it is not shortened.
     let table = match output::columns() {
         Some(columns) => table::text_within(state, columns),
         None => table::text(state),
@@ -216,31 +214,31 @@ fn draw(args: &StatusArgs, state: &VenueState) -> anyhow::Result<Reader> {
     }
 }
 
-/// What was tried, and what to look at.
-fn nobody(venue: &Venue, reach: &Reach) -> anyhow::Error {
+/// The error when no node answers, with what was tried and what to check.
+fn no_answer(venue: &Venue, reach: &Reach) -> anyhow::Error {
     let keys = if reach.identity.is_some() {
-        ", whether this machine's clock and its certificates are those of the venue"
+        ", and that the clock and the certificates of this machine are right"
     } else {
         ""
     };
     anyhow!(
-        "nobody answers for venue {}: tried {} for {} s; look whether fusion runs, whether it listens there (`[fusion] connect` of the venue file, or --connect; fusion and `farfield run --live` say where when they begin), whether the way is open (a firewall, UDP for quic/){keys}",
+        "no node of venue {} answers: tried {} for {} s; check that fusion runs, that it listens there (`[fusion] connect` of the venue file, or --connect; fusion and `farfield run --live` print the endpoint at their start), that no firewall blocks it (UDP for quic/){keys}",
         venue.name,
         reach.endpoints.join(", "),
         ANSWER.as_secs()
     )
 }
 
-fn silent(venue: &Venue, reach: &Reach) -> anyhow::Error {
+fn no_status(venue: &Venue, reach: &Reach) -> anyhow::Error {
     let why = if reach.identity.is_some() {
-        "fusion may refuse this certificate (it says so itself, with the reason)"
+        "fusion may refuse this certificate (it then prints the reason)"
     } else {
-        "it may be the fusion of a venue of another name"
+        "the fusion there may belong to another venue"
     };
     anyhow!(
-        "somebody answers at {}, but no node of venue {} was heard in {:.1} s: {why}; in lock-step nothing is said once the run goes on",
+        "a node answers at {}, but no node of venue {} sent a status in {:.1} s: {why}; in lock-step no status is sent during a run",
         reach.endpoints.join(", "),
         venue.name,
-        LISTEN.as_secs_f64()
+        RECEIVE.as_secs_f64()
     )
 }

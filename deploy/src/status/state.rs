@@ -1,4 +1,4 @@
-//! What the statuses of a venue mean: a row for every node that it should have, and whether somebody must look after it.
+//! The state of a venue from its statuses: a row for every expected node, and whether it needs attention.
 
 use std::time::Duration;
 
@@ -13,29 +13,29 @@ use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 use serde::Serialize;
 
-use super::listen::{Heard, HeardNode};
+use super::listen::{Received, ReceivedNode};
 
-/// A node that says once a second how it is, and is silent for so long, is not well.
+/// A node sends one status per second; after this time without any it counts as silent.
 const SILENT: Duration = Duration::from_secs(3);
-/// A certificate that ends in fewer days is worth a word; the nodes themselves say so, too.
+/// A certificate that ends in fewer days is a warning; the nodes print it, too.
 const ENDS_SOON_DAYS: i64 = 30;
 const DAY_S: i64 = 86_400;
-/// The stage of fusion's times from the capture of pictures to the poses made of them.
+/// The stage of fusion's times from the capture of images to their poses.
 const CAPTURE_TO_POSE: &str = "capture_to_pose";
 
-/// How a node is, the worst last.
+/// State of a node, from best to worst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Mark {
-    /// As it should be.
+    /// It is healthy.
     Ok,
-    /// It works, and somebody should know something.
+    /// It works, with a warning.
     Warning,
-    /// Somebody must look after it.
+    /// It needs attention.
     Red,
 }
 
-/// A venue as its nodes say that it is.
+/// State of a venue.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct VenueState {
     pub(super) venue: String,
@@ -43,80 +43,76 @@ pub(super) struct VenueState {
     pub(super) nodes: Vec<NodeState>,
 }
 
-/// One node.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct NodeState {
     pub(super) node: String,
     pub(super) mark: Mark,
-    /// In a few words.
+    /// A few words.
     pub(super) state: String,
-    /// Whether it has said anything.
+    /// Whether it has sent a status.
     #[serde(skip)]
-    pub(super) is_heard: bool,
-    /// Which farfield it runs; empty where it does not say.
+    pub(super) has_status: bool,
+    /// Its farfield version; empty if unknown.
     pub(super) version: String,
     pub(super) ticks_per_s: Option<f64>,
-    /// Of fusion: from the capture of pictures to the poses made of them, since its start; median and 99th percentile.
+    /// Fusion: delay from the capture of images to their poses since its start; median and 99th percentile.
     pub(super) delay_ms: Option<[f64; 2]>,
-    /// Of an edge: how it sends its patches.
+    /// Edge: how it sends its patches.
     pub(super) patches: Option<PatchState>,
-    /// Payload that comes from an edge, or to fusion from all of them.
+    /// Payload received from an edge; for fusion, from all edges.
     pub(super) bytes_per_s: Option<u64>,
-    /// Round trip of the network between fusion and an edge.
+    /// Round trip between fusion and an edge.
     pub(super) round_trip_ms: Option<f64>,
     pub(super) clock: Option<ClockState>,
     pub(super) cameras: Vec<CameraState>,
-    /// Until when the node's certificate holds.
+    /// Days until the node's certificate ends.
     pub(super) certificate_days: Option<i64>,
-    /// What is not as it should be.
+    /// Faults and warnings.
     pub(super) notices: Vec<String>,
 }
 
-/// How an edge sends its patches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub(super) struct PatchState {
-    /// 0 lossless to 6 fewest bytes.
+    /// 0 lossless to 6 smallest.
     pub(super) compression_level: u8,
-    /// At most; `None`: all.
+    /// Maximum; `None`: all.
     pub(super) persons_per_tick: Option<u16>,
     pub(super) every_nth_tick: u16,
-    /// Sets that came too late, and ticks of which nothing came, since the start.
+    /// Sets that came too late, and ticks without any set, since the start.
     pub(super) late: u64,
     pub(super) missing: u64,
 }
 
-/// A node's clock.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct ClockState {
-    /// Against fusion's, as measured.
+    /// Measured offset to fusion's clock.
     pub(super) offset_ms: Option<f64>,
-    /// By how much that may be wrong; of fusion what its system says.
+    /// Uncertainty of the offset; for fusion, of its system clock.
     pub(super) uncertainty_ms: Option<f64>,
-    /// Whether NTP or PTP keeps it right, as the system says; `None` where it says nothing.
+    /// Whether NTP or PTP synchronises it, as the system reports; `None` if unknown.
     pub(super) synchronised: Option<bool>,
 }
 
-/// A camera of an edge.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct CameraState {
     pub(super) name: String,
     pub(super) health: CameraHealth,
-    /// In words, with the reason where one is known.
+    /// Its health, with the reason if known.
     pub(super) words: String,
     pub(super) frames_per_s: f32,
-    /// Whether it is recorded or simulated, and not played yet: it gives no pictures, and has not failed.
+    /// Whether it is recorded or simulated and not yet played: without images it has not failed.
     #[serde(skip)]
     pub(super) is_not_begun: bool,
-    /// How it agrees with the other cameras, as fusion finds it.
+    /// Agreement with the other cameras, measured by fusion.
     pub(super) agreement: Option<CameraAgreement>,
 }
 
 impl VenueState {
-    /// Of `venue`, by what was heard; `now_s`: Unix time in seconds.
-    pub(super) fn new(venue: &Venue, heard: &Heard, now_s: i64) -> Self {
-        let fusion = heard.nodes.get(FUSION);
-        let phase = RunPhase::of(venue, heard);
-        let mut nodes = vec![Row::new(FUSION, heard, &phase, now_s).fusion(fusion, &phase)];
+    /// From everything received; `now_s`: Unix time in seconds.
+    pub(super) fn new(venue: &Venue, received: &Received, now_s: i64) -> Self {
+        let fusion = received.nodes.get(FUSION);
+        let phase = RunPhase::new(venue, received);
+        let mut nodes = vec![Row::new(FUSION, received, &phase, now_s).fusion(fusion, &phase)];
         let live = fusion.and_then(|fusion| fusion.status.live.as_ref());
         for viewpoint in &venue.viewpoints {
             let name = viewpoint.name.as_str();
@@ -126,7 +122,7 @@ impl VenueState {
                 .enumerate()
                 .find(|(_, link)| link.viewpoint == name);
             let health = link.and_then(|(index, _)| fusion?.status.health.links.get(index));
-            let row = Row::new(name, heard, &phase, now_s);
+            let row = Row::new(name, received, &phase, now_s);
             let link = link.map(|(_, link)| link);
             let mut edge = row.edge(venue, &phase, (link, health));
             let found = fusion.map(|fusion| fusion.status.agreement.as_slice());
@@ -139,43 +135,44 @@ impl VenueState {
         }
     }
 
-    /// Who must be looked after, and why.
+    /// The nodes that need attention, and why.
     pub(super) fn attention(&self) -> Option<String> {
         let red = self.nodes.iter().filter(|node| node.mark == Mark::Red);
         let red: Vec<String> = red
             .map(|node| match node.notices.first() {
-                Some(first) if node.is_heard => format!("{} ({}: {first})", node.node, node.state),
+                Some(first) if node.has_status => {
+                    format!("{} ({}: {first})", node.node, node.state)
+                }
                 _ => format!("{} ({})", node.node, node.state),
             })
             .collect();
-        (!red.is_empty()).then(|| format!("to be looked after: {}", red.join("; ")))
+        (!red.is_empty()).then(|| format!("these nodes need attention: {}", red.join("; ")))
     }
 }
 
-/// Where a live run is, as fusion says.
+/// Phase of a live run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum RunPhase {
-    /// No recording is played yet: fusion waits for these viewpoints.
+    /// Recordings are not yet played: fusion waits for these viewpoints.
     Waiting(Vec<String>),
-    /// The first tick is not long gone, or still to come: what is recorded or simulated takes its time to begin.
+    /// The first tick was a moment ago or is still to come: recordings and simulations take time to start.
     Beginning,
-    /// Ticks pass, or nobody says anything of it.
+    /// Ticks pass, or nothing is known.
     UnderWay,
-    /// There are no more ticks.
     Ended,
 }
 
 impl RunPhase {
-    fn of(venue: &Venue, heard: &Heard) -> Self {
-        let fusion = heard.nodes.get(FUSION).map(|fusion| &fusion.status);
+    fn new(venue: &Venue, received: &Received) -> Self {
+        let fusion = received.nodes.get(FUSION).map(|fusion| &fusion.status);
         let fusion = fusion.filter(|fusion| fusion.failure.is_none());
         let Some((fusion, live)) = fusion.and_then(|it| Some((it, it.live.as_ref()?))) else {
             return Self::UnderWay;
         };
-        let is_ready = |name: &str| heard.nodes.get(name).is_some_and(|it| it.status.ready);
+        let is_ready = |name: &str| received.nodes.get(name).is_some_and(|it| it.status.ready);
         match live.epoch_us {
             Some(_) if !fusion.ready => Self::Ended,
-            Some(_) if has_just_begun(venue, heard, fusion.tick) => Self::Beginning,
+            Some(_) if has_just_begun(venue, received, fusion.tick) => Self::Beginning,
             Some(_) => Self::UnderWay,
             None => {
                 let names = venue.viewpoints.iter().map(|viewpoint| &viewpoint.name);
@@ -186,10 +183,10 @@ impl RunPhase {
     }
 }
 
-/// Whether at fusion's `tick` its first is gone for no longer than a node may be silent, as the page has it, too. Which that was
-/// nobody says: that of the recordings is taken for it.
-fn has_just_begun(venue: &Venue, heard: &Heard, tick: Option<Tick>) -> bool {
-    let recorded = heard.nodes.values().filter_map(|node| node.status.ticks);
+/// Whether the first tick was not longer ago, at fusion's `tick`, than a node may be silent (as on the page). No status
+/// has the first tick, so that of the recordings is used.
+fn has_just_begun(venue: &Venue, received: &Received, tick: Option<Tick>) -> bool {
+    let recorded = received.nodes.values().filter_map(|node| node.status.ticks);
     let first = recorded.map(|[first, _]| first.0).min().unwrap_or(0);
     tick.is_none_or(|tick| {
         let passed = Tick(tick.0.saturating_sub(first));
@@ -197,34 +194,34 @@ fn has_just_begun(venue: &Venue, heard: &Heard, tick: Option<Tick>) -> bool {
     })
 }
 
-/// A row under way.
+/// A row in construction.
 struct Row<'a> {
-    heard: Option<&'a HeardNode>,
+    received: Option<&'a ReceivedNode>,
     is_present: bool,
     state: NodeState,
 }
 
 impl<'a> Row<'a> {
-    /// What holds for every node.
-    fn new(node: &str, all: &'a Heard, phase: &RunPhase, now_s: i64) -> Self {
-        let heard = all.nodes.get(node);
-        let status = heard.map(|heard| &heard.status);
+    /// The fields that all nodes have.
+    fn new(node: &str, all: &'a Received, phase: &RunPhase, now_s: i64) -> Self {
+        let received = all.nodes.get(node);
+        let status = received.map(|received| &received.status);
         let health = status.map(|status| &status.health);
         let ends_s = health.and_then(|health| health.certificate_ends_s);
         let ends_s = ends_s.and_then(|ends_s| i64::try_from(ends_s).ok());
         let certificate_days = ends_s.map(|ends_s| ends_s.saturating_sub(now_s).div_euclid(DAY_S));
         let mut row = Self {
-            heard,
+            received,
             is_present: all.present.contains(node),
             state: NodeState {
                 node: node.to_owned(),
                 mark: Mark::Ok,
                 state: String::new(),
-                is_heard: heard.is_some(),
+                has_status: received.is_some(),
                 version: status
                     .map(|status| status.release.clone())
                     .unwrap_or_default(),
-                ticks_per_s: heard.and_then(|heard| heard.ticks_per_s),
+                ticks_per_s: received.and_then(|received| received.ticks_per_s),
                 delay_ms: None,
                 patches: None,
                 bytes_per_s: None,
@@ -244,23 +241,23 @@ impl<'a> Row<'a> {
         row
     }
 
-    fn judge(&mut self, all: &Heard, phase: &RunPhase) {
+    fn judge(&mut self, all: &Received, phase: &RunPhase) {
         let unreadable = all.unreadable.get(&self.state.node);
-        let Some(heard) = self.heard else {
+        let Some(received) = self.received else {
             self.worse(Mark::Red);
             self.state.state = match (self.is_present, unreadable) {
-                (_, Some(error)) => format!("cannot be understood: {error}"),
-                (true, None) => "there, and says nothing".to_owned(),
-                (false, None) => "not there".to_owned(),
+                (_, Some(error)) => format!("cannot read its status: {error}"),
+                (true, None) => "connected, without a status".to_owned(),
+                (false, None) => "not connected".to_owned(),
             };
             return;
         };
-        let status = &heard.status;
-        let silent = clock::now().duration_since(heard.at);
+        let status = &received.status;
+        let silent = clock::now().duration_since(received.at);
         if let Some(failure) = &status.failure {
             self.red(failure.clone());
         } else if *phase == RunPhase::Ended {
-            // Whoever leaves now does as it should.
+            // A node that leaves after the end is healthy.
             "the run has ended".clone_into(&mut self.state.state);
         } else if silent >= SILENT && !self.is_present {
             self.red(format!("gone for {} s", silent.as_secs()));
@@ -291,8 +288,8 @@ impl<'a> Row<'a> {
         self.state.state = state;
     }
 
-    fn fusion(mut self, heard: Option<&HeardNode>, phase: &RunPhase) -> NodeState {
-        let Some(status) = heard.map(|heard| &heard.status) else {
+    fn fusion(mut self, received: Option<&ReceivedNode>, phase: &RunPhase) -> NodeState {
+        let Some(status) = received.map(|received| &received.status) else {
             return self.state;
         };
         if let RunPhase::Waiting(missing) = phase
@@ -324,7 +321,7 @@ impl<'a> Row<'a> {
         phase: &RunPhase,
         (link, health): (Option<&EdgeLink>, Option<&LinkHealth>),
     ) -> NodeState {
-        let status = self.heard.map(|heard| &heard.status);
+        let status = self.received.map(|received| &received.status);
         let live = status.and_then(|status| status.live.as_ref());
         if let Some(live) = live {
             self.take_live(venue, live, phase);
@@ -338,7 +335,7 @@ impl<'a> Row<'a> {
 
     fn take_live(&mut self, venue: &Venue, live: &LiveStatus, phase: &RunPhase) {
         self.state.bytes_per_s = Some(u64::from(live.bytes_per_s));
-        // What is recorded or simulated is played between fusion's first tick and its last.
+        // Recordings and simulations are played between fusion's first and last tick.
         let is_played = *phase == RunPhase::UnderWay && live.epoch_us.is_some();
         for camera in &live.cameras {
             let known = venue.camera(camera.camera);
@@ -354,7 +351,7 @@ impl<'a> Row<'a> {
                 words = format!("{words}: {reason}");
             }
             if is_not_begun {
-                "is not played".clone_into(&mut words);
+                "is not played yet".clone_into(&mut words);
             } else if camera.health != CameraHealth::Works {
                 self.worse(Mark::Red);
             }
@@ -381,9 +378,9 @@ impl<'a> Row<'a> {
                 self.worse(Mark::Warning);
                 self.state.notices.push(refused.clone());
             }
-            Some(refused) if self.heard.is_some() => self.red(format!("refused: {refused}")),
-            None if !link.live && self.heard.is_some() => {
-                self.red("not heard by fusion".to_owned());
+            Some(refused) if self.received.is_some() => self.red(format!("refused: {refused}")),
+            None if !link.live && self.received.is_some() => {
+                self.red("not received by fusion".to_owned());
             }
             Some(_) | None => {}
         }
@@ -404,13 +401,13 @@ impl<'a> Row<'a> {
         });
         if let Some(dropped) = health.map(|health| health.dropped).filter(|n| *n > 0) {
             self.worse(Mark::Warning);
-            let notice = format!("{dropped} of its messages found no place at fusion");
+            let notice = format!("fusion dropped {dropped} of its messages: its queue was full");
             self.state.notices.push(notice);
         }
     }
 }
 
-/// Sets what fusion finds of how the cameras agree.
+/// Adds the agreement of the cameras that fusion has measured.
 fn take_agreement(cameras: &mut [CameraState], venue: &Venue, found: &[AgreementOfCamera]) {
     for AgreementOfCamera { camera, agreement } in found {
         let name = venue.camera(*camera).map(|known| known.model.name());

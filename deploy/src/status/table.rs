@@ -1,5 +1,5 @@
-//! The state of a venue as a table: one row a node, columns two blanks apart, whatever is long last. In a terminal that is too
-//! narrow for it the less important columns are left out, and what is long stands below.
+//! The state of a venue as a table: one row per node, columns two blanks apart, the longest text last. A narrow
+//! terminal gets fewer columns, with long texts below.
 
 use super::state::{CameraState, ClockState, Mark, NodeState, PatchState, VenueState};
 use farfield_proto::message::agreement::CameraAgreement;
@@ -7,28 +7,27 @@ use farfield_proto::message::live::CameraHealth;
 use farfield_proto::plain_text::one_line;
 use farfield_proto::printed::signed;
 
-/// The columns, from the left; behind them stands what is not as it should be.
+/// The columns from the left; faults and warnings follow.
 const HEAD: [&str; 11] = [
     "node", "", "state", "version", "ticks/s", "delay ms", "patches", "kB/s", "clock ms",
     "cameras", "key ends",
 ];
-/// Over what is not as it should be.
+/// Head of faults and warnings.
 const NOTICES: &str = "notices";
-/// The columns that a terminal may have no room for: the first is left out first.
+/// Columns that a narrow terminal can lack; the first is removed first.
 const LESS_IMPORTANT: [&str; 8] = [
     "version", "key ends", "patches", "clock ms", "kB/s", "cameras", "delay ms", "ticks/s",
 ];
-/// What stands where nothing is known.
+/// Shown where nothing is known.
 const NOTHING: &str = "-";
-/// Longest state in the table, characters; all of it stands among the notices then.
+/// Longest state in the table, characters; a longer one is repeated in full among the notices.
 const MAX_STATE: usize = 28;
-/// Before all lines but the first of what is too long for one.
+/// Indent of continuation lines.
 const INDENT: &str = "    ";
 
-/// The row of a node.
 struct Row {
     cells: [String; HEAD.len()],
-    /// What is not as it should be.
+    /// Faults and warnings.
     notices: String,
 }
 
@@ -38,7 +37,7 @@ pub(super) fn text(state: &VenueState) -> String {
     whole(&rows) + &agreement(state)
 }
 
-/// The same for a terminal with so many `columns`.
+/// The same for a terminal with this number of columns.
 pub(super) fn text_within(state: &VenueState, columns: usize) -> String {
     let rows: Vec<Row> = state.nodes.iter().map(row).collect();
     let whole = whole(&rows);
@@ -61,14 +60,14 @@ fn whole(rows: &[Row]) -> String {
     table(rows, &columns, &notices)
 }
 
-/// With as many columns as there is room for, and below them which are missing, and what is not as it should be.
+/// With as many columns as fit; missing columns, faults and warnings follow.
 fn narrow(rows: &[Row], width: usize) -> String {
-    let says_something = |column: &usize| {
+    let has_content = |column: &usize| {
         let mut cells = rows.iter().map(|row| row.cells[*column].as_str());
         cells.any(|cell| !cell.is_empty() && cell != NOTHING)
     };
-    let mut shown: Vec<usize> = (0..HEAD.len()).filter(says_something).collect();
-    let mut left_out = Vec::new();
+    let mut shown: Vec<usize> = (0..HEAD.len()).filter(has_content).collect();
+    let mut removed = Vec::new();
     let mut text = table(rows, &shown, &[]);
     for name in LESS_IMPORTANT {
         if fits(&text, width) {
@@ -77,7 +76,7 @@ fn narrow(rows: &[Row], width: usize) -> String {
         let before = shown.len();
         shown.retain(|column| HEAD[*column] != name);
         if shown.len() < before {
-            left_out.push(name);
+            removed.push(name);
             text = table(rows, &shown, &[]);
         }
     }
@@ -85,14 +84,14 @@ fn narrow(rows: &[Row], width: usize) -> String {
         let line = format!("{}: {}", row.cells[0], row.notices);
         text.push_str(&wrapped(&line, width));
     }
-    if !left_out.is_empty() {
-        let line = format!("no room for {}", left_out.join(", "));
+    if !removed.is_empty() {
+        let line = format!("hidden columns: {}", removed.join(", "));
         text.push_str(&wrapped(&line, width));
     }
     text
 }
 
-/// The head and a line for every row, of these columns; behind them `last`, head and rows, where there is any.
+/// Head and rows of these columns; `last` is an optional last column with its head.
 fn table(rows: &[Row], columns: &[usize], last: &[&str]) -> String {
     let heads = HEAD.map(str::to_owned);
     let cells = rows.iter().map(|row| &row.cells);
@@ -118,12 +117,12 @@ fn table(rows: &[Row], columns: &[usize], last: &[&str]) -> String {
     text
 }
 
-/// Whether no line is longer than so many characters.
+/// Whether no line is longer than `width` characters.
 fn fits(text: &str, width: usize) -> bool {
     text.lines().all(|line| line.chars().count() <= width)
 }
 
-/// `line` as lines of at most `width` characters; a word that is longer has one of its own.
+/// Wraps `line` at `width` characters; a longer word has a line of its own.
 fn wrapped(line: &str, width: usize) -> String {
     if fits(line, width) {
         return format!("{line}\n");
@@ -147,7 +146,7 @@ fn wrapped(line: &str, width: usize) -> String {
     text
 }
 
-/// A line for every camera of which it is known how it agrees with the others, after an empty one.
+/// An empty line, and a line for every camera whose agreement with the others is known.
 fn agreement(state: &VenueState) -> String {
     let cameras = state.nodes.iter().flat_map(|node| &node.cameras);
     let known = cameras.filter_map(|camera| Some((&camera.name, camera.agreement?)));
@@ -207,7 +206,7 @@ fn row(node: &NodeState) -> Row {
     }
 }
 
-/// Of fusion its poses', of an edge its round trip.
+/// Fusion: delay of its poses; edge: round trip.
 fn delay(node: &NodeState) -> Option<String> {
     let poses = node
         .delay_ms
@@ -236,12 +235,15 @@ fn patches(patches: &PatchState) -> String {
 fn clock(clock: &ClockState) -> String {
     let offset = clock.offset_ms.map(|ms| signed(ms, 1));
     let bound = clock.uncertainty_ms.map(|ms| format!("±{ms:.1}"));
-    let kept = match clock.synchronised {
-        Some(true) => Some("kept".to_owned()),
+    let synchronised = match clock.synchronised {
+        Some(true) => Some("synced".to_owned()),
         Some(false) => Some("free".to_owned()),
         None => None,
     };
-    let parts: Vec<String> = [offset, bound, kept].into_iter().flatten().collect();
+    let parts: Vec<String> = [offset, bound, synchronised]
+        .into_iter()
+        .flatten()
+        .collect();
     if parts.is_empty() {
         NOTHING.to_owned()
     } else {
@@ -261,7 +263,7 @@ fn cameras(cameras: &[CameraState]) -> Option<String> {
     }
 }
 
-/// Those that do not work, each with how it is.
+/// Cameras that do not work, with their states.
 fn cameras_in_words(cameras: &[CameraState]) -> impl Iterator<Item = String> {
     let broken = cameras
         .iter()

@@ -1,4 +1,4 @@
-//! Keys that nobody would admit, made for real.
+//! Real keys that the nodes would refuse.
 
 use farfield_proto::transport::{GENERATIONS_FILE, common_name};
 
@@ -6,7 +6,7 @@ use super::*;
 
 const DAY_S: i64 = 86_400;
 
-/// Keys of fusion in a folder, which hold from one day to another, counted from [`NOW_S`].
+/// Creates keys of fusion in a folder, valid between two days counted from [`NOW_S`].
 fn make_keys(folder: &Path, from_days: i64, until_days: i64) {
     let params = |node: &str, [from, until]: [i64; 2]| {
         let at =
@@ -29,38 +29,38 @@ fn make_keys(folder: &Path, from_days: i64, until_days: i64) {
     write_key(folder, &key.serialize_pem());
 }
 
-/// Writes a key of fusion's, for its owner alone.
+/// Writes a private key of fusion, readable only by its owner.
 fn write_key(folder: &Path, text: &str) {
     let path = folder.join("fusion.key");
     std::fs::write(&path, text).unwrap();
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).unwrap();
 }
 
-/// Puts `file` of keys that were made for themselves in the place of that of `keys`.
-fn take_from_others(keys: &Path, file: &str) {
+/// Replaces `file` in `keys` by that of other, independent keys.
+fn replace_by_other(keys: &Path, file: &str) {
     let others = tempfile::tempdir().unwrap();
     make_keys(others.path(), -1, 100);
     std::fs::copy(others.path().join(file), keys.join(file)).unwrap();
 }
 
-/// What is said of keys that hold from one day to another, after `harm` was done to them.
-pub(super) fn keys_said(days: [i64; 2], harm: impl FnOnce(&Path)) -> ReportLines {
-    keys_said_of("hall", days, harm)
+/// The report on keys valid between two days, after `damage` was done to them.
+pub(super) fn keys_report(days: [i64; 2], damage: impl FnOnce(&Path)) -> ReportLines {
+    keys_report_of("hall", days, damage)
 }
 
-/// The same where the venue has this name.
-fn keys_said_of(name: &str, days: [i64; 2], harm: impl FnOnce(&Path)) -> ReportLines {
+/// The same for a venue of this name.
+fn keys_report_of(name: &str, days: [i64; 2], damage: impl FnOnce(&Path)) -> ReportLines {
     let folder = tempfile::tempdir().unwrap();
     let keys = folder.path().join("certs");
     std::fs::create_dir(&keys).unwrap();
     make_keys(&keys, days[0], days[1]);
-    harm(&keys);
+    damage(&keys);
     let venue = Venue {
         name: name.to_owned(),
         ..venue(folder.path(), "[security]\ncertificates = \"certs\"")
     };
     let mut report = ReportLines::default();
-    look_at_keys(
+    check_keys(
         &venue,
         &folder.path().join("venue.toml"),
         NOW_S,
@@ -70,7 +70,7 @@ fn keys_said_of(name: &str, days: [i64; 2], harm: impl FnOnce(&Path)) -> ReportL
 }
 
 #[test]
-fn keys_that_do_not_hold_or_are_not_safe_are_found() {
+fn invalid_or_unsafe_keys_are_found() {
     let fine = [-1, 100];
     let open_to_all = |keys: &Path| {
         let mode = std::fs::Permissions::from_mode(0o644);
@@ -91,69 +91,69 @@ fn keys_that_do_not_hold_or_are_not_safe_are_found() {
     check(vec![
         (
             "over",
-            keys_said([-100, -3], |_| {}),
+            keys_report([-100, -3], |_| {}),
             (Failed, "has ended 3 days ago", renew),
         ),
         (
             "not begun",
-            keys_said([2, 100], |_| {}),
-            (Failed, "begins in 2.0 days", "clock"),
+            keys_report([2, 100], |_| {}),
+            (Failed, "in 2.0 days", "clock"),
         ),
         (
             "ends soon",
-            keys_said([-100, 9], |_| {}),
+            keys_report([-100, 9], |_| {}),
             (Warning, "ends in 9 days", renew),
         ),
         (
             "others may read it",
-            keys_said(fine, open_to_all),
+            keys_report(fine, open_to_all),
             (Failed, "found mode 0644", "chmod 600"),
         ),
         (
             "ends soon, and others may read it",
-            keys_said([-100, 9], open_to_all),
+            keys_report([-100, 9], open_to_all),
             (Failed, "found mode 0644", "chmod 600"),
         ),
         (
             "an older generation",
-            keys_said(fine, generations("[generation]\nfusion = 2\n")),
+            keys_report(fine, generations("[generation]\nfusion = 2\n")),
             (Failed, "2 is the newest of fusion", "copy the newest"),
         ),
         (
             "no number of a generation",
-            keys_said(fine, generations("[generation]\nfusion = -2\n")),
+            keys_report(fine, generations("[generation]\nfusion = -2\n")),
             (Failed, "generations.toml:2", "copy generations.toml"),
         ),
         (
             "gone",
-            keys_said(fine, without_key),
+            keys_report(fine, without_key),
             (Failed, "fusion.key", renew),
         ),
         (
             "no authority",
-            keys_said(fine, no_authority),
+            keys_report(fine, no_authority),
             (Failed, "ca.pem", "copy ca.pem"),
         ),
         (
             "no keys at all",
-            keys_said(fine, without_all),
-            (Failed, "no such folder", "farfield certs"),
+            keys_report(fine, without_all),
+            (Failed, "does not exist", "farfield certs"),
         ),
         (
             "another venue's",
-            keys_said(fine, rename),
+            keys_report(fine, rename),
             (Failed, "no keys of any node", "farfield certs"),
         ),
     ]);
 }
 
 #[test]
-fn keys_that_nobody_would_admit_are_found() {
+fn keys_that_nodes_would_refuse_are_found() {
     let fine = [-1, 100];
     check(vec![
         (
             "another authority's",
-            keys_said(fine, |keys| take_from_others(keys, "ca.pem")),
+            keys_report(fine, |keys| replace_by_other(keys, "ca.pem")),
             (
                 Failed,
                 "fusion.pem: found a certificate that is not signed by",
@@ -162,7 +162,7 @@ fn keys_that_nobody_would_admit_are_found() {
         ),
         (
             "another certificate's",
-            keys_said(fine, |keys| take_from_others(keys, "fusion.key")),
+            keys_report(fine, |keys| replace_by_other(keys, "fusion.key")),
             (
                 Failed,
                 "fusion.key: found the private key of another certificate",
@@ -171,12 +171,12 @@ fn keys_that_nobody_would_admit_are_found() {
         ),
         (
             "no key at all",
-            keys_said(fine, |keys| write_key(keys, "junk")),
+            keys_report(fine, |keys| write_key(keys, "junk")),
             (Failed, "found no private key", "copy ca.pem"),
         ),
         (
             "another venue's with the names of ours",
-            keys_said_of("hall2", fine, |_| {}),
+            keys_report_of("hall2", fine, |_| {}),
             (
                 Failed,
                 "found the certificate of `hall/fusion/1`",
