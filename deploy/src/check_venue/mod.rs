@@ -1,7 +1,7 @@
-//! `farfield check`: whether a venue can be run, in seconds and without a run. Every file is read, every source opened,
-//! and what every camera sees is drawn.
+//! `farfield check`: checks in seconds, without a run, whether a venue can be run. It reads every file, opens every
+//! source, and draws an image of every camera.
 //!
-//! Read (what cannot be read at all is refused) -> files, calibration -> sources, time -> networks, keys, streams -> pictures.
+//! Read (an unreadable venue is refused) -> files, calibration -> sources, time -> networks, keys, streams -> images.
 
 mod networks;
 mod opened;
@@ -22,14 +22,14 @@ use farfield_proto::printed::fixed;
 use farfield_proto::venue::Venue;
 use farfield_sim::simulated::VenueSources;
 
-use crate::keys::look_at_keys;
-use crate::listeners::wanted::look_at_streams;
+use crate::keys::check_keys;
+use crate::listeners::wanted::check_streams;
 use crate::parameters::{FAR_REMEDY, far_parameters};
 use crate::report_lines::{ReportForm, ReportLines};
 
 use self::opened::open_all;
 
-/// Share of a picture from which on it counts as used all over.
+/// From this share on, an image counts as fully used.
 const WHOLE_PICTURE: f64 = 0.999;
 
 /// Arguments of `farfield check`.
@@ -37,7 +37,7 @@ const WHOLE_PICTURE: f64 = 0.999;
 pub(crate) struct CheckArgs {
     /// The venue file.
     pub(crate) venue: PathBuf,
-    /// Folder for the pictures. Default: `farfield-out/check-VENUE`.
+    /// Folder for the images. Default: `farfield-out/check-VENUE`.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Print as JSON.
@@ -45,20 +45,19 @@ pub(crate) struct CheckArgs {
     pub(crate) json: bool,
 }
 
-/// Checks a venue and prints what was found: exit code 0, or 1 when anything failed; 2 when the venue file cannot be
-/// read.
+/// Checks a venue and prints the results. Exit code 0, or 1 if anything failed; 2 if the venue file cannot be read.
 pub(crate) fn main(args: &CheckArgs) -> ExitCode {
     start_log();
     let mut report = ReportLines::default();
     let printed = check(&args.venue, args.out.as_deref(), &mut report).and_then(|()| {
         report
-            .print(ReportForm::of(args.json))
+            .print(ReportForm::from_flag(args.json))
             .map_err(NodeError::Failed)
     });
     printed.unwrap_or_else(|error| exit_code_told(Err(error), Told::as_json_if(args.json)))
 }
 
-/// Looks at all of a venue.
+/// Checks everything of a venue.
 ///
 /// # Errors
 /// [`NodeError::Refused`] when the venue file cannot be read.
@@ -69,11 +68,11 @@ pub(crate) fn check(
 ) -> Result<(), NodeError> {
     let venue = match farfield_node::files::load_venue(path) {
         Ok(venue) => venue,
-        // The calibration is a file of its own: another tool's.
+        // The calibration is a separate file, often of another tool.
         Err(error) if error.path != path => {
             let names_command = error.problem.contains("`farfield calibrate convert");
             let remedy = if names_command {
-                "run that command, and name the file that it writes in the venue file"
+                "run that command, and set the file that it writes in the venue file"
             } else {
                 "fix it there, or calibrate again"
             };
@@ -82,15 +81,15 @@ pub(crate) fn check(
         }
         Err(error) => return Err(NodeError::refused(error)),
     };
-    look_at_venue(&venue, path, report);
-    look_at_calibration(&venue, report);
+    check_venue_file(&venue, path, report);
+    check_calibration(&venue, report);
     let opened = open_all(&VenueSources::default(), &venue);
-    sources::look_at_sources(&venue, &opened, report);
-    time::look_at_time(&venue, path, &opened, report);
-    networks::look_at_networks(&venue, path, report);
-    look_at_keys(&venue, path, farfield_node::clock::unix_s(), report);
-    look_at_streams(&venue, report);
-    look_at_subjects(&venue, report);
+    sources::check_sources(&venue, &opened, report);
+    time::check_time(&venue, path, &opened, report);
+    networks::check_networks(&venue, path, report);
+    check_keys(&venue, path, farfield_node::clock::unix_s(), report);
+    check_streams(&venue, report);
+    check_subjects(&venue, report);
     let out = out.map_or_else(
         || Path::new("farfield-out").join(format!("check-{}", venue.name)),
         Path::to_path_buf,
@@ -99,7 +98,7 @@ pub(crate) fn check(
     Ok(())
 }
 
-fn look_at_venue(venue: &Venue, path: &Path, report: &mut ReportLines) {
+fn check_venue_file(venue: &Venue, path: &Path, report: &mut ReportLines) {
     let text = format!(
         "{}: `{}`, {} cameras at {} viewpoints, {} ticks per second",
         path.display(),
@@ -121,7 +120,7 @@ fn look_at_venue(venue: &Venue, path: &Path, report: &mut ReportLines) {
     }
 }
 
-fn look_at_subjects(venue: &Venue, report: &mut ReportLines) {
+fn check_subjects(venue: &Venue, report: &mut ReportLines) {
     if venue.subjects.is_empty() {
         return;
     }
@@ -138,11 +137,11 @@ fn look_at_subjects(venue: &Venue, report: &mut ReportLines) {
     }
 }
 
-fn look_at_calibration(venue: &Venue, report: &mut ReportLines) {
+fn check_calibration(venue: &Venue, report: &mut ReportLines) {
     let mut findings = plausibility::of_venue(venue);
     let path = &venue.calibration_path;
     let text = std::fs::read_to_string(path).unwrap_or_default();
-    // It was read a moment ago; what has changed since is the next check's.
+    // It was read a moment ago; a change since then is left to the next check.
     if let Ok(calibration) = Calibration::parse(&text, path) {
         findings.extend(plausibility::of_rotations(&calibration));
     }
@@ -152,10 +151,10 @@ fn look_at_calibration(venue: &Venue, report: &mut ReportLines) {
     if findings.is_empty() {
         report.ok(
             "calibration",
-            format!("{}: nothing speaks against it", path.display()),
+            format!("{}: found no problem", path.display()),
         );
     }
-    say_used_shares(venue, report);
+    report_used_shares(venue, report);
     let is_of_coverage =
         |it: &Finding| matches!(it.cause, Cause::FieldUnseen | Cause::OneViewpoint);
     if findings.iter().any(is_of_coverage) {
@@ -174,8 +173,8 @@ fn look_at_calibration(venue: &Venue, report: &mut ReportLines) {
     );
 }
 
-/// Says of which pictures only a part is used.
-fn say_used_shares(venue: &Venue, report: &mut ReportLines) {
+/// Reports images of which only a part is used.
+fn report_used_shares(venue: &Venue, report: &mut ReportLines) {
     let fisheyes = venue.cameras.iter();
     for camera in fisheyes.filter(|camera| camera.model.lens().is_fisheye()) {
         let share = plausibility::used_share(&camera.model);
@@ -183,8 +182,8 @@ fn say_used_shares(venue: &Venue, report: &mut ReportLines) {
             report.ok(
                 "calibration",
                 format!(
-                    "camera `{}`: of its fisheye picture {:.0} % are used, up to 60 degrees off its axis (120 degrees of \
-                     view): people beyond are left out",
+                    "camera `{}`: {:.0} % of its fisheye image are used, up to 60 degrees off its axis (120 degrees of \
+                     view): people farther out are ignored",
                     camera.model.name(),
                     100.0 * share
                 ),
@@ -193,7 +192,7 @@ fn say_used_shares(venue: &Venue, report: &mut ReportLines) {
     }
 }
 
-/// Adds what was found in the calibration.
+/// Adds a finding of the calibration.
 fn push(finding: &Finding, report: &mut ReportLines) {
     report.push(
         "calibration",
@@ -209,12 +208,12 @@ mod tests {
     use crate::report_lines::Verdict;
 
     #[test]
-    fn a_share_that_is_too_small_is_not_said_to_be_well() {
+    fn a_coverage_that_is_too_small_is_not_reported_as_ok() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("venue.sample.toml");
         let mut venue = farfield_node::files::load_venue(&path).unwrap();
         let shares = |venue: &Venue| {
             let mut report = ReportLines::default();
-            look_at_calibration(venue, &mut report);
+            check_calibration(venue, &mut report);
             let is_share =
                 |it: &&crate::report_lines::ReportLine| it.text.contains(" % of the field");
             let shares = report.lines().iter().filter(is_share);

@@ -1,4 +1,4 @@
-//! Whether the networks of a venue load, run, and know what the venue names.
+//! Checks that the networks of a venue load and run, and have the venue's keypoints.
 
 use std::path::Path;
 
@@ -8,13 +8,12 @@ use farfield_proto::venue::Venue;
 
 use crate::report_lines::ReportLines;
 
-/// The group of these lines.
 const NETWORKS: &str = "networks";
-/// What mends a venue without a detector.
+/// Remedy for a venue without a detector.
 const DETECTOR: &str = "detector = \"models/CARD.toml\"";
 
-/// Loads what the venue names and runs one crop.
-pub(super) fn look_at_networks(venue: &Venue, path: &Path, report: &mut ReportLines) {
+/// Loads the networks of the venue and runs one crop.
+pub(super) fn check_networks(venue: &Venue, path: &Path, report: &mut ReportLines) {
     match load_card(venue) {
         Err(error) => {
             report.fail(
@@ -31,17 +30,17 @@ pub(super) fn look_at_networks(venue: &Venue, path: &Path, report: &mut ReportLi
         }
     }
     if !venue.needs_network() {
-        report.ok(NETWORKS, "no source gives pictures: no network is needed");
+        report.ok(NETWORKS, "no source has images: no network is needed");
         return;
     }
-    look_for_detector(venue, path, report);
+    check_for_detector(venue, path, report);
     let mut networks = match load_networks(venue, &venue.cameras) {
         Ok(networks) => networks,
         Err(error) => {
             report.fail(
                 NETWORKS,
                 error.to_string(),
-                "`farfield doctor` says whether inference works here; else correct `network` and `detector`, or their cards",
+                "check with `farfield doctor` that inference works here; else correct `network` and `detector`, or their cards",
             );
             return;
         }
@@ -64,15 +63,15 @@ pub(super) fn look_at_networks(venue: &Venue, path: &Path, report: &mut ReportLi
     }
 }
 
-/// Looks whether people who are in pictures will be found there.
-fn look_for_detector(venue: &Venue, path: &Path, report: &mut ReportLines) {
+/// Checks that people in images can be detected.
+fn check_for_detector(venue: &Venue, path: &Path, report: &mut ReportLines) {
     if let Err(error) = check_detector(venue, path) {
         report.fail(NETWORKS, error.to_string(), DETECTOR);
     } else if venue.detector.is_none() && venue.given_persons.is_empty() {
         report.warn(
             NETWORKS,
-            "the venue names no `detector` and gives no `[[person]]`: nobody will be found in pictures, by the other cameras \
-             alone",
+            "the venue has no `detector` and no `[[person]]`: people are not detected in images, only by the other \
+             cameras",
             DETECTOR,
         );
     }
@@ -86,18 +85,18 @@ mod tests {
     use crate::report_lines::Verdict;
 
     #[test]
-    fn pictures_without_a_detector_fail_unless_others_know_people_or_somebody_is_given() {
+    fn images_without_a_detector_fail_unless_people_are_known_otherwise() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("venue.sample.toml");
         let mut venue = load_venue(&path).unwrap();
         let verdicts = |venue: &Venue| {
             let mut report = ReportLines::default();
-            look_for_detector(venue, &path, &mut report);
+            check_for_detector(venue, &path, &mut report);
             let verdicts = report.lines().iter().map(|line| line.verdict);
             verdicts.collect::<Vec<_>>()
         };
         assert_eq!(verdicts(&venue), []);
         venue.detector = None;
-        assert_eq!(verdicts(&venue), [], "somebody is given");
+        assert_eq!(verdicts(&venue), [], "a person is given");
         venue.given_persons.clear();
         assert_eq!(verdicts(&venue), [Verdict::Failed]);
         // The last viewpoint has keypoints; now one camera of the first has them, too.

@@ -1,4 +1,4 @@
-//! Every source opened, all at the same time: its first frames tell what no header does.
+//! Opens every source, all at the same time: first frames show what no header does.
 
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
@@ -6,26 +6,26 @@ use farfield_edge::source::{FrameContent, SourceError, SourceInfo, Sources};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 
-/// Frames of a video that are compared with another's: the first may be black in both.
+/// Frames of a video that are compared between cameras: the first may be black in both.
 const FRAMES: usize = 3;
-/// Frames of keypoints that are compared: the first may hold nobody.
+/// Frames of keypoints that are compared: the first may have no people.
 const KEYPOINT_FRAMES: usize = 60;
-/// Sources that are opened at the same time: each may be a process that decodes.
+/// Sources opened at the same time: each may be a decoder process.
 const TOGETHER: usize = 16;
 
-/// What came out of one camera's source.
+/// The result of opening a camera's source.
 pub(super) struct OpenedSource {
-    /// What its headers say.
+    /// Facts from its headers.
     pub(super) info: Result<SourceInfo, SourceError>,
-    /// Its first frame; `None` where the headers are wrong already.
+    /// Its first frame; `None` if the headers are wrong already.
     pub(super) first: Option<Result<FrameContent, String>>,
-    /// What tells its first frames from another camera's; `None` of what is the same in any: nobody, or one colour.
+    /// Hash of its first frames; `None` if these are too similar in any camera: no people, or one colour.
     pub(super) content: Option<u64>,
-    /// The brightest value of its first pictures, 0 to 255; `None` where there are none.
+    /// The brightest value of its first images, 0 to 255; `None` without images.
     pub(super) brightest: Option<u8>,
 }
 
-/// Opens the sources of all cameras, in the venue's order.
+/// Opens the sources of all cameras, in the order of the venue.
 pub(super) fn open_all(sources: &dyn Sources, venue: &Venue) -> Vec<OpenedSource> {
     let mut opened = Vec::new();
     for cameras in venue.cameras.chunks(TOGETHER) {
@@ -36,7 +36,9 @@ pub(super) fn open_all(sources: &dyn Sources, venue: &Venue) -> Vec<OpenedSource
                 .collect();
             let failed = || OpenedSource {
                 info: Ok(SourceInfo::default()),
-                first: Some(Err("reading it has failed inside this program".to_owned())),
+                first: Some(Err(
+                    "an internal error of this program while reading it".to_owned()
+                )),
                 content: None,
                 brightest: None,
             };
@@ -96,13 +98,13 @@ fn frames(
         .map_err(|it| it.to_string())?;
     let mut first = None;
     let mut hash = DefaultHasher::new();
-    let mut tells = false;
+    let mut is_distinct = false;
     let mut brightest = None;
     for read in 0..KEYPOINT_FRAMES {
         let frame = match source.next_frame() {
             Ok(Some(frame)) => frame,
             Err(error) if first.is_none() => return Err(error.to_string()),
-            // The end; what is wrong with a later frame is the run's to complain of.
+            // The end; an error of a later frame is left to the run.
             Ok(None) | Err(_) => break,
         };
         let is_done = match &frame.content {
@@ -110,12 +112,12 @@ fn frames(
                 let image = picture.clone().into_rgb();
                 image.as_raw().hash(&mut hash);
                 brightest = brightest.max(image.as_raw().iter().copied().max());
-                tells |= image.pixels().any(|it| it != image.get_pixel(0, 0));
+                is_distinct |= image.pixels().any(|it| it != image.get_pixel(0, 0));
                 read + 1 >= FRAMES || camera.source.is_live()
             }
             FrameContent::Keypoints(keypoints) => {
                 format!("{keypoints:?}").hash(&mut hash);
-                tells |= keypoints.peaks.iter().any(|peaks| !peaks.is_empty());
+                is_distinct |= keypoints.peaks.iter().any(|peaks| !peaks.is_empty());
                 false
             }
             FrameContent::Painted(_) => true,
@@ -128,7 +130,7 @@ fn frames(
     let first = first.ok_or_else(|| "it has no frame".to_owned())?;
     Ok(SeenFrames {
         first,
-        content: tells.then(|| hash.finish()),
+        content: is_distinct.then(|| hash.finish()),
         brightest,
     })
 }

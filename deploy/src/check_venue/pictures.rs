@@ -1,4 +1,4 @@
-//! One picture per camera, with what the calibration says is where: whoever looks sees at once whether it is so.
+//! One image per camera, with the geometry of the calibration, so that people can compare the two.
 
 use std::path::Path;
 
@@ -12,7 +12,6 @@ use super::opened::OpenedSource;
 use crate::overlay::{background, draw_place};
 use crate::report_lines::ReportLines;
 
-/// The group of these lines.
 const PICTURES: &str = "pictures";
 
 /// Writes `check_CAMERA.png` for every camera into `out`.
@@ -27,7 +26,7 @@ pub(super) fn draw(venue: &Venue, opened: &[OpenedSource], out: &Path, report: &
                 PICTURES,
                 format!(
                     "{}: check_CAMERA.png of every camera, with the field (yellow), the floor (grey), the axes at the origin \
-                     (x red, y green, z blue), how far a fisheye is used (white), and the other cameras by number: {}",
+                     (x red, y green, z blue), the used range of a fisheye (white), and the other cameras by number: {}",
                     out.display(),
                     names.join(", ")
                 ),
@@ -36,14 +35,14 @@ pub(super) fn draw(venue: &Venue, opened: &[OpenedSource], out: &Path, report: &
         Err(error) => report.warn(
             PICTURES,
             format!("{error:#}"),
-            "name a folder that can be written: `--out DIR`",
+            "choose a writable folder: `--out DIR`",
         ),
     }
 }
 
 fn draw_all(venue: &Venue, opened: &[OpenedSource], out: &Path) -> anyhow::Result<()> {
     use anyhow::Context as _;
-    std::fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
+    std::fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
     for (i, (camera, source)) in venue.cameras.iter().zip(opened).enumerate() {
         let content = match &source.first {
             Some(Ok(FrameContent::Image(image))) if image.size_px() == camera.model.size_px() => {

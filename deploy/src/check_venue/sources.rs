@@ -1,4 +1,4 @@
-//! Whether every source is there, of the calibration's size, and another than all others.
+//! Checks that every source exists, has the calibration's image size, and is not used twice.
 
 use std::collections::BTreeMap;
 
@@ -7,25 +7,23 @@ use farfield_proto::plausibility;
 use farfield_proto::venue::{Source, Venue, VenueCamera};
 
 use super::opened::OpenedSource;
-use crate::recorded_formats::{format_remarks, of_camera};
-use crate::recorded_rates::to_one_rate;
+use crate::recording_checks::{camera_name, format_remarks, to_one_rate};
 use crate::report_lines::ReportLines;
 
-/// The group of these lines.
 const SOURCES: &str = "sources";
 
-/// Pictures of which no value reaches this are black: a sensor's noise in the dark does not, 0 to 255.
+/// Images without a value above this are black: noise of a sensor in the dark stays below it, 0 to 255.
 const BLACK: u8 = 24;
 
-/// Looks at what was opened, one line per camera, and for sources that two cameras share.
-pub(super) fn look_at_sources(venue: &Venue, opened: &[OpenedSource], report: &mut ReportLines) {
+/// Checks the opened sources, one line per camera, and reports sources that two cameras share.
+pub(super) fn check_sources(venue: &Venue, opened: &[OpenedSource], report: &mut ReportLines) {
     for (camera, source) in venue.cameras.iter().zip(opened) {
-        look_at(camera, source, report);
+        check_source(camera, source, report);
     }
-    look_for_doubles(venue, opened, report);
+    check_duplicates(venue, opened, report);
 }
 
-fn look_at(camera: &VenueCamera, source: &OpenedSource, report: &mut ReportLines) {
+fn check_source(camera: &VenueCamera, source: &OpenedSource, report: &mut ReportLines) {
     let name = camera.model.name();
     let info = match &source.info {
         Ok(info) => info,
@@ -39,7 +37,7 @@ fn look_at(camera: &VenueCamera, source: &OpenedSource, report: &mut ReportLines
             SOURCES,
             problem.as_str(),
             format!(
-                "look at `source` of camera `{name}`: {}",
+                "check `source` of camera `{name}`: {}",
                 place(&camera.source)
             ),
         );
@@ -59,34 +57,34 @@ fn look_at(camera: &VenueCamera, source: &OpenedSource, report: &mut ReportLines
         words.push(format!("{} frames", ticks.end - ticks.start));
     }
     let words = words.join(", ");
-    if let Some(doubt) = info.contents.and_then(|contents| contents.doubt()) {
+    if let Some(warning) = info.contents.and_then(|contents| contents.doubt()) {
         let named = format!("camera `{name}`: {}:", place(&camera.source));
-        report.advise(SOURCES, doubt.of(&named));
+        report.advise(SOURCES, warning.of(&named));
         return;
     }
     if source.brightest.is_some_and(|value| value < BLACK) {
         report.warn(
             SOURCES,
-            format!("{words}: its first pictures are black"),
-            "see whether a cap is on the lens, light is on and a signal comes; a recording that begins with black: cut all \
+            format!("{words}: its first images are black"),
+            "check for a lens cap, missing light or a missing signal; if the recording begins with black, cut all \
              recordings alike",
         );
         return;
     }
     report.ok(SOURCES, words);
-    for remark in format_remarks(&of_camera(name), info) {
+    for remark in format_remarks(&camera_name(name), info) {
         report.advise(SOURCES, remark);
     }
 }
 
-/// What mends a source that cannot be used.
+/// The remedy for a source that cannot be used.
 fn remedy(error: &SourceError, camera: &VenueCamera) -> String {
     let name = camera.model.name();
     match error {
         SourceError::ToolMissing { .. } => "apt install ffmpeg".to_owned(),
         SourceError::NotThere { .. } | SourceError::Pattern { .. } => {
             format!(
-                "correct `source` of camera `{name}`, relative to the venue file, or bring the file there"
+                "correct `source` of camera `{name}`, relative to the venue file, or copy the file there"
             )
         }
         SourceError::PixelSize { found_px, .. } => {
@@ -100,53 +98,53 @@ fn remedy(error: &SourceError, camera: &VenueCamera) -> String {
         } => {
             let off_s = 3600.0 * (found_hz / expected_hz - 1.0).abs();
             format!(
-                "it would be off by {off_s:.0} s after an hour; if all cameras have this rate, write `rate_hz = {found_hz:.6}`, \
+                "its offset would be {off_s:.0} s after an hour; if all cameras have this rate, set `rate_hz = {found_hz:.6}`, \
                  else {}",
                 to_one_rate(*found_hz, *expected_hz)
             )
         }
         SourceError::Fields { found_hz, .. } => format!(
-            "run the command that stands there for all cameras, and name its OUT in `source`; or write `rate_hz = {found_hz:.6}`, \
-             and half of the fields are left out"
+            "run the given command for all cameras, and set its OUT in `source`; or set `rate_hz = {found_hz:.6}`, \
+             which ignores half of the fields",
         ),
         SourceError::Cut { .. } | SourceError::Ended { .. } => {
-            "copy the recording again: it was cut".to_owned()
+            "copy the recording again: it is incomplete".to_owned()
         }
         SourceError::NotBuilt { needs, .. } => format!("run this viewpoint with {needs}"),
         SourceError::Line { .. } => {
-            "write the file again: docs/venue.md says what a line holds".to_owned()
+            "write the file again: docs/venue.md describes its lines".to_owned()
         }
         SourceError::VariableRate { .. } | SourceError::UnevenRate { .. } => {
-            "run the command that stands there, and name its OUT in `source`: it goes by the times of the frames, and what was \
-             lost is shown twice"
+            "run the given command, and set its OUT in `source`: it uses the times of the frames, and repeats frames \
+             where some were lost"
                 .to_owned()
         }
         SourceError::Unreadable { at, .. } => unreadable_remedy(at, camera),
-        _ => format!("look at `source` of camera `{name}`"),
+        _ => format!("check `source` of camera `{name}`"),
     }
 }
 
-/// What may mend a source that is there and is not what it should be.
+/// The remedy for a source that exists but is invalid.
 fn unreadable_remedy(at: &SourceOrigin, camera: &VenueCamera) -> String {
     match &camera.source {
         Source::Video { .. } => format!(
-            "see whether it plays (`ffplay {}`); if not, copy it from the camera again, or correct `source` of camera `{}`",
+            "check that it plays (`ffplay {}`); if not, copy it from the camera again, or correct `source` of camera `{}`",
             at.place,
             camera.model.name()
         ),
         Source::Keypoints { .. } => {
-            "write the file again: docs/venue.md says what a line holds".to_owned()
+            "write the file again: docs/venue.md describes its lines".to_owned()
         }
         Source::V4l { .. } => format!(
-            "close what else uses it (`fuser {}`), and ask it for what it offers: `size` in the calibration, `rate_hz` of the \
-             venue, `format` and `controls` of its `source`",
+            "close other programs that use it (`fuser {}`), and request a mode that it offers: `size` in the calibration, \
+             `rate_hz` of the venue, `format` and `controls` of its `source`",
             at.place
         ),
-        _ => format!("look at `source` of camera `{}`", camera.model.name()),
+        _ => format!("check `source` of camera `{}`", camera.model.name()),
     }
 }
 
-/// Where a source is, as it may be shown.
+/// The place of a source for display.
 fn place(source: &Source) -> String {
     match source {
         Source::Video { path }
@@ -155,12 +153,12 @@ fn place(source: &Source) -> String {
         | Source::Simulated { path, .. }
         | Source::Maps { path, .. }
         | Source::V4l { device: path, .. } => path.display().to_string(),
-        // Passwords stand in addresses.
+        // Addresses can contain passwords.
         Source::Ffmpeg { .. } => "a live stream".to_owned(),
     }
 }
 
-/// The file that a source alone is; scenes are shared by all cameras.
+/// The file of a source that belongs to one camera; a scene is shared by all.
 fn own_file(source: &Source) -> Option<String> {
     match source {
         Source::Video { path } | Source::Images { path } | Source::Keypoints { path, .. } => {
@@ -173,7 +171,7 @@ fn own_file(source: &Source) -> Option<String> {
     }
 }
 
-fn look_for_doubles(venue: &Venue, opened: &[OpenedSource], report: &mut ReportLines) {
+fn check_duplicates(venue: &Venue, opened: &[OpenedSource], report: &mut ReportLines) {
     let mut files: BTreeMap<String, &str> = BTreeMap::new();
     let mut contents: BTreeMap<u64, &str> = BTreeMap::new();
     for (camera, source) in venue.cameras.iter().zip(opened) {
@@ -183,7 +181,7 @@ fn look_for_doubles(venue: &Venue, opened: &[OpenedSource], report: &mut ReportL
             .content
             .and_then(|content| contents.insert(content, name));
         let (other, what) = match (earlier, alike) {
-            (Some(other), _) => (other, "have one source"),
+            (Some(other), _) => (other, "have the same source"),
             (None, Some(other)) => (
                 other,
                 "show the same: their first frames are equal, byte for byte",
@@ -196,7 +194,7 @@ fn look_for_doubles(venue: &Venue, opened: &[OpenedSource], report: &mut ReportL
                 "cameras `{other}` and `{name}` {what}: {}",
                 place(&camera.source)
             ),
-            format!("name the recording of `{name}` in its `source`"),
+            format!("set the recording of `{name}` in its `source`"),
         );
     }
 }

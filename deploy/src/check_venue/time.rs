@@ -1,5 +1,4 @@
-//! Whether the recordings show the same moments: their rates, their lengths, and what their containers say of when they
-//! began.
+//! Checks that the recordings show the same moments: their rates, lengths, and start times in their containers.
 
 use std::path::Path;
 
@@ -10,20 +9,18 @@ use farfield_proto::venue::{TickFrom, Venue};
 use time::{Date, Month, PrimitiveDateTime, Time};
 
 use super::opened::OpenedSource;
-use crate::recorded_rates::{
-    LONGER, LeapingKeypoints, are_apart, held_keypoints, leaping_keypoints, odd_rates, too_short,
-    usual_rate_hz,
+use crate::recording_checks::{
+    LONGER, LeapingKeypoints, are_apart, held_keypoints, leaping_keypoints, odd_rates,
+    starts_apart, too_short, usual_rate_hz,
 };
-use crate::recorded_starts::starts_apart;
 use crate::report_lines::ReportLines;
 
-/// The group of these lines.
 const TIME: &str = "time";
-/// Containers say when they were made in whole seconds, and some when they were closed.
+/// Containers have creation times in whole seconds, and some the time when they were closed.
 const CREATED_APART_S: f64 = 2.5;
 
-/// Looks at the times of all sources that were opened.
-pub(super) fn look_at_time(
+/// Checks the times of all opened sources.
+pub(super) fn check_time(
     venue: &Venue,
     path: &Path,
     opened: &[OpenedSource],
@@ -45,22 +42,17 @@ pub(super) fn look_at_time(
         0 => "all recordings",
         _ => "the other recordings",
     };
-    look_at_rates(venue, &infos, all, report);
-    look_at_lengths(venue, path, (&infos, all), report);
+    check_rates(venue, &infos, all, report);
+    check_lengths(venue, path, (&infos, all), report);
     if let Some(remark) = starts_apart(venue, &infos) {
         report.advise(TIME, remark);
     }
-    look_at_creation(&infos, report);
-    look_at_timecodes(venue, opened, report);
+    check_creation_times(&infos, report);
+    check_timecodes(venue, opened, report);
 }
 
-/// `all` is what the recordings of `infos` are called together.
-fn look_at_rates(
-    venue: &Venue,
-    infos: &[(String, SourceInfo)],
-    all: &str,
-    report: &mut ReportLines,
-) {
+/// `all` is the collective name of the recordings of `infos`.
+fn check_rates(venue: &Venue, infos: &[(String, SourceInfo)], all: &str, report: &mut ReportLines) {
     let odd = odd_rates(infos);
     for rate in &odd {
         report.fail(TIME, rate.problem(), rate.remedy());
@@ -78,7 +70,7 @@ fn look_at_rates(
         report.warn(
             TIME,
             format!(
-                "the recordings have {usual_hz:.3} frames per second, the venue's `rate_hz` is {}: times are off by {:.1} s after an hour",
+                "the recordings have {usual_hz:.3} frames per second, the venue's `rate_hz` is {}: times have an offset of {:.1} s after an hour",
                 venue.rate_hz,
                 3600.0 * (usual_hz / venue.rate_hz - 1.0).abs()
             ),
@@ -87,12 +79,12 @@ fn look_at_rates(
     } else if odd.is_empty() {
         report.ok(
             TIME,
-            format!("{all} that say their rate have {usual_hz:.3} frames per second"),
+            format!("{all} with a known rate have {usual_hz:.3} frames per second"),
         );
     }
 }
 
-fn look_at_lengths(
+fn check_lengths(
     venue: &Venue,
     path: &Path,
     (infos, all): (&[(String, SourceInfo)], &str),
@@ -119,7 +111,7 @@ fn look_at_lengths(
                     a.0, a.1.start, a.1.end, b.0, b.1.start, b.1.end
                 ),
                 format!(
-                    "if they begin at the same moment: `farfield run {} --ticks {}..{}`; if they end at it, cut them at their beginning",
+                    "if they begin at the same moment: `farfield run {} --ticks {}..{}`; if they end at the same moment, cut their beginnings",
                     path.display(), shared.start, shared.end
                 ),
             );
@@ -129,7 +121,7 @@ fn look_at_lengths(
             report.fail(
                 TIME,
                 error.to_string(),
-                "of videos and pictures look at `first_tick` and `tick_from`, of keypoints at the ticks of their lines",
+                "for videos and images check `first_tick` and `tick_from`, for keypoints the ticks of their lines",
             );
             return;
         }
@@ -148,7 +140,7 @@ fn look_at_lengths(
     report.ok(
         TIME,
         format!(
-            "{all} hold ticks {}..{}: {frames} frames, {:.1} s",
+            "{all} have ticks {}..{}: {frames} frames, {:.1} s",
             ticks.start,
             ticks.end,
             frames as f64 / venue.rate_hz
@@ -156,7 +148,7 @@ fn look_at_lengths(
     );
 }
 
-fn look_at_creation(infos: &[(String, SourceInfo)], report: &mut ReportLines) {
+fn check_creation_times(infos: &[(String, SourceInfo)], report: &mut ReportLines) {
     let created = infos.iter().filter_map(|(camera, info)| {
         Some((unix_s(info.labels.created.as_deref()?)?, camera.as_str()))
     });
@@ -170,23 +162,23 @@ fn look_at_creation(infos: &[(String, SourceInfo)], report: &mut ReportLines) {
         report.warn(
             TIME,
             format!(
-                "by their files, the recording of camera `{}` was made {apart_s:.0} s after that of `{}`",
+                "by their files, the recording of camera `{}` was created {apart_s:.0} s after that of `{}`",
                 last.1, first.1
             ),
-            "if they were not cut to the same moment since, cut them: frame 0 of all must show it",
+            "unless they were cut to the same moment, cut them: frame 0 of all must show the same moment",
         );
     } else if created.len() > 1 {
         report.ok(
             TIME,
             format!(
-                "{} recordings were made within {apart_s:.1} s of each other",
+                "{} recordings were created within {apart_s:.1} s of each other",
                 created.len()
             ),
         );
     }
 }
 
-fn look_at_timecodes(venue: &Venue, opened: &[OpenedSource], report: &mut ReportLines) {
+fn check_timecodes(venue: &Venue, opened: &[OpenedSource], report: &mut ReportLines) {
     let mut first: Option<(i64, i64, &str)> = None;
     for (camera, source) in venue.cameras.iter().zip(opened) {
         let Ok(info) = &source.info else { continue };
@@ -210,8 +202,8 @@ fn look_at_timecodes(venue: &Venue, opened: &[OpenedSource], report: &mut Report
                 report.warn(
                     TIME,
                     format!(
-                        "by their timecodes, the recording of camera `{name}` goes on where that of `{other}` ends: these are two \
-                         parts of one recording"
+                        "by their timecodes, the recording of camera `{name}` continues where that of `{other}` ends: these are \
+                         two parts of one recording"
                     ),
                     "join the parts of each camera: `ffmpeg -f concat -safe 0 -i LIST -c copy OUT`, where LIST has a line \
                      `file 'PART'` for each",
@@ -234,8 +226,8 @@ fn look_at_timecodes(venue: &Venue, opened: &[OpenedSource], report: &mut Report
     }
 }
 
-/// Unix time in seconds of `2026-05-01T18:00:00.5Z`; `None` of another form, and of the epoch that some programs write
-/// for want of a clock.
+/// Unix time in seconds of `2026-05-01T18:00:00.5Z`; `None` for other forms, and for the epoch that programs without a
+/// clock write.
 fn unix_s(text: &str) -> Option<f64> {
     let (date, clock) = text.strip_suffix('Z')?.split_once('T')?;
     let mut date = date.split('-');
@@ -260,7 +252,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_time_of_a_container_is_read_and_nonsense_is_not() {
+    fn only_valid_times_of_containers_are_read() {
         assert_eq!(
             unix_s("2026-05-01T18:00:00.500000Z").map(f64::to_bits),
             Some(1_777_658_400.5_f64.to_bits())
@@ -278,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn recordings_that_were_made_apart_are_told_of() {
+    fn recordings_created_at_different_times_are_reported() {
         let info = |created: &str| {
             let mut info = SourceInfo::default();
             info.labels.created = Some(created.to_owned());
@@ -289,17 +281,13 @@ mod tests {
             ("b".to_owned(), info("2026-05-01T18:00:12Z")),
         ];
         let mut report = ReportLines::default();
-        look_at_creation(&infos, &mut report);
-        assert!(
-            report.lines()[0]
-                .text
-                .contains("`b` was made 12 s after that of `a`"),
-            "{report:?}"
-        );
+        check_creation_times(&infos, &mut report);
+        let text = &report.lines()[0].text;
+        assert!(text.contains("`b` was created 12 s after"), "{text}");
     }
     #[test]
-    fn a_part_that_goes_on_where_another_ends_is_told_from_one_that_began_later() {
-        let said = |timecode: &str| {
+    fn parts_of_one_recording_are_distinguished_from_late_starts() {
+        let report_text = |timecode: &str| {
             let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("venue.sample.toml");
             let venue = farfield_node::files::load_venue(&path).unwrap();
             let opened = |timecode: &str| {
@@ -318,11 +306,11 @@ mod tests {
             };
             let mut report = ReportLines::default();
             let opened = [opened("01:00:00:00"), opened(timecode)];
-            look_at_timecodes(&venue, &opened, &mut report);
+            check_timecodes(&venue, &opened, &mut report);
             report.to_text()
         };
-        assert!(said("01:00:02:00").contains("two parts of one recording"));
-        assert!(said("01:00:01:00").contains("begins 30 frames after"));
-        assert!(!said("01:00:00:00").contains("camera"));
+        assert!(report_text("01:00:02:00").contains("two parts"));
+        assert!(report_text("01:00:01:00").contains("begins 30 frames after"));
+        assert!(!report_text("01:00:00:00").contains("camera"));
     }
 }

@@ -1,18 +1,15 @@
-//! `farfield init`: the venue file of a folder of recordings and a calibration.
+//! `farfield init`: writes the venue file of a folder of recordings and a calibration.
 //!
-//! Find (calibration, recordings) -> match names -> rate, viewpoints, field -> write, unless there is such a file -> check.
-//! What the flags leave open is asked on a terminal; without one it is refused, with the flag that says it.
+//! Find (calibration, recordings) -> match names -> rate, viewpoints, field -> write a new file -> check. On a terminal
+//! it asks for missing options; otherwise it refuses and names the option.
 
-mod matching;
-mod questions;
-pub(crate) mod rate;
 pub(crate) mod recordings;
 mod seen_field;
 mod venue_text;
 mod viewpoints;
 
 use std::fs::{self, File};
-use std::io::{self, Write as _};
+use std::io::{self, IsTerminal as _, Write as _, stderr, stdin};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -32,7 +29,6 @@ use crate::exchange::target::check_file;
 use crate::output;
 use crate::report_lines::{ReportForm, ReportLines, Verdict};
 
-use self::questions::answer;
 use self::recordings::Recording;
 use self::venue_text::VenueDraft;
 use self::viewpoints::ViewpointArg;
@@ -42,41 +38,41 @@ use self::viewpoints::ViewpointArg;
 pub(crate) struct InitArgs {
     /// The folder of the recordings.
     ///
-    /// Videos, folders of numbered pictures, or keypoint files, named after the cameras.
+    /// Videos, folders of numbered images, or keypoint files, named after the cameras.
     pub(crate) folder: PathBuf,
     /// The calibration file.
     ///
     /// Default: the one in the folder.
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
-    /// Where the recordings are.
+    /// Folder of the recordings.
     ///
     /// Default: the folder itself, or `videos` in it.
     #[arg(long, value_name = "DIR")]
     pub(crate) videos: Option<PathBuf>,
     /// Frames per second.
     ///
-    /// Default: what the videos say.
+    /// Default: the rate of the videos.
     #[arg(long, value_name = "HZ")]
     pub(crate) rate: Option<f64>,
     /// Card of the keypoint network.
     ///
-    /// Pictures need one.
+    /// Required for images.
     #[arg(long, value_name = "CARD")]
     pub(crate) network: Option<PathBuf>,
     /// Card of the detector.
     ///
-    /// It finds people in pictures.
+    /// It detects people in images.
     #[arg(long, value_name = "CARD")]
     pub(crate) detector: Option<PathBuf>,
-    /// Cameras that stand at one place.
+    /// Cameras at one place.
     ///
-    /// Only the cameras that are named are used. Default: all, each a viewpoint.
+    /// Only the listed cameras are used. Default: all, each a viewpoint.
     #[arg(long, value_name = "NAME=CAM1,CAM2")]
     pub(crate) viewpoint: Vec<ViewpointArg>,
-    /// Where people are tracked, metres.
+    /// Area in which people are tracked, metres.
     ///
-    /// Default: what two viewpoints see.
+    /// Default: the area that two viewpoints see.
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = seen_field::parse)]
     pub(crate) field: Option<[f64; 4]>,
     /// The venue file to write.
@@ -89,7 +85,7 @@ pub(crate) struct InitArgs {
     pub(crate) json: bool,
 }
 
-/// Writes a venue file, checks it, and names the next command.
+/// Writes a venue file, checks it, and prints the next command.
 pub(crate) fn main(args: &InitArgs) -> ExitCode {
     start_log();
     init(args).unwrap_or_else(|error| exit_code_told(Err(error), Told::as_json_if(args.json)))
@@ -109,12 +105,12 @@ fn init(args: &InitArgs) -> Result<ExitCode, NodeError> {
     let mut report = ReportLines::default();
     report.ok("written", out.display().to_string());
     check(&out, None, &mut report)?;
-    let form = ReportForm::of(args.json);
+    let form = ReportForm::from_flag(args.json);
     let code = report.print(form).map_err(NodeError::Failed)?;
     if form == ReportForm::Text {
         let next = match report.verdict() {
             Verdict::Failed => {
-                format!("mend what failed, then: farfield check {}\n", out.display())
+                format!("fix what failed, then: farfield check {}\n", out.display())
             }
             _ => format!("next: farfield run {} --overlay\n", out.display()),
         };
@@ -127,7 +123,7 @@ fn init(args: &InitArgs) -> Result<ExitCode, NodeError> {
 fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
     ensure!(
         !out.exists(),
-        "{} is there already, and is not written over: name another with `--out FILE`",
+        "{} already exists, and is not overwritten: choose another file with `--out FILE`",
         out.display()
     );
     ensure!(
@@ -139,14 +135,14 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
     let folder = out.parent().filter(|it| !it.as_os_str().is_empty());
     ensure!(
         folder.is_none_or(Path::is_dir),
-        "--out {}: its folder is not there",
+        "--out {}: its folder does not exist",
         out.display()
     );
     let (calibration_path, calibration) = find_calibration(args)?;
     let recordings = recordings::find(
         &args.folder,
         args.videos.as_deref(),
-        "name their folder with `--videos DIR`",
+        "set their folder with `--videos DIR`",
     )?;
     let viewpoints = viewpoints::choose(&args.viewpoint, &calibration)?;
     let cameras: Vec<&str> = viewpoints
@@ -154,9 +150,9 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
         .flat_map(|it| &it.cameras)
         .map(String::as_str)
         .collect();
-    let matched = matching::matched(&cameras, &recordings, args.viewpoint.is_empty())?;
+    let matched = viewpoints::matched(&cameras, &recordings, args.viewpoint.is_empty())?;
     let rate_hz = rate_hz(args, &recordings)?;
-    let needs_network = recordings.iter().any(Recording::gives_pictures);
+    let needs_network = recordings.iter().any(Recording::has_images);
     let network = network(args, needs_network)?;
     if let Some(path) = &network {
         HeatmapCard::parse(&card(path)?, path)?;
@@ -176,7 +172,7 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
         matched: &matched,
     };
     if draft.field.is_none() {
-        // Read once without a field: what the cameras see needs the venue.
+        // First without a field: the venue is needed to compute the area that cameras see.
         let venue = parsed(&draft.to_toml(), out, &calibration)?;
         draft.field = seen_field::seen(&venue);
     }
@@ -186,11 +182,10 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
 }
 
 fn parsed(text: &str, out: &Path, calibration: &Calibration) -> anyhow::Result<Venue> {
-    Venue::parse(text, out, calibration.clone())
-        .context("the venue file that would be written is none")
+    Venue::parse(text, out, calibration.clone()).context("the venue file to write is invalid")
 }
 
-/// The calibration that was named, else the only one in the folder, by what is in its files.
+/// The given calibration, or the only one in the folder, detected by content.
 fn find_calibration(args: &InitArgs) -> anyhow::Result<(PathBuf, Calibration)> {
     let read = |path: &Path| -> anyhow::Result<Calibration> {
         let bytes = fs::read(path).map_err(|error| {
@@ -206,27 +201,27 @@ fn find_calibration(args: &InitArgs) -> anyhow::Result<(PathBuf, Calibration)> {
     let what = match calibrations::among(&recordings::entries(&args.folder)?).choice() {
         Choice::One(one, others) => {
             for other in others {
-                say(format_args!("found and not taken: {other}"));
+                say(format_args!("found but not used: {other}"));
             }
-            let path = as_venues_have_it(&one)?;
+            let path = as_venue_calibration(&one)?;
             let calibration = read(&path)?;
             return Ok((path, calibration));
         }
-        Choice::Several(all) => format!("several calibrations that differ are in {shown}: {all}"),
-        Choice::None(unusable) if unusable.is_empty() => format!("no calibration is in {shown}"),
+        Choice::Several(all) => format!("found several different calibrations in {shown}: {all}"),
+        Choice::None(unusable) if unusable.is_empty() => format!("found no calibration in {shown}"),
         Choice::None(unusable) => {
             let reasons = unusable.join("; ");
-            format!("no calibration is in {shown} that can be used: {reasons}")
+            format!("found no usable calibration in {shown}: {reasons}")
         }
     };
     match answer(&format!("{what}. Which file is the calibration?"))? {
         Some(path) => Ok((PathBuf::from(&path), read(Path::new(&path))?)),
-        None => bail!("{what}: name the calibration with `--calibration FILE`"),
+        None => bail!("{what}: set the calibration with `--calibration FILE`"),
     }
 }
 
-/// The file of a calibration that a venue can name: TOML, in metres.
-fn as_venues_have_it(found: &FoundCalibration) -> anyhow::Result<PathBuf> {
+/// The file of a calibration in the form for a venue: TOML, in metres.
+fn as_venue_calibration(found: &FoundCalibration) -> anyhow::Result<PathBuf> {
     let paths = found.paths();
     if let ([path], Format::Farfield | Format::Caliscope) =
         (paths.as_slice(), found.imported.format)
@@ -249,16 +244,14 @@ fn rate_hz(args: &InitArgs, recordings: &[Recording]) -> anyhow::Result<f64> {
         );
         return Ok(rate_hz);
     }
-    if let Some(rate_hz) = rate::of_videos(recordings)? {
+    if let Some(rate_hz) = recordings::rate_of_videos(recordings)? {
         return Ok(rate_hz);
     }
     match answer("How many frames per second do the recordings have?")? {
         Some(text) => text
             .parse()
             .map_err(|_| anyhow!("found `{text}`, expected a number such as 60")),
-        None => bail!(
-            "these recordings do not say how many frames per second they have: say so with `--rate HZ`"
-        ),
+        None => bail!("these recordings have no frame rate: set it with `--rate HZ`"),
     }
 }
 
@@ -269,21 +262,37 @@ fn network(args: &InitArgs, is_needed: bool) -> anyhow::Result<Option<PathBuf>> 
     match answer("Which file is the card of the keypoint network?")? {
         Some(path) => Ok(Some(path.into())),
         None => bail!(
-            "pictures need a keypoint network: name its card with `--network CARD` (docs/venue.md)"
+            "images need a keypoint network: set its card with `--network CARD` (docs/venue.md)"
         ),
     }
+}
+
+/// The answer to a question; `None` without a terminal, or without an answer.
+///
+/// # Errors
+/// When the terminal cannot be read.
+fn answer(question: &str) -> anyhow::Result<Option<String>> {
+    if !(stdin().is_terminal() && stderr().is_terminal()) {
+        return Ok(None);
+    }
+    // A failed write shows in the read that follows.
+    write!(stderr(), "{question} ").ok();
+    let mut line = String::new();
+    stdin().read_line(&mut line).context("reading the answer")?;
+    let answer = line.trim();
+    Ok((!answer.is_empty()).then(|| answer.to_owned()))
 }
 
 fn card(path: &Path) -> anyhow::Result<String> {
     let shown = path.display();
     ensure!(
         path.extension().is_none_or(|is| is != "onnx"),
-        "{shown}: found a network, expected its card: a TOML file beside it that says what goes in and comes out (docs/venue.md)"
+        "{shown}: found a network, expected its card: a TOML file that describes input and output (docs/venue.md)"
     );
     fs::read_to_string(path).with_context(|| format!("reading the card {shown}"))
 }
 
-/// Writes a file that was not there; none is there where that fails.
+/// Writes a new file. On failure none remains.
 fn write_new(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> anyhow::Result<()> {
     let written = File::create_new(path).and_then(|mut file| {
         // Half a file would refuse the next try.
@@ -297,7 +306,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_that_cannot_be_written_to_its_end_is_taken_away_and_another_is_left() {
+    fn an_incomplete_file_is_removed_and_an_existing_one_stays() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("venue.toml");
         let full = |file: &mut File| {

@@ -1,4 +1,4 @@
-//! The field, where nobody has said it: the rectangle around what two viewpoints see.
+//! The default field: the rectangle around the area that two viewpoints see.
 
 use std::collections::BTreeSet;
 
@@ -6,13 +6,13 @@ use farfield_proto::frames::Point;
 use farfield_proto::venue::Venue;
 use nalgebra::Point3;
 
-/// Points along either side of what is looked at.
+/// Sample points along either side.
 const SIDE: u32 = 60;
-/// Heights of points that must be seen, metres above the floor: people from the knees to the shoulders.
+/// Heights of sample points that must be visible, metres above the floor: people from the knees to the shoulders.
 const HEIGHTS_M: [f64; 2] = [0.5, 1.4];
-/// Sides stand at multiples of this, metres.
+/// Sides are rounded to multiples of this, metres.
 const ROUND_M: f64 = 0.5;
-/// How far the field reaches beyond what is seen of it, metres: people are seen before they are all in view.
+/// Margin of the field around the visible area, metres: people are seen before they are fully in view.
 const MARGIN_M: f64 = 0.5;
 
 /// `X0,Y0,X1,Y1`, metres.
@@ -32,7 +32,7 @@ pub(super) fn parse(text: &str) -> Result<[f64; 4], String> {
     }
 }
 
-/// The rectangle around all that two viewpoints of `venue` see of its field; `None` where they see nothing together.
+/// The rectangle around all points of the field that two viewpoints of `venue` see; `None` if there are none.
 pub(super) fn seen(venue: &Venue) -> Option<[f64; 4]> {
     let field = &venue.field;
     let along = |axis: usize, i: u32| {

@@ -1,4 +1,4 @@
-//! The text of a venue file, short and commented as the sample is.
+//! The text of a venue file, short and commented like the sample.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -9,26 +9,26 @@ use toml::Value;
 use super::recordings::Recording;
 use super::viewpoints::{ViewpointArg, key_chunk};
 
-/// Heights of the field, metres: that of a venue which says none.
+/// Heights of the field, metres: the defaults of a venue.
 const HEIGHTS_M: [f64; 2] = [-0.3, 2.6];
 
-/// All that a venue file says.
+/// The content of a venue file.
 pub(super) struct VenueDraft<'a> {
-    /// What the file will be.
+    /// Path of the file.
     pub(super) out: &'a Path,
     pub(super) name: String,
     pub(super) rate_hz: f64,
     pub(super) calibration: &'a Path,
     pub(super) network: Option<&'a Path>,
     pub(super) detector: Option<&'a Path>,
-    /// Least x and y, largest x and y, metres.
+    /// Smallest x and y, largest x and y, metres.
     pub(super) field: Option<[f64; 4]>,
     pub(super) viewpoints: &'a [ViewpointArg],
     /// The recording of each camera.
     pub(super) matched: &'a BTreeMap<&'a str, &'a Recording>,
 }
 
-/// The name of a venue after its folder.
+/// The name of a venue, from its folder.
 pub(super) fn name_of(folder: &Path) -> String {
     let full = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     key_chunk(&full.file_name().unwrap_or_default().to_string_lossy())
@@ -38,7 +38,7 @@ impl VenueDraft<'_> {
     /// As TOML.
     pub(super) fn to_toml(&self) -> String {
         let mut text = String::from(
-            "# A venue, made by `farfield init`. All that it may say: deploy/venue.sample.toml, `farfield parameters`.\n",
+            "# A venue, written by `farfield init`. All fields: deploy/venue.sample.toml, `farfield parameters`.\n",
         );
         let mut line = |left: String, comment: &str| {
             let (gap, left) = left
@@ -57,7 +57,7 @@ impl VenueDraft<'_> {
         );
         line(
             format!("calibration = {}", self.path(self.calibration)),
-            "where the cameras stand: metres, z up",
+            "camera poses: metres, z up",
         );
         if let Some(network) = self.network {
             line(
@@ -68,7 +68,7 @@ impl VenueDraft<'_> {
         if let Some(detector) = self.detector {
             line(
                 format!("detector = {}", self.path(detector)),
-                "model card of what finds people",
+                "model card of the person detector",
             );
         }
         if let Some([x0, y0, x1, y1]) = self.field {
@@ -80,7 +80,7 @@ impl VenueDraft<'_> {
             );
             line(
                 format!("max_m = [{x1:?}, {y1:?}, {high:?}]"),
-                "what is outside is ignored",
+                "people outside are ignored",
             );
         }
         for viewpoint in self.viewpoints {
@@ -105,13 +105,13 @@ impl VenueDraft<'_> {
                 );
             }
         }
-        // A mark without a comment is none.
+        // Removes a `#` without a comment.
         text.lines()
             .map(|line| line.trim_end_matches([' ', '#']).to_owned() + "\n")
             .collect()
     }
 
-    /// A path as the venue file means it: relative to its folder where it lies in it, else in full.
+    /// A path in the venue file: relative if it is inside the file's folder, else absolute.
     fn path(&self, path: &Path) -> String {
         let folder = self
             .out
@@ -125,7 +125,7 @@ impl VenueDraft<'_> {
     }
 }
 
-/// A text as TOML quotes it.
+/// A text as a TOML string.
 fn quoted(text: &str) -> String {
     Value::from(text).to_string()
 }

@@ -1,14 +1,11 @@
-//! Who listens to fusion beside its recording: the live page, and streams in the protocols of other programs.
+//! Outputs of fusion besides its recording: the live page, and streams in the protocols of other programs.
 //!
-//! Fusion knows neither; `farfield fusion` hands in what opens them. `farfield run` and `farfield demo` hand the same words on to
-//! the fusion that they start.
+//! Fusion knows neither; `farfield fusion` passes in a function that opens them. `farfield run` and `farfield demo`
+//! pass the same options on to the fusion that they start.
 
-pub(crate) mod address;
-mod drawn;
 mod names;
-mod names_tap;
 mod page;
-pub(crate) mod page_token;
+pub(crate) mod page_access;
 mod record_button;
 mod replayed;
 mod sheet;
@@ -32,47 +29,46 @@ use farfield_page::server::{HasKeys, Token};
 use farfield_proto::transport::Identity;
 use farfield_streams::StreamSpec;
 
-use self::address::page_address;
 use self::names::GivenNames;
-use self::names_tap::NamesTap;
+use self::names::NamesTap;
 use self::page::PageServer;
+use self::page_access::page_address;
 use self::replayed::ReplayListeners;
 use self::streams::RunningStreams;
 use self::thread::ServingThread;
 use crate::overlay::TickList;
 
-/// Who shall listen.
+/// The outputs to open.
 #[derive(Debug, Clone, Default, Args)]
 pub(crate) struct ListenerArgs {
     /// Serve the live page.
     ///
-    /// At <http://127.0.0.1:7460>, or at ADDRESS: an IP address and a port. Beyond this machine it is served with fusion's
-    /// certificate, and who opens it needs the token of the address that is printed.
+    /// At <http://127.0.0.1:7460>, or at ADDRESS: an IP address and a port. At an address that other machines can
+    /// reach, it uses fusion's certificate, and visitors need the token in the printed address.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, value_parser = page_address)]
     #[expect(
         clippy::option_option,
-        reason = "absent, without and with an address: how clap says it"
+        reason = "absent, without and with an address: clap's form"
     )]
     pub(crate) page: Option<Option<SocketAddr>>,
-    /// A name by which browsers call this machine, for the live page.
+    /// Host name that browsers use for this machine, for the live page.
     #[arg(long, value_name = "NAME", requires = "page", hide_short_help = true)]
     pub(crate) page_name: Vec<String>,
-    /// The token of the page of a node that is started; `None`: the node makes one.
+    /// The token of the page for a started node; `None`: the node creates one.
     #[arg(skip)]
     pub(crate) page_token: Option<Token>,
     /// Stream poses: qtm, vmc, websocket, lsl, ...
     ///
-    /// qtm, vmc, websocket, foxglove, zenoh, ros2, psn or lsl: by the protocol of that name, to this machine or to ADDRESS: an IP
-    /// address, with or without a port. Beyond this machine everybody who can reach it sees where people are: none of these
-    /// protocols is given keys. Streams of that NAME in the venue file (`[[stream]]`) are left out then. See `docs/streams.md`.
-    ///
-    /// As NAME, or NAME=ADDRESS.
+    /// NAME is a protocol: qtm, vmc, websocket, foxglove, zenoh, ros2, psn or lsl. NAME=ADDRESS sends to an IP address,
+    /// with or without a port; the default is this machine. These protocols have no keys: everybody who can reach the
+    /// stream sees where people are. It replaces streams of the same protocol in the venue file (`[[stream]]`). See
+    /// `docs/streams.md`.
     #[arg(long, value_name = "NAME")]
     pub(crate) stream: Vec<StreamSpec>,
 }
 
 impl ListenerArgs {
-    /// Refuses a page that cannot be served where it is asked for, before anything listens.
+    /// Refuses a page that cannot be served at its address, before anything listens.
     ///
     /// # Errors
     /// Names the option.
@@ -83,7 +79,7 @@ impl ListenerArgs {
         }
     }
 
-    /// The words of a command line that say the same.
+    /// The same options as words of a command line.
     pub(crate) fn words(&self) -> Vec<String> {
         let page = self.page.iter().map(|address| match address {
             Some(address) => format!("--page={address}"),
@@ -112,21 +108,22 @@ pub(crate) struct FusionCommandArgs {
 pub(crate) struct ReplayCommandArgs {
     #[command(flatten)]
     replay: ReplayArgs,
-    /// Draw skeletons over the pictures of these ticks.
+    /// Draw skeletons over the images of these ticks.
     ///
-    /// Numbers with commas between; without one, of the middle one. One picture per camera; a plain one where a camera's
-    /// recording is not there: a recording of ours holds no pictures, `--venue` says where they are.
+    /// Numbers separated by commas; without a value, the middle tick. One image per camera; a plain one if the
+    /// recording of a camera is missing. A Farfield recording contains no images: `--venue` sets the paths of the
+    /// camera recordings.
     #[arg(long, value_name = "TICKS", num_args = 0..=1, require_equals = true)]
     #[expect(
         clippy::option_option,
-        reason = "absent, without and with ticks: how clap says it"
+        reason = "absent, without and with ticks: clap's form"
     )]
     overlay: Option<Option<TickList>>,
     #[command(flatten)]
     listeners: ListenerArgs,
 }
 
-/// Solves a recording again, heard by its listeners.
+/// Computes a recording again, with its outputs.
 pub(crate) fn replay(args: ReplayCommandArgs) -> ExitCode {
     let (later, begun) = (Arc::new(OnceLock::new()), Arc::new(OnceLock::new()));
     let listeners = Box::new(ReplayListeners {
@@ -141,19 +138,19 @@ pub(crate) fn replay(args: ReplayCommandArgs) -> ExitCode {
         && let Err(error) = replayed::carry(&args.replay.file, out)
     {
         say(format_args!(
-            "names and edits of the recording are not carried: {error:#}"
+            "cannot transfer names and edits of the recording: {error:#}"
         ));
     }
-    if let (Some(asked), Some(solved)) = (args.overlay, begun.get())
+    if let (Some(requested), Some(solved)) = (args.overlay, begun.get())
         && code == ExitCode::SUCCESS
-        && let Err(error) = drawn::draw(asked, solved)
+        && let Err(error) = replayed::draw(requested, solved)
     {
         return exit_code(Err(error));
     }
     code
 }
 
-/// Runs a fusion node with its listeners.
+/// Runs a fusion node with its outputs.
 pub(crate) fn fusion(args: FusionCommandArgs) -> ExitCode {
     farfield_fusion::node::main_with(args.fusion, Box::new(args.listeners))
 }
@@ -165,12 +162,12 @@ impl OpenListeners for ListenerArgs {
 
     fn open(self: Box<Self>, run: RunAtItsStart<'_>) -> Opening<'_> {
         Box::pin(async move {
-            let asked = wanted::streams(run.venue, &self.stream).map_err(NodeError::refused)?;
-            // Those of the file are for what happens now.
-            let specs = if run.is_live { asked } else { self.stream };
+            let requested = wanted::streams(run.venue, &self.stream).map_err(NodeError::refused)?;
+            // Streams of the venue file are only for live runs.
+            let specs = if run.is_live { requested } else { self.stream };
             wanted::check_ros2(&specs, run.listens_at).map_err(NodeError::Refused)?;
             if self.page.is_none() && specs.is_empty() {
-                return names_alone(&run);
+                return names_only(&run);
             }
             let is_looked_at = self.page.is_some();
             let given = GivenNames::of_run(run.out, run.restarts.map(Path::to_owned));
@@ -178,27 +175,27 @@ impl OpenListeners for ListenerArgs {
                 .page
                 .map(|address| page::PageOfRun::of(&run, address, &given));
             let page = page.transpose()?;
-            let (names, token) = (self.page_name, page_token::of_this_node()?);
+            let (names, token) = (self.page_name, page_access::token_of_this_node()?);
             let facts = streams::facts(&run);
             let open = move || async move {
-                let (mut said, mut served) = (Vec::new(), Served::default());
+                let (mut lines, mut served) = (Vec::new(), Served::default());
                 if let Some(page) = page {
                     let (state, server) = page.serve(&names, token).await?;
-                    said.extend(server.said.iter().cloned());
+                    lines.extend(server.lines.iter().cloned());
                     served.page = Some(state);
                     served.server = Some(server);
                 }
                 if !specs.is_empty() {
-                    served.streams = Some(streams::start(&specs, facts, &mut said).await?);
+                    served.streams = Some(streams::start(&specs, facts, &mut lines).await?);
                 }
                 let streams = served.streams.as_ref().map(|it| Arc::clone(&it.streams));
                 let taps = (served.page.clone(), streams);
-                Ok(((said, taps), served))
+                Ok(((lines, taps), served))
             };
             let (opened, thread) = ServingThread::start(open, Served::close).await?;
-            let (said, (page, streams)) = opened;
+            let (lines, (page, streams)) = opened;
             if let Some(streams) = &streams {
-                given.tell_streams(streams);
+                given.attach_streams(streams);
             }
             let mut wiretaps: Vec<Arc<dyn Wiretap>> =
                 vec![Arc::new(NamesTap::start(run.venue, given)?)];
@@ -213,7 +210,7 @@ impl OpenListeners for ListenerArgs {
             }
             Ok(Listeners {
                 wiretaps,
-                notices: said,
+                notices: said: lines,
                 has_viewers: is_looked_at,
                 is_real_time: true,
             })
@@ -221,9 +218,9 @@ impl OpenListeners for ListenerArgs {
     }
 }
 
-/// Nobody listens, but names that an earlier fusion has left still go on, or are forgotten, with the ids; and people are called
-/// as the venue's subjects.
-fn names_alone(run: &RunAtItsStart<'_>) -> Result<Listeners, NodeError> {
+/// Without page and streams, names of an earlier fusion are still kept for people with the same ids, and people are
+/// named after the venue's subjects.
+fn names_only(run: &RunAtItsStart<'_>) -> Result<Listeners, NodeError> {
     let has_subjects = !run.venue.subjects.is_empty();
     let kept = run.restarts.filter(|kept| has_subjects || kept.exists());
     let given = (has_subjects || kept.is_some())
@@ -238,7 +235,7 @@ fn names_alone(run: &RunAtItsStart<'_>) -> Result<Listeners, NodeError> {
     })
 }
 
-/// What the serving thread keeps until the run is over.
+/// Everything that the serving thread owns until the end of the run.
 #[derive(Default)]
 struct Served {
     page: Option<Arc<PageState>>,
@@ -275,25 +272,25 @@ mod tests {
     }
 
     #[test]
-    fn what_a_run_hands_on_says_the_same() {
+    fn options_survive_being_passed_on() {
         for words in [
             &[][..],
             &["--page"],
             &["--page=10.0.0.1:7460", "--page-name=hall.local"],
             &["--stream=qtm", "--stream=vmc=10.0.0.9:39539"],
         ] {
-            let asked = parsed(words).unwrap();
-            let handed = asked.words();
-            let handed: Vec<&str> = handed.iter().map(String::as_str).collect();
-            let again = parsed(&handed).unwrap();
-            assert_eq!(again.page, asked.page);
-            assert_eq!(again.page_name, asked.page_name);
-            assert_eq!(again.stream, asked.stream);
+            let requested = parsed(words).unwrap();
+            let passed_on = requested.words();
+            let passed_on: Vec<&str> = passed_on.iter().map(String::as_str).collect();
+            let again = parsed(&passed_on).unwrap();
+            assert_eq!(again.page, requested.page);
+            assert_eq!(again.page_name, requested.page_name);
+            assert_eq!(again.stream, requested.stream);
         }
     }
 
     #[test]
-    fn a_stream_that_is_none_is_refused_by_name() {
+    fn an_unknown_stream_is_refused_by_name() {
         let refused = parsed(&["--stream=natnet"]).unwrap_err();
         assert_eq!(refused.exit_code(), 2);
         assert!(refused.to_string().contains("natnet"), "{refused}");

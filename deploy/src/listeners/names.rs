@@ -1,38 +1,44 @@
-//! What pages call people: kept beside the run and its recording, as `farfield people` and exports read it, and told at once to
-//! whoever listens.
+//! Names that pages give to people: stored next to the run and its recording, where `farfield people` and exports read
+//! them, and sent to pages and streams at once.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
-use std::time::SystemTime;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
 use farfield_export::EditsFile;
 use farfield_export::edits::change::check_name;
 use farfield_export::edits::{Change, EditList, Identities};
 use farfield_fusion::export::unfinished::write_whole_again;
+use farfield_fusion::node::{CopiedMessage, CopiedStep, Wiretap};
 use farfield_node::files::read_text_bounded;
-use farfield_node::process::say;
+use farfield_node::process::{NodeError, say};
 use farfield_page::{Action, ActionKind, PageActions, PageState};
-use farfield_proto::message::naming::Naming;
+use farfield_proto::key::Keys;
+use farfield_proto::message::naming::{Naming, NamingSet};
+use farfield_proto::venue::Venue;
+use farfield_proto::wire;
 use farfield_streams::Streams;
 
-use crate::exchange::people::time_of_day::now;
+use crate::exchange::people::now;
 
-/// Most people that are named.
+/// Limit for named people.
 const MAX_NAMES: usize = 1024;
-/// Most bytes that are read of the names that an earlier fusion has left.
+/// Limit for the file with names of an earlier fusion, bytes.
 const MOST_KEPT_BYTES: u64 = 1 << 20;
 
-/// By which it is seen that somebody else has edited: the length of the file, and when it was written.
+/// Detects edits by other programs: length of the file and time of its last change.
 type Stamp = (u64, SystemTime);
 
-/// What people of a run or recording are called.
+/// The names of the people of a run or recording.
 pub(super) struct GivenNames {
     known: Mutex<Known>,
-    /// Names that a fusion of the same venue finds when it is started again; `None`: nothing is kept for it.
+    /// File with names for a restarted fusion of the same venue; `None`: none is kept.
     kept: Option<PathBuf>,
     page: OnceLock<Weak<PageState>>,
     streams: OnceLock<Weak<Streams>>,
@@ -40,27 +46,27 @@ pub(super) struct GivenNames {
 
 struct Known {
     by_person: BTreeMap<u32, String>,
-    /// Who is whom, and what they are called: for streams, which show people as edits make them.
+    /// Merged and split people with their names: streams show people as edited.
     people: Identities,
-    /// How the first file was when it was read.
+    /// State of the first file when it was read.
     read: Option<Stamp>,
-    /// Beside the run, and beside its recording: the same names go to all.
+    /// Next to the run and to its recording: all get the same names.
     files: Vec<EditsFile>,
 }
 
 impl GivenNames {
-    /// Those of a run in the folder `out` that begins; a fusion that is started again finds them in `kept`.
+    /// Names of a run in the folder `out` that begins. A restarted fusion finds them in `kept`.
     pub(super) fn of_run(out: &Path, kept: Option<PathBuf>) -> Arc<Self> {
         let given = Self::new(vec![EditsFile::of_run(out)], kept);
-        // A run that solves a recording again begins with its edits.
-        given.look_again();
+        // A replay begins with the edits of its recording.
+        given.reload();
         given
     }
 
-    /// Those of a recording, with what stands beside it.
+    /// Names of a recording, with the edits next to it.
     ///
     /// # Errors
-    /// What of the edits beside it is wrong.
+    /// Invalid edits.
     pub(super) fn of_recording(path: &Path) -> anyhow::Result<Arc<Self>> {
         let file = EditsFile::of_recording(path);
         let (by_person, people) = named(&file)?;
@@ -86,19 +92,19 @@ impl GivenNames {
         })
     }
 
-    /// Tells `page` the names, now and whenever one changes.
-    pub(super) fn tell_page(&self, page: &Arc<PageState>) {
+    /// Sends the names to `page`, now and at every change.
+    pub(super) fn attach_page(&self, page: &Arc<PageState>) {
         self.page.get_or_init(|| Arc::downgrade(page));
-        self.tell(&self.known());
+        self.publish(&self.known());
     }
 
-    /// Tells `streams` the names, now and whenever one changes.
-    pub(super) fn tell_streams(&self, streams: &Arc<Streams>) {
+    /// Sends the names to `streams`, now and at every change.
+    pub(super) fn attach_streams(&self, streams: &Arc<Streams>) {
         self.streams.get_or_init(|| Arc::downgrade(streams));
-        self.tell(&self.known());
+        self.publish(&self.known());
     }
 
-    /// A recording begins at `path`: it has the names so far, and gets those that come; none where they cannot be written.
+    /// A recording begins at `path`: it gets all names so far and later ones, unless they cannot be written.
     pub(super) fn recording_begins(&self, path: &Path) {
         let mut known = self.known();
         let file = EditsFile::of_recording(path);
@@ -106,31 +112,31 @@ impl GivenNames {
         let written = named.try_for_each(|(person, name)| add(&file, *person, name));
         if let Err(error) = written {
             say(format_args!(
-                "names are not kept beside the recording: {error}"
+                "cannot store names next to the recording: {error}"
             ));
             return;
         }
-        // One at a time goes on: one that has ended has the names of those who were in it.
+        // Only one recording runs at a time; an ended one has the names of its people.
         known.files.truncate(1);
         known.files.push(file);
     }
 
-    /// People of the fusion before keep their ids, and so their names; all other names of then are forgotten.
+    /// People of the earlier fusion that keep their ids keep their names; all other names are discarded.
     pub(super) fn expected(&self, ids: &[u32]) {
         let Some(kept) = &self.kept else { return };
         let before = read_kept(kept).map_err(|error| {
             say(format_args!(
-                "names of who was here before are lost: {error:#}"
+                "names from before the restart are lost: {error:#}"
             ));
         });
         let mut names = before.clone().unwrap_or_default();
         names.retain(|person, _| ids.contains(person));
-        // Ids of the others mean other people from now on, also to a fusion that is started after this one.
+        // Other ids mean other people from now on, also to a fusion started after this one.
         if before.as_ref() != Ok(&names)
             && let Err(error) = keep(kept, &names)
         {
             say(format_args!(
-                "names of who was here before stay: {error}; remove the file"
+                "cannot remove names from before the restart: {error}; delete the file"
             ));
         }
         for (person, name) in names {
@@ -140,8 +146,8 @@ impl GivenNames {
         }
     }
 
-    /// Reads edits that another program has made meanwhile, `farfield people` say, and tells what they come to.
-    pub(super) fn look_again(&self) {
+    /// Reads edits by other programs such as `farfield people`, and publishes the result.
+    pub(super) fn reload(&self) {
         let mut known = self.known();
         let Some(path) = known.files.first().map(|file| file.path().to_owned()) else {
             return;
@@ -149,13 +155,13 @@ impl GivenNames {
         if stamp(&path) != known.read
             && let Err(error) = self.take_names(&mut known)
         {
-            // Until it is written again.
+            // Not again until the next change of the file.
             known.read = stamp(&path);
-            say(format_args!("edits are left as they were: {error}"));
+            say(format_args!("the last valid edits stay in use: {error}"));
         }
     }
 
-    /// Fusion takes a person for a subject of the venue; whom somebody has named, or whose name was taken back, stays as it is.
+    /// Fusion identified a person as a subject of the venue. A name set or removed by an operator stays.
     pub(super) fn guess(&self, naming: &Naming) {
         say(format_args!("{naming}"));
         let Some(name) = naming.name() else { return };
@@ -168,7 +174,7 @@ impl GivenNames {
             if let Err(error) = add_guess(file, person, name) {
                 let path = file.path().display();
                 say(format_args!(
-                    "{path} lacks the name of person {person}: {error}"
+                    "cannot write the name of person {person} to {path}: {error}"
                 ));
             }
         }
@@ -178,11 +184,11 @@ impl GivenNames {
     }
 
     fn known(&self) -> MutexGuard<'_, Known> {
-        // What a thread that died left is whole: a map and a list.
+        // A map and a list: valid also if a thread has panicked.
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Calls a person by a name, or by none.
+    /// Sets or removes the name of a person.
     fn name(&self, person: u32, name: &str) -> Result<(), String> {
         check_name(name)?;
         let mut known = self.known();
@@ -190,14 +196,14 @@ impl GivenNames {
         if is_new && !name.is_empty() && known.by_person.len() >= MAX_NAMES {
             return Err(format!("{MAX_NAMES} people have names already"));
         }
-        // What nobody could find again is not shown as if it were kept. The first file decides: a name that it has is given.
+        // A name that cannot be stored is not shown. The first file decides: a name in it is given.
         if let Some((first, others)) = known.files.split_first() {
             add(first, person, name)?;
             for file in others {
                 if let Err(error) = add(file, person, name) {
                     let path = file.path().display();
                     say(format_args!(
-                        "{path} lacks a name of person {person}: {error}"
+                        "cannot write the name of person {person} to {path}: {error}"
                     ));
                 }
             }
@@ -205,27 +211,27 @@ impl GivenNames {
         self.take_names(&mut known)
     }
 
-    /// Reads the names from the edits of the run, tells them and keeps them.
+    /// Reads the names from the edits of the run, publishes and keeps them.
     fn take_names(&self, known: &mut Known) -> Result<(), String> {
         if let Some(file) = known.files.first() {
-            // Before: what is written meanwhile is seen the next time.
+            // Read first, so that a change in the meantime is seen next time.
             let read = stamp(file.path());
             // Several ids may be one person by the edits.
             let (by_person, people) = named(file).map_err(|error| format!("{error:#}"))?;
             (known.by_person, known.people, known.read) = (by_person, people, read);
         }
-        self.tell(known);
+        self.publish(known);
         if let Some(kept) = &self.kept
             && let Err(error) = keep(kept, &known.by_person)
         {
             say(format_args!(
-                "names are not kept for a fusion that is started again: {error}"
+                "cannot keep names for a restarted fusion: {error}"
             ));
         }
         Ok(())
     }
 
-    fn tell(&self, known: &Known) {
+    fn publish(&self, known: &Known) {
         if let Some(page) = self.page.get().and_then(Weak::upgrade) {
             page.set_names(known.by_person.clone());
         }
@@ -243,12 +249,12 @@ impl PageActions for GivenNames {
     fn act(&self, action: &Action) -> Result<(), String> {
         match action {
             Action::NamePerson { person, name } => self.name(*person, name.trim()),
-            _ => Err("only a live run can be recorded from here".to_owned()),
+            _ => Err("only a live run can be recorded from the page".to_owned()),
         }
     }
 }
 
-/// What people are called in a run or recording with edits beside it, by the ids that are in it, and who they are.
+/// Names by the ids of a run or recording with edits, and the merged and split people.
 fn named(file: &EditsFile) -> anyhow::Result<(BTreeMap<u32, String>, Identities)> {
     let identities = file.read()?.identities(None);
     let identities = identities.map_err(|fault| fault.in_file(file.path()))?;
@@ -261,14 +267,14 @@ fn stamp(path: &Path) -> Option<Stamp> {
     Some((facts.len(), facts.modified().ok()?))
 }
 
-/// Adds a name to the edits; whom they call by another id by that.
+/// Adds a name to the edits. A merged person is named by its final id.
 fn add(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
     let change = |list: &EditList| {
         let identities = list.identities(None).map_err(|fault| fault.to_string())?;
         let whole = identities.whole(person);
         Ok(Change::Name {
             person: whole.ok_or_else(|| {
-                format!("person {person} was split or left out: `farfield people` names whom that has made")
+                format!("person {person} was split or removed: use `farfield people` to name the resulting people")
             })?,
             name: name.to_owned(),
         })
@@ -276,11 +282,11 @@ fn add(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
     let added = file.add(&now(), None, change);
     added.map(drop).map_err(|error| {
         let error = anyhow::Error::from(error);
-        format!("the name is not kept: {error:#}")
+        format!("cannot store the name: {error:#}")
     })
 }
 
-/// Adds what the body tells of a name, where nobody has said anything of that person's name, and no such edit was undone.
+/// Adds a name guessed from body proportions, unless an operator set that name before, or the same guess was undone.
 fn add_guess(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
     let list = file.read().map_err(|error| error.to_string())?;
     let identities = list.identities(None).map_err(|fault| fault.to_string())?;
@@ -289,7 +295,10 @@ fn add_guess(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
     };
     let is_settled = list.all().any(|(_, edit)| match &edit.change {
         Change::Name { person, .. } => *person == whole,
-        Change::Guess { person, name: told } => *person == whole && told == name,
+        Change::Guess {
+            person,
+            name: guessed,
+        } => *person == whole && guessed == name,
         _ => false,
     });
     if is_settled {
@@ -321,6 +330,90 @@ fn read_kept(path: &Path) -> anyhow::Result<BTreeMap<u32, String>> {
     serde_json::from_str(&text).with_context(reading)
 }
 
+/// Queue of naming sets that wait for the disk. A venue has at most two for each person, and few people per tick.
+const QUEUE: usize = 256;
+
+/// Interval of checks for edits by other programs.
+const RELOAD_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Passes events of the run on to its names. A separate thread writes files, as a wiretap must not wait.
+pub(super) struct NamesTap {
+    given: Arc<GivenNames>,
+    naming_key: String,
+    queue: Option<SyncSender<NamingSet>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl NamesTap {
+    /// For the names `given` in a run of `venue`.
+    ///
+    /// # Errors
+    /// When the system has no thread left.
+    pub(super) fn start(venue: &Venue, given: Arc<GivenNames>) -> Result<Self, NodeError> {
+        let (queue, namings) = sync_channel(QUEUE);
+        let names = Arc::clone(&given);
+        let thread = thread::Builder::new()
+            .name("names".to_owned())
+            .spawn(move || process(&names, &namings))
+            .context("starting the thread of names")
+            .map_err(NodeError::Failed)?;
+        Ok(Self {
+            given,
+            naming_key: Keys::new(&venue.name).naming(),
+            queue: Some(queue),
+            thread: Some(thread),
+        })
+    }
+}
+
+/// Runs until the end of the run.
+fn process(given: &GivenNames, namings: &Receiver<NamingSet>) {
+    loop {
+        match namings.recv_timeout(RELOAD_INTERVAL) {
+            Ok(set) => set.namings.iter().for_each(|naming| given.guess(naming)),
+            Err(RecvTimeoutError::Timeout) => given.reload(),
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
+    }
+}
+
+impl Drop for NamesTap {
+    /// Waits until all names are written.
+    fn drop(&mut self) {
+        drop(self.queue.take());
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread was printed already.
+            drop(thread.join());
+        }
+    }
+}
+
+impl Wiretap for NamesTap {
+    fn received(&self, _: CopiedMessage<'_>) {}
+
+    fn published(&self, message: CopiedMessage<'_>) {
+        // Fusion has just encoded it, so it can be decoded.
+        if message.key == self.naming_key
+            && let Ok(set) = wire::decode::<NamingSet>(message.bytes)
+            && let Some(queue) = &self.queue
+            && let Err(TrySendError::Full(set)) = queue.try_send(set)
+        {
+            let n = set.namings.len();
+            say(format_args!("the disk is too slow: {n} names are lost"));
+        }
+    }
+
+    fn decided(&self, _: CopiedStep<'_>) {}
+
+    fn recording_begins(&self, path: &Path) {
+        self.given.recording_begins(path);
+    }
+
+    fn expected(&self, ids: &[u32]) {
+        self.given.expected(ids);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use farfield_proto::id::PersonId;
@@ -340,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_stands_beside_the_run_and_a_recording_that_begins_later() {
+    fn names_are_stored_with_the_run_and_with_a_later_recording() {
         let folder = tempfile::tempdir().unwrap();
         let recording = folder.path().join("hall.mcap");
         let given = GivenNames::of_run(folder.path(), None);
@@ -352,7 +445,7 @@ mod tests {
         assert_eq!(names(&EditsFile::of_run(folder.path())), expected);
         assert_eq!(names(&EditsFile::of_recording(&recording)), expected);
         assert!(given.act(&named(4, "a\u{7}b")).is_err());
-        // Who looks at the recording sees them, and names on.
+        // A page of the recording shows them and can add more.
         let seen = GivenNames::of_recording(&recording).unwrap();
         seen.act(&named(5, "Cy")).unwrap();
         assert_eq!(names(&EditsFile::of_recording(&recording)).len(), 2);
@@ -374,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_given_by_hand_wins_over_one_that_the_body_tells_whichever_comes_first() {
+    fn a_name_set_by_hand_has_priority_over_a_guess() {
         let folder = tempfile::tempdir().unwrap();
         let file = EditsFile::of_run(folder.path());
         let given = GivenNames::of_run(folder.path(), None);
@@ -384,7 +477,7 @@ mod tests {
         given.act(&named(3, "Cy")).unwrap();
         given.guess(&naming(3, "Anna"));
         assert_eq!(names(&file)[&3], "Cy");
-        // Who is called nothing by hand has no name, and a guess that was undone does not come back.
+        // A person unnamed by hand has no name, and an undone guess does not return.
         given.act(&named(5, "Di")).unwrap();
         given.act(&named(5, "")).unwrap();
         given.guess(&naming(5, "Anna"));
@@ -392,7 +485,7 @@ mod tests {
             .unwrap();
         given.guess(&naming(4, "Bo"));
         assert_eq!(names(&file), BTreeMap::from([(3, "Cy".to_owned())]));
-        // Of two who are one by hand the name counts that somebody gave.
+        // Of two merged people the name set by hand has priority.
         given.guess(&naming(7, "Eve"));
         file.add("now", None, |_| Ok(Change::Merge { person: 3, into: 7 }))
             .unwrap();
@@ -400,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn what_another_program_edits_is_seen_when_it_is_looked_for() {
+    fn edits_by_other_programs_are_reloaded() {
         let folder = tempfile::tempdir().unwrap();
         let file = EditsFile::of_run(folder.path());
         let add = |change: Change| drop(file.add("now", None, |_| Ok(change)).unwrap());
@@ -411,17 +504,17 @@ mod tests {
         let given = GivenNames::of_run(folder.path(), None);
         assert_eq!(given.known().by_person[&3], "Anna");
         add(Change::Merge { person: 4, into: 3 });
-        given.look_again();
+        given.reload();
         assert_eq!(given.known().by_person[&4], "Anna");
         assert_eq!(given.known().people.person_at(0, 4), Some(3));
-        // What cannot be read leaves all as it was.
+        // An unreadable file changes nothing.
         fs::write(file.path(), "{\n").unwrap();
-        given.look_again();
+        given.reload();
         assert_eq!(given.known().by_person.len(), 2);
     }
 
     #[test]
-    fn a_name_that_cannot_be_kept_is_refused() {
+    fn a_name_that_cannot_be_stored_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let given = GivenNames::of_run(&folder.path().join("nowhere"), None);
         let refused = given.act(&named(3, "Anna")).unwrap_err();
@@ -433,7 +526,7 @@ mod tests {
     }
 
     #[test]
-    fn who_keeps_the_id_over_a_restart_keeps_the_name() {
+    fn people_who_keep_their_id_over_a_restart_keep_their_name() {
         let folder = tempfile::tempdir().unwrap();
         let kept = folder.path().join("hall.names.json");
         let runs = ["one", "two", "three"].map(|name| folder.path().join(name));
@@ -448,7 +541,7 @@ mod tests {
         again.expected(&[4, 5]);
         let expected = BTreeMap::from([(4, "Bo".to_owned())]);
         assert_eq!(names(&EditsFile::of_run(&runs[1])), expected);
-        // Where nobody is expected ids mean others.
+        // If no people are expected, the ids mean others.
         let anew = GivenNames::of_run(&runs[2], Some(kept));
         anew.act(&named(3, "Cy")).unwrap();
         let expected = BTreeMap::from([(3, "Cy".to_owned())]);
@@ -456,7 +549,7 @@ mod tests {
     }
 
     #[test]
-    fn names_of_an_earlier_session_are_forgotten_when_ids_begin_anew() {
+    fn names_of_an_earlier_session_are_discarded_when_ids_restart() {
         let folder = tempfile::tempdir().unwrap();
         let kept = folder.path().join("hall.names.json");
         let run = || GivenNames::of_run(folder.path(), Some(kept.clone()));
@@ -473,10 +566,10 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_the_run_has_is_given_whatever_becomes_of_the_other_files() {
+    fn a_name_stored_with_the_run_is_given_even_if_other_files_fail() {
         let folder = tempfile::tempdir().unwrap();
         let kept = folder.path().join("hall.names.json");
-        // Of a fusion that was killed while it wrote.
+        // Left by a fusion that was killed while writing.
         fs::write(
             folder
                 .path()

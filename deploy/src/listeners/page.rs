@@ -1,4 +1,4 @@
-//! The live page of a run, and of a recording.
+//! The live page of a run, and the page of a recording.
 
 use std::f64::consts::TAU;
 use std::net::SocketAddr;
@@ -27,14 +27,14 @@ use super::record_button::{self, Operator};
 use super::sheet;
 use super::thread::ServingThread;
 
-/// From which width on a range of motion is none, radians.
+/// A range of motion of at least this width is no limit, radians.
 const FULL_CIRCLE_RAD: f64 = TAU - 1e-3;
 
-/// The option of a run that says where its page is, up to the address.
+/// The option for the address of a run's page.
 pub(super) const PAGE: &str = "--page=";
 
-/// Refuses an address of a run's page (`None`: the usual one) at which it cannot be served, before anything listens; `names` are those
-/// by which browsers call this machine.
+/// Refuses an address of a run's page (`None`: the default) at which it cannot be served, before anything listens.
+/// `names` are the host names that browsers use for this machine.
 ///
 /// # Errors
 /// Names the option.
@@ -44,15 +44,15 @@ pub(super) fn check_reach(
     keys: HasKeys,
 ) -> Result<(), NodeError> {
     let address = address.unwrap_or_else(|| ServerOptions::default().address);
-    server::check_reach(address, names, keys).map_err(|error| told(error, PAGE))
+    server::check_reach(address, names, keys).map_err(|error| with_option(error, PAGE))
 }
 
-/// What the operator is told, who says by `option` where a page is.
-fn told(error: ServerError, option: &str) -> NodeError {
+/// The error with the command line option that sets the address.
+fn with_option(error: ServerError, option: &str) -> NodeError {
     match error {
-        // What holds the port may let go of it; a service is started again.
+        // The port may become free later; a service is restarted.
         ServerError::Listen { address, .. } => NodeError::Failed(anyhow!(
-            "{error}: end what listens there, or serve the page elsewhere ({option}127.0.0.1:{})",
+            "{error}: end the program that listens there, or use another address ({option}127.0.0.1:{})",
             address.port().wrapping_add(1)
         )),
         ServerError::NoKeys { address } => {
@@ -65,20 +65,20 @@ fn told(error: ServerError, option: &str) -> NodeError {
     }
 }
 
-/// A page that is served until this is let go of.
+/// A page that is served until this value is dropped.
 pub(super) struct PageServer {
-    /// What the operator is told of it, a line each.
-    pub(super) said: Vec<String>,
+    /// Lines to print for the operator.
+    pub(super) lines: Vec<String>,
     tasks: TaskTracker,
     stop: DropGuard,
 }
 
 impl PageServer {
-    /// Serves `state` at `address` (`None`: the usual one), to browsers that call this machine by one of `names`; `option` is by what
-    /// the operator says where, up to the address. Without a token it has a new one.
+    /// Serves `state` at `address` (`None`: the default), to browsers that use one of `names` for this machine.
+    /// `option` is the command line option of the address. Without a token it creates one.
     ///
     /// # Errors
-    /// Keys that are missing or wrong, an address that cannot be had.
+    /// Missing or wrong keys, an address that cannot be used.
     pub(super) async fn start(
         state: Arc<PageState>,
         (option, address): (&str, Option<SocketAddr>),
@@ -95,22 +95,22 @@ impl PageServer {
             token,
         };
         let server = Server::bind(state, options).await;
-        let server = server.map_err(|error| told(error, option))?;
+        let server = server.map_err(|error| with_option(error, option))?;
         let url = server.url();
-        let mut said = vec![format!("the live page: {url}")];
+        let mut lines = vec![format!("the live page: {url}")];
         if !is_local && let Some(code) = terminal_code(&url) {
-            said.extend(code.lines().map(str::to_owned));
+            lines.extend(code.lines().map(str::to_owned));
         }
         let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
         tasks.spawn(server.serve(stop.clone()));
         Ok(Self {
-            said,
+            lines,
             tasks,
             stop: stop.drop_guard(),
         })
     }
 
-    /// Tells those who look that it is over, and waits until they have left.
+    /// Ends all connections and waits until they are closed.
     pub(super) async fn stop(self) {
         drop(self.stop);
         self.tasks.close();
@@ -127,7 +127,7 @@ pub(super) struct PageOfRun {
 }
 
 impl PageOfRun {
-    /// Reads the keys, and starts what is fed.
+    /// Reads the keys and starts the state of the page.
     pub(super) fn of(
         run: &RunAtItsStart<'_>,
         address: Option<SocketAddr>,
@@ -147,7 +147,7 @@ impl PageOfRun {
             ..PageOptions::default()
         };
         let mut venue = run.venue.clone();
-        // Edges send pictures in live runs alone.
+        // Edges send images only in live runs.
         venue.security.pictures &= run.is_live;
         let state = if run.replays.is_some() {
             PageState::replay(venue, skeleton, options)
@@ -157,7 +157,7 @@ impl PageOfRun {
         let state = state
             .context("starting the page's thread")
             .map_err(NodeError::Failed)?;
-        names.tell_page(&state);
+        names.attach_page(&state);
         let keys = run.identity.map(keys).transpose();
         Ok(Self {
             state,
@@ -167,7 +167,7 @@ impl PageOfRun {
         })
     }
 
-    /// Serves it to browsers that call this machine by one of `names`. Without a token it has a new one.
+    /// Serves the page to browsers that use one of `names` for this machine. Without a token it creates one.
     pub(super) async fn serve(
         self,
         names: &[String],
@@ -177,15 +177,15 @@ impl PageOfRun {
         let secrets = (self.keys, token);
         let server = PageServer::start(self.state, (PAGE, self.address), names, secrets).await?;
         if let Some(recordings) = self.recordings {
-            let told = record_button::tell(recordings, Arc::downgrade(&state));
+            let report = record_button::report_state(recordings, Arc::downgrade(&state));
             let until = server.stop.token().clone();
-            server.tasks.spawn(until.run_until_cancelled_owned(told));
+            server.tasks.spawn(until.run_until_cancelled_owned(report));
         }
         Ok((state, server))
     }
 }
 
-/// Gives the page what passes.
+/// Passes messages of fusion to the page.
 pub(super) struct PageTap {
     state: Arc<PageState>,
     /// The key of fusion's own status.
@@ -205,7 +205,7 @@ impl PageTap {
 
 impl Wiretap for PageTap {
     fn received(&self, message: CopiedMessage<'_>) {
-        // What fusion says itself is shown when it is said, and comes back to it.
+        // Fusion's own status was shown when it was published, and is received again.
         if message.key != self.own_status {
             self.published(message);
         }
@@ -227,7 +227,7 @@ impl Wiretap for PageTap {
     }
 }
 
-/// The bodies of poses, for the page: names of joints, keypoints and angles, what hangs from what.
+/// The skeleton for the page: names of joints, keypoints and angles, and the tree of joints.
 pub(super) fn page_skeleton(venue: &Venue, keypoints: &KeypointSet) -> Skeleton {
     let joints = Joint::ALL.map(|joint| {
         let parent = joint.parent().map(Joint::index);
@@ -239,7 +239,7 @@ pub(super) fn page_skeleton(venue: &Venue, keypoints: &KeypointSet) -> Skeleton 
         .then(|| RangeOfMotion::new(parameters.factor));
     let angles = ANGLE_NAMES.iter().enumerate().map(|(index, name)| {
         let range = ranges.as_ref().map(|ranges| ranges.reported_range(index));
-        // Of the root, and of what goes all around, ranges are where the number begins again.
+        // Ranges of the root, and full circles, are only where a number wraps around.
         let is_joint = index >= FIRST_JOINT_ANGLE;
         let range = range.filter(|(lo, hi)| is_joint && hi - lo < FULL_CIRCLE_RAD);
         Angle {
@@ -255,7 +255,7 @@ pub(super) fn page_skeleton(venue: &Venue, keypoints: &KeypointSet) -> Skeleton 
     Skeleton::of_tree(joints, keypoints.names().to_vec(), angles.collect())
 }
 
-/// Fusion's certificate and key, as the page needs them.
+/// Fusion's certificate and key, in the form for the page.
 fn keys(identity: &Identity) -> anyhow::Result<Keys> {
     let read = |path: &std::path::Path| {
         std::fs::read(path).with_context(|| format!("reading {}", path.display()))

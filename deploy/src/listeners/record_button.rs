@@ -1,4 +1,4 @@
-//! Recordings that pages start and stop, and what pages are told of them.
+//! Recordings that pages start and stop, and their state on pages.
 
 use std::sync::{Arc, Weak};
 use std::time::Duration;
@@ -9,10 +9,10 @@ use farfield_page::{Action, ActionKind, PageActions, PageState};
 use tokio::task::spawn_blocking;
 use tokio::time::interval;
 
-/// How often pages are told how it stands.
-const TELL_EVERY: Duration = Duration::from_millis(500);
+/// Interval of state updates for pages.
+const REPORT_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Does what pages ask for: names by `names`, recordings by who records the run.
+/// Executes the actions of pages: names and recordings.
 pub(super) struct Operator {
     pub(super) names: Arc<dyn PageActions>,
     pub(super) recordings: Arc<RecordingsOnDemand>,
@@ -35,14 +35,14 @@ impl PageActions for Operator {
     }
 }
 
-/// Task: tells `page` how it stands with recordings, for as long as there is a page.
-pub(super) async fn tell(recordings: Arc<RecordingsOnDemand>, page: Weak<PageState>) {
-    let mut due = interval(TELL_EVERY);
+/// Task: sends the state of recordings to `page` as long as the page exists.
+pub(super) async fn report_state(recordings: Arc<RecordingsOnDemand>, page: Weak<PageState>) {
+    let mut due = interval(REPORT_INTERVAL);
     loop {
         due.tick().await;
-        // A disk that hangs must not hold the page up.
-        let asked = Arc::clone(&recordings);
-        let Ok(now) = spawn_blocking(move || asked.now()).await else {
+        // A blocking thread, so that a disk that hangs does not delay the page.
+        let recordings = Arc::clone(&recordings);
+        let Ok(now) = spawn_blocking(move || recordings.now()).await else {
             return;
         };
         let Some(page) = page.upgrade() else { return };
@@ -86,11 +86,11 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_is_told_by_name_while_it_runs_and_by_place_when_it_is_whole() {
-        let told = state(&recording());
-        assert!(told.running);
-        assert_eq!(told.text, "hall_2026-03-01_18-30-05.mcap");
-        assert_eq!((told.since_us, told.bytes), (Some(7), Some(1024)));
+    fn a_running_recording_is_shown_by_name_and_a_finished_one_by_path() {
+        let running = state(&recording());
+        assert!(running.running);
+        assert_eq!(running.text, "hall_2026-03-01_18-30-05.mcap");
+        assert_eq!((running.since_us, running.bytes), (Some(7), Some(1024)));
         let whole = state(&RecordingOnDemand {
             is_running: false,
             ..recording()
@@ -99,18 +99,18 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_and_what_failed_is_said() {
+    fn lost_messages_and_failures_are_shown() {
         let lossy = state(&RecordingOnDemand {
             lost: 3,
             ..recording()
         });
-        assert!(lossy.text.contains("lacks 3 messages"), "{}", lossy.text);
+        assert!(lossy.text.contains("3 messages"), "{}", lossy.text);
         let failed = state(&RecordingOnDemand {
             is_running: false,
             failure: Some("the disk is full".to_owned()),
             ..recording()
         });
-        // The page makes an alarm of it by its first word.
+        // The page raises an alarm by the first word.
         assert_eq!(failed.text, "failed: the disk is full");
     }
 }

@@ -1,9 +1,10 @@
-//! Names and edits of a recording that is solved again, in the folder of the new run.
+//! Replays: names and edits of the recording move to the folder of the new run, and `--overlay` draws the results.
 //!
-//! Where ids mean the same people they are there before the first tick; else those that still mean somebody are made when all is
-//! solved, by who is where when.
+//! If ids mean the same people, edits are copied before the first tick. Otherwise those that can be matched by the
+//! positions of people are added after the last tick.
 
-use std::collections::BTreeMap;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -19,38 +20,40 @@ use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::export::unfinished::write_whole;
 use farfield_fusion::node::{OpenListeners, Opening, ReplayedRecording, RunAtItsStart};
 use farfield_node::process::{NodeError, say};
+use farfield_proto::tick::Tick;
 use farfield_proto::toml_file::FileError;
 use farfield_proto::transport::Identity;
+use farfield_proto::venue::Venue;
+use farfield_sim::simulated::VenueSources;
 use nalgebra::Vector3;
 
 use super::ListenerArgs;
-use super::address::check_own_machine;
-use super::drawn::Solved;
 use super::page::PAGE;
-use crate::exchange::people::time_of_day::now;
+use super::page_access::check_own_machine;
+use crate::exchange::people::now;
 use crate::exchange::place::POSES;
 use crate::exchange::recorded::RecordedRun;
-use crate::overlay::{TickList, overlay_ticks};
+use crate::overlay::{TickList, background, draw_poses, overlay, overlay_ticks, with_people};
 
-/// The bodies of each tick.
+/// Ids and positions per tick.
 type Bodies = BTreeMap<i64, Vec<Place>>;
 
-/// What is still to be carried when all is solved: where to.
+/// The target of edits that are transferred after the last tick.
 type Later = Arc<OnceLock<PathBuf>>;
 
-/// Listeners of a replay, who see to the edits of the recording first.
+/// Outputs of a replay; they copy the edits of the recording first.
 pub(super) struct ReplayListeners {
     pub(super) listeners: ListenerArgs,
     pub(super) later: Later,
-    /// What is solved, once that has begun.
+    /// The replay, once it has begun.
     pub(super) begun: Arc<OnceLock<Solved>>,
-    /// The ticks that are to be drawn when all is solved, where they are named.
+    /// The ticks to draw at the end, if listed.
     pub(super) drawn: Option<TickList>,
 }
 
 impl OpenListeners for ReplayListeners {
     fn check(&self, _identity: Option<&Identity>) -> Result<(), NodeError> {
-        // Keys are those of a run.
+        // A replay has no keys.
         match self.listeners.page.flatten() {
             Some(address) => {
                 check_own_machine(PAGE, address, "a replay").map_err(NodeError::Refused)
@@ -80,10 +83,10 @@ impl OpenListeners for ReplayListeners {
     }
 }
 
-/// Copies the edits of a recording to the run in `out`, where its ids are the same; whether there is nothing left to do.
+/// Copies the edits of a recording to the run in `out` if the ids are the same. Returns whether nothing is left to do.
 ///
 /// # Errors
-/// What of the edits is wrong, or cannot be written.
+/// Invalid edits, or a file that cannot be written.
 fn take_over(replayed: &ReplayedRecording<'_>, out: &Path) -> anyhow::Result<bool> {
     let from = EditsFile::of_recording(replayed.file);
     let list = from.read()?;
@@ -97,7 +100,7 @@ fn take_over(replayed: &ReplayedRecording<'_>, out: &Path) -> anyhow::Result<boo
     }
     let to = EditsFile::of_run(out);
     let lines = list.all().map(|(number, edit)| (number, edit.line()));
-    // Undos name edits by their lines.
+    // Undo edits refer to line numbers, so all lines keep theirs.
     let mut text = String::new();
     let mut next = 1;
     for (number, line) in lines {
@@ -113,10 +116,10 @@ fn take_over(replayed: &ReplayedRecording<'_>, out: &Path) -> anyhow::Result<boo
     Ok(true)
 }
 
-/// Makes those edits of the recording `file` in the run of `out` that still mean somebody, and says which do not.
+/// Adds the edits of the recording `file` to the run in `out` as far as their people are found, and prints the others.
 ///
 /// # Errors
-/// What cannot be read or written.
+/// A file cannot be read or written.
 pub(super) fn carry(file: &Path, out: &Path) -> anyhow::Result<()> {
     let from = EditsFile::of_recording(file);
     let list: EditList = from.read()?;
@@ -134,17 +137,17 @@ pub(super) fn carry(file: &Path, out: &Path) -> anyhow::Result<()> {
         let n = changes.len();
         to.add_all(&now(), None, |_| Ok(changes))?;
         say(format_args!(
-            "{}: {n} edits of the recording, by who is where",
+            "{}: {n} edits of the recording, matched by positions",
             to.path().display(),
         ));
     }
     for left in left {
-        say(format_args!("not carried: {left}"));
+        say(format_args!("not transferred: {left}"));
     }
     Ok(())
 }
 
-/// Who is where in the poses of a recording.
+/// Ids and positions in the poses of a recording.
 fn recorded(file: &Path) -> anyhow::Result<Bodies> {
     let mut bodies = Bodies::new();
     RecordedRun::open(file)?.poses(&mut |poses| {
@@ -158,7 +161,7 @@ fn recorded(file: &Path) -> anyhow::Result<Bodies> {
     Ok(bodies)
 }
 
-/// Who is where in the poses of a run.
+/// Ids and positions in the poses of a run.
 fn solved(poses: &Path) -> anyhow::Result<Bodies> {
     let reading = || anyhow!("reading {}", poses.display());
     let file = File::open(poses).with_context(reading)?;
@@ -170,4 +173,69 @@ fn solved(poses: &Path) -> anyhow::Result<Bodies> {
         Ok::<_, FileError>(())
     })?;
     Ok(bodies)
+}
+
+/// A recording that is computed again.
+pub(super) struct Solved {
+    /// The venue of the results.
+    pub(super) venue: Venue,
+    /// The results folder.
+    pub(super) out: PathBuf,
+    /// The first and the last tick.
+    pub(super) ticks: [Tick; 2],
+}
+
+/// Draws the results.
+///
+/// # Errors
+/// [`NodeError::Refused`] for ticks outside the replay, [`NodeError::Failed`] when an image cannot be written.
+pub(super) fn draw(requested: Option<TickList>, solved: &Solved) -> Result<(), NodeError> {
+    let Solved { venue, out, ticks } = solved;
+    let poses = out.join(POSES);
+    let span = span(&poses).map_err(NodeError::Failed)?;
+    let Some(with_poses) = span else {
+        say(format_args!(
+            "`--overlay`: no person was detected, so there is nothing to draw"
+        ));
+        return Ok(());
+    };
+    let [first, last] = if requested.is_some() {
+        *ticks
+    } else {
+        with_poses
+    };
+    let ticks = overlay_ticks(requested, &(first..last + 1)).map_err(NodeError::Refused)?;
+    let sources = VenueSources::default();
+    let missing = RefCell::new(BTreeSet::new());
+    draw_poses((venue, &ticks, &poses), out, |camera, tick, persons| {
+        Ok(
+            overlay(&sources, venue, camera, tick, persons).unwrap_or_else(|_| {
+                missing.borrow_mut().insert(camera.model.name().to_owned());
+                with_people(background(None, &camera.model), &camera.model, persons)
+            }),
+        )
+    })
+    .map_err(NodeError::Failed)?;
+    let missing: Vec<String> = missing.into_inner().into_iter().collect();
+    if !missing.is_empty() {
+        say(format_args!(
+            "the recordings of {} are not at the paths of the venue file: drawn without images (set other paths with `--venue VENUE.toml`)",
+            missing.join(", ")
+        ));
+    }
+    Ok(())
+}
+
+/// The first and the last tick of the poses in a file; `None` without poses.
+fn span(poses: &Path) -> anyhow::Result<Option<[Tick; 2]>> {
+    let reading = || format!("reading {}", poses.display());
+    let file = File::open(poses).with_context(reading)?;
+    let mut span: Option<[Tick; 2]> = None;
+    for_each_line(BufReader::new(file), poses, |text, number| {
+        let tick = Tick(PoseLine::parse(text, poses, number)?.tick);
+        let [first, last] = span.unwrap_or([tick; 2]);
+        span = Some([first.min(tick), last.max(tick)]);
+        Ok::<_, FileError>(())
+    })?;
+    Ok(span)
 }

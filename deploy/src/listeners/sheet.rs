@@ -1,4 +1,5 @@
-//! The sheet of the calibration that a run uses, for the page: found beside it, and held against it. Read once, at the start.
+//! The sheet of the calibration that a run uses, for the page. It is read once at the start and compared with the
+//! calibration.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,13 +10,13 @@ use farfield_proto::venue::Venue;
 
 use crate::sheet_fingerprint;
 
-/// Largest sheet, bytes: of 64 cameras and a football field it is a tenth of that.
+/// Largest sheet, bytes; a sheet of 64 cameras and a football field has a tenth of that.
 const MAX_SHEET_BYTES: u64 = 8 << 20;
-/// What a sheet begins with.
+/// First bytes of a sheet.
 const HTML: &[u8] = b"<!doctype html>";
 
-/// What the page says of the calibration of `venue`. A recording, whose calibration is in it, may have its sheet beside it, or in the
-/// folder of its venue.
+/// The calibration of `venue` as the page shows it. A recording contains its calibration; its sheet may be next to it,
+/// or in the folder of its venue.
 pub(super) fn of_venue(venue: &Venue) -> ShownCalibration {
     let path = &venue.calibration_path;
     let recording = path.parent().filter(|folder| folder.is_file());
@@ -33,7 +34,7 @@ pub(super) fn of_venue(venue: &Venue) -> ShownCalibration {
             Err(problem) => problems.push(format!("{problem:#}")),
         }
     }
-    // Of a recording only the sheet that says that it is of its calibration: what else lies there may be of anything.
+    // For a recording only a sheet with the right fingerprint counts: other sheets nearby may belong to anything.
     if recording.is_some() {
         sheets.retain(|sheet| sheet.is_of_this == Some(true));
     }
@@ -48,15 +49,15 @@ pub(super) fn of_venue(venue: &Venue) -> ShownCalibration {
     }
 }
 
-/// The same of a recording whose sheet is said to be at `path`.
+/// The same for a recording with a given sheet.
 ///
 /// # Errors
-/// When it cannot be read, or is of another calibration.
+/// When the sheet cannot be read, or belongs to another calibration.
 pub(super) fn given(path: &Path, venue: &Venue) -> anyhow::Result<ShownCalibration> {
     let sheet = read(path, venue)?;
     ensure!(
         sheet.is_of_this != Some(false),
-        "--sheet: {}: found the sheet of another calibration ({}), expected one of that in the recording ({})",
+        "--sheet: {}: found the sheet of another calibration ({}), expected the sheet of the calibration in the recording ({})",
         path.display(),
         sheet.fingerprint.unwrap_or_default(),
         venue.hashes.calibration
@@ -84,7 +85,7 @@ fn read(path: &Path, venue: &Venue) -> anyhow::Result<CalibrationSheet> {
         "{}: found no HTML page, expected the sheet that `farfield calibrate` writes",
         shown()
     );
-    let fingerprint = sheet_fingerprint::of_sheet(&html).map(str::to_owned);
+    let fingerprint = sheet_fingerprint::read(&html).map(str::to_owned);
     let file = path.file_name().unwrap_or_default();
     Ok(CalibrationSheet {
         is_of_this: fingerprint
@@ -96,23 +97,23 @@ fn read(path: &Path, venue: &Venue) -> anyhow::Result<CalibrationSheet> {
     })
 }
 
-/// What the operator is told.
+/// Text for the operator.
 fn text(sheet: Option<&CalibrationSheet>, problems: &[String], recording: Option<&Path>) -> String {
     match sheet {
         Some(sheet) => match sheet.is_of_this {
-            Some(true) => "The sheet is of the calibration that is used.".to_owned(),
-            Some(false) => "The sheet is of ANOTHER calibration: the file was changed or replaced after the sheet was made. `farfield \
-                calibrate` makes both together; do not judge this run by it."
+            Some(true) => "The sheet belongs to the calibration in use.".to_owned(),
+            Some(false) => "The sheet belongs to ANOTHER calibration: the file was changed or replaced after the sheet was made. `farfield \
+                calibrate` writes both together; do not judge this run by this sheet."
                 .to_owned(),
-            None => "Whether the sheet is of the calibration that is used cannot be told: it was made by an older Farfield, or by hand."
+            None => "The sheet has no fingerprint, so it may belong to another calibration: it was made by an older Farfield, or by hand."
                 .to_owned(),
         },
         None if !problems.is_empty() => format!("The sheet cannot be shown: {}", problems.join("; ")),
-        None if recording.is_some() => "No sheet of the calibration in this recording was found: looked for calibration.html beside it \
-            and in its folder venue. `farfield view RECORDING --sheet FILE` says where it is."
+        None if recording.is_some() => "No sheet of the calibration in this recording was found: expected calibration.html next to it \
+            or in its folder venue. Set another path with `farfield view RECORDING --sheet FILE`."
             .to_owned(),
-        None => "There is no sheet beside the calibration. `farfield calibrate points`, `people` or `all` writes one with each \
-            calibration; one that came from elsewhere has none."
+        None => "There is no sheet next to the calibration. `farfield calibrate points`, `people` or `all` writes one with each \
+            calibration; calibrations of other programs have none."
             .to_owned(),
     }
 }
@@ -121,7 +122,7 @@ fn text(sheet: Option<&CalibrationSheet>, problems: &[String], recording: Option
 mod tests {
     use super::*;
 
-    /// The venue of the sample, with its calibration called `path`.
+    /// The sample venue with `path` as its calibration.
     fn venue(path: &Path) -> Venue {
         let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("venue.sample.toml");
         let mut venue = farfield_node::files::load_venue(&sample).unwrap();
@@ -136,39 +137,32 @@ mod tests {
     }
 
     #[test]
-    fn the_sheet_beside_the_calibration_is_held_against_it() {
+    fn the_sheet_of_the_venue_is_compared_with_its_calibration() {
         let folder = tempfile::tempdir().unwrap();
         let venue = venue(&folder.path().join("hall.toml"));
         let shown = of_venue(&venue);
         assert_eq!((shown.file.as_str(), &shown.sheet), ("hall.toml", &None));
         assert!(shown.text.contains("farfield calibrate"), "{}", shown.text);
         let hash = &venue.hashes.calibration;
-        for (html, is_of_this, told) in [
-            (sheet_of(hash), Some(true), "is used"),
-            (sheet_of("0123456789abcdef"), Some(false), "ANOTHER"),
-            (
-                "<!DOCTYPE html><h1>old</h1>".to_owned(),
-                None,
-                "cannot be told",
-            ),
+        for (html, is_of_this) in [
+            (sheet_of(hash), Some(true)),
+            (sheet_of("0123456789abcdef"), Some(false)),
+            ("<!DOCTYPE html><h1>old</h1>".to_owned(), None),
         ] {
             fs::write(folder.path().join("hall.html"), html).unwrap();
             let shown = of_venue(&venue);
             assert_eq!(shown.sheet.unwrap().is_of_this, is_of_this);
-            assert!(shown.text.contains(told), "{}", shown.text);
+            let is_warned = shown.text.contains("ANOTHER");
+            assert_eq!(is_warned, is_of_this == Some(false), "{}", shown.text);
         }
         fs::write(folder.path().join("hall.html"), "no page").unwrap();
         let shown = of_venue(&venue);
         assert_eq!(shown.sheet, None);
-        assert!(
-            shown.text.contains("hall.html: found no HTML page"),
-            "{}",
-            shown.text
-        );
+        assert!(shown.text.contains("hall.html: "), "{}", shown.text);
     }
 
     #[test]
-    fn beside_a_recording_only_the_sheet_of_its_calibration_is_taken() {
+    fn a_recording_takes_only_the_sheet_of_its_calibration() {
         let folder = tempfile::tempdir().unwrap();
         let recording = folder.path().join("hall.mcap");
         fs::write(&recording, "a recording").unwrap();
@@ -187,11 +181,7 @@ mod tests {
         assert_eq!(of_venue(&venue).sheet.unwrap().is_of_this, Some(true));
         assert!(given(&right, &venue).unwrap().sheet.is_some());
         let wrong = given(&folder.path().join("calibration.html"), &venue);
-        assert!(
-            wrong
-                .unwrap_err()
-                .to_string()
-                .contains("of another calibration")
-        );
+        let error = wrong.unwrap_err().to_string();
+        assert!(error.contains(&venue.hashes.calibration), "{error}");
     }
 }

@@ -18,10 +18,10 @@ use tracing::warn;
 
 use super::thread::ServingThread;
 
-/// How often what went wrong with streams is logged.
-const TELL_EVERY: Duration = Duration::from_secs(5);
+/// Interval of log messages on stream failures.
+const LOG_INTERVAL: Duration = Duration::from_secs(5);
 
-/// What streams say of where poses come from.
+/// Facts on the venue that streams send.
 pub(super) fn facts(run: &RunAtItsStart<'_>) -> VenueFacts {
     VenueFacts {
         venue: run.venue.name.clone(),
@@ -36,18 +36,18 @@ pub(super) fn facts(run: &RunAtItsStart<'_>) -> VenueFacts {
     }
 }
 
-/// Starts the streams of a run; what the operator is told of them goes to `said`.
+/// Starts the streams of a run; adds a line for the operator on each to `lines`.
 ///
 /// # Errors
-/// The first whose address cannot be had.
+/// The first stream whose address cannot be used.
 pub(super) async fn start(
     specs: &[StreamSpec],
     facts: VenueFacts,
-    said: &mut Vec<String>,
+    lines: &mut Vec<String>,
 ) -> Result<RunningStreams, NodeError> {
     let streams = Streams::start(specs, facts).await;
     let streams = streams.map_err(|error| match error {
-        // What holds the port may let go of it; a service is started again.
+        // The port may become free later; a service is restarted.
         StreamError::Open { .. } => NodeError::failed(error),
         StreamError::Twice(_) => NodeError::refused(error),
     })?;
@@ -58,18 +58,18 @@ pub(super) async fn start(
             "goes to"
         };
         let open = if stream.spec.leaves_this_machine() {
-            ": whoever can reach it sees where people are, it has no keys"
+            "; it has no keys: everybody who can reach it sees where people are"
         } else {
             ""
         };
         let (name, address) = (stream.spec.kind.name(), stream.address);
-        said.push(format!("stream {name} {what} {address}{open}"));
+        lines.push(format!("stream {name} {what} {address}{open}"));
     }
     let streams = Arc::new(streams);
     let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
-    let (until, told) = (stop.clone(), Arc::clone(&streams));
+    let (until, observed) = (stop.clone(), Arc::clone(&streams));
     tasks.spawn(async move {
-        until.run_until_cancelled(tell_of_failures(&told)).await;
+        until.run_until_cancelled(log_failures(&observed)).await;
     });
     Ok(RunningStreams {
         streams,
@@ -78,7 +78,7 @@ pub(super) async fn start(
     })
 }
 
-/// Streams, and who tells of their failures.
+/// Running streams with the task that logs their failures.
 pub(super) struct RunningStreams {
     pub(super) streams: Arc<Streams>,
     tasks: TaskTracker,
@@ -86,7 +86,7 @@ pub(super) struct RunningStreams {
 }
 
 impl RunningStreams {
-    /// Says goodbye to clients, where the tap has let go of the streams; else they end without.
+    /// Closes the connections to clients if the tap has dropped the streams; otherwise they end without a goodbye.
     pub(super) async fn stop(self) {
         self.stop.cancel();
         self.tasks.close();
@@ -97,16 +97,16 @@ impl RunningStreams {
     }
 }
 
-/// Task: logs what goes wrong with streams.
-async fn tell_of_failures(streams: &Streams) {
-    let mut told: Vec<u64> = Vec::new();
+/// Task: logs failures of streams.
+async fn log_failures(streams: &Streams) {
+    let mut logged: Vec<u64> = Vec::new();
     loop {
-        sleep(TELL_EVERY).await;
+        sleep(LOG_INTERVAL).await;
         let report = streams.report();
-        told.resize(report.len(), 0);
-        for (stream, told) in report.iter().zip(&mut told) {
-            if stream.failed > *told {
-                *told = stream.failed;
+        logged.resize(report.len(), 0);
+        for (stream, logged) in report.iter().zip(&mut logged) {
+            if stream.failed > *logged {
+                *logged = stream.failed;
                 let why = stream.last_error.as_deref().unwrap_or_default();
                 warn!(
                     stream = stream.spec.kind.name(),
@@ -118,7 +118,7 @@ async fn tell_of_failures(streams: &Streams) {
     }
 }
 
-/// Gives the streams what fusion publishes of people.
+/// Passes the poses that fusion publishes to the streams.
 pub(super) struct StreamTap {
     streams: Arc<Streams>,
     pose_key: String,
@@ -139,7 +139,7 @@ impl Wiretap for StreamTap {
     fn received(&self, _: CopiedMessage<'_>) {}
 
     fn published(&self, message: CopiedMessage<'_>) {
-        // What fusion encoded a moment ago can be read again.
+        // Fusion has just encoded it, so it can be decoded.
         if message.key == self.pose_key
             && let Ok(poses) = wire::decode::<PoseSet>(message.bytes)
         {

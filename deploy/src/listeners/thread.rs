@@ -1,4 +1,4 @@
-//! The thread that pages and streams are served on: none of their work is done by the threads that carry fusion's messages.
+//! The thread that serves pages and streams; threads with fusion's messages do none of this work.
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -9,7 +9,7 @@ use tokio::runtime::Builder;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
-/// A thread with a runtime of its own, which ends when this is let go of.
+/// A thread with its own runtime, which ends when this value is dropped.
 #[derive(Debug)]
 pub(super) struct ServingThread {
     stop: CancellationToken,
@@ -17,10 +17,10 @@ pub(super) struct ServingThread {
 }
 
 impl ServingThread {
-    /// Runs `open` on a new thread, and what it has opened until this is let go of; then `close`.
+    /// Runs `open` on a new thread and keeps the result open until this value is dropped; then runs `close`.
     ///
     /// # Errors
-    /// What `open` says; when the system gives no thread.
+    /// The error of `open`; no thread available.
     pub(super) async fn start<T, K, Open, Close>(
         open: impl FnOnce() -> Open + Send + 'static,
         close: impl FnOnce(K) -> Close + Send + 'static,
@@ -31,23 +31,23 @@ impl ServingThread {
         Close: Future<Output = ()>,
     {
         let stop = CancellationToken::new();
-        let (told, opened) = oneshot::channel();
+        let (sender, opened) = oneshot::channel();
         let until = stop.clone();
         let serve = move || {
             let runtime = Builder::new_current_thread().enable_all().build();
             let runtime = match runtime.context("starting the runtime of page and streams") {
                 Ok(runtime) => runtime,
                 Err(error) => {
-                    drop(told.send(Err(NodeError::Failed(error))));
+                    drop(sender.send(Err(NodeError::Failed(error))));
                     return;
                 }
             };
             runtime.block_on(async move {
                 match open().await {
-                    Err(error) => drop(told.send(Err(error))),
+                    Err(error) => drop(sender.send(Err(error))),
                     Ok((opened, kept)) => {
-                        // Where nobody waits for it any more, it is over at once.
-                        if told.send(Ok(opened)).is_ok() {
+                        // Without a receiver it ends at once.
+                        if sender.send(Ok(opened)).is_ok() {
                             until.cancelled().await;
                         }
                         close(kept).await;
@@ -74,7 +74,7 @@ impl Drop for ServingThread {
     fn drop(&mut self) {
         self.stop.cancel();
         if let Some(thread) = self.thread.take() {
-            // A thread that panicked has said so; each task of it ends within two seconds.
+            // A panic of the thread was printed already; its tasks end within two seconds.
             drop(thread.join());
         }
     }

@@ -1,4 +1,4 @@
-//! `farfield view RECORDING`: a recording on the page, to look at what happened and when.
+//! `farfield view RECORDING`: shows a recording on the page.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -18,13 +18,13 @@ use farfield_page::{PageActions, PageOptions, PageState, RecordedMessages};
 use farfield_proto::id::SessionId;
 use farfield_proto::tick::Micros;
 
-use super::address::{check_own_machine, page_address};
 use super::names::GivenNames;
 use super::page::{PageServer, page_skeleton};
+use super::page_access::{check_own_machine, page_address};
 use super::sheet;
 use crate::signals::Signals;
 
-/// The option that says where its page is, up to the address.
+/// The option for the address of the page.
 const AT: &str = "--at ";
 
 /// Arguments of `farfield view`.
@@ -32,14 +32,15 @@ const AT: &str = "--at ";
 pub(crate) struct ViewArgs {
     /// The recording, an MCAP file.
     recording: PathBuf,
-    /// Where the page is served, on this machine alone.
+    /// Address of the page, on this machine only.
     ///
-    /// An address of the loopback and a port; default: 127.0.0.1:7460.
+    /// A loopback address and a port; default: 127.0.0.1:7460.
     #[arg(long, value_name = "ADDRESS", value_parser = page_address)]
     at: Option<SocketAddr>,
-    /// The sheet of the recording's calibration, as `farfield calibrate` wrote it.
+    /// The sheet of the recording's calibration, written by `farfield calibrate`.
     ///
-    /// Default: calibration.html beside the recording, or in the folder venue beside it, where it is of that calibration.
+    /// Default: calibration.html next to the recording or in the folder `venue` next to it, if it belongs to that
+    /// calibration.
     #[arg(long, value_name = "FILE")]
     sheet: Option<PathBuf>,
 }
@@ -57,21 +58,21 @@ fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
     let path = &args.recording;
     let state = state(path, args.sheet.as_deref()).map_err(NodeError::Refused)?;
     farfield_node::runtime::block_on(2, async {
-        let mut signals = Signals::listen()
-            .context("listening for signals")
+        let mut signals = Signals::catch()
+            .context("catching signals")
             .map_err(NodeError::Failed)?;
         let server = PageServer::start(state, (AT, args.at), &[], (None, None)).await?;
-        for line in &server.said {
+        for line in &server.lines {
             say(format_args!("{line}"));
         }
-        say(format_args!("until Ctrl-C"));
+        say(format_args!("press Ctrl-C to stop"));
         signals.next().await;
         server.stop().await;
         Ok(Ending::Done)
     })
 }
 
-/// What the page shows of the recording at `path`.
+/// The state of the page of the recording at `path`.
 fn state(path: &Path, given_sheet: Option<&Path>) -> anyhow::Result<Arc<PageState>> {
     let shown = path.display();
     let file = open_recording(path)?;
@@ -100,11 +101,11 @@ fn state(path: &Path, given_sheet: Option<&Path>) -> anyhow::Result<Arc<PageStat
     };
     let state = PageState::recording(venue, skeleton, Box::new(recorded), options);
     let state = state.context("starting the page's thread")?;
-    names.tell_page(&state);
+    names.attach_page(&state);
     Ok(state)
 }
 
-/// A recording as the page reads it.
+/// A recording in the form for the page.
 struct Recorded {
     messages: MessagesInTime<BufReader<File>>,
     span_us: [Micros; 2],

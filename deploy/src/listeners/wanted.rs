@@ -1,4 +1,4 @@
-//! Which streams a run has: those of its venue file, and those of the command line in place of them.
+//! The streams of a run: those of its venue file and those of the command line.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 
@@ -10,13 +10,13 @@ use farfield_streams::{StreamKind, StreamSpec};
 
 use crate::report_lines::ReportLines;
 
-/// The group of the lines of `farfield check`.
 const STREAMS: &str = "streams";
 
-/// The streams of a run of `venue` whose command line says `given`: one there stands for all of its protocol in the file.
+/// The streams of a run of `venue` with `given` on the command line. A given stream replaces all streams of its
+/// protocol in the file.
 ///
 /// # Errors
-/// The first of the file that is none, with line and field; also one that `given` stands for.
+/// The first invalid stream of the file, with line and field; also one that `given` replaces.
 pub(crate) fn streams(venue: &Venue, given: &[StreamSpec]) -> Result<Vec<StreamSpec>, FileError> {
     let mut wanted = Vec::new();
     for stream in &venue.streams {
@@ -40,20 +40,20 @@ pub(crate) fn streams(venue: &Venue, given: &[StreamSpec]) -> Result<Vec<StreamS
     Ok(wanted)
 }
 
-/// Refuses to look for the router of ROS 2 where fusion itself listens, at `listens_at` (Zenoh's endpoints): the messages would go into
-/// its own session, and ROS 2 get none.
+/// Refuses the ROS 2 stream if fusion itself listens at the address of the ROS 2 router (`listens_at`: Zenoh
+/// endpoints): messages would go to fusion's own session, and ROS 2 would get none.
 ///
 /// # Errors
-/// What is there, and what else to say.
+/// Names the address and the remedies.
 pub(crate) fn check_ros2(specs: &[StreamSpec], listens_at: &[String]) -> anyhow::Result<()> {
     let is_by_tcp = |at: &&String| matches!(endpoint::scheme(at), "tcp" | "tls");
     let by_tcp = listens_at.iter().filter(is_by_tcp);
     for listening in by_tcp.flat_map(|at| addresses(at)) {
         if let Some(spec) = specs.iter().find(|it| it.takes_for_its_own(listening)) {
             bail!(
-                "stream `ros2`: found fusion itself at {}, expected the router of ROS 2; let the router listen at another port and say so \
+                "stream `ros2`: found fusion itself at {}, expected the router of ROS 2; let the router listen on another port and set it \
                  (ZENOH_CONFIG_OVERRIDE='listen/endpoints=[\"tcp/[::]:7449\"]' ros2 run rmw_zenoh_cpp rmw_zenohd, --stream ros2={}:7449), \
-                 or let fusion listen elsewhere (--listen)",
+                 or let fusion listen on another endpoint (--listen)",
                 spec.address,
                 spec.address.ip()
             );
@@ -62,7 +62,7 @@ pub(crate) fn check_ros2(specs: &[StreamSpec], listens_at: &[String]) -> anyhow:
     Ok(())
 }
 
-/// The addresses of an endpoint whose host is one, or this machine by its name: which of the two that is the system says.
+/// The addresses of an endpoint whose host is an IP address or `localhost`, which can mean IPv4 or IPv6.
 fn addresses(endpoint: &str) -> Vec<SocketAddr> {
     let Some(port) = endpoint::port(endpoint) else {
         return Vec::new();
@@ -76,8 +76,8 @@ fn addresses(endpoint: &str) -> Vec<SocketAddr> {
         .collect()
 }
 
-/// Says which streams a run of `venue` has.
-pub(crate) fn look_at_streams(venue: &Venue, report: &mut ReportLines) {
+/// Reports the streams of a run of `venue`.
+pub(crate) fn check_streams(venue: &Venue, report: &mut ReportLines) {
     let wanted = match streams(venue, &[]) {
         Ok(wanted) => wanted,
         Err(error) => {
@@ -97,8 +97,8 @@ pub(crate) fn look_at_streams(venue: &Venue, report: &mut ReportLines) {
         if spec.leaves_this_machine() {
             report.warn(
                 STREAMS,
-                format!("{name}: {what} {address}: whoever can reach it sees where people are, it has no keys"),
-                "without `address` it keeps to this machine",
+                format!("{name}: {what} {address}; it has no keys: everybody who can reach it sees where people are"),
+                "without `address` it stays on this machine",
             );
         } else {
             report.ok(STREAMS, format!("{name}: {what} {address}"));
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn the_command_line_stands_for_all_of_its_protocol_in_the_file() {
+    fn the_command_line_replaces_streams_of_the_same_protocol() {
         let venue = venue(
             "[[stream]]\nto = \"vmc\"\n[[stream]]\nto = \"vmc\"\naddress = \"10.0.0.9\"\n[[stream]]\nto = \"qtm\"",
         );
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_stream_is_refused_with_file_line_and_field() {
+    fn an_invalid_stream_is_refused_with_file_line_and_field() {
         for (text, expected) in [
             (
                 "to = \"natnet\"",
@@ -153,11 +153,11 @@ mod tests {
             ),
         ] {
             let venue = venue(&format!("[[stream]]\n{text}"));
-            let told = streams(&venue, &[]).unwrap_err().to_string();
-            assert!(told.contains("venue.sample.toml:"), "{told}");
-            assert!(told.contains(expected), "{told}");
+            let error = streams(&venue, &[]).unwrap_err().to_string();
+            assert!(error.contains("venue.sample.toml:"), "{error}");
+            assert!(error.contains(expected), "{error}");
             let mut report = ReportLines::default();
-            look_at_streams(&venue, &mut report);
+            check_streams(&venue, &mut report);
             assert_eq!(report.lines()[0].verdict, Verdict::Failed);
         }
     }
@@ -167,7 +167,7 @@ mod tests {
         let venue =
             venue("[[stream]]\nto = \"vmc\"\n[[stream]]\nto = \"vmc\"\naddress = \"10.0.0.9\"");
         let mut report = ReportLines::default();
-        look_at_streams(&venue, &mut report);
+        check_streams(&venue, &mut report);
         let verdicts = report.lines().iter().map(|line| line.verdict);
         assert_eq!(
             verdicts.collect::<Vec<_>>(),
@@ -176,15 +176,13 @@ mod tests {
     }
 
     #[test]
-    fn the_router_of_ros_2_is_not_looked_for_where_fusion_listens() {
+    fn the_ros_2_stream_is_refused_where_fusion_listens() {
         let check = |specs: &[&str], at: &str| check_ros2(&read(specs), &[at.to_owned()]);
-        let told = check(&["qtm", "ros2"], "tcp/127.0.0.1:7447").unwrap_err();
-        assert!(
-            told.to_string().contains("--stream ros2=127.0.0.1:7449"),
-            "{told}"
-        );
+        let error = check(&["qtm", "ros2"], "tcp/127.0.0.1:7447").unwrap_err();
+        let error = error.to_string();
+        assert!(error.contains("--stream ros2=127.0.0.1:7449"), "{error}");
         assert!(check(&["ros2"], "tcp/0.0.0.0:7447?x=1").is_err());
-        // By UDP nobody else is kept from that port.
+        // UDP does not block that port.
         assert!(check(&["ros2"], "quic/0.0.0.0:7447").is_ok());
         assert!(check(&["ros2=127.0.0.1:7449"], "tcp/0.0.0.0:7447").is_ok());
     }
