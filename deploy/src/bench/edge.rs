@@ -1,4 +1,4 @@
-//! `farfield bench edge`: how many people an edge on this machine carries, and at which rate.
+//! `farfield bench edge`: how many people an edge can track on this machine, and at which rate.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -13,17 +13,17 @@ use farfield_proto::venue::Venue;
 use farfield_sim::embedded;
 use serde::Serialize;
 
-use super::beside_network::BesideNetwork;
+use super::other_work::OtherWork;
 use crate::doctor::{measured_workers, people_at};
 use crate::output;
 
-/// Rates that are told beside that of a venue, ticks per second.
+/// Rates that are reported in addition to that of a venue, ticks per second.
 const RATES_HZ: [f64; 3] = [60.0, 30.0, 15.0];
 
-/// What `farfield bench edge` is told.
+/// Arguments of `farfield bench edge`.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct BenchEdgeArgs {
-    /// The venue file, whose network is measured; without one that of the demo.
+    /// The venue file whose network is measured; default: the network of the demo.
     #[arg(value_name = "VENUE")]
     venue: Option<PathBuf>,
     /// Print JSON instead of a table.
@@ -31,7 +31,7 @@ pub(crate) struct BenchEdgeArgs {
     pub(crate) json: bool,
 }
 
-/// What came out.
+/// The results.
 #[derive(Debug, Serialize)]
 struct EdgeReport {
     /// The library that runs the network.
@@ -39,9 +39,10 @@ struct EdgeReport {
     /// The network's card.
     network: String,
     workers: Vec<Workers>,
-    /// With the last number of workers: people of one viewpoint by rate.
+    /// With the last number of workers: people of one viewpoint, by rate.
     people: Vec<PeopleAtRate>,
-    beside: BesideNetwork,
+    #[serde(rename = "beside")]
+    other_work: OtherWork,
 }
 
 #[derive(Debug, Serialize)]
@@ -50,14 +51,14 @@ struct PeopleAtRate {
     people: u32,
 }
 
-/// Measures, and prints what came out.
+/// Measures, and prints the results.
 ///
 /// # Errors
 /// When the venue has no network, it cannot be run, or the result cannot be printed.
 pub(crate) fn bench_edge(args: &BenchEdgeArgs) -> Result<(), NodeError> {
     let report = match &args.venue {
-        None => of_the_demo()?,
-        Some(path) => of_venue(path)?,
+        None => measure_demo()?,
+        Some(path) => measure_venue(path)?,
     };
     let text = if args.json {
         serde_json::to_string_pretty(&report).map_err(NodeError::failed)? + "\n"
@@ -67,19 +68,19 @@ pub(crate) fn bench_edge(args: &BenchEdgeArgs) -> Result<(), NodeError> {
     output::print(&text).map_err(NodeError::Failed)
 }
 
-fn of_venue(path: &Path) -> Result<EdgeReport, NodeError> {
+fn measure_venue(path: &Path) -> Result<EdgeReport, NodeError> {
     let venue = load_venue(path).map_err(NodeError::refused)?;
     let card = venue.network.as_deref().ok_or_else(|| {
         NodeError::Refused(anyhow!(
-            "{}: found no `network`, expected one: no source of it gives pictures",
+            "{}: found no `network`, expected one: none of its sources has images",
             path.display()
         ))
     })?;
     measured(card, card.display().to_string(), Some(&venue))
 }
 
-fn of_the_demo() -> Result<EdgeReport, NodeError> {
-    let folder = tempfile::tempdir().context("making a temporary folder");
+fn measure_demo() -> Result<EdgeReport, NodeError> {
+    let folder = tempfile::tempdir().context("creating a temporary folder");
     let folder = folder.map_err(NodeError::Failed)?;
     let network = embedded::write_network(folder.path()).map_err(NodeError::failed)?;
     let card = folder.path().join(network);
@@ -90,7 +91,7 @@ fn measured(card: &Path, network: String, venue: Option<&Venue>) -> Result<EdgeR
     let backend = InferenceBackend::start(BackendChoice::Best).map_err(NodeError::failed)?;
     let found = measured_workers(card).map_err(NodeError::failed)?;
     let read = OnnxKeypointNetwork::load(card).map_err(NodeError::failed)?;
-    let beside = BesideNetwork::measured(read.card(), venue).map_err(NodeError::refused)?;
+    let other_work = OtherWork::measured(read.card(), venue).map_err(NodeError::refused)?;
     let crops_per_s = found.last().map_or(0.0, |best| best.crops_per_s);
     let own_hz = venue.map(|venue| venue.rate_hz);
     let other_hz = RATES_HZ
@@ -108,7 +109,7 @@ fn measured(card: &Path, network: String, venue: Option<&Venue>) -> Result<EdgeR
         network,
         people: people.collect(),
         workers: found,
-        beside,
+        other_work,
     })
 }
 
@@ -123,6 +124,6 @@ impl fmt::Display for EdgeReport {
         for row in &self.people {
             writeln!(f, "{:>7}  {:>6}", row.rate_hz, row.people)?;
         }
-        write!(f, "{}", self.beside)
+        write!(f, "{}", self.other_work)
     }
 }

@@ -1,4 +1,4 @@
-//! The steps of fusion over recorded ticks, timed.
+//! Times the steps of fusion over recorded ticks.
 
 use anyhow::Context as _;
 use farfield_fusion::pipeline::Stage;
@@ -6,20 +6,19 @@ use farfield_proto::order_statistics::{mean_median, percentile};
 use rayon::ThreadPoolBuilder;
 
 use super::report::{BenchRun, StageMedian};
-use super::stopwatch::Stopwatch;
-use super::ticks::{BenchTick, BenchTicks};
+use super::ticks::{BenchTick, BenchTicks, Stopwatch};
 
-/// Ticks at the start of a round that are not measured: people are being found.
+/// Ticks at the start of a round that are not measured: people are not yet confirmed.
 pub(super) const LEFT_OUT: usize = 30;
-/// Ticks that are measured at least, in as many rounds as that takes: three lie above the 99th percentile.
+/// Minimum number of measured ticks over all rounds: then three are above the 99th percentile.
 const AT_LEAST: usize = 300;
-/// Rounds at least: what disturbs a tick in two of them is not at its median.
+/// Minimum number of rounds: a disturbance of a tick in two of them does not affect its median.
 const FEWEST_ROUNDS: usize = 5;
 
-/// How long ticks and their stages took.
+/// Times of ticks and their stages.
 #[derive(Default)]
 struct Times {
-    /// By tick that is measured, a time of each round, milliseconds.
+    /// By measured tick: the time in each round, milliseconds.
     ticks_ms: Vec<Vec<f64>>,
     /// Microseconds.
     stages_us: [Vec<f64>; Stage::ALL.len()],
@@ -31,11 +30,11 @@ struct Times {
     most_tracked: usize,
 }
 
-/// Times fusion on `threads` threads over `ticks`, of so many `viewpoints` and, where that is known, `people`. `None` when
-/// there are no more ticks than are left out.
+/// Times fusion on `threads` threads over `ticks`, with so many `viewpoints` and, if known, `people`. `None` if there
+/// are no more ticks than [`LEFT_OUT`].
 ///
 /// # Errors
-/// When the threads do not start, or a tick cannot be read.
+/// When the threads cannot be started, or a tick cannot be read.
 pub(super) fn measure(
     ticks: &mut dyn BenchTicks,
     viewpoints: usize,
@@ -46,7 +45,7 @@ pub(super) fn measure(
     let pool = pool.with_context(|| format!("starting {threads} threads"))?;
     let mut times = Times::default();
     pool.install(|| {
-        while times.is_to_go_on() {
+        while times.needs_more_rounds() {
             times.round(ticks)?;
         }
         anyhow::Ok(())
@@ -59,13 +58,13 @@ pub(super) fn measure(
 }
 
 impl Times {
-    fn is_to_go_on(&self) -> bool {
+    fn needs_more_rounds(&self) -> bool {
         let measured = self.rounds * self.ticks_ms.len();
         self.rounds == 0
             || !self.ticks_ms.is_empty() && (self.rounds < FEWEST_ROUNDS || measured < AT_LEAST)
     }
 
-    /// Steps once through all ticks with a fresh fusion.
+    /// Steps once through all ticks with a new fusion.
     fn round(&mut self, ticks: &mut dyn BenchTicks) -> anyhow::Result<()> {
         ticks.rewind()?;
         let mut watch = Stopwatch::new();
@@ -125,7 +124,7 @@ impl Times {
         }
     }
 
-    /// What keeping for whether the cameras agree took of all time.
+    /// Share of the time that data for the agreement of the cameras took.
     fn agreement_share(&self) -> f64 {
         let sum_us = |stage: Stage| self.stages_us[stage as usize].iter().sum::<f64>();
         let all_us: f64 = Stage::ALL.iter().map(|&stage| sum_us(stage)).sum();
@@ -134,7 +133,7 @@ impl Times {
     }
 }
 
-/// Sorts `times` on the way.
+/// Sorts `times`.
 fn median(times: &mut [f64]) -> f64 {
     times.sort_by(f64::total_cmp);
     mean_median(times).unwrap_or_default()

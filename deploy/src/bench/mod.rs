@@ -1,16 +1,14 @@
-//! `farfield bench`: how many people and viewpoints fusion carries on this machine, and at which rate.
+//! `farfield bench`: how many people and viewpoints fusion can track on this machine, and at which rate.
 //!
-//! What is measured is the whole step of fusion's core: the patches and sightings of a tick in; poses, boxes and
-//! events out, ticks with detection passes among them. Network, disk and simulator are not in the number: a
-//! venue is recorded in memory before ([`RecordedVenue`]), and stepped over again; of a recording a tick is read before
-//! its time begins.
+//! It measures the whole step of fusion's core, with patches and sightings of a tick as input, and poses, boxes and
+//! events as output; ticks with detection passes are included. Network, disk and simulator are excluded: a venue is
+//! recorded in memory first ([`RecordedVenue`]), and a tick of a recording is read before its time begins.
 
-mod beside_network;
 mod edge;
 mod measure;
+mod other_work;
 mod report;
 mod scaling;
-mod stopwatch;
 mod ticks;
 
 use std::io::{IsTerminal as _, stderr};
@@ -32,24 +30,24 @@ use self::report::BenchReport;
 use self::ticks::CrowdTicks;
 use crate::output;
 
-/// What is measured when no size is asked for: viewpoints, people.
+/// Default sizes: viewpoints, people.
 const SIZES: [(usize, usize); 3] = [(4, 5), (4, 8), (12, 22)];
-/// Fewest ticks of a recording: a second is measured, so that a detection pass is among them.
+/// Fewest ticks of a recording: one second is measured, so that it contains a detection pass.
 const FEWEST_TICKS: usize = LEFT_OUT + RATE_HZ as usize;
-/// Most ticks of a recording: all of its patches are kept in memory.
+/// Most ticks of a recording: all its patches are in memory.
 const MOST_TICKS: usize = 3600;
 /// Most threads.
 const MOST_THREADS: usize = 256;
 
-/// What `farfield bench` is told.
+/// Arguments of `farfield bench`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(args_conflicts_with_subcommands = true, disable_help_subcommand = true)]
 pub(crate) struct BenchArgs {
     #[command(subcommand)]
     of: Option<BenchOf>,
-    /// A recording of your own (.mcap) instead of simulated crowds.
+    /// A recording (.mcap) instead of simulated people.
     ///
-    /// As `--record` leaves it; what its ticks cost on this machine.
+    /// Written by `--record`; measures the time of its ticks on this machine.
     #[arg(value_name = "RECORDING", conflicts_with_all = ["viewpoints", "people", "ticks", "lossless", "scaling"])]
     recording: Option<PathBuf>,
     /// Viewpoints of one camera each, 2 to 64.
@@ -60,24 +58,24 @@ pub(crate) struct BenchArgs {
     /// People, 1 to 200.
     #[arg(long, value_name = "P", requires = "viewpoints", value_parser = people)]
     people: Option<usize>,
-    /// Threads that fusion computes on.
+    /// Number of threads of fusion.
     ///
     /// Default: one, then one per core.
     #[arg(long, value_name = "N", value_parser = threads)]
     threads: Option<usize>,
-    /// Ticks at 60 Hz that are gone over.
+    /// Number of ticks at 60 Hz.
     ///
     /// The first 30 are not measured.
     #[arg(long, value_name = "N", default_value = "180", value_parser = ticks)]
     ticks: usize,
-    /// Patches without loss.
+    /// Lossless patches.
     ///
-    /// Instead of at the compression level that a live link starts with.
+    /// Instead of the initial compression level of a live link.
     #[arg(long)]
     lossless: bool,
-    /// Measure many sizes, and draw them into this SVG file.
+    /// Measure many sizes and plot them into this SVG file.
     ///
-    /// From 4 x 5 to 28 x 30: what a tick costs over viewpoints x people.
+    /// From 4 x 5 to 28 x 30: time per tick over viewpoints x people.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["viewpoints", "people"])]
     scaling: Option<PathBuf>,
     /// Print JSON instead of tables.
@@ -85,16 +83,15 @@ pub(crate) struct BenchArgs {
     json: bool,
 }
 
-/// What is measured instead of fusion.
+/// Other measurements.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub(crate) enum BenchOf {
-    /// Measure how many people an edge carries here: the network, by the number of workers.
+    /// Measure how many people an edge can track: its network, by number of workers.
     #[command(after_help = "Example: farfield bench edge hall.toml")]
     Edge(BenchEdgeArgs),
 }
 
 impl BenchArgs {
-    /// Whether JSON is printed.
     pub(crate) fn is_json(&self) -> bool {
         match &self.of {
             Some(BenchOf::Edge(args)) => args.json,
@@ -103,7 +100,7 @@ impl BenchArgs {
     }
 }
 
-/// Measures, and prints what came out.
+/// Measures, and prints the results.
 ///
 /// # Errors
 /// When a venue cannot be recorded, no thread starts, or the result cannot be printed.
@@ -130,7 +127,7 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<(), NodeError> {
         .map_err(NodeError::Failed)
 }
 
-/// What the ticks of a recording cost.
+/// Measures the ticks of a recording.
 fn recording_measured(args: &BenchArgs, file: &Path) -> Result<BenchReport, NodeError> {
     let replayed = ReplayArgs {
         file: file.to_owned(),
@@ -155,8 +152,8 @@ fn recording_measured(args: &BenchArgs, file: &Path) -> Result<BenchReport, Node
         let measured = measure(&mut run, viewpoints, None, threads).map_err(NodeError::Failed)?;
         let measured = measured.ok_or_else(|| {
             NodeError::Refused(anyhow!(
-                "{}: found at most {LEFT_OUT} ticks, expected more: the first {LEFT_OUT} are not measured, people are being \
-                 found then",
+                "{}: found at most {LEFT_OUT} ticks, expected more: the first {LEFT_OUT} are not measured, as people are not yet \
+                 confirmed",
                 file.display()
             ))
         })?;
@@ -191,7 +188,7 @@ fn crowds_measured(args: &BenchArgs) -> anyhow::Result<BenchReport> {
             say(format_args!(
                 "{viewpoints} viewpoints x {people} people: measuring, threads: {threads}"
             ));
-            let mut ticks = CrowdTicks::of(&venue);
+            let mut ticks = CrowdTicks::new(&venue);
             let measured = measure(&mut ticks, viewpoints, Some(people), threads)?;
             report.runs.extend(measured);
         }
@@ -204,8 +201,8 @@ fn crowds_measured(args: &BenchArgs) -> anyhow::Result<BenchReport> {
 
 impl BenchArgs {
     fn sizes(&self) -> Vec<VenueSize> {
-        let asked = self.viewpoints.zip(self.people);
-        let sizes = match asked {
+        let requested = self.viewpoints.zip(self.people);
+        let sizes = match requested {
             Some(size) => vec![size],
             None if self.scaling.is_some() => scaling::SIZES.to_vec(),
             None => SIZES.to_vec(),
@@ -223,7 +220,7 @@ impl BenchArgs {
     }
 }
 
-/// A bar on a terminal, nothing elsewhere.
+/// A bar on a terminal, otherwise nothing.
 fn progress(ticks: usize) -> ProgressBar {
     if !stderr().is_terminal() {
         return ProgressBar::hidden();
@@ -237,7 +234,7 @@ fn progress(ticks: usize) -> ProgressBar {
 
 fn viewpoints(text: &str) -> Result<usize, String> {
     count(text, [2, MAX_CAMERAS])
-        .map_err(|e| format!("{e}: one alone does not know how far away anybody is"))
+        .map_err(|e| format!("{e}: a single viewpoint cannot measure distances"))
 }
 
 fn people(text: &str) -> Result<usize, String> {
@@ -280,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_size_three_are_measured_on_one_thread_and_on_all() {
+    fn by_default_three_sizes_are_measured_on_one_and_all_threads() {
         let args = parsed("").unwrap();
         let sizes = args.sizes().into_iter().map(|s| (s.viewpoints, s.people));
         assert_eq!(sizes.collect::<Vec<_>>(), SIZES);
@@ -293,9 +290,9 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_measured_is_refused() {
+    fn invalid_sizes_are_refused() {
         refused("--viewpoints 4 --people 0", "a whole number from 1 to 200");
-        refused("--viewpoints 1 --people 5", "from 2 to 64: one alone");
+        refused("--viewpoints 1 --people 5", "from 2 to 64: a single");
         refused("--viewpoints 65 --people 5", "from 2 to 64");
         refused("--viewpoints four --people 5", "from 2 to 64");
         refused("--viewpoints 4", "--people");
@@ -307,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_venue_is_measured_and_its_people_are_found() {
+    fn a_small_venue_is_measured_and_its_people_are_tracked() {
         let args = parsed("--viewpoints 3 --people 2 --threads 1 --ticks 90").unwrap();
         let report = crowds_measured(&args).unwrap();
         let [run] = &report.runs[..] else { panic!() };

@@ -1,22 +1,22 @@
-//! What `farfield bench` prints.
+//! The report of `farfield bench`.
 
 use std::fmt;
 
 use farfield_proto::patch::CompressionLevel;
 use serde::Serialize;
 
-/// Everything that was measured.
+/// All results.
 #[derive(Debug, Serialize)]
 pub(super) struct BenchReport {
     /// Rate of the cameras, ticks per second.
     pub(super) rate_hz: f64,
     /// Cores that this process may use.
     pub(super) cores: usize,
-    /// Number of the patches' compression level, where they were made for this.
+    /// The compression level of the patches, unless they come from a recording.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) compression_level: Option<u8>,
     pub(super) runs: Vec<BenchRun>,
-    /// What a patch costs, where sizes were measured for it.
+    /// Cost per patch, with `--scaling`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) lines: Vec<CostLine>,
 }
@@ -27,19 +27,19 @@ pub(super) struct BenchRun {
     pub(super) viewpoints: usize,
     pub(super) people: usize,
     pub(super) threads: usize,
-    /// Ticks that were measured, those of all rounds.
+    /// Measured ticks, of all rounds.
     pub(super) ticks: usize,
-    /// How often the same ticks were gone over.
+    /// How often the same ticks were processed.
     pub(super) rounds: usize,
-    /// Those of them with a detection pass.
+    /// Ticks with a detection pass.
     pub(super) ticks_with_detection: usize,
     pub(super) p50_ms: f64,
     pub(super) p99_ms: f64,
-    /// The same of what each tick takes at the median of its rounds: what the machine does besides, now and then, is not in it.
+    /// 99th percentile of the median time of each tick over all rounds: without disturbances by other programs.
     pub(super) typical_p99_ms: f64,
     pub(super) max_ms: f64,
-    /// Share of all time that went into keeping what tells whether the cameras agree. Mean, not median: what crops show is
-    /// kept at some ticks only.
+    /// Share of the time that data for the agreement of the cameras took. Mean, not median: crops are stored only at
+    /// some ticks.
     pub(super) agreement_share: f64,
     /// In the order of a step.
     pub(super) stages: Vec<StageMedian>,
@@ -54,18 +54,17 @@ pub(super) struct StageMedian {
     pub(super) p50_us: f64,
 }
 
-/// Median ticks as a line over patches per tick, on a number of threads.
+/// A line of median tick times over patches per tick, on a number of threads.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct CostLine {
     pub(super) threads: usize,
-    /// What a viewpoint of a person costs, microseconds.
+    /// Time per viewpoint and person, microseconds.
     pub(super) us_per_patch: f64,
-    /// The size that lies farthest from the line: its time over that of the line.
+    /// Time of the size farthest from the line, relative to the line.
     pub(super) farthest: f64,
 }
 
 impl BenchReport {
-    /// Of nothing yet.
     pub(super) fn new(rate_hz: f64, cores: usize, level: Option<CompressionLevel>) -> Self {
         Self {
             rate_hz,
@@ -82,7 +81,7 @@ impl BenchReport {
         for StageMedian { stage, .. } in names {
             write!(f, "  {stage:>9}")?;
         }
-        writeln!(f, "  median us a tick")?;
+        writeln!(f, "  median us per tick")?;
         for run in &self.runs {
             run.write_size(f)?;
             for StageMedian { stage, p50_us } in &run.stages {
@@ -105,8 +104,8 @@ impl fmt::Display for BenchReport {
             };
             writeln!(
                 f,
-                "{} viewpoints x {} people: {:.1} ms a tick at P99 on {} {threads}: {:.0} Hz; the {tick_ms:.1} ms \
-                 between ticks at {:.0} Hz hold it {:.1} times",
+                "{} viewpoints x {} people: {:.1} ms per tick at P99 on {} {threads}, or {:.0} Hz; the {tick_ms:.1} ms \
+                 between ticks at {:.0} Hz are {:.1} times as long",
                 run.viewpoints,
                 run.people,
                 run.p99_ms,
@@ -119,8 +118,8 @@ impl fmt::Display for BenchReport {
         for line in &self.lines {
             writeln!(
                 f,
-                "threads: {}: {:.1} us for each viewpoint of each person at the median; the size farthest from that \
-                 line takes {:.2} of its time",
+                "threads: {}: {:.1} us per viewpoint and person at the median; the size farthest from this \
+                 line takes {:.2} times its value",
                 line.threads, line.us_per_patch, line.farthest
             )?;
         }
@@ -146,8 +145,8 @@ impl fmt::Display for BenchReport {
         let rounds = self.runs.iter().map(|run| run.rounds).min();
         writeln!(
             f,
-            "typical: P99 where each tick counts with the median of its rounds, {} or more: without what the machine does \
-             besides\n",
+            "typical: P99 of the median time of each tick over its rounds ({} or more): without disturbances by other \
+             programs\n",
             rounds.unwrap_or_default()
         )?;
         self.write_stages(f)?;
@@ -192,22 +191,22 @@ mod tests {
     }
 
     #[test]
-    fn a_run_is_a_sentence_a_row_of_times_and_a_row_of_stages() {
+    fn a_run_has_a_sentence_a_row_of_times_and_a_row_of_stages() {
         assert_eq!(
             report().to_string(),
-            "12 viewpoints x 22 people: 8.1 ms a tick at P99 on 2 threads: 123 Hz; the 16.7 ms between ticks at \
-             60 Hz hold it 2.1 times\n\n\
+            "12 viewpoints x 22 people: 8.1 ms per tick at P99 on 2 threads, or 123 Hz; the 16.7 ms between ticks at \
+             60 Hz are 2.1 times as long\n\n\
              viewpoints  people  threads   P50 ms   P99 ms  typical   max ms  detection  tracked  agreement\n        \
              12      22        2     6.00     8.12     7.25     9.50      2.0 %       21     1.23 %\n\
-             typical: P99 where each tick counts with the median of its rounds, 5 or more: without what the machine does \
-             besides\n\n\
-             viewpoints  people  threads      views  peak_assignment  median us a tick\n        \
+             typical: P99 of the median time of each tick over its rounds (5 or more): without disturbances by other \
+             programs\n\n\
+             viewpoints  people  threads      views  peak_assignment  median us per tick\n        \
              12      22        2       1200               80\n"
         );
     }
 
     #[test]
-    fn json_has_all_of_it() {
+    fn json_has_all_numbers() {
         let json = serde_json::to_value(report()).unwrap();
         assert_eq!(json["cores"], 4);
         assert_eq!(json["compression_level"], 2);

@@ -1,12 +1,12 @@
-//! What a tick costs against how much there is to do: the times of all sizes over viewpoints times people, and the
-//! straight line through them.
+//! Time per tick over the amount of work: the times of all sizes over viewpoints times people, and a straight line
+//! through them.
 
 use farfield_proto::order_statistics::mean_median;
 use farfield_score::plot::{Layer, Plot, PlotAxis};
 
 use super::report::{BenchRun, CostLine};
 
-/// Sizes that are measured for it: viewpoints, people.
+/// The measured sizes: viewpoints, people.
 pub(super) const SIZES: [(usize, usize); 8] = [
     (4, 5),
     (4, 10),
@@ -18,8 +18,8 @@ pub(super) const SIZES: [(usize, usize); 8] = [
     (28, 30),
 ];
 
-/// The lines of all numbers of threads: through the origin, with the median of the sizes' slopes, which no single size
-/// sets.
+/// A line for each number of threads: through the origin, with the median slope of all sizes, so that no single size
+/// determines it.
 pub(super) fn cost_lines(runs: &[BenchRun]) -> Vec<CostLine> {
     let mut threads: Vec<usize> = runs.iter().map(|run| run.threads).collect();
     threads.sort_unstable();
@@ -41,13 +41,13 @@ pub(super) fn cost_lines(runs: &[BenchRun]) -> Vec<CostLine> {
     threads.into_iter().filter_map(line).collect()
 }
 
-/// The times and lines as an SVG document.
+/// Times and lines as an SVG document.
 pub(super) fn svg(runs: &[BenchRun], lines: &[CostLine], tick_ms: f64) -> String {
     let most_patches = runs.iter().map(patches).fold(1.0, f64::max);
     let most_ms = runs.iter().map(|run| run.p99_ms).fold(tick_ms, f64::max);
     let (right, top) = (1.05 * most_patches, 1.1 * most_ms);
     let mut layers = vec![Layer {
-        name: format!("a tick at {:.0} Hz", 1e3 / tick_ms),
+        name: format!("one tick at {:.0} Hz", 1e3 / tick_ms),
         colour: 6,
         lines: vec![vec![(0.0, tick_ms), (right, tick_ms)]],
         ..Layer::default()
@@ -73,7 +73,7 @@ pub(super) fn svg(runs: &[BenchRun], lines: &[CostLine], tick_ms: f64) -> String
         });
     }
     let plot = Plot {
-        title: "A tick of fusion over viewpoints x people",
+        title: "Time per tick of fusion over viewpoints x people",
         size_px: [1000, 560],
         x: PlotAxis {
             description: "viewpoints x people",
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn one_size_that_is_off_does_not_turn_the_line_and_is_named_as_the_farthest() {
+    fn an_outlier_does_not_change_the_line_and_is_the_farthest() {
         let runs = [
             run(4, 5, 1, 0.8),
             run(8, 10, 1, 3.2),
@@ -137,14 +137,14 @@ mod tests {
     }
 
     #[test]
-    fn the_drawing_has_a_line_and_points_for_every_number_of_threads() {
+    fn the_plot_has_a_line_and_points_for_each_number_of_threads() {
         let runs = [run(4, 5, 1, 0.8), run(4, 5, 2, 0.5)];
         let drawn = svg(&runs, &cost_lines(&runs), 16.7);
         for part in [
             "<svg",
             "threads: 1, P50",
             "threads: 2, P99",
-            "a tick at 60 Hz",
+            "one tick at 60 Hz",
         ] {
             assert!(drawn.contains(part), "{part}");
         }

@@ -1,34 +1,36 @@
-//! What a bench steps over, round after round: a crowd that was recorded in memory, or somebody's own recording.
+//! The ticks of a benchmark, repeated in rounds: simulated people in memory, or a recording; and the stopwatch for
+//! them.
+
+use std::time::Instant;
 
 use farfield_fusion::node::RecordedRun;
-use farfield_fusion::pipeline::Pipeline;
+use farfield_fusion::pipeline::{Pipeline, Stage};
+use farfield_node::clock;
 use farfield_sim::recorded_venue::RecordedVenue;
 
-use super::stopwatch::Stopwatch;
-
-/// Ticks that can be stepped over again and again, each time with a fusion that knows nothing of them.
+/// Ticks that can be processed repeatedly, each time by a new fusion.
 pub(super) trait BenchTicks: Send {
-    /// Goes back to before the first tick.
+    /// Returns to before the first tick.
     ///
     /// # Errors
-    /// When there is no way back.
+    /// When that is impossible.
     fn rewind(&mut self) -> anyhow::Result<()>;
 
-    /// Steps over the next tick and lets `watch` run meanwhile; `None` when there is none.
+    /// Processes the next tick and times it with `watch`; `None` after the last.
     ///
     /// # Errors
     /// When the tick cannot be read.
     fn step(&mut self, watch: &mut Stopwatch) -> anyhow::Result<Option<BenchTick>>;
 }
 
-/// What came of a tick.
+/// Result of a tick.
 pub(super) struct BenchTick {
     pub(super) has_detection: bool,
     /// People with a pose.
     pub(super) tracked: usize,
 }
 
-/// A crowd in memory, and fusion on its way through it.
+/// Simulated people in memory, and fusion at its current tick.
 pub(super) struct CrowdTicks<'a> {
     venue: &'a RecordedVenue,
     fusion: Pipeline,
@@ -36,8 +38,8 @@ pub(super) struct CrowdTicks<'a> {
 }
 
 impl<'a> CrowdTicks<'a> {
-    /// All that was recorded of `venue`.
-    pub(super) fn of(venue: &'a RecordedVenue) -> Self {
+    /// For all recorded ticks of `venue`.
+    pub(super) fn new(venue: &'a RecordedVenue) -> Self {
         Self {
             venue,
             fusion: venue.fusion(),
@@ -83,5 +85,33 @@ impl BenchTicks for RecordedRun {
             has_detection: !recorded.group.sighting_sets.is_empty(),
             tracked: output.poses.persons.len(),
         }))
+    }
+}
+
+pub(super) struct Stopwatch {
+    since: Instant,
+    /// Times of the stages of the step, microseconds.
+    pub(super) laps_us: [f64; Stage::ALL.len()],
+}
+
+impl Stopwatch {
+    /// Restarts from zero.
+    pub(super) fn start(&mut self) {
+        *self = Self::new();
+    }
+
+    /// Records the time of `stage`, which has just ended.
+    pub(super) fn lap(&mut self, stage: Stage) {
+        let now = clock::now();
+        self.laps_us[stage as usize] = 1e6 * (now - self.since).as_secs_f64();
+        self.since = now;
+    }
+
+    /// Starts now.
+    pub(super) fn new() -> Self {
+        Self {
+            since: clock::now(),
+            laps_us: Default::default(),
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! `farfield export RUN|RECORDING`: poses in the formats of other programs.
+//! `farfield export RUN|RECORDING`: writes poses in the formats of other programs.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -7,7 +7,7 @@ use std::io::ErrorKind;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, bail};
+use anyhow::{Context as _, anyhow, bail, ensure};
 use clap::Args;
 use farfield_export::axes::Preset;
 use farfield_export::skeleton::{BoneNames, RestPose};
@@ -15,50 +15,51 @@ use farfield_export::timeline::Gaps;
 use farfield_export::{
     Existing, ExportError, ExportRequest, Format, Lengths, OptionField, Options, Written, export,
 };
+use farfield_node::files::load_venue;
 use farfield_node::process::{NodeError, say};
 use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::{Tick, parse_range};
 use indicatif::{HumanBytes, ProgressBar};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
-use super::cameras;
 use super::place::{POSES, Place, SUMMARY};
 use super::recorded::RecordedRun;
 use super::target::check_folder;
 use crate::output;
 
-/// What `farfield export` is told.
+/// Arguments of `farfield export`.
 #[derive(Debug, Args)]
 pub(crate) struct ExportArgs {
     /// The folder of a run, its poses.jsonl, or a recording.
     ///
-    /// `RUN/smooth/poses.jsonl` are the smoothed poses. Of a recording the poses are taken that were published; `farfield replay`
-    /// solves it again.
+    /// `RUN/smooth/poses.jsonl` has the smoothed poses. A recording exports its published poses; `farfield replay`
+    /// computes new ones.
     run: PathBuf,
-    /// What to write, with commas: glb,c3d,csv, or all.
+    /// Formats, separated by commas: glb,c3d,csv; or all.
     ///
-    /// bvh, glb, gltf, c3d, csv, csv-tidy, parquet, mcap (for Foxglove), osim, trc, mot. TRC and MOT of the whole run are written by the run itself.
+    /// bvh, glb, gltf, c3d, csv, csv-tidy, parquet, mcap (for Foxglove), osim, trc, mot. A run writes TRC and MOT of
+    /// all its ticks itself.
     #[arg(long, value_delimiter = ',', required = true, value_name = "FORMAT", value_parser = formats)]
     format: Vec<Formats>,
     /// Folder for the files. Default: RUN/export.
     ///
-    /// Of a recording `hall.mcap`: `hall-export` beside it.
+    /// For a recording `hall.mcap`: `hall-export` next to it.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Only these people, by id.
     #[arg(long, value_delimiter = ',', value_name = "ID")]
     person: Vec<u32>,
-    /// What a person is called in the files.
+    /// Name of a person in the files.
     #[arg(long, value_name = "ID=NAME", value_parser = called)]
     name: Vec<(u32, String)>,
-    /// Only these ticks, B not among them.
+    /// Only these ticks; B is excluded.
     #[arg(long, value_parser = parse_range, value_name = "A..B", allow_hyphen_values = true)]
     ticks: Option<Range<Tick>>,
     /// Frames per second. Default: the venue's.
     #[arg(long, hide_short_help = true, value_name = "HZ")]
     rate_hz: Option<f64>,
-    /// Gaps: keep, fill, or mark what is filled.
+    /// Gaps: keep, fill, or mark filled ones.
     #[arg(
         long,
         value_name = "HOW",
@@ -66,7 +67,7 @@ pub(crate) struct ExportArgs {
         hide_default_value = true
     )]
     gaps: Gaps,
-    /// Longest gap that is filled, seconds.
+    /// Longest gap to fill, seconds.
     #[arg(long, hide_short_help = true, value_name = "S", default_value_t = 1.0)]
     longest_gap_s: f64,
     /// Units and axes of blender, unreal, opensim, ...
@@ -74,7 +75,7 @@ pub(crate) struct ExportArgs {
     /// blender, unreal, unity, opensim, visual3d. Default: those of the format.
     #[arg(long, value_name = "PROGRAM")]
     preset: Option<Preset>,
-    /// Names of bones as of unreal, mixamo, unity, vrm.
+    /// Bone names as in unreal, mixamo, unity, vrm.
     #[arg(
         long,
         value_name = "PROGRAM",
@@ -82,7 +83,7 @@ pub(crate) struct ExportArgs {
         hide_default_value = true
     )]
     names: BoneNames,
-    /// How the skeleton rests: t-pose or a-pose.
+    /// Rest pose of the skeleton: t-pose or a-pose.
     #[arg(
         long,
         hide_short_help = true,
@@ -90,10 +91,9 @@ pub(crate) struct ExportArgs {
         default_value = "t-pose"
     )]
     rest: RestPose,
-    /// How long bones are: settled or measured.
+    /// Bone lengths: settled or measured.
     ///
-    /// settled: constant, as the run came to know the person, which retargeting expects; measured: as they were at each
-    /// tick.
+    /// settled: constant, as measured by the end of the run, which retargeting needs; measured: the value at each tick.
     #[arg(
         long,
         hide_short_help = true,
@@ -101,30 +101,31 @@ pub(crate) struct ExportArgs {
         default_value = "settled"
     )]
     lengths: Lengths,
-    /// The profile of a person, as `farfield people` saves it.
+    /// The profile of a person, saved by `farfield people`.
     ///
-    /// Whoever is called as it says has its lengths in skeletons, not those that this run came to know.
+    /// A person of that name gets the profile's lengths in skeletons instead of those measured in this run.
     #[arg(long, hide_short_help = true, value_name = "FILE")]
     subject: Vec<PathBuf>,
-    /// Export people as they were found.
+    /// Ignore names and edits of people.
     ///
-    /// Names and edits that `farfield people` or the page have left beside the run or recording are not looked at.
+    /// These come from `farfield people` or the page, in a file next to the run or recording.
     #[arg(long, hide_short_help = true)]
     without_edits: bool,
-    /// Venue file, whose cameras mcap shows.
+    /// Venue file with the cameras for mcap.
     ///
-    /// Default: venue/venue.toml in the folder of the run, as `farfield demo` leaves it; without one there are no cameras.
+    /// Default: venue/venue.toml in the folder of the run, as `farfield demo` writes it; without one mcap has no
+    /// cameras.
     #[arg(long, hide_short_help = true, value_name = "VENUE")]
     venue: Option<PathBuf>,
-    /// Replace files that are there already.
+    /// Replace existing files.
     #[arg(long)]
     replace: bool,
-    /// Print what was written, or what went wrong, as JSON.
+    /// Print the written files or the error as JSON.
     #[arg(long)]
     pub(crate) json: bool,
 }
 
-/// What a word after `--format` means.
+/// The formats of a word after `--format`.
 #[derive(Debug, Clone)]
 struct Formats(Vec<Format>);
 
@@ -147,7 +148,7 @@ fn called(word: &str) -> Result<(u32, String), String> {
     }
 }
 
-/// A file that was written, for programs.
+/// A written file, as JSON.
 #[derive(Debug, Serialize)]
 struct WrittenFile<'a> {
     path: &'a Path,
@@ -156,19 +157,19 @@ struct WrittenFile<'a> {
     bytes: u64,
 }
 
-/// Writes the files, all or none, and prints which.
+/// Writes all files or none, and prints them.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where the run, the options or files that are there already are in the way, [`NodeError::Failed`]
-/// when a file cannot be written.
+/// [`NodeError::Refused`] for errors of the run or the options, or if files already exist; [`NodeError::Failed`] when a
+/// file cannot be written.
 pub(crate) fn export_run(args: &ExportArgs) -> Result<(), NodeError> {
-    let place = Place::of(&args.run).map_err(NodeError::Refused)?;
+    let place = Place::find(&args.run).map_err(NodeError::Refused)?;
     let out = args.out.clone().unwrap_or_else(|| place.export_folder());
     check_folder("--out", &out).map_err(NodeError::Refused)?;
     let is_new = !out.exists();
     if args.venue.is_some() && matches!(place, Place::Recording(_)) {
         return Err(NodeError::refused(anyhow!(
-            "--venue: {} has its venue in it",
+            "--venue: {} contains its venue",
             args.run.display()
         )));
     }
@@ -183,27 +184,27 @@ pub(crate) fn export_run(args: &ExportArgs) -> Result<(), NodeError> {
         .and_then(|request| write(args, &place, &request));
     drop(read);
     if is_new && written.is_err() {
-        // Made for what was read of a recording; one with files in it stays.
+        // It was created for the temporary files of a recording; with other files in it, it stays.
         drop(fs::remove_dir(&out));
     }
     written
 }
 
-/// What was read of a recording.
+/// The content of a recording.
 struct ReadOut {
-    /// Its poses as those of a run, in a folder that goes when they are exported.
+    /// Its poses in the form of a run, in a temporary folder.
     folder: TempDir,
     cameras: Vec<CameraModel>,
 }
 
-/// Reads a recording out into a folder inside of `out`.
+/// Extracts a recording into a temporary folder inside `out`.
 fn recorded(place: &Place, out: &Path) -> Result<Option<ReadOut>, NodeError> {
     let Place::Recording(path) = place else {
         return Ok(None);
     };
     let recorded = RecordedRun::open(path).map_err(NodeError::Refused)?;
     say(format_args!(
-        "{}: the poses as they were published, of each person from the confirmation on (a replay has what was before, too)",
+        "{}: the published poses, of each person from the confirmation on (a replay also has earlier ones)",
         path.display()
     ));
     let folder = recorded.as_run(out).map_err(NodeError::Failed)?;
@@ -219,7 +220,7 @@ fn write(args: &ExportArgs, place: &Place, request: &ExportRequest) -> Result<()
     };
     if n_edits > 0 {
         say(format_args!(
-            "{}: {n_edits} names and edits in force (--without-edits leaves them out)",
+            "{}: {n_edits} names and edits in force (--without-edits ignores them)",
             edits.path().display()
         ));
     }
@@ -264,7 +265,7 @@ fn lines(written: &[Written]) -> String {
     text
 }
 
-/// What is asked for; `read` was read of a recording, `out` takes the files.
+/// The request; `read` is the content of a recording, `out` the folder for the files.
 fn request(
     args: &ExportArgs,
     place: &Place,
@@ -281,12 +282,12 @@ fn request(
     let (poses, summary, cameras) = match (place, read) {
         (Place::Run { poses, summary, .. }, _) => {
             let given = args.venue.as_deref();
-            let cameras = has_cameras.then(|| cameras::of_run(given, summary));
+            let cameras = has_cameras.then(|| cameras_of_run(given, summary));
             let cameras = cameras.transpose()?.unwrap_or_default();
             (poses.clone(), summary.clone(), cameras)
         }
-        (Place::GoingOn { run, .. }, _) => bail!(
-            "{}: its run goes on: export it when it has ended, or what of it is recorded (`--record`) now",
+        (Place::InProgress { run, .. }, _) => bail!(
+            "{}: the run is still in progress: export it after its end, or export its recording (`--record`) now",
             run.display()
         ),
         (Place::Recording(_), Some(read)) => {
@@ -294,7 +295,7 @@ fn request(
             let cameras = read.cameras.clone();
             (folder.join(POSES), folder.join(SUMMARY), cameras)
         }
-        (Place::Recording(path), None) => bail!("{}: nothing was read of it", path.display()),
+        (Place::Recording(path), None) => bail!("{}: it was not read", path.display()),
     };
     let mut called = BTreeMap::new();
     for (id, name) in &args.name {
@@ -333,13 +334,13 @@ fn request(
 pub(super) fn node_error(error: ExportError) -> NodeError {
     match error {
         ExportError::Exists { path } => NodeError::Refused(anyhow!(
-            "{} is there already: --replace replaces it",
+            "{} already exists: --replace replaces it",
             path.display()
         )),
         ExportError::Option { field, ref problem } => {
             NodeError::Refused(anyhow!("{}: {problem}", option(field)))
         }
-        // What a format has no room for is refused.
+        // Data that a format cannot hold is refused.
         ExportError::Io { ref source, .. }
             if ![ErrorKind::NotFound, ErrorKind::InvalidInput].contains(&source.kind()) =>
         {
@@ -349,7 +350,7 @@ pub(super) fn node_error(error: ExportError) -> NodeError {
     }
 }
 
-/// By which option it is said.
+/// The command line option of a field.
 fn option(field: OptionField) -> &'static str {
     match field {
         OptionField::People => "--person",
@@ -362,12 +363,47 @@ fn option(field: OptionField) -> &'static str {
     }
 }
 
+/// The venue in the folder of a demo or a simulation.
+const VENUE: &str = "venue/venue.toml";
+
+/// The hashes in a summary.
+#[derive(Debug, Deserialize)]
+struct Hashes {
+    calibration_hash: Option<String>,
+}
+
+/// The cameras of the run with this `summary`, from the `given` venue or from the one in its folder.
+///
+/// # Errors
+/// When the venue or the summary cannot be read, or the given venue has another calibration.
+fn cameras_of_run(given: Option<&Path>, summary: &Path) -> anyhow::Result<Vec<CameraModel>> {
+    // Smoothed poses are in a subfolder of their run.
+    let own = summary.parent().unwrap_or(Path::new(".")).join(VENUE);
+    let Some(path) = given.or(own.is_file().then_some(&*own)) else {
+        return Ok(Vec::new());
+    };
+    let venue = load_venue(path)?;
+    let reading = || format!("reading {}", summary.display());
+    let text = fs::read_to_string(summary).with_context(reading)?;
+    let hashes: Hashes = serde_json::from_str(&text).with_context(reading)?;
+    let is_same = hashes
+        .calibration_hash
+        .is_none_or(|hash| hash == venue.hashes.calibration);
+    ensure!(
+        is_same || given.is_none(),
+        "--venue: {}: found another calibration than in the run, expected the unchanged venue",
+        path.display()
+    );
+    let cameras = venue.cameras.into_iter().filter(|_| is_same);
+    Ok(cameras.map(|camera| camera.model).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_of_an_id() {
+    fn a_name_needs_an_id() {
         assert_eq!(called("3=Ada L"), Ok((3, "Ada L".to_owned())));
         for word in ["3", "=Ada", "x=Ada", "3=", "3= "] {
             assert!(called(word).unwrap_err().contains("ID=NAME"), "{word}");
@@ -375,19 +411,19 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused_with_the_option_that_says_it() {
+    fn errors_of_options_name_the_option() {
         let error = ExportError::Option {
             field: OptionField::Rate,
             problem: "found a rate of 0 Hz".to_owned(),
         };
         assert!(matches!(
             node_error(error),
-            NodeError::Refused(told) if told.to_string() == "--rate-hz: found a rate of 0 Hz"
+            NodeError::Refused(error) if error.to_string() == "--rate-hz: found a rate of 0 Hz"
         ));
     }
 
     #[test]
-    fn all_formats_are_meant_by_one_word() {
+    fn all_stands_for_all_formats() {
         assert_eq!(formats("all").unwrap().0.len(), Format::ALL.len());
         assert!(formats("fbx").unwrap_err().contains("bvh"));
     }

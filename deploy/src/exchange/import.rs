@@ -1,4 +1,4 @@
-//! `farfield import FOLDER`: 2D keypoints of other programs as a venue of keypoints.
+//! `farfield import FOLDER`: converts 2D keypoints of other programs to a venue.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use farfield_node::process::NodeError;
 use super::target::check_folder;
 use crate::output;
 
-/// What `farfield import` is told.
+/// Arguments of `farfield import`.
 #[derive(Debug, Args)]
 pub(crate) struct ImportArgs {
     /// The folder of Pose2Sim, `FreeMoCap`, ..., or of keypoints.
@@ -22,37 +22,37 @@ pub(crate) struct ImportArgs {
     /// A folder per camera with a JSON file per frame (`OpenPose`, Pose2Sim), or a file per camera (`AlphaPose`, COCO, `MMPose`,
     /// `DeepLabCut`, SLEAP), or one file of all cameras (Caliscope, `FreeMoCap`).
     folder: PathBuf,
-    /// The calibration, of any program that has one.
+    /// The calibration, in any supported format.
     ///
-    /// The file, or the files where its format has several: `--calibration intri.yml --calibration extri.yml`. Default: the
-    /// only one in the folder, by its content. `farfield calibrate convert --help` lists the formats.
+    /// One file, or several if its format needs them: `--calibration intri.yml --calibration extri.yml`. Default: the
+    /// only one in the folder, detected by content. `farfield calibrate convert --help` lists the formats.
     #[arg(long, value_name = "FILE")]
     calibration: Vec<PathBuf>,
     /// Frames per second.
     ///
-    /// Default: what Pose2Sim's Config.toml says.
+    /// Default: the rate in Pose2Sim's Config.toml.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
-    /// Whose keypoints they are. Default: told by content.
+    /// Format of the keypoints. Default: detected.
     ///
-    /// openpose (Pose2Sim's too), alphapose, coco-results, coco, mmpose, deeplabcut, sleap, caliscope, freemocap.
+    /// openpose (also for Pose2Sim), alphapose, coco-results, coco, mmpose, deeplabcut, sleap, caliscope, freemocap.
     #[arg(long, value_name = "FORMAT", value_parser = format)]
     format: Option<Format>,
-    /// Which keypoints: `BODY_25B`, `HALPE_26`, ...
+    /// Keypoint model: `BODY_25B`, `HALPE_26`, ...
     ///
-    /// `BODY_25`, `BODY_25B`, `BODY_135`, `COCO_18`, `MPII`, `COCO_17`, `COCO_23`, `COCO_133`, `HALPE_26`, `HALPE_68`, `HALPE_136`,
-    /// BLAZEPOSE. Default: told by their number, their names, or Config.toml.
+    /// `BODY_25`, `BODY_25B`, `BODY_135`, `COCO_18`, `MPII`, `COCO_17`, `COCO_23`, `COCO_133`, `HALPE_26`, `HALPE_68`,
+    /// `HALPE_136`, BLAZEPOSE. Default: detected by number, names, or Config.toml.
     #[arg(long, value_name = "MODEL", value_parser = model)]
     keypoints: Option<Model>,
     /// A camera of the calibration and its keypoints.
     ///
-    /// A file, or a folder of a file per frame; only the cameras that are named are taken. Default: by their names.
+    /// A file, or a folder with a file per frame; only the listed cameras are used. Default: matched by name.
     #[arg(long, value_name = "NAME=FOLDER", value_parser = camera)]
     camera: Vec<(String, PathBuf)>,
-    /// Folder to make. Default: `farfield` in the folder.
+    /// Folder to create. Default: `farfield` in the folder.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Print what was made, or what went wrong, as JSON.
+    /// Print the result or the error as JSON.
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -79,10 +79,10 @@ fn camera(word: &str) -> Result<(String, PathBuf), String> {
     }
 }
 
-/// Makes the venue, whole or not at all, and says what is in it.
+/// Creates the whole venue or nothing, and prints its content.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where files or options are in the way, [`NodeError::Failed`] where nothing can be written.
+/// [`NodeError::Refused`] for wrong files or options, [`NodeError::Failed`] if nothing can be written.
 pub(crate) fn import_folder(args: &ImportArgs) -> Result<(), NodeError> {
     if let Some(out) = &args.out {
         check_folder("--out", out).map_err(NodeError::Refused)?;
@@ -134,14 +134,14 @@ fn lines(report: &Report) -> String {
     }
     writeln!(
         text,
-        "keypoints of {}: {} of ours are in them{}",
+        "keypoints of {}: contain {} of Farfield's keypoints{}",
         report.model,
         report.mapped.len(),
-        listed(", not ", &report.missing)
+        listed(", but not ", &report.missing)
     )
     .ok();
     if !report.left_out.is_empty() {
-        writeln!(text, "left out: {}", report.left_out.join(", ")).ok();
+        writeln!(text, "not used: {}", report.left_out.join(", ")).ok();
     }
     for remark in &report.remarks {
         let camera = remark.camera.as_deref();
@@ -173,7 +173,7 @@ fn camera_line(camera: &CameraReport) -> String {
     )
 }
 
-/// Names behind a word; nothing where there are none.
+/// Names after a word; empty without names.
 fn listed(word: &str, names: &[&str]) -> String {
     if names.is_empty() {
         String::new()
@@ -187,7 +187,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn formats_models_and_cameras_are_understood_or_said() {
+    fn formats_models_and_cameras_are_parsed_or_listed() {
         assert_eq!(format("pose2sim"), Ok(Format::OpenPose));
         assert!(format("vitpose").unwrap_err().contains("mmpose"));
         assert_eq!(model("body_25b"), Ok(Model::Body25B));
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_refused_and_what_cannot_be_written_fails() {
+    fn read_errors_are_refusals_and_write_errors_are_failures() {
         let source = || std::io::Error::from(std::io::ErrorKind::PermissionDenied);
         let read = ImportError::Read {
             doing: "reading",
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn the_report_names_the_calibration_that_was_taken() {
+    fn the_report_names_the_calibration() {
         let report = Report {
             format: "openpose",
             calibration_format: "farfield",

@@ -1,6 +1,5 @@
-//! Files of other programs: what they have found comes in, what we have found goes out, with the names of people.
+//! Exchange with other programs: imports and exports; and the names of people.
 
-mod cameras;
 pub(crate) mod export;
 pub(crate) mod import;
 pub(crate) mod people;

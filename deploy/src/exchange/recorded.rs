@@ -1,4 +1,4 @@
-//! The poses of a recording, as those of a run.
+//! Reads the poses of a recording in the form of a run.
 
 use std::fs::{self, File};
 use std::io::{BufReader, BufWriter, Write as _};
@@ -20,7 +20,7 @@ use tempfile::TempDir;
 
 use super::place::{POSES, SUMMARY};
 
-/// A recording, read through once.
+/// A recording after its first reading.
 pub(crate) struct RecordedRun {
     path: PathBuf,
     venue: Venue,
@@ -29,10 +29,11 @@ pub(crate) struct RecordedRun {
 }
 
 impl RecordedRun {
-    /// Looks what is in the recording at `path`: of several lives of fusion the one with the most ticks, which is said.
+    /// Reads the recording at `path`. If fusion was restarted in it, the session with the most ticks is used and
+    /// reported.
     ///
     /// # Errors
-    /// When it is no recording of ours, or holds no poses.
+    /// When it is no Farfield recording, or has no poses.
     pub(crate) fn open(path: &Path) -> anyhow::Result<Self> {
         let shown = path.display();
         let Published {
@@ -41,15 +42,15 @@ impl RecordedRun {
             end,
         } = read(path, &mut |_| ())?;
         if !end.whole {
-            let told = without_end(path, [end.read_bytes, end.file_bytes]);
-            say(format_args!("{shown}: {told}"));
+            let notice = without_end(path, [end.read_bytes, end.file_bytes]);
+            say(format_args!("{shown}: {notice}"));
         }
         let ticks = sessions.first().copied();
-        let ticks = ticks.ok_or_else(|| anyhow!("{shown}: there are no poses in the recording"))?;
+        let ticks = ticks.ok_or_else(|| anyhow!("{shown}: found no poses in the recording"))?;
         if sessions.len() > 1 {
             let [Tick(first), Tick(last)] = ticks.span;
             say(format_args!(
-                "{shown}: fusion was restarted while it was recorded: of its {} lives the longest is taken, ticks {first} to {last}",
+                "{shown}: fusion was restarted during the recording: the longest of its {} sessions is used, ticks {first} to {last}",
                 sessions.len()
             ));
         }
@@ -64,7 +65,7 @@ impl RecordedRun {
         })
     }
 
-    /// The life of fusion whose poses are taken.
+    /// The session of fusion whose poses are used.
     pub(crate) fn session(&self) -> SessionId {
         self.ticks.session
     }
@@ -80,14 +81,14 @@ impl RecordedRun {
         cameras.map(|camera| camera.model.clone()).collect()
     }
 
-    /// Gives every tick to `visit`, in order.
+    /// Passes every tick to `visit`, in order.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// When the file can no longer be read.
     pub(crate) fn poses(&self, visit: &mut dyn FnMut(&PoseSet)) -> anyhow::Result<()> {
         let PublishedTicks { session, span, .. } = self.ticks;
         read(&self.path, &mut |poses| {
-            // A recording that goes on has more by now than when it was looked at.
+            // A recording in progress may have grown since it was opened.
             if poses.session == session && poses.tick <= span[1] {
                 visit(&poses);
             }
@@ -95,16 +96,17 @@ impl RecordedRun {
         Ok(())
     }
 
-    /// Writes them as a run does, in a temporary folder inside of `beside` (made where it is not there).
+    /// Writes them in the form of a run, to a temporary folder inside `parent`, which is created if needed.
     ///
     /// # Errors
-    /// When the recording cannot be read, or the files not written.
-    pub(super) fn as_run(&self, beside: &Path) -> anyhow::Result<TempDir> {
-        fs::create_dir_all(beside).with_context(|| format!("making {}", beside.display()))?;
+    /// When the recording cannot be read, or the files cannot be written.
+    pub(super) fn as_run(&self, parent: &Path) -> anyhow::Result<TempDir> {
+        fs::create_dir_all(parent).with_context(|| format!("creating {}", parent.display()))?;
         let folder = tempfile::Builder::new()
             .prefix(".farfield-recorded-")
-            .tempdir_in(beside);
-        let folder = folder.with_context(|| format!("making a folder in {}", beside.display()))?;
+            .tempdir_in(parent);
+        let folder =
+            folder.with_context(|| format!("creating a folder in {}", parent.display()))?;
         let path = folder.path().join(POSES);
         let writing = || format!("writing {}", path.display());
         let mut file = BufWriter::new(File::create_new(&path).with_context(writing)?);

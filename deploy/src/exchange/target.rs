@@ -1,11 +1,11 @@
-//! Where files are to go, looked at before any is made.
+//! Checks the paths of output files before any is created.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use farfield_node::files::in_place_of_folder;
 
-/// Refuses a `folder`, which `option` names, that cannot be one: a file is there, or above it.
+/// Refuses a `folder`, given by `option`, if it or one of its parents is a file.
 ///
 /// # Errors
 /// Names the option and the file.
@@ -20,7 +20,7 @@ pub(crate) fn check_folder(option: &str, folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses a `file`, which `option` names, where a folder is, or whose folder cannot be one.
+/// Refuses a `file`, given by `option`, that is a folder, or whose folder is invalid.
 ///
 /// # Errors
 /// Names the option and the folder.
@@ -33,10 +33,10 @@ pub(crate) fn check_file(option: &str, file: &Path) -> anyhow::Result<()> {
     file.parent().map_or(Ok(()), |it| check_folder(option, it))
 }
 
-/// The file that `word` names: itself, or the one called `name` in it where it is a folder.
+/// The file `word`; if that is a folder, the file `name` in it.
 ///
 /// # Errors
-/// A folder without one.
+/// A folder without that file.
 pub(crate) fn file_in(word: &Path, name: &str) -> anyhow::Result<PathBuf> {
     if !word.is_dir() {
         return Ok(word.to_owned());
@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_slash_at_the_end_hides_no_file() {
+    fn a_trailing_slash_does_not_hide_a_file() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("file");
         fs::write(&file, "").unwrap();
@@ -67,13 +67,13 @@ mod tests {
     }
 
     #[test]
-    fn files_and_folders_are_not_taken_for_each_other() {
+    fn files_and_folders_are_distinguished() {
         let dir = tempfile::tempdir().unwrap();
         let (folder, file) = (dir.path().join("run"), dir.path().join("poses.jsonl"));
         fs::create_dir(&folder).unwrap();
         fs::write(&file, "").unwrap();
         let new = folder.join("new");
-        for (told, expected) in [
+        for (result, expected) in [
             (check_folder("--out", &folder), Ok(())),
             (check_folder("--out", &new.join("deeper")), Ok(())),
             (
@@ -96,19 +96,19 @@ mod tests {
                 Err("poses.jsonl is a file"),
             ),
         ] {
-            match (told, expected) {
+            match (result, expected) {
                 (Ok(()), Ok(())) => {}
                 (Err(error), Err(expected)) => {
                     let error = error.to_string();
                     assert!(error.contains(expected), "{error}");
                 }
-                (told, expected) => panic!("{told:?}, expected {expected:?}"),
+                (result, expected) => panic!("{result:?}, expected {expected:?}"),
             }
         }
     }
 
     #[test]
-    fn a_run_stands_for_its_poses() {
+    fn a_run_folder_is_replaced_by_its_poses() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("poses.jsonl");
         assert!(file_in(dir.path(), "poses.jsonl").is_err());

@@ -1,18 +1,18 @@
-//! Numbers of seven segments, for ids: enough of a font that no font is needed.
+//! Numbers of seven segments, for ids: no font is needed.
 
 use image::RgbImage;
 use nalgebra::Vector2;
 
 use super::{OUTLINE, draw_line};
 
-/// Height of a digit over half the width of its strokes.
+/// Height of a digit relative to half the width of its strokes.
 const HEIGHT_STROKES: f64 = 7.0;
-/// Width of a digit over its height, and of the gap to the next.
+/// Width of a digit relative to its height, and of the gap to the next.
 const WIDTH: f64 = 0.5;
 const GAP: f64 = 0.35;
 
-/// Ends of the segments, in widths right and half heights down: top, upper right, lower right, bottom,
-/// lower left, upper left, middle.
+/// Ends of the segments, in widths right and half heights down: top, upper right, lower right, bottom, lower left,
+/// upper left, middle.
 const SEGMENTS: [[[f64; 2]; 2]; 7] = [
     [[0.0, 0.0], [1.0, 0.0]],
     [[1.0, 0.0], [1.0, 1.0]],
@@ -23,10 +23,10 @@ const SEGMENTS: [[[f64; 2]; 2]; 7] = [
     [[0.0, 1.0], [1.0, 1.0]],
 ];
 
-/// Which segments each digit has, the first in the lowest bit.
+/// Segments of each digit, the first in the lowest bit.
 const DIGITS: [u8; 10] = [0x3f, 0x06, 0x5b, 0x4f, 0x66, 0x6d, 0x7d, 0x07, 0x7f, 0x6f];
 
-/// Writes `number` with the middle of its foot at `foot`, in strokes of half the width `radius_px`.
+/// Draws `number` with the middle of its foot at `foot`, in strokes of half width `radius_px`.
 pub(super) fn draw_number(
     image: &mut RgbImage,
     number: u32,
@@ -74,14 +74,14 @@ mod tests {
     }
 
     #[test]
-    fn every_digit_looks_like_no_other() {
+    fn all_digits_look_different() {
         for a in 0..10 {
             assert!((0..a).all(|b| drawn(a) != drawn(b)), "{a}");
         }
     }
 
     #[test]
-    fn a_number_stands_on_its_foot_in_the_middle() {
+    fn a_number_is_centred_on_its_foot() {
         for number in [8, 88] {
             let image = drawn(number);
             let touched = |&(x, y): &(u32, u32)| image.get_pixel(x, y).0 != [90; 3];

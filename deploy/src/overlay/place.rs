@@ -1,5 +1,5 @@
-//! What the calibration says of the place, drawn on a camera's picture: the field, its floor, the world's axes, the other
-//! cameras, and how far a fisheye is used.
+//! Draws the geometry of the venue over a camera's image: field, floor, axes of the world, other cameras, and the
+//! usable range of a fisheye.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Pixel, Point, World};
@@ -15,20 +15,20 @@ const FIELD: [u8; 3] = [255, 210, 0];
 const CAMERA: [u8; 3] = [255, 60, 220];
 const AXES: [[u8; 3]; 3] = [[255, 40, 40], [40, 220, 40], [70, 110, 255]];
 const RIM: [u8; 3] = [255, 255, 255];
-/// Pieces of the rim of what is used of a fisheye.
+/// Pieces of the rim of a fisheye's usable range.
 const RIM_PIECES: u32 = 180;
-/// The field is drawn up to this height above its floor, metres: people.
+/// Height of the drawn field above its floor, metres: the height of people.
 const TOP_M: f64 = 2.0;
-/// Lines of the floor are so far apart, metres; in wide fields the second.
+/// Distance between lines of the floor, metres; the second in wide fields.
 const STEPS_M: [f64; 2] = [1.0, 5.0];
-/// A field with a longer side is wide, metres.
+/// A field with a longer side counts as wide, metres.
 const WIDE_M: f64 = 30.0;
 /// Length of the axes, metres.
 const AXIS_M: f64 = 1.0;
 /// Most lines of the floor along one side.
 const MAX_LINES: f64 = 400.0;
 
-/// Draws the place as the camera at `index` of `venue` should see it.
+/// Draws the geometry as the camera at `index` of `venue` should see it.
 pub(crate) fn draw_place(image: &mut RgbImage, venue: &Venue, index: usize) {
     let Some(camera) = venue.cameras.get(index).map(|it| &it.model) else {
         return;
@@ -62,14 +62,14 @@ pub(crate) fn draw_place(image: &mut RgbImage, venue: &Venue, index: usize) {
     }
 }
 
-/// Lines of the world on the picture of a camera.
+/// Draws lines of the world on the image of a camera.
 struct Drawn<'a> {
     image: &'a mut RgbImage,
     camera: &'a CameraModel,
 }
 
 impl Drawn<'_> {
-    /// A line in world metres, in pieces of 1 m: a lens bends it.
+    /// Draws a line in world metres in pieces of 1 m, as a lens bends it.
     fn line(&mut self, from: Vector3<f64>, to: Vector3<f64>, radius_px: f64, colour: [u8; 3]) {
         let pieces = (to - from).norm().ceil().clamp(1.0, MAX_LINES);
         let at = |i: f64| -> Point<World> {
@@ -88,14 +88,14 @@ impl Drawn<'_> {
     }
 }
 
-/// How far off its axis a fisheye is used: beyond the line nothing counts.
+/// Draws the limit of a fisheye's usable range; keypoints beyond it are ignored.
 fn draw_rim(lines: &mut Drawn<'_>, radius_px: f64) {
     let camera = lines.camera;
     let k = camera.intrinsics();
     let at = |piece: u32| {
         let (sin, cos) =
             (std::f64::consts::TAU * f64::from(piece) / f64::from(RIM_PIECES)).sin_cos();
-        // Far beyond the rim in this direction.
+        // A point far beyond the rim in this direction.
         let far = Pixel::new(
             k.cx_px + 100.0 * k.fx_px * cos,
             k.cy_px + 100.0 * k.fy_px * sin,
@@ -115,7 +115,7 @@ fn draw_floor(lines: &mut Drawn<'_>, venue: &Venue, radius_px: f64) {
     let longest_m = (max[0] - min[0]).max(max[1] - min[1]);
     let step_m = STEPS_M[usize::from(longest_m > WIDE_M)].max(longest_m / MAX_LINES);
     for (across, along) in [(0, 1), (1, 0)] {
-        // Lines stand at whole metres, so that the axes lie on two of them.
+        // Lines are at multiples of the step, so that the axes are on two of them.
         let mut at_m = (min[across] / step_m).ceil() * step_m;
         while at_m <= max[across] {
             let mut ends = [Vector3::new(0.0, 0.0, z); 2];

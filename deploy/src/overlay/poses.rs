@@ -1,11 +1,13 @@
-//! The skeletons of single ticks over the picture of every camera.
+//! Skeletons of single ticks over the images of every camera, and the choice of these ticks.
 
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
+use std::ops::Range;
 use std::path::Path;
+use std::str::FromStr;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use farfield_fusion::body::determined::{UNKNOWN_M, determined_joints};
 use farfield_fusion::body::skeleton::{Joint, sites_of};
 use farfield_fusion::export::unfinished::write_whole;
@@ -20,7 +22,7 @@ use serde_json::Value;
 
 use super::DrawnPerson;
 
-/// What of a line of `poses.jsonl` is drawn.
+/// The fields of a line of `poses.jsonl` that are drawn.
 #[derive(Debug, Deserialize)]
 struct DrawnPoseLine {
     tick: Tick,
@@ -32,8 +34,8 @@ struct DrawnPoseLine {
     sigma_m: BTreeMap<String, f32>,
 }
 
-/// Writes `overlay_<camera>_<tick>.png` for every camera of the venue and every tick, with the poses of a file, the truth's too;
-/// ticks are in order, and `picture` draws.
+/// Writes `overlay_<camera>_<tick>.png` for every camera and every tick, with the poses or true poses of a file.
+/// `ticks` are in order; `picture` draws.
 pub(crate) fn draw_poses(
     (venue, ticks, poses): (&Venue, &[Tick], &Path),
     out: &Path,
@@ -63,7 +65,7 @@ fn png(image: &RgbImage) -> anyhow::Result<Vec<u8>> {
     Ok(bytes.into_inner())
 }
 
-/// The poses of `ticks`, of which some may have none.
+/// The poses of `ticks`; ticks without poses are missing.
 fn recorded(path: &Path, ticks: &[Tick]) -> anyhow::Result<BTreeMap<Tick, Vec<DrawnPerson>>> {
     let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
     let mut persons: BTreeMap<Tick, Vec<DrawnPerson>> = BTreeMap::new();
@@ -91,7 +93,7 @@ fn person(line: &DrawnPoseLine) -> DrawnPerson {
     let is_determined = determined_joints(&sites_of(&keypoints, &BTreeMap::new()));
     let is_guess = |(joint, is_determined): (Joint, bool)| {
         let sigma_m = line.sigma_m.get(joint.name());
-        // Lines of others may be without keypoints.
+        // Lines of other programs can lack keypoints.
         (!is_determined && !keypoints.is_empty())
             || sigma_m.is_some_and(|&sigma_m| sigma_m > UNKNOWN_M)
     };
@@ -106,12 +108,54 @@ fn person(line: &DrawnPoseLine) -> DrawnPerson {
     }
 }
 
+/// Ticks of the command line: numbers separated by commas.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct TickList(pub(crate) Vec<Tick>);
+
+impl FromStr for TickList {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let tick = |part: &str| {
+            let number = part.trim().parse().map(Tick);
+            number.map_err(|_| format!("`{part}` is not a tick, expected a number"))
+        };
+        text.split(',')
+            .map(tick)
+            .collect::<Result<_, _>>()
+            .map(Self)
+    }
+}
+
+/// The requested ticks, in order; without any, the middle tick.
+///
+/// # Errors
+/// Names a tick outside `ticks`.
+pub(crate) fn overlay_ticks(
+    requested: Option<TickList>,
+    ticks: &Range<Tick>,
+) -> anyhow::Result<Vec<Tick>> {
+    let middle = ticks.start + (ticks.end - ticks.start) / 2;
+    let mut drawn = requested.map_or_else(|| vec![middle], |list| list.0);
+    drawn.sort_unstable();
+    drawn.dedup();
+    let outside = drawn.iter().find(|tick| !ticks.contains(tick));
+    if let Some(tick) = outside {
+        bail!(
+            "`--overlay` {tick} is outside the ticks of the run, {}..{}",
+            ticks.start,
+            ticks.end
+        );
+    }
+    Ok(drawn)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn the_persons_of_the_ticks_are_read_from_the_recording() {
+    fn only_persons_of_the_requested_ticks_are_read() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("poses.jsonl");
         let line = |tick: i64, person: u32| {
@@ -131,7 +175,7 @@ mod tests {
                 .map(|p| p.id.0)
                 .collect::<Vec<_>>()
         };
-        assert_eq!(persons.len(), 2, "nobody is there at tick 3");
+        assert_eq!(persons.len(), 2, "tick 3 has no person");
         assert_eq!((ids(4), ids(5)), (vec![1], vec![1, 2]));
         assert_eq!(
             persons[&Tick(5)][0].joints_m[Joint::Pelvis.index()].map(f64::to_bits),
@@ -140,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn what_keypoints_do_not_show_or_nobody_knows_any_more_is_a_guess() {
+    fn joints_without_keypoints_or_with_high_sigma_are_guesses() {
         let line = |keypoints: &str, sigma_m: f64| {
             let text = format!(
                 "{{\"tick\":4,\"person\":1,\"joints\":{{}},\"keypoints\":{{{keypoints}}},\
@@ -154,5 +198,18 @@ mod tests {
         assert!(!is_guess(&seen, Joint::LeftKnee) && is_guess(&seen, Joint::LeftToe));
         assert!(is_guess(&line(ankles, 0.2), Joint::LeftKnee));
         assert!(!is_guess(&line("", 0.02), Joint::LeftToe));
+    }
+
+    #[test]
+    fn the_middle_tick_is_drawn_unless_others_are_requested() {
+        let ticks = Tick(0)..Tick(120);
+        let named = |named: &[i64]| TickList(named.iter().copied().map(Tick).collect());
+        assert_eq!(overlay_ticks(None, &ticks).unwrap(), [Tick(60)]);
+        assert_eq!(
+            overlay_ticks(Some(named(&[119, 3, 3])), &ticks).unwrap(),
+            [Tick(3), Tick(119)]
+        );
+        let error = overlay_ticks(Some(named(&[3, 120])), &ticks).unwrap_err();
+        assert!(error.to_string().contains("120"), "{error}");
     }
 }

@@ -1,4 +1,4 @@
-//! What simulated cameras record.
+//! Kinds of recordings of simulated cameras.
 
 use std::process::{Command, Stdio};
 
@@ -12,22 +12,22 @@ use farfield_sim::simulated::quoted;
 pub(crate) enum RecordingKind {
     /// One MP4 file per camera; needs ffmpeg.
     Videos,
-    /// One folder of JPEG pictures per camera.
+    /// One folder of JPEG images per camera.
     Images,
     /// One file of 2D keypoints per camera, with the scene's faults; needs no network.
     Keypoints,
-    /// One file per camera of maps as a network would make them, with the scene's faults: cheap to
-    /// play in real time; needs no network.
+    /// One file per camera of maps as a network would compute them, with the scene's faults. Playing them in real time
+    /// is cheap; needs no network.
     Maps,
 }
 
 impl RecordingKind {
-    /// What was asked for, or what this machine can write.
+    /// The requested kind, or the best that this machine can write.
     ///
     /// # Errors
-    /// When videos are asked for and ffmpeg is not installed.
-    pub(super) fn choose(asked: Option<Self>) -> anyhow::Result<Self> {
-        match asked {
+    /// When videos are requested and ffmpeg is not installed.
+    pub(super) fn choose(requested: Option<Self>) -> anyhow::Result<Self> {
+        match requested {
             Some(Self::Videos) => {
                 ensure!(
                     has_ffmpeg(),
@@ -40,14 +40,14 @@ impl RecordingKind {
             None if has_ffmpeg() => Ok(Self::Videos),
             None => {
                 say(format_args!(
-                    "ffmpeg is not installed: images in place of videos"
+                    "ffmpeg is not installed: writing images instead of videos"
                 ));
                 Ok(Self::Images)
             }
         }
     }
 
-    /// As it is said on the command line.
+    /// Name on the command line.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Videos => "videos",
@@ -57,12 +57,12 @@ impl RecordingKind {
         }
     }
 
-    /// Whether pictures are recorded, which need a network to become maps.
-    pub(super) fn gives_pictures(self) -> bool {
+    /// Whether it has images, which need a network.
+    pub(super) fn has_images(self) -> bool {
         matches!(self, Self::Videos | Self::Images)
     }
 
-    /// Where the recording of `camera` lies, relative to the venue's folder.
+    /// Path of the recording of `camera`, relative to the venue's folder.
     pub(super) fn path(self, camera: &str) -> String {
         match self {
             Self::Videos => format!("videos/{camera}.mp4"),
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kind_has_a_source_that_a_venue_can_name() {
+    fn every_kind_has_a_path_and_a_source() {
         assert_eq!(
             RecordingKind::Images.source("ne-1"),
             r#"{ kind = "images", path = "images/ne-1/%06d.jpg" }"#

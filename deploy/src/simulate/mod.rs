@@ -1,13 +1,11 @@
-//! `farfield simulate`: a scene as a venue folder that looks as if it had been recorded.
+//! `farfield simulate`: writes a scene as the venue folder of a recording.
 //!
-//! Check (everything that can be refused) -> record into a folder beside the one asked for -> give it
-//! that name when it is whole. Whatever goes wrong on the way, nothing half-written stays.
+//! Check (everything that can be refused) -> record into a temporary folder in the same place -> rename it when it is
+//! whole. After an error nothing incomplete remains.
 
 mod keypoints;
 mod kind;
-mod maps;
 mod pictures;
-mod progress;
 mod summary;
 mod work;
 
@@ -42,58 +40,58 @@ pub(crate) struct SimulateArgs {
     pub(crate) scene: PathBuf,
     /// Folder for the venue.
     ///
-    /// It must be empty or not there.
+    /// It must be empty or not exist.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
     /// What to record: videos, images, keypoints, maps.
     ///
-    /// Default: videos where ffmpeg is installed, else images.
+    /// Default: videos if ffmpeg is installed, else images.
     #[arg(long = "as", value_name = "KIND", hide_possible_values = true)]
     pub(crate) kind: Option<RecordingKind>,
-    /// Record these ticks only, B not among them.
+    /// Record only these ticks; B is excluded.
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]
     pub(crate) ticks: Option<Range<Tick>>,
-    /// Let people go back the way they came, endlessly.
+    /// Let people walk back the same way, endlessly.
     ///
     /// Only with `--as maps`.
     #[arg(long)]
     pub(crate) there_and_back: bool,
-    /// Draw the true skeletons over the pictures of these ticks.
+    /// Draw the true skeletons over the images of these ticks.
     ///
-    /// Numbers with commas between; without one, of the middle one. One picture per camera.
+    /// Numbers separated by commas; without a value, the middle tick. One image per camera.
     #[arg(long, value_name = "TICKS", num_args = 0..=1, require_equals = true)]
     #[expect(
         clippy::option_option,
-        reason = "absent, without and with ticks: how clap says it"
+        reason = "absent, without and with ticks: clap's form"
     )]
     pub(crate) overlay: Option<Option<TickList>>,
-    /// Card of a detector that finds the people.
+    /// Card of a detector for the people.
     ///
-    /// Without one the venue gives them by hand where they first are.
+    /// Without one, the venue gives each person by hand at the person's first tick.
     #[arg(long, value_name = "CARD")]
     pub(crate) detector: Option<PathBuf>,
 }
 
-/// A recording that nothing speaks against.
+/// A checked recording.
 struct RecordingPlan {
     scene: Arc<Scene>,
-    /// Its people, for all cameras.
+    /// The people, for all cameras.
     crowd: Arc<SceneCrowd>,
     name: String,
-    /// The scene file as it was named.
+    /// The scene file, as given.
     from: String,
     kind: RecordingKind,
     ticks: Range<Tick>,
-    /// Which moments a recording of maps shows, and in how many ticks.
+    /// The time course and the number of ticks of a recording of maps.
     course: (Course, u32),
     detector: Option<String>,
-    /// Ticks of which pictures are drawn.
+    /// The ticks to draw.
     overlay: Vec<Tick>,
     out: PathBuf,
 }
 
 impl RecordingPlan {
-    /// The frames of a camera, numbered as the scene's ticks.
+    /// The frames of a camera, with the tick numbers of the scene.
     fn frames(&self, camera: usize, content: SimulatedContent) -> anyhow::Result<SimulatedSource> {
         let ticks = self.ticks.clone();
         Ok(SimulatedSource::new(
@@ -106,7 +104,7 @@ impl RecordingPlan {
     }
 }
 
-/// Records a scene and says what came out.
+/// Records a scene and prints a summary.
 pub(crate) fn main(args: SimulateArgs) -> ExitCode {
     start_log();
     exit_code(simulate(args))
@@ -114,16 +112,16 @@ pub(crate) fn main(args: SimulateArgs) -> ExitCode {
 
 fn simulate(args: SimulateArgs) -> Result<Ending, NodeError> {
     let plan = check(args).map_err(NodeError::Refused)?;
-    let interrupt = Interrupt::listen()
-        .context("listening for signals")
+    let interrupt = Interrupt::catch()
+        .context("catching signals")
         .map_err(NodeError::Failed)?;
-    // Taken away with all that is in it, unless it gets its name.
-    let folder = venue_folder::beside(&plan.out).map_err(NodeError::Refused)?;
+    // The folder is deleted with its content unless it gets its final name.
+    let folder = venue_folder::temporary_sibling(&plan.out).map_err(NodeError::Refused)?;
     let recorded = record(&plan, folder.path(), &interrupt).map_err(NodeError::Failed)?;
     if recorded == Ending::Done {
         venue_folder::give_name(folder, &plan.out).map_err(NodeError::Failed)?;
         draw(&plan).map_err(NodeError::Failed)?;
-        output::print(&summary::of(&plan)).map_err(NodeError::Failed)?;
+        output::print(&summary::text(&plan)).map_err(NodeError::Failed)?;
     }
     Ok(recorded)
 }
@@ -143,7 +141,7 @@ fn check(args: SimulateArgs) -> anyhow::Result<RecordingPlan> {
         all.end
     );
     let overlay = match args.overlay {
-        Some(asked) => overlay_ticks(asked, &ticks)?,
+        Some(requested) => overlay_ticks(requested, &ticks)?,
         None => Vec::new(),
     };
     let kind = RecordingKind::choose(args.kind)?;
@@ -151,8 +149,8 @@ fn check(args: SimulateArgs) -> anyhow::Result<RecordingPlan> {
         kind == RecordingKind::Maps || !args.there_and_back,
         "`--there-and-back` needs `--as maps`: other recordings are played once"
     );
-    // The truth of pictures is what they show.
-    let scene = Arc::new(if kind.gives_pictures() {
+    // The truth of images has no faults of maps.
+    let scene = Arc::new(if kind.has_images() {
         without_map_faults(scene)
     } else {
         scene
@@ -176,7 +174,7 @@ fn check(args: SimulateArgs) -> anyhow::Result<RecordingPlan> {
     })
 }
 
-/// Draws the truth over what was recorded.
+/// Draws the truth over the recording.
 fn draw(plan: &RecordingPlan) -> anyhow::Result<()> {
     if plan.overlay.is_empty() {
         return Ok(());
@@ -189,11 +187,11 @@ fn draw(plan: &RecordingPlan) -> anyhow::Result<()> {
     })
 }
 
-/// The card's full name: the venue lies elsewhere.
+/// The absolute path of the card, as the venue is in another folder.
 fn detector_card(card: &Path, kind: RecordingKind) -> anyhow::Result<String> {
     ensure!(
-        kind.gives_pictures(),
-        "`--detector` {}: a venue of {} has no pictures to look into",
+        kind.has_images(),
+        "`--detector` {}: a venue of {} has no images for it",
         card.display(),
         kind.name()
     );
@@ -204,7 +202,7 @@ fn detector_card(card: &Path, kind: RecordingKind) -> anyhow::Result<String> {
         .map_err(|_| anyhow!("`--detector` {}: its name is not UTF-8", card.display()))
 }
 
-/// The scene's name as a part of Zenoh keys.
+/// The scene's name as a valid part of Zenoh keys.
 fn venue_name(scene: &Path) -> String {
     let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
     let letter = |c: char| {
@@ -222,7 +220,7 @@ fn venue_name(scene: &Path) -> String {
     }
 }
 
-/// Writes everything into `folder`.
+/// Writes all files into `folder`.
 fn record(plan: &RecordingPlan, folder: &Path, interrupt: &Interrupt) -> anyhow::Result<Ending> {
     let RecordingPlan { scene, ticks, .. } = plan;
     say(format_args!(
@@ -233,17 +231,17 @@ fn record(plan: &RecordingPlan, folder: &Path, interrupt: &Interrupt) -> anyhow:
     ));
     venue_folder::write_calibration(scene, folder)?;
     write_truth(plan, &folder.join("truth.jsonl"))?;
-    let pictures = plan.kind.gives_pictures();
-    let network = pictures.then(|| venue_folder::write_network(folder));
+    let has_images = plan.kind.has_images();
+    let network = has_images.then(|| venue_folder::write_network(folder));
     let network = network.transpose()?;
     let ending = match plan.kind {
         RecordingKind::Keypoints => keypoints::write(plan, folder, interrupt)?,
-        RecordingKind::Maps => maps::write(plan, folder, interrupt)?,
+        RecordingKind::Maps => keypoints::write_as_maps(plan, folder, interrupt)?,
         RecordingKind::Videos | RecordingKind::Images => pictures::write(plan, folder, interrupt)?,
     };
     let source = |camera: &CameraModel| plan.kind.source(camera.name());
-    // Keypoints and maps hold sightings of their own, and a detector finds whoever is there.
-    let is_given = pictures && plan.detector.is_none();
+    // Keypoints and maps contain sightings, and a detector finds the people.
+    let is_given = has_images && plan.detector.is_none();
     let text = VenueText {
         scene,
         name: &plan.name,
@@ -259,7 +257,7 @@ fn record(plan: &RecordingPlan, folder: &Path, interrupt: &Interrupt) -> anyhow:
     Ok(ending)
 }
 
-/// The truth of every tick of the recording, of a whole period where it repeats.
+/// The truth of every tick of the recording; of a whole period if it repeats.
 fn write_truth(plan: &RecordingPlan, path: &Path) -> anyhow::Result<()> {
     let RecordingPlan { scene, ticks, .. } = plan;
     if plan.kind != RecordingKind::Maps {

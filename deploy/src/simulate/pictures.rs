@@ -1,6 +1,6 @@
-//! Rendered cameras as videos, or as folders of pictures.
+//! Rendered cameras as videos, or as folders of images.
 
-use std::io::{Read as _, Write as _};
+use std::io::{IsTerminal as _, Read as _, Write as _, stderr};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 
@@ -11,13 +11,13 @@ use farfield_proto::plain_text::one_line;
 use farfield_proto::venue::SimulatedContent;
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
+use indicatif::{ProgressBar, ProgressStyle};
 
 use super::RecordingPlan;
 use super::kind::RecordingKind;
-use super::progress::PictureProgress;
 use super::work::{Interrupt, each_camera};
 
-/// Quality of JPEG pictures, percent: what it loses is below the noise of the simulated sensor.
+/// Quality of JPEG images, percent: the loss is below the noise of the simulated sensor.
 const JPEG_QUALITY: u8 = 95;
 
 /// Writes one recording per camera into `folder`.
@@ -32,17 +32,18 @@ pub(super) fn write(
     each_camera(n, interrupt, |camera| {
         let name = plan.scene.cameras()[camera].name();
         let path = folder.join(plan.kind.path(name));
-        let parent = path.parent().context("a recording lies in a folder")?;
-        std::fs::create_dir_all(parent).with_context(|| format!("making {}", parent.display()))?;
+        let parent = path.parent().context("a recording is in a folder")?;
+        std::fs::create_dir_all(parent)
+            .with_context(|| format!("creating {}", parent.display()))?;
         let mut writer = PictureWriter::open(plan, camera, &path)?;
         let mut frames = plan.frames(camera, SimulatedContent::Pixels)?;
         let mut number = 0;
         while let Some(frame) = frames.next_frame()? {
-            if interrupt.is_asked() {
+            if interrupt.is_requested() {
                 return Ok(Ending::Interrupted);
             }
             let FrameContent::Image(picture) = frame.content else {
-                bail!("a camera of pictures has given something else");
+                bail!("a simulated camera did not give images");
             };
             writer
                 .write(&picture.into_rgb(), number)
@@ -59,7 +60,7 @@ pub(super) fn write(
 
 enum PictureWriter {
     Video(VideoEncoder),
-    /// The folder of the pictures.
+    /// The folder of the images.
     Images(std::path::PathBuf),
 }
 
@@ -94,10 +95,10 @@ impl PictureWriter {
     }
 }
 
-/// An ffmpeg that makes a video of raw pictures.
+/// An ffmpeg process that encodes raw images to a video.
 struct VideoEncoder {
     child: Child,
-    /// `None` once all is written.
+    /// `None` after the last image.
     pictures: Option<ChildStdin>,
 }
 
@@ -108,8 +109,7 @@ impl VideoEncoder {
         command.args(["-f", "rawvideo", "-pix_fmt", "rgb24"]);
         command.args(["-s", &format!("{width}x{height}")]);
         command.args(["-r", &rate_hz.to_string(), "-i", "-"]);
-        // Full colour resolution also allows odd sizes; the preset keeps the encoder cheaper than
-        // the renderer.
+        // Full colour resolution also allows odd sizes. The preset keeps the encoder faster than the renderer.
         command.args(["-c:v", "libx264", "-preset", "veryfast", "-crf", "16"]);
         command.args(["-pix_fmt", "yuv444p", "-f", "mp4"]);
         command.arg(path);
@@ -128,40 +128,70 @@ impl VideoEncoder {
         };
         match pictures.write_all(picture.as_raw()) {
             Ok(()) => Ok(()),
-            // It has left, and says why.
-            Err(error) => bail!("{error}{}", self.words()),
+            // It has ended, and its error output has the reason.
+            Err(error) => bail!("{error}{}", self.messages()),
         }
     }
 
     fn finish(mut self) -> anyhow::Result<()> {
         drop(self.pictures.take());
-        let words = self.words();
+        let messages = self.messages();
         let status = self.child.wait().context("waiting for ffmpeg")?;
-        anyhow::ensure!(status.success(), "ffmpeg has failed{words}");
+        anyhow::ensure!(status.success(), "ffmpeg has failed{messages}");
         Ok(())
     }
 
-    /// What it has to say; it has closed its end by then.
-    fn words(&mut self) -> String {
+    /// Its error output; call it after its input is closed.
+    fn messages(&mut self) -> String {
         drop(self.pictures.take());
-        let mut words = String::new();
+        let mut messages = String::new();
         if let Some(stderr) = &mut self.child.stderr {
-            // What cannot be read is not said.
-            drop(stderr.read_to_string(&mut words));
+            // Unreadable output is ignored.
+            drop(stderr.read_to_string(&mut messages));
         }
-        let words = words.trim();
-        if words.is_empty() {
+        let messages = messages.trim();
+        if messages.is_empty() {
             String::new()
         } else {
-            format!("; ffmpeg: {}", one_line(words))
+            format!("; ffmpeg: {}", one_line(messages))
         }
     }
 }
 
 impl Drop for VideoEncoder {
     fn drop(&mut self) {
-        // After a clean end both say that there is no such process.
+        // After a clean end both only report that the process does not exist.
         drop(self.child.kill());
         drop(self.child.wait());
+    }
+}
+
+/// Counts the images of all cameras.
+pub(super) struct PictureProgress {
+    bar: ProgressBar,
+}
+
+impl PictureProgress {
+    pub(super) fn new(pictures: u64) -> Self {
+        let bar = if stderr().is_terminal() {
+            ProgressBar::new(pictures)
+        } else {
+            ProgressBar::hidden()
+        };
+        if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} images {eta}") {
+            bar.set_style(style);
+        }
+        Self { bar }
+    }
+
+    /// One more image is written.
+    pub(super) fn one(&self) {
+        self.bar.inc(1);
+    }
+}
+
+impl Drop for PictureProgress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
     }
 }

@@ -1,4 +1,4 @@
-//! What a recording says at its end: who is in the scene, and how far they leave the model's range.
+//! Summary of a recording: the scene, and how far its people exceed the range of motion.
 
 use std::fmt::{self, Write as _};
 
@@ -8,11 +8,11 @@ use farfield_sim::scene::range_of_motion::{
 
 use super::RecordingPlan;
 
-/// Most angles that are named of a person.
+/// Most angles listed for a person.
 const MOST_ANGLES: usize = 3;
 
-/// The scene and where its recording lies.
-pub(super) fn of(plan: &RecordingPlan) -> String {
+/// The scene and the folder of its recording.
+pub(super) fn text(plan: &RecordingPlan) -> String {
     let mut text = String::new();
     // Writing to a String cannot fail.
     let _infallible = write_scene(&mut text, plan);
@@ -36,7 +36,7 @@ fn write_scene(text: &mut String, plan: &RecordingPlan) -> fmt::Result {
     let venue = plan.out.join("venue.toml");
     writeln!(
         text,
-        "recorded in {}; `farfield run {}` works on it",
+        "recorded in {}; run it with `farfield run {}`",
         plan.out.display(),
         venue.display()
     )
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whoever_leaves_the_range_is_named_with_the_worst_angles() {
+    fn people_outside_the_range_are_listed_with_their_worst_angles() {
         let angle = AngleExcess {
             name: "knee_angle_l".to_owned(),
             outside: 5,

@@ -1,4 +1,4 @@
-//! The cameras of a recording, several at once, until someone wants it to stop.
+//! Works on several cameras at once, until an interruption.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -10,50 +10,49 @@ use tokio::runtime::Runtime;
 
 use crate::signals::Signals;
 
-/// Hears that the recording shall stop.
+/// Receives the request to stop.
 pub(super) struct Interrupt {
-    asked: Arc<AtomicBool>,
-    /// Listens for as long as it lives.
+    requested: Arc<AtomicBool>,
+    /// Receives signals as long as it exists.
     _runtime: Runtime,
 }
 
 impl Interrupt {
-    /// From here on Ctrl-C no longer ends the process.
+    /// Catches signals: from here on Ctrl-C no longer ends the process.
     ///
     /// # Errors
-    /// When signals cannot be listened for.
-    pub(super) fn listen() -> std::io::Result<Self> {
+    /// When signals cannot be caught.
+    pub(super) fn catch() -> std::io::Result<Self> {
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .enable_all()
             .build()?;
         let mut signals = {
             let _entered = runtime.enter();
-            Signals::listen()?
+            Signals::catch()?
         };
-        let asked = Arc::new(AtomicBool::new(false));
-        let heard = Arc::clone(&asked);
+        let requested = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&requested);
         runtime.handle().spawn(async move {
             signals.next().await;
-            heard.store(true, Ordering::Relaxed);
+            flag.store(true, Ordering::Relaxed);
         });
         Ok(Self {
-            asked,
+            requested,
             _runtime: runtime,
         })
     }
 
-    /// Whether the recording shall stop.
-    pub(super) fn is_asked(&self) -> bool {
-        self.asked.load(Ordering::Relaxed)
+    /// Whether to stop.
+    pub(super) fn is_requested(&self) -> bool {
+        self.requested.load(Ordering::Relaxed)
     }
 }
 
-/// Calls `record` for each of `n` cameras, as many at once as there are cores; stops at the first
-/// failure.
+/// Calls `record` for each of `n` cameras, as many at once as there are cores. Stops at the first failure.
 ///
 /// # Errors
-/// The first that a camera gave.
+/// The first error of a camera.
 pub(super) fn each_camera(
     n: usize,
     interrupt: &Interrupt,
@@ -67,7 +66,7 @@ pub(super) fn each_camera(
             if camera >= n || failed.load(Ordering::Relaxed) {
                 return Ok(Ending::Done);
             }
-            if interrupt.is_asked() {
+            if interrupt.is_requested() {
                 return Ok(Ending::Interrupted);
             }
             match record(camera) {

@@ -1,7 +1,5 @@
-//! `farfield people RUN|RECORDING`: who is in it, and names and edits that can be undone.
+//! `farfield people RUN|RECORDING`: lists people; names and edits that can be undone.
 
-mod so_far;
-pub(crate) mod time_of_day;
 mod words;
 
 use std::fmt;
@@ -15,82 +13,82 @@ use farfield_export::edits::change::check_name;
 use farfield_export::edits::{Change, EditList, Identities};
 use farfield_export::run::{PeopleTable, RunFacts};
 use farfield_export::{ExportError, profile_of};
+use farfield_node::clock;
 use farfield_node::process::{NodeError, say};
+use time::OffsetDateTime;
 
-use self::so_far::whole_lines;
-use self::time_of_day::now;
 use super::export::node_error;
-use super::place::{POSES, Place, folder_of};
+use super::place::{POSES, Place, folder_of, whole_lines};
 use super::recorded::RecordedRun;
 use super::target::check_file;
 use crate::output;
 
-/// What `farfield people` is told.
+/// Arguments of `farfield people`.
 #[derive(Debug, Args)]
 pub(crate) struct PeopleArgs {
-    /// The folder of a run, also of one that goes on, its poses.jsonl, or a recording.
+    /// The folder of a run, also of one in progress, its poses.jsonl, or a recording.
     run: PathBuf,
-    /// What to do; without it everybody is listed.
+    /// What to do; default: list all people.
     #[command(subcommand)]
     action: Option<PeopleAction>,
-    /// Print people and edits, or what went wrong, as JSON.
+    /// Print people and edits, or the error, as JSON.
     #[arg(long, global = true)]
     pub(crate) json: bool,
 }
 
-/// What is done. Poses stay as they are: the edit is one more line of a file beside them.
+/// The edits. Poses do not change: an edit is one more line of a file next to them.
 #[derive(Debug, Clone, Subcommand)]
 enum PeopleAction {
-    /// Call a person by a name; "" takes it away.
+    /// Name a person; "" removes the name.
     #[command(after_help = "Example: farfield people out name 3 Anna")]
     Name {
-        /// Who.
+        /// Id of the person.
         #[arg(value_parser = id)]
         person: u32,
         /// The name.
         #[arg(value_parser = name)]
         name: String,
     },
-    /// Make two ids one person.
+    /// Merge two ids into one person.
     #[command(after_help = "Example: farfield people out merge 7 --into 3")]
     Merge {
-        /// The id that goes.
+        /// The id that disappears.
         #[arg(value_parser = id)]
         person: u32,
         /// The id that stays.
         #[arg(long, value_name = "ID", value_parser = id)]
         into: u32,
     },
-    /// Make an id two people.
+    /// Split an id into two people.
     #[command(after_help = "Example: farfield people out split 3 --at 1200")]
     Split {
-        /// Who keeps the id before the tick.
+        /// The person who keeps the id before the tick.
         #[arg(value_parser = id)]
         person: u32,
-        /// First tick of the other, who gets a new id.
+        /// First tick of the other person, who gets a new id.
         #[arg(long, value_name = "TICK", allow_hyphen_values = true)]
         at: i64,
     },
-    /// Leave a person out.
+    /// Remove a person.
     #[command(after_help = "Example: farfield people out drop 9")]
     Drop {
-        /// Who.
+        /// Id of the person.
         #[arg(value_parser = id)]
         person: u32,
     },
-    /// Take an edit back: the last, or the one of that number.
+    /// Undo an edit: the last one, or that with a number.
     #[command(after_help = "Example: farfield people out undo")]
     Undo {
-        /// Its number, as listed.
+        /// Its number in the list.
         number: Option<usize>,
     },
-    /// Keep a person's name and lengths in a file, for exports of other runs.
+    /// Save a person's name and lengths to a file, for exports of other runs.
     #[command(after_help = "Example: farfield people out save 3 --to anna.toml")]
     Save {
-        /// Who.
+        /// Id of the person.
         #[arg(value_parser = id)]
         person: u32,
-        /// The file, which must not be there.
+        /// The file, which must not exist.
         #[arg(long, value_name = "FILE.toml")]
         to: PathBuf,
     },
@@ -100,7 +98,7 @@ fn id(word: &str) -> Result<u32, String> {
     let found = word.parse().ok();
     found.ok_or_else(|| {
         format!(
-            "found `{word}`, expected the number of a person: `farfield people RUN` lists them, `farfield people RUN name 3 Anna` names one"
+            "found `{word}`, expected the number of a person: `farfield people RUN` lists them, `farfield people RUN name 3 Anna` sets a name"
         )
     })
 }
@@ -110,29 +108,30 @@ fn name(word: &str) -> Result<String, String> {
     check_name(word).map(|()| word.to_owned())
 }
 
-/// A run or recording, and what is known of its people.
+/// A run or recording, with its people and edits.
 struct Known {
     edits: farfield_export::EditsFile,
     list: EditList,
     identities: Identities,
     table: PeopleTable,
-    /// Ticks per second; a run that goes on does not say it yet.
+    /// Ticks per second; unknown while a run is in progress.
     rate_hz: Option<f64>,
 }
 
-/// Does what is asked for, and prints it.
+/// Executes the action and prints the result.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where the run, its edits or the new edit are wrong, [`NodeError::Failed`] when a file cannot be written.
+/// [`NodeError::Refused`] if the run, its edits or the new edit are wrong, [`NodeError::Failed`] when a file cannot be
+/// written.
 pub(crate) fn people(args: &PeopleArgs) -> Result<(), NodeError> {
-    let place = Place::of(&args.run).map_err(NodeError::Refused)?;
+    let place = Place::find(&args.run).map_err(NodeError::Refused)?;
     if let Some(action @ PeopleAction::Save { person, to }) = &args.action {
         return save(&place, action, (*person, to));
     }
-    let (place, known) = found(&args.run, place)?;
-    if let Place::GoingOn { run, .. } = &place {
+    let (place, known) = load(&args.run, place)?;
+    if let Place::InProgress { run, .. } = &place {
         say(format_args!(
-            "{}: its run goes on: people and ticks are those so far",
+            "{}: the run is still in progress: people and ticks so far",
             run.display()
         ));
     }
@@ -144,35 +143,35 @@ pub(crate) fn people(args: &PeopleArgs) -> Result<(), NodeError> {
     let edited = known.edits.add(&now(), roll, change);
     let edited = edited.map_err(|error| refused(action, error))?;
     let number = edited.next_number() - 1;
-    if let Some(run) = place.run_beside() {
+    if let Some(run) = place.run_in_progress() {
         say(format_args!(
-            "{}: its run goes on, and neither page nor streams look at the edits of the recording: `farfield people {} ...` edits what they show",
+            "{}: its run is still in progress, and page and streams do not use the edits of the recording: `farfield people {} ...` edits the run",
             args.run.display(),
             run.display()
         ));
     }
     let known = if args.json {
-        // Who is listed is somebody else now.
-        found(&args.run, place)?.1
+        // The list of people may have changed.
+        load(&args.run, place)?.1
     } else {
         known.with(edited)?
     };
     print(&known, Some(number), args.json)
 }
 
-/// What is known of the people of `place`, which is what `run` names, or was until its run ended.
-fn found(run: &Path, place: Place) -> Result<(Place, Known), NodeError> {
-    match Known::of(&place) {
+/// The people of `place`; if its run has ended meanwhile, those of the finished `run`.
+fn load(run: &Path, place: Place) -> Result<(Place, Known), NodeError> {
+    match Known::new(&place) {
         Err(_) if place.has_moved() => {
-            let place = Place::of(run).map_err(NodeError::Refused)?;
-            let known = Known::of(&place)?;
+            let place = Place::find(run).map_err(NodeError::Refused)?;
+            let known = Known::new(&place)?;
             Ok((place, known))
         }
         known => Ok((place, known?)),
     }
 }
 
-/// The edit that an action is, where these edits are there already.
+/// The edit of an action, given the existing edits.
 fn change(action: &PeopleAction, list: &EditList, known: &Known) -> Result<Change, String> {
     Ok(match action.clone() {
         PeopleAction::Name { person, name } => Change::Name { person, name },
@@ -190,14 +189,14 @@ fn change(action: &PeopleAction, list: &EditList, known: &Known) -> Result<Chang
         PeopleAction::Undo { number } => {
             let last = list.in_force().last().map(|(number, _)| *number);
             let number = number.or(last);
-            let number = number.ok_or("there is no edit in force that could be undone")?;
+            let number = number.ok_or("there is no edit to undo")?;
             Change::Undo { number }
         }
         PeopleAction::Save { .. } => return Err("saving is no edit".to_owned()),
     })
 }
 
-/// Why an action cannot be done, with the words that ask for it.
+/// The error of an action, with its command line.
 fn refused(action: &PeopleAction, error: ExportError) -> NodeError {
     let list = match action {
         PeopleAction::Undo { .. } => "; `farfield people RUN` lists edits with their numbers",
@@ -210,7 +209,7 @@ fn refused(action: &PeopleAction, error: ExportError) -> NodeError {
 }
 
 impl fmt::Display for PeopleAction {
-    /// As it stands on the command line, without names of people and files.
+    /// As on the command line, without names of people and files.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Name { person, .. } => write!(f, "name {person}"),
@@ -226,15 +225,15 @@ impl fmt::Display for PeopleAction {
     }
 }
 
-/// Keeps the profile of a person in the file `to`, as `action` says.
+/// Saves the profile of a person to the file `to`.
 fn save(place: &Place, action: &PeopleAction, (person, to): (u32, &Path)) -> Result<(), NodeError> {
     check_file("--to", to).map_err(NodeError::Refused)?;
     let edits = place.edits();
     let profile = match place {
         Place::Run { poses, .. } => profile_of(poses, edits.path(), person),
-        Place::GoingOn { run, .. } => {
+        Place::InProgress { run, .. } => {
             return Err(NodeError::Refused(anyhow!(
-                "{action}: {}: its run goes on, and lengths are still learnt: save them when it has ended",
+                "{action}: {}: the run is still in progress, and lengths are still being measured: save them after its end",
                 run.display()
             )));
         }
@@ -248,7 +247,7 @@ fn save(place: &Place, action: &PeopleAction, (person, to): (u32, &Path)) -> Res
     let profile = profile.map_err(|error| refused(action, error))?;
     profile.write(to).map_err(|error| match error {
         ExportError::Exists { path } => {
-            NodeError::Refused(anyhow!("{} is there already", path.display()))
+            NodeError::Refused(anyhow!("{} already exists", path.display()))
         }
         error => node_error(error),
     })?;
@@ -272,7 +271,7 @@ fn print(known: &Known, number: Option<usize>, json: bool) -> Result<(), NodeErr
 }
 
 impl Known {
-    fn of(place: &Place) -> Result<Self, NodeError> {
+    fn new(place: &Place) -> Result<Self, NodeError> {
         let edits = place.edits();
         let list = place.read_edits().map_err(node_error)?;
         let before = list.identities(None);
@@ -288,7 +287,7 @@ impl Known {
         known.with(list)
     }
 
-    /// The same with these edits, held against who is there.
+    /// The same with these edits, checked against the people.
     fn with(mut self, list: EditList) -> Result<Self, NodeError> {
         let identities = list.identities(Some(&self.table.roll));
         self.identities =
@@ -298,10 +297,10 @@ impl Known {
     }
 }
 
-/// Who is there, and at which rate, where that is known.
+/// The people, and the rate if known.
 fn table(place: &Place, identities: &Identities) -> anyhow::Result<(PeopleTable, Option<f64>)> {
     match place {
-        Place::GoingOn { poses, .. } => {
+        Place::InProgress { poses, .. } => {
             let opening = || format!("opening {}", poses.display());
             let file = BufReader::new(whole_lines(poses).with_context(opening)?);
             Ok((PeopleTable::of_lines(file, poses, identities)?, None))
@@ -320,5 +319,38 @@ fn table(place: &Place, identities: &Identities) -> anyhow::Result<(PeopleTable,
             recorded.poses(&mut |poses| table.add_poses(poses, identities))?;
             Ok((table, Some(recorded.rate_hz())))
         }
+    }
+}
+
+/// The current time in UTC, in RFC 3339 format.
+pub(crate) fn now() -> String {
+    rfc3339(clock::unix_time().as_secs())
+}
+
+fn rfc3339(unix_s: u64) -> String {
+    let at = i64::try_from(unix_s)
+        .ok()
+        .and_then(|at| OffsetDateTime::from_unix_timestamp(at).ok());
+    let at = at.unwrap_or(OffsetDateTime::UNIX_EPOCH);
+    format!(
+        "{:04}-{:02}-{:02}T{:02}:{:02}:{:02}Z",
+        at.year(),
+        u8::from(at.month()),
+        at.day(),
+        at.hour(),
+        at.minute(),
+        at.second()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_formatted_as_rfc_3339() {
+        // `date -u -d @N`.
+        assert_eq!(rfc3339(951_827_696), "2000-02-29T12:34:56Z");
+        assert_eq!(rfc3339(0), "1970-01-01T00:00:00Z");
     }
 }

@@ -1,4 +1,4 @@
-//! People and edits as they are printed.
+//! People and edits as text and JSON.
 
 use std::fmt::Write as _;
 
@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::Known;
 
-/// What is printed as JSON.
+/// The JSON output.
 #[derive(Serialize)]
 struct Document<'a> {
     edits_file: String,
@@ -46,7 +46,7 @@ impl Known {
         self.identities.names().get(&person).map(String::as_str)
     }
 
-    /// For how long somebody was there, where the rate of the ticks is known.
+    /// Seconds with a pose, if the rate is known.
     fn seconds(&self, row: &TableRow) -> Option<f64> {
         self.rate_hz.map(|rate_hz| row.roll.ticks as f64 / rate_hz)
     }
@@ -84,7 +84,7 @@ pub(super) fn json(known: &Known) -> serde_json::Result<String> {
     Ok(serde_json::to_string_pretty(&document)? + "\n")
 }
 
-/// What was done by the edit of that number.
+/// The line on an added edit.
 pub(super) fn done(known: &Known, number: usize) -> String {
     let edits = known.edits();
     let text = edits.iter().find(|edit| edit.number == number);
@@ -93,7 +93,7 @@ pub(super) fn done(known: &Known, number: usize) -> String {
     format!("edit {number}: {text}; in {path}\n")
 }
 
-/// Everybody, and all edits.
+/// All people and edits.
 pub(super) fn table(known: &Known) -> String {
     let rows = known.rows();
     let width = |row: &TableRow| {
@@ -103,7 +103,7 @@ pub(super) fn table(known: &Known) -> String {
     };
     let width = rows.iter().map(width).max().unwrap_or(0).max("name".len());
     let mut text = if rows.is_empty() {
-        "nobody is there\n".to_owned()
+        "no people\n".to_owned()
     } else {
         let time = if known.rate_hz.is_some() {
             "seconds"
@@ -117,7 +117,7 @@ pub(super) fn table(known: &Known) -> String {
     };
     for row in &rows {
         let name = known.name(row.person).unwrap_or("");
-        // Blanks by hand: what is not ASCII may have another width.
+        // Padded by hand: text that is not ASCII may have another width.
         let blanks = " ".repeat(width - name.chars().count().min(width));
         let sigma = row.sigma_m.map_or_else(
             || "unknown".to_owned(),
@@ -155,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn while_the_rate_of_a_run_is_not_known_ticks_stand_in_the_place_of_seconds() {
+    fn without_a_rate_ticks_are_shown_instead_of_seconds() {
         let mut known = Known {
             edits: EditsFile::at("edits.jsonl".into()),
             list: EditList::default(),

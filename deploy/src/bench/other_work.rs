@@ -1,5 +1,4 @@
-//! What an edge does beside its network: decoding pictures, cutting crops out of them, and encoding their maps.
-
+//! Work of an edge besides its network: decoding images, cutting crops, and encoding their maps.
 use std::fmt;
 
 use farfield_edge::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
@@ -14,33 +13,34 @@ use farfield_proto::patch::{CompressionLevel, Encoder, Maps};
 use farfield_proto::venue::{Source, Venue};
 use serde::Serialize;
 
-/// Pictures and crops that are timed.
+/// Number of images and crops that are timed.
 const TIMED: u32 = 60;
-/// Size of pictures where there is no venue, pixels.
+/// Image size without a venue, pixels.
 const SIZE_PX: [u32; 2] = [1920, 1200];
-/// Height of a person in the picture, as a share of the picture's.
+/// Height of a person relative to that of the image.
 const PERSON_SHARE: f32 = 0.5;
 
-/// How long each takes.
+/// The time of each kind of work.
 #[derive(Debug, Serialize)]
-pub(super) struct BesideNetwork {
+pub(super) struct OtherWork {
+    /// Width and height of the image that crops are cut from, pixels.
     /// Width and height of the picture that crops are cut from, pixels.
     size_px: [u32; 2],
     crop_ms: f64,
-    /// Of the maps of a crop, at the compression level that a live link starts with.
+    /// For the maps of a crop, at the initial compression level of a live link.
     encoding_ms: f64,
     decoding: Option<Decoding>,
 }
 
-/// Of the first recorded video of a venue.
+/// For the first recorded video of a venue.
 #[derive(Debug, Serialize)]
 struct Decoding {
     camera: String,
     picture_ms: f64,
 }
 
-impl BesideNetwork {
-    /// Times them: the videos and the first camera's size are the venue's, where there is one.
+impl OtherWork {
+    /// Measures the times, with the videos and the image size of a venue if given.
     ///
     /// # Errors
     /// When the video cannot be read.
@@ -60,7 +60,7 @@ impl BesideNetwork {
     }
 }
 
-/// Of a person a little aslant in the middle of a video's picture.
+/// For a slightly tilted person in the middle of a video image.
 fn crop_ms(card: &HeatmapCard, size_px: [u32; 2], camera: Option<&CameraModel>) -> f64 {
     let layout = YuvLayout::Planar([2, 2]);
     let bytes = vec![128; layout.n_bytes(size_px)].into();
@@ -82,7 +82,7 @@ fn crop_ms(card: &HeatmapCard, size_px: [u32; 2], camera: Option<&CameraModel>) 
     mean_ms(|| cropper.crop(&picture, camera, &crop, &format, &mut input))
 }
 
-/// Of maps with one clear peak each.
+/// For maps with one clear peak each.
 fn encoding_ms(card: &HeatmapCard) -> f64 {
     let [width, height] = CropShape::of_card(card).cells.map(usize::from);
     let keypoints = card.output.keypoints.len();
@@ -97,7 +97,7 @@ fn encoding_ms(card: &HeatmapCard) -> f64 {
     mean_ms(|| encoder.encode_into(&maps, CompressionLevel::DEFAULT, &mut bytes))
 }
 
-/// Mean of `TIMED` times, after one that is not counted.
+/// Mean of `TIMED` runs, after one that is not counted.
 fn mean_ms(mut work: impl FnMut()) -> f64 {
     work();
     let begun = clock::now();
@@ -114,7 +114,7 @@ impl Decoding {
             return Ok(None);
         };
         let mut source = RecordedSources.open(camera, venue, venue.first_tick)?;
-        // What starting takes is none of it.
+        // The first frame includes the start of the decoder.
         source.next_frame()?;
         let begun = clock::now();
         let mut pictures = 0;
@@ -129,12 +129,12 @@ impl Decoding {
     }
 }
 
-impl fmt::Display for BesideNetwork {
+impl fmt::Display for OtherWork {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [width, height] = self.size_px;
         writeln!(
             f,
-            "\nbeside the network\n{:>7.2}  ms a crop, of a picture of {width} x {height}",
+            "\nbesides the network\n{:>7.2}  ms per crop, of an image of {width} x {height}",
             self.crop_ms
         )?;
         writeln!(
@@ -144,7 +144,7 @@ impl fmt::Display for BesideNetwork {
         )?;
         match &self.decoding {
             Some(Decoding { camera, picture_ms }) => {
-                writeln!(f, "{picture_ms:>7.2}  ms to decode a picture of {camera}")
+                writeln!(f, "{picture_ms:>7.2}  ms to decode an image of {camera}")
             }
             None => Ok(()),
         }
