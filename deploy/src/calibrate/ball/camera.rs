@@ -1,74 +1,76 @@
-//! A recording of one camera, looked through for the ball.
+//! Scans the recording of one camera for the ball, and stores the result in its file of sightings.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
 use farfield_calibration::ball::{
-    Appearance, BallFinder, BallLens, BallRequest, BallSighting, ColourRange, Picture,
+    Appearance, BallFinder, BallLens, BallRequest, BallSighting, ColourRange, FINDER_REVISION,
+    Picture, sightings_text,
 };
+use serde::{Deserialize, Serialize};
 
-use super::looked::made_of;
-use super::{BallLook, coloured};
+use super::{BallScan, coloured};
+use crate::calibrate::cached::{Cached, fingerprint};
 use crate::calibrate::lenses::{Lens, lens_of};
-use crate::calibrate::progress::LookProgress;
-use crate::calibrate::recorded::OwnVenue;
-use crate::init::recordings::{self, Recording, RecordingKind};
+use crate::calibrate::recorded::{OwnVenue, ScanProgress};
+use crate::init::recordings::{self, Recording, RecordingKind, files_of};
 
-/// Pictures of the first pass, in which the ball's colour is learnt.
+/// Images of the first pass, in which the colour of the ball is learnt.
 const LEARNING_FRAMES: usize = 300;
 
-/// A recording and the lens that it was made through.
-pub(in crate::calibrate) struct LookingCamera {
+/// A recording and its lens.
+pub(in crate::calibrate) struct ScanCamera {
     recording: Recording,
     lens: BallLens,
-    /// The lens, in words that tell it from every other.
+    /// The lens, as text that differs for every lens.
     lens_text: String,
     venue: OwnVenue,
 }
 
-/// The recordings of the folder, each of another camera.
+/// The recordings of the folder, one for each camera.
 ///
 /// # Errors
-/// What cannot be read, two recordings of one camera, and keypoint files alone.
+/// Unreadable files, two recordings of one camera, only keypoint files.
 pub(super) fn recordings_in(folder: &Path) -> anyhow::Result<Vec<Recording>> {
     let found = recordings::find(folder, None, recordings::OTHER_FOLDER)?;
-    let pictures = found
+    let images = found
         .into_iter()
         .filter(|it| it.kind != RecordingKind::Keypoints);
-    let pictures: Vec<Recording> = pictures.collect();
-    recordings::refuse_same_names(&pictures)?;
+    let images: Vec<Recording> = images.collect();
+    recordings::refuse_same_names(&images)?;
     ensure!(
-        !pictures.is_empty(),
-        "{}: found keypoint files, expected videos or folders of pictures",
+        !images.is_empty(),
+        "{}: found keypoint files, expected videos or folders of images",
         folder.display()
     );
-    Ok(pictures)
+    Ok(images)
 }
 
 /// The recordings, each with its lens.
 ///
 /// # Errors
-/// Recordings without a lens, and lenses that nothing can be looked at through.
+/// Recordings without a lens, and lenses that cannot be used.
 pub(in crate::calibrate) fn with_lenses(
     recordings: Vec<Recording>,
     lenses: &BTreeMap<String, Lens>,
-) -> anyhow::Result<Vec<LookingCamera>> {
+) -> anyhow::Result<Vec<ScanCamera>> {
     let each = recordings.into_iter().map(|recording| {
         let lens = lens_of(lenses, &recording.name)
             .with_context(|| recording.path.display().to_string())?;
-        LookingCamera::new(recording, lens)
+        ScanCamera::new(recording, lens)
     });
     each.collect()
 }
 
-impl LookingCamera {
+impl ScanCamera {
     fn new(recording: Recording, lens: &Lens) -> anyhow::Result<Self> {
-        let looks = BallLens::new(lens.size_px, lens.intrinsics, lens.model);
-        let looks = looks.with_context(|| format!("the lens of camera {}", recording.name))?;
+        let ball_lens = BallLens::new(lens.size_px, lens.intrinsics, lens.model);
+        let ball_lens =
+            ball_lens.with_context(|| format!("the lens of camera {}", recording.name))?;
         Ok(Self {
             venue: OwnVenue::new(&recording, lens)?,
-            lens: looks,
+            lens: ball_lens,
             lens_text: lens.calibration(&recording.name)?,
             recording,
         })
@@ -83,28 +85,28 @@ impl LookingCamera {
         folder.join(format!("{}.txt", self.recording.name))
     }
 
-    /// Fingerprint of all that its file comes of: the recording, the lens, what is looked for.
+    /// Fingerprint of everything that its file depends on: recording, lens, options.
     ///
     /// # Errors
     /// When the recording cannot be read.
-    pub(super) fn made_of(&self, look: &BallLook) -> anyhow::Result<String> {
+    pub(super) fn made_of(&self, scan: &BallScan) -> anyhow::Result<String> {
         let options = format!(
             "{:?} {:?} {:?} {:?}",
-            look.by,
-            look.appearance(),
-            look.diameter_px,
+            scan.by,
+            scan.appearance(),
+            scan.diameter_px,
             self.lens_text
         );
-        made_of(&self.recording, &options)
+        fingerprint_of(&self.recording, &options)
     }
 
-    /// How many pictures will be looked at.
+    /// Number of images to scan.
     ///
     /// # Errors
     /// When the recording cannot be read.
-    pub(super) fn pictures(&self, look: &BallLook) -> anyhow::Result<u64> {
-        let frames = self.venue.frames_to_look_at()?;
-        let learning = look.appearance().is_none();
+    pub(super) fn images(&self, scan: &BallScan) -> anyhow::Result<u64> {
+        let frames = self.venue.frames_to_scan()?;
+        let learning = scan.appearance().is_none();
         Ok(frames
             + if learning {
                 frames.min(LEARNING_FRAMES as u64)
@@ -113,73 +115,147 @@ impl LookingCamera {
             })
     }
 
-    /// How many frames there are, and where it was.
+    /// Number of frames, and the sightings of the ball.
     ///
     /// # Errors
-    /// What cannot be read.
-    pub(super) fn look(
+    /// An unreadable recording.
+    pub(super) fn scan(
         &self,
-        look: &BallLook,
-        progress: &LookProgress,
+        scan: &BallScan,
+        progress: &ScanProgress,
     ) -> anyhow::Result<(u64, Vec<BallSighting>)> {
-        let appearance = match look.appearance() {
+        let appearance = match scan.appearance() {
             Some(appearance) => appearance,
-            None => match self.learnt(look, progress)? {
+            None => match self.learnt(scan, progress)? {
                 (frames, None) => return Ok((frames, Vec::new())),
-                (_, Some(colour)) => coloured(look.by, colour),
+                (_, Some(colour)) => coloured(scan.by, colour),
             },
         };
-        let mut finder = self.finder(appearance, look)?;
+        let mut finder = self.finder(appearance, scan)?;
         let frames = self.show(&mut finder, usize::MAX, progress)?;
         Ok((frames, finder.finish()))
     }
 
-    /// How many frames were looked at, and the colour of the most saturated round thing that moves in them.
+    /// Number of scanned frames, and the colour of the most saturated round thing that moves in them.
     fn learnt(
         &self,
-        look: &BallLook,
-        progress: &LookProgress,
+        scan: &BallScan,
+        progress: &ScanProgress,
     ) -> anyhow::Result<(u64, Option<ColourRange>)> {
         let any = Appearance::MovingColour(ColourRange::saturated());
-        let mut finder = self.finder(any, look)?;
+        let mut finder = self.finder(any, scan)?;
         let frames = self.show(&mut finder, LEARNING_FRAMES, progress)?;
         let colour = finder.colour();
         let name = &self.recording.name;
         match &colour {
             Some(found) => progress.say(format_args!(
-                "camera {name}: its colour has hues of {:.0} to {:.0} degrees",
+                "camera {name}: the colour has hues of {:.0} to {:.0} degrees",
                 found.hue_deg[0], found.hue_deg[1]
             )),
             None => progress.say(format_args!(
-                "camera {name}: nothing round, saturated and moving in the first {frames} frames: give --colour"
+                "camera {name}: found nothing round, saturated and moving in the first {frames} frames: set --colour"
             )),
         }
         Ok((frames, colour))
     }
 
-    fn finder(&self, appearance: Appearance, look: &BallLook) -> anyhow::Result<BallFinder> {
+    fn finder(&self, appearance: Appearance, scan: &BallScan) -> anyhow::Result<BallFinder> {
         let request = BallRequest {
             appearance,
-            diameter_px: look.diameter_px,
+            diameter_px: scan.diameter_px,
             lens: Some(self.lens),
         };
         BallFinder::new(request).with_context(|| self.recording.path.display().to_string())
     }
 
-    /// Shows the finder the first frames, at most so many; how many there were.
+    /// Passes the first frames to the finder, at most `most`. Returns their number.
     fn show(
         &self,
         finder: &mut BallFinder,
         most: usize,
-        progress: &LookProgress,
+        progress: &ScanProgress,
     ) -> anyhow::Result<u64> {
         let named = || self.recording.path.display().to_string();
         self.venue.show(most, |number, picture| {
             let image = picture.into_rgb();
             let picture = Picture::rgb8(image.as_raw(), [image.width(), image.height()]);
-            let looked = picture.and_then(|picture| finder.look(number, &picture));
+            let result = picture.and_then(|picture| finder.look(number, &picture));
             progress.one();
-            looked.with_context(named).map(|_| ())
+            result.with_context(named).map(|_| ())
         })
+    }
+}
+
+/// Start of the line with the cache entry.
+const MARK: &str = "# farfield calibrate ball: ";
+
+/// Facts that are stored with a file of sightings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct BallCounts {
+    /// Scanned images.
+    pub(super) frames: u64,
+    /// Images with the ball.
+    pub(super) sightings: usize,
+    /// Median diameter, pixels, to a hundredth.
+    pub(super) diameter_px: f64,
+}
+
+impl BallCounts {
+    pub(super) fn new(frames: u64, found: &[BallSighting]) -> Self {
+        let mut diameters_px: Vec<f64> = found.iter().map(|it| it.diameter_px).collect();
+        diameters_px.sort_by(f64::total_cmp);
+        let middle_px = diameters_px.get(diameters_px.len() / 2).copied();
+        Self {
+            frames,
+            sightings: found.len(),
+            diameter_px: (100.0 * middle_px.unwrap_or_default()).round() / 100.0,
+        }
+    }
+
+    /// The text of its file.
+    pub(super) fn text(&self, found: &[BallSighting], made_of: &str) -> String {
+        Cached::text(MARK, &sightings_text(found), self.clone(), made_of)
+    }
+
+    /// The facts in the file at `path`, if it is unchanged and made of the same.
+    pub(super) fn find(path: &Path, made_of: &str) -> Option<Self> {
+        Cached::find(MARK, path, made_of)
+    }
+}
+
+/// A fingerprint of every byte of a recording, of `options`, and of the program.
+///
+/// # Errors
+/// When the recording cannot be read.
+pub(super) fn fingerprint_of(recording: &Recording, options: &str) -> anyhow::Result<String> {
+    let revision = FINDER_REVISION.to_string();
+    fingerprint(
+        &[&revision, options, recording.kind_name()],
+        &files_of(recording)?,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_stored_with_the_sightings() {
+        let found: Vec<BallSighting> = (0..30)
+            .map(|i| BallSighting {
+                frame: i,
+                px: [i as f64, 7.5],
+                diameter_px: 11.117,
+                sigma_px: 0.02,
+                score: 1.0,
+            })
+            .collect();
+        let counts = BallCounts::new(40, &found);
+        assert_eq!((counts.frames, counts.sightings), (40, 30));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        std::fs::write(&path, counts.text(&found, "abc")).unwrap();
+        assert_eq!(BallCounts::find(&path, "abc"), Some(counts));
+        assert_eq!(BallCounts::find(&path, "abd"), None);
     }
 }

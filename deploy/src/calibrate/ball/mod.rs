@@ -1,10 +1,9 @@
-//! `farfield calibrate ball`: where cameras saw a ball that was carried through the field, a light in the dark, a drone.
+//! `farfield calibrate ball`: finds a ball that was carried through the field, a light in the dark, or a drone.
 //!
-//! Writes the files that `farfield calibrate points` takes, each as soon as its camera is looked through; whoever is interrupted
-//! finds them again.
+//! Writes the input files of `farfield calibrate points`, each after the scan of its camera; after an interruption they
+//! are reused.
 
 mod camera;
-mod looked;
 
 use std::fmt::Write as _;
 use std::fs;
@@ -18,75 +17,74 @@ use farfield_node::process::NodeError;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 
-use self::camera::LookingCamera;
 pub(super) use self::camera::with_lenses;
-use self::looked::Looked;
+use self::camera::{BallCounts, ScanCamera};
 use super::lenses::{LensFile, lenses};
-use super::progress::LookProgress;
+use super::recorded::ScanProgress;
 use super::{refuse_existing, write};
 use crate::init::recordings::Recording;
 use crate::output;
 
-/// Sightings below which nothing can be made of a camera.
+/// With fewer sightings, a camera cannot be calibrated.
 const FEW: usize = 20;
 
-/// What `farfield calibrate ball` is told.
+/// Arguments of `farfield calibrate ball`.
 #[derive(Debug, Args)]
 pub(super) struct BallArgs {
     #[command(flatten)]
-    look: BallLook,
+    scan: BallScan,
     /// Lenses: a calibration of any format, or NAME=FILE for one camera.
     #[arg(long, value_name = "[NAME=]FILE", required = true)]
     lens: Vec<LensFile>,
-    /// Folder for NAME.txt: `frame x y` on each line.
+    /// Folder for NAME.txt: `frame x y` per line.
     ///
-    /// Each is written when its camera is looked through. One that is there already, of the same recording, lens and options, is
-    /// taken as it is: after an interruption only what is missing is looked for.
+    /// Each is written after the scan of its camera. An existing one of the same recording, lens and options is reused:
+    /// after an interruption only missing ones are scanned.
     #[arg(long, value_name = "DIR", default_value = "seen")]
     out: PathBuf,
-    /// Replace files that are there already.
+    /// Replace existing files.
     #[arg(long)]
     replace: bool,
-    /// Print what was found, or what went wrong, as JSON.
+    /// Print the result or the error as JSON.
     #[arg(long)]
     pub(super) json: bool,
 }
 
-/// What is looked for, and where.
+/// What to find, and in which recordings.
 #[derive(Debug, Args)]
-pub(super) struct BallLook {
-    /// The folder of the recordings: videos or folders of numbered pictures, named after the cameras.
+pub(super) struct BallScan {
+    /// The folder of the recordings: videos or folders of numbered images, named after the cameras.
     folder: PathBuf,
-    /// What tells it: colour, moving-colour, light, motion.
+    /// How to recognise it: colour, moving-colour, light, motion.
     ///
-    /// colour: nothing large has its colour; moving-colour: seats or signs have it too; light: a lamp in the dark; motion: a
-    /// drone before the sky. For all but colour and light the cameras stand still.
+    /// colour: nothing else of its size has its colour; moving-colour: seats or signs have it, too; light: a lamp in
+    /// the dark; motion: a drone in front of the sky. Except for colour and light, the cameras must not move.
     #[arg(
         long,
         value_name = "WHAT",
         default_value = "moving-colour",
         hide_possible_values = true
     )]
-    by: ToldBy,
+    by: Cue,
     /// Its colour: #rrggbb, or hue,saturation,value ranges.
     ///
-    /// As 20-45,60-100,30-100: degrees and percent. Left out: that of the most saturated round thing that moves.
+    /// Such as 20-45,60-100,30-100: degrees and percent. Default: that of the most saturated round thing that moves.
     #[arg(long, value_name = "COLOUR")]
     colour: Option<ColourRange>,
-    /// Least brightness of a light, 0 to 255.
+    /// Minimum brightness of a light, 0 to 255.
     #[arg(long, value_name = "N", default_value_t = 200, hide_short_help = true)]
     least_brightness: u8,
-    /// Least difference of what moves, levels of 255.
+    /// Minimum difference of moving pixels, levels of 255.
     #[arg(long, value_name = "N", default_value_t = 20, hide_short_help = true)]
     contrast: u8,
-    /// Least and most diameter in a picture, pixels.
+    /// Smallest and largest diameter in the image, pixels.
     #[arg(long, value_name = "A,B", value_parser = diameters, default_value = "5,400", hide_short_help = true)]
     diameter_px: [f64; 2],
 }
 
-/// By what the thing is told from all else.
+/// How the ball is recognised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum ToldBy {
+enum Cue {
     Colour,
     MovingColour,
     Light,
@@ -100,11 +98,11 @@ fn diameters(word: &str) -> Result<[f64; 2], String> {
     parsed.ok_or_else(|| format!("found `{word}`, expected A,B in pixels, for example 8,120"))
 }
 
-impl BallLook {
-    /// The recordings, where what is looked for can be looked for.
+impl BallScan {
+    /// The recordings, after checks of the options.
     ///
     /// # Errors
-    /// Diameters and colours that are none, a folder without recordings, two of one camera.
+    /// Invalid diameters and colours, a folder without recordings, two of one camera.
     pub(super) fn recordings(&self) -> anyhow::Result<Vec<Recording>> {
         let any = Appearance::MovingColour(ColourRange::saturated());
         BallFinder::new(BallRequest {
@@ -115,13 +113,13 @@ impl BallLook {
         camera::recordings_in(&self.folder)
     }
 
-    /// How it is told; `None` where its colour must be learnt first.
+    /// The appearance; `None` if its colour must be learnt first.
     fn appearance(&self) -> Option<Appearance> {
         match (self.by, self.colour) {
-            (ToldBy::Light, _) => Some(Appearance::Bright {
+            (Cue::Light, _) => Some(Appearance::Bright {
                 least: self.least_brightness,
             }),
-            (ToldBy::Motion, _) => Some(Appearance::Moving {
+            (Cue::Motion, _) => Some(Appearance::Moving {
                 contrast: self.contrast,
             }),
             (by, Some(colour)) => Some(self::coloured(by, colour)),
@@ -130,49 +128,49 @@ impl BallLook {
     }
 }
 
-fn coloured(by: ToldBy, colour: ColourRange) -> Appearance {
-    if by == ToldBy::Colour {
+fn coloured(by: Cue, colour: ColourRange) -> Appearance {
+    if by == Cue::Colour {
         Appearance::Colour(colour)
     } else {
         Appearance::MovingColour(colour)
     }
 }
 
-/// What a camera saw.
+/// The sightings of a camera.
 #[derive(Debug, Serialize)]
 pub(super) struct Seen {
     pub(super) camera: String,
     frames: u64,
     pub(super) sightings: usize,
-    /// At the median, pixels.
+    /// Median, pixels.
     diameter_px: f64,
     pub(super) file: PathBuf,
-    /// Whether it was found earlier.
+    /// Whether it comes from an earlier scan.
     taken_up: bool,
 }
 
 impl Seen {
-    fn of(camera: &LookingCamera, file: PathBuf, kept: &Looked, taken_up: bool) -> Self {
+    fn new(camera: &ScanCamera, file: PathBuf, counts: &BallCounts, taken_up: bool) -> Self {
         Self {
             camera: camera.name().to_owned(),
-            frames: kept.frames,
-            sightings: kept.sightings,
-            diameter_px: kept.diameter_px,
+            frames: counts.frames,
+            sightings: counts.sightings,
+            diameter_px: counts.diameter_px,
             file,
             taken_up,
         }
     }
 }
 
-/// Looks for it in every recording, and writes where it was.
+/// Finds the ball in every recording, and writes its positions.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where recordings or lenses cannot be read, or a ball is nowhere.
+/// [`NodeError::Refused`] where recordings or lenses cannot be read, or no ball is found.
 pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
     let lenses = lenses(&args.lens).map_err(NodeError::Refused)?;
-    let cameras = || camera::with_lenses(args.look.recordings()?, &lenses);
+    let cameras = || camera::with_lenses(args.scan.recordings()?, &lenses);
     let cameras = cameras().map_err(NodeError::Refused)?;
-    let seen = look_at_all(&args.look, &cameras, &args.out, args.replace)?;
+    let seen = scan_all(&args.scan, &cameras, &args.out, args.replace)?;
     let text = if args.json {
         serde_json::to_string_pretty(&seen).map_err(NodeError::failed)? + "\n"
     } else {
@@ -181,87 +179,85 @@ pub(super) fn from_ball(args: &BallArgs) -> Result<(), NodeError> {
     output::print(&text).map_err(NodeError::Failed)
 }
 
-/// Looks through every recording of which `out` has no finished file yet, and writes what was seen.
+/// Scans every recording without a valid file in `out`, and writes the sightings.
 ///
 /// # Errors
-/// As [`from_ball`]; [`NodeError::Failed`] where the disk is in the way.
-pub(super) fn look_at_all(
-    look: &BallLook,
-    cameras: &[LookingCamera],
+/// As [`from_ball`]; [`NodeError::Failed`] for errors of the disk.
+pub(super) fn scan_all(
+    scan: &BallScan,
+    cameras: &[ScanCamera],
     out: &Path,
     replace: bool,
 ) -> Result<Vec<Seen>, NodeError> {
-    let asked = cameras.par_iter().map(|camera| {
-        let made_of = camera.made_of(look)?;
+    let jobs = cameras.par_iter().map(|camera| {
+        let made_of = camera.made_of(scan)?;
         let file = camera.file(out);
-        let kept = Looked::find(&file, &made_of);
-        anyhow::Ok(Asked {
+        let cached = BallCounts::find(&file, &made_of);
+        anyhow::Ok(ScanJob {
             camera,
             made_of,
             file,
-            kept,
+            cached,
         })
     });
-    let asked: anyhow::Result<Vec<Asked<'_>>> = asked.collect();
-    let asked = asked.map_err(NodeError::Refused)?;
-    let new: Vec<&Asked<'_>> = asked.iter().filter(|it| it.kept.is_none()).collect();
-    let mut pictures = 0;
+    let jobs: anyhow::Result<Vec<ScanJob<'_>>> = jobs.collect();
+    let jobs = jobs.map_err(NodeError::Refused)?;
+    let new: Vec<&ScanJob<'_>> = jobs.iter().filter(|it| it.cached.is_none()).collect();
+    let mut images = 0;
     for it in &new {
         refuse_existing(&it.file, replace)?;
-        pictures += it.camera.pictures(look).map_err(NodeError::Refused)?;
+        images += it.camera.images(scan).map_err(NodeError::Refused)?;
     }
-    let progress = LookProgress::new(pictures);
-    let each: Vec<Result<Seen, NodeError>> = asked
-        .par_iter()
-        .map(|it| it.seen(look, &progress))
-        .collect();
+    let progress = ScanProgress::new(images);
+    let each: Vec<Result<Seen, NodeError>> =
+        jobs.par_iter().map(|it| it.seen(scan, &progress)).collect();
     drop(progress);
     let seen: Vec<Seen> = each.into_iter().collect::<Result<_, _>>()?;
     if seen.iter().all(|it| it.sightings == 0) {
         return Err(NodeError::Refused(anyhow!(
-            "{}: nothing that moves was found in any recording: say what tells it by --by and --colour, and how large it \
-             appears by --diameter-px",
-            look.folder.display()
+            "{}: found no moving ball in any recording: set how to recognise it with --by and --colour, and its size in the image \
+             with --diameter-px",
+            scan.folder.display()
         )));
     }
     Ok(seen)
 }
 
-/// A camera, and what is there of it.
-struct Asked<'a> {
-    camera: &'a LookingCamera,
-    /// Fingerprint of all that its file comes of.
+/// A camera, and its earlier result.
+struct ScanJob<'a> {
+    camera: &'a ScanCamera,
+    /// Fingerprint of everything that its file depends on.
     made_of: String,
     file: PathBuf,
-    kept: Option<Looked>,
+    cached: Option<BallCounts>,
 }
 
-impl Asked<'_> {
-    /// What it saw: looked for, and written, where that is not there yet.
-    fn seen(&self, look: &BallLook, progress: &LookProgress) -> Result<Seen, NodeError> {
+impl ScanJob<'_> {
+    /// The sightings: scanned and written unless they are cached.
+    fn seen(&self, scan: &BallScan, progress: &ScanProgress) -> Result<Seen, NodeError> {
         let file = self.file.clone();
-        if let Some(kept) = &self.kept {
+        if let Some(cached) = &self.cached {
             progress.say(format_args!(
-                "camera {}: taken from {}, where it was found earlier",
+                "camera {}: {} from an earlier scan is reused",
                 self.camera.name(),
                 file.display()
             ));
-            return Ok(Seen::of(self.camera, file, kept, true));
+            return Ok(Seen::new(self.camera, file, cached, true));
         }
-        let looked = self.camera.look(look, progress);
-        let (frames, found) = looked.map_err(NodeError::Refused)?;
-        let kept = Looked::of(frames, &found);
+        let scanned = self.camera.scan(scan, progress);
+        let (frames, found) = scanned.map_err(NodeError::Refused)?;
+        let counts = BallCounts::new(frames, &found);
         if found.is_empty() {
-            // `points` takes none that is empty, and what an earlier look left is not of this one.
+            // `points` refuses an empty file, and an earlier one does not belong to this scan.
             remove(&file)?;
         } else {
-            write(&file, &kept.text(&found, &self.made_of))?;
+            write(&file, &counts.text(&found, &self.made_of))?;
         }
-        Ok(Seen::of(self.camera, file, &kept, false))
+        Ok(Seen::new(self.camera, file, &counts, false))
     }
 }
 
-/// Removes a file, if it is there.
+/// Removes a file if it exists.
 fn remove(path: &Path) -> Result<(), NodeError> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != ErrorKind::NotFound => {
@@ -273,7 +269,7 @@ fn remove(path: &Path) -> Result<(), NodeError> {
     }
 }
 
-/// What is said of them.
+/// A line for each camera.
 pub(super) fn lines(seen: &[Seen]) -> String {
     let mut text = String::new();
     // Writing to a string does not fail.
@@ -281,13 +277,13 @@ pub(super) fn lines(seen: &[Seen]) -> String {
         let (camera, file) = (&it.camera, it.file.display());
         let (sightings, frames) = (it.sightings, it.frames);
         if it.sightings == 0 {
-            writeln!(text, "camera {camera}: not seen in {frames} frames").ok();
+            writeln!(text, "camera {camera}: not found in {frames} frames").ok();
             continue;
         }
         let few = if it.sightings < FEW { ": too few" } else { "" };
         writeln!(
             text,
-            "camera {camera}: seen in {sightings} of {frames} frames{few}, {:.0} px across at the median, {file}",
+            "camera {camera}: found in {sightings} of {frames} frames{few}, median diameter {:.0} px, {file}",
             it.diameter_px
         )
         .ok();

@@ -1,4 +1,4 @@
-//! The board that is looked for: a chessboard or a `ChArUco` board, as the command line says it.
+//! The board to detect: a chessboard or a `ChArUco` board, from the command line.
 
 use anyhow::{Context as _, bail};
 use clap::Args;
@@ -10,15 +10,15 @@ use image::GrayImage;
 
 use crate::calibrate::convert::size;
 
-/// Side of a picture without anything in it, pixels.
+/// Side of an empty image, pixels.
 const BLANK_PX: u32 = 16;
 
-/// Which board it is, and what of the lens it tells.
+/// The board, and the lens model to fit.
 #[derive(Debug, Args)]
 pub(in crate::calibrate) struct BoardKindArgs {
     /// Inner corners of a chessboard: 4x7 of 5 x 8.
     ///
-    /// Those between four squares: a board of 5 x 8 squares has 4x7.
+    /// Corners between four squares: a board of 5 x 8 squares has 4x7.
     #[arg(long, value_name = "AxB", value_parser = size, conflicts_with = "charuco")]
     chessboard: Option<[u32; 2]>,
     /// A Charuco board: squares across and down.
@@ -33,7 +33,7 @@ pub(in crate::calibrate) struct BoardKindArgs {
     /// Its dictionary, for example `DICT_4X4_50`.
     #[arg(long, value_name = "NAME")]
     dictionary: Option<String>,
-    /// Numbers of the lens: 5, 8, fisheye.
+    /// Lens coefficients: 5, 8, fisheye.
     #[arg(long, value_name = "N", default_value = "5", value_parser = coefficients)]
     pub(super) coefficients: Coefficients,
 }
@@ -47,7 +47,7 @@ fn coefficients(word: &str) -> Result<Coefficients, String> {
     }
 }
 
-/// A board that is looked for.
+/// A board to detect.
 #[derive(Debug)]
 pub(super) enum Board {
     Chess(Chessboard),
@@ -55,8 +55,8 @@ pub(super) enum Board {
 }
 
 impl BoardKindArgs {
-    /// Whether anything is said of a board.
-    pub(super) fn says_something(&self) -> bool {
+    /// Whether any option on a board is given.
+    pub(super) fn is_given(&self) -> bool {
         let sides = self.chessboard.or(self.charuco);
         sides.is_some() || self.square_mm.or(self.marker_mm).is_some() || self.dictionary.is_some()
     }
@@ -64,7 +64,7 @@ impl BoardKindArgs {
     /// The board.
     ///
     /// # Errors
-    /// Where it is not said, or cannot be one.
+    /// When it is not given, or invalid.
     pub(super) fn board(&self) -> anyhow::Result<Board> {
         let square_m = || {
             let square_mm = self.square_mm;
@@ -97,7 +97,7 @@ impl BoardKindArgs {
 }
 
 impl Board {
-    /// Refuses a board that cannot be, before pictures are looked at.
+    /// Refuses an invalid board before images are scanned.
     fn check(&self) -> anyhow::Result<()> {
         match self.detect("", &GrayImage::new(BLANK_PX, BLANK_PX)) {
             Err(error @ DetectError::Board(_)) => Err(error.into()),
@@ -105,10 +105,10 @@ impl Board {
         }
     }
 
-    /// Refuses a chessboard of another size than this.
+    /// Refuses a chessboard whose images show another size.
     ///
     /// # Errors
-    /// What was found, and what was said.
+    /// The detected and the given size.
     pub(super) fn check_size(
         &self,
         views: &[BoardView],
@@ -116,12 +116,12 @@ impl Board {
     ) -> Result<(), BoardError> {
         match self {
             Self::Chess(board) => check_size(board, views, larger),
-            // Its corners have numbers.
+            // Its corners are numbered.
             Self::Charuco(_) => Ok(()),
         }
     }
 
-    /// What it may be instead, by pictures of it; `None` where nothing is found.
+    /// Another board that fits the images; `None` if none is detected.
     pub(super) fn other(&self, pictures: &[GrayImage]) -> Option<OtherCharuco> {
         let Self::Charuco(board) = self else {
             return None;
@@ -133,7 +133,7 @@ impl Board {
     /// Its corners in a picture.
     ///
     /// # Errors
-    /// [`DetectError`] where there are none, or the board cannot be.
+    /// [`DetectError`] where there are none, or the board is invalid.
     pub(super) fn detect(&self, name: &str, picture: &GrayImage) -> Result<BoardView, DetectError> {
         let grey = grey(picture);
         match self {

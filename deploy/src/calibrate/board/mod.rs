@@ -1,9 +1,9 @@
-//! `farfield calibrate board`: how a camera sees, from pictures of a board.
+//! `farfield calibrate board`: computes the lens of a camera from images of a board.
 
 mod kind;
-mod look;
+mod report;
+mod scan;
 mod stage;
-mod told;
 mod video;
 
 use std::path::PathBuf;
@@ -14,8 +14,8 @@ use farfield_calibration::formats::{CameraRecord, ExportError, Format, TextFile,
 use farfield_node::process::NodeError;
 
 use self::kind::BoardKindArgs;
-use self::look::{found, recorded};
-use self::told::{json, lines};
+use self::report::{json, lines};
+use self::scan::{found, recorded};
 use super::convert::format;
 use super::lenses::Lens;
 use super::{refuse_existing, write};
@@ -24,18 +24,18 @@ use crate::output;
 pub(super) use self::stage::{BoardStage, BoardsArgs};
 pub(super) use self::video::sharpness;
 
-/// What `farfield calibrate board` is told.
+/// Arguments of `farfield calibrate board`.
 #[derive(Debug, Args)]
 pub(super) struct BoardArgs {
-    /// Pictures of one camera (JPEG, PNG), videos, or folders of them.
+    /// Images of one camera (JPEG, PNG), videos, or folders of them.
     ///
-    /// Of a video the sharpest picture of every third of a second is looked at; of those with a board at most forty are
+    /// Of a video the sharpest image of every third of a second is scanned; of those with a board at most forty are
     /// used, which differ the most.
     #[arg(required = true)]
     pictures: Vec<PathBuf>,
     #[command(flatten)]
     kind: BoardKindArgs,
-    /// The camera's name in the file that is written.
+    /// The camera's name in the output file.
     #[arg(long, value_name = "NAME")]
     camera: String,
     /// Folder for the file. Default: this one.
@@ -46,28 +46,27 @@ pub(super) struct BoardArgs {
         hide_default_value = true
     )]
     out: PathBuf,
-    /// How it is written: opencv-yaml or opencv-json.
+    /// Output format: opencv-yaml or opencv-json.
     #[arg(long, hide_short_help = true, value_name = "FORMAT", default_value = "opencv-yaml", value_parser = format)]
     to: Format,
-    /// Replace a file that is there already.
+    /// Replace an existing file.
     #[arg(long)]
     replace: bool,
-    /// Print what was found or went wrong as JSON.
+    /// Print the result or the error as JSON.
     #[arg(long)]
     pub(super) json: bool,
 }
 
-/// Looks for the board in every picture, fits the camera, and writes it.
+/// Detects the board in every image, fits the lens, and writes it.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where pictures cannot be read or do not carry what is asked, [`NodeError::Failed`] where the disk
-/// is in the way.
+/// [`NodeError::Refused`] where images cannot be read or are unsuitable, [`NodeError::Failed`] for errors of the disk.
 pub(super) fn from_board(args: &BoardArgs) -> Result<(), NodeError> {
     let board = args.kind.board().map_err(NodeError::Refused)?;
-    // Before looks of minutes: files are called after the camera, whatever its lens.
-    paths(args, &Lens::of_nobody())?;
-    let look = || found(&board, recorded(&args.pictures)?, args.kind.coefficients);
-    let found = look().map_err(NodeError::Refused)?;
+    // Before minutes of work: file names depend only on the camera.
+    paths(args, &Lens::placeholder())?;
+    let scan = || found(&board, recorded(&args.pictures)?, args.kind.coefficients);
+    let found = scan().map_err(NodeError::Refused)?;
     let lens = lens_found(&found);
     let paths = paths(args, &lens)?;
     let texts = files(&args.camera, &lens, args.to).map_err(NodeError::refused)?;
@@ -82,7 +81,6 @@ pub(super) fn from_board(args: &BoardArgs) -> Result<(), NodeError> {
     output::print(&text).map_err(NodeError::Failed)
 }
 
-/// The lens that boards told.
 fn lens_found(found: &BoardCalibration) -> Lens {
     Lens {
         size_px: found.size_px,
@@ -91,7 +89,7 @@ fn lens_found(found: &BoardCalibration) -> Lens {
     }
 }
 
-/// Where the files of `lens` go; refused where something is in their place.
+/// Paths of the files of `lens`; refused if a file exists.
 fn paths(args: &BoardArgs, lens: &Lens) -> Result<Vec<PathBuf>, NodeError> {
     let texts = files(&args.camera, lens, args.to).map_err(NodeError::refused)?;
     let paths: Vec<PathBuf> = texts.iter().map(|file| args.out.join(&file.path)).collect();

@@ -1,4 +1,4 @@
-//! Boards as the first stage of `farfield calibrate all`: the lens of every camera of which none is given.
+//! Boards as the first stage of `farfield calibrate all`: computes the lenses of all cameras without a given lens.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,30 +12,30 @@ use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::{Deserialize, Serialize};
 
 use super::kind::{Board, BoardKindArgs};
-use super::look::{found, recorded, size_px};
+use super::scan::{found, recorded, size_px};
 use super::{files, lens_found};
-use crate::calibrate::kept::{Kept, fingerprint};
+use crate::calibrate::cached::{Cached, fingerprint};
 use crate::calibrate::lenses::{Lens, LensFile, lenses};
 use crate::calibrate::{refuse_existing, write};
-use crate::init::recordings::{entries, is_picture, is_video};
+use crate::init::recordings::{entries, is_image, is_video};
 
-/// How the line begins that says of what a lens was made.
+/// Start of the line with the cache entry.
 const MARK: &str = "# farfield calibrate board: ";
 
-/// Boards that each camera filmed.
 #[derive(Debug, Args)]
 pub(in crate::calibrate) struct BoardsArgs {
-    /// Boards that each camera filmed, for its lens.
+    /// Recordings of boards by each camera, for its lens.
     ///
-    /// Where --lens gives none. The folder has for each camera a video NAME.mp4, or a folder NAME of pictures or videos, as `farfield calibrate board` takes them.
+    /// For cameras without --lens. The folder has a video NAME.mp4 for each camera, or a folder NAME of images or
+    /// videos, as for `farfield calibrate board`.
     #[arg(long, value_name = "DIR")]
     boards: Option<PathBuf>,
     #[command(flatten)]
     kind: BoardKindArgs,
-    /// Folder for NAME.yml: the lenses that boards tell.
+    /// Folder for NAME.yml: the lenses from boards.
     ///
-    /// Each is written when its camera's boards are looked through, and taken as it is where it is of the same pictures, board
-    /// and options.
+    /// Each is written after the scan of its camera's boards, and reused if images, board and options are still the
+    /// same.
     #[arg(
         long,
         value_name = "DIR",
@@ -45,17 +45,17 @@ pub(in crate::calibrate) struct BoardsArgs {
     lenses: PathBuf,
 }
 
-/// What is said of a lens under its file.
+/// Facts that are stored with the file of a lens.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct FoundLens {
-    /// Pictures of the board that it is of.
+    /// Number of images with the board.
     pictures: usize,
-    /// Between drawn and seen corners, pixels, to a thousandth.
+    /// RMS distance between projected and detected corners, pixels, to a thousandth.
     rms_px: f64,
 }
 
 impl FoundLens {
-    fn of(found: &BoardCalibration) -> Self {
+    fn new(found: &BoardCalibration) -> Self {
         Self {
             pictures: found.pictures.len(),
             rms_px: (1000.0 * found.rms_px).round() / 1000.0,
@@ -63,27 +63,27 @@ impl FoundLens {
     }
 }
 
-/// The cameras whose lenses boards tell; all is known to be there before anything is looked at.
+/// The cameras whose lenses are computed from boards; all their files were found.
 pub(in crate::calibrate) struct BoardStage<'a> {
     args: &'a BoardsArgs,
     board: Option<Board>,
     cameras: Vec<BoardCamera>,
 }
 
-/// A camera, and what is there of its lens.
+/// A camera, and its earlier result.
 struct BoardCamera {
     name: String,
     recorded: Vec<PathBuf>,
     made_of: String,
     file: PathBuf,
-    kept: Option<FoundLens>,
+    cached: Option<FoundLens>,
 }
 
 impl BoardsArgs {
     /// The boards of the cameras `names` without a lens.
     ///
     /// # Errors
-    /// [`NodeError::Refused`] where a camera has no board, a board cannot be, or a lens is there of something else.
+    /// [`NodeError::Refused`] where a camera has no board, a board is invalid, or another lens file exists.
     pub(in crate::calibrate) fn stage(
         &self,
         names: &[&str],
@@ -92,12 +92,12 @@ impl BoardsArgs {
         let prepared = || {
             let Some(folder) = &self.boards else {
                 ensure!(
-                    !self.kind.says_something(),
-                    "the board that is described is in no picture: give the folder of boards by --boards DIR"
+                    !self.kind.is_given(),
+                    "a board is described, but there are no images of it: set their folder with --boards DIR"
                 );
                 ensure!(
                     names.is_empty(),
-                    "no lens of camera `{}`: give it by --lens, or pictures of a board by --boards DIR",
+                    "no lens of camera `{}`: set it with --lens, or give images of a board with --boards DIR",
                     names.join("`, `")
                 );
                 return Ok((None, Vec::new()));
@@ -108,7 +108,7 @@ impl BoardsArgs {
             Ok((Some(board), cameras))
         };
         let (board, cameras) = prepared().map_err(NodeError::Refused)?;
-        for camera in cameras.iter().filter(|it| it.kept.is_none()) {
+        for camera in cameras.iter().filter(|it| it.cached.is_none()) {
             refuse_existing(&camera.file, replace)?;
         }
         Ok(BoardStage {
@@ -125,13 +125,13 @@ impl BoardsArgs {
             .into_iter()
             .filter(|path| {
                 (path.is_dir() && path.file_name().is_some_and(|it| it == name))
-                    || (stem(path) && (is_video(path) || is_picture(path)))
+                    || (stem(path) && (is_video(path) || is_image(path)))
             })
             .collect();
         if mine.is_empty() {
             bail!(
-                "{}: found no boards of camera `{name}`, expected a video called so, or a folder of pictures; or give its lens \
-                 by --lens {name}=FILE",
+                "{}: found no boards of camera `{name}`, expected a video or a folder of images of that name; or set its lens \
+                 with --lens {name}=FILE",
                 folder.display()
             );
         }
@@ -140,7 +140,7 @@ impl BoardsArgs {
         let made_of = fingerprint(&[&BOARD_REVISION.to_string(), &options], &recorded)?;
         let file = self.lenses.join(format!("{name}.yml"));
         Ok(BoardCamera {
-            kept: Kept::find(MARK, &file, &made_of),
+            cached: Cached::find(MARK, &file, &made_of),
             name: name.to_owned(),
             recorded,
             made_of,
@@ -150,10 +150,10 @@ impl BoardsArgs {
 }
 
 impl BoardStage<'_> {
-    /// The first picture or video of each camera's boards, and how large its pictures are.
+    /// The first image or video of each camera's boards, and its image size.
     ///
     /// # Errors
-    /// What cannot be read.
+    /// An unreadable file.
     pub(in crate::calibrate) fn first_sizes(
         &self,
     ) -> anyhow::Result<BTreeMap<&str, (&Path, [u32; 2])>> {
@@ -166,10 +166,10 @@ impl BoardStage<'_> {
             .collect()
     }
 
-    /// The lenses: looked for, and written, where they are not there yet.
+    /// The lenses: computed and written unless they are cached.
     ///
     /// # Errors
-    /// [`NodeError::Refused`] where boards do not carry a lens, [`NodeError::Failed`] where the disk is in the way.
+    /// [`NodeError::Refused`] where the boards do not determine a lens, [`NodeError::Failed`] for errors of the disk.
     pub(in crate::calibrate) fn lenses(&self) -> Result<BTreeMap<String, Lens>, NodeError> {
         let (Some(board), false) = (&self.board, self.cameras.is_empty()) else {
             return Ok(BTreeMap::new());
@@ -182,35 +182,35 @@ impl BoardStage<'_> {
         each.into_iter().collect::<Result<(), _>>()?;
         let files = self.cameras.iter();
         let files: Vec<LensFile> = files
-            .map(|it| LensFile::of_camera(&it.name, &it.file))
+            .map(|it| LensFile::for_camera(&it.name, &it.file))
             .collect();
         lenses(&files).map_err(NodeError::Refused)
     }
 
     fn make(&self, board: &Board, camera: &BoardCamera) -> Result<(), NodeError> {
         let (name, file) = (&camera.name, camera.file.display());
-        if let Some(kept) = &camera.kept {
+        if let Some(cached) = &camera.cached {
             say(format_args!(
-                "camera {name}: its lens is taken from {file}, where it was found earlier ({:.3} px over {} pictures)",
-                kept.rms_px, kept.pictures
+                "camera {name}: its lens in {file} from an earlier scan is reused ({:.3} px over {} images)",
+                cached.rms_px, cached.pictures
             ));
             return Ok(());
         }
-        let looked = found(board, camera.recorded.clone(), self.args.kind.coefficients);
-        let looked = looked.with_context(|| format!("the boards of camera `{name}`"));
-        let looked = looked.map_err(NodeError::Refused)?;
+        let computed = found(board, camera.recorded.clone(), self.args.kind.coefficients);
+        let computed = computed.with_context(|| format!("the boards of camera `{name}`"));
+        let computed = computed.map_err(NodeError::Refused)?;
         let texts =
-            files(name, &lens_found(&looked), Format::OpenCvYaml).map_err(NodeError::refused)?;
+            files(name, &lens_found(&computed), Format::OpenCvYaml).map_err(NodeError::refused)?;
         let lines: String = texts.into_iter().map(|it| it.text).collect();
-        let said = FoundLens::of(&looked);
+        let facts = FoundLens::new(&computed);
         say(format_args!(
-            "camera {name}: {:.3} px between drawn and seen corners, over {} pictures, {file}",
-            said.rms_px, said.pictures
+            "camera {name}: {:.3} px between projected and detected corners, over {} images, {file}",
+            facts.rms_px, facts.pictures
         ));
-        for remark in &looked.remarks {
+        for remark in &computed.remarks {
             say(format_args!("camera {name}: {remark}"));
         }
-        let text = Kept::text(MARK, &lines, said, &camera.made_of);
+        let text = Cached::text(MARK, &lines, facts, &camera.made_of);
         write(&camera.file, &text)
     }
 }

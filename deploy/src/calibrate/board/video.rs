@@ -1,5 +1,5 @@
-//! A board in a video: the sharpest picture of every third of a second is looked at, and of those that show the board the ones
-//! are used that differ the most.
+//! Detects a board in a video: the sharpest image of every third of a second is scanned, and of those with the board
+//! the ones that differ the most are used.
 
 use std::path::Path;
 
@@ -9,60 +9,59 @@ use farfield_edge::source::{FrameContent, open_video_alone};
 use image::GrayImage;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
-use crate::init::rate;
-use crate::recorded_formats::say_format;
+use crate::init::recordings;
+use crate::recording_checks::print_format;
 
-/// Pictures per second that are looked at.
-const LOOKS_HZ: f64 = 3.0;
-/// Pictures of the board that are used: more cost time and tell nothing new.
+/// Scanned images per second.
+const SCANS_HZ: f64 = 3.0;
+/// Limit for used images: more cost time without more information.
 const MOST_USED: usize = 40;
-/// Pictures that are looked at together.
+/// Images scanned at the same time.
 const TOGETHER: usize = 8;
-/// Corners that are nearer to those of another picture, in pixels, are the same view: a board that was held still.
+/// Corners closer than this to those of another image, in pixels, are the same view: the board was held still.
 const SAME_PX: f64 = 8.0;
-/// Pictures without the board that are kept, in which another one is looked for.
+/// Number of stored images without the board, in which another one is tried.
 const MOST_BLANK: usize = 3;
-/// Rows and columns that are skipped where sharpness is measured.
+/// Step between rows and columns for the measure of sharpness.
 const SPARSE: usize = 3;
 
-/// What a video gave.
+/// Result of a video.
 pub(super) struct Filmed {
     pub(super) size_px: [u32; 2],
-    /// All pictures that showed the board.
+    /// All images that show the board.
     pub(super) shown: Vec<BoardView>,
-    /// Those of them that are used.
+    /// Those that are used.
     pub(super) used: Vec<BoardView>,
-    /// Corners along the sides of boards in it that are larger than the one that is looked for.
+    /// Corners along the sides of boards in it that are larger than the given one.
     pub(super) larger: Vec<[u32; 2]>,
-    /// Some pictures that do not show the board.
+    /// Some images that do not show the board.
     pub(super) blank: Vec<GrayImage>,
-    /// Pictures that there were.
+    /// Number of images.
     pub(super) pictures: usize,
-    /// Pictures that were looked at.
-    pub(super) looked: usize,
+    /// Number of scanned images.
+    pub(super) scanned: usize,
 }
 
-/// A video's pictures with a board, found by `detect` (name, picture), whatever the video's size and rate: a board needs
-/// none, and phones keep none.
+/// Detects the board in a video with `detect` (name, image). Size and rate of the video may vary, as in phones.
 ///
 /// # Errors
-/// What cannot be read, and a board that cannot be.
-pub(super) fn look(
+/// An unreadable video, and an invalid board.
+pub(super) fn scan(
     path: &Path,
     detect: impl Fn(&str, &GrayImage) -> Result<BoardView, DetectError> + Sync,
 ) -> anyhow::Result<Filmed> {
     let (info, mut source) = open_video_alone(path)?;
-    say_format(&path.display().to_string(), &info);
+    print_format(&path.display().to_string(), &info);
     let window = window(info.rate_hz);
-    let mut looked = Looked::default();
+    let mut images = ScannedVideo::default();
     let mut sharpest: Option<(f64, usize, GrayImage)> = None;
     let mut waiting: Vec<(String, GrayImage)> = Vec::new();
-    let name = |picture: usize| format!("{}, picture {picture}", path.display());
+    let name = |picture: usize| format!("{}, image {picture}", path.display());
     let mut pictures = 0;
     let mut size_px = info.size_px.unwrap_or_default();
     while let Some(frame) = source.next_frame()? {
         let FrameContent::Image(picture) = frame.content else {
-            bail!("{}: found no pictures", path.display());
+            bail!("{}: found no images", path.display());
         };
         size_px = picture.size_px();
         let picture = picture.to_grey();
@@ -77,39 +76,41 @@ pub(super) fn look(
             waiting.push((name(number), picture));
         }
         if waiting.len() >= TOGETHER {
-            looked.at(&mut waiting, &detect)?;
+            images.scan(&mut waiting, &detect)?;
         }
     }
     waiting.extend(sharpest.map(|(_, number, picture)| (name(number), picture)));
-    looked.at(&mut waiting, &detect)?;
+    images.scan(&mut waiting, &detect)?;
     Ok(Filmed {
         size_px,
         pictures,
-        looked: looked.pictures,
-        larger: looked.larger,
-        blank: looked.blank,
-        used: different(looked.views.clone(), MOST_USED),
-        shown: looked.views,
+        scanned: images.pictures,
+        larger: images.larger,
+        blank: images.blank,
+        used: different(images.views.clone(), MOST_USED),
+        shown: images.views,
     })
 }
 
-/// Pictures of a video of `rate_hz` of which one is looked at.
+/// One of so many images of a video of `rate_hz` is scanned.
 fn window(rate_hz: Option<f64>) -> usize {
-    (rate::about(rate_hz) / LOOKS_HZ).round().max(1.0) as usize
+    (recordings::rough_rate(rate_hz) / SCANS_HZ)
+        .round()
+        .max(1.0) as usize
 }
 
-/// What was looked at so far.
+/// Results so far.
 #[derive(Default)]
-struct Looked {
+struct ScannedVideo {
     pictures: usize,
     views: Vec<BoardView>,
     larger: Vec<[u32; 2]>,
     blank: Vec<GrayImage>,
 }
 
-impl Looked {
-    /// Looks at what is waiting, and empties it.
-    fn at(
+impl ScannedVideo {
+    /// Scans the waiting images, and empties the list.
+    fn scan(
         &mut self,
         waiting: &mut Vec<(String, GrayImage)>,
         detect: &(impl Fn(&str, &GrayImage) -> Result<BoardView, DetectError> + Sync),
@@ -136,7 +137,7 @@ impl Looked {
     }
 }
 
-/// Mean squared Laplacian of a part of the pixels: motion and lack of focus lower it.
+/// Mean squared Laplacian of a sample of the pixels: motion blur and lack of focus lower it.
 pub(in crate::calibrate) fn sharpness(picture: &GrayImage) -> f64 {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let pixels = picture.as_raw();
@@ -156,7 +157,8 @@ pub(in crate::calibrate) fn sharpness(picture: &GrayImage) -> f64 {
     total / f64::max(count, 1.0)
 }
 
-/// Of `views` at most so many, none twice: the first is the one with the most corners, each next the one that is farthest from all before.
+/// At most `most` of `views`, without duplicates: the first has the most corners, each next one is the farthest from
+/// all before.
 fn different(mut views: Vec<BoardView>, most: usize) -> Vec<BoardView> {
     let mut used: Vec<BoardView> = Vec::new();
     let first = views
@@ -182,7 +184,7 @@ fn different(mut views: Vec<BoardView>, most: usize) -> Vec<BoardView> {
     used
 }
 
-/// How far the outermost corners of two views are apart in the picture, on average.
+/// Mean distance between the outermost corners of two views in the image.
 fn apart_px(a: &BoardView, b: &BoardView) -> f64 {
     let (a, b) = (outermost(a), outermost(b));
     let each = a.iter().zip(&b);
@@ -191,7 +193,7 @@ fn apart_px(a: &BoardView, b: &BoardView) -> f64 {
     apart.sum::<f64>() / 4.0
 }
 
-/// Where the corners are that are outermost on the board, towards each of its four corners.
+/// Image positions of the outermost corners of the board, in the direction of each of its four corners.
 fn outermost(view: &BoardView) -> [[f64; 2]; 4] {
     [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[x, y]| {
         let along = |at: &[f64; 2]| x * at[0] + y * at[1];
@@ -219,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn views_that_differ_are_used_and_not_those_alike() {
+    fn only_different_views_are_used() {
         let mut views: Vec<BoardView> = (0..50).map(|i| view(0.01 * f64::from(i), 100.0)).collect();
         views.extend([view(500.0, 100.0), view(0.0, 400.0), view(900.0, 200.0)]);
         let used = different(views.clone(), 4);
@@ -230,15 +232,18 @@ mod tests {
     }
 
     #[test]
-    fn a_third_of_a_second_is_so_many_pictures() {
-        let of = |rate_hz: f64| window(Some(rate_hz));
-        assert_eq!([of(30.0), of(59.94), of(2.0), of(0.0)], [10, 20, 1, 1]);
-        // A rate that is none.
-        assert_eq!((of(90_000.0), window(None)), (80, 10));
+    fn a_window_is_a_third_of_a_second() {
+        let images = |rate_hz: f64| window(Some(rate_hz));
+        assert_eq!(
+            [images(30.0), images(59.94), images(2.0), images(0.0)],
+            [10, 20, 1, 1]
+        );
+        // An invalid rate.
+        assert_eq!((images(90_000.0), window(None)), (80, 10));
     }
 
     #[test]
-    fn a_blurred_picture_is_less_sharp() {
+    fn a_blurred_image_is_less_sharp() {
         let squares = GrayImage::from_fn(90, 60, |x, y| {
             image::Luma([255 * ((x / 10 + y / 10) % 2) as u8])
         });

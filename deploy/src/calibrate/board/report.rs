@@ -1,4 +1,4 @@
-//! What is said of a lens that was found.
+//! The report on a lens from boards, as text and JSON.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use farfield_calibration::board::BoardCalibration;
 use farfield_node::process::NodeError;
 use serde::Serialize;
 
-/// What is printed as JSON.
+/// The JSON output.
 #[derive(Debug, Serialize)]
 struct Found<'a> {
     camera: &'a str,
@@ -47,7 +47,7 @@ fn parameters(found: &BoardCalibration) -> Vec<Parameter> {
         .collect()
 }
 
-/// The same as one JSON document.
+/// The JSON document.
 ///
 /// # Errors
 /// When a number cannot be written.
@@ -77,14 +77,14 @@ pub(super) fn json(
     Ok(text + "\n")
 }
 
-/// A line for each number and each picture.
+/// A line for each parameter and each image.
 pub(super) fn lines(camera: &str, found: &BoardCalibration, files: &[PathBuf]) -> String {
     let mut text = String::new();
     let [w, h] = found.size_px;
     // Writing to a string does not fail.
     writeln!(
         text,
-        "camera {camera}, {w}x{h}: {:.3} px between drawn and seen corners, over {} pictures",
+        "camera {camera}, {w}x{h}: {:.3} px between projected and detected corners, over {} images",
         found.rms_px,
         found.pictures.len()
     )
@@ -104,7 +104,7 @@ pub(super) fn lines(camera: &str, found: &BoardCalibration, files: &[PathBuf]) -
     }
     for picture in &found.pictures {
         let word = if picture.hurts {
-            "  HURTS: look at it, or leave it out"
+            "  HURTS: check it, or remove it"
         } else {
             ""
         };
@@ -123,7 +123,7 @@ pub(super) fn lines(camera: &str, found: &BoardCalibration, files: &[PathBuf]) -
     }
     writeln!(
         text,
-        "the side of a square changes nothing of a lens: metres come from places, distances or marks, when cameras are placed"
+        "the side of a square has no effect on a lens: the scale comes from positions, distances or marks when camera poses are computed"
     )
     .ok();
     for path in files {

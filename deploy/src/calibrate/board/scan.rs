@@ -1,4 +1,4 @@
-//! Pictures and videos of one camera, looked through for a board, and the lens that it tells.
+//! Detects a board in images and videos of one camera, and computes the lens.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,25 +14,25 @@ use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 use super::kind::Board;
 use super::video;
-use crate::init::recordings::{is_picture, is_video};
+use crate::init::recordings::{is_image, is_video};
 
-/// Most pictures of one camera.
+/// Limit for the images of one camera.
 const MAX_PICTURES: usize = 2000;
 
-/// Pictures in which another board is looked for where this one is not found.
+/// Number of images in which another board is tried if this one is not found.
 const SAMPLES: usize = 3;
 
-/// A picture in which it was looked for.
-struct LookedAt {
+/// A scanned image.
+struct ScannedImage {
     name: String,
     size_px: [u32; 2],
     view: Result<BoardView, DetectError>,
 }
 
-/// The lens that `board` tells in `recorded` pictures and videos of one camera.
+/// Computes the lens from `recorded` images and videos of `board` of one camera.
 ///
 /// # Errors
-/// What cannot be read, pictures of different sizes, and pictures that do not carry what is asked.
+/// Unreadable files, images of different sizes, and too few or unsuitable images.
 pub(super) fn found(
     board: &Board,
     recorded: Vec<PathBuf>,
@@ -40,31 +40,31 @@ pub(super) fn found(
 ) -> anyhow::Result<BoardCalibration> {
     let (videos, paths): (Vec<PathBuf>, Vec<PathBuf>) =
         recorded.into_iter().partition(|path| is_video(path));
-    let looked: Vec<LookedAt> = paths
+    let scanned: Vec<ScannedImage> = paths
         .par_iter()
-        .map(|path| look(path, board))
+        .map(|path| scan(path, board))
         .collect::<anyhow::Result<_>>()?;
     let mut gathered = Gathered::default();
     for path in &videos {
-        let filmed = video::look(path, |name, picture| board.detect(name, picture))?;
+        let filmed = video::scan(path, |name, picture| board.detect(name, picture))?;
         say(format_args!(
-            "{}: of {} pictures {} were looked at, {} show the board, {} are used",
+            "{}: {} images, {} scanned, {} show the board, {} are used",
             path.display(),
             filmed.pictures,
-            filmed.looked,
+            filmed.scanned,
             filmed.shown.len(),
             filmed.used.len()
         ));
-        gathered.is_as_large(&path.display().to_string(), filmed.size_px)?;
-        gathered.looked += filmed.looked;
+        gathered.check_size(&path.display().to_string(), filmed.size_px)?;
+        gathered.scanned += filmed.scanned;
         gathered.shown.extend(filmed.shown);
         gathered.used.extend(filmed.used);
         gathered.larger.extend(filmed.larger);
         gathered.blank.extend(filmed.blank);
     }
-    for it in looked {
-        gathered.is_as_large(&it.name, it.size_px)?;
-        gathered.looked += 1;
+    for it in scanned {
+        gathered.check_size(&it.name, it.size_px)?;
+        gathered.scanned += 1;
         match it.view {
             Ok(view) => {
                 gathered.shown.push(view.clone());
@@ -84,20 +84,18 @@ pub(super) fn found(
     let size_px = gathered.first.map_or([0, 0], |(_, size_px)| size_px);
     board.check_size(&gathered.shown, &gathered.larger)?;
     let calibrated = calibrate(size_px, &gathered.used, coefficients);
-    let (shown, looked) = (gathered.shown.len(), gathered.looked);
+    let (shown, scanned) = (gathered.shown.len(), gathered.scanned);
     let mut found = calibrated.map_err(|error| {
-        // A wrong word about the board is no matter of more pictures.
+        // A wrong description of the board is not solved by more images.
         let other = board.other(&samples(&paths, gathered.blank));
         let other = other.map_or_else(String::new, |it| format!("; {it}"));
-        anyhow!(
-            "{error} (the board was found in {shown} of the {looked} pictures that were looked at){other}"
-        )
+        anyhow!("{error} (the board was found in {shown} of the {scanned} scanned images){other}")
     })?;
     found.left_out.extend(gathered.unseen);
     Ok(found)
 }
 
-/// Some pictures of a camera, evenly spread, in which another board is looked for.
+/// Some images of a camera, evenly spread, in which another board is tried.
 fn samples(paths: &[PathBuf], filmed: Vec<GrayImage>) -> Vec<GrayImage> {
     let step = paths.len().div_ceil(SAMPLES).max(1);
     let read = paths
@@ -108,46 +106,46 @@ fn samples(paths: &[PathBuf], filmed: Vec<GrayImage>) -> Vec<GrayImage> {
     read.chain(filmed).take(SAMPLES).collect()
 }
 
-/// What pictures and videos of one camera gave.
+/// Results of the images and videos of one camera.
 #[derive(Default)]
 struct Gathered {
-    /// The first of them, and how large its pictures are.
+    /// The first image or video, and its image size.
     first: Option<(String, [u32; 2])>,
-    /// All pictures that show the board, and those of them that are used.
+    /// All images that show the board, and those that are used.
     shown: Vec<BoardView>,
     used: Vec<BoardView>,
-    /// Pictures without a board, and why.
+    /// Images without the board, and why.
     unseen: Vec<(String, String)>,
-    /// Corners along the sides of boards that are larger than the one that is looked for.
+    /// Corners along the sides of boards that are larger than the given one.
     larger: Vec<[u32; 2]>,
-    /// Some pictures of videos that do not show the board.
+    /// Some images of videos that do not show the board.
     blank: Vec<GrayImage>,
-    looked: usize,
+    scanned: usize,
 }
 
 impl Gathered {
-    /// Refuses pictures that are not as large as those before.
-    fn is_as_large(&mut self, name: &str, size_px: [u32; 2]) -> anyhow::Result<()> {
+    /// Refuses images of another size than those before.
+    fn check_size(&mut self, name: &str, size_px: [u32; 2]) -> anyhow::Result<()> {
         let first = self.first.get_or_insert_with(|| (name.to_owned(), size_px));
         let ([w, h], [other_w, other_h]) = (first.1, size_px);
         let remedy = if [other_h, other_w] == [w, h] {
-            "the camera was turned on its side: hold it as it will stand"
+            "the camera was turned on its side: hold it as in use"
         } else {
-            "one camera at a time, with the settings that it will have"
+            "give images of one camera only, with its final settings"
         };
         ensure!(
             first.1 == size_px,
-            "{name}: found pictures of {other_w}x{other_h}, expected {w}x{h} as of {}: {remedy}",
+            "{name}: found images of {other_w}x{other_h}, expected {w}x{h} as in {}: {remedy}",
             first.0
         );
         Ok(())
     }
 }
 
-/// The pictures and videos that are meant, folders opened, in the order of their names.
+/// The images and videos in `paths`, with the content of folders sorted by name.
 ///
 /// # Errors
-/// What cannot be read, folders without any, and too many.
+/// Unreadable folders, folders without any, and too many files.
 pub(super) fn recorded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut all = Vec::new();
     for path in paths {
@@ -155,13 +153,13 @@ pub(super) fn recorded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
             let mut inside = Vec::new();
             for entry in fs::read_dir(path).with_context(|| path.display().to_string())? {
                 let entry = entry.with_context(|| path.display().to_string())?.path();
-                if is_picture(&entry) || is_video(&entry) {
+                if is_image(&entry) || is_video(&entry) {
                     inside.push(entry);
                 }
             }
             ensure!(
                 !inside.is_empty(),
-                "{}: found no picture in it, expected JPEG or PNG files, or videos",
+                "{}: found no image in it, expected JPEG or PNG files, or videos",
                 path.display()
             );
             inside.sort();
@@ -171,16 +169,16 @@ pub(super) fn recorded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         }
         ensure!(
             all.len() <= MAX_PICTURES,
-            "found more than {MAX_PICTURES} pictures: thirty that reach every corner are enough"
+            "found more than {MAX_PICTURES} images: thirty that reach every corner are enough"
         );
     }
     Ok(all)
 }
 
-/// How large the pictures of a picture or a video are, without looking at them.
+/// The image size of an image or a video, without decoding it.
 ///
 /// # Errors
-/// What cannot be read.
+/// An unreadable file.
 pub(super) fn size_px(path: &Path) -> anyhow::Result<[u32; 2]> {
     let named = || path.display().to_string();
     if is_video(path) {
@@ -191,13 +189,13 @@ pub(super) fn size_px(path: &Path) -> anyhow::Result<[u32; 2]> {
     Ok([width, height])
 }
 
-fn look(path: &Path, board: &Board) -> anyhow::Result<LookedAt> {
+fn scan(path: &Path, board: &Board) -> anyhow::Result<ScannedImage> {
     let name = path.display().to_string();
     let picture = image::open(path)
         .with_context(|| name.clone())?
         .into_luma8();
     let view = board.detect(&name, &picture);
-    Ok(LookedAt {
+    Ok(ScannedImage {
         size_px: [picture.width(), picture.height()],
         name,
         view,
