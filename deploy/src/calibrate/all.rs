@@ -1,5 +1,5 @@
-//! `farfield calibrate all`: from recordings of boards and of a ball to a calibration in one go. Each stage leaves its files; whoever is
-//! interrupted goes on where they end.
+//! `farfield calibrate all`: computes a calibration from recordings of boards and of a ball. Each stage writes its
+//! files, so an interrupted command continues after the last finished stage.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -9,27 +9,27 @@ use clap::Args;
 use farfield_node::process::{NodeError, say};
 
 use super::Judged;
-use super::ball::{BallLook, lines, look_at_all, with_lenses};
+use super::ball::{BallScan, lines, scan_all, with_lenses};
 use super::board::{BoardStage, BoardsArgs};
-use super::handed_over::FoundArgs;
 use super::lenses::{Lens, lens_of};
-use super::points::{AskedArgs, solve};
+use super::points::{SolveArgs, solve};
 use super::recorded::OwnVenue;
+use super::results::OutputArgs;
 use crate::init::recordings::Recording;
 
-/// What `farfield calibrate all` is told.
+/// Arguments of `farfield calibrate all`.
 #[derive(Debug, Args)]
 pub(super) struct AllArgs {
     #[command(flatten)]
-    look: BallLook,
+    scan: BallScan,
     #[command(flatten)]
     boards: BoardsArgs,
     #[command(flatten)]
-    asked: AskedArgs,
-    /// Folder for NAME.txt: where each camera saw it.
+    solve: SolveArgs,
+    /// Folder for NAME.txt: positions of the ball, by camera.
     ///
-    /// Each is written when its camera is looked through. One that is there already, of the same recording, lens and options, is
-    /// taken as it is: after an interruption only what is missing is looked for.
+    /// Each is written after the scan of its camera. An existing one of the same recording, lens and options is reused:
+    /// after an interruption only missing ones are scanned.
     #[arg(
         long,
         value_name = "DIR",
@@ -38,46 +38,47 @@ pub(super) struct AllArgs {
     )]
     seen: PathBuf,
     #[command(flatten)]
-    pub(super) found: FoundArgs,
+    pub(super) output: OutputArgs,
 }
 
-/// Finds the lenses on boards, looks through the recordings, finds the cameras, writes calibration and sheet.
+/// Measures the lenses on boards, scans the recordings, solves the cameras, writes calibration and sheet.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the disk is in the way.
+/// [`NodeError::Refused`] where the input does not determine a calibration, [`NodeError::Failed`] for errors of the
+/// disk.
 pub(super) fn from_recordings(args: &AllArgs) -> Result<Judged, NodeError> {
-    args.found.refuse_existing()?;
-    let recordings = args.look.recordings().map_err(NodeError::Refused)?;
+    args.output.refuse_existing()?;
+    let recordings = args.scan.recordings().map_err(NodeError::Refused)?;
     let names: Vec<String> = recordings.iter().map(|it| it.name.clone()).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let mut lenses = args.asked.cameras.lenses().map_err(NodeError::Refused)?;
-    // All that is known to be wrong is told before looks of minutes, whatever lens a board will tell.
-    let any = |name: &str| Ok(lenses.get(name).cloned().unwrap_or_else(Lens::of_nobody));
-    let asked = args.asked.request(&names, any);
-    asked.map_err(NodeError::Refused)?;
+    let mut lenses = args.solve.cameras.lenses().map_err(NodeError::Refused)?;
+    // Known errors are reported before scans of minutes, whatever lens a board will give.
+    let any = |name: &str| Ok(lenses.get(name).cloned().unwrap_or_else(Lens::placeholder));
+    let request = args.solve.request(&names, any);
+    request.map_err(NodeError::Refused)?;
     let without: Vec<&str> = names
         .iter()
         .copied()
         .filter(|name| !lenses.contains_key(*name))
         .collect();
-    let boards = args.boards.stage(&without, args.found.replace)?;
+    let boards = args.boards.stage(&without, args.output.replace)?;
     check_recordings(&recordings, &lenses, &boards).map_err(NodeError::Refused)?;
     lenses.extend(boards.lenses()?);
 
     let request = args
-        .asked
+        .solve
         .request(&names, |name| lens_of(&lenses, name).cloned());
     let request = request.map_err(NodeError::Refused)?;
     let cameras = with_lenses(recordings, &lenses).map_err(NodeError::Refused)?;
-    let seen = look_at_all(&args.look, &cameras, &args.seen, args.found.replace)?;
+    let seen = scan_all(&args.scan, &cameras, &args.seen, args.output.replace)?;
     say(format_args!("{}", lines(&seen).trim_end()));
     let seen = seen.into_iter().filter(|it| it.sightings > 0);
     let files = seen.map(|it| (it.camera, it.file)).collect();
-    solve(request, &files, &args.found)
+    solve(request, &files, &args.output)
 }
 
-/// Refuses recordings that cannot be looked through, and those that are not as large as what the lens is of: before minutes of
-/// boards.
+/// Refuses recordings that cannot be scanned, and those whose size differs from that of their lens, before minutes of
+/// work on boards.
 fn check_recordings(
     recordings: &[Recording],
     lenses: &BTreeMap<String, Lens>,
@@ -88,7 +89,7 @@ fn check_recordings(
         let name = recording.name.as_str();
         if let Some((first, size_px)) = filmed.get(name) {
             let [width, height] = size_px;
-            let found = frames(recording, &Lens::of_size(*size_px));
+            let found = frames(recording, &Lens::with_size(*size_px));
             found.with_context(|| {
                 format!(
                     "camera `{name}`, of which {} is {width}x{height}",
@@ -102,7 +103,7 @@ fn check_recordings(
     Ok(())
 }
 
-/// How many frames can be looked at through `lens`.
+/// Number of frames that can be scanned through `lens`.
 fn frames(recording: &Recording, lens: &Lens) -> anyhow::Result<u64> {
     OwnVenue::new(recording, lens)?.frames()
 }

@@ -1,4 +1,4 @@
-//! `farfield calibrate convert`: calibrations of other programs.
+//! `farfield calibrate convert`: converts calibrations of other programs.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -18,27 +18,27 @@ use super::{named, read_calibration, refuse_existing, write};
 use crate::exchange::target::check_folder;
 use crate::output;
 
-/// What `farfield calibrate convert` is told.
+/// Arguments of `farfield calibrate convert`.
 #[derive(Debug, Args)]
 pub(super) struct ConvertArgs {
-    /// The files of one calibration, of some formats one per camera.
+    /// The files of one calibration; some formats have one per camera.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Folder for the files that are written.
+    /// Folder for the new files.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// What to write, e.g. qualisys.
+    /// Target format, e.g. qualisys.
     ///
-    /// farfield (aniposelib's and Pose2Sim's too), freemocap, caliscope, opencv-yaml, opencv-json, qualisys, theia,
+    /// farfield (also for aniposelib and Pose2Sim), freemocap, caliscope, opencv-yaml, opencv-json, qualisys, theia,
     /// easymocap, vicon, colmap, kalibr.
     #[arg(long, value_name = "FORMAT", default_value = "farfield", value_parser = format)]
     to: Format,
-    /// Whose they are. Default: told by content.
+    /// Source format. Default: detected by content.
     #[arg(long, value_name = "FORMAT", value_parser = format)]
     from: Option<Format>,
-    /// Metres in a unit. Default: by the numbers.
+    /// Metres per unit. Default: by the numbers.
     ///
-    /// How many metres a unit of length is; told by format and numbers where that is not said.
+    /// Length of a unit in metres; detected from format and numbers by default.
     #[arg(long, value_name = "M")]
     metres_per_unit: Option<f64>,
     /// Axis that points up: x, -x, y, -y, z, -z.
@@ -48,39 +48,39 @@ pub(super) struct ConvertArgs {
     up: Option<WorldAxis>,
     /// Point of the file's world that becomes the origin: X,Y,Z, or auto.
     ///
-    /// Metres, z up: it is subtracted from where the cameras stand, and written as `origin_m` into `[metadata]`. Surveyed
-    /// coordinates need it; auto takes a round place on the floor between the cameras.
+    /// Metres, z up: it is subtracted from the camera positions, and written as `origin_m` into `[metadata]`. Surveyed
+    /// coordinates need it; auto takes a round point on the floor between the cameras.
     #[arg(long, value_name = "X,Y,Z", value_parser = origin, allow_hyphen_values = true)]
     origin: Option<Origin>,
-    /// Turn a camera clockwise by 90, 180 or -90 degrees, with its pictures: `cam1=-90`.
+    /// Turn a camera clockwise by 90, 180 or -90 degrees, with its images: `cam1=-90`.
     ///
-    /// The pictures are turned by ffmpeg: `-vf transpose=1` by 90, `transpose=2` by -90, `hflip,vflip` by 180.
+    /// Turn the images with ffmpeg: `-vf transpose=1` for 90, `transpose=2` for -90, `hflip,vflip` for 180.
     #[arg(long, value_name = "CAMERA=DEGREES", value_parser = turn)]
     turn: Vec<(String, u32)>,
-    /// Axis of a left-handed world to turn round.
+    /// Axis of a left-handed world to reverse.
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
     mirrored: Option<WorldAxis>,
-    /// Which way poses go: as-format, or inverse, camera to world where the format says world to camera.
+    /// Direction of poses: as-format, or inverse, camera to world where the format has world to camera.
     #[arg(long, hide_short_help = true, value_name = "WAY", default_value = "as-format", value_parser = poses)]
     poses: PoseMeaning,
-    /// Axes of the cameras: opencv, or opengl, along -z with y up, as Blender's are too.
+    /// Axes of the cameras: opencv, or opengl, along -z with y up, as in Blender.
     #[arg(long, hide_short_help = true, value_name = "AXES", default_value = "opencv", value_parser = camera_axes)]
     camera_axes: CameraAxes,
-    /// Distortions of four numbers are a fisheye's where the file does not say.
+    /// Distortions of four numbers are a fisheye's if the file does not define them.
     #[arg(long, hide_short_help = true)]
     four_are_fisheye: bool,
-    /// Size of the videos where they show the middle of the sensor: `1280x720`.
+    /// Size of the videos if they show the middle of the sensor: `1280x720`.
     #[arg(long, hide_short_help = true, value_name = "WxH", value_parser = size_px)]
     video_px: Option<[u32; 2]>,
-    /// Replace files that are there already.
+    /// Replace existing files.
     #[arg(long)]
     replace: bool,
-    /// Print what was done or went wrong as JSON.
+    /// Print the result or the error as JSON.
     #[arg(long)]
     pub(super) json: bool,
 }
 
-/// A format of this name.
+/// Parses the name of a format.
 pub(super) fn format(word: &str) -> Result<Format, String> {
     Format::from_name(word).ok_or_else(|| {
         let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();
@@ -93,7 +93,7 @@ fn axis(word: &str) -> Result<WorldAxis, String> {
     named.ok_or_else(|| format!("`{word}` is not one of x, -x, y, -y, z, -z"))
 }
 
-/// `500000,5000000,120`, or `auto`.
+/// Parses `500000,5000000,120`, or `auto`.
 fn origin(word: &str) -> Result<Origin, String> {
     if word == "auto" {
         return Ok(Origin::Auto);
@@ -106,7 +106,7 @@ fn origin(word: &str) -> Result<Origin, String> {
     })
 }
 
-/// `cam1=-90`: the camera, and how many quarters it is turned clockwise.
+/// Parses `cam1=-90`: the camera, and its clockwise quarter turns.
 fn turn(word: &str) -> Result<(String, u32), String> {
     let (camera, degrees): (String, i32) = named(word, "CAMERA=DEGREES, for example cam1=-90")?;
     match degrees {
@@ -135,12 +135,12 @@ fn camera_axes(word: &str) -> Result<CameraAxes, String> {
     }
 }
 
-/// `1280x720`.
+/// Parses `1280x720`.
 fn size_px(word: &str) -> Result<[u32; 2], String> {
     two_sides(word, "1280x720")
 }
 
-/// `4x7`.
+/// Parses `4x7`.
 pub(super) fn size(word: &str) -> Result<[u32; 2], String> {
     two_sides(word, "4x7")
 }
@@ -155,7 +155,7 @@ fn two_sides(word: &str, example: &str) -> Result<[u32; 2], String> {
         })
 }
 
-/// What is printed as JSON.
+/// The JSON output.
 #[derive(Debug, Serialize)]
 struct Converted<'a> {
     from: &'static str,
@@ -166,10 +166,10 @@ struct Converted<'a> {
     files: Vec<PathBuf>,
 }
 
-/// Reads one, says what was assumed and what the other cannot hold, and writes the other.
+/// Converts a calibration, and prints assumptions and losses.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where files cannot be read or written so, [`NodeError::Failed`] where the disk is in the way.
+/// [`NodeError::Refused`] if files cannot be read or exist, [`NodeError::Failed`] for errors of the disk.
 pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
     check_folder("--out", &args.out).map_err(NodeError::Refused)?;
     let files: Vec<TextFile> = args
@@ -190,7 +190,7 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
         .map(|file| TextFile {
             path: args.out.join(&file.path),
             text: match imported.origin_m.filter(|_| args.to == Format::Farfield) {
-                // Behind the table `[metadata]`, with which the file ends.
+                // The file ends with the table `[metadata]`.
                 Some(origin_m) => format!("{}origin_m = {origin_m:?}\n", file.text),
                 None => file.text,
             },
@@ -208,12 +208,12 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
     for file in &texts {
         write(&file.path, &file.text)?;
     }
-    let said = if args.json {
+    let result = if args.json {
         json(&imported, args.to, &texts)?
     } else {
         lines(&imported, &texts)
     };
-    output::print(&said).map_err(NodeError::Failed)
+    output::print(&result).map_err(NodeError::Failed)
 }
 
 fn turn_camera(cameras: &mut [CameraRecord], name: &str, quarters: u32) -> anyhow::Result<()> {
@@ -283,7 +283,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn formats_axes_and_sizes_are_understood_or_said() {
+    fn formats_axes_and_sizes_are_parsed_or_refused() {
         assert_eq!(format("pose2sim"), Ok(Format::Farfield));
         assert!(format("blender").unwrap_err().contains("qualisys"));
         assert_eq!(axis("-y"), Ok(WorldAxis::MinusY));

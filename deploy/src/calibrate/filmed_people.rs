@@ -1,5 +1,5 @@
-//! People in videos: a detector and a keypoint network look at some frames of each camera, as those of edges do, and whom they
-//! saw is a file of keypoints. Nobody knows yet where the cameras stand.
+//! People in videos: a detector and a keypoint network process some frames of each camera, as in edges, and write
+//! keypoint files. The poses of the cameras are still unknown.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -25,21 +25,20 @@ use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::kept::{Kept, fingerprint};
+use super::cached::{Cached, fingerprint};
 use super::lenses::{Lens, lens_of};
-use super::progress::LookProgress;
 use super::recorded::OwnVenue;
+use super::recorded::ScanProgress;
 use super::{refuse_existing, write};
-use crate::init::rate;
 use crate::init::recordings::{self, Recording, RecordingKind, files_of};
 
-/// Least height of a peak that counts, 0 to 1: where there is nothing, networks answer up to a little less.
+/// Minimum height of a peak, 0 to 1: without a keypoint, networks answer up to slightly less.
 const LEAST_SCORE: f64 = 0.1;
-/// Raise it whenever other keypoints come of the same pictures and networks.
+/// Increase it whenever the same images and networks give other keypoints.
 const REVISION: &str = "1";
-/// Looks a second that are taken: more than there are frames is all of them.
+/// Valid range of processed frames per second; more than there are means all frames.
 const LOOKS_HZ: [f64; 2] = [0.1, 1000.0];
-/// Keypoints of COCO that a network must know: without feet nobody stands on a floor.
+/// Required COCO keypoints of a network; without feet people cannot be placed on the floor.
 const NEEDED: [&str; 6] = [
     "left_shoulder",
     "right_shoulder",
@@ -49,7 +48,7 @@ const NEEDED: [&str; 6] = [
     "right_ankle",
 ];
 
-/// How people are looked for in videos.
+/// How people are detected in videos.
 #[derive(Debug, Args)]
 pub(super) struct FilmedArgs {
     /// Card of the keypoint network, for videos.
@@ -58,13 +57,13 @@ pub(super) struct FilmedArgs {
     /// Card of the detector, for videos.
     #[arg(long, value_name = "CARD")]
     detector: Option<PathBuf>,
-    /// Frames of a video that are looked at, per second; the nearest whole part of its rate.
+    /// Frames of a video to process per second; rounded to a whole fraction of its rate.
     #[arg(long, value_name = "HZ", default_value_t = 5.0, hide_short_help = true)]
     looks_hz: f64,
-    /// Folder for NAME.jsonl: whom each camera saw.
+    /// Folder for NAME.jsonl: detected people, by camera.
     ///
-    /// Each is written when its video is looked through. One that is there already, of the same video, lens, networks and rate, is
-    /// taken as it is: after an interruption only what is missing is looked at.
+    /// Each is written after its video was processed. An existing one of the same video, lens, networks and rate is
+    /// reused: after an interruption only missing ones are processed.
     #[arg(
         id = "seen_folder",
         long = "seen",
@@ -75,21 +74,20 @@ pub(super) struct FilmedArgs {
     seen: PathBuf,
 }
 
-/// What is said beside a file of keypoints.
+/// Counts that are stored next to a file of keypoints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Looked {
-    /// Frames that there were.
+struct ScanCounts {
     frames: u64,
-    /// Frames that were looked at.
+    /// Processed frames.
     looks: u64,
-    /// Bodies in them, of all frames.
+    /// Detected bodies in all processed frames.
     bodies: u64,
 }
 
-/// The videos and folders of pictures that are meant; `None` where these are files of keypoints, or a recording of fusion's.
+/// The videos and folders of images among `paths`; `None` if these are keypoint files, or a recording of fusion.
 ///
 /// # Errors
-/// Both together, what is neither beside videos, folders of keypoints, what cannot be read, two of one camera.
+/// A mix of both, other files among videos, folders of keypoints, unreadable files, two of one camera.
 pub(super) fn filmed(paths: &[PathBuf]) -> anyhow::Result<Option<Vec<Recording>>> {
     let mut all = Vec::new();
     let mut other = None;
@@ -98,9 +96,9 @@ pub(super) fn filmed(paths: &[PathBuf]) -> anyhow::Result<Option<Vec<Recording>>
             Some(recording) => all.push(recording),
             None if path.is_dir() => {
                 let inside = recordings::find(path, None, recordings::OTHER_FOLDER)?;
-                if inside.iter().all(is_of_keypoints) {
+                if inside.iter().all(has_keypoints) {
                     bail!(
-                        "{}: found a folder of keypoint files, expected these themselves: {}",
+                        "{}: found a folder of keypoint files, expected the files themselves: {}",
                         path.display(),
                         path.join("*.jsonl").display()
                     );
@@ -110,19 +108,19 @@ pub(super) fn filmed(paths: &[PathBuf]) -> anyhow::Result<Option<Vec<Recording>>
             None => other = other.or(Some(path)),
         }
     }
-    if all.iter().all(is_of_keypoints) {
+    if all.iter().all(has_keypoints) {
         return Ok(None);
     }
     if let Some(other) = other {
         bail!(
-            "{}: found no video and no folder of numbered pictures, beside videos, expected a name that ends in one of {}",
+            "{}: found neither a video nor a folder of numbered images, expected only those, with one of the extensions {}",
             other.display(),
             recordings::VIDEOS.join(", ")
         );
     }
-    if let Some(file) = all.iter().find(|it| is_of_keypoints(it)) {
+    if let Some(file) = all.iter().find(|it| has_keypoints(it)) {
         bail!(
-            "{}: found keypoints beside videos, expected one or the other",
+            "{}: found keypoints as well as videos, expected only one of the two",
             file.path.display()
         );
     }
@@ -130,28 +128,28 @@ pub(super) fn filmed(paths: &[PathBuf]) -> anyhow::Result<Option<Vec<Recording>>
     Ok(Some(all))
 }
 
-fn is_of_keypoints(recording: &Recording) -> bool {
+fn has_keypoints(recording: &Recording) -> bool {
     recording.kind == RecordingKind::Keypoints
 }
 
-/// Rates of videos by camera, as they say themselves.
+/// Rates of the videos, by camera.
 ///
 /// # Errors
-/// When one does not say.
+/// When a video has none.
 pub(super) fn rates_hz(recordings: &[Recording]) -> anyhow::Result<BTreeMap<String, f64>> {
     let mut rates_hz = BTreeMap::new();
     for recording in recordings {
-        if let Some(rate_hz) = rate::of_videos(std::slice::from_ref(recording))? {
+        if let Some(rate_hz) = recordings::rate_of_videos(std::slice::from_ref(recording))? {
             rates_hz.insert(recording.name.clone(), rate_hz);
         }
     }
     Ok(rates_hz)
 }
 
-/// Frames of the longest of the recordings.
+/// Number of frames of the longest recording.
 ///
 /// # Errors
-/// What cannot be read, and a camera without a lens.
+/// An unreadable recording, or a camera without a lens.
 pub(super) fn most_frames(
     recordings: &[Recording],
     lenses: &BTreeMap<String, Lens>,
@@ -164,44 +162,44 @@ pub(super) fn most_frames(
     Ok(most as f64)
 }
 
-/// A camera, and how it is looked through.
+/// A camera with its recording.
 struct FilmedCamera {
     name: String,
     own: OwnVenue,
     frames: u64,
-    /// Of so many frames one is looked at.
+    /// One of so many frames is processed.
     every: u64,
-    /// Its lens, in words that tell it from every other.
+    /// Its lens, as text that differs for every lens.
     lens_text: String,
     file: PathBuf,
 }
 
-/// What is there of a camera, and of what it would be made now.
-struct KeptCamera {
+/// A camera with its earlier result, if that is still valid.
+struct CachedCamera {
     camera: FilmedCamera,
     made_of: String,
-    kept: Option<Looked>,
+    cached: Option<ScanCounts>,
 }
 
 impl FilmedArgs {
-    /// Refuses networks where there is nothing to look at.
+    /// Refuses network options without videos.
     ///
     /// # Errors
-    /// The option that says nothing.
+    /// Names the options.
     pub(super) fn refuse_without_videos(&self) -> anyhow::Result<()> {
         ensure!(
             self.network.is_none() && self.detector.is_none(),
-            "--network and --detector look at videos; found files of keypoints"
+            "--network and --detector need videos; found keypoint files"
         );
         Ok(())
     }
 
-    /// Whom each camera saw, by its name: looked for, and written, where that is not there yet. `rate_hz` is that of a camera.
+    /// The keypoint file of each camera; missing ones are created. `rate_hz` is the rate of a camera.
     ///
     /// # Errors
-    /// [`NodeError::Refused`] where networks, recordings or lenses cannot be used, or nobody is seen;
-    /// [`NodeError::Failed`] where the disk is in the way.
-    pub(super) fn look(
+    /// [`NodeError::Refused`] where networks, recordings or lenses cannot be used, or no person is detected;
+    /// [`NodeError::Failed`] for errors of the disk.
+    pub(super) fn scan(
         &self,
         recordings: &[Recording],
         lenses: &BTreeMap<String, Lens>,
@@ -215,7 +213,7 @@ impl FilmedArgs {
             let lens = lens_of(lenses, &recording.name)?;
             let rate_hz = rate_of(&recording.name).with_context(|| {
                 format!(
-                    "no rate of camera `{}`: give it by --rate-hz",
+                    "no rate of camera `{}`: set it with --rate-hz",
                     recording.name
                 )
             })?;
@@ -223,32 +221,32 @@ impl FilmedArgs {
         });
         let cameras: anyhow::Result<Vec<FilmedCamera>> = each.collect();
         let cameras = cameras.map_err(NodeError::Refused)?;
-        // Whole recordings are hashed only where all of them can be looked through.
+        // Hashing whole recordings takes time, so it comes after all other checks.
         let each = cameras.into_iter().zip(recordings);
-        let each = each.map(|(camera, recording)| camera.with_kept(recording, &hashes));
-        let cameras: anyhow::Result<Vec<KeptCamera>> = each.collect();
+        let each = each.map(|(camera, recording)| camera.with_cache(recording, &hashes));
+        let cameras: anyhow::Result<Vec<CachedCamera>> = each.collect();
         let cameras = cameras.map_err(NodeError::Refused)?;
-        let mut pictures = 0;
-        for it in cameras.iter().filter(|it| it.kept.is_none()) {
+        let mut images = 0;
+        for it in cameras.iter().filter(|it| it.cached.is_none()) {
             refuse_existing(&it.camera.file, replace)?;
-            pictures += it.camera.frames;
+            images += it.camera.frames;
         }
-        let progress = LookProgress::new(pictures);
+        let progress = ScanProgress::new(images);
         let mut files = BTreeMap::new();
         let mut bodies = 0;
         for it in cameras {
-            let looked = self.see(&it, &progress)?;
+            let counts = self.scan_camera(&it, &progress)?;
             let camera = it.camera;
-            bodies += looked.bodies;
+            bodies += counts.bodies;
             progress.say(format_args!(
                 "camera {}: {} bodies in {} of {} frames, {}{}",
                 camera.name,
-                looked.bodies,
-                looked.looks,
-                looked.frames,
+                counts.bodies,
+                counts.looks,
+                counts.frames,
                 camera.file.display(),
-                if it.kept.is_some() {
-                    ", where they were found earlier"
+                if it.cached.is_some() {
+                    ", from an earlier scan"
                 } else {
                     ""
                 }
@@ -257,30 +255,30 @@ impl FilmedArgs {
         }
         if bodies == 0 {
             return Err(NodeError::Refused(anyhow!(
-                "nobody was seen in any recording: look with another detector or network, or let people walk nearer to the cameras"
+                "no person was detected in any recording: use another detector or network, or let people walk closer to the cameras"
             )));
         }
         Ok(files)
     }
 
-    /// Of so many frames of a video of `rate_hz` one is looked at.
+    /// Of a video of `rate_hz`, one of so many frames is processed.
     fn every(&self, rate_hz: f64) -> u64 {
         (rate_hz / self.looks_hz).round().max(1.0) as u64
     }
 
-    /// Refuses so few looks that people go too far between them, where nothing says which are of one moment.
+    /// Refuses a rate at which people move too far between processed frames, if the cameras are not synchronised.
     ///
     /// # Errors
-    /// The camera, and what is looked at of it.
-    pub(super) fn check_looks(&self, request: &PeopleRequest) -> anyhow::Result<()> {
+    /// Names the camera and its rate of processed frames.
+    pub(super) fn check_scan_rate(&self, request: &PeopleRequest) -> anyhow::Result<()> {
         let cameras = request.cameras.iter();
         for camera in cameras.filter(|_| request.timing != Timing::Synchronised) {
             let rate_hz = camera.rate_hz.unwrap_or(request.rate_hz);
             let looks_hz = rate_hz / self.every(rate_hz) as f64;
             ensure!(
                 looks_hz >= LEAST_RATE_HZ,
-                "--looks-hz: found {looks_hz:.3} looks per second at camera `{}`, expected {LEAST_RATE_HZ} or more of cameras that \
-                 are not synchronised: between them people go too far",
+                "--looks-hz: found {looks_hz:.3} processed frames per second at camera `{}`, expected {LEAST_RATE_HZ} or more, as the \
+                 cameras are not synchronised: people move too far in between",
                 camera.name
             );
         }
@@ -297,15 +295,15 @@ impl FilmedArgs {
         );
         let (Some(network), Some(detector)) = (&self.network, &self.detector) else {
             bail!(
-                "people in videos are seen by networks: give their cards by --network CARD and --detector CARD, or files of \
-                 keypoints in place of videos"
+                "videos need networks: set their cards with --network CARD and --detector CARD, or give keypoint files \
+                 instead of videos"
             );
         };
         let network = OnnxKeypointNetwork::load(network)?;
         let known = &network.card().output.keypoints;
         if let Some(missing) = NEEDED.iter().find(|name| known.index_of(name).is_none()) {
             bail!(
-                "--network: found no keypoint `{missing}` among its {}, expected COCO's names",
+                "--network: found no keypoint `{missing}` among its {}, expected the names of COCO",
                 known.len()
             );
         }
@@ -321,7 +319,7 @@ impl FilmedArgs {
         let name = &recording.name;
         let own = OwnVenue::over_a_floor(recording, lens)?;
         Ok(FilmedCamera {
-            frames: own.frames_to_look_at()?,
+            frames: own.frames_to_scan()?,
             own,
             every: self.every(rate_hz),
             lens_text: lens.calibration(name)?,
@@ -330,55 +328,63 @@ impl FilmedArgs {
         })
     }
 
-    /// What is in its file: looked for, and written, where that is not there yet.
-    fn see(&self, it: &KeptCamera, progress: &LookProgress) -> Result<Looked, NodeError> {
-        if let Some(kept) = &it.kept {
-            return Ok(kept.clone());
+    /// The counts of its file, which is created unless it is cached.
+    fn scan_camera(
+        &self,
+        it: &CachedCamera,
+        progress: &ScanProgress,
+    ) -> Result<ScanCounts, NodeError> {
+        if let Some(cached) = &it.cached {
+            return Ok(cached.clone());
         }
         let camera = &it.camera;
-        let looking = || {
+        let scan = || {
             let (network, detector) = self.load()?;
-            Looking::new(&camera.own, network, detector)?.all(camera.every, progress)
+            VideoScan::new(&camera.own, network, detector)?.run(camera.every, progress)
         };
-        let looked = looking().with_context(|| format!("camera `{}`", camera.name));
-        let (looked, text) = looked.map_err(NodeError::Refused)?;
-        // First what says of what it is: who is stopped between the two looks again.
-        let said = Kept::beside(&text, looked.clone(), &it.made_of);
-        write(&beside(&camera.file), &said)?;
+        let scanned = scan().with_context(|| format!("camera `{}`", camera.name));
+        let (counts, text) = scanned.map_err(NodeError::Refused)?;
+        // The cache entry comes first: after an interruption between the two writes the scan is repeated.
+        let entry = Cached::separate_text(&text, counts.clone(), &it.made_of);
+        write(&cache_path(&camera.file), &entry)?;
         write(&camera.file, &text)?;
-        Ok(looked)
+        Ok(counts)
     }
 }
 
 impl FilmedCamera {
-    /// With what is there of it, by the networks' `hashes`.
-    fn with_kept(self, recording: &Recording, hashes: &[String; 2]) -> anyhow::Result<KeptCamera> {
+    /// Adds the cached result, if it was made by networks with these `hashes`.
+    fn with_cache(
+        self,
+        recording: &Recording,
+        hashes: &[String; 2],
+    ) -> anyhow::Result<CachedCamera> {
         let every = self.every.to_string();
         let [network, detector] = hashes.each_ref().map(String::as_str);
         let words = [REVISION, network, detector, &self.lens_text, &every];
         let made_of = fingerprint(&words, &files_of(recording)?)?;
-        Ok(KeptCamera {
-            kept: Kept::find_beside(&beside(&self.file), &self.file, &made_of),
+        Ok(CachedCamera {
+            cached: Cached::find_separate(&cache_path(&self.file), &self.file, &made_of),
             made_of,
             camera: self,
         })
     }
 }
 
-/// The file that says of what `file` was made.
-fn beside(file: &Path) -> PathBuf {
+/// The cache entry of `file`.
+fn cache_path(file: &Path) -> PathBuf {
     file.with_extension("kept.json")
 }
 
-/// The networks on the pictures of one camera.
-struct Looking<'a> {
+/// Runs the networks on the images of one camera.
+struct VideoScan<'a> {
     own: &'a OwnVenue,
     model: &'a CameraModel,
     keypoints: KeypointSet,
     pipeline: EdgePipeline,
 }
 
-impl<'a> Looking<'a> {
+impl<'a> VideoScan<'a> {
     fn new(
         own: &'a OwnVenue,
         network: OnnxKeypointNetwork,
@@ -395,13 +401,13 @@ impl<'a> Looking<'a> {
         })
     }
 
-    /// Whom they see in one of so many frames, a line for each that is looked at.
-    fn all(mut self, every: u64, progress: &LookProgress) -> anyhow::Result<(Looked, String)> {
+    /// Detects people in one of `every` frames, with a line for each processed frame.
+    fn run(mut self, every: u64, progress: &ScanProgress) -> anyhow::Result<(ScanCounts, String)> {
         let (mut text, mut looks, mut bodies) = (String::new(), 0, 0);
         let own = self.own;
         let frames = own.show(usize::MAX, |number, picture| {
             if number % every == 0 {
-                let seen = self.seen(number, picture)?;
+                let seen = self.people(number, picture)?;
                 looks += 1;
                 bodies += seen.len() as u64;
                 writeln!(text, "{}", json!({"tick": number, "persons": seen}))?;
@@ -409,15 +415,15 @@ impl<'a> Looking<'a> {
             progress.one();
             Ok(())
         })?;
-        let looked = Looked {
+        let counts = ScanCounts {
             frames,
             looks,
             bodies,
         };
-        Ok((looked, text))
+        Ok((counts, text))
     }
 
-    fn seen(&mut self, number: u64, picture: Picture) -> anyhow::Result<Vec<serde_json::Value>> {
+    fn people(&mut self, number: u64, picture: Picture) -> anyhow::Result<Vec<serde_json::Value>> {
         let tick = Tick(i64::try_from(number)?);
         let boxes = BoxSet {
             session: SessionId(0),
@@ -441,7 +447,7 @@ impl<'a> Looking<'a> {
         Ok(sightings.map(|it| self.body(it)).collect())
     }
 
-    /// A body as files of keypoints have it: COCO's order, distorted pixels.
+    /// A body in the format of keypoint files: COCO order, distorted pixels.
     fn body(&self, sighting: &Sighting) -> serde_json::Value {
         let each = COCO17.iter().map(|name| {
             let index = self.keypoints.index_of(name)?;
@@ -467,7 +473,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_video_is_named_beside_videos() {
+    fn other_files_among_videos_are_named() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         std::fs::create_dir(at("seen")).unwrap();
@@ -476,14 +482,14 @@ mod tests {
         }
         let videos = |names: &[&str]| filmed(&names.iter().map(|it| at(it)).collect::<Vec<_>>());
         for names in [&["a.mp4", "b.mpeg"], &["b.mpeg", "a.mp4"]] {
-            let said = videos(names).unwrap_err().to_string();
-            assert!(said.contains("b.mpeg: found no video"), "{said}");
-            assert!(said.contains("mp4, mov"), "{said}");
+            let error = videos(names).unwrap_err().to_string();
+            assert!(error.contains("b.mpeg: "), "{error}");
+            assert!(error.contains("mp4, mov"), "{error}");
         }
-        let said = videos(&["seen"]).unwrap_err().to_string();
-        assert!(said.contains("seen/*.jsonl"), "{said}");
-        let said = videos(&["a.mp4", "c.jsonl"]).unwrap_err().to_string();
-        assert!(said.contains("c.jsonl: found keypoints"), "{said}");
+        let error = videos(&["seen"]).unwrap_err().to_string();
+        assert!(error.contains("seen/*.jsonl"), "{error}");
+        let error = videos(&["a.mp4", "c.jsonl"]).unwrap_err().to_string();
+        assert!(error.contains("c.jsonl: "), "{error}");
         for others in ["c.jsonl", "run.mcap"] {
             assert!(videos(&[others]).unwrap().is_none(), "{others}");
         }

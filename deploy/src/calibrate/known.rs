@@ -1,4 +1,4 @@
-//! What is known of a venue before its cameras are calibrated, as the command line says it.
+//! Known facts on a venue before its cameras are calibrated, from the command line.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -9,35 +9,36 @@ use farfield_calibration::alignment::{Anchors, KnownDistance, Marks};
 
 use super::{named, read};
 
-/// What tells scale, place and up.
+/// Facts that determine scale, origin and up.
 #[derive(Debug, Args)]
 pub(super) struct KnownArgs {
-    /// Distance of two cameras, which tells the scale.
+    /// Distance of two cameras, for the scale.
     #[arg(long, value_name = "A,B=METRES", value_parser = distance)]
     distance: Vec<KnownDistance>,
-    /// Where a camera stands; three say place and up.
+    /// Position of a camera; three give origin and up.
     ///
-    /// Metres, z up; three cameras or more, on no line, say the scale too.
+    /// Metres, z up; three cameras or more that are not in one line also give the scale.
     #[arg(long, value_name = "NAME=X,Y,Z", value_parser = place, allow_hyphen_values = true)]
     at: Vec<(String, [f64; 3])>,
     /// Clicked marks: court, places, lengths, floor.
     ///
-    /// Marks clicked in pictures, and what they are: lines and corners of a court, places, lengths, the floor. A TOML file; `docs/calibration.md` says what it may hold.
+    /// Marks clicked in images, and what they are: lines and corners of a court, places, lengths, the floor. A TOML
+    /// file, described in `docs/calibration.md`.
     #[arg(long, value_name = "FILE")]
     marks: Option<PathBuf>,
 }
 
 impl KnownArgs {
-    /// The same as calibrations take it.
+    /// The anchors for a calibration.
     ///
     /// # Errors
-    /// When a camera has two places, the same one twice among them, or the file of marks cannot be read.
+    /// When a camera has two positions, even the same one, or the file of marks cannot be read.
     pub(super) fn anchors(&self) -> anyhow::Result<Anchors> {
         let mut placed = BTreeSet::new();
         for (name, _) in &self.at {
             ensure!(
                 placed.insert(name),
-                "--at says twice where camera `{name}` stands, expected one place for each camera: leave one out"
+                "--at: found two positions of camera `{name}`, expected one for each camera: remove one"
             );
         }
         let marks = self.marks.as_ref().map(|path| {
@@ -93,21 +94,18 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_is_placed_twice_is_refused_also_at_the_same_place() {
+    fn two_positions_of_a_camera_are_refused_even_if_equal() {
         let two = anchors(&["--at", "n=0,0,4", "--at", "s=0,8,4"]).unwrap();
         assert_eq!(two.centers_m.len(), 2);
         for again in ["n=0,8,4", "n=0,0,4"] {
             let refused = anchors(&["--at", "n=0,0,4", "--at", "s=0,8,4", "--at", again]);
-            let said = refused.unwrap_err().to_string();
-            assert!(
-                said.contains("--at says twice where camera `n` stands"),
-                "{said}"
-            );
+            let error = refused.unwrap_err().to_string();
+            assert!(error.contains("--at") && error.contains("`n`"), "{error}");
         }
     }
 
     #[test]
-    fn places_and_distances_are_understood_or_said() {
+    fn places_and_distances_are_parsed_or_refused() {
         assert_eq!(
             place("n=0,-12.5, 4"),
             Ok(("n".to_owned(), [0.0, -12.5, 4.0]))

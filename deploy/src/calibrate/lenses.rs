@@ -1,4 +1,4 @@
-//! What is known of the cameras' lenses: calibrations in any format that is read, of one camera or of all.
+//! Known lenses of the cameras: calibrations in any supported format, of one camera or of all.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -11,10 +11,10 @@ use nalgebra::Isometry3;
 
 use super::read_calibration;
 
-/// `[NAME=]FILE`, as on the command line.
+/// `[NAME=]FILE` of the command line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct LensFile {
-    /// The camera that it is of; `None`: those that the file names.
+    /// The camera; `None`: the cameras in the file.
     camera: Option<String>,
     path: PathBuf,
 }
@@ -38,15 +38,15 @@ impl std::str::FromStr for LensFile {
 }
 
 impl LensFile {
-    /// The file at `path`, of the lens of `camera`.
-    pub(super) fn of_camera(camera: &str, path: &Path) -> Self {
+    /// The file at `path` with the lens of `camera`.
+    pub(super) fn for_camera(camera: &str, path: &Path) -> Self {
         Self {
             camera: Some(camera.to_owned()),
             path: path.to_owned(),
         }
     }
 
-    /// The camera that it is of, where that is said.
+    /// The camera, if given.
     pub(super) fn camera(&self) -> Option<&str> {
         self.camera.as_deref()
     }
@@ -61,13 +61,13 @@ pub(super) struct Lens {
 }
 
 impl Lens {
-    /// Stands in for a lens that is not known yet, where none is asked of anything.
-    pub(super) fn of_nobody() -> Self {
-        Self::of_size([1, 1])
+    /// Placeholder for an unknown lens where none is used.
+    pub(super) fn placeholder() -> Self {
+        Self::with_size([1, 1])
     }
 
-    /// The same, where only the size of its pictures is asked.
-    pub(super) fn of_size(size_px: [u32; 2]) -> Self {
+    /// Placeholder where only the image size is used.
+    pub(super) fn with_size(size_px: [u32; 2]) -> Self {
         let [width, height] = size_px.map(f64::from);
         Self {
             size_px,
@@ -81,18 +81,18 @@ impl Lens {
         }
     }
 
-    /// The lens as the calibration of a camera that stands nowhere in particular.
+    /// The lens as the calibration of a camera at the origin.
     ///
     /// # Errors
-    /// What no calibration can say.
+    /// A lens that no calibration can hold.
     pub(super) fn calibration(&self, name: &str) -> anyhow::Result<String> {
         self.calibration_at(name, Isometry3::identity())
     }
 
-    /// The same of a camera that stands there.
+    /// The same for a camera with this pose.
     ///
     /// # Errors
-    /// What no calibration can say.
+    /// A lens that no calibration can hold.
     pub(super) fn calibration_at(
         &self,
         name: &str,
@@ -114,7 +114,7 @@ impl Lens {
 /// The lens of the camera `name`.
 ///
 /// # Errors
-/// Whose lenses there are instead.
+/// Lists the cameras with lenses.
 pub(super) fn lens_of<'a>(
     lenses: &'a BTreeMap<String, Lens>,
     name: &str,
@@ -122,16 +122,16 @@ pub(super) fn lens_of<'a>(
     lenses.get(name).ok_or_else(|| {
         let has: Vec<&str> = lenses.keys().map(String::as_str).collect();
         anyhow!(
-            "no lens of camera `{name}`: found those of {}; give it by --lens {name}=FILE",
+            "no lens of camera `{name}`: found those of {}; set it with --lens {name}=FILE",
             has.join(", ")
         )
     })
 }
 
-/// The lenses of all files by camera. The file of one camera may be given for one of another name.
+/// The lenses of all files by camera. The file of one camera may be used for a camera of another name.
 ///
 /// # Errors
-/// What cannot be read.
+/// A file that cannot be read.
 pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens>> {
     let options = ImportOptions {
         only_lenses: true,
@@ -155,7 +155,7 @@ pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens
             let record = match (same, imported.cameras.as_slice()) {
                 (Some(record), _) | (None, [record]) => record,
                 (None, several) => bail!(
-                    "{}: found {} cameras and none is called `{camera}`",
+                    "{}: found {} cameras, but none with the name `{camera}`",
                     file.path.display(),
                     several.len()
                 ),
@@ -169,7 +169,7 @@ pub(super) fn lenses(files: &[LensFile]) -> anyhow::Result<BTreeMap<String, Lens
 fn insert(all: &mut BTreeMap<String, Lens>, camera: &str, lens: Lens) -> anyhow::Result<()> {
     ensure!(
         all.insert(camera.to_owned(), lens).is_none(),
-        "--lens: two files are of camera `{camera}`"
+        "--lens: found two files for camera `{camera}`"
     );
     Ok(())
 }

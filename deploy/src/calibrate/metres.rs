@@ -1,21 +1,22 @@
-//! How long a metre is in a calibration: who said so, and what checks it.
+//! The origin of a calibration's scale (the length of a metre), and what checks it.
 
 use farfield_calibration::alignment::{Anchors, Known, KnownMark};
 
-/// What else says how long a metre is.
+/// Other sources of the scale than anchors.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Otherwise {
-    /// Nothing.
+pub(super) enum OtherScale {
     Nothing,
-    /// The people's mean stature.
+    /// The mean stature of the people.
     Stature,
-    /// The squares of a board that is one body.
-    Board { square_mm: f64 },
+    /// The squares of a board that is one rigid body.
+    Board {
+        square_mm: f64,
+    },
 }
 
-/// Where metres come from and what checks them, in sentences. What is known of the cameras `without_pose` tells nothing, and
-/// that is said.
-pub(super) fn metres(anchors: &Anchors, without_pose: &[&str], otherwise: Otherwise) -> String {
+/// The origin of the scale and what checks it, in sentences. Anchors of cameras in `without_pose` do not count, which
+/// is reported.
+pub(super) fn metres(anchors: &Anchors, without_pose: &[&str], other: OtherScale) -> String {
     let lost = anchors.lost(|name| !without_pose.contains(&name));
     let lost = lost.map_or_else(String::new, |lost| format!(" Note that {lost}."));
     let anchors = &anchors.without(without_pose);
@@ -28,7 +29,7 @@ pub(super) fn metres(anchors: &Anchors, without_pose: &[&str], otherwise: Otherw
     let known = marks.map_or(&[][..], |it| &it.known);
     let is_line = |it: &&KnownMark| matches!(it.known, Known::OnLine(_));
     let lines = known.iter().filter(is_line).count();
-    // Alone two places of cameras tell no length; beside marks each of them is fitted with these.
+    // Two camera positions alone give no length; together with marks each position is part of the fit.
     let least = if known.is_empty() { 3 } else { 1 };
     let places = Some(anchors.centers_m.len()).filter(|count| *count >= least);
     let lengths = marks.map_or(0, |it| it.lengths.len());
@@ -37,8 +38,8 @@ pub(super) fn metres(anchors: &Anchors, without_pose: &[&str], otherwise: Otherw
         counted(lines, "clicked line", "clicked lines"),
         counted(
             places.unwrap_or(0),
-            "place of a camera",
-            "places of cameras",
+            "position of a camera",
+            "positions of cameras",
         ),
         counted(
             anchors.distances.len(),
@@ -48,35 +49,35 @@ pub(super) fn metres(anchors: &Anchors, without_pose: &[&str], otherwise: Otherw
         counted(lengths, "clicked length", "clicked lengths"),
     ];
     let sources: Vec<String> = sources.into_iter().flatten().collect();
-    let said = match (sources.as_slice(), otherwise) {
-        ([], Otherwise::Nothing) => {
-            "Nothing says how long a metre is: give a distance, places of cameras, or marks.".to_owned()
+    let text = match (sources.as_slice(), other) {
+        ([], OtherScale::Nothing) => {
+            "The scale is unknown: give a distance, positions of cameras, or marks.".to_owned()
         }
-        ([], Otherwise::Stature) => {
-            "Metres come from the mean stature of the people, which is good to 1 to 2 %, and nothing checks them: measure a distance \
+        ([], OtherScale::Stature) => {
+            "The scale comes from the mean stature of the people, with an error of 1 to 2 %, and nothing checks it: measure a distance \
              of 5 m or more."
                 .to_owned()
         }
-        ([], Otherwise::Board { square_mm }) => format!(
-            "Metres come from the squares of the board, {square_mm:.1} mm, and nothing checks them: measure a distance of 5 m or more."
+        ([], OtherScale::Board { square_mm }) => format!(
+            "The scale comes from the squares of the board, {square_mm:.1} mm, and nothing checks it: measure a distance of 5 m or more."
         ),
-        (all, Otherwise::Board { square_mm }) => format!(
-            "Metres come from {}, which are held against the squares of the board, {square_mm:.1} mm.",
+        (all, OtherScale::Board { square_mm }) => format!(
+            "The scale comes from {}, compared with the squares of the board, {square_mm:.1} mm.",
             all.join(" and ")
         ),
         ([only], _) if only.starts_with("one ") => {
-            format!("Metres come from {only}, and nothing checks it: measure another one.")
+            format!("The scale comes from {only}, and nothing checks it: measure another one.")
         }
         (all, _) => format!(
-            "Metres come from {}, which are held against each other.",
+            "The scale comes from {}, compared with each other.",
             all.join(" and ")
         ),
     };
-    if matches!(otherwise, Otherwise::Board { .. }) {
-        return said + &lost;
+    if matches!(other, OtherScale::Board { .. }) {
+        return text + &lost;
     }
     format!(
-        "{said}{lost} Boards tell lenses and no metres: a wrong size of their squares changes nothing here."
+        "{text}{lost} Boards determine lenses, not the scale: a wrong size of their squares has no effect on it."
     )
 }
 
@@ -89,63 +90,49 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_says_metres_and_what_checks_them_is_told() {
-        let metres = |anchors: &Anchors, otherwise| metres(anchors, &[], otherwise);
+    fn the_origin_of_the_scale_and_its_check_are_reported() {
+        let metres = |anchors: &Anchors, other| metres(anchors, &[], other);
         let mut anchors = Anchors::default();
-        assert!(metres(&anchors, Otherwise::Nothing).starts_with("Nothing says"));
-        assert!(metres(&anchors, Otherwise::Stature).contains("stature"));
+        assert!(metres(&anchors, OtherScale::Nothing).starts_with("The scale is unknown"));
+        assert!(metres(&anchors, OtherScale::Stature).contains("stature"));
         anchors.distances.push(KnownDistance {
             first: "a".to_owned(),
             second: "b".to_owned(),
             distance_m: 3.0,
         });
-        let said = metres(&anchors, Otherwise::Stature);
-        assert!(
-            said.contains("from one distance between cameras, and nothing checks it"),
-            "{said}"
-        );
+        let one = metres(&anchors, OtherScale::Stature);
+        assert!(one.contains("one distance between cameras, and nothing"));
         let place = |name: &str| (name.to_owned(), [0.0; 3]);
         anchors.centers_m = vec![place("a"), place("b")];
-        assert_eq!(
-            metres(&anchors, Otherwise::Nothing),
-            said,
-            "two places tell no length"
-        );
+        let same = metres(&anchors, OtherScale::Nothing);
+        assert_eq!(same, one, "two positions give no length");
         anchors.centers_m.push(place("c"));
-        let said = metres(&anchors, Otherwise::Nothing);
-        let both = "from 3 places of cameras and one distance between cameras, which are held";
-        assert!(said.contains(both), "{said}");
+        let both = metres(&anchors, OtherScale::Nothing);
+        let sources = "from 3 positions of cameras and one distance between cameras,";
+        assert!(both.contains(sources), "{both}");
     }
 
     #[test]
-    fn what_is_known_of_a_camera_that_did_not_join_does_not_count_and_is_named() {
+    fn anchors_of_a_camera_without_pose_do_not_count_and_are_named() {
         let place = |name: &str| (name.to_owned(), [0.0; 3]);
         let mut anchors = Anchors {
             centers_m: ["a", "b", "c"].map(place).to_vec(),
             ..Anchors::default()
         };
-        let said = metres(&anchors, &["c", "d"], Otherwise::Nothing);
-        assert!(
-            said.starts_with("Nothing says how long a metre is"),
-            "{said}"
-        );
-        let lost =
-            "Note that what is known of camera `c` does not count, as it did not join the others";
-        assert!(said.contains(lost) && !said.contains('3'), "{said}");
+        let text = metres(&anchors, &["c", "d"], OtherScale::Nothing);
+        assert!(text.starts_with("The scale is unknown"), "{text}");
+        assert!(text.contains("camera `c`") && !text.contains('3'), "{text}");
         anchors.centers_m.extend(["d", "e"].map(place));
-        let said = metres(&anchors, &["c", "d"], Otherwise::Nothing);
-        assert!(
-            said.contains("from 3 places of cameras, which are held"),
-            "{said}"
-        );
-        assert!(said.contains("cameras `c`, `d` does not count"), "{said}");
-        let all = metres(&anchors, &[], Otherwise::Nothing);
-        assert!(all.contains("5 places") && !all.contains("count"), "{all}");
+        let text = metres(&anchors, &["c", "d"], OtherScale::Nothing);
+        assert!(text.contains("from 3 positions of cameras,"), "{text}");
+        assert!(text.contains("cameras `c`, `d`"), "{text}");
+        let all = metres(&anchors, &[], OtherScale::Nothing);
+        assert!(all.contains("5 positions") && !all.contains('`'), "{all}");
     }
 
     #[test]
-    fn places_of_cameras_count_beside_clicked_marks_however_few_and_lines_count_apart() {
-        let metres = |anchors: &Anchors, otherwise| metres(anchors, &[], otherwise);
+    fn few_camera_positions_count_with_clicked_marks_and_lines_are_separate() {
+        let metres = |anchors: &Anchors, other| metres(anchors, &[], other);
         let marks = |clicked: &str| {
             let text = format!("court = \"futsal\"\n[camera.a]\n{clicked}");
             Marks::parse(&text, Path::new("clicked.toml")).ok()
@@ -155,19 +142,21 @@ mod tests {
             marks: marks(centre),
             ..Anchors::default()
         };
-        let said = metres(&anchors, Otherwise::Nothing);
-        let alone = "from one clicked mark, and nothing checks it";
-        assert!(said.contains(alone), "{said}");
+        let text = metres(&anchors, OtherScale::Nothing);
+        assert!(
+            text.contains("from one clicked mark, and nothing"),
+            "{text}"
+        );
         anchors.centers_m = ["a", "b"].map(|name| (name.to_owned(), [0.0; 3])).to_vec();
-        let said = metres(&anchors, Otherwise::Nothing);
-        let both = "from one clicked mark and 2 places of cameras, which are held";
-        assert!(said.contains(both), "{said}");
+        let text = metres(&anchors, OtherScale::Nothing);
+        let both = "from one clicked mark and 2 positions of cameras,";
+        assert!(text.contains(both), "{text}");
         anchors.centers_m.pop();
         anchors.marks = marks(&format!(
             "{centre}touchline_north = [[1, 2], [3, 4]]\nhalfway_line = [[5, 6]]\n"
         ));
-        let said = metres(&anchors, Otherwise::Nothing);
-        let all = "from one clicked mark and 2 clicked lines and one place of a camera, which";
-        assert!(said.contains(all), "{said}");
+        let text = metres(&anchors, OtherScale::Nothing);
+        let all = "from one clicked mark and 2 clicked lines and one position of a camera,";
+        assert!(text.contains(all), "{text}");
     }
 }

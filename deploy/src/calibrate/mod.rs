@@ -1,23 +1,21 @@
-//! `farfield calibrate`: how cameras see and where they stand, found from pictures of a board, from a point that was carried
-//! through the field, and from people who walk in it, or taken over from another program's files; and marks, clicked in pictures.
+//! `farfield calibrate`: computes lenses and camera poses, from images of a board, from a point carried through the
+//! field, or from walking people; converts calibrations of other programs; and lets people click marks in images.
 
 mod all;
 mod ball;
 mod board;
+mod cached;
 mod convert;
 mod filmed_people;
-mod handed_over;
-mod judged;
-mod kept;
 mod known;
 mod lenses;
 mod marks;
 mod metres;
 mod people;
 mod points;
-mod progress;
 mod recorded;
 mod recorded_people;
+mod results;
 mod seen;
 mod sheet;
 mod thin_files;
@@ -33,57 +31,57 @@ use farfield_fusion::export::unfinished::write_whole_again;
 use farfield_node::process::{EXIT_FAILED, NodeError, Told, exit_code_told};
 use farfield_proto::calibration::text_of;
 
-/// Largest file that is read as text, bytes.
+/// Largest text file to read, bytes.
 const MAX_TEXT_BYTES: u64 = 64 << 20;
 
-/// What `farfield calibrate` is told.
+/// Arguments of `farfield calibrate`.
 #[derive(Debug, Args)]
 pub(crate) struct CalibrateArgs {
     #[command(subcommand)]
     command: CalibrateCommand,
 }
 
-/// One way to a calibration.
+/// Ways to a calibration.
 #[derive(Debug, Subcommand)]
 enum CalibrateCommand {
-    /// Where cameras stand, from recordings of a ball, and of boards: all in one go.
+    /// Compute camera poses from recordings of a ball and of boards, in one step.
     #[command(
         after_help = "Example: farfield calibrate all recordings/ --lens lenses.toml --distance north,south=24.1",
         mut_args(|it| only_long(it, &["by", "colour", "clocks", "rate_hz", "free", "charuco", "marker_mm", "dictionary", "coefficients"]))
     )]
     All(all::AllArgs),
-    /// How a camera sees, from pictures of a chessboard or a Charuco board.
+    /// Compute the lens of a camera from images of a chessboard or a Charuco board.
     #[command(
         after_help = "Example: farfield calibrate board pictures/ --chessboard 4x7 --square-mm 60 --camera cam01"
     )]
     Board(board::BoardArgs),
-    /// Where cameras saw a ball, a light or a drone: what `points` takes.
+    /// Find a ball, a light or a drone in recordings: the input of `points`.
     #[command(
         after_help = "Example: farfield calibrate ball recordings/ --lens lenses.toml --colour '#f08020'"
     )]
     Ball(ball::BallArgs),
-    /// Where cameras stand, from a ball, a light or a drone that they saw.
+    /// Compute camera poses from a ball, a light or a drone in their images.
     #[command(
         after_help = "Example: farfield calibrate points seen/*.txt --lens lenses.toml --distance north,south=24.1"
     )]
     Points(points::PointsArgs),
-    /// Where cameras stand, from people who walk in the field.
+    /// Compute camera poses from people who walk in the field.
     #[command(
         after_help = "Example: farfield calibrate people keypoints/*.jsonl --rate-hz 50 --lens lenses.toml --distance north,south=24.1",
         mut_args(|it| only_long(it, &["clocks"]))
     )]
     People(people::PeopleArgs),
-    /// Click corners, posts and lines in a picture of each camera, in a browser: what `--marks` takes.
+    /// Click corners, posts and lines in an image of each camera, in a browser: the input of `--marks`.
     #[command(
         after_help = "Example: farfield calibrate marks pictures/*.png --court futsal --lens lenses.toml --out clicked.toml"
     )]
     Marks(marks::MarksArgs),
-    /// Turn another program's calibration into ours, or ours into another's.
+    /// Convert calibrations of other programs to Farfield's format and back.
     #[command(after_help = "Example: farfield calibrate convert hall.qca.txt --out calibration")]
     Convert(convert::ConvertArgs),
 }
 
-/// Leaves `names` to the long help: a short one fits a terminal.
+/// Shows `names` only in the long help, so that the short help fits a terminal.
 fn only_long(arg: Arg, names: &[&str]) -> Arg {
     let is_hidden = names.contains(&arg.get_id().as_str());
     if is_hidden {
@@ -93,30 +91,30 @@ fn only_long(arg: Arg, names: &[&str]) -> Arg {
     }
 }
 
-/// How a calibration that was made is.
+/// Quality of a new calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Judged {
-    /// A run can use it, as far as is known.
+    /// A run can use it, as far as known.
     Passes,
-    /// It is written, and what speaks against it is said.
+    /// It is written, with its problems reported.
     Fails,
 }
 
 impl CalibrateArgs {
     fn is_json(&self) -> bool {
         match &self.command {
-            CalibrateCommand::All(args) => args.found.json,
+            CalibrateCommand::All(args) => args.output.json,
             CalibrateCommand::Ball(args) => args.json,
             CalibrateCommand::Board(args) => args.json,
-            CalibrateCommand::Points(args) => args.found.json,
-            CalibrateCommand::People(args) => args.found.json,
+            CalibrateCommand::Points(args) => args.output.json,
+            CalibrateCommand::People(args) => args.output.json,
             CalibrateCommand::Convert(args) => args.json,
             CalibrateCommand::Marks(_) => false,
         }
     }
 }
 
-/// Makes the calibration that is asked for: exit code 1 where it does not pass, 2 where the input cannot carry one.
+/// Computes the requested calibration. Exit code 1 if it does not pass, 2 if the input does not determine one.
 pub(crate) fn main(args: &CalibrateArgs) -> ExitCode {
     let made = match &args.command {
         CalibrateCommand::All(args) => all::from_recordings(args),
@@ -134,17 +132,17 @@ pub(crate) fn main(args: &CalibrateArgs) -> ExitCode {
     }
 }
 
-/// All of a text file of a sensible size.
+/// Reads a text file of a limited size.
 fn read(path: &Path) -> anyhow::Result<TextFile> {
     let text = String::from_utf8(read_bytes(path)?);
-    let text = text.map_err(|_| anyhow!("{}: found bytes that are no text", path.display()))?;
+    let text = text.map_err(|_| anyhow!("{}: found bytes that are not text", path.display()))?;
     Ok(TextFile {
         path: path.to_owned(),
         text,
     })
 }
 
-/// The same of a file that the user calls a calibration.
+/// The same for a file that the user gives as a calibration.
 fn read_calibration(path: &Path) -> anyhow::Result<TextFile> {
     Ok(TextFile {
         path: path.to_owned(),
@@ -164,16 +162,16 @@ fn read_bytes(path: &Path) -> anyhow::Result<Vec<u8>> {
     fs::read(path).with_context(named)
 }
 
-/// Refuses to write over what is there.
+/// Refuses to overwrite an existing file.
 fn refuse_existing(path: &Path, replace: bool) -> Result<(), NodeError> {
     if !replace && path.exists() {
-        let problem = anyhow!("{} is there already: --replace replaces it", path.display());
+        let problem = anyhow!("{} already exists: --replace replaces it", path.display());
         return Err(NodeError::Refused(problem));
     }
     Ok(())
 }
 
-/// Writes a text file whole or not at all, and makes its folder. What a killed command left of it does not stand in the way.
+/// Writes a text file whole or not at all, and creates its folder. Left-overs of a killed command are no obstacle.
 fn write(path: &Path, text: &str) -> Result<(), NodeError> {
     let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
     let made = folder.map_or(Ok(()), fs::create_dir_all);
@@ -182,7 +180,7 @@ fn write(path: &Path, text: &str) -> Result<(), NodeError> {
     written.map_err(NodeError::Failed)
 }
 
-/// `NAME=VALUE`.
+/// Parses `NAME=VALUE`.
 fn named<T: std::str::FromStr>(word: &str, expected: &str) -> Result<(String, T), String> {
     let found = word.split_once('=').and_then(|(name, value)| {
         let value = value.trim().parse().ok()?;

@@ -1,4 +1,4 @@
-//! `farfield calibrate people`: where cameras stand, from people who walk in the field.
+//! `farfield calibrate people`: computes camera poses from people who walk in the field.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,24 +14,24 @@ use farfield_node::process::{NodeError, say};
 
 use super::Judged;
 use super::filmed_people::{FilmedArgs, filmed, most_frames, rates_hz};
-use super::handed_over::{Asked, FoundArgs, hand_over, without_pose};
 use super::known::KnownArgs;
 use super::lenses::lens_of;
-use super::metres::{Otherwise, metres};
+use super::metres::{OtherScale, metres};
 use super::recorded_people::{Part, PeopleRecording, is_recording};
+use super::results::{OutputArgs, RequestFacts, without_pose, write_results};
 use super::seen::{LEAST_FRAMES, SeenArgs, SeenCamera, by_camera};
 use super::thin_files::ThinFiles;
 use crate::init::recordings::Recording;
 
-/// What `farfield calibrate people` is told.
+/// Arguments of `farfield calibrate people`.
 #[derive(Debug, Args)]
 pub(super) struct PeopleArgs {
     /// Videos or their folder; NAME.jsonl of keypoints; recording.mcap.
     ///
-    /// Videos or folders of numbered pictures, called as the cameras, are looked through by networks (--network, --detector). Files
-    /// of keypoints are as keypoint venues have them: a frame on each line, COCO's 17 keypoints, distorted pixels; the file's name is
-    /// the camera's. Nobody says who is whom. A recording of fusion's has cameras, lenses and rate in it; a lens that is given counts
-    /// before its own.
+    /// Videos or folders of numbered images, named after the cameras, are processed by networks (--network,
+    /// --detector). Keypoint files have the format of keypoint venues: a frame per line, COCO's 17 keypoints, distorted
+    /// pixels; the file has the name of the camera. People need no identities. A recording of fusion contains cameras,
+    /// lenses and rate; a given lens has priority.
     #[arg(required = true)]
     seen: Vec<PathBuf>,
     #[command(flatten)]
@@ -40,65 +40,66 @@ pub(super) struct PeopleArgs {
     cameras: SeenArgs,
     /// Mean stature of the people, in shoes.
     ///
-    /// The scale, to 1 to 2 %, where nothing else tells it.
+    /// Gives the scale, with an error of 1 to 2 %, if nothing else does.
     #[arg(long, value_name = "METRES")]
     stature_m: Option<f64>,
     #[command(flatten)]
     known: KnownArgs,
-    /// Of a recording only what is from here on, seconds from its beginning: after a camera was knocked.
+    /// Start of the part of a recording to use, seconds from its beginning, for example after a camera was moved.
     #[arg(long, value_name = "S", hide_short_help = true)]
     from_s: Option<f64>,
-    /// Of a recording only what is before this, seconds from its beginning.
+    /// End of the part of a recording to use, seconds from its beginning.
     #[arg(long, value_name = "S", hide_short_help = true)]
     until_s: Option<f64>,
     /// Seed of the random samples.
     #[arg(long, value_name = "N", default_value_t = 1, hide_short_help = true)]
     seed: u64,
     #[command(flatten)]
-    pub(super) found: FoundArgs,
+    pub(super) output: OutputArgs,
 }
 
-/// Finds the cameras, writes calibration and sheet, and says how good they are.
+/// Computes the camera poses, writes calibration and sheet, and prints their quality.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the disk is in the way.
+/// [`NodeError::Refused`] where the input does not determine a calibration, [`NodeError::Failed`] for errors of the
+/// disk.
 pub(super) fn from_people(args: &PeopleArgs) -> Result<Judged, NodeError> {
-    args.found.refuse_existing()?;
+    args.output.refuse_existing()?;
     let request = request(args)?;
-    let told = &mut |stage: PeopleStage| {
+    let progress = &mut |stage: PeopleStage| {
         say(format_args!(
             "{}",
             match stage {
-                PeopleStage::Ground => "looking how each camera stands over the floor",
-                PeopleStage::Clocks => "looking for the lags of the clocks",
-                PeopleStage::Pairs => "looking how cameras stand to each other",
-                PeopleStage::Adjustment => "adjusting all to all",
-                PeopleStage::Report => "looking how good it is",
+                PeopleStage::Ground => "estimating the pose of each camera over the floor",
+                PeopleStage::Clocks => "estimating clock offsets",
+                PeopleStage::Pairs => "estimating relative camera poses",
+                PeopleStage::Adjustment => "adjusting all cameras together",
+                PeopleStage::Report => "measuring the quality",
             }
         ));
     };
-    let found = calibrate(&request, told).map_err(NodeError::refused)?;
+    let found = calibrate(&request, progress).map_err(NodeError::refused)?;
     let names: Vec<&str> = request.cameras.iter().map(|it| it.name.as_str()).collect();
     let without = without_pose(&found, &names);
-    let asked = Asked {
-        metres: metres(&request.anchors, &without, Otherwise::Stature),
+    let facts = RequestFacts {
+        metres: metres(&request.anchors, &without, OtherScale::Stature),
         has_clocks: request.timing != Timing::Synchronised,
         names,
     };
-    hand_over(&found, &asked, &args.found)
+    write_results(&found, &facts, &args.output)
 }
 
 fn request(args: &PeopleArgs) -> Result<PeopleRequest, NodeError> {
     let anchors = args.known.anchors().map_err(NodeError::Refused)?;
     let request = match filmed(&args.seen).map_err(NodeError::Refused)? {
-        Some(recordings) => of_videos(args, &recordings, &anchors)?,
-        None => of_what_was_seen(args, &anchors).map_err(NodeError::Refused)?,
+        Some(recordings) => request_of_videos(args, &recordings, &anchors)?,
+        None => request_of_detections(args, &anchors).map_err(NodeError::Refused)?,
     };
-    Ok(asked(args, request, anchors))
+    Ok(with_options(args, request, anchors))
 }
 
-/// `request` with what the command line says of people and venue.
-fn asked(args: &PeopleArgs, request: PeopleRequest, anchors: Anchors) -> PeopleRequest {
+/// Adds the options on people and venue to `request`.
+fn with_options(args: &PeopleArgs, request: PeopleRequest, anchors: Anchors) -> PeopleRequest {
     PeopleRequest {
         stature_m: args.stature_m,
         seed: args.seed,
@@ -107,16 +108,16 @@ fn asked(args: &PeopleArgs, request: PeopleRequest, anchors: Anchors) -> PeopleR
     }
 }
 
-fn of_what_was_seen(args: &PeopleArgs, anchors: &Anchors) -> anyhow::Result<PeopleRequest> {
+fn request_of_detections(args: &PeopleArgs, anchors: &Anchors) -> anyhow::Result<PeopleRequest> {
     args.filmed.refuse_without_videos()?;
     match args.seen.iter().find(|path| is_recording(path)) {
-        Some(recording) => of_recording(args, recording, anchors),
-        None => of_files(args, &args.cameras, &by_camera(&args.seen)?, anchors),
+        Some(recording) => request_of_recording(args, recording, anchors),
+        None => request_of_files(args, &args.cameras, &by_camera(&args.seen)?, anchors),
     }
 }
 
-/// What networks see in videos.
-fn of_videos(
+/// The request from people that networks detect in videos.
+fn request_of_videos(
     args: &PeopleArgs,
     recordings: &[Recording],
     anchors: &Anchors,
@@ -128,13 +129,13 @@ fn of_videos(
         args.cameras.check_names(anchors, &names)?;
         ensure!(
             names.len() >= 2,
-            "found {} videos, expected one of each of two cameras or more",
+            "found {} videos, expected videos of two cameras or more",
             names.len()
         );
         let lenses = args.cameras.needed_lenses()?;
         let cameras = args.cameras.with_rates(&rates_hz(recordings)?);
         let cameras = cameras.with_one_rate(&names, || most_frames(recordings, &lenses))?;
-        let seen_nobody = names.iter().map(|name| {
+        let without_people = names.iter().map(|name| {
             Ok(SeenCamera {
                 lens: lens_of(&lenses, name)?.clone(),
                 rate_hz: cameras.rate_of(name),
@@ -143,23 +144,27 @@ fn of_videos(
                 name: (*name).to_owned(),
             })
         });
-        let seen_nobody = seen_nobody.collect::<anyhow::Result<_>>()?;
-        // All that is known to be wrong is told before looks of minutes, whomever they will see.
-        let beforehand = asked(args, of_seen(&cameras, seen_nobody)?, anchors.clone());
+        let without_people = without_people.collect::<anyhow::Result<_>>()?;
+        // Known errors are reported before minutes of work.
+        let beforehand = with_options(
+            args,
+            new_request(&cameras, without_people)?,
+            anchors.clone(),
+        );
         check_request(&beforehand)?;
-        args.filmed.check_looks(&beforehand)?;
+        args.filmed.check_scan_rate(&beforehand)?;
         Ok((lenses, cameras))
     };
     let (lenses, cameras) = prepared().map_err(NodeError::Refused)?;
     let rate_of = |name: &str| cameras.rate_of(name);
     let files = args
         .filmed
-        .look(recordings, &lenses, rate_of, args.found.replace)?;
-    of_files(args, &cameras, &files, anchors).map_err(NodeError::Refused)
+        .scan(recordings, &lenses, rate_of, args.output.replace)?;
+    request_of_files(args, &cameras, &files, anchors).map_err(NodeError::Refused)
 }
 
-/// What a recording of fusion's own messages has of them.
-fn of_recording(
+/// The request from a recording of fusion's messages.
+fn request_of_recording(
     args: &PeopleArgs,
     path: &Path,
     anchors: &Anchors,
@@ -167,11 +172,11 @@ fn of_recording(
     let shown = path.display();
     ensure!(
         args.seen.len() == 1,
-        "{shown} is a recording of all cameras, expected it alone"
+        "{shown} is a recording of all cameras, expected no other file"
     );
     ensure!(
         !args.cameras.has_rates() && !args.cameras.has_offsets(),
-        "{shown} is a recording, which knows its rate: leave out --rate-hz and --offset-s"
+        "{shown} is a recording, which contains its rate: remove --rate-hz and --offset-s"
     );
     for (option, s) in [("--from-s", args.from_s), ("--until-s", args.until_s)] {
         ensure!(
@@ -186,7 +191,7 @@ fn of_recording(
     };
     ensure!(
         part.from_s < part.until_s,
-        "--until-s: found {} s, expected more than {} s, where the part begins",
+        "--until-s: found {} s, expected more than {} s, the start of the part",
         part.until_s,
         part.from_s
     );
@@ -197,16 +202,16 @@ fn of_recording(
     recording.request(&lenses, args.cameras.timing(), part)
 }
 
-/// `--from-s` and `--until-s` are for recordings of fusion's.
+/// `--from-s` and `--until-s` are for recordings of fusion.
 fn refuse_part(args: &PeopleArgs) -> anyhow::Result<()> {
     ensure!(
         args.from_s.is_none() && args.until_s.is_none(),
-        "--from-s and --until-s are for a recording: of files of keypoints leave out lines"
+        "--from-s and --until-s are for a recording: in keypoint files remove lines"
     );
     Ok(())
 }
 
-fn of_files(
+fn request_of_files(
     args: &PeopleArgs,
     given: &SeenArgs,
     files: &BTreeMap<String, PathBuf>,
@@ -220,10 +225,10 @@ fn of_files(
     let mut seen = one_rate.cameras(files, anchors, read)?;
     given.with_one_rate(&names, || Ok(frames_of(&seen)))?;
     thinned.level(&mut seen);
-    of_seen(one_rate, seen)
+    new_request(one_rate, seen)
 }
 
-/// From the first frame of all cameras to the last.
+/// Frames from the first to the last of all cameras.
 fn frames_of(seen: &[SeenCamera<Vec<DetectedFrame>>]) -> f64 {
     let numbers = || seen.iter().flat_map(|it| &it.seen).map(|it| it.frame);
     let first = numbers().reduce(f64::min).unwrap_or_default();
@@ -231,8 +236,8 @@ fn frames_of(seen: &[SeenCamera<Vec<DetectedFrame>>]) -> f64 {
     last - first + 1.0
 }
 
-/// What cameras saw, as it is asked about.
-fn of_seen(
+/// The request from the detections of the cameras.
+fn new_request(
     given: &SeenArgs,
     seen: Vec<SeenCamera<Vec<DetectedFrame>>>,
 ) -> anyhow::Result<PeopleRequest> {
@@ -240,7 +245,7 @@ fn of_seen(
     for it in seen {
         let name = it.name;
         let Some(rate_hz) = it.rate_hz else {
-            bail!("no rate of camera `{name}`: give it by --rate-hz {name}=HZ");
+            bail!("no rate of camera `{name}`: set it with --rate-hz {name}=HZ");
         };
         cameras.push(PeopleCamera {
             size_px: it.lens.size_px,

@@ -1,4 +1,4 @@
-//! `farfield calibrate points`: where cameras stand, from a single moving point that they saw.
+//! `farfield calibrate points`: computes camera poses from a single moving point.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -11,47 +11,48 @@ use farfield_calibration::points::{
 use farfield_node::process::{NodeError, say};
 
 use super::convert::size;
-use super::handed_over::{Asked, FoundArgs, hand_over, without_pose};
 use super::known::KnownArgs;
 use super::lenses::{Lens, lens_of};
-use super::metres::{Otherwise, metres};
+use super::metres::{OtherScale, metres};
+use super::results::{OutputArgs, RequestFacts, without_pose, write_results};
 use super::seen::{SeenArgs, by_camera};
 use super::{Judged, read};
 
-/// What `farfield calibrate points` is told.
+/// Arguments of `farfield calibrate points`.
 #[derive(Debug, Args)]
 pub(super) struct PointsArgs {
-    /// Where each camera saw the point: NAME.txt, with `frame x y` on each line.
+    /// Image positions of the point: NAME.txt, with `frame x y` per line.
     ///
-    /// Distorted pixels, the centre of the first is (0, 0); the file's name is the camera's. More than one in a frame is not
-    /// allowed: the detector decides, and up to a tenth may be wrong.
+    /// Distorted pixels; the centre of the first is (0, 0). The file has the name of the camera. At most one point per
+    /// frame is allowed: the detector decides, and up to a tenth may be wrong.
     #[arg(required = true)]
     seen: Vec<PathBuf>,
     #[command(flatten)]
-    asked: AskedArgs,
+    solve: SolveArgs,
     /// The points are corners of a Charuco board: squares across and down.
     ///
-    /// It is taken as one rigid body: the number of a sight is 1000 times the instant, plus the number of the corner, counted row
-    /// by row as OpenCV does. Cameras then hang together though each corner is seen by two of them only, and metres come from the squares.
+    /// The board counts as one rigid body: the number of a sight is 1000 times the instant, plus the number of the
+    /// corner, row by row as in OpenCV. Cameras are then connected even if each corner is seen by only two of them, and
+    /// the squares give the scale.
     #[arg(long, value_name = "AxB", value_parser = size, requires = "square_mm", hide_short_help = true)]
     charuco: Option<[u32; 2]>,
     /// Side of a square of that board, millimetres.
     #[arg(long, value_name = "MM", requires = "charuco", hide_short_help = true)]
     square_mm: Option<f64>,
     #[command(flatten)]
-    pub(super) found: FoundArgs,
+    pub(super) output: OutputArgs,
 }
 
-/// What is known beforehand, and what is to be found.
+/// Known facts, and options of the solver.
 #[derive(Debug, Args)]
-pub(super) struct AskedArgs {
+pub(super) struct SolveArgs {
     #[command(flatten)]
     pub(super) cameras: SeenArgs,
     #[command(flatten)]
     known: KnownArgs,
-    /// What of lenses may move: none, focal, all.
+    /// Lens parameters to optimise: none, focal, all.
     ///
-    /// none, the default: as given; focal: focal lengths, about the given ones; all: the whole lens.
+    /// none, the default: lenses stay as given; focal: focal lengths, near the given ones; all: the whole lens.
     #[arg(
         long,
         value_name = "WHAT",
@@ -60,7 +61,7 @@ pub(super) struct AskedArgs {
         hide_possible_values = true
     )]
     free: FreeLens,
-    /// Distance in pixels within which sights agree while poses are rough.
+    /// Distance in pixels within which sights agree during the rough estimate.
     #[arg(long, value_name = "PX", default_value_t = 3.0, hide_short_help = true)]
     gate_px: f64,
     /// Seed of the random samples.
@@ -68,7 +69,7 @@ pub(super) struct AskedArgs {
     seed: u64,
 }
 
-/// What of the lenses may move.
+/// Lens parameters to optimise.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum FreeLens {
     None,
@@ -76,17 +77,18 @@ enum FreeLens {
     All,
 }
 
-/// Finds the cameras, writes calibration and sheet, and says how good they are.
+/// Computes the camera poses, writes calibration and sheet, and prints their quality.
 ///
 /// # Errors
-/// [`NodeError::Refused`] where the input cannot carry a calibration, [`NodeError::Failed`] where the disk is in the way.
+/// [`NodeError::Refused`] where the input does not determine a calibration, [`NodeError::Failed`] for errors of the
+/// disk.
 pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
     let prepared = || {
         let files = by_camera(&args.seen)?;
-        let lenses = args.asked.cameras.needed_lenses()?;
+        let lenses = args.solve.cameras.needed_lenses()?;
         let names: Vec<&str> = files.keys().map(String::as_str).collect();
         let request = args
-            .asked
+            .solve
             .request(&names, |name| lens_of(&lenses, name).cloned())?;
         let request = PointRequest {
             board: args.board(),
@@ -96,12 +98,12 @@ pub(super) fn from_points(args: &PointsArgs) -> Result<Judged, NodeError> {
         Ok((request, files))
     };
     let (request, files) = prepared().map_err(NodeError::Refused)?;
-    args.found.refuse_existing()?;
-    solve(request, &files, &args.found)
+    args.output.refuse_existing()?;
+    solve(request, &files, &args.output)
 }
 
 impl PointsArgs {
-    /// The board whose corners were seen.
+    /// The board of the corners, if given.
     fn board(&self) -> Option<RigidBoard> {
         let (squares, square_mm) = self.charuco.zip(self.square_mm)?;
         Some(RigidBoard {
@@ -111,14 +113,14 @@ impl PointsArgs {
     }
 }
 
-/// The same for `request`, with what each of its cameras saw in `files`; one without a file saw nothing.
+/// Solves `request` with the sightings in `files`; a camera without a file has none.
 ///
 /// # Errors
 /// As [`from_points`].
 pub(super) fn solve(
     request: PointRequest,
     files: &BTreeMap<String, PathBuf>,
-    told: &FoundArgs,
+    output: &OutputArgs,
 ) -> Result<Judged, NodeError> {
     let names: Vec<String> = request.cameras.iter().map(|it| it.name.clone()).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
@@ -128,29 +130,29 @@ pub(super) fn solve(
         say(format_args!(
             "{}",
             match stage {
-                Stage::Clocks => "looking for the lags of the clocks",
-                Stage::Poses => "looking for poses",
-                Stage::Adjustment => "adjusting all to all",
-                Stage::Report => "looking how good it is",
+                Stage::Clocks => "estimating clock offsets",
+                Stage::Poses => "estimating camera poses",
+                Stage::Adjustment => "adjusting all cameras together",
+                Stage::Report => "measuring the quality",
             }
         ));
     };
     let found = calibrate(&request, progress).map_err(NodeError::refused)?;
     let without = without_pose(&found, &names);
-    let otherwise = request
+    let other = request
         .board
-        .map_or(Otherwise::Nothing, |board| Otherwise::Board {
+        .map_or(OtherScale::Nothing, |board| OtherScale::Board {
             square_mm: 1000.0 * board.square_m,
         });
-    let asked = Asked {
-        metres: metres(&known, &without, otherwise),
+    let facts = RequestFacts {
+        metres: metres(&known, &without, other),
         has_clocks: request.timing != Timing::Synchronised,
         names,
     };
-    hand_over(&found, &asked, told)
+    write_results(&found, &facts, output)
 }
 
-/// `request` with what its cameras saw, without those that saw nothing, and without what is known of these.
+/// Adds the sightings to `request`. Cameras without sightings are removed, with their anchors.
 fn with_sightings(
     request: PointRequest,
     files: &BTreeMap<String, PathBuf>,
@@ -166,9 +168,9 @@ fn with_sightings(
         }
     }
     for name in &blind {
-        if request.anchors.cameras().any(|of| of == name) {
+        if request.anchors.cameras().any(|camera| camera == name) {
             say(format_args!(
-                "camera {name} saw nothing: what is known of it is left out"
+                "camera {name} has no sightings: its known facts are ignored"
             ));
         }
     }
@@ -180,12 +182,12 @@ fn with_sightings(
     })
 }
 
-impl AskedArgs {
-    /// What is asked for of the cameras `names`, each through the lens that `lens_of` says, before anybody knows what they saw: all that can be wrong with it is told now,
-    /// and not after minutes of looking.
+impl SolveArgs {
+    /// The request for the cameras `names`, each with the lens that `lens_of` returns, still without sightings. All its
+    /// errors are reported now, before minutes of work.
     ///
     /// # Errors
-    /// Names of cameras that are not among these, cameras without a lens, files that cannot be read, numbers that are none.
+    /// Unknown names of cameras, cameras without a lens, unreadable files, invalid numbers.
     pub(super) fn request(
         &self,
         names: &[&str],
@@ -195,7 +197,7 @@ impl AskedArgs {
         let timing = seen.timing();
         ensure!(
             timing != Timing::Synchronised || !seen.has_rates(),
-            "--rate-hz says nothing of cameras that are synchronised: give --clocks given, or unknown"
+            "--rate-hz has no effect on synchronised cameras: set --clocks given, or unknown"
         );
         seen.check_clocks()?;
         let anchors = self.known.anchors()?;
@@ -203,11 +205,11 @@ impl AskedArgs {
         for name in names {
             ensure!(
                 timing == Timing::Synchronised || seen.rate_of(name).is_some(),
-                "no rate of camera `{name}`: give it by --rate-hz {name}=HZ"
+                "no rate of camera `{name}`: set it with --rate-hz {name}=HZ"
             );
             ensure!(
                 timing != Timing::Clocks || seen.offset_of(name).is_some(),
-                "no offset of camera `{name}`: give it by --offset-s {name}=SECONDS"
+                "no offset of camera `{name}`: set it with --offset-s {name}=SECONDS"
             );
         }
         let cameras = names.iter().map(|name| {

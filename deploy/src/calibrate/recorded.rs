@@ -1,25 +1,35 @@
-//! A recording of one camera, opened as those of venues are: videos, and folders of numbered pictures.
+//! The recording of one camera, a video or a folder of numbered images, opened like a source of a venue; and the
+//! progress of scans.
+
+use std::fmt;
+use std::io::{IsTerminal as _, stderr};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use anyhow::{Context as _, bail};
 use farfield_edge::picture::Picture;
 use farfield_edge::source::{FrameContent, RecordedSources, SourceInfo, Sources as _};
+use farfield_node::process::say;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
+use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use tokio::time::Instant;
 
 use super::lenses::Lens;
-use crate::init::rate;
+use crate::init::recordings;
 use crate::init::recordings::Recording;
-use crate::recorded_formats::{of_camera, say_format};
+use crate::recording_checks::{camera_name, print_format};
 
-/// How high a camera is thought to hang, metres, and how far below the horizon it looks: neither matters much.
+/// Assumed height of a camera, metres, and its angle below the horizon; both need not be exact.
 const HEIGHT_M: f64 = 3.0;
 const DOWN_RAD: f64 = 0.17;
-/// Between these distances people are thought to walk, metres.
+/// Assumed distances of walking people, metres.
 const NEAR_M: f64 = 1.0;
 const FAR_M: f64 = 25.0;
-/// Parts of a picture that a detector looks at, at most.
+/// Limit for the parts of an image that a detector processes.
 const MOST_TILES: usize = 64;
 
 /// A recording in a venue of its own, whose networks are never opened.
@@ -28,17 +38,17 @@ pub(super) struct OwnVenue {
 }
 
 impl OwnVenue {
-    /// Of a camera whose lens is known.
+    /// For a camera with a known lens.
     ///
     /// # Errors
-    /// What no calibration can say, and what cannot be read.
+    /// A lens that no calibration can hold, or an unreadable recording.
     pub(super) fn new(recording: &Recording, lens: &Lens) -> anyhow::Result<Self> {
         let calibration = lens.calibration(&recording.name)?;
-        Self::of(recording, &calibration, "")
+        Self::create(recording, &calibration, "")
     }
 
-    /// Of a camera before which people walk, and of which nobody knows where it stands: as if it looked over a floor from
-    /// [`HEIGHT_M`], so that detectors look closer at what is far away.
+    /// For a camera of people whose pose is unknown: it is assumed at [`HEIGHT_M`] above a floor, so that detectors
+    /// magnify distant areas.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -55,16 +65,16 @@ impl OwnVenue {
             "[field]\nmin_m = [-{aside_m:?}, {NEAR_M:?}, 0.0]\nmax_m = [{aside_m:?}, {FAR_M:?}, 2.5]\n\
              [births]\ntiles_per_look = {MOST_TILES}\n"
         );
-        Self::of(recording, &calibration, &floor)
+        Self::create(recording, &calibration, &floor)
     }
 
-    fn of(recording: &Recording, calibration: &str, more: &str) -> anyhow::Result<Self> {
+    fn create(recording: &Recording, calibration: &str, more: &str) -> anyhow::Result<Self> {
         let path = &recording.path;
         let full = std::path::absolute(path).with_context(|| path.display().to_string())?;
         let calibration = Calibration::parse(calibration, path)?;
         let quoted = |text: &str| toml::Value::from(text).to_string();
-        // Of numbered pictures nobody knows, and nothing depends on it.
-        let rate_hz = rate::of_videos(std::slice::from_ref(recording))?.unwrap_or(30.0);
+        // Numbered images have no rate, and nothing depends on it.
+        let rate_hz = recordings::rate_of_videos(std::slice::from_ref(recording))?.unwrap_or(30.0);
         let text = format!(
             "name = \"own\"\nrate_hz = {rate_hz:?}\ncalibration = \"lens.toml\"\nnetwork = \"none.toml\"\ndetector = \"none.toml\"\n{more}\
              [[viewpoint]]\nname = \"v\"\n[[viewpoint.camera]]\nname = {}\nsource = {{ kind = \"{}\", path = {} }}\n",
@@ -76,21 +86,21 @@ impl OwnVenue {
         Ok(Self { venue })
     }
 
-    /// How many frames it has.
+    /// Number of frames.
     ///
     /// # Errors
-    /// What cannot be read.
+    /// An unreadable recording.
     pub(super) fn frames(&self) -> anyhow::Result<u64> {
         Ok(frames_in(&self.info()?))
     }
 
-    /// The same, before they are looked at: what is remarkable about how they are stored is said.
+    /// The same before a scan; also prints notes on the format of the recording.
     ///
     /// # Errors
     /// As [`Self::frames`].
-    pub(super) fn frames_to_look_at(&self) -> anyhow::Result<u64> {
+    pub(super) fn frames_to_scan(&self) -> anyhow::Result<u64> {
         let info = self.info()?;
-        say_format(&of_camera(self.camera()?.model.name()), &info);
+        print_format(&camera_name(self.camera()?.model.name()), &info);
         Ok(frames_in(&info))
     }
 
@@ -98,7 +108,7 @@ impl OwnVenue {
         Ok(RecordedSources.probe(self.camera()?, &self.venue)?)
     }
 
-    /// The venue, of this camera alone.
+    /// The venue of this camera.
     pub(super) fn venue(&self) -> &Venue {
         &self.venue
     }
@@ -106,20 +116,20 @@ impl OwnVenue {
     /// The camera.
     ///
     /// # Errors
-    /// Never: there is one.
+    /// Never: there is always one.
     pub(super) fn camera(&self) -> anyhow::Result<&VenueCamera> {
         let first = self.venue.cameras.first();
         first.context("a venue without cameras")
     }
 
-    /// Shows the first frames, at most so many; how many there were.
+    /// Passes the first frames to `visit`, at most `most`. Returns their number.
     ///
     /// # Errors
-    /// What cannot be read, and what `look` says.
+    /// An unreadable recording, and errors of `visit`.
     pub(super) fn show(
         &self,
         most: usize,
-        mut look: impl FnMut(u64, Picture) -> anyhow::Result<()>,
+        mut visit: impl FnMut(u64, Picture) -> anyhow::Result<()>,
     ) -> anyhow::Result<u64> {
         let camera = self.camera()?;
         let mut source = RecordedSources.open(camera, &self.venue, Tick(0))?;
@@ -128,10 +138,10 @@ impl OwnVenue {
             && let Some(frame) = source.next_frame()?
         {
             let FrameContent::Image(picture) = frame.content else {
-                bail!("camera {}: found no pictures", camera.model.name());
+                bail!("camera {}: found no images", camera.model.name());
             };
             let number = u64::try_from(frame.tick.0).unwrap_or_default();
-            look(number, picture)?;
+            visit(number, picture)?;
             frames += 1;
         }
         Ok(frames)
@@ -141,4 +151,63 @@ impl OwnVenue {
 fn frames_in(info: &SourceInfo) -> u64 {
     let ticks = info.ticks.as_ref();
     ticks.map_or(0, |ticks| (ticks.end - ticks.start).unsigned_abs())
+}
+
+/// Interval of lines without a terminal; a short scan prints none.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+/// Counts the images of all cameras.
+pub(super) struct ScanProgress {
+    bar: Option<ProgressBar>,
+    images: u64,
+    done: AtomicU64,
+    last_line: Mutex<Instant>,
+}
+
+impl ScanProgress {
+    pub(super) fn new(images: u64) -> Self {
+        let bar = stderr().is_terminal().then(|| {
+            // The bar limits itself to twenty updates per second.
+            let bar = ProgressBar::new(images);
+            if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} images {eta}") {
+                bar.set_style(style);
+            }
+            bar
+        });
+        Self {
+            bar,
+            images,
+            done: AtomicU64::new(0),
+            last_line: Mutex::new(Instant::now()),
+        }
+    }
+
+    /// One more image was scanned.
+    pub(super) fn one(&self) {
+        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        if let Some(bar) = &self.bar {
+            bar.inc(1);
+        } else if let Ok(mut last) = self.last_line.try_lock()
+            && last.elapsed() >= LINE_EVERY
+        {
+            *last = Instant::now();
+            say(format_args!("{done} of {} images", self.images));
+        }
+    }
+
+    /// Prints a line above the bar.
+    pub(super) fn say(&self, line: fmt::Arguments<'_>) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| say(line)),
+            None => say(line),
+        }
+    }
+}
+
+impl Drop for ScanProgress {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
 }

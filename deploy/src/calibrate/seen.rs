@@ -1,4 +1,4 @@
-//! What cameras saw, through which lenses and when, as the command line says it: a file for each camera, called as it is.
+//! Options on the lenses and clocks of cameras, and files of detections, which have the names of the cameras.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -11,14 +11,13 @@ use farfield_calibration::points::Timing;
 use super::lenses::{Lens, LensFile, lens_of, lenses};
 use super::named;
 
-/// Share by which two words for one rate differ at most: 30000/1001 and 29.97, 24000/1001 and 23.976.
+/// Largest relative difference of two notations of one rate: 30000/1001 and 29.97, 24000/1001 and 23.976.
 const SAME_RATE: f64 = 2e-6;
-/// How far apart two rates may bring frames of one number, frames: nearer to that of another number nothing is synchronised.
+/// Largest difference of frames with the same number, in frames: beyond it, the frame belongs to another number.
 const MOST_APART: f64 = 0.5;
-/// Frames that a recording has at least, where nobody has counted them.
+/// Assumed minimum of frames in a recording that was not counted.
 pub(super) const LEAST_FRAMES: f64 = 100.0;
 
-/// Lenses and clocks.
 #[derive(Debug, Clone, Args)]
 pub(super) struct SeenArgs {
     /// Lenses: any calibration, or one camera's.
@@ -28,8 +27,8 @@ pub(super) struct SeenArgs {
     lens: Vec<LensFile>,
     /// Clocks: synchronised, given or unknown.
     ///
-    /// synchronised, the default: frames of one number are of one moment; given: by --rate-hz and --offset-s; unknown: rates are about right, offsets are
-    /// looked for.
+    /// synchronised, the default: frames of one number show the same moment; given: by --rate-hz and --offset-s;
+    /// unknown: rates are approximate, offsets are estimated.
     #[arg(
         long,
         value_name = "HOW",
@@ -41,26 +40,26 @@ pub(super) struct SeenArgs {
     /// Frames per second: of all cameras, or NAME=HZ.
     #[arg(long, value_name = "[NAME=]HZ", value_parser = rate)]
     rate_hz: Vec<(Option<String>, f64)>,
-    /// Time of a camera's frame 0, seconds, on a clock that all share.
+    /// Time of a camera's frame 0, seconds, on a common clock.
     #[arg(long, value_name = "NAME=S", value_parser = offset, hide_short_help = true)]
     offset_s: Vec<(String, f64)>,
 }
 
-/// A camera and what it saw.
+/// A camera with its detections.
 pub(super) struct SeenCamera<T> {
     pub(super) name: String,
     pub(super) lens: Lens,
-    /// Frames per second, where that is said.
+    /// Frames per second, if known.
     pub(super) rate_hz: Option<f64>,
-    /// Time of its frame 0, seconds, where that is said.
+    /// Time of its frame 0, seconds, if known.
     pub(super) offset_s: Option<f64>,
     pub(super) seen: T,
 }
 
-/// Files of what cameras saw, by the camera that each is called after.
+/// Files of detections, by camera.
 ///
 /// # Errors
-/// What is no file, and where two are of one camera.
+/// A path that is no file, or two files for one camera.
 pub(super) fn by_camera(files: &[PathBuf]) -> anyhow::Result<BTreeMap<String, PathBuf>> {
     let mut named = BTreeMap::new();
     for path in files {
@@ -69,12 +68,12 @@ pub(super) fn by_camera(files: &[PathBuf]) -> anyhow::Result<BTreeMap<String, Pa
             "{}: found a folder, expected the files in it, one per camera",
             path.display()
         );
-        ensure!(path.exists(), "{}: there is no such file", path.display());
+        ensure!(path.exists(), "{}: the file does not exist", path.display());
         let name = path.file_stem().and_then(|it| it.to_str());
         let name = name.unwrap_or_default().to_owned();
         if let Some(first) = named.insert(name.clone(), path.clone()) {
             bail!(
-                "{} and {}: two files are of camera `{name}`",
+                "{} and {}: both files belong to camera `{name}`",
                 first.display(),
                 path.display()
             );
@@ -84,7 +83,7 @@ pub(super) fn by_camera(files: &[PathBuf]) -> anyhow::Result<BTreeMap<String, Pa
 }
 
 impl SeenArgs {
-    /// What is known of time.
+    /// Known facts on time.
     pub(super) fn timing(&self) -> Timing {
         match self.clocks {
             Clocks::Synchronised => Timing::Synchronised,
@@ -101,19 +100,19 @@ impl SeenArgs {
         lenses(&self.lens)
     }
 
-    /// The lenses, of which there must be some.
+    /// The lenses; at least one is required.
     ///
     /// # Errors
-    /// As [`lenses`], and where none is given.
+    /// As [`lenses`], and if none is given.
     pub(super) fn needed_lenses(&self) -> anyhow::Result<BTreeMap<String, Lens>> {
         ensure!(
             !self.lens.is_empty(),
-            "no lens: give those of all cameras by --lens FILE, or of each by --lens NAME=FILE"
+            "no lens: set those of all cameras with --lens FILE, or of each with --lens NAME=FILE"
         );
         self.lenses()
     }
 
-    /// The same, with rates for those cameras of which none is said.
+    /// The same, with rates for cameras that have none.
     pub(super) fn with_rates(&self, rates_hz: &BTreeMap<String, f64>) -> Self {
         let mut with = self.clone();
         for (name, rate_hz) in rates_hz {
@@ -124,11 +123,12 @@ impl SeenArgs {
         with
     }
 
-    /// The same, with the rate of the first of the cameras `names` for all where they are synchronised: containers say 30000/1001
-    /// and 2997/100 of one rate. `frames` is how many the longest recording has; asked where two rates are not one.
+    /// The same with one rate for all cameras if they are synchronised, that of the first of `names`: containers state
+    /// 30000/1001 and 2997/100 for the same rate. `frames` returns the length of the longest recording; it is called
+    /// only if rates differ.
     ///
     /// # Errors
-    /// Two cameras of whose recordings frames of one number come to be of different moments; what `frames` says.
+    /// Two cameras whose frames of the same number drift apart; errors of `frames`.
     pub(super) fn with_one_rate(
         &self,
         names: &[&str],
@@ -150,9 +150,9 @@ impl SeenArgs {
             let frames = frames()?;
             ensure!(
                 share(*hz) * frames <= MOST_APART,
-                "camera `{name}` has {hz:.3} frames per second and `{first}` {first_hz:.3}: {frames} frames on those of one number are \
-                 {:.3} s apart, which cannot be synchronised: give --clocks given, or unknown; or, where a file is wrong, the rate of \
-                 all by --rate-hz HZ",
+                "camera `{name}` has {hz:.3} frames per second and `{first}` {first_hz:.3}: after {frames} frames those of one number are \
+                 {:.3} s apart, so the cameras are not synchronised: set --clocks given, or unknown; or, if a file is wrong, the rate of \
+                 all with --rate-hz HZ",
                 frames * (1.0 / hz - 1.0 / first_hz).abs()
             );
         }
@@ -162,22 +162,22 @@ impl SeenArgs {
         Ok(with)
     }
 
-    /// Time of its frame 0, seconds, where that is said.
+    /// Time of its frame 0, seconds, if given.
     pub(super) fn offset_of(&self, name: &str) -> Option<f64> {
-        let found = self.offset_s.iter().find(|(of, _)| of == name);
+        let found = self.offset_s.iter().find(|(camera, _)| camera == name);
         found.map(|(_, s)| *s)
     }
 
-    /// Whether any rate is said.
+    /// Whether any rate is given.
     pub(super) fn has_rates(&self) -> bool {
         !self.rate_hz.is_empty()
     }
 
-    /// The cameras of these files, by name, each as `read` reads it; what `anchors` and the clocks say must be of these, and that
-    /// is asked before anything is read.
+    /// The cameras of these files, by name; `read` reads each file. The names in `anchors` and the clock options are
+    /// checked before any file is read.
     ///
     /// # Errors
-    /// What cannot be read, a camera without a lens or that nobody knows, offsets of clocks that are not given.
+    /// An unreadable file, a camera without a lens or with an unknown name, offsets without given clocks.
     pub(super) fn cameras<T>(
         &self,
         files: &BTreeMap<String, PathBuf>,
@@ -203,10 +203,10 @@ impl SeenArgs {
         each.collect()
     }
 
-    /// Refuses offsets of clocks that are not given.
+    /// Refuses offsets without given clocks, and options given twice.
     ///
     /// # Errors
-    /// When there are any.
+    /// Names the option.
     pub(super) fn check_clocks(&self) -> anyhow::Result<()> {
         ensure!(
             self.timing() == Timing::Clocks || self.offset_s.is_empty(),
@@ -220,21 +220,21 @@ impl SeenArgs {
             .offset_s
             .iter()
             .map(|(name, _)| ("--offset-s", Some(name.as_str())));
-        let mut said = BTreeSet::new();
+        let mut seen = BTreeSet::new();
         for (option, name) in rates.chain(offsets) {
             ensure!(
-                said.insert((option, name)),
-                "{option} says twice what it is of {}",
+                seen.insert((option, name)),
+                "{option}: found two values for {}, expected one",
                 name.unwrap_or("all cameras")
             );
         }
         Ok(())
     }
 
-    /// Refuses what is said of cameras that are not among `has`.
+    /// Refuses options on cameras that are not among `has`.
     ///
     /// # Errors
-    /// The name that nobody knows, and the option that has it.
+    /// Names the camera and the option.
     pub(super) fn check_names(&self, anchors: &Anchors, has: &[&str]) -> anyhow::Result<()> {
         let lenses = self.lens.iter().filter_map(LensFile::camera);
         let rates = self.rate_hz.iter().filter_map(|(name, _)| name.as_deref());
@@ -258,19 +258,19 @@ impl SeenArgs {
         Ok(())
     }
 
-    /// Whether any offset is said.
+    /// Whether any offset is given.
     pub(super) fn has_offsets(&self) -> bool {
         !self.offset_s.is_empty()
     }
 
     /// Its own rate, else that of all cameras.
     pub(super) fn rate_of(&self, name: &str) -> Option<f64> {
-        let find = |of: Option<&str>| self.rate_hz.iter().find(|(it, _)| it.as_deref() == of);
+        let find = |name: Option<&str>| self.rate_hz.iter().find(|(it, _)| it.as_deref() == name);
         find(Some(name)).or_else(|| find(None)).map(|(_, hz)| *hz)
     }
 }
 
-/// What is known of when frames were taken.
+/// Known facts on the times of frames.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Clocks {
     Synchronised,
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_by_the_camera_that_they_are_called_after_or_refused_by_name() {
+    fn files_are_assigned_to_cameras_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str| {
             let path = folder.path().join(name);
@@ -328,26 +328,20 @@ mod tests {
         );
         let refused = |files: &[PathBuf]| by_camera(files).unwrap_err().to_string();
         let again = file("later/north.csv");
-        let said = refused(&[north.clone(), again.clone()]);
-        let both = format!("{} and {}: two files", north.display(), again.display());
-        assert!(
-            said.starts_with(&both) && said.ends_with("of camera `north`"),
-            "{said}"
-        );
-        let said = refused(&[north.clone(), north]);
-        assert!(said.contains("two files are of camera `north`"), "{said}");
-        let said = refused(&[folder.path().join("later")]);
-        assert!(
-            said.contains("later: found a folder, expected the files in it"),
-            "{said}"
-        );
-        let said = refused(&[folder.path().join("west.txt")]);
-        assert!(said.ends_with("west.txt: there is no such file"), "{said}");
+        let error = refused(&[north.clone(), again.clone()]);
+        let both = format!("{} and {}: ", north.display(), again.display());
+        assert!(error.starts_with(&both) && error.contains("`north`"));
+        let error = refused(&[north.clone(), north]);
+        assert!(error.contains("camera `north`"), "{error}");
+        let error = refused(&[folder.path().join("later")]);
+        assert!(error.contains("later: found a folder"), "{error}");
+        let error = refused(&[folder.path().join("west.txt")]);
+        assert!(error.contains("west.txt: "), "{error}");
     }
 
     #[test]
-    fn what_is_said_twice_of_a_camera_is_refused() {
-        let said = |rates: &[(&str, f64)], offsets: &[(&str, f64)]| {
+    fn two_values_for_one_camera_are_refused() {
+        let checked = |rates: &[(&str, f64)], offsets: &[(&str, f64)]| {
             let mut args = with_rates(Clocks::Given, rates);
             args.offset_s = offsets
                 .iter()
@@ -355,60 +349,54 @@ mod tests {
                 .collect();
             args.check_clocks()
         };
-        said(
+        checked(
             &[("east", 50.0), ("west", 50.0)],
             &[("east", 0.0), ("west", 0.3)],
         )
         .unwrap();
-        let error = said(&[("east", 50.0), ("east", 25.0)], &[]).unwrap_err();
-        assert!(
-            error.to_string().contains("--rate-hz says twice"),
-            "{error}"
-        );
-        let error = said(&[], &[("east", 0.0), ("east", 0.0)]).unwrap_err();
-        assert!(
-            error.to_string().contains("--offset-s says twice"),
-            "{error}"
-        );
+        let error = checked(&[("east", 50.0), ("east", 25.0)], &[]).unwrap_err();
+        assert!(error.to_string().contains("--rate-hz: "), "{error}");
+        let error = checked(&[], &[("east", 0.0), ("east", 0.0)]).unwrap_err();
+        assert!(error.to_string().contains("--offset-s: "), "{error}");
     }
 
     #[test]
-    fn synchronised_cameras_have_the_rate_of_the_first_where_words_for_it_differ() {
+    fn synchronised_cameras_with_almost_equal_rates_get_the_first_rate() {
         let names = ["east", "north", "west"];
         let (ntsc_hz, rounded_hz) = (30_000.0 / 1001.0, 2997.0 / 100.0);
-        let one_rate = |clocks, told: &[(&str, f64)], frames: f64| {
-            with_rates(clocks, told).with_one_rate(&names, || Ok(frames))
+        let one_rate = |clocks, rates: &[(&str, f64)], frames: f64| {
+            with_rates(clocks, rates).with_one_rate(&names, || Ok(frames))
         };
-        let told = [("east", ntsc_hz), ("north", rounded_hz), ("west", 29.97)];
-        let one = one_rate(Clocks::Synchronised, &told, 1e9).unwrap();
+        let rates = [("east", ntsc_hz), ("north", rounded_hz), ("west", 29.97)];
+        let one = one_rate(Clocks::Synchronised, &rates, 1e9).unwrap();
         for name in names {
             assert_eq!(one.rate_of(name), Some(ntsc_hz), "{name}");
         }
-        let told = [("east", 25.0), ("north", 25.0), ("west", 30.0)];
-        let said = one_rate(Clocks::Synchronised, &told, LEAST_FRAMES);
-        let said = said.unwrap_err().to_string();
-        for words in ["`west`", "30.000", "`east`", "25.000", "--rate-hz HZ"] {
-            assert!(said.contains(words), "{said}");
+        let rates = [("east", 25.0), ("north", 25.0), ("west", 30.0)];
+        let error = one_rate(Clocks::Synchronised, &rates, LEAST_FRAMES);
+        let error = error.unwrap_err().to_string();
+        for part in ["`west`", "30.000", "`east`", "25.000", "--rate-hz HZ"] {
+            assert!(error.contains(part), "{error}");
         }
-        let own = one_rate(Clocks::Unknown, &told, LEAST_FRAMES);
+        let own = one_rate(Clocks::Unknown, &rates, LEAST_FRAMES);
         assert_eq!(own.unwrap().rate_of("west"), Some(30.0));
     }
 
     #[test]
-    fn rates_that_are_nearly_one_are_one_until_frames_of_one_number_are_half_a_frame_apart() {
+    fn almost_equal_rates_are_refused_if_frames_drift_half_a_frame_apart() {
         let names = ["east", "west"];
-        let told = [("east", 30.0), ("west", 29.97)];
-        let of = |frames: f64| {
-            with_rates(Clocks::Synchronised, &told).with_one_rate(&names, || Ok(frames))
+        let rates = [("east", 30.0), ("west", 29.97)];
+        let one_rate = |frames: f64| {
+            with_rates(Clocks::Synchronised, &rates).with_one_rate(&names, || Ok(frames))
         };
-        assert_eq!(of(490.0).unwrap().rate_of("west"), Some(30.0));
+        assert_eq!(one_rate(490.0).unwrap().rate_of("west"), Some(30.0));
         // Two minutes.
-        let said = of(3600.0).unwrap_err().to_string();
-        assert!(said.contains("0.120 s apart"), "{said}");
+        let error = one_rate(3600.0).unwrap_err().to_string();
+        assert!(error.contains("0.120 s"), "{error}");
     }
 
     #[test]
-    fn what_is_known_of_cameras_is_understood_or_said() {
+    fn rates_and_offsets_are_parsed_or_refused() {
         assert_eq!(rate("59.94"), Ok((None, 59.94)));
         assert_eq!(rate("north=25"), Ok((Some("north".to_owned()), 25.0)));
         for wrong in [rate("fast").unwrap_err(), offset("0.3").unwrap_err()] {

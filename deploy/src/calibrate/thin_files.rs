@@ -1,4 +1,4 @@
-//! Keypoint files of any length, read so that what is kept of them fits into memory.
+//! Reads keypoint files of any length; frames are thinned so that they fit into memory.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -13,22 +13,22 @@ use farfield_proto::keypoints::COCO17;
 
 use super::seen::{SeenArgs, SeenCamera};
 
-/// Longest line that is read, bytes: a thousand people.
+/// Longest line to read, bytes: a thousand people.
 const MAX_LINE_BYTES: u64 = 4 << 20;
-/// Times that a camera's frames are thinned for one more frame: each takes half of what is left of them.
+/// Limit for thinning a camera's frames again: each time half of them remain.
 const MOST_COARSENINGS: usize = 64;
 
-/// What is left of frames that are thinned.
+/// The frames that remain after thinning.
 #[derive(Default)]
-pub(super) struct FramesLeft {
+pub(super) struct RemainingFrames {
     keypoints: usize,
-    /// Numbers of the first and the last.
+    /// Numbers of the first and the last frame.
     span: Option<[f64; 2]>,
 }
 
-impl FramesLeft {
-    /// What there is of frames, each with its number and its bodies, in the order of their numbers.
-    pub(super) fn of<'a>(frames: impl Iterator<Item = (f64, &'a [Detection])>) -> Self {
+impl RemainingFrames {
+    /// Counts frames, each with its number and its bodies, in the order of their numbers.
+    pub(super) fn count<'a>(frames: impl Iterator<Item = (f64, &'a [Detection])>) -> Self {
         frames.fold(Self::default(), |left, (number, bodies)| {
             left.and(&Self {
                 keypoints: keypoints_of(bodies),
@@ -37,7 +37,7 @@ impl FramesLeft {
         })
     }
 
-    /// This and what is left of other frames.
+    /// The sum with other frames.
     pub(super) fn and(&self, other: &Self) -> Self {
         let span = match (self.span, other.span) {
             (Some([first, last]), Some([a, b])) => Some([first.min(a), last.max(b)]),
@@ -50,21 +50,21 @@ impl FramesLeft {
     }
 }
 
-/// Places for keypoints in `bodies`, which take room whether something was seen there or not.
+/// Number of keypoint slots in `bodies`; empty slots take memory, too.
 pub(super) fn keypoints_of(bodies: &[Detection]) -> usize {
     bodies.iter().map(|it| it.keypoints.len()).sum()
 }
 
-/// Keeps less of frames that have `keypoints`, until no more than `most` are left; how many that are. `retain` leaves those
-/// that are kept, and says what they are.
+/// Thins frames with `keypoints` until at most `most` keypoints remain, and returns their number. `retain` removes
+/// frames and counts the rest.
 ///
 /// # Errors
-/// When so many are of one moment that nothing helps.
+/// When too many keypoints belong to one moment.
 pub(super) fn thin_to(
     most: usize,
     keypoints: usize,
     thinning: &mut Thinning,
-    mut retain: impl FnMut(&Thinning) -> FramesLeft,
+    mut retain: impl FnMut(&Thinning) -> RemainingFrames,
 ) -> anyhow::Result<usize> {
     if keypoints <= most {
         return Ok(keypoints);
@@ -79,18 +79,18 @@ pub(super) fn thin_to(
     }
     ensure!(
         left.keypoints <= most,
-        "found {} keypoints in a few seconds, expected {most} or fewer: those of a field of people",
+        "found {} keypoints in a few seconds, expected {most} or fewer, enough for a field of people",
         left.keypoints
     );
     Ok(left.keypoints)
 }
 
-/// The files of all cameras, of which the same times are kept.
+/// Reads the files of all cameras and thins them to the same times.
 pub(super) struct ThinFiles<'a> {
     cameras: &'a SeenArgs,
-    /// Keypoints that one camera may have.
+    /// Limit for the keypoints of one camera.
     most: usize,
-    kept: Vec<(String, Thinning, usize)>,
+    thinned: Vec<(String, Thinning, usize)>,
 }
 
 impl<'a> ThinFiles<'a> {
@@ -98,22 +98,22 @@ impl<'a> ThinFiles<'a> {
         Self {
             cameras,
             most: MOST_KEYPOINTS / count.max(1),
-            kept: Vec::new(),
+            thinned: Vec::new(),
         }
     }
 
-    /// The frames of the camera `name` that are kept.
+    /// The remaining frames of the camera `name`.
     ///
     /// # Errors
-    /// What cannot be read, with its line.
+    /// An unreadable file, with its line.
     pub(super) fn read(&mut self, name: &str, path: &Path) -> anyhow::Result<Vec<DetectedFrame>> {
         let cameras = self.cameras;
         let rate_hz = cameras.rate_of(name).with_context(|| {
-            format!("no rate of camera `{name}`: give it by --rate-hz {name}=HZ, or that of all by --rate-hz HZ")
+            format!("no rate of camera `{name}`: set it with --rate-hz {name}=HZ, or that of all with --rate-hz HZ")
         })?;
         ensure!(
             rate_hz.is_finite() && rate_hz > 0.0,
-            "--rate-hz: found {rate_hz} Hz of camera `{name}`, expected more than 0"
+            "--rate-hz: found {rate_hz} Hz for camera `{name}`, expected more than 0"
         );
         let offset_s = cameras.offset_of(name).unwrap_or(0.0);
         let mut thinning = Thinning::new(rate_hz, offset_s, cameras.timing());
@@ -145,7 +145,7 @@ impl<'a> ThinFiles<'a> {
             if !thinning.keeps(frame.frame) {
                 continue;
             }
-            // A frame in which nobody is says nothing, and takes room.
+            // A frame without people has no information, but takes memory.
             if frame.bodies.is_empty() {
                 continue;
             }
@@ -154,19 +154,23 @@ impl<'a> ThinFiles<'a> {
             frames.push(frame);
             let retain = |thinning: &Thinning| {
                 frames.retain(|it| thinning.keeps(it.frame));
-                FramesLeft::of(frames.iter().map(|it| (it.frame, it.bodies.as_slice())))
+                RemainingFrames::count(frames.iter().map(|it| (it.frame, it.bodies.as_slice())))
             };
             keypoints = thin_to(self.most, keypoints, &mut thinning, retain).with_context(named)?;
         }
-        self.kept.push((name.to_owned(), thinning, all));
+        self.thinned.push((name.to_owned(), thinning, all));
         Ok(frames)
     }
 
-    /// Keeps of all cameras the times that the longest leaves, and says what was kept.
+    /// Thins all cameras to the times of the longest, and prints what remains.
     pub(super) fn level(mut self, seen: &mut [SeenCamera<Vec<DetectedFrame>>]) {
-        let each: Vec<Thinning> = self.kept.iter().map(|(_, thinning, _)| *thinning).collect();
-        let mut said = None;
-        for (name, thinning, all) in &mut self.kept {
+        let each: Vec<Thinning> = self
+            .thinned
+            .iter()
+            .map(|(_, thinning, _)| *thinning)
+            .collect();
+        let mut remaining = None;
+        for (name, thinning, all) in &mut self.thinned {
             for other in &each {
                 thinning.follow(other);
             }
@@ -174,12 +178,12 @@ impl<'a> ThinFiles<'a> {
                 camera.seen.retain(|it| thinning.keeps(it.frame));
                 camera.seen.shrink_to_fit();
                 let words = thinning.in_words();
-                said = said.or_else(|| words.map(|it| (it, camera.seen.len(), *all)));
+                remaining = remaining.or_else(|| words.map(|it| (it, camera.seen.len(), *all)));
             }
         }
-        if let Some((words, kept, all)) = said {
+        if let Some((words, kept, all)) = remaining {
             say(format_args!(
-                "keeping {words}: {kept} of {all} frames of a camera, so that all fit into memory"
+                "using {words}: {kept} of {all} frames of a camera, to fit into memory"
             ));
         }
     }
@@ -190,7 +194,7 @@ mod tests {
     use super::*;
     use farfield_calibration::points::Timing;
 
-    /// Frames that begin with `first`, in each a body of 64 keypoints.
+    /// Frames from number `first` on, each with a body of 64 keypoints.
     fn thinned(timing: Timing, numbers: &[f64], most: usize) -> anyhow::Result<Vec<f64>> {
         let body = [Detection {
             keypoints: vec![None; 64],
@@ -200,7 +204,7 @@ mod tests {
         thinning.begin(numbers[0]);
         let retain = |thinning: &Thinning| {
             kept.retain(|it| thinning.keeps(*it));
-            FramesLeft::of(kept.iter().map(|it| (*it, &body[..])))
+            RemainingFrames::count(kept.iter().map(|it| (*it, &body[..])))
         };
         let left = thin_to(most, 64 * numbers.len(), &mut thinning, retain)?;
         assert_eq!(left, 64 * kept.len());
@@ -208,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_thinned_by_keypoints_whatever_is_known_of_clocks() {
+    fn too_many_keypoints_are_thinned_with_any_timing() {
         let numbers: Vec<f64> = (0..4000).map(|it| 900.0 + f64::from(it)).collect();
         for timing in [Timing::Synchronised, Timing::Clocks, Timing::Unknown] {
             assert_eq!(thinned(timing, &numbers, 64 * 4000).unwrap(), numbers);
@@ -222,8 +226,8 @@ mod tests {
     }
 
     #[test]
-    fn more_people_in_a_moment_than_fit_are_refused() {
-        let said = thinned(Timing::Clocks, &[0.0, 1.0, 2.0], 64).unwrap_err();
-        assert!(said.to_string().contains("expected 64"), "{said}");
+    fn too_many_people_at_one_moment_are_refused() {
+        let error = thinned(Timing::Clocks, &[0.0, 1.0, 2.0], 64).unwrap_err();
+        assert!(error.to_string().contains("expected 64"), "{error}");
     }
 }

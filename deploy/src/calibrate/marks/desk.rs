@@ -1,4 +1,4 @@
-//! What is clicked, held while the page is open: each change is checked, written whole and answered with what it comes to.
+//! The clicked marks while the page is open: each change is checked, written and answered with the resulting fits.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -14,42 +14,42 @@ use super::fits::{FitDocument, fit};
 use super::pictures::MarkedPicture;
 use crate::calibrate::{read, write};
 
-/// How far outside its picture a click may be: at the very edge of its pixels.
+/// How far outside its image a click may be: at the very edge of its pixels.
 const EDGE_PX: f64 = 0.5;
-/// Most files of which each is kept as it was: nobody edits one more often.
-const MOST_KEPT: usize = 1000;
+/// Limit for backup files; more edits by hand are unlikely.
+const MOST_BACKUPS: usize = 1000;
 
-/// What there was at the start.
+/// The state at the start.
 #[derive(Default)]
 pub(super) struct Found {
-    /// What was clicked.
+    /// The clicked marks.
     pub(super) clicked: ClickedFile,
-    /// The file as it was, where there was one.
+    /// The text of the file, if it existed.
     pub(super) text: Option<String>,
-    /// The court that it is of.
+    /// Its court.
     pub(super) court: Option<Court>,
 }
 
-/// Pictures, and what is clicked in them.
+/// Images with their clicked marks.
 pub(super) struct Desk {
     out: PathBuf,
     court: Option<Court>,
     cameras: Vec<MarkedPicture>,
     pngs: Vec<Arc<[u8]>>,
-    held: Mutex<Held>,
+    state: Mutex<DeskState>,
 }
 
-/// What is clicked, and what it comes to.
-type Weighed = (ClickedFile, Vec<(Marks, FitDocument)>);
+/// Clicked marks with their fits.
+type Fitted = (ClickedFile, Vec<(Marks, FitDocument)>);
 
-struct Held {
+struct DeskState {
     revision: u64,
     clicked: ClickedFile,
     /// The text of the file when it was last read or written.
     on_disk: Option<String>,
-    /// The file holds what is lost when it is written, comments above all: it has to be kept under another name before.
+    /// The file has content that is lost when it is written, such as comments: a backup is needed first.
     is_foreign: bool,
-    /// Of each camera what was fitted, and what came of it.
+    /// The fitted marks of each camera, and the fit.
     fits: Vec<(Marks, FitDocument)>,
 }
 
@@ -99,10 +99,10 @@ struct StateDocument<'a> {
 }
 
 impl Desk {
-    /// A desk with the pictures of `cameras`, whose clicks go to `out`.
+    /// A desk with the images of `cameras`, which writes clicks to `out`.
     ///
     /// # Errors
-    /// When what was clicked before is not in these pictures.
+    /// When earlier clicks are outside these images.
     pub(super) fn new(
         out: PathBuf,
         found: Found,
@@ -116,7 +116,7 @@ impl Desk {
             court: found.court,
             pngs,
             cameras,
-            held: Mutex::new(Held {
+            state: Mutex::new(DeskState {
                 revision: 0,
                 clicked: ClickedFile::default(),
                 on_disk: found.text,
@@ -125,40 +125,40 @@ impl Desk {
             }),
             out,
         };
-        // As it will be written: to the last decimal that a page is told.
+        // In the form in which it will be written, with the decimals that a page receives.
         let clicked = found.clicked.checked(&desk.out).map_err(Error::msg)?;
         if let Err(problem) = desk.check_pixels(&clicked) {
             bail!("{}: {problem}", desk.out.display());
         }
         let fits = desk.fits(&clicked, &[]).map_err(Error::msg)?;
-        let held = desk.held.get_mut().unwrap_or_else(PoisonError::into_inner);
-        held.fits = fits;
-        held.clicked = clicked;
+        let state = desk.state.get_mut().unwrap_or_else(PoisonError::into_inner);
+        state.fits = fits;
+        state.clicked = clicked;
         Ok(desk)
     }
 
-    fn held(&self) -> MutexGuard<'_, Held> {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, DeskState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What is said at the end.
+    /// The lines printed at the end.
     pub(super) fn summary(&self) -> Vec<String> {
-        let held = self.held();
+        let state = self.lock();
         let out = self.out.display();
         let mut lines = Vec::new();
-        for (camera, clicked) in &held.clicked.camera {
+        for (camera, clicked) in &state.clicked.camera {
             let clicks: usize = clicked.values().map(Vec::len).sum();
             lines.push(format!("camera {camera}: {clicks} clicks"));
         }
-        lines.push(match held.clicked.problem(&self.out) {
+        lines.push(match state.clicked.problem(&self.out) {
             _ if lines.is_empty() => "nothing was clicked".to_owned(),
-            None => format!("{out} is what `farfield calibrate points ... --marks {out}` takes"),
-            Some(problem) => format!("not yet for --marks: {problem}"),
+            None => format!("{out} is ready for `farfield calibrate points ... --marks {out}`"),
+            Some(problem) => format!("not yet ready for --marks: {problem}"),
         });
         lines
     }
 
-    /// Refuses clicks outside of the pictures, and cameras of which there is none.
+    /// Refuses clicks outside the images.
     fn check_pixels(&self, clicked: &ClickedFile) -> Result<(), String> {
         for camera in &self.cameras {
             let [w, h] = camera.size_px.map(f64::from);
@@ -169,7 +169,7 @@ impl Desk {
                     (-EDGE_PX..=w - EDGE_PX).contains(&x) && (-EDGE_PX..=h - EDGE_PX).contains(&y);
                 if !is_inside {
                     return Err(format!(
-                        "`camera.{}.{name}`: found ({x}, {y}), expected a place in {} of {w}x{h}",
+                        "`camera.{}.{name}`: found ({x}, {y}), expected a position in {} of {w}x{h}",
                         camera.name, camera.file
                     ));
                 }
@@ -178,21 +178,22 @@ impl Desk {
         Ok(())
     }
 
-    /// What is clicked after a change. Of what a page says its clicks in its pictures count, and names: it may not change the
-    /// court, and what it says of cameras that it does not show may be old.
+    /// The clicked marks after a change. A page may change clicks in its images, and names. It must not change the
+    /// court, and its data on cameras that it does not show may be outdated.
     fn changed(&self, before: &ClickedFile, clicked: &ClickedFile) -> Result<ClickedFile, String> {
         let is_shown = |name: &str| self.cameras.iter().any(|it| it.name == name);
         let clicked = clicked.in_place_of(before, is_shown).checked(&self.out)?;
         if (&clicked.court, clicked.size_m) != (&before.court, before.size_m) {
             return Err(
-                "the court is said when the command is started: --court, --size-m".to_owned(),
+                "the court can only be set when the command is started: --court, --size-m"
+                    .to_owned(),
             );
         }
         self.check_pixels(&clicked)?;
         Ok(clicked)
     }
 
-    /// What each camera's clicks come to; taken from `before` where they are the same.
+    /// The fits of all cameras; those with unchanged marks are taken from `before`.
     fn fits(
         &self,
         clicked: &ClickedFile,
@@ -200,7 +201,7 @@ impl Desk {
     ) -> Result<Vec<(Marks, FitDocument)>, String> {
         let each = self.cameras.iter().enumerate().map(|(index, camera)| {
             let marks = clicked.marks_of(&camera.name, &self.out)?;
-            let known = before.get(index).filter(|(of, _)| *of == marks);
+            let known = before.get(index).filter(|(known, _)| *known == marks);
             let document = known.map(|(_, document)| document.clone());
             let document = document.unwrap_or_else(|| fit(camera, &marks, self.court.as_ref()));
             Ok((marks, document))
@@ -208,134 +209,134 @@ impl Desk {
         each.collect()
     }
 
-    fn state<'a>(&self, held: &'a Held) -> StateDocument<'a> {
+    fn document_of<'a>(&self, state: &'a DeskState) -> StateDocument<'a> {
         StateDocument {
-            revision: held.revision,
-            clicked: &held.clicked,
-            problem: held.clicked.problem(&self.out),
-            fits: held.fits.iter().map(|(_, document)| document).collect(),
+            revision: state.revision,
+            clicked: &state.clicked,
+            problem: state.clicked.problem(&self.out),
+            fits: state.fits.iter().map(|(_, document)| document).collect(),
         }
     }
 
-    /// Takes up the file where somebody else has changed it since it was read or written; whether so.
+    /// Loads the file if another program has changed it since it was read or written. Returns whether it did.
     ///
     /// # Errors
-    /// In words, where it cannot be read: it is not written over.
-    fn take_up(&self, held: &mut Held) -> Result<bool, String> {
+    /// A message if it cannot be read; then it is not overwritten.
+    fn reload(&self, state: &mut DeskState) -> Result<bool, String> {
         if !self.out.exists() {
             return Ok(false);
         }
         let text = read(&self.out).map_err(|error| format!("{error:#}"))?.text;
-        if held.on_disk.as_ref() == Some(&text) {
+        if state.on_disk.as_ref() == Some(&text) {
             return Ok(false);
         }
         let shown = self.out.display();
         let problem = |problem: String| {
             format!(
-                "{shown} was changed elsewhere, and is left as it is until it is put right or away: {problem}"
+                "{shown} was changed by another program; nothing is written until it is corrected or removed: {problem}"
             )
         };
         let found = ClickedFile::parse(&text, &self.out);
         let clicked = found.map_err(|error| problem(error.to_string()))?;
         let mut clicked = clicked.checked(&self.out).map_err(problem)?;
-        // As at the start, where --court says it and the file does not.
+        // As at the start, if the court is given by --court and not in the file.
         if clicked.court.is_none() {
-            clicked.court.clone_from(&held.clicked.court);
-            clicked.size_m = held.clicked.size_m;
+            clicked.court.clone_from(&state.clicked.court);
+            clicked.size_m = state.clicked.size_m;
         }
-        if (&clicked.court, clicked.size_m) != (&held.clicked.court, held.clicked.size_m) {
+        if (&clicked.court, clicked.size_m) != (&state.clicked.court, state.clicked.size_m) {
             return Err(problem("found another court than at the start".to_owned()));
         }
         self.check_pixels(&clicked).map_err(problem)?;
-        held.fits = self.fits(&clicked, &held.fits).map_err(problem)?;
-        held.clicked = clicked;
-        held.revision += 1;
-        held.is_foreign = is_foreign(&text, &self.out);
-        held.on_disk = Some(text);
+        state.fits = self.fits(&clicked, &state.fits).map_err(problem)?;
+        state.clicked = clicked;
+        state.revision += 1;
+        state.is_foreign = is_foreign(&text, &self.out);
+        state.on_disk = Some(text);
         Ok(true)
     }
 
-    /// What a change comes to, and the fits of it; else what the page is told instead.
-    fn weighed(&self, held: &mut Held, change: &ClickedChange) -> Result<Weighed, Taken> {
-        self.refuse_behind(held)?;
-        if change.revision != held.revision {
-            return Err(Taken::Behind(json(&self.state(held))));
+    /// The result of a change with its fits; else the answer for the page.
+    fn fitted(&self, state: &mut DeskState, change: &ClickedChange) -> Result<Fitted, Taken> {
+        self.refuse_outdated(state)?;
+        if change.revision != state.revision {
+            return Err(Taken::Behind(json(&self.document_of(state))));
         }
-        let clicked = self.changed(&held.clicked, &change.clicked);
+        let clicked = self.changed(&state.clicked, &change.clicked);
         let clicked = clicked.map_err(Taken::Refused)?;
-        let fits = self.fits(&clicked, &held.fits).map_err(Taken::Refused)?;
+        let fits = self.fits(&clicked, &state.fits).map_err(Taken::Refused)?;
         Ok((clicked, fits))
     }
 
-    /// Puts it into the file; else what the page is told instead. Fitting takes time, in which somebody may have written to the
-    /// file: it is looked at again right before.
-    fn put(
+    /// Writes the change to the file; else the answer for the page. The file is checked again before, as another
+    /// program may have changed it during the fit.
+    fn store(
         &self,
-        held: &mut Held,
+        state: &mut DeskState,
         clicked: ClickedFile,
         fits: Vec<(Marks, FitDocument)>,
     ) -> Result<Taken, Taken> {
-        self.refuse_behind(held)?;
-        self.write(held, &clicked).map_err(Taken::Failed)?;
-        held.revision += 1;
-        held.clicked = clicked;
-        held.fits = fits;
-        Ok(Taken::Written(json(&self.state(held))))
+        self.refuse_outdated(state)?;
+        self.write(state, &clicked).map_err(Taken::Failed)?;
+        state.revision += 1;
+        state.clicked = clicked;
+        state.fits = fits;
+        Ok(Taken::Written(json(&self.document_of(state))))
     }
 
-    /// Takes up the file where somebody else has changed it: then a page has to be told first.
-    fn refuse_behind(&self, held: &mut Held) -> Result<(), Taken> {
-        match self.take_up(held) {
+    /// Loads the file if another program has changed it; then the page must be updated first.
+    fn refuse_outdated(&self, state: &mut DeskState) -> Result<(), Taken> {
+        match self.reload(state) {
             Ok(false) => Ok(()),
-            Ok(true) => Err(Taken::Behind(json(&self.state(held)))),
+            Ok(true) => Err(Taken::Behind(json(&self.document_of(state)))),
             Err(problem) => Err(Taken::Failed(problem)),
         }
     }
 
-    /// Writes what is clicked; a file that somebody else wrote is kept beside it, since its comments are lost.
-    fn write(&self, held: &mut Held, clicked: &ClickedFile) -> Result<(), String> {
+    /// Writes the clicked marks. A file that another program wrote is backed up, since its comments are lost.
+    fn write(&self, state: &mut DeskState, clicked: &ClickedFile) -> Result<(), String> {
         let failed = |error| match error {
             NodeError::Refused(error) | NodeError::Failed(error) => format!("{error:#}"),
         };
-        if let Some(before) = held.on_disk.as_ref().filter(|_| held.is_foreign) {
+        if let Some(before) = state.on_disk.as_ref().filter(|_| state.is_foreign) {
             write(&free_name(&self.out)?, before).map_err(failed)?;
-            held.is_foreign = false;
+            state.is_foreign = false;
         }
         let text = clicked.text();
         write(&self.out, &text).map_err(failed)?;
-        held.on_disk = Some(text);
+        state.on_disk = Some(text);
         Ok(())
     }
 }
 
-/// Whether a file says more than is written again.
+/// Whether a file has content that would be lost when it is written.
 fn is_foreign(text: &str, path: &Path) -> bool {
     !ClickedFile::parse(text, path).is_ok_and(|clicked| clicked.text() == text)
 }
 
-/// Where a file is kept as it was: `clicked.before.toml`, `clicked.before.2.toml` and so on.
+/// A free name for a backup: `clicked.before.toml`, `clicked.before.2.toml` and so on.
 fn free_name(out: &Path) -> Result<PathBuf, String> {
-    let mut names = (1..=MOST_KEPT).map(|number| match number {
+    let mut names = (1..=MOST_BACKUPS).map(|number| match number {
         1 => out.with_extension("before.toml"),
         _ => out.with_extension(format!("before.{number}.toml")),
     });
     let free = names.find(|path| !path.exists());
     free.ok_or_else(|| {
         format!(
-            "found {MOST_KEPT} files that are kept as {} was: take some away",
+            "found {MOST_BACKUPS} backups of {}: remove some",
             out.display()
         )
     })
 }
 
 fn json(document: &impl Serialize) -> String {
-    // Maps of texts and finite numbers can always be said.
+    // Maps of strings and finite numbers can always be serialised.
     serde_json::to_string(document).unwrap_or_default()
 }
 
 impl Clicking for Desk {
     fn document(&self) -> String {
-        let held = self.held();
+        let state = self.lock();
         let court = self.court.as_ref().map(|court| {
             let placed = PlacedCourt {
                 court: court.clone(),
@@ -374,7 +375,7 @@ impl Clicking for Desk {
             file: self.out.display().to_string(),
             court,
             cameras: cameras.collect(),
-            state: self.state(&held),
+            state: self.document_of(&state),
         })
     }
 
@@ -387,9 +388,9 @@ impl Clicking for Desk {
             Ok(change) => change,
             Err(problem) => return Taken::Refused(problem),
         };
-        let mut held = self.held();
-        let written = self.weighed(&mut held, &change);
-        let written = written.and_then(|(clicked, fits)| self.put(&mut held, clicked, fits));
+        let mut state = self.lock();
+        let written = self.fitted(&mut state, &change);
+        let written = written.and_then(|(clicked, fits)| self.store(&mut state, clicked, fits));
         written.unwrap_or_else(|otherwise| otherwise)
     }
 }

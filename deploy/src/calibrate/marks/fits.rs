@@ -1,4 +1,4 @@
-//! What the clicks of one camera come to, as the page is told.
+//! The fit of one camera to its clicked marks, for the page.
 
 use farfield_calibration::alignment::{
     HalfTurn, LEAST_MARKS, MarkResidual, Marks, OneCameraError, OneCameraFit, drawn_lines,
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::pictures::MarkedPicture;
 
-/// Largest residual that is told, pixels and metres: what is drawn nowhere is as far off.
+/// Largest reported residual, pixels and metres; also for marks that are drawn nowhere.
 const FARTHEST: f64 = 1e5;
 
 /// One camera's fit.
@@ -39,7 +39,7 @@ enum FitState {
 #[derive(Debug, Clone, Serialize)]
 struct ResidualDocument {
     name: String,
-    /// Which click of its name.
+    /// Index among the clicks of its name.
     index: usize,
     px: f64,
     m: f64,
@@ -58,11 +58,11 @@ struct MarkDocument {
     px: [f64; 2],
 }
 
-/// What `marks` say of where the camera of `picture` stands.
+/// Fits the pose of the camera of `picture` to `marks`.
 pub(super) fn fit(picture: &MarkedPicture, marks: &Marks, court: Option<&Court>) -> FitDocument {
     let Some(lens) = &picture.lens else {
         let text = format!(
-            "The lens of {} is not known, so nothing is drawn over its picture: start with --lens FILE.",
+            "The lens of {} is unknown, so nothing is drawn over its image: restart with --lens FILE.",
             picture.name
         );
         return without(picture, FitState::NoLens, text);
@@ -73,18 +73,19 @@ pub(super) fn fit(picture: &MarkedPicture, marks: &Marks, court: Option<&Court>)
             let more = LEAST_MARKS - found;
             let word = if more == 1 { "mark" } else { "marks" };
             let until = match court {
-                Some(_) => "the court is drawn over the picture",
-                None => "it is known where the camera stands",
+                Some(_) => "the court is drawn over the image",
+                None => "the pose of the camera is known",
             };
             let text = format!("{more} more {word} until {until}.");
             return without(picture, FitState::TooFew, text);
         }
         Err(OneCameraError::OnALine) => {
-            let text = "All marks are on one line: click one beside it.".to_owned();
+            let text = "All marks are on one line: click one off this line.".to_owned();
             return without(picture, FitState::TooFew, text);
         }
         Err(error @ OneCameraError::None(_)) => {
-            let text = format!("These marks fit nowhere: {error}. Look for exchanged names.");
+            let text =
+                format!("These marks fit no camera pose: {error}. Check for exchanged names.");
             return without(picture, FitState::Fails, text);
         }
     };
@@ -158,8 +159,8 @@ fn residuals(all: &[MarkResidual]) -> Vec<ResidualDocument> {
     each.collect()
 }
 
-/// A name as people say it.
-fn said(name: &str) -> String {
+/// A name with spaces.
+fn spaced(name: &str) -> String {
     name.replace('_', " ")
 }
 
@@ -169,13 +170,13 @@ fn in_words(fitted: &OneCameraFit, court: Option<&Court>) -> String {
             let px = |it: &MarkResidual| it.px.unwrap_or_default();
             px(a).total_cmp(&px(b))
         });
-        let worst = worst.map_or_else(String::new, |it| said(&it.name));
+        let worst = worst.map_or_else(String::new, |it| spaced(&it.name));
         let drawn = match court {
-            Some(_) => "look where the drawn lines leave the painted ones, and for",
-            None => "look for",
+            Some(_) => "compare the drawn lines with the painted ones, and check for",
+            None => "check for",
         };
         return format!(
-            "The marks contradict each other, the farthest off is {worst}: {drawn} exchanged names."
+            "The marks contradict each other; {worst} has the largest error: {drawn} exchanged names."
         );
     }
     let off: Vec<String> = fitted
@@ -185,7 +186,7 @@ fn in_words(fitted: &OneCameraFit, court: Option<&Court>) -> String {
         .map(|it| {
             format!(
                 "{} ({:.1} px)",
-                said(&it.name),
+                spaced(&it.name),
                 it.px.unwrap_or_default().min(FARTHEST)
             )
         })
@@ -194,7 +195,7 @@ fn in_words(fitted: &OneCameraFit, court: Option<&Court>) -> String {
     let [x, y, z] = [x, y, z].map(|v| fixed(v, 1));
     let fits = fitted.residuals.len() - off.len();
     let place = format!(
-        "{fits} clicks fit to {:.1} px; the camera stands at ({x}, {y}, {z}) m",
+        "{fits} clicks fit to {:.1} px; the camera is at ({x}, {y}, {z}) m",
         fitted.rms_px
     );
     match off.as_slice() {
@@ -212,21 +213,21 @@ fn warnings(fitted: &OneCameraFit) -> Vec<String> {
     if fitted.is_under_floor {
         all.push(
             "This puts the camera below the floor: the court is clicked mirrored (north and south, or west and east, exchanged), or the \
-             picture is a mirror image."
+             image is mirrored."
                 .to_owned(),
         );
     }
     if fitted.is_ambiguous {
         all.push(
-            "A second place of the camera fits nearly as well: click marks farther apart, or one above the floor, as a corner of the \
+            "A second pose of the camera fits nearly as well: click marks farther apart, or one above the floor, such as a corner of the \
              crossbar."
                 .to_owned(),
         );
     }
     if fitted.half_turn == HalfTurn::FitsAsWell {
         all.push(
-            "Turned by half the court would fit as well: it looks the same from both ends. Which end is west is up to you; keep to it in \
-             all pictures."
+            "The court turned by half would fit as well: it looks the same from both ends. You can choose which end is west; use the same in \
+             all images."
                 .to_owned(),
         );
     }
@@ -244,7 +245,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_more_marks_are_for_depends_on_whether_there_is_a_court_to_draw() {
+    fn the_hint_for_more_marks_depends_on_the_court() {
         let lens = Intrinsics {
             fx_px: 30.0,
             fy_px: 30.0,
@@ -262,14 +263,11 @@ mod tests {
         let marks = marks.unwrap();
         let court = Court::of("futsal", None).unwrap();
         let with = fit(&picture, &marks, Some(&court)).text;
-        assert_eq!(
-            with,
-            "4 more marks until the court is drawn over the picture."
+        assert!(
+            with.starts_with("4 more ") && with.contains("court"),
+            "{with}"
         );
         let without = fit(&picture, &marks, None).text;
-        assert_eq!(
-            without,
-            "4 more marks until it is known where the camera stands."
-        );
+        assert!(without.starts_with("4 more ") && !without.contains("court"));
     }
 }

@@ -1,5 +1,5 @@
-//! `farfield calibrate marks`: an operator clicks corners, posts and lines in one picture of each camera, in a browser, and gets
-//! the file that `--marks` takes. Every click is in the file at once.
+//! `farfield calibrate marks`: people click corners, posts and lines in one image of each camera, in a browser. The
+//! result is the file for `--marks`; every click is written at once.
 
 mod desk;
 mod fits;
@@ -24,36 +24,36 @@ use self::desk::{Desk, Found};
 use self::pictures::MarkedPicture;
 use super::lenses::{LensFile, lenses};
 use super::read;
-use crate::listeners::address::page_address;
+use crate::listeners::page_access::page_address;
 use crate::signals::Signals;
 
-/// Where the page is served where nothing else is said: beside the live page.
+/// Default port of the page, next to that of the live page.
 const USUAL_PORT: u16 = 7462;
 
-/// What `farfield calibrate marks` is told.
+/// Arguments of `farfield calibrate marks`.
 #[derive(Debug, Args)]
 pub(super) struct MarksArgs {
-    /// A picture of each camera, called as it is: north.png; or a video; or folders.
+    /// An image of each camera, such as north.png; or videos; or folders.
     ///
-    /// JPEG or PNG, as the lens drew them: of the size that the camera has, not cut and not undistorted. Of a video the sharpest picture of a second is
-    /// taken.
+    /// JPEG or PNG with the name of the camera, as captured: in the size of the camera, not cut and not undistorted. Of
+    /// a video the sharpest image within a second is used.
     #[arg(required = true)]
     pictures: Vec<PathBuf>,
-    /// The court whose marks and lines are in the pictures: futsal, handball, ...
+    /// The court whose marks and lines are in the images: futsal, handball, ...
     #[arg(long, value_name = "NAME")]
     court: Option<String>,
-    /// Length and width of the court, metres, where they are not the usual ones.
+    /// Length and width of the court, metres, if they are not the usual ones.
     #[arg(long, value_name = "LENGTHxWIDTH", value_parser = size_m, requires = "court", hide_short_help = true)]
     size_m: Option<[f64; 2]>,
-    /// Where what is clicked is written; a file that is there is taken up again.
+    /// Output file for the clicks; an existing one is continued.
     #[arg(long, value_name = "FILE", default_value = "clicked.toml")]
     out: PathBuf,
-    /// Lenses, by a calibration of any format: the court is drawn over the pictures.
+    /// Lenses, in a calibration of any format: to draw the court over the images.
     ///
-    /// FILE for the cameras that it names, NAME=FILE for one of another name; as often as needed.
+    /// FILE for the cameras in it, NAME=FILE for a camera of another name; can be repeated.
     #[arg(long, value_name = "[NAME=]FILE", visible_alias = "calibration")]
     lens: Vec<LensFile>,
-    /// From which second of a video the picture is taken.
+    /// Second of a video from which to take the image.
     #[arg(
         long,
         value_name = "SECONDS",
@@ -61,9 +61,9 @@ pub(super) struct MarksArgs {
         hide_short_help = true
     )]
     from_s: f64,
-    /// Where the page is served, on this machine alone.
+    /// Address of the page, on this machine only.
     ///
-    /// An address of the loopback and a port; default: 127.0.0.1:7462.
+    /// A loopback address and a port; default: 127.0.0.1:7462.
     #[arg(long, value_name = "ADDRESS", value_parser = page_address)]
     at: Option<SocketAddr>,
 }
@@ -81,22 +81,22 @@ fn size_m(word: &str) -> Result<[f64; 2], String> {
 /// Serves the page until Ctrl-C.
 ///
 /// # Errors
-/// [`NodeError::Refused`] for what cannot be clicked on, [`NodeError::Failed`] where port or disk are in the way.
+/// [`NodeError::Refused`] for invalid input, [`NodeError::Failed`] for errors of port or disk.
 pub(super) fn click_marks(args: &MarksArgs) -> Result<(), NodeError> {
     start_log();
     let usual = SocketAddr::from(([127, 0, 0, 1], USUAL_PORT));
     let address = args.at.unwrap_or(usual);
     if !address.ip().is_loopback() {
         let problem = anyhow!(
-            "--at: found {address}, expected an address of this machine alone: pictures of the venue are served without keys; from elsewhere \
+            "--at: found {address}, expected a loopback address: images of the venue are served without keys; from another machine use \
              `ssh -L {USUAL_PORT}:127.0.0.1:{USUAL_PORT} HOST`"
         );
         return Err(NodeError::Refused(problem));
     }
     let desk = Arc::new(desk(args).map_err(NodeError::Refused)?);
     farfield_node::runtime::block_on(2, async {
-        let mut signals = Signals::listen()
-            .context("listening for signals")
+        let mut signals = Signals::catch()
+            .context("catching signals")
             .map_err(NodeError::Failed)?;
         let options = ServerOptions {
             address,
@@ -106,14 +106,14 @@ pub(super) fn click_marks(args: &MarksArgs) -> Result<(), NodeError> {
         let server = ClickingServer::bind(clicking, options).await;
         let server = server.map_err(|error| match error {
             ServerError::Listen { address, .. } => NodeError::Failed(anyhow!(
-                "{error}: end what listens there, or serve it elsewhere (--at 127.0.0.1:{})",
+                "{error}: end the program that listens there, or use another address (--at 127.0.0.1:{})",
                 address.port().wrapping_add(1)
             )),
             error => NodeError::refused(error),
         })?;
         say(format_args!("click the marks at: {}", server.url()));
         say(format_args!(
-            "until Ctrl-C; every click is in {} at once",
+            "press Ctrl-C to stop; every click is written to {} at once",
             args.out.display()
         ));
         let stop = CancellationToken::new();
@@ -132,7 +132,7 @@ pub(super) fn click_marks(args: &MarksArgs) -> Result<(), NodeError> {
 
 fn desk(args: &MarksArgs) -> anyhow::Result<Desk> {
     let found = found(args)?;
-    let pictures = pictures::of(&args.pictures, args.from_s)?;
+    let pictures = pictures::read_all(&args.pictures, args.from_s)?;
     let lenses = lenses(&args.lens)?;
     let mut cameras = Vec::new();
     for picture in pictures {
@@ -140,7 +140,7 @@ fn desk(args: &MarksArgs) -> anyhow::Result<Desk> {
         if lens.is_none() && !lenses.is_empty() {
             let has: Vec<&str> = lenses.keys().map(String::as_str).collect();
             say(format_args!(
-                "camera {}: no lens (found those of {}), so nothing is drawn over its picture; --lens {}=FILE gives it",
+                "camera {}: no lens (found those of {}), so nothing is drawn over its image; set it with --lens {}=FILE",
                 picture.name,
                 has.join(", "),
                 picture.name
@@ -150,13 +150,13 @@ fn desk(args: &MarksArgs) -> anyhow::Result<Desk> {
     }
     if args.lens.is_empty() {
         say(format_args!(
-            "without --lens nothing is drawn over the pictures, and no wrong click shows"
+            "without --lens nothing is drawn over the images, so wrong clicks are not visible"
         ));
     }
     Desk::new(args.out.clone(), found, cameras)
 }
 
-/// What was clicked before, and the court that is meant.
+/// The earlier clicks, and the court.
 fn found(args: &MarksArgs) -> anyhow::Result<Found> {
     if let Some(name) = &args.court
         && !Court::names().contains(&name.as_str())
@@ -166,12 +166,12 @@ fn found(args: &MarksArgs) -> anyhow::Result<Found> {
     let mut found = existing(&args.out)?;
     let clicked = &mut found.clicked;
     match (&args.court, &clicked.court) {
-        (Some(asked), Some(has)) if asked != has => bail!(
-            "{}: found the court `{has}`, --court says `{asked}`: give another --out, or leave --court away",
+        (Some(requested), Some(has)) if requested != has => bail!(
+            "{}: found the court `{has}`, expected `{requested}` as in --court: set another --out, or remove --court",
             args.out.display()
         ),
         (Some(_), Some(_)) if args.size_m.is_some() && args.size_m != clicked.size_m => bail!(
-            "{}: found {}, expected the size that --size-m says: give another --out, or leave --size-m away",
+            "{}: found {}, expected the size of --size-m: set another --out, or remove --size-m",
             args.out.display(),
             clicked
                 .size_m
@@ -179,8 +179,8 @@ fn found(args: &MarksArgs) -> anyhow::Result<Found> {
                     "a court of {l} x {w} m"
                 ))
         ),
-        (Some(asked), None) => {
-            clicked.court = Some(asked.clone());
+        (Some(requested), None) => {
+            clicked.court = Some(requested.clone());
             clicked.size_m = args.size_m;
         }
         _ => {}
@@ -189,7 +189,7 @@ fn found(args: &MarksArgs) -> anyhow::Result<Found> {
     found.court = found.clicked.court().map_err(problem)?;
     if found.court.is_none() {
         say(format_args!(
-            "without a court there are no marks and lines by name: --court is one of {}",
+            "without --court there are no named marks and lines: choose one of {}",
             Court::names().join(", ")
         ));
     }
@@ -208,7 +208,7 @@ fn existing(path: &Path) -> anyhow::Result<Found> {
         .flat_map(|own| own.values().map(Vec::len))
         .sum();
     say(format_args!(
-        "{}: {clicks} clicks are there already",
+        "{}: found {clicks} earlier clicks",
         path.display()
     ));
     Ok(Found {
@@ -223,11 +223,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_understood_or_said() {
+    fn sizes_are_parsed_or_refused() {
         assert_eq!(size_m("38x20.5"), Ok([38.0, 20.5]));
         for wrong in ["38", "38x", "axb", "infx20"] {
-            let told = size_m(wrong).unwrap_err();
-            assert!(told.contains("for example 38x20"), "{told}");
+            let error = size_m(wrong).unwrap_err();
+            assert!(error.contains("38x20"), "{error}");
         }
     }
 }

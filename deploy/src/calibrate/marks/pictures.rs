@@ -1,6 +1,6 @@
-//! One still picture per camera, as the lens drew it: decoded here, because each browser does with tags and colours what it
-//! likes. Videos are turned as their container says, in all of Farfield; of a picture that is tagged as turned nobody knows
-//! which way up the camera's others are, and it is refused.
+//! One still image per camera, as captured. It is decoded here, because browsers treat tags and colours differently.
+//! Videos are turned as in their containers, everywhere in Farfield. An image that is tagged as turned is refused: the
+//! orientation of the camera's other images is unknown.
 
 use std::path::{Path, PathBuf};
 
@@ -15,35 +15,34 @@ use image::{DynamicImage, ImageDecoder as _, ImageEncoder as _, ImageReader, Lim
 
 use crate::calibrate::board::sharpness;
 use crate::calibrate::lenses::Lens;
-use crate::init::rate;
-use crate::init::recordings::{entries, is_picture, is_video};
-use crate::recorded_formats::say_format;
+use crate::init::recordings;
+use crate::init::recordings::{entries, is_image, is_video};
+use crate::recording_checks::print_format;
 
-/// Most cameras of one sitting: their pictures are held in memory.
+/// Limit for the cameras: their images are in memory.
 const MOST_PICTURES: usize = 64;
-/// Longest side of a picture, pixels.
+/// Longest side of an image, pixels.
 const LONGEST_SIDE_PX: u32 = 16_384;
-/// Most memory for a picture while it is decoded, bytes.
+/// Memory limit for decoding an image, bytes.
 const MOST_BYTES: u64 = 1 << 30;
-/// How long the sharpest picture of a video is looked for.
-const LOOKED_S: f64 = 1.0;
-/// Latest second of a video at which a picture may be taken.
+/// Span of a video in which the sharpest image is searched, seconds.
+const SEARCHED_S: f64 = 1.0;
+/// Latest start in a video, seconds.
 const LATEST_S: f64 = 86_400.0;
 
-/// A camera's picture.
+/// The image of a camera.
 pub(super) struct StillPicture {
-    /// The camera's name.
     pub(super) name: String,
     path: PathBuf,
     size_px: [u32; 2],
-    /// All of it, as PNG.
+    /// The whole image as PNG.
     png: Vec<u8>,
 }
 
-/// A camera's picture, and the lens that drew it where that is known.
+/// The image of a camera, with its lens if known.
 pub(super) struct MarkedPicture {
     pub(super) name: String,
-    /// What the file is called.
+    /// File name.
     pub(super) file: String,
     pub(super) size_px: [u32; 2],
     pub(super) png: Vec<u8>,
@@ -52,19 +51,19 @@ pub(super) struct MarkedPicture {
 
 impl MarkedPicture {
     /// # Errors
-    /// When the lens is of pictures of another size.
+    /// When the lens belongs to another image size.
     pub(super) fn new(picture: StillPicture, lens: Option<&Lens>) -> anyhow::Result<Self> {
         let [w, h] = picture.size_px;
         if let Some(lens) = lens {
             let [lens_w, lens_h] = lens.size_px;
             let remedy = if [lens_h, lens_w] == picture.size_px {
-                "it lies on its side: save it as the camera records"
+                "it is turned on its side: save it as the camera records"
             } else {
-                "give a picture as the camera records, not cut or made smaller"
+                "give an image as the camera records it, not cut or made smaller"
             };
             ensure!(
                 lens.size_px == picture.size_px,
-                "{}: found a picture of {w}x{h}, expected {lens_w}x{lens_h} as the lens of camera `{}`: {remedy}",
+                "{}: found an image of {w}x{h}, expected {lens_w}x{lens_h} as in the lens of camera `{}`: {remedy}",
                 picture.path.display(),
                 picture.name
             );
@@ -80,11 +79,11 @@ impl MarkedPicture {
     }
 }
 
-/// The pictures at `paths`, folders opened, each named by its file.
+/// Reads the images at `paths` and in folders, each with the name of its file.
 ///
 /// # Errors
-/// What is no picture and no video, two of one camera, too many.
-pub(super) fn of(paths: &[PathBuf], from_s: f64) -> anyhow::Result<Vec<StillPicture>> {
+/// Other files, two images of one camera, too many.
+pub(super) fn read_all(paths: &[PathBuf], from_s: f64) -> anyhow::Result<Vec<StillPicture>> {
     ensure!(
         (0.0..=LATEST_S).contains(&from_s),
         "--from-s: found {from_s}, expected 0 to {LATEST_S} seconds"
@@ -92,7 +91,7 @@ pub(super) fn of(paths: &[PathBuf], from_s: f64) -> anyhow::Result<Vec<StillPict
     let paths = files(paths)?;
     ensure!(
         paths.len() <= MOST_PICTURES,
-        "found {} pictures, expected one of each camera and at most {MOST_PICTURES}",
+        "found {} images, expected one of each camera and at most {MOST_PICTURES}",
         paths.len()
     );
     let mut pictures: Vec<StillPicture> = Vec::new();
@@ -100,7 +99,7 @@ pub(super) fn of(paths: &[PathBuf], from_s: f64) -> anyhow::Result<Vec<StillPict
         let picture = still(&path, from_s)?;
         if let Some(other) = pictures.iter().find(|it| it.name == picture.name) {
             bail!(
-                "{} and {}: both are of camera `{}`: give one, or another name",
+                "{} and {}: both belong to camera `{}`: give only one, or rename one",
                 other.path.display(),
                 path.display(),
                 picture.name
@@ -111,7 +110,7 @@ pub(super) fn of(paths: &[PathBuf], from_s: f64) -> anyhow::Result<Vec<StillPict
     Ok(pictures)
 }
 
-/// Files, and what pictures and videos are in folders.
+/// Files, and the images and videos in folders.
 fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut all = Vec::new();
     for path in paths {
@@ -121,11 +120,11 @@ fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         }
         let inside = entries(path)?;
         let before = all.len();
-        let is_one = |it: &PathBuf| it.is_file() && (is_picture(it) || is_video(it));
+        let is_one = |it: &PathBuf| it.is_file() && (is_image(it) || is_video(it));
         all.extend(inside.into_iter().filter(is_one));
         ensure!(
             all.len() > before,
-            "{}: found no picture in it, expected JPEG or PNG files, or videos, called as the cameras",
+            "{}: found no image in it, expected JPEG or PNG files, or videos, named after the cameras",
             path.display()
         );
     }
@@ -135,17 +134,18 @@ fn files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
 fn still(path: &Path, from_s: f64) -> anyhow::Result<StillPicture> {
     let shown = || path.display().to_string();
     let name = path.file_stem().and_then(|it| it.to_str());
-    let name = name.ok_or_else(|| anyhow!("{}: expected a file called as its camera", shown()))?;
+    let name =
+        name.ok_or_else(|| anyhow!("{}: expected a file named after its camera", shown()))?;
     ClickedFile::check_name(name)
-        .map_err(|problem| anyhow!("{}: {problem}: call the file as its camera", shown()))?;
+        .map_err(|problem| anyhow!("{}: {problem}: rename the file after its camera", shown()))?;
     let picture = if is_video(path) {
-        of_video(path, from_s)?
+        image_of_video(path, from_s)?
     } else {
-        let (picture, orientation) = of_file(path)
-            .with_context(|| format!("{}: expected a JPEG or PNG picture, or a video", shown()))?;
+        let (picture, orientation) = image_of_file(path)
+            .with_context(|| format!("{}: expected a JPEG or PNG image, or a video", shown()))?;
         ensure!(
             orientation == Orientation::NoTransforms,
-            "{0}: found a picture that is tagged as turned ({orientation:?}), expected pixels that lie as those of the camera's videos: \
+            "{0}: found an image that is tagged as turned ({orientation:?}), expected pixels in the orientation of the camera's videos: \
              give a video, or turn the pixels (magick mogrify -auto-orient {0})",
             shown()
         );
@@ -159,8 +159,8 @@ fn still(path: &Path, from_s: f64) -> anyhow::Result<StillPicture> {
     })
 }
 
-/// A picture as it is stored, and how it says that it is turned.
-fn of_file(path: &Path) -> anyhow::Result<(RgbImage, Orientation)> {
+/// The image as stored, and its orientation tag.
+fn image_of_file(path: &Path) -> anyhow::Result<(RgbImage, Orientation)> {
     let mut reader = ImageReader::open(path)?.with_guessed_format()?;
     let mut limits = Limits::default();
     limits.max_image_width = Some(LONGEST_SIDE_PX);
@@ -180,21 +180,21 @@ fn of_file(path: &Path) -> anyhow::Result<(RgbImage, Orientation)> {
     ))
 }
 
-/// The sharpest picture of the second from `from_s` on; of a video that ends before, of its last ones.
-fn of_video(path: &Path, from_s: f64) -> anyhow::Result<RgbImage> {
+/// The sharpest image of the second from `from_s` on, if the video is that long.
+fn image_of_video(path: &Path, from_s: f64) -> anyhow::Result<RgbImage> {
     let shown = path.display();
     let (info, mut source) = open_video_alone(path)?;
-    say_format(&shown.to_string(), &info);
-    let rate_hz = rate::about(info.rate_hz);
+    print_format(&shown.to_string(), &info);
+    let rate_hz = recordings::rough_rate(info.rate_hz);
     let first = (from_s * rate_hz) as u64;
-    let looked = (LOOKED_S * rate_hz).ceil() as u64;
+    let searched = (SEARCHED_S * rate_hz).ceil() as u64;
     let mut sharpest: Option<(f64, Picture)> = None;
     let mut number = 0;
-    while number < first + looked
+    while number < first + searched
         && let Some(frame) = source.next_frame()?
     {
         let FrameContent::Image(picture) = frame.content else {
-            bail!("{shown}: found no pictures");
+            bail!("{shown}: found no images");
         };
         if number >= first {
             let sharpness = sharpness(&picture.to_grey());
@@ -206,11 +206,11 @@ fn of_video(path: &Path, from_s: f64) -> anyhow::Result<RgbImage> {
     }
     let found = sharpest.map(|(_, picture)| picture.into_rgb());
     found.ok_or_else(|| {
-        anyhow!("{shown}: found {number} pictures, expected some after {from_s} s (--from-s)")
+        anyhow!("{shown}: found {number} images, expected some after {from_s} s (--from-s)")
     })
 }
 
-/// Quickly made rather than small: it goes no farther than this machine.
+/// Encodes fast rather than small: the data stays on this machine.
 fn png(picture: &RgbImage) -> anyhow::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Sub);
@@ -228,19 +228,19 @@ mod tests {
     use super::*;
 
     fn refused(paths: &[PathBuf]) -> String {
-        match of(paths, 0.0) {
+        match read_all(paths, 0.0) {
             Ok(_) => String::new(),
             Err(error) => format!("{error:#}"),
         }
     }
 
     #[test]
-    fn pictures_are_named_by_their_files_and_keep_every_pixel() {
+    fn images_are_named_after_their_files_and_keep_every_pixel() {
         let folder = tempfile::tempdir().unwrap();
         let drawn = RgbImage::from_fn(40, 30, |x, y| image::Rgb([x as u8, y as u8, 200]));
         drawn.save(folder.path().join("north.png")).unwrap();
         std::fs::write(folder.path().join("notes.txt"), "no picture").unwrap();
-        let found = of(&[folder.path().to_owned()], 0.0).unwrap();
+        let found = read_all(&[folder.path().to_owned()], 0.0).unwrap();
         assert_eq!(found.len(), 1);
         assert_eq!(
             (found[0].name.as_str(), found[0].size_px),
@@ -253,25 +253,21 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_picture_is_refused_by_name() {
+    fn invalid_images_are_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         std::fs::write(at("south.jpg"), "no picture").unwrap();
-        let told = refused(&[at("south.jpg")]);
-        assert!(
-            told.contains("south.jpg: expected a JPEG or PNG picture"),
-            "{told}"
-        );
+        assert!(refused(&[at("south.jpg")]).contains("south.jpg: expected a JPEG"));
         assert!(refused(&[at("absent.png")]).contains("absent.png"));
         std::fs::create_dir(at("empty")).unwrap();
-        assert!(refused(&[at("empty")]).contains("found no picture in it"));
+        assert!(refused(&[at("empty")]).contains("empty: found no image"));
         RgbImage::new(4, 4).save(at("a.png")).unwrap();
         RgbImage::new(4, 4).save(at("a.jpeg")).unwrap();
-        let told = refused(&[at("a.png"), at("a.jpeg")]);
-        assert!(told.contains("both are of camera `a`"), "{told}");
+        let error = refused(&[at("a.png"), at("a.jpeg")]);
+        assert!(error.contains("camera `a`"), "{error}");
     }
 
-    /// A JPEG with an EXIF segment that holds nothing but the orientation.
+    /// A JPEG with an EXIF segment that contains only the orientation.
     fn tagged(orientation: u8) -> Vec<u8> {
         let mut jpeg = std::io::Cursor::new(Vec::new());
         RgbImage::new(8, 6)
@@ -285,32 +281,27 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_that_is_tagged_as_turned_is_refused_with_what_to_do() {
+    fn an_image_tagged_as_turned_is_refused_with_a_remedy() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("north.jpg");
         for orientation in [3, 6] {
             std::fs::write(&path, tagged(orientation)).unwrap();
-            let told = refused(std::slice::from_ref(&path));
-            assert!(
-                told.contains("north.jpg: found a picture that is tagged as turned"),
-                "{told}"
-            );
-            assert!(told.contains("-auto-orient"), "{told}");
+            let error = refused(std::slice::from_ref(&path));
+            assert!(error.contains("north.jpg: ") && error.contains("-auto-orient"));
         }
         std::fs::write(&path, tagged(1)).unwrap();
         assert_eq!(refused(std::slice::from_ref(&path)), "");
     }
 
     #[test]
-    fn a_file_whose_name_no_camera_can_have_is_refused_before_it_is_decoded() {
+    fn a_file_with_an_invalid_camera_name_is_refused_before_decoding() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(format!("{}.png", "x".repeat(65)));
-        let told = refused(&[path]);
-        assert!(told.contains("call the file as its camera"), "{told}");
+        assert!(refused(&[path]).contains("rename the file"));
     }
 
     #[test]
-    fn a_lens_of_another_size_is_refused_with_what_to_do() {
+    fn a_lens_of_another_size_is_refused_with_a_remedy() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         RgbImage::new(30, 40).save(&path).unwrap();
@@ -325,11 +316,12 @@ mod tests {
             model: farfield_proto::camera::LensModel::ideal(),
         };
         for (size_px, expected) in [([60, 80], "made smaller"), ([40, 30], "on its side")] {
-            let picture = of(std::slice::from_ref(&path), 0.0).unwrap().remove(0);
-            let told = MarkedPicture::new(picture, Some(&lens(size_px)))
-                .err()
-                .unwrap();
-            assert!(told.to_string().contains(expected), "{told}");
+            let picture = read_all(std::slice::from_ref(&path), 0.0)
+                .unwrap()
+                .remove(0);
+            let refused = MarkedPicture::new(picture, Some(&lens(size_px)));
+            let error = refused.err().unwrap().to_string();
+            assert!(error.contains(expected), "{error}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Which parts of each camera's picture the sights reach.
+//! Shows which parts of each camera's image contain sights.
 
 use std::fmt::Write as _;
 
@@ -9,7 +9,7 @@ use super::escaped;
 
 /// Side of a cell, pixels of the page.
 const CELL_PX: f64 = 24.0;
-/// Sights of a cell, at least, and how it is drawn: lighter is fewer.
+/// Minimum of sights in a cell, with its colour: lighter means fewer.
 const SHADES: [(usize, &str); 4] = [
     (300, "#00224e"),
     (100, "#35456c"),
@@ -17,10 +17,10 @@ const SHADES: [(usize, &str); 4] = [
     (1, "#cfbb5c"),
 ];
 
-/// A small picture per camera.
+/// A small map per camera.
 pub(super) fn coverage(page: &mut String, found: &PointCalibration) {
     page.push_str(
-        "<h2>What the pictures saw</h2>\n<p>Sights that fit, by where they are in each camera's picture; darker is more, striped is \
+        "<h2>Coverage of the images</h2>\n<p>Sights that fit, by their position in each camera's image; darker means more, striped means \
          none.</p>\n<div class=\"pictures\">\n",
     );
     for (camera, report) in found.cameras.iter().zip(&found.report.cameras) {
@@ -31,7 +31,7 @@ pub(super) fn coverage(page: &mut String, found: &PointCalibration) {
         // Writing to a string does not fail.
         writeln!(
             page,
-            "<figure><svg viewBox=\"0 0 {:.1} {:.1}\" role=\"img\" aria-label=\"sights in the picture of {}\">",
+            "<figure><svg viewBox=\"0 0 {:.1} {:.1}\" role=\"img\" aria-label=\"sights in the image of {}\">",
             columns * side[0],
             rows * side[1],
             escaped(&report.name)
@@ -78,7 +78,7 @@ fn in_words(report: &CameraReport) -> String {
     if edges.is_empty() {
         return share;
     }
-    format!("{share}, nothing at the {} edge", edges.join(" edge, the "))
+    format!("{share}, none at the {} edge", edges.join(" edge, the "))
 }
 
 #[cfg(test)]

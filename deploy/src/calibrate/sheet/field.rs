@@ -1,4 +1,4 @@
-//! The map of the field: how sure a point is where, and how many cameras see it.
+//! The map of the field: accuracy of a point, and number of cameras that see it.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -8,12 +8,13 @@ use farfield_calibration::report::{FieldCell, FieldReport};
 
 use super::plan::{Plan, seen_from_above};
 
-/// From dark to light, in an order that all eyes see and that survives a grey print (cividis, Nuñez et al. 2018).
+/// From dark to light, in an order that is clear to colour-blind people and in a grey print (cividis, Nuñez et al.
+/// 2018).
 const COLOURS: [&str; 7] = [
     "#00224e", "#35456c", "#5b636f", "#7d7c78", "#a59c74", "#cfbb5c", "#fee838",
 ];
-/// What is seen by too few: stripes, which are no colour. Once on the page, for all that is drawn on it; what is not displayed at
-/// all would draw nothing.
+/// Stripes for cells that too few cameras see. Defined once per page; an element with `display:none` would draw
+/// nothing.
 pub(super) const STRIPES: &str = "<svg aria-hidden=\"true\" style=\"position:absolute;width:0;height:0\"><defs><pattern id=\"stripes\" width=\"6\" height=\"6\" patternUnits=\"userSpaceOnUse\" \
     patternTransform=\"rotate(45)\"><rect width=\"6\" height=\"6\" fill=\"#fff\"/><rect width=\"2.5\" height=\"6\" fill=\"#b3261e\"/>\
     </pattern></defs></svg>\n";
@@ -23,21 +24,21 @@ const CLASSES_MM: [f64; 25] = [
     50.0, 75.0, 100.0, 150.0, 200.0, 300.0, 500.0, 1000.0,
 ];
 
-/// By how much squares reach over their neighbours, pixels of the page: numbers on it are rounded, and between squares that only touch
-/// a line of the background would show.
+/// Overlap of neighbouring squares, pixels of the page. Numbers are rounded, so without it the background would show
+/// between squares.
 const OVERLAP_PX: f64 = 0.3;
 
-/// What the maps mean, and what to do about them.
-const MEANING: &str = "A joint is off by about as much as the map says where the network is right to a pixel, by up to three times as much \
-    where it is right to three. Where that is too much, bring a camera nearer or give it a longer lens, or set one up that looks across \
-    what the others look along; or calibrate better, where the cameras' own uncertainty is the larger part. In stripes nobody can be \
-    measured: turn a camera there, or leave that part out.";
+/// Explanation of the maps.
+const MEANING: &str = "A joint has about the error of the map if the network is accurate to one pixel, and up to three times as much \
+    if it is accurate to three. If that is too much, move a camera nearer, give it a longer lens, or add a camera whose direction crosses \
+    that of the others; or calibrate better if the uncertainty of the cameras is the larger part. In striped areas nothing can be \
+    measured: turn a camera there, or exclude that part.";
 
-/// The classes that a field needs: their upper ends, the last without one.
+/// Upper ends of the classes that a field needs; the last class has none.
 struct Classes(Vec<f64>);
 
 impl Classes {
-    fn of(field: &FieldReport) -> Self {
+    fn new(field: &FieldReport) -> Self {
         let least_mm = 1000.0 * field.sigma_m(0.0).unwrap_or(0.0);
         let most_mm = 1000.0 * field.sigma_m(0.98).unwrap_or(0.0);
         let first = CLASSES_MM.iter().position(|end| least_mm <= *end);
@@ -49,7 +50,7 @@ impl Classes {
                 break;
             }
         }
-        // Where these are more than colours every other one goes, but not the last.
+        // If there are more than colours, every other one is removed, but not the last.
         while ends.len() >= COLOURS.len() {
             let count = ends.len();
             let mut number = 0;
@@ -67,7 +68,7 @@ impl Classes {
         ends.clone().position(is_above).unwrap_or(self.0.len())
     }
 
-    /// Spread over all colours, so that a map of two classes is dark and light.
+    /// Classes are spread over all colours, so a map of two classes is dark and light.
     fn colour(&self, class: usize) -> &'static str {
         let most = self.0.len().max(1);
         let index = class * (COLOURS.len() - 1) / most;
@@ -83,12 +84,12 @@ impl Classes {
     }
 }
 
-/// The map, where there is one.
+/// The map of the field, if available.
 pub(super) fn field(page: &mut String, found: &PointCalibration) {
     let Some(field) = &found.report.field else {
         page.push_str(
-            "<h2>The field</h2>\n<p>There is no map of it: nothing says how long a metre is, where the floor is, or how well the \
-             cameras are known.</p>\n",
+            "<h2>The field</h2>\n<p>There is no map of it: the scale, the floor, or the accuracy of the cameras is \
+             unknown.</p>\n",
         );
         return;
     };
@@ -98,7 +99,7 @@ pub(super) fn field(page: &mut String, found: &PointCalibration) {
         [[x - half_m, y - half_m], [x + half_m, y + half_m]]
     });
     let cameras = found.cameras.iter().map(|camera| seen_from_above(camera).0);
-    let Some(plan) = Plan::of(corners.chain(cameras)) else {
+    let Some(plan) = Plan::new(corners.chain(cameras)) else {
         return;
     };
     // Writing to a string does not fail.
@@ -109,8 +110,8 @@ pub(super) fn field(page: &mut String, found: &PointCalibration) {
     )
     .ok();
     page.push_str("<div class=\"pair\">\n<figure>");
-    let classes = Classes::of(field);
-    plan.begin(page, "how sure a point is where");
+    let classes = Classes::new(field);
+    plan.begin(page, "accuracy of a point");
     for cell in &field.cells {
         let colour = cell.sigma_m.map(|it| classes.colour(classes.class(it)));
         square(page, &plan, field, cell, colour);
@@ -121,9 +122,9 @@ pub(super) fn field(page: &mut String, found: &PointCalibration) {
     for class in 0..=classes.0.len() {
         swatch(page, Some(classes.colour(class)), &classes.words(class));
     }
-    swatch(page, None, "not known: fewer than two cameras");
+    swatch(page, None, "unknown: fewer than two cameras");
     page.push_str("</figcaption></figure>\n<figure>");
-    plan.begin(page, "how many cameras see each place");
+    plan.begin(page, "number of cameras that see each place");
     for cell in &field.cells {
         square(page, &plan, field, cell, by_count(cell.cameras));
     }
@@ -144,29 +145,29 @@ pub(super) fn field(page: &mut String, found: &PointCalibration) {
     page.push_str("</figcaption></figure>\n</div>\n");
 }
 
-/// Cameras beyond which more are of one colour.
+/// From this number of cameras on, the colour is the same.
 const MOST_COUNTED: usize = 8;
 
-/// More is darker; `None` of fewer than two.
+/// More is darker; `None` below two.
 fn by_count(cameras: usize) -> Option<&'static str> {
     (cameras >= 2).then(|| COLOURS[MOST_COUNTED - cameras.min(MOST_COUNTED)])
 }
 
-/// What is said of the whole field.
+/// A sentence on the whole field.
 pub(in crate::calibrate) fn in_words(field: &FieldReport) -> String {
     let two = (100.0 * field.share_seen_by(2)).floor();
     let of = match &field.court {
         Some(court) => format!(
-            "the {} court and of where somebody was beside it",
+            "the {} court and of the area around it where people were",
             court.name
         ),
-        None => "where somebody was or a mark is (beyond it nothing is said)".to_owned(),
+        None => "the area with people or marks (other areas are unknown)".to_owned(),
     };
     let seen = format!("{two:.0} % of {of} is seen by two cameras or more");
     let sigma_mm = |share: f64| field.sigma_m(share).map(|it| 1000.0 * it);
     match sigma_mm(0.5).zip(sigma_mm(0.95)) {
         Some((middle, most)) => format!(
-            "A point that each camera sees to {} px has a standard deviation of {middle:.1} mm or less in half of the field and of {most:.1} mm or \
+            "A point with an error of {} px in each camera has a standard deviation of {middle:.1} mm or less in half of the field and of {most:.1} mm or \
              less in 95 % of it, {:.1} m above the floor; {seen}.",
             field.sight_sigma_px, field.height_m
         ),
@@ -186,7 +187,7 @@ fn square(
     let [left, top] = plan.px([x - half_m, y + half_m]);
     let side = field.step_m * plan.scale() + OVERLAP_PX;
     let sigma = cell.sigma_m.map_or_else(
-        || "not known".to_owned(),
+        || "unknown".to_owned(),
         |sigma_m| format!("{:.1} mm", 1000.0 * sigma_m),
     );
     writeln!(
@@ -199,7 +200,7 @@ fn square(
     .ok();
 }
 
-/// One colour of a legend and what it means.
+/// One colour of a legend and its meaning.
 fn swatch(page: &mut String, colour: Option<&str>, words: &str) {
     write!(
         page,
@@ -233,7 +234,7 @@ mod tests {
 
     #[test]
     fn classes_begin_and_end_where_the_field_does() {
-        let classes = Classes::of(&with(&[2.5, 4.0, 9.0]));
+        let classes = Classes::new(&with(&[2.5, 4.0, 9.0]));
         assert_eq!(classes.0, [3.0, 4.0, 5.0, 6.0, 8.0, 10.0]);
         assert_eq!(classes.words(classes.class(0.0045)), "up to 5 mm");
         assert_eq!(classes.words(classes.class(0.011)), "above 10 mm");
@@ -243,18 +244,18 @@ mod tests {
     #[test]
     fn a_wide_range_has_no_more_classes_than_colours() {
         for field in [with(&[0.1, 900.0]), with(&[5000.0]), with(&[])] {
-            let classes = Classes::of(&field);
+            let classes = Classes::new(&field);
             assert!(classes.0.len() < COLOURS.len(), "{:?}", classes.0);
             let colours: BTreeSet<_> = (0..=classes.0.len()).map(|it| classes.colour(it)).collect();
             assert_eq!(colours.len(), classes.0.len() + 1);
         }
     }
 
-    /// Symptom: a white line went through the maps.
+    /// Symptom: a white line crossed the maps.
     #[test]
-    fn nothing_shows_between_squares() {
+    fn no_gap_shows_between_squares() {
         let field = with(&[2.0]);
-        let plan = Plan::of([[0.0, 0.0], [37.0, 11.0]]).unwrap();
+        let plan = Plan::new([[0.0, 0.0], [37.0, 11.0]]).unwrap();
         let ends_px = |x_m: f64| -> [f64; 2] {
             let (mut page, mut cell) = (String::new(), field.cells[0]);
             cell.position_m[0] = x_m;
@@ -274,26 +275,18 @@ mod tests {
     }
 
     #[test]
-    fn the_field_is_said_in_one_sentence() {
-        let said = in_words(&with(&[2.0, 4.0, 6.0]));
+    fn the_field_is_described_in_one_sentence() {
+        let text = in_words(&with(&[2.0, 4.0, 6.0]));
         assert!(
-            said.contains(
-                "4.0 mm or less in half of the field and of 6.0 mm or less in 95 % of it"
-            ),
-            "{said}"
+            text.contains("4.0 mm ") && text.contains("6.0 mm "),
+            "{text}"
         );
-        assert!(
-            said.contains("100 % of where somebody was or a mark is (beyond it nothing is said) is seen by two"),
-            "{said}"
-        );
+        assert!(text.contains("100 % of the area"), "{text}");
         let court = Court::of("futsal", None).ok();
         let of_court = in_words(&FieldReport {
             court,
             ..with(&[2.0])
         });
-        assert!(
-            of_court.contains("100 % of the futsal court and of where somebody was beside it"),
-            "{of_court}"
-        );
+        assert!(of_court.contains("100 % of the futsal court"), "{of_court}");
     }
 }

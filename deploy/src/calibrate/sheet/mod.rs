@@ -1,5 +1,4 @@
-//! The sheet of a calibration: one HTML file that says whether it passes, which camera to climb to, and where they stand.
-//! It needs nothing but itself.
+//! The sheet of a calibration: one self-contained HTML file with the verdict, the problems of each camera, and plans.
 
 mod coverage;
 mod field;
@@ -14,10 +13,10 @@ pub(super) use field::in_words;
 
 use field::STRIPES;
 
-use super::judged::{JudgedCalibration, NOT_DETERMINED, halves, people_in_words};
+use super::results::{JudgedCalibration, NOT_DETERMINED, halves, people_in_words};
 use crate::sheet_fingerprint;
 
-/// How the page looks, in the light and in the dark.
+/// Style of the page, for light and dark displays.
 const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem}\
     table{border-collapse:collapse;width:100%}th,td{text-align:right;padding:.3rem .6rem;border-bottom:1px solid #8884}\
     td{white-space:nowrap}td.words{white-space:normal;min-width:15rem}th:first-child,td:first-child{text-align:left}.wide{overflow-x:auto}.pass{color:#0a7d4d}.warn{color:#8a5a00}.fail{color:#c0392b}svg{width:100%;height:auto}\
@@ -25,11 +24,11 @@ const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;margin:2rem auto;ma
     grid-template-columns:repeat(auto-fill,minmax(11rem,1fr));gap:1rem}figcaption{font-size:.9rem}\
     @media(prefers-color-scheme:dark){body{background:#14171a;color:#dde}.pass{color:#4cc38a}.warn{color:#e5b567}.fail{color:#ff7a6b}}";
 
-/// What was asked for, as far as it stands on the sheet.
+/// Facts on the request for the sheet.
 pub(super) struct SheetFacts<'a> {
-    /// Where metres come from, in sentences.
+    /// Origin of the scale, in sentences.
     pub(super) metres: &'a str,
-    /// Whether cameras have clocks of their own: of others nobody knows when a frame was, or how many there are a second.
+    /// Whether cameras have separate clocks; otherwise times and rates of frames are unknown.
     pub(super) has_clocks: bool,
 }
 
@@ -65,13 +64,13 @@ fn findings(page: &mut String, judged: &JudgedCalibration<'_>) {
     let mut all: Vec<(bool, String)> = report.map(|it| (it.is_wrong(), it.to_string())).collect();
     let refusals = judged.refusals.iter();
     all.extend(refusals.map(|it| (true, format!("a run refuses it: {it}"))));
-    all.extend(judged.doubts.iter().map(|it| (false, it.clone())));
+    all.extend(judged.warnings.iter().map(|it| (false, it.clone())));
     if all.is_empty() {
-        page.push_str("<p>Nothing speaks against it.</p>\n");
+        page.push_str("<p>No problems were found.</p>\n");
         return;
     }
     all.sort_by_key(|(is_wrong, _)| !is_wrong);
-    page.push_str("<h2>What speaks against it</h2>\n<ul>\n");
+    page.push_str("<h2>Problems</h2>\n<ul>\n");
     for (is_wrong, text) in all {
         let class = if is_wrong { "fail" } else { "warn" };
         writeln!(page, "<li class=\"{class}\">{}</li>", escaped(&text)).ok();
@@ -81,7 +80,7 @@ fn findings(page: &mut String, judged: &JudgedCalibration<'_>) {
 
 fn table(page: &mut String, found: &PointCalibration, facts: &SheetFacts<'_>) {
     page.push_str(
-        "<h2>Cameras</h2>\n<div class=\"wide\"><table><tr><th>camera</th><th>sights</th><th>used</th><th>off by</th><th>place, by noise alone</th>\
+        "<h2>Cameras</h2>\n<div class=\"wide\"><table><tr><th>camera</th><th>sights</th><th>used</th><th>error</th><th>position, by noise alone</th>\
          <th>rotation, by noise alone</th><th>halves of the data</th><th>focal length</th>",
     );
     if facts.has_clocks {
@@ -122,14 +121,14 @@ fn table(page: &mut String, found: &PointCalibration, facts: &SheetFacts<'_>) {
     if let Some(rms_m) = found.report.anchors_rms_m {
         writeln!(
             page,
-            "<p>Known places are {:.0} mm from where they were found.</p>",
+            "<p>The known places have an error of {:.0} mm.</p>",
             1000.0 * rms_m
         )
         .ok();
     }
 }
 
-/// Whatever a camera is called is text.
+/// Escapes a text for HTML.
 fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
@@ -150,9 +149,10 @@ mod tests {
 
     use super::*;
 
-    /// Symptom: of cameras whose frames are told apart by their numbers alone it said "-750.0000 s" and "1.0000 Hz".
+    /// Symptom: for cameras without separate clocks, whose frames have only numbers, it showed "-750.0000 s" and
+    /// "1.0000 Hz".
     #[test]
-    fn times_stand_on_it_where_cameras_have_clocks_of_their_own() {
+    fn times_are_shown_only_for_cameras_with_separate_clocks() {
         let camera = CameraReport {
             name: "ne".to_owned(),
             sights: 900,
@@ -178,19 +178,19 @@ mod tests {
                 ..Report::default()
             },
         };
-        let told = |has_clocks| {
+        let page_with = |has_clocks| {
             let mut page = String::new();
             let metres = "";
             table(&mut page, &found, &SheetFacts { metres, has_clocks });
             assert_eq!(page.matches("<th>").count(), page.matches("<td").count());
             page
         };
-        let with = told(true);
+        let with = page_with(true);
         assert!(
             with.contains("<td>-750.0000 s</td><td>1.0000 Hz</td></tr>"),
             "{with}"
         );
-        let without = told(false);
+        let without = page_with(false);
         assert!(
             !without.contains("Hz") && !without.contains("frame 0"),
             "{without}"
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_text_whatever_they_are() {
+    fn names_are_escaped() {
         assert_eq!(escaped("<b>\"a\" & b"), "&lt;b&gt;&quot;a&quot; &amp; b");
     }
 }

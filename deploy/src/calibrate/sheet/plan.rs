@@ -1,4 +1,4 @@
-//! What is seen from above: the path, the cameras, a scale.
+//! Plans from above: path, cameras, scale.
 
 use std::fmt::Write as _;
 
@@ -11,10 +11,10 @@ use super::escaped;
 /// Side of a plan, pixels of the page, and its margin.
 const PLAN_PX: f64 = 640.0;
 const MARGIN_PX: f64 = 60.0;
-/// Most points of the path that are drawn.
+/// Limit for the drawn points of the path.
 const MAX_DRAWN: usize = 4000;
 
-/// A plan: x to the right, y up, as large as what it shows.
+/// A plan: x to the right, y up, fitted to its content.
 pub(super) struct Plan {
     least_m: [f64; 2],
     extent_m: f64,
@@ -22,8 +22,8 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// One that shows all of `places_m`; `None` where these are at one place.
-    pub(super) fn of(places_m: impl IntoIterator<Item = [f64; 2]>) -> Option<Self> {
+    /// A plan of all `places_m`; `None` if these are one point.
+    pub(super) fn new(places_m: impl IntoIterator<Item = [f64; 2]>) -> Option<Self> {
         let (mut least_m, mut most_m) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let is_number = |at: &[f64; 2]| at.iter().all(|v| v.is_finite());
         for at in places_m.into_iter().filter(is_number) {
@@ -41,12 +41,12 @@ impl Plan {
         })
     }
 
-    /// Pixels of the page for a metre.
+    /// Pixels of the page per metre.
     pub(super) fn scale(&self) -> f64 {
         (PLAN_PX - 2.0 * MARGIN_PX) / self.extent_m
     }
 
-    /// Where a place is on the page.
+    /// The position of a place on the page.
     pub(super) fn px(&self, at_m: [f64; 2]) -> [f64; 2] {
         [
             MARGIN_PX + (at_m[0] - self.least_m[0]) * self.scale(),
@@ -66,7 +66,7 @@ impl Plan {
         .ok();
     }
 
-    /// The lines of a court, which is about the origin of the venue.
+    /// The lines of a court at the origin of the venue.
     pub(super) fn court(&self, page: &mut String, court: Option<&Court>) {
         let Some(court) = court else { return };
         let placed = PlacedCourt {
@@ -86,7 +86,7 @@ impl Plan {
         page.push_str("</g>\n");
     }
 
-    /// Cameras and the scale, and the end of the drawing.
+    /// Cameras and scale, and the end of the drawing.
     pub(super) fn end(&self, page: &mut String, cameras: &[FoundCamera]) {
         for camera in cameras {
             let (at, ahead) = seen_from_above(camera);
@@ -95,7 +95,7 @@ impl Plan {
             }
             let [x, y] = self.px(at);
             let [to_x, to_y] = [x + 36.0 * ahead[0], y - 36.0 * ahead[1]];
-            // Towards the middle, where there is room for a name.
+            // Towards the middle, where a name has space.
             let (anchor, aside) = if x > 0.75 * PLAN_PX {
                 ("end", -8.0)
             } else {
@@ -125,7 +125,7 @@ impl Plan {
     }
 }
 
-/// Where the camera stands, from above, and where it looks.
+/// Position and direction of the camera from above.
 pub(super) fn seen_from_above(camera: &FoundCamera) -> ([f64; 2], [f64; 2]) {
     let at = camera.state.center_w;
     let ahead = camera.state.camera_from_world.inverse() * nalgebra::Vector3::z();
@@ -147,7 +147,7 @@ pub(super) fn path(page: &mut String, found: &PointCalibration) {
         let [x, y] = court.size_m.map(|side_m| 0.5 * side_m);
         [[-x, -y], [x, y]]
     });
-    let Some(plan) = Plan::of(path.iter().copied().chain(cameras).chain(corners)) else {
+    let Some(plan) = Plan::new(path.iter().copied().chain(cameras).chain(corners)) else {
         return;
     };
     page.push_str("<h2>From above</h2>\n");
@@ -189,9 +189,9 @@ mod tests {
     }
 
     #[test]
-    fn a_court_is_drawn_where_it_lies() {
+    fn a_court_is_drawn_at_its_place() {
         let court = Court::of("futsal", None).unwrap();
-        let plan = Plan::of([[-20.0, -10.0], [20.0, 10.0]]).unwrap();
+        let plan = Plan::new([[-20.0, -10.0], [20.0, 10.0]]).unwrap();
         let mut page = String::new();
         plan.court(&mut page, Some(&court));
         let [x, y] = plan.px([-20.0, 10.0]);
@@ -205,10 +205,10 @@ mod tests {
     #[test]
     fn a_plan_shows_all_places_and_north_is_up() {
         let places = [[-3.0, 2.0], [21.0, 2.0], [5.0, 14.0], [f64::NAN, 0.0]];
-        let plan = Plan::of(places).unwrap();
+        let plan = Plan::new(places).unwrap();
         let [west, east, north] = [plan.px(places[0]), plan.px(places[1]), plan.px(places[2])];
         assert!(east[0] > west[0] && north[1] < west[1]);
         assert!(north[1] >= MARGIN_PX - 1e-9 && east[0] <= PLAN_PX - MARGIN_PX + 1e-9);
-        assert!(Plan::of([[1.0, 1.0]]).is_none() && Plan::of([]).is_none());
+        assert!(Plan::new([[1.0, 1.0]]).is_none() && Plan::new([]).is_none());
     }
 }

@@ -1,4 +1,4 @@
-//! What is clicked in pictures, by two pages and by hand at once.
+//! Clicks by two pages and edits by hand at the same time.
 
 use super::*;
 
@@ -12,11 +12,11 @@ fn desk(out: &Path) -> Desk {
         text,
         court: None,
     };
-    of_north(out, found)
+    north_desk(out, found)
 }
 
-/// A desk that shows the picture of one camera.
-fn of_north(out: &Path, found: Found) -> Desk {
+/// A desk that shows the image of one camera.
+fn north_desk(out: &Path, found: Found) -> Desk {
     let north = MarkedPicture {
         name: "north".to_owned(),
         file: "north.png".to_owned(),
@@ -27,9 +27,9 @@ fn of_north(out: &Path, found: Found) -> Desk {
     Desk::new(out.to_owned(), found, vec![north]).unwrap()
 }
 
-/// Puts one more place into what the desk holds, as a page that knows `revision` would.
+/// Adds a position, as a page with `revision` would.
 fn adds(desk: &Desk, revision: u64, name: &str) -> Taken {
-    let mut clicked = desk.held().clicked.clone();
+    let mut clicked = desk.lock().clicked.clone();
     clicked.places.insert(name.to_owned(), [0.0; 3]);
     let clicked = serde_json::to_value(clicked).unwrap();
     let change = serde_json::json!({"revision": revision, "clicked": clicked});
@@ -41,7 +41,7 @@ fn text(path: &Path) -> String {
 }
 
 #[test]
-fn more_decimals_in_a_camera_that_is_not_shown_do_not_lock_the_page() {
+fn more_decimals_in_a_hidden_camera_do_not_block_the_page() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("clicked.toml");
     std::fs::write(&out, COMMENTED).unwrap();
@@ -51,17 +51,17 @@ fn more_decimals_in_a_camera_that_is_not_shown_do_not_lock_the_page() {
 }
 
 #[test]
-fn an_older_document_takes_no_clicks_from_cameras_that_are_not_shown() {
+fn an_older_document_does_not_remove_clicks_of_hidden_cameras() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("clicked.toml");
     let desk = desk(&out);
     assert!(matches!(adds(&desk, 0, "a"), Taken::Written(_)));
-    let older = desk.held().clicked.clone();
-    // Another page that shows the south, and a name that it gives.
+    let older = desk.lock().clicked.clone();
+    // Another page shows the south camera, and adds a name.
     let both = text(&out) + "b = [1.0, 2.0, 3.0]\n[camera.south]\na = [3.0, 4.0]\nb = [5.0, 6.0]\n";
     std::fs::write(&out, ClickedFile::parse(&both, &out).unwrap().text()).unwrap();
     assert!(matches!(adds(&desk, 1, "c"), Taken::Behind(_)));
-    // Ctrl Z.
+    // Undo (Ctrl Z).
     let older = serde_json::json!({"revision": 2, "clicked": older});
     let Taken::Written(state) = desk.take(older.to_string().as_bytes()) else {
         panic!("expected that it is written");
@@ -74,27 +74,27 @@ fn an_older_document_takes_no_clicks_from_cameras_that_are_not_shown() {
 }
 
 #[test]
-fn what_is_written_elsewhere_while_a_change_is_weighed_is_not_written_over() {
+fn a_change_by_another_program_during_a_fit_is_not_overwritten() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("clicked.toml");
     let desk = desk(&out);
     assert!(matches!(adds(&desk, 0, "a"), Taken::Written(_)));
-    let mut held = desk.held();
+    let mut state = desk.lock();
     let change = ClickedChange {
         revision: 1,
-        clicked: held.clicked.clone(),
+        clicked: state.clicked.clone(),
     };
-    let Ok((clicked, fits)) = desk.weighed(&mut held, &change) else {
-        panic!("expected that nothing is in the way");
+    let Ok((clicked, fits)) = desk.fitted(&mut state, &change) else {
+        panic!("expected a valid change");
     };
     std::fs::write(&out, COMMENTED).unwrap();
-    let put = desk.put(&mut held, clicked, fits);
-    assert!(matches!(put, Err(Taken::Behind(_))), "{put:?}");
+    let stored = desk.store(&mut state, clicked, fits);
+    assert!(matches!(stored, Err(Taken::Behind(_))), "{stored:?}");
     assert_eq!(text(&out), COMMENTED);
 }
 
 #[test]
-fn a_file_that_leaves_the_court_to_the_command_is_taken_up_with_it() {
+fn a_changed_file_without_a_court_is_reloaded_with_the_court_option() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("clicked.toml");
     std::fs::write(&out, COMMENTED).unwrap();
@@ -105,10 +105,10 @@ fn a_file_that_leaves_the_court_to_the_command_is_taken_up_with_it() {
         clicked,
         text: Some(COMMENTED.to_owned()),
     };
-    let desk = of_north(&out, found);
-    std::fs::write(&out, format!("{COMMENTED}# and looked at\n")).unwrap();
+    let desk = north_desk(&out, found);
+    std::fs::write(&out, format!("{COMMENTED}# and checked\n")).unwrap();
     let Taken::Behind(state) = adds(&desk, 0, "a") else {
-        panic!("expected what is in the file now");
+        panic!("expected the new content of the file");
     };
     assert!(state.contains("futsal"), "{state}");
     assert!(matches!(adds(&desk, 1, "a"), Taken::Written(_)));
@@ -116,7 +116,7 @@ fn a_file_that_leaves_the_court_to_the_command_is_taken_up_with_it() {
 }
 
 #[test]
-fn every_file_with_comments_is_kept_as_it_was_and_none_of_ours() {
+fn only_files_with_comments_are_backed_up() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let out = at("clicked.toml");
@@ -127,7 +127,7 @@ fn every_file_with_comments_is_kept_as_it_was_and_none_of_ours() {
     }
     assert_eq!(text(&at("clicked.before.toml")), COMMENTED);
     assert!(!at("clicked.before.2.toml").exists());
-    // Ours, and a comment in it.
+    // A file written by the desk, with an added comment.
     let edited = text(&out) + "# the left door\n";
     std::fs::write(&out, &edited).unwrap();
     assert!(matches!(adds(&desk(&out), 0, "c"), Taken::Written(_)));
@@ -138,14 +138,14 @@ fn every_file_with_comments_is_kept_as_it_was_and_none_of_ours() {
 }
 
 #[test]
-fn a_file_that_is_edited_while_the_page_is_open_is_taken_up_and_not_written_over() {
+fn a_file_edited_while_the_page_is_open_is_reloaded() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("clicked.toml");
     let desk = desk(&out);
     assert!(matches!(adds(&desk, 0, "a"), Taken::Written(_)));
     std::fs::write(&out, COMMENTED).unwrap();
     let Taken::Behind(state) = adds(&desk, 1, "b") else {
-        panic!("expected what is in the file now");
+        panic!("expected the new content of the file");
     };
     assert!(
         state.contains("\"revision\":2") && state.contains("door"),
@@ -157,13 +157,13 @@ fn a_file_that_is_edited_while_the_page_is_open_is_taken_up_and_not_written_over
     for broken in [
         "places = 3",
         "court = \"futsal\"",
-        "[camera.north]\nnobody = [1, 2]",
+        "[camera.north]\nunknown = [1, 2]",
     ] {
         std::fs::write(&out, broken).unwrap();
-        let Taken::Failed(told) = adds(&desk, 3, "c") else {
-            panic!("{broken}: expected to be told");
+        let Taken::Failed(error) = adds(&desk, 3, "c") else {
+            panic!("{broken}: expected an error");
         };
-        assert!(told.contains("was changed elsewhere"), "{told}");
+        assert!(error.contains("clicked.toml"), "{error}");
         assert_eq!(text(&out), broken);
     }
     std::fs::remove_file(&out).unwrap();

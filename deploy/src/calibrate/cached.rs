@@ -1,7 +1,7 @@
-//! What a finished stage left of a recording, and whether it is what that stage would leave now.
+//! Cached results of a finished stage, and whether they are still valid.
 //!
-//! The last line of a file is a comment that says of what it was made. A file is taken up only where that is the same now, byte
-//! for byte of the recording, and where nobody changed its lines.
+//! The last line of a file is a comment on what it was made of. A file is reused only if that is still the same,
+//! including every byte of the recording, and if its lines were not changed.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -18,58 +18,58 @@ const DIGITS: usize = 32;
 /// Bytes that are read at once.
 const BLOCK: usize = 1 << 20;
 
-/// What a file says of itself: `said`, and of what it was made.
+/// A cache entry: facts on the file, and what it was made of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Kept<T> {
-    /// What its stage says of it.
+pub(super) struct Cached<T> {
+    /// Facts that its stage stores.
     #[serde(flatten)]
-    pub(super) said: T,
+    pub(super) facts: T,
     /// Fingerprint of recording, options and program.
     made_of: String,
     /// Fingerprint of the lines above.
     lines: String,
 }
 
-impl<T: Serialize + DeserializeOwned> Kept<T> {
-    fn of(lines: &str, said: T, made_of: &str) -> Self {
+impl<T: Serialize + DeserializeOwned> Cached<T> {
+    fn new(lines: &str, facts: T, made_of: &str) -> Self {
         Self {
-            said,
+            facts,
             made_of: made_of.to_owned(),
             lines: digits(&blake3::hash(lines.as_bytes())),
         }
     }
 
-    /// The text of a file with `lines`, and under them what is said of them. The line begins with `mark`.
-    pub(super) fn text(mark: &str, lines: &str, said: T, made_of: &str) -> String {
-        let kept = Self::of(lines, said, made_of);
-        let kept = serde_json::to_string(&kept).unwrap_or_default();
-        format!("{lines}{mark}{kept}\n")
+    /// The text of a file: `lines`, and a cache entry that begins with `mark`.
+    pub(super) fn text(mark: &str, lines: &str, facts: T, made_of: &str) -> String {
+        let entry = Self::new(lines, facts, made_of);
+        let entry = serde_json::to_string(&entry).unwrap_or_default();
+        format!("{lines}{mark}{entry}\n")
     }
 
-    /// What is said of a file with `text`, beside it: of one whose format has no comments.
-    pub(super) fn beside(text: &str, said: T, made_of: &str) -> String {
-        let kept = Self::of(text, said, made_of);
-        serde_json::to_string(&kept).unwrap_or_default() + "\n"
+    /// A cache entry in a separate file, for formats without comments.
+    pub(super) fn separate_text(text: &str, facts: T, made_of: &str) -> String {
+        let entry = Self::new(text, facts, made_of);
+        serde_json::to_string(&entry).unwrap_or_default() + "\n"
     }
 
-    /// What the file `beside` says of the one at `path`, where that is whole, untouched, and made of the same.
-    pub(super) fn find_beside(beside: &Path, path: &Path, made_of: &str) -> Option<T> {
-        let kept: Self = serde_json::from_str(&read(beside).ok()?.text).ok()?;
-        let is_same = kept.made_of == made_of && kept.lines == digits(&hash_of(path).ok()?);
-        is_same.then_some(kept.said)
+    /// The facts on the file at `path` from its separate `entry` file, if the file is unchanged and made of the same.
+    pub(super) fn find_separate(entry: &Path, path: &Path, made_of: &str) -> Option<T> {
+        let entry: Self = serde_json::from_str(&read(entry).ok()?.text).ok()?;
+        let is_same = entry.made_of == made_of && entry.lines == digits(&hash_of(path).ok()?);
+        is_same.then_some(entry.facts)
     }
 
-    /// What the file at `path` says of itself, where it is whole, untouched, and made of the same.
+    /// The facts in the file at `path`, if it is unchanged and made of the same.
     pub(super) fn find(mark: &str, path: &Path, made_of: &str) -> Option<T> {
         Self::parse(mark, &read(path).ok()?.text, made_of)
     }
 
     fn parse(mark: &str, text: &str, made_of: &str) -> Option<T> {
-        let (lines, said) = text.rsplit_once(mark)?;
-        let kept: Self = serde_json::from_str(said).ok()?;
+        let (lines, entry) = text.rsplit_once(mark)?;
+        let entry: Self = serde_json::from_str(entry).ok()?;
         let is_same =
-            kept.made_of == made_of && kept.lines == digits(&blake3::hash(lines.as_bytes()));
-        is_same.then_some(kept.said)
+            entry.made_of == made_of && entry.lines == digits(&blake3::hash(lines.as_bytes()));
+        is_same.then_some(entry.facts)
     }
 }
 
@@ -84,7 +84,7 @@ fn digits(hash: &blake3::Hash) -> String {
 pub(super) fn fingerprint(words: &[&str], files: &[PathBuf]) -> anyhow::Result<String> {
     let mut hasher = blake3::Hasher::new();
     for word in [env!("CARGO_PKG_VERSION")].iter().chain(words) {
-        // With its length, so that no two lists of words are alike.
+        // With its length, so that different lists of words never look the same.
         hasher.update(&(word.len() as u64).to_le_bytes());
         hasher.update(word.as_bytes());
     }
@@ -116,36 +116,37 @@ mod tests {
     const MARK: &str = "# kept: ";
 
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-    struct Said {
+    struct Facts {
         frames: u64,
     }
 
     #[test]
-    fn a_file_is_taken_up_only_untouched_and_of_the_same() {
-        let said = Said { frames: 40 };
-        let text = Kept::text(MARK, "frame x y\n29 29.0 7.5\n", said.clone(), "abc");
-        let parsed = |text: &str, made_of| Kept::<Said>::parse(MARK, text, made_of);
-        assert_eq!(parsed(&text, "abc"), Some(said));
+    fn a_file_is_reused_only_if_unchanged_and_made_of_the_same() {
+        let facts = Facts { frames: 40 };
+        let text = Cached::text(MARK, "frame x y\n29 29.0 7.5\n", facts.clone(), "abc");
+        let parsed = |text: &str, made_of| Cached::<Facts>::parse(MARK, text, made_of);
+        assert_eq!(parsed(&text, "abc"), Some(facts));
         assert_eq!(parsed(&text, "abd"), None);
         assert_eq!(parsed(&text.replace("29 29.0", "29 28.0"), "abc"), None);
         for cut in 0..text.len() - 1 {
             assert_eq!(parsed(&text[..cut], "abc"), None, "{cut}");
         }
-        // Whoever reads sightings passes over what the file says of itself.
+        // Readers of sightings skip the cache entry.
         let read = farfield_calibration::points::parse(&text, Path::new("a.txt"));
         assert_eq!(read.map(|it| it.len()), Ok(1));
     }
 
     #[test]
-    fn what_is_said_beside_a_file_is_of_that_file_alone() {
+    fn a_separate_entry_belongs_to_one_file() {
         let folder = tempfile::tempdir().unwrap();
-        let [path, beside] = ["a.jsonl", "a.kept.json"].map(|it| folder.path().join(it));
-        let find = || Kept::<Said>::find_beside(&beside, &path, "abc");
-        std::fs::write(&beside, Kept::beside("{}\n", Said { frames: 1 }, "abc")).unwrap();
-        assert_eq!(find(), None, "the file is not there yet");
+        let [path, entry] = ["a.jsonl", "a.kept.json"].map(|it| folder.path().join(it));
+        let find = || Cached::<Facts>::find_separate(&entry, &path, "abc");
+        let text = Cached::separate_text("{}\n", Facts { frames: 1 }, "abc");
+        std::fs::write(&entry, text).unwrap();
+        assert_eq!(find(), None, "the file does not exist yet");
         std::fs::write(&path, "{}\n").unwrap();
-        assert_eq!(find(), Some(Said { frames: 1 }));
-        assert_eq!(Kept::<Said>::find_beside(&beside, &path, "abd"), None);
+        assert_eq!(find(), Some(Facts { frames: 1 }));
+        assert_eq!(Cached::<Facts>::find_separate(&entry, &path, "abd"), None);
         std::fs::write(&path, "{ }\n").unwrap();
         assert_eq!(find(), None);
     }
@@ -154,13 +155,13 @@ mod tests {
     fn other_bytes_names_and_words_have_other_fingerprints() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.mp4");
-        let of = |words: &[&str]| fingerprint(words, std::slice::from_ref(&path)).unwrap();
+        let hashed = |words: &[&str]| fingerprint(words, std::slice::from_ref(&path)).unwrap();
         std::fs::write(&path, vec![7; 3 << 20]).unwrap();
-        let first = of(&["x", "video"]);
+        let first = hashed(&["x", "video"]);
         assert_eq!(first.len(), DIGITS);
-        assert_eq!(first, of(&["x", "video"]));
+        assert_eq!(first, hashed(&["x", "video"]));
         for other in [&["y", "video"], &["xv", "ideo"]] {
-            assert_ne!(first, of(other));
+            assert_ne!(first, hashed(other));
         }
         let renamed = folder.path().join("b.mp4");
         std::fs::copy(&path, &renamed).unwrap();
@@ -168,6 +169,6 @@ mod tests {
         let mut bytes = vec![7; 3 << 20];
         bytes[2_500_000] = 8;
         std::fs::write(&path, bytes).unwrap();
-        assert_ne!(first, of(&["x", "video"]));
+        assert_ne!(first, hashed(&["x", "video"]));
     }
 }

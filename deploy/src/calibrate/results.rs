@@ -1,4 +1,4 @@
-//! A calibration that was found, handed over: its files, and what is said of it.
+//! Output of a calibration: its files, and the report on it as text and JSON.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -7,19 +7,20 @@ use clap::Args;
 use farfield_calibration::points::PointCalibration;
 use farfield_calibration::report::{CameraReport, FieldReport, PeopleReport, PictureEdge};
 use farfield_node::process::{EXIT_FAILED, NodeError, say};
+use farfield_proto::calibration::Calibration;
+use farfield_proto::plausibility;
+use farfield_proto::venue::Venue;
 use serde::Serialize;
 
-use super::judged::{JudgedCalibration, NOT_DETERMINED, halves, people_in_words};
 use super::{Judged, refuse_existing, sheet, write};
-use crate::output;
 
-/// Where a calibration goes, and how it is told.
+/// Output options of a calibration.
 #[derive(Debug, Args)]
-pub(super) struct FoundArgs {
-    /// What to write. Default: calibration.toml.
+pub(super) struct OutputArgs {
+    /// Output file. Default: calibration.toml.
     ///
-    /// Its sheet goes beside it, as HTML.
-    /// One that does not pass is called NAME.failed.toml instead, and takes the place of none.
+    /// Its sheet is an HTML file next to it. A calibration that does not pass is written to NAME.failed.toml and
+    /// replaces none.
     #[arg(
         long,
         value_name = "FILE",
@@ -27,16 +28,16 @@ pub(super) struct FoundArgs {
         hide_default_value = true
     )]
     pub(super) out: PathBuf,
-    /// Replace files that are there already.
+    /// Replace existing files.
     #[arg(long)]
     pub(super) replace: bool,
-    /// Print what was found or went wrong as JSON.
+    /// Print the result or the error as JSON.
     #[arg(long)]
     pub(super) json: bool,
 }
 
-impl FoundArgs {
-    /// Refuses to write over a calibration and its sheet.
+impl OutputArgs {
+    /// Refuses to overwrite a calibration and its sheet.
     pub(super) fn refuse_existing(&self) -> Result<(), NodeError> {
         for path in [&self.out, &self.out.with_extension("html")] {
             refuse_existing(path, self.replace)?;
@@ -45,10 +46,10 @@ impl FoundArgs {
     }
 }
 
-/// What is said of a calibration that is written and should not be used.
-const DOES_NOT_PASS: &str = "the calibration does not pass: its sheet says why";
+/// Message for a calibration that should not be used.
+const DOES_NOT_PASS: &str = "the calibration does not pass: see the reasons in its sheet";
 
-/// What is printed as JSON.
+/// The JSON output.
 #[derive(Debug, Serialize)]
 struct Found<'a> {
     passes: bool,
@@ -62,11 +63,11 @@ struct Found<'a> {
     people: Option<People>,
     field: Option<Field>,
     findings: Vec<FindingLine<'a>>,
-    /// Why a run would not take it.
+    /// Why a run would refuse it.
     refused: &'a [String],
-    /// What a run would say of it.
+    /// Warnings that a run would print.
     doubtful: &'a [String],
-    /// Where metres come from, and what checks them.
+    /// Origin of the scale, and what checks it.
     metres: &'a str,
     files: [&'a Path; 2],
 }
@@ -78,14 +79,14 @@ struct Camera<'a> {
     used_share: f64,
     rms_px: f64,
     position_sigma_mm: f64,
-    /// `None` where it is not determined.
+    /// `None` if it is not determined.
     rotation_sigma_deg: Option<f64>,
     halves_mm: f64,
     halves_deg: f64,
-    /// How far the halves draw apart what it saw, 95 % of it by less; and in the field.
+    /// Difference of the two halves of the data in its image (95th percentile), pixels; and in the field.
     halves_px: f64,
     halves_field_mm: f64,
-    /// Sights that fit, by where they are in the picture: rows from the upper edge, each from the left.
+    /// Number of sights that fit, over the image: rows from the upper edge, each from the left.
     picture: &'a [[usize; 6]; 4],
     picture_empty_share: f64,
     empty_edges: Vec<&'static str>,
@@ -96,7 +97,7 @@ struct Camera<'a> {
     rate_hz: Option<f64>,
 }
 
-/// How tall people come out, and the factor on all distances that would make them as tall as they are, or as usual.
+/// Measured height of people, and the factor on all distances that would give them their true or a usual height.
 #[derive(Debug, Serialize)]
 struct People {
     stature_m: f64,
@@ -104,7 +105,7 @@ struct People {
 }
 
 impl People {
-    fn of(found: PeopleReport) -> Self {
+    fn new(found: PeopleReport) -> Self {
         Self {
             stature_m: found.stature_m,
             world_scale: found.world_scale,
@@ -118,7 +119,7 @@ struct Field {
     step_m: f64,
     height_m: f64,
     sight_sigma_px: f64,
-    /// The court that is part of it; else it is only where somebody was.
+    /// The court in it; `None`: it is only the area where people were.
     court: Option<&'static str>,
     seen_by_two_share: f64,
     median_mm: Option<f64>,
@@ -135,7 +136,7 @@ struct Cell {
 }
 
 impl Field {
-    fn of(field: &FieldReport) -> Self {
+    fn new(field: &FieldReport) -> Self {
         let mm = |m: f64| 1000.0 * m;
         let cells = field.cells.iter().map(|it| Cell {
             x_m: it.position_m[0],
@@ -165,45 +166,45 @@ struct FindingLine<'a> {
     remedy: &'a str,
 }
 
-/// What was asked for, as far as it is said again.
-pub(super) struct Asked<'a> {
+/// Facts on the request that the report repeats.
+pub(super) struct RequestFacts<'a> {
     /// The names of all cameras.
     pub(super) names: Vec<&'a str>,
-    /// Whether cameras have clocks of their own.
+    /// Whether cameras have separate clocks.
     pub(super) has_clocks: bool,
-    /// Where metres come from, in sentences.
+    /// Origin of the scale, in sentences.
     pub(super) metres: String,
 }
 
-/// Writes what was found and its sheet to `told.out`, or beside it where it does not pass, and says how good it is.
+/// Writes the calibration and its sheet to `output.out`, or to another file if it does not pass, and prints the report.
 ///
 /// # Errors
-/// [`NodeError::Failed`] where the disk is in the way.
-pub(super) fn hand_over(
+/// [`NodeError::Failed`] for errors of the disk.
+pub(super) fn write_results(
     found: &PointCalibration,
-    asked: &Asked<'_>,
-    told: &FoundArgs,
+    request: &RequestFacts<'_>,
+    output: &OutputArgs,
 ) -> Result<Judged, NodeError> {
-    let judged = JudgedCalibration::of(found, &told.out);
+    let judged = JudgedCalibration::new(found, &output.out);
     let out = if judged.passes() {
-        told.out.clone()
+        output.out.clone()
     } else {
-        told.out.with_extension("failed.toml")
+        output.out.with_extension("failed.toml")
     };
     let sheet = out.with_extension("html");
     let facts = sheet::SheetFacts {
-        metres: &asked.metres,
-        has_clocks: asked.has_clocks,
+        metres: &request.metres,
+        has_clocks: request.has_clocks,
     };
     write(&sheet, &sheet::html(&out, &judged, &facts))?;
     write(&out, &judged.text)?;
     let files = [out.as_path(), sheet.as_path()];
-    let text = if told.json {
-        json(&judged, asked, files)?
+    let text = if output.json {
+        json(&judged, request, files)?
     } else {
-        lines(&judged, asked, files)
+        lines(&judged, request, files)
     };
-    output::print(&text).map_err(NodeError::Failed)?;
+    crate::output::print(&text).map_err(NodeError::Failed)?;
     if judged.passes() {
         return Ok(Judged::Passes);
     }
@@ -211,7 +212,7 @@ pub(super) fn hand_over(
     Ok(Judged::Fails)
 }
 
-/// Those of the cameras `names` that have no pose.
+/// The cameras among `names` without a pose.
 pub(super) fn without_pose<'a>(found: &PointCalibration, names: &[&'a str]) -> Vec<&'a str> {
     let has_none = |name: &&str| found.cameras.iter().all(|it| it.name != *name);
     names.iter().copied().filter(has_none).collect()
@@ -219,11 +220,11 @@ pub(super) fn without_pose<'a>(found: &PointCalibration, names: &[&'a str]) -> V
 
 fn json(
     judged: &JudgedCalibration<'_>,
-    asked: &Asked<'_>,
+    request: &RequestFacts<'_>,
     files: [&Path; 2],
 ) -> Result<String, NodeError> {
     let report = &judged.found.report;
-    let has_clocks = asked.has_clocks;
+    let has_clocks = request.has_clocks;
     let cameras = report.cameras.iter().map(|it| Camera {
         name: &it.name,
         sights: it.sights,
@@ -260,34 +261,34 @@ fn json(
         error: (!passes).then_some(DOES_NOT_PASS),
         exit_code: if passes { 0 } else { EXIT_FAILED },
         cameras: cameras.collect(),
-        without_pose: without_pose(judged.found, &asked.names),
+        without_pose: without_pose(judged.found, &request.names),
         known_places_rms_m: report.anchors_rms_m,
-        people: report.people.map(People::of),
-        field: report.field.as_ref().map(Field::of),
+        people: report.people.map(People::new),
+        field: report.field.as_ref().map(Field::new),
         findings: findings.collect(),
         refused: &judged.refusals,
-        doubtful: &judged.doubts,
-        metres: &asked.metres,
+        doubtful: &judged.warnings,
+        metres: &request.metres,
         files,
     };
     let text = serde_json::to_string_pretty(&document).map_err(NodeError::failed)?;
     Ok(text + "\n")
 }
 
-fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -> String {
+fn lines(judged: &JudgedCalibration<'_>, request: &RequestFacts<'_>, files: [&Path; 2]) -> String {
     let report = &judged.found.report;
     let mut text = String::new();
     // Writing to a string does not fail.
     for camera in &report.cameras {
         writeln!(text, "camera {}: {}", camera.name, in_words(camera)).ok();
     }
-    for name in without_pose(judged.found, &asked.names) {
+    for name in without_pose(judged.found, &request.names) {
         writeln!(text, "camera {name}: no pose").ok();
     }
     if let Some(rms_m) = report.anchors_rms_m {
         writeln!(
             text,
-            "known places: {:.0} mm from where they were found",
+            "known places: {:.0} mm from their measured positions",
             1000.0 * rms_m
         )
         .ok();
@@ -298,7 +299,7 @@ fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -
     if let Some(field) = &report.field {
         writeln!(text, "{}", sheet::in_words(field)).ok();
     }
-    writeln!(text, "{}", asked.metres).ok();
+    writeln!(text, "{}", request.metres).ok();
     for finding in &report.findings {
         let word = if finding.is_wrong() {
             "WRONG"
@@ -310,8 +311,8 @@ fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -
     for refusal in &judged.refusals {
         writeln!(text, "WRONG: a run refuses it: {refusal}").ok();
     }
-    for doubt in &judged.doubts {
-        writeln!(text, "warning: {doubt}").ok();
+    for warning in &judged.warnings {
+        writeln!(text, "warning: {warning}").ok();
     }
     for path in files {
         writeln!(text, "{}", path.display()).ok();
@@ -319,10 +320,10 @@ fn lines(judged: &JudgedCalibration<'_>, asked: &Asked<'_>, files: [&Path; 2]) -
     text
 }
 
-/// How far noise alone moves a camera.
+/// The movement of a camera by noise alone.
 fn by_noise(camera: &CameraReport) -> String {
     camera.determined_rotation_deg().map_or_else(
-        || format!("how far noise alone moves it is {NOT_DETERMINED}"),
+        || format!("its movement by noise alone is {NOT_DETERMINED}"),
         |deg| {
             let mm = 1000.0 * camera.position_sigma_m;
             format!("noise alone moves it by {mm:.1} mm and {deg:.3} degrees")
@@ -339,4 +340,92 @@ fn in_words(camera: &CameraReport) -> String {
         by_noise(camera),
         halves(camera)
     )
+}
+
+/// A calibration with its file and its problems.
+pub(super) struct JudgedCalibration<'a> {
+    pub(super) found: &'a PointCalibration,
+    /// The calibration file.
+    pub(super) text: String,
+    /// Why a run would refuse it.
+    pub(super) refusals: Vec<String>,
+    /// Warnings that a run would print.
+    pub(super) warnings: Vec<String>,
+}
+
+impl<'a> JudgedCalibration<'a> {
+    /// Checks a calibration; `path` is only for messages.
+    pub(super) fn new(found: &'a PointCalibration, path: &Path) -> Self {
+        let written = found.toml().map_err(|error| error.to_string());
+        let text = written.clone().unwrap_or_default();
+        let (mut refusals, mut warnings) = (Vec::new(), Vec::new());
+        match written.and_then(|text| venue_of_all(found, &text, path)) {
+            Err(refusal) => refusals.push(refusal),
+            Ok(venue) => {
+                for finding in plausibility::of_venue(&venue) {
+                    let list = if finding.is_wrong() {
+                        &mut refusals
+                    } else {
+                        &mut warnings
+                    };
+                    list.push(finding.to_string());
+                }
+            }
+        }
+        Self {
+            found,
+            text,
+            refusals,
+            warnings,
+        }
+    }
+
+    /// Whether it can be used.
+    pub(super) fn passes(&self) -> bool {
+        self.found.report.passes() && self.refusals.is_empty()
+    }
+}
+
+/// A venue with all cameras, each a viewpoint of its own.
+fn venue_of_all(found: &PointCalibration, text: &str, path: &Path) -> Result<Venue, String> {
+    let calibration = Calibration::parse(text, path).map_err(|error| error.to_string())?;
+    let mut venue =
+        "name = \"calibrated\"\nrate_hz = 30.0\ncalibration = \"calibration.toml\"\n".to_owned();
+    for (number, camera) in found.cameras.iter().enumerate() {
+        let name = toml::Value::from(camera.name.as_str());
+        // Writing to a string does not fail.
+        writeln!(
+            venue,
+            "[[viewpoint]]\nname = \"v{number}\"\n[[viewpoint.camera]]\nname = {name}\n\
+             source = {{ kind = \"keypoints\", path = \"none.jsonl\" }}"
+        )
+        .ok();
+    }
+    Venue::parse(&venue, path, calibration).map_err(|error| error.to_string())
+}
+
+/// Shown instead of a number that the sights do not determine.
+pub(super) const NOT_DETERMINED: &str = "not determined";
+
+/// The measured height of people, in words.
+pub(super) fn people_in_words(people: &PeopleReport) -> String {
+    format!(
+        "People are {:.2} m tall at the median (world_scale {:.3}: the factor that would give them their known height, or that of usual \
+         adults).",
+        people.stature_m, people.world_scale
+    )
+}
+
+/// Differences of the two halves of the data, if both could be solved.
+pub(super) fn halves(camera: &CameraReport) -> String {
+    let (mm, degrees) = (1000.0 * camera.halves_m, camera.halves_deg);
+    if mm.is_finite() && degrees.is_finite() {
+        format!(
+            "{mm:.1} mm, {degrees:.3} degrees apart ({:.1} px, {:.1} mm in the field)",
+            camera.halves_px,
+            1000.0 * camera.halves_across_m
+        )
+    } else {
+        "not checked".to_owned()
+    }
 }
