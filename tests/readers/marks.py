@@ -235,7 +235,7 @@ def clicks_four_corners(visit, folder, out, camera):
     place = [float(v) for v in re.search(r"\(([-\d.]+), ([-\d.]+), ([-\d.]+)\)", verdict).groups()]
     apart = math.dist(place, CAMERAS["north"][0])
     check("and is where it stands", apart < 1.0, f"{apart:.2f} m off")
-    check("the symmetry of the court is shown", "Turned by half" in page.locator(".verdict").inner_text())
+    check("the symmetry of the court is shown", "turned by half" in page.locator(".verdict").inner_text())
     visit.shot(folder, "marks-fitted")
 
 
@@ -326,7 +326,7 @@ def clicks_lines_and_names(visit, out, camera):
     form.locator("button").click()
     page.mouse.click(*visit.on_screen(camera.seen((-8.0, 4.0, 0.0))))
     check("a place of one's own is clicked", visit.until(lambda: "door post" in clicked(out)["north"]))
-    check("and tells which end is which", visit.until(lambda: "Turned by half" not in page.locator(".verdict").inner_text()))
+    check("and tells which end is which", visit.until(lambda: "turned by half" not in page.locator(".verdict").inner_text()))
     form.locator("select").select_option("floor")
     form.locator("input").nth(0).fill("scratch")
     form.locator("button").click()

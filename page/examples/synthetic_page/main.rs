@@ -108,7 +108,7 @@ fn calibration() -> ShownCalibration {
     ShownCalibration {
         file: "calibration.toml".to_owned(),
         fingerprint: "0123456789abcdef".to_owned(),
-        text: "The sheet is of the calibration that is used.".to_owned(),
+        text: "The sheet belongs to the calibration in use.".to_owned(),
         sheet: Some(CalibrationSheet {
             file: "calibration.html".to_owned(),
             fingerprint: Some("0123456789abcdef".to_owned()),

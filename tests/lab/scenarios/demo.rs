@@ -78,7 +78,7 @@ fn the_demo_from_maps_tracks_four_players_and_prints_scores() {
         "   1.0 of 1.5 s   4 of 4 people tracked",
         "MPJPE",
         "identity: switches 0",
-        "skeletons over the pictures: ",
+        "skeletons over the images: ",
     ] {
         assert!(
             finished.stdout.contains(words),

@@ -193,7 +193,7 @@ fn a_check_of_fisheyes_reports_and_draws_the_used_angle() {
     };
     let finished = check();
     assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
-    let words = "camera `north-east-1`: of its fisheye picture";
+    let words = " % of its fisheye image";
     assert!(finished.stdout.contains(words), "{}", finished.stdout);
     let picture = image::open(drawn.join("check_north-east-1.png"))
         .unwrap()

@@ -19,7 +19,7 @@ fn the_sample_passes_and_every_camera_is_drawn() {
     let finished = folder.farfield(&["check", "venue.toml", "--out", "drawn"]);
     assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
     assert!(
-        finished.stdout.ends_with("all is as it should be\n"),
+        finished.stdout.ends_with("everything is OK\n"),
         "{}",
         finished.stdout
     );
@@ -56,7 +56,7 @@ fn mistakes_are_reported_without_a_run() {
             north_east,
             "path = \"north-west.jsonl\"",
             "failed",
-            &["`north-east` and `north-west` have one source"],
+            &["`north-east` and `north-west` have the same source"],
         ),
         (
             "venue.toml",
@@ -91,7 +91,7 @@ fn mistakes_are_reported_without_a_run() {
             "calibration = \"calibration.toml\"",
             "calibration = \"calibration.toml\"\n[security]\ncertificates = \"certs\"",
             "failed",
-            &["no such folder", "farfield certs"],
+            &["does not exist", "farfield certs"],
         ),
     ];
     for (file, from, to, verdict, words) in mistakes {
@@ -179,7 +179,7 @@ fn repeated_keypoints_are_reported_by_check_and_run() {
     assert_eq!(finished.code, 0, "{}", finished.stderr);
     let words = [
         repeated,
-        "15.0 pictures per second, written at 30",
+        "15.0 images per second and written at 30",
         "`rate_hz`",
     ];
     assert!(
@@ -436,7 +436,7 @@ fn a_black_video_is_reported() {
         "rate_hz = 30.0\nnetwork = \"no.toml\"",
     );
     let report = lines(&check(&folder));
-    let words = ["camera `north-east`", "its first pictures are black", "cap"];
+    let words = ["camera `north-east`", "its first images are black", "cap"];
     assert!(has_line(&report, "warning", &words), "{report:#?}");
 }
 

@@ -149,7 +149,7 @@ fn a_missing_temporary_folder_is_reported_and_the_venue_is_not() {
     );
     assert_eq!(finished.code, 1);
     let report = lines(&finished);
-    let words = ["no temporary folder", "/nowhere", "set TMPDIR"];
+    let words = ["temporary folder", "/nowhere", "set TMPDIR"];
     assert!(has_line(&report, "failed", &words), "{report:#?}");
     assert!(
         !has_line(&report, "failed", &["correct `network`"]),
@@ -163,7 +163,7 @@ fn both_networks_are_run_and_timed() {
     let report = lines(&doctor(folder.path(), |_| (), &[]));
     for words in [
         ["network of the demo", "crops per second"],
-        ["detector of the demo", "ms per picture of"],
+        ["detector of the demo", "ms per image of"],
     ] {
         assert!(has_line(&report, "ok", &words), "{words:?}: {report:#?}");
     }

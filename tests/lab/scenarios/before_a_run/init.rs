@@ -37,7 +37,7 @@ fn an_existing_venue_file_is_not_overwritten() {
     let finished = folder.farfield(&["init", ".", "--rate", "30"]);
     assert_eq!(finished.code, 2);
     assert!(
-        finished.stderr.contains("venue.toml is there already"),
+        finished.stderr.contains("venue.toml already exists"),
         "{}",
         finished.stderr
     );
@@ -89,7 +89,7 @@ fn missing_input_is_refused_with_the_flag_or_the_names() {
     refused(
         &["--rate", "30"],
         &[
-            "several calibrations that differ are in .",
+            "found several different calibrations in .",
             "./calibration.txt (20",
             "it places camera north-east 0.500 m away",
             "--calibration FILE",
@@ -99,7 +99,7 @@ fn missing_input_is_refused_with_the_flag_or_the_names() {
     fs::remove_file(folder.path("calibration.txt")).unwrap();
     refused(
         &["--rate", "30"],
-        &["no calibration is in .", "--calibration"],
+        &["found no calibration in .", "--calibration"],
     );
 }
 

@@ -144,7 +144,7 @@ fn the_status_shows_every_node_and_fails_if_one_is_missing() {
     stage.live.fusion.take().unwrap().kill().unwrap();
     let shown = show(&[]);
     assert_eq!(shown.code, 1, "{}", shown.stderr);
-    for word in [&endpoint, "whether fusion runs"] {
+    for word in [&endpoint, "that fusion runs"] {
         assert!(shown.stderr.contains(word), "{word}: {}", shown.stderr);
     }
 }

@@ -148,7 +148,11 @@ fn edits_reach_the_stream_of_a_live_run_and_invalid_ones_are_reported() {
 
     let named = people(&run.out, &["name", &id, "Anna"]);
     assert_eq!(named.code, 0, "{}", named.stderr);
-    assert!(named.stderr.contains("its run goes on"), "{}", named.stderr);
+    assert!(
+        named.stderr.contains("still in progress"),
+        "{}",
+        named.stderr
+    );
     run.wait_for_name("Anna");
 
     // The recording has its own list of edits, which the live run does not read.
@@ -157,7 +161,7 @@ fn edits_reach_the_stream_of_a_live_run_and_invalid_ones_are_reported() {
         let named = people(&recording, &["name", &id, "Bo"]);
         (named.code == 0).then_some(named)
     });
-    let elsewhere = format!("`farfield people {} ...` edits what", run.out.display());
+    let elsewhere = format!("`farfield people {} ...` edits the run", run.out.display());
     assert!(named.stderr.contains(&elsewhere), "{}", named.stderr);
     assert!(!named.stderr.contains("cut off"), "{}", named.stderr);
 
@@ -165,7 +169,7 @@ fn edits_reach_the_stream_of_a_live_run_and_invalid_ones_are_reported() {
     let mut edits = OpenOptions::new().append(true).open(edits).unwrap();
     let wrong = r#"{"at":"2026-03-01T18:00:00Z","edit":"frobnicate","person":1}"#;
     writeln!(edits, "{wrong}").unwrap();
-    let warning = "fusion: edits are left as they were: ";
+    let warning = "fusion: the last valid edits stay in use: ";
     run.wait("the wrong edit is reported", || {
         run.output().contains(warning).then_some(())
     });

@@ -163,12 +163,12 @@ fn wrong_input_for_calibrations_is_refused() {
         usage(
             "results in place of recordings",
             "calibrate all good --lens calibration.toml --out c.toml",
-            &["no recordings are in good", "mp4"],
+            &["found no recordings in good", "mp4"],
         ),
         usage(
             "a calibration over the one that is there",
             "calibrate people north-east.jsonl --rate-hz 30 --lens calibration.toml",
-            &["calibration.toml is there already", "--replace"],
+            &["calibration.toml already exists", "--replace"],
         ),
         usage(
             "a chessboard of one number",
@@ -183,7 +183,7 @@ fn wrong_input_for_calibrations_is_refused() {
         usage(
             "a folder without pictures of a board",
             "calibrate board good --chessboard 4x7 --square-mm 60 --camera a",
-            &["good", "no picture", "PNG"],
+            &["good", "no image", "PNG"],
         ),
         usage(
             "a court that is misspelt",
@@ -193,7 +193,7 @@ fn wrong_input_for_calibrations_is_refused() {
         usage(
             "marks for everybody on the network",
             "calibrate marks . --at 0.0.0.0:8080",
-            &["this machine alone", "ssh -L"],
+            &["loopback", "ssh -L"],
         ),
         usage(
             "marks at a port alone",
@@ -264,7 +264,7 @@ fn wrong_input_for_imports_and_exports_is_refused() {
             "an export twice",
             |f| farfield(f, "export good --format csv"),
             "export good --format csv",
-            &["is there already", "--replace"],
+            &["already exists", "--replace"],
         ),
         usage(
             "a name without a number",
@@ -325,7 +325,7 @@ fn wrong_edits_of_people_are_refused() {
         usage(
             "an undo of nothing",
             "people good undo",
-            &["undo: there is no edit in force"],
+            &["undo: there is no edit to undo"],
         ),
         usage(
             "an undo of an edit that is not there",

@@ -235,7 +235,7 @@ fn wrong_requests_for_recordings_and_keys_are_refused() {
         usage(
             "a replay's page for everybody",
             "replay good/recording.mcap --out out --page=0.0.0.0:8080",
-            &["--page", "this machine alone", "ssh -L"],
+            &["--page", "loopback", "ssh -L"],
         ),
         usage(
             "a life that is not there",

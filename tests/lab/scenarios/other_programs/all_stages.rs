@@ -180,10 +180,13 @@ fn a_stopped_calibration_resumes_with_the_same_bytes() {
     let again = calibrate_all(stopped.path(), &recordings, &[]);
     assert_eq!(results(stopped.path(), &again), expected);
     // Finished sightings are reused, and the rest is computed.
-    let taken_up = again.stderr.matches("where it was found earlier").count();
+    let taken_up = again
+        .stderr
+        .matches("from an earlier scan is reused")
+        .count();
     assert_eq!(taken_up, 2, "{}", again.stderr);
     for name in ["east", "north"] {
-        let message = format!("camera {name}: taken from");
+        let message = format!("{name}.txt from an earlier scan");
         assert!(again.stderr.contains(&message), "{}", again.stderr);
     }
     let seen = names(&stopped.path().join("seen"));
@@ -198,7 +201,7 @@ fn a_stopped_calibration_resumes_with_the_same_bytes() {
     let other = ["--diameter-px", "6,300"];
     let refused = calibrate_all(stopped.path(), &recordings, &other);
     assert_eq!(refused.code, 2, "{}", refused.stderr);
-    let why = "seen/east.txt is there already: --replace replaces it";
+    let why = "seen/east.txt already exists: --replace replaces it";
     assert!(refused.stderr.contains(why), "{}", refused.stderr);
     assert_eq!(names(stopped.path()), ["lenses.toml", "seen"]);
 }
@@ -224,7 +227,7 @@ fn wrong_options_are_refused_before_images_are_read() {
         ),
         (
             &["--at", "north=0,0,3"],
-            "--at says twice where camera `north` stands",
+            "--at: found two positions of camera `north`",
         ),
         (&["--distance", "north,suoth=3"], "unknown camera `suoth`"),
         (
@@ -237,7 +240,7 @@ fn wrong_options_are_refused_before_images_are_read() {
         ),
         (
             &["--lens", "south=lenses.toml"],
-            "two files are of camera `south`",
+            "found two files for camera `south`",
         ),
         (&["--lens", "nowhere.toml"], "nowhere.toml"),
         (&["--marks", "marks.toml"], "--marks: unknown camera `nrth`"),
@@ -245,7 +248,7 @@ fn wrong_options_are_refused_before_images_are_read() {
         (&["--marks", "nowhere.toml"], "nowhere.toml"),
         (
             &["--clocks", "given", "--rate-hz", "50"],
-            "no offset of camera `east`: give it by --offset-s",
+            "no offset of camera `east`: set it with --offset-s",
         ),
         (&["--gate-px", "0"], "`gate_px`: found 0"),
         (&["--diameter-px", "9,3"], "found 9 to 3"),
@@ -259,7 +262,7 @@ fn wrong_options_are_refused_before_images_are_read() {
             refused.stderr
         );
         // These recordings have no ball, which a search would have reported.
-        assert!(!refused.stderr.contains("nothing that moves"), "{more:?}");
+        assert!(!refused.stderr.contains("no moving ball"), "{more:?}");
         assert!(!place.path().join("seen").exists(), "{more:?}");
     }
 }
@@ -301,9 +304,9 @@ fn a_camera_that_never_saw_the_ball_has_no_pose() {
     let known = ["--at", "south=0,-4,2", "--distance", "south,north=8.3"];
     let done = calibrate_all(place.path(), &recordings, &known);
     assert!(done.code <= 1, "{}\n{}", done.stdout, done.stderr);
-    let message = "camera south: not seen in 10 frames";
+    let message = "camera south: not found in 10 frames";
     assert!(done.stderr.contains(message), "{}", done.stderr);
-    let left_out = "camera south saw nothing: what is known of it is left out";
+    let left_out = "camera south has no sightings: its known facts are ignored";
     assert!(done.stderr.contains(left_out), "{}", done.stderr);
     let no_pose = "camera south: no pose";
     assert!(done.stdout.contains(no_pose), "{}", done.stdout);

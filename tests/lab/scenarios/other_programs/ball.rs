@@ -142,7 +142,7 @@ fn a_camera_without_a_ball_has_no_file_of_an_earlier_run() {
     fs::write(folder.path().join("seen/stage.txt"), "frame x y\n").unwrap();
     let done = calibrate_ball(folder.path(), &["--replace"]);
     assert_eq!(done.code, 0, "{}", done.stderr);
-    let message = "camera stage: not seen in 10 frames";
+    let message = "camera stage: not found in 10 frames";
     assert!(done.stdout.contains(message), "{}", done.stdout);
     assert!(folder.path().join("seen/hall.txt").exists());
     assert!(!folder.path().join("seen/stage.txt").exists());
@@ -160,8 +160,8 @@ fn recordings_without_a_ball_are_refused_and_nothing_is_written() {
     let refused = calibrate_ball(folder.path(), &[]);
     assert_eq!(refused.code, 2, "{}", refused.stdout);
     for words in [
-        "camera hall: nothing round, saturated and moving in the first 10 frames",
-        "nothing that moves was found in any recording",
+        "camera hall: found nothing round, saturated and moving in the first 10 frames",
+        "found no moving ball in any recording",
     ] {
         assert!(refused.stderr.contains(words), "{}", refused.stderr);
     }

@@ -144,14 +144,10 @@ fn boards_and_a_ball_become_a_calibration_that_passes_in_one_command() {
     assert_eq!(again.code, 0, "{}\n{}", again.stdout, again.stderr);
     assert_eq!(fs::read(folder.join("calibration.toml")).unwrap(), first);
     let count = |words: &str| again.stderr.matches(words).count();
-    assert_eq!(count("its lens is taken from"), 2, "{}", again.stderr);
+    assert_eq!(count("its lens in "), 2, "{}", again.stderr);
     assert_eq!(count("camera north: its lens"), 0, "{}", again.stderr);
     assert_eq!(
-        count(".txt, where it was found earlier"),
-        3,
-        "{}",
-        again.stderr
-    );
+        count(".txt from an earlier scan"), 3, "{}", again.stderr);
 }
 
 #[test]
@@ -165,9 +161,15 @@ fn wrong_boards_are_refused_before_images_are_read() {
         pictures()[0].save(path).unwrap();
     }
     let cases: [(&[&str], &str); 7] = [
-        (&[], "give it by --lens, or pictures of a board by --boards"),
+        (
+            &[],
+            "set it with --lens, or give images of a board with --boards",
+        ),
         (&BOARDS, "boards: found no boards of camera `west`"),
-        (&BOARDS[2..], "the board that is described is in no picture"),
+        (
+            &BOARDS[2..],
+            "a board is described, but there are no images of it",
+        ),
         (&BOARDS[..2], "expected --chessboard AxB"),
         (&BOARDS[..4], "expected --square-mm"),
         (

@@ -127,7 +127,10 @@ fn wrong_options_and_points_are_refused() {
     };
     refused(&["--at", "norht=0,0,3"], "unknown camera `norht`");
     refused(&["--distance", "north-east=3"], "A,B=METRES");
-    refused(&["--clocks", "given"], "give it by --rate-hz north-east=HZ");
+    refused(
+        &["--clocks", "given"],
+        "set it with --rate-hz north-east=HZ",
+    );
     refused(&["--rate-hz", "50"], "--clocks given, or unknown");
     let broken = light.folder.path("north-east.txt");
     fs::write(&broken, "frame x y\n0 1.0 2.0\n1 1.0\n").unwrap();

@@ -188,7 +188,7 @@ fn check_invalid_clicks(clicking: &Clicking, state: &Value, clicked: &Value, cam
     outside["camera"][camera]["centre"] = json!([[99_999.0, 3.0]]);
     let (status, why) = clicking.put(&state["revision"], &outside);
     assert_eq!(status, 400);
-    assert!(why.contains("expected a place in"), "{why}");
+    assert!(why.contains("expected a position in"), "{why}");
     assert_eq!(
         clicking.put(&state["revision"], &json!({"court": 3})).0,
         400
@@ -302,13 +302,13 @@ fn wrong_images_and_marks_are_refused() {
         println!("{}", done.stderr.lines().last().unwrap());
     };
     let text = lens.to_str().unwrap();
-    refused(&[text], "expected a JPEG or PNG picture, or a video");
+    refused(&[text], "expected a JPEG or PNG image, or a video");
     let name = light.truth.cameras.keys().next().unwrap();
     let small = light.folder.path(&format!("{name}.jpg"));
     RgbImage::new(64, 48).save(&small).unwrap();
     refused(
         &[small.to_str().unwrap(), "--lens", text],
-        "found a picture of 64x48",
+        "found an image of 64x48",
     );
     let all = pictures.to_str().unwrap();
     refused(&[all, "--court", "fustal"], "did you mean `futsal`?");
@@ -318,7 +318,7 @@ fn wrong_images_and_marks_are_refused() {
     );
     refused(
         &[all, "--at", "0.0.0.0:7462"],
-        "expected an address of this machine alone",
+        "expected a loopback address",
     );
     let broken = light.folder.path("broken.toml");
     fs::write(
@@ -334,7 +334,7 @@ fn wrong_images_and_marks_are_refused() {
     .unwrap();
     refused(
         &[all, "--out", broken.to_str().unwrap()],
-        "expected a place in",
+        "expected a position in",
     );
     refused(
         &[

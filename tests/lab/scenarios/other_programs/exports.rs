@@ -57,7 +57,7 @@ fn a_run_is_exported_in_every_format_with_the_same_bytes_again() {
     let again = farfield(&words);
     assert_eq!(again.code, 2, "{}", again.stdout);
     assert!(
-        again.stderr.contains("is there already: --replace"),
+        again.stderr.contains("already exists: --replace"),
         "{}",
         again.stderr
     );
@@ -87,7 +87,7 @@ fn impossible_exports_are_refused_and_leave_nothing() {
         (vec![&out, "--format", "csv", "--ticks", "900..990"], "900"),
         (
             vec!["hall.mcap", "--format", "csv"],
-            "there is no such recording",
+            "the recording does not exist",
         ),
         (vec!["nowhere", "--format", "csv"], "nowhere"),
     ] {

@@ -165,10 +165,7 @@ fn people_are_detected_in_images_and_their_files_are_reused() {
         &[&options[..], &["--replace"]].concat(),
     );
     assert_eq!(again.code, first.code, "{}", again.stderr);
-    let taken_up = again
-        .stderr
-        .matches("where they were found earlier")
-        .count();
+    let taken_up = again.stderr.matches("from an earlier scan").count();
     assert_eq!(taken_up, 1, "{}", again.stderr);
     let after: Vec<Vec<u8>> = cameras.iter().map(|name| seen(name)).collect();
     assert!(before == after, "the same bytes");
@@ -178,7 +175,7 @@ fn people_are_detected_in_images_and_their_files_are_reused() {
     let other = ["--rate-hz", "30", "--looks-hz", "15"];
     let refused = calibrate(folder, &recordings, &other);
     assert_eq!(refused.code, 2, "{}", refused.stderr);
-    let why = ".jsonl is there already: --replace replaces it";
+    let why = ".jsonl already exists: --replace replaces it";
     assert!(refused.stderr.contains(why), "{}", refused.stderr);
 }
 

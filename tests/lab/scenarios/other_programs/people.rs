@@ -152,7 +152,7 @@ fn names_splits_and_merges_are_exported_and_undone_to_the_last_byte() {
     for _ in 0..5 {
         edit(&out, &["undo"]);
     }
-    refused(&out, &["undo"], "there is no edit in force");
+    refused(&out, &["undo"], "there is no edit to undo");
     assert!(exported(&out, &sample.path("after"), &formats) == before);
 }
 

@@ -164,7 +164,7 @@ fn people_who_walk_through_the_room_calibrate_its_cameras() {
     for expected in [
         "It passes.",
         "<h2>The field</h2>",
-        "What the pictures saw",
+        "Coverage of the images",
         "url(#stripes)",
     ] {
         assert!(sheet.contains(expected), "{expected}");
@@ -178,7 +178,7 @@ fn people_without_a_known_length_or_a_rate_do_not_pass() {
     let done = walked.calibrate("people", &["--rate-hz", "10"]);
     assert_eq!(done.code, 1, "{}\n{}", done.stdout, done.stderr);
     assert!(
-        done.stdout.contains("how long a metre is"),
+        done.stdout.contains("The scale is unknown"),
         "{}",
         done.stdout
     );
@@ -222,7 +222,7 @@ fn a_recording_recalibrates_cameras_after_one_was_moved() {
 
     let refused = farfield(&[&words[..], &["--rate-hz", "20"]].concat());
     assert_eq!(refused.code, 2, "{}", refused.stdout);
-    let why = "is a recording, which knows its rate";
+    let why = "is a recording, which contains its rate";
     assert!(refused.stderr.contains(why), "{}", refused.stderr);
 }
 
@@ -269,7 +269,7 @@ fn keypoints_of_networks_calibrate_the_cameras() {
     ];
     let refused = farfield(&words.concat());
     assert_eq!(refused.code, 2, "{}\n{}", refused.stdout, refused.stderr);
-    let why = "nobody was seen in any recording";
+    let why = "no person was detected in any recording";
     assert!(refused.stderr.contains(why), "{}", refused.stderr);
 
     for camera in walked.truth.cameras.values() {
@@ -284,7 +284,7 @@ fn keypoints_of_networks_calibrate_the_cameras() {
     }
     let done = farfield(&words.concat());
     assert_eq!(done.code, 0, "{}\n{}", done.stdout, done.stderr);
-    let taken_up = done.stderr.matches("where they were found earlier");
+    let taken_up = done.stderr.matches("from an earlier scan");
     assert_eq!(taken_up.count(), walked.truth.cameras.len());
     assert_close_to_truth(&calibration(&out), &walked.truth);
 }
