@@ -44,7 +44,7 @@ pub(crate) struct EvaluateArgs {
     /// What to compare: joints, keypoints or shelf14.
     #[arg(long, default_value = "joints")]
     points: PointSet,
-    /// Whether TRUTH has everybody.
+    /// Whether TRUTH contains all people.
     ///
     /// whole: people missing in it did not exist; partial: only some people are annotated, and poses of other people do
     /// not count as errors.

@@ -313,9 +313,8 @@ mod tests {
         let infos = infos(&[Some(60.0), None, Some(60_000.0 / 1001.0), Some(60.0)]);
         let odd = odd_rates(&infos);
         assert_eq!(odd.len(), 1);
-        assert!(
-            odd[0].problem().contains("`c2`") && odd[0].problem().contains("3.6 s after an hour")
-        );
+        assert_eq!(odd[0].camera, "c2");
+        assert!(odd[0].problem().contains("3.6 s"));
         assert!((odd[0].drift_ticks(1000) - 0.999).abs() < 1e-3);
     }
 
@@ -329,9 +328,8 @@ mod tests {
         let held = held_keypoints(&infos, 60.0);
         assert_eq!(held.len(), 1);
         assert!((held[0].found_hz() - 30.0).abs() < 1e-9);
-        let problem = held[0].problem();
-        assert!(problem.contains("`c1`: 60 of 120") && problem.contains("(50 %)"));
-        assert!(held[0].remedy().contains("30.0"));
+        assert_eq!(held[0].camera, "c1");
+        assert!(held[0].problem().contains("60 of 120"));
     }
 
     #[test]
@@ -368,9 +366,11 @@ mod tests {
             ("c1".to_owned(), info(None)),
             ("c2".to_owned(), info(leaping(21))),
         ];
-        let problem = leaping_keypoints(&all).unwrap().problem();
-        assert!(problem.contains("`c0`: at 19 of 119") && problem.contains("`c2`: at 21 of 119"));
-        assert!(!problem.contains("c1"), "{problem}");
+        let cameras = leaping_keypoints(&all).unwrap().cameras;
+        let counts = cameras
+            .iter()
+            .map(|(name, found)| (name.as_str(), found.leaps));
+        assert_eq!(counts.collect::<Vec<_>>(), [("c0", 19), ("c2", 21)]);
         assert_eq!(leaping_keypoints(&all[1..2]), None);
     }
 

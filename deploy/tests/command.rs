@@ -11,9 +11,7 @@ use std::process::{Command, Output, Stdio};
 /// The root of the checkout.
 fn root() -> &'static Path {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
-    manifest
-        .parent()
-        .expect("the package lies in the workspace")
+    manifest.parent().expect("the package is in the workspace")
 }
 
 /// Runs the built program with `args` to its end.

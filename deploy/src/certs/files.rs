@@ -71,7 +71,7 @@ impl Folder {
         fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))
     }
 
-    /// A file that everybody can read, still to be written.
+    /// A file that everyone can read, still to be written.
     pub(super) fn public<'a>(&self, name: &str, text: &'a str) -> NewFile<'a> {
         self.file(name, text, PUBLIC)
     }

@@ -245,7 +245,7 @@ fn a_renewal_is_refused_if_the_generations_are_lost_or_outdated() {
     for node in ["fusion", "ne", "recorder"] {
         std::fs::remove_file(keys.join(format!("{node}.pem"))).unwrap();
     }
-    assert!(refused("ne").contains("neither this file nor certificates"));
+    assert!(refused("ne").contains(GENERATIONS_FILE));
     std::fs::write(&path, second).unwrap();
     scratch.run(&["--renew", "ne"]).unwrap();
     assert!(scratch.read(GENERATIONS_FILE).contains("\"ne\" = 3\n"));

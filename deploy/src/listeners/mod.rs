@@ -60,7 +60,7 @@ pub(crate) struct ListenerArgs {
     /// Stream poses: qtm, vmc, websocket, lsl, ...
     ///
     /// NAME is a protocol: qtm, vmc, websocket, foxglove, zenoh, ros2, psn or lsl. NAME=ADDRESS sends to an IP address,
-    /// with or without a port; the default is this machine. These protocols have no keys: everybody who can reach the
+    /// with or without a port; the default is this machine. These protocols have no keys: everyone who can reach the
     /// stream sees where people are. It replaces streams of the same protocol in the venue file (`[[stream]]`). See
     /// `docs/streams.md`.
     #[arg(long, value_name = "NAME")]
@@ -210,7 +210,7 @@ impl OpenListeners for ListenerArgs {
             }
             Ok(Listeners {
                 wiretaps,
-                notices: said: lines,
+                notices: lines,
                 has_viewers: is_looked_at,
                 is_real_time: true,
             })
@@ -222,9 +222,9 @@ impl OpenListeners for ListenerArgs {
 /// named after the venue's subjects.
 fn names_only(run: &RunAtItsStart<'_>) -> Result<Listeners, NodeError> {
     let has_subjects = !run.venue.subjects.is_empty();
-    let kept = run.restarts.filter(|kept| has_subjects || kept.exists());
-    let given = (has_subjects || kept.is_some())
-        .then(|| GivenNames::of_run(run.out, kept.map(Path::to_owned)));
+    let saved = run.restarts.filter(|saved| has_subjects || saved.exists());
+    let given = (has_subjects || saved.is_some())
+        .then(|| GivenNames::of_run(run.out, saved.map(Path::to_owned)));
     let tap = given.map(|given| NamesTap::start(run.venue, given));
     let tap = tap
         .transpose()?

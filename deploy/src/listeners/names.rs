@@ -38,8 +38,8 @@ type Stamp = (u64, SystemTime);
 /// The names of the people of a run or recording.
 pub(super) struct GivenNames {
     known: Mutex<Known>,
-    /// File with names for a restarted fusion of the same venue; `None`: none is kept.
-    kept: Option<PathBuf>,
+    /// File with names for a restarted fusion of the same venue; `None`: none is saved.
+    saved: Option<PathBuf>,
     page: OnceLock<Weak<PageState>>,
     streams: OnceLock<Weak<Streams>>,
 }
@@ -55,9 +55,9 @@ struct Known {
 }
 
 impl GivenNames {
-    /// Names of a run in the folder `out` that begins. A restarted fusion finds them in `kept`.
-    pub(super) fn of_run(out: &Path, kept: Option<PathBuf>) -> Arc<Self> {
-        let given = Self::new(vec![EditsFile::of_run(out)], kept);
+    /// Names of a run in the folder `out` that begins. A restarted fusion finds them in `saved`.
+    pub(super) fn of_run(out: &Path, saved: Option<PathBuf>) -> Arc<Self> {
+        let given = Self::new(vec![EditsFile::of_run(out)], saved);
         // A replay begins with the edits of its recording.
         given.reload();
         given
@@ -77,7 +77,7 @@ impl GivenNames {
         Ok(given)
     }
 
-    fn new(files: Vec<EditsFile>, kept: Option<PathBuf>) -> Arc<Self> {
+    fn new(files: Vec<EditsFile>, saved: Option<PathBuf>) -> Arc<Self> {
         let known = Known {
             by_person: BTreeMap::new(),
             people: Identities::default(),
@@ -86,7 +86,7 @@ impl GivenNames {
         };
         Arc::new(Self {
             known: Mutex::new(known),
-            kept,
+            saved,
             page: OnceLock::new(),
             streams: OnceLock::new(),
         })
@@ -123,8 +123,8 @@ impl GivenNames {
 
     /// People of the earlier fusion that keep their ids keep their names; all other names are discarded.
     pub(super) fn expected(&self, ids: &[u32]) {
-        let Some(kept) = &self.kept else { return };
-        let before = read_kept(kept).map_err(|error| {
+        let Some(saved) = &self.saved else { return };
+        let before = read_saved(saved).map_err(|error| {
             say(format_args!(
                 "names from before the restart are lost: {error:#}"
             ));
@@ -133,7 +133,7 @@ impl GivenNames {
         names.retain(|person, _| ids.contains(person));
         // Other ids mean other people from now on, also to a fusion started after this one.
         if before.as_ref() != Ok(&names)
-            && let Err(error) = keep(kept, &names)
+            && let Err(error) = save(saved, &names)
         {
             say(format_args!(
                 "cannot remove names from before the restart: {error}; delete the file"
@@ -221,8 +221,8 @@ impl GivenNames {
             (known.by_person, known.people, known.read) = (by_person, people, read);
         }
         self.publish(known);
-        if let Some(kept) = &self.kept
-            && let Err(error) = keep(kept, &known.by_person)
+        if let Some(saved) = &self.saved
+            && let Err(error) = save(saved, &known.by_person)
         {
             say(format_args!(
                 "cannot keep names for a restarted fusion: {error}"
@@ -315,13 +315,13 @@ fn add_guess(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
     added.map(drop).map_err(|error| error.to_string())
 }
 
-fn keep(path: &Path, names: &BTreeMap<u32, String>) -> Result<(), String> {
+fn save(path: &Path, names: &BTreeMap<u32, String>) -> Result<(), String> {
     let text = serde_json::to_string(names).map_err(|error| error.to_string())?;
     let written = write_whole_again(path, text.as_bytes());
     written.map_err(|error| format!("writing {}: {error}", path.display()))
 }
 
-fn read_kept(path: &Path) -> anyhow::Result<BTreeMap<u32, String>> {
+fn read_saved(path: &Path) -> anyhow::Result<BTreeMap<u32, String>> {
     let reading = || format!("reading {}", path.display());
     let text = match read_text_bounded(path, MOST_KEPT_BYTES) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(BTreeMap::new()),
@@ -528,21 +528,21 @@ mod tests {
     #[test]
     fn people_who_keep_their_id_over_a_restart_keep_their_name() {
         let folder = tempfile::tempdir().unwrap();
-        let kept = folder.path().join("hall.names.json");
+        let saved = folder.path().join("hall.names.json");
         let runs = ["one", "two", "three"].map(|name| folder.path().join(name));
         for run in &runs {
             fs::create_dir(run).unwrap();
         }
-        let first = GivenNames::of_run(&runs[0], Some(kept.clone()));
+        let first = GivenNames::of_run(&runs[0], Some(saved.clone()));
         for (person, name) in [(3, "Anna"), (4, "Bo")] {
             first.act(&named(person, name)).unwrap();
         }
-        let again = GivenNames::of_run(&runs[1], Some(kept.clone()));
+        let again = GivenNames::of_run(&runs[1], Some(saved.clone()));
         again.expected(&[4, 5]);
         let expected = BTreeMap::from([(4, "Bo".to_owned())]);
         assert_eq!(names(&EditsFile::of_run(&runs[1])), expected);
         // If no people are expected, the ids mean others.
-        let anew = GivenNames::of_run(&runs[2], Some(kept));
+        let anew = GivenNames::of_run(&runs[2], Some(saved));
         anew.act(&named(3, "Cy")).unwrap();
         let expected = BTreeMap::from([(3, "Cy".to_owned())]);
         assert_eq!(names(&EditsFile::of_run(&runs[2])), expected);
@@ -551,24 +551,24 @@ mod tests {
     #[test]
     fn names_of_an_earlier_session_are_discarded_when_ids_restart() {
         let folder = tempfile::tempdir().unwrap();
-        let kept = folder.path().join("hall.names.json");
-        let run = || GivenNames::of_run(folder.path(), Some(kept.clone()));
+        let saved = folder.path().join("hall.names.json");
+        let run = || GivenNames::of_run(folder.path(), Some(saved.clone()));
         run().act(&named(3, "Anna")).unwrap();
         run().expected(&[]);
-        assert_eq!(read_kept(&kept).unwrap(), BTreeMap::new());
+        assert_eq!(read_saved(&saved).unwrap(), BTreeMap::new());
         fs::remove_file(folder.path().join("edits.jsonl")).unwrap();
         let third = run();
         third.expected(&[3]);
         assert!(third.known().by_person.is_empty());
-        fs::write(&kept, "{\"3\": ").unwrap();
+        fs::write(&saved, "{\"3\": ").unwrap();
         run().expected(&[3]);
-        assert_eq!(read_kept(&kept).unwrap(), BTreeMap::new());
+        assert_eq!(read_saved(&saved).unwrap(), BTreeMap::new());
     }
 
     #[test]
     fn a_name_stored_with_the_run_is_given_even_if_other_files_fail() {
         let folder = tempfile::tempdir().unwrap();
-        let kept = folder.path().join("hall.names.json");
+        let saved = folder.path().join("hall.names.json");
         // Left by a fusion that was killed while writing.
         fs::write(
             folder
@@ -577,12 +577,12 @@ mod tests {
             "{",
         )
         .unwrap();
-        let given = GivenNames::of_run(folder.path(), Some(kept.clone()));
+        let given = GivenNames::of_run(folder.path(), Some(saved.clone()));
         given.recording_begins(&folder.path().join("nowhere/a.mcap"));
         given.act(&named(3, "Anna")).unwrap();
         let expected = BTreeMap::from([(3, "Anna".to_owned())]);
         assert_eq!(names(&EditsFile::of_run(folder.path())), expected);
-        assert_eq!(read_kept(&kept).unwrap(), expected);
+        assert_eq!(read_saved(&saved).unwrap(), expected);
         let given = GivenNames::of_run(folder.path(), Some(folder.path().join("nowhere/b.json")));
         given.act(&named(3, "Bo")).unwrap();
         assert_eq!(given.known().by_person[&3], "Bo");

@@ -41,8 +41,8 @@ pub(super) fn check_own_machine(
     Ok(())
 }
 
-/// Environment variable with the token. Only the same user can read a process's environment, but everybody its command
-/// line.
+/// Environment variable with the token. Only the same user can read a process's environment; everyone can read its
+/// command line.
 const VARIABLE: &str = "FARFIELD_PAGE_TOKEN";
 
 /// Variable and value that pass a token to a node.

@@ -58,7 +58,7 @@ pub(super) async fn start(
             "goes to"
         };
         let open = if stream.spec.leaves_this_machine() {
-            "; it has no keys: everybody who can reach it sees where people are"
+            "; it has no keys: everyone who can reach it sees where people are"
         } else {
             ""
         };

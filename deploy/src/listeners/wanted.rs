@@ -97,7 +97,7 @@ pub(crate) fn check_streams(venue: &Venue, report: &mut ReportLines) {
         if spec.leaves_this_machine() {
             report.warn(
                 STREAMS,
-                format!("{name}: {what} {address}; it has no keys: everybody who can reach it sees where people are"),
+                format!("{name}: {what} {address}; it has no keys: everyone who can reach it sees where people are"),
                 "without `address` it stays on this machine",
             );
         } else {

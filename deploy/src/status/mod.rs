@@ -67,14 +67,14 @@ pub(crate) struct StatusArgs {
 pub(crate) fn status(args: &StatusArgs) -> Result<Ending, NodeError> {
     log::start_log();
     let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
-    let asked = Asked {
+    let options = Asked {
         side: LinkEnd::Connect,
         node: &args.node,
         endpoints: &args.connect,
         certificates: args.certificates.as_deref(),
         allow_plaintext: args.allow_plaintext,
     };
-    let reach = asked.in_venue(&venue)?;
+    let reach = options.in_venue(&venue)?;
     runtime::block_on(2, show(args, &venue, &reach))
 }
 
@@ -171,14 +171,14 @@ pub(crate) fn join_for_a_moment(
     connect: &[String],
     answer: Duration,
 ) -> Result<Option<Vec<NodeInShort>>, NodeError> {
-    let asked = Asked {
+    let options = Asked {
         side: LinkEnd::Connect,
         node: RECORDER,
         endpoints: connect,
         certificates: None,
         allow_plaintext: false,
     };
-    let reach = asked.in_venue(venue)?;
+    let reach = options.in_venue(venue)?;
     runtime::block_on(2, async {
         let Some((session, listener)) = join(venue, &reach, answer).await? else {
             return Ok(None);
