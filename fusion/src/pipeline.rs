@@ -235,7 +235,7 @@ impl Pipeline {
             *kept = whole.clamp(1, LONGEST_HORIZON_TICKS);
         }
         let longest = self.horizons.iter().copied().max().unwrap_or(1);
-        self.registry.look_ahead(longest);
+        self.registry.plan_ahead(longest);
     }
 
     /// The boxes with which a run begins at `tick`: with a detection pass of every edge.
@@ -423,7 +423,7 @@ impl Pipeline {
             parts: 1,
             order: Order::Track,
             live: None,
-            detection_cameras: self.registry.looking(own, tick + horizon),
+            detection_cameras: self.registry.detecting(own, tick + horizon),
             persons: Vec::new(),
         };
         let mut sets: Vec<BoxSet> = viewpoints.enumerate().map(set).collect();

@@ -1,5 +1,6 @@
-//! A tentative person is confirmed: its lengths are estimated from all its ticks, and the ticks are
-//! solved again with them, so that the lengths are the same from the first published pose to the last.
+//! Confirmation of a tentative person: its lengths are estimated from all its ticks.
+//! The ticks are then solved again, so that the lengths are the same from the first published pose
+//! to the last.
 
 use farfield_proto::message::{PersonPose, PersonState};
 use farfield_proto::tick::Tick;
@@ -15,9 +16,9 @@ use crate::estimate::estimator::TickSnapshot;
 use crate::method::Method;
 
 impl Track {
-    /// From now on this is somebody who was here before, with the body that is known; the poses so far
-    /// are to be solved again.
-    pub(crate) fn becomes(&mut self, known: Departed, rate_hz: f64) {
+    /// Takes the id and the body of `known`, who was here before. The poses so far must be solved
+    /// again.
+    pub(crate) fn take_identity_of(&mut self, known: Departed, rate_hz: f64) {
         self.identity.id = known.id;
         self.identity.lived_ticks += known.lived_ticks(rate_hz);
         let body = &mut self.estimator.body;
@@ -27,12 +28,12 @@ impl Track {
         self.identity.tentative.known = Some(known.body.skeleton);
     }
 
-    /// Estimates the body and returns the poses of the tentative ticks, in order; the phase is that of a
-    /// confirmed person already. Who was recognised has the body that is known of it.
+    /// Estimates the body and returns the poses of the tentative ticks, in order. The phase is
+    /// already that of a confirmed person. A recognised person keeps the known body.
     pub(crate) fn solve_again(&mut self, method: &Method) -> Vec<(Tick, PersonPose)> {
         let record = std::mem::take(&mut self.identity.tentative);
         let ticks = record.ticks;
-        // The fit poses the last of its ticks: backwards, that is the first sighting.
+        // The fit returns the pose of its last tick: in reverse order, that is the first sighting.
         let backwards: Vec<ObservedJoints> = ticks
             .iter()
             .rev()
@@ -40,7 +41,7 @@ impl Track {
             .collect();
         let ik = &method.parameters.ik;
         let bounds = method.range_of_motion.as_ref();
-        // Without a fit its first body stays: that fitted the first sighting.
+        // If the fit fails, the first body stays: it fitted the first sighting.
         let (skeleton, pose) = fit(&backwards, ik, bounds).map_or_else(
             |_| {
                 let estimator = &self.estimator;
@@ -60,7 +61,7 @@ impl Track {
             estimator.set_velocity(record.velocity_m_s);
         }
         estimator.forget_uncertainty();
-        // Who is near now says nothing about the ticks before.
+        // The people who are near now are no evidence about earlier ticks.
         estimator.push(None);
         ticks
             .iter()

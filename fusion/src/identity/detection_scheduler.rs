@@ -1,18 +1,22 @@
-//! Which cameras look for people, and when.
+//! Which cameras run the detector, and when.
 //!
-//! Every camera looks regularly, all at the same ticks: those that the period divides, so that edges know them
-//! without being told. In between, cameras are asked: for the next
-//! few ticks by a sighting that nothing explains and by a newcomer whom others should see too, and now
-//! and then for those who are lost. A sighting that was asked about in vain (a bystander whom one viewpoint sees,
-//! a mirror) is asked about less and less often for as long as it stays where it is.
+//! Every camera runs a detection pass regularly. All do so at the ticks that the period divides, so
+//! that edges know these ticks without a request. In between, fusion requests passes from some
+//! cameras:
+//! - for the next few ticks, after a sighting that no track explains, and for a newcomer that other
+//!   cameras should also see;
+//! - now and then, for lost people.
 //!
-//! Who looks is planned as many ticks ahead as the boxes are made: what is asked for now is looked at
-//! then.
+//! A sighting that stays unexplained (a bystander whom one viewpoint sees, a mirror) causes fewer
+//! and fewer requests while it stays where it is.
 //!
-//! **What looking may cost.** A camera may be asked for [`BirthParameters::look_share`] of its ticks.
-//! It has an allowance of passes, which grows by that share per tick up to [`BirthParameters::look_again_ticks`]; each pass, a
-//! regular one too, takes one, and a camera without a whole one left is not asked. So in any n ticks a
-//! camera looks at most `look_again_ticks + look_share n` times, or whenever passes are regular.
+//! Passes are planned as many ticks ahead as boxes are made; a request takes effect at that time.
+//!
+//! **Budget.** Requests may use [`BirthParameters::look_share`] of a camera's ticks. A camera has
+//! an allowance of passes. It grows by that share per tick up to
+//! [`BirthParameters::look_again_ticks`]. Each pass, also a regular one, takes one from it. A
+//! camera without a whole one left gets no request. So in any n ticks a camera runs at most
+//! `look_again_ticks + look_share n` passes, or those that are regular.
 
 use std::collections::VecDeque;
 
@@ -27,43 +31,43 @@ use nalgebra::Vector3;
 use crate::sightings::contradiction::in_sight;
 use crate::sightings::rays::SightedBody;
 
-/// Steps in which a ray is followed through the field, metres: a body is wider than half of it.
+/// Step along a ray through the field, metres: a body is wider than half of it.
 const RAY_STEP_M: f64 = 0.5;
-/// Farthest that a ray is followed, metres.
+/// Greatest distance along a ray, metres.
 const FARTHEST_M: f64 = 200.0;
-/// Longest wait before a sighting that stays unexplained is asked about again, regular passes.
+/// Longest wait before the next request for a sighting that stays unexplained, regular passes.
 const LONGEST_WAIT: i64 = 8;
-/// Two unexplained sightings of one viewpoint are the same while their rays differ by less, radians
-/// (2 degrees, 0.35 m at 10 m).
+/// Two unexplained sightings of one viewpoint are the same if their rays differ by less, radians (2
+/// degrees, 0.35 m at 10 m).
 const SAME_RAY_RAD: f64 = 0.035;
-/// Most sightings that are kept in mind; of more, the oldest are forgotten.
-const MAX_KEPT: usize = 256;
-/// Ticks between two passes for those who are lost.
+/// Most sightings that are remembered; the oldest are forgotten first.
+const MAX_REMEMBERED: usize = 256;
+/// Ticks between two passes for lost people.
 const LOST_EVERY_TICKS: i64 = 5;
-/// Farthest from where a lost person is carried that it is looked for, metres: beyond, the regular
-/// looks find it.
+/// Greatest distance from the carried place within which a lost person is searched, metres: farther
+/// away, the regular passes find it.
 const LOST_REACH_M: f64 = 3.0;
 
-/// A sighting that nothing explains.
+/// A sighting that no track explains.
 #[derive(Debug, Clone)]
-struct AskedSighting {
+struct UnexplainedSighting {
     viewpoint: ViewpointIndex,
     direction: Vector3<f64>,
     seen: Tick,
-    /// When it is asked about again.
+    /// When the next request is made.
     next: Tick,
-    /// Ticks from then to the time after.
+    /// Ticks from `next` to the request after it.
     wait: i64,
 }
 
-/// Cameras that shall look for some ticks more.
+/// A request: cameras that run detection passes for some more ticks.
 #[derive(Debug, Clone)]
-struct Ask {
+struct Request {
     until: Tick,
     cameras: Vec<bool>,
 }
 
-/// Decides who looks at each tick.
+/// Decides which cameras run the detector at each tick.
 #[derive(Debug, Clone)]
 pub(crate) struct DetectionScheduler {
     cameras: Vec<(ViewpointIndex, CameraModel)>,
@@ -71,11 +75,11 @@ pub(crate) struct DetectionScheduler {
     period: i64,
     again_ticks: i64,
     share: f64,
-    /// Per camera: passes that it may still be asked for.
+    /// Per camera: passes that may still be requested.
     allowance: Vec<f64>,
-    kept: Vec<AskedSighting>,
-    asks: Vec<Ask>,
-    /// Per tick from `planned_from` on: who looks.
+    remembered: Vec<UnexplainedSighting>,
+    requests: Vec<Request>,
+    /// Per tick from `planned_from` on: which cameras run.
     planned: VecDeque<Vec<bool>>,
     planned_from: Tick,
     /// How many ticks ahead is planned, at least 1.
@@ -98,15 +102,15 @@ impl DetectionScheduler {
             again_ticks,
             share: births.look_share,
             allowance: vec![again_ticks as f64; n],
-            kept: Vec::new(),
-            asks: Vec::new(),
+            remembered: Vec::new(),
+            requests: Vec::new(),
             planned: VecDeque::new(),
             planned_from: Tick::default(),
             ahead: 1,
         }
     }
 
-    /// Begins a run at `tick`, at which everybody looks.
+    /// Begins a run at `tick`, at which all cameras run the detector.
     pub(crate) fn begin(&mut self, tick: Tick) {
         self.planned_from = tick;
         self.planned.clear();
@@ -114,35 +118,35 @@ impl DetectionScheduler {
     }
 
     /// Plans `ticks` ahead from now on, at least 1.
-    pub(crate) fn look_ahead(&mut self, ticks: i64) {
+    pub(crate) fn plan_ahead(&mut self, ticks: i64) {
         self.ahead = ticks.max(1);
     }
 
-    /// How much later than at the next tick boxes that are made now are used.
+    /// How many ticks after the next one the boxes made now will be used.
     pub(crate) fn awaited_ticks(&self) -> u32 {
         u32::try_from(self.ahead - 1).unwrap_or(0)
     }
 
-    /// Per camera, whether it looks at `tick`; empty where nothing is planned (any more).
-    pub(crate) fn looks_at(&self, tick: Tick) -> &[bool] {
+    /// Per camera, whether it runs the detector at `tick`; empty if nothing is planned (any more).
+    pub(crate) fn runs_at(&self, tick: Tick) -> &[bool] {
         let at = usize::try_from(tick - self.planned_from).ok();
         at.and_then(|at| self.planned.get(at))
             .map_or(&[], Vec::as_slice)
     }
 
-    /// The cameras among `own` that look at `tick`.
-    pub(crate) fn looking(&self, own: &[CameraIndex], tick: Tick) -> Vec<CameraIndex> {
-        let looks = self.looks_at(tick);
-        let looks = |camera: &CameraIndex| looks.get(usize::from(camera.0)) == Some(&true);
-        own.iter().copied().filter(looks).collect()
+    /// The cameras among `own` that run the detector at `tick`.
+    pub(crate) fn detecting(&self, own: &[CameraIndex], tick: Tick) -> Vec<CameraIndex> {
+        let runs = self.runs_at(tick);
+        let runs = |camera: &CameraIndex| runs.get(usize::from(camera.0)) == Some(&true);
+        own.iter().copied().filter(runs).collect()
     }
 
-    /// Whether anybody looks at `tick`.
+    /// Whether any camera runs the detector at `tick`.
     pub(crate) fn is_pass(&self, tick: Tick) -> bool {
-        self.looks_at(tick).contains(&true)
+        self.runs_at(tick).contains(&true)
     }
 
-    /// Plans who looks from `tick` on, the next one, as far ahead as is to be planned.
+    /// Plans from the next tick, `tick`, on, as far ahead as required.
     pub(crate) fn plan(&mut self, tick: Tick) {
         let mut spare = Vec::new();
         while self.planned_from < tick && !self.planned.is_empty() {
@@ -157,55 +161,55 @@ impl DetectionScheduler {
             if next >= tick + self.ahead {
                 break;
             }
-            let mut looks = std::mem::take(&mut spare);
-            self.plan_one(next, &mut looks);
-            self.planned.push_back(looks);
+            let mut runs = std::mem::take(&mut spare);
+            self.plan_one(next, &mut runs);
+            self.planned.push_back(runs);
         }
     }
 
-    /// Plans who looks at `tick`.
-    fn plan_one(&mut self, tick: Tick, looks: &mut Vec<bool>) {
+    fn plan_one(&mut self, tick: Tick, runs: &mut Vec<bool>) {
         let regular = tick.0.rem_euclid(self.period) == 0;
         let most = (self.again_ticks as f64).max(1.0);
-        looks.clear();
+        runs.clear();
         for (camera, left) in self.allowance.iter_mut().enumerate() {
             *left = (*left + self.share).min(most);
-            let asked = self.asks.iter().any(|ask| ask.cameras[camera]);
-            let look = regular || asked && *left >= 1.0;
-            looks.push(look);
-            if look {
+            let requested = self.requests.iter().any(|request| request.cameras[camera]);
+            let is_run = regular || requested && *left >= 1.0;
+            runs.push(is_run);
+            if is_run {
                 *left = (*left - 1.0).max(0.0);
             }
         }
-        self.asks.retain(|ask| ask.until > tick);
+        self.requests.retain(|request| request.until > tick);
     }
 
-    /// Takes note, after the detection pass at `tick`, of those whom nothing explains, and asks about the new ones.
-    pub(crate) fn keep<'a>(
+    /// Records the unexplained sightings of the detection pass at `tick`, and requests passes for
+    /// those that are new or due.
+    pub(crate) fn record_unexplained<'a>(
         &mut self,
         tick: Tick,
         unexplained: impl Iterator<Item = &'a SightedBody>,
     ) {
-        let mut asked = Vec::new();
+        let mut requested = Vec::new();
         for witness in unexplained {
             let Some((origin_m, direction)) = middle_ray(witness) else {
                 continue;
             };
-            let same = |kept: &&mut AskedSighting| {
-                kept.viewpoint == witness.viewpoint
-                    && kept.direction.angle(&direction) < SAME_RAY_RAD
+            let same = |known: &&mut UnexplainedSighting| {
+                known.viewpoint == witness.viewpoint
+                    && known.direction.angle(&direction) < SAME_RAY_RAD
             };
-            match self.kept.iter_mut().find(same) {
-                Some(kept) => {
-                    kept.seen = tick;
-                    kept.direction = direction;
-                    if tick < kept.next {
+            match self.remembered.iter_mut().find(same) {
+                Some(known) => {
+                    known.seen = tick;
+                    known.direction = direction;
+                    if tick < known.next {
                         continue;
                     }
-                    kept.wait = (2 * kept.wait).min(LONGEST_WAIT * self.period);
-                    kept.next = tick + kept.wait;
+                    known.wait = (2 * known.wait).min(LONGEST_WAIT * self.period);
+                    known.next = tick + known.wait;
                 }
-                None => self.kept.push(AskedSighting {
+                None => self.remembered.push(UnexplainedSighting {
                     viewpoint: witness.viewpoint,
                     direction,
                     seen: tick,
@@ -213,33 +217,34 @@ impl DetectionScheduler {
                     wait: self.period,
                 }),
             }
-            asked.push((origin_m, direction));
+            requested.push((origin_m, direction));
         }
-        self.kept.retain(|kept| tick - kept.seen <= 2 * self.period);
-        let surplus = self.kept.len().saturating_sub(MAX_KEPT);
-        self.kept.drain(..surplus);
-        if !asked.is_empty() {
+        self.remembered
+            .retain(|known| tick - known.seen <= 2 * self.period);
+        let surplus = self.remembered.len().saturating_sub(MAX_REMEMBERED);
+        self.remembered.drain(..surplus);
+        if !requested.is_empty() {
             let along = |(origin, direction): &(Vector3<f64>, Vector3<f64>)| {
                 self.inside_field(origin, direction)
             };
-            let points: Vec<Vector3<f64>> = asked.iter().flat_map(along).collect();
-            self.ask_where(tick, self.again_ticks, |model| {
+            let points: Vec<Vector3<f64>> = requested.iter().flat_map(along).collect();
+            self.request_where(tick, self.again_ticks, |model| {
                 points.iter().any(|&point| sees(model, point))
             });
         }
     }
 
-    /// Asks those who should see a newcomer with these keypoints (world metres), for the next few ticks
-    /// after `tick`.
-    pub(crate) fn ask_about_tentative(&mut self, tick: Tick, keypoints_m: &[Vector3<f64>]) {
-        self.ask_where(tick, self.again_ticks, |model| {
+    /// Requests passes from the cameras that should see a newcomer with these keypoints (world
+    /// metres), for the next few ticks after `tick`.
+    pub(crate) fn request_for_tentative(&mut self, tick: Tick, keypoints_m: &[Vector3<f64>]) {
+        self.request_where(tick, self.again_ticks, |model| {
             !in_sight(model, keypoints_m).is_empty()
         });
     }
 
-    /// Asks, now and then, those who see where a lost person could have got to, `reach_m` around
-    /// `place_m` (world).
-    pub(crate) fn ask_for_lost(&mut self, tick: Tick, place_m: Vector3<f64>, reach_m: f64) {
+    /// Requests passes, now and then, from the cameras that see where a lost person could be,
+    /// within `reach_m` of `place_m` (world).
+    pub(crate) fn request_for_lost(&mut self, tick: Tick, place_m: Vector3<f64>, reach_m: f64) {
         if tick.0.rem_euclid(LOST_EVERY_TICKS) != 0 {
             return;
         }
@@ -252,16 +257,16 @@ impl DetectionScheduler {
             [0.0, -reach],
         ];
         let around = around.map(|[x, y]| place_m + Vector3::new(x, y, 0.0));
-        self.ask_where(tick, 1, |model| {
+        self.request_where(tick, 1, |model| {
             around.iter().any(|&point| sees(model, point))
         });
     }
 
-    fn ask_where(&mut self, tick: Tick, ticks: i64, sees: impl Fn(&CameraModel) -> bool) {
+    fn request_where(&mut self, tick: Tick, ticks: i64, sees: impl Fn(&CameraModel) -> bool) {
         let cameras = self.cameras.iter().map(|(_, model)| sees(model)).collect();
         let until = tick + (self.ahead - 1 + ticks);
         if ticks > 0 {
-            self.asks.push(Ask { until, cameras });
+            self.requests.push(Request { until, cameras });
         }
     }
 

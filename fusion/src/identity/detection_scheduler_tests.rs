@@ -1,4 +1,4 @@
-//! Tests of who looks when.
+//! Tests of the schedule of detection passes.
 
 use farfield_proto::frames::{Pixel, Transform};
 use nalgebra::Isometry3;
@@ -19,7 +19,7 @@ fn field() -> Field {
     }
 }
 
-/// The defaults, but as many ticks of looking again as there are at 60 Hz.
+/// The defaults, but with as many ticks of repeated passes as at 60 Hz.
 fn births() -> BirthParameters {
     BirthParameters {
         look_again_s: 5.0 / RATE_HZ,
@@ -34,7 +34,7 @@ fn scheduler(births: &BirthParameters) -> DetectionScheduler {
     scheduler
 }
 
-/// Someone in the middle, as camera 0 alone sees them.
+/// A person in the middle, seen by camera 0 alone.
 fn seen_by_one(x: f64) -> Vec<SightedBody> {
     let (hall, mut noise) = (hall(), Noise(1));
     let body = standing(x, 0.0, 1.75, &mut noise);
@@ -42,9 +42,9 @@ fn seen_by_one(x: f64) -> Vec<SightedBody> {
     witnesses(&[sighting], &hall.cameras, 17, 0.3)
 }
 
-/// The ticks of the next `n` at which camera `camera` looks, while `unexplained` is seen whenever
-/// it does.
-fn looks(
+/// The ticks of the next `n` at which camera `camera` runs the detector, while each pass shows
+/// `unexplained`.
+fn passes(
     scheduler: &mut DetectionScheduler,
     n: i64,
     camera: usize,
@@ -55,39 +55,39 @@ fn looks(
         if tick > 0 {
             scheduler.plan(Tick(tick));
         }
-        if scheduler.looks_at(Tick(tick))[camera] {
+        if scheduler.runs_at(Tick(tick))[camera] {
             at.push(tick);
         }
-        if scheduler.looks_at(Tick(tick))[0] {
-            scheduler.keep(Tick(tick), unexplained.iter());
+        if scheduler.runs_at(Tick(tick))[0] {
+            scheduler.record_unexplained(Tick(tick), unexplained.iter());
         }
     }
     at
 }
 
 #[test]
-fn all_look_once_a_second_when_everybody_is_known() {
+fn all_cameras_run_once_a_second_without_unexplained_sightings() {
     let mut scheduler = scheduler(&births());
     for camera in 0..4 {
         scheduler.begin(Tick(0));
-        assert_eq!(looks(&mut scheduler, 31, camera, &[]), [0, 10, 20, 30]);
+        assert_eq!(passes(&mut scheduler, 31, camera, &[]), [0, 10, 20, 30]);
     }
 }
 
 #[test]
-fn who_could_see_an_unexplained_sighting_looks_for_five_ticks() {
+fn cameras_that_could_see_an_unexplained_sighting_run_five_ticks() {
     let births = births();
     let unexplained = seen_by_one(0.0);
     for camera in 0..4 {
-        let at = looks(&mut scheduler(&births), 10, camera, &unexplained);
+        let at = passes(&mut scheduler(&births), 10, camera, &unexplained);
         assert_eq!(at, [0, 1, 2, 3, 4, 5], "camera {camera}");
     }
 }
 
 #[test]
-fn who_cannot_see_an_unexplained_sighting_is_not_asked() {
+fn cameras_that_cannot_see_a_sighting_get_no_request() {
     let mut cameras = hall().cameras;
-    // A camera high above that looks into the sky.
+    // A camera high above that points at the sky.
     let (_, model) = &cameras[2];
     let elsewhere = CameraModel::new(
         "sky",
@@ -99,18 +99,18 @@ fn who_cannot_see_an_unexplained_sighting_is_not_asked() {
     .unwrap();
     cameras.push((ViewpointIndex(4), elsewhere));
     let mut scheduler = DetectionScheduler::new(cameras, field(), &births(), RATE_HZ);
-    scheduler.keep(Tick(3), seen_by_one(0.0).iter());
+    scheduler.record_unexplained(Tick(3), seen_by_one(0.0).iter());
     scheduler.plan(Tick(4));
-    assert_eq!(scheduler.looks_at(Tick(4)), [true, true, true, true, false]);
+    assert_eq!(scheduler.runs_at(Tick(4)), [true, true, true, true, false]);
 }
 
 #[test]
-fn what_is_asked_about_in_vain_is_asked_about_less_and_less() {
+fn an_unexplained_sighting_causes_fewer_and_fewer_requests() {
     let births = BirthParameters {
         look_share: 1.0,
         ..births()
     };
-    let at = looks(&mut scheduler(&births), 200, 1, &seen_by_one(0.0));
+    let at = passes(&mut scheduler(&births), 200, 1, &seen_by_one(0.0));
     let bursts: Vec<i64> = at
         .windows(2)
         .filter(|pair| pair[1] == pair[0] + 1 && pair[0] % 10 == 0)
@@ -120,87 +120,87 @@ fn what_is_asked_about_in_vain_is_asked_about_less_and_less() {
 }
 
 #[test]
-fn who_is_new_is_asked_about_at_once() {
+fn a_new_sighting_causes_a_request_at_once() {
     let mut scheduler = scheduler(&births());
     let (one, other) = (seen_by_one(0.0), seen_by_one(1.5));
-    let _known = looks(&mut scheduler, 10, 0, &one);
+    let _known = passes(&mut scheduler, 10, 0, &one);
     scheduler.plan(Tick(10));
-    scheduler.keep(Tick(10), one.iter().chain(&other));
+    scheduler.record_unexplained(Tick(10), one.iter().chain(&other));
     scheduler.plan(Tick(11));
     assert!(scheduler.is_pass(Tick(11)));
 }
 
 #[test]
-fn who_looks_is_planned_as_far_ahead_as_boxes_are_made() {
+fn passes_are_planned_as_far_ahead_as_boxes() {
     let mut scheduler = scheduler(&births());
-    scheduler.look_ahead(6);
+    scheduler.plan_ahead(6);
     let mut at = Vec::new();
     for tick in 1..40 {
         scheduler.plan(Tick(tick));
         let ahead = Tick(tick + 5);
-        let told = scheduler.looking(&[CameraIndex(1)], ahead).len();
-        assert_eq!(told == 1, scheduler.is_pass(ahead));
-        assert!(scheduler.looks_at(ahead + 1).is_empty(), "nothing beyond");
+        let planned = scheduler.detecting(&[CameraIndex(1)], ahead).len();
+        assert_eq!(planned == 1, scheduler.is_pass(ahead));
+        assert!(scheduler.runs_at(ahead + 1).is_empty(), "nothing beyond");
         if scheduler.is_pass(Tick(tick)) {
             at.push(tick);
         }
         if tick == 12 {
-            scheduler.keep(Tick(tick), seen_by_one(0.0).iter());
+            scheduler.record_unexplained(Tick(tick), seen_by_one(0.0).iter());
         }
     }
-    assert_eq!(at, [10, 18, 19, 20, 21, 22, 30], "asked about at 12");
+    assert_eq!(at, [10, 18, 19, 20, 21, 22, 30], "requested at 12");
 }
 
 #[test]
-fn a_newborn_and_a_lost_person_are_looked_for_by_those_who_see_them() {
+fn cameras_in_sight_search_newcomers_and_lost_people() {
     let births = births();
     let body = standing(0.0, 0.0, 1.75, &mut Noise(2));
-    let mut of_newcomer = scheduler(&births);
-    of_newcomer.plan(Tick(1));
-    assert!(!of_newcomer.is_pass(Tick(1)));
-    of_newcomer.ask_about_tentative(Tick(1), &body);
-    of_newcomer.plan(Tick(2));
-    assert_eq!(of_newcomer.looks_at(Tick(2))[..4], [true; 4]);
-    let mut of_lost = scheduler(&births);
-    of_lost.ask_for_lost(Tick(5), Vector3::new(0.0, 0.0, 0.9), 0.5);
-    of_lost.plan(Tick(6));
-    assert_eq!(of_lost.looks_at(Tick(6))[..4], [true; 4]);
-    of_lost.plan(Tick(7));
-    assert!(!of_lost.is_pass(Tick(7)));
+    let mut for_newcomer = scheduler(&births);
+    for_newcomer.plan(Tick(1));
+    assert!(!for_newcomer.is_pass(Tick(1)));
+    for_newcomer.request_for_tentative(Tick(1), &body);
+    for_newcomer.plan(Tick(2));
+    assert_eq!(for_newcomer.runs_at(Tick(2))[..4], [true; 4]);
+    let mut for_lost = scheduler(&births);
+    for_lost.request_for_lost(Tick(5), Vector3::new(0.0, 0.0, 0.9), 0.5);
+    for_lost.plan(Tick(6));
+    assert_eq!(for_lost.runs_at(Tick(6))[..4], [true; 4]);
+    for_lost.plan(Tick(7));
+    assert!(!for_lost.is_pass(Tick(7)));
     let own = [CameraIndex(1), CameraIndex(2)];
-    assert!(of_lost.looking(&own, Tick(7)).is_empty());
+    assert!(for_lost.detecting(&own, Tick(7)).is_empty());
 }
 
 proptest! {
     #[test]
-    fn looks_keep_to_their_share_whatever_is_seen(
+    fn passes_stay_within_their_share(
         share in 0.0f64..1.0, again in 0u32..20, from in 1i64..50, xs in prop::collection::vec(-3.0f64..3.0, 1..6),
     ) {
         let births = BirthParameters { look_share: share, look_again_s: f64::from(again) / RATE_HZ, ..births() };
         let mut scheduler = scheduler(&births);
         let unexplained: Vec<SightedBody> = xs.iter().flat_map(|&x| seen_by_one(x)).collect();
         let n = 60;
-        let mut asked = 0;
+        let mut requested = 0;
         for tick in 1..from + n {
             scheduler.plan(Tick(tick));
-            asked += i32::from(tick >= from && scheduler.looks_at(Tick(tick))[1] && tick % 10 != 0);
-            scheduler.keep(Tick(tick), unexplained.iter());
-            scheduler.ask_for_lost(Tick(tick), Vector3::new(0.0, 0.0, 0.9), 1.0);
+            requested += i32::from(tick >= from && scheduler.runs_at(Tick(tick))[1] && tick % 10 != 0);
+            scheduler.record_unexplained(Tick(tick), unexplained.iter());
+            scheduler.request_for_lost(Tick(tick), Vector3::new(0.0, 0.0, 0.9), 1.0);
         }
         let most = f64::from(again.max(1)) + share * n as f64;
-        prop_assert!(f64::from(asked) <= most + 1e-6, "{asked} of {most}");
+        prop_assert!(f64::from(requested) <= most + 1e-6, "{requested} of {most}");
     }
 }
 
 #[test]
-fn a_ray_that_leaves_the_field_asks_nobody() {
+fn a_ray_that_leaves_the_field_causes_no_request() {
     let mut scheduler = scheduler(&births());
     let mut up = seen_by_one(0.0);
     for ray in up[0].rays.iter_mut().flatten() {
         ray.direction = Vector3::z();
         ray.pixel = Pixel::new(0.0, 0.0);
     }
-    scheduler.keep(Tick(0), up.iter());
+    scheduler.record_unexplained(Tick(0), up.iter());
     scheduler.plan(Tick(1));
     assert!(!scheduler.is_pass(Tick(1)));
 }

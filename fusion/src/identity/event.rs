@@ -1,4 +1,4 @@
-//! What becomes of a person at a tick, with the reason and its numbers: all that changes who is who.
+//! Identity events: every change of a track, with its reason and numbers.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::message::identity_event::{Change, DropReason, IdentityEvent, Likeness};
@@ -6,7 +6,7 @@ use farfield_proto::message::identity_event::{Change, DropReason, IdentityEvent,
 /// One event.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Event {
-    /// Whom it happens to, as the edges know it.
+    /// The person's id on the edges.
     pub(crate) wire_id: PersonId,
     pub(crate) kind: EventKind,
 }
@@ -14,38 +14,38 @@ pub(crate) struct Event {
 /// What happens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum EventKind {
-    /// Somebody new was sighted: track initiation.
+    /// A new person was sighted: track initiation.
     Initiate { views: u16, awaited_ticks: u32 },
-    /// Somebody is there who is given by hand.
+    /// A person is given by hand.
     Given,
-    /// A tentative person whose crops have not come yet was sighted again: it starts over there.
+    /// A tentative person was sighted again before its first crops arrived: it starts over there.
     Reinitiate { moved_m: f64, awaited_ticks: u32 },
-    /// A tentative person is somebody.
+    /// A tentative person is confirmed.
     Confirm { seen_s: f64 },
-    /// Somebody new was here before.
+    /// A new person was here before.
     Recognise { old: PersonId, why: Likeness },
-    /// Somebody has lacked evidence from two viewpoints for long enough to be lost.
+    /// The person has lacked evidence from two viewpoints for long enough to be lost.
     Lose { missing_s: f64 },
-    /// Somebody lost is seen again where it is, not yet for long enough to be found.
+    /// A lost person is seen again in its place, but not yet for long enough to be found.
     SeenAgain,
-    /// Who was seen again is not any more.
+    /// A person that was seen again is no longer seen.
     UnseenAgain,
-    /// Somebody lost has been seen again for long enough.
+    /// A lost person has been seen again for long enough.
     Find { lost_s: f64 },
-    /// Somebody lost was sighted, and taken back there.
+    /// A lost person was sighted elsewhere, and moved there.
     Revive { why: Likeness },
-    /// Somebody lost followed what was seen of another; it goes back to where it stood alone.
+    /// A lost person followed the evidence of another. It goes back to where it stood alone.
     StepBack {
         other: PersonId,
         distance_m: f64,
         ticks: u32,
     },
-    /// Somebody is let go.
+    /// The track is dropped.
     Drop { reason: DropReason },
 }
 
 impl EventKind {
-    /// The event of `person` as it is published; `None` for what is of no interest outside.
+    /// The event of `person` as it is published; `None` for internal events.
     pub(crate) fn as_message(
         &self,
         person: PersonId,

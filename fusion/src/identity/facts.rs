@@ -1,4 +1,4 @@
-//! What a tick knows of each track, as plain values: all that decisions are made from.
+//! The state of each track at a tick as plain values: the only input of decisions.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::tick::Tick;
@@ -11,7 +11,7 @@ use super::tentative::Votes;
 use super::track::Track;
 use crate::body::skeleton::{Joint, Joints};
 
-/// What decisions go by, the same for everybody.
+/// Parameters of decisions, the same for all tracks.
 #[derive(Debug, Clone)]
 pub(crate) struct Rules {
     pub(crate) births: BirthParameters,
@@ -20,18 +20,18 @@ pub(crate) struct Rules {
 }
 
 impl Rules {
-    /// So many ticks, seconds.
+    /// Converts ticks to seconds.
     pub(crate) fn seconds(&self, ticks: u32) -> f64 {
         f64::from(ticks) / self.rate_hz
     }
 
-    /// Time from tick to tick, seconds.
+    /// Tick period, seconds.
     pub(crate) fn dt_s(&self) -> f64 {
         1.0 / self.rate_hz
     }
 }
 
-/// What is known of one track.
+/// Facts about one track.
 #[derive(Debug, Clone)]
 pub(crate) struct TrackFacts {
     pub(crate) id: PersonId,
@@ -40,19 +40,18 @@ pub(crate) struct TrackFacts {
     pub(crate) coverage: Coverage,
     /// The joints of the newest pose, world, metres.
     pub(crate) joints_m: Joints,
-    /// The last tick at which nobody else was near.
+    /// The last tick at which no other person was near.
     pub(crate) alone_at: Option<Tick>,
-    /// For how many ticks it has been tentative.
+    /// How many ticks it has been tentative.
     pub(crate) tentative_ticks: usize,
-    /// What the detection passes since its initiation said of it.
+    /// Results of the detection passes since its initiation.
     pub(crate) votes: Votes,
-    /// How flat and how still it is, once it has been tentative for long enough to tell.
+    /// How flat and how still it is; `None` until it has been tentative for long enough.
     pub(crate) stillness: Option<Stillness>,
 }
 
 impl TrackFacts {
-    /// Those of `track`.
-    pub(crate) fn of(track: &Track) -> Self {
+    pub(crate) fn from_track(track: &Track) -> Self {
         let identity = &track.identity;
         Self {
             id: identity.id,
@@ -72,8 +71,8 @@ impl TrackFacts {
         phase::is_awaited(self.phase, self.coverage)
     }
 
-    /// Mean distance of the joints of two bodies, metres; the smaller of left on left and left on right,
-    /// because one of two tracks on a body may face the other way.
+    /// Mean distance of the joints of two bodies, metres. The smaller of two pairings (same sides,
+    /// swapped sides), because one of two tracks on a body may face the other way.
     pub(crate) fn distance_m(&self, other: &Self) -> f64 {
         let (a, b) = (&self.joints_m, &other.joints_m);
         let mean = |other: &dyn Fn(Joint) -> Joint| {
@@ -86,7 +85,7 @@ impl TrackFacts {
     }
 }
 
-/// The same joint of the other side: left comes right before right.
+/// The same joint of the other side: `Joint::ALL` has left directly before right.
 fn mirrored(joint: Joint) -> Joint {
     let at = joint.index();
     let other = if joint.name().starts_with("left_") {
@@ -101,7 +100,7 @@ fn mirrored(joint: Joint) -> Joint {
 
 #[cfg(test)]
 impl TrackFacts {
-    /// Of somebody of whom nothing is known but its phase, for tests: all of its joints are in one place.
+    /// A track with this phase only, all joints in one place.
     pub(crate) fn example(id: u32, phase: Phase) -> Self {
         Self {
             id: PersonId(id),
@@ -116,7 +115,7 @@ impl TrackFacts {
         }
     }
 
-    /// Of somebody who was just sighted, and whose first crops come in `awaited` ticks, for tests.
+    /// A track that was just sighted, and whose first crops arrive in `awaited` ticks.
     pub(crate) fn sighted(id: u32, awaited: u32) -> Self {
         Self {
             coverage: Coverage::sighted(awaited),
@@ -136,7 +135,7 @@ impl Rules {
     /// Defaults at `rate_hz` in a field of 8 m x 6 m.
     pub(crate) fn example(rate_hz: f64) -> Self {
         Self {
-            // As many ticks until a confirmation as there are at 60 Hz.
+            // As many ticks until a confirmation as at 60 Hz.
             births: BirthParameters {
                 confirm_s: 12.0 / rate_hz,
                 ..BirthParameters::default()

@@ -1,4 +1,5 @@
-//! Who was there when fusion ended, so that the next one knows them again: ids, places, bodies.
+//! The people who were present when fusion ended (ids, places, bodies), so that the next run can
+//! recognise them.
 
 use std::collections::BTreeSet;
 
@@ -12,71 +13,71 @@ use super::whereabouts::{LastSeen, Whereabouts};
 use crate::body::measured::MeasuredBody;
 use crate::body::skeleton::{Proportions, Site, Skeleton};
 
-/// Most people who are handed on.
+/// Most people that are handed over.
 const MAX_PEOPLE: usize = 512;
-/// Ids that are handed on are below: some are left to be given.
+/// Largest id that may be handed over: it leaves ids for new people.
 const MAX_ID: u32 = u32::MAX / 2;
-/// Farther from the origin nobody is, metres.
+/// Greatest plausible distance from the origin, metres.
 const FARTHEST_M: f64 = 1e5;
 
-/// Everybody who may come back, and the id that nobody has had.
+/// All people who may come back, and the next unused id.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct KnownPeople {
-    /// The id of the next who is new.
+    /// The id of the next new person.
     pub next_id: u32,
-    /// Who is known.
+    /// The known people.
     pub people: Vec<KnownPerson>,
 }
 
-/// One person who is known.
+/// One known person.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct KnownPerson {
     /// The id.
     pub id: u32,
-    /// By which the edges knew the person, where that was another.
+    /// The person's id on the edges, if it differs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wire_id: Option<u32>,
-    /// When it was surely itself.
+    /// The last tick at which the person was surely itself.
     pub seen: Tick,
-    /// When it went; `None` of who was there.
+    /// When it left; `None` if it was still present.
     pub gone: Option<Tick>,
-    /// Where the pelvis was then, world, metres.
+    /// Where the pelvis was at that tick, world, metres.
     pub place_m: [f64; 3],
-    /// How fast, on the floor, world, metres per second.
+    /// Velocity on the floor, world, metres per second.
     pub velocity_m_s: Option<[f64; 2]>,
-    /// From its right to its left, on the floor, of length 1.
+    /// Unit vector on the floor from its right to its left.
     pub to_left: Option<[f64; 2]>,
     /// The lengths of the body, metres, in the order of [`Proportions::lengths_m`].
     pub lengths_m: Vec<f64>,
-    /// How long it was there, seconds.
+    /// How long it was present, seconds.
     pub lived_s: f64,
 }
 
 impl KnownPeople {
-    /// The same, if everything in it is possible.
+    /// Returns `self` if all its values are plausible.
     ///
     /// # Errors
-    /// What is wrong, in a few words.
+    /// The first value that is not plausible.
     pub fn checked(self) -> Result<Self, &'static str> {
         if self.people.len() > MAX_PEOPLE {
             return Err("more people than a venue may have");
         }
         if self.next_id > MAX_ID {
-            return Err("more ids than are ever given");
+            return Err("a next id that is too large");
         }
         if self.people.iter().any(|person| person.id >= self.next_id) {
-            return Err("an id that is still to be given");
+            return Err("an id that is not below the next id");
         }
         let ids: BTreeSet<u32> = self.people.iter().map(|person| person.id).collect();
         if ids.len() != self.people.len() {
-            return Err("two people of one id");
+            return Err("two people with the same id");
         }
         let is_in_order = |person: &KnownPerson| person.gone.is_none_or(|gone| person.seen <= gone);
         if !self.people.iter().all(is_in_order) {
-            return Err("somebody who was seen after going");
+            return Err("a person seen after leaving");
         }
         if self.people.iter().any(|person| person.body().is_none()) {
-            return Err("lengths of no body");
+            return Err("implausible body lengths");
         }
         let is_possible = |person: &KnownPerson| {
             let numbers = person
@@ -89,15 +90,15 @@ impl KnownPeople {
             numbers.all(|v| v.abs() < FARTHEST_M) && person.lived_s >= 0.0
         };
         if !self.people.iter().all(is_possible) {
-            return Err("a place or a speed of nobody");
+            return Err("an implausible place or speed");
         }
         Ok(self)
     }
 }
 
 impl KnownPerson {
-    /// Of who is remembered, or would be if it went now.
-    pub(crate) fn of(departed: &Departed, is_there: bool) -> Self {
+    /// A remembered person; `is_present` if it has not left yet.
+    pub(crate) fn from_departed(departed: &Departed, is_present: bool) -> Self {
         let Whereabouts {
             place_m,
             velocity_m_s,
@@ -108,7 +109,7 @@ impl KnownPerson {
             id: departed.id.0,
             wire_id: (departed.wire_id != departed.id).then_some(departed.wire_id.0),
             seen: departed.last_seen.tick,
-            gone: (!is_there).then_some(departed.gone),
+            gone: (!is_present).then_some(departed.gone),
             place_m: place_m.into(),
             velocity_m_s: velocity_m_s.map(Into::into),
             to_left: to_left.map(Into::into),
@@ -117,8 +118,8 @@ impl KnownPerson {
         }
     }
 
-    /// As it is remembered from `tick` on, at which a run begins; `sites` are those of the network's card. `None` where
-    /// the lengths are those of no body, or it was there later than `tick`.
+    /// The person as remembered by a run that begins at `tick`; `sites` come from the network's
+    /// card. `None` if the lengths are implausible, or the person was seen after `tick`.
     pub(crate) fn departed(&self, tick: Tick, sites: &[Option<Site>]) -> Option<Departed> {
         if self.seen > tick || self.gone.is_some_and(|gone| gone > tick) {
             return None;
@@ -167,29 +168,29 @@ mod tests {
     }
 
     #[test]
-    fn who_is_handed_on_is_who_it_was() {
+    fn a_known_person_survives_the_round_trip() {
         let before = known(7);
         let departed = before.departed(Tick(130), &[]).unwrap();
         assert!(departed.is_missed && departed.gone == Tick(130));
-        assert_eq!(KnownPerson::of(&departed, true), before);
+        assert_eq!(KnownPerson::from_departed(&departed, true), before);
         let gone = KnownPerson {
             gone: Some(Tick(90)),
             ..before
         };
         let departed = gone.departed(Tick(130), &[]).unwrap();
         assert!(!departed.is_missed);
-        assert_eq!(KnownPerson::of(&departed, false), gone);
+        assert_eq!(KnownPerson::from_departed(&departed, false), gone);
         let renamed = KnownPerson {
             wire_id: Some(11),
             ..known(7)
         };
         let departed = renamed.departed(Tick(130), &[]).unwrap();
         assert_eq!((departed.id.0, departed.wire_id.0), (7, 11));
-        assert_eq!(KnownPerson::of(&departed, true), renamed);
+        assert_eq!(KnownPerson::from_departed(&departed, true), renamed);
     }
 
     #[test]
-    fn what_nobody_can_be_is_refused() {
+    fn implausible_values_are_refused() {
         let people = |spoil: fn(&mut KnownPerson)| {
             let mut person = known(7);
             spoil(&mut person);
@@ -213,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn who_was_there_later_than_the_run_begins_is_nobody() {
+    fn a_person_seen_after_the_run_begins_is_ignored() {
         assert!(known(7).departed(Tick(99), &[]).is_none());
         let later = KnownPerson {
             gone: Some(Tick(i64::MAX)),

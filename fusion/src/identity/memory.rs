@@ -1,4 +1,4 @@
-//! Who left or was lost, for as long as it may come back.
+//! People who left or were lost, for as long as they may come back.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::tick::Tick;
@@ -10,27 +10,27 @@ use super::whereabouts::LastSeen;
 use crate::body::measured::MeasuredBody;
 use crate::body::skeleton::Skeleton;
 
-/// Most people who are remembered; of more, those who left first are forgotten.
+/// Most people that are remembered; those who left first are forgotten first.
 const MAX_REMEMBERED: usize = 256;
 
-/// How long those are looked for who are missed, beside the regular passes, seconds: mostly links or lights fail, for
-/// all of them.
+/// How long extra detection passes search for missed people, seconds. Mostly links or lights fail,
+/// and then all people are missed together.
 const MISSED_S: f64 = 3.0;
 
-/// What is compared of somebody who is known: a body itself takes a hundred kilobytes.
+/// The data of a known person that is compared: a whole body takes a hundred kilobytes.
 #[derive(Debug, Clone)]
 pub(crate) struct Candidate {
     pub(crate) id: PersonId,
     pub(crate) last_seen: LastSeen,
-    /// Where edges have shown it since, which follow people by themselves.
+    /// Where edges have shown it since; they follow people on their own.
     pub(crate) shown: Vec<LastSeen>,
     pub(crate) appearance: Appearance,
-    /// Whether it is expected back: lost, or missed since a short while.
+    /// Whether it is expected back: lost, or missed for a short time.
     pub(crate) is_expected: bool,
 }
 
 impl Candidate {
-    /// Who is lost and was `last_seen` there, with the body `skeleton`, known for `lived_s` seconds.
+    /// A person that was `last_seen` there, with the body `skeleton`, known for `lived_s` seconds.
     pub(crate) fn new(
         id: PersonId,
         last_seen: LastSeen,
@@ -42,15 +42,16 @@ impl Candidate {
             last_seen,
             shown: Vec::new(),
             appearance: Appearance {
-                lengths: Lengths::of(skeleton, lived_s),
+                lengths: Lengths::from_skeleton(skeleton, lived_s),
                 whereabouts: last_seen.whereabouts,
             },
             is_expected: true,
         }
     }
 
-    /// L of a newcomer who was first seen at `since`: from where this one was seen last, or where edges have shown it nearest
-    /// to that time, whichever is likelier. A place where it cannot have got to does not count.
+    /// L of a newcomer that was first seen at `since`. It starts from where this person was last
+    /// seen, or from where edges showed it nearest to that time, whichever is likelier. Places that
+    /// are out of reach do not count.
     pub(crate) fn likeness(
         &self,
         (newcomer, since): (&Appearance, Tick),
@@ -71,24 +72,24 @@ impl Candidate {
     }
 }
 
-/// Somebody who is known, but not seen.
+/// A person who is known, but not tracked.
 #[derive(Debug, Clone)]
 pub(crate) struct Departed {
     pub(crate) id: PersonId,
-    /// By which the edges know the person.
+    /// The person's id on the edges.
     pub(crate) wire_id: PersonId,
     pub(crate) last_seen: LastSeen,
-    /// When it went, which is later: who is in somebody's arms is not surely itself.
+    /// When it left. That is later than `last_seen` if it was close to another person.
     pub(crate) gone: Tick,
-    /// Whether it was there, and nobody saw it any more.
+    /// Whether it was unseen while it should have been visible.
     pub(crate) is_missed: bool,
     pub(crate) body: MeasuredBody,
-    /// How long the person was there, seconds.
+    /// How long the person was present, seconds.
     pub(crate) lived_s: f64,
 }
 
 impl Departed {
-    /// Whether it is missed since less than [`MISSED_S`].
+    /// Whether it has been missed for less than [`MISSED_S`].
     fn is_expected(&self, now: Tick, rate_hz: f64) -> bool {
         self.is_missed && (now - self.gone) as f64 <= MISSED_S * rate_hz
     }
@@ -99,14 +100,14 @@ impl Departed {
     }
 }
 
-/// Those who are gone, in the order in which they went.
+/// People who left, in the order in which they left.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Memory {
     gone: Vec<Departed>,
 }
 
 impl Memory {
-    /// Remembers `departed`, from now on.
+    /// Remembers `departed` from now on.
     pub(crate) fn remember(&mut self, departed: Departed) {
         self.gone.retain(|other| other.id != departed.id);
         if self.gone.len() == MAX_REMEMBERED {
@@ -115,14 +116,14 @@ impl Memory {
         self.gone.push(departed);
     }
 
-    /// Forgets who went more than `return_s` before `now`.
+    /// Forgets the people who left more than `return_s` before `now`.
     pub(crate) fn forget(&mut self, now: Tick, return_s: f64, rate_hz: f64) {
         let limit = return_s * rate_hz;
         self.gone
             .retain(|departed| (now - departed.gone) as f64 <= limit);
     }
 
-    /// Those who may come back.
+    /// People who may come back.
     pub(crate) fn candidates<'a>(
         &'a self,
         now: Tick,
@@ -134,13 +135,13 @@ impl Memory {
             let (id, last_seen, lived_s) = (departed.id, departed.last_seen, departed.lived_s);
             Candidate {
                 is_expected: departed.is_expected(now, rate_hz),
-                shown: shown.of(departed.wire_id),
+                shown: shown.places_of(departed.wire_id),
                 ..Candidate::new(id, last_seen, skeleton, lived_s)
             }
         })
     }
 
-    /// Where those were, and when they were last seen, who are missed since less than [`MISSED_S`].
+    /// Last places of the people missed for less than [`MISSED_S`], and when they were last seen.
     pub(crate) fn places_of_missed(
         &self,
         now: Tick,
@@ -154,19 +155,19 @@ impl Memory {
         })
     }
 
-    /// The wire ids of those who are missed since less than [`MISSED_S`].
+    /// The wire ids of the people missed for less than [`MISSED_S`].
     pub(crate) fn missed(&self, now: Tick, rate_hz: f64) -> impl Iterator<Item = PersonId> + '_ {
         let gone = self.gone.iter();
         let missed = gone.filter(move |departed| departed.is_expected(now, rate_hz));
         missed.map(|departed| departed.wire_id)
     }
 
-    /// Everybody who is remembered, in the order in which they went.
-    pub(crate) fn everybody(&self) -> &[Departed] {
+    /// All remembered people, in the order in which they left.
+    pub(crate) fn remembered(&self) -> &[Departed] {
         &self.gone
     }
 
-    /// Hands out who has come back.
+    /// Takes out a person who has come back.
     pub(crate) fn take(&mut self, id: PersonId) -> Option<Departed> {
         let at = self.gone.iter().position(|departed| departed.id == id)?;
         Some(self.gone.remove(at))

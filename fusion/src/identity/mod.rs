@@ -1,15 +1,15 @@
-//! Who is who: how persons are found, confirmed, followed, lost, recognised and let go.
+//! Identity: how people are found, confirmed, followed, lost, recognised and dropped.
 //!
 //! ```text
-//!   facts     what the tick knows of each track, as plain values
-//!   decide    facts -> events: pure, a table of rules
-//!   registry  applies events to the tracks, and publishes them
+//!     facts     the state of each track at a tick, as plain values
+//!     decide    facts -> events: pure, a table of rules
+//!     registry  applies events to the tracks, and publishes them
 //! ```
 //!
-//! A phase ([`phase::Phase`]) is stored in one place, [`track::TrackIdentity`], and changed by events alone; what
-//! ticks count of the evidence is kept beside it ([`phase::Coverage`]). Some
-//! decisions need the outcome of others (where a body stands once its first ticks were solved again), so a
-//! tick is decided in a few stages: [`registry::Registry::step`] reads as their sequence.
+//! A phase ([`phase::Phase`]) is stored only in [`track::TrackIdentity`], and only events change
+//! it. Counts of evidence are stored next to it ([`phase::Coverage`]). Some decisions need the
+//! outcome of others, for example where a body stands once its first ticks were solved again. So a
+//! tick is decided in a few stages: [`registry::Registry::step`] lists them.
 
 mod confirmation;
 mod decide;

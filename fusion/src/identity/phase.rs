@@ -1,4 +1,4 @@
-//! Where a person is in its life: tentative, tracked, lost. Who is gone has no track any more, and so no phase.
+//! The phase of a track: tentative, tracked, lost. A person who left has no track and no phase.
 //!
 //! ```text
 //!   tentative --enough evidence--> tracked <--seen for long enough-- lost
@@ -8,12 +8,11 @@
 //!       '---------------------------> gone <--------------------------'
 //! ```
 //!
-//! A phase changes by events alone, as `Phase::after` says; they are decided in `super::decide`. What a
-//! tick counts is [`Coverage`]. There is no phase of who is seen by one viewpoint alone: that is a count of
-//! [`Coverage`], and no rule makes it a phase.
+//! Only events change a phase, through `Phase::after`; `super::decide` makes them. [`Coverage`]
+//! counts the evidence of ticks. "Seen by one viewpoint only" is such a count, and not a phase.
 //!
-//! Coasting is no phase either: a confirmed person is published as coasting (`published`) while no two
-//! viewpoints see it, from the first such tick, when it is still tracked.
+//! Coasting is not a phase either. A confirmed person is published as coasting (`published`) from
+//! the first tick at which no two viewpoints see it, while it is still tracked.
 
 use farfield_proto::message::PersonState;
 use farfield_proto::tick::Tick;
@@ -21,19 +20,19 @@ use farfield_proto::tick::Tick;
 use super::event::EventKind;
 use crate::estimate::uncertainty::MadeOf;
 
-/// Where a person is in its life.
+/// Phase of a track.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
     /// Sighted, and not confirmed.
     Tentative,
-    /// Confirmed, and surely who it is.
+    /// Confirmed, and its identity is sure.
     Tracked,
-    /// Confirmed, and carried by the model or by one viewpoint alone: it may be elsewhere by now, or follow
-    /// somebody else.
+    /// Confirmed, but carried by the model or by one viewpoint: it may be elsewhere, or follow
+    /// another person.
     Lost {
         /// Since when.
         since: Tick,
-        /// Seen again, for less than 0.5 s: until then it is doubtful whether it is the same.
+        /// Seen again, for less than 0.5 s. Until then its identity is suspect.
         is_seen_again: bool,
     },
 }
@@ -55,12 +54,12 @@ impl Phase {
         )
     }
 
-    /// Whether a confirmed person is lost, or was a short while ago.
-    pub fn is_doubtful(self) -> bool {
+    /// Whether a confirmed person is lost, or was lost a short while ago.
+    pub fn is_suspect(self) -> bool {
         matches!(self, Self::Lost { .. })
     }
 
-    /// The phase after an event at `tick`; `None` of who is not here, before it is or when it goes.
+    /// The phase after an event at `tick`; `None` before the track begins and after it is dropped.
     #[must_use]
     pub(crate) fn after(before: Option<Self>, event: &EventKind, tick: Tick) -> Option<Self> {
         let since = match before {
@@ -84,15 +83,16 @@ impl Phase {
                 since,
                 is_seen_again: false,
             }),
-            // It changes who it is, and nothing of its life.
+            // This changes the identity, not the phase.
             EventKind::Recognise { .. } => before,
             EventKind::Drop { .. } => None,
         }
     }
 }
 
-/// What a tick could show of a person, by the viewpoints that have it in sight and gave something at this tick. A tick that edges
-/// left out, or of which messages were lost, is no evidence of absence.
+/// Which evidence a tick could give about a person, by the viewpoints that have it in sight and
+/// sent messages at this tick. A tick that edges skipped, or whose messages were lost, is no
+/// evidence of absence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Showable {
     /// Evidence from two viewpoints.
@@ -102,35 +102,35 @@ pub(crate) struct Showable {
 }
 
 impl Showable {
-    /// All viewpoints gave something.
+    /// All viewpoints sent messages.
     pub(crate) const BY_ALL: Self = Self {
         by_two: true,
         by_any: true,
     };
 }
 
-/// For how long a person has had which evidence, ticks.
+/// How long a person has had which evidence, ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Coverage {
-    /// Since evidence from two viewpoints, of the ticks that could show it.
+    /// Since evidence from two viewpoints, counting only ticks that could show it.
     pub missing: u32,
     /// Since evidence from any viewpoint.
     pub unseen: u32,
-    /// Of those, the ticks that could show the person.
+    /// Of `unseen`, the ticks that could show the person.
     pub absent: u32,
-    /// In a row with evidence from two viewpoints, of the ticks that could show it.
+    /// Consecutive ticks with evidence from two viewpoints, counting only ticks that could show it.
     pub streak: u32,
-    /// With evidence from two viewpoints since it was sighted first, that sighting too.
+    /// With evidence from two viewpoints since the first sighting, that one included.
     pub supported: u32,
-    /// For which the crops of who was sighted cannot have come yet; 0 from when two viewpoints showed it.
+    /// Until the crops of a sighted person can arrive; 0 as soon as two viewpoints have shown it.
     pub awaited: u32,
-    /// Since evidence from two viewpoints, of all ticks.
+    /// Since evidence from two viewpoints, all ticks.
     pub since_two: u32,
 }
 
 impl Coverage {
-    /// Of who was sighted at this tick, and whose first crops come `awaited` ticks later than the next: it is
-    /// not gone before they can have come.
+    /// A person that was sighted at this tick, and whose first crops arrive `awaited` ticks after
+    /// the next one. It is not dropped before they can arrive.
     pub(crate) fn sighted(awaited: u32) -> Self {
         Self {
             supported: 1,
@@ -139,7 +139,7 @@ impl Coverage {
         }
     }
 
-    /// Counts one tick with what it was made of, and what it could show.
+    /// Counts one tick: the evidence it had, and the evidence it could have had.
     pub(crate) fn count(&mut self, made_of: MadeOf, showable: Showable) {
         let has_two = made_of == MadeOf::Views;
         if has_two {
@@ -166,13 +166,13 @@ impl Coverage {
         self.since_two == 0
     }
 
-    /// As if the person was seen at this tick; until it is seen again the streak says what it said.
+    /// As if the person was seen at this tick; the streak does not change.
     pub(crate) fn revive(&mut self) {
         (self.missing, self.since_two) = (0, 0);
         (self.unseen, self.absent) = (0, 0);
     }
 
-    /// What was taken for evidence of the last `ticks` was somebody else's.
+    /// The evidence of the last `ticks` belonged to another person.
     pub(crate) fn withdraw(&mut self, ticks: u32) {
         (self.missing, self.unseen, self.streak) = (ticks, ticks, 0);
         (self.since_two, self.absent) = (ticks, ticks);
@@ -184,7 +184,7 @@ pub(crate) fn is_awaited(phase: Phase, coverage: Coverage) -> bool {
     phase.is_tentative() && coverage.awaited > 0
 }
 
-/// What is published of a phase.
+/// The state that is published for a phase.
 pub(crate) fn published(phase: Phase, coverage: Coverage) -> PersonState {
     match phase {
         Phase::Tentative => PersonState::Tentative,
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_that_edges_leave_out_count_neither_for_nor_against() {
+    fn ticks_that_edges_skip_do_not_count() {
         let left_out = Showable {
             by_two: false,
             by_any: false,
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_seen_again_is_lost_since_it_was() {
+    fn seeing_a_lost_person_again_keeps_its_start_of_loss() {
         let since = Tick(7);
         let lose = EventKind::Lose { missing_s: 0.2 };
         let lost = Phase::after(Some(Phase::Tracked), &lose, since);
@@ -259,13 +259,13 @@ mod tests {
                 is_seen_again
             })
         );
-        assert!(back.is_some_and(|back| !back.is_lost() && back.is_doubtful()));
+        assert!(back.is_some_and(|back| !back.is_lost() && back.is_suspect()));
         let lost_again = Phase::after(back, &EventKind::UnseenAgain, Tick(11));
         assert_eq!(lost_again, lost);
     }
 
     #[test]
-    fn who_is_not_here_has_no_phase() {
+    fn a_dropped_person_has_no_phase() {
         let given = Phase::after(None, &EventKind::Given, Tick(3));
         assert_eq!(given, Some(Phase::Tracked));
         let reason = DropReason::GivenByHand;

@@ -1,10 +1,10 @@
 //! Poster rejection: pictures of people are flat, and never move.
 //!
-//! A poster is a body to every test that looks at one tick: it has people's proportions, and all cameras
-//! agree on where it hangs. But its keypoints lie in one plane, and stay where they are. A body that
-//! does both is not published until it moves or turns out solid; when that takes too long it is
-//! dropped and remembered, so that nobody is asked about it again and again. Who stands still is solid:
-//! a nose is 0.1 m in front of the ears, arms do not hang in the plane of the shoulders.
+//! A poster passes every test of a single tick: it has human proportions, and all cameras agree on
+//! its place. But its keypoints lie in one plane and never move. A body with both properties is not
+//! published until it moves or proves solid. If that takes too long, it is dropped and remembered,
+//! so that it causes no more requests. A person who stands still is solid: a nose is 0.1 m in front
+//! of the ears, and arms do not hang in the plane of the shoulders.
 
 use farfield_proto::order_statistics::upper_median;
 use farfield_proto::tick::Tick;
@@ -14,29 +14,30 @@ use nalgebra::{Matrix3, Vector3};
 use crate::identity::tentative::TentativeTick;
 use crate::sightings::explanation::KnownBody;
 
-/// Least keypoints, all of them seen over the whole time, from which flatness can be told.
+/// Least keypoints, all seen over the whole time, for a test of flatness.
 const MIN_KEYPOINTS: usize = 6;
-/// Most ticks that a place is taken from.
+/// Most ticks that give a place.
 const MAX_SAMPLES: usize = 64;
-/// How long a poster is remembered, seconds: then it is looked at anew.
+/// How long a poster is remembered, seconds; then it is tested anew.
 const REMEMBERED_S: f64 = 60.0;
-/// Most posters that are remembered; of more, the oldest are forgotten.
+/// Most posters that are remembered; the oldest are forgotten first.
 const MAX_POSTERS: usize = 64;
 
-/// What the ticks of a tentative body say of it.
+/// Flatness and motion of a tentative body over its ticks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Stillness {
-    /// Distance of its keypoints from their plane, root mean square, metres of the average keypoint: a face is
-    /// found several times as exactly as hips, and what stands out of it tells a head from a printed one.
+    /// Distance of its keypoints from their plane, root mean square, metres of the average
+    /// keypoint. A face is located several times as exactly as hips, and its depth distinguishes a
+    /// head from a printed one.
     pub(crate) flat_m: f64,
-    /// How far its keypoints are from where they were first, the median of them, metres.
+    /// Median distance of its keypoints from their first places, metres.
     pub(crate) moved_m: f64,
 }
 
 impl Stillness {
-    /// Of `ticks`; `None` when they show too little. `relative_sigmas` are the keypoints' expected errors
-    /// over the average keypoint's.
-    pub(crate) fn of(ticks: &[TentativeTick], relative_sigmas: &[f64]) -> Option<Self> {
+    /// From `ticks`; `None` if they show too little. `relative_sigmas` are the expected errors of
+    /// the keypoints over that of the average keypoint.
+    pub(crate) fn from_ticks(ticks: &[TentativeTick], relative_sigmas: &[f64]) -> Option<Self> {
         let quarter = (ticks.len() / 4).max(1);
         let n = ticks.first()?.estimates.len();
         let (first, last) = (ticks.get(..quarter)?, ticks.get(ticks.len() - quarter..)?);
@@ -62,8 +63,8 @@ impl Stillness {
     }
 }
 
-/// Where keypoint `k` was over `ticks`, where two viewpoints agreed on it, world metres: the median
-/// of each coordinate, because who passes by draws keypoints away for a while.
+/// Where keypoint `k` was over `ticks`, where two viewpoints agreed on it, world metres. The median
+/// of each coordinate, because passers-by displace keypoints for a while.
 fn place_m(ticks: &[TentativeTick], k: usize) -> Option<Vector3<f64>> {
     let stride = ticks.len().div_ceil(MAX_SAMPLES).max(1);
     let seen = ticks.iter().step_by(stride);
@@ -76,8 +77,8 @@ fn place_m(ticks: &[TentativeTick], k: usize) -> Option<Vector3<f64>> {
     Some(Vector3::new(along(0)?, along(1)?, along(2)?))
 }
 
-/// Root mean square distance of `points` (place, relative sigma) from the plane that fits them best,
-/// metres, each over its sigma.
+/// Root mean square distance of `points` (place, relative sigma) from their best plane, metres,
+/// each divided by its sigma.
 ///
 /// ```text
 ///   min over n, c of  sum_k (n . (p_k - c) / s_k)^2 / K  =  least eigenvalue of the weighted scatter / K
@@ -101,14 +102,14 @@ struct KnownPoster {
     found: Tick,
 }
 
-/// The posters that were found.
+/// The posters found so far.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Posters {
     all: Vec<KnownPoster>,
 }
 
 impl Posters {
-    /// Takes note of one, with its keypoints (world metres, in the network's order).
+    /// Adds a poster with its keypoints (world metres, in the network's order).
     pub(crate) fn add(&mut self, keypoints_m: Vec<Vector3<f64>>, found: Tick) {
         if self.all.len() == MAX_POSTERS {
             self.all.remove(0);
@@ -117,13 +118,13 @@ impl Posters {
         self.all.push(KnownPoster { body, found });
     }
 
-    /// Forgets those that were found long before `now`.
+    /// Forgets old posters.
     pub(crate) fn forget(&mut self, now: Tick, rate_hz: f64) {
         self.all
             .retain(|poster| (now - poster.found) as f64 <= REMEMBERED_S * rate_hz);
     }
 
-    /// Where they hang: they explain sightings as people do.
+    /// The posters as bodies: they explain sightings as people do.
     pub(crate) fn bodies(&self) -> impl Iterator<Item = KnownBody> + '_ {
         self.all.iter().map(|poster| poster.body.clone())
     }
@@ -140,12 +141,12 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     const WINDOW: u32 = 12;
-    /// Error of the average keypoint per axis that lasts for seconds, and that of single ticks, metres: what
-    /// two views of a network leave (COCO's spreads, bias 0.4 and jitter 0.1 of them).
+    /// Error per axis of the average keypoint that lasts for seconds, and that of single ticks,
+    /// metres: what two views of a network leave (COCO's spreads, bias 0.4 and jitter 0.1 of them).
     const LASTING_M: f64 = 0.015;
     const PASSING_M: f64 = 0.004;
 
-    /// `body` as it was seen in a fifth of a second.
+    /// `body` as seen in a fifth of a second.
     fn seen(body: &[Vector3<f64>], noise: &mut Noise, moving_m: f64) -> Vec<TentativeTick> {
         let sigmas = sigmas();
         let off = |(p, sigma): (&Vector3<f64>, &f64)| p + noise.vector(LASTING_M * sigma);
@@ -167,7 +168,7 @@ mod tests {
         (0..WINDOW).map(tick).collect()
     }
 
-    /// As a photograph of the body shows it on a wall: along x flattened.
+    /// A photograph of the body on a wall: flattened along x.
     fn printed(body: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         body.iter().map(|p| Vector3::new(2.0, p.y, p.z)).collect()
     }
@@ -177,12 +178,12 @@ mod tests {
     }
 
     fn is_poster(ticks: &[TentativeTick]) -> bool {
-        let stillness = Stillness::of(ticks, &sigmas()).unwrap();
+        let stillness = Stillness::from_ticks(ticks, &sigmas()).unwrap();
         stillness.is_poster(&BirthParameters::default())
     }
 
     #[test]
-    fn a_poster_is_a_picture_and_who_stands_beside_it_is_not() {
+    fn a_picture_is_a_poster_and_a_person_next_to_it_is_not() {
         let mut noise = Noise(1);
         for _ in 0..200 {
             let body = standing(0.0, 0.0, 1.75, &mut noise);
@@ -192,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn who_stands_to_attention_is_solid() {
+    fn a_person_standing_at_attention_is_solid() {
         let mut noise = Noise(2);
         let skeleton = Skeleton::new(&Proportions::from_stature(1.6));
         let pose = Pose::neutral(Vector3::new(0.0, 0.0, 0.9), UnitQuaternion::identity());
@@ -210,12 +211,12 @@ mod tests {
     }
 
     #[test]
-    fn too_little_of_a_body_says_nothing() {
+    fn too_few_keypoints_give_no_stillness() {
         let mut noise = Noise(4);
         let body = standing(0.0, 0.0, 1.75, &mut noise);
         let ticks = seen(&body[..5], &mut noise, 0.0);
-        assert_eq!(Stillness::of(&ticks, &sigmas()), None);
-        assert_eq!(Stillness::of(&[], &sigmas()), None);
+        assert_eq!(Stillness::from_ticks(&ticks, &sigmas()), None);
+        assert_eq!(Stillness::from_ticks(&[], &sigmas()), None);
     }
 
     #[test]

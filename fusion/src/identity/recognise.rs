@@ -1,4 +1,4 @@
-//! Whether somebody new is somebody who was here before: by place, speed and link lengths.
+//! Whether a new person was here before: by place, speed and link lengths.
 //!
 //! Every pair of a newcomer and a person who left or was lost gets the logarithm of a likelihood
 //! ratio, "the same" over "somebody else":
@@ -12,11 +12,11 @@
 //!                                                    other uniform in the field
 //! ```
 //!
-//! `s_i` is how well the two lengths are measured, `p` and `c` how much people differ in single lengths
-//! and in stature. Farther than the fastest could have got, they are not the same. All
-//! pairs are decided together: the assignment with the greatest sum of L counts, and of it only pairs
-//! without which the sum would be clearly less. Who is ambiguous stays somebody new: a stranger's id is
-//! worse than a new one.
+//! `s_i` is the measurement error of the two lengths. `p` and `c` are the spread among people of
+//! single lengths and of stature. A pair that is farther apart than people run is excluded. All
+//! pairs are decided together: the assignment with the greatest sum of L wins. Of it, only pairs
+//! count without which the sum would be clearly less. An ambiguous person stays new: the id of a
+//! stranger is worse than a new one.
 
 use farfield_proto::message::identity_event::Likeness;
 use farfield_proto::venue::Field;
@@ -29,21 +29,21 @@ use crate::body::skeleton::{Proportions, Skeleton};
 
 /// Lengths that are compared.
 const N_LENGTHS: usize = 7;
-/// How much people of one stature differ in single lengths, `p`: two people, each with 4 %.
+/// Spread of single lengths among people of one stature, `p`: two people, each with 4 %.
 const SINGLE_SPREAD: f64 = 0.057;
-/// How much people differ in stature, `c`: two people, each with 5.5 %.
+/// Spread of stature among people, `c`: two people, each with 5.5 %.
 const STATURE_SPREAD: f64 = 0.078;
-/// Places count no more than this against a pair: some people run.
+/// Lower limit of the place term: some people run.
 const LEAST_PLACE: f64 = -3.0;
-/// What a distance may be off at once, metres, beside what the fastest run.
+/// Tolerance of a distance in addition to the distance that people can run, metres.
 const REACH_M: f64 = 1.0;
-/// Least gain of the whole assignment by a pair for it to count: a factor of 7. Who waits is better known a little
-/// later, and a new id is better than a wrong one.
+/// Least gain of the whole assignment by a pair, for the pair to count: a factor of 7. A person who
+/// waits is better known a little later, and a new id is better than a wrong one.
 const MARGIN: f64 = 2.0;
-/// What stands for an impossible pair; far below any sum of L.
+/// Gain of an impossible pair; far below any sum of L.
 const IMPOSSIBLE: f64 = -1e6;
 
-/// A body as it was measured.
+/// Measured lengths of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Lengths {
     lengths_m: [f64; N_LENGTHS],
@@ -51,23 +51,23 @@ pub(crate) struct Lengths {
 }
 
 impl Lengths {
-    /// Those of `skeleton`, which was measured for `seconds`.
-    pub(crate) fn of(skeleton: &Skeleton, seconds: f64) -> Self {
+    /// From `skeleton`, which was measured for `seconds`.
+    pub(crate) fn from_skeleton(skeleton: &Skeleton, seconds: f64) -> Self {
         Self {
             lengths_m: compared(skeleton.proportions(), |a, b| a + b),
             sigma_m: [measured_sigma_m(seconds); N_LENGTHS],
         }
     }
 
-    /// Those of a body that is known before it is seen.
-    pub(crate) fn of_known(body: &BodyPrior) -> Self {
+    /// From a body that is known in advance.
+    pub(crate) fn from_prior(body: &BodyPrior) -> Self {
         Self {
             lengths_m: compared(body.body(), |a, b| a + b),
             sigma_m: compared(body.sigma(), libm::hypot),
         }
     }
 
-    /// The logarithm of the ratio of each length, and the variance that it would have if the two bodies were one.
+    /// The logarithm of the ratio of each length, and its variance if the two bodies were one.
     fn differences(&self, other: &Self) -> impl Iterator<Item = (f64, f64)> {
         let own = self.lengths_m.iter().zip(&self.sigma_m);
         let others = other.lengths_m.iter().zip(&other.sigma_m);
@@ -77,7 +77,7 @@ impl Lengths {
         })
     }
 
-    /// How far the lengths of two bodies are apart, over how well they are measured: the root mean square.
+    /// Root mean square difference of the lengths of two bodies, over their measurement errors.
     pub(crate) fn sigmas(&self, other: &Self) -> f64 {
         let off = self.differences(other).map(|(d, s2)| d.powi(2) / s2);
         (off.sum::<f64>() / N_LENGTHS as f64).sqrt()
@@ -101,7 +101,7 @@ impl Lengths {
     }
 }
 
-/// Of each length of `p` that is compared, made of its parts by `sum`.
+/// The compared lengths of `p`; `sum` adds the parts of one.
 fn compared(p: &Proportions, sum: impl Fn(f64, f64) -> f64) -> [f64; N_LENGTHS] {
     [
         p.upper_arm_m,
@@ -114,7 +114,7 @@ fn compared(p: &Proportions, sum: impl Fn(f64, f64) -> f64) -> [f64; N_LENGTHS] 
     ]
 }
 
-/// One of a pair: a body, and where it was when.
+/// One side of a pair: a body, and where it was when.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Appearance {
     /// The body.
@@ -139,7 +139,7 @@ impl LikenessModel {
         }
     }
 
-    /// L of a pair, `absence_s` apart; `None` when nobody is that fast.
+    /// L of a pair, `absence_s` apart; `None` if no one runs that fast.
     pub(crate) fn likeness(
         &self,
         newcomer: &Appearance,
@@ -157,19 +157,19 @@ impl LikenessModel {
     }
 }
 
-/// Who a newcomer is.
+/// The match of a newcomer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Recognised {
-    /// Which of the known.
+    /// Index of the known person.
     pub(crate) column: usize,
     /// L of the pair.
     pub(crate) log_ratio: f64,
-    /// By how much the sum of L is less without the pair; `None` when nothing else was possible.
+    /// By how much the sum of L is less without the pair; `None` if there was no alternative.
     pub(crate) margin: Option<f64>,
 }
 
 impl Recognised {
-    /// What speaks for the pair, `absence_s` apart.
+    /// The evidence for the pair, `absence_s` apart.
     pub(crate) fn why(
         &self,
         newcomer: &Appearance,
@@ -188,8 +188,8 @@ impl Recognised {
     }
 }
 
-/// Decides which row (newcomer) is which column (known person), from L of every possible pair. A pair
-/// counts when its L is at least `least`, and it is clear.
+/// Decides which row (newcomer) is which column (known person), from L of every possible pair. A
+/// pair counts if its L is at least `least`, and it is clear.
 pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<Recognised>> {
     let best = assign_best(likeness, least);
     let clear = best
@@ -199,19 +199,20 @@ pub(crate) fn assign_known(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Opt
 }
 
 impl Recognised {
-    /// Whether another pairing is clearly worse.
+    /// Whether every other assignment is clearly worse.
     fn is_clear(&self) -> bool {
-        // Against somebody new there is the least L; here another pairing must be clearly worse.
+        // Against "a new person" the limit is the least L; here another assignment must be clearly
+        // worse.
         self.margin.is_none_or(|margin| margin >= MARGIN)
     }
 }
 
-/// As [`assign_known`], with those pairs that are not clear.
+/// As [`assign_known`], with pairs that are not clear.
 pub(crate) fn assign_best(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<Recognised>> {
     let n_known = likeness.first().map_or(0, Vec::len);
     let gain = |row: usize, column: usize| match likeness[row].get(column) {
         Some(Some(l)) if *l >= least => *l - least + f64::EPSILON,
-        // Each row has a column of its own for "somebody new".
+        // Each row has its own column for "a new person".
         None if column == n_known + row => 0.0,
         _ => IMPOSSIBLE,
     };
@@ -262,7 +263,7 @@ mod tests {
         LikenessModel::new(&field, &BirthParameters::default())
     }
 
-    /// Which column each row is.
+    /// The column of each row.
     fn who(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<usize>> {
         let chosen = assign_known(likeness, least);
         chosen.iter().map(|c| c.map(|c| c.column)).collect()
@@ -270,7 +271,7 @@ mod tests {
 
     fn person(stature_m: f64, seconds: f64, x: f64, y: f64) -> Appearance {
         Appearance {
-            lengths: Lengths::of(
+            lengths: Lengths::from_skeleton(
                 &Skeleton::new(&Proportions::from_stature(stature_m)),
                 seconds,
             ),
@@ -279,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_back_where_it_left_is_recognised_and_who_differs_by_a_head_is_not() {
+    fn a_returning_body_is_recognised_and_a_different_one_is_not() {
         let left = person(1.75, 20.0, -12.0, -2.8);
         let same = model().likeness(&person(1.76, 0.2, -11.9, -2.0), &left, 4.0);
         assert!(same.unwrap() > 2.0, "{same:?}");
@@ -288,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_faster_than_the_fastest() {
+    fn speed_is_limited() {
         let left = person(1.75, 20.0, -12.0, 0.0);
         let far = person(1.75, 0.2, 12.0, 0.0);
         assert_eq!(model().likeness(&far, &left, 2.5), None);
@@ -296,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_says_less_the_longer_ago_it_was() {
+    fn older_places_weigh_less() {
         let left = person(1.75, 20.0, -12.0, 0.0);
         let back = person(1.75, 0.2, -11.5, 0.0);
         let after = |t| model().likeness(&back, &left, t).unwrap();
@@ -309,13 +310,13 @@ mod tests {
 
     #[test]
     fn all_are_decided_together() {
-        // The first newcomer fits the first known best alone, but the second has nobody else.
+        // The first newcomer fits the first known best alone, but the second has no alternative.
         let likeness = [vec![Some(4.0), Some(3.5)], vec![Some(3.8), None]];
         assert_eq!(who(&likeness, 1.0), [Some(1), Some(0)]);
     }
 
     #[test]
-    fn a_choice_says_how_clear_it_is() {
+    fn a_match_has_its_margin() {
         let likeness = [vec![Some(4.0), Some(1.9)]];
         let chosen = assign_known(&likeness, 1.0)[0].unwrap();
         assert!((chosen.log_ratio - 4.0).abs() < 1e-9);
@@ -325,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_ambiguous_is_somebody_new() {
+    fn an_ambiguous_person_is_new() {
         assert_eq!(who(&[vec![Some(3.0), Some(2.8)]], 1.0), [None]);
         assert_eq!(who(&[vec![Some(4.0), Some(1.9)]], 1.0), [Some(0)]);
         assert_eq!(who(&[vec![Some(0.5), None]], 1.0), [None]);

@@ -1,8 +1,10 @@
-//! Where edges show people whom fusion does not follow: their patches of those, cut by boxes of their own.
+//! Where edges show people whom fusion does not follow, from patches that edges cut by boxes of
+//! their own.
 //!
-//! While fusion is silent, or the links are, every edge follows people by itself, each under the id that fusion gave it. What
-//! several viewpoints then show of one id in one place is where that person went. It is a hint and no pose: an edge may have
-//! gone over to somebody else. So it takes part in the decision who is who, in which bodies and places do, too.
+//! While fusion or the links are silent, every edge follows people by itself, under the ids that
+//! fusion gave. If several viewpoints show one id in one place, that person went there. This is a
+//! hint and no pose: an edge may have moved to another person. So it is only one input of the
+//! identity decision, next to bodies and places.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -17,10 +19,10 @@ use crate::body::skeleton::Joint;
 use crate::method::Method;
 use crate::sightings::finder::PersonFinder;
 
-/// For how long it is kept where somebody was shown, seconds: until newcomers are confirmed.
-const KEPT_S: f64 = 0.6;
+/// How long these places are remembered, seconds: until newcomers are confirmed.
+const REMEMBERED_S: f64 = 0.6;
 
-/// Who was shown where, and when.
+/// Which people were shown where, and when.
 #[derive(Debug, Default)]
 pub(crate) struct ShownPeople {
     places: BTreeMap<PersonId, VecDeque<LastSeen>>,
@@ -30,7 +32,7 @@ pub(crate) struct ShownPeople {
 }
 
 impl ShownPeople {
-    /// Takes what the patches of a tick show of those who are `wanted` (wire ids).
+    /// Records what the patches of a tick show of the `wanted` people (wire ids).
     pub(crate) fn see(
         &mut self,
         group: &TickGroup,
@@ -62,13 +64,13 @@ impl ShownPeople {
     }
 
     /// Where the person of that wire id was shown, in order of tick.
-    pub(crate) fn of(&self, wire_id: PersonId) -> Vec<LastSeen> {
+    pub(crate) fn places_of(&self, wire_id: PersonId) -> Vec<LastSeen> {
         let places = self.places.get(&wire_id);
         places.map_or_else(Vec::new, |places| places.iter().copied().collect())
     }
 
     fn forget(&mut self, now: Tick, dt_s: f64) {
-        let longest = (KEPT_S / dt_s) as i64;
+        let longest = (REMEMBERED_S / dt_s) as i64;
         for places in self.places.values_mut() {
             while places.front().is_some_and(|at| now - at.tick > longest) {
                 places.pop_front();
@@ -77,7 +79,7 @@ impl ShownPeople {
         self.places.retain(|_, places| !places.is_empty());
     }
 
-    /// The highest peak of each map as a detector would have found it; `None` of maps that cannot be read.
+    /// The highest peak of each map, as a detector would report it; `None` for unreadable maps.
     fn sighting(&mut self, patch: &PersonPatch) -> Option<Sighting> {
         self.decoder.decode(&patch.maps, &mut self.maps).ok()?;
         let peaks = self.fitter.peaks(&self.maps).into_iter();
@@ -114,7 +116,8 @@ mod tests {
 
     const PERSON: PersonId = PersonId(7);
 
-    /// What an edge's own box cuts out of the picture of `camera`, around the person that it follows.
+    /// A patch that an edge's own box cuts from the picture of `camera`, around the person that it
+    /// follows.
     fn patch(hall: &TestHall, camera: usize, body: &[Vector3<f64>]) -> PersonPatch {
         let sighting = hall.sighting(camera, body, 0.0, &mut Noise(3));
         let peaks: Vec<[f32; 2]> = sighting
@@ -159,7 +162,7 @@ mod tests {
         }
     }
 
-    /// Where a person is shown of which viewpoint i follows `bodies[i]`.
+    /// The place of a person of whom viewpoint i follows `bodies[i]`.
     fn shown(bodies: [&[Vector3<f64>]; 4]) -> Option<Vector3<f64>> {
         let hall = hall();
         let method = method(&venue(&hall));
@@ -180,12 +183,15 @@ mod tests {
         };
         let mut shown = ShownPeople::default();
         shown.see(&group, &[PERSON], &hall.finder(), &method);
-        assert!(shown.of(PersonId(8)).is_empty());
-        shown.of(PERSON).first().map(|at| at.whereabouts.place_m)
+        assert!(shown.places_of(PersonId(8)).is_empty());
+        shown
+            .places_of(PERSON)
+            .first()
+            .map(|at| at.whereabouts.place_m)
     }
 
     #[test]
-    fn a_person_is_where_most_edges_show_it_and_nowhere_where_as_many_show_another_place() {
+    fn a_shown_place_needs_a_majority_of_edges() {
         let own = standing(1.0, 0.5, 1.8, &mut Noise(7));
         let other = standing(-1.5, -0.8, 1.7, &mut Noise(7));
         let near = |place_m: Option<Vector3<f64>>| {

@@ -1,8 +1,9 @@
-//! Whom of the venue's subjects a person is: by the link lengths, and by nothing else.
+//! Which of the venue's subjects a person is, by the link lengths alone.
 //!
-//! As of who was here before (`recognise.rs`) every pair of a person and a subject has the logarithm of a likelihood ratio,
-//! and all pairs are decided together. What speaks for a place is missing, so that more is asked of the lengths. Who is ambiguous
-//! has no name: a stranger's name is worse than none.
+//! As for returning people (`recognise.rs`), each pair of a person and a subject has the logarithm
+//! of a likelihood ratio, and all pairs are decided together. There is no place term, so the
+//! lengths must match better. An ambiguous person gets no name: the name of a stranger is worse
+//! than none.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,45 +14,46 @@ use farfield_proto::message::naming::{BodyLikeness, Finding, Naming};
 use super::recognise::{Lengths, Recognised, assign_best};
 use crate::body::prior::BodyPrior;
 
-/// Least ln of the likelihood ratio at which a person is a subject: a factor of 20 against anybody.
+/// Least ln of the likelihood ratio for a name: a factor of 20 against any person.
 const LEAST_NAMED: f64 = 3.0;
-/// Least ln of the likelihood ratio at which a pair stands against another: who is only rather like a subject is not named, but may
-/// be it.
+/// Least ln of the likelihood ratio at which a pair competes with others. Such a person gets no
+/// name, but may be the subject.
 const LEAST_RIVAL: f64 = 0.0;
-/// Bodies that are farther apart than this are not one, whoever else there is: root mean square of the lengths' sigmas.
+/// Greatest difference of two bodies of one person, also if there is no other candidate: root mean
+/// square over the lengths' sigmas.
 const FARTHEST_SIGMAS: f64 = 1.2;
-/// Least gain of the whole assignment by a pair for a name: errors of measurement make all lengths of a person longer or shorter
-/// together, so that people a few centimetres apart are not told apart by less.
+/// Least gain of the whole assignment by a pair for a name. Measurement errors change all lengths
+/// of a person together, so people a few centimetres apart cannot be distinguished with less.
 const MARGIN_NAMED: f64 = 4.0;
 
-/// Somebody who may come.
+/// A person who may come.
 #[derive(Debug, Clone)]
 pub struct Subject {
-    /// What the person is called.
+    /// The person's name.
     pub name: String,
-    /// What is known of the body.
+    /// Prior of the body.
     pub body: Arc<BodyPrior>,
 }
 
-/// Somebody confirmed whose name is not known.
+/// A confirmed person without a name.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Nameless {
     pub(crate) id: PersonId,
     pub(crate) lengths: Lengths,
-    /// Whether the body was measured at this tick: who was not competes for the subjects, and gets nobody.
+    /// Whether the body was measured at this tick. Others compete for the subjects but get no name.
     pub(crate) is_due: bool,
     /// Whether it will not be measured again.
     pub(crate) is_last: bool,
 }
 
-/// The subjects, and who has which of their names.
+/// The subjects, and which people have their names.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Subjects {
     all: Vec<Subject>,
-    /// By index of the subject: who it is.
+    /// By index of the subject: the person.
     taken: BTreeMap<usize, PersonId>,
-    /// Of whom it has been said that nobody is like them.
-    told: Vec<PersonId>,
+    /// People for whom it was reported that no subject matches.
+    reported: Vec<PersonId>,
 }
 
 impl Subjects {
@@ -62,7 +64,7 @@ impl Subjects {
         }
     }
 
-    /// Whether there is nobody whom a person could be.
+    /// Whether there are no subjects.
     pub(crate) fn is_empty(&self) -> bool {
         self.all.is_empty()
     }
@@ -72,19 +74,19 @@ impl Subjects {
         self.taken.values().any(|taken| *taken == id)
     }
 
-    /// The body that belongs to a person with a name.
+    /// The body prior of a person with a name.
     pub(crate) fn body_of(&self, id: PersonId) -> Option<&Arc<BodyPrior>> {
         let (index, _) = self.taken.iter().find(|(_, taken)| **taken == id)?;
         self.all.get(*index).map(|subject| &subject.body)
     }
 
-    /// Lets those names go whose bearers `may_be_back` in no case.
+    /// Frees the names of all people for whom `may_be_back` is false.
     pub(crate) fn forget(&mut self, may_be_back: impl Fn(PersonId) -> bool) {
         self.taken.retain(|_, id| may_be_back(*id));
-        self.told.retain(|id| may_be_back(*id));
+        self.reported.retain(|id| may_be_back(*id));
     }
 
-    /// Decides who of the `nameless` is who; what is said of them, by id.
+    /// Decides who the `nameless` are; returns the findings, by id.
     pub(crate) fn decide(&mut self, nameless: &[Nameless]) -> Vec<Naming> {
         let free: Vec<usize> = (0..self.all.len())
             .filter(|index| !self.taken.contains_key(index))
@@ -94,7 +96,7 @@ impl Subjects {
         }
         let known: Vec<Lengths> = free
             .iter()
-            .map(|index| Lengths::of_known(&self.all[*index].body))
+            .map(|index| Lengths::from_prior(&self.all[*index].body))
             .collect();
         let pair = |own: &Lengths, known: &Lengths| {
             let is_near = own.sigmas(known) <= FARTHEST_SIGMAS;
@@ -108,7 +110,7 @@ impl Subjects {
         let due = || nameless.iter().zip(&chosen).filter(|(it, _)| it.is_due);
         let subject = |column: usize| (free[column], &known[column]);
         let mut namings = Vec::new();
-        // Names first: what is said of the others is of whom these leave.
+        // Names first: the other findings depend on the names that are left.
         for (person, chosen) in due() {
             let Some(best) = chosen.as_ref().filter(|best| is_clear(best)) else {
                 continue;
@@ -124,7 +126,7 @@ impl Subjects {
             });
         }
         for (person, chosen) in due() {
-            if !person.is_last || self.told.contains(&person.id) || self.has(person.id) {
+            if !person.is_last || self.reported.contains(&person.id) || self.has(person.id) {
                 continue;
             }
             let finding = match chosen {
@@ -138,7 +140,7 @@ impl Subjects {
                 _ => self.unlike(person, (&free, &known)),
             };
             let Some(finding) = finding else { continue };
-            self.told.push(person.id);
+            self.reported.push(person.id);
             namings.push(Naming {
                 person: person.id,
                 finding,
@@ -148,8 +150,8 @@ impl Subjects {
         namings
     }
 
-    /// What is said of a person whom no pair was left for: nobody is like it, or others are liker to whom it is like; of those whose
-    /// names nobody has.
+    /// The finding for a person without a pair, among the free names: no subject is alike, or other
+    /// people match it better.
     fn unlike(&self, person: &Nameless, (free, known): (&[usize], &[Lengths])) -> Option<Finding> {
         let own = &person.lengths;
         let pairs = free.iter().zip(known);
@@ -195,7 +197,7 @@ mod tests {
     fn nameless(id: u32, body: &Proportions, is_last: bool) -> Nameless {
         Nameless {
             id: PersonId(id),
-            lengths: Lengths::of(&Skeleton::new(body), 16.0),
+            lengths: Lengths::from_skeleton(&Skeleton::new(body), 16.0),
             is_due: true,
             is_last,
         }
@@ -206,13 +208,13 @@ mod tests {
     }
 
     #[test]
-    fn whose_body_is_a_subjects_has_the_name_and_the_other_has_the_other() {
+    fn people_get_the_names_of_matching_subjects() {
         let mut subjects = subjects(&[1.55, 1.95]);
         let [tall, short] = [1.95, 1.55].map(Proportions::from_stature);
         let found = subjects.decide(&[nameless(3, &tall, false), nameless(4, &short, false)]);
         assert_eq!(names(&found), [(3, Some("195 cm")), (4, Some("155 cm"))]);
         assert!(subjects.has(PersonId(3)) && subjects.body_of(PersonId(4)).is_some());
-        // A name that somebody has is nobody else's, until that one cannot come back.
+        // A name in use is not given again until its person cannot come back.
         let again = [nameless(5, &tall, true)];
         assert!(subjects.decide(&again).is_empty());
         subjects.forget(|id| id == PersonId(4));
@@ -220,32 +222,32 @@ mod tests {
     }
 
     #[test]
-    fn who_is_nobody_and_who_is_like_two_has_no_name_and_that_is_said_once() {
+    fn strangers_and_ambiguous_people_are_reported_once_without_a_name() {
         let mut alike = subjects(&[1.80, 1.80]);
         let body = Proportions::from_stature(1.8);
         assert!(alike.decide(&[nameless(3, &body, false)]).is_empty());
-        let said = alike.decide(&[nameless(3, &body, true)]);
+        let namings = alike.decide(&[nameless(3, &body, true)]);
         assert!(
-            matches!(said[0].finding, Finding::Ambiguous { .. }),
-            "{said:?}"
+            matches!(namings[0].finding, Finding::Ambiguous { .. }),
+            "{namings:?}"
         );
         assert!(alike.decide(&[nameless(3, &body, true)]).is_empty());
         let mut other = subjects(&[1.50]);
-        let said = other.decide(&[nameless(3, &body, true)]);
+        let namings = other.decide(&[nameless(3, &body, true)]);
         assert!(
-            matches!(said[0].finding, Finding::NobodyAlike { .. }),
-            "{said:?}"
+            matches!(namings[0].finding, Finding::NobodyAlike { .. }),
+            "{namings:?}"
         );
         // Two people who are like one subject.
         let mut one = subjects(&[1.80]);
-        let said = one.decide(&[nameless(3, &body, true), nameless(4, &body, true)]);
-        assert_eq!(names(&said), [(3, None), (4, None)]);
+        let namings = one.decide(&[nameless(3, &body, true), nameless(4, &body, true)]);
+        assert_eq!(names(&namings), [(3, None), (4, None)]);
         let is_ambiguous = |it: &Naming| matches!(it.finding, Finding::Ambiguous { .. });
-        assert!(said.iter().all(is_ambiguous), "{said:?}");
+        assert!(namings.iter().all(is_ambiguous), "{namings:?}");
     }
 
     #[test]
-    fn who_is_nobody_is_held_against_those_whose_names_are_left() {
+    fn a_stranger_is_compared_with_the_free_names() {
         let [tall, taller] = [1.80, 2.02].map(Proportions::from_stature);
         for order in [[3, 4], [4, 3]] {
             let mut subjects = subjects(&[1.80, 1.50]);
@@ -260,14 +262,14 @@ mod tests {
             };
             assert_eq!(nearest, "150 cm", "the other name is somebody's");
         }
-        // Where no name is left nothing is said.
+        // If no name is left, there is no finding.
         let mut one = subjects(&[1.80]);
         let found = one.decide(&[nameless(3, &tall, true), nameless(4, &taller, true)]);
         assert_eq!(names(&found), [(3, Some("180 cm"))]);
     }
 
     #[test]
-    fn who_was_not_measured_at_the_tick_competes_and_gets_nobody() {
+    fn an_unmeasured_person_competes_but_gets_no_name() {
         let mut one = subjects(&[1.80]);
         let body = Proportions::from_stature(1.8);
         let waits = Nameless {

@@ -1,4 +1,4 @@
-//! What is seen and said of a tentative person until it is confirmed.
+//! The evidence about a tentative person until it is confirmed.
 
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
@@ -7,9 +7,10 @@ use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::observed::ObservedJoints;
 use crate::body::skeleton::Joint;
 
-/// Detection passes before contradictions can end a tentative track: detectors miss people now and then.
+/// Detection passes before contradictions can end a tentative track: detectors sometimes miss
+/// people.
 const MIN_PASSES: u32 = 3;
-/// Over how long the hips must have been seen to tell a velocity, seconds: of two points 50 mm off each that is one
+/// Least time span of hips for a velocity, seconds: two points with errors of 50 mm each give it
 /// within 0.7 m/s, and there are more than two.
 const LEAST_TIME_S: f64 = 0.1;
 
@@ -20,8 +21,9 @@ pub(crate) struct TentativeTick {
     pub(crate) estimates: Vec<KeypointEstimate>,
 }
 
-/// How fast somebody moves whom `seen` shows (when, seconds, and what), world, metres per second: the slope of the line
-/// through the middles of the hips, by least squares. A filter that began without a velocity has half of it by then.
+/// Velocity of a person from `seen` (time in seconds, joints), world, metres per second: the slope
+/// of the least-squares line through the middles of the hips. A filter that began without a
+/// velocity has only half of it by then.
 pub(crate) fn velocity_m_s(seen: &[(f64, ObservedJoints)]) -> Option<Vector3<f64>> {
     let hips = [Joint::LeftHip, Joint::RightHip];
     let middles = seen
@@ -31,34 +33,34 @@ pub(crate) fn velocity_m_s(seen: &[(f64, ObservedJoints)]) -> Option<Vector3<f64
     if last.0 - first.0 < LEAST_TIME_S {
         return None;
     }
-    // From the first on, so that no digits are lost far from the origin and late in a run.
-    let way = middles.map(|(at_s, middle_m)| (at_s - first.0, middle_m - first.1));
+    // Relative to the first, so that no digits are lost far from the origin and late in a run.
+    let points = middles.map(|(at_s, middle_m)| (at_s - first.0, middle_m - first.1));
     let (mut n, mut t, mut t2) = (0.0, 0.0, 0.0);
     let (mut x, mut xt) = (Vector3::zeros(), Vector3::zeros());
-    for (at_s, way_m) in way {
+    for (at_s, offset_m) in points {
         n += 1.0;
         t += at_s;
         t2 += at_s * at_s;
-        x += way_m;
-        xt += way_m * at_s;
+        x += offset_m;
+        xt += offset_m * at_s;
     }
     Some((xt * n - x * t) / (t2 * n - t * t))
 }
 
-/// What the detection passes since an initiation said of a body.
+/// Results of the detection passes since an initiation.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Votes {
     pub(crate) passes: u32,
     /// Viewpoints that saw it, summed over the passes.
     pub(crate) seen: u32,
-    /// Viewpoints that should have seen it and did not, each by what its silence is worth
+    /// Viewpoints that should have seen it and did not, weighted by what their silence is worth
     /// (`crate::sightings::attention`), summed over the passes.
     pub(crate) missed: f64,
 }
 
 impl Votes {
-    /// Counts what the viewpoints of one pass said: how many saw the body, how many should have. A pass
-    /// in which no viewpoint could say anything is none.
+    /// Counts one pass: how many viewpoints saw the body, and how many should have seen it and did
+    /// not. A pass without either does not count.
     pub(crate) fn count(&mut self, (seen, missed): (u32, f64)) {
         if seen == 0 && missed <= 0.0 {
             return;
@@ -79,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn contradictions_end_a_tentative_track_and_single_misses_do_not() {
+    fn contradictions_end_a_tentative_track_but_single_misses_do_not() {
         let mut votes = Votes::default();
         votes.count((2, 1.0));
         votes.count((1, 3.0));
@@ -94,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn who_runs_is_as_fast_as_its_hips_and_who_was_seen_once_may_be_anything() {
+    fn velocity_is_that_of_the_hips_and_needs_several_ticks() {
         let hips = |at_s: f64| {
             let x_m = 4.0 * at_s;
             let points = [
@@ -115,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_that_say_nothing_contradict_nobody() {
+    fn passes_without_votes_contradict_no_track() {
         let mut votes = Votes::default();
         for _ in 0..3 {
             votes.count((0, 0.0));

@@ -1,4 +1,4 @@
-//! One person: how it is followed, and who it is.
+//! One person: its estimate and its identity.
 
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::message::{PersonBoxes, PersonPose, PersonState};
@@ -18,85 +18,86 @@ use crate::estimate::estimator::{BodyAhead, Estimator, RestartPoint, TickSnapsho
 use crate::estimate::uncertainty::MadeOf;
 use crate::method::{Method, VenueView};
 
-/// How far somebody lost may be from where it is carried, per axis, for its crops to be its own, metres. They are cut
-/// there, and show whoever is there: farther away, it is for the sightings to say who is who.
+/// Greatest uncertainty, per axis, of a lost person's place at which its crops are still used,
+/// metres. Crops are cut at that place and show any person there. Beyond this limit, sightings
+/// decide the identity.
 const ADRIFT_M: f64 = 0.15;
 
-/// One person. Evidence, body and estimate are the estimator's; who it is, is [`TrackIdentity`].
+/// One person: the estimator has evidence, body and estimate; [`TrackIdentity`] has the rest.
 pub struct Track {
     pub(crate) identity: TrackIdentity,
     pub(crate) estimator: Estimator,
 }
 
-/// Who a track is, and all that decides it.
+/// The identity of a track, and the inputs of decisions about it.
 #[derive(Debug)]
 pub struct TrackIdentity {
     pub(crate) id: PersonId,
-    /// By which the edges know the person; it stays when the person is recognised.
+    /// The person's id on the edges; it stays when the person is recognised.
     pub(crate) wire_id: PersonId,
-    /// The only place where a phase is stored; changed by events alone.
+    /// The only place where a phase is stored; only events change it.
     pub(crate) phase: Phase,
-    /// What ticks count: see [`Track::count`].
+    /// Counts of evidence: see [`Track::count`].
     pub(crate) coverage: Coverage,
     pub(crate) tentative: TentativeRecord,
-    /// Ticks of life so far, an earlier life's too.
+    /// Ticks of life so far, also those of an earlier life.
     pub(crate) lived_ticks: u32,
-    /// Where it was surely itself.
+    /// Where it was last surely itself.
     pub(crate) last_seen: Option<LastSeen>,
-    /// Where it stood when nobody else was near for the last time.
+    /// Where it last stood alone.
     pub(crate) alone: Option<Alone>,
-    /// What the last tick changed of those before.
+    /// Changes of the last tick to earlier ones.
     pub(crate) changed: ChangedTicks,
 }
 
-/// What is known of a tentative person beside its pose; empty once it is confirmed.
+/// Data of a tentative person besides its pose; empty once it is confirmed.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct TentativeRecord {
     pub(crate) ticks: Vec<TentativeTick>,
     pub(crate) votes: Votes,
-    /// Of [`Self::ticks`], once they are enough to tell.
+    /// Of [`Self::ticks`], once there are enough.
     pub(crate) stillness: Option<Stillness>,
-    /// Where and when it was sighted first, if it has been initiated anew since.
+    /// When and where it was first sighted, if it has been reinitiated since.
     pub(crate) first: Option<(Tick, Vector3<f64>)>,
-    /// The skeleton that is known of it, from its recognition until its ticks are solved again.
+    /// The known skeleton, from its recognition until its ticks are solved again.
     pub(crate) known: Option<Skeleton>,
-    /// The pelvis when it was sighted last, world, metres.
+    /// The pelvis at the last sighting, world, metres.
     pub(crate) place_m: Vector3<f64>,
-    /// How fast it moved when it was sighted last, world, metres per second.
+    /// The velocity at the last sighting, world, metres per second.
     pub(crate) velocity_m_s: Vector3<f64>,
 }
 
 impl TentativeRecord {
-    /// Begins with a sighting; what was voted of the body counts on.
+    /// Begins with a sighting; the votes continue.
     pub(crate) fn begin(&mut self, tick: Tick, estimates: Vec<KeypointEstimate>) {
         self.stillness = None;
         self.ticks.clear();
         self.ticks.push(TentativeTick { tick, estimates });
     }
 
-    /// Keeps a tick with what was seen at it.
+    /// Adds a tick with its estimates.
     pub(crate) fn push(&mut self, tick: Tick, estimates: Vec<KeypointEstimate>, method: &Method) {
         self.ticks.push(TentativeTick { tick, estimates });
         let births = &method.parameters.births;
         if self.ticks.len() >= births.confirm_ticks(1.0 / method.dt_s) as usize {
-            self.stillness = Stillness::of(&self.ticks, &method.relative_sigmas);
+            self.stillness = Stillness::from_ticks(&self.ticks, &method.relative_sigmas);
         }
     }
 }
 
-/// A person when nobody else was near.
+/// The state of a person when it stood alone.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Alone {
     pub(crate) tick: Tick,
     pub(crate) restart_point: RestartPoint,
 }
 
-/// What a tick changed of those before.
+/// Changes of a tick to earlier ones.
 #[derive(Debug, Default)]
 pub(crate) struct ChangedTicks {
-    /// Those that were solved again.
+    /// The ticks that were solved again.
     pub(crate) solved: Vec<TickSnapshot>,
-    /// What was seen after this tick was somebody else's.
+    /// Evidence after this tick belonged to another person.
     pub(crate) mistaken_since: Option<Tick>,
 }
 
@@ -132,18 +133,18 @@ impl Track {
         }
     }
 
-    /// Who.
+    /// The id.
     pub fn id(&self) -> PersonId {
         self.identity.id
     }
 
-    /// By which the edges know the person. It is [`Self::id`] until the person is recognised as somebody
-    /// who was here before: then the id is that one's, and the edges need not know.
+    /// The person's id on the edges. It equals [`Self::id`] until the person is recognised as an
+    /// earlier one. Then only [`Self::id`] changes.
     pub fn wire_id(&self) -> PersonId {
         self.identity.wire_id
     }
 
-    /// How the person is followed.
+    /// The estimator.
     pub fn estimator(&self) -> &Estimator {
         &self.estimator
     }
@@ -158,31 +159,31 @@ impl Track {
         phase::is_awaited(self.identity.phase, self.identity.coverage)
     }
 
-    /// Whether one viewpoint has led it on since two saw it.
+    /// Whether one viewpoint has led it since two saw it.
     pub(crate) fn is_led(&self) -> bool {
         let coverage = self.identity.coverage;
         coverage.unseen < coverage.since_two
     }
 
-    /// The ticks before the last one that were solved again at it: those of a person who was confirmed.
+    /// The earlier ticks that were solved again at the last tick, after a confirmation.
     pub fn solved_again(&self) -> &[TickSnapshot] {
         &self.identity.changed.solved
     }
 
-    /// Set when the last tick showed that what was seen after the one given here was somebody else's.
+    /// Set if the last tick showed that the evidence after this tick belonged to another person.
     pub fn mistaken_since(&self) -> Option<Tick> {
         self.identity.changed.mistaken_since
     }
 
-    /// Begins a tick, and forgets what the last one changed of those before.
+    /// Begins a tick, and clears the changes of the last one.
     pub fn begin(&mut self, method: &Method) {
         self.identity.changed.solved.clear();
         self.identity.changed.mistaken_since = None;
         self.estimator.begin(method);
     }
 
-    /// Takes every patch of this person that `group` holds; returns how many could not be used. Who has been lost for
-    /// long enough to be elsewhere takes none where sightings can find it (`finds_people`).
+    /// Reads every patch of this person in `group`; returns how many could not be used. A lost
+    /// person that may be elsewhere reads none if sightings can find it (`finds_people`).
     pub fn see_all(
         &mut self,
         group: &TickGroup,
@@ -206,12 +207,12 @@ impl Track {
         unusable
     }
 
-    /// Whether it is lost, and may be elsewhere than where it is carried.
+    /// Whether it is lost, and may be elsewhere than carried.
     pub(crate) fn is_adrift(&self) -> bool {
         self.identity.phase.is_lost() && self.estimator.adrift_m() > ADRIFT_M
     }
 
-    /// First inverse kinematics; of who is confirmed it is learned where the keypoints sit.
+    /// First inverse kinematics; also learns the keypoint sites of a confirmed person.
     pub fn fit_keypoints(&mut self, method: &Method) {
         self.estimator.fit_keypoints(method);
         if !self.is_tentative() {
@@ -224,8 +225,8 @@ impl Track {
         self.estimator.published(self.identity.id, self.state())
     }
 
-    /// Fills `made` with where the person will be in the cameras of each of `viewpoints` (of the venue's `cameras`),
-    /// so many ticks after the newest pose; `None` where none of them will see it.
+    /// Fills `made` with the boxes of the person in the cameras of each of `viewpoints` (of the
+    /// venue's `cameras`), so many ticks after the newest pose; `None` if no camera will see it.
     pub fn boxes<'a>(
         &mut self,
         viewpoints: impl Iterator<Item = (&'a [CameraIndex], i64)>,
@@ -236,7 +237,7 @@ impl Track {
         made.clear();
         let mut ahead: Option<(i64, BodyAhead)> = None;
         for (own, ticks) in viewpoints {
-            // Mostly all viewpoints have one horizon.
+            // Usually all viewpoints have one horizon.
             let (_, ahead) = match ahead.take_if(|(of, _)| *of == ticks) {
                 Some(same) => ahead.insert(same),
                 None => ahead.insert((ticks, self.estimator.ahead(ticks as f64, method))),
@@ -253,7 +254,7 @@ impl Track {
         }
     }
 
-    /// Tells `into` what `tick`, the last one, came to. Allocates only while `into` grows.
+    /// Writes the result of the last tick, `tick`, to `into`. Allocates only while `into` grows.
     pub fn tell(&self, tick: Tick, into: &mut TickSnapshot) {
         self.estimator.tell(tick, self.state(), into);
     }
@@ -262,18 +263,18 @@ impl Track {
         published(self.identity.phase, self.identity.coverage)
     }
 
-    /// Who it is, for comparison; `None` of who was never seen.
+    /// The person as a candidate for comparison; `None` if it was never seen.
     pub(crate) fn candidate(&self, rate_hz: f64, shown: &ShownPeople) -> Option<Candidate> {
         let identity = &self.identity;
         let skeleton = &self.estimator.body.skeleton;
         let lived_s = f64::from(identity.lived_ticks) / rate_hz;
         Some(Candidate {
-            shown: shown.of(identity.wire_id),
+            shown: shown.places_of(identity.wire_id),
             ..Candidate::new(identity.id, identity.last_seen?, skeleton, lived_s)
         })
     }
 
-    /// What is known of it, who goes at tick `gone`; `None` of who was never seen.
+    /// The data of a person that leaves at tick `gone`; `None` if it was never seen.
     pub(crate) fn departed(&self, gone: Tick, rate_hz: f64) -> Option<Departed> {
         Some(Departed {
             id: self.identity.id,
@@ -286,7 +287,8 @@ impl Track {
         })
     }
 
-    /// Counts the tick that has just been solved. `showable`: what it could show of the body of these keypoints (world, metres).
+    /// Counts the tick that was just solved. `showable`: which evidence it could give about a body
+    /// with these keypoints (world, metres).
     pub(crate) fn count(
         &mut self,
         tick: Tick,
@@ -307,7 +309,7 @@ impl Track {
         }
     }
 
-    /// Notes that the person was seen well at `tick`, where it is.
+    /// Records that the person was seen well at `tick`, where it is.
     pub(crate) fn is_seen_at(&mut self, tick: Tick) {
         self.identity.last_seen = Some(LastSeen {
             tick,
@@ -315,7 +317,7 @@ impl Track {
         });
     }
 
-    /// Where it is, and how fast, as its filter says.
+    /// Place and velocity of the filter.
     pub(crate) fn whereabouts(&self) -> Whereabouts {
         let estimator = &self.estimator;
         let velocity_m_s = estimator.motion().velocity_m_s()[Joint::Pelvis.index()];
@@ -324,7 +326,7 @@ impl Track {
             .moving(&velocity_m_s)
     }
 
-    /// Notes that nobody else is near at `tick`.
+    /// Records that no other person is near at `tick`.
     pub(crate) fn is_alone_at(&mut self, tick: Tick) {
         self.identity.alone = Some(Alone {
             tick,

@@ -1,50 +1,52 @@
-//! How long after a tick an edge's messages come, and so how long it is worth to wait for them.
+//! How long after a tick an edge's messages arrive, and so how long fusion waits for them.
 //!
-//! Ticks with a detection pass take an edge longer, those without anybody no time, and both are counted apart.
+//! Ticks with a detection pass take an edge longer, those without people no time. They are counted
+//! separately.
 
 use farfield_proto::order_statistics::nearest_rank;
 
 use super::{Micros, SECOND_US};
 
-/// Arrivals that are kept: enough for three seconds at 80 Hz.
-const KEPT: usize = 256;
-/// Arrivals at ticks with a detection pass that are kept: passes are a second apart.
-const KEPT_DETECTIONS: usize = 16;
+/// Arrivals that are remembered: enough for three seconds at 80 Hz.
+const REMEMBERED: usize = 256;
+/// The same at ticks with a detection pass: passes are a second apart.
+const REMEMBERED_DETECTIONS: usize = 16;
 /// Share of the arrivals that shall be in time.
 const IN_TIME: f64 = 0.98;
-/// How much longer than the slowest of those is waited, microseconds: what timers and threads need.
+/// Wait beyond the slowest of those, microseconds: for timers and threads.
 const MARGIN_US: Micros = 1_500;
-/// A detection pass takes longer the more people it finds: one who is new must not come too late, and is waited for so many times as
-/// long as the slowest pass took.
+/// A detection pass takes longer the more people it finds, and a new person must not come too late.
+/// So the wait is this many times the slowest pass.
 const PASS_TIMES: Micros = 2;
 /// The usual arrival at a tick with a detection pass is their median.
 const USUAL: f64 = 0.5;
-/// Share of the arrivals that are early: an edge whose early ones come too late is not waited for.
+/// Share of the arrivals that are early: fusion does not wait for an edge whose early ones come too
+/// late.
 const EARLY: f64 = 0.1;
-/// From so many arrivals on they say something.
+/// Least arrivals for a statistic.
 const ENOUGH: usize = 8;
-/// Arrivals that are older say nothing any more: what held them up once is over.
+/// Older arrivals do not count: the cause of a delay may be over.
 const LIFE_US: Micros = 3 * SECOND_US;
 /// The same for ticks with a detection pass.
 const DETECTION_LIFE_US: Micros = 12 * SECOND_US;
 
-/// What a tick asks of an edge.
+/// What an edge does at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Task {
-    /// To say that it is there: it sees nobody.
+    /// It sends an empty set: it sees no people.
     Idle,
     /// Patches.
     Follow,
     /// Patches, and a detection pass.
-    Look,
+    Detect,
 }
 
 /// The delays of one edge's latest messages.
 #[derive(Debug, Clone, Default)]
 pub struct Arrivals {
-    idle: NewestDelays<KEPT>,
-    followed: NewestDelays<KEPT>,
-    detected: NewestDelays<KEPT_DETECTIONS>,
+    idle: NewestDelays<REMEMBERED>,
+    followed: NewestDelays<REMEMBERED>,
+    detected: NewestDelays<REMEMBERED_DETECTIONS>,
 }
 
 impl Arrivals {
@@ -53,31 +55,33 @@ impl Arrivals {
         match task {
             Task::Idle => self.idle.add(delay_us, now_us),
             Task::Follow => self.followed.add(delay_us, now_us),
-            Task::Look => self.detected.add(delay_us, now_us),
+            Task::Detect => self.detected.add(delay_us, now_us),
         }
     }
 
-    /// How long after a tick its messages are worth waiting for, at most `most_us`, which it also is while
-    /// nothing is known.
+    /// How long after a tick to wait for its messages, at most `most_us`; that long while nothing
+    /// is known.
     pub fn wait_us(&mut self, task: Task, now_us: Micros, most_us: Micros) -> Micros {
         let times = match task {
             Task::Idle | Task::Follow => 1,
-            Task::Look => PASS_TIMES,
+            Task::Detect => PASS_TIMES,
         };
         let slowest_us = self.slowest_us(task, now_us);
         slowest_us.map_or(most_us, |us| (times * us + MARGIN_US).clamp(0, most_us))
     }
 
-    /// How long after a tick with a detection pass its messages usually come, microseconds; `None` while nothing is known.
+    /// How long after a tick with a detection pass its messages usually come, microseconds; `None`
+    /// while nothing is known.
     pub fn usual_pass_us(&mut self, now_us: Micros) -> Option<Micros> {
-        self.share(USUAL, Task::Look, now_us)
+        self.share(USUAL, Task::Detect, now_us)
     }
 
-    /// How long after a tick nearly all of its messages have come, microseconds; `None` while nothing is known.
+    /// How long after a tick nearly all of its messages have come, microseconds; `None` while
+    /// nothing is known.
     pub fn slowest_us(&mut self, task: Task, now_us: Micros) -> Option<Micros> {
         let in_time = match task {
             Task::Idle | Task::Follow => IN_TIME,
-            Task::Look => 1.0,
+            Task::Detect => 1.0,
         };
         self.share(in_time, task, now_us)
     }
@@ -90,21 +94,21 @@ impl Arrivals {
 
     fn share(&mut self, share: f64, task: Task, now_us: Micros) -> Option<Micros> {
         match task {
-            // Who sees nobody is no slower than it is with people.
+            // An edge without people is no slower than with people.
             Task::Idle => {
                 let idle = self.idle.share(share, ENOUGH, now_us - LIFE_US);
                 idle.or_else(|| self.share(share, Task::Follow, now_us))
             }
             Task::Follow => self.followed.share(share, ENOUGH, now_us - LIFE_US),
-            Task::Look => self.detected.share(share, 1, now_us - DETECTION_LIFE_US),
+            Task::Detect => self.detected.share(share, 1, now_us - DETECTION_LIFE_US),
         }
     }
 }
 
-/// The newest `N` delays, with the times at which they were noted.
+/// The newest `N` delays, with their times.
 #[derive(Debug, Clone)]
 pub(super) struct NewestDelays<const N: usize> {
-    kept: Vec<(Micros, Micros)>,
+    newest: Vec<(Micros, Micros)>,
     next: usize,
     sorted: Vec<Micros>,
 }
@@ -112,7 +116,7 @@ pub(super) struct NewestDelays<const N: usize> {
 impl<const N: usize> Default for NewestDelays<N> {
     fn default() -> Self {
         Self {
-            kept: Vec::with_capacity(N),
+            newest: Vec::with_capacity(N),
             next: 0,
             sorted: Vec::with_capacity(N),
         }
@@ -121,18 +125,18 @@ impl<const N: usize> Default for NewestDelays<N> {
 
 impl<const N: usize> NewestDelays<N> {
     pub(super) fn add(&mut self, delay_us: Micros, now_us: Micros) {
-        if self.kept.len() < N {
-            self.kept.push((delay_us, now_us));
+        if self.newest.len() < N {
+            self.newest.push((delay_us, now_us));
         } else {
-            self.kept[self.next] = (delay_us, now_us);
+            self.newest[self.next] = (delay_us, now_us);
         }
         self.next = (self.next + 1) % N;
     }
 
-    /// The delay that a `share` of those since `since_us` does not pass, nearest rank; `None` with fewer than
-    /// `enough`.
+    /// The delay that a `share` of those since `since_us` does not exceed, nearest rank; `None`
+    /// with fewer than `enough`.
     pub(super) fn share(&mut self, share: f64, enough: usize, since_us: Micros) -> Option<Micros> {
-        let fresh = self.kept.iter().filter(|(_, at)| *at >= since_us);
+        let fresh = self.newest.iter().filter(|(_, at)| *at >= since_us);
         self.sorted.clear();
         self.sorted.extend(fresh.map(|(delay, _)| *delay));
         if self.sorted.len() < enough.max(1) {
@@ -152,7 +156,7 @@ mod tests {
     const MOST_US: Micros = 400_000;
 
     #[test]
-    fn what_is_not_known_is_waited_for_to_the_bound() {
+    fn unknown_delays_are_waited_for_to_the_bound() {
         let mut arrivals = Arrivals::default();
         assert_eq!(arrivals.wait_us(Task::Follow, 0, MOST_US), MOST_US);
         (0..8).for_each(|i| arrivals.add(Task::Follow, 10_000, i));
@@ -160,7 +164,7 @@ mod tests {
             arrivals.wait_us(Task::Follow, 10, MOST_US),
             10_000 + MARGIN_US
         );
-        assert_eq!(arrivals.wait_us(Task::Look, 10, MOST_US), MOST_US);
+        assert_eq!(arrivals.wait_us(Task::Detect, 10, MOST_US), MOST_US);
         assert_eq!(arrivals.wait_us(Task::Follow, 10, 5_000), 5_000);
         assert_eq!(
             arrivals.wait_us(Task::Follow, LIFE_US + 20, MOST_US),
@@ -169,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn one_straggler_in_a_hundred_is_not_waited_for_and_more_are() {
+    fn one_late_message_in_a_hundred_does_not_extend_the_wait() {
         let mut arrivals = Arrivals::default();
         for i in 0..256 {
             let delay_us = if i % 100 == 0 { 90_000 } else { 8_000 };
@@ -186,12 +190,12 @@ mod tests {
     }
 
     #[test]
-    fn detection_passes_are_waited_for_until_one_that_finds_more_people_comes() {
+    fn the_wait_for_detection_passes_allows_slower_ones() {
         let mut arrivals = Arrivals::default();
         (0..100).for_each(|i| arrivals.add(Task::Follow, 8_000, i));
-        arrivals.add(Task::Look, 120_000, 100);
+        arrivals.add(Task::Detect, 120_000, 100);
         assert_eq!(
-            arrivals.wait_us(Task::Look, 101, MOST_US),
+            arrivals.wait_us(Task::Detect, 101, MOST_US),
             240_000 + MARGIN_US
         );
         assert_eq!(
@@ -201,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_late_all_the_time_is_told_from_who_is_late_at_times() {
+    fn always_late_differs_from_sometimes_late() {
         let mut arrivals = Arrivals::default();
         assert_eq!(arrivals.slowest_us(Task::Follow, 0), None);
         assert!(
@@ -219,18 +223,18 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_wait_is_bounded_whatever_comes(
+        fn the_wait_and_the_memory_are_bounded(
             delays in prop::collection::vec(any::<i32>(), 0..600), most in 1i64..5_000_000,
         ) {
             let mut arrivals = Arrivals::default();
             for (i, delay) in (0i64..).zip(&delays) {
-                let task = if i % 60 == 0 { Task::Look } else { Task::Follow };
+                let task = if i % 60 == 0 { Task::Detect } else { Task::Follow };
                 arrivals.add(task, Micros::from(*delay), i);
-                for task in [Task::Follow, Task::Look] {
+                for task in [Task::Follow, Task::Detect] {
                     prop_assert!((0..=most).contains(&arrivals.wait_us(task, i, most)));
                 }
             }
-            prop_assert!(arrivals.followed.kept.len() <= KEPT && arrivals.detected.kept.len() <= KEPT_DETECTIONS);
+            prop_assert!(arrivals.followed.newest.len() <= REMEMBERED && arrivals.detected.newest.len() <= REMEMBERED_DETECTIONS);
         }
     }
 }

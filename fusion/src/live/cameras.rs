@@ -1,39 +1,40 @@
-//! What the statuses of the edges say of their cameras: what is worth a line to the operator, and what the summary says.
+//! Camera health from the statuses of the edges: messages for the operator, and data for the
+//! summary.
 
 use std::collections::BTreeMap;
 
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::live::{CameraHealth, CameraStatus};
 
-/// Statuses of an edge that begins, which has a camera's first picture still to come: it may say so in the first ones, of
-/// which two come at once and one a second from then on.
+/// Number of first statuses of an edge that may report a camera without a picture: two come at
+/// once, then one a second.
 const FIRST_PICTURE: u32 = 5;
 
-/// One camera, as its edge has described it.
+/// One camera, as its edge reports it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraRecord {
-    /// How it was last.
+    /// The last health.
     pub health: CameraHealth,
-    /// Why it gave no pictures when it last gave none, in the words of whatever reads them.
+    /// Why it gave no pictures the last time, in the words of its reader.
     pub reason: Option<String>,
     /// How often it stopped working.
     pub troubles: u32,
-    /// Frames per second, as it was last.
+    /// Last frames per second.
     pub frames_per_s: f32,
-    /// What the operator was told last.
-    told: CameraHealth,
-    /// Statuses in which it may still be without a picture.
+    /// The last health that was reported to the operator.
+    reported: CameraHealth,
+    /// Remaining statuses in which it may be without a picture.
     awaited: u32,
 }
 
-/// A change that the operator is told.
+/// A change to report to the operator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraNotice {
     /// Which camera.
     pub camera: CameraIndex,
-    /// How it is now.
+    /// The new health.
     pub health: CameraHealth,
-    /// Why, when it gives no pictures and that is known.
+    /// Why it gives no pictures, if known.
     pub reason: Option<String>,
 }
 
@@ -44,7 +45,7 @@ pub struct Cameras {
 }
 
 impl Cameras {
-    /// The edge of these cameras begins anew: their first pictures are still to come.
+    /// The edge of these cameras restarts: their first pictures are still to come.
     pub fn begin(&mut self, statuses: &[CameraStatus]) {
         for status in statuses {
             if let Some(record) = self.records.get_mut(&status.camera) {
@@ -53,22 +54,22 @@ impl Cameras {
         }
     }
 
-    /// Takes a status; what has changed. Two statuses in a row must say it, as pictures may be late for once, and
-    /// where the first is still to come, more: a failure is certain at once.
-    pub fn hear(&mut self, statuses: &[CameraStatus]) -> Vec<CameraNotice> {
+    /// Processes a status; returns the changes. A change needs two statuses in a row, because a
+    /// picture may be late once, and more before the first picture. A failure is certain at once.
+    pub fn update(&mut self, statuses: &[CameraStatus]) -> Vec<CameraNotice> {
         statuses
             .iter()
-            .filter_map(|status| self.hear_one(status))
+            .filter_map(|status| self.update_one(status))
             .collect()
     }
 
-    fn hear_one(&mut self, status: &CameraStatus) -> Option<CameraNotice> {
+    fn update_one(&mut self, status: &CameraStatus) -> Option<CameraNotice> {
         let record = self.records.entry(status.camera).or_insert(CameraRecord {
             health: CameraHealth::Works,
             reason: None,
             troubles: 0,
             frames_per_s: 0.0,
-            told: CameraHealth::Works,
+            reported: CameraHealth::Works,
             awaited: FIRST_PICTURE,
         });
         let is_silent = status.health == CameraHealth::Silent;
@@ -85,13 +86,13 @@ impl Cameras {
         if status.reason.is_some() {
             record.reason.clone_from(&status.reason);
         }
-        if !is_certain || record.told == status.health {
+        if !is_certain || record.reported == status.health {
             return None;
         }
-        if record.told == CameraHealth::Works {
+        if record.reported == CameraHealth::Works {
             record.troubles += 1;
         }
-        record.told = status.health;
+        record.reported = status.health;
         Some(CameraNotice {
             camera: status.camera,
             health: status.health,
@@ -99,7 +100,7 @@ impl Cameras {
         })
     }
 
-    /// All cameras that were described, by index.
+    /// All reported cameras, by index.
     pub fn records(&self) -> impl Iterator<Item = (CameraIndex, &CameraRecord)> {
         self.records
             .iter()
@@ -133,15 +134,15 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_is_told_once_with_its_reason_and_so_is_its_end() {
+    fn a_failure_and_its_end_are_reported_once() {
         let mut cameras = Cameras::default();
         let failed = status(CameraHealth::Failed, Some("no route to host"));
-        let notices = cameras.hear(&failed);
+        let notices = cameras.update(&failed);
         assert_eq!(notices[0].reason.as_deref(), Some("no route to host"));
-        assert_eq!(cameras.hear(&failed), []);
+        assert_eq!(cameras.update(&failed), []);
         let works = status(CameraHealth::Works, None);
-        assert_eq!(cameras.hear(&works), [], "one picture may be a last one");
-        assert_eq!(cameras.hear(&works)[0].health, CameraHealth::Works);
+        assert_eq!(cameras.update(&works), [], "one picture may be a last one");
+        assert_eq!(cameras.update(&works)[0].health, CameraHealth::Works);
         let (_, record) = cameras.records().next().unwrap();
         assert_eq!(
             (record.troubles, record.reason.as_deref()),
@@ -150,34 +151,38 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_whose_first_picture_is_still_to_come_is_silent_without_a_word_for_some_seconds() {
+    fn silence_before_the_first_picture_is_not_reported_at_once() {
         let mut cameras = Cameras::default();
         let silent = status(CameraHealth::Silent, None);
         let works = status(CameraHealth::Works, None);
-        let told =
-            |cameras: &mut Cameras, n: u32| (0..n).flat_map(|_| cameras.hear(&silent)).count();
-        assert_eq!(told(&mut cameras, 3), 0);
-        assert_eq!(cameras.hear(&works), [], "it always worked");
-        assert_eq!(told(&mut cameras, 2), 1, "it had worked, and does no more");
-        // Its edge is started again.
-        assert_eq!([&works, &works].map(|it| cameras.hear(it).len()), [0, 1]);
+        let notices =
+            |cameras: &mut Cameras, n: u32| (0..n).flat_map(|_| cameras.update(&silent)).count();
+        assert_eq!(notices(&mut cameras, 3), 0);
+        assert_eq!(cameras.update(&works), [], "it always worked");
+        assert_eq!(
+            notices(&mut cameras, 2),
+            1,
+            "it had worked, and does no more"
+        );
+        // Its edge restarts.
+        assert_eq!([&works, &works].map(|it| cameras.update(it).len()), [0, 1]);
         cameras.begin(&silent);
-        assert_eq!(told(&mut cameras, FIRST_PICTURE), 0);
-        assert_eq!(told(&mut cameras, 3), 1, "nor does the first ever come");
+        assert_eq!(notices(&mut cameras, FIRST_PICTURE), 0);
+        assert_eq!(notices(&mut cameras, 3), 1, "nor does the first ever come");
         let (_, record) = cameras.records().next().unwrap();
         assert_eq!(record.troubles, 2);
     }
 
     #[test]
-    fn a_camera_that_is_late_for_once_is_not_worth_a_line() {
+    fn one_late_picture_is_not_reported() {
         let mut cameras = Cameras::default();
         for health in [
             CameraHealth::Silent,
             CameraHealth::Works,
             CameraHealth::Black,
         ] {
-            assert_eq!(cameras.hear(&status(health, None)), []);
+            assert_eq!(cameras.update(&status(health, None)), []);
         }
-        assert_eq!(cameras.hear(&status(CameraHealth::Black, None)).len(), 1);
+        assert_eq!(cameras.update(&status(CameraHealth::Black, None)).len(), 1);
     }
 }

@@ -1,13 +1,14 @@
-//! Which ticks all edges work on: as many as the edges that make most of the views have time and bytes for.
+//! The common plan of ticks: as many as the edges that make most of the views can process and send.
 //!
-//! An edge that is too slow leaves ticks out. A pose needs ticks that several edges share, so fusion sends all of them one plan:
-//! work on every n-th tick. An edge that has no time for so many works on a multiple of n. Each edge reports the n that it
-//! needs. Of these, fusion takes the one that gives most views beyond the first at a tick: a single view makes no pose. So one
-//! slow edge of four does not slow the others down.
+//! An edge that is too slow skips ticks. A pose needs ticks that several edges share, so fusion
+//! sends one plan to all of them: work on every n-th tick. An edge that is slower than that works
+//! on a multiple of n. Each edge reports the n that it needs. Of these, fusion takes the one that
+//! gives most views beyond the first at a tick: a single view makes no pose. So one slow edge of
+//! four does not slow down the others.
 
 use super::{Micros, SECOND_US};
 
-/// A plan of more ticks must have been better for so long before it is followed: edges measure over seconds.
+/// How long a plan of more ticks must be better before it is used: edges measure over seconds.
 const PATIENCE_US: Micros = SECOND_US;
 
 /// The plan that all edges follow.
@@ -28,13 +29,13 @@ impl Default for CommonPlan {
 }
 
 impl CommonPlan {
-    /// n, where all edges work on every n-th tick.
+    /// n, if all edges work on every n-th tick.
     pub fn every_nth(&self) -> u16 {
         self.every_nth
     }
 
-    /// Takes the n of each edge at `now_us`: it has time and bytes for every n-th tick.
-    pub fn hear(&mut self, needed_nths: &[u16], now_us: Micros) {
+    /// Updates the plan from the n that each edge needs at `now_us`.
+    pub fn update(&mut self, needed_nths: &[u16], now_us: Micros) {
         let best = best_nth(needed_nths);
         if best >= self.every_nth
             || now_us - *self.room_since_us.get_or_insert(now_us) >= PATIENCE_US
@@ -44,15 +45,15 @@ impl CommonPlan {
     }
 }
 
-/// The plan whose ticks get most views beyond the first. Of two alike it is the one with more views at a tick; of two edges alone
-/// the faster leads people on between the ticks that both work on.
+/// The plan whose ticks get most views beyond the first. Of equal plans, the one with more views at
+/// a tick. Of only two edges, the faster one: it keeps following people between the shared ticks.
 fn best_nth(needed_nths: &[u16]) -> u16 {
     let views_beyond_first = |nth: u16| {
         let shares = needed_nths
             .iter()
             .map(|needed| 1.0 / f64::from(needed.div_ceil(nth)));
         let views = (shares.sum::<f64>() - 1.0) / f64::from(nth);
-        // Plans that are alike must not differ by what rounding left.
+        // Rounds, so that rounding errors do not decide between equal plans.
         (1e9 * views).round()
     };
     let plans = needed_nths.iter().copied().filter(|nth| *nth > 0);
@@ -76,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn edges_that_are_about_as_slow_share_all_their_ticks() {
+    fn equally_slow_edges_share_all_their_ticks() {
         assert_eq!(best_nth(&[2, 3, 3, 3]), 3);
         assert_eq!(best_nth(&[4, 4, 4, 4]), 4);
         assert_eq!(best_nth(&[2, 4, 4]), 4, "one view alone is no pose");
@@ -84,38 +85,38 @@ mod tests {
     }
 
     #[test]
-    fn one_slow_edge_of_two_does_not_slow_the_other_down() {
+    fn one_slow_edge_of_two_does_not_slow_the_other() {
         assert_eq!(best_nth(&[1, 64]), 1);
         assert_eq!(best_nth(&[4, 2]), 2);
         assert_eq!(best_nth(&[1, 3]), 1);
     }
 
     #[test]
-    fn one_slow_edge_of_four_slows_nobody_down() {
+    fn one_slow_edge_of_four_slows_no_other() {
         assert_eq!(best_nth(&[1, 1, 1, 9]), 1);
         assert_eq!(best_nth(&[2, 2, 9, 2]), 2);
         assert_eq!(best_nth(&[3, 2, 2, 2]), 2);
     }
 
     #[test]
-    fn fewer_ticks_are_planned_at_once_and_more_after_a_second() {
+    fn fewer_ticks_apply_at_once_and_more_after_a_second() {
         let mut plan = CommonPlan::default();
-        plan.hear(&[4, 4, 4], 0);
+        plan.update(&[4, 4, 4], 0);
         assert_eq!(plan.every_nth(), 4);
-        plan.hear(&[1, 1, 1], SECOND_US);
-        plan.hear(&[4, 4, 4], 3 * SECOND_US / 2);
-        plan.hear(&[2, 2, 2], 2 * SECOND_US);
+        plan.update(&[1, 1, 1], SECOND_US);
+        plan.update(&[4, 4, 4], 3 * SECOND_US / 2);
+        plan.update(&[2, 2, 2], 2 * SECOND_US);
         assert_eq!(plan.every_nth(), 4, "not for a moment without load");
-        plan.hear(&[2, 2, 2], 3 * SECOND_US);
+        plan.update(&[2, 2, 2], 3 * SECOND_US);
         assert_eq!(plan.every_nth(), 2);
     }
 
     proptest! {
         /// Counted tick by tick.
         #[test]
-        fn no_plan_that_an_edge_needs_gets_more_views(needed_nths in prop::collection::vec(1u16..7, 2..6)) {
+        fn no_other_plan_gets_more_views(needed_nths in prop::collection::vec(1u16..7, 2..6)) {
             let counted = |nth: u16| {
-                // A multiple of all that edges do here: 1 to 6, 8 and 10.
+                // A multiple of every n that edges use here: 1 to 6, 8 and 10.
                 let ticks = 120u32;
                 let views = (0..ticks).map(|tick| {
                     let works = |needed: &&u16| tick % u32::from(needed.next_multiple_of(nth)) == 0;

@@ -1,4 +1,4 @@
-//! Sets of patches, for tests.
+//! Patch sets for tests.
 
 use farfield_proto::id::{CameraIndex, PersonId, SessionId, ViewpointIndex};
 use farfield_proto::message::{PatchSet, PersonPatch};

@@ -1,8 +1,8 @@
-//! Patch and sighting sets of all ticks that are open, gathered from all viewpoints.
+//! Gathers patch and sighting sets of all open ticks from all viewpoints.
 //!
-//! The live sibling of [`crate::align`]: several ticks are open at once, and whoever asks takes the first
-//! of them whether it is complete or not. Duplicates and any order of arrival are harmless; what comes after
-//! its tick was taken is late, and handed back once.
+//! The live variant of [`crate::align`]: several ticks are open at once, and the caller takes the
+//! first of them whether it is complete or not. Duplicates and any order of arrival are harmless. A
+//! set that comes after its tick was taken is late, and is returned once.
 
 use std::collections::VecDeque;
 
@@ -12,25 +12,26 @@ use farfield_proto::tick::Tick;
 
 use crate::align::{Gather, Refused, TickGroup};
 
-/// Most payload of one viewpoint that waits for its ticks, bytes: far above what any link carries in the
-/// time that ticks are open.
+/// Most payload of one viewpoint that waits for its ticks, bytes: far above what any link carries
+/// while ticks are open.
 const MAX_WAITING_BYTES: u64 = 16 << 20;
 
-/// Most late patches that are handed back between two ticks: each costs the smoother as much as one in time.
+/// Most late patches that are returned between two ticks: each costs the smoother as much as a
+/// timely one.
 const MAX_LATE_PATCHES: usize = 1024;
 
-/// What became of a message.
+/// Result of adding a message.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Taken<T> {
     /// It waits for its tick.
     Open,
-    /// Its tick is over; it comes for the first time.
+    /// Its tick is over; this is its first arrival.
     Late(T),
-    /// It does not belong here.
+    /// It is not accepted.
     Refused(Refused),
 }
 
-/// One tick that is open.
+/// One open tick.
 #[derive(Debug, Clone)]
 struct Opened {
     gather: Gather,
@@ -38,7 +39,7 @@ struct Opened {
     bytes: Vec<u64>,
 }
 
-/// One tick that is over: what of it has come.
+/// One tick that is over, with the sets that came.
 #[derive(Debug, Clone, Default)]
 struct Closed {
     patches: Vec<(ViewpointIndex, u16)>,
@@ -53,7 +54,7 @@ impl Closed {
         self.persons.clear();
     }
 
-    /// Notes what a set says that comes late.
+    /// Records a late set.
     fn note_patches(&mut self, set: &PatchSet) -> Result<(), Refused> {
         let key = (set.viewpoint, set.part);
         if set.part >= set.parts || self.patches.contains(&key) {
@@ -83,7 +84,7 @@ pub struct LiveGather {
     session: SessionId,
     n_viewpoints: usize,
     next: Tick,
-    /// From `next` on; `None`: nothing has come of it.
+    /// From `next` on; `None` before the first message.
     open: VecDeque<Option<Opened>>,
     /// Payload of `open` by viewpoint.
     waiting_bytes: Vec<u64>,
@@ -91,15 +92,15 @@ pub struct LiveGather {
     ahead: usize,
     /// The newest ticks that are over, the last one first.
     closed: VecDeque<Closed>,
-    /// For how many ticks late messages are told from repeated ones.
+    /// For how many ticks late messages are distinguished from repeated ones.
     behind: usize,
-    /// Late patches that were handed back since the last tick was taken.
+    /// Late patches that were returned since the last tick was taken.
     late_patches: usize,
 }
 
 impl LiveGather {
-    /// Starts with `next`, for the viewpoints `0..n_viewpoints`. `ahead` ticks are open at once; for
-    /// `behind` ticks more what comes is late, then it is refused.
+    /// Starts with `next`, for the viewpoints `0..n_viewpoints`. `ahead` ticks are open at once.
+    /// For `behind` more ticks messages are late, then they are refused.
     pub fn new(
         session: SessionId,
         next: Tick,
@@ -119,12 +120,12 @@ impl LiveGather {
         }
     }
 
-    /// The tick that is taken next.
+    /// The next tick to take.
     pub fn next(&self) -> Tick {
         self.next
     }
 
-    /// Takes a patch set that took `bytes`.
+    /// Adds a patch set of `bytes`.
     pub fn add_patches(&mut self, set: PatchSet, bytes: u64) -> Taken<PatchSet> {
         let late_patches = self.late_patches + set.persons.len();
         match self.place(set.session, set.tick, set.viewpoint, bytes) {
@@ -153,7 +154,7 @@ impl LiveGather {
         }
     }
 
-    /// Takes a sighting set that took `bytes`.
+    /// Adds a sighting set of `bytes`.
     pub fn add_sightings(&mut self, set: SightingSet, bytes: u64) -> Taken<SightingSet> {
         let key = (set.viewpoint, set.part);
         match self.place(set.session, set.tick, set.viewpoint, bytes) {
@@ -179,7 +180,7 @@ impl LiveGather {
         }
     }
 
-    /// Whether `viewpoint` has sent all that it announced for `tick`.
+    /// Whether `viewpoint` has sent all announced parts for `tick`.
     pub fn has_all(&self, tick: Tick, viewpoint: ViewpointIndex) -> bool {
         self.opened(tick)
             .is_some_and(|gather| gather.is_complete_of(viewpoint))
@@ -191,7 +192,7 @@ impl LiveGather {
             .is_some_and(|gather| gather.has_sightings_of(viewpoint))
     }
 
-    /// Whether anything has come from `viewpoint` for `tick`, which is open or was not long ago.
+    /// Whether any message came from `viewpoint` for `tick`, which is open or recently was.
     pub fn has_any(&self, tick: Tick, viewpoint: ViewpointIndex) -> bool {
         let of = |key: &(ViewpointIndex, u16)| key.0 == viewpoint;
         match usize::try_from((self.next - tick).saturating_sub(1)) {
@@ -206,7 +207,7 @@ impl LiveGather {
         }
     }
 
-    /// Hands out what has come of the next tick, and goes on to the one after.
+    /// Returns the messages of the next tick, and advances.
     pub fn take(&mut self) -> TickGroup {
         let group = match self.open.pop_front().flatten() {
             Some(Opened { gather, bytes }) => {
@@ -294,7 +295,7 @@ enum TickSlot<'a> {
     Closed(&'a mut Closed),
 }
 
-/// Notes `key`; false when it was there.
+/// Adds `key`; false if it was present.
 fn note(keys: &mut Vec<(ViewpointIndex, u16)>, key: (ViewpointIndex, u16)) -> bool {
     let is_new = !keys.contains(&key);
     if is_new {

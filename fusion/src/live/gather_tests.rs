@@ -1,4 +1,4 @@
-//! What becomes of messages that come in any order, twice, late, early, or from strangers.
+//! Messages in any order, repeated, late, early, or from unknown senders.
 
 use proptest::prelude::*;
 
@@ -30,7 +30,7 @@ fn ticks_are_taken_in_order_also_when_nothing_came() {
 }
 
 #[test]
-fn what_comes_after_its_tick_is_late_once_and_then_repeated() {
+fn a_message_after_its_tick_is_late_once_then_repeated() {
     let mut gather = gather();
     gather.add_patches(patches(10, 0, 0, 1), 50);
     gather.take();
@@ -53,7 +53,7 @@ fn what_comes_after_its_tick_is_late_once_and_then_repeated() {
 }
 
 #[test]
-fn a_person_comes_once_for_a_tick_also_when_the_tick_is_over() {
+fn a_person_counts_once_per_tick_also_after_the_tick() {
     let mut gather = gather();
     let first = of_persons(patches(10, 0, 0, 1000), 0..2);
     assert_eq!(gather.add_patches(first, 50), Taken::Open);
@@ -68,7 +68,7 @@ fn a_person_comes_once_for_a_tick_also_when_the_tick_is_over() {
 }
 
 #[test]
-fn only_so_many_late_patches_come_between_two_ticks() {
+fn late_patches_between_two_ticks_are_bounded() {
     let mut gather = gather();
     (0..8).for_each(|_| drop(gather.take()));
     let mut late = 0;
@@ -85,7 +85,7 @@ fn only_so_many_late_patches_come_between_two_ticks() {
 }
 
 #[test]
-fn what_is_early_or_of_a_stranger_is_refused() {
+fn early_and_unknown_messages_are_refused() {
     let mut gather = gather();
     let refused = |taken| match taken {
         Taken::Refused(refused) => refused,
@@ -128,7 +128,7 @@ fn one_viewpoint_cannot_fill_the_memory() {
     assert_eq!(gather.add_patches(patches(12, 0, 0, 1), big), Taken::Open);
 }
 
-/// The messages of some ticks: each viewpoint says one or two parts of each.
+/// The messages of some ticks: each viewpoint sends one or two parts of each.
 fn messages() -> Vec<PatchSet> {
     let of = |tick: i64, viewpoint: u16| {
         let parts = 1 + (tick as u16 + viewpoint) % 2;
@@ -156,7 +156,7 @@ proptest! {
     }
 
     #[test]
-    fn every_message_counts_once_wherever_ticks_are_taken_in_between(
+    fn every_message_counts_once_at_any_time_of_taking_ticks(
         order in Just(messages()).prop_shuffle(),
         takes in prop::collection::vec(any::<bool>(), 27..60),
     ) {

@@ -1,8 +1,9 @@
-//! Whether an edge's detection passes take longer than fusion ever waits, again and again: then a parameter is wrong.
+//! Whether an edge's detection passes repeatedly take longer than fusion ever waits: then a
+//! parameter is wrong.
 
 use super::{Micros, SECOND_US};
 
-/// So many in a minute must have come too late.
+/// Late passes in a minute for a warning.
 const ENOUGH: u32 = 5;
 const MINUTE_US: Micros = 60 * SECOND_US;
 
@@ -11,14 +12,15 @@ const MINUTE_US: Micros = 60 * SECOND_US;
 pub struct LateDetections {
     since_us: Option<Micros>,
     late: u32,
-    is_told: bool,
+    is_warned: bool,
 }
 
 impl LateDetections {
-    /// Takes note of sightings that came at `at_us`, so long after their tick; whether an operator should be told now.
-    /// Where fusion did not wait for as long as it may, by what it has learnt of the link, the parameter is not to blame.
-    pub fn is_told(&mut self, after_ms: f64, deadline_ms: f64, at_us: Micros) -> bool {
-        if after_ms <= deadline_ms || self.is_told {
+    /// Records sightings that came at `at_us`, `after_ms` after their tick; returns whether to warn
+    /// the operator now. The parameter is not the cause if fusion waited less than `deadline_ms`
+    /// allows.
+    pub fn is_warning_due(&mut self, after_ms: f64, deadline_ms: f64, at_us: Micros) -> bool {
+        if after_ms <= deadline_ms || self.is_warned {
             return false;
         }
         if self
@@ -28,8 +30,8 @@ impl LateDetections {
             (self.since_us, self.late) = (Some(at_us), 0);
         }
         self.late += 1;
-        self.is_told = self.late >= ENOUGH;
-        self.is_told
+        self.is_warned = self.late >= ENOUGH;
+        self.is_warned
     }
 }
 
@@ -37,18 +39,22 @@ impl LateDetections {
 mod tests {
     use super::*;
 
-    fn told(after_ms: f64, every_us: Micros) -> usize {
+    fn warnings(after_ms: f64, every_us: Micros) -> usize {
         let mut late = LateDetections::default();
-        let passes = (0..100).filter(|i| late.is_told(after_ms, 400.0, i * every_us));
+        let passes = (0..100).filter(|i| late.is_warning_due(after_ms, 400.0, i * every_us));
         passes.count()
     }
 
     #[test]
-    fn advice_is_given_once_and_only_where_it_helps() {
-        assert_eq!(told(450.0, SECOND_US), 1);
-        assert_eq!(told(300.0, SECOND_US), 0, "fusion did not wait that long");
+    fn the_warning_comes_once_and_only_if_the_parameter_is_the_cause() {
+        assert_eq!(warnings(450.0, SECOND_US), 1);
         assert_eq!(
-            told(450.0, 20 * SECOND_US),
+            warnings(300.0, SECOND_US),
+            0,
+            "fusion did not wait that long"
+        );
+        assert_eq!(
+            warnings(450.0, 20 * SECOND_US),
             0,
             "now and then a pass is late"
         );

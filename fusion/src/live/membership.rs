@@ -1,5 +1,5 @@
-//! Who takes part: which node speaks for each viewpoint, whether it holds the same files as fusion, and
-//! what its recordings hold. Statuses in, answers out; edges come and go.
+//! Membership of nodes: which process represents each viewpoint, whether it has the same files as
+//! fusion, and what its recordings contain. Statuses in, answers out; edges come and go.
 
 use std::ops::Range;
 
@@ -10,25 +10,25 @@ use farfield_proto::venue::same_files::{OtherFile, OwnFiles};
 
 use super::{Micros, SECOND_US};
 
-/// A node that says once a second how it is, and is silent for so long, is not there any more.
+/// A node sends a status once a second; after this silence it is gone.
 const SILENT_US: Micros = 3 * SECOND_US;
 
-/// What a status has changed.
+/// The change that a status caused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Said {
-    /// Nothing that matters to links.
+pub enum StatusChange {
+    /// None that matters to links.
     Nothing,
-    /// Another process speaks for the viewpoint of this index: nothing is known of its clock.
+    /// A new process represents the viewpoint of this index: its clock is unknown.
     NewNode(usize),
     /// No viewpoint of the venue has this name.
     Unknown,
 }
 
-/// One process that speaks under a name.
+/// One process with a node's name.
 #[derive(Debug, Clone, Copy)]
 struct Speaker {
     process: u64,
-    heard_us: Micros,
+    last_status_us: Micros,
 }
 
 #[derive(Debug, Clone, Default)]
@@ -36,10 +36,10 @@ struct Member {
     name: String,
     speaker: Option<Speaker>,
     rival: Option<Speaker>,
-    /// Whether the speaker was heard after the rival: both are there.
+    /// Whether the speaker sent a status after the rival: both run.
     is_contested: bool,
     refused: Option<String>,
-    last_word: Option<Status>,
+    last_status: Option<Status>,
 }
 
 /// All viewpoints of a venue.
@@ -47,13 +47,13 @@ struct Member {
 pub struct Membership {
     venue_hash: String,
     calibration_hash: String,
-    /// How the fingerprint of an edge's networks must begin, where that is known.
+    /// Expected prefix of the fingerprint of an edge's networks, if known.
     models: Option<String>,
     members: Vec<Member>,
 }
 
 impl Membership {
-    /// No status has come yet.
+    /// Before the first status.
     pub fn new(venue: &Venue) -> Self {
         let member = |name: &String| Member {
             name: name.clone(),
@@ -68,40 +68,40 @@ impl Membership {
         }
     }
 
-    /// Refuses edges whose networks' fingerprint does not begin with `models`, where that is known.
+    /// Refuses edges whose networks' fingerprint does not begin with `models`, if that is known.
     pub fn expect_models(&mut self, models: Option<&str>) {
         self.models = models.map(str::to_owned);
     }
 
-    /// Takes the word of an edge.
-    pub fn hear(&mut self, status: &Status, now_us: Micros) -> Said {
+    /// Processes the status of an edge.
+    pub fn update(&mut self, status: &Status, now_us: Micros) -> StatusChange {
         let Some(index) = self.members.iter().position(|m| m.name == status.node) else {
-            return Said::Unknown;
+            return StatusChange::Unknown;
         };
         let process = status.process;
         let now = Speaker {
             process,
-            heard_us: now_us,
+            last_status_us: now_us,
         };
         let member = &mut self.members[index];
-        let said = match member.speaker {
+        let change = match member.speaker {
             Some(speaker) if speaker.process == process => {
                 member.is_contested = member.rival.is_some();
-                Said::Nothing
+                StatusChange::Nothing
             }
-            Some(speaker) if now_us - speaker.heard_us < SILENT_US => {
+            Some(speaker) if now_us - speaker.last_status_us < SILENT_US => {
                 member.rival = Some(now);
-                return Said::Nothing;
+                return StatusChange::Nothing;
             }
             _ => {
                 (member.rival, member.is_contested) = (None, false);
-                Said::NewNode(index)
+                StatusChange::NewNode(index)
             }
         };
         member.speaker = Some(now);
         if member
             .rival
-            .is_some_and(|rival| now_us - rival.heard_us >= SILENT_US)
+            .is_some_and(|rival| now_us - rival.last_status_us >= SILENT_US)
         {
             (member.rival, member.is_contested) = (None, false);
         }
@@ -110,23 +110,23 @@ impl Membership {
             .or_else(|| self.other_network(index, status));
         let member = &mut self.members[index];
         member.refused = refused;
-        member.last_word = Some(status.clone());
-        said
+        member.last_status = Some(status.clone());
+        change
     }
 
-    /// The node has left, as its token says.
+    /// The node has left, by its liveliness token.
     pub fn leave(&mut self, node: &str) -> Option<usize> {
         let index = self.members.iter().position(|m| m.name == node)?;
         let member = &mut self.members[index];
-        // Its last word is kept: it says what the recordings hold.
+        // Its last status is kept: it has the contents of the recordings.
         (member.speaker, member.rival, member.is_contested) = (None, None, false);
         Some(index)
     }
 
-    /// Whether the viewpoint's patches may be used, as far as its statuses say.
+    /// Whether the viewpoint's patches may be used, by its statuses.
     pub fn is_welcome(&self, index: usize) -> bool {
         let member = self.members.get(index);
-        member.is_some_and(|m| m.last_word.is_some() && m.refused.is_none())
+        member.is_some_and(|m| m.last_status.is_some() && m.refused.is_none())
     }
 
     /// Why the viewpoint is refused, if it is.
@@ -134,59 +134,59 @@ impl Membership {
         self.members.get(index)?.refused.as_deref()
     }
 
-    /// Why the viewpoint's edge has given up, if it has. (What it says of being refused by fusion is told by
-    /// whoever refused it.)
+    /// Why the viewpoint's edge has failed, if it has. (A refusal by fusion is reported by the
+    /// refusing node.)
     pub fn failure(&self, index: usize) -> Option<&str> {
         let failure = self
             .members
             .get(index)?
-            .last_word
+            .last_status
             .as_ref()?
             .failure
             .as_deref();
         failure.filter(|text| !text.starts_with("refused by fusion"))
     }
 
-    /// The second process of the viewpoint's name, if both speak.
+    /// The second process of the viewpoint's name, if both run.
     pub fn second(&self, index: usize) -> Option<u64> {
         let member = self.members.get(index).filter(|m| m.is_contested)?;
         member.rival.map(|rival| rival.process)
     }
 
-    /// The last word of every viewpoint that ever spoke, in the venue's order.
+    /// The last status of every viewpoint that sent one, in the venue's order.
     pub fn last_words(&self) -> impl Iterator<Item = &Status> {
-        self.members.iter().filter_map(|m| m.last_word.as_ref())
+        self.members.iter().filter_map(|m| m.last_status.as_ref())
     }
 
-    /// The viewpoints that are not ready, as far as they have said.
+    /// The viewpoints that are not ready, by their statuses.
     pub fn missing(&self) -> Vec<&str> {
-        let is_ready = |m: &&Member| !m.last_word.as_ref().is_some_and(|status| status.ready);
+        let is_ready = |m: &&Member| !m.last_status.as_ref().is_some_and(|status| status.ready);
         let missing = self.members.iter().filter(is_ready);
         missing.map(|m| m.name.as_str()).collect()
     }
 
-    /// The epoch that a welcome edge goes by: fusion was here before. `tick_by` says which tick it is now by an
-    /// epoch; that must be one that the edge's recordings hold and that was `asked` for, or the run would be
-    /// over before it begins.
+    /// The epoch of an accepted edge, if fusion ran before. `tick_by` gives the current tick by an
+    /// epoch. That tick must be in the edge's recordings and in the `requested` range, or the run
+    /// would end before it begins.
     pub fn epoch_us(
         &self,
         tick_by: impl Fn(u64) -> Tick,
-        asked: Option<&Range<Tick>>,
+        requested: Option<&Range<Tick>>,
     ) -> Option<u64> {
         let welcome = self.members.iter().filter(|m| m.refused.is_none());
-        let mut words = welcome.filter_map(|m| m.last_word.as_ref());
-        words.find_map(|status| {
+        let mut statuses = welcome.filter_map(|m| m.last_status.as_ref());
+        statuses.find_map(|status| {
             let epoch_us = status.live.as_ref()?.epoch_us?;
             let now = tick_by(epoch_us);
             let is_held = status
                 .ticks
                 .is_none_or(|[from, to]| (from..to).contains(&now));
-            let is_asked = asked.is_none_or(|asked| asked.contains(&now));
-            (is_held && is_asked).then_some(epoch_us)
+            let is_requested = requested.is_none_or(|requested| requested.contains(&now));
+            (is_held && is_requested).then_some(epoch_us)
         })
     }
 
-    /// All ticks that any of the recordings holds; `None` while no edge has said that it plays one.
+    /// All ticks of all recordings; `None` before an edge has reported one.
     pub fn recorded(&self) -> Option<Range<Tick>> {
         let ticks = self.last_words().filter_map(|status| status.ticks);
         ticks
@@ -207,10 +207,10 @@ impl Membership {
         })
     }
 
-    /// Maps of different networks do not compare. Whoever came first goes on.
+    /// Maps of different networks are not comparable. The network that came first is kept.
     fn other_network(&self, index: usize, status: &Status) -> Option<String> {
         let (name, hash) = self.others_with_network(index, status).find(|(_, hash)| {
-            // Another backend computes the same maps but for the last bits.
+            // Another backend computes the same maps except for the last bits.
             models_and_backend(hash).0 != models_and_backend(&status.network_hash).0
         })?;
         Some(format!(
@@ -219,9 +219,9 @@ impl Membership {
         ))
     }
 
-    /// A warning where the viewpoint of this index computes with another backend than the first of the others.
+    /// A warning if this viewpoint uses another backend than the first of the others.
     pub fn other_backend(&self, index: usize) -> Option<String> {
-        let status = self.members.get(index)?.last_word.as_ref()?;
+        let status = self.members.get(index)?.last_status.as_ref()?;
         let (name, hash) = self.others_with_network(index, status).next()?;
         let backends = [hash, &status.network_hash].map(|hash| models_and_backend(hash).1);
         (backends[0] != backends[1]).then(|| {
@@ -232,8 +232,8 @@ impl Membership {
         })
     }
 
-    /// The other viewpoints that take part and run a network, with its fingerprint; none where `status` has no network:
-    /// a viewpoint of keypoint files fits any.
+    /// The other viewpoints that take part and run a network, with its fingerprint. None if
+    /// `status` has no network: keypoint files are compatible with any.
     fn others_with_network<'a>(
         &'a self,
         index: usize,
@@ -244,13 +244,16 @@ impl Membership {
             others.filter(move |(i, m)| *i != index && m.speaker.is_some() && m.refused.is_none());
         others
             .filter_map(|(_, m)| {
-                Some((m.name.as_str(), m.last_word.as_ref()?.network_hash.as_str()))
+                Some((
+                    m.name.as_str(),
+                    m.last_status.as_ref()?.network_hash.as_str(),
+                ))
             })
             .filter(|(_, hash)| !hash.is_empty() && !status.network_hash.is_empty())
     }
 }
 
-/// The two parts of a fingerprint of networks: which, and what computes them.
+/// The two parts of a fingerprint of networks: models and backend.
 fn models_and_backend(network_hash: &str) -> (&str, &str) {
     network_hash.rsplit_once('+').unwrap_or((network_hash, ""))
 }

@@ -1,9 +1,9 @@
-//! How many bytes have come in the last second.
+//! Bytes of the last second.
 
 use super::{Micros, SECOND_US};
 
-/// Parts of the second that are counted apart, and the one that has begun: the answer is of the last second,
-/// and up to one part more.
+/// Bins per second, plus the one in progress: the result covers the last second and up to one bin
+/// more.
 const BINS: Micros = 21;
 const BIN_US: Micros = SECOND_US / (BINS - 1);
 
@@ -16,7 +16,7 @@ pub struct Meter {
 }
 
 impl Meter {
-    /// `bytes` have come at `now_us`. A time before an earlier one counts as that one.
+    /// Adds `bytes` that came at `now_us`. A time before an earlier one counts as that one.
     pub fn add(&mut self, bytes: u64, now_us: Micros) {
         self.advance(now_us);
         let bin = &mut self.bins[index(self.newest)];
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_older_than_a_second_no_longer_counts() {
+    fn bytes_older_than_a_second_do_not_count() {
         let mut meter = Meter::default();
         let start = 1_700_000_000 * SECOND_US;
         for i in 0..60 {
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn time_that_goes_back_forgets_nothing() {
+    fn time_going_back_keeps_the_count() {
         let mut meter = Meter::default();
         meter.add(100, 10 * SECOND_US);
         meter.add(100, 9 * SECOND_US);

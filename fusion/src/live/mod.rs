@@ -1,8 +1,8 @@
-//! The pure parts of fusion's live mode: which tick is stepped when and over what, how every edge's clock
-//! and link are, and how far ahead its boxes are made.
+//! The pure parts of fusion's live mode: which tick is stepped when and with which messages, the
+//! state of every edge's clock and link, and how far ahead its boxes are made.
 //!
-//! No clock here: times are passed in, as [`Micros`] of the venue's clock, and the same calls give the
-//! same answers. The shell that reads the clock and the sockets is `node::live`.
+//! No clock here: times are arguments, as [`Micros`] of the venue's clock, and the same calls give
+//! the same results. The shell that reads the clock and the sockets is `node::live`.
 
 pub mod arrivals;
 pub mod cameras;

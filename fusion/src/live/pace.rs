@@ -1,38 +1,41 @@
-//! At which ticks an edge is sent boxes: all, unless its link cannot carry them.
+//! At which ticks an edge gets boxes: all, unless its link cannot carry them.
 //!
-//! An edge moves boxes on by their rates, so every second or fourth set does nearly as well. When messages begin
-//! to queue on the round trip, sets become fewer by half; when nothing waits any more, more are tried again,
-//! after ever longer if it was too early. Only ticks that 1, 2, 4 or 8 divides are left.
+//! An edge extrapolates boxes by their rates, so every second or fourth set does nearly as well. If
+//! messages queue on the round trip, the number of sets is halved. When no message waits any more,
+//! it is doubled again; after a failed attempt the next one comes later. Only ticks that 1, 2, 4 or
+//! 8 divides are used.
 
 use farfield_proto::transport::MESSAGE_OVERHEAD_BYTES;
 
 use super::{Micros, SECOND_US};
 
-/// Fewest sets are those of every so manieth tick.
+/// Sparsest pace without a budget: every n-th tick.
 const MOST_NTH: i64 = 8;
-/// The same where a budget bounds them, a power of two.
+/// The same with a budget, a power of two.
 const SPARSEST: i64 = 1024;
-/// How long messages may wait on average, microseconds and share of the shortest round trip (which varies by as much).
+/// Longest mean wait of messages, microseconds and share of the shortest round trip (which varies
+/// by as much).
 const WAIT_US: f64 = 30_000.0;
 const WAIT_SHARE: f64 = 0.25;
-/// What counts as nothing, as a share of that.
+/// Share of that limit below which no message waits.
 const NOTHING: f64 = 0.5;
-/// How much one round trip says.
+/// Weight of one round trip.
 const WEIGHT: f64 = 0.1;
-/// How long the effect of a change is waited for.
+/// Time for a change to take effect.
 const CHANGE_PAUSE_US: Micros = SECOND_US;
-/// How long nothing must have waited until more is tried, the first time and at most.
+/// Time without waiting before the next attempt to send more, initially and at most.
 const PATIENCE_US: Micros = 4 * SECOND_US;
 const MOST_PATIENCE_US: Micros = 64 * SECOND_US;
-/// Share of a byte budget that boxes may take: the rest is for statuses and what is asked for.
+/// Share of a byte budget for boxes: the rest is for statuses and requests.
 const BOX_SHARE: f64 = 0.85;
 
-/// How often one edge is sent boxes.
+/// How often one edge gets boxes.
 #[derive(Debug, Clone)]
 pub struct Pace {
-    /// Bytes per tick that a budget leaves, with overhead.
+    /// Bytes per tick of the budget, with overhead.
     budget: Option<f64>,
-    /// What a set takes with overhead: the largest of late, forgotten slowly, as a budget holds for every second.
+    /// Bytes of a set with overhead: a slowly decaying maximum, because a budget applies to every
+    /// second.
     set_bytes: f64,
     nth: i64,
     waited_us: f64,
@@ -56,7 +59,8 @@ impl Default for Pace {
 }
 
 impl Pace {
-    /// Boxes of `rate_hz` ticks per second shall fit `budget_bytes_per_s`; 0: no bound but the link's.
+    /// Boxes of `rate_hz` ticks per second shall fit `budget_bytes_per_s`; 0: only the link is a
+    /// limit.
     pub fn new(budget_bytes_per_s: f64, rate_hz: f64) -> Self {
         let has_budget = budget_bytes_per_s > 0.0;
         Self {
@@ -65,7 +69,7 @@ impl Pace {
         }
     }
 
-    /// Every so manieth tick has boxes.
+    /// n: every n-th tick has boxes.
     pub fn nth(&self) -> i64 {
         let fits = |nth: &i64| {
             self.budget
@@ -76,14 +80,15 @@ impl Pace {
         self.nth.max(powers.find(fits).unwrap_or(SPARSEST))
     }
 
-    /// Notes a set of `bytes` that goes out.
+    /// Records a sent set of `bytes`.
     pub fn sent(&mut self, bytes: usize) {
         let bytes = (bytes + MESSAGE_OVERHEAD_BYTES) as f64;
         self.set_bytes = bytes.max(self.set_bytes + (bytes - self.set_bytes) * WEIGHT);
     }
 
-    /// At `now_us` a round trip of `round_trip_us` is measured, where `shortest_us` is the least of the last seconds.
-    pub fn hear(&mut self, round_trip_us: Micros, shortest_us: Micros, now_us: Micros) {
+    /// Records a round trip of `round_trip_us` at `now_us`; `shortest_us` is the least of the last
+    /// seconds.
+    pub fn measured(&mut self, round_trip_us: Micros, shortest_us: Micros, now_us: Micros) {
         let waited_us = (round_trip_us - shortest_us).max(0) as f64;
         self.waited_us += (waited_us - self.waited_us) * WEIGHT;
         if now_us - self.changed_us < CHANGE_PAUSE_US {
@@ -116,8 +121,8 @@ mod tests {
     const PERIOD_US: Micros = 16_667;
     const SET_BYTES: usize = 500;
 
-    /// Sends sets of 500 bytes for some seconds over a link that carries `bytes_per_s`; gives the longest that one
-    /// waited in the second half, and the bytes of the fullest second.
+    /// Sends sets of 500 bytes for some seconds over a link of `bytes_per_s`. Returns the longest
+    /// wait in the second half, and the bytes of the fullest second.
     fn run(pace: &mut Pace, bytes_per_s: f64, from_s: i64, seconds: i64) -> (f64, f64) {
         let (mut queue_bytes, mut longest_us): (f64, f64) = (0.0, 0.0);
         let (mut of_second, mut fullest): (f64, f64) = (0.0, 0.0);
@@ -134,7 +139,7 @@ mod tests {
                 fullest = fullest.max(of_second);
             }
             let waited_us = queue_bytes / bytes_per_s * 1e6;
-            pace.hear(20_000 + waited_us as Micros, 20_000, now_us);
+            pace.measured(20_000 + waited_us as Micros, 20_000, now_us);
             if tick > 30 * seconds {
                 longest_us = longest_us.max(waited_us);
             }
@@ -143,14 +148,14 @@ mod tests {
     }
 
     #[test]
-    fn a_wide_link_carries_the_boxes_of_every_tick() {
+    fn a_fast_link_gets_boxes_at_every_tick() {
         let mut pace = Pace::default();
         run(&mut pace, 125_000.0, 0, 20);
         assert_eq!(pace.nth(), 1);
     }
 
     #[test]
-    fn a_thin_link_carries_fewer_and_its_queue_stays_short() {
+    fn a_slow_link_gets_fewer_boxes_and_its_queue_stays_short() {
         let mut pace = Pace::default();
         let (longest_us, _) = run(&mut pace, 25_000.0, 0, 60);
         assert!(
@@ -160,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn more_is_sent_when_the_link_carries_it_again() {
+    fn a_recovered_link_gets_more_boxes() {
         let mut pace = Pace::default();
         run(&mut pace, 25_000.0, 0, 6);
         assert!(pace.nth() > 1);
@@ -169,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_budget_holds_over_every_second() {
+    fn a_budget_applies_to_every_second() {
         let mut pace = Pace::new(12_000.0, 60.0);
         let (_, fullest) = run(&mut pace, 125_000.0, 0, 20);
         assert!(fullest <= 12_000.0, "{fullest}");

@@ -1,46 +1,47 @@
-//! When the next tick is stepped, and whether over what has come or without input.
+//! When the next tick is stepped, and whether with the messages that came or without input.
 //!
-//! A tick is stepped when all who are waited for have sent their sets, or its deadline has passed, and the tick
-//! before it was. A core that is too slow for the venue does not fall behind for ever: ticks that have been
-//! ready for too long are stepped without input, which carries everybody on by the model and costs little.
+//! A tick is stepped when all awaited edges have sent their sets, or at its deadline, after the
+//! previous tick. A core that is too slow for the venue does not fall further and further behind.
+//! Ticks that have been ready for too long are stepped without input, which predicts all people by
+//! the model and costs little.
 
 use super::Micros;
 
-/// How long a tick may be ready before it is stepped without input, microseconds. A detection pass that takes long
-/// holds up the ticks behind it: so long they may take to catch up.
+/// How long a tick may be ready before it is stepped without input, microseconds. A long detection
+/// pass delays the ticks behind it: they may take that long to catch up.
 pub const LONGEST_LAG_US: Micros = 150_000;
 
 /// What to do now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Next {
-    /// Nothing before this time, unless a message comes.
+    /// Wait until this time, unless a message comes.
     WaitUntil(Micros),
-    /// Step the next tick over what has come.
+    /// Step the next tick with the messages that came.
     Step,
     /// Step the next tick without input: the core is behind.
     StepWithoutInput,
 }
 
-/// Whom the next tick waits for.
+/// What the next tick waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Waiting {
-    /// For nobody.
-    ForNobody,
-    /// For somebody, until then.
+    /// Nothing.
+    ForNone,
+    /// Messages, until this time.
     Until(Micros),
 }
 
-/// Keeps the ticks' turns.
+/// Order of the ticks.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TickQueue {
-    /// When the tick before was ready.
+    /// When the previous tick was ready.
     ready_us: Micros,
-    /// When the next tick was seen ready, if it was.
+    /// When the next tick became ready, if it did.
     next_ready_us: Option<Micros>,
 }
 
 impl TickQueue {
-    /// Whether the next tick, which is at `tick_us`, is stepped at `now_us`.
+    /// What to do at `now_us` about the next tick, which is at `tick_us`.
     pub fn next(&mut self, tick_us: Micros, waiting: Waiting, now_us: Micros) -> Next {
         let ready_us = match (self.next_ready_us, waiting) {
             (Some(ready_us), _) => ready_us,
@@ -48,9 +49,9 @@ impl TickQueue {
                 return Next::WaitUntil(deadline_us);
             }
             (None, Waiting::Until(deadline_us)) => deadline_us,
-            // Also a tick that nobody says anything of has its time.
-            (None, Waiting::ForNobody) if now_us < tick_us => return Next::WaitUntil(tick_us),
-            (None, Waiting::ForNobody) => now_us,
+            // A tick without awaited edges also waits for its time.
+            (None, Waiting::ForNone) if now_us < tick_us => return Next::WaitUntil(tick_us),
+            (None, Waiting::ForNone) => now_us,
         };
         let ready_us = ready_us.max(self.ready_us);
         self.next_ready_us = Some(ready_us);
@@ -61,7 +62,7 @@ impl TickQueue {
         }
     }
 
-    /// The next tick was handed to the core.
+    /// The next tick was given to the core.
     pub fn stepped(&mut self) {
         if let Some(ready_us) = self.next_ready_us.take() {
             self.ready_us = ready_us;
@@ -78,7 +79,7 @@ mod tests {
     const PERIOD_US: Micros = 16_667;
 
     #[test]
-    fn a_tick_waits_for_its_messages_but_not_past_its_deadline() {
+    fn a_tick_waits_for_messages_until_its_deadline() {
         let mut queue = TickQueue::default();
         let missing = Waiting::Until(1_020_000);
         assert_eq!(
@@ -88,24 +89,24 @@ mod tests {
         assert_eq!(queue.next(1_000_000, missing, 1_020_000), Next::Step);
         queue.stepped();
         assert_eq!(
-            queue.next(1_016_667, Waiting::ForNobody, 1_017_000),
+            queue.next(1_016_667, Waiting::ForNone, 1_017_000),
             Next::Step
         );
     }
 
     #[test]
-    fn without_anybody_ticks_come_at_their_times() {
+    fn without_edges_ticks_are_stepped_at_their_times() {
         let mut queue = TickQueue::default();
-        let early = queue.next(1_000_000, Waiting::ForNobody, 990_000);
+        let early = queue.next(1_000_000, Waiting::ForNone, 990_000);
         assert_eq!(early, Next::WaitUntil(1_000_000));
         assert_eq!(
-            queue.next(1_000_000, Waiting::ForNobody, 1_000_000),
+            queue.next(1_000_000, Waiting::ForNone, 1_000_000),
             Next::Step
         );
     }
 
     #[test]
-    fn ticks_behind_a_long_detection_pass_are_stepped_over_what_has_come() {
+    fn ticks_after_a_long_detection_pass_use_their_messages() {
         let mut queue = TickQueue::default();
         let detection_us = 1_000_000;
         assert_eq!(
@@ -121,7 +122,7 @@ mod tests {
         for i in 1..18 {
             let now_us = detection_us + 300_000 + i * 5_000;
             assert_eq!(
-                queue.next(detection_us + i * PERIOD_US, Waiting::ForNobody, now_us),
+                queue.next(detection_us + i * PERIOD_US, Waiting::ForNone, now_us),
                 Next::Step
             );
             queue.stepped();
@@ -130,7 +131,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_slow_core_never_falls_behind_for_ever(full_us in 17_000i64..60_000, empty_us in 100i64..8_000) {
+        fn a_slow_core_skips_as_few_ticks_as_possible(full_us in 17_000i64..60_000, empty_us in 100i64..8_000) {
             let mut queue = TickQueue::default();
             let (mut now_us, mut over_nothing) = (0, 0.0);
             let n = 2_000;
@@ -150,13 +151,13 @@ mod tests {
                 queue.stepped();
                 prop_assert!(now_us - ready_us <= LONGEST_LAG_US + full_us + PERIOD_US);
             }
-            // As many are left out as must be, and hardly more.
+            // As few are skipped as possible.
             let share = (full_us - PERIOD_US) as f64 / (full_us - empty_us) as f64;
             prop_assert!((over_nothing / n as f64) < share + 0.02);
         }
 
         #[test]
-        fn a_core_that_is_fast_enough_leaves_nothing_out(full_us in 100i64..15_000) {
+        fn a_fast_core_skips_no_tick(full_us in 100i64..15_000) {
             let mut queue = TickQueue::default();
             let mut now_us = 0;
             for tick in 0..1_000 {

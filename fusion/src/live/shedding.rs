@@ -1,21 +1,22 @@
-//! What is left out where a tick costs more than its time: the patches of some viewpoints, in turn.
+//! Load shedding: if a tick costs more than its time, the patches of some viewpoints are skipped,
+//! in turn.
 //!
-//! A tick costs about the same for each patch, so the cost of the next one is known before it is begun. Where it is more
-//! than a set share of the time between two ticks, as many viewpoints as needed are left out of the tick,
-//! beginning with the one after the last that was left out: every viewpoint is seen again within a few ticks, and
-//! nobody is lost of whom the others see enough. At least three stay. What was left out is in the
-//! recording, and the tick's decision does not name it: a replay does the same.
+//! The cost of a tick is proportional to its patches, so it is known in advance. If it exceeds a
+//! fixed share of the tick period, as many viewpoints as needed are skipped, beginning after the
+//! last skipped one. So every viewpoint is used again within a few ticks, and no person is lost
+//! whom the others see well enough. At least three stay. Skipped patches are in the recording, and
+//! the tick's decision does not list them, so a replay skips the same.
 
 use super::Micros;
 
-/// Share of the time between two ticks that the patches of one may take.
+/// Share of the tick period that the patches of one tick may take.
 const SHARE_OF_PERIOD: f64 = 0.85;
-/// Fewest viewpoints with patches that a tick keeps: with fewer nobody's distance is known.
+/// Fewest viewpoints with patches that a tick keeps: with fewer, distances are unknown.
 const LEAST_VIEWPOINTS: usize = 3;
-/// Weight of a tick in the running mean of what a patch costs.
+/// Weight of a tick in the running mean of the cost of a patch.
 const WEIGHT: f64 = 0.05;
 
-/// Which viewpoints a tick leaves out.
+/// Which viewpoints a tick skips.
 #[derive(Debug, Clone, Default)]
 pub struct Shedding {
     /// Microseconds for each patch, a running mean; `None` before the first tick with patches.
@@ -23,13 +24,13 @@ pub struct Shedding {
     /// Where the next turn begins.
     turn: usize,
     left_out: Vec<bool>,
-    /// Viewpoints that the last tick left out.
+    /// Viewpoints that the last tick skipped.
     n_left_out: usize,
 }
 
 impl Shedding {
-    /// A tick of `patches` took `took_us`. Ticks of detection passes do not belong here: what they cost beside their
-    /// patches comes once a second, and there is time to catch up.
+    /// Records a tick of `patches` that took `took_us`. Ticks with detection passes are excluded:
+    /// their extra cost comes once a second, and there is time to catch up.
     pub fn stepped(&mut self, patches: usize, took_us: Micros) {
         if patches > 0 {
             let cost = took_us as f64 / patches as f64;
@@ -38,8 +39,8 @@ impl Shedding {
         }
     }
 
-    /// Whether each viewpoint is left out of a tick that has so many `patches` of each, `period_us` after the one
-    /// before.
+    /// Whether each viewpoint is skipped in a tick with so many `patches` of each, `period_us`
+    /// after the previous one.
     pub fn leave_out(&mut self, patches: &[usize], period_us: f64) -> &[bool] {
         let n = patches.len();
         self.left_out.clear();
@@ -65,7 +66,7 @@ impl Shedding {
         &self.left_out
     }
 
-    /// How many viewpoints the last tick left out.
+    /// How many viewpoints the last tick skipped.
     pub fn n_left_out(&self) -> usize {
         self.n_left_out
     }
@@ -86,20 +87,20 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_that_fits_its_time_leaves_nobody_out() {
+    fn a_tick_within_its_time_skips_no_viewpoint() {
         let mut shedding = learnt(50);
         assert_eq!(shedding.leave_out(&[22; 12], PERIOD_US), [false; 12]);
         assert_eq!(shedding.n_left_out(), 0);
     }
 
     #[test]
-    fn before_anything_is_known_nobody_is_left_out() {
+    fn without_measurements_no_viewpoint_is_skipped() {
         let mut shedding = Shedding::default();
         assert_eq!(shedding.leave_out(&[200; 16], PERIOD_US), [false; 16]);
     }
 
     #[test]
-    fn viewpoints_are_left_out_in_turn() {
+    fn viewpoints_are_skipped_in_turn() {
         // 16 x 22 patches of 60 us: 14.2 ms hold 236 of 352, so six viewpoints are too many.
         let mut shedding = learnt(60);
         let mut times_left_out = [0; 16];
@@ -114,14 +115,14 @@ mod tests {
     }
 
     #[test]
-    fn three_viewpoints_are_kept_however_slow_the_machine_is() {
+    fn at_least_three_viewpoints_are_kept() {
         let mut shedding = learnt(100_000);
         let left_out = shedding.leave_out(&[4, 0, 4, 4, 4, 4], PERIOD_US);
         assert_eq!(left_out, [true, false, true, false, false, false]);
     }
 
     #[test]
-    fn one_slow_tick_is_no_reason() {
+    fn one_slow_tick_skips_no_viewpoint() {
         let mut shedding = learnt(40);
         shedding.stepped(264, 264 * 200);
         assert_eq!(shedding.leave_out(&[22; 12], PERIOD_US), [false; 12]);
@@ -129,7 +130,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_kept_fits_or_is_as_little_as_may_be(
+        fn kept_patches_fit_the_time_or_are_the_minimum(
             patches in prop::collection::vec(0usize..40, 0..40), us_per_patch in 1i64..2_000, ticks in 1usize..20,
         ) {
             let mut shedding = learnt(us_per_patch);

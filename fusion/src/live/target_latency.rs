@@ -1,9 +1,10 @@
-//! How long a tick may wait for patches, and how often its poses were out in time.
+//! How long a tick may wait for patches, and how often its poses were in time.
 //!
-//! A tick waits until enough edges see each person ([`needed`]), so that one late edge delays no tick. A tick with a detection
-//! pass waits for the sightings of enough edges ([`are_enough`]). With a target, the time from pictures to poses that the
-//! operator asks for, it also waits no longer than the core needs to keep it. Slower edges are left out, counted and
-//! reported. The target does not bound ticks with a detection pass, because new people would not be found.
+//! A tick waits until enough edges see each person ([`needed`]), so that one late edge delays no
+//! tick. A tick with a detection pass waits for the sightings of enough edges ([`are_enough`]). The
+//! target is the time from pictures to poses that the operator asks for. With a target, a tick
+//! waits no longer than the core's time allows. Slower edges are skipped, counted and reported. The
+//! target does not bound ticks with a detection pass, because new people would not be found.
 
 use std::collections::BTreeMap;
 
@@ -14,19 +15,19 @@ use super::arrivals::NewestDelays;
 use super::{Micros, SECOND_US};
 use crate::export::summary::TargetLatencySummary;
 
-/// Ticks whose time beside the waiting is remembered, and for how long, microseconds.
-const KEPT: usize = 256;
+/// Ticks whose time without waiting is remembered, and for how long, microseconds.
+const REMEMBERED: usize = 256;
 const LIFE_US: Micros = 5 * SECOND_US;
-/// Share of the ticks for which the time that is left for the core shall be enough.
+/// Share of the ticks for which the time left for the core shall be enough.
 const IN_TIME: f64 = 0.98;
-/// What is left beyond that: for timers and the way to the network, microseconds.
+/// Reserve beyond that, for timers and network, microseconds.
 const MARGIN_US: Micros = 1_000;
-/// A share of ticks in time below which the target is not kept.
+/// Share of ticks in time below which the target is missed.
 pub const KEPT_SHARE: f64 = 0.9;
-/// A share of ticks above which an edge that is left out of them is named, and one below which that is over.
+/// Share of skipped ticks above which an edge is reported, and one below which the report ends.
 pub const LEFT_OUT_SHARE: f64 = 0.1;
 const LEFT_OUT_NO_MORE: f64 = 0.05;
-/// Fewest ticks of which shares are told, and of these fewest that must say something.
+/// Fewest ticks for a report, and fewest ticks of one kind.
 const ENOUGH: u64 = 100;
 const ENOUGH_OF_THESE: u64 = ENOUGH / 2;
 
@@ -35,24 +36,25 @@ const ENOUGH_OF_THESE: u64 = ENOUGH / 2;
 pub struct LongestWaits {
     /// For patches, after the tick, microseconds.
     pub patches_us: Micros,
-    /// Where the tick has a detection pass.
+    /// For the sightings of a detection pass.
     pub detections_us: Micros,
-    /// Since when the tick is next and enough of its sightings are there: unusually late ones are not waited for.
+    /// Since when enough sightings of the next tick are there: fusion does not wait for unusually
+    /// late ones.
     pub enough_since_us: Option<Micros>,
 }
 
-/// Views of a person, or sightings of a detection pass, that a tick waits for: fewest, and as a share of all. Of four, one may be
-/// late.
+/// Views of a person, or sightings of a detection pass, that a tick waits for: fewest, and as a
+/// share of all. Of four, one may be late.
 const FEWEST_VIEWS: usize = 3;
 const MOST_VIEWS_SHARE: f64 = 0.75;
 
-/// Whether the sightings of `arrived` edges are enough, where `all` send some.
+/// Whether the sightings of `arrived` edges are enough if `all` send some.
 pub fn are_enough(arrived: usize, all: usize) -> bool {
     arrived >= FEWEST_VIEWS && arrived as f64 >= MOST_VIEWS_SHARE * all as f64
 }
 
-/// How long a tick waits at most, where the patches of each person come so long after it from everyone who sees it (`None`: not
-/// known), and at most `most_us`: a period more than the slowest that a person needs.
+/// How long a tick waits, at most `most_us`: one period more than the slowest view that a person
+/// needs. `patches_come` has the delay of each view of each person (`None`: unknown).
 pub fn needed(
     patches_come: &mut [(PersonId, Option<Micros>)],
     period_us: Micros,
@@ -70,8 +72,8 @@ pub fn needed(
 }
 
 impl LongestWaits {
-    /// For everything as long.
-    pub fn of(most_us: Micros) -> Self {
+    /// The same limit for patches and sightings.
+    pub fn same(most_us: Micros) -> Self {
         Self {
             patches_us: most_us,
             detections_us: most_us,
@@ -80,54 +82,55 @@ impl LongestWaits {
     }
 }
 
-/// A tick that had patches, and whose poses are out.
+/// A tick with patches whose poses were published.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PosedTick {
     /// From the first of its pictures to its poses, microseconds.
     pub latency_us: Micros,
-    /// How long the core had it, microseconds.
+    /// Time in the core, microseconds.
     pub solving_us: Micros,
-    /// How long before the tick's own time the first of its pictures was taken, microseconds: from that on it is late.
+    /// How long before the tick's time its first picture was taken, microseconds: latency counts
+    /// from that.
     pub early_us: Micros,
 }
 
-/// The ticks of one edge that it was awaited at.
+/// Ticks at which one edge was awaited.
 #[derive(Debug, Clone, Copy, Default)]
 struct AwaitedTicks {
-    /// Those that were over before all its patches came, of how many.
+    /// Ticks that ended before all its patches came, of how many.
     all: [u64; 2],
-    /// The same since it was last told.
+    /// The same since the last report.
     recent: [u64; 2],
     is_slow: bool,
 }
 
-/// How the target was kept of late, shares from 0 to 1.
+/// How the target was kept recently, shares from 0 to 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecentTicks {
-    /// Of ticks with patches those in time; `None`: there were few.
+    /// Share of ticks with patches that were in time; `None` if there were few.
     pub in_time: Option<f64>,
-    /// The edges that are too slow, by index, with the share of ticks that they were left out of.
+    /// The edges that are too slow, by index, with their share of skipped ticks.
     pub too_slow: Vec<(usize, f64)>,
-    /// Whether one of these was not before.
+    /// Whether one of these is new.
     pub is_news: bool,
-    /// Ticks of which no edge made it.
-    pub nobody: f64,
+    /// Share of ticks for which all edges were too late.
+    pub all_late: f64,
 }
 
 /// The target, and how it is kept.
 #[derive(Debug, Clone, Default)]
 pub struct TargetLatency {
     target_us: Option<Micros>,
-    /// What ticks take beside the waiting after their time.
-    spent: NewestDelays<KEPT>,
-    /// Ticks that were in time, of how many.
+    /// Time that ticks take after their own time, without waiting.
+    spent: NewestDelays<REMEMBERED>,
+    /// Ticks in time, of how many.
     all: [u64; 2],
-    /// The same since it was last told.
+    /// The same since the last report.
     recent: [u64; 2],
     edges: Vec<AwaitedTicks>,
-    /// Ticks that edges were awaited at since it was last told, and those of which none made it.
+    /// Ticks with awaited edges since the last report, and those for which all edges were too late.
     ticks: u64,
-    nobody: u64,
+    all_late: u64,
 }
 
 impl TargetLatency {
@@ -139,7 +142,7 @@ impl TargetLatency {
         }
     }
 
-    /// How long the next tick waits at `now_us`, where it would wait for `most` without a target.
+    /// How long the next tick waits at `now_us`, where `most` applies without a target.
     pub fn longest_waits(&mut self, most: LongestWaits, now_us: Micros) -> LongestWaits {
         let left_us = self.target_us.map(|target_us| {
             let spent_us = self.spent.share(IN_TIME, 1, now_us - LIFE_US);
@@ -151,7 +154,8 @@ impl TargetLatency {
         }
     }
 
-    /// A tick is over: per edge, in their order, whether it was left out; `None`: it was not there.
+    /// Records the end of a tick: per edge, in order, whether it was skipped; `None` if it was not
+    /// awaited.
     pub fn over(&mut self, left_out: &[Option<bool>]) {
         let awaited = || left_out.iter().flatten();
         if awaited().next().is_none() {
@@ -167,10 +171,10 @@ impl TargetLatency {
             }
         }
         self.ticks += 1;
-        self.nobody += u64::from(awaited().all(|left_out| *left_out));
+        self.all_late += u64::from(awaited().all(|left_out| *left_out));
     }
 
-    /// The poses of a tick with patches went out at `now_us`.
+    /// Records that the poses of a tick with patches were published at `now_us`.
     pub fn posed(&mut self, tick: PosedTick, now_us: Micros) {
         let Some(target_us) = self.target_us else {
             return;
@@ -178,13 +182,13 @@ impl TargetLatency {
         let spent_us = tick.solving_us.saturating_add(tick.early_us.max(0));
         self.spent.add(spent_us, now_us);
         let in_time = u64::from(tick.latency_us <= target_us);
-        for [kept, of] in [&mut self.all, &mut self.recent] {
-            *kept += in_time;
+        for [in_time_count, of] in [&mut self.all, &mut self.recent] {
+            *in_time_count += in_time;
             *of += 1;
         }
     }
 
-    /// How the target was kept, `names` being those of the edges; `None` without a target or a tick.
+    /// How the target was kept; `names` are those of the edges. `None` without a target or a tick.
     pub fn summary<'a>(
         &self,
         names: impl Iterator<Item = &'a str>,
@@ -202,7 +206,7 @@ impl TargetLatency {
         })
     }
 
-    /// How the target was kept since this last said it; `None` while there are too few ticks.
+    /// How the target was kept since the last call; `None` while there are too few ticks.
     pub fn take_recent(&mut self) -> Option<RecentTicks> {
         if self.ticks < ENOUGH {
             return None;
@@ -211,7 +215,7 @@ impl TargetLatency {
             in_time: (self.recent[1] >= ENOUGH_OF_THESE).then(|| share(self.recent)),
             too_slow: Vec::new(),
             is_news: false,
-            nobody: share([self.nobody, self.ticks]),
+            all_late: share([self.all_late, self.ticks]),
         };
         for (index, edge) in self.edges.iter_mut().enumerate() {
             let counts = std::mem::take(&mut edge.recent);
@@ -227,7 +231,7 @@ impl TargetLatency {
                 recent.is_news |= !was_slow;
             }
         }
-        (self.recent, self.ticks, self.nobody) = ([0; 2], 0, 0);
+        (self.recent, self.ticks, self.all_late) = ([0; 2], 0, 0);
         Some(recent)
     }
 
@@ -237,7 +241,7 @@ impl TargetLatency {
     }
 }
 
-/// So many of so many; 0 of none.
+/// Share; 0 of none.
 fn share([part, of]: [u64; 2]) -> f64 {
     part as f64 / of.max(1) as f64
 }
@@ -262,21 +266,21 @@ mod tests {
     }
 
     #[test]
-    fn three_of_four_sightings_are_enough_and_two_never_are() {
+    fn three_of_four_sightings_are_enough_and_two_are_not() {
         let enough = |all: usize| (0..=all).find(|arrived| are_enough(*arrived, all));
         let of_all: Vec<Option<usize>> = [2, 3, 4, 5, 8, 12].map(enough).to_vec();
         assert_eq!(of_all, [None, Some(3), Some(3), Some(4), Some(6), Some(9)]);
     }
 
     #[test]
-    fn without_a_target_a_tick_waits_as_long_as_it_may() {
+    fn without_a_target_a_tick_waits_to_the_limit() {
         let mut target = TargetLatency::new(0.0);
         target.posed(tick(90_000, 9_000), 0);
         assert_eq!(target.longest_waits(MOST, 0), MOST);
         assert_eq!(target.summary(["a"].into_iter()), None);
     }
 
-    /// How long a tick waits for people who are seen by edges of these delays each.
+    /// How long a tick waits for people who are seen by edges with these delays.
     fn wait(people: &[&[Option<Micros>]]) -> Micros {
         let mut come = Vec::new();
         for (id, views) in (0u32..).zip(people) {
@@ -286,12 +290,12 @@ mod tests {
     }
 
     #[test]
-    fn a_late_edge_holds_up_nobody_whom_three_others_see() {
+    fn a_late_edge_does_not_delay_people_in_three_other_views() {
         let [fast, usual, late] = [Some(20), Some(30), Some(150)];
         assert_eq!(wait(&[&[late, fast, usual, fast]]), 40);
         assert_eq!(wait(&[&[late, fast, fast]]), 160, "two views are few");
         assert_eq!(wait(&[&[late, late, fast, fast]]), 160);
-        // Everybody is needed of somebody.
+        // Each view is needed for some person.
         assert_eq!(wait(&[&[late, fast, usual, fast], &[late, fast]]), 160);
         assert_eq!(
             wait(&[&[late, late, fast, fast, fast, fast, fast, usual]]),
@@ -308,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_target_too_a_late_edge_is_named() {
+    fn a_late_edge_is_reported_without_a_target() {
         let mut target = TargetLatency::new(0.0);
         (0..100).for_each(|_| target.over(&[Some(false), Some(true)]));
         let recent = target.take_recent().unwrap();
@@ -317,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_core_takes_is_left_for_it() {
+    fn the_time_of_the_core_is_reserved() {
         let mut target = TargetLatency::new(50.0);
         for at_us in 0..100 {
             target.posed(tick(40_000, 8_000), at_us);
@@ -325,14 +329,15 @@ mod tests {
         let waits = target.longest_waits(MOST, 100);
         assert_eq!(waits.patches_us, 50_000 - 8_000 - MARGIN_US);
         assert_eq!(waits.detections_us, MOST_US);
-        // What was slow once is over.
+        // Slow ticks are forgotten.
         let later = target.longest_waits(MOST, 100 + LIFE_US);
         assert_eq!(later.patches_us, 50_000 - MARGIN_US);
     }
 
-    /// Once a tick waited until it was late by as much: its latency counts from the first of its pictures.
+    /// Regression: a tick waited too long when its pictures were early; its latency counts from the
+    /// first of its pictures.
     #[test]
-    fn pictures_that_are_taken_before_their_tick_leave_less_time() {
+    fn early_pictures_leave_less_time() {
         let mut target = TargetLatency::new(50.0);
         for at_us in 0..100 {
             let early_us = if at_us % 2 == 0 { 12_000 } else { -3_000 };
@@ -347,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn a_target_that_the_core_alone_misses_waits_for_nobody() {
+    fn an_impossible_target_waits_for_no_edge() {
         let mut target = TargetLatency::new(5.0);
         for at_us in 0..100 {
             target.over(&[Some(false)]);
@@ -355,8 +360,8 @@ mod tests {
         }
         assert_eq!(target.longest_waits(MOST, 100).patches_us, 0);
         let recent = target.take_recent().unwrap();
-        assert_eq!((recent.in_time, recent.nobody), (Some(0.0), 0.0));
-        assert_eq!(target.take_recent(), None, "it is told of new ticks only");
+        assert_eq!((recent.in_time, recent.all_late), (Some(0.0), 0.0));
+        assert_eq!(target.take_recent(), None, "only new ticks are reported");
         let none = TargetLatencySummary {
             target_ms: 5.0,
             in_time: 0.0,
@@ -366,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn a_target_that_is_mostly_kept_counts_as_kept() {
+    fn a_mostly_kept_target_counts_as_kept() {
         let mut target = TargetLatency::new(50.0);
         for at_us in 0..100 {
             let latency_us = if at_us % 20 == 0 { 60_000 } else { 45_000 };
@@ -379,9 +384,9 @@ mod tests {
         assert!(in_time.is_some_and(|share| share > KEPT_SHARE));
     }
 
-    /// Once an edge that never made it was left out for good, and nobody was told.
+    /// Regression: an edge that was always late was skipped forever without a report.
     #[test]
-    fn an_edge_that_is_left_out_is_told_once_until_that_is_over() {
+    fn a_skipped_edge_is_reported_once_until_it_recovers() {
         let mut target = TargetLatency::new(60.0);
         let mut window = |every: usize| {
             for tick in 0..120 {
@@ -391,7 +396,7 @@ mod tests {
         };
         let far = window(1);
         assert_eq!((far.too_slow, far.is_news), (vec![(1, 1.0)], true));
-        assert!(far.nobody < 1e-9, "{}", far.nobody);
+        assert!(far.all_late < 1e-9, "{}", far.all_late);
         let still = window(15);
         assert_eq!((still.too_slow.len(), still.is_news), (1, false));
         assert!(window(30).too_slow.is_empty());
@@ -403,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn that_no_edge_makes_it_is_told_though_no_tick_has_patches() {
+    fn all_edges_late_is_reported_without_patches() {
         let mut target = TargetLatency::new(5.0);
         for tick in 0..100 {
             let makes_it = tick % 30 == 0;
@@ -411,7 +416,7 @@ mod tests {
         }
         let recent = target.take_recent().unwrap();
         assert_eq!((recent.in_time, recent.too_slow.len()), (None, 2));
-        assert!(recent.nobody > 0.9);
+        assert!(recent.all_late > 0.9);
         let summary = target.summary(["a", "b"].into_iter()).unwrap();
         assert_eq!((summary.in_time, summary.left_out.len()), (0.0, 2));
     }

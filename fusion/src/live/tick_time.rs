@@ -1,4 +1,4 @@
-//! When a tick is.
+//! Conversion between ticks and times.
 
 use farfield_proto::tick::Tick;
 
@@ -17,7 +17,7 @@ impl TickTime {
         Self { epoch_us, rate_hz }
     }
 
-    /// The epoch by which `tick` is at `at_us`; 0 when that would be before 1970.
+    /// The epoch for which `tick` is at `at_us`; 0 if that would be before 1970.
     pub fn with_tick_at(tick: Tick, at_us: Micros, rate_hz: f64) -> Self {
         let epoch_us = at_us.saturating_sub(span_us(tick, rate_hz));
         Self::new(u64::try_from(epoch_us).unwrap_or(0), rate_hz)
@@ -28,12 +28,12 @@ impl TickTime {
         self.epoch_us
     }
 
-    /// From one tick to the next, microseconds.
+    /// Tick period, microseconds.
     pub fn period_us(&self) -> f64 {
         1e6 / self.rate_hz
     }
 
-    /// When `tick` is.
+    /// The time of `tick`.
     pub fn at(&self, tick: Tick) -> Micros {
         let epoch_us = Micros::try_from(self.epoch_us).unwrap_or(Micros::MAX);
         epoch_us.saturating_add(span_us(tick, self.rate_hz))
@@ -43,13 +43,13 @@ impl TickTime {
     pub fn first_from(&self, us: Micros) -> Tick {
         let epoch_us = Micros::try_from(self.epoch_us).unwrap_or(Micros::MAX);
         let ticks = us.saturating_sub(epoch_us) as f64 * self.rate_hz / 1e6;
-        // Tick times are whole microseconds: what is less than one behind counts as there.
+        // Tick times are whole microseconds: a tick less than one microsecond behind counts.
         Tick((ticks - self.rate_hz / 1e6).ceil() as i64)
     }
 }
 
-/// From tick 0 to `tick`. As f64 holds 53 bits, and whole microseconds are asked for, this is exact to one for
-/// the next two centuries.
+/// From tick 0 to `tick`. f64 holds 53 bits, so this is exact to one microsecond for the next two
+/// centuries.
 fn span_us(tick: Tick, rate_hz: f64) -> Micros {
     (tick.0 as f64 * 1e6 / rate_hz).round() as Micros
 }
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_epoch_can_be_chosen_by_the_time_of_a_tick() {
+    fn an_epoch_can_follow_from_the_time_of_a_tick() {
         let time = TickTime::with_tick_at(Tick(300), 1_700_000_005_000_000, 60.0);
         assert_eq!(time.at(Tick(300)), 1_700_000_005_000_000);
         assert_eq!(time.epoch_us(), 1_700_000_000_000_000);
@@ -70,7 +70,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_first_tick_from_its_own_time_on_is_the_tick(
+        fn the_first_tick_from_the_time_of_a_tick_is_that_tick(
             rate_hz in 10.0f64..500.0, at in 0i64..2_000_000_000,
         ) {
             let time = TickTime::new(0, rate_hz);

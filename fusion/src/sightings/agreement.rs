@@ -1,8 +1,9 @@
-//! What two witnesses say about each other: do their rays meet, keypoint by keypoint, in the field?
+//! Agreement of two witnesses: whether their rays meet in the field, keypoint by keypoint.
 //!
-//! There are as many pairs as witnesses squared, most of them of people outside the field, and few agree. So rays that
-//! miss the field are left out before any pair is made, a pair is given up as soon as it cannot agree any more, and
-//! whether two disagree or cannot be compared is found out only of those that a group asks about.
+//! The number of pairs grows with the square of the witnesses. Most are of people outside the
+//! field, and few agree. So rays that miss the field are removed before pairs are made, and a pair
+//! is given up as soon as it can no longer agree. Comparability is computed only for the pairs that
+//! a group needs.
 
 use farfield_proto::id::ViewpointIndex;
 use nalgebra::Vector3;
@@ -10,30 +11,31 @@ use nalgebra::Vector3;
 use super::gates::Gates;
 use super::rays::{SightedBody, SightedRay};
 
-/// How far outside the field two rays may meet, metres: their meeting point is less certain than
-/// a body's.
+/// How far outside the field two rays may meet, metres: their meeting point is less certain than a
+/// body's.
 const FIELD_SLACK_M: f64 = 0.5;
 
-/// Sine of the angle between two rays, below which (4 degrees) they say nothing about each other:
-/// they meet anywhere.
+/// Sine of the angle between two rays (4 degrees) below which they are not comparable: they meet
+/// anywhere.
 const PARALLEL_SINE: f64 = 0.07;
 
-/// Far more than what rounding moves a meeting point by, metres.
+/// Far above the rounding error of a meeting point, metres.
 const ROUNDING_M: f64 = 1e-6;
 
-/// Far more than what rounding changes the square of a distance by, as a factor.
+/// Far above the rounding error of a squared distance, as a factor.
 const ROUNDING: f64 = 1.0 + 1e-9;
 
-/// The agreements among the free witnesses of a pass. Those that agree with anybody have places from 0, in the order
-/// of the witnesses.
+/// The agreements among the free witnesses of a pass. Witnesses with at least one agreement have
+/// places from 0, in order.
 pub(super) struct Agreements<'a> {
     witnesses: &'a [SightedBody],
     gates: &'a Gates,
-    /// Per place, which witness it is.
+    /// Per place, the index of its witness.
     witness_at: Vec<usize>,
-    /// Per place, the places that agree with it in order, with the median distance of the rays in metres.
+    /// Per place, the places that agree with it in order, with the median distance of the rays in
+    /// metres.
     agreeing: Vec<Vec<(usize, f64)>>,
-    /// Per place that was asked about, whether each place can be compared with it.
+    /// Per requested place, whether each place can be compared with it.
     comparable: Vec<Vec<bool>>,
 }
 
@@ -76,12 +78,12 @@ impl<'a> Agreements<'a> {
         }
     }
 
-    /// How many witnesses agree with anybody: how many places there are.
+    /// How many places there are: witnesses with an agreement.
     pub(super) fn len(&self) -> usize {
         self.witness_at.len()
     }
 
-    /// Which witness is at `place`.
+    /// Index of the witness at `place`.
     pub(super) fn witness(&self, place: usize) -> usize {
         self.witness_at[place]
     }
@@ -100,12 +102,13 @@ impl<'a> Agreements<'a> {
         self.agreeing.iter().enumerate().flat_map(of).collect()
     }
 
-    /// The places that agree with `place`, in order, with the median distance of the rays in metres.
+    /// The places that agree with `place`, in order, with the median distance of the rays in
+    /// metres.
     pub(super) fn with(&self, place: usize) -> &[(usize, f64)] {
         &self.agreeing[place]
     }
 
-    /// Per place, whether it has enough in common with `place` to disagree with it where it does not agree.
+    /// Per place, whether it shares enough with `place` for disagreement to count.
     pub(super) fn comparable(&mut self, place: usize) -> &[bool] {
         if self.comparable[place].is_empty() {
             let own = &self.witnesses[self.witness_at[place]];
@@ -118,7 +121,8 @@ impl<'a> Agreements<'a> {
     }
 }
 
-/// The `free` witnesses that may agree with any, without the rays that can meet no other where it counts.
+/// The `free` witnesses that may agree with any, without rays that cannot meet another in the
+/// field.
 fn in_field(witnesses: &[SightedBody], free: &[usize], gates: &Gates) -> Vec<(usize, SightedBody)> {
     let bodies = free
         .iter()
@@ -127,7 +131,7 @@ fn in_field(witnesses: &[SightedBody], free: &[usize], gates: &Gates) -> Vec<(us
     bodies.filter(|(_, body)| enough(body)).collect()
 }
 
-/// `body` without the rays that can meet no other where it counts.
+/// `body` without the rays that cannot meet another in the field.
 fn within_field(body: &SightedBody, gates: &Gates) -> SightedBody {
     // Two rays that agree pass the point between them at half of their distance.
     let slack_m = FIELD_SLACK_M + gates.point_distance_m() + ROUNDING_M;
@@ -143,7 +147,7 @@ pub(super) fn agree(a: &SightedBody, b: &SightedBody, gates: &Gates) -> bool {
     a.viewpoint != b.viewpoint && may_agree(a, b, gates) && agreement_m(a, b, gates).is_some()
 }
 
-/// Whether two witnesses may agree, by their rays through the field. (What is left out here does not agree.)
+/// A necessary condition of agreement, by rays through the field; false is certain.
 fn may_agree(a: &SightedBody, b: &SightedBody, gates: &Gates) -> bool {
     let mut left = a.in_common(b).count();
     let mut agreeing = 0;
@@ -158,14 +162,14 @@ fn may_agree(a: &SightedBody, b: &SightedBody, gates: &Gates) -> bool {
     agreeing >= gates.min_keypoints
 }
 
-/// Whether two rays pass each other farther than they may, for certain. (That it is not certain says nothing.)
+/// Whether two rays certainly pass each other too far away; false is not certain.
 fn are_far(p: &SightedRay, q: &SightedRay, gates: &Gates) -> bool {
     let normal = p.direction.cross(&q.direction);
     let across = (q.origin_m - p.origin_m).dot(&normal);
     across * across > gates.ray_distance_m.powi(2) * normal.norm_squared() * ROUNDING
 }
 
-/// The median distance of the rays of two witnesses, metres, where they agree.
+/// The median distance of the rays of two witnesses, metres, if they agree.
 fn agreement_m(a: &SightedBody, b: &SightedBody, gates: &Gates) -> Option<f64> {
     let mut distances: Vec<f64> = a
         .in_common(b)
@@ -183,17 +187,17 @@ fn agreement_m(a: &SightedBody, b: &SightedBody, gates: &Gates) -> Option<f64> {
     (median_m <= gates.ray_distance_m).then_some(median_m)
 }
 
-/// Whether two witnesses have enough rays in common that are not parallel, to say anything about each other.
+/// Whether two witnesses share enough rays that are not parallel to be compared.
 fn are_comparable(a: &SightedBody, b: &SightedBody, gates: &Gates) -> bool {
-    let tells = |(p, q): &(&SightedRay, &SightedRay)| {
+    let is_clear = |(p, q): &(&SightedRay, &SightedRay)| {
         p.direction.cross(&q.direction).norm() >= PARALLEL_SINE
     };
     let least = gates.min_keypoints.max(1);
-    a.viewpoint != b.viewpoint && a.in_common(b).filter(tells).take(least).count() == least
+    a.viewpoint != b.viewpoint && a.in_common(b).filter(is_clear).take(least).count() == least
 }
 
-/// The distance at which two rays pass each other; infinite when they do so behind a camera or
-/// outside the field, `None` when they are too parallel to tell.
+/// The distance at which two rays pass each other; infinite if they do so behind a camera or
+/// outside the field, `None` if they are too parallel.
 fn meeting(p: &SightedRay, q: &SightedRay, gates: &Gates) -> Option<f64> {
     let normal = p.direction.cross(&q.direction);
     let sine = normal.norm();
@@ -220,7 +224,8 @@ mod tests {
     use crate::sightings::fixture::{TestHall, gates, hall, hall_of_sixteen};
     use crate::sightings::rays::witnesses;
 
-    /// What the cameras of `hall` sight of people at these places (x, y, height of the ground, metres).
+    /// What the cameras of `hall` sight of people at these places (x, y, height of the ground,
+    /// metres).
     fn sighted(hall: &TestHall, places_m: &[[f64; 3]], noise: &mut Noise) -> Vec<SightedBody> {
         let bodies: Vec<Vec<Vector3<f64>>> = places_m
             .iter()
@@ -248,8 +253,8 @@ mod tests {
         all
     }
 
-    /// What two witnesses say about each other, compared plainly: the median distance of their rays, metres, where
-    /// they agree, and whether they are comparable.
+    /// The plain computation: the median distance of two witnesses' rays, metres, if they agree,
+    /// and whether they are comparable.
     fn plain(a: &SightedBody, b: &SightedBody, gates: &Gates) -> (Option<f64>, bool) {
         let pairs = a.in_common(b);
         let mut distances: Vec<f64> = pairs.filter_map(|(p, q)| meeting(p, q, gates)).collect();
@@ -264,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn who_agrees_is_who_agrees_when_every_pair_is_compared() {
+    fn agreements_equal_those_of_all_pairs() {
         let (hall, mut noise) = (hall(), Noise(7));
         let gates = gates(&hall);
         let places_m = places_m(6, 12, &mut noise);
@@ -292,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn spectators_on_the_stands_make_few_pairs() {
+    fn spectators_outside_the_field_make_few_pairs() {
         let (hall, mut noise) = (hall_of_sixteen(), Noise(11));
         let gates = gates(&hall);
         let places_m = places_m(4, 56, &mut noise);

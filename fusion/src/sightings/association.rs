@@ -1,13 +1,14 @@
 //! Which witnesses of different viewpoints see the same person.
 //!
-//! Two viewpoints alone cannot tell people from false bodies: with n people there are up to n^2 crossings
-//! of rays. So groups are grown from every pair that agrees, each group is triangulated, and the
-//! groups compete for their witnesses: the one with the most agreeing rays takes its witnesses out
-//! of all others. A false body owns rays that belong to people with more of them, and starves.
+//! Two viewpoints alone cannot distinguish people from false bodies: with n people there are up to
+//! n^2 crossings of rays. So groups grow from every pair that agrees, each group is triangulated,
+//! and the groups compete for their witnesses. The group with the most agreeing rays takes its
+//! witnesses out of all others. A false body owns rays of people with more rays, and loses them.
 //!
-//! Most groups are such, and many times more than people. So a group is triangulated when it could be the next to win,
-//! by the number of its rays: until then it is only noted who has taken what. Nearly all starve untriangulated, and
-//! those that win are the same.
+//! Most groups are false, and there are many more of them than people. So a group is triangulated
+//! only when it could be the next to win, by the number of its rays. Until then only the witnesses
+//! are recorded that winners took from it. Nearly all groups lose without triangulation, and the
+//! winners are the same.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, BinaryHeap};
@@ -18,8 +19,8 @@ use crate::sightings::rays::SightedBody;
 use crate::sightings::reconstruction::{Reconstruction, reconstruct};
 
 /// Groups `free` witnesses (indices into `witnesses`) by person. Each group has two or more members
-/// of different viewpoints, is accepted by `plausible`, and shares no member with another.
-/// Best supported first.
+/// of different viewpoints, is accepted by `plausible`, and shares no member with another. Best
+/// supported first.
 pub(crate) fn associate(
     witnesses: &[SightedBody],
     free: &[usize],
@@ -56,15 +57,15 @@ pub(crate) fn associate(
         } = hypothesis;
         if let Some(group) = group {
             accepted.take(group);
-            // What is left of a rival without a bad sighting may have more support than all of it.
+            // A rival without a bad sighting may have more support than with it.
             let left = hypotheses.into_iter();
             let left = left.map(|hypothesis| hypothesis.after(&accepted, &n_rays));
             hypotheses = left.collect();
             continue;
         }
-        let left = accepted.left_of(&members);
+        let left = accepted.free_of(&members);
         if left.len() < 2 {
-            // Whatever its members are found to be, fewer than two of them are free.
+            // In any case fewer than two of its members are free.
             continue;
         }
         let noted = Hypothesis::noted(left, &n_rays);
@@ -82,7 +83,7 @@ pub(crate) fn associate(
 /// The groups that have won.
 struct Accepted {
     groups: Vec<Reconstruction>,
-    /// Per witness, which of them has taken it; `usize::MAX`: none.
+    /// Per witness, the group that took it; `usize::MAX`: none.
     taken_by: Vec<usize>,
 }
 
@@ -94,20 +95,20 @@ impl Accepted {
         self.groups.push(group);
     }
 
-    /// The first that has taken any of `members`.
+    /// The first group that has taken any of `members`.
     fn first_rival(&self, members: &[usize]) -> Option<usize> {
         let rivals = members.iter().map(|&m| self.taken_by[m]);
         rivals.min().filter(|&rival| rival != usize::MAX)
     }
 
-    /// What `rival` has left of `members`.
+    /// The `members` that `rival` has not taken.
     fn without(&self, members: &[usize], rival: usize) -> Vec<usize> {
         let members = members.iter().copied();
         members.filter(|&m| self.taken_by[m] != rival).collect()
     }
 
-    /// Those of `members` that nobody has taken.
-    fn left_of(&self, members: &[usize]) -> Vec<usize> {
+    /// The `members` that no group has taken.
+    fn free_of(&self, members: &[usize]) -> Vec<usize> {
         let members = members.iter().copied();
         let free = members.filter(|&m| self.taken_by[m] == usize::MAX);
         free.collect()
@@ -116,18 +117,18 @@ impl Accepted {
 
 /// Witnesses that may be of one person.
 struct Hypothesis {
-    /// The support of the group, or the most that it can be.
+    /// The support of the group, or its upper bound.
     most_support: f64,
     /// `None` until it is triangulated.
     group: Option<Reconstruction>,
-    /// Those that it is to be triangulated from, ascending.
+    /// The witnesses to triangulate, ascending.
     members: Vec<usize>,
 }
 
 impl Hypothesis {
-    /// `members` that are not triangulated yet; `n_rays` are those of every witness.
+    /// `members` that are not triangulated yet; `n_rays` has the number of rays of every witness.
     fn noted(members: Vec<usize>, n_rays: &[usize]) -> Self {
-        // A ray counts 1 at most.
+        // A ray counts at most 1.
         let most: usize = members.iter().map(|&m| n_rays[m]).sum();
         Self {
             most_support: most as f64,
@@ -144,8 +145,8 @@ impl Hypothesis {
         }
     }
 
-    /// What it is now that `accepted` have won: a group that shares members with one of them is triangulated again,
-    /// without those of the first.
+    /// Updates after `accepted` have won: a group that shares members with one of them is
+    /// triangulated again, without those of the first.
     fn after(self, accepted: &Accepted, n_rays: &[usize]) -> Self {
         let group = self.group.as_ref();
         match group.and_then(|group| accepted.first_rival(&group.members)) {
@@ -156,7 +157,8 @@ impl Hypothesis {
 }
 
 impl Ord for Hypothesis {
-    /// By support; who is not triangulated yet may have as much; of those with the same the one with the first members.
+    /// By support, and not triangulated ones first, because they may have as much. Equal ones by
+    /// their first members.
     fn cmp(&self, other: &Self) -> Ordering {
         let by_support = self.most_support.total_cmp(&other.most_support);
         by_support
@@ -188,7 +190,7 @@ mod tests {
     use crate::sightings::fixture::{gates, hall_of_sixteen};
     use crate::sightings::rays::witnesses;
 
-    /// The groups that win when every group is triangulated before any of them has.
+    /// The groups that win if every group is triangulated first.
     fn all_triangulated_at_once(witnesses: &[SightedBody], gates: &Gates) -> Vec<Vec<usize>> {
         let free: Vec<usize> = (0..witnesses.len()).collect();
         let gate_m = gates.point_distance_m();
@@ -221,7 +223,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(12))]
 
         #[test]
-        fn who_wins_is_who_wins_when_all_groups_are_triangulated_at_once(seed in any::<u64>()) {
+        fn winners_equal_those_of_triangulating_all_groups(seed in any::<u64>()) {
             let (hall, mut noise) = (hall_of_sixteen(), Noise(seed));
             let gates = gates(&hall);
             let bodies: Vec<_> = (0..7)
@@ -231,7 +233,7 @@ mod tests {
                 })
                 .collect();
             let mut sightings = hall.sightings(&bodies, 4.0, &mut noise);
-            // Most are hidden from some.
+            // Most are hidden from some viewpoints.
             sightings.retain(|_| noise.uniform() < 0.5);
             let all = witnesses(&sightings, &hall.cameras, 17, hall.parameters.min_score);
             let free: Vec<usize> = (0..all.len()).collect();

@@ -1,8 +1,8 @@
 //! Viewpoints that should see a body and do not.
 //!
-//! A camera without a detection pass says nothing, and neither does a viewpoint that sees nobody at all:
-//! it may be down. What stands in front hides: a sighting that covers the body speaks neither for it nor
-//! against it.
+//! A camera without a detection pass is no evidence, and neither is a viewpoint that sees no person
+//! at all: it may be down. A sighting that covers the body may hide it: it counts neither for the
+//! body nor against it.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::{Pixel, Point, Undistorted};
@@ -17,24 +17,24 @@ const SEEN_SHARE: f64 = 0.8;
 /// Least share of a body's keypoints inside a sighting's outline to be hidden by it, or to be it.
 const HIDDEN_SHARE: f64 = 0.5;
 
-/// How much a sighting's outline is grown on each side, as a share of its size: bodies are wider than
-/// their joints.
+/// Growth of a sighting's outline on each side, as a share of its size: bodies are wider than their
+/// joints.
 const OUTLINE_GROWTH: f64 = 0.15;
 
-/// What the cameras saw in a detection pass.
+/// The sightings of all cameras in a detection pass.
 #[derive(Debug, Clone)]
 pub(crate) struct DetectionPass {
     /// One per viewpoint and person seen.
     pub(crate) witnesses: Vec<SightedBody>,
     /// Per camera of the venue: whether the detector ran on it.
     detected: Vec<bool>,
-    /// Per camera: what the witnesses cover in its image.
+    /// Per camera: the outlines of the witnesses in its image.
     outlines: Vec<Vec<BodyOutline>>,
     viewpoints: Vec<ViewpointIndex>,
 }
 
 impl DetectionPass {
-    /// Of the cameras that `detected`, one each of the venue.
+    /// `detected` has one value per camera of the venue.
     pub(crate) fn new(witnesses: Vec<SightedBody>, detected: Vec<bool>) -> Self {
         let mut viewpoints: Vec<ViewpointIndex> = witnesses.iter().map(|w| w.viewpoint).collect();
         viewpoints.sort_unstable();
@@ -53,13 +53,13 @@ impl DetectionPass {
         }
     }
 
-    /// The viewpoints that saw anybody, in order.
+    /// The viewpoints that saw any person, in order.
     pub(crate) fn viewpoints(&self) -> &[ViewpointIndex] {
         &self.viewpoints
     }
 
-    /// Whether a camera of `viewpoint` on which the detector ran has the body of `points_m` (world) well in its image,
-    /// and none of its sightings lies over it.
+    /// Whether a camera of `viewpoint` that ran the detector has the body of `points_m` (world)
+    /// well in its image, and none of its sightings covers it.
     pub(crate) fn is_missed_by(
         &self,
         viewpoint: ViewpointIndex,
@@ -77,7 +77,10 @@ impl DetectionPass {
             }
             in_view = true;
             let covers = |outline: &BodyOutline| {
-                let inside = pixels.iter().filter(|pixel| outline.holds(pixel)).count();
+                let inside = pixels
+                    .iter()
+                    .filter(|pixel| outline.contains(pixel))
+                    .count();
                 inside as f64 >= HIDDEN_SHARE * points_m.len() as f64
             };
             if self.outlines[index].iter().any(covers) {
@@ -88,7 +91,7 @@ impl DetectionPass {
     }
 }
 
-/// Where `model` sees the body of `points_m`; nothing unless it has the body well in its image.
+/// The pixels of `points_m` in `model`; empty unless the body is well in the image.
 pub(crate) fn in_sight(model: &CameraModel, points_m: &[Vector3<f64>]) -> Vec<Pixel<Undistorted>> {
     let mut pixels: Vec<Pixel<Undistorted>> = points_m
         .iter()
@@ -101,7 +104,7 @@ pub(crate) fn in_sight(model: &CameraModel, points_m: &[Vector3<f64>]) -> Vec<Pi
     pixels
 }
 
-/// The upright rectangle that a sighted body covers in an image, undistorted pixels.
+/// The upright rectangle of a sighted body in an image, undistorted pixels.
 #[derive(Debug, Clone)]
 struct BodyOutline {
     low: Vector2<f64>,
@@ -124,7 +127,7 @@ impl BodyOutline {
         })
     }
 
-    fn holds(&self, pixel: &Pixel<Undistorted>) -> bool {
+    fn contains(&self, pixel: &Pixel<Undistorted>) -> bool {
         let p = pixel.vector_px();
         p >= self.low && p <= self.high
     }

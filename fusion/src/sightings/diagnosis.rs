@@ -1,7 +1,7 @@
-//! Why sightings became nobody: what the bodies looked like on which lines of sight met, wherever that was.
+//! Why sightings gave no people: statistics of the bodies on which lines of sight met, anywhere.
 //!
-//! The finder asks for people inside the field with the proportions of people. Here every group of sightings whose rays
-//! meet is reconstructed, and it is counted what spoke against each.
+//! The finder accepts people inside the field with human proportions. This module reconstructs
+//! every group of sightings whose rays meet, and counts the reasons against each.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
@@ -21,27 +21,28 @@ use crate::body::observed::ObservedJoints;
 use crate::body::segment::{nose_ahead, stature_m};
 use crate::body::skeleton::Joint;
 
-/// How far below the floor the lowest point of a body may be, metres: an ankle is never there.
+/// How far below the floor the lowest point of a body may be, metres: an ankle is never that low.
 const UNDER_FLOOR_M: f64 = 0.3;
-/// Least part of the way from the shoulders to the nose that is ahead or behind, to count: networks err.
+/// Least distance of the nose ahead of the shoulders or behind them, as a share of their distance,
+/// to count: networks err.
 const CLEARLY: f64 = 0.1;
-/// How far everything is looked for, metres from the origin.
+/// Search range, metres from the origin.
 const ANYWHERE_M: f64 = 1.0e4;
 
-/// What became of bodies on which the rays of several viewpoints met.
+/// Counts of the bodies on which the rays of several viewpoints met.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct SightingDiagnosis {
     /// Bodies on which rays met.
     pub bodies: u64,
     /// Those that are people inside the field.
     pub people: u64,
-    /// Those that have the proportions of people, but are outside the field.
+    /// Those with human proportions outside the field.
     pub outside_field: u64,
-    /// Of those outside: the mean of their middles, world, metres.
+    /// Mean of the middles of those outside, world, metres.
     pub outside_at_m: [f64; 3],
     /// Those that are under the floor.
     pub under_floor: u64,
-    /// Those whose head is below their hips, outside the field or in it.
+    /// Those whose head is below their hips, inside or outside the field.
     pub upside_down: u64,
     /// Those that are smaller than people.
     pub too_small: u64,
@@ -51,7 +52,8 @@ pub struct SightingDiagnosis {
     pub wrong_statures_m: f64,
     /// Those whose limbs do not fit each other.
     pub misshapen: u64,
-    /// Those that are upright and have the nose ahead of the shoulders, or behind, as if left were right; of any size.
+    /// Upright ones whose nose is ahead of the shoulders, of any size. If it is behind, left and
+    /// right are swapped.
     #[serde(default)]
     pub noses_ahead: u64,
     /// See [`Self::noses_ahead`].
@@ -62,7 +64,7 @@ pub struct SightingDiagnosis {
     pub nose_passes: u64,
 }
 
-/// What finding people was asked with.
+/// The inputs of a diagnosis.
 pub(crate) struct Diagnosed<'a> {
     pub(crate) cameras: &'a [(ViewpointIndex, CameraModel)],
     pub(crate) keypoints: &'a KeypointSet,
@@ -90,7 +92,7 @@ impl Diagnosed<'_> {
         associate(&all, &free, &gates, |_| true)
     }
 
-    /// Counts those `bodies` of one tick into `counts`, and hands on every one.
+    /// Counts `bodies` of one tick into `counts`, and passes each to `with`.
     pub(crate) fn count(
         &self,
         bodies: &[Reconstruction],
@@ -145,21 +147,21 @@ impl Diagnosed<'_> {
         if !is_plausible(&mut body) {
             counts.misshapen += 1;
         } else if lowest_m < self.field.floor_m - UNDER_FLOOR_M {
-            // A mirror image in a floor is told of as standing on its head.
+            // A mirror image in a floor counts as upside down only.
             counts.under_floor += u64::from(!is_upside_down);
         } else if inside {
             counts.people += 1;
         } else {
             counts.outside_field += 1;
             for (sum, value) in counts.outside_at_m.iter_mut().zip(middle.iter()) {
-                // The mean so far.
+                // Running mean.
                 *sum += (value - *sum) / counts.outside_field as f64;
             }
         }
     }
 }
 
-/// Whether the nose is ahead of the shoulders; `None` where that is not clear, or the trunk is not upright.
+/// Whether the nose is ahead of the shoulders; `None` if unclear, or if the trunk is not upright.
 fn has_the_nose_ahead(body: &ObservedJoints) -> Option<bool> {
     let at_m = |joint: Joint| body.position_m(joint);
     let shoulders_m = [at_m(Joint::LeftShoulder)?, at_m(Joint::RightShoulder)?];
@@ -215,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn who_stands_beside_the_field_is_said_to_and_where() {
+    fn a_person_outside_the_field_is_reported_with_its_place() {
         let field = Field {
             max_m: [-1.0, 3.0, 2.6],
             ..field()
@@ -226,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_that_no_person_has_are_told_from_wrong_places() {
+    fn wrong_sizes_differ_from_wrong_places() {
         let body = standing(0.0, 0.0, 1.7, &mut Noise(1));
         let small: Vec<_> = body.iter().map(|p| p * 0.4).collect();
         assert_eq!(diagnosis(&hall(), field(), &small).too_small, 1);

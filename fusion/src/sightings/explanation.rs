@@ -1,4 +1,4 @@
-//! Which sightings are explained by somebody who is known already.
+//! Which sightings a known body explains.
 
 use std::collections::BTreeSet;
 
@@ -11,26 +11,26 @@ use crate::sightings::reconstruction::Reconstruction;
 /// Least keypoints that a witness shares with a body to be explained by it.
 const EXPLAINED_KEYPOINTS: usize = 3;
 
-/// A body that is known already, at the tick of the sightings.
+/// A known body at the tick of the sightings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KnownBody {
-    /// Where the keypoints of the network are expected, world metres, in the network's order.
+    /// Expected places of the network's keypoints, world metres, in the network's order.
     pub keypoints_m: Vec<Vector3<f64>>,
 }
 
-/// Bodies that are known, and which of the witnesses of a pass each explains.
+/// Known bodies, and which of the witnesses of a pass each explains.
 #[derive(Debug, Clone)]
 pub(crate) struct Explanation {
     /// The bodies.
     pub(crate) bodies: Vec<KnownBody>,
-    /// Per witness, which of the bodies it sees, if any.
+    /// Per witness, the index of the body that explains it.
     pub(crate) by: Vec<Option<usize>>,
 }
 
 impl Explanation {
-    /// What these `bodies` explain of `witnesses`. In one viewpoint each body explains one witness, the nearest: somebody new
-    /// who stands close to a tracked person is not mistaken for it.
-    pub(crate) fn of(witnesses: &[SightedBody], bodies: Vec<KnownBody>, explained_m: f64) -> Self {
+    /// Finds the witnesses that `bodies` explain. In one viewpoint each body explains one witness,
+    /// the nearest: so a new person close to a tracked one is not mistaken for it.
+    pub(crate) fn new(witnesses: &[SightedBody], bodies: Vec<KnownBody>, explained_m: f64) -> Self {
         Self {
             by: explained(witnesses, &bodies, explained_m),
             bodies,
@@ -55,7 +55,7 @@ fn explained(
         }
         pairs
     };
-    // Whoever asks, the pairs are in the order of the bodies.
+    // In either case the pairs are in the order of the bodies.
     let mut pairs: Vec<(f64, usize, usize)> = if witnesses.len() < PARALLEL_FROM {
         tracked.iter().enumerate().flat_map(seen_of).collect()
     } else {
@@ -73,15 +73,15 @@ fn explained(
     explained
 }
 
-/// Where a ray must pass to come near any keypoint of a body.
+/// A ball that a ray must touch to come near any keypoint of a body.
 struct BodyBall {
     centre_m: Vector3<f64>,
     radius_m: f64,
-    /// As the camera with this index sees it.
+    /// As seen by the camera with this index.
     seen: Option<(usize, SeenBall)>,
 }
 
-/// A ball as a camera sees it; `None` where the camera is inside.
+/// A ball as a camera sees it; `None` if the camera is inside.
 type SeenBall = Option<BallOutline>;
 
 /// The outline of a ball.
@@ -94,12 +94,12 @@ struct BallOutline {
 }
 
 impl BodyBall {
-    /// Of the rays that pass nearer than `limit_m` to any keypoint of `body`.
+    /// The ball of the rays that pass nearer than `limit_m` to any keypoint of `body`.
     fn around(body: &KnownBody, limit_m: f64) -> Self {
         let n = body.keypoints_m.len().max(1) as f64;
         let centre_m = body.keypoints_m.iter().sum::<Vector3<f64>>() / n;
         let off_m = body.keypoints_m.iter().map(|p| (p - centre_m).norm());
-        // A keypoint that is nowhere leaves the ball nowhere: then nobody is out of reach.
+        // A keypoint that is NaN makes the ball NaN: then no witness is out of reach.
         let radius_m = limit_m + off_m.fold(0.0, f64::max);
         Self {
             centre_m,
@@ -108,7 +108,7 @@ impl BodyBall {
         }
     }
 
-    /// Whether all rays of `witness` pass the ball, for certain. (That it is not certain says nothing.)
+    /// Whether all rays of `witness` certainly miss the ball; false is not certain.
     fn is_out_of_reach(&mut self, witness: &SightedBody) -> bool {
         let Some(cone) = &witness.cone else {
             return false;
@@ -122,7 +122,8 @@ impl BodyBall {
         let [sine, cosine] = cone.sine_cosine;
         seen.is_some_and(|ball| {
             let [ball_sine, ball_cosine] = ball.sine_cosine;
-            // Of the angle at which cone and ball touch from outside; it is less than a half turn.
+            // Cosine of the angle at which cone and ball touch from outside, which is less than a
+            // half turn.
             let touching = cosine * ball_cosine - sine * ball_sine;
             cosine > 0.0 && cone.axis.dot(&ball.direction) < touching - COSINE_ROUNDING
         })
@@ -139,8 +140,8 @@ impl BodyBall {
     }
 }
 
-/// Median distance of the rays of a witness from the keypoints of a tracked body, metres, where it is below `limit_m`.
-/// `distances` is overwritten.
+/// Median distance of the rays of a witness from the keypoints of a tracked body, metres, if it is
+/// below `limit_m`. Overwrites `distances`.
 fn distance_below(
     limit_m: f64,
     witness: &SightedBody,
@@ -152,7 +153,7 @@ fn distance_below(
     if n < EXPLAINED_KEYPOINTS {
         return None;
     }
-    // The upper median is below the limit when more than half of all are.
+    // The upper median is below the limit if more than half of all are.
     let mut may_be_far = n - (n / 2 + 1);
     distances.clear();
     for (ray, point_m) in rays {
@@ -190,7 +191,7 @@ mod tests {
     use crate::sightings::rays::witnesses;
 
     #[test]
-    fn many_sightings_are_explained_as_those_of_each_viewpoint_alone() {
+    fn explanations_do_not_depend_on_other_viewpoints() {
         let (hall, mut noise) = (hall_of_sixteen(), Noise(3));
         let places_m: Vec<[f64; 2]> = (0..10)
             .map(|_| [6.0 * noise.uniform() - 3.0, 4.0 * noise.uniform() - 2.0])
@@ -216,14 +217,14 @@ mod tests {
                 .cloned()
                 .collect();
             let own = witnesses(&own, &hall.cameras, 17, 0.1);
-            alone.extend(Explanation::of(&own, known.clone(), 0.3).by);
+            alone.extend(Explanation::new(&own, known.clone(), 0.3).by);
         }
         assert!(alone.iter().flatten().count() > PARALLEL_FROM / 2);
         for threads in [1, 2, 8] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             let together = pool.unwrap().install(|| {
                 let all = witnesses(&sightings, &hall.cameras, 17, 0.1);
-                Explanation::of(&all, known.clone(), 0.3).by
+                Explanation::new(&all, known.clone(), 0.3).by
             });
             assert_eq!(together, alone, "{threads} threads");
         }
@@ -231,7 +232,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn who_is_out_of_reach_passes_every_keypoint_too_far(seed in any::<u64>(), limit_m in 0.0f64..3.0) {
+        fn a_witness_out_of_reach_is_far_from_every_keypoint(seed in any::<u64>(), limit_m in 0.0f64..3.0) {
             let (hall, mut noise) = (hall(), Noise(seed));
             let mut within = |half_m: f64| half_m * (2.0 * noise.uniform() - 1.0);
             let places_m = [[within(5.0), within(4.0)], [within(5.0), within(4.0)]];

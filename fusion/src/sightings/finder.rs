@@ -1,4 +1,4 @@
-//! New persons: bodies that several viewpoints see and that nobody tracks yet.
+//! Finds new persons: bodies that several viewpoints see and that are not tracked yet.
 
 mod outsiders;
 
@@ -27,21 +27,22 @@ use crate::sightings::rays::{SightedBody, witnesses};
 use crate::sightings::reconstruction::Reconstruction;
 pub use crate::sightings::reconstruction::SightedKeypoint;
 
-/// How far outside the field a body's middle may be, metres: its keypoints are a few centimetres off.
+/// How far outside the field a body's middle may be, metres: its keypoints are a few centimetres
+/// off.
 const FIELD_SLACK_M: f64 = 0.1;
 
 /// A person that at least two viewpoints see.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SightedPerson {
-    /// Per keypoint of the network, where at least two viewpoints agree on it.
+    /// Per keypoint of the network, if at least two viewpoints agree on it.
     pub keypoints_m: Vec<Option<SightedKeypoint>>,
     /// How many viewpoints see the person.
     pub views: u16,
 }
 
 impl SightedPerson {
-    /// The sighted keypoints, weighted by their scores. `sites` are those of the network's keypoints; of two
-    /// keypoints on one joint the first stands for it.
+    /// The sighted keypoints, weighted by their scores. `sites` are those of the network's
+    /// keypoints; of two keypoints on one joint the first is used.
     pub fn observed(&self, sites: &[Option<Site>]) -> ObservedJoints {
         let mut observed = ObservedJoints::default();
         for (site, point) in sites.iter().zip(&self.keypoints_m) {
@@ -54,7 +55,7 @@ impl SightedPerson {
         observed
     }
 
-    /// The sighted keypoints as the lattice would have found them.
+    /// The sighted keypoints in the form of lattice estimates.
     pub(crate) fn estimates(&self) -> Vec<KeypointEstimate> {
         let unsupported = KeypointEstimate::unsupported(Vector3::repeat(f64::NAN), 0.0);
         let estimate = |point: &Option<SightedKeypoint>| {
@@ -84,7 +85,7 @@ pub struct PersonFinder {
     attention: Attention,
 }
 
-/// A group inside the field that has the proportions of a body, and the other viewpoints that see nobody there.
+/// A group inside the field with the proportions of a body, and the other viewpoints that miss it.
 struct BodyGroup {
     members: Vec<usize>,
     missed_by: Vec<ViewpointIndex>,
@@ -116,7 +117,7 @@ impl PersonFinder {
         }
     }
 
-    /// What `sightings` of one tick show, of the cameras that `detected` (by their indices).
+    /// The pass of `sightings` of one tick; `detected` tells per camera whether its detector ran.
     pub(crate) fn detection_pass(
         &self,
         sightings: &[Sighting],
@@ -127,21 +128,21 @@ impl PersonFinder {
         DetectionPass::new(witnesses, detected)
     }
 
-    /// The persons that `sightings` of one tick, of all cameras, show and that `tracked` does not hold,
-    /// the best supported first.
+    /// The persons in `sightings` of one tick, of all cameras, that are not `tracked`. Best
+    /// supported first.
     pub fn find(&mut self, sightings: &[Sighting], tracked: &[KnownBody]) -> Vec<SightedPerson> {
         let pass = self.detection_pass(sightings, vec![true; self.cameras.len()]);
         let tracked = self.explain(&pass, tracked.to_vec());
         self.find_in(&pass, &tracked, tracked.bodies.len())
     }
 
-    /// What `bodies` explain of a pass.
+    /// Which witnesses of a pass `bodies` explain.
     pub(crate) fn explain(&self, pass: &DetectionPass, bodies: Vec<KnownBody>) -> Explanation {
-        Explanation::of(&pass.witnesses, bodies, self.explained_m)
+        Explanation::new(&pass.witnesses, bodies, self.explained_m)
     }
 
-    /// As [`Self::find`]. The first `n_people` of those who explain sightings are people; what silence is worth is not learnt from
-    /// the others, which hang on walls.
+    /// As [`Self::find`]. Only the first `n_people` bodies of the explanation are people; the
+    /// others are posters and do not count as seen or missed people.
     pub(crate) fn find_in(
         &mut self,
         pass: &DetectionPass,
@@ -177,8 +178,8 @@ impl PersonFinder {
             .collect()
     }
 
-    /// The one body that `sightings` of one tick, of one person and each of a viewpoint of its own, agree on; `None` where
-    /// as many of them agree on another.
+    /// The one body that `sightings` of one tick agree on, of one person and each of a different
+    /// viewpoint. `None` if as many of them agree on another.
     pub(crate) fn agreed(&self, sightings: &[Sighting]) -> Option<SightedPerson> {
         if sightings.len() < 2 {
             return None;
@@ -195,7 +196,7 @@ impl PersonFinder {
         is_clear.then(|| best.into())
     }
 
-    /// Who is seen well by a viewpoint, but is explained by nobody.
+    /// Witnesses that are seen well but that no body explains.
     pub(crate) fn unexplained<'a>(
         &self,
         pass: &'a DetectionPass,
@@ -208,8 +209,8 @@ impl PersonFinder {
         witnesses.filter_map(move |(w, by)| (by.is_none() && seen_well(w)).then_some(w))
     }
 
-    /// What the viewpoints that see anybody say about a tentative `body`: how many of them see it, and
-    /// how many should and do not, each by what its silence is worth.
+    /// The votes on a tentative `body` of the viewpoints that see any person: how many see it, and
+    /// the weight of those that should and do not.
     pub(crate) fn verdicts(&self, pass: &DetectionPass, body: &KnownBody) -> (u32, f64) {
         let explanation = self.explain(pass, vec![body.clone()]);
         let (mut seen, mut missed_by) = (0, Vec::new());
@@ -221,12 +222,12 @@ impl PersonFinder {
                 missed_by.push(viewpoint);
             }
         }
-        let missed = self.attention.of_all(&missed_by, seen as usize);
+        let missed = self.attention.weight_of_all(&missed_by, seen as usize);
         (seen, missed)
     }
 
-    /// The body that a group is, inside the field of `gates`; whether it is a person, by what the silence of the other
-    /// viewpoints is worth. Takes keypoints out of the group that do not fit the body.
+    /// The body of a group inside the field of `gates`. Whether it is a person depends on the
+    /// weight of the silent viewpoints. Removes keypoints from the group that do not fit the body.
     fn body_group(
         &self,
         group: &mut Reconstruction,
@@ -254,13 +255,13 @@ impl PersonFinder {
         let seen_by = group.members.len();
         Some(BodyGroup {
             members: group.members.clone(),
-            is_person: self.attention.of_all(&missed_by, seen_by) < seen_by as f64,
+            is_person: self.attention.weight_of_all(&missed_by, seen_by) < seen_by as f64,
             missed_by,
         })
     }
 
-    /// Counts who of a pass was seen and missed by which viewpoint: the `tracked`, those who were found, and the
-    /// groups that were not for the silence of others, as far as no witness counts twice.
+    /// Updates what each viewpoint saw and missed in a pass: the `tracked`, the found people, and
+    /// the groups that silent viewpoints rejected. No witness counts twice.
     fn learn(
         &mut self,
         pass: &DetectionPass,
@@ -269,8 +270,8 @@ impl PersonFinder {
         mut bodies: Vec<BodyGroup>,
     ) {
         self.attention.fade();
-        let by_whom = explained.iter().zip(&pass.witnesses);
-        let seen: BTreeSet<(usize, ViewpointIndex)> = by_whom
+        let explanations = explained.iter().zip(&pass.witnesses);
+        let seen: BTreeSet<(usize, ViewpointIndex)> = explanations
             .filter_map(|(by, witness)| Some(((*by)?, witness.viewpoint)))
             .collect();
         for (t, body) in tracked.iter().enumerate() {
@@ -323,7 +324,7 @@ impl PersonFinder {
     }
 }
 
-/// The other viewpoints that should see the body of `group` and see nobody there.
+/// The other viewpoints that should see the body of `group` and do not.
 fn missed_by(
     cameras: &[(ViewpointIndex, CameraModel)],
     group: &Reconstruction,

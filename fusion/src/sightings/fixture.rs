@@ -1,4 +1,4 @@
-//! A small hall with cameras in its corners, and what they see of bodies in it, for tests.
+//! A small hall with cameras in its corners and their view of bodies, for tests.
 
 use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
 use farfield_proto::frames::{Point, Transform};
@@ -13,8 +13,8 @@ use super::gates::Gates;
 use crate::body::fixture::Noise;
 use crate::sightings::finder::PersonFinder;
 
-/// Cameras two metres outside the corners of an 8 m x 6 m field, one per viewpoint, and the
-/// default parameters.
+/// Cameras two metres outside the corners of an 8 m x 6 m field, one per viewpoint, and the default
+/// parameters.
 pub(crate) fn hall() -> TestHall {
     let corners = [[-5.0, -4.0], [5.0, -4.2], [5.0, 4.0], [-5.2, 4.1]];
     let cameras = corners.iter().enumerate().map(|(i, &[x, y])| {
@@ -45,7 +45,7 @@ pub(crate) fn hall_of_sixteen() -> TestHall {
     }
 }
 
-/// What witnesses in `hall` are held to.
+/// The gates of `hall`.
 pub(crate) fn gates(hall: &TestHall) -> Gates {
     Gates {
         ray_distance_m: hall.parameters.ray_distance_m,
@@ -76,7 +76,7 @@ impl TestHall {
     }
 
     /// What each camera sees of `bodies` with `noise_px` per axis: whole bodies without occlusion,
-    /// in an order that says nothing.
+    /// in arbitrary order.
     pub(crate) fn sightings(
         &self,
         bodies: &[Vec<Vector3<f64>>],

@@ -1,10 +1,10 @@
-//! How near rays must pass each other, and where, to be of one body.
+//! Limits for rays of one body: how near they must pass each other, and where.
 
 use nalgebra::Vector3;
 
 use crate::sightings::rays::SightedRay;
 
-/// What witnesses are held to.
+/// Limits for witnesses of one body.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Gates {
     /// Largest distance between two rays of one keypoint, metres.
@@ -18,7 +18,7 @@ pub(crate) struct Gates {
 }
 
 impl Gates {
-    /// The same without a field: wherever cameras see.
+    /// The same without a field.
     pub(crate) fn anywhere(&self) -> Self {
         Self {
             field_min_m: Vector3::repeat(f64::NEG_INFINITY),
@@ -43,7 +43,7 @@ impl Gates {
             let high = self.field_max_m[i] + slack_m - ray.origin_m[i];
             let along = ray.direction[i];
             if along.abs() < f64::MIN_POSITIVE {
-                // Inside these two planes everywhere or nowhere.
+                // The ray is between these two planes everywhere or nowhere.
                 if low > 0.0 || high < 0.0 {
                     return false;
                 }

@@ -8,16 +8,16 @@ use super::agreement::Agreements;
 use super::gates::Gates;
 use crate::sightings::rays::SightedBody;
 
-/// Share of the members that may disagree with a new one: one bad sighting in a group must not keep
-/// the good ones out.
+/// Share of the members that may disagree with a new one: one bad sighting in a group must not
+/// exclude the good ones.
 const MAX_DISAGREEING: f64 = 0.34;
 
-/// Members from which a group is not grown again from other pairs of its own: nearly all of them lead to it, and they
-/// are as many as its viewpoints squared.
+/// Members from which a group is not grown again from other pairs of its own. Nearly all of these
+/// pairs lead to it, and they are as many as its viewpoints squared.
 const LARGE: usize = 6;
 
-/// The different groups that grow from the pairs of `free` witnesses (indices into `witnesses`) that agree, members
-/// ascending.
+/// The different groups that grow from pairs of `free` witnesses (indices into `witnesses`) that
+/// agree, members ascending.
 pub(super) fn grown_groups(
     witnesses: &[SightedBody],
     free: &[usize],
@@ -25,7 +25,7 @@ pub(super) fn grown_groups(
 ) -> BTreeSet<Vec<usize>> {
     let mut growth = Growth::new(Agreements::among(witnesses, free, gates), gates);
     let mut groups: BTreeSet<Vec<usize>> = BTreeSet::new();
-    // Per witness, the large groups that hold it, by their number.
+    // Per witness, the numbers of the large groups that contain it.
     let mut large_of: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
     let mut n_large = 0;
     for (a, b) in growth.agreements.pairs() {
@@ -50,7 +50,7 @@ pub(super) fn grown_groups(
         .collect()
 }
 
-/// What the members of a group say about a witness.
+/// The votes of a group's members on a witness.
 #[derive(Debug, Clone, Copy, Default)]
 struct MemberVotes {
     agreeing: u32,
@@ -65,7 +65,7 @@ impl MemberVotes {
         self.sum += 1.0 - 0.5 * distance_m / gates.ray_distance_m;
     }
 
-    /// How well the witness fits the members; `None` when nobody agrees or too many disagree.
+    /// How well the witness fits the members; `None` if none agrees or too many disagree.
     fn fit(&self) -> Option<f64> {
         let compared = f64::from(self.agreeing + self.disagreeing);
         let few_disagree = f64::from(self.disagreeing) <= MAX_DISAGREEING * compared;
@@ -73,19 +73,20 @@ impl MemberVotes {
     }
 }
 
-/// A group that grows, by places among the agreements.
+/// A growing group, by places among the agreements.
 struct Growth<'a> {
     agreements: Agreements<'a>,
     gates: &'a Gates,
     members: Vec<usize>,
     viewpoints: BTreeSet<ViewpointIndex>,
-    /// Who agrees with a member and is of no member's viewpoint.
+    /// Places that agree with a member, of viewpoints without a member.
     candidates: Vec<usize>,
-    /// Per place, what the members say about it.
+    /// Per place, the votes of the members.
     votes: Vec<MemberVotes>,
-    /// Per place, whether it is or was a candidate: who is of a member's viewpoint does not come back.
+    /// Per place, whether it is or was a candidate: a place of a member's viewpoint does not come
+    /// back.
     is_known: Vec<bool>,
-    /// Per place, who joined last of those that agree with it.
+    /// Per place, the last member to join that agrees with it.
     agreed_last: Vec<usize>,
 }
 
@@ -104,8 +105,8 @@ impl<'a> Growth<'a> {
         }
     }
 
-    /// Grows the pair (`a`, `b`) by the witness of another viewpoint that its members agree with best,
-    /// until there is none. Members ascending.
+    /// Grows the pair (`a`, `b`) by the witness of another viewpoint that its members agree with
+    /// best, until there is none. Members ascending.
     fn grow(&mut self, a: usize, b: usize) -> Vec<usize> {
         self.clear();
         self.join(a);
@@ -119,7 +120,7 @@ impl<'a> Growth<'a> {
     }
 
     fn clear(&mut self) {
-        // Whoever is known agrees with a member.
+        // Every known place agrees with a member.
         for member in self.members.drain(..) {
             for &(place, _) in self.agreements.with(member) {
                 self.is_known[place] = false;
@@ -130,7 +131,7 @@ impl<'a> Growth<'a> {
         self.candidates.clear();
     }
 
-    /// The candidate that fits the members best; of several the first.
+    /// The candidate that fits the members best; of equal ones the first.
     fn best(&self) -> Option<usize> {
         let fits = self
             .candidates
@@ -140,7 +141,7 @@ impl<'a> Growth<'a> {
         best.map(|(place, _)| place)
     }
 
-    /// Takes `new` into the group, and its vote on everybody who agrees with a member.
+    /// Adds `new` to the group, and its votes on all places that agree with a member.
     fn join(&mut self, new: usize) {
         let viewpoint = self.agreements.viewpoint(new);
         self.viewpoints.insert(viewpoint);
@@ -169,7 +170,7 @@ impl<'a> Growth<'a> {
         self.members.push(new);
     }
 
-    /// What the members say about `place`, with which none of them agrees.
+    /// The votes of the members on `place`, with which none of them agrees.
     fn votes_before(&mut self, place: usize) -> MemberVotes {
         let mut votes = MemberVotes::default();
         for &member in &self.members {

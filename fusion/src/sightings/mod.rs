@@ -1,13 +1,13 @@
 //! Bodies that several viewpoints sighted without a box.
 //!
 //! ```text
-//!   sightings -> rays -> growth -> association -> reconstruction, plausibility -> finder: SightedPerson
-//!   explanation: which sightings a known body explains; contradiction: which viewpoints should see it and do not
-//!   agreement: what two sightings say about each other; gates: how near, and where, rays must meet
-//!   attention: what the silence of a viewpoint is worth; diagnosis: why sightings became nobody
+//!     sightings -> rays -> growth -> association -> reconstruction, plausibility -> finder: SightedPerson
+//!     explanation: which sightings a known body explains; contradiction: which viewpoints should see it and do not
+//!     agreement: whether two sightings agree; gates: how near, and where, rays must meet
+//!     attention: the weight of a silent viewpoint; diagnosis: why sightings gave no people
 //! ```
 //!
-//! Everything is compared in the world, in metres. Who is who is not decided here.
+//! All comparisons are in the world, in metres. Identities are decided in [`crate::identity`].
 
 mod agreement;
 mod association;

@@ -1,30 +1,30 @@
 //! Whether triangulated keypoints can be one human body.
 //!
-//! A false body, made of rays that belong to different people, has arms as long as its legs or is as tall
-//! as a house. Proportions decide, postures do not: people lie, crouch and stand on their hands.
+//! A false body is made of rays of different people: its arms may be as long as its legs, or it may
+//! be as tall as a house. Proportions decide, postures do not: people lie, crouch and stand on
+//! their hands.
 
 use crate::body::observed::ObservedJoints;
 use crate::body::segment::{Segment, stature_m};
 use crate::body::skeleton::Joint;
 
-/// Statures of people, metres, from small children to the tallest, with what keypoints are off.
+/// Statures of people, metres, from small children to the tallest, with the error of keypoints.
 pub(super) const STATURES_M: std::ops::RangeInclusive<f64> = 0.95..=2.4;
 
-/// How far a segment may be from the length that the stature asks for, as factors. Networks put
-/// shoulders and hips up to 50 mm off the joints, and two views alone see lengths to a tenth.
+/// Limits of a segment's length relative to that of the stature, as factors. Networks put shoulders
+/// and hips up to 50 mm off the joints, and two views alone measure lengths to a tenth.
 const SEGMENT_FACTORS: std::ops::RangeInclusive<f64> = 0.5..=1.6;
 
 /// The same for the width of the hips, which are 0.18 m apart and 50 mm off.
 const HIP_FACTORS: std::ops::RangeInclusive<f64> = 0.3..=2.4;
 
-/// Largest share of the segments that may be wrong: more, and it is a false body, not one with a limb
-/// badly seen.
+/// Largest share of wrong segments: with more it is a false body, not one with a badly seen limb.
 const MAX_WRONG: f64 = 0.25;
 
 /// Least segments that make a body.
 const MIN_SEGMENTS: usize = 3;
 
-/// Most that two points of a body are apart, in statures: a raised hand and the other side's foot.
+/// Largest distance of two points of a body, in statures: a raised hand and the other side's foot.
 const MAX_EXTENT: f64 = 1.45;
 
 const ARMS: [[Joint; 3]; 2] = [
@@ -37,10 +37,10 @@ const LEGS: [[Joint; 3]; 2] = [
     [Joint::RightHip, Joint::RightKnee, Joint::RightAnkle],
 ];
 
-/// Judges `body`, and takes out of it the ends of limbs that have an impossible length.
+/// Checks `body`, and removes the ends of limbs of an impossible length.
 ///
-/// Returns whether the rest is a body: both shoulders or both hips, a human stature, and proportions
-/// that fit it.
+/// Returns whether the rest is a body: both shoulders or both hips, a human stature, and
+/// proportions that fit it.
 pub(crate) fn is_plausible(body: &mut ObservedJoints) -> bool {
     let Some(stature) = stature_m([&*body]) else {
         return false;
@@ -73,8 +73,8 @@ pub(crate) fn is_plausible(body: &mut ObservedJoints) -> bool {
     whole_trunk && extent_m(body) <= MAX_EXTENT * stature
 }
 
-/// Removes the far end of every bone of an impossible length, from the trunk outwards, and what
-/// hangs on it.
+/// Removes the far end of every bone of an impossible length, from the trunk outwards, and the
+/// joints beyond it.
 fn cut_impossible_limbs(body: &mut ObservedJoints, stature: f64) {
     for (upper, lower, limbs) in [
         (Segment::UpperArm, Segment::Forearm, ARMS),

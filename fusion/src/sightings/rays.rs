@@ -1,8 +1,8 @@
-//! Sightings as rays: what one viewpoint says about one person.
+//! Sightings as rays: one person as one viewpoint sees it.
 //!
-//! Pixels of different cameras mean nothing to each other, so everything after this file compares
-//! rays in the world. Sightings come from the network: whatever does not fit the venue is left out
-//! here, and nothing after this file has to doubt an index or a number.
+//! Pixels of different cameras are not comparable, so everything after this file compares rays in
+//! the world. Sightings come from the network: this file removes what does not fit the venue, so
+//! that later code can trust every index and number.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,22 +13,23 @@ use farfield_proto::message::Sighting;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// Sightings of two cameras of one viewpoint may show the same person when their rays differ by less
-/// than this share of the body's angular size. The cameras stand some decimetres apart and a body is
-/// about 1.7 m, so the same person differs by up to 0.15; two people side by side by 0.3.
+/// Sightings of two cameras of one viewpoint may show the same person if their rays differ by less
+/// than this share of the body's angular size. The cameras stand some decimetres apart and a body
+/// is about 1.7 m, so the same person differs by up to 0.15; two people side by side by 0.3.
 const SAME_PERSON_SHARE: f64 = 0.2;
 
-/// The same for two sightings of one camera: a body that the detector boxed twice has its keypoints
-/// twice in the same place.
+/// The same for two sightings of one camera: a body with two detector boxes has its keypoints twice
+/// in the same place.
 const SAME_SIGHTING_SHARE: f64 = 0.04;
 
-/// Least keypoints in common for two sightings of one viewpoint to be compared.
+/// Least common keypoints of two sightings of one viewpoint for a comparison.
 const SAME_PERSON_KEYPOINTS: usize = 4;
 
-/// Sightings, or witnesses, from which on a pass is looked at in parallel: fewer are done sooner than threads wake up.
+/// Sightings, or witnesses, from which a pass is processed in parallel: fewer take less time than
+/// waking threads.
 pub(super) const PARALLEL_FROM: usize = 128;
 
-/// Far more than what rounding makes of the cosine between two unit vectors.
+/// Far above the rounding error of the cosine between two unit vectors.
 pub(crate) const COSINE_ROUNDING: f64 = 1e-9;
 
 /// A keypoint as one camera sees it.
@@ -45,8 +46,8 @@ pub(crate) struct SightedRay {
 }
 
 impl SightedRay {
-    /// The point of the ray that is nearest to `point_m`, as a distance along it; negative behind
-    /// the camera.
+    /// The point of the ray nearest to `point_m`, as a distance along it; negative behind the
+    /// camera.
     pub(crate) fn depth_m(&self, point_m: &Vector3<f64>) -> f64 {
         (point_m - self.origin_m).dot(&self.direction)
     }
@@ -64,13 +65,13 @@ pub(crate) struct SightedBody {
     pub(crate) viewpoint: ViewpointIndex,
     /// Index among the venue's cameras.
     pub(crate) camera: usize,
-    /// Per keypoint of the network; `None` where it is not seen, or not well enough.
+    /// Per keypoint of the network; `None` if it is not seen well enough.
     pub(crate) rays: Vec<Option<SightedRay>>,
-    /// What holds all rays; `None` without rays.
+    /// Contains all rays; `None` without rays.
     pub(crate) cone: Option<RayCone>,
 }
 
-/// A cone that holds the rays of a camera.
+/// A cone around the rays of a camera.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RayCone {
     /// The pinhole, world metres.
@@ -99,7 +100,7 @@ impl RayCone {
 }
 
 impl SightedBody {
-    /// `None` when the sighting names no camera of the venue or does not have `n_keypoints`.
+    /// `None` if the venue lacks the sighting's camera, or it does not have `n_keypoints`.
     fn new(
         sighting: &Sighting,
         cameras: &[(ViewpointIndex, CameraModel)],
@@ -128,7 +129,7 @@ impl SightedBody {
         })
     }
 
-    /// How much it is worth among several sightings of the same person: the seen keypoints' scores.
+    /// Weight among several sightings of one person: the sum of the scores of its keypoints.
     fn worth(&self) -> f64 {
         self.rays.iter().flatten().map(|ray| ray.score).sum()
     }
@@ -144,7 +145,7 @@ impl SightedBody {
             .filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?)))
     }
 
-    /// Widest angle between the middle ray and the others, doubled: the body's angular size.
+    /// Twice the widest angle between the middle ray and the others: the body's angular size.
     fn angular_size_rad(&self) -> f64 {
         let rays = self.rays.iter().flatten();
         let sum: Vector3<f64> = rays.clone().map(|ray| ray.direction).sum();
@@ -173,9 +174,10 @@ fn sighted_ray(model: &CameraModel, pixel: Pixel<Undistorted>, score: f64) -> Si
     }
 }
 
-/// The witnesses among `sightings`: one per viewpoint and person, the best seen of its sightings.
+/// The witnesses among `sightings`: one per viewpoint and person, the best of its sightings.
 ///
-/// The order follows that of `sightings`. Of many sightings viewpoints are looked at in parallel: none says anything of another.
+/// Keeps the order of `sightings`. Viewpoints are independent: many sightings are processed in
+/// parallel.
 pub(crate) fn witnesses(
     sightings: &[Sighting],
     cameras: &[(ViewpointIndex, CameraModel)],
@@ -206,11 +208,11 @@ pub(crate) fn witnesses(
     all.into_iter().map(|(_, body)| body).collect()
 }
 
-/// One per person of the sightings of a viewpoint, each with its number.
+/// The best sighting of each person of a viewpoint, with its number.
 fn best_of(all: Vec<(usize, SightedBody)>) -> Vec<(usize, SightedBody)> {
     let mut same = same_person_pairs(&all);
     same.sort_by(|x, y| x.0.total_cmp(&y.0));
-    // The body that each sighting shows. The surest pairs join first; sightings of one camera that
+    // The body that each sighting shows. The surest pairs join first. Sightings of one camera that
     // are not copies of each other stay apart, so people behind one another stay two.
     let mut body_of: Vec<usize> = (0..all.len()).collect();
     for (share, a, b) in same {
@@ -226,7 +228,7 @@ fn best_of(all: Vec<(usize, SightedBody)>) -> Vec<(usize, SightedBody)> {
             }
         }
     }
-    // Per body, the best seen sighting; of several the first.
+    // Per body, the best sighting; of equal ones the first.
     let mut best: Vec<Option<(f64, usize)>> = vec![None; all.len()];
     for (w, (_, witness)) in all.iter().enumerate() {
         let (best, worth) = (&mut best[body_of[w]], witness.worth());
@@ -240,8 +242,8 @@ fn best_of(all: Vec<(usize, SightedBody)>) -> Vec<(usize, SightedBody)> {
         .collect()
 }
 
-/// Pairs of sightings of one viewpoint that may show the same person, with how much they differ as
-/// a share of the body's angular size.
+/// Pairs of sightings of one viewpoint that may show the same person, with their difference as a
+/// share of the body's angular size.
 fn same_person_pairs(all: &[(usize, SightedBody)]) -> Vec<(f64, usize, usize)> {
     let sizes_rad: Vec<f64> = all
         .iter()
@@ -266,10 +268,11 @@ fn same_person_pairs(all: &[(usize, SightedBody)]) -> Vec<(f64, usize, usize)> {
     pairs
 }
 
-/// Whether the median angle between the rays of two sightings is `limit_rad` or more for certain. (That it is not
-/// certain says nothing.)
+/// Whether the median angle between the rays of two sightings is certainly at least `limit_rad`;
+/// false is not certain.
 fn are_apart(a: &SightedBody, b: &SightedBody, limit_rad: f64) -> bool {
-    // An angle is larger than the limit where its cosine is less than 1 - limit²/2, which is never above the limit's.
+    // An angle is larger than the limit if its cosine is less than 1 - limit²/2, which is never
+    // above the limit's cosine.
     let apart = 1.0 - 0.5 * limit_rad * limit_rad - COSINE_ROUNDING;
     let common = a.in_common(b).count();
     // The upper median is the one after the first half.
@@ -284,8 +287,8 @@ fn are_apart(a: &SightedBody, b: &SightedBody, limit_rad: f64) -> bool {
     true
 }
 
-/// Median angle between the rays of two sightings of one viewpoint; `None` with too few keypoints in common. `angles`
-/// is overwritten.
+/// Median angle between the rays of two sightings of one viewpoint; `None` with too few common
+/// keypoints. Overwrites `angles`.
 fn median_angle_rad(a: &SightedBody, b: &SightedBody, angles: &mut Vec<f64>) -> Option<f64> {
     angles.clear();
     let common = a.in_common(b);

@@ -1,26 +1,28 @@
-//! The body that a group of witnesses sees, if they see one at all.
+//! Reconstruction of the body that a group of witnesses sees, if there is one.
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::sightings::rays::{SightedBody, SightedRay};
 
-/// Least angle between two rays of a keypoint, radians (8 degrees): below it a pixel of noise moves
-/// the point along the rays by more than a limb.
+/// Least angle between two rays of a keypoint, radians (8 degrees): below it, a pixel of noise
+/// moves the point along the rays by more than a limb.
 const MIN_ANGLE_RAD: f64 = 0.14;
 
-/// Distance below which a camera does not get more weight for being near, metres.
+/// Distance below which a camera gets no more weight for being near, metres.
 const NEAREST_M: f64 = 0.1;
 
-/// Sine of an angle between two rays below which their distance is not known well.
+/// Sine of an angle between two rays below which their distance is inaccurate.
 const MIN_GAP_SINE: f64 = 1e-3;
 
 /// More than rounding takes from a distance, as a factor.
 const ROUNDING: f64 = 1.0 - 1e-9;
 
-/// Share of the best support that rays which meet at another place may have: with more, neither place is known.
+/// Share of the best support that rays meeting at another place may have: with more, neither place
+/// is used.
 const MAX_RIVAL: f64 = 0.8;
 
-/// Distance up to which two meetings are one place, in gates: rays of one keypoint do not all meet at one point.
+/// Distance up to which two meetings are one place, in gates: rays of one keypoint do not all meet
+/// at one point.
 const SAME_PLACE_GATES: f64 = 2.0;
 
 /// A keypoint in space.
@@ -28,27 +30,27 @@ const SAME_PLACE_GATES: f64 = 2.0;
 pub struct SightedKeypoint {
     /// World metres.
     pub position_m: Vector3<f64>,
-    /// Mean score of the peaks that it was made from, 0 to 1.
+    /// Mean score of its peaks, 0 to 1.
     pub score: f64,
     /// How many viewpoints agree on it.
     pub views: u16,
 }
 
-/// What a group of witnesses agrees on.
+/// The keypoints that a group of witnesses agrees on.
 #[derive(Debug, Clone)]
 pub(crate) struct Reconstruction {
     /// Indices of the witnesses that agree, ascending.
     pub(crate) members: Vec<usize>,
     /// Per keypoint of the network.
     pub(crate) keypoints_m: Vec<Option<SightedKeypoint>>,
-    /// Agreeing rays, each counted less the farther it passes from its point.
+    /// Agreeing rays, weighted by their distance from their point.
     pub(crate) support: f64,
 }
 
-/// Triangulates the keypoints that `members` have in common, leaving out rays that pass farther
-/// than `gate_m` from the point, and members that are left with fewer than `min_keypoints` rays.
+/// Triangulates the common keypoints of `members`. Drops rays that pass farther than `gate_m` from
+/// the point, and then members with fewer than `min_keypoints` rays.
 ///
-/// `None` when fewer than two members, or fewer than `min_keypoints` points, remain.
+/// `None` if fewer than two members, or fewer than `min_keypoints` points, remain.
 pub(crate) fn reconstruct(
     witnesses: &[SightedBody],
     members: &[usize],
@@ -58,7 +60,7 @@ pub(crate) fn reconstruct(
     let mut members = members.to_vec();
     let n_keypoints = witnesses.get(*members.first()?)?.rays.len();
     let bundles: Vec<RayBundle<'_>> = (0..n_keypoints)
-        .map(|k| RayBundle::of(witnesses, &members, k))
+        .map(|k| RayBundle::new(witnesses, &members, k))
         .collect();
     loop {
         if members.len() < 2 {
@@ -115,7 +117,7 @@ fn summary(
     }
 }
 
-/// Where rays meet, more or less.
+/// The point where rays approximately meet.
 struct RayMeeting {
     point_m: Vector3<f64>,
     /// Largest distance of a ray from the point, metres.
@@ -125,23 +127,23 @@ struct RayMeeting {
 }
 
 impl RayMeeting {
-    /// Flat angles make rays pass near each other whatever they show, so they count for less.
-    fn doubt(&self) -> f64 {
+    /// Flat angles make rays pass near each other in any case, so they count less.
+    fn error_ratio(&self) -> f64 {
         self.worst_m / self.sine
     }
 }
 
-/// What two rays are to each other.
+/// Geometry of two rays.
 #[derive(Clone, Copy)]
 struct RayPair {
     /// Sine of their angle.
     sine: f64,
-    /// Least distance between their lines, metres; 0 of nearly parallel ones.
+    /// Least distance between their lines, metres; 0 if nearly parallel.
     gap_m: f64,
 }
 
 impl RayPair {
-    fn of(p: &SightedRay, q: &SightedRay) -> Self {
+    fn new(p: &SightedRay, q: &SightedRay) -> Self {
         let normal = p.direction.cross(&q.direction);
         let sine = normal.norm();
         let across = (q.origin_m - p.origin_m).dot(&normal).abs();
@@ -156,22 +158,22 @@ impl RayPair {
     }
 }
 
-/// The rays of one keypoint, with what all of their subsets share.
+/// The rays of one keypoint, with the terms that their subsets share.
 struct RayBundle<'a> {
     rays: Vec<&'a SightedRay>,
-    /// Whose they are, ascending.
+    /// Per ray its member, ascending.
     of: Vec<usize>,
     /// P = I - d d' of each ray.
     across: Vec<Matrix3<f64>>,
     /// Score times P of each ray, and that times its origin.
     weighted: Vec<(Matrix3<f64>, Vector3<f64>)>,
-    /// Per ray, what it is to those before it.
+    /// Per ray, its pairs with the earlier ones.
     pairs: Vec<Vec<RayPair>>,
 }
 
 impl<'a> RayBundle<'a> {
-    /// The rays of keypoint `k` that `members` (ascending) have.
-    fn of(witnesses: &'a [SightedBody], members: &[usize], k: usize) -> Self {
+    /// The rays of keypoint `k` of `members` (ascending).
+    fn new(witnesses: &'a [SightedBody], members: &[usize], k: usize) -> Self {
         let seen = members
             .iter()
             .filter_map(|&m| Some((m, witnesses[m].rays[k].as_ref()?)));
@@ -185,7 +187,7 @@ impl<'a> RayBundle<'a> {
         });
         let pairs = |(n, ray): (usize, &&SightedRay)| {
             let before = rays[..n].iter();
-            before.map(|other| RayPair::of(other, ray)).collect()
+            before.map(|other| RayPair::new(other, ray)).collect()
         };
         Self {
             weighted: weighted.collect(),
@@ -196,9 +198,10 @@ impl<'a> RayBundle<'a> {
         }
     }
 
-    /// The point that at least two rays of `members` agree on; of more than two, the ray without which the
-    /// others agree best is dropped until all pass within `gate_m`. Where no more are kept than dropped, the rays may
-    /// meet at another place as well: see [`Self::best_supported`].
+    /// The point that at least two rays of `members` agree on. Of more than two, the ray whose
+    /// removal gives the best agreement is dropped, until all pass within `gate_m`. If no more
+    /// remain than were dropped, the rays may also meet at another place: see
+    /// [`Self::best_supported`].
     fn agreed_point(&self, members: &[usize], gate_m: f64) -> Option<SightedKeypoint> {
         let all: Vec<usize> = (0..self.rays.len())
             .filter(|&r| members.contains(&self.of[r]))
@@ -228,9 +231,9 @@ impl<'a> RayBundle<'a> {
         }
     }
 
-    /// Of all places where two rays of `all` meet, the one with the best supported rays within `gate_m`; `None` where
-    /// another place that is not near has nearly as much. Squares of scores are summed: a network that is unsure is
-    /// wrong more often.
+    /// The best supported of all places where two rays of `all` meet, by rays within `gate_m`;
+    /// `None` if a distant place has nearly as much support. Support is a sum of squared scores,
+    /// because an unsure network is wrong more often.
     fn best_supported(&self, all: &[usize], gate_m: f64) -> Option<SightedKeypoint> {
         let (mut best, mut second): (Option<(f64, SightedKeypoint)>, f64) = (None, 0.0);
         let mut kept = Vec::with_capacity(all.len());
@@ -272,22 +275,26 @@ impl<'a> RayBundle<'a> {
             .map(|(_, keypoint)| keypoint)
     }
 
-    /// Where the rays `kept` meet with the least doubt when one is left out, and the place of that one; of several the
-    /// first.
+    /// The meeting of the rays `kept` with the least error ratio when one is left out, and the
+    /// place of that one; of equal ones the first.
     ///
-    /// Of two rays one passes any point at half their distance or more. So where two are far apart, most that could be
-    /// left out need not be tried: those two would stay.
+    /// One of two rays passes any point at half their distance or more. So if two rays are far
+    /// apart, most of the others need not be tried: removing them would keep those two.
     fn best_without_one(&self, kept: &[usize]) -> Option<(RayMeeting, usize)> {
         let sines = self.most_without_each(kept, |pair| pair.sine);
         let gaps_m = self.most_without_each(kept, |pair| pair.gap_m);
-        let least_doubt = |place: usize| ROUNDING * 0.5 * gaps_m[place] / sines[place];
+        let least_error_ratio = |place: usize| ROUNDING * 0.5 * gaps_m[place] / sines[place];
         let mut order: Vec<usize> = (0..kept.len()).collect();
-        order.sort_by(|&x, &y| least_doubt(x).total_cmp(&least_doubt(y)).then(x.cmp(&y)));
+        order.sort_by(|&x, &y| {
+            least_error_ratio(x)
+                .total_cmp(&least_error_ratio(y))
+                .then(x.cmp(&y))
+        });
         let mut others = Vec::with_capacity(kept.len());
         let mut best: Option<(RayMeeting, usize)> = None;
         for dropped in order {
-            let bound = best.as_ref().map(|(meeting, _)| meeting.doubt());
-            if bound.is_some_and(|doubt| least_doubt(dropped) > doubt) {
+            let bound = best.as_ref().map(|(meeting, _)| meeting.error_ratio());
+            if bound.is_some_and(|error_ratio| least_error_ratio(dropped) > error_ratio) {
                 break;
             }
             others.clear();
@@ -297,8 +304,8 @@ impl<'a> RayBundle<'a> {
                 continue;
             };
             let is_better = best.as_ref().is_none_or(|(best, place)| {
-                let by_doubt = meeting.doubt().total_cmp(&best.doubt());
-                by_doubt.then(dropped.cmp(place)).is_lt()
+                let by_error_ratio = meeting.error_ratio().total_cmp(&best.error_ratio());
+                by_error_ratio.then(dropped.cmp(place)).is_lt()
             });
             if is_better {
                 best = Some((meeting, dropped));
@@ -307,7 +314,7 @@ impl<'a> RayBundle<'a> {
         best
     }
 
-    /// The most that a pair of the rays `of` these indices, ascending, has of something that is not negative.
+    /// The maximum of a nonnegative quantity over pairs of the rays `of` these indices, ascending.
     fn most(&self, of: &[usize], what: impl Fn(&RayPair) -> f64) -> f64 {
         let before = |(n, &r): (usize, &usize)| {
             let others = of[..n].iter();
@@ -330,7 +337,7 @@ impl<'a> RayBundle<'a> {
             }
         }
         let mut all = vec![most; of.len()];
-        // Only without one of that pair another has the most.
+        // Only without one of that pair another pair has the maximum.
         for end in ends {
             let mut others = of.to_vec();
             others.remove(end);
@@ -339,8 +346,8 @@ impl<'a> RayBundle<'a> {
         all
     }
 
-    /// The nearest point to the rays `of` these indices, ascending, with `sine` that of their widest angle; `None` when
-    /// they are too few or nearly parallel, or meet behind a camera.
+    /// The nearest point to the rays `of` these indices, ascending; `sine` is that of their widest
+    /// angle. `None` if they are too few or nearly parallel, or meet behind a camera.
     fn meeting(&self, of: &[usize], sine: f64) -> Option<RayMeeting> {
         if sine < libm::sin(MIN_ANGLE_RAD) {
             return None;
@@ -348,7 +355,7 @@ impl<'a> RayBundle<'a> {
         let weighted = of.iter().map(|&r| self.weighted[r]);
         let even = nearest_point(weighted)?;
         // An error of a pixel is an error in metres that grows with the distance, so near cameras
-        // decide; one repetition is enough for the distances to be known.
+        // decide. One repetition gives the distances accurately enough.
         let weighted = of.iter().map(|&r| {
             let ray = self.rays[r];
             let trust = ray.depth_m(&even).max(NEAREST_M).powi(-2);
@@ -367,10 +374,10 @@ impl<'a> RayBundle<'a> {
     }
 }
 
-/// The point with the least weighted sum of squared distances from rays, of which w P and w P o are given.
+/// The point with the least weighted sum of squared distances from rays, from w P and w P o.
 ///
 /// ```text
-///   (sum w P) x = sum w P o,   P = I - d d'      w = score times trust
+///     (sum w P) x = sum w P o,   P = I - d d'      w = score times trust
 /// ```
 fn nearest_point(
     weighted: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>,
@@ -396,7 +403,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_ray_that_goes_is_the_one_that_goes_when_all_are_tried(
+        fn the_dropped_ray_equals_that_of_trying_all(
             seed in any::<u64>(), n in 3usize..16, wild in 0usize..4,
         ) {
             let (hall, mut noise) = (hall_of_sixteen(), Noise(seed));
@@ -408,7 +415,7 @@ mod tests {
             let sightings: Vec<_> = (0..n).map(|camera| sighting(camera, &mut noise)).collect();
             let all = witnesses(&sightings, &hall.cameras, 17, 0.1);
             let members: Vec<usize> = (0..all.len()).collect();
-            let bundle = RayBundle::of(&all, &members, 5);
+            let bundle = RayBundle::new(&all, &members, 5);
             let kept: Vec<usize> = (0..bundle.rays.len()).collect();
             prop_assume!(kept.len() > 2);
             let without = (0..kept.len()).filter_map(|dropped| {
@@ -417,7 +424,7 @@ mod tests {
                 let meeting = bundle.meeting(&others, bundle.most(&others, |pair| pair.sine))?;
                 Some((meeting, dropped))
             });
-            let expected = without.min_by(|a, b| a.0.doubt().total_cmp(&b.0.doubt()));
+            let expected = without.min_by(|a, b| a.0.error_ratio().total_cmp(&b.0.error_ratio()));
             let bits = |(meeting, dropped): (RayMeeting, usize)| {
                 (meeting.point_m.map(f64::to_bits), meeting.worst_m.to_bits(), dropped)
             };
@@ -426,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_pairs_of_views_that_contradict_each_other_the_surer_pair_is_believed_and_of_equal_ones_neither()
+    fn of_two_contradicting_pairs_the_surer_wins_and_equal_ones_lose()
      {
         const KNEE: usize = 13;
         let (hall, mut noise) = (hall(), Noise(3));

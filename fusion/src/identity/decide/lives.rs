@@ -1,5 +1,5 @@
-//! Who is confirmed, lost, found, or let go for want of evidence: a table of rules. Of a track the first rule
-//! counts that has something to say.
+//! Table of rules: who is confirmed, lost, found, or dropped for lack of evidence.
+//! Rules are tried in order; for each track the first that returns an event wins.
 
 use farfield_proto::message::identity_event::DropReason;
 use farfield_proto::tick::Tick;
@@ -8,27 +8,28 @@ use crate::identity::event::{Event, EventKind};
 use crate::identity::facts::{Rules, TrackFacts};
 use crate::identity::phase::Phase;
 
-/// How long a confirmed person lacks evidence from two viewpoints until it is lost, and has it again until
-/// it is not, seconds: longer than eight ticks at 60 Hz, a round of turns on a thin link.
+/// Time without evidence from two viewpoints after which a confirmed person is lost, and below
+/// which it can be found again, seconds. Longer than eight ticks at 60 Hz, which is one round of
+/// turns on a slow link.
 const LOST_S: f64 = 0.15;
-/// How long who was lost must be seen again until nobody doubts that it is the same, seconds.
+/// How long a lost person must be seen again before it counts as the same person, seconds.
 const FOUND_S: f64 = 0.5;
 
-/// What rules look at beside the track itself.
+/// What rules need in addition to the track itself.
 #[derive(Debug, Clone, Copy)]
 struct Situation<'a> {
     tick: Tick,
-    everybody: &'a [TrackFacts],
+    tracks: &'a [TrackFacts],
     rules: &'a Rules,
 }
 
 type Rule = fn(&TrackFacts, &Situation<'_>) -> Option<EventKind>;
 
-/// The rules, in the order in which they are asked.
+/// The rules, in order of priority.
 const TABLE: [Rule; 9] = [
     contradicted,
     a_poster,
-    somebody,
+    enough_seen,
     not_seen_again,
     unseen_for_too_long,
     one_view_for_too_long,
@@ -37,11 +38,11 @@ const TABLE: [Rule; 9] = [
     found,
 ];
 
-/// What becomes of everybody at `tick`, by what it brought; the facts have counted it.
-pub(crate) fn decide(everybody: &[TrackFacts], tick: Tick, rules: &Rules) -> Vec<Event> {
+/// The events of `tracks` at `tick`. The facts already include that tick.
+pub(crate) fn decide(tracks: &[TrackFacts], tick: Tick, rules: &Rules) -> Vec<Event> {
     let situation = Situation {
         tick,
-        everybody,
+        tracks,
         rules,
     };
     let event = |facts: &TrackFacts| {
@@ -51,14 +52,14 @@ pub(crate) fn decide(everybody: &[TrackFacts], tick: Tick, rules: &Rules) -> Vec
             kind,
         })
     };
-    everybody.iter().filter_map(event).collect()
+    tracks.iter().filter_map(event).collect()
 }
 
 fn leaves(reason: DropReason) -> EventKind {
     EventKind::Drop { reason }
 }
 
-/// A tentative body goes that viewpoints should see and do not.
+/// Drops a tentative body that viewpoints should see and do not.
 fn contradicted(facts: &TrackFacts, _: &Situation<'_>) -> Option<EventKind> {
     let votes = facts.votes;
     if !facts.phase.is_tentative() || !votes.are_against() {
@@ -70,7 +71,7 @@ fn contradicted(facts: &TrackFacts, _: &Situation<'_>) -> Option<EventKind> {
     }))
 }
 
-/// A tentative body goes that has been flat and still for `births.still_s`.
+/// Drops a tentative body that has been flat and still for `births.still_s`.
 fn a_poster(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let births = &situation.rules.births;
     let stillness = facts.stillness.filter(|still| still.is_poster(births))?;
@@ -83,9 +84,9 @@ fn a_poster(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> 
     }))
 }
 
-/// A tentative body is somebody that was seen often enough, and is neither flat and still nor in the place
-/// of somebody who is confirmed.
-fn somebody(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
+/// Confirms a tentative body that was seen often enough, unless it is flat and still or stands in
+/// the place of a confirmed person.
+fn enough_seen(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let births = &situation.rules.births;
     if !facts.phase.is_tentative() {
         return None;
@@ -98,7 +99,7 @@ fn somebody(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> 
         return None;
     }
     let near_m = births.same_place_m;
-    let confirmed = situation.everybody.iter();
+    let confirmed = situation.tracks.iter();
     let mut confirmed = confirmed.filter(|other| !other.phase.is_tentative());
     if confirmed.any(|other| facts.distance_m(other) < near_m) {
         return None;
@@ -108,8 +109,8 @@ fn somebody(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> 
     })
 }
 
-/// A tentative body goes that has lacked evidence for `births.tentative_s`, and for as long as its crops
-/// cannot have come.
+/// Drops a tentative body that has lacked evidence for `births.tentative_s`, not counting the time
+/// before its crops can arrive.
 fn not_seen_again(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     if !facts.phase.is_tentative() {
         return None;
@@ -124,12 +125,14 @@ fn not_seen_again(facts: &TrackFacts, situation: &Situation<'_>) -> Option<Event
     }))
 }
 
-/// While all viewpoints are silent, a person is carried for so many times `births.coast_s`. After that a runner may be anywhere;
-/// body and place, and where edges showed it, decide who it is. After a stop of fusion for 3 s, 10 of 42 runners had the id of
-/// another when people were carried for 5 s, and 7 when for 2 s.
+/// While all viewpoints are silent, a person is carried for this many times `births.coast_s`. After
+/// that a runner may be anywhere; body, place, and where edges showed it decide who it is. After
+/// fusion stopped for 3 s, 10 of 42 runners got the id of another person when people were carried
+/// for 5 s, and 7 when carried for 2 s.
 const SILENT_COASTS: f64 = 2.0;
 
-/// Who is confirmed goes when no viewpoint has seen it for `births.coast_s`, of the time in which a viewpoint could have.
+/// Drops a confirmed person that no viewpoint has seen for `births.coast_s`, counting only time in
+/// which a viewpoint could see it.
 fn unseen_for_too_long(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let (rules, coverage) = (situation.rules, facts.coverage);
     let [unseen_s, absent_s] = [coverage.unseen, coverage.absent].map(|ticks| rules.seconds(ticks));
@@ -143,7 +146,7 @@ fn unseen_for_too_long(facts: &TrackFacts, situation: &Situation<'_>) -> Option<
     }))
 }
 
-/// Who is confirmed goes when no two viewpoints have seen it for `births.one_view_s`.
+/// Drops a confirmed person that no two viewpoints have seen for `births.one_view_s`.
 fn one_view_for_too_long(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let missing_s = situation.rules.seconds(facts.coverage.missing);
     if facts.phase.is_tentative() || missing_s <= situation.rules.births.one_view_s {
@@ -154,14 +157,14 @@ fn one_view_for_too_long(facts: &TrackFacts, situation: &Situation<'_>) -> Optio
     }))
 }
 
-/// Who is tracked is lost when it has lacked evidence for long.
+/// A tracked person becomes lost when it has lacked evidence for [`LOST_S`].
 fn lost(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let missing_s = situation.rules.seconds(facts.coverage.missing);
     let is_lost = facts.phase == Phase::Tracked && missing_s >= LOST_S;
     is_lost.then_some(EventKind::Lose { missing_s })
 }
 
-/// Who is lost is seen again, or is not any more.
+/// A lost person is seen again, or is no longer seen.
 fn seen_again(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let Phase::Lost { is_seen_again, .. } = facts.phase else {
         return None;
@@ -177,7 +180,7 @@ fn seen_again(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind
     })
 }
 
-/// Who is lost is found when it has been seen again for long.
+/// A lost person is found when it has been seen again for [`FOUND_S`].
 fn found(facts: &TrackFacts, situation: &Situation<'_>) -> Option<EventKind> {
     let Phase::Lost { since, .. } = facts.phase else {
         return None;

@@ -1,4 +1,4 @@
-//! Every rule of the table, and what they come to together.
+//! Tests of each rule of the table, and of the rules together.
 
 use super::*;
 use crate::estimate::uncertainty::MadeOf;
@@ -13,7 +13,7 @@ const STILL: Option<Stillness> = Some(Stillness {
     moved_m: 0.0,
 });
 
-/// Somebody whose ticks are counted and decided as the registry does.
+/// A track whose ticks are counted and decided as in the registry.
 struct Life {
     facts: TrackFacts,
     tick: Tick,
@@ -22,7 +22,7 @@ struct Life {
 }
 
 impl Life {
-    fn of(phase: Phase) -> Self {
+    fn in_phase(phase: Phase) -> Self {
         Self {
             facts: TrackFacts::example(1, phase),
             tick: Tick(0),
@@ -31,7 +31,7 @@ impl Life {
         }
     }
 
-    /// Sighted at its first tick; its first crops come in `awaited` ticks.
+    /// Sighted at its first tick; its first crops arrive in `awaited` ticks.
     fn sighted(awaited: u32) -> Self {
         Self {
             facts: TrackFacts {
@@ -50,8 +50,8 @@ impl Life {
         self.tick = self.tick + 1;
         facts.coverage.count(made_of, self.showable);
         facts.tentative_ticks += 1;
-        let everybody = std::slice::from_ref(&*facts);
-        let event = decide(everybody, self.tick, &Rules::example(RATE_HZ)).pop()?;
+        let tracks = std::slice::from_ref(&*facts);
+        let event = decide(tracks, self.tick, &Rules::example(RATE_HZ)).pop()?;
         match Phase::after(Some(facts.phase), &event.kind, self.tick) {
             Some(phase) => facts.phase = phase,
             None => self.is_gone = true,
@@ -59,7 +59,7 @@ impl Life {
         Some(event.kind)
     }
 
-    /// What becomes of it in `n` ticks that are made of `made_of`.
+    /// The events of `n` ticks that are made of `made_of`.
     fn live(&mut self, made_of: MadeOf, n: u32) -> Vec<&'static str> {
         (0..n)
             .filter_map(|_| self.tick(made_of))
@@ -120,7 +120,7 @@ fn a_newborn_that_is_not_seen_again_is_gone_soon() {
 
 #[test]
 fn a_confirmed_person_coasts_and_comes_back() {
-    let mut life = Life::of(Phase::Tracked);
+    let mut life = Life::in_phase(Phase::Tracked);
     assert_eq!(life.live(MadeOf::Motion, 50), ["lose"]);
     assert_eq!(life.published(), PersonState::Coasting);
     life.live(MadeOf::Views, 1);
@@ -129,16 +129,16 @@ fn a_confirmed_person_coasts_and_comes_back() {
 }
 
 #[test]
-fn who_could_not_be_seen_is_carried_twice_as_long() {
+fn an_unseeable_person_is_carried_twice_as_long() {
     let by_none = Showable {
         by_two: true,
         by_any: false,
     };
-    let mut life = Life::of(Phase::Tracked);
+    let mut life = Life::in_phase(Phase::Tracked);
     life.showable = by_none;
     assert_eq!(life.live(MadeOf::Motion, 100), ["lose"]);
     assert_eq!(life.live(MadeOf::Motion, 1), ["unseen"]);
-    let mut life = Life::of(Phase::Tracked);
+    let mut life = Life::in_phase(Phase::Tracked);
     life.showable = by_none;
     assert_eq!(life.live(MadeOf::Motion, 50), ["lose"]);
     life.showable = Showable::BY_ALL;
@@ -150,7 +150,7 @@ fn who_could_not_be_seen_is_carried_twice_as_long() {
 }
 
 #[test]
-fn who_is_shown_at_every_fifth_tick_because_edges_leave_out_the_others_lives_as_at_every_tick() {
+fn skipped_ticks_do_not_change_the_life_of_a_track() {
     let left_out = Showable {
         by_two: false,
         by_any: false,
@@ -168,29 +168,29 @@ fn who_is_shown_at_every_fifth_tick_because_edges_leave_out_the_others_lives_as_
 }
 
 #[test]
-fn one_view_carries_a_person_on_for_longer_but_not_for_good() {
-    let mut life = Life::of(Phase::Tracked);
+fn one_view_carries_a_person_for_longer_but_not_forever() {
+    let mut life = Life::in_phase(Phase::Tracked);
     assert_eq!(life.live(MadeOf::OneView, 250), ["lose"]);
     assert_eq!(life.published(), PersonState::Coasting);
     assert_eq!(life.live(MadeOf::OneView, 1), ["one view"]);
 }
 
 #[test]
-fn who_was_lost_is_doubtful_for_a_while() {
-    let mut life = Life::of(Phase::Tracked);
+fn a_lost_person_stays_suspect_for_a_while() {
+    let mut life = Life::in_phase(Phase::Tracked);
     assert!(life.live(MadeOf::OneView, 7).is_empty());
     assert!(!life.facts.phase.is_lost());
     assert_eq!(life.live(MadeOf::OneView, 1), ["lose"]);
-    assert!(life.facts.phase.is_lost() && life.facts.phase.is_doubtful());
+    assert!(life.facts.phase.is_lost() && life.facts.phase.is_suspect());
     assert_eq!(life.live(MadeOf::Views, 8), ["back"]);
-    assert!(!life.facts.phase.is_lost() && life.facts.phase.is_doubtful());
+    assert!(!life.facts.phase.is_lost() && life.facts.phase.is_suspect());
     assert_eq!(life.live(MadeOf::Views, 20), ["find"]);
-    assert!(!life.facts.phase.is_doubtful());
+    assert!(!life.facts.phase.is_suspect());
 }
 
 #[test]
-fn who_was_revived_is_lost_again_unless_it_goes_on_being_seen() {
-    let mut life = Life::of(Phase::Lost {
+fn a_revived_person_is_lost_again_if_it_is_not_seen() {
+    let mut life = Life::in_phase(Phase::Lost {
         since: Tick(0),
         is_seen_again: true,
     });
@@ -198,7 +198,7 @@ fn who_was_revived_is_lost_again_unless_it_goes_on_being_seen() {
 }
 
 #[test]
-fn an_open_question_holds_a_confirmation_back_and_a_poster_is_gone() {
+fn open_stillness_delays_confirmation_and_a_poster_is_dropped() {
     let mut life = Life::sighted(0);
     life.facts.stillness = STILL;
     assert!(life.live(MadeOf::Views, 50).is_empty());
@@ -208,15 +208,15 @@ fn an_open_question_holds_a_confirmation_back_and_a_poster_is_gone() {
     assert_eq!(life.live(MadeOf::Views, 1), ["poster"]);
 }
 
-/// What the table says of one track among others.
-fn of(facts: &TrackFacts, others: &[TrackFacts]) -> Option<EventKind> {
-    let everybody = [std::slice::from_ref(facts), others].concat();
-    let events = decide(&everybody, Tick(100), &Rules::example(RATE_HZ));
+/// The event of one track among others.
+fn event_of(facts: &TrackFacts, others: &[TrackFacts]) -> Option<EventKind> {
+    let tracks = [std::slice::from_ref(facts), others].concat();
+    let events = decide(&tracks, Tick(100), &Rules::example(RATE_HZ));
     let own = events.iter().find(|event| event.wire_id == facts.wire_id);
     own.map(|event| event.kind)
 }
 
-/// A tentative track that nothing holds back.
+/// A tentative track that is ready for confirmation.
 fn ready() -> TrackFacts {
     TrackFacts {
         tentative_ticks: 12,
@@ -230,19 +230,19 @@ fn ready() -> TrackFacts {
 
 const CONFIRMED: Option<EventKind> = Some(EventKind::Confirm { seen_s: 0.24 });
 
-/// `facts` with one thing different.
-fn but(mut facts: TrackFacts, change: impl FnOnce(&mut TrackFacts)) -> TrackFacts {
+/// `facts` with one change.
+fn with(mut facts: TrackFacts, change: impl FnOnce(&mut TrackFacts)) -> TrackFacts {
     change(&mut facts);
     facts
 }
 
 fn missing(ticks: u32, facts: TrackFacts) -> TrackFacts {
-    but(facts, |facts| facts.coverage.missing = ticks)
+    with(facts, |facts| facts.coverage.missing = ticks)
 }
 
 fn unseen(ticks: u32, facts: TrackFacts) -> TrackFacts {
     let facts = missing(ticks.max(facts.coverage.missing), facts);
-    but(facts, |facts| {
+    with(facts, |facts| {
         (facts.coverage.unseen, facts.coverage.absent) = (ticks, ticks);
     })
 }
@@ -251,15 +251,15 @@ fn dropped(reason: DropReason) -> EventKind {
     EventKind::Drop { reason }
 }
 
-/// Each row: somebody, and what the table says of it.
+/// Each row: a track, and its expected event.
 fn check(rows: impl IntoIterator<Item = (TrackFacts, Option<EventKind>)>) {
     for (row, (facts, expected)) in rows.into_iter().enumerate() {
-        assert_eq!(of(&facts, &[]), expected, "row {row}: {facts:?}");
+        assert_eq!(event_of(&facts, &[]), expected, "row {row}: {facts:?}");
     }
 }
 
 #[test]
-fn the_rules_of_who_is_contradicted_or_a_poster() {
+fn rules_for_contradicted_tracks_and_posters() {
     let voted = |passes, seen, missed: u32| {
         let missed = f64::from(missed);
         let votes = Votes {
@@ -267,7 +267,7 @@ fn the_rules_of_who_is_contradicted_or_a_poster() {
             seen,
             missed,
         };
-        but(ready(), |facts| facts.votes = votes)
+        with(ready(), |facts| facts.votes = votes)
     };
     let contradicted = |seen, missed| Some(dropped(DropReason::Contradicted { seen, missed }));
     let poster = Some(dropped(DropReason::Poster {
@@ -275,7 +275,7 @@ fn the_rules_of_who_is_contradicted_or_a_poster() {
         moved_m: 0.0,
     }));
     let still = |ticks, facts| {
-        but(facts, |facts| {
+        with(facts, |facts| {
             facts.stillness = STILL;
             facts.tentative_ticks = ticks;
         })
@@ -298,25 +298,25 @@ fn the_rules_of_who_is_contradicted_or_a_poster() {
 }
 
 #[test]
-fn the_rules_of_who_is_confirmed_or_not_seen_again() {
+fn rules_for_confirmation_and_missing_tentative_tracks() {
     let not_seen_again = |missing_s| Some(dropped(DropReason::NotSeenAgain { missing_s }));
     let sighted = |awaited| TrackFacts::sighted(1, awaited);
     check([
         (ready(), CONFIRMED),
-        (but(ready(), |facts| facts.coverage.supported = 11), None),
-        (but(ready(), |facts| facts.tentative_ticks = 11), None),
+        (with(ready(), |facts| facts.coverage.supported = 11), None),
+        (with(ready(), |facts| facts.tentative_ticks = 11), None),
         (missing(11, ready()), CONFIRMED),
         (missing(10, sighted(0)), None),
         (missing(11, sighted(0)), not_seen_again(0.22)),
         (missing(25, sighted(15)), None),
         (missing(26, sighted(15)), not_seen_again(0.52)),
-        // Who is tentative is not kept for as long as who is confirmed.
+        // Tentative tracks are dropped sooner than confirmed ones.
         (unseen(51, sighted(90)), None),
     ]);
 }
 
 #[test]
-fn the_rules_of_who_is_tracked() {
+fn rules_for_tracked_people() {
     let tracked = || TrackFacts::example(1, Phase::Tracked);
     let lose = |missing_s| Some(EventKind::Lose { missing_s });
     let gone_unseen = |unseen_s| Some(dropped(DropReason::Unseen { unseen_s }));
@@ -334,15 +334,15 @@ fn the_rules_of_who_is_tracked() {
 }
 
 #[test]
-fn the_rules_of_who_is_lost() {
-    // Since a second before the tick at which the table is asked.
+fn rules_for_lost_people() {
+    // Lost since one second before the tick of the decision.
     let lost = |is_seen_again, streak| {
         let since = Tick(50);
         let phase = Phase::Lost {
             since,
             is_seen_again,
         };
-        but(TrackFacts::example(1, phase), |facts| {
+        with(TrackFacts::example(1, phase), |facts| {
             facts.coverage.streak = streak;
         })
     };
@@ -355,7 +355,7 @@ fn the_rules_of_who_is_lost() {
         (lost(true, 24), None),
         (lost(true, 25), found),
         (lost(false, 25), found),
-        // A streak that has ended finds nobody.
+        // A streak that has ended does not count.
         (missing(8, lost(true, 25)), None),
         (
             unseen(51, lost(false, 0)),
@@ -369,10 +369,10 @@ fn the_rules_of_who_is_lost() {
 }
 
 #[test]
-fn who_stands_in_the_place_of_somebody_confirmed_is_not_confirmed() {
+fn a_track_in_the_place_of_a_confirmed_one_is_not_confirmed() {
     let other = TrackFacts::example(2, Phase::Tracked);
-    assert_eq!(of(&ready(), std::slice::from_ref(&other)), None);
-    assert_eq!(of(&ready(), &[other.at_x(2.0)]), CONFIRMED);
+    assert_eq!(event_of(&ready(), std::slice::from_ref(&other)), None);
+    assert_eq!(event_of(&ready(), &[other.at_x(2.0)]), CONFIRMED);
     let tentative = TrackFacts::sighted(2, 0);
-    assert_eq!(of(&ready(), &[tentative]), CONFIRMED);
+    assert_eq!(event_of(&ready(), &[tentative]), CONFIRMED);
 }

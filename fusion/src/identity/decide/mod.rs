@@ -1,25 +1,25 @@
-//! What becomes of everybody: facts in, events out. Pure: the same facts give the same events.
+//! Decisions about all tracks: facts in, events out. Pure: the same facts give the same events.
 //!
 //! ```text
-//!   lives         who is confirmed, lost, found, or let go for want of evidence
-//!   recognition   which of the confirmed was here before; who is found elsewhere
-//!   places        who has left the field; who steps back from, or stands in, another's place, or a given one's
-//!   sighted       which sighted persons are a tentative track that waits, a lost person, or somebody new
+//!     lives         who is confirmed, lost, found, or dropped for lack of evidence
+//!     recognition   which confirmed person was here before; who is found elsewhere
+//!     places        who has left the field, steps back, or stands in the place of another or of a given person
+//!     sighted       which sighted persons are a waiting tentative track, a lost person, or new
 //! ```
 //!
-//! The stages of a tick, in this order, because each needs to know where bodies stand after the one before was
-//! applied ([`super::registry::Registry::step`] says why they follow each other):
+//! The stages of a tick run in this order, because each needs the places of bodies after the
+//! previous stage was applied ([`super::registry::Registry::step`] gives the reasons):
 //!
 //! ```text
-//!   lives::decide                  over all tracks, by what the tick counted
-//!   recognition::decide            over those whom lives confirmed
-//!   recognition::found_elsewhere   over the lost tracks of who was recognised
-//!   places::outside_the_field
-//!   places::step_back
-//!   places::same_place             over pairs that are still in one place
-//!   sighted::reinitiate            over what the detection pass found, if there was one
-//!   sighted::revive                over what is left of that; the rest is new
-//!   places::replaced_by_hand       for each who is given by hand at the next tick
+//!     lives::decide                  over all tracks, from the counts of the tick
+//!     recognition::decide            over the people whom lives confirmed
+//!     recognition::found_elsewhere   over the lost tracks of recognised people
+//!     places::outside_the_field
+//!     places::step_back
+//!     places::same_place             over pairs that are still in one place
+//!     sighted::reinitiate            over the sighted persons of a detection pass, if there was one
+//!     sighted::revive                over the remaining ones; the rest is new
+//!     places::replaced_by_hand       for each person given by hand at the next tick
 //! ```
 
 pub(crate) mod lives;

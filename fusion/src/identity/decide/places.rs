@@ -1,4 +1,4 @@
-//! Where people stand against the field and each other.
+//! Positions of people relative to the field and to each other.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::message::identity_event::DropReason;
@@ -9,11 +9,11 @@ use crate::identity::event::{Event, EventKind};
 use crate::identity::facts::{Rules, TrackFacts};
 use crate::identity::phase::Phase;
 
-/// Two people whose pelvises are farther apart do not stand in each other's place, metres.
+/// Largest distance of two pelvises at which two people can share a place, metres.
 const APART_M: f64 = 0.6;
 
-/// Who has left the field with its margin goes.
-pub(crate) fn outside_the_field(everybody: &[TrackFacts], rules: &Rules) -> Vec<Event> {
+/// Drops people outside the field and its margin.
+pub(crate) fn outside_the_field(tracks: &[TrackFacts], rules: &Rules) -> Vec<Event> {
     let (min_m, max_m) = (rules.field.min_m, rules.field.max_m);
     let margin_m = rules.births.outside_field_m;
     let inside =
@@ -27,12 +27,13 @@ pub(crate) fn outside_the_field(everybody: &[TrackFacts], rules: &Rules) -> Vec<
             },
         },
     };
-    everybody.iter().filter(is_outside).map(leaves).collect()
+    tracks.iter().filter(is_outside).map(leaves).collect()
 }
 
-/// A person given by hand with its pelvis at `given_m` (world, metres) replaces a track that stands there.
+/// A person given by hand with its pelvis at `given_m` (world, metres) replaces a track that stands
+/// there.
 pub(crate) fn replaced_by_hand(
-    everybody: &[TrackFacts],
+    tracks: &[TrackFacts],
     given_m: &Vector3<f64>,
     rules: &Rules,
 ) -> Vec<Event> {
@@ -44,31 +45,31 @@ pub(crate) fn replaced_by_hand(
             reason: DropReason::GivenByHand,
         },
     };
-    everybody.iter().filter(is_near).map(leaves).collect()
+    tracks.iter().filter(is_near).map(leaves).collect()
 }
 
-/// Who is doubtful and has come to stand in the place of somebody who is surely there has followed what was
-/// seen of that one: it steps back to where it stood alone, if it ever did.
-pub(crate) fn step_back(everybody: &[TrackFacts], tick: Tick, rules: &Rules) -> Vec<Event> {
+/// A suspect person in the place of a sure person has followed the evidence of that person. It
+/// steps back to where it last stood alone, if that is known.
+pub(crate) fn step_back(tracks: &[TrackFacts], tick: Tick, rules: &Rules) -> Vec<Event> {
     let near_m = rules.births.same_place_m;
     let is_sure = |facts: &TrackFacts| {
-        // A newcomer that never stood alone was initiated on somebody's body.
+        // A newcomer that never stood alone may have been initiated on the body of another person.
         let is_itself = !facts.phase.is_tentative() || facts.alone_at.is_some();
-        !facts.phase.is_doubtful() && is_itself
+        !facts.phase.is_suspect() && is_itself
     };
     let mut events = Vec::new();
-    for (index, facts) in everybody.iter().enumerate() {
-        let Some(alone_at) = facts.alone_at.filter(|_| facts.phase.is_doubtful()) else {
+    for (index, facts) in tracks.iter().enumerate() {
+        let Some(alone_at) = facts.alone_at.filter(|_| facts.phase.is_suspect()) else {
             continue;
         };
-        let others = everybody.iter().enumerate();
+        let others = tracks.iter().enumerate();
         let mut others = others.filter(|(other, _)| *other != index);
-        let in_the_way = others.find_map(|(_, other)| {
+        let sure_person = others.find_map(|(_, other)| {
             let distance_m = is_sure(other).then(|| facts.distance_m(other))?;
             (distance_m < near_m).then_some((other.id, distance_m))
         });
-        if let Some((other, distance_m)) = in_the_way
-            && !is_alone(everybody, index)
+        if let Some((other, distance_m)) = sure_person
+            && !is_alone(tracks, index)
         {
             events.push(Event {
                 wire_id: facts.wire_id,
@@ -83,13 +84,13 @@ pub(crate) fn step_back(everybody: &[TrackFacts], tick: Tick, rules: &Rules) -> 
     events
 }
 
-/// Whether the person at `index` is surely on a body of its own: nobody else is near, or it is sure who it is, and
-/// twice as far from everybody as two who stand in one place. So it is noted of people who walk side by side where
-/// they are.
-pub(crate) fn is_itself(everybody: &[TrackFacts], index: usize, rules: &Rules) -> bool {
-    let own = &everybody[index];
+/// Whether the person at `index` surely has a body of its own. Either it is alone, or its identity
+/// is sure and everyone else is at least twice `same_place_m` away. So people who walk side by side
+/// are still recorded.
+pub(crate) fn is_itself(tracks: &[TrackFacts], index: usize, rules: &Rules) -> bool {
+    let own = &tracks[index];
     let apart_m = 2.0 * rules.births.same_place_m;
-    let others = everybody.iter().enumerate();
+    let others = tracks.iter().enumerate();
     let mut others = others.filter(|(other, _)| *other != index);
     others.all(|(_, other)| {
         let is_sure = own.phase == Phase::Tracked;
@@ -97,10 +98,10 @@ pub(crate) fn is_itself(everybody: &[TrackFacts], index: usize, rules: &Rules) -
     })
 }
 
-/// Whether nobody else is near the person at `index`.
-pub(crate) fn is_alone(everybody: &[TrackFacts], index: usize) -> bool {
-    let own_m = everybody[index].joints_m[0];
-    let others = everybody.iter().enumerate();
+/// Whether no other person is near the person at `index`.
+pub(crate) fn is_alone(tracks: &[TrackFacts], index: usize) -> bool {
+    let own_m = tracks[index].joints_m[0];
+    let others = tracks.iter().enumerate();
     let mut others = others.filter(|(other, _)| *other != index);
     others.all(|(_, other)| is_apart(&other.joints_m[0], &own_m))
 }
@@ -113,32 +114,33 @@ fn is_apart(a_m: &Vector3<f64>, b_m: &Vector3<f64>) -> bool {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SharedPlaces {
     pairs: Vec<SharedPlace>,
-    /// Buffer: those of the tick before.
+    /// Buffer: the pairs of the previous tick.
     before: Vec<SharedPlace>,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct SharedPlace {
-    /// Who was initiated first.
+    /// The one that was initiated first.
     older: PersonId,
     younger: PersonId,
     ticks: u32,
 }
 
 impl SharedPlaces {
-    /// Whether `id` was in one place with anybody at the last tick that was counted.
-    pub(crate) fn hold(&self, id: PersonId) -> bool {
+    /// Whether `id` shared a place at the last counted tick.
+    pub(crate) fn includes(&self, id: PersonId) -> bool {
         self.pairs
             .iter()
             .any(|pair| pair.older == id || pair.younger == id)
     }
 
-    /// Counts a tick: two tracks are in one place whose bodies are nearer than `births.same_place_m`.
-    pub(crate) fn count(&mut self, everybody: &[TrackFacts], rules: &Rules) {
+    /// Counts a tick: two tracks share a place if their bodies are nearer than
+    /// `births.same_place_m`.
+    pub(crate) fn count(&mut self, tracks: &[TrackFacts], rules: &Rules) {
         std::mem::swap(&mut self.pairs, &mut self.before);
         self.pairs.clear();
-        for (index, a) in everybody.iter().enumerate() {
-            for b in &everybody[index + 1..] {
+        for (index, a) in tracks.iter().enumerate() {
+            for b in &tracks[index + 1..] {
                 if a.distance_m(b) >= rules.births.same_place_m {
                     continue;
                 }
@@ -158,15 +160,15 @@ impl SharedPlaces {
     }
 }
 
-/// Two tracks never stay on one body: of two who have been in one place for `births.same_place_s` the weaker
-/// goes.
+/// Two tracks never stay on one body: of two that have shared a place for `births.same_place_s`,
+/// the weaker is dropped.
 pub(crate) fn same_place(
-    everybody: &[TrackFacts],
+    tracks: &[TrackFacts],
     shared: &SharedPlaces,
     rules: &Rules,
 ) -> Vec<Event> {
     let limit = (rules.births.same_place_s * rules.rate_hz).ceil() as u32;
-    let who = |id: PersonId| everybody.iter().find(|facts| facts.id == id);
+    let who = |id: PersonId| tracks.iter().find(|facts| facts.id == id);
     let mut events: Vec<Event> = Vec::new();
     for pair in shared.pairs.iter().filter(|pair| pair.ticks > limit) {
         let (Some(older), Some(younger)) = (who(pair.older), who(pair.younger)) else {
@@ -188,11 +190,11 @@ pub(crate) fn same_place(
     events
 }
 
-/// Who of two in one place goes, and who stays: the one goes who is not confirmed, else who has lacked
-/// evidence for longer, else the younger.
+/// Of two tracks in one place, the one to drop and the one to keep. The tentative one is dropped,
+/// else the one that has lacked evidence for longer, else the younger.
 fn weaker<'a>(older: &'a TrackFacts, younger: &'a TrackFacts) -> (&'a TrackFacts, &'a TrackFacts) {
-    let doubt = |facts: &TrackFacts| (facts.phase.is_tentative(), facts.coverage.missing);
-    if doubt(older) > doubt(younger) {
+    let weakness = |facts: &TrackFacts| (facts.phase.is_tentative(), facts.coverage.missing);
+    if weakness(older) > weakness(younger) {
         (older, younger)
     } else {
         (younger, older)
@@ -217,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_left_the_field_with_its_margin_goes() {
+    fn a_person_outside_the_field_margin_is_dropped() {
         let at = |x_m| TrackFacts::example(1, Phase::Tracked).at_x(x_m);
         let margin_m = rules().births.outside_field_m;
         let events = |x_m: f64| outside_the_field(&[at(x_m)], &rules());
@@ -229,14 +231,14 @@ mod tests {
     fn a_person_given_by_hand_replaces_a_track_that_stands_there() {
         let near_m = rules().births.explained_m;
         let at = |id, x_m| TrackFacts::example(id, Phase::Tracked).at_x(x_m);
-        let everybody = [at(1, 1.0), at(2, 1.0 + near_m), at(3, 0.99 - near_m)];
+        let tracks = [at(1, 1.0), at(2, 1.0 + near_m), at(3, 0.99 - near_m)];
         let given_m = Vector3::new(1.0, 0.0, 1.0);
-        assert_eq!(who(&replaced_by_hand(&everybody, &given_m, &rules())), [1]);
+        assert_eq!(who(&replaced_by_hand(&tracks, &given_m, &rules())), [1]);
     }
 
     #[test]
-    fn who_is_doubtful_steps_back_from_who_is_surely_there() {
-        let doubtful = TrackFacts {
+    fn a_suspect_person_steps_back_from_a_sure_one() {
+        let suspect = TrackFacts {
             alone_at: Some(Tick(4)),
             ..TrackFacts::example(1, LOST)
         };
@@ -244,11 +246,12 @@ mod tests {
             (TrackFacts::example(2, Phase::Tracked), true),
             (TrackFacts::example(2, Phase::Tracked).at_x(0.5), false),
             (TrackFacts::example(2, LOST), false),
-            // For somebody tentative nobody steps back: it may have been initiated on this very body.
+            // A tentative track may have been initiated on this very body: nothing steps back for
+            // it.
             (TrackFacts::sighted(2, 0), false),
         ];
         for (other, steps_back) in cases {
-            let events = step_back(&[doubtful.clone(), other], Tick(9), &rules());
+            let events = step_back(&[suspect.clone(), other], Tick(9), &rules());
             assert_eq!(who(&events), if steps_back { vec![1] } else { vec![] });
             for event in events {
                 assert!(matches!(event.kind, EventKind::StepBack { ticks: 5, .. }));
@@ -262,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_in_one_place_the_weaker_goes_after_a_while() {
+    fn the_weaker_of_two_in_one_place_is_dropped() {
         let tracked = |id| TrackFacts::example(id, Phase::Tracked);
         let unseen = |id| {
             let mut facts = tracked(id);
@@ -276,18 +279,18 @@ mod tests {
             (unseen(1), tracked(2), 1),
             (tentative(1), unseen(2), 1),
         ] {
-            let (everybody, mut shared) = ([older, younger], SharedPlaces::default());
+            let (tracks, mut shared) = ([older, younger], SharedPlaces::default());
             for _ in 0..limit {
-                shared.count(&everybody, &rules());
-                assert!(same_place(&everybody, &shared, &rules()).is_empty());
+                shared.count(&tracks, &rules());
+                assert!(same_place(&tracks, &shared, &rules()).is_empty());
             }
-            shared.count(&everybody, &rules());
-            assert_eq!(who(&same_place(&everybody, &shared, &rules())), [goes]);
+            shared.count(&tracks, &rules());
+            assert_eq!(who(&same_place(&tracks, &shared, &rules())), [goes]);
         }
     }
 
     #[test]
-    fn who_walks_beside_somebody_is_itself_and_who_may_follow_another_is_not() {
+    fn a_sure_person_side_by_side_with_another_is_itself() {
         let apart_m = 2.0 * rules().births.same_place_m;
         let own = |phase| TrackFacts::example(1, phase).at_x(0.0);
         let other = |x_m| TrackFacts::example(2, Phase::Tracked).at_x(x_m);
@@ -297,17 +300,13 @@ mod tests {
             (LOST, apart_m + 0.01, false),
             (LOST, APART_M + 0.01, true),
         ] {
-            let everybody = [own(phase), other(x_m)];
-            assert_eq!(
-                is_itself(&everybody, 0, &rules()),
-                expected,
-                "{phase:?} {x_m}"
-            );
+            let tracks = [own(phase), other(x_m)];
+            assert_eq!(is_itself(&tracks, 0, &rules()), expected, "{phase:?} {x_m}");
         }
     }
 
     #[test]
-    fn a_place_that_is_left_is_not_shared_any_more() {
+    fn leaving_a_shared_place_resets_its_count() {
         let here = [
             TrackFacts::example(1, Phase::Tracked),
             TrackFacts::example(2, Phase::Tracked),

@@ -1,4 +1,4 @@
-//! Which of those who are confirmed was here before.
+//! Which of the newly confirmed people were here before.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::message::identity_event::DropReason;
@@ -9,24 +9,25 @@ use crate::identity::facts::{Rules, TrackFacts};
 use crate::identity::memory::Candidate;
 use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
 
-/// Least ln of the likelihood ratio at which a newcomer is somebody who was here before.
+/// Least ln of the likelihood ratio at which a newcomer is a known person.
 const LEAST_RETURN: f64 = 1.0;
-/// By how much it may be less of somebody who is expected back: few strangers come just then.
+/// By how much this limit is lower for a person who is expected back: few strangers arrive just
+/// then.
 const EXPECTED: f64 = 1.5;
 
-/// Somebody tentative, or confirmed at this tick.
+/// A person who is tentative, or confirmed at this tick.
 #[derive(Debug, Clone)]
 pub(crate) struct Newcomer {
     pub(crate) wire_id: PersonId,
-    /// As its tentative ticks show it.
+    /// From its tentative ticks.
     pub(crate) appearance: Appearance,
     /// Its first tick.
     pub(crate) since: Tick,
-    /// Whether it is confirmed at this tick: who is not competes for the known, and gets nobody.
+    /// Whether it is confirmed at this tick. Others compete for the known people but get no id.
     pub(crate) is_confirmed: bool,
 }
 
-/// Decides which of the `newcomers` are who of the `known`.
+/// Decides which of the `newcomers` are which of the `known`.
 pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules) -> Vec<Event> {
     let model = LikenessModel::new(&rules.field, &rules.births);
     let absence_s = |newcomer: &Newcomer, known: &Candidate| {
@@ -62,13 +63,14 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
         .collect()
 }
 
-/// A lost track goes whose id one of the `confirmed` (wire ids) has got: the person has been found elsewhere.
-pub(crate) fn found_elsewhere(everybody: &[TrackFacts], confirmed: &[PersonId]) -> Vec<Event> {
+/// Drops a lost track if one of the `confirmed` (wire ids) got its id: the person was found
+/// elsewhere.
+pub(crate) fn found_elsewhere(tracks: &[TrackFacts], confirmed: &[PersonId]) -> Vec<Event> {
     let is_confirmed = |facts: &&TrackFacts| confirmed.contains(&facts.wire_id);
-    let others = everybody.iter().filter(|facts| !is_confirmed(facts));
+    let others = tracks.iter().filter(|facts| !is_confirmed(facts));
     others
         .filter(|facts| {
-            let mut confirmed = everybody.iter().filter(is_confirmed);
+            let mut confirmed = tracks.iter().filter(is_confirmed);
             confirmed.any(|confirmed| confirmed.id == facts.id)
         })
         .map(|facts| Event {
@@ -93,7 +95,7 @@ mod tests {
     fn appearance(stature_m: f64, seconds: f64) -> Appearance {
         let skeleton = Skeleton::new(&Proportions::from_stature(stature_m));
         Appearance {
-            lengths: Lengths::of(&skeleton, seconds),
+            lengths: Lengths::from_skeleton(&skeleton, seconds),
             whereabouts: Whereabouts::at(Vector3::new(-3.0, 0.0, 0.95)),
         }
     }
@@ -122,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn who_was_here_before_is_recognised_and_a_stranger_is_not() {
+    fn a_returning_person_is_recognised_and_a_stranger_is_not() {
         let rules = Rules::example(20.0);
         let known = [known(3, 1.7)];
         let events = decide(&[newcomer(1.7, true)], &known, &rules);
@@ -139,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn less_is_asked_of_who_is_expected_back() {
+    fn an_expected_person_needs_less_evidence() {
         let rules = Rules::example(20.0);
         let is_recognised = |stature_m, is_expected| {
             let known = Candidate {
@@ -155,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn whom_edges_showed_meanwhile_is_known_where_places_of_seconds_ago_tell_nothing() {
+    fn places_shown_by_edges_identify_people_after_a_gap() {
         let rules = Rules::example(20.0);
         let at = |x_m: f64| Whereabouts::at(Vector3::new(x_m, 0.0, 0.95));
         // They ran past each other: each stands where the other was.
@@ -187,12 +189,12 @@ mod tests {
             events.map(old).collect()
         };
         assert_eq!(who([Some(1.3), Some(-1.3)]), [(8, 4), (9, 3)]);
-        // What one is shown as the other's place denies: neither gets an id.
+        // The places where edges showed them contradict each other: neither gets an id.
         assert!(who([Some(1.3), None]).is_empty());
     }
 
     #[test]
-    fn who_is_not_confirmed_competes_but_gets_nobody() {
+    fn a_tentative_newcomer_competes_but_gets_no_id() {
         let rules = Rules::example(20.0);
         let known = [known(3, 1.7)];
         assert!(decide(&[newcomer(1.7, false)], &known, &rules).is_empty());
@@ -201,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lost_track_of_who_was_recognised_goes() {
+    fn the_lost_track_of_a_recognised_person_is_dropped() {
         let lost = Phase::Lost {
             since: Tick(1),
             is_seen_again: false,
@@ -210,12 +212,12 @@ mod tests {
             wire_id: PersonId(9),
             ..TrackFacts::example(3, Phase::Tracked)
         };
-        let everybody = [
+        let tracks = [
             TrackFacts::example(3, lost),
             TrackFacts::example(4, lost),
             recognised,
         ];
-        let events = found_elsewhere(&everybody, &[PersonId(9)]);
+        let events = found_elsewhere(&tracks, &[PersonId(9)]);
         assert_eq!(events.len(), 1);
         assert_eq!(events[0].wire_id, PersonId(3));
     }

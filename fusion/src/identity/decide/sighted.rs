@@ -1,5 +1,5 @@
-//! Which sighted persons are a tentative track that waits for its crops, or somebody lost. Who is neither is
-//! somebody new.
+//! Which sighted persons are a tentative track that waits for its crops, or a lost person. The
+//! others are new.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::tick::Tick;
@@ -11,27 +11,27 @@ use crate::identity::memory::Candidate;
 use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
 use crate::identity::whereabouts::Whereabouts;
 
-/// How far off its place somebody who stands may be sighted, metres.
+/// How far from its place a standing person may be sighted, metres.
 const SIGHTED_OFF_M: f64 = 0.3;
-/// Least ln of the likelihood ratio at which a sighted person is somebody lost: it is expected.
+/// Least ln of the likelihood ratio at which a sighted person is a lost one: it is expected.
 const LEAST_FOUND: f64 = 0.0;
 
-/// An event that a sighted person, by its index, is taken for.
+/// The event of a sighted person, with the index of that person.
 pub(crate) type Taken = (usize, Event);
 
-/// Which sighted persons (by their pelvises, world, metres; `None` of who cannot be a body) are tentative
-/// tracks whose first crops are still on the way. Pairs are made nearest first, and nobody goes farther than
-/// people run.
+/// Which sighted persons (pelvises, world, metres; `None` if it cannot be a body) are tentative
+/// tracks whose first crops are still on the way. Pairs are made nearest first. A pair farther
+/// apart than people run is excluded.
 pub(crate) fn reinitiate(
     sighted_m: &[Option<Vector3<f64>>],
-    everybody: &[TrackFacts],
+    tracks: &[TrackFacts],
     awaited_ticks: u32,
     rules: &Rules,
 ) -> Vec<Taken> {
     let mut pairs = Vec::new();
     for (which, sighted_m) in sighted_m.iter().enumerate() {
         let Some(sighted_m) = sighted_m else { continue };
-        for facts in everybody.iter().filter(|facts| facts.is_awaited()) {
+        for facts in tracks.iter().filter(|facts| facts.is_awaited()) {
             let waited_s = f64::from(facts.coverage.since_two) * rules.dt_s();
             let off_m = (sighted_m - facts.joints_m[0]).norm();
             if off_m <= SIGHTED_OFF_M + rules.births.return_speed_m_s * waited_s {
@@ -55,17 +55,17 @@ pub(crate) fn reinitiate(
     taken
 }
 
-/// Somebody lost.
+/// A lost person.
 #[derive(Debug, Clone)]
 pub(crate) struct LostPerson {
     pub(crate) wire_id: PersonId,
-    /// Who, and where it was surely seen last; `None` of who never was.
+    /// The person, and where it was surely seen last; `None` if it never was.
     pub(crate) known: Option<Candidate>,
     /// Where one viewpoint has led it since, world, metres.
     pub(crate) led_m: Option<Vector3<f64>>,
 }
 
-/// Which persons sighted at `tick` (`None` of who cannot be a body) are who of the lost.
+/// Which persons sighted at `tick` (`None` if it cannot be a body) are which of the lost.
 pub(crate) fn revive(
     sighted: &[Option<Appearance>],
     lost: &[LostPerson],
@@ -79,7 +79,7 @@ pub(crate) fn revive(
         .map(|sighted| {
             let pair = |lost: &LostPerson| {
                 let known = lost.known.as_ref()?;
-                // It is on its way from where it was last, or one viewpoint has led it on.
+                // It has moved on from its last place, or one viewpoint has led it on.
                 let last = known.appearance;
                 let led = lost.led_m.map(|led_m| Appearance {
                     whereabouts: Whereabouts::at(led_m),
@@ -132,12 +132,12 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_pairs_are_made_first_and_nobody_is_faster_than_the_fastest() {
+    fn nearest_pairs_come_first_and_speed_is_limited() {
         let rules = Rules::example(20.0);
         let waiting = |id, x_m| TrackFacts::sighted(id, 9).at_x(x_m);
-        let everybody = [waiting(1, 0.0), waiting(2, 0.25)];
+        let tracks = [waiting(1, 0.0), waiting(2, 0.25)];
         let sighted = [Some(at(0.2)), None, Some(at(0.1)), Some(at(3.0))];
-        let taken = reinitiate(&sighted, &everybody, 9, &rules);
+        let taken = reinitiate(&sighted, &tracks, 9, &rules);
         assert_eq!(who(&taken), [(0, 2), (2, 1)]);
         let mut late = waiting(1, 0.0);
         late.coverage.since_two = 20;
@@ -146,22 +146,22 @@ mod tests {
     }
 
     #[test]
-    fn who_has_its_crops_is_not_initiated_anew() {
+    fn a_track_with_crops_is_not_reinitiated() {
         let rules = Rules::example(20.0);
         for facts in [
             TrackFacts::sighted(1, 0),
             TrackFacts::example(1, Phase::Tracked),
         ] {
-            let everybody = [facts.at_x(0.0)];
-            assert!(reinitiate(&[Some(at(0.0))], &everybody, 0, &rules).is_empty());
+            let tracks = [facts.at_x(0.0)];
+            assert!(reinitiate(&[Some(at(0.0))], &tracks, 0, &rules).is_empty());
         }
     }
 
     #[test]
-    fn who_is_lost_is_revived_where_it_was_last_or_was_led() {
+    fn a_lost_person_is_revived_at_its_last_or_led_place() {
         let rules = Rules::example(20.0);
         let appearance = |x_m| Appearance {
-            lengths: Lengths::of(&Skeleton::new(&Proportions::from_stature(1.75)), 5.0),
+            lengths: Lengths::from_skeleton(&Skeleton::new(&Proportions::from_stature(1.75)), 5.0),
             whereabouts: Whereabouts::at(at(x_m)),
         };
         let lost = LostPerson {

@@ -1,12 +1,12 @@
-//! What events do to tracks, and to what is remembered: the one door to who is who.
+//! Applies events to tracks and to the memory: the only place that changes identities.
 //!
-//! Every event passes [`Registry::begin_track`], who begins a track, or [`Registry::apply`]. Both change the
-//! phase, and publish the event.
+//! Every event passes [`Registry::begin_track`], which begins a track, or [`Registry::apply`]. Both
+//! change the phase, and publish the event.
 //!
-//! What no event holds is done beside it by who applies it, in `sighted`: a body that was fitted to sightings
-//! or to keypoints given by hand comes with the track that begins, and moves a track that is initiated anew
-//! right after its event. The pose of somebody revived is found before: where the known body cannot take one,
-//! nobody is revived, and there is no event.
+//! An event carries no body. The caller in `sighted` handles bodies: a body that was fitted to
+//! sightings or to given keypoints comes with a new track. It moves a reinitiated track right after
+//! the event. The pose of a revived person is solved before: if the known body cannot take one,
+//! there is no event.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::message::MAX_PERSONS;
@@ -22,8 +22,8 @@ use crate::identity::track::Track;
 use crate::method::Method;
 
 impl Registry {
-    /// Begins the track of somebody who was not here, with the event `kind`, and publishes it; `None` where that
-    /// event begins nothing.
+    /// Begins a new track with the event `kind`, and publishes it; `None` if that event begins no
+    /// track.
     pub(super) fn begin_track(
         &mut self,
         kind: EventKind,
@@ -67,11 +67,12 @@ impl Registry {
         }
     }
 
-    /// Publishes an event of `person`, with the tick; past [`MAX_EVENTS`] of one tick it is left out, because
-    /// everybody would refuse the message.
+    /// Publishes an event of `person` with the tick. It is left out past [`MAX_EVENTS`] of one
+    /// tick, because all receivers would refuse the message.
     ///
-    /// Only a venue file comes near that, which gives more than a thousand persons by hand at one tick: a track
-    /// begins, lives on, is recognised, steps back, is sighted and is let go at most once a tick.
+    /// Only a venue file that gives more than a thousand persons by hand at one tick comes near
+    /// that. A track begins, changes phase, is recognised, steps back, is sighted and is dropped at
+    /// most once a tick.
     pub(super) fn publish(&mut self, person: PersonId, event: &Event) {
         const { assert!(6 * MAX_PERSONS < MAX_EVENTS) }
         if self.events.len() == MAX_EVENTS {
@@ -82,13 +83,14 @@ impl Registry {
             .extend(event.kind.as_message(person, event.wire_id, dt_s));
     }
 
-    /// Where the track of `wire_id` stands.
+    /// Index of the track of `wire_id`.
     pub(super) fn position(&self, wire_id: PersonId) -> Option<usize> {
         let mut tracks = self.tracks.iter();
         tracks.position(|track| track.wire_id() == wire_id)
     }
 
-    /// Lets the track at `index` go, and remembers who was published; and where a poster hangs.
+    /// Drops the track at `index`. Remembers the person if it was published, and the place of a
+    /// poster.
     fn drop_track(&mut self, index: usize, reason: DropReason, tick: Tick) {
         let track = self.tracks.remove(index);
         let is_replaced = matches!(reason, DropReason::FoundElsewhere | DropReason::GivenByHand);
@@ -104,14 +106,14 @@ impl Registry {
         }
     }
 
-    /// Gives the track at `index` its older self's id and body.
+    /// Gives the track at `index` the id and the body of its earlier life.
     fn recognise(&mut self, index: usize, old: PersonId, tick: Tick) {
         if let Some(known) = self.take_known(old, tick) {
-            self.tracks[index].becomes(known, self.rules.rate_hz);
+            self.tracks[index].take_identity_of(known, self.rules.rate_hz);
         }
     }
 
-    /// What is known of `id`, who is gone or lost. The memory forgets it.
+    /// Takes the data of `id`, a person who left or is lost, out of the memory.
     fn take_known(&mut self, id: PersonId, tick: Tick) -> Option<Departed> {
         let gone = self.memory.take(id);
         gone.or_else(|| {
@@ -123,8 +125,8 @@ impl Registry {
 }
 
 impl Track {
-    /// Gives back what was seen of somebody else in the last `ticks`: goes back to where it was when nobody
-    /// else was near, and waits there, as unsure as if it had not been seen since.
+    /// Discards the evidence of the last `ticks`, which belonged to another person. The person goes
+    /// back to where it last stood alone, as uncertain as if it had not been seen since.
     pub(crate) fn step_back(&mut self, ticks: u32, method: &Method) {
         let identity = &mut self.identity;
         let Some(alone) = identity.alone else {

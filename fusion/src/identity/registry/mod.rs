@@ -1,8 +1,8 @@
-//! Everybody in the venue: applies what is decided, and publishes it.
+//! All people in the venue: applies decisions, and publishes them.
 
 mod apply;
-mod listening;
 mod naming;
+mod reception;
 mod sighted;
 #[cfg(test)]
 pub(super) mod tests;
@@ -16,7 +16,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::{GivenPerson, Venue};
 use rayon::prelude::*;
 
-use self::listening::Listening;
+use self::reception::Reception;
 use super::decide::places::SharedPlaces;
 use super::decide::recognition::Newcomer;
 use super::decide::{lives, places, recognition};
@@ -38,23 +38,23 @@ use crate::body::observed::ObservedJoints;
 use crate::method::Method;
 use crate::sightings::finder::PersonFinder;
 
-/// How far, per axis, whom nothing shows may be from where it is carried to have a pose, metres: half a metre on the
-/// floor. Farther off is where the next one may stand.
+/// Uncertainty per axis above which an unseen, carried person has no published pose, metres: half a
+/// metre on the floor. Beyond that the next person may stand.
 const CARRIED_OFF_M: f64 = 0.35;
 
-/// What became of everybody after a tick.
+/// Changes after a tick.
 pub struct Outcome {
-    /// The tentative ticks of those who are confirmed now, but for the tick itself.
+    /// The earlier ticks of the people who were confirmed at this tick.
     pub confirmed: Vec<(Tick, PersonPose)>,
-    /// What changed who is who, in order.
+    /// Identity events, in order.
     pub events: Vec<IdentityEvent>,
-    /// Who was compared with the venue's subjects, by id.
+    /// Results of the comparison with the venue's subjects, by id.
     pub namings: Vec<Naming>,
-    /// Sightings that were not used: of another viewpoint's camera, or of other keypoints.
+    /// Sightings that were not used: wrong camera, or wrong number of keypoints.
     pub unusable_sightings: u32,
 }
 
-/// All persons, tentative ones too, in the order of their initiation.
+/// All persons, also tentative ones, in the order of their initiation.
 pub struct Registry {
     tracks: Vec<Track>,
     next_id: u32,
@@ -67,22 +67,22 @@ pub struct Registry {
     memory: Memory,
     shown: ShownPeople,
     subjects: Subjects,
-    /// Per camera, whose it is.
+    /// Per camera: its viewpoint.
     viewpoint_of_camera: Vec<ViewpointIndex>,
-    /// Which viewpoints are heard.
-    listening: Listening,
-    /// Whether any detection pass has shown anybody yet.
+    /// Which viewpoints send messages.
+    reception: Reception,
+    /// Whether any detection pass has shown a person yet.
     finds_people: bool,
-    /// What happened since the last tick was handed out.
+    /// Events since the last result.
     events: Vec<IdentityEvent>,
-    /// What was said of people's names since.
+    /// Namings since the last result.
     namings: Vec<Naming>,
-    /// Buffer: everybody's facts.
+    /// Buffer: facts of all tracks.
     facts: Vec<TrackFacts>,
 }
 
 impl Registry {
-    /// Nobody yet.
+    /// An empty registry.
     pub fn new(venue: &Venue, keypoints: KeypointSet) -> Self {
         let births = venue.parameters.births.clone();
         let cameras: Vec<_> = venue
@@ -100,7 +100,7 @@ impl Registry {
                 &births,
                 venue.rate_hz,
             ),
-            listening: Listening::new(cameras.clone(), venue.rate_hz),
+            reception: Reception::new(cameras.clone(), venue.rate_hz),
             finder: PersonFinder::new(cameras, keypoints, &venue.field, &births),
             given: venue.given_persons.clone(),
             rules: Rules {
@@ -126,7 +126,8 @@ impl Registry {
         self.take_in_given(tick, method);
     }
 
-    /// Who was there in the run before this, which begins at `tick`: they may come back.
+    /// Adds the people who were present in the previous run, before this one begins at `tick`: they
+    /// may come back.
     pub fn expect(&mut self, known: &KnownPeople, tick: Tick, method: &Method) {
         self.next_id = self.next_id.max(known.next_id);
         let departed = known.people.iter();
@@ -135,53 +136,54 @@ impl Registry {
         }
     }
 
-    /// Who would be expected in a run that began after `tick`.
+    /// The people that a run after `tick` would expect.
     pub fn known_people(&self, tick: Tick) -> KnownPeople {
         let rate_hz = self.rules.rate_hz;
         let confirmed = self.tracks.iter().filter(|track| !track.is_tentative());
         let there = confirmed.filter_map(|track| track.departed(tick, rate_hz));
-        let gone = self.memory.everybody().iter();
-        let gone = gone.map(|departed| KnownPerson::of(departed, false));
+        let gone = self.memory.remembered().iter();
+        let gone = gone.map(|departed| KnownPerson::from_departed(departed, false));
         KnownPeople {
             next_id: self.next_id,
             people: gone
-                .chain(there.map(|departed| KnownPerson::of(&departed, true)))
+                .chain(there.map(|departed| KnownPerson::from_departed(&departed, true)))
                 .collect(),
         }
     }
 
-    /// Everybody, in the order of their initiation.
+    /// All tracks, in the order of their initiation.
     pub fn tracks(&self) -> &[Track] {
         &self.tracks
     }
 
-    /// Everybody, in the order of their initiation.
+    /// All tracks, in the order of their initiation.
     pub fn tracks_mut(&mut self) -> &mut [Track] {
         &mut self.tracks
     }
 
-    /// Whether detectors find people in this venue. Where nobody was ever sighted all are given by hand.
+    /// Whether detectors find people in this venue. If no person was ever sighted, all are given by
+    /// hand.
     pub fn finds_people(&self) -> bool {
         self.finds_people
     }
 
-    /// Which of the cameras `own` shall look for people at `tick`, as far ahead as it is planned.
-    pub fn looking(&self, own: &[CameraIndex], tick: Tick) -> Vec<CameraIndex> {
-        self.scheduler.looking(own, tick)
+    /// The cameras among `own` that run the detector at `tick`, as far ahead as planned.
+    pub fn detecting(&self, own: &[CameraIndex], tick: Tick) -> Vec<CameraIndex> {
+        self.scheduler.detecting(own, tick)
     }
 
-    /// Plans from now on who looks `ticks` ahead, at least 1.
-    pub fn look_ahead(&mut self, ticks: i64) {
-        self.scheduler.look_ahead(ticks);
+    /// Plans detection passes `ticks` ahead from now on, at least 1.
+    pub fn plan_ahead(&mut self, ticks: i64) {
+        self.scheduler.plan_ahead(ticks);
     }
 
-    /// The poses of those who are confirmed, by id; without those whom nothing has shown for so long that they may be
-    /// anywhere.
+    /// The poses of confirmed people, by id, without people who have been unseen for so long that
+    /// they may be anywhere.
     pub fn published(&self) -> Vec<PersonPose> {
         let confirmed = self.tracks.iter().filter(|track| !track.is_tentative());
         let confirmed = confirmed.filter(|track| track.estimator.carried_off_m() < CARRIED_OFF_M);
         let mut poses: Vec<PersonPose> = confirmed.map(Track::published).collect();
-        // Who was recognised has an older id than its place.
+        // A recognised person has an older id than its place.
         poses.sort_by_key(|pose| pose.person);
         poses
     }
@@ -195,30 +197,31 @@ impl Registry {
             .min()
     }
 
-    /// Moves every life on by the tick that has just been solved, in stages. Each decides from where people
-    /// stand after the one before was applied:
+    /// Advances all tracks by the tick that was just solved, in stages. Each uses the places after
+    /// the previous stage was applied:
     ///
-    /// 1. The tick is counted: the rules go by it.
-    /// 2. Lives: first those leave whose evidence has ended, so that who is confirmed next can be one of them.
-    ///    Who is confirmed is recognised, and solved again: only now it is known where it stands.
-    /// 3. Places: who stands outside the field goes. Who followed what was seen of another steps back: before
-    ///    shared places are counted, because it does not stand there any more; then of two in one place the
-    ///    weaker goes.
-    /// 4. It is noted where those who are left were surely seen, and who has been gone for too long is
-    ///    forgotten: whom a sighting can be is settled by both.
-    /// 5. Sightings: those whom no track that is left explains wait for their crops, are lost, or are new.
-    /// 6. Those given by hand at the next tick replace whoever stands there by now.
-    /// 7. Who looks for people next is planned: it depends on who is lost, and on who has been sighted.
+    /// 1. Evidence of the tick is counted for the rules.
+    /// 2. Lives: tracks without evidence are dropped first, so that the next confirmed person can
+    ///    be one of them. A confirmed person is recognised and solved again; only then is its place
+    ///    known.
+    /// 3. Places: people outside the field are dropped. A person who followed the evidence of
+    ///    another steps back. This precedes the count of shared places, because it no longer stands
+    ///    there. Then of two in one place the weaker is dropped.
+    /// 4. The places where the remaining people were surely seen are recorded, and people who left
+    ///    long ago are forgotten. Both determine which people a sighting can be.
+    /// 5. Sightings that no track explains wait for their crops, are lost people, or are new.
+    /// 6. People given by hand at the next tick replace the tracks that stand there.
+    /// 7. Detection passes are planned: they depend on lost people and on sightings.
     pub fn step(&mut self, group: &TickGroup, method: &Method) -> Outcome {
         let tick = group.tick;
-        self.listening.hear(group);
+        self.reception.record(group);
         let adrift = self.tracks.iter().filter(|track| track.is_adrift());
         let missed = self.memory.missed(tick, self.rules.rate_hz);
         let wanted: Vec<PersonId> = adrift.map(Track::wire_id).chain(missed).collect();
         self.shown.see(group, &wanted, &self.finder, method);
         for track in &mut self.tracks {
             track.count(tick, method, |keypoints_m| {
-                self.listening.showable(keypoints_m, tick)
+                self.reception.showable(keypoints_m, tick)
             });
         }
         self.take_facts();
@@ -238,8 +241,8 @@ impl Registry {
         } = &self.rules;
         self.memory.forget(tick, births.return_s, *rate_hz);
         self.posters.forget(tick, *rate_hz);
-        // The pose of the tick itself is among the poses of the tick; and who was confirmed and let go at one
-        // tick is never published.
+        // The pose of the tick itself is among the poses of the tick. A person who is confirmed and
+        // dropped at one tick is never published.
         let is_here = |id| self.tracks.iter().any(|track| track.id() == id);
         confirmed.retain(|(at, pose)| *at < tick && is_here(pose.person));
         let unusable_sightings = self.take_in_sighted(group, method);
@@ -253,14 +256,15 @@ impl Registry {
         }
     }
 
-    /// Takes everybody's facts anew.
+    /// Updates the facts of all tracks.
     fn take_facts(&mut self) {
         self.facts.clear();
-        self.facts.extend(self.tracks.iter().map(TrackFacts::of));
+        self.facts
+            .extend(self.tracks.iter().map(TrackFacts::from_track));
     }
 
-    /// Applies what [`lives`] decided: who leaves leaves first; then who is confirmed is recognised, and its
-    /// tentative ticks are solved again: they are returned.
+    /// Applies the events of [`lives`], drops first. Then recognises the confirmed people, and
+    /// solves their tentative ticks again: returns those poses.
     fn apply_lives(
         &mut self,
         events: Vec<Event>,
@@ -297,8 +301,8 @@ impl Registry {
         poses
     }
 
-    /// Solves the tentative ticks of those who are `confirmed` (wire ids) again: who came together is confirmed
-    /// together, so that a tick may have everybody to solve.
+    /// Solves the tentative ticks of the `confirmed` (wire ids) again. People who arrive together
+    /// are confirmed together, so one tick may have to solve them all.
     fn solve_again(&mut self, confirmed: &[PersonId], method: &Method) -> Vec<(Tick, PersonPose)> {
         let tracks = self.tracks.par_iter_mut();
         let own = tracks.filter(|track| confirmed.contains(&track.wire_id()));
@@ -306,7 +310,7 @@ impl Registry {
         solved.into_iter().flatten().collect()
     }
 
-    /// Those who are tentative; `confirmed` (wire ids) are those who will be confirmed at this tick.
+    /// The tentative people; `confirmed` (wire ids) will be confirmed at this tick.
     fn newcomers(&self, confirmed: &[PersonId], method: &Method) -> Vec<Newcomer> {
         let tentative = self.tracks.par_iter().filter(|track| track.is_tentative());
         let newcomer = |track: &Track| {
@@ -322,7 +326,7 @@ impl Registry {
         tentative.map(newcomer).collect()
     }
 
-    /// Those who are gone, and those who may be elsewhere than where they are carried.
+    /// People who left, and tracked people who may be elsewhere than carried.
     fn known(&self, tick: Tick) -> Vec<Candidate> {
         let lost = self
             .tracks
@@ -334,14 +338,14 @@ impl Registry {
         gone.chain(lost).collect()
     }
 
-    /// Whether `track` is lost, or was a short while ago and is seen where somebody else stands: then it follows that
-    /// one.
+    /// Whether `track` is lost, or was lost a short while ago and shares its place: then it follows
+    /// the other person.
     fn may_be_elsewhere(&self, track: &Track) -> bool {
         let phase = track.identity.phase;
-        phase.is_lost() || phase.is_doubtful() && self.shared_places.hold(track.id())
+        phase.is_lost() || phase.is_suspect() && self.shared_places.includes(track.id())
     }
 
-    /// Takes note of who has nobody near; who has followed what was seen of another steps back.
+    /// Records who stands alone; people who followed the evidence of another step back.
     fn step_back(&mut self, tick: Tick, method: &Method) {
         self.take_facts();
         for (index, track) in self.tracks.iter_mut().enumerate() {
@@ -353,7 +357,7 @@ impl Registry {
         self.apply(&back, tick, method);
     }
 
-    /// Takes note of where people are who are surely themselves.
+    /// Records the places of people who are surely themselves.
     fn note_who_is_seen(&mut self, tick: Tick) {
         self.take_facts();
         for (index, track) in self.tracks.iter_mut().enumerate() {
@@ -366,7 +370,7 @@ impl Registry {
         }
     }
 
-    /// Plans who looks for people at the next tick.
+    /// Plans the detection passes of the next tick.
     fn schedule(&mut self, tick: Tick) {
         for track in self
             .tracks
@@ -376,12 +380,12 @@ impl Registry {
             let lost_s = self.rules.seconds(track.identity.coverage.since_two);
             let reach_m = self.rules.births.return_speed_m_s * lost_s;
             let place_m = track.estimator.joints_m()[0];
-            self.scheduler.ask_for_lost(tick, place_m, reach_m);
+            self.scheduler.request_for_lost(tick, place_m, reach_m);
         }
         for (place_m, gone) in self.memory.places_of_missed(tick, self.rules.rate_hz) {
             let gone_s = (tick - gone) as f64 / self.rules.rate_hz;
             let reach_m = self.rules.births.return_speed_m_s * gone_s;
-            self.scheduler.ask_for_lost(tick, place_m, reach_m);
+            self.scheduler.request_for_lost(tick, place_m, reach_m);
         }
         self.scheduler.plan(tick + 1);
     }
@@ -393,7 +397,7 @@ impl Registry {
     }
 }
 
-/// A newcomer as its tentative ticks show it, and its first tick.
+/// The appearance of a newcomer in its tentative ticks, and the first of them.
 fn newcomer(track: &Track, method: &Method) -> (Appearance, Tick) {
     let record = &track.identity.tentative;
     let seen: Vec<(f64, ObservedJoints)> = record
@@ -418,7 +422,7 @@ fn newcomer(track: &Track, method: &Method) -> (Appearance, Tick) {
         ..track.whereabouts()
     };
     let appearance = Appearance {
-        lengths: Lengths::of(&skeleton, seconds),
+        lengths: Lengths::from_skeleton(&skeleton, seconds),
         whereabouts: velocity_m_s.map_or(whereabouts, |v_m_s| whereabouts.moving(&v_m_s)),
     };
     (appearance, since)

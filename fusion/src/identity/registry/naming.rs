@@ -1,4 +1,5 @@
-//! Bodies are measured anew, and held against the venue's subjects then: at no other tick do lengths, or names, change.
+//! Remeasures bodies and compares them with the venue's subjects. Lengths and names change at no
+//! other tick.
 
 use farfield_proto::id::PersonId;
 use rayon::prelude::*;
@@ -9,17 +10,17 @@ use crate::identity::subjects::{Nameless, Subject, Subjects};
 use crate::identity::track::Track;
 use crate::method::Method;
 
-/// Most bodies that are measured at one tick, where nobody has a name to get.
+/// Most bodies that are measured at one tick if there are no subjects.
 const MOST_AT_ONCE: usize = 8;
 
 impl Registry {
-    /// Takes over who may come; to be called before the first tick.
+    /// Sets the subjects; must be called before the first tick.
     pub fn know(&mut self, subjects: Vec<Subject>) {
         self.subjects = Subjects::new(subjects);
     }
 
-    /// Measures the bodies of those anew who are confirmed, when it is time to; who of them is a subject has the name, and the
-    /// body is measured with what is known of it.
+    /// Remeasures the bodies of confirmed people when due. A person that matches a subject gets its
+    /// name, and the body is measured with the subject's prior.
     pub(super) fn remeasure(&mut self, method: &Method) {
         for track in self.tracks.iter_mut().filter(|track| !track.is_tentative()) {
             track.estimator.note_lengths(method);
@@ -47,8 +48,9 @@ impl Registry {
         self.namings.extend(namings);
     }
 
-    /// Whose turn it is of those whose bodies are due (wire ids). Who came together is due together, be it a whole team,
-    /// and to measure that takes about as long as all else in its tick. Names are decided for all together.
+    /// The people whose bodies are due (wire ids). A team that arrives together is due together,
+    /// and measuring takes about as long as the rest of its tick. So only some are taken, unless
+    /// there are names, which are decided for all together.
     fn due(&self) -> Vec<PersonId> {
         let confirmed = self.tracks.iter().filter(|track| !track.is_tentative());
         let due = confirmed.filter(|track| track.estimator.body.remeasure.is_due());
@@ -59,15 +61,16 @@ impl Registry {
         due
     }
 
-    /// A name is free again when who has it is not here and not remembered either.
+    /// Frees the names of people who are neither tracked nor remembered.
     fn forget_names(&mut self) {
-        let (tracks, gone) = (&self.tracks, self.memory.everybody());
+        let (tracks, gone) = (&self.tracks, self.memory.remembered());
         let is_here = |id| tracks.iter().any(|track| track.id() == id);
         let is_remembered = |id: PersonId| gone.iter().any(|departed| departed.id == id);
         self.subjects.forget(|id| is_here(id) || is_remembered(id));
     }
 
-    /// Everybody who is confirmed and has no name; the bodies of those who are `measured` (wire ids) have just been.
+    /// All confirmed people without a name; the bodies of `measured` (wire ids) were measured at
+    /// this tick.
     fn nameless(&self, measured: &[PersonId], method: &Method) -> Vec<Nameless> {
         let here = self.tracks.iter().filter(|track| !track.is_tentative());
         let nameless = here.filter(|track| !self.subjects.has(track.id()));
@@ -75,7 +78,7 @@ impl Registry {
             let lived_s = f64::from(track.identity.lived_ticks) * method.dt_s;
             Nameless {
                 id: track.id(),
-                lengths: Lengths::of(&track.estimator.body.skeleton, lived_s),
+                lengths: Lengths::from_skeleton(&track.estimator.body.skeleton, lived_s),
                 is_due: measured.contains(&track.wire_id()),
                 is_last: track.estimator.is_measured(method),
             }

@@ -1,4 +1,4 @@
-//! Who is sighted, or given by hand: somebody who waits for its crops, somebody lost, or somebody new.
+//! People who are sighted or given by hand: waiting for their crops, lost, or new.
 
 use farfield_proto::message::{MAX_PERSONS, Sighting};
 use farfield_proto::tick::Tick;
@@ -22,15 +22,16 @@ use crate::method::Method;
 use crate::sightings::contradiction::DetectionPass;
 use crate::sightings::finder::{KnownBody, SightedPerson};
 
-/// A person that is sighted this near to where it is carried is there already, metres, where its limbs are, too: the
-/// lattice finds it by itself.
+/// Distance from its carried place within which a sighted person is in place, metres, if its limbs
+/// are, too: the lattice then finds it.
 const IN_PLACE_M: f64 = 0.1;
-/// Longest absence after which the way back tells the speed, seconds: later people have turned.
+/// Longest absence after which the displacement gives the speed, seconds: later, people have
+/// turned.
 const STRAIGHT_S: f64 = 1.5;
 
 impl Registry {
-    /// Takes in whom the sightings show; returns how many sightings could not be used: at a tick at which
-    /// nobody looks, all of them.
+    /// Processes the sightings of a tick. Returns how many could not be used: all of them if the
+    /// tick has no detection pass.
     pub(super) fn take_in_sighted(&mut self, group: &TickGroup, method: &Method) -> u32 {
         let tick = group.tick;
         if !self.scheduler.is_pass(tick) {
@@ -39,7 +40,7 @@ impl Registry {
         }
         let (pass, unusable) = self.pass(group, method.sites.len());
         self.finds_people |= !pass.witnesses.is_empty();
-        // Who may be elsewhere by now explains nothing.
+        // People who may be elsewhere explain no sighting.
         let explains = |track: &Track| !track.identity.phase.is_lost() && !track.is_awaited();
         let explanation = self.finder.explain(&pass, self.bodies(explains));
         let n_people = self.tracks.iter().filter(|track| explains(track)).count();
@@ -55,19 +56,19 @@ impl Registry {
         for person in self.revive(found, tick, method) {
             self.initiate(&person, tick, method);
         }
-        let everybody = self.bodies(|_| true);
-        // At most passes they are the same.
-        let explanation = if everybody == explanation.bodies {
+        let bodies = self.bodies(|_| true);
+        // At most passes both are the same.
+        let explanation = if bodies == explanation.bodies {
             explanation
         } else {
-            self.finder.explain(&pass, everybody)
+            self.finder.explain(&pass, bodies)
         };
         let unexplained = self.finder.unexplained(&pass, &explanation);
-        self.scheduler.keep(tick, unexplained);
+        self.scheduler.record_unexplained(tick, unexplained);
         unusable
     }
 
-    /// What the viewpoints sighted, and how many sightings could not be used.
+    /// The sightings of all viewpoints, and how many could not be used.
     fn pass(&self, group: &TickGroup, n_keypoints: usize) -> (DetectionPass, u32) {
         let (mut sightings, mut unusable) = (Vec::<Sighting>::new(), 0);
         for set in &group.sighting_sets {
@@ -80,35 +81,35 @@ impl Registry {
                 }
             }
         }
-        let asked = self
+        let requested = self
             .scheduler
-            .looks_at(group.tick)
+            .runs_at(group.tick)
             .iter()
             .zip(&self.viewpoint_of_camera);
         let answered = |viewpoint| group.sighting_sets.iter().any(|s| s.viewpoint == viewpoint);
-        let looked = asked.map(|(&asked, &viewpoint)| asked && answered(viewpoint));
+        let ran = requested.map(|(&requested, &viewpoint)| requested && answered(viewpoint));
         (
-            self.finder.detection_pass(&sightings, looked.collect()),
+            self.finder.detection_pass(&sightings, ran.collect()),
             unusable,
         )
     }
 
-    /// The bodies of those who `count`, and the posters on the walls.
-    fn bodies(&self, count: impl Fn(&Track) -> bool) -> Vec<KnownBody> {
+    /// The bodies of the tracks that pass `is_included`, and the posters.
+    fn bodies(&self, is_included: impl Fn(&Track) -> bool) -> Vec<KnownBody> {
         let people = self.tracks.iter();
-        let people = people.filter(|track| count(track));
+        let people = people.filter(|track| is_included(track));
         let body = |track: &Track| KnownBody {
             keypoints_m: track.estimator.keypoints_m(),
         };
         people.map(body).chain(self.posters.bodies()).collect()
     }
 
-    /// Places those tentative tracks anew that wait for their first crops and are among the `found`; the
-    /// others are returned.
+    /// Moves the tentative tracks that wait for their first crops to their new sightings; returns
+    /// the other sighted persons.
     ///
-    /// Over a far link the first crops of a newcomer are cut some ticks after its initiation. Who stands is in
-    /// them, who runs has left; and one sighting tells no speed. So until its first crops have come, a newcomer
-    /// is placed anew wherever a detection pass finds it.
+    /// Over a long link the first crops of a newcomer are cut some ticks after its initiation. A
+    /// standing person is in them, a runner has left, and one sighting gives no speed. So a
+    /// newcomer moves to each new sighting until its first crops arrive.
     fn reinitiate(
         &mut self,
         found: Vec<SightedPerson>,
@@ -134,7 +135,7 @@ impl Registry {
         without(found, &taken)
     }
 
-    /// Takes those back who are lost and among the `found`; the others are returned.
+    /// Moves lost people to their sightings; returns the other sighted persons.
     fn revive(
         &mut self,
         found: Vec<SightedPerson>,
@@ -159,7 +160,7 @@ impl Registry {
         let mut taken = sighted::revive(&sighted, &lost, tick, &self.rules);
         taken.retain(|(which, event)| {
             let index = self.position(event.wire_id);
-            // Whose known body cannot be so is somebody else.
+            // If the known body cannot take this pose, it is another person.
             let is_back = index
                 .is_some_and(|index| self.tracks[index].take_back(&found[*which], tick, method));
             if is_back {
@@ -170,7 +171,7 @@ impl Registry {
         without(found, &taken)
     }
 
-    /// Initiates the track of somebody new.
+    /// Initiates the track of a new person.
     fn initiate(&mut self, person: &SightedPerson, tick: Tick, method: &Method) {
         if self.tracks.len() >= MAX_PERSONS {
             return;
@@ -185,11 +186,11 @@ impl Registry {
         if let Some(track) = self.begin_track(kind, body, tick, method) {
             track.is_sighted_at(person, tick);
             let keypoints_m = track.estimator.keypoints_m();
-            self.scheduler.ask_about_tentative(tick, &keypoints_m);
+            self.scheduler.request_for_tentative(tick, &keypoints_m);
         }
     }
 
-    /// Takes in those who are given by hand at `tick`.
+    /// Adds the people who are given by hand at `tick`.
     pub(super) fn take_in_given(&mut self, tick: Tick, method: &Method) {
         let given: Vec<GivenPerson> = self
             .given
@@ -224,7 +225,7 @@ impl Track {
         record.begin(tick, estimates);
     }
 
-    /// Starts over at `tick` with another sighting, moving as fast as it must have since the first one.
+    /// Starts over at `tick` with another sighting. The velocity follows from the first one.
     fn start_over(&mut self, person: &SightedPerson, body: Fitted, tick: Tick, dt_s: f64) {
         let record = &mut self.identity.tentative;
         let began = record.ticks.first().map_or(tick, |first| first.tick);
@@ -239,8 +240,8 @@ impl Track {
         self.is_sighted_at(person, tick);
     }
 
-    /// Takes a lost person back to where it was sighted at `tick`, with the body that is known; returns
-    /// whether that body can be so.
+    /// Moves a lost person to where it was sighted at `tick`, with the known body. Returns whether
+    /// that body can take the pose.
     pub(crate) fn take_back(
         &mut self,
         person: &SightedPerson,
@@ -277,7 +278,7 @@ impl Track {
     }
 }
 
-/// The `found` but for those who are taken for somebody.
+/// The sighted persons without the `taken` ones.
 fn without(found: Vec<SightedPerson>, taken: &[Taken]) -> Vec<SightedPerson> {
     let is_taken = |which: usize| taken.iter().any(|(taken, _)| *taken == which);
     let found = found.into_iter().enumerate();
@@ -287,25 +288,25 @@ fn without(found: Vec<SightedPerson>, taken: &[Taken]) -> Vec<SightedPerson> {
         .collect()
 }
 
-/// The body of a sighted person; `None` where it cannot be one.
+/// The body of a sighted person; `None` if it cannot be one.
 fn fitted(person: &SightedPerson, method: &Method) -> Option<Fitted> {
     let observed = person.observed(&method.sites);
     let bounds = method.range_of_motion.as_ref();
     fit(&[observed], &method.parameters.ik, bounds).ok()
 }
 
-/// A person as one tick's sightings show it.
+/// A person as the sightings of one tick show it.
 fn appearance_of(person: &SightedPerson, method: &Method) -> Option<Appearance> {
     let body = fitted(person, method)?;
     let observed = person.observed(&method.sites);
     Some(Appearance {
-        lengths: Lengths::of(&body.skeleton, 0.0),
+        lengths: Lengths::from_skeleton(&body.skeleton, 0.0),
         whereabouts: Whereabouts::at(body.pose.root_m).facing(|joint| observed.position_m(joint)),
     })
 }
 
-/// A person's keypoints as the venue file gives them: on the sites of the network's keypoints, and on
-/// joints for names that only the model knows.
+/// A person's keypoints from the venue file: on the sites of the network's keypoints, and on joints
+/// for names that only the model has.
 fn given_joints(person: &GivenPerson, method: &Method) -> ObservedJoints {
     let mut observed = ObservedJoints::default();
     for (name, position) in &person.keypoints_m {

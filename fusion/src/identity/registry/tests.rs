@@ -1,5 +1,5 @@
-//! Lives of simulated people, whose keypoints are seen exactly where they are: what is tested is who
-//! is who, not how well they are measured.
+//! Lives of simulated people whose keypoints are seen exactly. The tests check identities, not
+//! accuracy.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -75,7 +75,7 @@ pub(in crate::identity) fn method(venue: &Venue) -> Method {
     }
 }
 
-/// A hall, tick after tick.
+/// A hall that is stepped tick by tick.
 struct HallFixture {
     hall: TestHall,
     registry: Registry,
@@ -108,7 +108,7 @@ impl HallFixture {
         self.step_seen_by(bodies, &[0, 1, 2, 3])
     }
 
-    /// One tick at which `viewpoints` alone see `bodies`.
+    /// One tick at which only `viewpoints` see `bodies`.
     fn step_seen_by(&mut self, bodies: &[TruePoints], viewpoints: &[u16]) -> Outcome {
         for track in self.registry.tracks_mut() {
             track.begin(&self.method);
@@ -153,7 +153,7 @@ impl HallFixture {
         };
         let set = |&viewpoint: &u16| {
             let camera = CameraIndex(viewpoint);
-            let looks = self.registry.looking(&[camera], self.tick) == [camera];
+            let looks = self.registry.detecting(&[camera], self.tick) == [camera];
             looks.then(|| SightingSet {
                 session: SessionId(1),
                 tick: self.tick,
@@ -163,7 +163,7 @@ impl HallFixture {
                 sightings: all.iter().filter(|s| s.camera == camera).cloned().collect(),
             })
         };
-        // Whatever a viewpoint sees, it is heard.
+        // A viewpoint sends a message whatever it sees.
         let sent = |&viewpoint: &u16| PatchSet {
             session: SessionId(1),
             tick: self.tick,
@@ -181,14 +181,14 @@ impl HallFixture {
         }
     }
 
-    /// Several ticks of the same; the poses of those who were confirmed.
+    /// Several ticks with the same bodies; returns the poses of confirmed people.
     fn go_on(&mut self, bodies: &[TruePoints], seconds: f64) -> Vec<(Tick, PersonPose)> {
         (0..(seconds * RATE_HZ) as usize)
             .flat_map(|_| self.step(bodies).confirmed)
             .collect()
     }
 
-    /// The id of who is published within 0.3 m of (`x`, `y`).
+    /// The id of the person published within 0.3 m of (`x`, `y`).
     fn who_at(&self, x: f64, y: f64) -> Option<u32> {
         let near = |pose: &&PersonPose| {
             let pelvis = pose.joints_m[0].map(f64::from);
@@ -203,18 +203,18 @@ fn hips_m(body: &TruePoints) -> Vector3<f64> {
     0.5 * (body[11] + body[12])
 }
 
-/// Somebody of that stature, always in the same posture.
+/// A person of this stature, always in the same posture.
 fn person(x: f64, y: f64, stature_m: f64) -> TruePoints {
     standing(x, y, stature_m, &mut Noise(7))
 }
 
 #[test]
-fn who_leaves_and_returns_gets_its_id_back() {
+fn a_returning_person_gets_its_id_back() {
     let mut stage = HallFixture::new();
     stage.go_on(&[person(-3.0, 0.0, 1.7), person(2.0, 1.0, 1.8)], 4.0);
     let id = stage.who_at(-3.0, 0.0).unwrap();
     stage.go_on(&[person(2.0, 1.0, 1.8)], 6.0);
-    assert_eq!(stage.registry.published().len(), 1, "it is let go");
+    assert_eq!(stage.registry.published().len(), 1, "it is dropped");
     let back = [person(-2.8, 0.4, 1.7), person(2.0, 1.0, 1.8)];
     let replayed = stage.go_on(&back, 2.0);
     assert_eq!(stage.who_at(-2.8, 0.4), Some(id));
@@ -228,11 +228,11 @@ fn who_leaves_and_returns_gets_its_id_back() {
         .iter()
         .find(|t| t.id().0 == id)
         .unwrap();
-    assert_ne!(track.wire_id(), track.id(), "the edges keep to its new one");
+    assert_ne!(track.wire_id(), track.id(), "the edges keep its new id");
 }
 
 #[test]
-fn a_stranger_of_another_size_does_not_get_the_id_of_who_left() {
+fn a_stranger_of_another_size_gets_a_new_id() {
     let mut stage = HallFixture::new();
     stage.go_on(&[person(-3.0, 0.0, 1.6)], 4.0);
     stage.go_on(&[], 4.0);
@@ -241,7 +241,7 @@ fn a_stranger_of_another_size_does_not_get_the_id_of_who_left() {
 }
 
 #[test]
-fn nobody_returns_after_the_stated_time() {
+fn a_person_is_forgotten_after_the_return_time() {
     let mut stage = HallFixture::new();
     stage.registry.rules.births.return_s = 3.0;
     stage.go_on(&[person(-3.0, 0.0, 1.7)], 4.0);
@@ -251,7 +251,7 @@ fn nobody_returns_after_the_stated_time() {
 }
 
 #[test]
-fn two_who_return_at_once_are_not_mixed_up() {
+fn two_returning_people_are_not_swapped() {
     for swapped in [false, true] {
         let mut stage = HallFixture::new();
         stage.go_on(&[person(-3.0, -1.0, 1.66), person(-3.0, 1.5, 1.87)], 5.0);
@@ -269,12 +269,12 @@ fn two_who_return_at_once_are_not_mixed_up() {
 }
 
 #[test]
-fn who_is_lost_is_taken_back_where_it_is_sighted() {
+fn a_lost_person_is_revived_where_it_is_sighted() {
     let mut stage = HallFixture::new();
     stage.go_on(&[person(0.0, 0.0, 1.75)], 3.0);
     let id = stage.who_at(0.0, 0.0).unwrap();
     for i in 1..=16 {
-        // It runs on at 2 m/s while nobody sees it.
+        // It runs on at 2 m/s while no camera sees it.
         stage.step_seen_by(&[person(0.1 * f64::from(i), 0.0, 1.75)], &[]);
     }
     assert_eq!(stage.registry.published()[0].state, PersonState::Coasting);
@@ -284,7 +284,7 @@ fn who_is_lost_is_taken_back_where_it_is_sighted() {
 }
 
 #[test]
-fn who_stays_while_all_viewpoints_are_silent_is_found_again_and_who_is_not_seen_is_let_go() {
+fn silent_viewpoints_do_not_drop_a_person_but_absence_does() {
     let mut stage = HallFixture::new();
     stage.go_on(&[person(0.0, 0.0, 1.75)], 3.0);
     let id = stage.who_at(0.0, 0.0);
@@ -302,7 +302,7 @@ fn who_stays_while_all_viewpoints_are_silent_is_found_again_and_who_is_not_seen_
 }
 
 #[test]
-fn somebody_else_beside_who_is_lost_is_somebody_else() {
+fn a_stranger_next_to_a_lost_person_gets_a_new_id() {
     let mut stage = HallFixture::new();
     stage.go_on(&[person(0.0, 0.0, 1.9)], 3.0);
     let id = stage.who_at(0.0, 0.0);
@@ -313,7 +313,7 @@ fn somebody_else_beside_who_is_lost_is_somebody_else() {
 }
 
 #[test]
-fn a_bystander_whom_one_viewpoint_sees_is_never_born() {
+fn a_bystander_in_one_view_gets_no_track() {
     let mut stage = HallFixture::new();
     for _ in 0..100 {
         stage.step_seen_by(&[person(1.0, 1.0, 1.75)], &[2]);
@@ -322,7 +322,7 @@ fn a_bystander_whom_one_viewpoint_sees_is_never_born() {
 }
 
 #[test]
-fn a_poster_is_not_born_and_who_stands_still_is() {
+fn a_poster_gets_no_track_and_a_still_person_does() {
     let mut stage = HallFixture::new();
     let printed: TruePoints = person(3.5, 1.0, 1.8)
         .iter()
@@ -339,13 +339,13 @@ fn a_poster_is_not_born_and_who_stands_still_is() {
         1,
         "it is not followed either"
     );
-    // Who steps out of the picture is born.
+    // A person who steps away from the picture gets a track.
     stage.go_on(&[person(2.5, 1.0, 1.8), printed, still], 2.0);
     assert!(stage.who_at(2.5, 1.0).is_some());
 }
 
 #[test]
-fn a_poster_that_is_carried_away_is_somebodys() {
+fn a_poster_that_moves_is_a_person() {
     let mut stage = HallFixture::new();
     for i in 0..40 {
         let y = -1.0 + 0.02 * f64::from(i);

@@ -1,11 +1,12 @@
-//! Whether clocks agree: each is known to lie between two bounds, and most bounds that overlap are believed.
+//! Agreement of clocks: each lies between two bounds, and the bounds that most clocks share are
+//! used.
 //!
-//! Marzullo's algorithm as NTP selects its servers by (RFC 5905, section 11.2.1): the intersection of the largest number
-//! of intervals.
+//! Marzullo's algorithm, as in NTP's selection of servers (RFC 5905, section 11.2.1): the
+//! intersection of the largest number of intervals.
 
 use crate::live::Micros;
 
-/// Where the offset of a clock surely lies, microseconds.
+/// Bounds of the offset of a clock, microseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OffsetBounds {
     /// At least.
@@ -64,17 +65,17 @@ mod tests {
     }
 
     #[test]
-    fn the_clock_that_stands_alone_is_outvoted() {
+    fn a_single_different_clock_is_outvoted() {
         let clocks = [between(-5, 5), between(-1, 9), between(100, 120)];
         assert_eq!(agreement(&clocks), Some(between(-1, 5)));
-        assert_eq!(agreement(&clocks[1..]), None, "of two nobody is outvoted");
+        assert_eq!(agreement(&clocks[1..]), None, "of two none is outvoted");
         assert_eq!(agreement(&clocks[2..]), Some(between(100, 120)));
         assert_eq!(agreement(&[]), None);
     }
 
     proptest! {
         #[test]
-        fn what_all_bounds_hold_is_agreed_on(
+        fn the_common_part_of_all_bounds_is_the_agreement(
             offset in -1_000_000i64..1_000_000,
             ways in prop::collection::vec((0i64..200_000, 0i64..200_000), 1..30),
         ) {

@@ -1,17 +1,17 @@
-//! How far an edge's clock is off, and how long the round trip to it is.
+//! Clock offset of an edge, and round trip to it.
 //!
-//! Four instants per exchange, as NTP has them (RFC 5905, section 8): t1 fusion sends a box set, t2 the edge
-//! hears it, t3 the edge sends patches, t4 they arrive.
+//! Four instants per exchange, as in NTP (RFC 5905, section 8): t1 fusion sends a box set, t2 the
+//! edge receives it, t3 the edge sends patches, t4 they arrive.
 //!
 //! ```text
 //!   round trip = (t4 - t1) - (t3 - t2)
 //!   t3 - t4 <= offset <= t2 - t1                   the edge's clock less fusion's
 //! ```
 //!
-//! Neither way takes less than no time, whatever share of the round trip each has: that is all that an exchange proves.
-//! The exchanges of the last seconds prove it best where nothing waited in a queue, each way for itself. Where the system
-//! says that NTP or PTP keeps the edge's clock right it is believed as far as the bounds let it; else the middle is
-//! assumed, as NTP does.
+//! An exchange proves only that neither direction takes negative time, whatever share of the round
+//! trip each has. The exchanges of the last seconds without queueing give the tightest bounds, each
+//! direction separately. If the system reports that NTP or PTP synchronises the edge's clock, the
+//! offset is zero as far as the bounds allow. Otherwise it is the middle, as in NTP.
 
 use std::collections::VecDeque;
 
@@ -23,22 +23,22 @@ use crate::live::{Micros, SECOND_US};
 
 /// How long an exchange counts.
 const LIFE_US: Micros = 8 * SECOND_US;
-/// The best of each of these spans is kept.
+/// The best of each of these spans is remembered.
 const SPAN_US: Micros = SECOND_US / 4;
-/// How fast two clocks drift apart, parts per million: what an exchange proves fades by so much. Oscillators are good to
+/// Relative drift of two clocks, parts per million: bounds widen by this. Oscillators are good to
 /// 50, and each node's clock approaches its system's by 100 (`VenueClock`).
 const DRIFT_PPM: Micros = 300;
 /// Exchanges after which the clock is known.
 const ENOUGH: u32 = 4;
 /// An exchange that contradicts the others by more was made with a clock that has been set.
 const CONTRADICTION_US: Micros = 1_000;
-/// So many of them in a row, and the ones before are of another clock.
+/// After so many of them in a row, the earlier exchanges are discarded.
 const CONTRADICTIONS: usize = 3;
-/// The correction is told anew when it is wrong by more: less is the restlessness of queues.
+/// The correction changes only if its error is larger: smaller errors come from queues.
 const DEAD_BAND_US: Micros = 500;
-/// Largest offset that is measured: a machine that was never told the time is in 1970.
+/// Largest offset that is measured: a machine without any time source is in 1970.
 const LARGEST_US: Micros = 100 * 365 * 86_400 * SECOND_US;
-/// What is longer, or earlier, is no exchange.
+/// Limit of round trip and hold time: other exchanges are invalid.
 const LONGEST_US: Micros = 60 * SECOND_US;
 
 /// One exchange, in the clock that each instant was read from.
@@ -46,17 +46,17 @@ const LONGEST_US: Micros = 60 * SECOND_US;
 pub struct Exchange {
     /// Fusion sent the box set: fusion's clock.
     pub boxes_sent_us: Micros,
-    /// For how long the edge had it when it sent the patches.
+    /// How long the edge had held it when it sent the patches.
     pub held_us: Micros,
     /// The edge sent the patches: its corrected clock.
     pub patches_sent_us: Micros,
-    /// The correction that was in force then.
+    /// The correction in force at that time.
     pub correction_us: Micros,
     /// They arrived: fusion's clock.
     pub arrived_us: Micros,
 }
 
-/// What an exchange, or the best of several, has shown.
+/// Result of one exchange, or of the best of several.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Measured {
     at_us: Micros,
@@ -65,26 +65,26 @@ struct Measured {
     offset: OffsetBounds,
 }
 
-/// What is known of one edge's clock.
+/// State of one edge's clock.
 #[derive(Debug, Clone, Default)]
 pub struct EdgeClock {
     /// The best of each span, oldest first.
     best: VecDeque<Measured>,
-    /// The newest exchanges, where they contradict those.
+    /// The newest exchanges, if they contradict those.
     contradictions: Vec<Measured>,
     exchanges: u32,
     newest_round_trip_us: Option<Micros>,
-    /// Round trips as they mostly are, microseconds: a running mean.
+    /// Usual round trip, microseconds: a running mean.
     usual_round_trip_us: f64,
-    /// What the edge says of its system's clock.
+    /// The edge's report about its system's clock.
     system: Option<SystemClock>,
-    /// What the clocks of the venue's systems agree on, by fusion's clock.
+    /// Common time of the venue's systems, relative to fusion's clock.
     common_us: Micros,
-    told_us: Option<Micros>,
+    reported_us: Option<Micros>,
 }
 
 impl EdgeClock {
-    /// Takes an exchange; one that cannot have been is left out.
+    /// Adds an exchange; an invalid one is ignored.
     pub fn add(&mut self, exchange: &Exchange) {
         let Some(measured) = measure(exchange) else {
             return;
@@ -101,28 +101,28 @@ impl EdgeClock {
             }
             self.best.clear();
             for measured in std::mem::take(&mut self.contradictions) {
-                self.keep(measured);
+                self.remember(measured);
             }
         } else {
             self.contradictions.clear();
-            self.keep(measured);
+            self.remember(measured);
         }
-        self.tell();
+        self.update_correction();
     }
 
-    /// Takes what the edge says of its system's clock.
-    pub fn hear_system(&mut self, system: Option<SystemClock>) {
+    /// Sets the edge's report about its system's clock.
+    pub fn set_system(&mut self, system: Option<SystemClock>) {
         self.system = system;
-        self.tell();
+        self.update_correction();
     }
 
-    /// Takes what the clocks of all systems agree on.
-    pub fn agree_on(&mut self, common_us: Micros) {
+    /// Sets the common time of all systems.
+    pub fn set_common(&mut self, common_us: Micros) {
         self.common_us = common_us;
-        self.tell();
+        self.update_correction();
     }
 
-    /// Forgets everything: another edge stands in the place.
+    /// Forgets everything: another edge took the place.
     pub fn clear(&mut self) {
         *self = Self {
             common_us: self.common_us,
@@ -130,17 +130,18 @@ impl EdgeClock {
         };
     }
 
-    /// Whether enough is known to use what the edge says.
+    /// Whether there are enough exchanges to use the edge's times.
     pub fn is_known(&self) -> bool {
         self.exchanges >= ENOUGH && !self.best.is_empty()
     }
 
-    /// Whether the edge's system says that something keeps its clock right.
+    /// Whether the edge's system reports that its clock is synchronised.
     pub fn is_synchronised(&self) -> bool {
         self.system.is_some_and(|system| system.synchronised)
     }
 
-    /// The edge's own clock less fusion's, before any correction, as it is believed; `None` until it is known.
+    /// The edge's own clock minus fusion's, before any correction, best estimate; `None` until it
+    /// is known.
     pub fn offset_us(&self) -> Option<Micros> {
         let bounds = self.bounds()?;
         Some(if self.is_synchronised() {
@@ -150,18 +151,18 @@ impl EdgeClock {
         })
     }
 
-    /// The clock of the edge's system less fusion's, as it is believed.
+    /// The clock of the edge's system minus fusion's, best estimate.
     pub fn system_offset_us(&self) -> Option<Micros> {
         Some(self.offset_us()?.saturating_add(self.ahead_us()))
     }
 
-    /// How far [`Self::offset_us`] may be from the truth, microseconds; `None` until it is known.
+    /// Greatest error of [`Self::offset_us`], microseconds; `None` until it is known.
     pub fn uncertainty_us(&self) -> Option<Micros> {
         let (bounds, offset_us) = (self.bounds()?, self.offset_us()?);
         Some((offset_us - bounds.lo_us).max(bounds.hi_us - offset_us))
     }
 
-    /// Where the offset of the clock of the edge's system lies; `None` until it is known.
+    /// Bounds of the offset of the edge's system clock; `None` until it is known.
     pub fn system_bounds(&self) -> Option<OffsetBounds> {
         Some(self.bounds()?.moved(self.ahead_us()))
     }
@@ -177,30 +178,32 @@ impl EdgeClock {
         self.newest_round_trip_us
     }
 
-    /// The round trip as it mostly is; `None` until it is known.
+    /// The usual round trip; `None` until it is known.
     pub fn usual_round_trip_us(&self) -> Option<Micros> {
         self.is_known()
             .then_some(self.usual_round_trip_us as Micros)
     }
 
-    /// What the edge shall add to its clock; `None` until it is known, and where it is more than can be told.
+    /// The correction that the edge shall add to its clock; `None` until it is known, or if it
+    /// exceeds the protocol's limit.
     pub fn correction_us(&self) -> Option<i32> {
-        let told_us = i32::try_from(self.told_us?).ok()?;
-        (told_us.unsigned_abs() <= MAX_CLOCK_CORRECTION_US.unsigned_abs()).then_some(told_us)
+        let reported_us = i32::try_from(self.reported_us?).ok()?;
+        (reported_us.unsigned_abs() <= MAX_CLOCK_CORRECTION_US.unsigned_abs())
+            .then_some(reported_us)
     }
 
-    /// By how much the clock of the edge's system is off at least, whichever share of the round trip each way takes.
+    /// Least error of the edge's system clock, whatever the split of the round trip.
     pub fn surely_off_us(&self) -> Micros {
         self.system_bounds()
             .map_or(0, |bounds| bounds.beyond_us(self.common_us))
     }
 
-    /// By how much the edge's system is ahead of the clock that the edge goes by.
+    /// By how much the edge's system is ahead of the clock that the edge uses.
     fn ahead_us(&self) -> Micros {
         self.system.map_or(0, |system| system.ahead_us)
     }
 
-    /// What all exchanges of the last seconds prove together.
+    /// Bounds from all exchanges of the last seconds.
     fn bounds(&self) -> Option<OffsetBounds> {
         let newest_us = self.best.back()?.at_us;
         let faded = self.best.iter().map(|m| {
@@ -211,7 +214,7 @@ impl EdgeClock {
         let bounds = if lo_us <= hi_us {
             OffsetBounds { lo_us, hi_us }
         } else {
-            // It drifts faster than that: it is somewhere between what they say.
+            // The clock drifts faster than that: the offset is between the bounds.
             OffsetBounds {
                 lo_us: hi_us,
                 hi_us: lo_us,
@@ -227,7 +230,7 @@ impl EdgeClock {
         })
     }
 
-    fn keep(&mut self, measured: Measured) {
+    fn remember(&mut self, measured: Measured) {
         let span = measured.at_us.div_euclid(SPAN_US);
         match self.best.back_mut() {
             Some(last) if last.at_us.div_euclid(SPAN_US) >= span => {
@@ -243,14 +246,14 @@ impl EdgeClock {
         }
     }
 
-    fn tell(&mut self) {
+    fn update_correction(&mut self) {
         if let Some(offset_us) = self.offset_us() {
-            let told_us = self.told_us.unwrap_or(0);
-            let is_wrong = offset_us.saturating_add(told_us).saturating_abs() > DEAD_BAND_US;
-            self.told_us = Some(if is_wrong {
+            let reported_us = self.reported_us.unwrap_or(0);
+            let is_wrong = offset_us.saturating_add(reported_us).saturating_abs() > DEAD_BAND_US;
+            self.reported_us = Some(if is_wrong {
                 offset_us.saturating_neg()
             } else {
-                told_us
+                reported_us
             });
         }
     }
@@ -284,7 +287,7 @@ mod tests {
 
     use super::*;
 
-    /// An edge whose clock is off by `offset_us`, `there_us` and `back_us` away.
+    /// An edge whose clock is off by `offset_us`, with one-way delays of `there_us` and `back_us`.
     fn exchange(at_us: Micros, offset_us: Micros, there_us: Micros, back_us: Micros) -> Exchange {
         let correction_us = 1_000;
         Exchange {
@@ -297,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_is_off_is_found_whatever_correction_is_in_force() {
+    fn the_offset_is_measured_under_any_correction() {
         let mut clock = EdgeClock::default();
         for i in 0..3 {
             clock.add(&exchange(i * 16_667, 20_000, 40_000, 40_000));
@@ -310,19 +313,19 @@ mod tests {
         assert_eq!(
             clock.surely_off_us(),
             0,
-            "a lopsided link would look the same"
+            "an asymmetric link would look the same"
         );
     }
 
     #[test]
-    fn a_clock_that_is_far_off_is_surely_off() {
+    fn a_large_offset_is_certain() {
         let mut clock = EdgeClock::default();
         (0..10).for_each(|i| clock.add(&exchange(i * 16_667, -500_000, 100_000, 100_000)));
         assert_eq!(clock.surely_off_us(), 400_000);
     }
 
     #[test]
-    fn a_clock_that_is_set_right_is_known_to_be_within_the_last_seconds() {
+    fn a_corrected_clock_is_known_within_seconds() {
         let mut clock = EdgeClock::default();
         (0..100).for_each(|i| clock.add(&exchange(i * 16_667, 500_000, 1_000, 1_000)));
         (100..800).for_each(|i| clock.add(&exchange(i * 16_667, 0, 1_200, 1_200)));
@@ -333,9 +336,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_told_can_be_read_up_to_the_bound_and_beyond_nothing_is_told() {
+    fn corrections_beyond_the_protocol_limit_are_not_sent() {
         let most_us = Micros::from(MAX_CLOCK_CORRECTION_US);
-        for (offset_us, told) in [
+        for (offset_us, correction) in [
             (most_us, Some(-MAX_CLOCK_CORRECTION_US)),
             (-most_us, Some(MAX_CLOCK_CORRECTION_US)),
             (most_us + 1, None),
@@ -344,12 +347,12 @@ mod tests {
         ] {
             let mut clock = EdgeClock::default();
             (0..10).for_each(|i| clock.add(&exchange(i * 16_667, offset_us, 100, 100)));
-            assert_eq!(clock.correction_us(), told, "{offset_us}");
+            assert_eq!(clock.correction_us(), correction, "{offset_us}");
         }
     }
 
     #[test]
-    fn what_cannot_have_been_counts_for_nothing() {
+    fn impossible_exchanges_are_ignored() {
         let mut clock = EdgeClock::default();
         for i in 0..10 {
             clock.add(&Exchange {
@@ -377,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_is_kept_right_is_not_corrected_for_a_lopsided_link() {
+    fn a_synchronised_clock_is_not_corrected_for_an_asymmetric_link() {
         for (there_us, back_us) in [(10_000, 30_000), (10_000, 90_000), (90_000, 10_000)] {
             let mut clock = EdgeClock::default();
             (0..100).for_each(|i| clock.add(&exchange(i * 16_667, 0, there_us, back_us)));
@@ -386,7 +389,7 @@ mod tests {
                 Micros::from(assumed_us).abs(),
                 (there_us - back_us).abs() / 2
             );
-            clock.hear_system(Some(synchronised(0)));
+            clock.set_system(Some(synchronised(0)));
             assert_eq!(
                 (clock.offset_us(), clock.correction_us()),
                 (Some(0), Some(0))
@@ -396,17 +399,17 @@ mod tests {
     }
 
     #[test]
-    fn what_is_proved_is_corrected_whatever_the_system_says() {
+    fn a_proved_offset_is_corrected_despite_a_synchronised_system() {
         let mut clock = EdgeClock::default();
-        clock.hear_system(Some(synchronised(0)));
+        clock.set_system(Some(synchronised(0)));
         (0..100).for_each(|i| clock.add(&exchange(i * 16_667, 50_000, 10_000, 30_000)));
-        // It is 20 ms ahead at least.
+        // It is at least 20 ms ahead.
         assert_eq!(clock.correction_us(), Some(-20_000));
         assert_eq!(clock.surely_off_us(), 20_000);
     }
 
     #[test]
-    fn a_clock_that_jumps_is_followed_within_a_few_exchanges() {
+    fn a_clock_jump_is_followed_within_a_few_exchanges() {
         let mut clock = EdgeClock::default();
         (0..600).for_each(|i| clock.add(&exchange(i * 16_667, -2_000_000, 30_000, 10_000)));
         assert!(clock.surely_off_us() > 1_900_000);
@@ -416,22 +419,22 @@ mod tests {
     }
 
     #[test]
-    fn a_system_that_was_set_right_is_off_no_more_though_the_edge_goes_on_by_its_old_time() {
+    fn a_corrected_system_is_right_although_the_edge_keeps_its_old_time() {
         let mut clock = EdgeClock::default();
         let exchanges = |clock: &mut EdgeClock, from: i64| {
             (from..from + 60)
                 .for_each(|i| clock.add(&exchange(i * 16_667, -2_000_000, 30_000, 10_000)));
         };
-        clock.hear_system(Some(synchronised(0)));
+        clock.set_system(Some(synchronised(0)));
         exchanges(&mut clock, 0);
         assert!(clock.surely_off_us() > 1_900_000);
-        clock.hear_system(Some(synchronised(2_000_000)));
+        clock.set_system(Some(synchronised(2_000_000)));
         assert_eq!(clock.surely_off_us(), 0);
         exchanges(&mut clock, 60);
         assert_eq!(
             clock.correction_us(),
             Some(2_000_000),
-            "exact, on a lopsided link"
+            "exact, on an asymmetric link"
         );
     }
 
@@ -446,7 +449,7 @@ mod tests {
                 clock.add(&exchange(i * 16_667, offset, 5_000 + there, 5_000 + back));
             }
             let found = clock.offset_us().unwrap();
-            // Each way takes 5 ms at least.
+            // Each direction takes at least 5 ms.
             prop_assert!((found - offset).abs() <= clock.uncertainty_us().unwrap() - 5_000);
             let round_trip = clock.round_trip_us().unwrap();
             prop_assert!(clock.uncertainty_us().unwrap() <= round_trip / 2 + LIFE_US * DRIFT_PPM / SECOND_US + 1);

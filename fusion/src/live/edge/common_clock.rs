@@ -1,4 +1,4 @@
-//! Which time the machines of a venue agree on, and whether it is fusion's own clock that is wrong.
+//! The common time of a venue's machines, and whether fusion's own clock is wrong.
 
 use farfield_proto::message::health::SystemClock;
 
@@ -6,12 +6,12 @@ use super::agreement::{OffsetBounds, agreement};
 use super::clock::EdgeClock;
 use crate::live::Micros;
 
-/// How near to the time that it keeps a clock is that NTP or PTP keeps right, microseconds.
-const KEPT_WITHIN_US: Micros = 1_000;
-/// So many clocks must agree: none is believed alone.
+/// Accuracy of a clock that NTP or PTP synchronises, microseconds.
+const SYNCHRONISED_WITHIN_US: Micros = 1_000;
+/// Least clocks that must agree: a single one does not count.
 const ENOUGH: usize = 2;
 
-/// The time that most systems show.
+/// The time of most systems.
 #[derive(Debug, Clone, Default)]
 pub struct CommonClock {
     common_us: Micros,
@@ -19,28 +19,30 @@ pub struct CommonClock {
 }
 
 impl CommonClock {
-    /// Weighs fusion's own system against those of the edges that are there. Systems that say that something keeps them
-    /// right are asked alone, where there are several. Returns [`Self::common_us`].
+    /// Compares fusion's system with those of the edges. If there are several synchronised systems,
+    /// only those count. Returns [`Self::common_us`].
     pub fn weigh<'a>(
         &mut self,
         own: SystemClock,
         edges: impl Iterator<Item = &'a EdgeClock> + Clone,
     ) -> Micros {
         self.own_us = own.ahead_us;
-        let kept = edges.clone().filter(|edge| edge.is_synchronised());
-        let mut voters: Vec<OffsetBounds> = kept.filter_map(EdgeClock::system_bounds).collect();
+        let synchronised = edges.clone().filter(|edge| edge.is_synchronised());
+        let mut voters: Vec<OffsetBounds> =
+            synchronised.filter_map(EdgeClock::system_bounds).collect();
         if own.synchronised {
             voters.push(OffsetBounds {
-                lo_us: own.ahead_us.saturating_sub(KEPT_WITHIN_US),
-                hi_us: own.ahead_us.saturating_add(KEPT_WITHIN_US),
+                lo_us: own.ahead_us.saturating_sub(SYNCHRONISED_WITHIN_US),
+                hi_us: own.ahead_us.saturating_add(SYNCHRONISED_WITHIN_US),
             });
         }
-        // What one alone says of itself, an edge in other hands may say, too.
+        // A single report of synchronisation does not count: it could come from a foreign edge.
         if voters.len() < ENOUGH && !own.synchronised {
             voters = edges.filter_map(EdgeClock::system_bounds).collect();
         }
         let agreed = agreement(&voters).filter(|_| voters.len() >= ENOUGH);
-        // Fusion's own time where it can be true; else what was agreed on before, as bounds come and go with the queues.
+        // Fusion's own time if it is possible; else the previous common time, because bounds vary
+        // with queues.
         self.common_us = match agreed {
             Some(bounds) if bounds.beyond_us(self.own_us) > 0 => bounds.nearest(self.common_us),
             _ => self.own_us,
@@ -48,12 +50,12 @@ impl CommonClock {
         self.common_us
     }
 
-    /// That time less the one that fusion's run goes by, microseconds.
+    /// The common time minus the time of fusion's run, microseconds.
     pub fn common_us(&self) -> Micros {
         self.common_us
     }
 
-    /// By how much fusion's own system seems to be wrong, microseconds.
+    /// Estimated error of fusion's own system, microseconds.
     pub fn own_error_us(&self) -> Micros {
         self.own_us.saturating_sub(self.common_us)
     }
@@ -76,7 +78,7 @@ mod tests {
                 arrived_us: at_us + 40_000,
             });
         }
-        clock.hear_system(Some(SystemClock {
+        clock.set_system(Some(SystemClock {
             synchronised,
             ..SystemClock::default()
         }));
@@ -102,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn where_all_edges_agree_it_is_fusion_that_is_wrong() {
+    fn if_all_edges_agree_fusion_is_wrong() {
         let edges = [-2_000_000, -2_001_000, -1_999_000].map(|us| edge(us, false));
         assert_eq!(off_us(own(false), &edges), [0, 0, 0]);
         let mut common = CommonClock::default();
@@ -111,15 +113,15 @@ mod tests {
     }
 
     #[test]
-    fn one_edge_alone_is_not_believed_against_fusion() {
+    fn one_edge_does_not_outvote_fusion() {
         assert!(off_us(own(false), &[edge(-2_000_000, false)])[0] > 1_900_000);
         assert!(off_us(own(true), &[edge(-2_000_000, true)])[0] > 1_900_000);
-        let kept_right = [edge(-2_000_000, true)];
-        assert!(off_us(own(false), &kept_right)[0] > 1_900_000);
+        let synchronised = [edge(-2_000_000, true)];
+        assert!(off_us(own(false), &synchronised)[0] > 1_900_000);
     }
 
     #[test]
-    fn the_one_that_is_wrong_is_found_among_many() {
+    fn a_single_wrong_clock_is_found() {
         let edges = [0, 2_000_000, 500].map(|us| edge(us, true));
         let off = off_us(own(true), &edges);
         assert_eq!((off[0], off[2]), (0, 0));
@@ -127,17 +129,17 @@ mod tests {
     }
 
     #[test]
-    fn one_edge_that_says_that_it_is_kept_right_turns_nobody_else_out() {
+    fn one_synchronised_edge_does_not_outvote_the_others() {
         let edges = [edge(2_000_000, true), edge(0, false), edge(500, false)];
         let off = off_us(own(false), &edges);
         assert!(off[0] > 1_900_000 && (off[1], off[2]) == (0, 0), "{off:?}");
     }
 
     #[test]
-    fn whatever_an_edge_says_of_its_clock_there_is_an_answer() {
+    fn any_report_of_an_edge_gives_a_finite_result() {
         for ahead_us in [i64::MIN, i64::MAX] {
             let mut wrong = edge(0, true);
-            wrong.hear_system(Some(SystemClock {
+            wrong.set_system(Some(SystemClock {
                 synchronised: true,
                 max_error_us: None,
                 ahead_us,
@@ -149,13 +151,13 @@ mod tests {
     }
 
     #[test]
-    fn clocks_that_nothing_keeps_right_do_not_outvote_one_that_is_kept() {
+    fn unsynchronised_clocks_do_not_outvote_a_synchronised_one() {
         let edges = [2_000_000, 2_000_000].map(|us| edge(us, false));
         assert!(off_us(own(true), &edges).iter().all(|&us| us > 1_900_000));
     }
 
     #[test]
-    fn links_that_are_all_lopsided_alike_move_nothing() {
+    fn equally_asymmetric_links_change_nothing() {
         let edges = [0, 0, 0].map(|us| edge(us, true));
         let mut common = CommonClock::default();
         assert_eq!(common.weigh(own(false), edges.iter()), 0);

@@ -1,4 +1,4 @@
-//! How fusion hears one edge: its clock, its delays, what was sent to it, and what went wrong.
+//! State of one edge: its clock, its delays, what was sent to it, and its errors.
 
 pub mod agreement;
 pub mod clock;
@@ -21,30 +21,32 @@ use crate::live::target_latency::LongestWaits;
 use crate::live::tick_time::TickTime;
 use crate::live::{Micros, SECOND_US};
 
-/// An edge that has said nothing for so long, beside the ticks that it leaves out, is not waited for.
+/// An edge without messages for this long, in addition to the ticks that it skips, is silent:
+/// fusion does not wait for it.
 const SILENT_US: Micros = SECOND_US / 2;
 /// Box sets that are remembered: more than any round trip takes.
 const SENT: usize = 512;
-/// Ticks of detection passes asked of the edge that are remembered.
+/// Ticks of requested detection passes that are remembered.
 const DETECTIONS: usize = 256;
-/// Messages whose ticks are remembered, to see which were overtaken.
+/// Messages whose ticks are remembered, to detect overtaking.
 const RECENT: usize = 64;
-/// Of so many sets the ticks say at which it works.
+/// Patch sets that show at which ticks the edge works.
 const LAST_SETS: usize = 4;
-/// When a message of a later tick has come, those of the tick before are waited for so much longer: links
-/// seldom let one overtake another by more.
+/// Extra wait for the messages of a tick after a message of a later tick came: links rarely reorder
+/// messages by more.
 const OVERTAKEN_US: Micros = SECOND_US / 50;
-/// Where other edges have sent enough sightings, the rest is waited for so much longer than usual, and after those. One that was
-/// lost and is sent again is not worth the boxes that everyone waits for meanwhile; one with a new person comes in that time.
+/// Extra wait for the remaining sightings once other edges have sent enough. A lost message that is
+/// sent again is not worth boxes that are late for everyone. A message with a new person arrives in
+/// that time.
 const LATE_SIGHTINGS_US: Micros = SECOND_US / 20;
-/// A message that comes so long before or after its tick says nothing of its link.
+/// A message this long before or after its tick is ignored in link statistics.
 const FAR_US: Micros = 10 * SECOND_US;
-/// So many messages in a row of another version are no noise: the edge runs another farfield.
+/// This many messages in a row of another version are no noise: the edge runs another farfield.
 const FOREIGN_IN_A_ROW: u32 = 10;
-/// A clock that was refused is let in again when it is within this share of the bound.
-const FORGIVEN: f64 = 0.9;
+/// A refused clock is accepted again within this share of the bound.
+const ACCEPTED_AGAIN: f64 = 0.9;
 
-/// A box set that went out.
+/// A box set that was sent.
 #[derive(Debug, Clone, Copy)]
 struct Sent {
     sequence: u32,
@@ -52,27 +54,27 @@ struct Sent {
     at_us: Micros,
 }
 
-/// A message that came.
+/// A message that arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Came {
     /// When.
     pub at_us: Micros,
-    /// The bytes it took.
+    /// Its bytes.
     pub bytes: u64,
 }
 
-/// What a patch set says of the round trip of its boxes and itself, microseconds.
+/// The times of a patch set and its boxes, microseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Trip {
     /// From the capture of its pictures to its sending.
     pub sent_us: Option<u32>,
     /// From its sending to its arrival.
     pub arrived_us: Option<u32>,
-    /// From the sending of the boxes that it was made with to its own.
+    /// From the sending of its boxes to its own.
     pub box_used_us: Option<u32>,
 }
 
-/// One viewpoint's edge, as fusion hears it.
+/// One viewpoint's edge, as seen by fusion.
 #[derive(Debug, Clone, Default)]
 pub struct Edge {
     name: String,
@@ -87,25 +89,25 @@ pub struct Edge {
     sent: VecDeque<Sent>,
     ticks_per_pass: Option<i64>,
     detection_ticks: VecDeque<Tick>,
-    /// Whether its boxes have anybody.
+    /// Whether its boxes have people.
     has_people: bool,
-    /// n, where it is told to work on every n-th tick; 0: nothing was planned yet.
+    /// n of the plan to work on every n-th tick; 0 before the first plan.
     pub every_nth_tick: u16,
-    heard: Option<(Tick, i32)>,
+    newest: Option<(Tick, i32)>,
     /// Ticks of the newest patch sets, and when they came.
     recent: VecDeque<(Tick, Micros)>,
-    heard_us: Option<Micros>,
-    /// What the ticks that it leaves out take, from one that it works on to the next, microseconds.
+    last_message_us: Option<Micros>,
+    /// Time between the ticks that it works on, beyond one period, microseconds.
     left_out_us: Micros,
     expected_until_us: Option<Micros>,
     first: Option<Tick>,
-    /// Patch sets that came after their tick was worked on.
+    /// Patch sets that came after their tick was processed.
     pub late: u64,
-    /// Ticks of which nothing came, since the edge's first.
+    /// Ticks without messages, since the edge's first.
     pub missing: u64,
     /// Messages that could not be read.
     pub unreadable: u64,
-    /// Messages in a row of a version that is not read here, and which.
+    /// Messages in a row of an unreadable version, and the error.
     foreign: Option<(u32, WireError)>,
 }
 
@@ -119,31 +121,32 @@ impl Edge {
         }
     }
 
-    /// It makes a detection pass at every tick that `ticks` divides, also where no boxes ask for it.
+    /// Adds a detection pass at every tick that `ticks` divides, also without a request.
     #[must_use]
     pub fn with_pass_every(mut self, ticks: i64) -> Self {
         self.ticks_per_pass = Some(ticks);
         self
     }
 
-    /// Sends boxes as `pace` says.
+    /// Sends boxes at `pace`.
     #[must_use]
     pub fn at_pace(mut self, pace: Pace) -> Self {
         self.pace = pace;
         self
     }
 
-    /// Whether `boxes` go out at all: those that ask for a detection pass do, the others as the link carries them.
+    /// Whether `boxes` are sent. Those with a request for a detection pass always are, others as
+    /// the link allows.
     pub fn is_sent(&self, boxes: &BoxSet) -> bool {
         !boxes.detection_cameras.is_empty() || boxes.tick.0.rem_euclid(self.pace.nth()) == 0
     }
 
-    /// Notes how many bytes a box set took.
+    /// Records the bytes of a sent box set.
     pub fn sent_bytes(&mut self, bytes: usize) {
         self.pace.sent(bytes);
     }
 
-    /// Notes a message that could not be read.
+    /// Records a message that could not be read.
     pub fn cannot_read(&mut self, error: &WireError) {
         self.unreadable += 1;
         if let WireError::Version { .. } = error {
@@ -152,13 +155,13 @@ impl Edge {
         }
     }
 
-    /// Why it cannot be understood, when nothing that it says can be read.
+    /// Why its messages cannot be read, if none can.
     fn misunderstanding(&self) -> Option<String> {
         let (in_a_row, error) = self.foreign.as_ref()?;
         (*in_a_row >= FOREIGN_IN_A_ROW).then(|| error.to_string())
     }
 
-    /// Another node speaks for the viewpoint: what was known of the last one says nothing.
+    /// Another node took the viewpoint: forgets the state of the last one.
     pub fn start_again(&mut self) {
         self.clock.clear();
         self.is_clock_refused = false;
@@ -166,10 +169,11 @@ impl Edge {
         self.horizon = Horizon::default();
         self.recent.clear();
         self.left_out_us = 0;
-        (self.heard, self.heard_us) = (None, None);
+        (self.newest, self.last_message_us) = (None, None);
     }
 
-    /// Notes that `boxes` go out at `now_us`, and says what they tell of clock and link.
+    /// Records that `boxes` are sent at `now_us`; returns the clock and link data to send with
+    /// them.
     pub fn send(&mut self, boxes: &BoxSet, time: &TickTime, now_us: Micros) -> LiveBoxes {
         self.sequence = self.sequence.wrapping_add(1);
         let has_more = boxes.part > 0 && self.has_people;
@@ -187,7 +191,7 @@ impl Edge {
             push_bounded(&mut self.detection_ticks, boxes.tick, DETECTIONS);
         }
         let bytes = self.meter.bytes_per_s(now_us);
-        let heard = |(tick, one_way_us)| HeardPatches {
+        let as_heard = |(tick, one_way_us)| HeardPatches {
             tick,
             one_way_us,
             bytes,
@@ -196,29 +200,29 @@ impl Edge {
             sequence: self.sequence,
             epoch_us: time.epoch_us(),
             clock_correction_us: self.clock.correction_us(),
-            heard: self.heard.map(heard),
+            heard: self.newest.map(as_heard),
             every_nth_tick: self.every_nth_tick,
         }
     }
 
-    /// Takes what the edge says of its system's clock.
-    pub fn hear_system_clock(&mut self, system: Option<SystemClock>) {
-        self.clock.hear_system(system);
+    /// Sets the edge's report about its system's clock.
+    pub fn set_system_clock(&mut self, system: Option<SystemClock>) {
+        self.clock.set_system(system);
         self.judge_clock();
     }
 
-    /// Takes the time that the venue's systems agree on, less the one that the run goes by.
+    /// Sets the common time of the venue's systems, minus the time of the run.
     pub fn agree_on_clock(&mut self, common_us: Micros) {
-        self.clock.agree_on(common_us);
+        self.clock.set_common(common_us);
         self.judge_clock();
     }
 
-    /// What is known of its clock.
+    /// Its clock.
     pub fn clock(&self) -> &EdgeClock {
         &self.clock
     }
 
-    /// For the status: what newer nodes are told of the link.
+    /// Link health for the status, for newer nodes.
     pub fn link_health(&self) -> LinkHealth {
         let uncertainty_us = self.clock.uncertainty_us();
         LinkHealth {
@@ -228,17 +232,17 @@ impl Edge {
         }
     }
 
-    /// Takes note of a patch set, used or not.
-    pub fn hear_patches(&mut self, set: &PatchSet, came: Came, time: &TickTime) -> Trip {
+    /// Records a patch set, used or not.
+    pub fn receive_patches(&mut self, set: &PatchSet, came: Came, time: &TickTime) -> Trip {
         let task = match (self.task(set.tick), set.persons.is_empty()) {
             // They come with the sightings of their tick.
-            (Task::Look, _) => None,
+            (Task::Detect, _) => None,
             (_, true) => Some(Task::Idle),
             (_, false) => Some(Task::Follow),
         };
-        self.hear_of(task, set.tick, came, time);
+        self.receive(task, set.tick, came, time);
         self.foreign = None;
-        // A clock that is far off is measured, too: it must be told.
+        // A clock that is far off is measured, too: it must be corrected.
         let sent_us = set.timing.map(|timing| {
             let sent_us = time
                 .at(set.tick)
@@ -257,9 +261,9 @@ impl Edge {
             return Trip::default();
         };
         let one_way_us = came.at_us - sent_us;
-        if self.heard.is_none_or(|(tick, _)| set.tick >= tick) {
+        if self.newest.is_none_or(|(tick, _)| set.tick >= tick) {
             let one_way_us = one_way_us.clamp(i32::MIN.into(), i32::MAX.into());
-            self.heard = Some((set.tick, one_way_us as i32));
+            self.newest = Some((set.tick, one_way_us as i32));
         }
         let mut trip = Trip {
             arrived_us: u32::try_from(one_way_us).ok(),
@@ -292,66 +296,68 @@ impl Edge {
             self.clock.round_trip_us(),
         );
         if let (Some(newest_us), Some(shortest_us)) = (newest_us, shortest_us) {
-            self.pace.hear(newest_us, shortest_us, arrived_us);
+            self.pace.measured(newest_us, shortest_us, arrived_us);
         }
         self.judge_clock();
     }
 
-    /// Takes note of the sightings of a detection pass. How long a pass takes that finds nobody says nothing of the others.
-    pub fn hear_sightings(&mut self, set: &SightingSet, came: Came, time: &TickTime) {
+    /// Records the sightings of a detection pass. A pass without people is no measure of other
+    /// passes.
+    pub fn receive_sightings(&mut self, set: &SightingSet, came: Came, time: &TickTime) {
         let task = (!set.sightings.is_empty()).then(|| self.task(set.tick));
-        self.hear_of(task, set.tick, came, time);
+        self.receive(task, set.tick, came, time);
     }
 
-    fn hear_of(&mut self, task: Option<Task>, tick: Tick, came: Came, time: &TickTime) {
+    fn receive(&mut self, task: Option<Task>, tick: Tick, came: Came, time: &TickTime) {
         let Came { at_us, bytes } = came;
         self.meter.add(bytes, at_us);
-        self.heard_us = Some(self.heard_us.map_or(at_us, |last| last.max(at_us)));
+        self.last_message_us = Some(self.last_message_us.map_or(at_us, |last| last.max(at_us)));
         if let Some(task) = task.filter(|_| is_near(tick, came, time)) {
             let delay_us = at_us.saturating_sub(time.at(tick));
             self.arrivals.add(task, delay_us, at_us);
         }
     }
 
-    /// It has left: it is not waited for.
+    /// It has left: fusion does not wait for it.
     pub fn leave(&mut self) {
-        self.heard_us = None;
+        self.last_message_us = None;
     }
 
-    /// It is about to speak: until then it is waited for.
+    /// It is about to send: fusion waits for it until then.
     pub fn expect(&mut self, until_us: Micros) {
         self.expected_until_us = Some(until_us);
     }
 
-    /// Whether its messages are worth waiting for at all: it speaks, or is about to, and its clock is near
+    /// Whether to wait for its messages at all: it sends or will soon, and its clock is accurate
     /// enough.
     pub fn is_awaited(&self, now_us: Micros) -> bool {
-        let is_expected = self.heard_us.is_none()
+        let is_expected = self.last_message_us.is_none()
             && self
                 .expected_until_us
                 .is_some_and(|until_us| now_us < until_us);
         is_expected || self.is_heard(now_us) && self.is_on_time()
     }
 
-    /// Whether anything came from it of late.
+    /// Whether it sent a message recently.
     pub fn is_heard(&self, now_us: Micros) -> bool {
         let silent_us = SILENT_US + self.left_out_us;
-        self.heard_us.is_some_and(|at| now_us - at <= silent_us)
+        self.last_message_us
+            .is_some_and(|at| now_us - at <= silent_us)
     }
 
-    /// Whether its clock is near enough; before it is known, whether its patches have come at a time at which
-    /// those of a right clock could have.
+    /// Whether its clock is accurate enough. Before that is known, whether its patches came at a
+    /// possible time.
     pub fn is_on_time(&self) -> bool {
         if self.clock.is_known() {
             return !self.is_clock_refused;
         }
         let bound_us = self.clock_bound_us;
         let possible = -bound_us..=bound_us + SILENT_US;
-        self.heard
+        self.newest
             .is_some_and(|(_, one_way_us)| possible.contains(&one_way_us.into()))
     }
 
-    /// Until when its messages for `tick` are worth waiting for, no longer than `waits`.
+    /// Until when to wait for its messages of `tick`, no longer than `waits`.
     pub fn deadline_us(
         &mut self,
         tick: Tick,
@@ -362,27 +368,28 @@ impl Edge {
         let task = self.task(tick);
         let most_us = match task {
             Task::Idle | Task::Follow => waits.patches_us,
-            Task::Look => waits.detections_us,
+            Task::Detect => waits.detections_us,
         };
         let tick_us = time.at(tick);
         let mut deadline_us = tick_us + self.arrivals.wait_us(task, now_us, most_us);
-        if let (Task::Look, Some(enough_us)) = (task, waits.enough_since_us) {
+        if let (Task::Detect, Some(enough_us)) = (task, waits.enough_since_us) {
             let usual_us = self.arrivals.usual_pass_us(now_us).unwrap_or(0);
             let rest_us = enough_us.max(tick_us + usual_us) + LATE_SIGHTINGS_US;
             deadline_us = deadline_us.min(rest_us);
         }
-        // Of an edge that works on every other tick only, or whose message was lost, nothing comes. Sightings are made beside
-        // the patches of later ticks: that these have come says nothing of them.
+        // An edge that works on every other tick, or whose message was lost, sends none for this
+        // tick: patches of a later tick show that. Sightings are made in parallel to the patches of
+        // later ticks, which therefore do not show it.
         let later = self
             .recent
             .iter()
-            .filter(|(of, _)| task != Task::Look && *of > tick);
+            .filter(|(of, _)| task != Task::Detect && *of > tick);
         let overtaken_us = later.map(|(_, at_us)| at_us + OVERTAKEN_US).min();
         overtaken_us.map_or(deadline_us, |us| us.min(deadline_us))
     }
 
-    /// Whether it works on `tick`, by the ticks of its last sets: an edge that is too slow, or whose link is, leaves out all but
-    /// every so manieth.
+    /// Whether it works on `tick`, by the ticks of its last sets. An edge that is slow, or whose
+    /// link is, works only on every n-th.
     pub fn works_on(&self, tick: Tick) -> bool {
         let of_usual = self
             .last_worked_on()
@@ -390,7 +397,8 @@ impl Edge {
         of_usual || self.looks_at(tick)
     }
 
-    /// The last tick that it worked on, without those of detection passes, and n where it works on every n-th, by its last sets.
+    /// The last tick that it worked on and n if it works on every n-th, by its last sets without
+    /// detection passes.
     fn last_worked_on(&self) -> Option<(Tick, i64)> {
         let mut ticks = [Tick(i64::MIN); LAST_SETS];
         let mut n = 0;
@@ -406,14 +414,15 @@ impl Edge {
         Some((ticks[LAST_SETS - 1], nth))
     }
 
-    /// How long after their tick nearly all of its patches come, microseconds; `None` while that is not known.
+    /// How long after their tick nearly all of its patches come, microseconds; `None` while that is
+    /// unknown.
     pub fn patches_come_us(&mut self, now_us: Micros) -> Option<Micros> {
         self.arrivals.slowest_us(Task::Follow, now_us)
     }
 
-    /// Whether it was asked for a detection pass at `tick`.
+    /// Whether it runs a detection pass at `tick`.
     pub fn looks_at(&self, tick: Tick) -> bool {
-        self.task(tick) == Task::Look
+        self.task(tick) == Task::Detect
     }
 
     /// Whether even its early patches come later than `most_us` after their tick.
@@ -421,16 +430,16 @@ impl Edge {
         self.arrivals.are_later_than(most_us, Task::Follow, now_us)
     }
 
-    /// How many ticks ahead its boxes are made, when boxes leave `publish_us` after their tick.
+    /// How many ticks ahead its boxes are made, if boxes leave `publish_us` after their tick.
     pub fn horizon_ticks(&mut self, publish_us: f64, period_us: f64) -> f64 {
         if let Some(round_trip_us) = self.clock.usual_round_trip_us() {
             let one_way_us = round_trip_us as f64 / 2.0;
-            self.horizon.set_way(publish_us, one_way_us, period_us);
+            self.horizon.set_path(publish_us, one_way_us, period_us);
         }
         self.horizon.ticks() as f64
     }
 
-    /// Notes that `tick` was worked on, of which nothing has come.
+    /// Records that `tick` was processed without its messages.
     pub fn miss(&mut self, tick: Tick) {
         if self.first.is_some_and(|first| first <= tick) {
             self.missing += 1;
@@ -442,18 +451,18 @@ impl Edge {
         let offset_ms = self.clock.system_offset_us().unwrap_or(0) as f64 / 1e3;
         self.is_clock_refused.then(|| {
             let remedy = if self.clock.is_synchronised() {
-                "its system says that NTP or PTP keeps it right, so look at where that gets its time from"
+                "its system reports that NTP or PTP synchronises it: check the time source of that system"
             } else {
-                "set it, by NTP or PTP"
+                "synchronise it by NTP or PTP"
             };
             format!(
-                "its clock is off by {offset_ms:.0} ms, at most {} are borne (`clock_bound_ms`): {remedy}",
+                "its clock is off by {offset_ms:.0} ms, the limit is {} ms (`clock_bound_ms`): {remedy}",
                 self.clock_bound_us / 1000
             )
         })
     }
 
-    /// For the status. Who may take part is not known here.
+    /// Link state for the status, without the decision of membership.
     pub fn link(&mut self, now_us: Micros) -> EdgeLink {
         let round_trip_us = self.clock.round_trip_us();
         let offset_us = self.clock.offset_us();
@@ -475,7 +484,7 @@ impl Edge {
         let surely_us = self.clock.surely_off_us();
         let bound_us = self.clock_bound_us;
         self.is_clock_refused = if self.is_clock_refused {
-            surely_us as f64 > FORGIVEN * bound_us as f64
+            surely_us as f64 > ACCEPTED_AGAIN * bound_us as f64
         } else {
             surely_us > bound_us
         };
@@ -483,9 +492,9 @@ impl Edge {
 
     fn task(&self, tick: Tick) -> Task {
         let is_regular = |ticks: i64| tick.0.rem_euclid(ticks.max(1)) == 0;
-        let is_asked = || self.detection_ticks.iter().rev().any(|&of| of == tick);
-        if self.ticks_per_pass.is_some_and(is_regular) || is_asked() {
-            Task::Look
+        let is_requested = || self.detection_ticks.iter().rev().any(|&of| of == tick);
+        if self.ticks_per_pass.is_some_and(is_regular) || is_requested() {
+            Task::Detect
         } else if self.has_people {
             Task::Follow
         } else {
@@ -498,7 +507,7 @@ impl Edge {
     }
 }
 
-/// Whether a message came when one of its tick could have.
+/// Whether the arrival time is plausible for its tick.
 fn is_near(tick: Tick, came: Came, time: &TickTime) -> bool {
     came.at_us.saturating_sub(time.at(tick)).abs() < FAR_US
 }

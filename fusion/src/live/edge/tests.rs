@@ -1,4 +1,4 @@
-//! An edge on a link that we know, and what fusion finds out about it.
+//! An edge on a link with known properties, and what fusion measures of it.
 
 use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::message::live::{BoxEcho, PatchTiming};
@@ -50,7 +50,7 @@ fn patches(tick: i64, timing: PatchTiming, box_tick: Option<i64>) -> PatchSet {
     }
 }
 
-/// A pass at `tick` that found somebody, or nobody.
+/// A pass at `tick` that found a person, or none.
 fn sightings(tick: i64, finds: bool) -> SightingSet {
     let sighting = Sighting {
         camera: CameraIndex(0),
@@ -67,16 +67,19 @@ fn sightings(tick: i64, finds: bool) -> SightingSet {
     }
 }
 
-/// Runs an edge whose own clock is off by `offset_us`, `way_us` away, which works on each tick 5 ms after
-/// it, with the newest boxes, for `ticks`. Boxes leave 30 ms after their tick.
-fn run(edge: &mut Edge, ticks: Range<i64>, offset_us: Micros, way_us: Micros) -> Trip {
+/// Runs an edge for `ticks` with a clock offset of `offset_us` and a one-way delay of `delay_us`.
+/// It works on each tick 5 ms after it, with the newest boxes. Boxes leave 30 ms after their tick.
+fn run(edge: &mut Edge, ticks: Range<i64>, offset_us: Micros, delay_us: Micros) -> Trip {
     let time = time();
-    let mut told: VecDeque<(u32, i64, i32, Micros)> = VecDeque::new();
+    let mut sent_boxes: VecDeque<(u32, i64, i32, Micros)> = VecDeque::new();
     let mut trip = Trip::default();
     for tick in ticks {
         let sent_us = time.at(Tick(tick)) + 5_000;
-        let heard = told.iter().rev().find(|(.., at)| at + way_us <= sent_us);
-        let timing = heard.map_or(
+        let used = sent_boxes
+            .iter()
+            .rev()
+            .find(|(.., at)| at + delay_us <= sent_us);
+        let timing = used.map_or(
             PatchTiming {
                 sent_after_us: (5_000 + offset_us) as i32,
                 clock_correction_us: 0,
@@ -87,21 +90,21 @@ fn run(edge: &mut Edge, ticks: Range<i64>, offset_us: Micros, way_us: Micros) ->
                 clock_correction_us: correction,
                 echo: Some(BoxEcho {
                     sequence,
-                    held_us: (sent_us - at - way_us) as u32,
+                    held_us: (sent_us - at - delay_us) as u32,
                 }),
             },
         );
-        let set = patches(tick, timing, heard.map(|told| told.1));
+        let set = patches(tick, timing, used.map(|sent_boxes| sent_boxes.1));
         let came = Came {
-            at_us: sent_us + way_us,
+            at_us: sent_us + delay_us,
             bytes: 500,
         };
-        trip = edge.hear_patches(&set, came, &time);
-        let publish_us = time.at(Tick(tick)) + 30_000 + way_us;
-        let horizon = edge.horizon_ticks(30_000.0 + way_us as f64, time.period_us()) as i64;
+        trip = edge.receive_patches(&set, came, &time);
+        let publish_us = time.at(Tick(tick)) + 30_000 + delay_us;
+        let horizon = edge.horizon_ticks(30_000.0 + delay_us as f64, time.period_us()) as i64;
         let set = boxes(tick + horizon, false);
         let live = edge.send(&set, &time, publish_us);
-        told.push_back((
+        sent_boxes.push_back((
             live.sequence,
             set.tick.0,
             live.clock_correction_us.unwrap_or(0),
@@ -114,7 +117,7 @@ fn run(edge: &mut Edge, ticks: Range<i64>, offset_us: Micros, way_us: Micros) ->
 use std::ops::Range;
 
 #[test]
-fn a_clock_that_is_a_little_off_is_corrected_and_shown() {
+fn a_small_clock_offset_is_corrected_and_reported() {
     let mut edge = Edge::new("north", BOUND_MS);
     run(&mut edge, 0..120, 20_000, 40_000);
     let link = edge.link(time().at(Tick(121)));
@@ -123,12 +126,12 @@ fn a_clock_that_is_a_little_off_is_corrected_and_shown() {
     assert!(edge.is_on_time() && link.refused.is_none());
     let live = edge.send(&boxes(130, false), &time(), START_US);
     assert_eq!(live.clock_correction_us, Some(-20_000));
-    let heard = live.heard.unwrap();
-    assert_eq!((heard.tick, heard.one_way_us), (Tick(119), 40_000));
+    let used = live.heard.unwrap();
+    assert_eq!((used.tick, used.one_way_us), (Tick(119), 40_000));
 }
 
 #[test]
-fn a_clock_that_is_far_off_is_refused_by_name_until_it_is_set() {
+fn a_large_clock_offset_is_refused_until_it_is_corrected() {
     let mut edge = Edge::new("north", BOUND_MS);
     run(&mut edge, 0..120, 500_000, 2_000);
     assert!(!edge.is_on_time());
@@ -143,23 +146,24 @@ fn a_clock_that_is_far_off_is_refused_by_name_until_it_is_set() {
 
 #[test]
 fn boxes_are_made_for_the_tick_at_which_they_are_used() {
-    for way_us in [0, 10_000, 40_000, 100_000] {
+    for delay_us in [0, 10_000, 40_000, 100_000] {
         let mut edge = Edge::new("north", BOUND_MS);
-        run(&mut edge, 0..600, 0, way_us);
+        run(&mut edge, 0..600, 0, delay_us);
         let time = time();
-        let horizon = edge.horizon_ticks(30_000.0 + way_us as f64, time.period_us()) as i64;
-        // Boxes of tick 0 arrive at 30 ms and two one-way delays; pictures are worked on 5 ms after their tick.
-        let arrive_us = (30_000 + 2 * way_us - 5_000) as f64;
+        let horizon = edge.horizon_ticks(30_000.0 + delay_us as f64, time.period_us()) as i64;
+        // Boxes of tick 0 arrive at 30 ms and two one-way delays; pictures are processed 5 ms after
+        // their tick.
+        let arrive_us = (30_000 + 2 * delay_us - 5_000) as f64;
         let used = (arrive_us / time.period_us()).ceil() as i64;
         assert!(
             (horizon - used).abs() <= 1,
-            "way {way_us}: {horizon} for {used}"
+            "delay {delay_us}: {horizon} for {used}"
         );
     }
 }
 
 #[test]
-fn the_way_of_patches_and_boxes_is_measured() {
+fn the_delays_of_patches_and_boxes_are_measured() {
     let mut edge = Edge::new("north", BOUND_MS);
     let trip = run(&mut edge, 0..300, 0, 10_000);
     assert_eq!(
@@ -176,7 +180,7 @@ fn the_way_of_patches_and_boxes_is_measured() {
 }
 
 #[test]
-fn a_silent_edge_is_not_heard_and_a_new_one_starts_unknown() {
+fn a_silent_edge_is_not_awaited_and_a_new_one_is_unknown() {
     let mut edge = Edge::new("north", BOUND_MS);
     run(&mut edge, 0..60, 0, 1_000);
     let last_us = time().at(Tick(59)) + 6_000;
@@ -186,7 +190,7 @@ fn a_silent_edge_is_not_heard_and_a_new_one_starts_unknown() {
 }
 
 #[test]
-fn who_is_about_to_speak_is_waited_for_a_while() {
+fn an_expected_edge_is_awaited_for_a_while() {
     let mut edge = Edge::new("north", BOUND_MS);
     assert!(!edge.is_awaited(START_US));
     edge.expect(START_US + SECOND_US);
@@ -200,7 +204,7 @@ fn who_is_about_to_speak_is_waited_for_a_while() {
 }
 
 #[test]
-fn a_tick_that_cannot_be_says_nothing_of_the_link() {
+fn impossible_ticks_do_not_change_link_statistics() {
     let mut edge = Edge::new("north", BOUND_MS);
     run(&mut edge, 0..60, 0, 1_000);
     let before = edge.send(&boxes(70, false), &time(), START_US).heard;
@@ -214,7 +218,7 @@ fn a_tick_that_cannot_be_says_nothing_of_the_link() {
             at_us: time().at(Tick(60)),
             bytes: 9,
         };
-        let trip = edge.hear_patches(&patches(tick, timing, Some(tick)), came, &time());
+        let trip = edge.receive_patches(&patches(tick, timing, Some(tick)), came, &time());
         assert_eq!(trip, Trip::default());
     }
     let after = edge.send(&boxes(71, false), &time(), START_US).heard;
@@ -222,7 +226,7 @@ fn a_tick_that_cannot_be_says_nothing_of_the_link() {
 }
 
 #[test]
-fn what_is_missing_counts_from_the_first_tick_that_came() {
+fn missing_ticks_count_from_the_first_message() {
     let mut edge = Edge::new("north", BOUND_MS);
     edge.miss(Tick(3));
     run(&mut edge, 10..12, 0, 1_000);
@@ -241,7 +245,7 @@ fn detection_passes_are_waited_for_longer_than_other_ticks() {
         at_us: time.at(Tick(70)) + 90_000,
         bytes: 10,
     };
-    edge.hear_sightings(&sightings(70, true), came, &time);
+    edge.receive_sightings(&sightings(70, true), came, &time);
     edge.send(&boxes(80, true), &time, time.at(Tick(71)));
     let now_us = time.at(Tick(71));
     let mut waits = |tick| edge.deadline_us(Tick(tick), &time, now_us, WAITS) - time.at(Tick(tick));
@@ -250,7 +254,7 @@ fn detection_passes_are_waited_for_longer_than_other_ticks() {
 }
 
 #[test]
-fn how_long_a_pass_takes_is_not_known_from_one_that_finds_nobody() {
+fn a_pass_without_people_is_no_measure_of_passes() {
     let mut edge = Edge::new("north", BOUND_MS);
     let time = time();
     for tick in [0, 60] {
@@ -260,14 +264,14 @@ fn how_long_a_pass_takes_is_not_known_from_one_that_finds_nobody() {
         at_us: time.at(Tick(0)) + 4_000,
         bytes: 10,
     };
-    edge.hear_sightings(&sightings(0, false), came, &time);
+    edge.receive_sightings(&sightings(0, false), came, &time);
     let now_us = time.at(Tick(60));
     let until_us = edge.deadline_us(Tick(60), &time, now_us, WAITS);
     assert_eq!(until_us - now_us, WAITS.detections_us);
 }
 
 #[test]
-fn sightings_are_waited_for_though_patches_of_later_ticks_have_come() {
+fn patches_of_later_ticks_do_not_end_the_wait_for_sightings() {
     let mut edge = Edge::new("north", BOUND_MS);
     run(&mut edge, 0..60, 0, 1_000);
     let time = time();
@@ -276,7 +280,7 @@ fn sightings_are_waited_for_though_patches_of_later_ticks_have_come() {
         at_us: time.at(Tick(70)) + 250_000,
         bytes: 10,
     };
-    edge.hear_sightings(&sightings(70, true), late, &time);
+    edge.receive_sightings(&sightings(70, true), late, &time);
     edge.send(&boxes(80, true), &time, time.at(Tick(71)));
     run(&mut edge, 81..84, 0, 1_000);
     let now_us = time.at(Tick(84));
@@ -285,7 +289,7 @@ fn sightings_are_waited_for_though_patches_of_later_ticks_have_come() {
 }
 
 #[test]
-fn once_enough_sightings_have_come_an_edge_is_waited_for_a_little_longer_than_usual() {
+fn enough_sightings_shorten_the_wait_for_the_rest() {
     let mut edge = Edge::new("north", BOUND_MS);
     run(&mut edge, 0..60, 0, 1_000);
     let time = time();
@@ -302,7 +306,7 @@ fn once_enough_sightings_have_come_an_edge_is_waited_for_a_little_longer_than_us
             at_us: time.at(Tick(tick)) + delay_us,
             bytes: 10,
         };
-        edge.hear_sightings(&sightings(tick, true), came, &time);
+        edge.receive_sightings(&sightings(tick, true), came, &time);
     }
     edge.send(&boxes(240, true), &time, time.at(Tick(239)));
     let tick_us = time.at(Tick(240));
@@ -319,10 +323,10 @@ fn once_enough_sightings_have_come_an_edge_is_waited_for_a_little_longer_than_us
 }
 
 #[test]
-fn an_edge_that_works_on_every_fourth_tick_is_waited_for_at_these() {
+fn an_edge_of_every_fourth_tick_is_awaited_at_these() {
     let mut edge = Edge::new("north", BOUND_MS);
     let time = time();
-    let hear_one = |edge: &mut Edge, tick: i64| {
+    let receive_one = |edge: &mut Edge, tick: i64| {
         let timing = PatchTiming {
             sent_after_us: 5_000,
             clock_correction_us: 0,
@@ -332,11 +336,11 @@ fn an_edge_that_works_on_every_fourth_tick_is_waited_for_at_these() {
             at_us: time.at(Tick(tick)) + 6_000,
             bytes: 500,
         };
-        edge.hear_patches(&patches(tick, timing, None), came, &time);
+        edge.receive_patches(&patches(tick, timing, None), came, &time);
     };
-    let hear = |edge: &mut Edge, ticks: &[i64]| {
+    let receive = |edge: &mut Edge, ticks: &[i64]| {
         for &tick in ticks {
-            hear_one(edge, tick);
+            receive_one(edge, tick);
         }
     };
     let next = |edge: &Edge, after: i64| {
@@ -345,14 +349,14 @@ fn an_edge_that_works_on_every_fourth_tick_is_waited_for_at_these() {
             .filter(|&tick| edge.works_on(Tick(tick)))
             .collect::<Vec<i64>>()
     };
-    hear(&mut edge, &[8, 9]);
+    receive(&mut edge, &[8, 9]);
     assert_eq!(next(&edge, 9).len(), 8, "two sets say little");
-    hear(&mut edge, &[10, 12, 16, 20]);
+    receive(&mut edge, &[10, 12, 16, 20]);
     assert_eq!(next(&edge, 20), [22, 24, 26, 28], "one gap may be a loss");
-    hear(&mut edge, &[24, 28]);
+    receive(&mut edge, &[24, 28]);
     assert_eq!(next(&edge, 28), [32, 36]);
-    // One that was lost changes nothing, and one that comes between all.
-    hear(&mut edge, &[36, 40]);
+    // A lost set changes nothing, and neither does one in between.
+    receive(&mut edge, &[36, 40]);
     assert_eq!(next(&edge, 40), [44, 48]);
     let silent_from_us = time.at(Tick(40)) + 6_000 + SILENT_US + 3 * SECOND_US / 60;
     assert!(edge.is_heard(silent_from_us) && !edge.is_heard(silent_from_us + 1));
@@ -362,12 +366,12 @@ fn an_edge_that_works_on_every_fourth_tick_is_waited_for_at_these() {
         [43, 44, 48],
         "all work on detection passes"
     );
-    hear(&mut edge, &[41]);
+    receive(&mut edge, &[41]);
     assert_eq!(next(&edge, 41).len(), 8);
 }
 
 #[test]
-fn a_tick_that_was_left_out_is_not_waited_for_once_a_later_one_has_come() {
+fn a_later_message_ends_the_wait_for_a_skipped_tick() {
     let mut edge = Edge::new("north", BOUND_MS);
     let time = time();
     let silent = PatchTiming {
@@ -375,13 +379,13 @@ fn a_tick_that_was_left_out_is_not_waited_for_once_a_later_one_has_come() {
         clock_correction_us: 0,
         echo: None,
     };
-    // All came half a second late once: whoever is waited for is waited for to the bound.
+    // All were half a second late: each awaited edge is waited for to the bound.
     for tick in 0..20 {
         let came = Came {
             at_us: time.at(Tick(20)) + 500_000,
             bytes: 500,
         };
-        edge.hear_patches(&patches(tick, silent, None), came, &time);
+        edge.receive_patches(&patches(tick, silent, None), came, &time);
     }
     let now_us = time.at(Tick(51));
     let waits = |edge: &mut Edge, tick| {
@@ -392,13 +396,13 @@ fn a_tick_that_was_left_out_is_not_waited_for_once_a_later_one_has_come() {
         at_us: time.at(Tick(52)) + 6_000,
         bytes: 500,
     };
-    edge.hear_patches(&patches(52, silent, None), came, &time);
+    edge.receive_patches(&patches(52, silent, None), came, &time);
     assert!(waits(&mut edge, 51) < 50_000);
     assert_eq!(waits(&mut edge, 53), 400_000);
 }
 
 #[test]
-fn an_edge_of_another_version_is_named_and_noise_between_its_messages_is_not() {
+fn an_edge_of_another_version_is_reported_and_noise_is_not() {
     let mut edge = Edge::new("north", BOUND_MS);
     let time = time();
     let newer = WireError::Version { got: 99 };
@@ -413,7 +417,7 @@ fn an_edge_of_another_version_is_named_and_noise_between_its_messages_is_not() {
             bytes: 500,
         };
         edge.cannot_read(&newer);
-        edge.hear_patches(&patches(tick, silent, None), came, &time);
+        edge.receive_patches(&patches(tick, silent, None), came, &time);
     }
     assert_eq!(edge.link(time.at(Tick(50))).refused, None);
     for _ in 0..FOREIGN_IN_A_ROW {

@@ -19,7 +19,7 @@ impl LiveFusion<'_> {
         for status in self.members.last_words() {
             let viewpoint = self.config.venue.viewpoint_named(&status.node);
             if let Some(edge) = viewpoint.and_then(|v| self.edges.get_mut(usize::from(v.0))) {
-                edge.hear_system_clock(status.health.system_clock);
+                edge.set_system_clock(status.health.system_clock);
             }
         }
         let own = self.interceptor.clock.system();
@@ -163,7 +163,7 @@ impl LiveFusion<'_> {
         let now_us = self.interceptor.clock.now_us();
         let needs = self.needs(now_us);
         let needed_nths: Vec<u16> = needs.iter().map(|(_, nth)| *nth).collect();
-        self.plan.hear(&needed_nths, now_us);
+        self.plan.update(&needed_nths, now_us);
         let every_nth = self.plan.every_nth();
         for edge in &mut self.edges {
             edge.every_nth_tick = every_nth;

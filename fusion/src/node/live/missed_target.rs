@@ -31,7 +31,7 @@ impl MissedTarget {
         );
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         let is_late = recent.in_time.filter(|share| *share < KEPT_SHARE);
-        let is_no_edge = target_ms.is_some() && recent.nobody > LEFT_OUT_SHARE;
+        let is_no_edge = target_ms.is_some() && recent.all_late > LEFT_OUT_SHARE;
         let too_slow = recent.too_slow.iter().filter_map(|(index, share)| {
             let name = names.get(*index)?;
             Some(format!("{name} ({} of the ticks)", percent(*share)))
@@ -44,7 +44,7 @@ impl MissedTarget {
                 format!("{share} of the poses are sent within {target}; {longest}")
             }),
             no_edge: is_no_edge.then(|| {
-                let share = percent(recent.nobody);
+                let share = percent(recent.all_late);
                 format!(
                     "at {share} of the ticks no viewpoint's patches arrive within {target}, so that no one is tracked; {longest}"
                 )
@@ -103,7 +103,7 @@ mod tests {
             in_time: Some(1.0),
             too_slow: Vec::new(),
             is_news: false,
-            nobody: 0.0,
+            all_late: 0.0,
         }
     }
 
@@ -152,7 +152,7 @@ mod tests {
         let all = RecentTicks {
             in_time: None,
             too_slow: vec![(0, 0.97), (1, 0.97)],
-            nobody: 0.97,
+            all_late: 0.97,
             is_news: true,
         };
         let new = missed(&all).new_words(&missed(&on_time()), true);

@@ -15,7 +15,7 @@ use crate::live::Micros;
 use crate::live::cameras::in_words;
 use crate::live::edge::Came;
 use crate::live::gather::Taken;
-use crate::live::membership::Said;
+use crate::live::membership::StatusChange;
 use crate::node::session::link::FusionEnds;
 use crate::node::session::messages::{Arrival, FusionIncoming, Liveliness};
 
@@ -75,7 +75,7 @@ impl LiveFusion<'_> {
         let came = as_came(arrival);
         self.tally
             .patches(set.viewpoint, set.persons.len(), came.bytes);
-        let trip = self.edges[index].hear_patches(&set, came, &self.time);
+        let trip = self.edges[index].receive_patches(&set, came, &self.time);
         self.delays.trip(index, trip);
         if tick < self.first {
             // The edges started before the first tick: only the clock data are useful.
@@ -108,7 +108,7 @@ impl LiveFusion<'_> {
         }
         let came = as_came(arrival);
         self.tally.sightings(set.viewpoint, came.bytes);
-        self.edges[index].hear_sightings(&set, came, &self.time);
+        self.edges[index].receive_sightings(&set, came, &self.time);
         if tick < self.first {
             return;
         }
@@ -133,7 +133,7 @@ impl LiveFusion<'_> {
         let Some(late) = self.late_detections.get_mut(index) else {
             return;
         };
-        if late.is_told(after_ms as f64, deadline_ms, at_us) {
+        if late.is_warning_due(after_ms as f64, deadline_ms, at_us) {
             let name = &self.config.venue.viewpoints[index].name;
             say(format_args!(
                 "viewpoint {name}: the sightings of its detection passes arrive {after_ms} ms after their ticks, but `deadline_ms` in [link] is {deadline_ms:.0}, so they are not used; raise it, or find out why that edge is slow"
@@ -160,9 +160,9 @@ impl LiveFusion<'_> {
     fn receive_status(&mut self, status: &Status) {
         let cameras = status.live.as_ref().map(|live| live.cameras.as_slice());
         let cameras = cameras.unwrap_or_default();
-        match self.members.hear(status, self.interceptor.clock.now_us()) {
-            Said::Nothing => {}
-            Said::NewNode(index) => {
+        match self.members.update(status, self.interceptor.clock.now_us()) {
+            StatusChange::Nothing => {}
+            StatusChange::NewNode(index) => {
                 self.edges[index].start_again();
                 self.edges[index].expect(self.expect_until_us);
                 self.cameras.begin(cameras);
@@ -171,12 +171,12 @@ impl LiveFusion<'_> {
                     say(format_args!("viewpoint {}: {warning}", status.node));
                 }
             }
-            Said::Unknown => {
+            StatusChange::Unknown => {
                 debug!(node = status.node, "not a viewpoint of the venue");
                 return;
             }
         }
-        for notice in self.cameras.hear(cameras) {
+        for notice in self.cameras.update(cameras) {
             let camera = self.config.venue.camera(notice.camera);
             let name = camera.map_or("?", |camera| camera.model.name());
             let why = notice

@@ -386,7 +386,7 @@ impl<'a> LiveFusion<'a> {
         let waits = self.target.longest_waits(most, now_us);
         let edges = 0..self.edges.len();
         let deadlines = edges.filter_map(|index| self.deadline_of(index, tick, now_us, waits));
-        deadlines.max().map_or(Waiting::ForNobody, Waiting::Until)
+        deadlines.max().map_or(Waiting::ForNone, Waiting::Until)
     }
 
     /// How long `tick` waits for enough views of each person and enough sightings.
@@ -464,7 +464,7 @@ impl<'a> LiveFusion<'a> {
     /// Records the edges that a tick over at `now_us` did not wait for.
     fn note_left_out(&mut self, tick: Tick, now_us: Micros) {
         let (waits, edges) = (
-            LongestWaits::of(self.longest_wait_us()),
+            LongestWaits::same(self.longest_wait_us()),
             0..self.edges.len(),
         );
         let mut is_left_out = |index| {

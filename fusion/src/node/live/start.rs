@@ -90,7 +90,7 @@ pub(super) async fn clock_start(
             incoming = ends.incoming.recv() => {
                 match incoming.context("the subscriptions have ended")? {
                     FusionIncoming::Status(status) if status.node != FUSION => {
-                        members.hear(&status, interceptor.clock.now_us());
+                        members.update(&status, interceptor.clock.now_us());
                         if status.ready && leave_out_at.is_none() {
                             leave_out_at = Some(Instant::now() + PATIENCE);
                         }

@@ -95,7 +95,7 @@ mod tests {
         };
         spoil(&mut status);
         let status: Status = wire::decode(&wire::encode(&status)).unwrap();
-        members.hear(&status, 0);
+        members.update(&status, 0);
         refusal(&members, 0, None)
     }
 

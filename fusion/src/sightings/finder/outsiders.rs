@@ -1,9 +1,10 @@
-//! Sightings of people outside the field, whose rays meet inside it.
+//! Rejects bodies from sightings of people outside the field, whose rays meet inside it.
 //!
-//! Groups compete for their witnesses ([`crate::sightings::association`]) among the rays that meet in the field: of a
-//! crowd around it there are far more that do not. So who waits at a door, or looks on from beside the field, takes no
-//! witness out of a group, and what two viewpoints see of two of them can be a body in the field. A group of few is
-//! therefore held against the others once more, wherever rays meet: its members go that see somebody elsewhere better.
+//! Groups compete for their witnesses ([`crate::sightings::association`]) only with rays that meet
+//! in the field, because a crowd around it has far more rays that do not. So people who wait
+//! outside the field take no witness out of a group, and two views of two of them can form a body
+//! in the field. A small group is therefore compared with the others again, wherever rays meet.
+//! Members that fit a person elsewhere better are removed.
 
 use super::PersonFinder;
 use crate::sightings::agreement::agree;
@@ -11,15 +12,16 @@ use crate::sightings::association::associate;
 use crate::sightings::contradiction::DetectionPass;
 use crate::sightings::reconstruction::{Reconstruction, reconstruct};
 
-/// Whom no more viewpoints than this see is asked about: rays of so many meet by chance in any crowd.
+/// Only groups of at most this many viewpoints are checked: in any crowd rays of so many meet by
+/// chance.
 const FEW: usize = 3;
-/// The same as a share of the viewpoints that see anybody: where many look at a crowd, rays of more meet by chance. Whom
-/// most of them see is somebody.
+/// The same as a share of the viewpoints that see any person: with many viewpoints, rays of more
+/// meet by chance. A body that most of them see is a person.
 const FEW_SHARE: f64 = 0.5;
 
 impl PersonFinder {
-    /// What is left of `group` without members that see somebody else of the `free` witnesses of `pass`, outside the
-    /// field, better; `None` where that is nobody.
+    /// `group` without members that fit a body of the `free` witnesses of `pass` outside the field
+    /// better; `None` if no person is left.
     pub(super) fn without_outsiders(
         &self,
         group: Reconstruction,
@@ -46,7 +48,8 @@ impl PersonFinder {
         body.is_person.then_some(left)
     }
 
-    /// Whether `member` of `group` is in none with another of its members when rays may meet anywhere.
+    /// Whether the best group of `member`, when rays may meet anywhere, shares no other member with
+    /// `group`.
     fn is_outsiders(
         &self,
         member: usize,

@@ -11,12 +11,12 @@ use super::*;
 use crate::body::fixture::{Noise, standing};
 use crate::sightings::fixture::{TestHall, hall, hall_of_sixteen, looking_at_the_middle};
 
-/// Mean error of a keypoint that 2 to 4 cameras see with 5 px of noise at 5 to 9 m (27 to 45 mm
-/// per view and axis), metres.
+/// Mean error of a keypoint that 2 to 4 cameras see with 5 px of noise at 5 to 9 m (27 to 45 mm per
+/// view and axis), metres.
 const FOUND_WITHIN_M: f64 = 0.06;
 
-/// Noise of keypoints with which no detection pass misses anyone, standard deviations in pixels. Above 4.4 px some
-/// passes miss a person at the field's ends.
+/// Noise of keypoints with which no detection pass misses a person, standard deviations in pixels.
+/// Above 4.4 px some passes miss a person at the field's ends.
 const NOISE_PX: Range<f64> = 2.0..4.0;
 
 type BodyPoints = Vec<Vector3<f64>>;
@@ -30,7 +30,7 @@ fn mean_error_m(person: &SightedPerson, body: &BodyPoints) -> f64 {
     errors.iter().sum::<f64>() / errors.len() as f64
 }
 
-/// Every body once, and nobody else.
+/// Every body once, and no other.
 fn check(found: &[SightedPerson], bodies: &[BodyPoints]) -> Result<(), TestCaseError> {
     prop_assert_eq!(found.len(), bodies.len());
     for body in bodies {
@@ -53,7 +53,7 @@ fn find(
         .find(&hall.sightings(bodies, noise_px, noise), &[])
 }
 
-/// Someone in each quarter of the field, at least a metre from the others.
+/// A person in each quarter of the field, at least a metre from the others.
 fn four(noise: &mut Noise) -> Vec<BodyPoints> {
     let quarters = [[-1.6, -1.3], [1.6, -1.3], [1.6, 1.3], [-1.6, 1.3]];
     let mut bodies = Vec::new();
@@ -93,7 +93,7 @@ proptest! {
     }
 
     #[test]
-    fn of_many_viewpoints_every_one_is_in_the_group_of_each_person(seed in any::<u64>(), heading in 0.0f64..6.3) {
+    fn all_of_many_viewpoints_see_each_person(seed in any::<u64>(), heading in 0.0f64..6.3) {
         let mut noise = Noise(seed);
         let hall = hall_of_sixteen();
         let (dx, dy) = (0.3 * heading.cos(), 0.3 * heading.sin());
@@ -106,7 +106,7 @@ proptest! {
     }
 
     #[test]
-    fn whichever_way_up_a_person_is(seed in any::<u64>(), turn in prop::array::uniform3(-2.0f64..2.0)) {
+    fn a_person_in_any_orientation_is_found(seed in any::<u64>(), turn in prop::array::uniform3(-2.0f64..2.0)) {
         let mut noise = Noise(seed);
         let turn = Rotation3::new(Vector3::from(turn));
         let middle = Vector3::new(0.0, 0.0, 1.0);
@@ -117,7 +117,7 @@ proptest! {
 }
 
 #[test]
-fn with_5_px_of_noise_one_pass_in_200_misses_someone_at_most() {
+fn with_5_px_of_noise_at_most_one_pass_in_200_misses_a_person() {
     const PASSES: u64 = 2000;
     let hall = hall();
     let missed = (0..PASSES).filter(|&seed| {
@@ -130,7 +130,7 @@ fn with_5_px_of_noise_one_pass_in_200_misses_someone_at_most() {
 }
 
 #[test]
-fn a_bystander_whom_one_viewpoint_sees_is_nobody() {
+fn a_bystander_in_one_view_is_no_person() {
     let mut noise = Noise(1);
     let hall = hall();
     let bodies = four(&mut noise);
@@ -140,7 +140,7 @@ fn a_bystander_whom_one_viewpoint_sees_is_nobody() {
 }
 
 #[test]
-fn who_is_tracked_is_not_found_again_but_the_newcomer_beside_is() {
+fn a_newcomer_next_to_a_tracked_person_is_found_alone() {
     let mut noise = Noise(2);
     let hall = hall();
     let old = standing(0.0, 0.0, 1.8, &mut noise);
@@ -172,7 +172,7 @@ fn who_is_tracked_is_not_found_again_but_the_newcomer_beside_is() {
 fn two_cameras_of_one_viewpoint_are_one_witness() {
     let mut noise = Noise(3);
     let mut hall = hall();
-    // A second camera in corner 0, a hand's breadth beside the first.
+    // A second camera in corner 0, a hand's breadth from the first.
     hall.cameras.push((
         ViewpointIndex(0),
         looking_at_the_middle("second", Point3::new(-5.0, -3.8, 2.5)),
@@ -192,7 +192,7 @@ fn two_cameras_of_one_viewpoint_are_one_witness() {
 }
 
 #[test]
-fn a_person_outside_the_field_is_nobody() {
+fn a_person_outside_the_field_is_ignored() {
     let mut noise = Noise(4);
     let hall = hall();
     let outside = standing(0.0, 3.4, 1.75, &mut noise);
@@ -200,7 +200,7 @@ fn a_person_outside_the_field_is_nobody() {
 }
 
 #[test]
-fn half_a_body_is_born_with_both_hips_and_not_with_one() {
+fn half_a_body_is_found_with_both_hips_but_not_with_one() {
     let mut noise = Noise(5);
     let hall = hall();
     let body = standing(0.0, 0.0, 1.75, &mut noise);
@@ -227,7 +227,7 @@ fn half_a_body_is_born_with_both_hips_and_not_with_one() {
 }
 
 #[test]
-fn sightings_that_do_not_fit_the_venue_are_left_out() {
+fn sightings_that_do_not_fit_the_venue_are_ignored() {
     let mut noise = Noise(6);
     let hall = hall();
     let body = standing(0.0, 0.0, 1.75, &mut noise);
@@ -267,7 +267,7 @@ fn half_a_body_above_is_found_by_two_viewpoints() {
     let mut sightings = hall.sightings(&[body], 1.0, &mut noise);
     sightings.retain(|sighting| sighting.camera.0 < 2);
     for sighting in &mut sightings {
-        // From the hips down it stands behind something.
+        // From the hips down it is hidden.
         sighting.keypoints[11..].fill(None);
     }
     let found = hall.finder().find(&sightings, &[]);
@@ -275,13 +275,13 @@ fn half_a_body_above_is_found_by_two_viewpoints() {
 }
 
 #[test]
-fn cameras_that_did_not_look_do_not_contradict() {
+fn cameras_without_a_pass_do_not_contradict() {
     let mut noise = Noise(10);
     let hall = hall();
     let body = standing(0.5, 0.5, 1.75, &mut noise);
     let other = standing(-2.5, 1.5, 1.75, &mut noise);
     let mut sightings = hall.sightings(&[body, other], 1.0, &mut noise);
-    // Corners 2 and 3 see the other alone.
+    // Corners 2 and 3 see only the other person.
     let of_body = |s: &Sighting| {
         let x = |camera: u16| sightings_middle(&hall, camera, [0.5, 0.5]);
         let nose = s.keypoints[0].unwrap().position_px;
@@ -291,22 +291,22 @@ fn cameras_that_did_not_look_do_not_contradict() {
     let found = |detected: Vec<bool>| {
         let mut finder = hall.finder();
         let pass = finder.detection_pass(&sightings, detected);
-        let nobody = finder.explain(&pass, Vec::new());
-        finder.find_in(&pass, &nobody, 0).len()
+        let none = finder.explain(&pass, Vec::new());
+        finder.find_in(&pass, &none, 0).len()
     };
     assert_eq!(found(vec![true; 4]), 1, "two see it and two do not");
     assert_eq!(found(vec![true, true, false, false]), 2);
 }
 
 #[test]
-fn a_body_that_half_of_the_viewpoints_see_is_refused_however_often_it_is_sighted() {
+fn a_body_in_half_of_the_views_is_always_refused() {
     let mut noise = Noise(12);
     let hall = hall();
     let [person, picture] =
         [(0.5, 0.5), (-2.5, 1.5)].map(|(x, y)| standing(x, y, 1.75, &mut noise));
     let [seen, mirrored] =
         [&person, &picture].map(|body| hall.sightings(std::slice::from_ref(body), 1.0, &mut noise));
-    // What a mirror shows is seen from two of the corners.
+    // Two of the corners see the mirror image.
     let mirrored = mirrored.into_iter().filter(|s| s.camera.0 < 2);
     let sightings: Vec<Sighting> = seen.into_iter().chain(mirrored).collect();
     let mut finder = hall.finder();
@@ -316,7 +316,7 @@ fn a_body_that_half_of_the_viewpoints_see_is_refused_however_often_it_is_sighted
 }
 
 #[test]
-fn the_verdict_of_a_look_counts_who_sees_a_body_and_who_should() {
+fn verdicts_count_viewpoints_that_see_and_miss_a_body() {
     let mut noise = Noise(11);
     let hall = hall();
     let body = standing(0.0, 0.0, 1.75, &mut noise);
@@ -339,7 +339,7 @@ fn sightings_middle(hall: &TestHall, camera: u16, [x, y]: [f64; 2]) -> f64 {
 }
 
 #[test]
-fn who_waits_beside_the_field_is_nobody_in_it() {
+fn people_outside_the_field_make_no_body_inside() {
     // Rays of two of them cross in the field, and so two of four viewpoints see a body there.
     let (hall, mut noise) = (hall(), Noise(3));
     for _ in 0..50 {
@@ -354,7 +354,7 @@ fn who_waits_beside_the_field_is_nobody_in_it() {
 }
 
 #[test]
-fn whom_three_viewpoints_see_is_found_before_those_who_wait() {
+fn a_person_in_three_views_is_found_despite_a_crowd() {
     let (hall, mut noise) = (hall(), Noise(5));
     for _ in 0..50 {
         let waiting = [[5.2, -1.2], [5.4, 0.1], [5.1, 1.3]];

@@ -1,4 +1,4 @@
-//! Who is lost, found again, or was taken for somebody else.
+//! Tests of people who are lost, found again, or confused with another person.
 
 use super::*;
 use crate::body::skeleton::N_JOINTS;
@@ -9,11 +9,11 @@ const STATURE_M: f64 = 1.75;
 
 /// The greatest sigma of a pose, metres.
 fn unsure_m(pose: &PersonPose) -> f32 {
-    assert_eq!(pose.sigma_m.len(), N_JOINTS, "a pose says how sure it is");
+    assert_eq!(pose.sigma_m.len(), N_JOINTS, "a pose has its sigmas");
     pose.sigma_m.iter().copied().fold(0.0, f32::max)
 }
 
-/// Somebody who was lost, and has been seen again for so short that it is still doubtful.
+/// A person who was lost, and was seen again too briefly for a sure identity.
 fn just_found() -> HallFixture {
     let mut stage = HallFixture::new();
     let body = person(0.0, 0.0, STATURE_M);
@@ -21,7 +21,7 @@ fn just_found() -> HallFixture {
     stage.go_on(&[], 0.15);
     stage.go_on(&[body], 0.2);
     let phase = stage.registry.tracks()[0].identity.phase;
-    assert!(phase.is_doubtful() && !phase.is_lost());
+    assert!(phase.is_suspect() && !phase.is_lost());
     stage
 }
 
@@ -35,7 +35,7 @@ fn add_on_the_first(stage: &mut HallFixture, phase: Phase) {
 }
 
 #[test]
-fn who_was_just_found_again_stays_where_a_newborn_stands_on_its_body() {
+fn a_found_person_stays_where_a_newcomer_stands_on_its_body() {
     let mut stage = just_found();
     add_on_the_first(&mut stage, Phase::Tentative);
     let tick = stage.tick;
@@ -44,7 +44,7 @@ fn who_was_just_found_again_stays_where_a_newborn_stands_on_its_body() {
 }
 
 #[test]
-fn who_was_just_found_again_gives_way_to_who_is_surely_there() {
+fn a_found_person_gives_way_to_a_sure_one() {
     let mut stage = just_found();
     add_on_the_first(&mut stage, Phase::Tracked);
     let tick = stage.tick;
@@ -53,7 +53,7 @@ fn who_was_just_found_again_gives_way_to_who_is_surely_there() {
 }
 
 #[test]
-fn who_steps_back_keeps_nothing_of_the_other_and_is_less_sure_than_before() {
+fn stepping_back_discards_evidence_and_raises_sigmas() {
     let mut stage = HallFixture::new();
     stage.go_on(
         &[
@@ -90,7 +90,7 @@ fn who_steps_back_keeps_nothing_of_the_other_and_is_less_sure_than_before() {
 }
 
 #[test]
-fn who_is_taken_back_says_how_sure_it_is_at_every_tick() {
+fn a_revived_person_has_sigmas_at_every_tick() {
     let mut stage = HallFixture::new();
     stage.go_on(&[person(0.0, 0.0, STATURE_M)], 3.0);
     let mut carried_m = 0.0;
@@ -107,7 +107,7 @@ fn who_is_taken_back_says_how_sure_it_is_at_every_tick() {
 }
 
 #[test]
-fn who_comes_back_in_its_place_with_an_arm_raised_has_it_raised_at_once() {
+fn a_person_found_in_place_gets_its_new_posture_at_once() {
     const SHOULDER_ELBOW_WRIST: [usize; 3] = [5, 7, 9];
     let mut stage = just_found();
     let mut body = person(0.0, 0.0, STATURE_M);
@@ -132,7 +132,7 @@ fn who_comes_back_in_its_place_with_an_arm_raised_has_it_raised_at_once() {
 }
 
 #[test]
-fn who_runs_and_is_lost_has_no_pose_once_it_may_be_half_a_metre_off_and_is_carried_on() {
+fn a_lost_runner_is_carried_without_pose_beyond_half_a_metre() {
     const SPEED_M_S: f64 = 3.0;
     let mut stage = HallFixture::new();
     let ticks = (2.0 * RATE_HZ) as u32;
@@ -151,22 +151,22 @@ fn who_runs_and_is_lost_has_no_pose_once_it_may_be_half_a_metre_off_and_is_carri
 }
 
 #[test]
-fn a_sighting_that_gives_no_pose_revives_nobody() {
+fn a_sighting_without_pose_revives_no_track() {
     let mut stage = just_found();
     let method = stage.method.clone();
-    let nobody = SightedPerson {
+    let unusable = SightedPerson {
         keypoints_m: vec![None; method.sites.len()],
         views: 2,
     };
     let tick = stage.tick;
     let track = &mut stage.registry.tracks_mut()[0];
     let seen = track.estimator.n_views();
-    assert!(!track.take_back(&nobody, tick, &method));
+    assert!(!track.take_back(&unusable, tick, &method));
     assert_eq!(track.estimator.n_views(), seen);
 }
 
 #[test]
-fn the_ticks_before_are_solved_without_the_push_of_now() {
+fn earlier_ticks_are_solved_without_the_current_push() {
     let settled = |push_m: f64| {
         let mut stage = HallFixture::new();
         stage.go_on(&[person(0.0, 0.0, STATURE_M)], 0.4);
@@ -184,7 +184,7 @@ fn the_ticks_before_are_solved_without_the_push_of_now() {
 }
 
 #[test]
-fn who_is_seen_at_the_ticks_that_edges_share_is_never_lost() {
+fn a_person_seen_at_all_shared_ticks_is_never_lost() {
     let mut stage = HallFixture::new();
     let body = person(0.0, 0.0, STATURE_M);
     stage.go_on(std::slice::from_ref(&body), 1.0);

@@ -1,4 +1,4 @@
-//! Whose body is a subject's has the name, once the body is measured well enough.
+//! Tests of names: a person gets the name of a subject once its body is measured well enough.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use crate::body::prior::BodyPrior;
 use crate::body::skeleton::Proportions;
 use crate::identity::subjects::Subject;
 
-/// When bodies have been measured for the last time, seconds.
+/// Time of the last measurement of bodies, seconds.
 const MEASURED_S: f64 = 18.0;
 
 impl HallFixture {
@@ -25,7 +25,7 @@ impl HallFixture {
         stage
     }
 
-    /// What is said of names while the same people stay.
+    /// The namings while the same people stay.
     fn namings(&mut self, bodies: &[TruePoints], seconds: f64) -> Vec<Naming> {
         (0..(seconds * RATE_HZ) as usize)
             .flat_map(|_| self.step(bodies).namings)
@@ -41,28 +41,28 @@ fn named(namings: &[Naming]) -> Vec<(u32, &str)> {
 }
 
 #[test]
-fn two_subjects_of_different_size_have_their_names_and_keep_them() {
+fn two_subjects_of_different_size_get_and_keep_their_names() {
     let mut stage = HallFixture::knowing(&[1.55, 1.95]);
     let bodies = [person(-2.0, 0.0, 1.95), person(2.0, 1.0, 1.55)];
-    let said = stage.namings(&bodies, MEASURED_S);
+    let namings = stage.namings(&bodies, MEASURED_S);
     let (tall, short) = (stage.who_at(-2.0, 0.0), stage.who_at(2.0, 1.0));
     let mut expected = [(tall.unwrap(), "1.95"), (short.unwrap(), "1.55")];
-    let mut found = named(&said);
+    let mut found = named(&namings);
     expected.sort_unstable();
     found.sort_unstable();
     assert_eq!(found, expected);
-    // Who comes back is who it was: nothing is said a second time.
+    // A person who comes back keeps its name: there is no second naming.
     stage.go_on(&bodies[1..], 6.0);
     assert!(named(&stage.namings(&bodies, MEASURED_S)).is_empty());
     assert_eq!(stage.who_at(-2.0, 0.0), tall);
 }
 
 #[test]
-fn a_stranger_has_no_name_and_that_is_said_once() {
+fn a_stranger_is_reported_once_without_a_name() {
     let mut stage = HallFixture::knowing(&[1.55]);
-    let said = stage.namings(&[person(0.0, 0.0, 1.9)], 2.0 * MEASURED_S);
-    let [naming] = said.as_slice() else {
-        panic!("{said:?}")
+    let namings = stage.namings(&[person(0.0, 0.0, 1.9)], 2.0 * MEASURED_S);
+    let [naming] = namings.as_slice() else {
+        panic!("{namings:?}")
     };
     assert!(
         matches!(naming.finding, Finding::NobodyAlike { .. }),
@@ -71,7 +71,7 @@ fn a_stranger_has_no_name_and_that_is_said_once() {
 }
 
 #[test]
-fn a_team_that_came_together_is_measured_in_parts_but_all_at_once_where_there_are_names() {
+fn a_team_is_measured_in_parts_unless_there_are_subjects() {
     let team: Vec<TruePoints> = (0..10)
         .map(|i| {
             let [row, place] = [i / 5, i % 5].map(f64::from);
@@ -99,17 +99,18 @@ fn a_team_that_came_together_is_measured_in_parts_but_all_at_once_where_there_ar
 }
 
 #[test]
-fn lengths_are_drawn_to_those_of_the_subject_when_it_is_found_and_at_no_other_tick() {
-    // Truly 1.80 m: as near to the subject's 1.82 m as people of one name may be.
+fn lengths_move_to_the_subject_only_when_it_is_named() {
+    // The true stature is 1.80 m: as near to the subject's 1.82 m as two measurements of one
+    // person.
     let lengths = |subjects: &[f64]| {
         let mut stage = HallFixture::knowing(subjects);
         let body = [person(0.0, 0.0, 1.8)];
         let mut seen = Vec::new();
         for _ in 0..(MEASURED_S * RATE_HZ) as usize {
-            let said = stage.step(&body).namings;
+            let namings = stage.step(&body).namings;
             let track = stage.registry.tracks().first();
             let arm_m = track.map(|it| it.estimator.body.skeleton.proportions().upper_arm_m);
-            seen.push((arm_m, !named(&said).is_empty()));
+            seen.push((arm_m, !named(&namings).is_empty()));
         }
         seen
     };
