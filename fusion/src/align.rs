@@ -1,7 +1,7 @@
-//! Patch and sighting sets of one tick, gathered from all viewpoints.
+//! Gathers the patch and sighting sets of one tick from all viewpoints.
 //!
-//! Sans-I/O: messages are fed in, and the caller asks whether the tick is complete. No clock: a
-//! deadline is the caller's affair. Whatever does not belong to the tick is refused with its
+//! Sans-I/O: the caller adds messages and checks whether the tick is complete. There is no clock:
+//! deadlines are the caller's concern. A message that does not belong to the tick is refused with a
 //! reason, so that the caller can count it.
 
 use std::collections::BTreeSet;
@@ -11,7 +11,7 @@ use farfield_proto::message::decision::{Decision, UsedSet};
 use farfield_proto::message::{MAX_PERSONS, MAX_SIGHTINGS, PatchSet, SightingSet};
 use farfield_proto::tick::Tick;
 
-/// Everything that belongs to one tick, ordered by viewpoint and part whatever the order of arrival.
+/// All messages of one tick, ordered by viewpoint and part in any order of arrival.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TickGroup {
     /// The tick.
@@ -23,7 +23,7 @@ pub struct TickGroup {
 }
 
 impl TickGroup {
-    /// What is in it, for whoever wants to gather it again; `first` is the tick of the session's first
+    /// The list of its sets, for gathering it again; `first` is the tick of the session's first
     /// boxes.
     pub fn decision(&self, session: SessionId, first: Tick) -> Decision {
         let used = |viewpoint, part| UsedSet { viewpoint, part };
@@ -46,10 +46,10 @@ impl TickGroup {
     }
 }
 
-/// Why a message was not taken.
+/// Why a message was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Refused {
-    /// It belongs to another life of fusion.
+    /// It belongs to another fusion session.
     #[error("of another session")]
     OtherSession,
     /// It belongs to a tick that is over.
@@ -61,10 +61,10 @@ pub enum Refused {
     /// The venue has no such viewpoint.
     #[error("of an unknown viewpoint")]
     UnknownViewpoint,
-    /// The part was already there, or contradicts what came before.
+    /// The part was already there, or contradicts earlier messages.
     #[error("a repeated or contradictory part")]
     RepeatedPart,
-    /// With it the viewpoint would have sent more than [`MAX_PERSONS`] or [`MAX_SIGHTINGS`].
+    /// The viewpoint would exceed [`MAX_PERSONS`] or [`MAX_SIGHTINGS`].
     #[error("of more persons or sightings than a viewpoint may send for one tick")]
     TooMany,
     /// The viewpoint has sent the person already.
@@ -76,7 +76,7 @@ pub enum Refused {
 #[derive(Debug, Clone, Default)]
 struct ViewpointProgress {
     parts: Option<u16>,
-    /// As the first message said it that came, of either kind.
+    /// From the first message of either kind.
     sighting_parts: Option<u16>,
     seen_parts: u16,
     seen_sighting_parts: u16,
@@ -94,7 +94,7 @@ impl ViewpointProgress {
         parts.is_some_and(|parts| self.seen_sighting_parts >= parts)
     }
 
-    /// Whether `set` goes with what came before.
+    /// Whether `set` is consistent with earlier messages.
     fn check_patches(&self, set: &PatchSet) -> Result<(), Refused> {
         let contradicts = contradicts(self.parts, set.parts)
             || contradicts(self.sighting_parts, set.sighting_parts);
@@ -113,7 +113,7 @@ impl ViewpointProgress {
         }
     }
 
-    /// Whether `set` goes with what came before.
+    /// Whether `set` is consistent with earlier messages.
     fn check_sightings(&self, set: &SightingSet) -> Result<(), Refused> {
         if contradicts(self.sighting_parts, set.parts) || set.part >= set.parts {
             return Err(Refused::RepeatedPart);
@@ -125,7 +125,7 @@ impl ViewpointProgress {
     }
 }
 
-/// Whether `announced` differs from what is known.
+/// Whether `announced` differs from the known value.
 fn contradicts(known: Option<u16>, announced: u16) -> bool {
     known.is_some_and(|known| known != announced)
 }
@@ -157,10 +157,10 @@ impl Gather {
         self.group.tick
     }
 
-    /// Takes a patch set.
+    /// Adds a patch set.
     ///
     /// # Errors
-    /// [`Refused`] when it does not belong here; the set is dropped.
+    /// [`Refused`] if it does not belong here; the set is dropped.
     pub fn add_patches(&mut self, set: PatchSet) -> Result<(), Refused> {
         self.place(set.session, set.tick, set.viewpoint)?;
         let key = (set.viewpoint, set.part);
@@ -183,10 +183,10 @@ impl Gather {
         Ok(())
     }
 
-    /// Takes a sighting set.
+    /// Adds a sighting set.
     ///
     /// # Errors
-    /// [`Refused`] when it does not belong here; the set is dropped.
+    /// [`Refused`] if it does not belong here; the set is dropped.
     pub fn add_sightings(&mut self, set: SightingSet) -> Result<(), Refused> {
         self.place(set.session, set.tick, set.viewpoint)?;
         let key = (set.viewpoint, set.part);
@@ -206,29 +206,29 @@ impl Gather {
         Ok(())
     }
 
-    /// Whether every viewpoint has sent all it announced.
+    /// Whether every viewpoint has sent all announced parts.
     pub fn is_complete(&self) -> bool {
         self.progress.iter().all(ViewpointProgress::is_complete)
     }
 
-    /// Whether `viewpoint` has sent all it announced.
+    /// Whether `viewpoint` has sent all announced parts.
     pub fn is_complete_of(&self, viewpoint: ViewpointIndex) -> bool {
         let progress = self.progress.get(usize::from(viewpoint.0));
         progress.is_some_and(ViewpointProgress::is_complete)
     }
 
-    /// Whether `viewpoint` has sent all the sightings that it announced.
+    /// Whether `viewpoint` has sent all announced sightings.
     pub fn has_sightings_of(&self, viewpoint: ViewpointIndex) -> bool {
         let progress = self.progress.get(usize::from(viewpoint.0));
         progress.is_some_and(ViewpointProgress::has_sightings)
     }
 
-    /// What has come so far.
+    /// The messages so far.
     pub fn group(&self) -> &TickGroup {
         &self.group
     }
 
-    /// Hands out what has come, and ends.
+    /// Returns the messages, and ends.
     pub fn into_group(self) -> TickGroup {
         self.group
     }
@@ -243,7 +243,7 @@ impl Gather {
         waiting.map(|(i, _)| ViewpointIndex(i as u16)).collect()
     }
 
-    /// Hands out what has come and begins the next tick.
+    /// Returns the messages, and begins the next tick.
     pub fn take(&mut self) -> TickGroup {
         let next = TickGroup {
             tick: self.group.tick + 1,
@@ -415,8 +415,8 @@ mod tests {
 
     #[test]
     fn sightings_are_counted_over_all_parts_of_a_viewpoints_tick() {
-        // Symptom to prevent: each of 1,024 parts within the bound, and the search for new people over
-        // all of their pairs without an end.
+        // Symptom to prevent: each of 1,024 parts is within the bound, and the search for new
+        // people over all of their pairs never ends.
         let mut gather = Gather::new(SESSION, Tick(5), 2);
         let gathered = |gather: &Gather| gather.group.sighting_sets.len();
         gather

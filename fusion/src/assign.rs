@@ -1,9 +1,9 @@
 //! The best one-to-one assignment of rows to columns.
 
-/// Assigns each row to at most one column and each column to at most one row, so that
-/// `min(n_rows, n_columns)` pairs are made and the sum of their costs is least.
+/// Assigns each row to at most one column and each column to at most one row, so that `min(n_rows,
+/// n_columns)` pairs are made with the least sum of costs.
 ///
-/// `cost(row, column)` must be finite. The answer holds a column per row. The Hungarian method with
+/// `cost(row, column)` must be finite. The result has a column per row. The Hungarian method with
 /// potentials and shortest augmenting paths (Kuhn 1955, Munkres 1957), O(n^3).
 pub fn assign(
     n_rows: usize,
@@ -15,7 +15,7 @@ pub fn assign(
     assigner.of_row
 }
 
-/// [`assign`] with its buffers kept: nothing is allocated once they have grown.
+/// [`assign`] with reused buffers: allocates only while they grow.
 #[derive(Debug, Clone, Default)]
 pub struct Assigner {
     row_potential: Vec<f64>,
@@ -51,9 +51,9 @@ impl Assigner {
         &self.of_row
     }
 
-    /// For no more rows than columns: every row gets a column, and `row_of` says which.
+    /// For no more rows than columns: every row gets a column, in `row_of`.
     fn assign_wide(&mut self, n_rows: usize, n_columns: usize, cost: impl Fn(usize, usize) -> f64) {
-        // Column `n_columns` is a stand-in that holds the row which is looking for its place.
+        // Column `n_columns` is a dummy with the row that is being placed.
         refill(&mut self.row_potential, n_rows, 0.0);
         refill(&mut self.column_potential, n_columns + 1, 0.0);
         refill(&mut self.row_of, n_columns + 1, None);
@@ -68,7 +68,7 @@ impl Assigner {
         }
     }
 
-    /// The free column at the end of the shortest augmenting path from the stand-in.
+    /// The free column at the end of the shortest augmenting path from the dummy.
     fn shortest_path(&mut self, n_columns: usize, cost: &impl Fn(usize, usize) -> f64) -> usize {
         refill(&mut self.slack, n_columns, f64::INFINITY);
         refill(&mut self.came_from, n_columns, n_columns);

@@ -1,9 +1,10 @@
-//! Predicted joints to the image regions that edges crop: paper, eq. (2) and (4).
+//! Boxes: predicted joints to the image regions that edges crop, paper, eq. (2) and (4).
 //!
-//! A box holds every joint with the margin m, and the projected lattice around every joint, because
-//! outside a crop there is no information. Joints behind a camera have no projection: they are left
-//! out, and links that cross the near plane are cut there. What lies beyond the used part of a fisheye's view counts at
-//! that part's rim: there is nothing to crop behind it. Nothing here assumes an upright person.
+//! A box contains every joint with the margin m, and the projected lattice around every joint,
+//! because there is no information outside a crop. Joints behind a camera have no projection and
+//! are omitted; links that cross the near plane are cut there. Points beyond the used part of a
+//! fisheye's view are moved to the rim of that part: there is nothing to crop behind it. Nothing
+//! here assumes an upright person.
 
 mod projection;
 
@@ -20,19 +21,19 @@ use crate::body::skeleton::{Joint, Joints, N_JOINTS};
 
 /// Depth below which a joint has no useful projection, metres: nearer, a hand fills the image.
 const NEAR_M: f64 = 0.3;
-/// Joints that must lie in front of a camera for a box; fewer do not show where the body is.
+/// Least joints in front of a camera for a box; fewer do not show where the body is.
 const LEAST_JOINTS_IN_FRONT: usize = 10;
-/// Smallest side of a box, pixels: below it a crop is a smear of a few pixels.
+/// Smallest side of a box, pixels: a smaller crop has no detail.
 const LEAST_SIDE_PX: f64 = 16.0;
-/// How far outside the image a projected point counts, in image sizes: a limb beside a near camera
-/// projects anywhere, and must not blow the box up.
+/// How far outside the image a projected point counts, in image sizes: a limb next to a near camera
+/// projects anywhere, and must not enlarge the box.
 const FARTHEST_IMAGES: f64 = 1.0;
-/// Share of `end_on_ratio` below which a box that is already turned goes upright.
+/// Share of `end_on_ratio` below which a box that is already turned becomes upright.
 const END_ON_HYSTERESIS: f64 = 0.8;
-/// Points per side of the raster that is asked whether the camera sees any of a box.
+/// Points per side of the raster that tests whether the camera sees any of a box.
 const RASTER: usize = 7;
 
-/// How large boxes are and when they turn.
+/// Size and rotation limits of boxes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoxShape {
     /// The margin m of eq. (2): the venue's, else that of the network's card.
@@ -44,8 +45,8 @@ pub struct BoxShape {
 }
 
 impl BoxShape {
-    /// The shape of boxes `horizon_s` ahead: wider by what an acceleration that nobody foresees comes to,
-    /// a t²/2 each way.
+    /// The shape of boxes `horizon_s` ahead: wider on each side by a t²/2, for an unpredicted
+    /// acceleration.
     #[must_use]
     pub fn after(&self, horizon_s: f64) -> Self {
         let unforeseen_m = 0.5 * self.parameters.acceleration_m_s2 * horizon_s * horizon_s;
@@ -56,7 +57,7 @@ impl BoxShape {
     }
 }
 
-/// The boxes of one person in the cameras of the venue. Remembers where boxes were turned.
+/// The boxes of one person in the cameras of the venue. Remembers which boxes were turned.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Boxes {
     /// Per camera, whether the last box was turned.
@@ -68,17 +69,17 @@ impl Boxes {
     /// later (world, metres).
     ///
     /// ```text
-    ///   size = max(m (max - min), extent of the projected lattices)      along the box's own axes
-    ///   rotation = atan2(vx, -vy), v = neck - pelvis in the image        = -B' of eq. (4)
+    ///     size = max(m (max - min), extent of the projected lattices)      along the box's own axes
+    ///     rotation = atan2(vx, -vy), v = neck - pelvis in the image        = -B' of eq. (4)
     /// ```
     ///
     /// The pelvis is the paper's torso n(1), the neck its n(6). The box turns when the rotation
-    /// passes `rotate_from_deg` and goes upright below `rotate_until_deg`, or when the trunk is seen
-    /// end-on. The rates are the difference to the box of `next_m`. `None` when the person is behind
-    /// the camera, nothing of the box is in the image, or all joints lie beyond what is used of a
-    /// fisheye. Where the neck is behind the camera, `neck_px` is `torso_px`.
+    /// exceeds `rotate_from_deg`. It becomes upright below `rotate_until_deg`, or when the trunk is
+    /// seen end-on. The rates are the difference to the box of `next_m`. `None` if the person is
+    /// behind the camera, the box is outside the image, or all joints are beyond the used part of a
+    /// fisheye. If the neck is behind the camera, `neck_px` is `torso_px`.
     ///
-    /// Cost: a projection per joint, twice, and eight more for the few that reach farthest.
+    /// Cost: a projection per joint, twice, and eight more for the few outermost joints.
     pub fn camera_box(
         &mut self,
         camera: CameraIndex,
@@ -101,7 +102,8 @@ impl Boxes {
         };
         let now = around(&now_seen, &trunk)?;
         self.turned[index] = turned;
-        // Beyond the rim of a fisheye joints are moved to it: a box of nothing but these would hold nobody.
+        // Beyond the rim of a fisheye joints are moved to it: a box of only such joints would
+        // contain no person.
         let is_in_view = |px: Vector2<f64>| model.is_within_view(Pixel::new(px.x, px.y));
         let is_anything = Joint::ALL
             .iter()
@@ -121,10 +123,10 @@ impl Boxes {
     }
 }
 
-/// The trunk in one image: what turns a box.
+/// The trunk in one image: it turns a box.
 struct Trunk {
     pelvis_px: Vector2<f64>,
-    /// `None` when it is behind the camera.
+    /// `None` if it is behind the camera.
     neck_px: Option<Vector2<f64>>,
     /// Length in the image over the length of the same trunk seen from the side.
     broadside: f64,
@@ -155,7 +157,7 @@ impl Trunk {
         })
     }
 
-    /// Whether the box turns with the trunk, given whether the last one did.
+    /// Whether the box turns with the trunk; `did`: whether the last one did.
     fn turns(&self, did: bool, parameters: &BoxParameters) -> bool {
         let (least_deg, least_broadside) = if did {
             (
@@ -199,9 +201,9 @@ impl Region {
             let px = model.within_view(Pixel::new(px.x, px.y)).vector_px();
             to_box * Vector2::new(kept(px.x, far_px[0]), kept(px.y, far_px[1]))
         };
-        // How far a box's sides are turned from the image's.
+        // Rotation of the box's sides relative to the image's.
         let turned = to_box.matrix().abs();
-        // Filled in place: `map` of an array is compiled to calls and copies where it holds options.
+        // Filled in place: `map` of an array of options is compiled to calls and copies.
         let mut cubes = [const { None }; N_JOINTS];
         for (placed, joint) in cubes.iter_mut().zip(Joint::ALL) {
             let h = seen.of(joint);
@@ -216,7 +218,7 @@ impl Region {
             if let Some(cube) = cube {
                 body.add(cube.middle);
             }
-            // Where a link crosses the near plane, the body goes on to the crossing.
+            // If a link crosses the near plane, the body extends to the crossing.
             if n_in_front < N_JOINTS
                 && let Some(px) = seen.crossing(joint)
             {
@@ -227,8 +229,8 @@ impl Region {
         let mut lattice = Extent::EMPTY;
         lattice.add(body.center() - half);
         lattice.add(body.center() + half);
-        // Those that reach farthest first: most others then lie within these. A fisheye's rim moves what lies beyond it,
-        // so that it could depend on the order what lies within what: there it is that of the joints.
+        // The outermost cubes first: most others are then inside. A fisheye's rim moves points, so
+        // the result could depend on the order: there it is that of the joints.
         let outermost = if model.lens().is_fisheye() {
             [None; 4]
         } else {
@@ -257,7 +259,7 @@ impl Region {
         let from_box = Rotation2::new(self.rotation_rad);
         let share = |i: usize| i as f64 / (RASTER - 1) as f64 - 0.5;
         (0..RASTER * RASTER).any(|i| {
-            // From the middle outwards: the first question is mostly the last.
+            // From the middle outwards: the first point usually decides.
             let i = (i + RASTER * RASTER / 2) % (RASTER * RASTER);
             let local =
                 Vector2::new(share(i % RASTER), share(i / RASTER)).component_mul(&self.size_px);

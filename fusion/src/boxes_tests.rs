@@ -1,4 +1,4 @@
-//! Boxes hold what they must, turn when they must, and say how they move.
+//! Boxes contain all that they must, turn when they must, and have the right rates.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -49,7 +49,7 @@ fn model() -> CameraModel {
     .unwrap()
 }
 
-/// A person of 1.7 m in neutral pose, turned about its pelvis and put there.
+/// A person of 1.7 m in neutral pose, turned about its pelvis and moved to `at_m`.
 fn posed(rotation: Rotation3<f64>, at_m: [f64; 3]) -> Joints {
     let mut kinematics = Kinematics::default();
     let pose = Pose::neutral(at_m.into(), UnitQuaternion::from_rotation_matrix(&rotation));
@@ -165,7 +165,7 @@ fn a_turned_box_stays_turned_until_the_lower_threshold() {
 
 #[test]
 fn a_trunk_seen_end_on_does_not_turn_the_box() {
-    // Lying along the view, head to the camera and a little to the side: a tilt without meaning.
+    // Lying along the view, head to the camera and a little to the side: a meaningless tilt.
     let along = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.2)
         * Rotation3::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2);
     let b = camera_box(&mut Boxes::default(), &posed(along, [0.0, 0.0, 1.0])).unwrap();
@@ -235,8 +235,8 @@ fn a_rate_across_half_a_turn_goes_the_short_way() {
     assert!((f64::from(b.rate.rotation_rad) - 0.05).abs() < 1e-4);
 }
 
-/// All that a box must hold, in the axes of a box turned by `rotation_rad`: every corner of every cube, the body with
-/// its margin.
+/// Everything that a box must contain, in the axes of a box turned by `rotation_rad`: every corner
+/// of every cube, and the body with its margin.
 fn plain_extent(joints: &Joints, rotation_rad: f64) -> (Vector2<f64>, Vector2<f64>) {
     let (shape, p) = (shape(), model().projection_matrix());
     let far_px = model().size_px().map(f64::from);
@@ -331,7 +331,7 @@ fn a_box_ends_where_a_fisheye_is_used_no_further() {
     let right_px = center + 0.5 * size - camera.intrinsics().cx_px;
     assert!(right_px < rim_px + 0.2 * size, "{right_px} of {rim_px}");
     assert!(right_px > 0.9 * rim_px, "{right_px} of {rim_px}");
-    // Straight ahead nothing is cut.
+    // Straight ahead the box is not cut.
     assert!(boxed(0.0).is_some());
     // 68 degrees to the right, in the picture: there is nothing to crop.
     assert_eq!(boxed(-5.0), None);

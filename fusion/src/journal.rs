@@ -1,15 +1,15 @@
 //! Ticks whose poses are not final yet, because a tentative person may still be confirmed.
 //!
-//! In lock-step a confirmed person's tentative ticks are written too, so a tick leaves the journal
-//! only when nobody who was tentative in it is undecided. One flat body that stands still, undecided for
-//! `births.still_s`, holds the ticks of all back for as long.
+//! In lock-step a confirmed person's tentative ticks are written too. So a tick leaves the journal
+//! only when all people who were tentative in it are decided. One flat body that stands still,
+//! undecided for `births.still_s`, delays the ticks of all people for as long.
 
 use std::collections::VecDeque;
 
 use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
 
-/// Ticks in order, held back until they are final.
+/// Ticks in order, held until they are final.
 #[derive(Debug, Clone, Default)]
 pub struct Journal {
     pending: VecDeque<PoseSet>,
@@ -35,7 +35,7 @@ impl Journal {
             let persons = &mut self.pending[at].persons;
             match persons.binary_search_by_key(&pose.person, |p| p.person) {
                 Err(place) => persons.insert(place, pose),
-                // Where the person was only carried on, what was seen of it takes the place.
+                // A measured pose replaces a predicted one.
                 Ok(place) if persons[place].state == PersonState::Coasting => {
                     persons[place] = pose;
                 }
@@ -44,8 +44,8 @@ impl Journal {
         }
     }
 
-    /// Hands out, in order, the ticks before `undecided`: the first tick of the oldest person who is
-    /// still tentative (`None`: everybody is decided).
+    /// Returns, in order, the ticks before `undecided`: the first tick of the oldest person who is
+    /// still tentative (`None`: all are decided).
     pub fn release(&mut self, undecided: Option<Tick>) -> Vec<PoseSet> {
         let n_final = self
             .pending

@@ -1,4 +1,4 @@
-//! What all persons of a venue share: the method with its parameters, and the cameras.
+//! Data that all persons of a venue share: the method with its parameters, and the cameras.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::ViewpointIndex;
@@ -9,37 +9,38 @@ use farfield_proto::venue::Parameters;
 use crate::body::skeleton::{RangeOfMotion, Site};
 use crate::boxes::BoxShape;
 
-/// Most columns and rows of maps that no network made: of keypoint files and simulated cameras.
+/// Largest maps without a network card (columns, rows): from keypoint files and simulated cameras.
 const LARGEST_WITHOUT_CARD: [u16; 2] = [96, 128];
 
-/// What all tracks of a venue share.
+/// Data that all tracks of a venue share.
 #[derive(Debug, Clone)]
 pub struct Method {
-    /// The tunable parts.
+    /// The tunable parameters.
     pub parameters: Parameters,
-    /// Time from tick to tick, seconds.
+    /// Tick period, seconds.
     pub dt_s: f64,
     /// The keypoints of the network.
     pub keypoints: KeypointSet,
-    /// Per keypoint: where it sits on the model, if anywhere.
+    /// Per keypoint: its site on the model, if it has one.
     pub sites: Vec<Option<Site>>,
     /// Per keypoint: its expected error over that of the average keypoint.
     pub relative_sigmas: Vec<f64>,
-    /// Columns and rows of the network's maps, as its card has them; `None` where no card says it.
+    /// Columns and rows of the network's maps from its card; `None` without one.
     pub map_size: Option<[u16; 2]>,
     /// Sigma of the network's peaks, as a share of the width of its maps.
     pub peak_sigma_of_width: f64,
-    /// The bounds of the second IK, when they are enabled.
+    /// The bounds of the second IK, if they are enabled.
     pub range_of_motion: Option<RangeOfMotion>,
     /// Height of the floor that people stand on, world z, metres.
     pub floor_m: f64,
-    /// How large boxes are and when they turn.
+    /// Size and rotation limits of boxes.
     pub box_shape: BoxShape,
 }
 
 impl Method {
-    /// Whether maps are of the venue's keypoints, and of the size of the network's, or no larger than usual where there
-    /// is none. A few bytes can stand for maps that take a hundred times the work of the network's.
+    /// Whether maps have the venue's keypoints and the size of the network's, or a usual size
+    /// without a card. A few bytes can encode maps that take a hundred times the work of the
+    /// network's.
     pub fn takes(&self, maps: &EncodedMaps) -> bool {
         let size = [maps.width, maps.height];
         let is_sized = match self.map_size {
@@ -52,16 +53,16 @@ impl Method {
         is_sized && usize::from(maps.keypoints) == self.sites.len()
     }
 
-    /// From how many keypoints a person counts as seen.
+    /// Least keypoints for a person to count as seen.
     pub fn enough_keypoints(&self) -> usize {
         self.parameters.births.min_seen_keypoints as usize
     }
 }
 
-/// A camera of the venue, as tracks need it; in the order of [`farfield_proto::id::CameraIndex`].
+/// A camera of the venue for tracks; in the order of [`farfield_proto::id::CameraIndex`].
 #[derive(Debug, Clone)]
 pub struct VenueView {
-    /// Whose camera it is.
+    /// Its viewpoint.
     pub viewpoint: ViewpointIndex,
     /// Its calibration.
     pub model: CameraModel,

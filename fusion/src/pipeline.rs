@@ -1,12 +1,12 @@
 //! One step of fusion: the patches and sightings of a tick in, skeletons and the next boxes out.
 //!
 //! ```text
-//!   patches -> estimate, each person in parallel -> registry: facts, decisions, events
-//!   sightings -> registry: who is new, or back -> detection schedule -> boxes
+//!     patches -> estimate, each person in parallel -> registry: facts, decisions, events
+//!     sightings -> registry: new or returning people -> detection schedule -> boxes
 //! ```
 //!
-//! Pure: the same groups in the same order give the same bits. Persons are worked on in parallel,
-//! between barriers where they meet (the occlusion weights need everybody's prediction).
+//! Pure: the same groups in the same order give the same bits. Persons are computed in parallel,
+//! with barriers where they interact (the occlusion weights need all predictions).
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -37,21 +37,21 @@ use crate::journal::Journal;
 use crate::method::{Method, VenueView};
 use crate::smoother::{Delay, FixedLagSmoother};
 
-/// Margin of a box when neither the venue nor a network's card says one.
+/// Margin of a box if neither the venue nor a network's card has one.
 const DEFAULT_BOX_MARGIN: f64 = 1.25;
 
-/// Farthest that boxes are made ahead, ticks: what lies beyond says nothing about a person any more.
+/// Longest horizon of boxes, ticks: beyond it a prediction is meaningless.
 pub const LONGEST_HORIZON_TICKS: i64 = 240;
 
-/// A part of a step, for whoever measures how long each takes.
+/// A part of a step, for time measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
-    /// Decoding patches, and all that reads whole maps: where each view expects the keypoints, what it is worth behind
-    /// others, which side is which, where the peaks are.
+    /// Decoding patches, and all work on whole maps: expected keypoints, occlusion weights,
+    /// left-right swaps, peaks.
     Views,
-    /// What crops show is kept, for whether the cameras agree.
+    /// Stores what crops show, for camera agreement.
     AgreementViews,
-    /// Whose the peaks are where maps show one peak twice.
+    /// Assigns peaks that maps show twice to persons.
     PeakAssignment,
     /// The lattice search.
     Lattice,
@@ -61,9 +61,9 @@ pub enum Stage {
     Filter,
     /// The second inverse kinematics.
     Ik2,
-    /// Who is who: the registry.
+    /// The registry of identities.
     Persons,
-    /// Who was found is kept, for whether the cameras agree.
+    /// Stores the detected people, for camera agreement.
     AgreementFound,
     /// The boxes of the next tick.
     Boxes,
@@ -84,7 +84,7 @@ impl Stage {
         Self::Boxes,
     ];
 
-    /// As times of stages are published, written and printed.
+    /// Name of the stage in published and printed times.
     pub fn name(self) -> &'static str {
         match self {
             Self::Views => "views",
@@ -101,25 +101,25 @@ impl Stage {
     }
 }
 
-/// What a step came to.
+/// The result of a step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepOutput {
-    /// The persons of this tick as they look now; tentative ones are left out.
+    /// The poses of this tick, without tentative persons.
     pub poses: PoseSet,
-    /// Ticks whose poses are final, in order: with the tentative ticks of persons who were confirmed.
+    /// Ticks whose poses are final, in order, with the tentative ticks of confirmed persons.
     pub finished: Vec<PoseSet>,
-    /// Ticks whose smoothed poses are final now, in order: mostly the one that lies `smoothing.delay_ms` before
-    /// this. Empty while that long has not passed, and without a delay.
+    /// Ticks whose smoothed poses are final now, in order: usually the one `smoothing.delay_ms`
+    /// before this. Empty until that time has passed, and without a delay.
     pub smoothed: Vec<PoseSet>,
-    /// One per viewpoint, for the tick that its horizon says.
+    /// One per viewpoint, for the tick of its horizon.
     pub boxes: Vec<BoxSet>,
     /// Patches that could not be used.
     pub unusable_patches: u32,
     /// Sightings that could not be used.
     pub unusable_sightings: u32,
-    /// What changed who is who at this tick, in order.
+    /// Identity events of this tick, in order.
     pub events: Vec<IdentityEvent>,
-    /// Who was compared with the venue's subjects at this tick, by id.
+    /// Results of the comparison with the venue's subjects at this tick, by id.
     pub namings: Vec<Naming>,
 }
 
@@ -128,7 +128,7 @@ pub struct Pipeline {
     session: SessionId,
     cameras: Vec<VenueView>,
     viewpoints: Vec<Vec<CameraIndex>>,
-    /// Per viewpoint: for how many ticks ahead its boxes are made.
+    /// Per viewpoint: how many ticks ahead its boxes are made.
     horizons: Vec<i64>,
     method: Method,
     registry: Registry,
@@ -136,7 +136,7 @@ pub struct Pipeline {
     bodies: Vec<BodyCapsules>,
     peak_assignment: PeakAssignment,
     separation: Separation,
-    /// Per person and viewpoint, where the person will be.
+    /// Per person and viewpoint, the predicted boxes.
     boxes: Vec<Vec<Option<PersonBoxes>>>,
     smoother: Option<FixedLagSmoother>,
     agreement: AgreementWatch,
@@ -144,7 +144,7 @@ pub struct Pipeline {
 
 impl Pipeline {
     /// The core for `venue`, whose network has the card `card` (`None`: the 17 COCO keypoints, as
-    /// keypoint files have them).
+    /// in keypoint files).
     pub fn new(venue: &Venue, card: Option<&HeatmapCard>, session: SessionId) -> Self {
         let keypoints = card.map_or_else(KeypointSet::coco17, |card| card.output.keypoints.clone());
         let no_offsets = BTreeMap::new();
@@ -208,23 +208,24 @@ impl Pipeline {
         }
     }
 
-    /// The keypoints that patches must have maps of.
+    /// The keypoints that patches must have maps for.
     pub fn keypoints(&self) -> &KeypointSet {
         &self.method.keypoints
     }
 
-    /// Everybody as the last step left them, tentative ones too, in the order of their initiation: for studies of
-    /// the stages.
+    /// All tracks after the last step, also tentative ones, in the order of their initiation: for
+    /// studies of the stages.
     #[cfg(feature = "study")]
     pub fn tracks(&self) -> &[Track] {
         self.registry.tracks()
     }
 
-    /// Sets for how many ticks after the one that was just stepped each viewpoint's boxes are made:
-    /// `BoxSet.tick = tick + round(horizon)`. One number per viewpoint of the venue, in its order; 1 (the
-    /// next tick) until it is set. Below 1, or not finite, counts as 1; above [`LONGEST_HORIZON_TICKS`] as
-    /// that. Missing ones stay as they are, surplus ones are ignored. Detection passes are
-    /// planned as far ahead as the longest horizon, so that all viewpoints are told the same ticks.
+    /// Sets how many ticks after the stepped one each viewpoint's boxes are made: `BoxSet.tick =
+    /// tick + round(horizon)`. One number per viewpoint of the venue, in its order; 1 (the next
+    /// tick) until it is set. Below 1, or not finite, counts as 1; the maximum is
+    /// [`LONGEST_HORIZON_TICKS`]. Missing ones do not change, surplus ones are ignored. Detection
+    /// passes are planned as far ahead as the longest horizon, so that all viewpoints get the same
+    /// ticks.
     pub fn set_horizons(&mut self, horizons: &[f64]) {
         for (kept, horizon) in self.horizons.iter_mut().zip(horizons) {
             let whole = if horizon.is_finite() {
@@ -238,30 +239,30 @@ impl Pipeline {
         self.registry.plan_ahead(longest);
     }
 
-    /// The boxes with which a run begins at `tick`: with a detection pass of every edge.
+    /// The boxes with which a run begins at `tick`, with a detection pass of every edge.
     pub fn first_boxes(&mut self, tick: Tick) -> Vec<BoxSet> {
         self.registry.begin(tick, &self.method);
         let next = vec![1; self.viewpoints.len()];
         self.boxes_after(tick + -1, &next)
     }
 
-    /// Takes over who was there in the run before this one, which begins at `tick`; to be called before
+    /// Adds the people of the previous run, before this one begins at `tick`; must be called before
     /// [`Self::first_boxes`].
     pub fn expect(&mut self, known: &KnownPeople, tick: Tick) {
         self.registry.expect(known, tick, &self.method);
     }
 
-    /// Takes over who may come and how their bodies are; to be called before [`Self::first_boxes`].
+    /// Sets the subjects and their bodies; must be called before [`Self::first_boxes`].
     pub fn know(&mut self, subjects: Vec<Subject>) {
         self.registry.know(subjects);
     }
 
-    /// Who would be expected in a run that began after `tick`, the last.
+    /// The people that a run after `tick`, the last one, would expect.
     pub fn known_people(&self, tick: Tick) -> KnownPeople {
         self.registry.known_people(tick)
     }
 
-    /// Works on one tick. `mark` is told after each stage, for whoever measures.
+    /// Processes one tick. Calls `mark` after each stage.
     pub fn step(&mut self, group: &TickGroup, mark: &mut dyn FnMut(Stage)) -> StepOutput {
         let unusable_patches = self.see(group);
         mark(Stage::Views);
@@ -309,33 +310,33 @@ impl Pipeline {
         }
     }
 
-    /// What tells whether the cameras agree, as far as it is kept.
+    /// Samples for camera agreement, as far as they are stored.
     pub fn agreement(&self) -> AgreementSamples {
         self.agreement.samples()
     }
 
-    /// Ends the run: the ticks that were still held back, without those who were never confirmed.
+    /// Ends the run: returns the ticks still held, without people who were never confirmed.
     pub fn finish(&mut self) -> Vec<PoseSet> {
         self.journal.release(None)
     }
 
-    /// Ends the run: the smoothed poses of the ticks that were still inside the delay, in order.
+    /// Ends the run: returns the smoothed poses of the ticks still inside the delay, in order.
     pub fn finish_smoothed(&mut self) -> Vec<PoseSet> {
         let smoother = self.smoother.as_mut();
         smoother.map_or_else(Vec::new, |smoother| smoother.finish(&self.method))
     }
 
-    /// Smooths in two passes, forward and back, instead of with the delay of the venue: for recordings. To be
-    /// called before the first step. [`StepOutput::smoothed`] then comes in blocks of some seconds, and holds
-    /// everybody whom [`StepOutput::finished`] holds.
+    /// Smooths in two passes, forward and back, instead of with the delay of the venue: for
+    /// recordings. Must be called before the first step. [`StepOutput::smoothed`] then comes in
+    /// blocks of some seconds, with all people of [`StepOutput::finished`].
     pub fn smooth_in_two_passes(&mut self) {
         let delay = Delay::two_passes(1.0 / self.method.dt_s);
         self.smoother = Some(FixedLagSmoother::new(self.session, delay, &self.method));
     }
 
-    /// Gives the smoothed poses a set that came after its tick was stepped; returns how many persons it is of
-    /// use for: none without a delay, of another session, or when its tick has left the delay. Live poses,
-    /// boxes and who is who do not change by it.
+    /// Adds a set that came after its tick was stepped to the smoothed poses. Returns for how many
+    /// persons it is useful: none without a delay, of another session, or if its tick has left the
+    /// delay. Live poses, boxes and identities do not change.
     pub fn add_late(&mut self, set: &PatchSet) -> u32 {
         let smoother = self
             .smoother
@@ -369,7 +370,8 @@ impl Pipeline {
         let (cameras, unusable) = (&self.cameras, AtomicU32::new(0));
         let finds_people = self.registry.finds_people();
         let bodies = &*bodies;
-        // All that reads whole maps, person by person: together the maps are larger than a processor's caches.
+        // All work on whole maps, person by person: together the maps are larger than a processor's
+        // caches.
         each(self.registry.tracks_mut(), |index, track| {
             let dropped = track.see_all(group, cameras, (method, finds_people));
             let estimator = &mut track.estimator;
@@ -405,7 +407,7 @@ impl Pipeline {
         });
     }
 
-    /// The boxes per viewpoint, `horizons` (ticks, one per viewpoint) after `tick`, which was just stepped.
+    /// The boxes per viewpoint, `horizons` (ticks, one per viewpoint) after the stepped `tick`.
     fn boxes_after(&mut self, tick: Tick, horizons: &[i64]) -> Vec<BoxSet> {
         let (cameras, method) = (&self.cameras, &self.method);
         let viewpoints = self.viewpoints.iter().map(Vec::as_slice);
@@ -436,7 +438,7 @@ impl Pipeline {
     }
 }
 
-/// Runs a stage for every person with its position, in parallel where there are several.
+/// Runs a stage for every person with its index, in parallel if there are several.
 fn each(tracks: &mut [Track], stage: impl Fn(usize, &mut Track) + Sync) {
     match tracks {
         [] => {}
@@ -448,7 +450,7 @@ fn each(tracks: &mut [Track], stage: impl Fn(usize, &mut Track) + Sync) {
     }
 }
 
-/// Runs a stage for every person with the one of `results` that is its own, in parallel where there are several.
+/// Runs a stage for every person with its element of `results`, in parallel if there are several.
 fn each_with<T: Send>(
     tracks: &mut [Track],
     results: &mut [T],

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3x4, Vector2, Vector3};
 use super::NEAR_M;
 use crate::body::skeleton::{Joint, Joints, N_JOINTS};
 
-/// What rounding may move a pixel by, pixels; far more than it does.
+/// Limit of rounding errors of a pixel, pixels; far above them.
 const ROUNDING_PX: f64 = 1e-6;
 
 /// The joints of a body as one camera projects them.
@@ -67,15 +67,15 @@ pub(super) struct Cube {
 }
 
 impl Cube {
-    /// Of `half_width_m` in the image of the camera with the projection matrix `p`.
+    /// With `half_width_m`, in the image of the camera with the projection matrix `p`.
     pub(super) fn new(p: &Matrix3x4<f64>, half_width_m: f64) -> Self {
         Self {
             sides: [0, 1, 2].map(|i| p.column(i) * half_width_m),
         }
     }
 
-    /// Its projected corners around a point that projects to the homogeneous pixel `h`; corners behind the near
-    /// plane are left out.
+    /// Its projected corners around a point that projects to the homogeneous pixel `h`, without
+    /// corners behind the near plane.
     pub(super) fn corners(&self, h: Vector3<f64>) -> impl Iterator<Item = Vector2<f64>> {
         let [first, second, third] = self.sides;
         let both = |h: Vector3<f64>, side: Vector3<f64>| [h + side, h - side];
@@ -84,8 +84,8 @@ impl Cube {
         corners.into_iter().flatten().flatten().filter_map(in_front)
     }
 
-    /// How far no corner's projection is from that of its middle, to the side and up, pixels; not finite or negative
-    /// where that is not known.
+    /// Largest distance of a corner's projection from that of the middle, horizontally and
+    /// vertically, pixels; not finite or negative if unknown.
     ///
     /// ```text
     ///   (x + Σ ± xᵢ)/(z + Σ ± zᵢ) - u = (Σ ± (xᵢ - u zᵢ))/(z + Σ ± zᵢ),   u = x/z
@@ -106,12 +106,12 @@ pub(super) struct PlacedCube {
     pub(super) h: Vector3<f64>,
     /// Where the joint is.
     pub(super) middle: Vector2<f64>,
-    /// How far no corner is from there, to the side and up; not finite or negative where that is not known.
+    /// Largest distance of a corner from there, along both axes; not finite or negative if unknown.
     pub(super) reach: Vector2<f64>,
 }
 
 impl PlacedCube {
-    /// Which of `cubes` reach farthest to the left, to the right, up and down.
+    /// Which of `cubes` are outermost to the left, to the right, at the top and at the bottom.
     pub(super) fn outermost(cubes: &[Option<Self>]) -> [Option<usize>; 4] {
         let (mut outermost, mut farthest) = ([None; 4], [f64::NEG_INFINITY; 4]);
         for (i, cube) in cubes.iter().enumerate() {
@@ -146,7 +146,7 @@ impl Extent {
         self.most = self.most.sup(&p);
     }
 
-    /// Whether nothing that is within `reach` of `p`, each way, can extend it.
+    /// Whether nothing within `reach` of `p`, each way, can extend it.
     pub(super) fn holds(&self, p: Vector2<f64>, reach: Vector2<f64>) -> bool {
         (0..2).all(|i| {
             let reach = reach[i] + ROUNDING_PX;

@@ -1,35 +1,37 @@
-//! Feet that stand stay where they stand.
+//! Standing feet keep their place.
 //!
-//! The keypoints of most networks end at the ankles, so heels and toes hang from priors, and turn
-//! with the shank while a real foot stays flat on the floor; and the ankle of a standing foot trembles with
-//! the network. A foot counts as standing while its ankle is low, slow and below an upright shank; ankle,
-//! heel and toe are then aimed at where they were put down, in the second inverse kinematics. The place follows
-//! what is measured, slowly while it is near and soon when it is far, so that a foot put down wrongly finds
-//! its place and one that is dragged is not left behind. One that is taken up leaves its place within a few
-//! ticks, not in one. This is a prior, not evidence: the ankle's angles stay flagged as unobserved.
+//! The keypoints of most networks end at the ankles. So heels and toes come from priors and turn
+//! with the shank, while a real foot stays flat on the floor. And the ankle of a standing foot
+//! trembles with the network's errors. A foot counts as standing while its ankle is low, slow and
+//! below an upright shank. Ankle, heel and toe then have the place where they were put down as
+//! targets of the second inverse kinematics. The place follows the measurement, slowly while it is
+//! near and fast when it is far. So a foot put down wrongly finds its place, and a dragged one is
+//! not left behind. A lifted foot leaves its place within a few ticks, not in one. This is a prior,
+//! not evidence: the ankle's angles stay flagged as unobserved.
 
 use nalgebra::Vector3;
 
 use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, Side};
 
-/// Ankle height above the floor up to which a foot may stand, metres.
+/// Largest height of a standing foot's ankle above the floor, metres.
 const LOW_M: f64 = 0.16;
-/// Speed of the ankle below which a foot is put down, and above which it is taken up, metres per second. The speed that
-/// is known of a foot that stands is that of the network's errors, up to 0.4 m/s; a foot that swings is soon past this.
+/// Speed of the ankle below which a foot is put down, and above which it is lifted, metres per
+/// second. A standing foot's measured speed is that of the network's errors, up to 0.4 m/s; a
+/// swinging foot soon exceeds it.
 const SLOW_M_S: [f64; 2] = [0.15, 0.4];
-/// Cosine of the shank's tilt from which nobody stands on the foot (50 degrees).
+/// Least cosine of the shank's tilt for a standing foot (50 degrees).
 const UPRIGHT_COSINE: f64 = 0.64;
-/// How far the measured heel may be from its place until the foot is taken up, metres.
+/// Distance of the measured heel from its place at which the foot is lifted, metres.
 const FARTHEST_M: f64 = 0.05;
 /// Time constant with which the place follows the measured foot, seconds ...
 const FOLLOW_S: f64 = 1.0;
 /// ... while the ankle is nearer than this, metres; at this distance it is half of that.
 const NEAR_M: f64 = 0.02;
-/// Time in which a foot that is taken up leaves its place, seconds.
+/// Time in which a lifted foot leaves its place, seconds.
 const LEAVE_S: f64 = 0.08;
 
-/// What is left of that is over, metres.
+/// Remainder that counts as zero, metres.
 const LEFT_M: f64 = 1e-4;
 
 /// Ankle, knee, heel and toe of a side.
@@ -48,14 +50,14 @@ const JOINTS: [[Joint; 4]; 2] = [
     ],
 ];
 
-/// Ankle, heel and toe of one foot, or the ways between two such, world, metres.
+/// Ankle, heel and toe of one foot, or displacements of them, world, metres.
 type FootPoints = [Vector3<f64>; 3];
 
 /// One foot.
 #[derive(Debug, Clone, Copy, Default)]
 struct Foot {
     stands: bool,
-    /// From where it is measured to where it is aimed at; nothing for a foot in the air.
+    /// From the measured place to the target; zero for a foot in the air.
     held_m: FootPoints,
     aim_m: FootPoints,
 }
@@ -76,7 +78,8 @@ impl Feet {
         }
     }
 
-    /// Puts feet down and takes them up, from the smoothed joints (world, metres) and their velocities.
+    /// Puts feet down and lifts them, from the smoothed joints (world, metres) and their
+    /// velocities.
     pub(crate) fn step(&mut self, joints_m: &Joints, velocity_m_s: &Joints, dt_s: f64) {
         for (foot, [ankle, knee, heel, toe]) in self.feet.iter_mut().zip(JOINTS) {
             let at = |joint: Joint| joints_m[joint.index()];
@@ -89,7 +92,7 @@ impl Feet {
         }
     }
 
-    /// Where a joint of a foot is aimed at while it stands, or has just been taken up.
+    /// Target of a joint of a foot that stands, or was just lifted.
     pub(crate) fn place_of(&self, joint: Joint) -> Option<Vector3<f64>> {
         let (side, point) = match joint {
             Joint::LeftAnkle => (Side::Left, 0),
@@ -111,7 +114,7 @@ impl Foot {
         let left = 1.0 - (dt_s / LEAVE_S).clamp(0.0, 1.0);
         let was_standing = self.stands;
         if was_standing {
-            // The place stays, and what is measured has moved.
+            // The place stays while the measurement moves.
             for (held, (aim, measured)) in self
                 .held_m
                 .iter_mut()
@@ -231,7 +234,7 @@ mod tests {
 
     #[test]
     fn a_foot_that_is_taken_up_leaves_its_place_without_a_jump() {
-        // In one tick, 40 mm were 2.4 m/s of a foot that may have done nothing but tremble.
+        // 40 mm in one tick would be 2.4 m/s for a foot that may only have trembled.
         let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
         feet.step(&joints_m, &moving(0.0), DT_S);
         let put = feet.place_of(Joint::LeftHeel).unwrap();

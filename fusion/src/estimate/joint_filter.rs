@@ -13,15 +13,15 @@
 //! = 2.482 w, hence w = 2 pi `cutoff_hz` / 2.482. Sampled, the gain at the stated cutoff is 0.67 to
 //! 0.77 for every cutoff up to 0.45 of the rate.
 //!
-//! **It peaks**: at w/sqrt(2) = 0.285 of the cutoff |H| is sqrt(4/3), 1.25 dB. That is what no lag at constant velocity
-//! costs: H = 1 + O(s²) has nothing to give at low frequencies, and whatever falls off above them rises first. Less
-//! damping peaks more, more damping lags longer; at the cutoffs of moving limbs (8 Hz and more) the peak lies where
-//! bodies no longer move.
+//! **It peaks**: at w/sqrt(2) = 0.285 of the cutoff |H| is sqrt(4/3), 1.25 dB. That is the cost of
+//! no lag at constant velocity: H = 1 + O(s²) cannot fall at low frequencies, so it must rise
+//! before it falls. Less damping peaks more, more damping lags longer. At the cutoffs of moving
+//! limbs (8 Hz and more) the peak is at frequencies without body motion.
 //!
-//! **The lag that remains** is that of acceleration: at a constant acceleration A the output stays
-//! behind by A (q dt/(1 - q))^2, which is A/w^2 for slow cutoffs: at 6 Hz and 60 Hz 3.3 mm per m/s^2.
-//! The cutoff therefore rises with the low-passed innovation and with the speed (One-Euro style): fast
-//! motion is not held back, while a still person stays still.
+//! **The remaining lag** is that of acceleration: at a constant acceleration A the output lags by A
+//! (q dt/(1 - q))^2, which is A/w^2 for slow cutoffs: at 6 Hz and 60 Hz 3.3 mm per m/s^2. The
+//! cutoff therefore rises with the low-passed innovation and with the speed (One-Euro style): fast
+//! motion is not delayed, while a still person stays still.
 
 use std::f64::consts::TAU;
 
@@ -42,7 +42,7 @@ pub struct JointFilter {
     velocity_m_s: Joints,
     /// Low-passed innovation, metres.
     innovation_m: Joints,
-    /// For how long nothing was measured before this tick, seconds.
+    /// Time without a measurement before this tick, seconds.
     unmeasured_s: f64,
 }
 
@@ -58,7 +58,7 @@ impl JointFilter {
         }
     }
 
-    /// Forgets everything and starts again at rest at `joints_m` (world, metres).
+    /// Restarts at rest at `joints_m` (world, metres).
     pub fn reset(&mut self, joints_m: &Joints) {
         *self = Self::new(joints_m);
     }
@@ -73,14 +73,14 @@ impl JointFilter {
         &self.velocity_m_s
     }
 
-    /// For how long nothing was measured before the tick that is worked on, seconds.
+    /// Time without a measurement before the current tick, seconds.
     pub fn unmeasured_s(&self) -> f64 {
         self.unmeasured_s
     }
 
-    /// Takes the joints of the first inverse kinematics (world, metres), `dt_s` after the last tick, and returns the smoothed
-    /// joints. What is new came since the last measurement, and the gains are those of a filter that is stepped as seldom.
-    /// A `dt_s` that is not above zero changes nothing.
+    /// Filters the joints of the first inverse kinematics (world, metres), `dt_s` after the last
+    /// tick, and returns the smoothed joints. The innovation came since the last measurement, and
+    /// the gains are those of a filter with that step. No effect unless `dt_s` is above zero.
     pub fn step(
         &mut self,
         measured_m: &Joints,
@@ -107,13 +107,13 @@ impl JointFilter {
         &self.position_m
     }
 
-    /// Sets everything moving at `velocity_m_s` (world).
+    /// Sets the velocity of all joints, `velocity_m_s` (world).
     pub fn set_velocity(&mut self, velocity_m_s: Vector3<f64>) {
         self.velocity_m_s.fill(velocity_m_s);
     }
 
-    /// Lets the velocity of the joints that are `carried` fade, over `dt_s`, to that of `body`: what nothing was seen
-    /// of keeps the body's motion alone. The time constant is `limb_decay_s`.
+    /// Decays the velocity of the `carried` joints, over `dt_s`, towards that of `body`: unseen
+    /// joints keep only the body's motion. The time constant is `limb_decay_s`.
     pub fn fade_against(
         &mut self,
         body: Joint,
@@ -130,8 +130,9 @@ impl JointFilter {
         }
     }
 
-    /// Moves on by `dt_s` without a measurement: the pelvis' velocity carries all joints and fades with the time
-    /// constant `coast_decay_s`, that of each against it with `limb_decay_s`.
+    /// Advances by `dt_s` without a measurement. The velocity of the pelvis carries all joints and
+    /// decays with the time constant `coast_decay_s`; that of each joint relative to it with
+    /// `limb_decay_s`.
     pub fn coast(&mut self, dt_s: f64, parameters: &SmoothingParameters) -> &Joints {
         self.unmeasured_s += dt_s.max(0.0);
         let of_body = Fade::over(dt_s, parameters.coast_decay_s);
@@ -147,11 +148,11 @@ impl JointFilter {
     }
 }
 
-/// How a velocity fades over a while.
+/// Decay of a velocity over some time.
 struct Fade {
-    /// What is left of it.
+    /// The remaining share.
     left: f64,
-    /// How far it carries, over the velocity at the beginning.
+    /// Distance travelled, over the initial velocity.
     gain_s: f64,
 }
 
@@ -165,8 +166,7 @@ impl Fade {
     }
 }
 
-/// The double pole q of the filter whose -3 dB frequency is `cutoff_hz`, when it is stepped every
-/// `dt_s`.
+/// The double pole q of the filter whose -3 dB frequency is `cutoff_hz`, with a step of `dt_s`.
 fn pole(cutoff_hz: f64, dt_s: f64) -> f64 {
     libm::exp(-TAU * cutoff_hz / CUTOFF_OVER_W * dt_s)
 }
@@ -206,8 +206,9 @@ mod tests {
             .collect()
     }
 
-    /// Once the gains were those of a filter stepped at every tick: what had come in eight ticks counted as the speed of one, and
-    /// with the parameters that venues have a walker seen at every eighth was thrown farther each time.
+    /// Regression: the gains were those of a filter stepped at every tick. So the displacement of
+    /// eight ticks counted as the speed of one, and with the usual parameters a walker seen at
+    /// every eighth tick was thrown farther each time.
     #[test]
     fn who_is_seen_at_every_eighth_tick_is_followed() {
         let parameters = SmoothingParameters {
@@ -224,7 +225,7 @@ mod tests {
             } else {
                 filter.coast(DT_S, &parameters)[3].x
             };
-            // The velocity fades between the ticks at which it is seen.
+            // The velocity decays between the ticks at which it is seen.
             if tick > 60 {
                 assert!((at_m - place_m(tick)).abs() < 0.04, "{tick}: {at_m}");
             }
@@ -233,7 +234,8 @@ mod tests {
 
     /// Gain of the settled filter at `hz`.
     fn gain(hz: f64, parameters: &SmoothingParameters) -> f64 {
-        // Whole periods, after the transient: the amplitude is that of the component in phase and across.
+        // Whole periods, after the transient: the amplitude is that of the in-phase and quadrature
+        // components.
         let out = filtered(|t| (TAU * hz * t).sin(), 40.0, parameters);
         let settled = out.len() / 2;
         let (mut sin, mut cos) = (0.0, 0.0);
@@ -252,7 +254,7 @@ mod tests {
             ..FIXED
         };
         let of_peak = 0.5f64.sqrt() / CUTOFF_OVER_W * parameters.cutoff_hz;
-        // Sampled at thirty times the cutoff, it is the continuous filter but for two percent.
+        // Sampled at thirty times the cutoff, it equals the continuous filter within two percent.
         assert!((gain(of_peak, &parameters) - (4.0f64 / 3.0).sqrt()).abs() < 0.025);
         assert!((gain(parameters.cutoff_hz, &parameters) - 0.5f64.sqrt()).abs() < 0.04);
         assert!((gain(0.05, &parameters) - 1.0).abs() < 0.01);
@@ -277,7 +279,7 @@ mod tests {
             (lag_m - stated_m).abs() < 1e-9,
             "{lag_m} against {stated_m}"
         );
-        // The figure in the module's head: 3.3 mm per m/s^2.
+        // The number in the module's head: 3.3 mm per m/s^2.
         assert!((lag_m / a_m_s2 - 0.0033).abs() < 1e-4, "{lag_m}");
     }
 
@@ -297,7 +299,8 @@ mod tests {
     fn the_gain_at_the_cutoff_is_minus_three_decibel() {
         for cutoff_hz in [1.0, 3.0, 6.0, 12.0, 20.0, 27.0] {
             let parameters = SmoothingParameters { cutoff_hz, ..FIXED };
-            // The sampled sine hits its crests only where the phase fits, so its power is compared.
+            // The sampled sine reaches its crests only at matching phases, so its power is
+            // compared.
             let sine = |t: f64| (TAU * cutoff_hz * t).sin();
             let out = filtered(sine, 20.0, &parameters);
             let settled = out.len() / 2..out.len();

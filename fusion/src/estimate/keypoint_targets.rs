@@ -1,14 +1,14 @@
-//! What the first inverse kinematics aims at: the keypoints of a tick.
+//! Targets of the first inverse kinematics: the keypoints of a tick.
 //!
 //! ```text
-//!   A = c I + (p/σ²) 1          seen: I of `uncertainty::views`, what all views together know of the place
-//!   A = (p/σ²) 1                not seen: held where it was predicted
-//!   E = (I⁻¹ + v 1)⁻¹ + (p/σ²) 1    the same as evidence, with an error of variance v that lasts
+//!     A = c I + (p/σ²) 1          seen: I of `uncertainty::views`, the information of all views about the place
+//!     A = (p/σ²) 1                not seen: the predicted place
+//!     E = (I⁻¹ + v 1)⁻¹ + (p/σ²) 1    the same as evidence, with a lasting error of variance v
 //! ```
 //!
-//! The paper weighs a keypoint by a number, (12). Views know different things along different axes: two that face each
-//! other know nothing along the line between them, and one alone nothing along its ray. There p holds the place
-//! that the search kept, the prediction's.
+//! The paper weights a keypoint by a number, (12). Views have different information along different
+//! axes: two that face each other have none along the line between them, and a single one has none
+//! along its ray. There p keeps the place of the search, which is that of the prediction.
 
 use nalgebra::Matrix3;
 
@@ -17,15 +17,16 @@ use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::Site;
 use crate::method::Method;
 
-/// c: what a tick's information counts against the last pose. A network's error lasts, so ten ticks know little more
-/// than one; found on the project's own scenes (0.02 to 1.4 were tried: below 0.05 the pose lags, above it jitters).
+/// c: weight of a tick's information relative to the last pose. A network's errors last, so ten
+/// ticks have little more information than one. Tuned on the project's own scenes (0.02 to 1.4 were
+/// tried: below 0.05 the pose lags, above it jitters).
 const SHARE_OF_INFORMATION: f64 = 0.1;
 
-/// How far a network's keypoint is off for as long as a pose lasts, metres per axis, however many views agree: together with
-/// what four views know of a place that is 20 mm, for which the limits of what counts as determined are made.
+/// Error of a network's keypoint that lasts as long as a pose, metres per axis, in all views. With
+/// the information of four views the total is 20 mm, which the limits of determined angles assume.
 const LASTING_M: f64 = 0.016;
 
-/// Fills `targets` with the keypoints that `estimates` found, at their `sites`.
+/// Fills `targets` with the keypoints of `estimates`, at their `sites`.
 pub(crate) fn aim_at_keypoints(
     estimates: &[KeypointEstimate],
     sites: &[Option<Site>],
@@ -41,7 +42,7 @@ pub(crate) fn aim_at_keypoints(
         let full = full / (sigma * sigma);
         let mut target = Target::isotropic(site, estimate.position_m, ik.prediction_weight * full);
         if estimate.weight > 0.0 {
-            // Of a sighting nobody said what its views know.
+            // A sighting has no information of its views.
             let (information, evidence) = if estimate.information.trace() > 0.0 {
                 let lasting_m = LASTING_M * sigma;
                 (
@@ -59,8 +60,8 @@ pub(crate) fn aim_at_keypoints(
     }
 }
 
-/// What is left of `information` when every axis has an error of this variance (m²) besides: (I⁻¹ + v 1)⁻¹, also of a
-/// singular one.
+/// `information` with an additional error of this variance (m²) on every axis: (I⁻¹ + v 1)⁻¹, also
+/// of a singular one.
 fn with_error(information: &Matrix3<f64>, variance_m2: f64) -> Matrix3<f64> {
     let grown = Matrix3::identity() + information * variance_m2;
     grown

@@ -1,8 +1,8 @@
-//! What carries a person, or a limb, on while too few views show it.
+//! Prediction of a person, or a limb, while too few views show it.
 //!
-//! Without evidence the filter's velocity carries the body and fades. One viewpoint alone says where
-//! a body is across its rays, and by its known lengths roughly how far away: that steers it. A limb that
-//! no view shows keeps the body's motion, and its own on top of that fades.
+//! Without evidence the filter's velocity carries the body and decays. One viewpoint alone gives
+//! the place of a body across its rays and, by its known lengths, roughly its distance: that steers
+//! it. An unseen limb keeps the body's motion, and its own velocity relative to the body decays.
 
 use super::Estimator;
 use crate::body::skeleton::Joint;
@@ -10,23 +10,22 @@ use crate::estimate::uncertainty::MadeOf;
 use crate::method::Method;
 
 impl Estimator {
-    /// What this tick brought of the person.
+    /// The evidence of this tick.
     pub fn made_of(&self, method: &Method) -> MadeOf {
         MadeOf::from_estimates(&self.evidence.estimates, method.enough_keypoints())
     }
 
-    /// How far, per axis, the person may be from where it is carried since nothing shows it, metres.
+    /// Largest possible distance, per axis, of an unseen person from its carried place, metres.
     pub fn adrift_m(&self) -> f64 {
         self.estimate.uncertainty.adrift_m()
     }
 
-    /// How far, per axis, the person is from where it is carried since nothing shows it, metres: one standard deviation.
+    /// Standard deviation of that distance, per axis, metres.
     pub fn carried_off_m(&self) -> f64 {
         self.estimate.uncertainty.carried_off_m()
     }
 
-    /// Low-pass filter on the innovation, paper (13). Without evidence the person coasts, and so does a
-    /// limb.
+    /// Low-pass filter on the innovation, paper (13). Without evidence a person, or a limb, coasts.
     pub fn smooth(&mut self, method: &Method) {
         let parameters = &method.parameters.smoothing;
         if self.made_of(method) == MadeOf::Motion {
@@ -45,8 +44,8 @@ impl Estimator {
         }
     }
 
-    /// The elbows, wrists, knees and ankles, with what hangs on them, whose keypoint no view supports and
-    /// that carry none that is supported: one bit per joint.
+    /// The elbows, wrists, knees and ankles, with the joints beyond them, whose keypoint no view
+    /// supports and that carry no supported one: one bit per joint.
     fn unseen_ends(&self) -> u64 {
         let supported = |joint: Joint| {
             let mut own = self.body.sites.iter().zip(&self.evidence.estimates);
@@ -68,7 +67,7 @@ impl Estimator {
     }
 }
 
-/// Middle and end of each limb, and what is fixed to the end.
+/// Middle and end of each limb, and the joints fixed to the end.
 const LIMBS: [(Joint, Joint, &[Joint]); 4] = [
     (Joint::LeftElbow, Joint::LeftWrist, &[Joint::LeftHand]),
     (Joint::RightElbow, Joint::RightWrist, &[Joint::RightHand]),

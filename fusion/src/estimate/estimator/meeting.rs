@@ -1,4 +1,4 @@
-//! What others ask of a person, and do to it, where persons meet.
+//! Interactions of a person with others nearby.
 
 use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::Vector3;
@@ -9,7 +9,7 @@ use crate::body::skeleton::{Joint, N_JOINTS};
 use crate::estimate::evidence::View;
 use crate::method::Method;
 
-/// Joints of which networks show no keypoint, and those that speak for them.
+/// Joints without keypoints in most networks, and the joints that determine them.
 const SPOKEN_FOR: [(Joint, [Joint; 2]); 10] = [
     (Joint::Pelvis, [Joint::LeftHip, Joint::RightHip]),
     (Joint::Spine, [Joint::LeftHip, Joint::RightHip]),
@@ -34,7 +34,7 @@ impl Estimator {
         &mut self.evidence.views[..self.evidence.n_views]
     }
 
-    /// Undoes what single views have taken for left and right; the views are placed.
+    /// Undoes left-right swaps of single views; the views must be placed.
     pub fn undo_left_right_swaps(&mut self, method: &Method) {
         let margin = method.parameters.contact.exchange_margin;
         if margin <= 1.0 {
@@ -44,7 +44,7 @@ impl Estimator {
         }
     }
 
-    /// Finds the peaks of all maps around where their keypoints are expected; the views are placed.
+    /// Finds the peaks of all maps around the expected keypoints; the views must be placed.
     pub(crate) fn find_peaks(&mut self, method: &Method) {
         for view in self.views_mut() {
             view.find_peaks(method.parameters.lattice.half_width_m);
@@ -52,7 +52,7 @@ impl Estimator {
     }
 
     /// How well the views of this tick determine a joint, 0 to 1: the share of a full keypoint's
-    /// weight that the first inverse kinematics gave it or those that speak for it.
+    /// weight in the first inverse kinematics, for it or the joints that determine it.
     pub(crate) fn seen(&self, joint: Joint, ik: &IkParameters) -> f64 {
         let spoken_for = SPOKEN_FOR.iter().find(|(silent, _)| *silent == joint);
         let by = spoken_for.map_or([joint; 2], |(_, by)| *by);
@@ -75,7 +75,7 @@ impl Estimator {
         })
     }
 
-    /// Moves the aims of the second inverse kinematics of this tick, world, metres.
+    /// Moves the targets of the second inverse kinematics of this tick, world, metres.
     pub fn push(&mut self, push_m: Option<&Joints>) {
         self.estimate.push_m = push_m.copied().unwrap_or([Vector3::zeros(); N_JOINTS]);
     }

@@ -1,10 +1,10 @@
 //! One person from tick to tick: from the patches of all views to the skeleton of the tick and the
 //! prediction for the next.
 //!
-//! The stages of a tick are methods of their own, because persons meet between some of them (the
-//! occlusion weights need everybody's prediction) and because each is timed. An estimator owns every
-//! buffer it needs: in steady state a tick allocates nothing but the messages it makes (boxes, poses).
-//! Who the person is, and whether it is one, is not known here.
+//! Each stage of a tick is a method, because persons interact between some of them (the occlusion
+//! weights need all predictions) and because each is timed. An estimator owns its buffers: in
+//! steady state a tick allocates only its messages (boxes, poses). Identity is decided in
+//! [`crate::identity`].
 
 mod coasting;
 mod meeting;
@@ -34,7 +34,7 @@ pub use self::moment::TickSnapshot;
 pub use self::output::BodyAhead;
 pub(crate) use self::restart::RestartPoint;
 
-/// What the views of a tick show of one person.
+/// The evidence of one person in the views of a tick.
 pub struct Evidence {
     views: Vec<View>,
     /// How many of `views` are of this tick.
@@ -42,11 +42,11 @@ pub struct Evidence {
     reader: PatchReader,
     swaps: LeftRightSwaps,
     search: LatticeSearch,
-    /// Who may stand in front of the person in the view at hand, and with what.
+    /// People who may hide the person in the current view, and their capsules.
     in_the_way: Vec<(usize, CapsuleSet)>,
     /// Predicted keypoints at the tick, world, metres.
     predicted_m: Vec<Vector3<f64>>,
-    /// What the lattice search found, by keypoint.
+    /// Results of the lattice search, by keypoint.
     pub(crate) estimates: Vec<KeypointEstimate>,
 }
 
@@ -66,25 +66,25 @@ impl Evidence {
     }
 }
 
-/// Where one person is, how it moves, and how sure that is.
+/// Pose and motion of one person, with their uncertainty.
 pub struct PoseEstimate {
     /// Q of (14).
     pub(crate) pose: Pose,
-    /// What the first inverse kinematics found, without bounds.
+    /// Result of the first inverse kinematics, without bounds.
     free_pose: Pose,
     unobserved: u64,
     motion: Motion,
     filter: JointFilter,
-    /// Since the last tick at which the pose was measured, seconds.
+    /// Time since the last measured pose, seconds.
     elapsed_s: f64,
-    /// Joints predicted for the tick being worked on.
+    /// Joints predicted for the current tick.
     ahead_m: Joints,
     targets: Vec<Target>,
     kinematics: Kinematics,
     measured_m: Joints,
     solver: IkSolver,
     feet: Feet,
-    /// By how much the aims of the second inverse kinematics move at this tick.
+    /// Displacement of the targets of the second inverse kinematics at this tick.
     push_m: Joints,
     uncertainty: Uncertainty,
     boxes: Boxes,
@@ -116,7 +116,7 @@ impl PoseEstimate {
     }
 }
 
-/// One person, as it is followed from tick to tick.
+/// One person, followed from tick to tick.
 pub struct Estimator {
     pub(crate) evidence: Evidence,
     pub(crate) body: MeasuredBody,
@@ -149,17 +149,17 @@ impl Estimator {
         &self.estimate.pose
     }
 
-    /// What is known of the body: it stays the same from tick to tick.
+    /// The measured body: it stays the same from tick to tick.
     pub fn body(&self) -> &MeasuredBody {
         &self.body
     }
 
-    /// Where the keypoints of the last tick were expected, world, metres, by keypoint.
+    /// Expected keypoints of the last tick, world, metres, by keypoint.
     pub fn predicted_m(&self) -> &[Vector3<f64>] {
         &self.evidence.predicted_m
     }
 
-    /// What the lattice search of the last tick found, by keypoint.
+    /// Results of the lattice search of the last tick, by keypoint.
     pub fn estimates(&self) -> &[KeypointEstimate] {
         &self.evidence.estimates
     }
@@ -174,7 +174,7 @@ impl Estimator {
         self.estimate.filter.position_m()
     }
 
-    /// Positions, velocities and history that predictions start from.
+    /// Positions, velocities and history for predictions.
     pub fn motion(&self) -> &Motion {
         &self.estimate.motion
     }
@@ -194,7 +194,7 @@ impl Estimator {
         views.max().unwrap_or(0)
     }
 
-    /// The body as others are occluded by it at this tick.
+    /// The body as an occluder of others at this tick.
     pub fn occluder(&self, method: &Method) -> BodyCapsules {
         BodyCapsules::from_joints(&self.estimate.ahead_m, &method.parameters.occlusion)
     }

@@ -1,4 +1,4 @@
-//! What a tick measured of a person, as the smoother keeps it.
+//! Measurements of a person at one tick, for the smoother.
 
 use farfield_proto::message::PersonState;
 use farfield_proto::tick::Tick;
@@ -15,25 +15,26 @@ use crate::estimate::uncertainty::MadeOf;
 pub struct TickSnapshot {
     /// The tick.
     pub tick: Tick,
-    /// What the views told of the keypoints.
+    /// The keypoints from the views.
     pub estimates: Vec<KeypointEstimate>,
-    /// The joints after the first inverse kinematics, with what moved them out of others' limbs, world, metres.
+    /// The joints after the first inverse kinematics, with the displacement out of others' limbs,
+    /// world, metres.
     pub measured_m: Joints,
-    /// How sure this tick alone is of each, variance per axis, m²; infinite where it says nothing.
+    /// Variance per axis of each from this tick alone, m²; infinite without evidence.
     pub variance_m2: [f64; N_JOINTS],
-    /// How each moves, world, metres per second.
+    /// Velocity of each, world, metres per second.
     pub velocity_m_s: Joints,
-    /// The pose as it was published.
+    /// The published pose.
     pub pose: Pose,
     /// Its joints, world, metres.
     pub joints_m: Joints,
-    /// How sure it was of them, variance per axis, m²; `None` when it was not known.
+    /// Their variance per axis, m²; `None` if unknown.
     pub published_m2: Option<[f64; N_JOINTS]>,
-    /// What it was made of.
+    /// Which evidence it had.
     pub made_of: MadeOf,
     /// Its state.
     pub state: PersonState,
-    /// Bit i: angle i is carried by a prior.
+    /// Bit i: angle i comes from a prior.
     pub unobserved: u64,
     /// Viewpoints that gave evidence.
     pub views: u16,
@@ -76,7 +77,8 @@ impl Clone for TickSnapshot {
 }
 
 impl TickSnapshot {
-    /// What was seen was somebody else's: all that is known is where the person has gone `back` to.
+    /// Discards evidence that belonged to another person: only the place that the person went
+    /// `back` to is known.
     pub(crate) fn withdraw(&mut self, back: &Self) {
         self.estimates.clear();
         self.measured_m = back.joints_m;
@@ -91,7 +93,8 @@ impl TickSnapshot {
 }
 
 impl Estimator {
-    /// Tells `into` what `tick`, the last one, came to of a person in `state`. Allocates only while `into` grows.
+    /// Writes the result of the last tick, `tick`, for a person in `state` to `into`. Allocates
+    /// only while `into` grows.
     pub fn tell(&self, tick: Tick, state: PersonState, into: &mut TickSnapshot) {
         let Self {
             evidence, estimate, ..

@@ -1,4 +1,4 @@
-//! What an estimator tells others: its pose, how sure it is, and the boxes of its next crops.
+//! Output of an estimator: its pose with uncertainty, and the boxes of its next crops.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::{CameraIndex, PersonId};
@@ -11,18 +11,18 @@ use crate::boxes::BoxShape;
 use crate::estimate::uncertainty;
 use crate::method::Method;
 
-/// A body as it is predicted for the tick of a set of boxes.
+/// A predicted body for the tick of a set of boxes.
 #[derive(Debug, Clone)]
 pub struct BodyAhead {
     /// The joints at that tick, and one tick later, world, metres.
     now_m: Joints,
     next_m: Joints,
-    /// How large its boxes are.
+    /// The shape of its boxes.
     shape: BoxShape,
 }
 
 impl Estimator {
-    /// Where the person will be `horizon_ticks` after the newest pose, paper (3).
+    /// The predicted body `horizon_ticks` after the newest pose, paper (3).
     pub fn ahead(&self, horizon_ticks: f64, method: &Method) -> BodyAhead {
         let estimate = &self.estimate;
         let prediction = &method.parameters.prediction;
@@ -39,7 +39,8 @@ impl Estimator {
         }
     }
 
-    /// The boxes of a person that will be `ahead`, in those of `cameras` that will see it, paper (2) and (4).
+    /// The boxes of a person predicted as `ahead`, in those of `cameras` that will see it, paper
+    /// (2) and (4).
     pub fn boxes<'a>(
         &mut self,
         cameras: impl Iterator<Item = (CameraIndex, &'a CameraModel)>,
@@ -51,7 +52,7 @@ impl Estimator {
         seen.map(|seen| seen.snapped()).collect()
     }
 
-    /// The pose as it is published, of `person` in `state`.
+    /// The pose of `person` in `state`, as it is published.
     pub fn published(&self, person: PersonId, state: PersonState) -> PersonPose {
         let to_f32 = |p: &Vector3<f64>| [p.x as f32, p.y as f32, p.z as f32];
         let estimate = &self.estimate;
@@ -72,7 +73,7 @@ impl Estimator {
         }
     }
 
-    /// Says how sure the new pose is, `dt_s` after the last one.
+    /// Updates the uncertainty for the new pose, `dt_s` after the last one.
     pub(crate) fn update_uncertainty(&mut self, dt_s: f64, method: &Method) {
         let made_of = self.made_of(method);
         let seen = uncertainty::SeenPose {

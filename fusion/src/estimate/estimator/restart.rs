@@ -1,4 +1,4 @@
-//! Where an estimator starts over: at another pose, with another body, or where it was before.
+//! Restarts of an estimator: at another pose, with another body, or at an earlier place.
 
 use nalgebra::Vector3;
 
@@ -8,7 +8,7 @@ use crate::estimate::predict::Motion;
 use crate::estimate::uncertainty::UncertaintySnapshot;
 use crate::method::Method;
 
-/// A pose with how sure it was, to go back to.
+/// A pose with its uncertainty, to go back to.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RestartPoint {
     pose: Pose,
@@ -35,7 +35,8 @@ impl Estimator {
         estimate.measured_m = joints_m;
     }
 
-    /// Whether a search within `half_width_m` of where the keypoints are finds them in another `pose`.
+    /// Whether a search within `half_width_m` of the current keypoints reaches those of another
+    /// `pose`.
     pub(crate) fn reaches(&self, pose: &Pose, half_width_m: f64) -> bool {
         let mut there = Kinematics::default();
         self.body.skeleton.forward(pose, &mut there);
@@ -45,7 +46,7 @@ impl Estimator {
         off_m.all(|off_m| off_m.amax() < half_width_m)
     }
 
-    /// Moves the whole body at `velocity_m_s` (world) from here.
+    /// Sets the velocity of the whole body, `velocity_m_s` (world).
     pub(crate) fn set_velocity(&mut self, velocity_m_s: Vector3<f64>) {
         let estimate = &mut self.estimate;
         estimate.filter.set_velocity(velocity_m_s);
@@ -55,12 +56,12 @@ impl Estimator {
             .push(&joints_m, estimate.filter.velocity_m_s());
     }
 
-    /// Forgets how sure the pose is.
+    /// Resets the uncertainty of the pose.
     pub(crate) fn forget_uncertainty(&mut self) {
         self.estimate.uncertainty.reset();
     }
 
-    /// Where it stands now.
+    /// The current pose and its uncertainty.
     pub(crate) fn restart_point(&self) -> RestartPoint {
         RestartPoint {
             pose: self.estimate.pose,
@@ -68,7 +69,8 @@ impl Estimator {
         }
     }
 
-    /// Goes back to where it stood `ago_s` seconds ago, as unsure as if it had not been seen since.
+    /// Goes back to where it was `ago_s` seconds ago, as uncertain as if it had not been seen
+    /// since.
     pub(crate) fn go_back_to(&mut self, before: &RestartPoint, ago_s: f64, method: &Method) {
         self.evidence.estimates.clear();
         self.restart_at(&before.pose);

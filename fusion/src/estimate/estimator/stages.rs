@@ -18,15 +18,16 @@ use crate::estimate::occlusion::{BodyCapsules, view_weight};
 use crate::estimate::uncertainty::{MadeOf, weigh_views};
 use crate::method::Method;
 
-/// Root mean square distance of the second inverse kinematics' joints from the smoothed ones, metres,
-/// from which it is solved a second time from elsewhere.
+/// Root mean square distance of the second inverse kinematics' joints from the smoothed ones,
+/// metres, above which it is solved again from another start.
 const STUCK_M: f64 = 0.012;
-/// For how long a pose may be unmeasured so that the next may differ the more, seconds: a round of turns on a thin link, or at an
-/// edge that is too slow. After longer it is the place that is not known, and the shape is as good as any.
+/// Longest time without a measurement that allows the next pose to differ more, seconds: one round
+/// of turns on a slow link, or at a slow edge. After a longer time the place is unknown, and the
+/// shape as good as any.
 const MOST_UNMEASURED_S: f64 = 0.25;
 
 impl Estimator {
-    /// Begins a tick: predicts the joints and forgets the last tick's views.
+    /// Begins a tick: predicts the joints and removes the last tick's views.
     pub fn begin(&mut self, method: &Method) {
         let estimate = &mut self.estimate;
         estimate.motion.predict(
@@ -40,8 +41,9 @@ impl Estimator {
         self.evidence.n_views = 0;
     }
 
-    /// Takes the patch of one viewpoint; returns whether it was taken. A patch that cannot be read,
-    /// whose maps do not fit the venue's keypoints or its network's size, or that is the viewpoint's second is dropped.
+    /// Adds the patch of one viewpoint; returns whether it was used. A patch is dropped if it
+    /// cannot be read, if its maps do not fit the venue's keypoints or its network's size, or if it
+    /// is the viewpoint's second.
     pub fn see(
         &mut self,
         patch: &PersonPatch,
@@ -66,8 +68,8 @@ impl Estimator {
         taken
     }
 
-    /// Says where each view's keypoints are expected at its own capture instant, and what they are
-    /// worth behind the `bodies` of all persons; this one's own is at `own`.
+    /// Sets where each view's keypoints are expected at its own capture instant, and their
+    /// occlusion weights behind the `bodies` of all persons; `own` is the index of this one.
     pub fn place_views(&mut self, bodies: &[BodyCapsules], own: usize, method: &Method) {
         let mut at_capture_m = self.estimate.ahead_m;
         let Evidence {
@@ -159,7 +161,7 @@ impl Estimator {
         estimate.measured_m = joints_of(&estimate.kinematics);
     }
 
-    /// Learns from the first inverse kinematics of this tick where the keypoints sit on the person.
+    /// Learns the keypoint sites from the first inverse kinematics of this tick.
     pub fn learn_sites(&mut self, method: &Method) {
         self.body.learn_sites(
             &method.sites,
@@ -169,7 +171,8 @@ impl Estimator {
         );
     }
 
-    /// Second inverse kinematics, paper (14)-(15): all 29 smoothed joints, inside the range of motion.
+    /// Second inverse kinematics, paper (14)-(15): all 29 smoothed joints, inside the range of
+    /// motion.
     pub fn fit_joints(&mut self, method: &Method) {
         let sigma_m = method.parameters.ik.joint_sigma_m;
         let weight = 1.0 / (sigma_m * sigma_m);
@@ -197,8 +200,9 @@ impl Estimator {
         let last = self.estimate.pose;
         let misfit_m = self.fit_joints_from(&last, &last, method);
         if misfit_m > STUCK_M && method.range_of_motion.is_some() {
-            // An arm that straightened and bent again may have come out behind: no way leads back to
-            // the bounds from there, but from the same arm with its elbow turned about.
+            // An arm that straightened and bent again may have come out backwards. No path leads
+            // back to the bounds from there, but one does from the same arm with its elbow turned
+            // around.
             let stuck = self.estimate.pose;
             let free = self.estimate.free_pose.with_elbows_forward();
             let other_m = self.fit_joints_from(&free, &last, method);
@@ -216,8 +220,8 @@ impl Estimator {
         self.update_uncertainty(method.dt_s, method);
     }
 
-    /// Solves for the smoothed joints from `start`; takes the pose, and returns how far its joints are
-    /// from them, root mean square, metres.
+    /// Solves for the smoothed joints from `start` and takes the pose. Returns the distance of its
+    /// joints from them, root mean square, metres.
     fn fit_joints_from(&mut self, start: &Pose, last: &Pose, method: &Method) -> f64 {
         let elapsed_s = match self.made_of(method) {
             MadeOf::Motion => method.dt_s,
@@ -240,7 +244,7 @@ impl Estimator {
         (estimate.targets.iter().map(apart).sum::<f64>() / estimate.targets.len() as f64).sqrt()
     }
 
-    /// Keeps what this tick says of the link lengths.
+    /// Stores what this tick measures of the link lengths.
     pub fn note_lengths(&mut self, method: &Method) {
         self.body.note_lengths(
             &self.evidence.estimates,
@@ -249,23 +253,23 @@ impl Estimator {
         );
     }
 
-    /// Measures the link lengths anew; the pose stays, and the next tick fits it.
+    /// Remeasures the link lengths; the pose stays, and the next tick fits it.
     pub fn remeasure(&mut self, method: &Method) {
         self.body.measure(&schedule(method));
     }
 
-    /// The body is one that is known beside what was seen of it: it is measured with that, now and from now on.
+    /// Sets the prior of a known body: measures it with that, now and from now on.
     pub(crate) fn is_known(&mut self, known: Arc<BodyPrior>, method: &Method) {
         self.body.is_known(known, &schedule(method));
     }
 
-    /// Whether the body is measured no more.
+    /// Whether the body will not be measured again.
     pub(crate) fn is_measured(&self, method: &Method) -> bool {
         self.body.remeasure.is_over(&schedule(method))
     }
 }
 
-/// When bodies of a venue are measured anew, and how.
+/// When and how the bodies of a venue are remeasured.
 fn schedule(method: &Method) -> RemeasureSchedule<'_> {
     RemeasureSchedule {
         dt_s: method.dt_s,
@@ -274,7 +278,7 @@ fn schedule(method: &Method) -> RemeasureSchedule<'_> {
     }
 }
 
-/// A site's place for predicted joints: the joint as predicted, the offset as it last was turned.
+/// The place of a site of a predicted joint: the joint as predicted, the offset as last turned.
 fn site_near(kinematics: &Kinematics, site: &Site, joints_m: &Joints) -> Vector3<f64> {
     joints_m[site.joint.index()] + kinematics.rotation(site.joint.link()) * site.offset_m
 }

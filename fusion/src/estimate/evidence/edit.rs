@@ -1,4 +1,4 @@
-//! What may be changed in the maps of a view, once it is known whose peaks they show.
+//! Edits of a view's maps, after their peaks were assigned to persons.
 
 use std::ops::Range;
 
@@ -7,22 +7,22 @@ use nalgebra::Vector2;
 
 use super::View;
 
-/// Up to here, in sigmas of a peak, a notch is as deep as it gets...
+/// Up to this distance, in sigmas of a peak, a notch has its full depth...
 const NOTCH_FLOOR_SIGMAS: f64 = 2.0;
-/// ...and here it ends. Flat where the peak is, so that what is left of the peak keeps its form.
+/// ...and here it ends. Flat at the peak, so that the rest of the peak keeps its form.
 const NOTCH_END_SIGMAS: f64 = 3.5;
 
-/// A peak that is another's, in one map.
+/// A peak of another person, in one map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Notch {
     /// Where the peak is, cells.
     pub(crate) at: Vector2<f64>,
     /// Its height, 0 to 1.
     pub(crate) height: f64,
-    /// A peak of the map that stays (cells, height): where the two run into each other, each cell is
-    /// shared out by what either puts there.
+    /// A peak of the map that stays (cells, height): where the two overlap, each cell is divided in
+    /// proportion to both.
     pub(crate) stays: Option<(Vector2<f64>, f64)>,
-    /// Share of the peak that is taken away, 0 to 1.
+    /// Share of the peak that is removed, 0 to 1.
     pub(crate) depth: f64,
 }
 
@@ -38,11 +38,11 @@ impl View {
         crop(a).is_some() && crop(a) == crop(b)
     }
 
-    /// The highest value of a map among the cells that lie within `reach` of `cell` along both axes
-    /// (cells), 0 to 1.
+    /// The highest value of a map among the cells within `reach` of `cell` along both axes (cells),
+    /// 0 to 1.
     ///
     /// # Panics
-    /// When the view has no such keypoint.
+    /// If the view has no such keypoint.
     pub(crate) fn highest_near(&self, keypoint: usize, cell: Vector2<f64>, reach: f64) -> f64 {
         let (width, height) = self.map_size();
         let map = self.map(keypoint);
@@ -54,7 +54,8 @@ impl View {
             0
         } else {
             let columns = columns.start - first..columns.end - first;
-            // A fold over a slice is several cells at a time; an iterator over all rows is not.
+            // A fold over a slice processes several cells at a time; an iterator over all rows does
+            // not.
             let highest_of = |row: &[u8]| row.iter().fold(0u8, |most, &cell| most.max(cell));
             rows.fold(0u8, |most, y| {
                 most.max(highest_of(&map.row(y)[columns.clone()]))
@@ -63,7 +64,7 @@ impl View {
         f64::from(highest) / 255.0
     }
 
-    /// Swaps the maps of two keypoints; without effect where they lie on different crops.
+    /// Swaps the maps of two keypoints; no effect if they are on different crops.
     pub(crate) fn swap(&mut self, a: usize, b: usize) {
         if a == b || !self.share_a_crop(a, b) {
             return;
@@ -73,10 +74,10 @@ impl View {
         self.forget_peaks(b);
     }
 
-    /// Takes a peak that is another's out of the map of `keypoint`, softly.
+    /// Removes a peak of another person from the map of `keypoint`, smoothly.
     ///
     /// # Panics
-    /// When the view has no such keypoint.
+    /// If the view has no such keypoint.
     pub(crate) fn carve(&mut self, keypoint: usize, notch: &Notch) {
         self.forget_peaks(keypoint);
         let sigma = self.peak_sigma_cells();
@@ -104,13 +105,13 @@ impl View {
                 (r2.sqrt() / sigma - NOTCH_FLOOR_SIGMAS) / (NOTCH_END_SIGMAS - NOTCH_FLOOR_SIGMAS);
             let inside = 1.0 - out.clamp(0.0, 1.0);
             let keep = 1.0 - notch.depth.clamp(0.0, 1.0) * share * inside;
-            // As `round`, which is a call for each cell.
+            // Like `round`, which is a call for each cell.
             *cell = (f64::from(*cell) * keep + 0.5) as u8;
         });
     }
 }
 
-/// The cells, of `size` in a row, within `reach` of `center`; none of what is not a number.
+/// The cells, of `size` in a row, within `reach` of `center`; none for NaN.
 pub(super) fn span(center: f64, reach: f64, size: usize) -> Range<usize> {
     // Casts saturate, and round towards zero.
     let (from, to) = (center - reach, center + reach);
@@ -121,7 +122,7 @@ pub(super) fn span(center: f64, reach: f64, size: usize) -> Range<usize> {
     first.min(end)..end
 }
 
-/// What two ranges have in common.
+/// The intersection of two ranges.
 pub(super) fn common(a: Range<usize>, b: &Range<usize>) -> Range<usize> {
     a.start.max(b.start)..a.end.min(b.end)
 }

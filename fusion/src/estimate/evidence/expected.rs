@@ -1,4 +1,5 @@
-//! Where a view expects a keypoint: what the search, the assignment of peaks and the swaps of sides all start from.
+//! Where a view expects a keypoint: the start of the search, of peak assignment and of swap
+//! detection.
 
 use farfield_proto::frames::{Pixel, Undistorted};
 use nalgebra::{Matrix3x4, Vector2, Vector3};
@@ -15,7 +16,7 @@ pub(crate) struct ExpectedKeypoint {
     pub(crate) homogeneous_cell: Vector3<f64>,
     /// Its cell.
     pub(crate) cell: Vector2<f64>,
-    /// Metres per cell there, of both axes the mean.
+    /// Metres per cell there, mean of both axes.
     pub(crate) cell_m: f64,
 }
 
@@ -27,26 +28,26 @@ impl ExpectedKeypoint {
 }
 
 impl View {
-    /// Says where `keypoint` is at the capture instant, world, metres. A place that is not finite, or of which the
-    /// view knows nothing, is no place: the view then takes no part in what is said of the keypoint.
+    /// Sets where `keypoint` is expected at the capture instant, world, metres. If the place is not
+    /// finite, or the view has no data there, the view takes no part in this keypoint.
     ///
     /// # Panics
-    /// When the view has no such keypoint.
+    /// If the view has no such keypoint.
     pub fn expect(&mut self, keypoint: usize, position_m: Vector3<f64>) {
         self.expected[keypoint] = self.expected_at(keypoint, position_m);
         self.forget_peaks(keypoint);
     }
 
-    /// Where `keypoint` is expected; `None` where nothing is, or the view knows nothing there.
+    /// Where `keypoint` is expected; `None` if unknown, or if the view has no data there.
     pub(crate) fn expected(&self, keypoint: usize) -> Option<&ExpectedKeypoint> {
         self.expected.get(keypoint)?.as_ref()
     }
 
-    /// Offset from where `keypoint` is `expected` (metres, homogeneous) to homogeneous cells of its map; the third row is the
-    /// depth in metres.
+    /// Maps an offset from the `expected` place of `keypoint` (metres, homogeneous) to homogeneous
+    /// cells of its map; the third row is the depth in metres.
     ///
     /// # Panics
-    /// When the view has no such keypoint.
+    /// If the view has no such keypoint.
     pub(crate) fn cell_from_offset(
         &self,
         keypoint: usize,
@@ -57,7 +58,7 @@ impl View {
         cell_from_offset
     }
 
-    /// The cone that holds all places where keypoints are expected.
+    /// The cone around all expected places of keypoints.
     pub(crate) fn sight(&self) -> SightCone {
         let places_m = || self.expected.iter().flatten().map(|e| e.position_m);
         let n = places_m().count().max(1);
@@ -65,7 +66,7 @@ impl View {
         let reach2 = places_m().fold(0.0, |reach2: f64, place_m| {
             reach2.max((place_m - center_m).norm_squared())
         });
-        // A little more, for the rounding.
+        // Enlarged slightly for rounding errors.
         let reach_m = reach2.sqrt() * (1.0 + 1e-9);
         SightCone::around(&self.center_m(), &center_m, reach_m)
     }
@@ -74,7 +75,7 @@ impl View {
         let cell_from_world = self.cell_from_world(keypoint);
         let h = cell_from_world * position_m.push(1.0);
         let cell = Vector2::new(h.x, h.y) / h.z;
-        // A position that is not a number has no depth either.
+        // A position that is NaN has no depth either.
         if !(h.z > 0.0 && cell.iter().all(|v| v.is_finite()) && self.knows(keypoint, cell)) {
             return None;
         }
@@ -90,8 +91,8 @@ impl View {
         })
     }
 
-    /// Finds the peaks of all maps around the expected places, `half_width_m` the lattice's, where they are not
-    /// known yet. Whatever changes a map or its place makes its peaks unknown.
+    /// Finds the unknown peaks of all maps around the expected places; `half_width_m` is that of
+    /// the lattice. Any change of a map or its place makes its peaks unknown.
     pub(crate) fn find_peaks(&mut self, half_width_m: f64) {
         for (keypoint, expected) in self.expected.iter().enumerate() {
             let peaks = &mut self.peaks[keypoint];
@@ -105,11 +106,11 @@ impl View {
         }
     }
 
-    /// The undistorted pixel of the highest peak in the whole map of `keypoint`, wherever it is expected, and its
-    /// height, 0 to 1; `None` where no peak counts, or the camera does not see it.
+    /// The undistorted pixel of the highest peak in the whole map of `keypoint`, and its height, 0
+    /// to 1. `None` if no peak is high enough, or the camera does not see it.
     ///
     /// # Panics
-    /// When the view has no such keypoint.
+    /// If the view has no such keypoint.
     pub(crate) fn highest_peak(&self, keypoint: usize) -> Option<(Pixel<Undistorted>, f64)> {
         let peak = self.map(keypoint).highest_peak()?;
         let pixel = || self.grid(keypoint).pixel(peak.cell.x, peak.cell.y);
@@ -120,7 +121,7 @@ impl View {
     /// The peaks of the map of `keypoint`; none before [`Self::find_peaks`].
     ///
     /// # Panics
-    /// When the view has no such keypoint.
+    /// If the view has no such keypoint.
     pub(crate) fn peaks(&self, keypoint: usize) -> &MapPeaks {
         &self.peaks[keypoint]
     }

@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use super::edit::{common, span};
 use super::packed_maps::{BLOCK, Block, PackedMap};
 
-/// Lowest peak that counts, as cells have it: 0.1.
+/// Lowest height of a peak, as a cell value: 0.1.
 const LEAST_PEAK: u8 = 25;
 /// Most peaks of a map, the highest ones.
 const MAX_PEAKS: usize = 6;
@@ -21,7 +21,7 @@ pub(crate) struct MapPeak {
     pub(crate) height: f64,
 }
 
-/// The peaks of one map within the corner of a face of the lattice, by height.
+/// The highest peaks of one map within the circumscribed square of the lattice's face, by height.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct MapPeaks {
     all: [MapPeak; MAX_PEAKS],
@@ -31,7 +31,7 @@ pub(crate) struct MapPeaks {
 }
 
 impl MapPeaks {
-    /// Whether they were looked for.
+    /// Whether the search has run.
     pub(super) fn are_found(&self) -> bool {
         self.are_found
     }
@@ -46,7 +46,8 @@ impl MapPeaks {
         f64::from(self.highest) / 255.0
     }
 
-    /// Finds the peaks of a map within `half_width_cells` times the square root of two of `center` along both axes.
+    /// Finds the peaks of a map within `half_width_cells` times the square root of two of `center`
+    /// along both axes.
     pub(super) fn find(
         &mut self,
         map: &PackedMap<'_>,
@@ -85,8 +86,7 @@ impl MapPeaks {
         }
     }
 
-    /// Takes the peak whose highest cell this may be, if it is.
-    // In its own function, so that nothing of it is made ready for every row.
+    /// Adds a peak if this is its highest cell.
     #[inline(never)]
     fn take(&mut self, map: &PackedMap<'_>, x: usize, y: usize) {
         if map.is_highest(x, y) {
@@ -109,13 +109,12 @@ impl MapPeaks {
     }
 }
 
-// These in their own functions, so that nothing around them keeps their cells from being one vector.
+// Separate functions, so that the code around them does not prevent vector instructions.
 
-/// Whether no cell of a block reaches a peak's least height; a block that is not low may come out as one that is not
-/// even so.
+/// Whether no cell of a block reaches a peak's least height; false is not certain.
 #[inline]
 fn is_low(block: &Block) -> bool {
-    /// The bits of all cells of which the least peak has one.
+    /// The high bits: a cell of the least peak has at least one.
     const HIGH: u128 = 0xf0f0_f0f0_f0f0_f0f0_f0f0_f0f0_f0f0_f0f0;
     const _: () = assert!(LEAST_PEAK >= 16);
     u128::from_le_bytes(*block) & HIGH == 0
@@ -134,8 +133,8 @@ fn are_tops(own: &Block, [left, right]: [&Block; 2], [above, below]: [&Block; 2]
     std::array::from_fn(|i| is_top(own[i], left[i].max(above[i]), right[i].max(below[i])))
 }
 
-/// Whether a cell is high enough, higher than those `before` it and not lower than those `after` it: 1, or 0. In sums
-/// that saturate, which processors do for many cells at once.
+/// Whether a cell is high enough, higher than those `before` it and not lower than those `after`
+/// it: 1, or 0. Saturating sums, which processors compute for many cells at once.
 fn is_top(own: u8, before: u8, after: u8) -> u8 {
     let is_high = own.saturating_sub(LEAST_PEAK - 1).min(1);
     let is_higher = own.saturating_sub(before).min(1);
@@ -143,13 +142,15 @@ fn is_top(own: u8, before: u8, after: u8) -> u8 {
     is_high & is_higher & (1 - is_lower)
 }
 
-/// Where the blocks of a row begin that hold any of `columns`, the first block of all at `first`.
+/// Where the blocks of a row begin that contain any of `columns`; the first block of all is at
+/// `first`.
 fn blocks(columns: &Range<usize>, first: usize) -> impl Iterator<Item = usize> + use<> {
     let start = columns.start - (columns.start.max(first) - first) % BLOCK;
     (start..columns.end).step_by(BLOCK)
 }
 
-/// The highest cell of each column of the block from a column of the written part on, among those of `rows`.
+/// The highest cell of each column of the block that begins at a column of the written part, among
+/// `rows`.
 #[inline(never)]
 fn highest_of(map: &PackedMap<'_>, column: usize, rows: Range<usize>) -> Block {
     let mut highest = [0; BLOCK];
@@ -161,8 +162,9 @@ fn highest_of(map: &PackedMap<'_>, column: usize, rows: Range<usize>) -> Block {
     highest
 }
 
-/// One byte per cell of the block from a column of the written part on, the first in the lowest: 1 where it is high
-/// enough and higher than its neighbours in the row and the column; of a plateau, where its first cell is.
+/// One byte per cell of the block that begins at a column of the written part, the first in the
+/// lowest byte. 1 if the cell is high enough and higher than its neighbours in the row and the
+/// column; of a plateau, for its first cell.
 #[inline]
 fn tops(map: &PackedMap<'_>, column: usize, y: usize) -> u128 {
     match map.neighbourhood(column, y) {
@@ -174,16 +176,17 @@ fn tops(map: &PackedMap<'_>, column: usize, y: usize) -> u128 {
 }
 
 impl PackedMap<'_> {
-    /// Whether none of the neighbours in the rows above and below is higher; of a plateau, its first cell counts.
+    /// Whether no neighbour in the rows above and below is higher; of a plateau, its first cell
+    /// counts.
     fn is_highest(&self, x: usize, y: usize) -> bool {
         let own = self.value(x, y);
-        // Beyond the map there is nothing.
+        // Outside the map all values are zero.
         let around = |y: usize| [x.wrapping_sub(1), x, x + 1].map(|x| self.value(x, y));
         around(y.wrapping_sub(1)).iter().all(|&other| other < own)
             && around(y + 1).iter().all(|&other| other <= own)
     }
 
-    /// The highest cell's peak, wherever it is; `None` where none is as high as the lowest peak that counts.
+    /// The peak of the highest cell of the map; `None` if it is too low.
     pub(crate) fn highest_peak(&self) -> Option<MapPeak> {
         let Written { rows, columns } = self.written();
         let (mut most, mut highest_row) = (LEAST_PEAK - 1, None);
@@ -203,7 +206,7 @@ impl PackedMap<'_> {
         })
     }
 
-    /// The top of the peak whose highest cell this is.
+    /// The top of the peak with this highest cell.
     fn top_of(&self, x: usize, y: usize) -> Vector2<f64> {
         let (width, height) = self.size();
         let value = |x: usize, y: usize| f64::from(self.value(x, y));

@@ -1,9 +1,9 @@
-//! One view of one person at one tick: the decoded maps, and what they can and cannot say.
+//! One view of one person at one tick: the decoded maps, and where they have data.
 //!
-//! Outside a crop, and where a crop reaches past the image, there is no information. That is not a
-//! probability of zero: [`View::knows`] says so, and the lattice asks a view only about
-//! keypoints that are predicted where the view knows something. This module never judges a map; it
-//! knows where its cells lie.
+//! Outside a crop, and where a crop exceeds the image, there is no information. That is not a
+//! probability of zero: [`View::knows`] reports it, and the lattice uses a view only for keypoints
+//! that are predicted where the view has data. This module does not judge maps; it locates their
+//! cells.
 
 mod edit;
 mod expected;
@@ -63,29 +63,30 @@ struct Crop {
     cell_from_world: Matrix3x4<f64>,
 }
 
-/// Reads patches, with its buffers.
+/// Decodes patches, with reused buffers.
 #[derive(Debug, Clone, Default)]
 pub struct PatchReader {
     decoder: Decoder,
     maps: Maps,
 }
 
-/// One person in one camera at one tick, decoded. Reused from tick to tick: [`View::fill`]
-/// allocates only when what is written of the maps grows.
+/// One decoded view of one person in one camera at one tick. Reused from tick to tick:
+/// [`View::fill`] allocates only if the written part of the maps grows.
 #[derive(Debug, Clone)]
 pub struct View {
-    /// Who sent it.
+    /// The sender.
     pub viewpoint: ViewpointIndex,
     /// The camera that the edge chose.
     pub camera: CameraIndex,
-    /// Capture instant less the tick's time, seconds.
+    /// Capture instant minus the tick's time, seconds.
     pub capture_offset_s: f64,
-    /// Per keypoint: the occlusion weight w of eq. (9), 0 to 1. For the caller to set; 1 after a fill.
+    /// Per keypoint: the occlusion weight w of eq. (9), 0 to 1. Set by the caller; 1 after a fill.
     pub occlusion: Vec<f64>,
-    /// Sigma of a peak as a share of the width of the maps. For the caller to set; a fill leaves it.
+    /// Sigma of a peak as a share of the width of the maps. Set by the caller; a fill does not
+    /// change it.
     pub peak_sigma_of_width: f64,
     maps: PackedMaps,
-    /// Per keypoint: where it is expected; `None` (as after a fill) where that is not known, or nothing is known
+    /// Per keypoint: where it is expected; `None` (as after a fill) if unknown, or without data
     /// there.
     expected: Vec<Option<ExpectedKeypoint>>,
     /// Per keypoint: the peaks of its map around that place.
@@ -121,7 +122,7 @@ impl View {
     /// Decodes `patch`, which `viewpoint` made with the camera `model`, into this view.
     ///
     /// # Errors
-    /// [`EvidenceError`]; the view is then not to be used until it is filled again.
+    /// [`EvidenceError`]; the view must not be used until it is filled again.
     pub fn fill(
         &mut self,
         reader: &mut PatchReader,
@@ -134,10 +135,10 @@ impl View {
         self.place(maps, patch, (viewpoint, model))
     }
 
-    /// A view of maps that are already decoded; `patch.maps` is not looked at.
+    /// A view of maps that are already decoded; `patch.maps` is not used.
     ///
     /// # Errors
-    /// As [`View::fill`], but for decoding.
+    /// As [`View::fill`], except for decoding.
     pub fn from_maps(
         mut maps: Maps,
         patch: &PersonPatch,
@@ -149,7 +150,7 @@ impl View {
         Ok(view)
     }
 
-    /// Lays the maps over the camera's image.
+    /// Positions the maps in the camera's image.
     fn place(
         &mut self,
         maps: &mut Maps,
@@ -241,19 +242,19 @@ impl View {
         self.crops[..self.n_crops].iter().map(|crop| &crop.grid)
     }
 
-    /// The grid that the map of `keypoint` lies on.
+    /// The grid of the map of `keypoint`.
     ///
     /// # Panics
-    /// When the view has no such keypoint.
+    /// If the view has no such keypoint.
     pub fn grid(&self, keypoint: usize) -> &CellGrid {
         &self.crop(keypoint).grid
     }
 
-    /// The map of `keypoint`, value = cell/255. Cells that the camera does not see hold the value of the nearest cell
-    /// that it sees.
+    /// The map of `keypoint`, value = cell/255. Cells that the camera does not see have the value
+    /// of the nearest seen cell.
     ///
     /// # Panics
-    /// When the view has no such keypoint.
+    /// If the view has no such keypoint.
     pub(crate) fn map(&self, keypoint: usize) -> PackedMap<'_> {
         self.maps.map(keypoint)
     }
@@ -262,25 +263,25 @@ impl View {
     /// metres.
     ///
     /// # Panics
-    /// When the view has no such keypoint.
+    /// If the view has no such keypoint.
     pub fn cell_from_world(&self, keypoint: usize) -> &Matrix3x4<f64> {
         &self.crop(keypoint).cell_from_world
     }
 
-    /// Whether the view knows anything about `keypoint` at this cell of its map.
+    /// Whether the view has data about `keypoint` at this cell of its map.
     pub fn knows(&self, keypoint: usize, cell: Vector2<f64>) -> bool {
         let (width, height) = self.map_size();
         let inside = |x: f64, n: usize| (-0.5..n as f64 - 0.5).contains(&x);
         if keypoint >= self.n_keypoints() || !inside(cell.x, width) || !inside(cell.y, height) {
             return false;
         }
-        // What is inside is not below -0.5, and a cast is what a call of `round` is not: free.
+        // Inside the map both are at least -0.5, and a cast is cheap, unlike `round`.
         let (column, row) = ((cell.x + 0.5) as usize, (cell.y + 0.5) as usize);
         let (column, row) = (column.min(width - 1), row.min(height - 1));
         self.crop(keypoint).seen.knows(column, row)
     }
 
-    /// Raises the cells of one map to `value(x, y)`; where that is negative, clears them.
+    /// Raises the cells of one map to `value(x, y)`; clears them if that is negative.
     #[cfg(test)]
     pub(crate) fn draw_for_test(&mut self, keypoint: usize, value: impl Fn(f64, f64) -> f64) {
         self.peaks[keypoint] = MapPeaks::default();

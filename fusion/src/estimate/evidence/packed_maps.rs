@@ -1,34 +1,35 @@
-//! The maps of a view, packed: of each only the rows and columns that may be other than zero, one map after the other.
+//! The packed maps of a view: of each map only the rows and columns that may be nonzero, one map
+//! after the other.
 //!
-//! Laid out whole, the maps of a crowd take more memory than a processor's caches hold, on more pages than it knows
-//! the places of, and next to all of it is zero. Packed, a map is mostly one block wide.
+//! Unpacked, the maps of a crowd exceed a processor's caches and its table of pages, and nearly all
+//! of it is zero. Packed, a map is usually one block wide.
 //!
-//! A row of zeros lies before the first row of a map and after its last, and each row ends with a zero at least:
-//! whoever compares a cell with those around it need not ask where the map ends.
+//! A row of zeros precedes the first row of a map and follows its last, and each row ends with at
+//! least one zero. So comparing a cell with its neighbours needs no check of the border.
 
 use farfield_proto::patch::{Maps, Written};
 use nalgebra::Vector2;
 
-/// Cells of a row that are worked on at once.
+/// Cells of a row that are processed at once.
 pub(super) const BLOCK: usize = 16;
 /// Cells of a row, side by side.
 pub(super) type Block = [u8; BLOCK];
 /// Cells along one side of a [`PackedMap::square`].
 const SIDE: usize = 5;
 
-/// The maps of one view. Reused from tick to tick: it allocates only when what is written of the maps grows.
+/// The maps of one view. Reused from tick to tick: allocates only if the written part grows.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct PackedMaps {
-    /// Of each map as it was, cells.
+    /// Of each unpacked map, cells.
     size: (usize, usize),
     cells: Vec<u8>,
     windows: Vec<MapWindow>,
 }
 
-/// What is written of one map, and where it is kept.
+/// The written part of one map, and where it is stored.
 #[derive(Debug, Clone, Default)]
 struct MapWindow {
-    /// Where its cells begin: with the row of zeros before its first.
+    /// Where its cells begin, with the row of zeros before the first.
     begin: usize,
     /// Cells from one row to the next: whole blocks.
     stride: usize,
@@ -36,7 +37,7 @@ struct MapWindow {
 }
 
 impl MapWindow {
-    /// Its cells, with both rows of zeros.
+    /// Range of its cells, with both rows of zeros.
     fn place(&self) -> std::ops::Range<usize> {
         self.begin..self.begin + (self.written.rows.len() + 2) * self.stride
     }
@@ -53,7 +54,7 @@ pub(crate) struct PackedMap<'a> {
 }
 
 impl PackedMaps {
-    /// Takes over what is written of `maps`.
+    /// Stores the written parts of `maps`.
     pub(super) fn pack(&mut self, maps: &Maps) {
         self.size = (maps.width(), maps.height());
         self.cells.clear();
@@ -76,7 +77,7 @@ impl PackedMaps {
         let own = self.cells[window.place()].chunks_exact_mut(window.stride);
         for (own, row) in own.skip(1).zip(rows.take(written.rows.len())) {
             match (own.first_chunk_mut(), row[first..].first_chunk::<BLOCK>()) {
-                // What is beyond the written columns is zero, too.
+                // Cells beyond the written columns are also zero.
                 (Some(own), Some(block)) if n < BLOCK => *own = *block,
                 _ => own[..n].copy_from_slice(&row[first..first + n]),
             }
@@ -92,7 +93,7 @@ impl PackedMaps {
     /// The map of `keypoint`.
     ///
     /// # Panics
-    /// When there is no such map.
+    /// If there is no such map.
     pub(crate) fn map(&self, keypoint: usize) -> PackedMap<'_> {
         let window = &self.windows[keypoint];
         PackedMap {
@@ -103,11 +104,11 @@ impl PackedMaps {
         }
     }
 
-    /// What is written of the map of `keypoint`, and its cells there to be changed: from its first column on, so many from
-    /// row to row.
+    /// The written part of the map of `keypoint`, with its mutable cells from the first column on,
+    /// and the cells from row to row.
     ///
     /// # Panics
-    /// When there is no such map.
+    /// If there is no such map.
     pub(super) fn written_mut(&mut self, keypoint: usize) -> (&Written, &mut [u8], usize) {
         let window = &self.windows[keypoint];
         let cells = &mut self.cells[window.place()][window.stride..];
@@ -117,12 +118,12 @@ impl PackedMaps {
     /// Swaps the maps of two keypoints.
     ///
     /// # Panics
-    /// When there is no such map.
+    /// If there is no such map.
     pub(super) fn swap(&mut self, a: usize, b: usize) {
         self.windows.swap(a, b);
     }
 
-    /// Puts another map, row by row, in the place of that of `keypoint`.
+    /// Replaces the map of `keypoint` by another, row by row.
     #[cfg(test)]
     pub(super) fn replace_for_test(&mut self, keypoint: usize, map: &[u8]) {
         let whole = Written {
@@ -145,7 +146,7 @@ impl<'a> PackedMap<'a> {
         self.written
     }
 
-    /// The cell in a column and row; 0 beyond the map.
+    /// The cell in a column and row; 0 outside the map.
     #[inline]
     pub(super) fn value(&self, x: usize, y: usize) -> u8 {
         let Written { rows, columns } = self.written;
@@ -157,14 +158,14 @@ impl<'a> PackedMap<'a> {
         }
     }
 
-    /// The written part of row `y`, which is one of those that are written, and a zero or more.
+    /// The cells of the written row `y`, and at least one zero.
     pub(super) fn row(&self, y: usize) -> &'a [u8] {
         let row = y - self.written.rows.start + 1;
         &self.cells[row * self.stride..][..self.stride]
     }
 
-    /// The block from a column of the written part on, a multiple of [`BLOCK`], in row `y`, and what lies around it: its cells'
-    /// neighbours to the left and right, above and below.
+    /// The block that begins at a column of the written part, a multiple of [`BLOCK`], in row `y`,
+    /// and its neighbours: to the left and right, above and below.
     #[inline]
     pub(super) fn neighbourhood(&self, column: usize, y: usize) -> Option<[&'a Block; 5]> {
         let at = (y - self.written.rows.start) * self.stride + column;
@@ -184,7 +185,7 @@ impl<'a> PackedMap<'a> {
         let (width, height) = self.size;
         let x = cell.x.max(0.0).min((width - 1) as f64);
         let y = cell.y.max(0.0).min((height - 1) as f64);
-        // Plain casts round towards zero, and x and y are not negative.
+        // Casts round towards zero, and x and y are not negative.
         let (x0, y0) = (x as usize, y as usize);
         let (fx, fy) = (x - x0 as f64, y - y0 as f64);
         let [[a, b], [c, d]] = self.four(x0, y0).map(|row| row.map(f64::from));
@@ -193,7 +194,8 @@ impl<'a> PackedMap<'a> {
         (upper + fy * (lower - upper)) * (1.0 / 255.0)
     }
 
-    /// The cell in a column and row, those to its right and below, row by row; beyond the map its border.
+    /// The cell in a column and row and those to its right and below, row by row; outside the map
+    /// its border.
     #[inline]
     fn four(&self, x0: usize, y0: usize) -> [[u8; 2]; 2] {
         let (width, height) = self.size;
@@ -213,13 +215,13 @@ impl<'a> PackedMap<'a> {
         }
     }
 
-    /// The square of cells around one, row by row; beyond the map its border.
+    /// The square of cells around one, row by row; outside the map its border.
     #[inline]
     pub(crate) fn square(&self, (x, y): (usize, usize)) -> [[u8; SIDE]; SIDE] {
         const HALF: usize = SIDE / 2;
         let (width, height) = self.size;
         let Written { rows, columns } = self.written;
-        // Both ways, a row and a column of zeros more are kept.
+        // One more row and column of zeros are stored on each side.
         let is_within = x >= columns.start + HALF
             && x + HALF <= columns.end
             && x + HALF < width
@@ -243,7 +245,7 @@ impl<'a> PackedMap<'a> {
         }
     }
 
-    /// Lays the whole map out, row by row.
+    /// Writes the whole map, row by row.
     pub(crate) fn lay_out(&self, into: &mut Vec<u8>) {
         let (width, height) = self.size;
         into.clear();
@@ -256,7 +258,7 @@ impl<'a> PackedMap<'a> {
     }
 }
 
-/// A single map of so many columns and rows.
+/// A single map of this size.
 #[cfg(test)]
 pub(crate) fn packed(cells: &[u8], (width, height): (usize, usize)) -> PackedMaps {
     let mut maps = Maps::new(width, height, 1);
@@ -274,7 +276,8 @@ mod tests {
 
     use super::*;
 
-    /// Maps of 20 x 12 cells of which the last is written in these columns and rows, and a dense one beside it.
+    /// Maps of 20 x 12 cells of which the last is written in these columns and rows, and the same
+    /// as a dense one.
     fn partly(columns: Range<usize>, rows: Range<usize>, seed: u64) -> (PackedMaps, Vec<u8>) {
         let (width, height) = (20, 12);
         let mut dense = vec![0; width * height];

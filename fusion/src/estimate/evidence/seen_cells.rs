@@ -1,9 +1,9 @@
-//! Which cells of a crop its camera sees, and what stands for those that it does not.
+//! Which cells of a crop its camera sees, and values for the others.
 //!
-//! A cell beyond the image takes the value of its nearest seen cell, so that the search may clamp
-//! its samples instead of asking for every one of them. Without lens distortion an upright crop ends
-//! in straight lines, and clamping columns and rows finds that cell; every other outline is swept. Cells beyond the part
-//! of a fisheye's view that is used are unseen like those beyond the image.
+//! A cell outside the image takes the value of its nearest seen cell, so that the search can clamp
+//! its samples without testing each. Without lens distortion an upright crop has straight borders,
+//! and clamping columns and rows finds that cell; other outlines are swept. Cells beyond the used
+//! part of a fisheye's view are unseen like those outside the image.
 
 use std::ops::Range;
 
@@ -11,50 +11,50 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::grid::CellGrid;
 use farfield_proto::patch::Written;
 
-/// Every how many cells the camera is asked whether it sees a cell. Its field of view has a smooth
-/// edge; a cell counts as known only when all asked cells around it are.
+/// Distance of the cells that are tested, cells. The camera's field of view has a smooth edge; a
+/// cell counts as known only if all tested cells around it are seen.
 const ASK_EVERY_CELLS: usize = 4;
 
-/// The seen cells of one crop. Reused from tick to tick: it allocates only when crops grow.
+/// The seen cells of one crop. Reused from tick to tick: allocates only when crops grow.
 #[derive(Debug, Clone, Default)]
 pub(super) struct SeenCells {
     width: usize,
     height: usize,
-    /// Per cell, row by row; empty when every cell is seen.
+    /// Per cell, row by row; empty if every cell is seen.
     known: Vec<bool>,
     outline: CropOutline,
-    /// Scratch and outcome of the sweeps: per cell, its nearest seen cell as (column, row).
+    /// Buffer and result of the sweeps: per cell, its nearest seen cell as (column, row).
     nearest: Vec<[u16; 2]>,
 }
 
-/// How the seen cells lie.
+/// Shape of the seen cells.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 enum CropOutline {
-    /// All of them, or none that could stand for the others.
+    /// All of them, or none.
     #[default]
     Whole,
-    /// Those of these columns and rows.
+    /// These columns and rows.
     Rectangle {
         columns: Range<usize>,
         rows: Range<usize>,
     },
-    /// `nearest` says it cell by cell.
+    /// Per cell, in `nearest`.
     Ragged,
 }
 
 impl SeenCells {
-    /// Asks the camera which cells of `grid` it sees.
+    /// Tests which cells of `grid` the camera sees.
     pub(super) fn look_through(&mut self, grid: &CellGrid, model: &CameraModel) {
         self.known.clear();
         self.outline = CropOutline::Whole;
         let (w, h) = (usize::from(grid.width), usize::from(grid.height));
         (self.width, self.height) = (w, h);
         let sees = |x: usize, y: usize| model.sees(grid.pixel(x as f64, y as f64));
-        // Images are convex but for their lens: a grid whose rim is seen is seen as a whole.
+        // Images are convex except for the lens: if the rim of a grid is seen, all of it is.
         let rim = [0, w / 2, w - 1]
             .into_iter()
             .flat_map(|x| [0, h / 2, h - 1].map(|y| (x, y)));
-        // A fisheye's image has corners that reach far out between sides that bend in: every part is asked about.
+        // A fisheye's image has corners far outside concave sides: every part is tested.
         let is_fisheye = model.lens().is_fisheye();
         if !is_fisheye && rim.into_iter().all(|(x, y)| sees(x, y)) {
             return;
@@ -85,8 +85,8 @@ impl SeenCells {
             .unwrap_or(true)
     }
 
-    /// Whether every cell of a map stands for itself: all are seen, or the map is zero outside what is `written`, and
-    /// that is farther in than the outermost seen cells.
+    /// Whether every cell of a map keeps its value: all are seen, or the map is zero outside the
+    /// `written` part, and that is inside the outermost seen cells.
     pub(super) fn stands_for_itself(&self, written: &Written) -> bool {
         let is_inside = |inner: &Range<usize>, outer: &Range<usize>| {
             inner.start > outer.start && inner.end < outer.end
@@ -101,7 +101,7 @@ impl SeenCells {
         }
     }
 
-    /// Gives the unseen cells of one map the values of their nearest seen cells.
+    /// Sets the unseen cells of one map to the values of their nearest seen cells.
     pub(super) fn extend(&self, cells: &mut [u8]) {
         match &self.outline {
             CropOutline::Whole => {}
@@ -136,7 +136,7 @@ impl SeenCells {
         }
     }
 
-    /// Marks every cell nearer than one asking step to (`x`, `y`) as unknown.
+    /// Marks every cell nearer than one test step to (`x`, `y`) as unknown.
     fn forget_around(&mut self, x: usize, y: usize) {
         let (w, h) = (self.width, self.height);
         let reach = ASK_EVERY_CELLS - 1;
@@ -169,14 +169,15 @@ impl SeenCells {
         })
     }
 
-    /// Finds (about) the nearest seen cell of every cell, by two sweeps. At least one is seen.
+    /// Finds (approximately) the nearest seen cell of every cell, by two sweeps. At least one is
+    /// seen.
     fn find_nearest(&mut self) {
         const NONE: [u16; 2] = [u16::MAX; 2];
         let (width, height) = (self.width, self.height);
         self.nearest.clear();
         let known = self.known.iter().enumerate();
         self.nearest.extend(known.map(|(i, &k)| {
-            // Sides are bounded by those of a patch, 256.
+            // Sides are at most those of a patch, 256.
             if k {
                 [(i % width) as u16, (i / width) as u16]
             } else {
@@ -195,7 +196,7 @@ impl SeenCells {
                 nearest[cell] = theirs;
             }
         };
-        // The backward sweep runs twice: a seed in the middle reaches the upper right only then.
+        // The backward sweep runs twice: only then a seed in the middle reaches the upper right.
         for _ in 0..2 {
             for y in 0..height {
                 for x in (0..width).filter(|x| !known[y * width + x]) {
@@ -231,7 +232,8 @@ mod tests {
 
     const WIDTH: usize = 12;
     const HEIGHT: usize = 16;
-    /// What sweeps along rows and columns lose against the nearest cell: 1.20 over 250 edges at random.
+    /// Error of sweeps along rows and columns relative to the nearest cell: 1.20 over 250 random
+    /// edges.
     const FARTHER: f64 = 1.3;
 
     fn seen(known: Vec<bool>) -> SeenCells {
@@ -246,7 +248,7 @@ mod tests {
         seen
     }
 
-    /// A map in which every cell has a value of its own.
+    /// A map in which every cell has a different value.
     fn numbered() -> Vec<u8> {
         (0..WIDTH * HEIGHT).map(|i| i as u8).collect()
     }

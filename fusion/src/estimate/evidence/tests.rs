@@ -1,4 +1,4 @@
-//! Where the cells of a view lie, and which of them it knows.
+//! Tests of the places of a view's cells, and of which have data.
 
 use farfield_proto::camera::{Distortion, Intrinsics};
 use farfield_proto::frames::{Pixel, Transform, Undistorted};
@@ -65,7 +65,7 @@ fn view(patch: &PersonPatch) -> Result<View, EvidenceError> {
     View::from_maps(maps(), patch, ViewpointIndex(2), &model())
 }
 
-/// The map at a pixel, 0 to 1; `None` where the view knows nothing.
+/// The map at a pixel, 0 to 1; `None` without data.
 fn sample(view: &View, keypoint: usize, pixel: Pixel<Undistorted>) -> Option<f64> {
     let cell = view.grid(0).cell(pixel);
     view.knows(keypoint, cell)
@@ -79,7 +79,7 @@ proptest! {
         let view = view(&patch).unwrap();
         let pixel = patch.crops[0].pixel(x, y);
         let value = sample(&view, 1, pixel).unwrap();
-        // Grids travel in single precision.
+        // Grids are sent in single precision.
         prop_assert!((value * 255.0 - (x * 10.0 + y * 4.0)).abs() < 0.01);
     }
 
@@ -129,8 +129,8 @@ proptest! {
         for i in 0..usize::from(WIDTH) * usize::from(HEIGHT) {
             let (x, y) = ((i % 12) as f64, (i / 12) as f64);
             let known = view.knows(0, Vector2::new(x, y));
-            // A corner of the image that pokes in between asked cells is not noticed: one
-            // asking step of slack.
+            // A corner of the image between tested cells is not noticed: a tolerance of one test
+            // step.
             let near_image = (-4..=4).any(|dx| (-4..=4).any(|dy| {
                 model.sees(patch.crops[0].pixel(x + f64::from(dx), y + f64::from(dy)))
             }));

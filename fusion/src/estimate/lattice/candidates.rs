@@ -1,15 +1,17 @@
-//! Where the keypoint may be: the places where the lines of sight of the maps' peaks meet.
+//! Candidates for a keypoint: the places where the lines of sight of the maps' peaks meet.
 //!
-//! A peak of view j is a line of sight: it is at the cell `p_j`, and near the prediction an offset d is at the cell
-//! `c_j + J_j d`. The offset on which several lines and the Gaussian around the prediction agree best solves
+//! A peak of view j is a line of sight: it is at the cell `p_j`, and near the prediction an offset
+//! d is at the cell `c_j + J_j d`. The offset on which several lines and the Gaussian around the
+//! prediction agree best solves
 //!
 //! ```text
-//!   (sum_j w_j J_j' J_j / s^2 + sum_j w_j I / sigma^2) d = sum_j w_j J_j' (p_j - c_j) / s^2,    w_j = a_j h_j
+//!     (sum_j w_j J_j' J_j / s^2 + sum_j w_j I / sigma^2) d = sum_j w_j J_j' (p_j - c_j) / s^2,    w_j = a_j h_j
 //! ```
 //!
-//! with `h_j` the height of the peak and s its sigma: the maximum of F where every map is one Gaussian. Two lines make a
-//! candidate where they pass each other closely; a line that meets no other makes one alone, next to the prediction.
-//! Then each candidate takes in all lines that pass it, and F says which are the best.
+//! with `h_j` the height of the peak and s its sigma: the maximum of F if every map is one
+//! Gaussian. Two lines that pass each other closely make a candidate. A line that meets no other
+//! makes one alone, next to the prediction. Then each candidate is refined with all lines that pass
+//! it, and F selects the best.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -18,26 +20,27 @@ use super::witness::{Witness, Witnesses};
 use super::{KeypointPlace, LatticeMode, LatticeModes, ModeOrigin};
 use crate::estimate::evidence::{MapPeak, View};
 
-/// Most lines of sight that are paired, the heaviest: their pairs are what many views cost.
+/// Most lines of sight that are paired, the heaviest: pairs are the cost of many views.
 const MAX_LINES: usize = 12;
 /// Most candidates.
 const MAX_CANDIDATES: usize = 16;
 const _: () = assert!(MAX_CANDIDATES <= u32::BITS as usize);
-/// Two lines meet where both pass within this of a place, in sigmas of a peak.
+/// Two lines meet if both pass within this of a place, in sigmas of a peak.
 const MEETING_SIGMAS: f64 = 2.5;
 /// A line that passes a candidate within this, in sigmas of a peak, may come from there.
 const THERE_SIGMAS: f64 = 1.0;
-/// A candidate takes in the lines that pass within this, in sigmas of a peak, the less the farther.
+/// A candidate uses the lines that pass within this, in sigmas of a peak, with less weight farther
+/// away.
 const TAKEN_SIGMAS: f64 = 3.0;
-/// Candidates closer than this are one, in cells of the finest view: what runs into one peak of S.
+/// Candidates closer than this are one, in cells of the finest view: they lead to one peak of S.
 pub(super) const ONE_PLACE_CELLS: f64 = 2.0;
-/// Share of the best score below which a candidate is none.
+/// Share of the best score below which a candidate is dropped.
 const LEAST_OF_BEST: f64 = 0.3;
 
 /// The line of sight of one peak, near the prediction.
 #[derive(Debug, Clone, Copy)]
 struct Sightline {
-    /// Which witness shows it.
+    /// Index of its witness.
     witness: usize,
     /// `w_j`.
     weight: f64,
@@ -48,11 +51,11 @@ struct Sightline {
     information: Symmetric,
     pull: Vector3<f64>,
     is_met: bool,
-    /// One bit per candidate that it passes as closely as if it were there.
+    /// One bit per candidate that it passes closely.
     explained: u32,
 }
 
-/// What some lines know together.
+/// The sum of the information of some lines.
 #[derive(Debug, Clone, Copy, Default)]
 struct Meeting {
     weight: f64,
@@ -118,7 +121,7 @@ impl Candidates {
         for b in 1..self.lines.len() {
             for a in 0..b {
                 let [one, other] = [self.lines[a], self.lines[b]];
-                // Of many views, most pairs meet where others have met before.
+                // With many views, most pairs meet where others have already met.
                 let is_known = one.explained & other.explained != 0;
                 if one.witness == other.witness || is_known {
                     continue;
@@ -162,7 +165,7 @@ impl Candidates {
         }
     }
 
-    /// The place on which all lines agree that pass `place_m`.
+    /// The place on which all lines that pass `place_m` agree.
     fn drawn_together(&self, place_m: Vector3<f64>, at: &KeypointPlace<'_>) -> Vector3<f64> {
         let mut near = Meeting::default();
         for line in &self.lines {
@@ -179,7 +182,7 @@ impl Candidates {
     }
 }
 
-/// Keeps the best modes; of two that are one place, the better.
+/// Adds a mode; of two at one place the better is kept.
 fn insert(modes: &mut LatticeModes, mode: LatticeMode, cell_m: f64) {
     let one_place_m = ONE_PLACE_CELLS * cell_m;
     let is_near = |m: &LatticeMode| (m.offset_m - mode.offset_m).norm() < one_place_m;
@@ -234,7 +237,7 @@ impl Meeting {
         self.pull += line.pull * share;
     }
 
-    /// The place that the lines agree on, inside the lattice.
+    /// The place on which the lines agree, inside the lattice.
     fn place_m(&self, at: &KeypointPlace<'_>) -> Vector3<f64> {
         let sigma_m = at.parameters.prior_sigma_m;
         let prior = self.weight / (sigma_m * sigma_m);

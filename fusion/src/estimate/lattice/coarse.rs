@@ -1,7 +1,7 @@
 //! The coarse pass: the whole lattice at steps of about two cells, and its local maxima.
 //!
-//! This is where the time goes, so samples are those of the nearest cell, and the projection of a
-//! row of the lattice is three multiply-adds and one division per point, in f32: the error is far
+//! This takes most of the time. So samples are those of the nearest cell, and the projection of a
+//! row of the lattice is three multiply-adds and one division per point, in f32. The error is far
 //! below a tenth of a cell, the step twenty times that.
 
 use farfield_proto::venue::parameters::LatticeParameters;
@@ -11,16 +11,16 @@ use super::witness::{Witness, Witnesses};
 use super::{LatticeMode, LatticeModes, ModeOrigin};
 use crate::estimate::evidence::View;
 
-/// Most steps from the centre to a side; a lattice that would need more has a wider step.
+/// Most steps from the centre to a side; a larger lattice has wider steps.
 const MAX_STEPS: usize = 12;
 /// Points of the longest row.
 const MAX_ROW: usize = 2 * MAX_STEPS + 1;
-/// Share of the best score below which a local maximum is no candidate.
+/// Share of the best score below which a local maximum is dropped.
 const LEAST_OF_BEST: f32 = 0.3;
-/// 2^23: adding it to a smaller f32 that is not negative leaves the nearest integer in the low bits.
+/// 2^23: adding it to a smaller nonnegative f32 leaves the nearest integer in the low bits.
 const TO_INTEGER: f32 = 8_388_608.0;
 
-/// Buffers and outcome of a coarse pass.
+/// Buffers and result of a coarse pass.
 #[derive(Debug, Clone, Default)]
 pub(super) struct CoarsePass {
     /// F per point, x fastest.
@@ -46,7 +46,7 @@ impl CoarsePass {
     ) {
         let wanted =
             (parameters.half_width_m / (parameters.coarse_step_cells * witnesses.cell_m)).ceil();
-        // NaN and what is below 1 become 1.
+        // NaN and values below 1 become 1.
         let k = (wanted as usize).clamp(1, MAX_STEPS);
         let step_m = parameters.half_width_m / k as f64;
         let n = 2 * k + 1;
@@ -88,7 +88,7 @@ impl CoarsePass {
         }
     }
 
-    /// Multiplies with the Gaussian around the prediction; `step` is in its sigmas.
+    /// Multiplies by the Gaussian around the prediction; `step` is in its sigmas.
     fn weigh(&mut self, k: usize, step: f64) {
         let n = 2 * k + 1;
         let mut gauss = [0.0f32; MAX_ROW];

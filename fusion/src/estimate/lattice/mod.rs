@@ -5,23 +5,29 @@
 //!   S(d)  = sum_j a_j S_j(mu_j(c_j + d)) / sum_j a_j
 //! ```
 //!
-//! `S_j` is the map of view j, `mu_j` its projection, `c_j` the keypoint's prediction at the capture
-//! instant of *that view* (a view taken 5 ms late looks for the keypoint where it was then), `a_j` what
-//! the view counts: the occlusion weight of eq. (9), its share of the votes of viewpoints that stand
-//! close together, and the native pixels per cell. All points of one keypoint's lattice are compared
-//! over the same views: those whose `c_j` lies where they know something. A point outside such a
-//! view's map takes the map's border.
+//! `S_j` is the map of view j, `mu_j` its projection, and `c_j` the keypoint's prediction at the
+//! capture instant of *that view* (a view taken 5 ms late uses the place at that time). `a_j` is
+//! the weight of the view: the occlusion weight of eq. (9), its share of the votes of viewpoints
+//! that stand close together, and the native pixels per cell. All points of one keypoint's lattice
+//! are compared over the same views: those with data at their `c_j`. A point outside such a view's
+//! map takes the map's border.
 //!
-//! Where we depart from the paper: the sum is divided by the weights, so that thresholds do not
-//! depend on the number of views; candidates are weighed by a Gaussian around the prediction; they are
-//! not the points of a lattice but the few places where the lines of sight of the maps' peaks meet. Which of
-//! them it is F decides, linear in the maps; from there damped Newton steps on a smooth model of the maps
-//! lead on, so that the answer is not quantised, to the maximum of the sum of the maps' *squares*: a network
-//! that is unsure draws a lower peak, and is wrong by more. Left and right are decided together. Only where maps show something and no peak, the slope of one
-//! that lies beyond, the whole lattice is scored, and a halving descent leads to its best points. A
-//! keypoint that nothing supports falls back to its prediction, with weight 0.
+//! Differences from the paper:
 //!
-//! Maps that two *persons* claim are not shared out here.
+//! - The sum is divided by the weights, so that thresholds do not depend on the number of views.
+//! - Candidates are weighted by a Gaussian around the prediction.
+//! - Candidates are not the points of a lattice but the few places where the lines of sight of the
+//!   maps' peaks meet. F, linear in the maps, selects one of them.
+//! - From there damped Newton steps on a smooth model of the maps lead to the maximum of the sum of
+//!   the maps' *squares*, so that the result is not quantised. (An unsure network draws a lower
+//!   peak, and its errors are larger.)
+//! - Left and right are decided together.
+//!
+//! The whole lattice is scored only if maps have values but no peak, such as the slope of a peak
+//! outside. A halving descent then leads to its best points. A keypoint without support falls back
+//! to its prediction, with weight 0.
+//!
+//! Peaks that belong to two *persons* are assigned elsewhere.
 
 mod candidates;
 mod coarse;
@@ -44,12 +50,12 @@ use self::witness::{Closeness, Witnesses};
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::estimate::evidence::View;
 
-/// Most places at which one keypoint may be.
+/// Most modes of one keypoint.
 const MAX_MODES: usize = 4;
 /// Most whole steps of an ascent, before they are halved.
 const MOST_STRIDES: usize = 6;
 
-/// A place where the keypoint may be: a local maximum of F.
+/// A possible place of the keypoint: a local maximum of F.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct LatticeMode {
     /// From the prediction, metres.
@@ -59,14 +65,14 @@ struct LatticeMode {
     origin: ModeOrigin,
 }
 
-/// What a mode is.
+/// How a mode was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ModeOrigin {
-    /// Where lines of sight meet: a maximum of F as far as the peaks' places tell.
+    /// Meeting of lines of sight: a maximum of F by the places of the peaks.
     Meeting,
-    /// Where an ascent ended, to a fine step.
+    /// End of an ascent, within a fine step.
     Ascent,
-    /// Where Newton's steps led.
+    /// End of Newton's steps.
     Refined,
 }
 
@@ -116,22 +122,22 @@ impl LatticeModes {
     }
 }
 
-/// One keypoint in the middle of the search.
+/// One keypoint during the search.
 #[derive(Debug, Clone, Default)]
 struct Keypoint {
     witnesses: Witnesses,
     modes: LatticeModes,
-    /// Per witness, what its map shows at the place that was refined last.
+    /// Per witness, the value of its map at the place that was refined last.
     says: Vec<f64>,
 }
 
-/// The search, with its buffers. Nothing is allocated once they have grown to a venue's views.
+/// The search, with reused buffers: allocates only until they have the size for a venue's views.
 #[derive(Debug, Clone)]
 pub struct LatticeSearch {
     sides: Vec<Sides>,
     keypoints: Vec<Keypoint>,
     closeness: Closeness,
-    /// Per view: how much of the person it sees, 0 to 1, and what that is made of.
+    /// Per view: the share of the person that it sees, 0 to 1, and the sums of that share.
     sight: Vec<f64>,
     sight_counts: Vec<[f64; 2]>,
     work: Work,
@@ -159,9 +165,9 @@ impl LatticeSearch {
     }
 
     /// Finds the keypoints of one person from its `views` of one tick. `predicted_m` are the
-    /// predictions at the tick (world, metres); those at the capture instants, and the occlusion
+    /// predictions at the tick (world, metres). Those at the capture instants, and the occlusion
     /// weights, are in the views. `estimates` is overwritten, one per keypoint of the network.
-    /// Predictions that are missing or not finite give estimates without weight.
+    /// Missing or non-finite predictions give estimates without weight.
     pub fn search(
         &mut self,
         views: &mut [View],
@@ -221,7 +227,7 @@ impl LatticeSearch {
     }
 }
 
-/// Where a keypoint is looked for, and in what.
+/// Place and data of the search for one keypoint.
 #[derive(Clone, Copy)]
 struct KeypointPlace<'a> {
     views: &'a [View],
@@ -247,7 +253,7 @@ impl Keypoint {
         }
     }
 
-    /// Coarse pass and descent: for maps that show the slopes of peaks beyond the lattice.
+    /// Coarse pass and descent, for maps with slopes of peaks outside the lattice.
     fn climb(&mut self, at: &KeypointPlace<'_>, coarse: &mut CoarsePass) {
         coarse.run(at.views, at.keypoint, &self.witnesses, at.parameters);
         for rough in coarse.modes().as_slice() {
@@ -255,8 +261,8 @@ impl Keypoint {
         }
     }
 
-    /// Leaves of the modes after the best those that are maxima of F, and not places on the slope of a higher one
-    /// where lines of sight happen to cross.
+    /// Keeps, after the best mode, only maxima of F, and not crossings of lines of sight on the
+    /// slope of a higher one.
     fn settle(&mut self, at: &KeypointPlace<'_>) {
         let rough = self.modes;
         self.modes.n = self.modes.n.min(1);
@@ -265,7 +271,7 @@ impl Keypoint {
         }
     }
 
-    /// Keeps the maximum of F to which a halving ascent leads from `start_m`, unless it is known.
+    /// Adds the maximum of F that a halving ascent reaches from `start_m`, unless it is known.
     fn insert_top(&mut self, at: &KeypointPlace<'_>, start_m: Vector3<f64>) {
         let score = |offset_m: Vector3<f64>| self.witnesses.score(at, offset_m);
         let fine_m = self.fine_m(at);
@@ -296,7 +302,8 @@ impl Keypoint {
         coarse_m / f64::from(at.parameters.fine_per_coarse.max(1))
     }
 
-    /// The mode where Newton's steps lead. Its score stays that of F's maximum; the place is that of S's, near it.
+    /// The mode that Newton's steps reach. Its score stays that of F's maximum; the place is that
+    /// of S's, near it.
     fn refined(
         &mut self,
         at: &KeypointPlace<'_>,
@@ -327,13 +334,13 @@ impl Keypoint {
         }
     }
 
-    /// S at an offset; `says` is then what each map shows there.
+    /// S at an offset; stores each map's value there.
     fn listen(&mut self, at: &KeypointPlace<'_>, offset_m: Vector3<f64>) -> f64 {
         self.witnesses
             .listen(at.views, at.keypoint, offset_m, &mut self.says)
     }
 
-    /// The estimate for `mode`, which was refined last, or the fall back to the prediction without one.
+    /// The estimate for `mode`, which was refined last; without one, the prediction.
     fn estimate(&mut self, at: &KeypointPlace<'_>, mode: Option<LatticeMode>) -> KeypointEstimate {
         let Some(LatticeMode { offset_m, .. }) = mode else {
             return KeypointEstimate::unsupported(at.predicted_m, 0.0);
@@ -350,7 +357,7 @@ impl Keypoint {
     }
 }
 
-/// The Gaussian around the prediction that candidates are weighed by; its peak is 1.
+/// The Gaussian around the prediction that weights candidates; its peak is 1.
 fn prior(offset_m: Vector3<f64>, sigma_m: f64) -> f64 {
     libm::exp(-0.5 * offset_m.norm_squared() / (sigma_m * sigma_m))
 }

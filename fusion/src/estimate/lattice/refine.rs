@@ -7,19 +7,18 @@ use super::witness::{Witness, Witnesses};
 use super::{KeypointPlace, LatticeMode};
 use crate::estimate::evidence::PackedMap;
 
-/// Most Newton steps that seek the maximum of F; three settle to a hundredth of a cell.
+/// Most Newton steps towards the maximum of F; three settle to a hundredth of a cell.
 pub(super) const PULLED_STEPS: usize = 3;
-/// Most Newton steps that seek the maximum of S. Each leaves lambda/(h + lambda) of the pull, h the
+/// Most Newton steps towards the maximum of S. Each leaves lambda/(h + lambda) of the pull, h the
 /// curvature of S: about a tenth with cells of 35 mm.
 const FREE_STEPS: usize = 3;
-/// Steps shorter than this are the last of their kind, metres: of those towards F, from which others go on, and of
-/// those towards S.
+/// Steps shorter than this are the last of their kind, metres: first towards F, then towards S.
 const LAST_PULLED_M: f64 = 1e-3;
 const LAST_FREE_M: f64 = 1e-4;
-/// How far Newton may go, in fine steps, before the candidate itself is kept.
+/// Largest distance of Newton's steps, in fine steps; beyond it the candidate is kept.
 const FARTHEST_STEPS: f64 = 6.0;
-/// Share of S that Newton may lose before the candidate itself is kept. Bilinear samples make
-/// the value at a maximum itself uncertain by less than this.
+/// Share of S that Newton must keep; otherwise the candidate is kept. Bilinear samples make the
+/// value at a maximum uncertain by less than this.
 pub(super) const LOSS: f64 = 0.85;
 
 /// The best of a point and its 26 neighbours at `step_m`.
@@ -40,7 +39,7 @@ pub(super) fn best_neighbour(
     best
 }
 
-/// Newton's steps, with the hills that they stand on.
+/// Newton's steps, with the fitted quadratics.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Refiner {
     /// Per witness.
@@ -55,14 +54,15 @@ impl Refiner {
     ///   (H + lambda I) delta = g - lambda d,    lambda = S/sigma^2,    then: = g
     /// ```
     ///
-    /// S is here the sum of the maps' *squares*, half of it: each view's map counts once more by its own value, because a
-    /// network that is unsure draws a lower peak, and is wrong by more. Which candidate it is was decided by F, in
-    /// which the maps count as they are. g and -H are gradient and curvature of S
-    /// from a quadratic per view (least squares over 5 x 5 cells around the projection), curvatures that
-    /// point the wrong way left out, so H + lambda I is positive definite. The steps with lambda d seek the
-    /// maximum of F, which lies towards the prediction; the others take that pull back where the views
-    /// determine the position, and leave it where they do not (along the ray of a single view). A start that is
-    /// such a maximum already, as far as the views do not determine it, needs no `pulled_steps`.
+    /// S is here half the sum of the maps' *squares*: each view's map has its own value as an
+    /// additional weight, because an unsure network draws a lower peak, and its errors are larger.
+    /// F, which is linear in the maps, has already selected the candidate. g and -H are gradient
+    /// and curvature of S from a quadratic per view (least squares over 5 x 5 cells around the
+    /// projection). Negative curvatures are removed, so H + lambda I is positive definite. The
+    /// steps with lambda d seek the maximum of F, which lies towards the prediction. The others
+    /// undo that pull where the views determine the position, and keep it elsewhere (along the ray
+    /// of a single view). If the start is already such a maximum along undetermined directions, it
+    /// needs no `pulled_steps`.
     pub(super) fn newton(
         &mut self,
         at: &KeypointPlace<'_>,
@@ -100,7 +100,8 @@ impl Refiner {
     }
 }
 
-/// Half the sum of the maps' squares around an offset, to second order: value, gradient (per metre), minus the Hessian.
+/// Half the sum of the maps' squares around an offset, to second order: value, gradient (per
+/// metre), minus the Hessian.
 #[derive(Default)]
 struct Surroundings {
     value: f64,
@@ -109,7 +110,7 @@ struct Surroundings {
 }
 
 impl Surroundings {
-    /// Adds one view's part; `hill` is where it stood last.
+    /// Adds one view's part; `hill` is its last quadratic.
     fn add(
         &mut self,
         witness: &Witness,
@@ -155,15 +156,15 @@ struct Hill {
     slope: Vector2<f64>,
     /// The Hessian.
     bend: Matrix2<f64>,
-    /// Minus the Hessian, without what points the wrong way.
+    /// Minus the Hessian, without negative curvatures.
     round: Matrix2<f64>,
 }
 
 impl Hill {
-    /// The one around a fractional cell: `known` where it is that.
+    /// The one around a fractional cell; reuses `known` if it is that.
     fn at(cell: Vector2<f64>, map: PackedMap<'_>, known: &mut Option<Self>) -> Self {
         let (width, height) = map.size();
-        // Plain casts take what is negative or not a number for 0.
+        // Casts turn negative values and NaN into 0.
         let nearest = |v: f64, size: usize| ((v + 0.5) as usize).min(size - 1);
         let middle = (nearest(cell.x, width), nearest(cell.y, height));
         if let Some(hill) = known.filter(|hill| hill.middle == middle) {

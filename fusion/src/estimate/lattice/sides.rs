@@ -1,12 +1,12 @@
-//! Left and right are decided together: the other ankle is inside the lattice, and when a network
-//! sees one ankle only, it likes to show it for both.
+//! Left and right are decided together: the other ankle is inside the lattice, and a network that
+//! sees only one ankle often shows it for both.
 
 use farfield_proto::keypoints::KeypointSet;
 use nalgebra::Vector3;
 
 use super::{Keypoint, LatticeMode};
 
-/// The joints whose sides are taken for one another.
+/// The joints whose sides are often swapped.
 const PAIRED: [&str; 4] = ["elbow", "wrist", "knee", "ankle"];
 /// Distance below which two sides are on the same spot, cells: about a third of the width of a peak
 /// (full width at half height of sigma 2 cells: 4.7).
@@ -41,7 +41,7 @@ impl Sides {
     }
 }
 
-/// How near two places are that are one spot for both sides.
+/// How near two places must be to be one spot for both sides.
 struct SameSpot {
     predicted_m: [Vector3<f64>; 2],
     within_m: f64,
@@ -63,7 +63,7 @@ impl SameSpot {
     }
 }
 
-/// Whether the best modes of two sides are the same spot; where they are not, each side keeps its best.
+/// Whether the best modes of two sides are the same spot; if not, each side keeps its best.
 pub(super) fn are_one_spot(sides: [&Keypoint; 2], predicted_m: [Vector3<f64>; 2]) -> bool {
     let [left, right] = sides.map(|side| side.modes.as_slice().first());
     let same_spot = SameSpot::of(sides, predicted_m);
@@ -71,8 +71,9 @@ pub(super) fn are_one_spot(sides: [&Keypoint; 2], predicted_m: [Vector3<f64>; 2]
         .is_some_and(|(left, right)| same_spot.is(left, right))
 }
 
-/// Chooses the modes of two sides together, not both at one spot. A side that comes out without a mode falls back to
-/// its prediction: the sum of both scores decides who keeps a spot, and no mode counts as the least support.
+/// Chooses the modes of two sides together, not both at one spot. A side without a mode falls back
+/// to its prediction. The sum of both scores decides which side gets a spot, and no mode counts as
+/// the least support.
 pub(super) fn decide_sides(
     sides: [&Keypoint; 2],
     predicted_m: [Vector3<f64>; 2],

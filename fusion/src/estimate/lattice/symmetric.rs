@@ -1,4 +1,4 @@
-//! Symmetric 3 x 3 matrices, and what is solved with them by the thousand.
+//! Symmetric 3 x 3 matrices, for many small linear systems.
 
 use nalgebra::Vector3;
 
@@ -27,8 +27,8 @@ impl Symmetric {
         }
     }
 
-    /// Solves (self + `more` I) x = b by the adjugate, self without negative eigenvalues and `more` > 0; not
-    /// finite where these do not hold.
+    /// Solves (self + `more` I) x = b by the adjugate; not finite unless self has no negative
+    /// eigenvalues and `more` > 0.
     pub(super) fn solve(&self, more: f64, b: &Vector3<f64>) -> Vector3<f64> {
         let [xx, xy, xz, yy, yz, zz] = self.0;
         let (xx, yy, zz) = (xx + more, yy + more, zz + more);

@@ -20,11 +20,11 @@ const LEFT_WRIST: usize = 9;
 const HIPS: std::ops::Range<usize> = 11..13;
 const LEFT_ANKLE: usize = 15;
 const RIGHT_ANKLE: usize = 16;
-/// With perfect maps what remains is 8 bit, the fit of a quadratic to a Gaussian, and the last of the
-/// pull of the prediction: about a tenth of a cell, which is 30 to 45 mm here.
+/// With perfect maps the error comes from 8 bit, the fit of a quadratic to a Gaussian, and the rest
+/// of the pull of the prediction: about a tenth of a cell, which is 30 to 45 mm here.
 const EXACT_M: f64 = 0.004;
-/// The same wherever the prediction and the cameras are: of 4,000 random cases the worst was 5.0 mm, and
-/// one in 170 was beyond 4.
+/// The same for any prediction and cameras: of 4,000 random cases the worst was 5.0 mm, and one in
+/// 170 was above 4.
 const EXACT_ANYWHERE_M: f64 = 0.006;
 
 /// 17 keypoints of a standing person at the origin, COCO order, metres.
@@ -87,7 +87,7 @@ fn ring(bearings_deg: &[f64]) -> Vec<CameraModel> {
     bearings_deg.iter().map(|deg| camera_at(eye(deg))).collect()
 }
 
-/// Four viewpoints, as a venue has them.
+/// Four viewpoints, as in a venue.
 fn four() -> Vec<CameraModel> {
     ring(&[10.0, 95.0, 200.0, 290.0])
 }
@@ -154,7 +154,7 @@ fn view_on_grid(
     .unwrap()
 }
 
-/// Draws a peak of `height` where `p` projects to, keeping the larger value.
+/// Draws a peak of `height` at the projection of `p`, keeping the larger value.
 fn draw(view: &mut View, keypoint: usize, p: Vector3<f64>, height: f64) {
     let h = view.cell_from_world(keypoint) * p.push(1.0);
     let center = Vector2::new(h.x, h.y) / h.z;

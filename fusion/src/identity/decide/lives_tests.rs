@@ -38,7 +38,7 @@ impl Life {
                 tentative_ticks: 1,
                 ..TrackFacts::sighted(1, awaited)
             },
-            ..Self::of(Phase::Tentative)
+            ..Self::in_phase(Phase::Tentative)
         }
     }
 

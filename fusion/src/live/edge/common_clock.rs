@@ -97,7 +97,7 @@ mod tests {
         let common_us = common.weigh(own, edges.iter());
         let agree = |edge: &EdgeClock| {
             let mut edge = edge.clone();
-            edge.agree_on(common_us);
+            edge.set_common(common_us);
             edge.surely_off_us()
         };
         edges.iter().map(agree).collect()
