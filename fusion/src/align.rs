@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_is_complete_when_every_viewpoint_has_sent_all_it_announced() {
+    fn a_tick_is_complete_when_all_announced_parts_are_there() {
         let mut gather = Gather::new(SESSION, Tick(5), 2);
         gather.add_patches(patches(1, 1, 2, 1)).unwrap();
         gather.add_patches(patches(0, 0, 1, 0)).unwrap();
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sighting_that_overtakes_its_patches_is_kept() {
+    fn a_sighting_before_its_patches_is_kept() {
         let mut gather = Gather::new(SESSION, Tick(5), 1);
         gather.add_sightings(sightings(0)).unwrap();
         assert!(!gather.is_complete());
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_belong_to_the_tick_is_refused_with_its_reason() {
+    fn messages_of_other_ticks_are_refused_with_the_reason() {
         let mut gather = Gather::new(SESSION, Tick(5), 1);
         let late = PatchSet {
             tick: Tick(4),
@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn sightings_are_counted_over_all_parts_of_a_viewpoints_tick() {
+    fn sightings_are_bounded_over_all_parts() {
         // Symptom to prevent: each of 1,024 parts is within the bound, and the search for new
         // people over all of their pairs never ends.
         let mut gather = Gather::new(SESSION, Tick(5), 2);
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn persons_are_counted_over_all_parts_of_a_viewpoints_tick() {
+    fn persons_are_bounded_over_all_parts() {
         let mut gather = Gather::new(SESSION, Tick(5), 1);
         let most = MAX_PERSONS as u32;
         gather
@@ -476,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn patches_and_sightings_must_agree_on_the_parts_whichever_comes_first() {
+    fn patches_and_sightings_must_agree_on_the_parts_in_any_order() {
         let mut gather = Gather::new(SESSION, Tick(5), 1);
         gather.add_sightings(many_sightings(1, 0, 2)).unwrap();
         assert_eq!(
@@ -496,10 +496,10 @@ mod tests {
         gather.add_sightings(many_sightings(1, 1, 2)).unwrap();
         assert!(gather.is_complete());
 
-        let mut did_not_look = Gather::new(SESSION, Tick(5), 1);
-        did_not_look.add_patches(patches(0, 0, 1, 0)).unwrap();
+        let mut without_pass = Gather::new(SESSION, Tick(5), 1);
+        without_pass.add_patches(patches(0, 0, 1, 0)).unwrap();
         assert_eq!(
-            did_not_look.add_sightings(sightings(0)),
+            without_pass.add_sightings(sightings(0)),
             Err(Refused::RepeatedPart)
         );
     }

@@ -150,13 +150,13 @@ mod tests {
     }
 
     #[test]
-    fn the_greedy_choice_is_not_taken_where_it_costs_more() {
+    fn the_assignment_is_better_than_the_greedy_one() {
         let costs = [[1.0, 2.0], [1.5, 9.0]];
         assert_eq!(assign(2, 2, |i, j| costs[i][j]), [Some(1), Some(0)]);
     }
 
     #[test]
-    fn nothing_is_assigned_to_nothing() {
+    fn an_empty_problem_has_an_empty_assignment() {
         assert_eq!(assign(0, 3, |_, _| 1.0), []);
         assert_eq!(assign(2, 0, |_, _| 1.0), [None, None]);
     }

@@ -138,7 +138,7 @@ impl Trunk {
         let neck_px = seen.pixel(Joint::Neck);
         let trunk_m = (seen.joint_m(Joint::Neck) - seen.joint_m(Joint::Pelvis)).norm();
         let focal_px = 0.5 * (model.intrinsics().fx_px + model.intrinsics().fy_px);
-        let from_the_side_px = trunk_m * focal_px / seen.of(Joint::Pelvis).z;
+        let from_the_side_px = trunk_m * focal_px / seen.homogeneous(Joint::Pelvis).z;
         let broadside = neck_px.map_or(0.0, |neck| {
             (neck - pelvis_px).norm() / from_the_side_px.max(1e-9)
         });
@@ -158,8 +158,8 @@ impl Trunk {
     }
 
     /// Whether the box turns with the trunk; `did`: whether the last one did.
-    fn turns(&self, did: bool, parameters: &BoxParameters) -> bool {
-        let (least_deg, least_broadside) = if did {
+    fn turns(&self, was_turned: bool, parameters: &BoxParameters) -> bool {
+        let (least_deg, least_broadside) = if was_turned {
             (
                 parameters.rotate_until_deg,
                 parameters.end_on_ratio * END_ON_HYSTERESIS,
@@ -206,7 +206,7 @@ impl Region {
         // Filled in place: `map` of an array of options is compiled to calls and copies.
         let mut cubes = [const { None }; N_JOINTS];
         for (placed, joint) in cubes.iter_mut().zip(Joint::ALL) {
-            let h = seen.of(joint);
+            let h = seen.homogeneous(joint);
             *placed = seen.pixel(joint).map(|px| PlacedCube {
                 h,
                 middle: place(px),
@@ -238,7 +238,7 @@ impl Region {
         };
         for i in outermost.into_iter().flatten().chain(0..cubes.len()) {
             if let Some(placed) = cubes[i].take()
-                && !lattice.holds(placed.middle, placed.reach)
+                && !lattice.contains(placed.middle, placed.reach)
             {
                 for corner in cube.corners(placed.h) {
                     lattice.add(place(corner));

@@ -78,7 +78,7 @@ fn pixel(p_m: Vector3<f64>) -> Vector2<f64> {
 
 proptest! {
     #[test]
-    fn a_box_holds_every_joint_with_its_lattice_however_the_person_lies(
+    fn a_box_contains_all_joints_and_lattices_in_any_posture(
         axis_angle in prop::array::uniform3(-3.0f64..3.0), at in prop::array::uniform3(-2.0f64..2.0),
         inside in prop::array::uniform3(-0.25f64..0.25),
     ) {
@@ -91,7 +91,7 @@ proptest! {
     }
 
     #[test]
-    fn the_rotation_follows_a_person_that_turns_in_the_image(roll in -PI..PI) {
+    fn a_box_turns_with_the_person_in_the_image(roll in -PI..PI) {
         // The camera looks along +x, so a turn about +x is clockwise on the screen.
         let joints = posed(Rotation3::from_axis_angle(&Vector3::x_axis(), roll), [0.0, 0.0, 1.0]);
         let b = camera_box(&mut Boxes::default(), &joints).unwrap();
@@ -288,7 +288,7 @@ fn plain_extent(joints: &Joints, rotation_rad: f64) -> (Vector2<f64>, Vector2<f6
 
 proptest! {
     #[test]
-    fn cubes_that_are_left_out_would_not_have_made_a_box_larger(
+    fn skipped_cubes_do_not_change_a_box(
         axis_angle in prop::array::uniform3(-3.0f64..3.0), x in -7.5f64..5.0, y in -3.0f64..3.0, turn in -PI..PI,
     ) {
         let joints = posed(Rotation3::new(axis_angle.into()), [x, y, 1.0]);
@@ -318,7 +318,7 @@ fn fisheye() -> CameraModel {
 }
 
 #[test]
-fn a_box_ends_where_a_fisheye_is_used_no_further() {
+fn a_box_ends_at_the_rim_of_a_fisheye() {
     let camera = fisheye();
     let rim_px = camera.intrinsics().fx_px * libm::tan(FISHEYE_HALF_VIEW_RAD);
     // Two metres ahead, and from 55 to 63 degrees to the right.

@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_recognised_takes_the_place_of_whom_the_model_carried() {
+    fn a_measured_pose_replaces_a_predicted_one() {
         let with_state = |state, views| PersonPose {
             state,
             views,
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_waits_for_those_who_were_tentative_in_it() {
+    fn a_tick_waits_for_its_tentative_people() {
         let mut journal = Journal::default();
         for tick in 0..4 {
             journal.push(set(tick, &[2]));

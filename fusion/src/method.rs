@@ -83,8 +83,8 @@ mod tests {
     }
 
     #[test]
-    fn maps_of_another_size_than_the_networks_are_not_taken() {
-        let mut method = MeetingFixture::of(&[]).method;
+    fn maps_of_another_size_are_refused() {
+        let mut method = MeetingFixture::at(&[]).method;
         assert!(method.takes(&maps(48, 64, 17)), "no card says their size");
         assert!(!method.takes(&maps(256, 256, 17)));
         assert!(!method.takes(&maps(48, 64, 16)));

@@ -227,13 +227,13 @@ impl Pipeline {
     /// passes are planned as far ahead as the longest horizon, so that all viewpoints get the same
     /// ticks.
     pub fn set_horizons(&mut self, horizons: &[f64]) {
-        for (kept, horizon) in self.horizons.iter_mut().zip(horizons) {
+        for (own, horizon) in self.horizons.iter_mut().zip(horizons) {
             let whole = if horizon.is_finite() {
                 horizon.round() as i64
             } else {
                 1
             };
-            *kept = whole.clamp(1, LONGEST_HORIZON_TICKS);
+            *own = whole.clamp(1, LONGEST_HORIZON_TICKS);
         }
         let longest = self.horizons.iter().copied().max().unwrap_or(1);
         self.registry.plan_ahead(longest);

@@ -1,9 +1,10 @@
-//! What a set of keypoints can tell of a body at all, whoever it is and however well it is seen.
+//! What a set of keypoints determines of a body, for any person and under the best conditions.
 //!
-//! A joint is determined when a keypoint sits on its link, or on one that hangs from it: 17 keypoints end at the
-//! ankles, so where heel and toe are is a guess. Of angles the flags of the inverse kinematics decide (see
-//! [`super::ik`]), for a body that stands with bent limbs and keypoints as networks find them: nothing there is at the
-//! edge of what can be known. What a single tick leaves undetermined beyond that is flagged in the pose.
+//! A joint is determined if a keypoint sits on its link, or on a link further out: 17 keypoints end
+//! at the ankles, so heel and toe are guesses. Angles follow the flags of the inverse kinematics
+//! (see [`super::ik`]), for a body that stands with bent limbs and keypoints with the errors of
+//! networks: nothing there is close to the limits. A pose flags what its single tick leaves
+//! undetermined beyond that.
 
 use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -16,24 +17,24 @@ use super::skeleton::{
     Site, Skeleton,
 };
 
-/// Height of the body that stands for all, metres.
+/// Stature of the reference body, metres.
 const STATURE_M: f64 = 1.75;
-/// How far its elbows and knees are bent, radians: a straight limb hides its twist.
+/// Bend of its elbows and knees, radians: a straight limb hides its twist.
 const BENT_RAD: f64 = 1.0;
 
-/// Standard deviation per axis from which nothing is known of where a joint is, metres: at that it may as well be on
+/// Standard deviation per axis from which a joint counts as unknown, metres: it may then be on
 /// another limb.
 pub const UNKNOWN_M: f32 = 0.1;
 
-/// How an angle follows from the keypoints.
+/// How keypoints determine an angle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AngleEvidence {
     /// By itself.
     Own,
-    /// Only together with angles of the same trunk: of pelvis and spine the sum is known, and everything that is
-    /// known of arms and legs hangs from them.
+    /// Only together with other angles of the trunk: of pelvis and spine only the sum is known, and
+    /// arms and legs follow from them.
     Shared,
-    /// Not at all: a prior carries it.
+    /// Not at all: it comes from a prior.
     Missing,
 }
 
@@ -56,13 +57,13 @@ impl Determined {
     }
 }
 
-/// Per joint whether keypoints at `sites` tell where it is.
+/// Per joint whether keypoints at `sites` determine its place.
 pub fn determined_joints(sites: &[Option<Site>]) -> [bool; N_JOINTS] {
     let shown = shown_links(sites);
     std::array::from_fn(|i| shown[Joint::ALL[i].link() as usize])
 }
 
-/// Per link whether a keypoint sits on it or on one that hangs from it.
+/// Per link whether a keypoint sits on it or on a link further out.
 fn shown_links(sites: &[Option<Site>]) -> [bool; N_LINKS] {
     let mut shown = [false; N_LINKS];
     for site in sites.iter().flatten() {
@@ -89,7 +90,8 @@ fn angles(sites: &[Option<Site>]) -> [AngleEvidence; N_ANGLES] {
             first..first + dofs.len()
         };
         let is_trunk = matches!(link, Link::Pelvis | Link::Trunk);
-        // What hangs from a link shows all of its turns together: one that it does not tell takes the others along.
+        // The outer links show all turns of a link together: one undetermined turn makes the others
+        // undetermined.
         let is_any_unobserved = carries_others(link) && of_link.clone().any(is_unobserved);
         for angle in of_link {
             angles[angle] = match (is_trunk, is_unobserved(angle)) {
@@ -103,7 +105,7 @@ fn angles(sites: &[Option<Site>]) -> [AngleEvidence; N_ANGLES] {
     angles
 }
 
-/// Whether another link hangs from this one.
+/// Whether another link follows this one.
 fn carries_others(link: Link) -> bool {
     Link::ALL
         .into_iter()
@@ -158,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn seventeen_keypoints_tell_nothing_of_feet_and_scapulas() {
+    fn seventeen_keypoints_do_not_determine_feet_and_scapulas() {
         let coco = by(&COCO17);
         assert_eq!(
             unknown_joints(&coco),
@@ -199,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn without_keypoints_of_the_face_nothing_is_known_of_the_head() {
+    fn without_face_keypoints_the_head_is_undetermined() {
         let determined = by(&COCO17[5..]);
         for name in ["head", "nose", "left_ear"] {
             assert!(unknown_joints(&determined).contains(&name), "{name}");

@@ -8,10 +8,10 @@ pub use super::proportions::KnownBody;
 use super::proportions::proportions;
 use crate::body::skeleton::{Pose, RangeOfMotion, Skeleton};
 
-/// Least points of a body that a skeleton is fitted to: a trunk's two and a limb's.
+/// Least points for a skeleton: two of the trunk and one of a limb.
 const MIN_POINTS: usize = 5;
 
-/// How often lengths and poses are fitted in turn where keypoints sit beside their joints: the
+/// How often lengths and poses are fitted in turn if keypoints have offsets from their joints: the
 /// second time changes lengths by less than a millimetre.
 const OFFSET_ROUNDS: usize = 2;
 
@@ -24,15 +24,15 @@ pub enum FitError {
         /// How many there are.
         got: usize,
     },
-    /// No two points that a length lies between.
+    /// No segment has both end points.
     #[error("no segment of the body has both of its ends")]
     NoSegment,
-    /// Where the body faces cannot be told.
+    /// The heading of the body is unknown.
     #[error("neither both shoulders nor both hips are known, or nothing above or below them")]
     NoTrunk,
 }
 
-/// A body and a pose fitted to the keypoints of some ticks: what a track is initiated with.
+/// A body and a pose fitted to the keypoints of some ticks: the start of a track.
 #[derive(Debug, Clone)]
 pub struct Fitted {
     /// The body; left and right are equal.
@@ -41,12 +41,11 @@ pub struct Fitted {
     pub pose: Pose,
 }
 
-/// Fits lengths to all `ticks` of one person, in time order, and a pose to the last.
-///
-/// Points with an offset are taken for what they are: sites beside the joints.
+/// Fits lengths to all `ticks` of one person, in time order, and a pose to the last. Points with an
+/// offset are sites with that offset from their joints.
 ///
 /// # Errors
-/// [`FitError`] when the last tick shows too little of the body.
+/// [`FitError`] if the last tick shows too little of the body.
 pub fn fit(
     ticks: &[ObservedJoints],
     parameters: &IkParameters,
@@ -55,7 +54,7 @@ pub fn fit(
     fit_known(ticks, None, parameters, bounds)
 }
 
-/// As [`fit`], where the body is `known` beside what the ticks show of it.
+/// As [`fit`], with a prior of the body, `known`.
 ///
 /// # Errors
 /// As [`fit`].
@@ -100,7 +99,7 @@ mod tests {
     use crate::body::skeleton::dof::{DofGroup, first_of};
     use crate::body::skeleton::{Joint, Kinematics, Proportions, Side, Site};
 
-    /// What the priors' pull leaves of exact keypoints, metres.
+    /// Error of exact keypoints from the pull of the priors, metres.
     const EXACT_M: f64 = 0.005;
 
     fn average() -> Skeleton {
@@ -152,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lying_person_is_fitted_on_the_back_and_on_the_belly() {
+    fn a_lying_person_is_fitted() {
         for turn in [-1.57, 1.57] {
             let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn);
             check(&Pose::neutral(Vector3::new(0.0, 0.0, 0.15), rotation)).unwrap();
@@ -172,7 +171,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_posture_is_fitted_whichever_way_is_up(
+        fn any_posture_is_fitted_in_any_orientation(
             seed in any::<u64>(), turn in prop::array::uniform3(-3.0f64..3.0),
         ) {
             let mut pose = postures(1, &mut Noise(seed)).remove(0);
@@ -192,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn keypoints_beside_their_joints_give_the_joints() {
+    fn keypoints_with_offsets_give_the_joints() {
         let hip_offset_m = Vector3::new(0.0, 0.04, 0.02);
         let ticks: Vec<ObservedJoints> = postures(15, &mut Noise(3))
             .iter()

@@ -45,7 +45,7 @@ pub(crate) fn joints(skeleton: &Skeleton, pose: &Pose) -> ObservedJoints {
     observed
 }
 
-/// `body` with the 17 COCO keypoints alone, each where `moved` puts it.
+/// `body` with the 17 COCO keypoints alone, each moved by `moved`.
 pub(crate) fn coco_only(
     body: &ObservedJoints,
     mut moved: impl FnMut(Vector3<f64>) -> Vector3<f64>,
@@ -58,8 +58,8 @@ pub(crate) fn coco_only(
     observed
 }
 
-/// `n` people in the middle of the hall, facing anywhere, with arms and legs anywhere that people
-/// put them; spine and scapulas at rest.
+/// `n` people in the middle of the hall, with any heading and any everyday posture of arms and
+/// legs; spine and scapulas at rest.
 pub(crate) fn postures(n: usize, noise: &mut Noise) -> Vec<Pose> {
     (0..n).map(|_| posture(noise)).collect()
 }
@@ -91,7 +91,7 @@ pub(crate) fn coco(body: &ObservedJoints) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// The keypoints of a person of `stature_m` standing at (`x`, `y`) in some everyday posture.
+/// The keypoints of a person of `stature_m` standing at (`x`, `y`) in an everyday posture.
 pub(crate) fn standing(x: f64, y: f64, stature_m: f64, noise: &mut Noise) -> Vec<Vector3<f64>> {
     let skeleton = Skeleton::new(&Proportions::from_stature(stature_m));
     let mut pose = posture(noise);

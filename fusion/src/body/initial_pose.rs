@@ -8,16 +8,17 @@ use super::observed::{ObservedJoints, ObservedPoint};
 use crate::body::ik::{IkSolver, Priors, Target};
 use crate::body::skeleton::{Joint, Kinematics, Pose, RangeOfMotion, Site, Skeleton};
 
-/// Most steps of one solve: initiations are rare, and have no last pose to lean on.
+/// Most steps of one solve: initiations are rare, and have no last pose.
 const MAX_ITERATIONS: u32 = 40;
 
-/// The last pose is not known: it is as if a second had passed, so that its prior says nothing.
+/// The last pose is unknown: as after this time, seconds, so that its prior has no effect.
 const SINCE_LAST_POSE_S: f64 = 1.0;
 
-/// How often the points are weighed anew by how far they are off.
+/// How often the points are reweighted by their residuals.
 const REWEIGHTINGS: usize = 3;
 
-/// A point this far off its site counts half, metres: what is farther was triangulated wrongly.
+/// Distance of a point from its site at which it counts half, metres: points farther away were
+/// triangulated wrongly.
 const HALF_WEIGHT_M: f64 = 0.08;
 
 /// Fits poses to bodies, without a last pose.
@@ -39,8 +40,8 @@ impl<'a> PoseFinder<'a> {
         }
     }
 
-    /// The pose in which `skeleton` has its sites nearest to `body`'s points; single wild points do
-    /// not pull at it. `None` when the body's trunk is not known (see [`posed`]).
+    /// The pose in which `skeleton` has its sites nearest to `body`'s points; robust against single
+    /// wild points. `None` if the body's trunk is unknown (see [`posed`]).
     pub(crate) fn find(&mut self, skeleton: &Skeleton, body: &ObservedJoints) -> Option<Pose> {
         let mut pose = posed(skeleton, body)?;
         for _ in 0..REWEIGHTINGS {
@@ -76,7 +77,7 @@ impl<'a> PoseFinder<'a> {
         })
     }
 
-    /// `body` with each point moved from its site to its joint, as `pose` turns the links.
+    /// `body` with each point moved from its site to its joint, with the links as in `pose`.
     pub(crate) fn without_offsets(
         &mut self,
         skeleton: &Skeleton,

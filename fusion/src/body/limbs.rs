@@ -1,9 +1,9 @@
 //! Keypoints in space -> joint angles, limb by limb, without iteration.
 //!
 //! The trunk is a stiff board between hips and shoulders (unbent spine, level scapulas: paper,
-//! appendix B); each limb follows from the directions of its two bones, and the bend between them
-//! tells how the upper one is turned. Nothing here knows which way is up, so that lying and
-//! upside-down people are found like all others.
+//! appendix B). Each limb follows from the directions of its two bones, and the bend between them
+//! gives the twist of the upper one. Nothing here depends on gravity, so lying and upside-down
+//! people are handled like all others.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -11,16 +11,16 @@ use super::observed::ObservedJoints;
 use crate::body::skeleton::dof::{DofGroup, first_of};
 use crate::body::skeleton::{Joint, Pose, Side, Skeleton, shoulder_coordinates};
 
-/// Sine of the bend of an elbow or knee, below which (15 degrees) it does not tell how the bone
-/// above is turned: 2 cm of noise are as much.
+/// Sine of the bend of an elbow or knee, below which (15 degrees) it does not give the twist of the
+/// bone above: 2 cm of noise are as much.
 const STRAIGHT_SINE: f64 = 0.26;
 
 /// Sine of the angle between a trunk and the line across it, below which (15 degrees) they are one
 /// line: shoulders of 40 cm then leave 10 across the trunk, and noise is 2.
 const TRUNK_IN_LINE_SINE: f64 = 0.26;
 
-/// Least length of the sum of the lines across shoulders and hips: twisted further against each other
-/// (165 degrees) they do not tell where left is.
+/// Least length of the sum of the lines across shoulders and hips: twisted further relative to each
+/// other (165 degrees) they do not give the left side.
 const MIN_SHARED_ACROSS: f64 = 0.26;
 
 /// Shortest distance that gives a direction, metres.
@@ -32,10 +32,10 @@ const EARS: [Joint; 2] = [Joint::LeftEar, Joint::RightEar];
 const EYES: [Joint; 2] = [Joint::LeftEye, Joint::RightEye];
 const KNEES: [Joint; 2] = [Joint::LeftKnee, Joint::RightKnee];
 
-/// A pose near what `body` shows: root, arms and legs; spine, neck, scapulas and feet neutral, and
-/// limbs that are not seen hanging.
+/// A pose near that of `body`: root, arms and legs; spine, neck, scapulas and feet neutral, and
+/// unseen limbs hanging.
 ///
-/// `None` when neither both shoulders nor both hips are known, or they lie in one line with the
+/// `None` if neither both shoulders nor both hips are known, or they lie in one line with the
 /// trunk.
 pub(crate) fn posed(skeleton: &Skeleton, body: &ObservedJoints) -> Option<Pose> {
     let world_from_trunk = trunk_axes(body)?;
@@ -62,7 +62,7 @@ fn trunk_axes(body: &ObservedJoints) -> Option<Matrix3<f64>> {
     Some(Matrix3::from_columns(&[left.cross(&up), left, up]))
 }
 
-/// From the hips to the shoulders, or the nearest to it that is known, unit.
+/// From the hips to the shoulders, or the nearest known direction, unit.
 fn trunk_up(body: &ObservedJoints) -> Option<Vector3<f64>> {
     let (shoulders, hips) = (body.middle_m(SHOULDERS), body.middle_m(HIPS));
     let head = body
@@ -134,8 +134,8 @@ fn set_leg(pose: &mut Pose, side: Side, body: &ObservedJoints, world_from_trunk:
         return;
     };
     pose.dof[first_of(side, DofGroup::Knee)] = limb.bend_rad();
-    // The shank bends backward. A straight leg does not tell; its knee is taken to look where the
-    // trunk's front comes to lie when the hip flexes.
+    // The shank bends backward. For a straight leg the bend is unknown: its knee points where the
+    // trunk's front is when the hip flexes.
     let ahead = limb.bend.map(|bend| -bend).or_else(|| {
         let flexed = limb.upper.dot(&world_from_trunk.column(0));
         let front = if flexed.abs() < 0.7 {
@@ -152,7 +152,8 @@ fn set_leg(pose: &mut Pose, side: Side, body: &ObservedJoints, world_from_trunk:
     }
 }
 
-/// Flexion, adduction and internal rotation of a hip whose thigh is turned by `r` in the pelvis.
+/// Flexion, adduction and internal rotation of a hip whose thigh has the rotation `r` in the
+/// pelvis.
 ///
 /// ```text
 ///   R = Ry(-flexion) Rx(m adduction) Rz(m rotation),   m = 1 right, -1 left
@@ -171,9 +172,9 @@ fn hip_angles(side: Side, r: &Matrix3<f64>) -> [f64; 3] {
 struct ObservedLimb {
     /// Along the upper bone, away from the trunk, unit.
     upper: Vector3<f64>,
-    /// Along the lower bone, unit, where it is seen.
+    /// Along the lower bone, unit, if it is seen.
     lower: Option<Vector3<f64>>,
-    /// Towards where the lower bone bends, across the upper one; unless the limb is straight.
+    /// Direction in which the lower bone bends, across the upper one; unless the limb is straight.
     bend: Option<Vector3<f64>>,
 }
 
@@ -223,12 +224,12 @@ mod tests {
     use crate::body::fixture::{Noise, coco_only, joints, postures};
     use crate::body::skeleton::Proportions;
 
-    /// What straight limbs may leave: a twist that does not move any keypoint.
+    /// Error of straight limbs: a twist that does not move any keypoint.
     const TOLERANCE_M: f64 = 1e-9;
 
     proptest! {
         #[test]
-        fn exact_limbs_are_posed_exactly_whichever_way_is_up(
+        fn exact_limbs_are_posed_exactly_in_any_orientation(
             seed in any::<u64>(),
             turn in prop::array::uniform3(-3.0f64..3.0),
         ) {
@@ -245,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_person_in_the_neutral_pose_is_found_in_it() {
+    fn a_neutral_pose_is_found() {
         let skeleton = Skeleton::new(&Proportions::from_stature(1.75));
         let truth = Pose::neutral(Vector3::new(1.0, 2.0, 0.93), UnitQuaternion::identity());
         let found = posed(&skeleton, &coco_only(&joints(&skeleton, &truth), |p| p)).unwrap();
@@ -257,9 +258,9 @@ mod tests {
     }
 
     #[test]
-    fn a_trunk_in_line_with_what_is_across_it_has_no_pose() {
-        // Hips at the origin and shoulders half a metre above, or shoulders and a nose; the lines from
-        // right to left are leant against the trunk's, whether one says so or two.
+    fn a_trunk_in_line_with_its_cross_line_has_no_pose() {
+        // Hips at the origin and shoulders half a metre above, or shoulders and a nose. The lines
+        // from right to left are tilted relative to the trunk's, one or both.
         let skeleton = Skeleton::new(&Proportions::from_stature(1.75));
         let seen = |angle_deg: f64, both: bool| {
             let across = Rotation3::from_axis_angle(&Vector3::x_axis(), angle_deg.to_radians())

@@ -1,4 +1,4 @@
-//! A person's body as far as it is measured: its links, and where the network's keypoints sit on it.
+//! A person's measured body: its links, and the sites of the network's keypoints.
 
 use std::sync::Arc;
 
@@ -8,23 +8,23 @@ use super::remeasure::{Remeasure, RemeasureSchedule};
 use super::sites::{SiteEvidence, SiteFit, without_offsets};
 use super::skeleton::{Kinematics, Site, Skeleton};
 
-/// A body, which is the same from tick to tick and from life to life of a person.
+/// A body, which stays the same from tick to tick and from life to life of a person.
 #[derive(Debug, Clone)]
 pub struct MeasuredBody {
     /// Link lengths, left and right equal.
     pub skeleton: Skeleton,
-    /// Per keypoint of the network: where it sits on this person, if anywhere.
+    /// Per keypoint of the network: its site on this person, if it has one.
     pub sites: Vec<Option<Site>>,
-    /// What is known of it beside, where it is a subject's.
+    /// The prior, if the person is a subject.
     pub(crate) known: Option<Arc<BodyPrior>>,
-    /// What its lengths are still measured from.
+    /// Samples for the lengths.
     pub(crate) remeasure: Remeasure,
-    /// What `sites` are learned from.
+    /// State of the learned `sites`.
     site_fit: SiteFit,
 }
 
 impl MeasuredBody {
-    /// A body of which nothing is known but `skeleton`; `sites` are those of the network's card.
+    /// A body with only `skeleton` known; `sites` are those of the network's card.
     pub fn new(skeleton: Skeleton, sites: Vec<Option<Site>>) -> Self {
         Self {
             skeleton,
@@ -35,12 +35,13 @@ impl MeasuredBody {
         }
     }
 
-    /// Learns in its turn among those who came together, by its `number`.
+    /// Sets the turn of learning by the person's `number`, so that people who arrive together learn
+    /// at different ticks.
     pub(crate) fn take_turn(&mut self, number: u32) {
         self.site_fit.take_turn(number);
     }
 
-    /// Learns from a tick where the keypoints sit, `dt_s` after the last; `of_card` are the sites of the
+    /// Learns the keypoint sites from a tick, `dt_s` after the last; `of_card` are the sites of the
     /// network's card, `kinematics` those of the pose that fits `estimates`.
     pub(crate) fn learn_sites(
         &mut self,
@@ -59,7 +60,7 @@ impl MeasuredBody {
         self.site_fit.learn(&mut self.sites, &tick);
     }
 
-    /// Keeps what a tick says of the link lengths.
+    /// Stores a tick's sample of the link lengths.
     pub(crate) fn note_lengths(
         &mut self,
         estimates: &[KeypointEstimate],
@@ -70,13 +71,13 @@ impl MeasuredBody {
         self.remeasure.tick(joints, schedule);
     }
 
-    /// It is the body `known`: what was seen of it so far is measured with that.
+    /// Sets the prior `known`, and remeasures the samples with it.
     pub(crate) fn is_known(&mut self, known: Arc<BodyPrior>, schedule: &RemeasureSchedule<'_>) {
         self.known = Some(known);
         self.measure(schedule);
     }
 
-    /// Measures the link lengths anew, with what was kept; they stay where that does not show any.
+    /// Remeasures the link lengths from the samples; they stay if the samples do not suffice.
     pub(crate) fn measure(&mut self, schedule: &RemeasureSchedule<'_>) {
         let measured = self.remeasure.measure(self.known.as_deref(), schedule);
         if let Some(skeleton) = measured {

@@ -1,22 +1,22 @@
-//! What is known of a body's joints in space, whoever said so.
+//! Observed joints of a body in space, from any source.
 
 use nalgebra::Vector3;
 
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, N_JOINTS, Site};
 
-/// A point that stands for a joint.
+/// A point that represents a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObservedPoint {
     /// World metres.
     pub position_m: Vector3<f64>,
-    /// How far the point is from the joint, metres, in the joint's link.
+    /// Offset of the point from the joint, metres, in the joint's link.
     pub offset_m: Vector3<f64>,
-    /// How much it is to be trusted, 0 to 1.
+    /// Its weight, 0 to 1.
     pub weight: f64,
 }
 
-/// The points that are known of one body at one tick, by joint.
+/// The known points of one body at one tick, by joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObservedJoints {
     points: [Option<ObservedPoint>; N_JOINTS],
@@ -31,8 +31,8 @@ impl Default for ObservedJoints {
 }
 
 impl ObservedJoints {
-    /// The points under their joints' names, each with weight 1; names that are no joint and
-    /// positions that are not finite are left out.
+    /// The points under their joints' names, each with weight 1; unknown names and positions that
+    /// are not finite are ignored.
     pub fn from_named<'a>(points: impl IntoIterator<Item = (&'a str, [f64; 3])>) -> Self {
         let mut observed = Self::default();
         for (name, position) in points {
@@ -43,8 +43,8 @@ impl ObservedJoints {
         observed
     }
 
-    /// The keypoints of a tick with evidence from two viewpoints; of two on one joint the first stands
-    /// for it.
+    /// The keypoints of a tick with evidence from two viewpoints; of two on one joint the first is
+    /// used.
     pub fn from_estimates(estimates: &[KeypointEstimate], sites: &[Option<Site>]) -> Self {
         let mut observed = Self::default();
         for (estimate, site) in estimates.iter().zip(sites) {
@@ -58,13 +58,13 @@ impl ObservedJoints {
         observed
     }
 
-    /// Notes where `joint` was seen; a position or weight that is not finite, or no weight, is left
-    /// out.
+    /// Sets the place of `joint`; ignored if position or weight is not finite, or the weight is not
+    /// positive.
     pub fn set(&mut self, joint: Joint, position_m: Vector3<f64>, weight: f64) {
         self.set_site(&Site::at(joint), position_m, weight);
     }
 
-    /// As [`Self::set`], for a point beside the joint.
+    /// As [`Self::set`], for a point with an offset from the joint.
     pub fn set_site(&mut self, site: &Site, position_m: Vector3<f64>, weight: f64) {
         let finite = position_m
             .iter()
@@ -79,34 +79,34 @@ impl ObservedJoints {
         }
     }
 
-    /// Forgets what is known of `joint`.
+    /// Removes `joint`.
     pub fn remove(&mut self, joint: Joint) {
         self.points[joint.index()] = None;
     }
 
-    /// What is known of `joint`.
+    /// The point of `joint`.
     pub fn point(&self, joint: Joint) -> Option<&ObservedPoint> {
         self.points[joint.index()].as_ref()
     }
 
-    /// Where `joint` was seen, world metres.
+    /// The place of `joint`, world metres.
     pub fn position_m(&self, joint: Joint) -> Option<Vector3<f64>> {
         self.point(joint).map(|point| point.position_m)
     }
 
-    /// The middle between two joints that were both seen, world metres.
+    /// The middle between two known joints, world metres.
     pub fn middle_m(&self, joints: [Joint; 2]) -> Option<Vector3<f64>> {
         Some(0.5 * (self.position_m(joints[0])? + self.position_m(joints[1])?))
     }
 
-    /// All that are known, in the model's order.
+    /// All known points, in the model's order.
     pub fn iter(&self) -> impl Iterator<Item = (Joint, &ObservedPoint)> {
         Joint::ALL
             .iter()
             .filter_map(|&joint| Some((joint, self.point(joint)?)))
     }
 
-    /// Whether a point stands beside its joint.
+    /// Whether a point has an offset from its joint.
     pub fn has_offsets(&self) -> bool {
         self.points
             .iter()

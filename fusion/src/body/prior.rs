@@ -1,6 +1,7 @@
-//! A body that is known before it is seen: a subject of the venue, by a profile that was kept or by the stature.
+//! The prior of a body: a subject of the venue, by a stored profile or by the stature.
 //!
-//! It is what keypoints are held against when a body is measured (`proportions.rs`), in the place of what the stature asks for.
+//! When a body is measured (`proportions.rs`), it replaces the lengths of an average body of that
+//! stature.
 
 use std::path::Path;
 
@@ -11,17 +12,20 @@ use nalgebra::Vector3;
 use super::segment::Segment;
 use crate::body::skeleton::{Joint, Proportions};
 
-/// What a length is off that was measured in a fifth of a second, metres: a network's errors last for seconds, so single ticks do
-/// not average out.
+/// Error of a length that was measured in a fifth of a second, metres: a network's errors last for
+/// seconds, so single ticks do not average out.
 const LENGTH_SIGMA_M: f64 = 0.02;
-/// How long a network's errors last, seconds: a body that was seen n times as long is known as if it had been measured n times.
+/// Duration of a network's errors, seconds: a body that was seen n times as long is known as if it
+/// had been measured n times.
 const ERROR_LASTS_S: f64 = 2.0;
-/// What two sessions differ in one length of one person beside that: other shoes, clothes, light, cameras; metres.
+/// Additional difference of one length of one person between two sessions: other shoes, clothes,
+/// light, cameras; metres.
 const SESSION_SIGMA_M: f64 = 0.008;
-/// A length is measured to more than this of itself in no case: else what a profile says of small ones would be exact.
+/// Least error of a length, as a share of it: otherwise small lengths of a profile would count as
+/// exact.
 const LEAST_SHARE: f64 = 0.01;
 
-/// How well a length is known that was measured for `seconds`, metres: one sigma.
+/// Error of a length that was measured for `seconds`, metres: one sigma.
 pub(crate) fn measured_sigma_m(seconds: f64) -> f64 {
     LENGTH_SIGMA_M / (1.0 + seconds.max(0.0) / ERROR_LASTS_S).sqrt()
 }
@@ -31,17 +35,17 @@ pub(crate) fn measured_sigma_m(seconds: f64) -> f64 {
 pub struct BodyPrior {
     /// Its lengths.
     body: Proportions,
-    /// How well each is known: one sigma, metres.
+    /// Error of each: one sigma, metres.
     sigma: Proportions,
 }
 
 impl BodyPrior {
-    /// Of a profile: its lengths, as sure as it says, and as a session differs from the next.
+    /// From a profile: its lengths, with its errors and the differences between sessions.
     ///
     /// # Errors
-    /// The link that is missing or no body's, by the name of its joint or length.
-    pub fn of_profile(profile: &SubjectProfile) -> Result<Self, String> {
-        let body = body_of(profile)?.checked();
+    /// The missing or impossible link, by the name of its joint or length.
+    pub fn from_profile(profile: &SubjectProfile) -> Result<Self, String> {
+        let body = profile_body(profile)?.checked();
         let body = body.map_err(|error| error.to_string())?;
         check_head(&body)?;
         Ok(Self {
@@ -50,20 +54,20 @@ impl BodyPrior {
         })
     }
 
-    /// Of the text of a profile, the content of `path`: the name and the body.
+    /// From the text of a profile, the content of `path`: the name and the body.
     ///
     /// # Errors
-    /// What of the file is wrong, with its line.
+    /// What is wrong in the file, with its line.
     pub fn parse(text: &str, path: &Path) -> Result<(String, Self), FileError> {
         let profile = SubjectProfile::parse(text, path, &Joint::ends_of_links())?;
-        let body = Self::of_profile(&profile).map_err(|problem| {
+        let body = Self::from_profile(&profile).map_err(|problem| {
             FileError::new(path, format!("found a link of no body: {problem}")).at_field("link")
         })?;
         Ok((profile.name, body))
     }
 
-    /// Of somebody of that stature (metres) of whom no more is known: as sure as people of one stature are alike.
-    pub fn of_stature(stature_m: f64) -> Self {
+    /// An average person of that stature (metres), with the spread of people of one stature.
+    pub fn from_stature(stature_m: f64) -> Self {
         let body = Proportions::from_stature(stature_m);
         let shares = Proportions {
             nose_forward_m: 0.2,
@@ -72,7 +76,7 @@ impl BodyPrior {
             eye_side_m: 0.2,
             ear_side_m: 0.2,
             hip_side_m: 0.07,
-            ..every(LIMB_SHARE)
+            ..uniform(LIMB_SHARE)
         };
         let spread = times(&shares, &body);
         Self {
@@ -86,7 +90,7 @@ impl BodyPrior {
         &self.body
     }
 
-    /// How well each of them is known, one sigma.
+    /// Error of each of them, one sigma.
     pub(crate) fn sigma(&self) -> &Proportions {
         &self.sigma
     }
@@ -95,14 +99,14 @@ impl BodyPrior {
     pub(crate) fn segment_m(&self, segment: Segment) -> (f64, f64) {
         (
             segment_of(segment, &self.body, |a, b| a + b, libm::hypot),
-            // Of a sum or a difference the sigmas add as the sides of a right angle do.
+            // For a sum or a difference the sigmas add in quadrature.
             segment_of(segment, &self.sigma, libm::hypot, libm::hypot).abs(),
         )
     }
 }
 
-/// Refuses a body whose shoulders are not below its ears: of all segments this one alone is a difference, which lengths above 0
-/// may make none of.
+/// Refuses a body whose shoulders are not below its ears: this segment alone is a difference, which
+/// may be impossible for positive lengths.
 fn check_head(body: &Proportions) -> Result<(), String> {
     let above_m = segment_of(Segment::HeadHeight, body, |a, b| a + b, libm::hypot);
     if above_m > 0.0 {
@@ -114,7 +118,7 @@ fn check_head(body: &Proportions) -> Result<(), String> {
 }
 
 /// The lengths of a profile, left and right equal.
-fn body_of(profile: &SubjectProfile) -> Result<Proportions, String> {
+fn profile_body(profile: &SubjectProfile) -> Result<Proportions, String> {
     let one = |name: &str| {
         let link = profile.links.get(name).ok_or_else(|| name.to_owned())?;
         Ok::<_, String>(link.offset_m)
@@ -146,7 +150,7 @@ fn body_of(profile: &SubjectProfile) -> Result<Proportions, String> {
         clavicle_m: both("shoulder")?.norm(),
         upper_arm_m: both("elbow")?.norm(),
         forearm_m,
-        // The hand hangs on the elbow, as the wrist does.
+        // The hand follows the elbow, as the wrist does.
         hand_m: both("hand")?.norm() - forearm_m,
         hip_side_m: hip.norm(),
         thigh_m,
@@ -190,11 +194,11 @@ fn sigma_of(profile: &SubjectProfile) -> Proportions {
     }
 }
 
-/// How much people of one stature differ in the length of a limb or the trunk, as a share of it.
+/// Spread of the length of a limb or the trunk among people of one stature, as a share of it.
 const LIMB_SHARE: f64 = 0.04;
 
-/// A body all of whose numbers are `value`.
-fn every(value: f64) -> Proportions {
+/// A body with all numbers equal to `value`.
+fn uniform(value: f64) -> Proportions {
     let ones = Proportions::from_stature(1.0);
     let all: Vec<f64> = ones.lengths_m().map(|_| value).collect();
     Proportions::from_lengths(&all).unwrap_or(ones)
@@ -210,7 +214,7 @@ fn combined(a: &Proportions, b: &Proportions, with: impl Fn(f64, f64) -> f64) ->
     Proportions::from_lengths(&all).unwrap_or(*a)
 }
 
-/// `sigma` with what a session differs from the next.
+/// `sigma` with the difference between sessions.
 fn with_session(body: &Proportions, sigma: &Proportions) -> Proportions {
     combined(body, sigma, |length_m, sigma_m| {
         let session_m = SESSION_SIGMA_M.min(0.2 * length_m);
@@ -218,7 +222,7 @@ fn with_session(body: &Proportions, sigma: &Proportions) -> Proportions {
     })
 }
 
-/// A segment of `p`, whose parts are put together by `sum`, and two directions by `across`.
+/// A segment of `p`; `sum` adds its parts, and `across` two directions.
 fn segment_of(
     segment: Segment,
     p: &Proportions,
@@ -247,14 +251,14 @@ mod tests {
     use crate::body::fixture::{profile, profile_text};
 
     #[test]
-    fn the_body_of_a_profile_is_that_which_it_was_made_of() {
+    fn a_body_survives_its_profile() {
         let average = Proportions::from_stature(1.7);
         let body = Proportions {
             thigh_m: 1.1 * average.thigh_m,
             clavicle_m: 0.9 * average.clavicle_m,
             ..average
         };
-        let prior = BodyPrior::of_profile(&profile(&body, 0.003)).unwrap();
+        let prior = BodyPrior::from_profile(&profile(&body, 0.003)).unwrap();
         for ((name, was), (_, is)) in body.lengths_m().zip(prior.body().lengths_m()) {
             // The height of the pelvis follows from the legs.
             if name != "pelvis_height_m" {
@@ -279,10 +283,10 @@ mod tests {
     }
 
     #[test]
-    fn a_stature_tells_a_segment_as_the_table_does_and_less_surely_than_a_profile() {
+    fn a_stature_gives_the_table_with_more_spread_than_a_profile() {
         let stature_m = 1.8;
-        let prior = BodyPrior::of_stature(stature_m);
-        let known = BodyPrior::of_profile(&profile(&Proportions::from_stature(stature_m), 0.002));
+        let prior = BodyPrior::from_stature(stature_m);
+        let known = BodyPrior::from_profile(&profile(&Proportions::from_stature(stature_m), 0.002));
         for segment in Segment::BODY {
             let (length_m, sigma_m) = prior.segment_m(segment);
             assert!(
@@ -297,16 +301,16 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_without_a_link_is_refused_by_its_joint() {
+    fn a_profile_without_a_link_is_refused_with_the_joint() {
         let mut profile = profile(&Proportions::from_stature(1.7), 0.0);
         profile.links.remove("left_knee");
-        assert_eq!(BodyPrior::of_profile(&profile).unwrap_err(), "left_knee");
+        assert_eq!(BodyPrior::from_profile(&profile).unwrap_err(), "left_knee");
     }
 
-    /// Once a range of lengths for such a head had its ends the wrong way round, which ended fusion when somebody was taken for
-    /// the subject.
+    /// Regression: the range of lengths of such a head had its ends in the wrong order, which ended
+    /// fusion when a person was recognised as the subject.
     #[test]
-    fn a_profile_whose_shoulders_are_above_the_head_is_refused_by_file_and_field() {
+    fn a_profile_with_shoulders_above_the_head_is_refused() {
         let mut profile = profile(&Proportions::from_stature(1.7), 0.003);
         for side in ["left_scapula", "right_scapula"] {
             profile.links.get_mut(side).unwrap().offset_m.z = 1.0;
@@ -314,7 +318,7 @@ mod tests {
         let (neck, head) = (Vector3::z() * 0.3, Vector3::z() * 0.2);
         profile.links.get_mut("neck").unwrap().offset_m = neck;
         profile.links.get_mut("head").unwrap().offset_m = head;
-        let refused = BodyPrior::of_profile(&profile).unwrap_err();
+        let refused = BodyPrior::from_profile(&profile).unwrap_err();
         assert!(
             refused.contains("-0.500 m") && refused.contains("`left_scapula`"),
             "{refused}"

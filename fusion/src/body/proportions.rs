@@ -7,18 +7,19 @@ use super::prior::{BodyPrior, measured_sigma_m};
 use super::segment::{Segment, stature_m};
 use crate::body::skeleton::Proportions;
 
-/// What a triangulated length is off before it is known better, metres: one sigma.
+/// Initial error of a triangulated length, metres: one sigma.
 const LENGTH_SIGMA_M: f64 = 0.03;
 
-/// How many samples [`LENGTH_SIGMA_M`] is worth against the spread that the samples show.
+/// Weight of [`LENGTH_SIGMA_M`] relative to the spread of the samples, in samples.
 const SIGMA_SAMPLES: f64 = 1.0;
 
-/// What a network calls a hip is off the joint's centre, and so is a knee: what that leaves of the distance of two hips,
-/// and of that of a hip and a knee or a knee and an ankle, metres. No number of samples makes it less.
+/// A network's hip and knee are not at the joints' centres. This is the resulting error of the
+/// distance of two hips, and of the distance of hip and knee or knee and ankle, metres. More
+/// samples do not reduce it.
 const HIPS_APART_SIGMA_M: f64 = 0.024;
 const LEG_SIGMA_M: f64 = 0.010;
 
-/// A length is within these factors of what the stature asks for, or it was measured wrongly.
+/// Limits of a length relative to that of the stature; outside, it was measured wrongly.
 const FACTORS: [f64; 2] = [0.75, 1.3];
 
 /// Samples farther from their median than this many robust sigmas do not take part in the mean.
@@ -27,39 +28,38 @@ const OUTLIER_SIGMAS: f64 = 2.5;
 /// Sigma of a normal distribution over its median absolute deviation.
 const SIGMA_OVER_MAD: f64 = 1.4826;
 
-/// Least samples whose spread is believed.
+/// Least samples for a spread.
 const MIN_SPREAD_SAMPLES: usize = 5;
 
-/// The statures that a skeleton is made for, metres.
+/// Limits of the stature of a skeleton, metres.
 const STATURES_M: [f64; 2] = [0.9, 2.4];
 
-/// A body that is known beside what its keypoints show.
+/// A body that is known before its keypoints are seen.
 #[derive(Debug, Clone, Copy)]
 pub struct KnownBody<'a> {
-    /// What is known of it.
+    /// The prior.
     pub prior: &'a BodyPrior,
-    /// For how long keypoints have shown it, seconds.
+    /// How long keypoints have shown it, seconds.
     pub seen_s: f64,
 }
 
-/// A length and how sure it is.
+/// A length and its variance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct MeasuredLengths {
     length_m: f64,
     variance_m2: f64,
 }
 
-/// Lengths of `ticks`, which show one person: each segment's measured length
-/// and the length that the stature asks for, weighted by their variances. Left and right are taken
-/// together.
+/// Lengths from `ticks` of one person: each segment's measured length and the length that the
+/// stature gives, weighted by their variances. Left and right are combined.
 ///
-/// The chain pelvis - spine - scapula - shoulder is as long and as wide as the trunk was measured,
-/// with the spine unbent and the scapulas level (paper, appendix B).
+/// The chain pelvis - spine - scapula - shoulder is as long and as wide as the measured trunk, with
+/// the spine unbent and the scapulas level (paper, appendix B).
 ///
-/// Of a body that is `known` its lengths stand for those that the stature asks for, and no number of ticks makes a measured
-/// one surer than the time for which it was seen.
+/// For a `known` body its lengths replace those of the stature, and the variance of a measured
+/// length is limited by the time for which it was seen.
 ///
-/// `None` when no segment of the body is known.
+/// `None` if no segment of the body is known.
 pub(crate) fn proportions(
     ticks: &[ObservedJoints],
     known: Option<KnownBody<'_>>,
@@ -112,8 +112,8 @@ pub(crate) fn proportions(
     })
 }
 
-/// The length of `segment`, metres; `prior` and its sigma stand against what `ticks` show, which is off by `lasting_m` however
-/// many they are.
+/// The length of `segment`, metres, from `prior` with its sigma and from `ticks`, with a lasting
+/// error of `lasting_m`.
 ///
 /// ```text
 ///   l = (m / v + p / u) / (1 / v + 1 / u),   m, v: measured and its variance,   p, u: prior and its variance
@@ -135,21 +135,21 @@ fn blended_m(
     let m = measured
         .length_m
         .clamp(FACTORS[0] * prior, FACTORS[1] * prior);
-    let beside_m: f64 = match segment {
+    let joint_error_m: f64 = match segment {
         Segment::HipWidth => HIPS_APART_SIGMA_M,
         Segment::Thigh | Segment::Shank => LEG_SIGMA_M,
         _ => 0.0,
     };
-    let lasting_m2 = lasting_m.max(beside_m).powi(2);
+    let lasting_m2 = lasting_m.max(joint_error_m).powi(2);
     let variance_m2 = measured.variance_m2 + lasting_m2;
     let (w_measured, w_prior) = (variance_m2.recip(), prior_variance.recip());
     (m * w_measured + prior * w_prior) / (w_measured + w_prior)
 }
 
-/// The robust mean of `samples` (length, weight), freed of what noise adds to a distance.
+/// The robust mean of `samples` (length, weight), corrected for the effect of noise on a distance.
 ///
-/// Noise across a segment makes it longer: with variance s^2 per length, E|a - b|^2 exceeds the true
-/// square by 3 s^2, of which s^2 are the length's own.
+/// Noise across a segment makes it longer: with variance s^2 per length, E|a - b|^2 exceeds the
+/// true square by 3 s^2, of which s^2 are the length's own.
 fn measured(samples: &[(f64, f64)]) -> Option<MeasuredLengths> {
     let middle = weighted_median(samples.to_vec())?;
     let deviations = samples
@@ -192,17 +192,17 @@ mod tests {
     use crate::body::fixture::{Noise, coco_only, joints, postures};
     use crate::body::skeleton::Skeleton;
 
-    /// What noise-free keypoints leave of a length's error: the stature's pull, which knees that may be seen beside the
-    /// joint do not quite overrule.
+    /// Error of a length from noise-free keypoints: the pull of the stature, which knees with
+    /// possible offsets do not quite overrule.
     const EXACT_SHARE: f64 = 0.02;
 
-    /// Root mean square share by which links are off when keypoints are off by [`NOISE_M`].
+    /// Root mean square error of links, as a share, if keypoints are off by [`NOISE_M`].
     const NOISY_SHARE: f64 = 0.03;
 
     const NOISE_M: f64 = 0.02;
 
-    /// The links between keypoints, which alone can be measured; of hips it is believed in part that they are as far
-    /// apart as the stature asks for.
+    /// The links between keypoints, the only ones that can be measured. For hips, the stature
+    /// determines part of their distance.
     fn measured_links(body: &Proportions) -> [(&'static str, f64); 6] {
         [
             ("upper arm", body.upper_arm_m),
@@ -242,7 +242,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn exact_keypoints_give_the_links_of_a_person_unlike_the_average(
+        fn exact_keypoints_give_the_links_of_an_unusual_person(
             stature in 1.2f64..2.1,
             arms in 0.92f64..1.08,
             legs in 0.92f64..1.08,
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn noisy_keypoints_of_fifteen_ticks_give_the_links_too() {
-        // Per axis, so that a keypoint is off by NOISE_M in all.
+        // Per axis, so that a keypoint is off by NOISE_M in total.
         let sigma_m = NOISE_M / f64::sqrt(3.0);
         let body = Proportions::from_stature(1.78);
         let runs: Vec<Proportions> = (0..40)
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn hips_are_believed_to_be_half_way_between_keypoints_and_stature() {
+    fn hips_are_half_way_between_keypoints_and_stature() {
         let average = Proportions::from_stature(1.75);
         let body = Proportions {
             hip_side_m: 1.2 * average.hip_side_m,
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn one_wild_tick_among_fifteen_changes_nothing() {
+    fn one_outlier_tick_of_fifteen_has_no_effect() {
         let body = Proportions::from_stature(1.7);
         let mut seen = ticks(&body, 5, 0.0);
         let wild: Vec<_> = seen[3]
@@ -308,8 +308,8 @@ mod tests {
     }
 
     #[test]
-    fn a_known_body_is_believed_the_less_the_longer_it_is_seen() {
-        let (truth, prior) = (Proportions::from_stature(1.8), BodyPrior::of_stature(1.7));
+    fn a_prior_weighs_less_the_longer_a_body_is_seen() {
+        let (truth, prior) = (Proportions::from_stature(1.8), BodyPrior::from_stature(1.7));
         let seen = ticks(&truth, 3, 0.0);
         let upper_arm_m = |seen_s| {
             let prior = &prior;
@@ -319,11 +319,11 @@ mod tests {
         let [at_once, later] = [0.2, 16.0].map(upper_arm_m);
         let [known, is] = [prior.body().upper_arm_m, truth.upper_arm_m];
         assert!(known < at_once && at_once < later && later < is);
-        assert!(later > 0.5 * (known + is), "16 s tell more than a stature");
+        assert!(later > 0.5 * (known + is), "16 s weigh more than a stature");
     }
 
     #[test]
-    fn a_face_alone_tells_no_proportions() {
+    fn a_face_alone_gives_no_proportions() {
         let mut face = ObservedJoints::default();
         face.set(
             crate::body::skeleton::Joint::Nose,

@@ -1,9 +1,10 @@
-//! The link lengths of a person, measured anew while its first seconds pass.
+//! Repeated measurement of a person's link lengths during its first seconds.
 //!
-//! The errors of a network's keypoints last for seconds: a knee that is seen 20 mm too low is seen so
-//! for a while, and lengths from the ticks before the confirmation alone take that over for good. So the keypoints
-//! of all ticks since are sampled, and the lengths are due to be fitted to them again 2, 4, 8, ... seconds after the
-//! confirmation, until `births.measure_s`; from then on they stay.
+//! The errors of a network's keypoints last for seconds: a knee that is seen 20 mm too low is seen
+//! so for a while, and lengths from the ticks before the confirmation alone would keep that error
+//! forever. So the keypoints of all later ticks are sampled. The lengths are fitted to them again
+//! 2, 4, 8, ... seconds after the confirmation, until `births.measure_s`; from then on they do not
+//! change.
 
 use farfield_proto::venue::parameters::IkParameters;
 
@@ -13,32 +14,32 @@ use super::prior::BodyPrior;
 use super::proportions::KnownBody;
 use crate::body::skeleton::Skeleton;
 
-/// Most samples that are kept; when they are that many, every second goes and the step doubles.
+/// Most samples; when they are reached, every second one is dropped and the step doubles.
 const MAX_SAMPLES: usize = 64;
-/// Ticks between samples at first, at any rate.
+/// Initial ticks between samples, at any rate.
 const FIRST_STRIDE: u32 = 5;
-/// Ticks with less of the body than this say nothing about lengths.
+/// Ticks with fewer points are not used.
 const MIN_POINTS: usize = 8;
 
-/// What a person's lengths are measured from.
+/// Samples of a person's lengths.
 #[derive(Debug, Clone)]
 pub(crate) struct Remeasure {
     samples: Vec<ObservedJoints>,
     stride: u32,
     lived_ticks: u32,
     next_s: f64,
-    /// Whether it is time to, and has not been done.
+    /// Whether a measurement is due.
     is_due: bool,
 }
 
-/// What decides when lengths are measured anew, and how.
+/// When and how lengths are remeasured.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RemeasureSchedule<'a> {
-    /// Time from tick to tick, seconds.
+    /// Tick period, seconds.
     pub(crate) dt_s: f64,
-    /// How long after the confirmation lengths are measured anew, seconds.
+    /// End of the measurements after the confirmation, seconds.
     pub(crate) measure_s: f64,
-    /// Of the fit.
+    /// Parameters of the fit.
     pub(crate) ik: &'a IkParameters,
 }
 
@@ -53,7 +54,7 @@ impl Remeasure {
         }
     }
 
-    /// Notes a tick.
+    /// Adds a tick.
     pub(crate) fn tick(
         &mut self,
         observe: impl FnOnce() -> ObservedJoints,
@@ -75,17 +76,17 @@ impl Remeasure {
         }
     }
 
-    /// Whether it is time to measure the body anew.
+    /// Whether a measurement is due.
     pub(crate) fn is_due(&self) -> bool {
         self.is_due
     }
 
-    /// Whether the body is measured no more.
+    /// Whether the body will not be measured again.
     pub(crate) fn is_over(&self, schedule: &RemeasureSchedule<'_>) -> bool {
         self.next_s > schedule.measure_s
     }
 
-    /// The body as the samples show it, with what is `known` of it; `None` where they do not.
+    /// The body from the samples, with the prior `known`; `None` if they do not suffice.
     pub(crate) fn measure(
         &mut self,
         known: Option<&BodyPrior>,
@@ -94,7 +95,7 @@ impl Remeasure {
         self.is_due = false;
         let seen_s = f64::from(self.lived_ticks) * schedule.dt_s;
         let known = known.map(|prior| KnownBody { prior, seen_s });
-        // The pose that comes with the fit is not used: the track has a better one.
+        // The pose of the fit is not used: the track has a better one.
         fit_known(&self.samples, known, schedule.ik, None)
             .ok()
             .map(|body| body.skeleton)

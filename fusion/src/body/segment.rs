@@ -1,4 +1,4 @@
-//! The lengths of a body that keypoints show, and what they say about its stature.
+//! The lengths of a body between keypoints, and the stature that they give.
 
 use farfield_proto::order_statistics::weighted_median;
 use nalgebra::Vector3;
@@ -6,8 +6,7 @@ use nalgebra::Vector3;
 use super::observed::ObservedJoints;
 use crate::body::skeleton::Joint;
 
-/// A point of the body that a length is measured to: the middle between two joints (the same joint
-/// twice where it is one).
+/// An end of a length: the middle between two joints (the same joint twice for a single one).
 type SegmentEnd = [Joint; 2];
 
 const MID_SHOULDERS: SegmentEnd = [Joint::LeftShoulder, Joint::RightShoulder];
@@ -37,7 +36,8 @@ pub(crate) enum Segment {
 }
 
 impl Segment {
-    /// Those that tell a stature, and a body from rays of several people. Faces are too small for both.
+    /// Segments that give a stature, and that reveal a body from rays of several people. Faces are
+    /// too small for both.
     pub(crate) const BODY: [Self; 7] = [
         Self::UpperArm,
         Self::Forearm,
@@ -66,8 +66,8 @@ impl Segment {
         }
     }
 
-    /// How well a stature can be told from it. Long bones tell it best; a trunk bends, and hip
-    /// keypoints of networks are off the joint centres by as much as the hips are wide.
+    /// Weight of the segment in a stature. Long bones are best; a trunk bends, and hip keypoints of
+    /// networks are off the joint centres by as much as the hips are wide.
     fn trust(self) -> f64 {
         match self {
             Self::Thigh | Self::Shank => 1.0,
@@ -77,8 +77,8 @@ impl Segment {
         }
     }
 
-    /// How much people of one stature differ in it, with what networks differ in their idea of the
-    /// joint: one sigma, as a share of the length.
+    /// Spread of the segment among people of one stature, including differences between networks:
+    /// one sigma, as a share of the length.
     pub(crate) fn spread(self) -> f64 {
         match self {
             Self::UpperArm | Self::Forearm | Self::Thigh | Self::Shank => 0.08,
@@ -120,8 +120,8 @@ impl Segment {
         }
     }
 
-    /// The lengths that `body` shows of it, metres, each with the least weight of its points; up to
-    /// two for paired bones.
+    /// Its lengths in `body`, metres, each with the least weight of its points; up to two for
+    /// paired bones.
     pub(crate) fn lengths_m(self, body: &ObservedJoints) -> impl Iterator<Item = (f64, f64)> {
         self.ends().into_iter().filter_map(|[near, far]| {
             let weights = near
@@ -135,26 +135,27 @@ impl Segment {
 }
 
 /// The stature that most of the segments agree on, metres: the weighted median of length over
-/// ratio. `None` when no segment is known.
+/// ratio. `None` if no segment is known.
 pub(crate) fn stature_m<'a>(ticks: impl IntoIterator<Item = &'a ObservedJoints>) -> Option<f64> {
     let mut votes = Vec::new();
     for body in ticks {
         for segment in Segment::BODY {
-            let said = segment.lengths_m(body);
-            votes.extend(said.map(|(l, w)| (l / segment.ratio(), w * segment.trust())));
+            let lengths = segment.lengths_m(body);
+            votes.extend(lengths.map(|(l, w)| (l / segment.ratio(), w * segment.trust())));
         }
     }
     weighted_median(votes)
 }
-/// Least upward part of the direction of a trunk of whom the nose tells ahead from behind: who crawls or lies on the saddle with
-/// the head raised has the nose behind.
+/// Least upward component of the trunk's direction for this test: a person who crawls or leans over
+/// with the head raised has the nose behind.
 const UPRIGHT: f64 = 0.75;
 
-/// How far ahead of the shoulders the nose is, -1 to 1; `None` of who is not upright. All in the world, metres; left before right.
+/// How far the nose is ahead of the shoulders, -1 to 1; `None` if the person is not upright. World,
+/// metres; left before right.
 ///
 /// ```text
 ///   f = u x (r - l)                  u: from the middle of the hips to that of the shoulders l and r
-///   cos(n - (l + r)/2, f)            n: the nose; f is ahead of who is right
+///     cos(n - (l + r)/2, f)            n: the nose; f points ahead if left and right are correct
 /// ```
 pub(crate) fn nose_ahead(
     nose_m: Vector3<f64>,

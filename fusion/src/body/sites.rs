@@ -1,16 +1,17 @@
-//! Where a network's keypoints sit on *this* person, learned while it moves.
+//! Sites of a network's keypoints on one person, learned while it moves.
 //!
-//! What networks call a hip or a knee is some centimetres off the joint's centre, and fixed to the body. A pose hides
-//! most of that: the leg bends until the keypoint fits. What it cannot hide are the circles on which the ends of limbs
-//! move about the true centres. So the offsets are solved for, together with the lengths that they are mistaken for,
-//! from what each of many ticks says once its own pose has taken its share ([`PoseElimination`]):
+//! A network's hip or knee is some centimetres off the joint's centre, and fixed to the body. A
+//! pose hides most of that: the leg bends until the keypoint fits. But the ends of limbs move on
+//! circles about the true centres. So the offsets are estimated, together with the lengths that
+//! they could be confused with, from many ticks with the pose of each eliminated
+//! ([`PoseElimination`]):
 //!
 //! ```text
 //!   (Σ w M + diag(1/s²)) c = Σ w (m + M c_then) + c_before/s²
 //! ```
 //!
-//! `c_then` is what the body had at the tick, `c_before` what is believed without evidence: the offsets that the person
-//! came with (those of the network's card), and the lengths as they are measured. The lengths that come out are not
+//! `c_then` are the body's constants at the tick, `c_before` the prior: the offsets that the person
+//! came with (those of the network's card), and the measured lengths. The resulting lengths are not
 //! used: those of the body change at four times only.
 
 use nalgebra::{SMatrix, SVector, Vector3};
@@ -20,7 +21,7 @@ use super::keypoint_estimate::KeypointEstimate;
 use super::observed::ObservedJoints;
 use super::skeleton::{Joint, Kinematics, Proportions, Side, Site};
 
-/// The joints whose keypoints are learned: those that lie deep in the body.
+/// The joints whose keypoints are learned: those deep inside the body.
 const DEEP: [Joint; 4] = [
     Joint::LeftHip,
     Joint::RightHip,
@@ -34,21 +35,22 @@ const SHANK: usize = THIGH + 1;
 const HIP_SIDE: usize = THIGH + 2;
 const TRUNK: usize = THIGH + 3;
 
-/// s: how far a keypoint is off its place on the card, and a length off what was measured, metres per axis.
+/// s: deviation of a keypoint from its place on the card, and of a length from its measurement,
+/// metres per axis.
 const OFFSET_SIGMA_M: f64 = 0.014;
 const LENGTH_SIGMA_M: f64 = 0.02;
-/// Time between ticks that are taken in, seconds: errors of a network hardly change within.
+/// Time between used ticks, seconds: errors of a network hardly change within.
 const EVERY_S: f64 = 0.15;
-/// Time after which a tick counts as much again as the one before, seconds: w is the time passed over this.
+/// Time after which a tick has full weight, seconds: w is the elapsed time over this.
 const LASTS_S: f64 = 0.3;
-/// Time after which a tick counts a 1/e, seconds.
+/// Time constant of forgetting, seconds.
 const FORGET_S: f64 = 120.0;
-/// How fast the sites follow what is found, seconds: poses must not jump.
+/// Time constant with which the sites follow the estimate, seconds: poses must not jump.
 const FOLLOW_S: f64 = 0.2;
-/// A keypoint farther than this from where the body has it counts less, metres: it is somewhere else.
+/// Distance of a keypoint from its place on the body at which it counts less, metres.
 const ASTRAY_M: f64 = 0.06;
 
-/// What is known of where the keypoints sit on one person. Allocates once.
+/// The estimate of one person's keypoint sites. Allocates once.
 #[derive(Debug, Clone)]
 pub(crate) struct SiteFit {
     elimination: PoseElimination,
@@ -59,16 +61,16 @@ pub(crate) struct SiteFit {
     /// The offsets that the person came with.
     before: Option<SVector<f64, N>>,
     found: SVector<f64, N>,
-    /// Since the last tick that was taken in; at first below zero by how much longer there is to wait.
+    /// Time since the last used tick; initially negative by the remaining wait.
     due_s: f64,
 }
 
-/// A person at a tick, as sites are learned from it.
+/// Input of one tick for one person's sites.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SiteEvidence<'a> {
     /// The sites of the network's card.
     pub(crate) of_card: &'a [Option<Site>],
-    /// Where the keypoints were seen.
+    /// The seen keypoints.
     pub(crate) estimates: &'a [KeypointEstimate],
     /// The pose that fits them.
     pub(crate) body: &'a Kinematics,
@@ -79,7 +81,7 @@ pub(crate) struct SiteEvidence<'a> {
 }
 
 impl SiteFit {
-    /// Nothing is known yet.
+    /// An estimate without data.
     pub(crate) fn new() -> Self {
         Self {
             elimination: PoseElimination::new(),
@@ -92,15 +94,16 @@ impl SiteFit {
         }
     }
 
-    /// Learns in its turn, by its `number`: where all who came together learn at one tick, that takes an eighth longer than
-    /// those between (five people, 60 Hz).
+    /// Sets the turn of learning by the person's `number`: if all people who arrive together learn
+    /// at one tick, that tick takes an eighth longer than others (five people, 60 Hz).
     pub(crate) fn take_turn(&mut self, number: u32) {
-        // Multiples of the golden ratio, here of 2^32, fall into the largest gaps between those before.
+        // Multiples of the golden ratio, here of 2^32, fall into the largest gaps between earlier
+        // ones.
         let turn = f64::from(number.wrapping_mul(0x9e37_79b9)) / f64::from(u32::MAX);
         self.due_s = -EVERY_S * turn;
     }
 
-    /// Moves the sites of deep joints towards where the keypoints of all ticks say that they are.
+    /// Moves the sites of deep joints towards the estimate from all ticks.
     pub(crate) fn learn(&mut self, sites: &mut [Option<Site>], tick: &SiteEvidence<'_>) {
         if self.before.is_none() {
             self.found = offsets_of(sites, tick.of_card);
@@ -123,7 +126,7 @@ impl SiteFit {
         }
     }
 
-    /// Adds what a tick says.
+    /// Adds the information of a tick.
     fn take_in(&mut self, sites: &[Option<Site>], tick: &SiteEvidence<'_>) {
         self.points.clear();
         for (site, estimate) in sites.iter().zip(tick.estimates) {
@@ -142,14 +145,14 @@ impl SiteFit {
                 moves: moves(site.joint, tick.body),
             });
         }
-        let said = self.elimination.said(tick.body, &self.points);
+        let tick_information = self.elimination.information(tick.body, &self.points);
         let then = offsets_of(sites, tick.of_card) + lengths(tick.lengths);
         let (keep, share) = (1.0 - self.due_s / FORGET_S, self.due_s / LASTS_S);
-        *self.information = *self.information * keep + said.information * share;
-        self.pull = self.pull * keep + (said.pull + said.information * then) * share;
+        *self.information = *self.information * keep + tick_information.information * share;
+        self.pull = self.pull * keep + (tick_information.pull + tick_information.information * then) * share;
     }
 
-    /// Finds what all ticks agree on.
+    /// Solves for the common constants of all ticks.
     fn solve(&mut self, measured: &Proportions) {
         let before = self.before.unwrap_or_default() + lengths(measured);
         let (mut information, mut pull) = (*self.information, self.pull);
@@ -171,12 +174,12 @@ impl SiteFit {
     }
 }
 
-/// Where the offset of `joint` begins among the constants, if it is learned.
+/// First constant of the offset of `joint`, if it is learned.
 fn first_constant_of(joint: Joint) -> Option<usize> {
     DEEP.iter().position(|deep| *deep == joint).map(|i| 3 * i)
 }
 
-/// The offsets of `sites` from those of the card among the constants; the lengths are 0.
+/// The offsets of `sites` from those of the card, as constants; the lengths are 0.
 fn offsets_of(sites: &[Option<Site>], of_card: &[Option<Site>]) -> SVector<f64, N> {
     let mut constants = SVector::<f64, N>::zeros();
     for (site, card) in sites.iter().zip(of_card) {
@@ -190,7 +193,7 @@ fn offsets_of(sites: &[Option<Site>], of_card: &[Option<Site>]) -> SVector<f64, 
     constants
 }
 
-/// The lengths among the constants; the offsets are 0.
+/// The lengths, as constants; the offsets are 0.
 fn lengths(of: &Proportions) -> SVector<f64, N> {
     let mut constants = SVector::<f64, N>::zeros();
     constants[THIGH] = of.thigh_m;
@@ -200,7 +203,7 @@ fn lengths(of: &Proportions) -> SVector<f64, N> {
     constants
 }
 
-/// By what a keypoint on `joint` moves per unit of each constant while the pose stays.
+/// Motion of a keypoint on `joint` per unit of each constant in a fixed pose.
 fn moves(joint: Joint, body: &Kinematics) -> [Vector3<f64>; N] {
     let mut moves = [Vector3::zeros(); N];
     if let Some(first) = first_constant_of(joint) {
@@ -233,7 +236,7 @@ fn moves(joint: Joint, body: &Kinematics) -> [Vector3<f64>; N] {
     moves
 }
 
-/// The joints that the keypoints with evidence from two viewpoints show, freed of their offsets.
+/// The joints of keypoints with evidence from two viewpoints, without their offsets.
 pub(crate) fn without_offsets(
     estimates: &[KeypointEstimate],
     sites: &[Option<Site>],
@@ -258,7 +261,7 @@ mod tests {
     use crate::body::ik::{IkSolver, Priors, Target};
     use crate::body::skeleton::Skeleton;
 
-    /// Between two postures, seconds.
+    /// Time between two postures, seconds.
     const DT_S: f64 = EVERY_S;
     const KEYPOINT_SIGMA_M: f64 = 0.01;
 
@@ -268,7 +271,7 @@ mod tests {
         joints.map(|joint| joint.map(Site::at)).collect()
     }
 
-    /// The sites that are learned of a person in `n` everyday postures whose keypoints sit at `truth`.
+    /// The learned sites of a person in `n` everyday postures whose keypoints sit at `truth`.
     fn learned(truth: &[Option<Site>], n: usize) -> Vec<Option<Site>> {
         let skeleton = Skeleton::new(&Proportions::from_stature(1.75));
         let (card, parameters) = (card(), IkParameters::default());
@@ -316,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn a_keypoint_beside_its_joint_is_found_on_a_body_that_moves() {
+    fn the_offset_of_a_keypoint_is_learned_from_motion() {
         for (joint, offset_m) in [
             (Joint::LeftKnee, Vector3::new(0.025, 0.0, 0.01)),
             (Joint::RightKnee, Vector3::new(0.0, 0.01, -0.025)),
@@ -338,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn those_who_came_together_learn_at_different_ticks() {
+    fn people_of_one_arrival_learn_at_different_ticks() {
         const TICK_S: f64 = 1.0 / 60.0;
         let skeleton = Skeleton::new(&Proportions::from_stature(1.75));
         let (mut body, known) = (Kinematics::default(), card());
@@ -367,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sites_that_somebody_comes_with_stay_while_nothing_says_otherwise() {
+    fn known_sites_stay_without_new_evidence() {
         let known = moved(Joint::LeftHip, Vector3::new(0.0, 0.02, 0.0));
         let (mut sites, mut body) = (known.clone(), Kinematics::default());
         let skeleton = Skeleton::new(&Proportions::from_stature(1.75));

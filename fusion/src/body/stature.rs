@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn the_average_body_is_as_tall_as_it_was_made_whatever_it_does() {
+    fn the_average_body_keeps_its_stature_in_any_pose() {
         for made_m in [1.2, 1.75, 1.95] {
             for stature_m in stature_of(&Proportions::from_stature(made_m)) {
                 assert!((stature_m - made_m).abs() < ROUNDING_M, "{stature_m}");
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn without_all_joints_nobody_is_of_any_height() {
+    fn without_all_joints_there_is_no_stature() {
         assert_eq!(stature_m(&[[0.0; 3]; 5]), None);
     }
 }

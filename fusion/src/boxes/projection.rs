@@ -32,13 +32,13 @@ impl<'a> ProjectedJoints<'a> {
     }
 
     /// A joint's homogeneous pixel.
-    pub(super) fn of(&self, joint: Joint) -> Vector3<f64> {
+    pub(super) fn homogeneous(&self, joint: Joint) -> Vector3<f64> {
         self.h[joint.index()]
     }
 
     /// Where `joint` is in the image, if it is in front of the camera.
     pub(super) fn pixel(&self, joint: Joint) -> Option<Vector2<f64>> {
-        in_front(self.of(joint))
+        in_front(self.homogeneous(joint))
     }
 
     /// How many joints are in front of the camera.
@@ -49,7 +49,7 @@ impl<'a> ProjectedJoints<'a> {
     /// Where the link from `joint` to its parent crosses the near plane, if it does.
     pub(super) fn crossing(&self, joint: Joint) -> Option<Vector2<f64>> {
         let parent = joint.parent()?;
-        let (depth_m, parent_depth_m) = (self.of(joint).z, self.of(parent).z);
+        let (depth_m, parent_depth_m) = (self.homogeneous(joint).z, self.homogeneous(parent).z);
         if (depth_m >= NEAR_M) == (parent_depth_m >= NEAR_M) {
             return None;
         }
@@ -147,7 +147,7 @@ impl Extent {
     }
 
     /// Whether nothing within `reach` of `p`, each way, can extend it.
-    pub(super) fn holds(&self, p: Vector2<f64>, reach: Vector2<f64>) -> bool {
+    pub(super) fn contains(&self, p: Vector2<f64>, reach: Vector2<f64>) -> bool {
         (0..2).all(|i| {
             let reach = reach[i] + ROUNDING_PX;
             reach >= 0.0 && p[i] - reach >= self.least[i] && p[i] + reach <= self.most[i]

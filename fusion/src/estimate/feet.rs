@@ -58,7 +58,7 @@ type FootPoints = [Vector3<f64>; 3];
 struct Foot {
     stands: bool,
     /// From the measured place to the target; zero for a foot in the air.
-    held_m: FootPoints,
+    offset_m: FootPoints,
     aim_m: FootPoints,
 }
 
@@ -104,7 +104,7 @@ impl Feet {
             _ => return None,
         };
         let foot = &self.feet[usize::from(side == Side::Right)];
-        let is_held = foot.stands || foot.held_m[point].norm() > LEFT_M;
+        let is_held = foot.stands || foot.offset_m[point].norm() > LEFT_M;
         is_held.then_some(foot.aim_m[point])
     }
 }
@@ -115,15 +115,15 @@ impl Foot {
         let was_standing = self.stands;
         if was_standing {
             // The place stays while the measurement moves.
-            for (held, (aim, measured)) in self
-                .held_m
+            for (offset, (aim, measured)) in self
+                .offset_m
                 .iter_mut()
                 .zip(self.aim_m.iter().zip(measured_m))
             {
-                *held = aim - measured;
+                *offset = aim - measured;
             }
         }
-        let [ankle_off, heel_off, _] = self.held_m;
+        let [ankle_off, heel_off, _] = self.offset_m;
         self.stands = may_stand
             && if was_standing {
                 speed_m_s < SLOW_M_S[1] && heel_off.norm() < FARTHEST_M
@@ -137,13 +137,13 @@ impl Foot {
             }
             _ => left,
         };
-        for (aim, (held, measured)) in self
+        for (aim, (offset, measured)) in self
             .aim_m
             .iter_mut()
-            .zip(self.held_m.iter_mut().zip(measured_m))
+            .zip(self.offset_m.iter_mut().zip(measured_m))
         {
-            *held *= kept;
-            *aim = measured + *held;
+            *offset *= kept;
+            *aim = measured + *offset;
         }
     }
 }
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn a_foot_that_stands_keeps_its_place_while_it_trembles() {
+    fn a_standing_foot_keeps_its_place_while_it_trembles() {
         let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
         feet.step(&joints_m, &moving(0.0), DT_S);
         let put = feet.place_of(Joint::LeftToe).unwrap();
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn a_foot_that_is_moved_is_taken_up() {
+    fn a_moving_foot_is_lifted() {
         let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
         feet.step(&joints_m, &moving(0.0), DT_S);
         feet.step(&joints_m, &moving(1.0), DT_S);
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_stands_on_the_feet_of_a_lying_person() {
+    fn feet_of_a_lying_person_do_not_stand() {
         let turned = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 1.5);
         let lying = standing().map(|joint| turned * joint * 0.1);
         let mut feet = Feet::above(0.0);
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_foot_stands_on_the_floor_that_the_field_has() {
+    fn a_foot_stands_on_the_floor_of_the_field() {
         let on_stage = standing().map(|at_m| at_m + Vector3::new(0.0, 0.0, 1.2));
         let still = [Vector3::zeros(); N_JOINTS];
         let stands_above = |floor_m: f64| {
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ankle_of_a_foot_that_stands_trembles_no_more_than_its_heel() {
+    fn a_standing_ankle_trembles_no_more_than_its_heel() {
         let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
         feet.step(&joints_m, &moving(0.0), DT_S);
         let put = feet.place_of(Joint::LeftAnkle).unwrap();
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_foot_that_is_taken_up_leaves_its_place_without_a_jump() {
+    fn a_lifted_foot_leaves_its_place_without_a_jump() {
         // 40 mm in one tick would be 2.4 m/s for a foot that may only have trembled.
         let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
         feet.step(&joints_m, &moving(0.0), DT_S);
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_foot_that_is_dragged_is_not_left_behind() {
+    fn a_dragged_foot_is_not_left_behind() {
         const DRAGGED_M_S: f64 = 0.15;
         let (mut feet, mut joints_m) = (Feet::above(0.0), standing());
         feet.step(&joints_m, &moving(0.0), DT_S);

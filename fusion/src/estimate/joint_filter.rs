@@ -114,7 +114,7 @@ impl JointFilter {
 
     /// Decays the velocity of the `carried` joints, over `dt_s`, towards that of `body`: unseen
     /// joints keep only the body's motion. The time constant is `limb_decay_s`.
-    pub fn fade_against(
+    pub fn decay_towards(
         &mut self,
         body: Joint,
         carried: impl Fn(Joint) -> bool,
@@ -210,7 +210,7 @@ mod tests {
     /// eight ticks counted as the speed of one, and with the usual parameters a walker seen at
     /// every eighth tick was thrown farther each time.
     #[test]
-    fn who_is_seen_at_every_eighth_tick_is_followed() {
+    fn a_person_seen_at_every_eighth_tick_is_followed() {
         let parameters = SmoothingParameters {
             cutoff_hz: 1.5,
             cutoff_rise_hz_per_m: 1000.0,
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gain_rises_by_a_decibel_and_a_quarter_and_falls_at_the_cutoff() {
+    fn the_gain_peaks_at_1_25_db_and_falls_at_the_cutoff() {
         let parameters = SmoothingParameters {
             cutoff_hz: 2.0,
             ..FIXED
@@ -370,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limb_of_who_coasts_comes_to_rest_against_the_body_long_before_the_body() {
+    fn a_coasting_limb_rests_before_the_body() {
         let mut smoother = JointFilter::new(&all(0.0));
         smoother.set_velocity(Vector3::new(2.0, 0.0, 0.0));
         let wrist = Joint::LeftWrist.index();
@@ -384,13 +384,13 @@ mod tests {
     }
 
     #[test]
-    fn a_limb_that_is_not_seen_keeps_the_bodys_motion_alone() {
+    fn an_unseen_limb_keeps_only_the_motion_of_the_body() {
         let mut smoother = JointFilter::new(&all(0.0));
         smoother.set_velocity(Vector3::new(2.0, 0.0, 0.0));
         let wrist = Joint::LeftWrist.index();
         smoother.velocity_m_s[wrist].z = 3.0;
         for _ in 0..60 {
-            smoother.fade_against(
+            smoother.decay_towards(
                 Joint::Pelvis,
                 |joint| joint == Joint::LeftWrist,
                 DT_S,
@@ -403,7 +403,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn output_stays_finite_and_a_step_without_time_changes_nothing(
+        fn output_is_finite_and_a_step_without_time_has_no_effect(
             jumps in prop::collection::vec(-100.0f64..100.0, 1..40), rise in 0.0f64..1000.0,
         ) {
             let parameters = SmoothingParameters { cutoff_rise_hz_per_m: rise, ..FIXED };

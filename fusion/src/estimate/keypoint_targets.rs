@@ -50,8 +50,8 @@ pub(crate) fn aim_at_keypoints(
                     with_error(&estimate.information, lasting_m * lasting_m),
                 )
             } else {
-                let told = estimate.weight.max(ik.min_weight) * full;
-                [told; 2].map(Matrix3::from_diagonal_element).into()
+                let per_axis = estimate.weight.max(ik.min_weight) * full;
+                [per_axis; 2].map(Matrix3::from_diagonal_element).into()
             };
             target.information += information;
             target.evidence += evidence;
@@ -78,18 +78,18 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_error_that_lasts_is_added_along_every_axis_on_which_anything_is_known(
+        fn a_lasting_error_is_added_along_every_known_axis(
             sigmas_m in prop::array::uniform3(0.002f64..0.2), turn in prop::array::uniform3(-3.0f64..3.0),
             lasting_m in 0.001f64..0.05, is_seen_by_one in any::<bool>(),
         ) {
             let axes = nalgebra::Rotation3::from_scaled_axis(Vector3::from(turn));
-            let mut told = Vector3::from(sigmas_m).map(|sigma_m| sigma_m.powi(-2));
+            let mut known = Vector3::from(sigmas_m).map(|sigma_m| sigma_m.powi(-2));
             if is_seen_by_one {
-                told.z = 0.0;
+                known.z = 0.0;
             }
-            let world = |told: &Vector3<f64>| axes * Matrix3::from_diagonal(told) * axes.inverse();
-            let expected = told.map(|told| told / (1.0 + told * lasting_m * lasting_m));
-            let found = with_error(&world(&told), lasting_m * lasting_m);
+            let world = |known: &Vector3<f64>| axes * Matrix3::from_diagonal(known) * axes.inverse();
+            let expected = known.map(|known| known / (1.0 + known * lasting_m * lasting_m));
+            let found = with_error(&world(&known), lasting_m * lasting_m);
             prop_assert!((found - world(&expected)).norm() < 1e-9 * expected.norm());
         }
     }

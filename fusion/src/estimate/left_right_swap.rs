@@ -1,36 +1,37 @@
-//! Left and right taken for one another by the network in one view, recognised and undone.
+//! Detects and undoes left-right swaps of a network in a single view.
 //!
-//! A network that sees somebody from an odd side may give all that is left as right. The model knows
-//! better, as long as it has not been misled itself: where both maps of a pair fit the prediction
-//! clearly better crosswise than straight, the view has swapped them. A *second* peak at the
-//! opposite limb is something else: there the straight peak is where it belongs too, and the maps
-//! stay ([`crate::estimate::peak_assignment`] decides whose the second peak is). When most views are crosswise, it is
-//! the model that is wrong, and nothing is touched.
+//! A network that sees a person from an unusual side may report the left side as the right one. The
+//! prediction is more reliable, as long as it has not been misled itself. If both maps of a pair
+//! fit the prediction clearly better crosswise than straight, the view has swapped them. A *second*
+//! peak at the opposite limb is different: then the straight peak is also in its place, and the
+//! maps stay ([`crate::estimate::peak_assignment`] assigns the second peak). If most views are
+//! crosswise, the prediction is wrong, and no view is changed.
 //!
 //! Compares maps with predictions within one view only, cells with cells.
 
 use crate::estimate::evidence::View;
 use farfield_proto::keypoints::KeypointSet;
 
-/// What comes in left and right.
+/// Keypoints with a left and a right one.
 const PAIRED: [&str; 8] = [
     "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle",
 ];
-/// Least distance of the two predictions in the view, in sigmas of a peak: closer ones are one peak.
+/// Least distance of the two predictions in the view, in sigmas of a peak: closer ones are one
+/// peak.
 const LEAST_APART_SIGMAS: f64 = 2.5;
-/// How far from a prediction its peak is looked for, along both axes, in sigmas of a peak...
+/// Search range of a peak around a prediction, along both axes, in sigmas of a peak...
 const REACH_SIGMAS: f64 = 2.0;
-/// ...and at most, in distances of the two predictions: the two windows never meet.
+/// ...and at most, in distances of the two predictions: the two windows never overlap.
 const REACH_OF_APART: f64 = 0.35;
-/// Pairs that are swapped in one view from which the whole body is...
+/// Least swapped pairs in one view for the whole body to be swapped...
 const WHOLE_BODY_PAIRS: usize = 3;
-/// ...when there are at least this many of them for each that is not.
+/// ...if there are at least this many of them for each that is not.
 const WHOLE_BODY_RATIO: usize = 3;
 
-/// What a view says about one pair.
+/// The decision of a view on one pair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum SwapDecision {
-    /// Too close together, not seen, or either way.
+    /// Too close together, not seen, or ambiguous.
     #[default]
     Unclear,
     Straight,
@@ -56,8 +57,8 @@ impl LeftRightSwaps {
         }
     }
 
-    /// Undoes what the `views` of one person have swapped; their predictions are set. `margin` is
-    /// how much higher, 0 to 1, each of the two maps must be crosswise than straight. Returns how many
+    /// Undoes the swaps in the `views` of one person; their predictions are set. `margin` is how
+    /// much higher, 0 to 1, each of the two maps must be crosswise than straight. Returns how many
     /// pairs were swapped back, over all views.
     pub(crate) fn undo(&mut self, views: &mut [View], margin: f64) -> usize {
         self.decisions.clear();
@@ -103,7 +104,7 @@ impl LeftRightSwaps {
     }
 }
 
-/// Whether those who are crosswise are the wrong ones: the model has a vote too.
+/// Whether the crosswise views are the wrong ones: the model has a vote too.
 fn is_minority((crosswise, straight): (usize, usize)) -> bool {
     crosswise <= straight
 }
@@ -120,7 +121,7 @@ fn whole_body(decisions: Verdicts) -> SwapDecision {
     }
 }
 
-/// What the two maps of a pair say about who is where.
+/// Decides from the two maps of a pair.
 fn judge(view: &View, (left, right): (usize, usize), margin: f64) -> SwapDecision {
     let cells = [left, right].map(|k| view.expected(k).map(|expected| expected.cell));
     let [Some(at_left), Some(at_right)] = cells else {
@@ -131,7 +132,7 @@ fn judge(view: &View, (left, right): (usize, usize), margin: f64) -> SwapDecisio
         return SwapDecision::Unclear;
     }
     let reach = (REACH_SIGMAS * sigma).min(REACH_OF_APART * apart);
-    // How much higher a map is where the other side is expected.
+    // How much higher a map is at the place of the other side.
     let crosswise = |keypoint, straight, across| {
         view.highest_near(keypoint, across, reach) - view.highest_near(keypoint, straight, reach)
     };
@@ -160,9 +161,9 @@ mod tests {
 
     const MARGIN: f64 = 0.25;
 
-    /// One person in all views of the hall; `change` says what a view shows instead of the truth.
+    /// One person in all views of the hall; `change` edits the drawing of a view.
     fn seen(change: impl Fn(usize, Vec<Drawn>) -> Vec<Drawn>) -> MeetingFixture {
-        let mut meeting = MeetingFixture::of(&[[0.3, -0.2, 0.0]]);
+        let mut meeting = MeetingFixture::at(&[[0.3, -0.2, 0.0]]);
         meeting.begin();
         for camera in 0..meeting.hall.cameras.len() {
             let drawn = change(camera, meeting.as_they_are(0));
@@ -195,41 +196,41 @@ mod tests {
         swaps.undo(meeting.tracks[0].views_mut(), MARGIN)
     }
 
-    fn is_as_it_is(meeting: &MeetingFixture, view: usize) -> bool {
+    fn is_unswapped(meeting: &MeetingFixture, view: usize) -> bool {
         let truth = meeting.tracks[0].keypoints_m();
         let mut keypoints = truth.iter().enumerate();
         keypoints.all(|(k, &at_m)| meeting.value(0, view, k, at_m) > 0.7)
     }
 
     #[test]
-    fn wrists_that_one_view_swapped_come_back() {
+    fn wrists_swapped_in_one_view_are_restored() {
         let is_wrist = |k| k == LEFT_WRIST || k == RIGHT_WRIST;
         let mut meeting = seen(|camera, drawn| swapped(drawn, |k| camera == 1 && is_wrist(k)));
-        assert!(!is_as_it_is(&meeting, 1));
+        assert!(!is_unswapped(&meeting, 1));
         assert_eq!(undo(&mut meeting), 1);
-        assert!((0..4).all(|view| is_as_it_is(&meeting, view)));
+        assert!((0..4).all(|view| is_unswapped(&meeting, view)));
     }
 
     #[test]
-    fn a_body_that_one_view_saw_from_behind_is_turned_as_a_whole() {
+    fn a_body_swapped_in_one_view_is_restored_as_a_whole() {
         let mut meeting = seen(|camera, drawn| swapped(drawn, |_| camera == 2));
-        // The eyes are too close together to be seen apart, and go with the rest.
+        // The eyes are too close together for a decision, and follow the rest.
         assert_eq!(undo(&mut meeting), PAIRED.len());
-        assert!((0..4).all(|view| is_as_it_is(&meeting, view)));
+        assert!((0..4).all(|view| is_unswapped(&meeting, view)));
     }
 
     #[test]
-    fn two_of_four_views_are_turned_because_the_model_has_a_vote() {
+    fn two_of_four_views_are_restored_by_the_vote_of_the_model() {
         let mut meeting = seen(|camera, drawn| swapped(drawn, |_| camera < 2));
         undo(&mut meeting);
-        assert!((0..4).all(|view| is_as_it_is(&meeting, view)));
+        assert!((0..4).all(|view| is_unswapped(&meeting, view)));
     }
 
     #[test]
-    fn when_most_views_are_crosswise_the_model_is_wrong_and_nothing_is_touched() {
+    fn with_most_views_crosswise_no_view_is_changed() {
         let mut meeting = seen(|camera, drawn| swapped(drawn, |_| camera < 3));
         assert_eq!(undo(&mut meeting), 0);
-        assert!(is_as_it_is(&meeting, 3) && !is_as_it_is(&meeting, 0));
+        assert!(is_unswapped(&meeting, 3) && !is_unswapped(&meeting, 0));
     }
 
     #[test]
@@ -266,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn the_search_is_misled_by_two_swapped_views_and_not_once_they_are_undone() {
+    fn undoing_two_swapped_views_corrects_the_search() {
         let worst_m = |undone: bool| {
             let mut meeting = seen(|camera, drawn| swapped(drawn, |_| camera < 2));
             if undone {

@@ -1,4 +1,4 @@
-//! People in the views of the hall, with maps drawn peak by peak, for the tests of who owns what.
+//! People in the views of the hall, with maps drawn peak by peak, for tests of peak ownership.
 
 use std::collections::BTreeMap;
 
@@ -41,7 +41,7 @@ pub(crate) struct MeetingFixture {
 
 impl MeetingFixture {
     /// People who stand upright at these places (x, y, heading), well seen until now.
-    pub(crate) fn of(places: &[[f64; 3]]) -> Self {
+    pub(crate) fn at(places: &[[f64; 3]]) -> Self {
         let (keypoints, parameters) = (KeypointSet::coco17(), Parameters::default());
         let method = Method {
             dt_s: 1.0 / 60.0,
@@ -64,7 +64,7 @@ impl MeetingFixture {
             let pose = Pose::neutral(Vector3::new(x, y, 0.53 * STATURE_M), turned);
             let skeleton = Skeleton::new(&Proportions::from_stature(STATURE_M));
             let mut track = Estimator::new(skeleton, pose, &method);
-            // As after a tick in which everything was seen.
+            // As after a tick in which all keypoints were seen.
             let seen = KeypointEstimate {
                 views: 4,
                 weight: 0.9,
@@ -80,27 +80,27 @@ impl MeetingFixture {
         }
     }
 
-    /// Every keypoint of a person where it is, at full height.
+    /// Every keypoint of a person at its place, at full height.
     pub(crate) fn as_they_are(&self, person: usize) -> Vec<Drawn> {
         let points = self.tracks[person].keypoints_m().into_iter();
         points.enumerate().map(|(k, p)| (k, p, 0.9)).collect()
     }
 
-    /// Begins a tick in which nobody is seen yet.
+    /// Begins a tick without views.
     pub(crate) fn begin(&mut self) {
         for track in &mut self.tracks {
             track.begin(&self.method);
         }
     }
 
-    /// Gives `person` a view from `camera` of the hall, with these peaks.
+    /// Adds a view of `person` from `camera` of the hall, with these peaks.
     pub(crate) fn show(&mut self, person: usize, camera: usize, drawn: &[Drawn]) {
         let (viewpoint, model) = self.hall.cameras[camera].clone();
         let patch = self.patch(person, camera, drawn);
         assert!(self.tracks[person].see(&patch, viewpoint, &model, &self.method));
     }
 
-    /// Places all views, behind everybody else; returns the bodies.
+    /// Places all views, behind all other people; returns the bodies.
     pub(crate) fn place(&mut self) -> Vec<BodyCapsules> {
         let bodies: Vec<BodyCapsules> = self
             .tracks
@@ -114,7 +114,7 @@ impl MeetingFixture {
         bodies
     }
 
-    /// What the map of `person`'s keypoint in its `view` holds at a point, 0 to 1.
+    /// The value of the map of `person`'s keypoint in its `view` at a point, 0 to 1.
     pub(crate) fn value(
         &self,
         person: usize,

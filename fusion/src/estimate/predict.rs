@@ -1,17 +1,16 @@
-//! Where a person's joints will be: paper, eq. (3), and what we use in its place.
+//! Prediction of a person's joints: paper, eq. (3), and our replacements.
 //!
 //! The next lattice is centred on the pose one tick ahead (plus or minus a view's capture offset),
-//! the boxes on the pose one round trip ahead; so every formula here is defined for any horizon,
-//! also between ticks. Joints are predicted one by one: link lengths are the business of the
-//! inverse kinematics, not of a prediction.
+//! the boxes on the pose one round trip ahead. So every formula here is defined for any horizon,
+//! also between ticks. Joints are predicted one by one: inverse kinematics restores link lengths.
 
 use farfield_proto::venue::parameters::{PredictionParameters, Predictor};
 use nalgebra::Vector3;
 
 use crate::body::skeleton::{Joints, N_JOINTS};
 
-/// What a prediction starts from: the last poses P' of eq. (14), one per tick, and the velocity of
-/// the filter.
+/// Input of a prediction: the last poses P' of eq. (14), one per tick, and the velocity of the
+/// filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Motion {
     /// Newest first, metres.
@@ -62,9 +61,9 @@ impl Motion {
     ///   a = P(t) - 2 P(t-1) + P(t-2),   w = (3 P(t) - 4 P(t-1) + P(t-2))/2   per tick
     /// ```
     ///
-    /// The first is the paper's, eq. (3), for h = 1. For longer horizons the paper has nothing; we
-    /// add its step, half of the last change of velocity, once per tick. Feeding it its own output
-    /// instead would turn a constant velocity into a motion *backwards* from the second tick on.
+    /// The first is the paper's, eq. (3), for h = 1. The paper has nothing for longer horizons; we
+    /// add its step, half of the last change of velocity, once per tick. Iterating it on its own
+    /// output would turn a constant velocity into a motion *backwards* from the second tick on.
     ///
     /// While fewer than three poses are known, a = 0 and w is the last difference.
     pub fn predict(
@@ -154,7 +153,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn one_tick_ahead_the_formulas_are_those_of_the_paper(
+        fn one_tick_ahead_the_formulas_equal_the_papers(
             p0 in vector(-9.0..9.0), p1 in vector(-9.0..9.0), p2 in vector(-9.0..9.0),
         ) {
             let mut motion = Motion::at_rest([p2; N_JOINTS]);
@@ -177,7 +176,7 @@ mod tests {
         }
 
         #[test]
-        fn a_damped_velocity_starts_as_the_velocity_and_never_goes_past_its_range(
+        fn a_damped_velocity_is_bounded_by_its_range(
             v in vector(-9.0..9.0), h in 0.0f64..600.0,
         ) {
             let motion = history(Vector3::zeros(), v, Vector3::zeros());
@@ -191,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn the_paper_predicts_no_motion_at_constant_velocity_at_any_horizon() {
+    fn the_papers_formula_predicts_no_constant_velocity() {
         let motion = history(
             Vector3::zeros(),
             Vector3::new(8.0, 0.0, 0.0),
@@ -203,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_newborn_stays_where_it_is_until_two_poses_are_known() {
+    fn a_newcomer_is_predicted_still_until_two_poses_are_known() {
         let here = Vector3::new(1.0, 2.0, 0.9);
         let mut motion = Motion::at_rest([here; N_JOINTS]);
         for predictor in [

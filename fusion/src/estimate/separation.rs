@@ -1,20 +1,20 @@
-//! Bodies do not pass through each other for free.
+//! Separation of bodies that overlap.
 //!
-//! At a barrier, when everybody's joints are smoothed, the capsules of [`crate::estimate::occlusion`], slimmer,
-//! are laid around them. Where two of different persons reach into each other by p, both are moved
-//! apart along the line between their axes, by what makes
+//! At a barrier, after smoothing, each person gets the capsules of [`crate::estimate::occlusion`],
+//! slimmer. Where two of different persons overlap by p, both are moved apart along the line
+//! between their axes, by
 //!
 //! ```text
 //!   e_a x_a^2 + e_b x_b^2 + w (p - x_a - x_b)^2      least:      x_a = p (1/e_a)/(1/w + 1/e_a + 1/e_b)
 //! ```
 //!
-//! e how well each limb is seen at the place of contact (0 to 1), w the weight of the separation. A
-//! limb that is well seen stays where it is seen; one that the model carries is pushed out of the
-//! other's way. The side on which limbs belong is that of the prediction: a limb that has gone
-//! through another within a tick is sent back, not on.
+//! e is how well each limb is seen at the contact (0 to 1), w the weight of the separation. A well
+//! seen limb stays where it is seen; a predicted one moves out of the way. The prediction
+//! determines the side of a limb: a limb that has passed through another within a tick is moved
+//! back, not on.
 //!
-//! The moved joints are aims of the second inverse kinematics; the filter does not learn of them, so
-//! that nothing is left of a push once there is evidence.
+//! The moved joints are targets of the second inverse kinematics. The filter does not use them, so
+//! a push has no lasting effect once there is evidence.
 
 use nalgebra::Vector3;
 
@@ -24,7 +24,7 @@ use crate::estimate::estimator::Estimator;
 use crate::estimate::occlusion::{BodyCapsules, Touch};
 use crate::method::Method;
 
-/// Least that a limb counts as seen, so that somebody gives way where nobody is seen.
+/// Least visibility of a limb, so that two unseen limbs also separate.
 const LEAST_SEEN: f64 = 1e-4;
 
 /// The pushes of a tick, with their buffers.
@@ -36,8 +36,8 @@ pub struct Separation {
 }
 
 impl Separation {
-    /// Finds by how much each of `tracks`, which are smoothed, is to move; `predicted` are the bodies
-    /// that were predicted for the tick.
+    /// Finds the displacement of each of `tracks`, which are smoothed; `predicted` are the bodies
+    /// predicted for the tick.
     ///
     /// Cost: one distance per pair of persons apart, 400 per pair that is near each other.
     pub fn find(
@@ -77,14 +77,14 @@ impl Separation {
         }
     }
 
-    /// By how much the joints of the track at `index` are to move, world, metres; `None` when nobody
-    /// is near anybody.
+    /// Displacements of the joints of the track at `index`, world, metres; `None` if no persons
+    /// touch.
     pub fn push_m(&self, index: usize) -> Option<&Joints> {
         self.pushes_m.get(index).filter(|_| self.any_touch)
     }
 }
 
-/// How far the two sides of a touch move, world, metres.
+/// How far the two sides of a contact move, world, metres.
 fn moves(touch: &Touch, [e_a, e_b]: [f64; 2], w: f64) -> [Vector3<f64>; 2] {
     let [a, b] = [e_a, e_b].map(|e| 1.0 / e.max(LEAST_SEEN));
     let all = 1.0 / w + a + b;
@@ -97,17 +97,17 @@ mod tests {
     use super::*;
     use crate::body::skeleton::Joint;
 
-    /// Two people who stand so close that the arms of one are in the other's; the first is seen as
-    /// well as `seen`, the second fully.
+    /// Two people who stand so close that their arms overlap; the first is seen as well as `seen`,
+    /// the second fully.
     fn two(seen: f64) -> MeetingFixture {
-        let mut meeting = MeetingFixture::of(&[[0.0, -0.21, 0.0], [0.0, 0.21, 0.0]]);
+        let mut meeting = MeetingFixture::at(&[[0.0, -0.21, 0.0], [0.0, 0.21, 0.0]]);
         for estimate in &mut meeting.tracks[0].evidence.estimates {
             estimate.weight = seen;
         }
         meeting
     }
 
-    fn found(meeting: &mut MeetingFixture) -> Separation {
+    fn separate(meeting: &mut MeetingFixture) -> Separation {
         meeting.begin();
         let bodies = meeting.place();
         let mut separation = Separation::default();
@@ -120,33 +120,33 @@ mod tests {
     }
 
     #[test]
-    fn a_limb_that_the_model_carries_gives_way_to_one_that_is_seen() {
-        let separation = found(&mut two(0.0));
+    fn a_predicted_limb_gives_way_to_a_seen_one() {
+        let separation = separate(&mut two(0.0));
         let [pushed, seen] = [0, 1].map(|i| farthest_m(separation.push_m(i).unwrap()));
         assert!(pushed > 0.005 && seen < 0.02 * pushed, "{pushed} {seen}");
     }
 
     #[test]
-    fn two_limbs_that_are_well_seen_stay_almost_where_they_are_seen() {
-        let unseen = farthest_m(found(&mut two(0.0)).push_m(0).unwrap());
-        let seen = farthest_m(found(&mut two(0.9)).push_m(0).unwrap());
+    fn two_well_seen_limbs_hardly_move() {
+        let unseen = farthest_m(separate(&mut two(0.0)).push_m(0).unwrap());
+        let seen = farthest_m(separate(&mut two(0.9)).push_m(0).unwrap());
         assert!(seen < 0.1 * unseen, "{seen} of {unseen}");
     }
 
     #[test]
     fn pushes_lead_away_from_each_other() {
-        let separation = found(&mut two(0.0));
+        let separation = separate(&mut two(0.0));
         let push_m = separation.push_m(0).unwrap();
         let elbow = push_m[Joint::LeftElbow.index()];
         assert!(elbow.y < 0.0, "{elbow:?}");
     }
 
     #[test]
-    fn who_stands_apart_or_is_told_not_to_care_is_not_pushed() {
-        let mut apart = MeetingFixture::of(&[[0.0, -0.5, 0.0], [0.0, 0.5, 0.0]]);
-        assert!(found(&mut apart).push_m(0).is_none());
+    fn distant_people_and_a_zero_weight_give_no_push() {
+        let mut apart = MeetingFixture::at(&[[0.0, -0.5, 0.0], [0.0, 0.5, 0.0]]);
+        assert!(separate(&mut apart).push_m(0).is_none());
         let mut careless = two(0.0);
         careless.method.parameters.contact.separation_weight = 0.0;
-        assert!(found(&mut careless).push_m(0).is_none());
+        assert!(separate(&mut careless).push_m(0).is_none());
     }
 }

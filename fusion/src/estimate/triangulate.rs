@@ -1,13 +1,13 @@
 //! A point from its images in several cameras: weighted direct linear transform (DLT).
 //!
-//! The plain method that the lattice is compared with; the pipeline does not use it. (Initiations
-//! have rays with outliers among them, see `sightings/reconstruction.rs`.)
+//! The plain method for comparison with the lattice; the pipeline does not use it. (Initiations
+//! have rays with outliers, see `sightings/reconstruction.rs`.)
 
 use farfield_proto::frames::{Pixel, Point, Undistorted, World};
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Point3, Vector3, Vector4};
 
-/// Smallest ratio of eigenvalues at which directions still fix a point: rays within about 0.03
-/// degrees of each other do not.
+/// Least ratio of eigenvalues at which directions determine a point: rays within about 0.03 degrees
+/// of each other do not.
 const LEAST_SPREAD: f64 = 1e-7;
 
 /// Why there is no point.
@@ -19,7 +19,7 @@ pub enum TriangulateError {
         /// How many views there were (with a weight above zero).
         got: usize,
     },
-    /// The rays do not fix a point.
+    /// The rays do not determine a point.
     #[error("the rays are parallel")]
     ParallelRays,
 }
@@ -42,13 +42,13 @@ pub struct Observation {
 /// ```
 ///
 /// with p1, p2, p3 the rows of the projection matrix. The norms (of the rows' first three numbers)
-/// make rows of wide and tele lenses comparable, and the origin is moved into the middle of the
-/// cameras, else distant world origins cost digits. Source: Hartley and Zisserman 2004, section
+/// make rows of wide and tele lenses comparable. The origin is moved into the middle of the
+/// cameras, because distant world origins cost digits. Source: Hartley and Zisserman 2004, section
 /// 12.2. Cost: one symmetric 4 x 4 eigenproblem.
 ///
 /// # Errors
-/// [`TriangulateError::TooFewViews`] with fewer than two observations that count,
-/// [`TriangulateError::ParallelRays`] when they do not fix a point.
+/// [`TriangulateError::TooFewViews`] with fewer than two observations of positive weight,
+/// [`TriangulateError::ParallelRays`] if they do not determine a point.
 pub fn weighted_dlt(observations: &[Observation]) -> Result<Point<World>, TriangulateError> {
     let counting = || observations.iter().filter(|o| o.weight > 0.0);
     let got = counting().count();
@@ -83,8 +83,8 @@ pub fn weighted_dlt(observations: &[Observation]) -> Result<Point<World>, Triang
     }
 }
 
-/// The camera centre of a projection matrix [M | t], -M^-1 t; the origin when M is singular, which
-/// no camera model has.
+/// The camera centre of a projection matrix [M | t], -M^-1 t; the origin if M is singular, which no
+/// camera model has.
 fn center(pixel_from_world: &Matrix3x4<f64>) -> Vector3<f64> {
     let m: Matrix3<f64> = pixel_from_world.fixed_columns::<3>(0).into_owned();
     m.lu()
@@ -108,7 +108,7 @@ mod tests {
 
     use super::*;
 
-    /// World origins are up to 200 m away, pixels a thousand: f64 leaves this.
+    /// World origins are up to 200 m away, pixels a thousand: the accuracy of f64.
     const TOLERANCE_M: f64 = 1e-6;
 
     fn vector(range: std::ops::Range<f64>) -> impl Strategy<Value = Vector3<f64>> {
@@ -135,12 +135,12 @@ mod tests {
         .unwrap()
     }
 
-    /// Cameras around `middle_m` and what they see of `point_m`.
+    /// Cameras around `middle_m` and their observations of `point_m`.
     fn seen(middle_m: Vector3<f64>, point_m: Vector3<f64>, n: usize) -> Vec<Observation> {
         let views = (0..n).map(|i| {
             let (sine, cosine) = (0.3 + 1.1 * i as f64).sin_cos();
             let eye_m = middle_m + Vector3::new(9.0 * cosine, 9.0 * sine, 2.0);
-            // Wide and tele lenses side by side.
+            // A mix of wide and tele lenses.
             let model = camera(eye_m, middle_m, 600.0 + 900.0 * i as f64);
             let pixel = model.project(Point::new(Point3::from(point_m))).unwrap();
             Observation {
@@ -154,7 +154,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_cameras_see_is_found_again(
+        fn exact_observations_give_the_point(
             middle in vector(-200.0..200.0), off in vector(-1.5..1.5), n in 2usize..8, weight in 0.1f64..10.0,
         ) {
             let mut observations = seen(middle, middle + off, n);
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_without_weight_has_no_say() {
+    fn a_view_without_weight_is_ignored() {
         let point = Vector3::new(0.3, 0.1, 1.2);
         let mut observations = seen(Vector3::zeros(), point, 3);
         observations[2].pixel = Pixel::new(0.0, 0.0);

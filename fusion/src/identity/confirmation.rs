@@ -87,7 +87,7 @@ impl Track {
         self.estimator.fit_joints(method);
         let mut moment = TickSnapshot::default();
         self.estimator
-            .tell(tick.tick, PersonState::Tentative, &mut moment);
+            .write_snapshot(tick.tick, PersonState::Tentative, &mut moment);
         self.identity.changed.solved.push(moment);
         let id = self.identity.id;
         let pose = self.estimator.published(id, PersonState::Tentative);

@@ -189,7 +189,7 @@ mod tests {
     fn subjects(statures_m: &[f64]) -> Subjects {
         let subject = |stature_m: &f64| Subject {
             name: format!("{:.0} cm", 100.0 * stature_m),
-            body: Arc::new(BodyPrior::of_stature(*stature_m)),
+            body: Arc::new(BodyPrior::from_stature(*stature_m)),
         };
         Subjects::new(statures_m.iter().map(subject).collect())
     }

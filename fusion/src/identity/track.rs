@@ -255,8 +255,8 @@ impl Track {
     }
 
     /// Writes the result of the last tick, `tick`, to `into`. Allocates only while `into` grows.
-    pub fn tell(&self, tick: Tick, into: &mut TickSnapshot) {
-        self.estimator.tell(tick, self.state(), into);
+    pub fn write_snapshot(&self, tick: Tick, into: &mut TickSnapshot) {
+        self.estimator.write_snapshot(tick, self.state(), into);
     }
 
     fn state(&self) -> PersonState {

@@ -70,7 +70,7 @@ fn subjects(
                 BodyPrior::parse(&text, &path)?
             }
             KnownBy::Stature { name, stature_m } => {
-                (name.clone(), BodyPrior::of_stature(*stature_m))
+                (name.clone(), BodyPrior::from_stature(*stature_m))
             }
         };
         if subjects.iter().any(|other| other.name == name) {

@@ -433,8 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_contradicting_pairs_the_surer_wins_and_equal_ones_lose()
-     {
+    fn of_two_contradicting_pairs_the_surer_wins_and_equal_ones_lose() {
         const KNEE: usize = 13;
         let (hall, mut noise) = (hall(), Noise(3));
         let standing = standing(0.5, -0.3, 1.7, &mut noise);

@@ -152,7 +152,7 @@ impl FixedLagSmoother {
         }
         for track in tracks {
             let mut moment = self.spare.pop().unwrap_or_default();
-            track.tell(tick, &mut moment);
+            track.write_snapshot(tick, &mut moment);
             let is_own = |window: &Window| window.wire_id == track.wire_id();
             let at = self.windows.iter().position(is_own).unwrap_or_else(|| {
                 self.windows.push(Window::new(track, method));

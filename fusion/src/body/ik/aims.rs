@@ -1,4 +1,4 @@
-//! The targets of one solve, and how far the body is from them.
+//! The targets of one solve, and the body's distance from them.
 
 use nalgebra::Vector3;
 
@@ -6,24 +6,24 @@ use super::Target;
 use super::normal::NormalEquations;
 use crate::body::skeleton::Kinematics;
 
-/// A target, and the point of the body that should be there.
+/// A target, and the point of the body that belongs to it.
 #[derive(Debug, Clone)]
 struct AimedPoint {
     target: Target,
-    /// In the pose that was placed last, world, metres.
+    /// In the last placed pose, world, metres.
     point_m: Vector3<f64>,
     /// Information times residual there: gradient of the cost by the point.
     pull: Vector3<f64>,
 }
 
-/// Targets that count. Allocates only when there are more than ever before.
+/// Valid targets. Allocates only for more than ever before.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Aims {
     points: Vec<AimedPoint>,
 }
 
 impl Aims {
-    /// Takes those of `targets` that count.
+    /// Selects the valid ones of `targets`.
     pub(super) fn set(&mut self, targets: &[Target]) {
         self.points.clear();
         let counting = targets.iter().filter(|target| target.counts());
@@ -34,7 +34,7 @@ impl Aims {
         }));
     }
 
-    /// Looks where `body` has the points; returns the targets' part of the cost.
+    /// Updates the points of `body`; returns the targets' part of the cost.
     pub(super) fn place(&mut self, body: &Kinematics) -> f64 {
         let mut cost = 0.0;
         for aimed in &mut self.points {
@@ -47,8 +47,8 @@ impl Aims {
         0.5 * cost
     }
 
-    /// Builds the normal equations of the targets as evidence for `body`, which was placed last; their gradient means
-    /// nothing.
+    /// Builds the normal equations of the targets as evidence for `body`, the last placed one;
+    /// their gradient is unused.
     pub(super) fn gather_evidence(&self, body: &Kinematics, normal: &mut NormalEquations) {
         normal.begin(body);
         let pull = Vector3::zeros();
@@ -61,7 +61,7 @@ impl Aims {
         normal.gather(body, false);
     }
 
-    /// Builds the normal equations for `body`, which was placed last; see
+    /// Builds the normal equations for `body`, the last placed one; see
     /// [`NormalEquations::gather`].
     pub(super) fn linearise(
         &self,

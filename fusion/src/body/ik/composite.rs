@@ -1,16 +1,17 @@
-//! What is known of all points that hang from a link, as one matrix.
+//! The information about all points of a link and of the links further out, as one matrix.
 //!
-//! A DoF moves every point below it as one rigid body: by v + ω × x, with (ω, v) its [`Twist`] about an
-//! origin that all links share. So what the points of a link and of all that hangs from it say can be summed
-//! before any DoF is looked at,
+//! A DoF moves every point below it as one rigid body: by v + ω × x, with (ω, v) its [`Twist`]
+//! about an origin that all links share. So the information of the points of a link and of the
+//! links further out can be summed independently of any DoF,
 //!
 //! ```text
 //!   C = Σₜ Xₜᵀ Iₜ Xₜ,   w = Σₜ Xₜᵀ Iₜ rₜ,   Xₜ = (-[xₜ]×  1)        Hᵢⱼ = Sᵢᵀ Cᵢ Sⱼ,   gᵢ = Sᵢᵀ wᵢ
 //! ```
 //!
-//! Sᵢ the twist of DoF i, Cᵢ and wᵢ of the link that it turns, j = i or a DoF that it hangs from: the composite
-//! rigid body algorithm (R. Featherstone, "Rigid Body Dynamics Algorithms", 2008, chapter 6) with information
-//! in place of mass. The work grows with the points, not with points times DoF squared.
+//! Sᵢ is the twist of DoF i, Cᵢ and wᵢ belong to the link that it turns, j = i or a DoF further in.
+//! This is the composite rigid body algorithm (R. Featherstone, "Rigid Body Dynamics Algorithms",
+//! 2008, chapter 6) with information in place of mass. The work grows with the points, not with
+//! points times DoF squared.
 
 use std::ops::{AddAssign, Range};
 
@@ -18,17 +19,17 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::body::skeleton::N_DOF;
 
-/// How a rigid body moves per unit of a DoF.
+/// Motion of a rigid body per unit of a DoF.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Twist {
-    /// Its turn, ω.
+    /// Its rotation, ω.
     turn: Vector3<f64>,
     /// The motion of the origin, v, metres.
     shift_m: Vector3<f64>,
 }
 
 impl Twist {
-    /// Of a turn about `axis`, per unit, through `centre_m` from the origin.
+    /// A rotation about `axis`, per unit, through `centre_m` from the origin.
     pub(super) fn about(axis: &Vector3<f64>, centre_m: &Vector3<f64>) -> Self {
         Self {
             turn: *axis,
@@ -36,7 +37,7 @@ impl Twist {
         }
     }
 
-    /// Of a motion along `axis` without a turn.
+    /// A motion along `axis` without rotation.
     pub(super) fn along(axis: &Vector3<f64>) -> Self {
         Self {
             turn: Vector3::zeros(),
@@ -50,13 +51,13 @@ impl Twist {
         self.shift_m += other.shift_m * share;
     }
 
-    /// What `push` does along this twist.
+    /// Work of `push` along this twist.
     pub(super) fn dot(&self, push: &Push) -> f64 {
         self.turn.dot(&push.moment) + self.shift_m.dot(&push.force)
     }
 }
 
-/// The twists of all DoF, number by number: so that what a push does along several is vectors.
+/// The twists of all DoF, number by number, for vector instructions over several.
 #[derive(Debug, Clone)]
 pub(super) struct Motions {
     turn: [[f64; N_DOF]; 3],
@@ -73,7 +74,7 @@ impl Default for Motions {
 }
 
 impl Motions {
-    /// Takes over the twists.
+    /// Stores the twists.
     pub(super) fn set(&mut self, twists: &[Twist; N_DOF]) {
         let numbers = self.turn.iter_mut().zip(&mut self.shift_m);
         for (axis, (turn, shift_m)) in numbers.enumerate() {
@@ -84,7 +85,7 @@ impl Motions {
         }
     }
 
-    /// [`Twist::dot`] of those of `dofs`, bit for bit.
+    /// [`Twist::dot`] of each of `dofs`, with the same bits.
     #[inline]
     pub(super) fn dot(&self, dofs: Range<usize>, push: &Push, into: &mut [f64]) {
         let own = dofs.start..dofs.start + into.len();
@@ -98,7 +99,7 @@ impl Motions {
     }
 }
 
-/// What acts on a rigid body: the dual of a [`Twist`].
+/// Moment and force on a rigid body: the dual of a [`Twist`].
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Push {
     moment: Vector3<f64>,
@@ -116,17 +117,17 @@ impl Push {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Composite {
     turn: Matrix3<f64>,
-    /// Of the turn's rows and the shift's columns.
+    /// Of the rotation's rows and the shift's columns.
     mixed: Matrix3<f64>,
     shift: Matrix3<f64>,
-    /// Σ x fᵀ of the points x that are pulled by f: the moment, and what a turn makes of it.
+    /// Σ x fᵀ of the points x with the pulls f: gives the moment, and its change by a rotation.
     lever: Matrix3<f64>,
     force: Vector3<f64>,
 }
 
 impl Composite {
-    /// Adds a point at `x_m` from the origin, of which `information` (1/m², symmetric) is known, and which is pulled
-    /// by `pull` = information times residual.
+    /// Adds a point at `x_m` from the origin with `information` (1/m², symmetric) and `pull` =
+    /// information times residual.
     pub(super) fn add(
         &mut self,
         x_m: &Vector3<f64>,
@@ -141,7 +142,7 @@ impl Composite {
         self.force += pull;
     }
 
-    /// What a motion of all points by `twist` meets with: C S.
+    /// Reaction to a motion of all points by `twist`: C S.
     pub(super) fn resistance(&self, twist: &Twist) -> Push {
         Push {
             moment: self.turn * twist.turn + self.mixed * twist.shift_m,
@@ -157,8 +158,8 @@ impl Composite {
         }
     }
 
-    /// How the moment of the pulls changes when all points turn about an axis through `centre_m`, from the origin,
-    /// while the pulls stay: Σ (a × (x - c)) × f.
+    /// Change of the moment of the pulls when all points rotate about an axis through `centre_m`,
+    /// from the origin, with constant pulls: Σ (a × (x - c)) × f.
     pub(super) fn turned_moment(&self, twist: &Twist, centre_m: &Vector3<f64>) -> Vector3<f64> {
         let axis = &twist.turn;
         let along = self.lever.trace() - centre_m.dot(&self.force);
@@ -176,18 +177,18 @@ impl AddAssign<&Self> for Composite {
     }
 }
 
-/// How unsure the place of a rigid body is: the covariance of its twist, symmetric 6 by 6, in blocks.
+/// Covariance of the twist of a rigid body, symmetric 6 by 6, in blocks.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct TwistCovariance {
     turn: Matrix3<f64>,
-    /// Of the turn's rows and the shift's columns.
+    /// Of the rotation's rows and the shift's columns.
     mixed: Matrix3<f64>,
     shift: Matrix3<f64>,
 }
 
 impl TwistCovariance {
-    /// Adds a DoF that moves the body by `twist`, of this `variance`; `shared` is the sum of the twists that were
-    /// added before, each times its covariance with this one.
+    /// Adds a DoF that moves the body by `twist`, with this `variance`; `shared` is the sum of the
+    /// earlier twists, each times its covariance with this one.
     pub(super) fn add(&mut self, twist: &Twist, variance: f64, shared: &Twist) {
         // S uᵀ + u Sᵀ + σ S Sᵀ = S wᵀ + w Sᵀ with w = u + σ/2 S.
         let mut with = *shared;
@@ -214,7 +215,7 @@ fn crossed(x: &Vector3<f64>, m: &Matrix3<f64>) -> Matrix3<f64> {
     ])
 }
 
-/// Σ u × v of the Σ u vᵀ that `m` is.
+/// Σ u × v, if `m` is Σ u vᵀ.
 fn axial(m: &Matrix3<f64>) -> Vector3<f64> {
     Vector3::new(
         m[(1, 2)] - m[(2, 1)],
@@ -235,7 +236,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn of_several_twists_a_push_does_to_the_bit_what_it_does_of_each(
+        fn vectorised_dots_equal_single_ones_to_the_bit(
             vectors in prop::collection::vec((vector(), vector()), N_DOF), moment in vector(), force in vector(),
             first in 0..N_DOF, n in 0..=N_DOF,
         ) {

@@ -1,15 +1,15 @@
-//! What the points of a tick say of numbers that stay the same for a body, once its pose has taken its share.
+//! Information of a tick's points about constants of the body, with the pose eliminated.
 //!
-//! A pose gives way to whatever is wrong with its body: a knee that is seen beside the joint bends the leg. What no pose
-//! can follow is what a tick says of the body,
+//! A pose adapts to errors of its body: a knee that is seen away from the joint bends the leg. Only
+//! the residual that no pose can remove is information about the body,
 //!
 //! ```text
 //!   M = CᵀIC - CᵀIJ H⁻¹ JᵀIC,    m = CᵀIr - CᵀIJ H⁻¹ JᵀIr,    H = JᵀIJ + diag(1/spreadᵢ²)
 //! ```
 //!
-//! with J and C the Jacobians of the points by pose and constants, I their information and r the way from where the
-//! body has them to where they were seen: the normal equations of both, the pose eliminated (a Schur complement). M and
-//! m of many ticks add up.
+//! with J and C the Jacobians of the points by pose and constants, I their information and r the
+//! displacement from the body's points to the seen ones: the normal equations of both, with the
+//! pose eliminated (a Schur complement). M and m of many ticks add up.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -18,36 +18,36 @@ use super::normal::NormalEquations;
 use super::observability::spread_before;
 use crate::body::skeleton::{Joint, Kinematics, N_DOF, chain_of};
 
-/// A point of a body that was seen.
+/// A seen point of a body.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SeenPoint<const N: usize> {
-    /// The joint that it belongs to.
+    /// Its joint.
     pub(crate) joint: Joint,
-    /// Where the body has it, world, metres.
+    /// Its place on the body, world, metres.
     pub(crate) place_m: Vector3<f64>,
-    /// From there to where it was seen, world, metres.
+    /// From there to the seen place, world, metres.
     pub(crate) off_m: Vector3<f64>,
-    /// Inverse covariance of where it was seen, 1/m².
+    /// Inverse covariance of the seen place, 1/m².
     pub(crate) information: Matrix3<f64>,
-    /// By what it moves per unit of each constant while the pose stays, world, metres.
+    /// Its motion per unit of each constant in a fixed pose, world, metres.
     pub(crate) moves: [Vector3<f64>; N],
 }
 
-/// What a tick says of a body's constants.
+/// Information of a tick about a body's constants.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct SaidOfConstants<const N: usize> {
+pub(crate) struct ConstantsInformation<const N: usize> {
     /// M: inverse covariance of the constants.
     pub(crate) information: SMatrix<f64, N, N>,
-    /// m: M times the way from the constants that the body has to those that were seen.
+    /// m: M times the displacement from the body's constants to the seen ones.
     pub(crate) pull: SVector<f64, N>,
 }
 
-/// The elimination of the pose; reusable, nothing is allocated from call to call.
+/// The elimination of the pose, with reused buffers: does not allocate.
 #[derive(Debug, Clone)]
 pub(crate) struct PoseElimination {
     normal: NormalEquations,
     factor: Factor,
-    /// Precision of each DoF before anything is seen.
+    /// Prior precision of each DoF.
     before: [f64; N_DOF],
 }
 
@@ -60,12 +60,12 @@ impl PoseElimination {
         }
     }
 
-    /// What `points` of `body` say of its constants.
-    pub(crate) fn said<const N: usize>(
+    /// The information of `points` of `body` about its constants.
+    pub(crate) fn information<const N: usize>(
         &mut self,
         body: &Kinematics,
         points: &[SeenPoint<N>],
-    ) -> SaidOfConstants<N> {
+    ) -> ConstantsInformation<N> {
         self.normal.begin(body);
         for point in points {
             let (link, pull) = (point.joint.link(), point.information * point.off_m);
@@ -75,14 +75,14 @@ impl PoseElimination {
         self.normal.gather(body, false);
         self.factor
             .compute(&self.normal, &self.before, &[false; N_DOF]);
-        // H⁻¹ JᵀIr, what the pose takes of r.
+        // H⁻¹ JᵀIr, the pose's part of r.
         let mut by_pose = *self.normal.gradient();
         self.factor.solve(&mut by_pose);
-        let mut said = SaidOfConstants {
+        let mut result = ConstantsInformation {
             information: SMatrix::zeros(),
             pull: SVector::zeros(),
         };
-        // JᵀIC, a constant a row.
+        // JᵀIC, one constant per row.
         let mut shared = [[0.0; N_DOF]; N];
         for point in points {
             for (a, by_a) in point.moves.iter().enumerate() {
@@ -93,21 +93,21 @@ impl PoseElimination {
                 for &dof in chain_of(point.joint.link()) {
                     shared[a][dof] += body.moving_column(dof, &point.place_m).dot(&pull);
                 }
-                said.pull[a] += pull.dot(&point.off_m);
+                result.pull[a] += pull.dot(&point.off_m);
                 for (b, by_b) in point.moves.iter().enumerate() {
-                    said.information[(a, b)] += pull.dot(by_b);
+                    result.information[(a, b)] += pull.dot(by_b);
                 }
             }
         }
         for a in 0..N {
-            said.pull[a] -= dot(&shared[a], &by_pose);
+            result.pull[a] -= dot(&shared[a], &by_pose);
             let mut taken = shared[a];
             self.factor.solve(&mut taken);
             for (b, shared) in shared.iter().enumerate() {
-                said.information[(a, b)] -= dot(shared, &taken);
+                result.information[(a, b)] -= dot(shared, &taken);
             }
         }
-        said
+        result
     }
 }
 

@@ -1,12 +1,12 @@
-//! How far the joints of a pose may be from where they are, when points of the body are known so well.
+//! Covariance of a pose's joints, from the information about points of the body.
 //!
 //! ```text
 //!   H = Σₜ Jₜᵀ Iₜ Jₜ + diag(1/spreadᵢ²),     var(p) = trace(Jₚ H⁻¹ Jₚᵀ)/3
 //! ```
 //!
-//! Iₜ is the information (inverse covariance, 1/m²) that was seen of a point, Jₜ its Jacobian; a DoF of
-//! which nothing is seen keeps the spread of its clinical range, so that a limb without evidence is
-//! somewhere within its reach, and not anywhere.
+//! Iₜ is the information (inverse covariance, 1/m²) about a point, Jₜ its Jacobian. An unseen DoF
+//! keeps the spread of its clinical range, so that a limb without evidence is somewhere within its
+//! reach.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -17,23 +17,23 @@ use super::observability::spread_before;
 use crate::body::skeleton::dof::{ANCESTORS, LINKS, MAX_CHAIN};
 use crate::body::skeleton::{Joint, Kinematics, N_DOF, N_JOINTS, N_LINKS, Site};
 
-/// What is known of one point of the body.
+/// The information about one point of the body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointInformation {
-    /// Where the point is on the body.
+    /// The place of the point on the body.
     pub site: Site,
-    /// Inverse covariance of its place in the world, 1/m²; may be singular (a ray tells nothing along
-    /// itself).
+    /// Inverse covariance of its place in the world, 1/m²; may be singular (a ray has no
+    /// information along itself).
     pub information: Matrix3<f64>,
 }
 
-/// The spread of the joints about a pose; reusable, nothing is allocated from call to call.
+/// The spread of the joints about a pose, with reused buffers: does not allocate.
 #[derive(Debug, Clone)]
 pub struct JointSpread {
     normal: NormalEquations,
     factor: Factor,
     covariance: Box<[Row; N_DOF]>,
-    /// Precision of what is known before, per DoF.
+    /// Prior precision of each DoF.
     before: [f64; N_DOF],
 }
 
@@ -66,19 +66,19 @@ impl JointSpread {
         self.factor
             .compute(&self.normal, &self.before, &[false; N_DOF]);
         self.factor.invert(&mut self.covariance);
-        let of_links = self.of_links();
+        let link_covariances = self.link_covariances();
         Joint::ALL.map(|joint| {
             let x_m = body.joint_m(joint) - self.normal.origin_m();
-            of_links[joint.link() as usize].trace_at(&x_m) / 3.0
+            link_covariances[joint.link() as usize].trace_at(&x_m) / 3.0
         })
     }
 
     /// The covariance of the twist of each link.
-    fn of_links(&self) -> [TwistCovariance; N_LINKS] {
+    fn link_covariances(&self) -> [TwistCovariance; N_LINKS] {
         let twists = self.normal.twists();
-        let mut of_links = [TwistCovariance::default(); N_LINKS];
+        let mut link_covariances = [TwistCovariance::default(); N_LINKS];
         for (l, link) in LINKS.iter().enumerate() {
-            let mut known = of_links[link.parent as usize];
+            let mut known = link_covariances[link.parent as usize];
             for i in link.dofs() {
                 let (row, ancestors) = (&self.covariance[i], ANCESTORS[i].dofs());
                 let mut shared = Twist::default();
@@ -87,8 +87,8 @@ impl JointSpread {
                 }
                 known.add(&twists[i], row[ancestors.len()], &shared);
             }
-            of_links[l] = known;
+            link_covariances[l] = known;
         }
-        of_links
+        link_covariances
     }
 }

@@ -18,7 +18,7 @@ fn jacobian(at: &Kinematics, joint: Joint) -> SMatrix<f64, 3, N_DOF> {
 
 proptest! {
     #[test]
-    fn the_factor_solves_what_a_dense_one_solves(
+    fn the_factor_equals_a_dense_one(
         pose in any_pose(),
         weights in prop::collection::vec(0.1..1000.0, 29),
         rays in prop::collection::vec(prop::option::of(prop::array::uniform3(0.1..1.0)), 29),
@@ -57,7 +57,7 @@ proptest! {
     }
 
     #[test]
-    fn constants_are_what_is_left_when_a_dense_formula_eliminates_the_pose(
+    fn eliminating_the_pose_equals_the_dense_formula(
         pose in any_pose(),
         weights in prop::collection::vec(0.1..1000.0, 29),
         moves in prop::collection::vec(prop::array::uniform3(-1.0..1.0), 58),
@@ -87,15 +87,15 @@ proptest! {
             });
         }
         let inverse = hessian.cholesky().unwrap().inverse();
-        let said = PoseElimination::new().said(&at, &points);
+        let found = PoseElimination::new().information(&at, &points);
         let expected = information - shared.transpose() * inverse * shared;
         let expected_pull = pull - shared.transpose() * inverse * gradient;
-        prop_assert!((said.information - expected).amax() < 1e-8 * (1.0 + information.amax()));
-        prop_assert!((said.pull - expected_pull).amax() < 1e-8 * (1.0 + information.amax()));
+        prop_assert!((found.information - expected).amax() < 1e-8 * (1.0 + information.amax()));
+        prop_assert!((found.pull - expected_pull).amax() < 1e-8 * (1.0 + information.amax()));
     }
 
     #[test]
-    fn the_spread_of_the_joints_is_that_of_the_dense_formula(
+    fn the_spread_of_the_joints_equals_the_dense_formula(
         pose in any_pose(),
         weights in prop::collection::vec(prop::option::of(1.0..10_000.0), 29),
         rays in prop::collection::vec(prop::option::of(prop::array::uniform3(0.1..1.0)), 29),
@@ -127,7 +127,8 @@ proptest! {
         pose in any_pose(),
         off in prop::collection::vec(prop::array::uniform3(-0.1..0.1), 29),
     ) {
-        // Of hinges: the shoulder's swings, and the root's turn, are not turned one after the other.
+        // For hinges only: the shoulder's swings and the root's rotation are not applied one after
+        // the other.
         let is_hinge = |i: usize| !(3..N_ROOT_DOF).contains(&i) && Side::BOTH.into_iter().all(|side| {
             let first = N_ROOT_DOF + first_of(side, DofGroup::Shoulder);
             !(first..first + 3).contains(&i)

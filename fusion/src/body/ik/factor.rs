@@ -8,10 +8,10 @@ use super::normal::{NormalEquations, Row};
 use crate::body::skeleton::N_DOF;
 use crate::body::skeleton::dof::{ANCESTORS, DESCENDANTS, MAX_CHAIN};
 
-/// Least pivot: a DoF that nothing determines stays where it is.
+/// Least pivot: an undetermined DoF does not move.
 const MIN_PIVOT: f64 = 1e-9;
 
-/// Entries of a row that are worked on at once.
+/// Entries of a row that are processed at once.
 const LANES: usize = 4;
 
 /// L and D of H + diag = `LᵀDL`.
@@ -34,8 +34,8 @@ impl Factor {
         }
     }
 
-    /// Factors `normal` with `diagonal` added, without the DoF that are `held`; returns whether that is positive
-    /// definite. What is not is made so.
+    /// Factors `normal` with `diagonal` added, without the DoF that are `held`; returns whether
+    /// that is positive definite. Otherwise it is made so.
     pub(super) fn compute(
         &mut self,
         normal: &NormalEquations,
@@ -67,8 +67,9 @@ impl Factor {
         is_positive
     }
 
-    /// Subtracts what the DoF that hang from DoF `k` take from its row, whose entries all lie within the first `N` of
-    /// its lanes. How many these are is known to the compiler, so the row stays in registers.
+    /// Subtracts the contributions of the outer DoF from the row of DoF `k`, whose entries all lie
+    /// within the first `N` of its lanes. `N` is a compile-time constant, so the row stays in
+    /// registers.
     #[inline]
     fn eliminate<const N: usize>(&self, k: usize, row: &mut Row) {
         let n = ANCESTORS[k].dofs().len();
@@ -115,8 +116,8 @@ impl Factor {
         }
     }
 
-    /// The entries of the inverse between DoF of which one hangs from the other: the covariance of what is known.
-    /// What a row has beyond its diagonal entry means nothing.
+    /// The entries of the inverse between DoF on one chain: the covariance. Entries of a row beyond
+    /// its diagonal are unused.
     ///
     /// ```text
     ///   Σₖⱼ = -Σₘ Lₖₘ Σₘⱼ,   Σₖₖ = 1/Dₖ - Σₘ Lₖₘ Σₘₖ        j, m: the DoF that k hangs from
@@ -142,9 +143,10 @@ impl Factor {
     }
 }
 
-/// The covariance of the DoF that one DoF hangs from, whole, so that products with it are of many entries at once.
+/// The covariance of the DoF further in than one DoF, as a whole matrix, so that products with it
+/// use many entries at once.
 struct ChainCovariance {
-    /// Which DoF it holds, in the order of the chain.
+    /// Its DoF, in the order of the chain.
     dofs: &'static [usize],
     variance: Row,
     /// Zero on the diagonal.
@@ -160,7 +162,7 @@ impl ChainCovariance {
         }
     }
 
-    /// Becomes that of the DoF of `chain`, by their rows in `covariance`.
+    /// Becomes that of the DoF of `chain`, from their rows in `covariance`.
     fn follow(&mut self, chain: &'static [usize], covariance: &[Row; N_DOF]) {
         let same = self.dofs.iter().zip(chain).take_while(|(a, b)| a == b);
         for at in same.count()..chain.len() {
@@ -176,8 +178,8 @@ impl ChainCovariance {
         self.dofs = chain;
     }
 
-    /// Minus the first `n` entries of `l` times this, in the first `N` lanes of `row`; each entry begins with what
-    /// comes from the diagonal.
+    /// Minus the first `n` entries of `l` times this, in the first `N` lanes of `row`; each entry
+    /// begins with the contribution of the diagonal.
     #[inline]
     fn negative_product<const N: usize>(&self, (l, n): (&Row, usize), row: &mut Row) {
         let lanes = |row: &Row| {
@@ -202,7 +204,7 @@ impl ChainCovariance {
     }
 }
 
-/// Takes the DoF that are `held` out of the row of DoF `i`.
+/// Removes the `held` DoF from the row of DoF `i`.
 fn leave_out_held(row: &mut Row, i: usize, held: &[bool; N_DOF]) {
     let ancestors = ANCESTORS[i].dofs();
     if held[i] {

@@ -4,19 +4,21 @@
 //!   argmin_q  ½ Σₜ rₜᵀ Aₜ rₜ + ½ Σᵢ vᵢ³ (qᵢ - restᵢ)²/σᵢ² + ½ Σᵢ vᵢ² (qᵢ - lastᵢ)²/ςᵢ²     lo <= q <= hi
 //! ```
 //!
-//! (rₜ = pₜ(q) - yₜ; Aₜ is the inverse covariance of the target. Of one that is known across a ray only, it is singular.)
+//! (rₜ = pₜ(q) - yₜ; Aₜ is the inverse covariance of the target. It is singular for a target that
+//! is known only across a ray.)
 //!
-//! Damped Gauss-Newton (Levenberg-Marquardt) with the analytic Jacobian; without bounds, where keypoints that no body
-//! fits leave residuals, with the curvature of the cost from the second step on. What targets say is summed per link
-//! (`composite.rs`), and the normal equations keep the sparsity of the tree (`normal.rs`, `factor.rs`). Bounds are an
-//! active set and hold exactly.
+//! Damped Gauss-Newton (Levenberg-Marquardt) with the analytic Jacobian. Without bounds, keypoints
+//! that fit no body leave residuals, so the curvature of the cost is used from the second step on.
+//! Targets are summed per link (`composite.rs`), and the normal equations keep the sparsity of the
+//! tree (`normal.rs`, `factor.rs`). Bounds are an active set and hold exactly.
 //!
-//! The weight vᵢ is why the priors do not bias what the targets determine. With Σᵢ the variance that
-//! the targets alone leave to DoF i (each DoF being even over its clinical range before), and τᵢ the
-//! deviation at which it counts as unknown, vᵢ = Σᵢ / (Σᵢ + τᵢ²): near 0 where the targets know, near
-//! 1 where they do not. The rest pose has one power more, so that it gives way first: it errs in every
-//! tick alike and its pull would stay, while the pull to the last pose is gone once a person is still.
-//! The same test, Σᵢ > τᵢ² after the solve, of the targets as evidence, flags a reported angle as unobserved.
+//! Because of the weight vᵢ the priors do not bias what the targets determine. Σᵢ is the variance
+//! that the targets alone leave to DoF i (each DoF being uniform over its clinical range before),
+//! and τᵢ the deviation at which it counts as unknown. Then vᵢ = Σᵢ / (Σᵢ + τᵢ²): near 0 for
+//! determined DoF, near 1 for others. The rest pose has one power more, so that it yields first: it
+//! has the same error in every tick and its pull would stay, while the pull to the last pose
+//! vanishes once a person is still. The same test, Σᵢ > τᵢ² after the solve, of the targets as
+//! evidence, flags a reported angle as unobserved.
 
 mod aims;
 mod composite;

@@ -1,7 +1,8 @@
 //! Normal equations of a tree.
 //!
-//! Entry (i, j) of H = `Σ w JᵀJ` is zero unless one DoF hangs from the other, so a row keeps only the entries with the
-//! DoF that its own hangs from, one after the other: a row of an ancestor is as long as the front of its own.
+//! Entry (i, j) of H = `Σ w JᵀJ` is zero unless both DoF are on one chain. So a row keeps only the
+//! entries with the DoF further in, one after the other: a row of an ancestor has the length of the
+//! front of its own.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -9,22 +10,23 @@ use super::composite::{Composite, Motions, Twist};
 use crate::body::skeleton::dof::{ANCESTORS, LINKS, MAX_CHAIN};
 use crate::body::skeleton::{Joint, Kinematics, Link, N_DOF, N_LINKS};
 
-/// The entries of a row of a symmetric matrix with the DoF that its DoF hangs from, ascending, and with itself.
+/// The entries of a row of a symmetric matrix with the DoF further in than its own, ascending, and
+/// with itself.
 pub(super) type Row = [f64; MAX_CHAIN];
 
 /// H and gradient of the targets' part of the cost.
 #[derive(Debug, Clone)]
 pub(super) struct NormalEquations {
-    /// The pelvis, in the world, metres: what the bodies' motions are about.
+    /// The pelvis, in the world, metres: origin of the motions.
     origin_m: Vector3<f64>,
-    /// Of each link alone; after [`Self::gather`] with all that hangs from it.
+    /// Of each link alone; after [`Self::gather`] with all links further out.
     links: Box<[Composite; N_LINKS]>,
-    /// Of each DoF, and where its axis passes, from the origin.
+    /// Of each DoF, and the place of its axis, from the origin.
     twists: [Twist; N_DOF],
     /// The same, number by number.
     motions: Motions,
     centres_m: [Vector3<f64>; N_DOF],
-    /// Whether H has the curvature of the targets' part, or only its first order.
+    /// Whether H includes the curvature of the targets' part, or only its first order.
     is_curved: bool,
     h: Box<[Row; N_DOF]>,
     g: [f64; N_DOF],
@@ -63,9 +65,10 @@ impl NormalEquations {
         self.links[link as usize].add(&x_m, information, pull);
     }
 
-    /// Makes the equations of what was added since [`Self::begin`], for the same `body`. With `is_curved`, H is the
-    /// second derivative of the cost (as if the DoF of a shoulder turned one after the other), which may have
-    /// negative eigenvalues; else the first order of Gauss and Newton.
+    /// Builds the equations of everything added since [`Self::begin`], for the same `body`. With
+    /// `is_curved`, H is the second derivative of the cost (as if the DoF of a shoulder turned one
+    /// after the other), which may have negative eigenvalues; else the first order of Gauss and
+    /// Newton.
     pub(super) fn gather(&mut self, body: &Kinematics, is_curved: bool) {
         for l in (1..N_LINKS).rev() {
             let (above, rest) = self.links.split_at_mut(l);
@@ -86,7 +89,7 @@ impl NormalEquations {
         self.fill(is_curved);
     }
 
-    /// Leaves the curvature out.
+    /// Removes the curvature.
     pub(super) fn straighten(&mut self) {
         if self.is_curved {
             self.fill(false);
@@ -115,12 +118,12 @@ impl NormalEquations {
         }
     }
 
-    /// Whether H has the curvature in it.
+    /// Whether H includes the curvature.
     pub(super) fn is_curved(&self) -> bool {
         self.is_curved
     }
 
-    /// How each DoF moves what hangs from it, about [`Self::origin_m`].
+    /// Motion of the outer links by each DoF, about [`Self::origin_m`].
     pub(super) fn twists(&self) -> &[Twist; N_DOF] {
         &self.twists
     }
@@ -145,7 +148,7 @@ impl NormalEquations {
         self.h[i][ANCESTORS[i].dofs().len()]
     }
 
-    /// Subtracts from `rhs` of the DoF that are free what the prescribed steps of the others cause.
+    /// Subtracts the effect of the prescribed steps of the `held` DoF from `rhs` of the free ones.
     pub(super) fn move_prescribed(
         &self,
         held: &[bool; N_DOF],

@@ -1,4 +1,4 @@
-//! What the targets know of each DoF, and which reported angles they do not.
+//! How well the targets determine each DoF, and which reported angles they do not.
 
 use std::f64::consts::PI;
 
@@ -9,25 +9,25 @@ use crate::body::skeleton::dof::{ANCESTORS, DofGroup, MAX_CHAIN, first_of};
 use crate::body::skeleton::range_of_motion::spread_rad;
 use crate::body::skeleton::{N_ANGLES, N_DOF, N_ROOT_DOF, Pose, Side, reported_angles};
 
-/// Standard deviation at which an angle counts as unknown, radians (11 degrees). From 17 exact
-/// keypoints of 20 mm the pelvis' tilt is left at 14 degrees and the spine's extension at 18, what they
-/// do determine at 10 and less.
+/// Standard deviation at which an angle counts as unknown, radians (11 degrees). With 17 exact
+/// keypoints of 20 mm it is 14 degrees for the pelvis' tilt and 18 for the spine's extension, and
+/// at most 10 for determined angles.
 const UNKNOWN_RAD: f64 = 0.2;
-/// The same for hips and shoulders (17 degrees): they inherit what is unknown of pelvis and
+/// The same for hips and shoulders (17 degrees): they inherit the uncertainty of pelvis and
 /// scapula, 11 to 14 degrees, which is flagged there.
 const UNKNOWN_LIMB_RAD: f64 = 0.3;
-/// Or at this share of what was known before: an angle with a small range is unknown if the targets
+/// Or at this share of the prior deviation: an angle with a small range is unknown if the targets
 /// halve its variance at best.
 const UNKNOWN_SHARE: f64 = 0.7;
 /// Standard deviation at which the root's position counts as unknown, metres.
 const UNKNOWN_M: f64 = 0.1;
-/// What is known of the root before: a metre, and any direction.
+/// Prior spread of the root: a metre, and any direction.
 const ROOT_SPREAD: [f64; N_ROOT_DOF] = [1.0, 1.0, 1.0, PI / 1.732, PI / 1.732, PI / 1.732];
 
-/// The variance that targets leave to each DoF, when each was even over its clinical range before.
+/// The variance that targets leave to each DoF, if each was uniform over its clinical range before.
 #[derive(Debug, Clone)]
 pub(super) struct Observability {
-    /// Precision of what is known before, per DoF.
+    /// Prior precision of each DoF.
     before: [f64; N_DOF],
     /// Variance at which a DoF counts as unknown.
     unknown: [f64; N_DOF],
@@ -54,7 +54,7 @@ impl Observability {
         }
     }
 
-    /// Measures the targets that `normal` holds. Overwrites `factor`.
+    /// Measures the targets in `normal`. Overwrites `factor`.
     pub(super) fn measure(&mut self, normal: &NormalEquations, factor: &mut Factor) {
         factor.compute(normal, &self.before, &[false; N_DOF]);
         factor.invert(&mut self.covariance);
@@ -64,7 +64,7 @@ impl Observability {
         }
     }
 
-    /// How much DoF `i` is left to the priors: near 0 where the targets know it, near 1 where not.
+    /// How much DoF `i` depends on the priors: near 0 if the targets determine it, near 1 if not.
     pub(super) fn ignorance(&self, i: usize) -> f64 {
         self.variance[i] / (self.variance[i] + self.unknown[i])
     }
@@ -75,9 +75,9 @@ impl Observability {
 
     /// One bit per reported angle that the targets do not determine.
     ///
-    /// The arm's flexion and adduction follow from the two swings alone and its rotation takes the
-    /// twist as well. Near an adduction of ±90 degrees, the pole of the reported angles, a small
-    /// swing is a large flexion, and neither it nor the rotation is determined.
+    /// The arm's flexion and adduction follow from the two swings alone, and its rotation also from
+    /// the twist. Near an adduction of ±90 degrees, the pole of the reported angles, a small swing
+    /// is a large flexion: then neither flexion nor rotation is determined.
     pub(super) fn unobserved(&self, pose: &Pose) -> u64 {
         // DoF of the root's list, tilt, rotation: about the pelvis' x, y, z.
         const ROOT: [usize; N_ROOT_DOF] = [4, 3, 5, 1, 2, 0];
@@ -103,8 +103,7 @@ impl Observability {
     }
 }
 
-/// Standard deviation of each DoF before anything is seen: metres for the root's translation, else
-/// radians.
+/// Prior standard deviation of each DoF: metres for the root's translation, else radians.
 pub(super) fn spread_before() -> [f64; N_DOF] {
     let joints = spread_rad();
     std::array::from_fn(|i| {
@@ -116,7 +115,7 @@ pub(super) fn spread_before() -> [f64; N_DOF] {
     })
 }
 
-/// Whether DoF `i` of all 40 is one of a hip's or a shoulder's.
+/// Whether DoF `i` of all 40 belongs to a hip or a shoulder.
 fn is_limb_root(i: usize) -> bool {
     Side::BOTH.into_iter().any(|side| {
         [DofGroup::Shoulder, DofGroup::Hip].into_iter().any(|part| {

@@ -1,24 +1,24 @@
-//! The priors as one quadratic per DoF, already weighted by what the targets leave open.
+//! The priors as one quadratic per DoF, weighted by what the targets leave open.
 
 use super::Priors;
 use super::observability::Observability;
 use crate::body::skeleton::dof::{DofGroup, first_of};
 use crate::body::skeleton::{N_DOF, N_JOINT_DOF, N_ROOT_DOF, Pose, Side, wrap};
 
-/// How strongly the priors of one solve hold.
+/// Strength of the priors in one solve.
 #[derive(Debug, Clone)]
 pub(super) struct PriorTerm {
     rest_precision: [f64; N_JOINT_DOF],
     change_precision: [f64; N_DOF],
 }
 
-/// What the priors say of one pose.
+/// Cost and gradient of the priors for one pose.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PriorPull {
     /// Their part of the cost.
     pub(super) cost: f64,
-    /// Its gradient. (For the root's rotation vector r the inverse right Jacobian leaves r as it is, so this is
-    /// exact.)
+    /// Its gradient. (For the root's rotation vector r the inverse right Jacobian does not change
+    /// r, so this is exact.)
     pub(super) gradient: [f64; N_DOF],
 }
 
@@ -30,7 +30,7 @@ impl PriorTerm {
         }
     }
 
-    /// Lets the priors give way where the targets, as `known` has measured them, know better.
+    /// Weakens the priors where the targets, as measured in `known`, determine a DoF.
     pub(super) fn weigh(&mut self, priors: &Priors, known: &Observability) {
         for (i, precision) in self.change_precision.iter_mut().enumerate() {
             *precision = (known.ignorance(i) / priors.change_sigma[i]).powi(2);
@@ -50,7 +50,7 @@ impl PriorTerm {
         precision
     }
 
-    /// What the priors say of `pose`.
+    /// Cost and gradient for `pose`.
     pub(super) fn at(&self, pose: &Pose, priors: &Priors) -> PriorPull {
         let mut gradient = change(&priors.last, pose);
         let mut cost = 0.0;
@@ -81,8 +81,8 @@ fn change(last: &Pose, pose: &Pose) -> [f64; N_DOF] {
     step
 }
 
-/// How far joint DoF `i` turns, radians: the shorter way round, unless it is one of the two swings of a
-/// shoulder, which wrap together and only where no arm points.
+/// How far joint DoF `i` turns, radians: the shorter way round. The two swings of a shoulder are an
+/// exception: they wrap together, and only where no arm points.
 fn turn(i: usize, from_rad: f64, to_rad: f64) -> f64 {
     if IS_SWING[i] {
         to_rad - from_rad

@@ -1,8 +1,8 @@
-//! What is believed of a pose before its targets are seen: the rest pose and the last pose.
+//! Priors of a pose: the rest pose and the last pose.
 //!
 //! Keypoints do not determine the ankles, how scapula and shoulder share a raised arm, the pelvis'
-//! tilt against the spine, or the twist of a straight limb. These go to the rest pose and stay near
-//! their last value; [`super`] says how the priors give way where targets know better.
+//! tilt relative to the spine, or the twist of a straight limb. These go to the rest pose and stay
+//! near their last value. [`super`] describes how the priors yield to targets.
 
 use std::sync::LazyLock;
 
@@ -12,13 +12,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::body::skeleton::dof::{DofGroup, LUMBAR, NECK, first_of};
 use crate::body::skeleton::{N_DOF, N_JOINT_DOF, Pose, Side};
 
-/// Rate for which `change_sigma_rad` is stated, hertz.
+/// Rate for which `change_sigma_rad` is defined, hertz.
 const STATED_RATE_HZ: f64 = 60.0;
 /// Sigma of the pelvis' position between two ticks at that rate, metres (9 m/s).
 const ROOT_CHANGE_SIGMA_M: f64 = 0.15;
 
 /// Sigma of the rest pose per DoF, in units of `rest_sigma_rad`: trunk and neck, then one side.
-/// Joints that keypoints always determine are left nearly free.
+/// Joints that keypoints always determine are nearly free.
 const TRUNK_AND_NECK_SIGMA: [f64; 6] = [1.0; 6];
 const SIDE_SIGMA: [f64; 14] = [
     1.0, 1.0, 0.5, // scapula: elevation, protraction, tilt
@@ -29,16 +29,16 @@ const SIDE_SIGMA: [f64; 14] = [
     0.7, 0.5, 0.3, // ankle
 ];
 
-/// Twist of a relaxed arm: the middle of the clinical rotations in every direction of the arm lies
-/// near it, radians (20 degrees).
+/// Twist of a relaxed arm, radians (20 degrees): near the middle of the clinical rotations in every
+/// direction of the arm.
 const ARM_TWIST_REST_RAD: f64 = 0.35;
 /// A relaxed elbow, radians (10 degrees).
 const ELBOW_REST_RAD: f64 = 0.17;
 
-/// Elevation of the arm up to which the scapula stays, radians (30 degrees).
+/// Elevation of the arm up to which the scapula rests, radians (30 degrees).
 const RHYTHM_FROM_RAD: f64 = 0.524;
-/// Elevation of our scapula per elevation of the arm beyond: of the scapula's third (rhythm 2:1)
-/// half happens at the sternoclavicular joint, about which our scapula turns, so 30 of 150 degrees
+/// Elevation of our scapula per elevation of the arm beyond. Half of the scapula's third (rhythm
+/// 2:1) happens at the sternoclavicular joint, about which our scapula turns, so 30 of 150 degrees
 /// (Neumann, see [`crate::body::skeleton::range_of_motion`]).
 const RHYTHM_SHARE: f64 = 0.2;
 
@@ -53,7 +53,7 @@ pub struct Priors {
     pub rest: [f64; N_JOINT_DOF],
     /// Its standard deviation, radians.
     pub rest_sigma_rad: [f64; N_JOINT_DOF],
-    /// The last pose (or what is predicted from it).
+    /// The last pose, or a prediction from it.
     pub last: Pose,
     /// Standard deviation of the change from it per DoF: metres for the root's translation, else
     /// radians.
@@ -61,8 +61,8 @@ pub struct Priors {
 }
 
 impl Priors {
-    /// The priors of a solve `elapsed_s` seconds after `last`. The scapulas rest where the
-    /// scapulohumeral rhythm puts them for the last pose's arms.
+    /// The priors of a solve `elapsed_s` seconds after `last`. The scapulas rest at the
+    /// scapulohumeral rhythm of the last pose's arms.
     pub fn new(parameters: &IkParameters, last: &Pose, elapsed_s: f64) -> Self {
         let ticks = (elapsed_s * STATED_RATE_HZ).abs().max(1.0);
         let mut change_sigma = [parameters.change_sigma_rad * ticks; N_DOF];

@@ -1,10 +1,9 @@
-//! How well the keypoints of a network can be told, against each other: an eye is a point, a hip is
-//! somewhere inside a body.
+//! Relative accuracy of a network's keypoints: an eye is a point, a hip is somewhere inside a body.
 
 use farfield_proto::keypoints::KeypointSet;
 
-/// Standard deviations of human annotators, as shares of the object's scale: the constants `sigma_k` of
-/// COCO's object keypoint similarity (cocoeval.py), by what the keypoint's name ends in.
+/// Standard deviations of human annotators, as shares of the object's scale: the constants
+/// `sigma_k` of COCO's object keypoint similarity (cocoeval.py), by the end of the keypoint's name.
 const OKS_SIGMAS: [(&str, f64); 9] = [
     ("nose", 0.026),
     ("eye", 0.025),
@@ -17,14 +16,15 @@ const OKS_SIGMAS: [(&str, f64); 9] = [
     ("ankle", 0.089),
 ];
 
-/// Root mean square of the twelve limb keypoints' constants: what `ik.keypoint_sigma_m` is stated for.
+/// Root mean square of the twelve limb keypoints' constants: the reference of
+/// `ik.keypoint_sigma_m`.
 const LIMB_SIGMA: f64 = 0.084;
 
 /// Bounds of the ratio: a model's face is not a person's face, whatever a network sees.
 const RATIOS: [f64; 2] = [0.5, 1.5];
 
-/// Per keypoint of the network: its expected error over that of the average limb keypoint. Names that
-/// COCO does not have count as average.
+/// Per keypoint of the network: its expected error over that of the average limb keypoint. Names
+/// that COCO does not have count as average.
 pub fn relative_sigmas(keypoints: &KeypointSet) -> Vec<f64> {
     let of = |name: &String| {
         let known = OKS_SIGMAS.iter().find(|(part, _)| name.ends_with(part));
@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn eyes_are_told_better_than_hips_and_unknown_names_are_average() {
+    fn eyes_are_better_than_hips_and_unknown_names_average() {
         let names = ["left_eye", "left_wrist", "left_hip", "mid_spine"];
         let sigmas = relative_sigmas(&KeypointSet::new(names.map(str::to_owned).to_vec()));
         assert!(sigmas[..3].is_sorted_by(|a, b| a < b), "{sigmas:?}");

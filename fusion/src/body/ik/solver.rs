@@ -12,25 +12,24 @@ use crate::body::skeleton::{Kinematics, N_DOF, N_ROOT_DOF, Pose, RangeOfMotion, 
 
 /// First damping, as a share of the diagonal of the targets' normal equations.
 const FIRST_DAMPING: f64 = 1e-5;
-/// Damping beyond which no step helps.
+/// Damping at which a solve gives up.
 const MAX_DAMPING: f64 = 1e6;
-/// A step that made it worse raises the damping by this factor (and at least to `RETRY_DAMPING`),
-/// one that helped lowers it.
+/// A failed step raises the damping by this factor (and at least to `RETRY_DAMPING`), a successful
+/// one lowers it.
 const DAMPING_UP: f64 = 20.0;
 const DAMPING_DOWN: f64 = 0.1;
 const RETRY_DAMPING: f64 = 1e-3;
-/// Longest step of an angle in one iteration, radians: the linear model is worth nothing beyond.
+/// Longest step of an angle in one iteration, radians: the linear model is invalid beyond.
 const MAX_STEP_RAD: f64 = 1.0;
-/// A solve ends when its next step would be shorter than this share of the tolerance, if steps go on to shrink as they
-/// did.
+/// A solve ends if its next step would be shorter than this share of the tolerance, assuming steps
+/// continue to shrink.
 const CONVERGED: f64 = 0.3;
-/// Least that a step may be of the one before to be trusted to go on so: what converges slowly shows last.
+/// Least ratio of successive steps in that extrapolation: slow convergence shows late.
 const LEAST_SHRINK: f64 = 0.1;
 /// Most times that DoF are added to the active set within one step.
 const MAX_ROUNDS: usize = 8;
 
-/// A reusable solver; a solve allocates nothing. It keeps no state from solve to solve that a result
-/// depends on.
+/// A reusable solver that does not allocate. No state of a solve affects the next result.
 #[derive(Debug, Clone)]
 pub struct IkSolver {
     max_iterations: u32,
@@ -43,7 +42,7 @@ pub struct IkSolver {
     prior: PriorTerm,
 }
 
-/// Where a solve has got to.
+/// State of a solve.
 struct Progress {
     pose: Pose,
     cost: f64,
@@ -51,7 +50,7 @@ struct Progress {
     prior_gradient: [f64; N_DOF],
 }
 
-/// What a step must respect.
+/// Limits of a step.
 struct SolverStep<'a> {
     pose: &'a Pose,
     gradient: [f64; N_DOF],
@@ -80,9 +79,9 @@ impl IkSolver {
         }
     }
 
-    /// Finds the pose that `targets` and `priors` ask for, from `start` on, and what the targets say nothing of.
-    /// Without `bounds` this is the paper's (10), with them (14). Whatever the targets, the result is finite if
-    /// `start` and `priors` are.
+    /// Finds the pose for `targets` and `priors`, starting at `start`, and the unobserved angles.
+    /// Without `bounds` this is the paper's (10), with them (14). The result is finite if `start`
+    /// and `priors` are.
     pub fn solve(
         &mut self,
         skeleton: &Skeleton,
@@ -100,7 +99,7 @@ impl IkSolver {
         }
     }
 
-    /// As [`Self::solve`], the pose alone.
+    /// As [`Self::solve`], without unobserved angles.
     pub fn fit(
         &mut self,
         skeleton: &Skeleton,
@@ -110,7 +109,7 @@ impl IkSolver {
         bounds: Option<&RangeOfMotion>,
     ) -> Pose {
         self.aims.set(targets);
-        // Free angles are wrapped when all is done: a step across ±π is then like any other.
+        // Free angles are wrapped at the end: so a step across ±π is like any other.
         let inside = |pose: Pose| bounds.map_or(pose, |range| range.clamp(pose));
         let (mut at, mut is_placed) = (self.begin(skeleton, &inside(*start), priors), true);
         let mut damping = FIRST_DAMPING;
@@ -161,12 +160,12 @@ impl IkSolver {
         pose
     }
 
-    /// The body in the pose that was found last.
+    /// The body in the last found pose.
     pub fn body(&self) -> &Kinematics {
         &self.body
     }
 
-    /// Places the body at the start, and lets the priors give way to the targets.
+    /// Places the body at the start, and weakens the priors by the targets.
     fn begin(&mut self, skeleton: &Skeleton, start: &Pose, priors: &Priors) -> Progress {
         skeleton.forward(start, &mut self.body);
         let cost = self.aims.place(&self.body);
@@ -181,8 +180,8 @@ impl IkSolver {
         }
     }
 
-    /// The damped step from there, no further than the bounds and `MAX_STEP_RAD`. The curvature of the cost is made use
-    /// of only where it leads to a minimum nearby: not farther than the step `before`.
+    /// The damped step from there, within the bounds and `MAX_STEP_RAD`. The curvature of the cost
+    /// is used only if it leads to a nearby minimum: not farther than the step `before`.
     fn step(
         &mut self,
         at: &Progress,
@@ -198,7 +197,7 @@ impl IkSolver {
         self.damped_step(at, bounds, damping).0
     }
 
-    /// The damped step for the normal equations as they are, and whether these are positive definite.
+    /// The damped step for the current normal equations, and whether these are positive definite.
     fn damped_step(
         &mut self,
         at: &Progress,
@@ -227,7 +226,8 @@ impl IkSolver {
     }
 
     /// Minimises the quadratic model within the bounds by an active set: DoF that push outward at
-    /// their bound are held, and DoF whose step would cross a bound are held there, until none does.
+    /// their bound are held, and DoF whose step would cross a bound are held there, until none
+    /// does.
     fn bounded_step(&mut self, at: &SolverStep<'_>) -> ([f64; N_DOF], bool) {
         let mut is_positive = true;
         let mut held = [false; N_DOF];
@@ -271,7 +271,7 @@ impl IkSolver {
     }
 }
 
-/// The longest of some motions.
+/// The longest of several motions.
 fn longest_of(step: &[f64]) -> f64 {
     step.iter().fold(0.0, |longest, d| longest.max(d.abs()))
 }

@@ -1,4 +1,4 @@
-//! What a solve is asked for, and what it answers.
+//! Targets and solution of a solve.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -13,17 +13,17 @@ pub struct Target {
     pub offset_m: Vector3<f64>,
     /// Where it should be in the world, metres.
     pub position_m: Vector3<f64>,
-    /// Inverse covariance, world axes, 1/m²: symmetric, without negative eigenvalues. It may be singular: of a
-    /// keypoint that one viewpoint sees, nothing is known along its ray. A target whose information is zero,
-    /// or not finite, is left out.
+    /// Inverse covariance, world axes, 1/m²: symmetric, without negative eigenvalues. It may be
+    /// singular: one viewpoint gives no information along its ray. A target whose information is
+    /// zero or not finite is ignored.
     pub information: Matrix3<f64>,
-    /// The same as evidence: what is known of the place when errors that last are counted as well. It says which
-    /// angles are determined, and moves nothing.
+    /// The same as evidence: the information about the place including lasting errors. It
+    /// determines which angles are observed, and moves nothing.
     pub evidence: Matrix3<f64>,
 }
 
 impl Target {
-    /// A target that is known equally well along all axes, with the inverse variance `weight` per axis, 1/m².
+    /// A target with the inverse variance `weight` along all axes, 1/m².
     pub fn isotropic(site: &Site, position_m: Vector3<f64>, weight: f64) -> Self {
         let information = Matrix3::from_diagonal_element(weight);
         Self {
@@ -43,7 +43,7 @@ impl Target {
         }
     }
 
-    /// Whether it says anything.
+    /// Whether its information is nonzero and finite.
     pub(super) fn counts(&self) -> bool {
         self.information.trace() > 0.0
             && self.information.iter().all(|v| v.is_finite())
@@ -51,13 +51,13 @@ impl Target {
     }
 }
 
-/// What a solve found.
+/// Result of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solution {
-    /// The pose; inside the bounds exactly, if there were any.
+    /// The pose; exactly inside the bounds, if there were any.
     pub pose: Pose,
-    /// Bit `i` is set where the targets did not determine reported angle `i` (see [`super`]). Only
-    /// keypoints are evidence: the joints of a pose that priors made (the targets of the second
-    /// IK) determine everything and say nothing.
+    /// Bit `i` is set if the targets did not determine reported angle `i` (see [`super`]). Only
+    /// keypoints are evidence: joints of a pose with priors (the targets of the second IK)
+    /// determine all angles and give no information.
     pub unobserved: u64,
 }

@@ -1,4 +1,4 @@
-//! Laws of the solver, and what it recovers.
+//! Laws of the solver, and recovery of known poses.
 
 use std::f64::consts::PI;
 
@@ -17,17 +17,17 @@ use crate::body::skeleton::{
 const TICK_S: f64 = 1.0 / 60.0;
 /// A person at 60 Hz: no joint moves further from tick to tick, radians (12 rad/s).
 const TICK_CHANGE_RAD: f64 = 0.2;
-/// Targets without an error say so: sigma, metres, of all joints and of keypoints.
+/// Sigmas of targets without error, metres: of all joints and of keypoints.
 const EXACT_JOINTS_SIGMA_M: f64 = 0.001;
 const EXACT_KEYPOINTS_SIGMA_M: f64 = 0.005;
-/// What the priors may cost then, metres.
+/// Error from the priors in that case, metres.
 const JOINTS_TOLERANCE_M: f64 = 0.001;
 const KEYPOINTS_TOLERANCE_M: f64 = 0.005;
-/// Noise of the keypoints of one who stands, metres.
+/// Noise of the keypoints of a standing person, metres.
 const TREMBLE_M: f64 = 0.003;
-/// How far the noise may move the least determined DoF (the twist of a straight arm), radians.
+/// Largest motion of the least determined DoF (the twist of a straight arm) by the noise, radians.
 const TWIST_DRIFT_RAD: f64 = 0.3;
-/// An elbow that is bent for certain, radians.
+/// A clearly bent elbow, radians.
 const BENT_RAD: f64 = 0.45;
 /// Iterations until the hardest of random motions has converged.
 const ITERATIONS: u32 = 20;
@@ -106,8 +106,9 @@ fn is_unobserved(solution: &Solution, name: &str) -> bool {
     solution.unobserved >> i & 1 == 1
 }
 
-/// A pose inside the range of motion, in any orientation. Elbows are bent by 26 degrees and more: at a
-/// straight elbow the twist that is wrong by half a turn is a minimum too, some millimetres off.
+/// A pose inside the range of motion, in any orientation. Elbows are bent by at least 26 degrees:
+/// at a straight elbow a twist that is wrong by half a turn is also a minimum, some millimetres
+/// off.
 pub(super) fn any_pose() -> impl Strategy<Value = Pose> {
     let range = RangeOfMotion::default();
     let inside = prop::collection::vec(0.02..0.98, N_JOINT_DOF);
@@ -127,7 +128,7 @@ pub(super) fn any_pose() -> impl Strategy<Value = Pose> {
     })
 }
 
-/// A pose and one that it may have come from within a tick.
+/// A pose and a possible pose of the previous tick.
 fn any_motion() -> impl Strategy<Value = (Pose, Pose)> {
     (
         any_pose(),
@@ -143,7 +144,7 @@ fn any_motion() -> impl Strategy<Value = (Pose, Pose)> {
 }
 
 proptest! {
-    /// Nearly always in the first: in 28 of 200,000 motions it is up to 3 mm off.
+    /// Usually in the first tick: in 28 of 200,000 motions it is up to 3 mm off.
     #[test]
     fn exact_joints_give_the_pose_back_within_two_ticks((start, truth) in any_motion()) {
         let targets = all_joints(&truth);
@@ -151,8 +152,8 @@ proptest! {
         prop_assert!(worst_m(&solution.pose, &targets) < JOINTS_TOLERANCE_M, "{} m", worst_m(&solution.pose, &targets));
     }
 
-    /// Nearly always in the first: in 10 of 200,000 motions, trunk and scapulas that keypoints hardly tell apart leave it 5 to
-    /// 16 mm off, as priors hold them where they were.
+    /// Usually in the first tick: in 10 of 200,000 motions it is 5 to 16 mm off, because keypoints
+    /// hardly separate trunk and scapulas and priors keep them where they were.
     #[test]
     fn exact_keypoints_are_met_within_two_ticks((start, truth) in any_motion()) {
         let targets = exact_keypoints(&truth);
@@ -161,7 +162,7 @@ proptest! {
     }
 
     #[test]
-    fn bounds_hold_exactly_whatever_is_asked(
+    fn bounds_hold_exactly_for_any_target(
         (start, truth) in any_motion(),
         far in prop::collection::vec(prop::array::uniform3(-3.0..3.0), 29),
         factor in 0.2..1.5,
@@ -178,9 +179,9 @@ proptest! {
 }
 
 #[test]
-fn a_bound_in_the_way_costs_no_more_than_it_must() {
-    // The elbow should extend 30 degrees beyond its bound: it stops at the bound, and the wrist comes as
-    // near as an arm with that elbow can.
+fn a_bound_costs_no_more_than_necessary() {
+    // The target extends the elbow 30 degrees beyond its bound. It stops at the bound, and the
+    // wrist comes as near as an arm with that elbow can.
     let range = RangeOfMotion::default();
     let elbow = first_of(Side::Right, DofGroup::Elbow);
     let mut wanted = standing();
@@ -195,7 +196,7 @@ fn a_bound_in_the_way_costs_no_more_than_it_must() {
 }
 
 #[test]
-fn nonsense_targets_are_left_out() {
+fn invalid_targets_are_ignored() {
     let mut targets = all_joints(&standing());
     let good = solve(&standing(), &targets[3..], None);
     targets[0].position_m.x = f64::NAN;
@@ -219,7 +220,7 @@ fn huge_targets_leave_a_finite_pose() {
 }
 
 #[test]
-fn without_targets_the_last_pose_stays_and_everything_is_unobserved() {
+fn without_targets_the_pose_stays_unobserved() {
     let solution = solve(&standing(), &[], None);
     assert!((solution.pose.root_m - standing().root_m).norm() < 1e-9);
     assert_eq!(solution.unobserved, (1 << 40) - 1);
@@ -254,7 +255,7 @@ fn a_cartwheel_is_followed_from_pose_to_pose() {
 }
 
 #[test]
-fn a_person_who_lies_is_found_from_a_standing_pose_nearby() {
+fn a_lying_person_is_found_from_a_standing_pose() {
     let lying = Pose {
         root_rotation: UnitQuaternion::from_scaled_axis(Vector3::y() * 1.4),
         ..standing()
@@ -309,7 +310,7 @@ fn twists_do_not_drift() {
 }
 
 #[test]
-fn what_seventeen_keypoints_cannot_tell_is_flagged() {
+fn angles_that_17_keypoints_do_not_determine_are_flagged() {
     let mut pose = standing();
     for side in Side::BOTH {
         pose.dof[first_of(side, DofGroup::Elbow)] = 0.02;
@@ -357,7 +358,7 @@ fn what_seventeen_keypoints_cannot_tell_is_flagged() {
 }
 
 #[test]
-fn a_face_that_is_not_seen_leaves_the_neck_unobserved() {
+fn an_unseen_face_leaves_the_neck_unobserved() {
     let targets: Vec<_> = keypoints(&standing())
         .into_iter()
         .filter(|t| t.joint.parent() != Some(Joint::Head))
@@ -368,8 +369,8 @@ fn a_face_that_is_not_seen_leaves_the_neck_unobserved() {
     }
 }
 
-/// A left forearm that hangs forward, and its wrist as one viewpoint beside the person sees it: the
-/// place along the ray, here the prediction's, is 30 cm off.
+/// A left forearm that hangs forward, and its wrist as seen by one viewpoint at the person's side:
+/// the place along the ray, here the prediction's, is 30 cm off.
 fn wrist_seen_from_one_side() -> (Pose, Vec<Target>) {
     let mut pose = standing();
     pose.dof[first_of(Side::Left, DofGroup::Elbow)] = 1.0;
@@ -385,12 +386,12 @@ fn wrist_seen_from_one_side() -> (Pose, Vec<Target>) {
 }
 
 #[test]
-fn a_keypoint_that_one_view_sees_does_not_pull_along_its_ray() {
+fn a_keypoint_in_one_view_does_not_pull_along_its_ray() {
     let (truth, targets) = wrist_seen_from_one_side();
     let found = solve(&truth, &targets, None).pose;
     let wrist_m = |pose: &Pose| placed(pose).joint_m(Joint::LeftWrist);
     assert!((wrist_m(&found) - wrist_m(&truth)).norm() < KEYPOINTS_TOLERANCE_M);
-    // With a say along it, it would.
+    // With information along it, it would.
     let everywhere: Vec<_> = targets
         .iter()
         .map(|t| Target {
@@ -403,7 +404,7 @@ fn a_keypoint_that_one_view_sees_does_not_pull_along_its_ray() {
 }
 
 #[test]
-fn a_keypoint_that_one_view_sees_is_met_across_its_ray() {
+fn a_keypoint_in_one_view_is_met_across_its_ray() {
     let (truth, targets) = wrist_seen_from_one_side();
     let mut start = truth;
     start.dof[first_of(Side::Left, DofGroup::Elbow)] = 0.7;
@@ -415,7 +416,7 @@ fn a_keypoint_that_one_view_sees_is_met_across_its_ray() {
 }
 
 #[test]
-fn an_angle_that_passes_a_half_turn_is_not_held_back() {
+fn an_angle_can_pass_a_half_turn() {
     // Without bounds angles are wrapped: from 179 degrees to -179 is a step of two, not of 358, and
     // no prior may see anything else. The lower legs of a wrongly fitted body fold up like this.
     let knee = first_of(Side::Left, DofGroup::Knee);

@@ -102,7 +102,7 @@ fn root_angles(pose: &Pose) -> [f64; 3] {
 /// Flexion, adduction, rotation of an arm against its scapula, radians.
 fn arm_angles(side: Side, dof: &[f64; N_JOINT_DOF]) -> [f64; 3] {
     let first = first_of(side, DofGroup::Shoulder);
-    let rotation = SwingTwist::of(side)
+    let rotation = SwingTwist::for_side(side)
         .evaluate(&dof[first..first + 3])
         .rotation;
     let axes = body_from_opensim();

@@ -1,9 +1,9 @@
-//! The degrees of freedom: which link each one turns, about which axis, and what lies below it.
+//! The degrees of freedom: which link each one turns, about which axis, and which links follow.
 //!
 //! The 40 DoF are the root's 6 (translation along the world's x, y, z; then rotation about the
-//! pelvis' own x, y, z), the trunk's 3, the neck's 3, and 14 for the right and 14 for the left side.
-//! [`Pose::dof`](super::Pose) holds the 34 that follow the root; DoF `i` of the pose is DoF
-//! `N_ROOT_DOF + i` of the whole. A DoF comes after all that it hangs from, so that the normal
+//! pelvis' own x, y, z), the trunk's 3, the neck's 3, and 14 for the right and 14 for the left
+//! side. [`Pose::dof`](super::Pose) has the 34 after the root; DoF `i` of the pose is DoF
+//! `N_ROOT_DOF + i` of the whole. A DoF comes after all DoF further in, so that the normal
 //! equations can be eliminated from the leaves without fill-in.
 //!
 //! Joints with three axes turn as in OpenSim's Rajagopal model: flexion about the mediolateral axis,
@@ -81,7 +81,7 @@ const fn turn(axis: Axis, sign: f64) -> Turn {
     Turn { axis, sign }
 }
 
-/// How a link moves against its parent.
+/// How a link moves relative to its parent.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum DofMotion {
     /// Freely: the pelvis in the world.
@@ -92,7 +92,7 @@ pub(crate) enum DofMotion {
     Shoulder(Side),
 }
 
-/// What the tree knows of one link.
+/// One link of the tree.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LinkSpec {
     pub(crate) parent: Link,
@@ -104,7 +104,7 @@ pub(crate) struct LinkSpec {
 }
 
 impl LinkSpec {
-    /// The DoF by which the link moves against its parent, of all 40.
+    /// The DoF by which the link moves relative to its parent, of all 40.
     pub(crate) const fn dofs(&self) -> Range<usize> {
         self.first_dof..self.first_dof + self.motion.n_dof()
     }
@@ -121,7 +121,7 @@ impl DofMotion {
 }
 
 const TRUNK: [Turn; 3] = [turn(Axis::Y, -1.0), turn(Axis::X, 1.0), turn(Axis::Z, 1.0)];
-// The neck is not in the Rajagopal model: flexion is positive, as its name says.
+// The neck is not in the Rajagopal model: flexion is positive, as its name suggests.
 const NECK_TURNS: [Turn; 3] = [turn(Axis::Y, 1.0), turn(Axis::X, 1.0), turn(Axis::Z, 1.0)];
 const ELBOW: [Turn; 1] = [turn(Axis::Y, -1.0)];
 const KNEE: [Turn; 1] = [turn(Axis::Y, 1.0)];
@@ -257,7 +257,7 @@ pub(crate) const LINKS: [LinkSpec; N_LINKS] = {
 pub(crate) struct Chain {
     dofs: [usize; MAX_CHAIN],
     len: usize,
-    /// How many of them, from the first on, are the first of all.
+    /// How many of them, from the start, are consecutive from 0.
     front: usize,
 }
 
@@ -266,7 +266,7 @@ impl Chain {
         &self.dofs[..self.len]
     }
 
-    /// The same DoF as two runs without a gap: from the first of all on, and those of a limb.
+    /// The same DoF as two runs without a gap: from DoF 0 on, and those of a limb.
     pub(crate) fn runs(&self) -> [Range<usize>; 2] {
         let own = if self.front < self.len {
             self.dofs[self.front]
@@ -303,14 +303,14 @@ pub(crate) const CHAINS: [Chain; N_LINKS] = {
     chains
 };
 
-/// The DoF that `link` hangs from, of all 40, ascending: the only ones with a Jacobian column that
-/// is not zero for its points.
+/// The DoF of the chain of `link`, of all 40, ascending: the only ones with a nonzero Jacobian
+/// column for its points.
 pub fn chain_of(link: Link) -> &'static [usize] {
     static STORED: [Chain; N_LINKS] = CHAINS;
     STORED[link as usize].dofs()
 }
 
-/// The DoF that each DoF hangs from, ascending, without itself.
+/// The DoF further in than each DoF, ascending, without itself.
 pub(crate) static ANCESTORS: [Chain; N_DOF] = {
     let mut ancestors = [Chain {
         dofs: [0; MAX_CHAIN],
@@ -335,7 +335,7 @@ pub(crate) static ANCESTORS: [Chain; N_DOF] = {
     ancestors
 };
 
-/// The DoF that hang from each DoF, without itself, as two runs without a gap.
+/// The DoF further out than each DoF, without itself, as two runs without a gap.
 pub(crate) static DESCENDANTS: [[Range<usize>; 2]; N_DOF] = {
     let mut descendants = [const { [0..0, 0..0] }; N_DOF];
     let mut dof = 0;
@@ -348,7 +348,7 @@ pub(crate) static DESCENDANTS: [[Range<usize>; 2]; N_DOF] = {
     descendants
 };
 
-/// The first run of DoF that hang from `dof` and are not before `from`.
+/// The first run of DoF further out than `dof`, from `from` on.
 const fn descendants_from(dof: usize, from: usize) -> Range<usize> {
     let mut start = from;
     while start < N_DOF && !hangs_from(start, dof) {
@@ -378,7 +378,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_hangs_from_a_dof_are_those_of_which_it_is_an_ancestor() {
+    fn descendants_are_the_inverse_of_ancestors() {
         for (dof, runs) in DESCENDANTS.iter().enumerate() {
             let below = (0..N_DOF).filter(|&i| ANCESTORS[i].dofs().contains(&dof));
             assert!(below.eq(runs.iter().cloned().flatten()), "{dof}");
@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn every_dof_belongs_to_exactly_one_link_and_follows_its_ancestors() {
+    fn every_dof_has_one_link_and_follows_its_ancestors() {
         let mut owners = [0; N_DOF];
         for link in LINKS {
             for dof in link.dofs() {
@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_turns_about_a_joint_that_its_parent_carries() {
+    fn a_link_turns_about_a_joint_of_its_parent() {
         for link in LINKS {
             assert_eq!(link.origin.link(), link.parent);
         }

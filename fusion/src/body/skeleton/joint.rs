@@ -5,7 +5,7 @@ pub const N_JOINTS: usize = 29;
 /// Number of rigid links.
 pub const N_LINKS: usize = 15;
 
-/// Left or right half of the body, as the person says it.
+/// Left or right half of the body, from the person's view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Side {
     /// The person's right.
@@ -18,8 +18,8 @@ impl Side {
     /// Both, in the order of the degrees of freedom.
     pub const BOTH: [Self; 2] = [Self::Right, Self::Left];
 
-    /// What a rotation about the body's x or z axis is multiplied with so that the same number means
-    /// the same thing on both sides: +1 on the right, -1 on the left.
+    /// Factor of a rotation about the body's x or z axis that gives the same number the same
+    /// meaning on both sides: +1 on the right, -1 on the left.
     pub const fn mirror(self) -> f64 {
         match self {
             Self::Right => 1.0,
@@ -257,7 +257,7 @@ impl Joint {
         all
     };
 
-    /// Its position in arrays that are indexed by joint.
+    /// Its index in arrays by joint.
     pub const fn index(self) -> usize {
         self as usize
     }
@@ -267,7 +267,7 @@ impl Joint {
         TABLE[self as usize].1
     }
 
-    /// The joint that it hangs from; none for the pelvis.
+    /// Its parent; none for the pelvis.
     pub const fn parent(self) -> Option<Self> {
         TABLE[self as usize].2
     }
@@ -282,7 +282,7 @@ impl Joint {
         Self::ALL.into_iter().find(|joint| joint.name() == name)
     }
 
-    /// The names of all joints that end a link of the skeleton: all that have a parent.
+    /// The names of all joints that end a link of the skeleton: all with a parent.
     pub fn ends_of_links() -> [&'static str; N_JOINTS - 1] {
         let mut names = [""; N_JOINTS - 1];
         let ends = Self::ALL.iter().filter(|joint| joint.parent().is_some());
@@ -298,7 +298,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_is_in_the_order_of_the_enum_and_names_are_unique() {
+    fn the_table_follows_the_enum_and_names_are_unique() {
         for (i, joint) in Joint::ALL.into_iter().enumerate() {
             assert_eq!(joint.index(), i);
             assert_eq!(Joint::from_name(joint.name()), Some(joint));

@@ -54,9 +54,9 @@ impl Kinematics {
         self.joint_m(site.joint) + self.rotation(site.joint.link()) * site.offset_m
     }
 
-    /// The Jacobian column of a world point (metres) that hangs from `dof`: its motion per unit of the
-    /// DoF (of all 40). For a point that does not hang from `dof` the column is zero, and this is
-    /// not it; [`chain_of`](super::chain_of) says which do.
+    /// The Jacobian column of a world point (metres) that `dof` moves: its motion per unit of the
+    /// DoF (of all 40). For other points the column is zero, and this is not valid; see
+    /// [`chain_of`](super::chain_of).
     pub fn moving_column(&self, dof: usize, point_m: &Vector3<f64>) -> Vector3<f64> {
         if dof < 3 {
             self.axes[dof]

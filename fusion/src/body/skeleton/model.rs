@@ -1,4 +1,4 @@
-//! One person's body: the constant offsets of its joints, its pose, and where keypoints sit on it.
+//! One person's body: the constant offsets of its joints, its pose, and the sites of keypoints.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -11,9 +11,9 @@ use super::joint::{Joint, N_JOINTS, Side};
 use super::proportions::Proportions;
 use super::shoulder::{SwingTwist, turn_about, wrap, wrapped};
 
-/// A small toe's tip lies this far behind the tip of the foot, metres.
+/// Distance of a small toe's tip behind the tip of the foot, metres.
 const SMALL_TOE_BEHIND_M: f64 = 0.04;
-/// And this far to its outside, metres.
+/// Its distance to the outside, metres.
 const SMALL_TOE_OUTSIDE_M: f64 = 0.05;
 
 /// A configuration of the body. Any value is legal.
@@ -34,7 +34,7 @@ impl Pose {
         let mut dof = [0.0; N_JOINT_DOF];
         for side in Side::BOTH {
             let first = first_of(side, DofGroup::Shoulder);
-            let hanging = SwingTwist::of(side).coordinates_of(&Matrix3::identity());
+            let hanging = SwingTwist::for_side(side).coordinates_of(&Matrix3::identity());
             dof[first..first + 3].copy_from_slice(&hanging);
         }
         Self {
@@ -44,8 +44,8 @@ impl Pose {
         }
     }
 
-    /// The same directions of all limbs with elbows that bend forwards: an elbow that is bent backwards
-    /// is the elbow of an upper arm turned by half a turn about itself.
+    /// The same directions of all limbs with elbows that bend forwards: an elbow bent backwards
+    /// equals one of an upper arm turned by half a turn about itself.
     #[must_use]
     pub fn with_elbows_forward(mut self) -> Self {
         for side in Side::BOTH {
@@ -74,7 +74,7 @@ impl Pose {
         moved
     }
 
-    /// The motion that leads from here to `other`, as [`Self::moved`] takes it.
+    /// The motion from here to `other`, as in [`Self::moved`].
     pub fn step_to(&self, other: &Self) -> [f64; N_DOF] {
         let mut step = [0.0; N_DOF];
         step[..3].copy_from_slice((other.root_m - self.root_m).as_slice());
@@ -114,7 +114,7 @@ impl Pose {
         for (turn, q) in scapula_turns(side).iter().zip(&self.dof[scapula..]) {
             turn_about(&mut trunk_from_scapula, turn.axis, turn.sign * q);
         }
-        let arm = SwingTwist::of(side).direction(self.dof[shoulder], self.dof[shoulder + 1]);
+        let arm = SwingTwist::for_side(side).direction(self.dof[shoulder], self.dof[shoulder + 1]);
         libm::acos((-(trunk_from_scapula * arm).z).clamp(-1.0, 1.0))
     }
 
@@ -131,10 +131,10 @@ impl Pose {
 /// Shoulder coordinates (raising swing, inward swing, twist; radians) of a rotation, scapula from
 /// upper arm.
 pub fn shoulder_coordinates(side: Side, scapula_from_upper_arm: &Matrix3<f64>) -> [f64; 3] {
-    SwingTwist::of(side).coordinates_of(scapula_from_upper_arm)
+    SwingTwist::for_side(side).coordinates_of(scapula_from_upper_arm)
 }
 
-/// The constant part of one person: where each joint is fixed in its link.
+/// The constant part of one person: the place of each joint in its link.
 #[derive(Debug, Clone)]
 pub struct Skeleton {
     proportions: Proportions,
@@ -163,7 +163,7 @@ impl Skeleton {
         Self {
             proportions: *proportions,
             offset_m,
-            shoulders: Side::BOTH.map(|side| *SwingTwist::of(side)),
+            shoulders: Side::BOTH.map(|side| *SwingTwist::for_side(side)),
         }
     }
 
@@ -205,7 +205,7 @@ fn from_parent_m(p: &Proportions, joint: Joint) -> Vector3<f64> {
     }
 }
 
-/// Where a keypoint sits on the model.
+/// The place of a keypoint on the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Site {
     /// The joint that it belongs to.
@@ -227,9 +227,9 @@ impl Site {
 
 /// The sites of a network's keypoints, in the order of its maps.
 ///
-/// A keypoint with the name of a joint sits on it; other names that networks with feet use are
-/// mapped to the nearest joint, and a name that means nothing here has no site. `offsets_m` (from
-/// the network's card) are added, by keypoint name.
+/// A keypoint with the name of a joint sits on it. Other names that networks with feet use are
+/// mapped to the nearest joint, and an unknown name has no site. `offsets_m` (from the network's
+/// card) are added, by keypoint name.
 pub fn sites_of(
     keypoints: &KeypointSet,
     offsets_m: &BTreeMap<String, [f64; 3]>,

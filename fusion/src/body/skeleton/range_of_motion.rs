@@ -202,7 +202,7 @@ impl RangeOfMotion {
     /// Greatest adduction that the swing box allows, radians: on its border, since the direction
     /// straight inward is not inside; or π/2 if it is.
     fn reach_across(&self) -> f64 {
-        let right = SwingTwist::of(Side::Right);
+        let right = SwingTwist::for_side(Side::Right);
         let first = first_of(Side::Right, DofGroup::Shoulder);
         let (lo1, hi1) = (self.lo[first], self.hi[first]);
         let (lo2, hi2) = (self.lo[first + 1], self.hi[first + 1]);

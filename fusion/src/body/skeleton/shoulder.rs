@@ -53,7 +53,7 @@ pub(crate) struct ShoulderState {
 
 impl SwingTwist {
     /// The shoulder of `side`.
-    pub(crate) fn of(side: Side) -> &'static Self {
+    pub(crate) fn for_side(side: Side) -> &'static Self {
         static BOTH: LazyLock<[SwingTwist; 2]> = LazyLock::new(|| Side::BOTH.map(SwingTwist::new));
         &BOTH[side as usize]
     }

@@ -128,7 +128,7 @@ proptest! {
         let side = if left { Side::Left } else { Side::Right };
         let rotation = UnitQuaternion::from_scaled_axis(Vector3::from(turn)).to_rotation_matrix().into_inner();
         let q = shoulder_coordinates(side, &rotation);
-        let back = shoulder::SwingTwist::of(side).evaluate(&q).rotation;
+        let back = shoulder::SwingTwist::for_side(side).evaluate(&q).rotation;
         prop_assert!((back - rotation).norm() < EXACT);
     }
 

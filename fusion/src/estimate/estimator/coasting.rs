@@ -40,7 +40,7 @@ impl Estimator {
             let carried = |joint: Joint| unseen >> joint.index() & 1 == 1;
             self.estimate
                 .filter
-                .fade_against(Joint::Pelvis, carried, method.dt_s, parameters);
+                .decay_towards(Joint::Pelvis, carried, method.dt_s, parameters);
         }
     }
 

@@ -10,7 +10,7 @@ use crate::estimate::evidence::View;
 use crate::method::Method;
 
 /// Joints without keypoints in most networks, and the joints that determine them.
-const SPOKEN_FOR: [(Joint, [Joint; 2]); 10] = [
+const DETERMINED_BY: [(Joint, [Joint; 2]); 10] = [
     (Joint::Pelvis, [Joint::LeftHip, Joint::RightHip]),
     (Joint::Spine, [Joint::LeftHip, Joint::RightHip]),
     (Joint::Neck, [Joint::LeftShoulder, Joint::RightShoulder]),
@@ -54,8 +54,8 @@ impl Estimator {
     /// How well the views of this tick determine a joint, 0 to 1: the share of a full keypoint's
     /// weight in the first inverse kinematics, for it or the joints that determine it.
     pub(crate) fn seen(&self, joint: Joint, ik: &IkParameters) -> f64 {
-        let spoken_for = SPOKEN_FOR.iter().find(|(silent, _)| *silent == joint);
-        let by = spoken_for.map_or([joint; 2], |(_, by)| *by);
+        let determined_by = DETERMINED_BY.iter().find(|(silent, _)| *silent == joint);
+        let by = determined_by.map_or([joint; 2], |(_, by)| *by);
         by.map(|joint| self.keypoint_seen(joint, ik))
             .iter()
             .sum::<f64>()

@@ -43,7 +43,7 @@ pub struct Evidence {
     swaps: LeftRightSwaps,
     search: LatticeSearch,
     /// People who may hide the person in the current view, and their capsules.
-    in_the_way: Vec<(usize, CapsuleSet)>,
+    occluders: Vec<(usize, CapsuleSet)>,
     /// Predicted keypoints at the tick, world, metres.
     predicted_m: Vec<Vector3<f64>>,
     /// Results of the lattice search, by keypoint.
@@ -59,7 +59,7 @@ impl Evidence {
             reader: PatchReader::default(),
             swaps: LeftRightSwaps::new(&method.keypoints),
             search: LatticeSearch::new(&method.keypoints),
-            in_the_way: Vec::new(),
+            occluders: Vec::new(),
             predicted_m: Vec::with_capacity(n_keypoints),
             estimates: Vec::with_capacity(n_keypoints),
         }

@@ -95,7 +95,7 @@ impl TickSnapshot {
 impl Estimator {
     /// Writes the result of the last tick, `tick`, for a person in `state` to `into`. Allocates
     /// only while `into` grows.
-    pub fn tell(&self, tick: Tick, state: PersonState, into: &mut TickSnapshot) {
+    pub fn write_snapshot(&self, tick: Tick, state: PersonState, into: &mut TickSnapshot) {
         let Self {
             evidence, estimate, ..
         } = self;

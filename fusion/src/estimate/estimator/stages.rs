@@ -75,7 +75,7 @@ impl Estimator {
         let Evidence {
             views,
             n_views,
-            in_the_way,
+            occluders,
             ..
         } = &mut self.evidence;
         for view in &mut views[..*n_views] {
@@ -94,11 +94,11 @@ impl Estimator {
             }
             let eye_m = view.center_m();
             let sight = view.sight();
-            in_the_way.clear();
+            occluders.clear();
             let others = bodies.iter().enumerate().filter(|(i, _)| *i != own);
             let hiding = others.map(|(i, body)| (i, body.may_hide(&eye_m, &sight)));
-            in_the_way.extend(hiding.filter(|(_, capsules)| !capsules.is_empty()));
-            if in_the_way.is_empty() {
+            occluders.extend(hiding.filter(|(_, capsules)| !capsules.is_empty()));
+            if occluders.is_empty() {
                 continue;
             }
             for k in 0..view.n_keypoints() {
@@ -106,7 +106,7 @@ impl Estimator {
                     view.occlusion[k] = view_weight(
                         eye_m,
                         expected.position_m,
-                        in_the_way
+                        occluders
                             .iter()
                             .map(|&(i, capsules)| (&bodies[i], capsules)),
                         &method.parameters.occlusion,

@@ -243,7 +243,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (12, 16);
 
-    fn found(cells: &[u8], center: [f64; 2], half_width_cells: f64) -> MapPeaks {
+    fn found_peaks(cells: &[u8], center: [f64; 2], half_width_cells: f64) -> MapPeaks {
         let mut peaks = MapPeaks::default();
         peaks.find(
             &packed(cells, SIZE).map(0),
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn the_highest_peak_of_a_map_is_found_wherever_it_is() {
+    fn the_highest_peak_is_found_anywhere_in_the_map() {
         for at in [[3.0, 3.0], [8.0, 12.0], [9.0, 4.0]] {
             let peak = packed(&gaussian(at, 0.8), SIZE)
                 .map(0)
@@ -281,12 +281,12 @@ mod tests {
     }
 
     #[test]
-    fn of_a_plateau_the_first_cell_is_the_peak() {
+    fn the_first_cell_of_a_plateau_is_the_peak() {
         let mut cells = vec![0; SIZE.0 * SIZE.1];
         for y in 4..7 {
             cells[y * SIZE.0 + 3..][..3].fill(200);
         }
-        let peaks = found(&cells, [5.0, 5.0], 4.0);
+        let peaks = found_peaks(&cells, [5.0, 5.0], 4.0);
         assert_eq!(peaks.as_slice().len(), 1);
         assert!((peaks.as_slice()[0].cell - Vector2::new(3.5, 4.5)).norm() < 1e-9);
     }
@@ -298,7 +298,7 @@ mod tests {
         for (i, &top) in tops.iter().enumerate() {
             cells[(1 + 2 * (i / 3)) * SIZE.0 + 1 + 2 * (i % 3)] = top;
         }
-        let peaks = found(&cells, [4.0, 4.0], 6.0);
+        let peaks = found_peaks(&cells, [4.0, 4.0], 6.0);
         let heights: Vec<f64> = peaks.as_slice().iter().map(|p| p.height * 255.0).collect();
         assert_eq!(heights.len(), MAX_PEAKS);
         for (height, expected) in heights
@@ -314,13 +314,13 @@ mod tests {
         fn the_top_of_a_gaussian_is_found_to_a_tenth_of_a_cell(
             x in 3.0f64..8.0, y in 3.0f64..12.0, height in 0.5f64..1.0,
         ) {
-            let peaks = found(&gaussian([x, y], height), [6.0, 8.0], 6.0);
+            let peaks = found_peaks(&gaussian([x, y], height), [6.0, 8.0], 6.0);
             prop_assert_eq!(peaks.as_slice().len(), 1);
             prop_assert!((peaks.as_slice()[0].cell - Vector2::new(x, y)).norm() < 0.1);
         }
 
         #[test]
-        fn a_peak_is_a_cell_that_none_around_it_exceeds(
+        fn peaks_are_the_local_maxima(
             cells in prop::collection::vec(0u8..60, SIZE.0 * SIZE.1),
         ) {
             let (width, height) = SIZE;
@@ -335,16 +335,16 @@ mod tests {
                     && around.all(|other| cells[other] < cells[i] || (cells[other] == cells[i] && other >= i))
             };
             let expected = (0..cells.len()).filter(is_peak).count();
-            let peaks = found(&cells, [6.0, 8.0], 30.0);
+            let peaks = found_peaks(&cells, [6.0, 8.0], 30.0);
             prop_assert_eq!(peaks.as_slice().len(), expected.min(MAX_PEAKS));
         }
 
         #[test]
-        fn no_map_and_no_place_is_too_strange(
+        fn any_map_and_place_is_accepted(
             cells in prop::collection::vec(any::<u8>(), SIZE.0 * SIZE.1),
             center in prop::array::uniform2(-40.0f64..40.0), half_width in 0.0f64..100.0,
         ) {
-            let peaks = found(&cells, center, half_width);
+            let peaks = found_peaks(&cells, center, half_width);
             prop_assert!(peaks.as_slice().windows(2).all(|p| p[0].height >= p[1].height));
         }
     }

@@ -205,7 +205,7 @@ impl View {
             let crop = &mut self.crops[index];
             crop.grid = grid;
             crop.cell_from_world = cell_from_pixel(&grid) * self.pixel_from_world;
-            crop.seen.look_through(&grid, model);
+            crop.seen.find_seen(&grid, model);
         }
         for (keypoint, &crop) in self.crop_of_keypoint.iter().enumerate() {
             let seen = &self.crops[usize::from(crop)].seen;
@@ -301,7 +301,7 @@ impl View {
     #[cfg(test)]
     pub(crate) fn cells_for_test(&self, keypoint: usize) -> Vec<u8> {
         let mut cells = Vec::new();
-        self.map(keypoint).lay_out(&mut cells);
+        self.map(keypoint).write_unpacked(&mut cells);
         cells
     }
 

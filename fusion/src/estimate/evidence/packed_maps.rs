@@ -246,7 +246,7 @@ impl<'a> PackedMap<'a> {
     }
 
     /// Writes the whole map, row by row.
-    pub(crate) fn lay_out(&self, into: &mut Vec<u8>) {
+    pub(crate) fn write_unpacked(&self, into: &mut Vec<u8>) {
         let (width, height) = self.size;
         into.clear();
         into.resize(width * height, 0);
@@ -302,7 +302,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_packed_map_is_the_map_that_it_was(
+        fn packing_does_not_change_a_map(
             columns in part(20), rows in part(12), seed in any::<u64>(), x in 0usize..20, y in 0usize..12,
         ) {
             let (maps, dense) = partly(columns, rows, seed);
@@ -315,15 +315,15 @@ mod tests {
             let near = |v: usize, i: usize| (v + i).saturating_sub(2);
             let square = [0, 1, 2, 3, 4].map(|j| [0, 1, 2, 3, 4].map(|i| at(near(x, i), near(y, j))));
             prop_assert_eq!(map.square((x, y)), square);
-            let mut laid_out = Vec::new();
-            map.lay_out(&mut laid_out);
-            prop_assert_eq!(&laid_out, &dense);
-            maps.map(0).lay_out(&mut laid_out);
-            prop_assert!(laid_out.iter().all(|&cell| cell == 0));
+            let mut unpacked = Vec::new();
+            map.write_unpacked(&mut unpacked);
+            prop_assert_eq!(&unpacked, &dense);
+            maps.map(0).write_unpacked(&mut unpacked);
+            prop_assert!(unpacked.iter().all(|&cell| cell == 0));
         }
 
         #[test]
-        fn around_a_block_lie_its_neighbours_and_beyond_the_map_zeros(
+        fn neighbours_outside_the_map_are_zero(
             columns in part(20), rows in part(12), seed in any::<u64>(),
         ) {
             let (maps, _) = partly(columns.clone(), rows.clone(), seed);

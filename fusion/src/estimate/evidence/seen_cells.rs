@@ -13,7 +13,7 @@ use farfield_proto::patch::Written;
 
 /// Distance of the cells that are tested, cells. The camera's field of view has a smooth edge; a
 /// cell counts as known only if all tested cells around it are seen.
-const ASK_EVERY_CELLS: usize = 4;
+const TEST_EVERY_CELLS: usize = 4;
 
 /// The seen cells of one crop. Reused from tick to tick: allocates only when crops grow.
 #[derive(Debug, Clone, Default)]
@@ -44,7 +44,7 @@ enum CropOutline {
 
 impl SeenCells {
     /// Tests which cells of `grid` the camera sees.
-    pub(super) fn look_through(&mut self, grid: &CellGrid, model: &CameraModel) {
+    pub(super) fn find_seen(&mut self, grid: &CellGrid, model: &CameraModel) {
         self.known.clear();
         self.outline = CropOutline::Whole;
         let (w, h) = (usize::from(grid.width), usize::from(grid.height));
@@ -60,8 +60,8 @@ impl SeenCells {
             return;
         }
         self.known.resize(w * h, true);
-        for y in (0..h + ASK_EVERY_CELLS - 1).step_by(ASK_EVERY_CELLS) {
-            for x in (0..w + ASK_EVERY_CELLS - 1).step_by(ASK_EVERY_CELLS) {
+        for y in (0..h + TEST_EVERY_CELLS - 1).step_by(TEST_EVERY_CELLS) {
+            for x in (0..w + TEST_EVERY_CELLS - 1).step_by(TEST_EVERY_CELLS) {
                 if !sees(x.min(w - 1), y.min(h - 1)) {
                     self.forget_around(x, y);
                 }
@@ -139,7 +139,7 @@ impl SeenCells {
     /// Marks every cell nearer than one test step to (`x`, `y`) as unknown.
     fn forget_around(&mut self, x: usize, y: usize) {
         let (w, h) = (self.width, self.height);
-        let reach = ASK_EVERY_CELLS - 1;
+        let reach = TEST_EVERY_CELLS - 1;
         let columns = x.min(w - 1).saturating_sub(reach)..(x + reach + 1).min(w);
         for row in y.min(h - 1).saturating_sub(reach)..(y + reach + 1).min(h) {
             self.known[row * w..][columns.clone()].fill(false);
@@ -265,7 +265,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_rectangle_that_is_clamped_gives_what_the_sweeps_give(
+        fn clamping_a_rectangle_equals_sweeping(
             columns in (0..WIDTH, 1..=WIDTH), rows in (0..HEIGHT, 1..=HEIGHT),
         ) {
             let columns = columns.0..(columns.0 + columns.1).min(WIDTH);
@@ -281,7 +281,7 @@ mod tests {
         }
 
         #[test]
-        fn a_map_stands_for_itself_only_where_nothing_would_be_extended(
+        fn a_map_is_kept_only_if_extending_changes_nothing(
             columns in (0..WIDTH, 1..=WIDTH), rows in (0..HEIGHT, 1..=HEIGHT),
             peak_columns in (0..WIDTH, 1..=4usize), peak_rows in (0..HEIGHT, 1..=4usize),
         ) {
@@ -301,7 +301,7 @@ mod tests {
         }
 
         #[test]
-        fn a_straight_edge_at_any_angle_gives_cells_near_the_nearest(
+        fn at_a_straight_edge_the_found_cell_is_near_the_nearest(
             angle in -3.0f64..3.0, offset in -4.0f64..4.0,
         ) {
             let at = |i: usize| [(i % WIDTH) as f64, (i / WIDTH) as f64];

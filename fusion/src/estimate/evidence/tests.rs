@@ -84,7 +84,7 @@ proptest! {
     }
 
     #[test]
-    fn a_notch_in_a_decoded_map_is_that_in_the_same_map_of_which_nothing_is_known_to_be_zero(
+    fn a_notch_does_not_depend_on_the_written_part(
         peak in prop::array::uniform2(0.0f64..16.0), at in prop::array::uniform2(-3.0f64..19.0),
         depth in 0.1f64..1.0, level in 0usize..3,
     ) {
@@ -121,7 +121,7 @@ proptest! {
     }
 
     #[test]
-    fn no_cell_that_the_camera_does_not_see_counts_as_known(
+    fn cells_that_the_camera_does_not_see_are_unknown(
         origin in prop::array::uniform2(-60.0f32..220.0), angle in -3.0f32..3.0, step in 0.5f32..8.0,
     ) {
         let patch = patch(origin, [step * angle.cos(), step * angle.sin()]);
@@ -140,7 +140,7 @@ proptest! {
 }
 
 #[test]
-fn outside_the_crop_nothing_is_known_and_that_is_not_zero() {
+fn outside_the_crop_a_view_has_no_data_and_not_zero() {
     let patch = patch([100.0, 50.0], [1.0, 0.0]);
     let view = view(&patch).unwrap();
     assert_eq!(sample(&view, 0, Pixel::new(100.0, 50.0)), Some(0.0));
@@ -154,7 +154,7 @@ fn outside_the_crop_nothing_is_known_and_that_is_not_zero() {
 }
 
 #[test]
-fn beyond_the_image_a_crop_knows_nothing_and_maps_go_on_with_their_last_value() {
+fn outside_the_image_maps_repeat_their_last_value_without_data() {
     // Columns 6 to 11 lie right of the image's edge at 199.5.
     let patch = patch([194.0, 20.0], [1.0, 0.0]);
     let view = view(&patch).unwrap();
@@ -174,7 +174,7 @@ fn beyond_the_image_a_crop_knows_nothing_and_maps_go_on_with_their_last_value() 
 }
 
 #[test]
-fn a_view_takes_over_who_and_when_and_forgets_the_last_tick() {
+fn a_fill_replaces_all_data_of_the_last_tick() {
     let view = view(&patch([100.0, 50.0], [1.0, 0.0])).unwrap();
     assert_eq!(
         (view.viewpoint, view.camera, view.n_keypoints()),

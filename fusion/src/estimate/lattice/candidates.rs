@@ -101,7 +101,7 @@ impl Candidates {
         for (index, witness) in witnesses.iter().enumerate() {
             let view = &at.views[witness.view];
             for peak in view.peaks(at.keypoint).as_slice() {
-                let line = Sightline::of(peak, (index, witness), view);
+                let line = Sightline::new(peak, (index, witness), view);
                 if line.weight > 0.0 {
                     let own = &self.lines;
                     let place = own.iter().position(|l| line.weight > l.weight);
@@ -198,7 +198,7 @@ fn insert(modes: &mut LatticeModes, mode: LatticeMode, cell_m: f64) {
 }
 
 impl Sightline {
-    fn of(peak: &MapPeak, (index, witness): (usize, &Witness), view: &View) -> Self {
+    fn new(peak: &MapPeak, (index, witness): (usize, &Witness), view: &View) -> Self {
         let m = &witness.cell_from_offset;
         let depth_m = m.m34;
         let per_cell = 1.0 / view.peak_sigma_cells();

@@ -63,7 +63,7 @@ impl CoarsePass {
     fn add(&mut self, witness: &Witness, view: &View, keypoint: usize, (k, step_m): (usize, f64)) {
         let n = 2 * k + 1;
         let (width, height) = view.map_size();
-        view.map(keypoint).lay_out(&mut self.map);
+        view.map(keypoint).write_unpacked(&mut self.map);
         let limits = ((width - 1) as f32, (height - 1) as f32);
         let weight = (witness.weight / 255.0) as f32;
         let m = &witness.cell_from_offset;

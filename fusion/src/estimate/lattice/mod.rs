@@ -128,7 +128,7 @@ struct Keypoint {
     witnesses: Witnesses,
     modes: LatticeModes,
     /// Per witness, the value of its map at the place that was refined last.
-    says: Vec<f64>,
+    values: Vec<f64>,
 }
 
 /// The search, with reused buffers: allocates only until they have the size for a venue's views.
@@ -155,7 +155,7 @@ impl LatticeSearch {
     /// A search for the keypoints of a network.
     pub fn new(keypoints: &KeypointSet) -> Self {
         Self {
-            sides: Sides::of(keypoints),
+            sides: Sides::of_network(keypoints),
             keypoints: vec![Keypoint::default(); keypoints.len()],
             closeness: Closeness::default(),
             sight: Vec::new(),
@@ -314,7 +314,7 @@ impl Keypoint {
             ModeOrigin::Meeting => 0,
             ModeOrigin::Ascent => refine::PULLED_STEPS,
             ModeOrigin::Refined => {
-                self.listen(at, mode.offset_m);
+                self.read_maps(at, mode.offset_m);
                 return mode;
             }
         };
@@ -322,9 +322,9 @@ impl Keypoint {
         let step_m = self.fine_m(at);
         let found = work.refiner.newton(at, &self.witnesses, start, step_m);
         let before = mode.score / prior(mode.offset_m, at.parameters.prior_sigma_m);
-        let found = found.filter(|offset_m| self.listen(at, *offset_m) >= refine::LOSS * before);
+        let found = found.filter(|offset_m| self.read_maps(at, *offset_m) >= refine::LOSS * before);
         let offset_m = found.unwrap_or_else(|| {
-            self.listen(at, mode.offset_m);
+            self.read_maps(at, mode.offset_m);
             mode.offset_m
         });
         LatticeMode {
@@ -335,9 +335,9 @@ impl Keypoint {
     }
 
     /// S at an offset; stores each map's value there.
-    fn listen(&mut self, at: &KeypointPlace<'_>, offset_m: Vector3<f64>) -> f64 {
+    fn read_maps(&mut self, at: &KeypointPlace<'_>, offset_m: Vector3<f64>) -> f64 {
         self.witnesses
-            .listen(at.views, at.keypoint, offset_m, &mut self.says)
+            .read_maps(at.views, at.keypoint, offset_m, &mut self.values)
     }
 
     /// The estimate for `mode`, which was refined last; without one, the prediction.
@@ -345,14 +345,14 @@ impl Keypoint {
         let Some(LatticeMode { offset_m, .. }) = mode else {
             return KeypointEstimate::unsupported(at.predicted_m, 0.0);
         };
-        let support = self.witnesses.weighed(&self.says).clamp(0.0, 1.0);
+        let support = self.witnesses.weighed(&self.values).clamp(0.0, 1.0);
         let position_m = at.predicted_m + offset_m;
         if support < at.parameters.min_support || !position_m.iter().all(|v| v.is_finite()) {
             return KeypointEstimate::unsupported(at.predicted_m, support);
         }
         let mut estimate = KeypointEstimate::unsupported(position_m, support);
         self.witnesses
-            .testify(&self.says, at.parameters, &mut estimate);
+            .set_evidence(&self.values, at.parameters, &mut estimate);
         estimate
     }
 }

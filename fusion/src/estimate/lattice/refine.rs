@@ -233,7 +233,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_hill_has_no_negative_curvature_and_keeps_the_positive(
+        fn a_hill_keeps_only_positive_curvature(
             a in -1.0f64..1.0, b in -1.0f64..1.0, c in -1.0f64..1.0,
         ) {
             let m = Matrix2::new(a, b, b, c);
@@ -245,7 +245,7 @@ mod tests {
         }
 
         #[test]
-        fn a_quadratic_map_is_read_exactly_but_for_its_rounding(
+        fn a_quadratic_map_is_read_exactly_up_to_rounding(
             x in 4.0f64..11.0, y in 4.0f64..11.0, a in 0.5f64..2.0, b in 0.5f64..2.0, c in -0.4f64..0.4,
         ) {
             let f = |u: f64, v: f64| 220.0 - a * u * u - b * v * v - c * u * v;

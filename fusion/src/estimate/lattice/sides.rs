@@ -24,7 +24,7 @@ pub(super) struct Sides {
 
 impl Sides {
     /// The pairs among a network's keypoints.
-    pub(super) fn of(keypoints: &KeypointSet) -> Vec<Self> {
+    pub(super) fn of_network(keypoints: &KeypointSet) -> Vec<Self> {
         let index = |side: &str, joint: &str| keypoints.index_of(&format!("{side}_{joint}"));
         let pair = |joint: &&str| {
             Some(Self {
@@ -48,7 +48,7 @@ struct SameSpot {
 }
 
 impl SameSpot {
-    fn of(sides: [&Keypoint; 2], predicted_m: [Vector3<f64>; 2]) -> Self {
+    fn new(sides: [&Keypoint; 2], predicted_m: [Vector3<f64>; 2]) -> Self {
         let cell_m = sides[0].witnesses.cell_m.min(sides[1].witnesses.cell_m);
         let apart_m = (predicted_m[0] - predicted_m[1]).norm();
         Self {
@@ -57,7 +57,7 @@ impl SameSpot {
         }
     }
 
-    fn is(&self, left: &LatticeMode, right: &LatticeMode) -> bool {
+    fn contains(&self, left: &LatticeMode, right: &LatticeMode) -> bool {
         let [of_left, of_right] = self.predicted_m;
         ((of_left + left.offset_m) - (of_right + right.offset_m)).norm() < self.within_m
     }
@@ -66,9 +66,9 @@ impl SameSpot {
 /// Whether the best modes of two sides are the same spot; if not, each side keeps its best.
 pub(super) fn are_one_spot(sides: [&Keypoint; 2], predicted_m: [Vector3<f64>; 2]) -> bool {
     let [left, right] = sides.map(|side| side.modes.as_slice().first());
-    let same_spot = SameSpot::of(sides, predicted_m);
+    let same_spot = SameSpot::new(sides, predicted_m);
     left.zip(right)
-        .is_some_and(|(left, right)| same_spot.is(left, right))
+        .is_some_and(|(left, right)| same_spot.contains(left, right))
 }
 
 /// Chooses the modes of two sides together, not both at one spot. A side without a mode falls back
@@ -79,12 +79,12 @@ pub(super) fn decide_sides(
     predicted_m: [Vector3<f64>; 2],
     min_support: f64,
 ) -> [Option<LatticeMode>; 2] {
-    let same_spot = SameSpot::of(sides, predicted_m);
+    let same_spot = SameSpot::new(sides, predicted_m);
     let [left, right] = sides.map(|side| side.modes.as_slice());
     let mut best = (f64::NEG_INFINITY, [None, None]);
     for l in left.iter().map(Some).chain([None]) {
         for r in right.iter().map(Some).chain([None]) {
-            if l.zip(r).is_some_and(|(l, r)| same_spot.is(l, r)) {
+            if l.zip(r).is_some_and(|(l, r)| same_spot.contains(l, r)) {
                 continue;
             }
             let score = |mode: Option<&LatticeMode>| mode.map_or(min_support, |m| m.score);
@@ -103,7 +103,7 @@ mod tests {
 
     #[test]
     fn coco_has_four_pairs() {
-        let pairs = Sides::of(&KeypointSet::coco17());
+        let pairs = Sides::of_network(&KeypointSet::coco17());
         assert_eq!(
             pairs.iter().map(|p| p.indices()).collect::<Vec<_>>(),
             [[7, 8], [9, 10], [13, 14], [15, 16]]

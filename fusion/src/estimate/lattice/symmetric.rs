@@ -52,7 +52,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_solved_is_the_solution(
+        fn the_solution_solves_the_system(
             a in prop::array::uniform9(-3.0f64..3.0), b in prop::array::uniform3(-1.0f64..1.0), more in 0.1f64..10.0,
         ) {
             let a = Matrix3::from_row_slice(&a);

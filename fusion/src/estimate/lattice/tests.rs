@@ -220,7 +220,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
     #[test]
-    fn perfect_maps_give_the_truth_wherever_in_the_lattice_it_is(
+    fn perfect_maps_give_the_truth_anywhere_in_the_lattice(
         off in prop::array::uniform3(-0.11f64..0.11), first in 0.0f64..360.0,
     ) {
         let truth = standing();
@@ -243,7 +243,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_drawn_never_makes_a_number_that_is_not_one(
+    fn any_drawing_gives_finite_numbers(
         seed in prop::collection::vec(any::<u8>(), 97), off in prop::array::uniform3(-30.0f64..30.0),
     ) {
         let truth = standing();
@@ -277,7 +277,7 @@ fn a_higher_wrong_peak_in_one_view_does_not_pull() {
 }
 
 #[test]
-fn a_view_that_shows_only_a_wrong_peak_pulls_by_less_than_a_fifth_of_its_error() {
+fn a_wrong_peak_in_one_view_pulls_less_than_a_fifth() {
     let truth = standing();
     let mut views = perfect(&four(), &truth);
     views[2].draw_for_test(LEFT_WRIST, |_, _| -1.0);
@@ -293,7 +293,7 @@ fn a_view_that_shows_only_a_wrong_peak_pulls_by_less_than_a_fifth_of_its_error()
 }
 
 #[test]
-fn the_second_peak_saves_a_limb_when_two_views_prefer_the_wrong_one() {
+fn a_second_peak_saves_a_limb_that_two_views_misplace() {
     // Two views show the mirrored ankle more clearly than the right one; the other two do not.
     let truth = standing();
     let mut views = perfect(&four(), &truth);
@@ -326,7 +326,7 @@ fn two_ankles_do_not_both_take_one_peak() {
 }
 
 #[test]
-fn an_ankle_that_only_its_twin_shows_falls_back_to_the_prediction() {
+fn an_ankle_with_only_its_twins_peak_is_predicted() {
     let truth = standing();
     let mut views = perfect(&four(), &truth);
     for view in &mut views {
@@ -363,12 +363,12 @@ fn an_unsupported_keypoint_is_its_prediction_with_weight_zero() {
 }
 
 #[test]
-fn without_views_and_without_predictions_nothing_is_claimed() {
+fn without_views_or_predictions_there_is_no_evidence() {
     let truth = standing();
     let none = search(&mut [], &truth);
     assert!(none.iter().all(|e| e.weight <= 0.0) && none.len() == 17);
     let mut views = perfect(&four(), &truth);
-    // The views were never told what to expect.
+    // The views have no expected places.
     assert!(
         search_as_predicted(&mut views, &truth)
             .iter()
@@ -378,7 +378,7 @@ fn without_views_and_without_predictions_nothing_is_claimed() {
 }
 
 #[test]
-fn a_single_view_moves_a_keypoint_across_its_ray_only() {
+fn a_single_view_moves_a_keypoint_only_across_its_ray() {
     let truth = standing();
     let mut views = perfect(&ring(&[30.0]), &truth);
     let predicted = shifted(&truth, [0.04, -0.05, 0.03]);
@@ -399,7 +399,7 @@ fn a_single_view_moves_a_keypoint_across_its_ray_only() {
 }
 
 #[test]
-fn a_person_half_outside_a_view_is_found_by_the_others() {
+fn a_person_half_outside_a_view_is_found_in_the_others() {
     let truth = standing();
     let models = four();
     let mut views = perfect(&models, &truth);
@@ -425,7 +425,7 @@ fn a_person_half_outside_a_view_is_found_by_the_others() {
 }
 
 #[test]
-fn each_view_is_searched_where_the_person_was_when_it_looked() {
+fn each_view_is_searched_at_its_own_capture_instant() {
     // 8 m/s, and the second view looked 5 ms early: 40 mm.
     let truth = standing();
     let early = shifted(&truth, [-0.04, 0.0, 0.0]);

@@ -1,4 +1,5 @@
-//! Which views take part in the search for a keypoint, what each counts, and what they testify.
+//! Views in the search for a keypoint: which take part, their weights, and the evidence at the
+//! result.
 
 use farfield_proto::venue::parameters::LatticeParameters;
 use nalgebra::{Matrix3x4, Unit, Vector2, Vector3};
@@ -7,14 +8,14 @@ use super::{KeypointPlace, prior};
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::estimate::evidence::{ExpectedKeypoint, View};
 
-/// Native pixels per map cell from which a crop counts fully. The usual networks have four input
+/// Native pixels per map cell from which a crop has full weight. The usual networks have four input
 /// pixels per cell: below four native pixels the crop was enlarged, and the network saw a blur.
 const FULL_RESOLUTION_PX: f64 = 4.0;
-/// Least of what resolution leaves of a view's vote: a blur is still a witness.
+/// Least factor of resolution in a view's vote: a blur is still evidence.
 const LEAST_RESOLUTION: f64 = 0.1;
 /// Height of a map, 0 to 1, from which it shows something.
 const LEAST_RESPONSE: f64 = 0.15;
-/// Depth of the whole lattice in front of the camera, metres.
+/// Least depth of the whole lattice in front of the camera, metres.
 const LEAST_DEPTH_M: f64 = 0.05;
 
 /// One view that takes part.
@@ -24,9 +25,10 @@ pub(super) struct Witness {
     pub(super) view: usize,
     /// `a_j` over the sum of all `a_j`.
     pub(super) weight: f64,
-    /// The view's share of one vote, resolution and what its silence is worth included, occlusion not.
+    /// The view's share of one vote, with resolution and the weight of its silence, without
+    /// occlusion.
     vote: f64,
-    /// Whether its map shows anything where the lattice is.
+    /// Whether its map shows anything in the lattice.
     pub(super) responds: bool,
     /// Offset from the prediction (metres, homogeneous) to homogeneous cells.
     pub(super) cell_from_offset: Matrix3x4<f64>,
@@ -38,7 +40,7 @@ pub(super) struct Witness {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Witnesses {
     all: Vec<Witness>,
-    /// Sum of the votes that occlusion left over the sum of all votes.
+    /// Sum of the votes with occlusion over the sum of all votes.
     trust: f64,
     /// Metres per map cell at the keypoint, in the finest view.
     pub(super) cell_m: f64,
@@ -53,8 +55,8 @@ impl Witnesses {
         self.all.iter()
     }
 
-    /// Gathers the views that know something where `keypoint` is predicted for them; what each counts is for
-    /// [`Self::share_votes`] to say.
+    /// Gathers the views with data at their prediction of `keypoint`. [`Self::share_votes`] sets
+    /// the weights.
     pub(super) fn gather(
         &mut self,
         views: &[View],
@@ -63,7 +65,7 @@ impl Witnesses {
     ) {
         self.all.clear();
         self.cell_m = f64::INFINITY;
-        // A corner of the lattice may come nearer to the camera than its centre by this much.
+        // A corner of the lattice may be nearer to the camera than its centre by this much.
         let reach_m = parameters.half_width_m * 3.0f64.sqrt();
         for (index, view) in views.iter().enumerate() {
             let expected = view.expected(keypoint);
@@ -82,8 +84,9 @@ impl Witnesses {
         }
     }
 
-    /// Viewpoints close together share one vote; a view that shows nothing here counts what it shows of the
-    /// rest of the person ([`sight`]); then the weights are made to sum up to 1.
+    /// Sets the weights, with the sum 1. Viewpoints close together share one vote. The vote of a
+    /// view that shows nothing here is multiplied by the share of the person that it sees
+    /// ([`sight`]).
     pub(super) fn share_votes(
         &mut self,
         views: &[View],
@@ -92,7 +95,8 @@ impl Witnesses {
         sight: &[f64],
     ) {
         for witness in &mut self.all {
-            // Who shows nothing here takes no more of a neighbour's vote than it has itself.
+            // A view that shows nothing here takes no more of a neighbour's vote than it has
+            // itself.
             let has = if witness.responds {
                 1.0
             } else {
@@ -121,7 +125,7 @@ impl Witnesses {
             votes += witness.vote;
             weights += witness.weight;
         }
-        // Views that count nothing (g = 0 and all occluded, or all blind) are no witnesses.
+        // Views without any weight (g = 0 and all occluded, or all blind) are no witnesses.
         if weights <= 0.0 {
             self.all.clear();
             return;
@@ -147,30 +151,35 @@ impl Witnesses {
         prior * self.support(at.views, at.keypoint, offset_m)
     }
 
-    /// S at an offset from the prediction, and (`says`) what each map shows there.
-    pub(super) fn listen(
+    /// S at an offset from the prediction; stores each map's value there in `values`.
+    pub(super) fn read_maps(
         &self,
         views: &[View],
         keypoint: usize,
         offset_m: Vector3<f64>,
-        says: &mut Vec<f64>,
+        values: &mut Vec<f64>,
     ) -> f64 {
-        says.clear();
-        let values = self.all.iter();
-        says.extend(values.map(|w| w.map_value(views, keypoint, offset_m)));
-        self.weighed(says)
+        values.clear();
+        let witnesses = self.all.iter();
+        values.extend(witnesses.map(|w| w.map_value(views, keypoint, offset_m)));
+        self.weighed(values)
     }
 
-    /// S, of what each map shows.
-    pub(super) fn weighed(&self, says: &[f64]) -> f64 {
-        let weighted = self.all.iter().zip(says).map(|(w, says)| w.weight * *says);
+    /// S from the value of each map.
+    pub(super) fn weighed(&self, values: &[f64]) -> f64 {
+        let weighted = self
+            .all
+            .iter()
+            .zip(values)
+            .map(|(w, values)| w.weight * *values);
         weighted.sum()
     }
 
-    /// Fills in what follows from what the single views say at the found offset: weight, views, ray.
-    pub(super) fn testify(
+    /// Sets weight, views and ray of the estimate from the values of the single views at the
+    /// result.
+    pub(super) fn set_evidence(
         &self,
-        says: &[f64],
+        values: &[f64],
         parameters: &LatticeParameters,
         estimate: &mut KeypointEstimate,
     ) {
@@ -178,24 +187,25 @@ impl Witnesses {
         let least_cosine = libm::cos(limit_rad);
         let (mut independent, mut best) = (0.0, None::<(f64, &Witness)>);
         estimate.weight = (self.trust * estimate.support).clamp(0.0, 1.0);
-        let supports = |says: f64| says >= parameters.min_support;
-        for (i, (witness, &says_i)) in self.all.iter().zip(says).enumerate() {
-            if !supports(says_i) {
+        let supports = |value: f64| value >= parameters.min_support;
+        for (i, (witness, &value_i)) in self.all.iter().zip(values).enumerate() {
+            if !supports(value_i) {
                 continue;
             }
             let mut crowd = 0.0;
-            for (j, (other, &says_j)) in self.all.iter().zip(says).enumerate() {
-                // Most are far apart, and a cosine says so.
-                if j != i && supports(says_j) && witness.ray.dot(&other.ray).abs() >= least_cosine {
+            for (j, (other, &value_j)) in self.all.iter().zip(values).enumerate() {
+                // Most are far apart, and the cosine shows it.
+                if j != i && supports(value_j) && witness.ray.dot(&other.ray).abs() >= least_cosine
+                {
                     crowd += shared(witness.lines_apart_rad(other), limit_rad);
                 }
             }
             independent += 1.0 / (1.0 + crowd);
-            if best.is_none_or(|(most, _)| witness.weight * says_i > most) {
-                best = Some((witness.weight * says_i, witness));
+            if best.is_none_or(|(most, _)| witness.weight * value_i > most) {
+                best = Some((witness.weight * value_i, witness));
             }
         }
-        // Above the threshold on average means above it somewhere: at least one view.
+        // A mean above the threshold implies at least one view above it.
         estimate.views = f64::max(independent.round(), 1.0) as u16;
         estimate.ray = best
             .filter(|_| estimate.views == 1)
@@ -205,7 +215,7 @@ impl Witnesses {
 
 impl Witness {
     /// Angle between the lines on which two views put the keypoint, 0 to π/2: the rays of opposite
-    /// cameras are one line, and nothing is known along it.
+    /// cameras are one line, and the position along it is unknown.
     fn lines_apart_rad(&self, other: &Self) -> f64 {
         let (a, b) = (self.ray.as_ref(), other.ray.as_ref());
         libm::atan2(a.cross(b).norm(), a.dot(b).abs())
@@ -224,10 +234,10 @@ impl Witness {
     }
 }
 
-/// Per view, how much of the person it sees: the share of the keypoints, of those that it should see, at which its maps
-/// show anything. A view before which something unknown stands shows nothing at all, and its silence about a keypoint
-/// says as little; one that shows the rest of the person says that this keypoint is not here. `keypoints` are
-/// gathered.
+/// Per view, the share of the person that it sees: of the keypoints that it should see, those at
+/// which its maps show anything. A view behind an unknown obstacle shows nothing at all, and its
+/// silence about a keypoint is no evidence. The silence of one that shows the rest of the person is
+/// evidence that this keypoint is not here. `keypoints` are gathered.
 pub(super) fn sight<'a>(
     views: &[View],
     keypoints: impl Iterator<Item = &'a Witnesses>,
@@ -249,20 +259,21 @@ pub(super) fn sight<'a>(
     sight.extend(counts.iter().map(share));
 }
 
-/// Which views look from nearly the same direction.
+/// Which views have nearly the same direction.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Closeness {
-    /// Pairs of views and how much they are one witness: 1 where they look from the same direction, falling to 0 at
-    /// `independent_angle_deg`, as seen from the middle of the predictions. Pairs that are not are left out.
+    /// Pairs of views and how much they are one witness: 1 for the same direction, falling to 0 at
+    /// `independent_angle_deg`, as seen from the middle of the predictions. Pairs at 0 are omitted.
     close: Vec<(usize, usize, f64)>,
     /// Per view, its direction.
     directions: Vec<Vector3<f64>>,
-    /// Per view: its own voice on a keypoint, and the sum of those that share its vote; (0, 1) between keypoints.
+    /// Per view: its own vote on a keypoint, and the sum of those that share it; (0, 1) between
+    /// keypoints.
     crowd: Vec<(f64, f64)>,
 }
 
 impl Closeness {
-    /// Compares `views` as they look at the middle of `predicted_m`.
+    /// Compares the directions of `views` towards the middle of `predicted_m`.
     pub(super) fn measure(
         &mut self,
         views: &[View],

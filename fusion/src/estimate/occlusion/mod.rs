@@ -1,9 +1,9 @@
-//! What a view is worth while another body stands in front: paper, eq. (9).
+//! Weight of a view while another body stands in front: paper, eq. (9).
 //!
-//! The paper leaves "occluded by another" open. Here a body is a set of capsules along the links of
-//! its predicted joints, and a keypoint is occluded for a camera when the segment from the camera's
-//! centre to the predicted keypoint passes through a capsule of another person that is nearer to
-//! the camera. People do not occlude themselves here: the network has learned that.
+//! The paper does not define "occluded by another". Here a body is a set of capsules along the
+//! links of its predicted joints. A keypoint is occluded for a camera if the segment from the
+//! camera's centre to the predicted keypoint passes through a nearer capsule of another person.
+//! Self-occlusion is not modelled: the network has learned it.
 
 mod touch;
 
@@ -19,7 +19,7 @@ pub(crate) use self::touch::Touch;
 /// passing limb does not switch a view on and off.
 const EDGE_M: f64 = 0.03;
 
-/// What a capsule belongs to; picks its radius.
+/// The part of a capsule; selects its radius.
 #[derive(Debug, Clone, Copy)]
 enum CapsulePart {
     Limb,
@@ -59,7 +59,7 @@ struct Capsule {
     axis: (Vector3<f64>, Vector3<f64>),
     radius_m: f64,
     middle_m: Vector3<f64>,
-    /// From the middle to where its soft edge ends.
+    /// From the middle to the end of its soft edge.
     reach_m: f64,
 }
 
@@ -70,23 +70,23 @@ impl Capsule {
             axis,
             radius_m,
             middle_m: (axis.0 + axis.1) * 0.5,
-            // A little more, for the rounding.
+            // Enlarged slightly for rounding errors.
             reach_m: (half_m + radius_m + EDGE_M) * (1.0 + 1e-9),
         }
     }
 }
 
-/// Some of a body's capsules: one bit each.
+/// A subset of a body's capsules: one bit each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CapsuleSet(u32);
 
 const _: () = assert!(CAPSULES.len() <= u32::BITS as usize);
 
 impl CapsuleSet {
-    /// All of a body's.
+    /// All capsules of a body.
     pub const ALL: Self = Self(u32::MAX);
 
-    /// Whether it holds none.
+    /// Whether it is empty.
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }
@@ -101,7 +101,7 @@ impl CapsuleSet {
     }
 }
 
-/// A person as seen by others: capsules, and a sphere around them all.
+/// A person as an occluder: capsules, and a sphere around them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyCapsules {
     capsules: [Capsule; CAPSULES.len()],
@@ -133,12 +133,12 @@ impl BodyCapsules {
         }
     }
 
-    /// The body as seen from `eye_m` (world, metres), and `more_m` around it.
+    /// The cone around the body and `more_m` around it, as seen from `eye_m` (world, metres).
     pub(crate) fn cone(&self, eye_m: &Vector3<f64>, more_m: f64) -> SightCone {
         SightCone::around(eye_m, &self.center_m, self.reach_m + more_m)
     }
 
-    /// What of this body may stand between the eye and any point in `sight`; never wrongly left out.
+    /// The capsules that may be between the eye and any point in `sight`; none is wrongly omitted.
     pub(crate) fn may_hide(&self, eye_m: &Vector3<f64>, sight: &SightCone) -> CapsuleSet {
         if sight.misses(eye_m, &self.center_m, self.reach_m) {
             return CapsuleSet(0);
@@ -149,10 +149,11 @@ impl BodyCapsules {
     }
 
     /// How far inside the nearest of these capsules the view from `eye_m` to `point_m` (world,
-    /// metres) passes, in front of the point: 1 inside, 0 beside or behind, between across the edge.
+    /// metres) passes, in front of the point: 1 inside, 0 next to it or behind, between across the
+    /// edge.
     fn cover(&self, capsules: CapsuleSet, eye_m: Vector3<f64>, point_m: Vector3<f64>) -> f64 {
         let nearest_m = distance_to_segment(self.center_m, eye_m, point_m);
-        // A NaN must not pass as "near": it would end up in a weight.
+        // A NaN must not count as "near": it would reach a weight.
         if nearest_m.is_nan() || nearest_m > self.reach_m {
             return 0.0;
         }
@@ -161,15 +162,15 @@ impl BodyCapsules {
         let ahead = view / length2.sqrt();
         let covers = capsules.indices().map(|index| {
             let capsule = &self.capsules[index];
-            // Most capsules are far from the line of sight, and their middles tell.
+            // Most capsules are far from the line of sight, by their middles.
             let from_eye_m = capsule.middle_m - eye_m;
             let along_m = from_eye_m.dot(&ahead);
-            let beside2 = from_eye_m.norm_squared() - along_m * along_m;
-            if beside2 > capsule.reach_m * capsule.reach_m {
+            let across2 = from_eye_m.norm_squared() - along_m * along_m;
+            if across2 > capsule.reach_m * capsule.reach_m {
                 return 0.0;
             }
             let (on_view, on_axis) = closest_between((eye_m, point_m), capsule.axis);
-            // Nearer than the point, or the body is behind it and hides nothing.
+            // The capsule must be nearer than the point; otherwise it hides nothing.
             if (on_axis - eye_m).dot(&view) >= length2 {
                 return 0.0;
             }
@@ -180,14 +181,14 @@ impl BodyCapsules {
     }
 }
 
-/// A sphere as seen from a point: the cone that holds it. From inside it is in every direction.
+/// The cone around a sphere as seen from a point; from inside, all directions.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SightCone {
     direction: Vector3<f64>,
-    /// Of half its opening: at most a quarter turn, or a half turn for every direction.
+    /// Of half its opening: at most a quarter turn, or a half turn for all directions.
     sine: f64,
     cosine: f64,
-    /// Where the sphere ends, metres from the eye.
+    /// End of the sphere, metres from the eye.
     far_m: f64,
 }
 
@@ -210,24 +211,25 @@ impl SightCone {
         }
     }
 
-    /// Whether it has nothing in common with a sphere (world, metres), and nothing behind that; `eye_m` is its own.
+    /// Whether it does not touch a sphere (world, metres), and the sphere is not behind it; `eye_m`
+    /// is the eye of the cone.
     fn misses(&self, eye_m: &Vector3<f64>, center_m: &Vector3<f64>, radius_m: f64) -> bool {
         let from_eye_m = center_m - eye_m;
         let along_m = from_eye_m.dot(&self.direction);
-        let beside_m = (from_eye_m - self.direction * along_m).norm();
-        let outside_m = beside_m * self.cosine - along_m * self.sine;
-        // What cannot be compared is not out of the way.
+        let across_m = (from_eye_m - self.direction * along_m).norm();
+        let outside_m = across_m * self.cosine - along_m * self.sine;
+        // A NaN is never a miss.
         outside_m > radius_m
             || (along_m < -radius_m && !self.is_all_around())
             || along_m > self.far_m + radius_m
     }
 
-    /// Whether it is every direction.
+    /// Whether it contains all directions.
     fn is_all_around(&self) -> bool {
         self.cosine < 0.0
     }
 
-    /// Whether the two, from the same eye, have a direction in common; cones that cannot be compared have.
+    /// Whether two cones from the same eye share a direction; true for NaN.
     pub(crate) fn overlaps(&self, other: &Self) -> bool {
         let of_both = self.cosine * other.cosine - self.sine * other.sine;
         let cosine = self.direction.dot(&other.direction);
@@ -235,12 +237,12 @@ impl SightCone {
     }
 }
 
-/// The weight w of eq. (9) of one view for one keypoint: g = `parameters.weight` where another body
+/// The weight w of eq. (9) of one view for one keypoint: g = `parameters.weight` if another body
 /// stands between `eye_m` (the camera's centre) and `point_m` (the predicted keypoint, both world,
-/// metres), else 1, and between the two across a soft edge of 3 cm.
+/// metres), else 1. Across a soft edge of 3 cm it is in between.
 ///
-/// `others` are the bodies of all persons but the keypoint's own, with those of their capsules that may matter. Cost: one
-/// distance per body that is out of the way, and one more per capsule of one that is not.
+/// `others` are the bodies of all other persons, with their capsules that may matter. Cost: one
+/// distance per body out of the line of sight, and one more per capsule of the others.
 pub fn view_weight<'a>(
     eye_m: Vector3<f64>,
     point_m: Vector3<f64>,
@@ -352,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn a_person_behind_beside_or_behind_the_camera_does_not() {
+    fn a_person_elsewhere_does_not_change_the_weight() {
         check(
             EYE,
             KEYPOINT,
@@ -362,22 +364,22 @@ mod tests {
     }
 
     #[test]
-    fn a_person_pressed_against_the_far_side_hides_nothing() {
+    fn a_person_touching_from_behind_hides_nothing() {
         check(EYE, KEYPOINT, &[post(0.05, 0.0)], 1.0);
     }
 
     #[test]
-    fn a_person_pressed_against_the_near_side_hides_the_keypoint() {
+    fn a_person_touching_from_the_front_hides_the_keypoint() {
         check(EYE, KEYPOINT, &[post(-0.10, 0.0)], G);
     }
 
     #[test]
-    fn nobody_else_means_full_weight() {
+    fn without_others_the_weight_is_full() {
         check(EYE, KEYPOINT, &[], 1.0);
     }
 
     #[test]
-    fn the_weight_changes_without_a_jump_as_a_person_passes() {
+    fn the_weight_is_continuous_as_a_person_passes() {
         let weight = |y: f64| {
             view_weight(
                 EYE.into(),
@@ -396,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn from_inside_of_what_is_looked_at_nobody_is_out_of_the_way() {
+    fn from_inside_a_cone_no_body_is_excluded() {
         let (eye, around) = (Vector3::zeros(), Vector3::new(0.0, 1.0, 0.0));
         let all = SightCone::around(&eye, &around, 2.0);
         let behind = post(0.0, -2.0);
@@ -406,7 +408,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_hides_a_point_is_never_taken_for_out_of_the_way(
+        fn an_occluder_is_never_excluded(
             eye in point(), target in point(), around in point(), x in -3.0f64..3.0, y in -3.0f64..3.0,
         ) {
             let (body, p) = (post(x, y), OcclusionParameters::default());
@@ -419,7 +421,7 @@ mod tests {
         }
 
         #[test]
-        fn cones_overlap_where_their_angles_say_so(eye in point(), x in 1.0f64..6.0, y in -4.0f64..4.0) {
+        fn cones_overlap_by_their_angles(eye in point(), x in 1.0f64..6.0, y in -4.0f64..4.0) {
             let (one, other) = (post(3.0, 0.0), post(x, y));
             let half_rad = |body: &BodyCapsules| {
                 let sine = body.reach_m / (body.center_m - eye).norm();

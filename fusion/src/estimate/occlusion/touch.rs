@@ -1,4 +1,4 @@
-//! Where two bodies reach into each other.
+//! Contacts where two bodies overlap.
 
 use nalgebra::Vector3;
 
@@ -9,14 +9,14 @@ use crate::body::skeleton::Joints;
 /// Axes closer than this have no direction from one to the other, metres.
 const LEAST_APART_M: f64 = 1e-6;
 
-/// Two capsules of different persons that reach into each other.
+/// Two overlapping capsules of different persons.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Touch {
-    /// From the second to the first, as long as they reach into each other, world, metres.
+    /// Displacement from the second to the first that separates them, world, metres.
     pub(crate) apart_m: Vector3<f64>,
-    /// Where on the first body.
+    /// Place on the first body.
     pub(crate) first: OnLink,
-    /// Where on the second.
+    /// Place on the second body.
     pub(crate) second: OnLink,
 }
 
@@ -29,13 +29,13 @@ pub(crate) struct OnLink {
 }
 
 impl OnLink {
-    /// What the two joints have, weighed by how near they are.
-    pub(crate) fn weighed(&self, of: impl Fn(Joint) -> f64) -> f64 {
-        (1.0 - self.along) * of(self.joints.0) + self.along * of(self.joints.1)
+    /// The values of the two joints, weighted by their nearness.
+    pub(crate) fn weighed(&self, value: impl Fn(Joint) -> f64) -> f64 {
+        (1.0 - self.along) * value(self.joints.0) + self.along * value(self.joints.1)
     }
 
-    /// Moves the place by `move_m` with the least motion of the two joints; of several moves, a joint
-    /// keeps the longest.
+    /// Moves the place by `move_m` with the least motion of the two joints; of several moves, a
+    /// joint keeps the longest.
     pub(crate) fn push(&self, move_m: Vector3<f64>, joints_m: &mut Joints) {
         let shares = [1.0 - self.along, self.along];
         let norm2 = shares[0] * shares[0] + shares[1] * shares[1];
@@ -50,8 +50,8 @@ impl OnLink {
 }
 
 impl BodyCapsules {
-    /// Where two bodies reach into each other, their capsules `share` as thick as they are. `before` are
-    /// the same two as they were predicted: they say on which side of each other limbs belong.
+    /// The overlaps of two bodies, with capsules of `share` of their thickness. `before` are the
+    /// predictions of the two: they determine on which side of each other limbs belong.
     pub(crate) fn touches<'a>(
         (first, second): (&'a Self, &'a Self),
         before: (&'a Self, &'a Self),
@@ -70,7 +70,7 @@ impl BodyCapsules {
                 return None;
             }
             let (side, _) = between((&before.0.capsules[a], &before.1.capsules[b]));
-            // A limb that has changed sides has the way back to go, too.
+            // A limb that has changed sides must also go back through the other.
             let changed = apart_m.dot(&side) < 0.0 && side.norm() > apart_m.norm();
             let (direction, deep_m) = if changed {
                 (-apart_m, thick_m + apart_m.norm())
@@ -95,14 +95,14 @@ fn thickness_m((a, b): (&Capsule, &Capsule), share: f64) -> f64 {
     share * (a.radius_m + b.radius_m)
 }
 
-/// Whether the axes are farther apart than `thick_m`, as their middles tell; never wrongly affirmed.
+/// Whether the axes are farther apart than `thick_m`, by their middles; false is not certain.
 fn are_far((a, b): (&Capsule, &Capsule), thick_m: f64) -> bool {
     // From the middles to the ends of the axes, and some centimetres more.
     let reach_m = (a.reach_m - a.radius_m) + (b.reach_m - b.radius_m);
     (a.middle_m - b.middle_m).norm_squared() > (thick_m + reach_m).powi(2)
 }
 
-/// From the second axis to the first where they are closest, and where that is on each.
+/// From the second axis to the first at their closest points, and the position on each.
 fn between((a, b): (&Capsule, &Capsule)) -> (Vector3<f64>, (f64, f64)) {
     let (on_a, on_b) = closest_between(a.axis, b.axis);
     let along = |(from, to): (Vector3<f64>, Vector3<f64>), at: Vector3<f64>| {
@@ -128,12 +128,12 @@ mod tests {
     /// Thickness of two limbs of default radius at full share.
     const THICK_M: f64 = 0.14;
 
-    /// A body far below the floor but for its left forearm.
+    /// A body far below the floor except for its left forearm.
     fn forearm(elbow_m: Vector3<f64>, wrist_m: Vector3<f64>, index: f64) -> BodyCapsules {
         let mut joints = [Vector3::new(50.0 * index, 0.0, -50.0); N_JOINTS];
         joints[Joint::LeftElbow.index()] = elbow_m;
         joints[Joint::LeftWrist.index()] = wrist_m;
-        // Apart from the forearm, so that no other link meets anything.
+        // Far from the forearm, so that no other link touches anything.
         joints[Joint::LeftShoulder.index()] = elbow_m;
         joints[Joint::LeftHand.index()] = wrist_m;
         joints[Joint::RightShoulder.index()] = elbow_m;
@@ -163,14 +163,14 @@ mod tests {
     }
 
     #[test]
-    fn the_way_out_is_what_is_missing_of_the_thickness() {
+    fn the_displacement_restores_the_thickness() {
         let pair = (&along_x(0.0, 1.05), &along_y(1.0));
         let touch = deepest(pair, pair).unwrap();
         assert!((touch.apart_m - Vector3::z() * (THICK_M - 0.05)).norm() < 1e-9);
     }
 
     #[test]
-    fn a_limb_that_went_through_another_goes_back_the_way_it_came() {
+    fn a_limb_that_passed_another_goes_back() {
         let (above, lower, below) = (along_x(0.0, 1.1), along_y(1.0), along_x(0.0, 0.95));
         let touch = deepest((&below, &lower), (&above, &lower)).unwrap();
         assert!((touch.apart_m - Vector3::z() * (THICK_M + 0.05)).norm() < 1e-9);
@@ -181,9 +181,9 @@ mod tests {
     }
 
     proptest! {
-        /// Whoever is named first is pushed the other way, equally far.
+        /// The displacement of the second is the opposite of that of the first.
         #[test]
-        fn a_touch_is_the_same_from_both_sides(a in point(), b in point(), c in point(), d in point()) {
+        fn a_touch_is_symmetric(a in point(), b in point(), c in point(), d in point()) {
             let (first, second) = (forearm(a, b, 0.0), forearm(c, d, 1.0));
             let there = deepest((&first, &second), (&first, &second));
             let back = deepest((&second, &first), (&second, &first));
@@ -193,7 +193,7 @@ mod tests {
             }
         }
 
-        /// What is told by the middles alone is so.
+        /// A decision from the middles alone is correct.
         #[test]
         fn limbs_that_are_far_apart_do_not_touch(
             a in point(), b in point(), c in point(), d in point(), thick_m in 0.0f64..0.3,
@@ -202,7 +202,7 @@ mod tests {
             prop_assert!(!are_far(capsules, thick_m) || between(capsules).0.norm() > thick_m);
         }
 
-        /// A push moves the place of the touch by what it is told.
+        /// A push moves the place of the contact by the given displacement.
         #[test]
         fn a_push_moves_its_place(along in 0.0f64..=1.0, move_m in point()) {
             let place = OnLink { joints: (Joint::LeftElbow, Joint::LeftWrist), along };

@@ -1,4 +1,4 @@
-//! One keypoint of one person in one view: where it is expected, and what of others comes near it there.
+//! One keypoint of one person in one view: where it is expected, and which others are near it.
 
 use std::ops::Range;
 
@@ -8,20 +8,20 @@ use crate::estimate::estimator::Estimator;
 use crate::estimate::evidence::ExpectedKeypoint;
 use crate::method::Method;
 
-/// Claims whose predictions are farther apart than so many windows' reaches show no peak in common: two, and a little
-/// for what is one place.
+/// Claims whose predictions are farther apart than so many windows' reaches share no peak: two
+/// reaches, and some tolerance for one place.
 const TOUCHING_REACHES: f64 = 2.25;
-/// Far more than what rounding makes of the cosine between two unit vectors.
+/// Far above the rounding error of the cosine between two unit vectors.
 const COSINE_ROUNDING: f64 = 1e-9;
 
-/// Somebody who is in the view.
+/// A person in the view.
 #[derive(Debug, Clone)]
 pub(super) struct Claimant {
     pub(super) track: usize,
     pub(super) view: usize,
-    /// Whether anybody else comes near in the view.
+    /// Whether another person is near in the view.
     pub(super) crowded: bool,
-    /// Their claims of the kind at hand.
+    /// Their claims of the current kind.
     pub(super) claims: Range<usize>,
 }
 
@@ -34,11 +34,11 @@ pub(super) struct Claim {
     pub(super) expected: ExpectedKeypoint,
     /// Offset from there (metres, homogeneous) to homogeneous cells of its map.
     pub(super) cell_from_offset: Matrix3x4<f64>,
-    /// How far the corner of a face of its lattice is from its cell.
+    /// Distance of the corner of a face of its lattice from its cell.
     pub(super) reach_cells: f64,
-    /// Where it is seen, world, unit.
+    /// Direction in which it is seen, world, unit.
     pub(super) direction: Vector3<f64>,
-    /// The cosine of the angle to another direction is no less where that is in the window.
+    /// Lower bound of the cosine of the angle to directions inside the window.
     pub(super) window_cosine: f64,
     /// Expected error of the prediction, metres.
     pub(super) sigma_m: f64,
@@ -48,7 +48,7 @@ pub(super) struct Claim {
 }
 
 impl Claim {
-    /// `None` where the view knows nothing about the keypoint.
+    /// `None` if the view has no data about the keypoint.
     pub(super) fn new(
         member: &Claimant,
         keypoint: usize,
@@ -66,7 +66,8 @@ impl Claim {
             .is_some_and(|e| e.views >= 2);
         let (reach_cells, eye_m) = (reach_m / expected.cell_m, view.center_m());
         let corner_cells = 2.0f64.sqrt() * TOUCHING_REACHES * reach_cells;
-        // Between two directions is no more than between their places in a picture at one focal length.
+        // The angle between two directions is at most the distance of their places in a picture
+        // over the focal length.
         let window_rad = corner_cells / least_focal_length_cells(view.cell_from_world(keypoint));
         Some(Self {
             track: member.track,
@@ -87,22 +88,22 @@ impl Claim {
         })
     }
 
-    /// Where a point (world, metres) is in the map, homogeneous.
+    /// The homogeneous place of a point (world, metres) in the map.
     pub(super) fn project(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
         let offset_m = point_m - self.expected.position_m;
         self.cell_from_offset * offset_m.push(1.0)
     }
 
-    /// Where a point (world, metres) is in the map; `None` behind the camera.
+    /// The place of a point (world, metres) in the map; `None` behind the camera.
     pub(super) fn cell_of(&self, point_m: Vector3<f64>) -> Option<Vector2<f64>> {
         let h = self.project(&point_m);
         (h.z > 0.0).then(|| Vector2::new(h.x, h.y) / h.z)
     }
 
-    /// The direction, world, unit, in which a cell of the map lies.
+    /// The direction of a cell of the map, world, unit.
     pub(super) fn direction_of(&self, cell: Vector2<f64>) -> Option<Vector3<f64>> {
-        // The rows of a pinhole's matrix are what a ray is at right angles to: cell x is where
-        // (row 0 - x row 2) vanishes, and y likewise.
+        // A ray is perpendicular to combinations of the rows of a pinhole's matrix: cell x is where
+        // (row 0 - x row 2) vanishes, and likewise y.
         let m = &self.cell_from_offset;
         let row = |i: usize| Vector3::new(m[(i, 0)], m[(i, 1)], m[(i, 2)]);
         let across = row(0) - row(2) * cell.x;
@@ -111,19 +112,21 @@ impl Claim {
         Some(direction * direction.dot(&row(2)).signum())
     }
 
-    /// Whether neither is in the window of the other, for certain. (That it is not certain says nothing.)
+    /// Whether certainly neither is in the window of the other; false is not certain.
     #[inline]
     pub(super) fn is_far_from(&self, other: &Self) -> bool {
         let cosine = self.direction.dot(&other.direction);
         cosine < self.window_cosine.min(other.window_cosine) && self.eye_m == other.eye_m
     }
 
-    /// Whether the keypoint of `other` is seen within reach of this one, and whether the windows of both touch.
+    /// Whether the keypoint of `other` is within reach of this one, and whether their windows
+    /// touch.
     #[inline]
     pub(super) fn reaches(&self, other: &Self) -> [bool; 2] {
         let h = self.project(&other.expected.position_m);
         let cell = &self.expected.cell;
-        // Cells times a depth that is positive: a division for each pair of a crowd would be most of the work.
+        // Cells times a positive depth: a division for each pair of a crowd would be most of the
+        // work.
         let apart = Vector2::new(h.x - cell.x * h.z, h.y - cell.y * h.z);
         let reach = self.reach_cells * h.z;
         let touching = TOUCHING_REACHES * reach;
@@ -163,12 +166,12 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(32))]
 
-        /// The ray of a point's cell goes through the point, whichever camera looks.
+        /// The ray of a point's cell goes through the point, in every camera.
         #[test]
-        fn the_ray_of_a_cell_is_projection_undone(
+        fn the_ray_of_a_cell_inverts_the_projection(
             camera in 0usize..4, off in prop::array::uniform3(-0.5f64..0.5),
         ) {
-            let mut meeting = MeetingFixture::of(&[[0.3, -0.2, 0.8]]);
+            let mut meeting = MeetingFixture::at(&[[0.3, -0.2, 0.8]]);
             meeting.begin();
             let drawn = meeting.as_they_are(0);
             meeting.show(0, camera, &drawn);
@@ -179,18 +182,18 @@ mod tests {
             let direction = claim.direction_of(claim.cell_of(point_m).unwrap()).unwrap();
             let from_eye_m = point_m - claim.eye_m;
             prop_assert!((from_eye_m - direction * from_eye_m.norm()).norm() < 1e-9);
-            // A cell is as wide as it is said to be, across the line of sight.
-            let beside_m = claim.expected.position_m + direction.cross(&Vector3::z()).normalize() * 0.01;
-            let cells = (claim.cell_of(beside_m).unwrap() - claim.expected.cell).norm();
+            // A cell has the width `cell_m`, across the line of sight.
+            let across_m = claim.expected.position_m + direction.cross(&Vector3::z()).normalize() * 0.01;
+            let cells = (claim.cell_of(across_m).unwrap() - claim.expected.cell).norm();
             prop_assert!((cells * claim.expected.cell_m - 0.01).abs() < 0.001);
         }
 
-        /// Claims of which neither is said to be in the other's window are in none, wherever people stand, near and far.
+        /// Claims that are certainly in neither's window are in none, wherever people stand.
         #[test]
-        fn who_is_far_from_another_is_in_no_window(
+        fn distant_claims_are_in_no_window(
             camera in 0usize..4, x in -3.5f64..3.5, y in -2.5f64..2.5, turn in -3.0f64..3.0,
         ) {
-            let mut meeting = MeetingFixture::of(&[[0.3, -0.2, 0.8], [x, y, turn]]);
+            let mut meeting = MeetingFixture::at(&[[0.3, -0.2, 0.8], [x, y, turn]]);
             meeting.begin();
             for person in 0..2 {
                 let drawn = meeting.as_they_are(person);

@@ -1,4 +1,4 @@
-//! Who may own the peaks of one kind of joint in one view, and which peaks there are.
+//! The claims on peaks of one kind of joint in one view, and the peaks.
 
 use std::ops::Range;
 
@@ -12,14 +12,14 @@ use crate::estimate::estimator::Estimator;
 use crate::estimate::occlusion::{BodyCapsules, SightCone};
 use crate::method::Method;
 
-/// Joints whose left and right are taken for one another: both sides are one kind.
+/// Joints whose left and right are often swapped: both sides are one kind.
 const SIDED: [&str; 6] = ["shoulder", "elbow", "wrist", "hip", "knee", "ankle"];
-/// Least height that a cost is made of: a map may miss what is there.
+/// Least height in a cost: a map may lack a keypoint that is there.
 const LEAST_HEIGHT: f64 = 0.1;
 /// Peaks of two maps closer than this are one, cells.
 const ONE_PLACE_CELLS: f64 = 1.5;
 
-/// Keypoints whose peaks may be taken for one another.
+/// Keypoints whose peaks may be confused.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct JointKind {
     keypoints: Vec<usize>,
@@ -27,7 +27,7 @@ pub(super) struct JointKind {
 
 impl JointKind {
     /// The kinds of a network's keypoints, in the order of their first keypoint.
-    pub(super) fn of(keypoints: &KeypointSet) -> Vec<Self> {
+    pub(super) fn of_network(keypoints: &KeypointSet) -> Vec<Self> {
         let mut kinds: Vec<(&str, Self)> = Vec::new();
         for (index, name) in keypoints.names().iter().enumerate() {
             let side = name.strip_prefix("left_").or(name.strip_prefix("right_"));
@@ -46,10 +46,10 @@ impl JointKind {
     }
 }
 
-/// A claim of the group at hand.
+/// A claim of the current group.
 #[derive(Debug, Clone)]
 struct GroupClaim {
-    /// Which of its kind.
+    /// Its index in the kind.
     of_kind: usize,
     peaks: Range<usize>,
 }
@@ -71,9 +71,9 @@ pub(super) struct ClaimedPeak {
 struct ClaimedPlace {
     eye_m: Vector3<f64>,
     direction: Vector3<f64>,
-    /// On the ray, at the depth of the claim that showed it first.
+    /// On the ray, at the depth of the first claim that showed it.
     point_m: Vector3<f64>,
-    /// How near another peak must be to be the same, metres.
+    /// Largest distance of another peak that is the same, metres.
     width_m: f64,
 }
 
@@ -86,14 +86,14 @@ pub(super) struct Claims {
     cones: Vec<[SightCone; 2]>,
     of_kind: Vec<Claim>,
     groups: Groups,
-    /// The claims of the group at hand.
+    /// The claims of the current group.
     of_group: Vec<GroupClaim>,
     peaks: Vec<ClaimedPeak>,
     places: Vec<ClaimedPlace>,
 }
 
 impl Claims {
-    /// Finds who is in the views of `viewpoint`, and who is near somebody there.
+    /// Finds the people in the views of `viewpoint`, and who is near another there.
     pub(super) fn meet(
         &mut self,
         viewpoint: ViewpointIndex,
@@ -134,8 +134,8 @@ impl Claims {
         }
     }
 
-    /// Gathers the claims of `kind` that come near another, in groups that have no peak in common; returns how
-    /// many groups.
+    /// Gathers the claims of `kind` that are near another, in groups that share no peak; returns
+    /// the number of groups.
     pub(super) fn gather(
         &mut self,
         kind: &JointKind,
@@ -173,7 +173,7 @@ impl Claims {
         self.groups.number(|claim| self.of_kind[claim].meets)
     }
 
-    /// Takes up one group of the claims that were gathered.
+    /// Selects one group of the gathered claims.
     pub(super) fn take(&mut self, group: usize, tracks: &[impl AsRef<Estimator>]) {
         self.of_group.clear();
         self.peaks.clear();
@@ -196,7 +196,7 @@ impl Claims {
         }
     }
 
-    /// Groups the peaks by the places that they show; whether any place is shown twice.
+    /// Groups the peaks by their places; returns whether any place is shown twice.
     pub(super) fn find_places(&mut self) -> bool {
         self.places.clear();
         let mut contested = false;
@@ -253,9 +253,9 @@ impl Claims {
         peaks.iter().find(|peak| peak.place == place)
     }
 
-    /// The negative log likelihood that `place` is the keypoint of `claim`. Where the claim shows no peak, and the place is
-    /// so far that it costs more than `most` whatever the map shows there, the map is not asked: then it is only known
-    /// that it costs more.
+    /// The negative log likelihood that `place` is the keypoint of `claim`. If the claim shows no
+    /// peak, and the distance alone costs more than `most`, the map is not read: then the result is
+    /// only a lower bound above `most`.
     pub(super) fn cost(
         &self,
         claim: usize,
@@ -288,12 +288,13 @@ fn unlikely(height: f64) -> f64 {
     -libm::log(height.clamp(LEAST_HEIGHT, 1.0))
 }
 
-/// Notes whether two claims come near each other, and whether their windows touch: then they may show one peak.
+/// Marks two claims that are near each other, and links them if their windows touch: then they may
+/// share a peak.
 fn compare(claims: &mut [Claim], groups: &mut Groups, [a, b]: [usize; 2]) {
     if claims[a].is_far_from(&claims[b]) {
         return;
     }
-    // In a crowd most has been said by others before.
+    // In a crowd, earlier pairs have settled most.
     if claims[a].meets && claims[b].meets && groups.are_linked(a, b) {
         return;
     }
@@ -308,7 +309,7 @@ fn compare(claims: &mut [Claim], groups: &mut Groups, [a, b]: [usize; 2]) {
 }
 
 impl ClaimedPlace {
-    /// Which of the known places this is.
+    /// The known place that is the same as this one.
     fn among(&self, known: &[Self]) -> Option<usize> {
         let apart = known.iter().map(|place| place.apart_m(self)).enumerate();
         let (nearest, apart_m) = apart.min_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -323,8 +324,8 @@ impl ClaimedPlace {
         (self.nearest_to(point_m) - point_m).norm()
     }
 
-    /// How far two rays pass each other where either was found: cameras of one viewpoint stand close
-    /// together, but not in one spot.
+    /// The distance at which two rays pass each other near either place: cameras of one viewpoint
+    /// stand close together, but not in one spot.
     fn apart_m(&self, other: &Self) -> f64 {
         let apart_m = self.distance_m(other.point_m);
         apart_m.min(other.distance_m(self.point_m))
@@ -336,8 +337,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn coco_has_eleven_kinds_and_six_of_them_have_sides() {
-        let kinds = JointKind::of(&KeypointSet::coco17());
+    fn coco_has_eleven_kinds_and_six_with_sides() {
+        let kinds = JointKind::of_network(&KeypointSet::coco17());
         let sided = kinds.iter().filter(|kind| kind.keypoints.len() == 2);
         assert_eq!((kinds.len(), sided.count()), (11, 6));
     }

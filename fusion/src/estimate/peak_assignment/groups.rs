@@ -1,15 +1,15 @@
-//! Things that are linked, however indirectly, as groups.
+//! Groups of things that are linked, directly or indirectly.
 
 /// Groups of things by their index.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Groups {
-    /// Per thing, another of its group that comes before it, or itself.
+    /// Per thing, an earlier one of its group, or itself.
     before: Vec<usize>,
-    /// Per thing that is the first of a group, the group's number.
+    /// Per first thing of a group, the group's number.
     numbers: Vec<Option<usize>>,
-    /// Number and thing of those that were kept, by group.
+    /// Group number and index of the included things, by group.
     things: Vec<(usize, usize)>,
-    /// Per group, where its things end.
+    /// Per group, the end of its things.
     ends: Vec<usize>,
 }
 
@@ -20,25 +20,25 @@ impl Groups {
         self.before.extend(0..n);
     }
 
-    /// Makes the groups of two things one.
+    /// Merges the groups of two things.
     pub(super) fn link(&mut self, a: usize, b: usize) {
         let (a, b) = (self.first_of(a), self.first_of(b));
         self.before[a.max(b)] = a.min(b);
     }
 
-    /// Whether two things are of one group.
+    /// Whether two things are in one group.
     pub(super) fn are_linked(&mut self, a: usize, b: usize) -> bool {
         self.first_of(a) == self.first_of(b)
     }
 
-    /// Numbers the groups in the order of their first things, of the things that are `kept`; returns how many there
-    /// are.
-    pub(super) fn number(&mut self, kept: impl Fn(usize) -> bool) -> usize {
+    /// Numbers the groups of the `included` things in the order of their first ones; returns how
+    /// many there are.
+    pub(super) fn number(&mut self, included: impl Fn(usize) -> bool) -> usize {
         self.numbers.clear();
         self.numbers.resize(self.before.len(), None);
         self.things.clear();
         self.ends.clear();
-        for thing in (0..self.before.len()).filter(|thing| kept(*thing)) {
+        for thing in (0..self.before.len()).filter(|thing| included(*thing)) {
             let first = self.first_of(thing);
             let number = *self.numbers[first].get_or_insert_with(|| {
                 self.ends.push(0);
@@ -52,12 +52,12 @@ impl Groups {
             end += *own;
             *own = end;
         }
-        // By group; within one, things are in their order as they were.
+        // By group; within one, in the original order.
         self.things.sort_unstable();
         self.ends.len()
     }
 
-    /// The things of a group that were kept, in their order.
+    /// The included things of a group, in order.
     pub(super) fn things(&self, group: usize) -> impl Iterator<Item = usize> {
         let first = group.checked_sub(1).map_or(0, |before| self.ends[before]);
         let own = self.things[first..self.ends[group]].iter();
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_linked_through_others_is_one_group_and_what_is_not_kept_has_none() {
+    fn indirect_links_make_one_group_and_excluded_things_none() {
         let mut groups = Groups::default();
         groups.reset(7);
         for [a, b] in [[5, 6], [0, 4], [4, 2], [6, 5]] {

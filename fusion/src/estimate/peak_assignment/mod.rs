@@ -1,26 +1,26 @@
-//! Whose peak is it: where the maps of several persons, or of one person's left and right, show the
-//! same peak, it is given to one of them.
+//! Peak assignment: if the maps of several persons, or of one person's left and right, show the
+//! same peak, it is assigned to one of them.
 //!
 //! ```text
-//!   views of one viewpoint -> claims (who may own a peak of one kind of joint)
-//!                          -> peaks near the predictions -> places (one per physical peak)
-//!                          -> one assignment of claims to places -> notches in the losers' maps
+//!     views of one viewpoint -> claims (possible owners of a peak of one kind of joint)
+//!                            -> peaks near the predictions -> places (one per physical peak)
+//!                            -> one assignment of claims to places -> notches in the losers' maps
 //! ```
 //!
-//! One decision per viewpoint, kind of joint and group of claims that may have a peak in common, over all who meet there:
-//! the sum of the costs is least, and the order of the persons does not matter. The cost of a place for a claim is its negative log
-//! likelihood,
+//! There is one decision per viewpoint, kind of joint and group of claims that may share a peak,
+//! over all people there. The sum of the costs is least, and the order of the persons does not
+//! matter. The cost of a place for a claim is its negative log likelihood,
 //!
 //! ```text
-//!   c = d^2/(2 sigma^2) - ln h        taken of a lost peak: share (1 - exp(c_winner - c_loser))
+//!     c = d^2/(2 sigma^2) - ln h        removed from a lost peak: share (1 - exp(c_winner - c_loser))
 //! ```
 //!
-//! d the distance of the peak's ray from the claim's prediction, sigma the expected error of that
-//! prediction, h what the claim's own map shows there (on the place's ray, where it shows no peak). A
-//! claim may also go without a place. Of a place that goes to another, a claim whose map shows it
-//! keeps what speaks for it: two wrists predicted at one spot both keep the peak, and a peak that lies
-//! at another's prediction alone goes. Nothing is ever taken away whole, so that a wrong decision can
-//! be undone.
+//! d is the distance of the peak's ray from the claim's prediction, sigma the expected error of
+//! that prediction, h the value of the claim's own map there (on the place's ray, if it shows no
+//! peak). A claim may also get no place. If a place goes to another claim, a claim whose map shows
+//! it keeps the share that its likelihood supports. Two wrists predicted at one spot both keep the
+//! peak, and a peak that is only at another's prediction is removed. No peak is ever removed
+//! completely, so that a wrong decision can be undone.
 //!
 //! Rays are compared, not pixels: two persons of one viewpoint may come from different cameras.
 //! Decisions only read; [`PeakAssignment::carve`] changes the maps of one person.
@@ -42,14 +42,15 @@ use crate::estimate::evidence::Notch;
 use crate::estimate::occlusion::BodyCapsules;
 use crate::method::Method;
 
-/// Cost of going without a place: as of a peak of 0.3 at two and a half sigmas.
+/// Cost of getting no place: as of a peak of 0.3 at two and a half sigmas.
 const WITHOUT: f64 = 2.5 * 2.5 / 2.0 + 1.2;
-/// Persons from which viewpoints are worked on in parallel: fewer are done sooner than threads wake up.
+/// Persons from which viewpoints are processed in parallel: fewer take less time than waking
+/// threads.
 const PARALLEL_FROM: usize = 4;
-/// Notches that take less than this of a peak are left out: it is what two near peaks do to each other.
+/// Notches that remove less than this of a peak are omitted: two near peaks do that to each other.
 const LEAST_DEPTH: f64 = 0.05;
 
-/// Whose the peaks of all viewpoints are.
+/// Owners of the peaks of all viewpoints.
 #[derive(Debug, Clone)]
 pub struct PeakAssignment {
     kinds: Vec<JointKind>,
@@ -61,15 +62,16 @@ impl PeakAssignment {
     pub fn new(keypoints: &KeypointSet, n_viewpoints: usize) -> Self {
         let assignment = |index| ViewpointAssignment::new(ViewpointIndex(index as u16));
         Self {
-            kinds: JointKind::of(keypoints),
+            kinds: JointKind::of_network(keypoints),
             viewpoints: (0..n_viewpoints).map(assignment).collect(),
         }
     }
 
-    /// Decides whose the peaks of this tick are. `bodies` are those of `tracks`, whose views are placed.
+    /// Decides the owners of the peaks of this tick. `bodies` are those of `tracks`, whose views
+    /// are placed.
     ///
-    /// Cost: per viewpoint a few distances per pair of persons who are apart in its view; for those who
-    /// meet, the cells around each prediction that another comes near.
+    /// Cost: per viewpoint a few distances per pair of persons who are apart in its view; for those
+    /// who meet, the cells around each prediction with another nearby.
     pub fn decide(
         &mut self,
         tracks: &[impl AsRef<Estimator> + Sync],
@@ -92,8 +94,8 @@ impl PeakAssignment {
         }
     }
 
-    /// Takes what is another's out of the maps of `track`, the one at `index` of those that were
-    /// decided on.
+    /// Removes the peaks of others from the maps of `track`, which is at `index` of the tracks that
+    /// were decided on.
     pub fn carve(&self, index: usize, track: &mut Estimator) {
         for assignment in &self.viewpoints {
             for lost in assignment.notches.iter().filter(|lost| lost.track == index) {
@@ -102,14 +104,14 @@ impl PeakAssignment {
         }
     }
 
-    /// How many peaks were given to another at this tick, over all viewpoints.
+    /// How many peaks were assigned to another at this tick, over all viewpoints.
     #[cfg(test)]
     fn n_lost(&self) -> usize {
         self.viewpoints.iter().map(|c| c.notches.len()).sum()
     }
 }
 
-/// A peak that somebody loses.
+/// A peak that a person loses.
 #[derive(Debug, Clone, Copy)]
 struct LostPeak {
     track: usize,
@@ -159,7 +161,7 @@ impl ViewpointAssignment {
         }
     }
 
-    /// Gives each place to one claim, and notes what the others lose.
+    /// Assigns each place to one claim, and records the losses of the others.
     fn assign(&mut self, tracks: &[impl AsRef<Estimator>], yield_share: f64) {
         let claims = &self.claims;
         let (n_claims, n_places) = (claims.n_claims(), claims.n_places());
@@ -176,7 +178,7 @@ impl ViewpointAssignment {
                 WITHOUT
             }
         };
-        // As many ways to go without as there are claims.
+        // As many ways to get no place as there are claims.
         let of_claim = self.assigner.assign(n_claims, n_places + n_claims, cost);
         for peak in claims.peaks() {
             let winner = of_claim.iter().position(|place| *place == Some(peak.place));

@@ -7,12 +7,12 @@ use proptest::prelude::*;
 use super::super::meeting_fixture::{Drawn, LEFT_WRIST, MeetingFixture, RIGHT_WRIST};
 use super::*;
 
-/// What is left of a peak of 0.9 that somebody loses beyond doubt, with a little for the grid.
+/// Remainder of a peak of 0.9 that is surely lost, with a tolerance for the grid.
 const LOST: f64 = 0.9 * 0.25;
-/// What a peak of 0.9 keeps that nobody takes, with a little for the grid.
+/// Remainder of a peak of 0.9 that is not lost, with a tolerance for the grid.
 const KEPT: f64 = 0.9 * 0.9;
 
-/// Where two people stand who face away from the first camera, at (-5, -4).
+/// Two people who face away from the first camera, at (-5, -4).
 const SIDE_BY_SIDE: [[f64; 3]; 2] = [[0.075, -0.094, 0.675], [-0.075, 0.094, 0.675]];
 
 fn place_and_settle(meeting: &mut MeetingFixture) -> PeakAssignment {
@@ -27,7 +27,7 @@ fn place_and_settle(meeting: &mut MeetingFixture) -> PeakAssignment {
 }
 
 fn two() -> MeetingFixture {
-    let mut meeting = MeetingFixture::of(&SIDE_BY_SIDE);
+    let mut meeting = MeetingFixture::at(&SIDE_BY_SIDE);
     meeting.begin();
     meeting
 }
@@ -36,15 +36,15 @@ fn keypoint(meeting: &MeetingFixture, person: usize, keypoint: usize) -> Vector3
     meeting.tracks[person].keypoints_m()[keypoint]
 }
 
-/// What is drawn, with the peaks of one keypoint replaced.
+/// The drawing with the peaks of one keypoint replaced.
 fn with(mut drawn: Vec<Drawn>, keypoint: usize, peaks: &[(Vector3<f64>, f64)]) -> Vec<Drawn> {
     drawn.retain(|(k, _, _)| *k != keypoint);
     drawn.extend(peaks.iter().map(|&(at_m, height)| (keypoint, at_m, height)));
     drawn
 }
 
-/// The first person's map of the left wrist shows `shown` of the second, whom `camera` sees: the first
-/// loses that peak and the second keeps it.
+/// The first person's map of the left wrist shows `shown` of the second, whom `camera` sees: the
+/// first loses that peak and the second keeps it.
 fn goes_to_its_owner(mut meeting: MeetingFixture, shown: usize, camera: usize) {
     let theirs = keypoint(&meeting, 1, shown);
     let leaked = with(meeting.as_they_are(0), LEFT_WRIST, &[(theirs, 0.9)]);
@@ -57,7 +57,7 @@ fn goes_to_its_owner(mut meeting: MeetingFixture, shown: usize, camera: usize) {
 }
 
 #[test]
-fn a_peak_that_leaks_into_anothers_map_goes_and_the_own_one_stays() {
+fn a_leaked_peak_is_removed_and_the_own_one_stays() {
     let mut meeting = two();
     let wrists = [0, 1].map(|person| keypoint(&meeting, person, LEFT_WRIST));
     let leaked = with(
@@ -76,12 +76,12 @@ fn a_peak_that_leaks_into_anothers_map_goes_and_the_own_one_stays() {
 }
 
 #[test]
-fn a_leaked_peak_goes_also_where_nothing_else_is_seen() {
+fn a_leaked_peak_is_removed_without_an_own_one() {
     goes_to_its_owner(two(), LEFT_WRIST, 0);
 }
 
 #[test]
-fn the_decision_is_the_same_whoever_was_born_first() {
+fn the_order_of_persons_does_not_matter() {
     let leak = |meeting: &mut MeetingFixture, from: usize, to: usize| {
         let theirs = keypoint(meeting, from, LEFT_WRIST);
         let leaked = with(meeting.as_they_are(to), LEFT_WRIST, &[(theirs, 0.9)]);
@@ -93,31 +93,31 @@ fn the_decision_is_the_same_whoever_was_born_first() {
     };
     let mut meeting = two();
     let first = leak(&mut meeting, 0, 1);
-    let mut meeting = MeetingFixture::of(&[SIDE_BY_SIDE[1], SIDE_BY_SIDE[0]]);
+    let mut meeting = MeetingFixture::at(&[SIDE_BY_SIDE[1], SIDE_BY_SIDE[0]]);
     meeting.begin();
     let second = leak(&mut meeting, 1, 0);
     assert!((first - second).abs() < 1e-12);
 }
 
 #[test]
-fn a_peak_that_is_seen_from_two_cameras_of_one_viewpoint_is_one_peak() {
+fn a_peak_in_two_cameras_of_a_viewpoint_is_one() {
     let mut meeting = two();
-    // The second camera of the viewpoint stands 20 cm beside the first.
+    // The second camera of the viewpoint stands 20 cm from the first.
     let eye = meeting.hall.cameras[0].1.center().coordinates_m() + Vector3::new(0.1, -0.17, 0.0);
-    let beside = crate::sightings::fixture::looking_at_the_middle("beside", eye);
-    meeting.hall.cameras.push((ViewpointIndex(0), beside));
+    let second = crate::sightings::fixture::looking_at_the_middle("second", eye);
+    meeting.hall.cameras.push((ViewpointIndex(0), second));
     goes_to_its_owner(meeting, LEFT_WRIST, 4);
 }
 
 #[test]
-fn the_other_ones_other_side_is_a_rival_too() {
+fn the_other_side_of_another_person_competes() {
     goes_to_its_owner(two(), RIGHT_WRIST, 0);
 }
 
 #[test]
-fn two_hands_that_hold_each_other_share_one_peak() {
-    // Both predictions are one spot: nobody has a better right to the peak.
-    let mut meeting = MeetingFixture::of(&[[0.0, 0.0, 0.3], [0.0, 0.0, 0.3]]);
+fn two_hands_in_one_place_share_a_peak() {
+    // Both predictions are one spot: no claim is better.
+    let mut meeting = MeetingFixture::at(&[[0.0, 0.0, 0.3], [0.0, 0.0, 0.3]]);
     meeting.begin();
     let at_m = keypoint(&meeting, 0, LEFT_WRIST);
     for person in 0..2 {
@@ -131,9 +131,9 @@ fn two_hands_that_hold_each_other_share_one_peak() {
 }
 
 #[test]
-fn people_apart_and_clean_maps_are_left_alone() {
+fn distant_people_and_clean_maps_do_not_change() {
     for places in [[[0.0, -1.2, 0.3], [0.0, 1.2, 0.3]], SIDE_BY_SIDE] {
-        let mut meeting = MeetingFixture::of(&places);
+        let mut meeting = MeetingFixture::at(&places);
         meeting.begin();
         for camera in 0..4 {
             for person in 0..2 {
@@ -146,7 +146,7 @@ fn people_apart_and_clean_maps_are_left_alone() {
 }
 
 #[test]
-fn switched_off_it_touches_nothing() {
+fn a_disabled_assignment_changes_nothing() {
     let mut meeting = two();
     meeting.method.parameters.contact.yield_share = 0.0;
     let theirs = keypoint(&meeting, 1, LEFT_WRIST);
@@ -161,10 +161,10 @@ fn switched_off_it_touches_nothing() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
-    /// Whatever is drawn where, nothing grows, nothing goes below the share that stays, and who has
-    /// the one map that shows a peak keeps it.
+    /// For any drawing, no value grows or goes below the share that stays. A person whose map alone
+    /// shows a peak keeps it.
     #[test]
-    fn maps_only_ever_lose_and_never_all(
+    fn maps_lose_a_bounded_share(
         shifts in prop::array::uniform4(prop::array::uniform3(-0.2f64..0.2)), camera in 0usize..4,
     ) {
         let mut meeting = two();

@@ -1,12 +1,13 @@
-//! What views show that does not fit: how far the peaks of a tick's maps are from the pose, against how far networks err.
+//! Disagreement of views: the distance of map peaks from the pose, relative to network errors.
 //!
 //! ```text
 //!   q(j) = median over keypoints of |peak - pose| / sigma,  of view j
 //!   f²   = mean over views of max(1, q / 2)²
 //! ```
 //!
-//! Errors of keypoints are in q whatever the cameras do, and leave it at 0.7 to 1.8. A camera that is another, mirrored,
-//! or moved shows everything elsewhere (7 to 10): its pose is a compromise, and is not as sure as its views say.
+//! Keypoint errors alone give a q of 0.7 to 1.8. A swapped, mirrored or moved camera shows all
+//! keypoints elsewhere (7 to 10): its pose is a compromise, and less certain than its views
+//! suggest.
 
 use crate::body::skeleton::{Kinematics, Site};
 use crate::estimate::evidence::View;
@@ -16,27 +17,28 @@ use super::views::variance_m2;
 
 /// q up to which views fit.
 const FITS: f64 = 2.0;
-/// Occlusion weight from which on a keypoint tells: a hidden one's peak is somebody else's.
+/// Occlusion weight from which a keypoint counts: the peak of a hidden one may belong to another
+/// person.
 pub(super) const IN_SIGHT: f64 = 0.99;
-/// Least height of a peak that tells.
+/// Least height of a peak that counts.
 const LEAST_HEIGHT: f64 = 0.3;
-/// Least keypoints of a view that tell.
+/// Least keypoints of a view that count.
 const MIN_KEYPOINTS: usize = 6;
-/// Most keypoints that are looked at.
+/// Most keypoints that are used.
 const MAX_KEYPOINTS: usize = 32;
 
-/// A person at a tick, as its views are compared with it.
+/// A person at a tick, for comparison with its views.
 pub(crate) struct SeenPose<'a> {
     pub(crate) views: &'a [View],
     pub(crate) sites: &'a [Option<Site>],
-    /// Where the keypoints were expected at the tick, world, metres.
+    /// Expected keypoints at the tick, world, metres.
     pub(crate) predicted_m: &'a [Vector3<f64>],
     pub(crate) body: &'a Kinematics,
     pub(crate) relative_sigmas: &'a [f64],
 }
 
 impl SeenPose<'_> {
-    /// f²: by what the variance of the pose is larger than its views say, at least 1; `None` where no view tells.
+    /// f²: the factor on the variance of the pose, at least 1; `None` if no view counts.
     pub(crate) fn variance_factor(&self) -> Option<f64> {
         let (mut sum, mut n) = (0.0, 0);
         for view in self.views {

@@ -1,46 +1,47 @@
-//! How far a joint may have gone since it was last seen.
+//! Possible motion of a joint since it was last seen.
 //!
-//! A person that nothing shows goes on with a velocity that fades with the time constant tau of
-//! `smoothing.coast_decay_s`; the real one may go on as fast as it was, or do something else:
+//! An unseen person continues with a velocity that decays with the time constant tau of
+//! `smoothing.coast_decay_s`. The real person may keep its speed, or do something else:
 //!
 //! ```text
 //!   body    D² = (1.15 v (t - tau (1 - exp(-t/tau))))²/3 + (0.1 t)² + (0.6 t²/2)²       metres per axis
-//!   where nothing shows it                               + (0.45 t v/(v + 0.5 m/s))²
+//!                                 without any view        + (0.45 t v/(v + 0.5 m/s))²
 //!   limb    d  = reach (1 - exp(-(rate + gait v) u/reach))
 //! ```
 //!
 //! v is the speed of the pelvis when it was last seen, t the time since evidence of the person was
-//! lost, u that since the joint itself was. The first part of D is the distance that the fading
-//! velocity leaves behind, the next two that somebody starts to walk, the last that who moves turns. A limb moves against the body at a
-//! rate that grows with the gait, and no further than it reaches.
+//! lost, u that since the joint itself was. The first part of D is the distance that the decaying
+//! velocity misses. The next two allow for a person who starts to walk, the last for a turn. A limb
+//! moves relative to the body at a rate that grows with the gait, and no further than its reach.
 //!
-//! The numbers are fitted on the project's own scenes (evidence of each person withheld for 0.2 to 1 s
-//! every 2.3 s) so that two thirds of the errors per axis lie within; nothing else of them is special.
+//! The numbers are fitted on the project's own scenes (evidence of each person withheld for 0.2 to
+//! 1 s every 2.3 s) so that two thirds of the errors per axis lie within.
 
 use crate::body::skeleton::Joint;
 
-/// Faster than anybody runs, metres per second.
+/// Upper limit of human speed, metres per second.
 const FASTEST_M_S: f64 = 10.0;
-/// Share of the distance left behind that is really gone: people speed up as well.
+/// Factor on the missed distance: people also speed up.
 const LEFT_BEHIND: f64 = 1.15;
-/// Somebody who stood walks off: metres per second, and per second squared.
+/// A standing person starts to walk: metres per second, and per second squared.
 const SETS_OFF_M_S: f64 = 0.10;
 const SETS_OFF_M_S2: f64 = 0.6;
 
-/// Who moves turns and changes pace, metres per second; half as much at the second one.
+/// A moving person turns and changes pace, metres per second; half as much at the second speed.
 const TURNS_M_S: f64 = 0.45;
 const TURNS_AT_M_S: f64 = 0.5;
-/// How fast anybody may change its way, metres per second squared: a runner is slow where it turns about.
+/// Largest change of velocity of any person, metres per second squared: a runner is slow where it
+/// turns around.
 const SUDDEN_M_S2: f64 = 2.0;
 
-/// How a part of the body moves against the trunk.
+/// Motion of a body part relative to the trunk.
 #[derive(Debug, Clone, Copy)]
 struct DriftPart {
-    /// Whatever the body does, metres per second.
+    /// For a still body, metres per second.
     rate_m_s: f64,
     /// In addition, per speed of the body.
     gait: f64,
-    /// How far it gets per axis, metres.
+    /// Largest displacement per axis, metres.
     reach_m: f64,
 }
 
@@ -60,7 +61,7 @@ const KNEE: DriftPart = part(0.06, 0.15, 0.15);
 const FOOT: DriftPart = part(0.10, 0.33, 0.32);
 
 impl DriftPart {
-    fn of(joint: Joint) -> Self {
+    fn for_joint(joint: Joint) -> Self {
         use Joint::{
             Head, LeftAnkle, LeftEar, LeftElbow, LeftEye, LeftHand, LeftHeel, LeftKnee, LeftToe,
             LeftWrist, Nose, RightAnkle, RightEar, RightElbow, RightEye, RightHand, RightHeel,
@@ -77,9 +78,8 @@ impl DriftPart {
     }
 }
 
-/// Variance per axis (m²) that a person gains who has coasted for `coasted_s` after moving at
-/// `speed_m_s`.
-pub(super) fn of_body_m2(speed_m_s: f64, coasted_s: f64, coast_decay_s: f64) -> f64 {
+/// Variance per axis (m²) of a person who has coasted for `coasted_s` after moving at `speed_m_s`.
+pub(super) fn body_drift_m2(speed_m_s: f64, coasted_s: f64, coast_decay_s: f64) -> f64 {
     let t = coasted_s;
     let carried_s = -coast_decay_s * libm::expm1(-t / coast_decay_s);
     let behind_m = LEFT_BEHIND * speed_m_s.min(FASTEST_M_S) * (t - carried_s);
@@ -87,23 +87,24 @@ pub(super) fn of_body_m2(speed_m_s: f64, coasted_s: f64, coast_decay_s: f64) -> 
     behind_m * behind_m / 3.0 + off_m2
 }
 
-/// Variance per axis (m²) that is added to [`of_body_m2`] where nothing shows the person.
-pub(super) fn of_turns_m2(speed_m_s: f64, coasted_s: f64) -> f64 {
+/// Additional variance per axis (m²) if no view shows the person.
+pub(super) fn turns_drift_m2(speed_m_s: f64, coasted_s: f64) -> f64 {
     let share = speed_m_s / (speed_m_s + TURNS_AT_M_S);
     (TURNS_M_S * share * coasted_s).powi(2)
 }
 
-/// Variance per axis (m²) of whom one must be sure not to take for somebody else, in addition.
+/// Additional variance per axis (m²) for an upper limit: another person must not be confused with
+/// this one.
 pub(super) fn at_most_m2(coasted_s: f64) -> f64 {
     (0.5 * SUDDEN_M_S2 * coasted_s * coasted_s).powi(2)
 }
 
-/// Variance per axis (m²) that `joint` gains against the body of a person moving at `speed_m_s` in
+/// Variance per axis (m²) of `joint` relative to the body of a person moving at `speed_m_s`, after
 /// `unseen_s` without evidence of it.
-pub(super) fn of_limb_m2(joint: Joint, speed_m_s: f64, unseen_s: f64) -> f64 {
-    let part = DriftPart::of(joint);
-    let way_m = (part.rate_m_s + part.gait * speed_m_s.min(FASTEST_M_S)) * unseen_s;
-    (part.reach_m * libm::expm1(-way_m / part.reach_m)).powi(2)
+pub(super) fn limb_drift_m2(joint: Joint, speed_m_s: f64, unseen_s: f64) -> f64 {
+    let part = DriftPart::for_joint(joint);
+    let path_m = (part.rate_m_s + part.gait * speed_m_s.min(FASTEST_M_S)) * unseen_s;
+    (part.reach_m * libm::expm1(-path_m / part.reach_m)).powi(2)
 }
 
 #[cfg(test)]
@@ -116,23 +117,23 @@ mod tests {
     fn a_body_drifts_farther_the_longer_and_the_faster() {
         let times_s = [0.0, 0.1, 0.3, 1.0];
         for pair in times_s.windows(2) {
-            assert!(of_body_m2(2.0, pair[0], DECAY_S) < of_body_m2(2.0, pair[1], DECAY_S));
+            assert!(body_drift_m2(2.0, pair[0], DECAY_S) < body_drift_m2(2.0, pair[1], DECAY_S));
         }
-        assert!(of_body_m2(0.0, 0.5, DECAY_S) < of_body_m2(4.0, 0.5, DECAY_S));
-        assert!(of_body_m2(4.0, 0.0, DECAY_S).abs() < 1e-12);
+        assert!(body_drift_m2(0.0, 0.5, DECAY_S) < body_drift_m2(4.0, 0.5, DECAY_S));
+        assert!(body_drift_m2(4.0, 0.0, DECAY_S).abs() < 1e-12);
     }
 
     #[test]
-    fn nobody_outruns_the_fastest() {
+    fn the_speed_of_a_body_is_limited() {
         for speed_m_s in [0.0, 10.0, 1e9] {
-            let sigma_m = of_body_m2(speed_m_s, 1.0, DECAY_S).sqrt();
+            let sigma_m = body_drift_m2(speed_m_s, 1.0, DECAY_S).sqrt();
             assert!(sigma_m < FASTEST_M_S, "{speed_m_s}: {sigma_m}");
         }
     }
 
     #[test]
-    fn a_hand_goes_no_farther_than_it_reaches_and_farther_than_the_trunk() {
-        let sigma_m = |joint| of_limb_m2(joint, 3.0, 5.0).sqrt();
+    fn a_hand_drifts_within_its_reach_and_more_than_the_trunk() {
+        let sigma_m = |joint| limb_drift_m2(joint, 3.0, 5.0).sqrt();
         assert!(sigma_m(Joint::LeftWrist) <= HAND.reach_m);
         assert!(sigma_m(Joint::LeftWrist) > 3.0 * sigma_m(Joint::LeftShoulder));
     }

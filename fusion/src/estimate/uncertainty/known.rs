@@ -1,11 +1,11 @@
-//! What was known at a tick, for who must go back to it: what seemed to be seen of a person since was
-//! somebody else's.
+//! Snapshots of the uncertainty, for a person who must go back because its evidence belonged to
+//! another person.
 
 use super::last_seen::LastSeen;
 use super::{MadeOf, Uncertainty};
 use crate::body::skeleton::N_JOINTS;
 
-/// What was known of a person at a tick.
+/// The uncertainty of a person at a tick.
 #[derive(Debug, Clone, Copy)]
 pub struct UncertaintySnapshot {
     was_seen: bool,
@@ -18,7 +18,7 @@ pub struct UncertaintySnapshot {
 }
 
 impl Uncertainty {
-    /// What is known now.
+    /// The current uncertainty.
     pub fn known(&self) -> UncertaintySnapshot {
         UncertaintySnapshot {
             was_seen: self.is_known,
@@ -31,8 +31,8 @@ impl Uncertainty {
         }
     }
 
-    /// Takes back all since what was `known`. A step with the time since then makes it as unsure as if
-    /// nothing had been seen.
+    /// Restores `known`. A step with the time since then makes it as uncertain as if nothing had
+    /// been seen.
     pub fn go_back_to(&mut self, known: &UncertaintySnapshot) {
         self.is_known = known.was_seen;
         self.variance_m2 = known.variance_m2;

@@ -1,10 +1,10 @@
-//! What no tick can show, because it is the same in all.
+//! Errors that are the same in all ticks.
 //!
-//! What networks call a hip or a knee is some 30 mm beside the joint's centre (about half of which a
-//! track learns, see the sites of a person), and nobody is built as the model's proportions where no
-//! keypoint tells: neck and collar bones, the lower end of the spine, hands and feet. Fitted on the
-//! project's own clips, as they are and with the links of each body changed by 6 % and 13 mm (standard
-//! deviations, left as right).
+//! A network's hip or knee is some 30 mm from the joint's centre (a track learns about half of it,
+//! see the sites of a person). And body proportions differ from the model's where there is no
+//! keypoint: neck and collar bones, the lower end of the spine, hands and feet. Fitted on the
+//! project's own clips, with original bodies and with the links of each changed by 6 % and 13 mm
+//! (standard deviations, left as right).
 
 use crate::body::skeleton::Joint;
 

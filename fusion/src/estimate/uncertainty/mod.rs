@@ -1,25 +1,27 @@
-//! How sure a pose is: one standard deviation per joint and axis, sqrt(trace/3) of the covariance.
+//! Uncertainty of a pose: one standard deviation per joint and axis, sqrt(trace/3) of the
+//! covariance.
 //!
-//! Four things are known of a joint at a tick, all as variance per axis:
+//! It has four sources, all as variance per axis:
 //!
-//! * what the views of this tick tell (`views`), carried through the skeleton to all joints by
-//!   [`JointSpread`]: a joint that no keypoint shows hangs from those that are seen, and is somewhere in
-//!   its range of motion. What stays the same for seconds (`lasting`: where this person's hips are
-//!   against what a network calls hips, how it is built) is added: it does not average out. So is what
-//!   the pose cannot follow: where it lies farther from the keypoints than they are unsure, one of the
-//!   two is wrong;
-//! * what was known when the joint was last seen, and how far it may have gone since (`drift`): it is
-//!   taken where it is less. It grows limb by limb, and with the whole body while fewer than two views
-//!   show the person: from when two views did, or, where nothing does, from when any did, whichever is
-//!   less. Who flickers between one view and none is as unsure as with one view;
-//! * what its views show elsewhere (`disagreement`): cameras that do not agree make nobody sure. Where they show single
-//!   keypoints elsewhere, these are as unsure as the places are apart (`split`);
-//! * how far off the pose was a moment ago: the filter takes its time to come back, and so does this.
+//! - The views of this tick (`views`), carried through the skeleton to all joints by
+//!   [`JointSpread`]: an unseen joint is connected to seen ones, and is somewhere in its range of
+//!   motion. Errors that last for seconds (`lasting`: this person's hips relative to the network's,
+//!   body proportions) are added, because they do not average out. So is the misfit: if the pose is
+//!   farther from the keypoints than their uncertainty, one of the two is wrong.
+//! - The variance when the joint was last seen, and its growth since (`drift`); it is used if it is
+//!   less. It grows limb by limb, and for the whole body while fewer than two views show the
+//!   person. It starts when two views last showed the person or, without any view, when any did,
+//!   whichever is less. A person that flickers between one view and none is as uncertain as with
+//!   one view.
+//! - Disagreement of the views (`disagreement`): cameras that do not agree make all joints
+//!   uncertain. If they show single keypoints elsewhere, these are as uncertain as the places are
+//!   apart (`split`).
+//! - The last variance: the filter needs time to return, and so does the variance.
 //!
-//! Errors of a network last for seconds, so a tick does not become surer by the ticks before it: this
-//! is no Kalman filter. The numbers are chosen so that 68 % of the errors per axis lie within one
-//! sigma, not so that sigma is their root mean square: errors of keypoints have longer tails than a
-//! normal distribution.
+//! Errors of a network last for seconds, so earlier ticks do not reduce the variance of a tick:
+//! this is no Kalman filter. The numbers are chosen so that 68 % of the errors per axis lie within
+//! one sigma, not so that sigma is their root mean square: errors of keypoints have longer tails
+//! than a normal distribution.
 
 mod disagreement;
 mod drift;
@@ -42,27 +44,27 @@ use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::Joints;
 use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Site};
 
-/// Share of the misfit between pose and keypoints that is the pose's error.
+/// Share of the misfit between pose and keypoints that is an error of the pose.
 const MISFIT_SHARE: f64 = 0.5;
-/// Over which the misfit is averaged, seconds.
+/// Averaging time of the misfit, seconds.
 const MISFIT_S: f64 = 0.25;
-/// How fast the pose comes back to what is seen again, seconds.
+/// Time constant of the return to a joint that is seen again, seconds.
 const RETURN_S: f64 = 0.05;
 
-/// What the pose of a tick was made of.
+/// The evidence of a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MadeOf {
-    /// What two viewpoints and more showed.
+    /// Two or more viewpoints.
     Views,
-    /// What one viewpoint showed: how far away the body is follows from its size alone.
+    /// One viewpoint: the distance of the body follows only from its size.
     OneView,
-    /// Nothing: it was carried on.
+    /// None: it is predicted.
     Motion,
 }
 
 impl MadeOf {
-    /// What a tick is made of that brought `estimates`: with at least `enough` keypoints that two viewpoints
-    /// agree on, or that any shows.
+    /// The evidence in `estimates`: at least `enough` keypoints that two viewpoints agree on, or
+    /// that any shows.
     pub fn from_estimates(estimates: &[KeypointEstimate], enough: usize) -> Self {
         let seen_by = |views: u16| {
             let seen = |e: &&KeypointEstimate| e.weight > 0.0 && e.views >= views;
@@ -78,24 +80,25 @@ impl MadeOf {
     }
 }
 
-/// What a tick brought, for one person.
+/// Input of one tick, for one person.
 #[derive(Debug, Clone, Copy)]
 pub struct TickEvidence<'a> {
-    /// What the views told of the keypoints.
+    /// The keypoints from the views.
     pub estimates: &'a [KeypointEstimate],
-    /// Where the keypoints sit on this person.
+    /// The keypoint sites of this person.
     pub sites: &'a [Option<Site>],
     /// The published pose.
     pub body: &'a Kinematics,
     /// Its velocity, metres per second.
     pub velocity_m_s: &'a Joints,
-    /// What the pose was made of.
+    /// The evidence of the pose.
     pub made_of: MadeOf,
-    /// By what the variance is larger because views show the person elsewhere, at least 1; `None`: none tells.
+    /// Factor on the variance because views show the person elsewhere, at least 1; `None` if no
+    /// view counts.
     pub variance_factor: Option<f64>,
     /// Time since the last tick, seconds.
     pub dt_s: f64,
-    /// With which the velocity of a coasting person fades, seconds.
+    /// Decay time of the velocity of a coasting person, seconds.
     pub coast_decay_s: f64,
 }
 
@@ -107,20 +110,21 @@ pub struct Uncertainty {
     is_known: bool,
     /// Per axis.
     variance_m2: [f64; N_JOINTS],
-    /// What the views of the last tick alone knew, without what no tick can know; infinite without any.
+    /// Variance from the views of the last tick alone, without lasting errors; infinite without
+    /// views.
     of_tick_m2: [f64; N_JOINTS],
     /// Mean square distance per axis between the keypoint on a joint and the pose.
     misfit_m2: [f64; N_JOINTS],
     /// When two views last showed the person, and when any did.
     by_two: LastSeen,
     by_any: LastSeen,
-    /// By what views that do not fit made the variance larger lately.
+    /// Recent factor on the variance from views that do not fit.
     variance_factor: f64,
-    /// What the last pose was made of.
+    /// The evidence of the last pose.
     made_of: MadeOf,
-    /// How far the body as a whole may at most be from where it is carried.
+    /// Upper limit of the variance of the body's carried place.
     at_most_m2: f64,
-    /// How far it is from there: the variance.
+    /// Variance of the body's carried place.
     carried_off_m2: f64,
     /// Of the pelvis, when the person was last seen.
     speed_m_s: f64,
@@ -159,14 +163,14 @@ impl Uncertainty {
             .then(|| self.variance_m2.map(|variance_m2| factor * variance_m2))
     }
 
-    /// Per joint how sure the views of the last tick alone were of it, variance per axis, m²: without the
-    /// ticks before, and without what is the same in all ticks. Infinite where they said nothing.
+    /// Per joint the variance per axis from the views of the last tick alone, m²: without earlier
+    /// ticks, and without lasting errors. Infinite without views.
     pub fn of_tick_m2(&self) -> [f64; N_JOINTS] {
         let factor = self.variance_factor;
         self.of_tick_m2.map(|variance_m2| factor * variance_m2)
     }
 
-    /// How far, per axis, the body as a whole may at most be from where it is carried since nothing shows it, metres.
+    /// Upper limit of the distance, per axis, of an unseen body from its carried place, metres.
     pub fn adrift_m(&self) -> f64 {
         match self.made_of {
             MadeOf::Motion => self.at_most_m2.sqrt(),
@@ -174,8 +178,7 @@ impl Uncertainty {
         }
     }
 
-    /// How far, per axis, the body as a whole is from where it is carried since nothing shows it, metres: one standard
-    /// deviation.
+    /// Standard deviation, per axis, of an unseen body's place from its carried one, metres.
     pub fn carried_off_m(&self) -> f64 {
         match self.made_of {
             MadeOf::Motion => self.carried_off_m2.sqrt(),
@@ -183,19 +186,19 @@ impl Uncertainty {
         }
     }
 
-    /// What the last pose was made of.
+    /// The evidence of the last pose.
     pub fn made_of(&self) -> MadeOf {
         self.made_of
     }
 
-    /// Forgets what is known.
+    /// Forgets the state.
     pub fn reset(&mut self) {
         self.is_known = false;
         self.misfit_m2 = [0.0; N_JOINTS];
         self.variance_factor = 1.0;
     }
 
-    /// Takes in one tick.
+    /// Updates the state by one tick.
     pub fn step(&mut self, tick: &TickEvidence<'_>) {
         let before = std::mem::replace(&mut self.made_of, tick.made_of);
         if (before == MadeOf::Views) != (tick.made_of == MadeOf::Views) {
@@ -241,7 +244,7 @@ impl Uncertainty {
             for variance_m2 in &mut self.of_tick_m2 {
                 *variance_m2 *= observation::ONE_VIEW_M2;
             }
-            // What it knows by itself: what two views knew before goes on growing.
+            // Only what this view knows: the variance of two views continues to grow.
             self.by_any = LastSeen::now(&seen_m2, self.speed_m_s);
         }
         if !self.is_known {
@@ -252,7 +255,7 @@ impl Uncertainty {
             return;
         }
         let lag = libm::exp(-2.0 * tick.dt_s / RETURN_S);
-        // Nothing while two views show the person.
+        // Zero while two views show the person.
         let body_m2 = self.by_two.body_m2(tick.coast_decay_s);
         for (i, joint) in Joint::ALL.into_iter().enumerate() {
             let ahead_m2 = self.by_two.ahead_m2(joint, body_m2, self.speed_m_s);
@@ -264,7 +267,7 @@ impl Uncertainty {
         self.split(tick);
     }
 
-    /// Where views show a keypoint at two places, what was known before may be of the wrong one.
+    /// If views show a keypoint at two places, the earlier state may be of the wrong one.
     fn split(&mut self, tick: &TickEvidence<'_>) {
         for (estimate, site) in tick.estimates.iter().zip(tick.sites) {
             let Some(site) = site.filter(|_| estimate.split_m2 > 0.0) else {
@@ -278,7 +281,7 @@ impl Uncertainty {
         }
     }
 
-    /// What this tick alone knows of each joint, and what it cannot know.
+    /// The variance of each joint from this tick alone, with lasting errors.
     fn seen_m2(&mut self, tick: &TickEvidence<'_>) -> [f64; N_JOINTS] {
         let observation = BodyObservation {
             estimates: tick.estimates,
@@ -300,7 +303,7 @@ impl Uncertainty {
         seen_m2
     }
 
-    /// Notes how far the pose is from the keypoints that two views and more show.
+    /// Updates the misfit of the pose and the keypoints that two or more views show.
     fn compare(&mut self, tick: &TickEvidence<'_>) {
         let keep = 1.0 - libm::exp(-tick.dt_s / MISFIT_S);
         for (estimate, site) in tick.estimates.iter().zip(tick.sites) {

@@ -1,4 +1,4 @@
-//! What the views of one tick tell of the joints, through the skeleton.
+//! Variance of the joints from the views of one tick, through the skeleton.
 
 use nalgebra::Matrix3;
 
@@ -7,14 +7,14 @@ use crate::body::ik::{JointSpread, PointInformation};
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Site};
 
-/// What is known of a keypoint per viewpoint and axis of its image where nobody kept more than how many
-/// saw it, metres: of a sighting at an initiation.
+/// Error of a keypoint per viewpoint and axis of its image if only the number of views is known,
+/// metres: for a sighting at an initiation.
 pub(super) const SIGHTED_M: f64 = 0.03;
-/// Share of the variance of heel and toe about the ankle that is left: feet do not use all of the
-/// range of motion of an ankle.
+/// Remaining share of the variance of heel and toe about the ankle: feet do not use the whole range
+/// of motion of an ankle.
 const FOOT_SHARE: f64 = 0.55;
-/// By what one viewpoint's poses are less sure than their keypoints, as variance: the size of a body, from
-/// which its distance follows, is no better known than to some percent.
+/// Factor on the variance of a pose from one viewpoint relative to its keypoints: its distance
+/// follows from the size of the body, which is known only to some percent.
 pub(super) const ONE_VIEW_M2: f64 = 4.0;
 
 /// Ankle, heel and toe of a side.
@@ -23,20 +23,19 @@ pub(super) const FEET: [[Joint; 3]; 2] = [
     [Joint::RightAnkle, Joint::RightHeel, Joint::RightToe],
 ];
 
-/// What was seen of a body.
+/// The observation of a body.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct BodyObservation<'a> {
     /// The keypoints.
     pub(crate) estimates: &'a [KeypointEstimate],
-    /// Where they sit.
+    /// Their sites.
     pub(crate) sites: &'a [Option<Site>],
     /// The body, in its pose.
     pub(crate) body: &'a Kinematics,
 }
 
 impl BodyObservation<'_> {
-    /// Variance per axis of each joint, m², from these keypoints alone; what is the same in all ticks is left
-    /// out.
+    /// Variance per axis of each joint, m², from these keypoints alone, without lasting errors.
     pub(crate) fn variances_m2(
         &self,
         spread: &mut JointSpread,
@@ -64,17 +63,17 @@ impl BodyObservation<'_> {
         variances_m2
     }
 
-    /// What no tick can show of `joint`, variance per axis, m².
+    /// Lasting error of `joint`, variance per axis, m².
     pub(crate) fn lasting_m2(joint: Joint) -> f64 {
         lasting::sigma_m(joint).powi(2)
     }
 }
 
-/// What the views told of a keypoint; of a sighted one, that so many views saw it.
+/// The information about a keypoint; for a sighted one, from its number of views.
 fn information_of(estimate: &KeypointEstimate) -> Matrix3<f64> {
     let is_sighted = estimate.weight > 0.0 && estimate.views >= 2;
     if is_sighted && estimate.information == Matrix3::zeros() {
-        // Each view tells two of three directions.
+        // Each view determines two of three directions.
         let per_view = 2.0 / 3.0 / (SIGHTED_M * SIGHTED_M);
         return Matrix3::identity() * (per_view * f64::from(estimate.views));
     }

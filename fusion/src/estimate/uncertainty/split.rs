@@ -1,32 +1,34 @@
-//! What views that show a keypoint at another place make of its variance.
+//! Variance of a keypoint that views show at different places.
 //!
 //! ```text
 //!   a  = sum of h² of the views against / sum of h² of all that show it
 //!   v  = w(a) mean of r²/2 over the views against,    w = 0 up to 0.3, 1 from 0.5 on
 //! ```
 //!
-//! The search decides for one place, and views whose peaks lie elsewhere do not count there. One wrong view of four
-//! changes nothing; where as much speaks for another place (two views of four, one of two) the place is not known
-//! better than the two are apart. h is the height of a peak: a network that is unsure draws a lower one, and is wrong
-//! more often. r is how far the peak is from the place in that view, metres.
+//! The search selects one place, and views whose peaks lie elsewhere do not count there. One wrong
+//! view of four changes nothing. If as much evidence supports another place (two views of four, one
+//! of two), the uncertainty is the distance of the two. h is the height of a peak: an unsure
+//! network draws a lower one, and is wrong more often. r is the distance of the peak from the place
+//! in that view, metres.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::disagreement::IN_SIGHT;
-use super::views::{told_by, variance_m2};
+use super::views::{information_of_view, variance_m2};
 use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::estimate::evidence::View;
 
-/// Least height of a peak that speaks for or against a place, 0 to 1: lower ones are in every map.
+/// Least height of a peak that counts for or against a place, 0 to 1: lower ones are in every map.
 const LEAST_HEIGHT: f64 = 0.3;
-/// A peak that is farther away than this, in standard deviations of a view, is of another place.
+/// A peak farther away than this, in standard deviations of a view, is at another place.
 const APART_SIGMAS: f64 = 5.0;
-/// Share of the views against up to which the place is not in question, and from which on it is as likely as another.
+/// Share of the views against below which the place is sure, and from which it is as likely as
+/// another.
 const UNQUESTIONED: f64 = 0.3;
 const EVEN: f64 = 0.5;
 
-/// Fills in [`KeypointEstimate::information`]. `predicted_m` is where the keypoints were expected at the
-/// tick, `relative_sigmas` one factor per keypoint.
+/// Sets [`KeypointEstimate::information`]. `predicted_m` are the expected keypoints at the tick,
+/// `relative_sigmas` one factor per keypoint.
 pub fn weigh_views(
     views: &[View],
     predicted_m: &[Vector3<f64>],
@@ -41,7 +43,7 @@ pub fn weigh_views(
         }
         let offset_m = estimate.position_m - expected_m;
         for view in views {
-            estimate.information += told_by(view, k, offset_m, *relative);
+            estimate.information += information_of_view(view, k, offset_m, *relative);
         }
         estimate.split_m2 = split_m2(views, k, offset_m, *relative);
     }
@@ -88,10 +90,10 @@ fn split_m2(views: &[View], k: usize, offset_m: Vector3<f64>, relative_sigma: f6
 mod tests {
     use crate::estimate::meeting_fixture::{LEFT_WRIST, MeetingFixture, RIGHT_WRIST};
 
-    /// The deviations of both wrists, metres, where so many of four views show the left one 0.45 m higher, with this
-    /// height of the peak; all others are 0.9 high.
+    /// The deviations of both wrists, metres, if so many of four views show the left one 0.45 m
+    /// higher, with this height of the peak; all others are 0.9 high.
     fn split_m(n_against: usize, height: f64) -> [f64; 2] {
-        let mut meeting = MeetingFixture::of(&[[0.3, -0.2, 0.0]]);
+        let mut meeting = MeetingFixture::at(&[[0.3, -0.2, 0.0]]);
         meeting.begin();
         for camera in 0..meeting.hall.cameras.len() {
             let mut drawn = meeting.as_they_are(0);
@@ -111,13 +113,13 @@ mod tests {
     }
 
     #[test]
-    fn two_views_against_two_are_no_measurement_to_centimetres() {
+    fn two_views_against_two_leave_the_place_unsure() {
         let [split_m, seen_m] = split_m(2, 0.9);
         assert!(split_m > 0.2 && seen_m < 0.03, "{split_m} {seen_m}");
     }
 
     #[test]
-    fn one_view_against_three_and_two_unsure_ones_against_two_change_little() {
+    fn weaker_views_against_a_place_change_little() {
         for (n_against, height) in [(1, 0.9), (2, 0.5)] {
             let [split_m, seen_m] = split_m(n_against, height);
             assert!(split_m < 1.6 * seen_m, "{n_against}: {split_m} {seen_m}");

@@ -1,4 +1,4 @@
-//! What must hold whatever the numbers are.
+//! Laws that hold for any values of the constants.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -10,7 +10,7 @@ const DT_S: f64 = 1.0 / 60.0;
 /// Error of a keypoint that is seen well, metres per axis.
 const SIGMA_M: f64 = 0.01;
 
-/// The keypoints of a network with one keypoint per listed joint, and the body they are of.
+/// The keypoints of a network with one keypoint per listed joint, and their body.
 struct SimulatedView {
     body: Kinematics,
     joints: Vec<Joint>,
@@ -87,7 +87,7 @@ impl SimulatedView {
 }
 
 #[test]
-fn nobody_is_sure_of_who_was_never_seen() {
+fn a_person_never_seen_has_no_sigma() {
     let mut uncertainty = Uncertainty::default();
     SimulatedView::well().step(&mut uncertainty, MadeOf::Motion);
     assert_eq!(uncertainty.sigma_m(), None);
@@ -98,7 +98,7 @@ fn nobody_is_sure_of_who_was_never_seen() {
 }
 
 #[test]
-fn a_keypoint_that_is_seen_is_about_as_sure_as_it_is_seen() {
+fn a_seen_joint_has_the_sigma_of_its_keypoint() {
     let sigma_m = SimulatedView::well().step(&mut Uncertainty::default(), MadeOf::Views);
     for joint in [Joint::LeftWrist, Joint::RightElbow, Joint::LeftAnkle] {
         let sigma_m = sigma_m[joint.index()];
@@ -114,7 +114,7 @@ fn a_keypoint_that_is_seen_is_about_as_sure_as_it_is_seen() {
 }
 
 #[test]
-fn a_hand_that_is_lost_grows_unsure_up_to_its_reach_while_the_rest_stays() {
+fn a_lost_hand_grows_unsure_up_to_its_reach() {
     let (mut seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
     let before_m = seen.step(&mut uncertainty, MadeOf::Views);
     seen.lose(Joint::LeftWrist);
@@ -134,7 +134,7 @@ fn a_hand_that_is_lost_grows_unsure_up_to_its_reach_while_the_rest_stays() {
 }
 
 #[test]
-fn while_a_person_coasts_every_joint_grows_unsure_and_comes_back_when_it_is_seen() {
+fn a_coasting_person_grows_unsure_until_it_is_seen() {
     let (seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
     let before_m = seen.step(&mut uncertainty, MadeOf::Views);
     let mut last_m = before_m;
@@ -159,7 +159,7 @@ fn while_a_person_coasts_every_joint_grows_unsure_and_comes_back_when_it_is_seen
 }
 
 #[test]
-fn a_pose_that_does_not_follow_its_keypoints_is_less_sure_there() {
+fn a_pose_away_from_its_keypoints_is_less_sure() {
     let (mut seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
     let before_m = seen.step(&mut uncertainty, MadeOf::Views);
     for (joint, estimate) in seen.joints.iter().zip(&mut seen.estimates) {
@@ -177,7 +177,7 @@ fn a_pose_that_does_not_follow_its_keypoints_is_less_sure_there() {
 }
 
 #[test]
-fn two_views_that_meet_at_a_sharp_angle_leave_depth_unsure() {
+fn two_views_at_a_sharp_angle_leave_depth_unsure() {
     let (mut seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
     let square_m = seen.step(&mut uncertainty, MadeOf::Views);
     for estimate in &mut seen.estimates {
@@ -193,7 +193,7 @@ fn two_views_that_meet_at_a_sharp_angle_leave_depth_unsure() {
 }
 
 #[test]
-fn one_view_leaves_the_distance_unsure_and_the_more_the_longer() {
+fn with_one_view_the_distance_grows_unsure() {
     let (mut seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
     let before_m = seen.step(&mut uncertainty, MadeOf::Views);
     for estimate in &mut seen.estimates {
@@ -218,7 +218,7 @@ fn one_view_leaves_the_distance_unsure_and_the_more_the_longer() {
 }
 
 #[test]
-fn who_flickers_between_one_view_and_none_is_at_least_as_unsure_as_with_one_view() {
+fn flickering_between_one_view_and_none_is_as_unsure_as_one() {
     let pelvis_m_after_a_second = |of_tick: fn(u32) -> MadeOf| {
         let (mut seen, mut uncertainty) = (SimulatedView::well(), Uncertainty::default());
         seen.step(&mut uncertainty, MadeOf::Views);
@@ -247,7 +247,7 @@ fn who_flickers_between_one_view_and_none_is_at_least_as_unsure_as_with_one_view
 }
 
 #[test]
-fn a_sighting_counts_by_how_many_saw_it() {
+fn a_sighting_counts_by_its_views() {
     let sigma_of = |views: u16| {
         let mut seen = SimulatedView::well();
         for estimate in &mut seen.estimates {
@@ -259,7 +259,7 @@ fn a_sighting_counts_by_how_many_saw_it() {
 }
 
 #[test]
-fn information_that_is_not_finite_is_none() {
+fn non_finite_information_is_ignored() {
     let mut seen = SimulatedView::well();
     seen.estimates[5].information[(1, 1)] = f64::NAN;
     let sigma_m = seen.step(&mut Uncertainty::default(), MadeOf::Views);

@@ -1,37 +1,39 @@
-//! What the views of a tick know of each keypoint's place.
+//! Information of the views of a tick about each keypoint.
 //!
 //! ```text
 //!   I = Σⱼ (1 - dⱼ dⱼᵀ) / ((b rₖ/hⱼ)² + (e aⱼ)²)
 //! ```
 //!
-//! A view j tells a keypoint across its ray dⱼ. Its error there is the network's own, b rₖ (rₖ as in
-//! [`crate::body::ik::relative_sigmas`]), larger where its map is low at the place that all views agreed on
-//! (hⱼ: the keypoint is hidden, or this view's peak is elsewhere), and e native pixels, each aⱼ wide
-//! there. Errors of different views are taken to be independent, those of one view from tick to tick
-//! to be the same: what a network thinks of a knee it thinks for seconds, so nothing averages out.
+//! A view j locates a keypoint across its ray dⱼ. Its error there has two parts. One is the
+//! network's, b rₖ (rₖ as in [`crate::body::ik::relative_sigmas`]), larger if its map is low at the
+//! common place (hⱼ: the keypoint is hidden, or this view's peak is elsewhere). The other is e
+//! native pixels, each aⱼ wide there. Errors of different views count as independent, those of one
+//! view from tick to tick as equal: a network repeats its error for seconds, so nothing averages
+//! out.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::estimate::evidence::View;
 
-/// b: error of a network's limb keypoint in one view per axis of the image, metres at the person, where
-/// it is seen well. Networks err by some 0.4 of COCO's annotators in two dimensions (0.084 of a scale
+/// b: error of a network's limb keypoint in one view per axis of the image, metres at the person,
+/// if seen well. Networks err by some 0.4 of COCO's annotators in two dimensions (0.084 of a scale
 /// of 0.71 m for the mean limb keypoint: 0.017 m per axis); the last millimetre is fitted.
 const NETWORK_M: f64 = 0.018;
-/// e: native pixels by which a view errs, whatever it looks at.
+/// e: error of any view, native pixels.
 const PIXEL_ERROR: f64 = 0.5;
-/// Least h that counts: a view that shows less does not show the keypoint there.
+/// Least h that counts: a lower map does not show the keypoint there.
 const LEAST_HEIGHT: f64 = 0.1;
 /// Least depth in front of a camera, metres.
 const LEAST_DEPTH_M: f64 = 0.05;
 
-/// By how much a view errs per axis of its picture where its map is `height` and a native pixel `pixel_m` wide, m².
+/// Variance of a view per axis of its picture if its map is `height` and a native pixel `pixel_m`
+/// wide, m².
 pub(super) fn variance_m2(relative_sigma: f64, height: f64, pixel_m: f64) -> f64 {
     (NETWORK_M * relative_sigma / height).powi(2) + (PIXEL_ERROR * pixel_m).powi(2)
 }
 
-/// What one view tells of keypoint `k` where it is `offset_m` from the prediction.
-pub(super) fn told_by(
+/// The information of one view about keypoint `k` at `offset_m` from the prediction.
+pub(super) fn information_of_view(
     view: &View,
     k: usize,
     offset_m: Vector3<f64>,
@@ -52,7 +54,7 @@ pub(super) fn told_by(
     if height < LEAST_HEIGHT {
         return none;
     }
-    // Mean of the two axes' cells per metre, as the lattice has it.
+    // Mean of the two axes' cells per metre, as in the lattice.
     let cells_per_m = (cell_from_world.fixed_view::<2, 3>(0, 0)
         - cell * cell_from_world.fixed_view::<1, 3>(2, 0))
     .norm()

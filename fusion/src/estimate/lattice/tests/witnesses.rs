@@ -1,10 +1,11 @@
-//! How much a view counts: neighbours, opposite views, hidden ones.
+//! Weights of views: neighbours, opposite views, hidden ones.
 
 use super::*;
 
 #[test]
-fn two_viewpoints_side_by_side_have_one_vote() {
-    // They agree on a wrong wrist; two views from elsewhere see the right one a little less clearly.
+fn two_close_viewpoints_have_one_vote() {
+    // They agree on a wrong wrist; two views from elsewhere see the right one a little less
+    // clearly.
     let truth = standing();
     let mut views = perfect(&ring(&[10.0, 11.0, 120.0, 240.0]), &truth);
     let wrong = truth[LEFT_WRIST] + Vector3::new(0.0, 0.0, 0.2);
@@ -22,8 +23,9 @@ fn two_viewpoints_side_by_side_have_one_vote() {
 }
 
 #[test]
-fn two_opposite_viewpoints_are_one_witness_of_what_lies_between_them() {
-    // At the height of the hips their rays are one line: a keypoint is fixed across it, and by nothing along it.
+fn two_opposite_viewpoints_are_one_witness_between_them() {
+    // At the height of the hips their rays are one line: they fix a keypoint across it, but not
+    // along it.
     let truth = standing();
     let opposite = ring(&[20.0, 200.0]);
     let level = |model: &CameraModel| {
@@ -36,7 +38,7 @@ fn two_opposite_viewpoints_are_one_witness_of_what_lies_between_them() {
         assert_eq!(hip.views, 1);
         assert!(hip.ray.is_some());
     }
-    // One more from the side gives a second line, and a place.
+    // A third view from the side gives a second line, and a place.
     let mut views = perfect(&[models, ring(&[110.0])].concat(), &truth);
     for hip in &search(&mut views, &shifted(&truth, [0.03, 0.02, 0.0]))[HIPS] {
         assert_eq!(hip.views, 2);
@@ -45,9 +47,9 @@ fn two_opposite_viewpoints_are_one_witness_of_what_lies_between_them() {
 }
 
 #[test]
-fn a_viewpoint_that_sees_nothing_takes_no_share_of_its_neighbour() {
-    // The views at 10 and 11 degrees would count as one; but of them only the first, and the one
-    // at 120 degrees, see the wrist: two witnesses.
+fn a_blind_viewpoint_takes_no_share_of_its_neighbour() {
+    // The views at 10 and 11 degrees would count as one. But of them only the first, and the one at
+    // 120 degrees, see the wrist: two witnesses.
     let truth = standing();
     let mut views = perfect(&ring(&[10.0, 11.0, 120.0, 121.0]), &truth);
     for i in [1, 3] {
@@ -59,7 +61,7 @@ fn a_viewpoint_that_sees_nothing_takes_no_share_of_its_neighbour() {
 }
 
 #[test]
-fn occlusion_lowers_the_weight_and_the_say_of_a_view() {
+fn occlusion_lowers_weight_and_vote_of_a_view() {
     let truth = standing();
     let mut views = perfect(&four(), &truth);
     let free = search(&mut views, &truth)[LEFT_WRIST].weight;
@@ -70,7 +72,7 @@ fn occlusion_lowers_the_weight_and_the_say_of_a_view() {
     assert!((occluded / free - 0.3).abs() < 1e-9);
 }
 
-/// Twelve views all round, of which those from `blocked` on show nothing of these keypoints.
+/// Twelve views all round; those from `blocked` on show nothing of these keypoints.
 fn twelve(truth: &[Vector3<f64>], blocked: usize, keypoints: &[usize]) -> Vec<View> {
     let bearings: Vec<f64> = (0..12).map(|i| 10.0 + 85.0 * f64::from(i)).collect();
     let mut views = perfect(&ring(&bearings), truth);
@@ -83,7 +85,7 @@ fn twelve(truth: &[Vector3<f64>], blocked: usize, keypoints: &[usize]) -> Vec<Vi
 }
 
 #[test]
-fn ten_views_behind_pillars_take_nothing_from_two_that_see() {
+fn ten_hidden_views_do_not_weaken_two_that_see() {
     let truth = standing();
     let everything: Vec<usize> = (0..truth.len()).collect();
     let mut views = twelve(&truth, 2, &everything);
@@ -95,7 +97,7 @@ fn ten_views_behind_pillars_take_nothing_from_two_that_see() {
 }
 
 #[test]
-fn views_that_show_the_rest_of_a_person_speak_against_a_wrist_by_their_silence() {
+fn silent_views_of_a_visible_person_count_against_a_wrist() {
     let truth = standing();
     let mut views = twelve(&truth, 2, &[LEFT_WRIST]);
     let wrist = &search(&mut views, &truth)[LEFT_WRIST];

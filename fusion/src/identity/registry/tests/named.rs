@@ -17,7 +17,7 @@ impl HallFixture {
         let mut stage = Self::new();
         let subject = |stature_m: &f64| Subject {
             name: format!("{stature_m:.2}"),
-            body: Arc::new(BodyPrior::of_stature(*stature_m)),
+            body: Arc::new(BodyPrior::from_stature(*stature_m)),
         };
         stage
             .registry
